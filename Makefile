@@ -1,0 +1,63 @@
+# `make sail` shows her holding a heading; `make test` runs the whole test suite.
+# Both set up .venv first; nothing but git, make and Python 3.11 with venv is needed.
+
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+.PHONY: help sail test lint types pages pages-check bench proof lock clean
+
+help:
+	@echo "make sail   a heading run in the tank, live in the terminal, MAVLink on udp 14550"
+	@echo "make test   the whole test suite"
+	@echo "make lint types pages-check   what CI checks besides"
+	@echo "make pages  write the generated pages anew"
+	@echo "make bench  lateness, latency, load, memory and round trips on this machine"
+	@echo "make proof  the longer proofs: the tank task over 5 seeds, both compasses, both servos"
+
+# The venv is made anew when the dependencies change. Pythons under other names are tried so
+# that a newer one serves too.
+$(READY): pyproject.toml .ci/constraints.txt
+	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) is not here; name another: make PYTHON=python3.12 ..." >&2; exit 2; }
+	@echo "setting up $(VENV) (once; a minute or two)"
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c .ci/constraints.txt -e '.[dev]'
+	@echo '*' > $(VENV)/.gitignore
+	@touch $(READY)
+
+sail: $(READY)
+	@$(BIN)/rambler-hil run tank --speed 15 --goal "0:0,120:60,480:-90" --seconds 840 \
+	  --link udpout:127.0.0.1:14550 --link tcpin:127.0.0.1:5760 --out runs/sail
+
+test: $(READY)
+	$(BIN)/python -m pytest -n 2
+
+lint: $(READY)
+	$(BIN)/ruff check firmware_py hil tests
+	$(BIN)/ruff format --check firmware_py hil tests
+
+types: $(READY)
+	$(BIN)/mypy
+
+# page | command that prints it
+pages: $(READY)
+	$(BIN)/rambler params --markdown > params/REFERENCE.md
+	$(BIN)/rambler params --faults > params/FAULTS.md
+
+pages-check: $(READY)
+	$(BIN)/rambler params --markdown | diff -u params/REFERENCE.md -
+	$(BIN)/rambler params --faults | diff -u params/FAULTS.md -
+
+bench: $(READY)
+	@$(BIN)/rambler-hil bench
+
+proof: $(READY)
+	$(BIN)/python -m pytest tests/hil -m proof -n 2 -o addopts="-q --strict-markers --import-mode=importlib"
+
+# After a change of dependencies: writes what is installed as the constraints of all installs.
+lock: $(READY)
+	$(BIN)/python -m pip freeze --exclude-editable | grep -v '^-e' > .ci/constraints.txt
+
+clean:
+	rm -rf $(VENV) runs .pytest_cache .mypy_cache .ruff_cache .hypothesis
