@@ -1,0 +1,57 @@
+"""Angle wrapping and unit conversion, and nowhere else."""
+
+from __future__ import annotations
+
+import math
+
+DEGREES_PER_RADIAN = 180.0 / math.pi
+RADIANS_PER_DEGREE = math.pi / 180.0
+KNOTS_PER_METRE_PER_SECOND = 3600.0 / 1852.0
+METRES_PER_SECOND_PER_KNOT = 1852.0 / 3600.0
+TWO_PI = 2.0 * math.pi
+
+
+def wrap_pi(angle_rad: float) -> float:
+    """Return the angle in [-pi, pi); NaN for an angle that is not finite."""
+    if not math.isfinite(angle_rad):
+        return math.nan
+    wrapped_rad = math.fmod(angle_rad + math.pi, TWO_PI)
+    if wrapped_rad < 0.0:
+        wrapped_rad += TWO_PI
+    # The sum above may round up to a whole turn, and subtracting pi from a
+    # value just below one must not reach +pi.
+    result_rad = wrapped_rad - math.pi
+    return -math.pi if result_rad >= math.pi else result_rad
+
+
+def wrap_two_pi(angle_rad: float) -> float:
+    """Return the angle in [0, 2 pi); NaN for an angle that is not finite."""
+    if not math.isfinite(angle_rad):
+        return math.nan
+    wrapped_rad = math.fmod(angle_rad, TWO_PI)
+    if wrapped_rad < 0.0:
+        wrapped_rad += TWO_PI
+    return 0.0 if wrapped_rad >= TWO_PI else wrapped_rad
+
+
+def radians(angle_deg: float) -> float:
+    """Convert degrees to radians."""
+    return angle_deg * RADIANS_PER_DEGREE
+
+
+def degrees(angle_rad: float) -> float:
+    """Convert radians to degrees."""
+    return angle_rad * DEGREES_PER_RADIAN
+
+
+def compass_degrees(angle_rad: float) -> float:
+    """Convert a heading in radians to degrees in [0, 360)."""
+    angle_deg = wrap_two_pi(angle_rad) * DEGREES_PER_RADIAN
+    return 0.0 if angle_deg >= 360.0 else angle_deg
+
+
+def clamp(value: float, low: float, high: float) -> float:
+    """Limit a value to [low, high]; NaN stays NaN, where min and max would make a limit of it."""
+    if value < low:
+        return low
+    return high if value > high else value  # noqa: FURB136 - min and max swallow NaN

@@ -1,0 +1,309 @@
+"""The frozen records that cross a boundary between two parts of the autopilot.
+
+Conventions: SI units and radians; headings clockwise from true north unless a
+reference says otherwise; positive rudder turns her to starboard; `t_s` is on the
+monotonic clock of the process; an absent value is None, never a magic number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class Mode(IntEnum):
+    """Control modes with ArduRover's custom_mode numbers."""
+
+    MANUAL = 0
+    STEERING = 3
+    HOLD = 4
+    GUIDED = 15
+
+
+class NorthReference(IntEnum):
+    """What a compass heading is counted from."""
+
+    TRUE = 0
+    MAGNETIC = 1
+
+
+class FixType(IntEnum):
+    """Quality of a position fix, numbered as MAVLink's GPS_FIX_TYPE."""
+
+    NONE = 1
+    FIX_2D = 2
+    FIX_3D = 3
+    DGPS = 4
+    RTK_FLOAT = 5
+    RTK_FIXED = 6
+
+
+class DeviceRole(IntEnum):
+    """Which device a health record speaks of."""
+
+    COMPASS = 0
+    POSITION = 1
+    RUDDER = 2
+    STORAGE = 3
+
+
+class DeviceState(IntEnum):
+    """What a driver knows of its device."""
+
+    ABSENT = 0  # the port cannot be opened, or has vanished
+    STARTING = 1  # the port is open, the device has not answered yet
+    RUNNING = 2
+    SILENT = 3  # the port is open, the device has stopped answering
+    FAULTY = 4  # the device answers and reports an error of its own
+
+
+class Severity(IntEnum):
+    """Severity of a message to the operator, numbered as MAVLink's MAV_SEVERITY."""
+
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+
+
+# --------------------------------------------------------------------------- inputs
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """One turn of the fixed-rate loop.
+
+    `t_s` is the deadline the tick was due at and the time that every computation of
+    the tick uses; `late_s` is how much later it began; `skipped` counts the
+    deadlines that passed unserved just before it; `rate_hz` is the nominal rate.
+    """
+
+    index: int
+    t_s: float
+    late_s: float
+    skipped: int
+    rate_hz: float
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingSample:
+    """One heading from a compass, stamped when its last byte arrived."""
+
+    t_s: float
+    heading_rad: float  # [0, 2 pi), as the device gives it, from `reference`
+    reference: NorthReference
+    variation_rad: float | None = None  # east positive, when the device states it
+    yaw_rate_rad_s: float | None = None
+    roll_rad: float | None = None
+    pitch_rad: float | None = None
+    temperature_c: float | None = None
+    source: int = 0  # 0 = compass A, 1 = compass B
+
+
+@dataclass(frozen=True, slots=True)
+class PositionSample:
+    """One position fix, or the statement that there is none (`fix` NONE)."""
+
+    t_s: float
+    fix: FixType
+    latitude_rad: float | None = None
+    longitude_rad: float | None = None
+    altitude_m: float | None = None
+    speed_over_ground_m_s: float | None = None
+    course_over_ground_rad: float | None = None
+    satellites: int | None = None
+    hdop: float | None = None
+    utc_s: float | None = None  # seconds since 1970-01-01 UTC, when the device states it
+
+
+@dataclass(frozen=True, slots=True)
+class RudderFeedback:
+    """What the rudder servo says of itself, in the frame of its own shaft.
+
+    The latest value of each quantity; None while the servo has not given it. The
+    loop converts `shaft_rad` to a rudder angle (centre, direction).
+    """
+
+    t_s: float
+    shaft_rad: float | None = None
+    temperature_c: float | None = None
+    voltage_v: float | None = None
+    current_a: float | None = None
+    hardware_error: int = 0  # the device's own error bits, 0 = none
+    torque_on: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceHealth:
+    """State of a device and its counters since start; given to the loop on change."""
+
+    t_s: float
+    role: DeviceRole
+    state: DeviceState
+    accepted: int  # good messages
+    rejected: int  # checksum, range or framing errors
+    text: str = ""  # one short line when there is something to say
+
+
+# --------------------------------------------------------------------------- requests
+
+
+@dataclass(frozen=True, slots=True)
+class SetMode:
+    """Ask for a control mode by its custom_mode number."""
+
+    mode: int
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """Ask to arm or disarm; `force` skips the pre-arm checks."""
+
+    armed: bool
+    force: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SteerHeading:
+    """Ask for a heading, clockwise from true north.
+
+    `relative`: counted from the present goal, or from the present heading when there
+    is none. `over_ground`: the angle is a course over ground. `turn` > 0 asks to turn to
+    starboard, < 0 to port, 0 the shorter way. `change_mode` enters GUIDED first.
+    """
+
+    heading_rad: float
+    relative: bool = False
+    over_ground: bool = False
+    turn: int = 0
+    change_mode: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SteerPosition:
+    """Ask to go to a position; `change_mode` enters GUIDED first."""
+
+    latitude_rad: float
+    longitude_rad: float
+    change_mode: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ManualRudder:
+    """The operator's stick: -1 full port, +1 full starboard, None = stick released."""
+
+    deflection: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class SetParameter:
+    """Change a parameter of params.TABLE."""
+
+    name: str
+    value: float
+
+
+Intent = SetMode | Arm | SteerHeading | SteerPosition | ManualRudder | SetParameter
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """An intent, when it arrived and who sent it (MAVLink system and component)."""
+
+    t_s: float
+    intent: Intent
+    system: int = 0
+    component: int = 0
+
+
+class Verdict(IntEnum):
+    """The answer to a request, numbered as MAVLink's MAV_RESULT."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A verdict and, unless accepted, its reason in one short line."""
+
+    verdict: Verdict
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """Everything that one tick computes from."""
+
+    tick: Tick
+    headings: tuple[HeadingSample, ...] = ()
+    positions: tuple[PositionSample, ...] = ()
+    rudder: tuple[RudderFeedback, ...] = ()
+    devices: tuple[DeviceHealth, ...] = ()
+    requests: tuple[Request, ...] = ()
+
+
+# --------------------------------------------------------------------------- outputs
+
+
+@dataclass(frozen=True, slots=True)
+class RudderCommand:
+    """What the servo is told: the angle of its shaft, and whether it may pull."""
+
+    shaft_rad: float
+    torque_on: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A message to the operator."""
+
+    severity: Severity
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The state of the boat after a tick, for the log and the link.
+
+    `rudder_rad` is measured, `rudder_command_rad` is commanded, both in the frame of
+    the rudder. `heading_ok` and `position_ok` say that the values are fresh.
+    `cross_track_m` and `distance_m` are None without a position goal.
+    """
+
+    t_s: float
+    tick: int
+    mode: Mode
+    armed: bool
+    heading_rad: float | None
+    heading_ok: bool
+    yaw_rate_rad_s: float | None
+    roll_rad: float | None
+    pitch_rad: float | None
+    goal_heading_rad: float | None
+    heading_error_rad: float | None
+    bearing_rad: float | None
+    distance_m: float | None
+    rudder_rad: float | None
+    rudder_command_rad: float
+    rudder_ok: bool
+    servo: RudderFeedback | None
+    position: PositionSample | None
+    position_ok: bool
+    faults: int  # bit n is row n of faults.TABLE
+    rate_hz: float
+    skipped_total: int
+    late_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """What one tick decides."""
+
+    command: RudderCommand
+    snapshot: Snapshot
+    events: tuple[Event, ...] = ()

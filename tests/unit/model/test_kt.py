@@ -1,0 +1,47 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step, steady_yaw_rate, yaw_acceleration
+
+
+@pytest.mark.parametrize(
+    ("rudder_deg", "yaw_rate_deg_s"), [(10.0, 0.4894), (20.0, 0.9752), (30.0, 1.4541), (35.0, 1.6900)]
+)
+def test_steady_turns_of_the_tank_model(rudder_deg, yaw_rate_deg_s):
+    """physics.md section 1."""
+    rate_rad_s = steady_yaw_rate(math.radians(rudder_deg), 0.049, 17.0)
+    assert math.degrees(rate_rad_s) == pytest.approx(yaw_rate_deg_s, abs=6e-5)
+
+
+def test_turning_radius_at_full_rudder():
+    assert 0.4 / steady_yaw_rate(math.radians(30.0), 0.049, 17.0) == pytest.approx(15.76, abs=0.005)
+
+
+@given(st.floats(-1.0, 1.0), st.floats(1e-4, 20.0), st.floats(0.0, 1e6))
+def test_the_steady_rate_solves_its_equation(rudder_rad, ability_1_s, norrbin_s2):
+    rate_rad_s = steady_yaw_rate(rudder_rad, ability_1_s, norrbin_s2)
+    assert rate_rad_s + norrbin_s2 * rate_rad_s**3 == pytest.approx(ability_1_s * rudder_rad, rel=1e-9, abs=1e-15)
+
+
+def test_similarity_is_the_paper_s():
+    fast = OCEAN_RAMBLER.at_speed(0.8)
+    assert (fast.turning_ability_1_s, fast.turning_lag_s, fast.norrbin_s2) == pytest.approx((0.098, 2.0, 4.25))
+
+
+def test_a_step_agrees_with_the_exact_linear_answer():
+    heading_rad, rate_rad_s = 0.0, 0.0
+    for _ in range(200):
+        heading_rad, rate_rad_s = rk4_step(heading_rad, rate_rad_s, 0.3, 0.05, 0.049, 4.0, 0.0, 0.02)
+    drive_rad_s = 0.049 * 0.28
+    decay = math.exp(-10.0 / 4.0)
+    assert rate_rad_s == pytest.approx(drive_rad_s * (1.0 - decay), rel=1e-8)
+    assert heading_rad == pytest.approx(drive_rad_s * (10.0 - 4.0 * (1.0 - decay)), rel=1e-8)
+
+
+def test_the_equation_s_terms():
+    assert yaw_acceleration(0.02, 0.3, 0.049, 4.0, 17.0, 0.1) == pytest.approx(
+        (0.049 * 0.2 - 0.02 - 17.0 * 0.02**3) / 4.0
+    )
