@@ -1,0 +1,1 @@
+"""From a heading error to a rudder angle."""

@@ -1,0 +1,1 @@
+"""What is known of the boat: heading, yaw rate, drift."""

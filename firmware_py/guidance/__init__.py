@@ -1,0 +1,1 @@
+"""From a goal to the heading to steer."""

@@ -1,0 +1,199 @@
+"""The mode state machine: pure, and the only judge of modes, arming and goals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+from firmware_py.angles import TWO_PI, wrap_two_pi
+from firmware_py.params import ParameterSet
+from firmware_py.records import (
+    Answer,
+    Arm,
+    Intent,
+    ManualRudder,
+    Mode,
+    SetMode,
+    SetParameter,
+    SteerHeading,
+    SteerPosition,
+    Verdict,
+)
+
+ACCEPTED = Answer(Verdict.ACCEPTED)
+# A turn "the long way" to a goal that lies this close on the other side is no turn.
+ALREADY_THERE_RAD = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingGoal:
+    """A heading or, over ground, a course; `turn` +-1 while she is to turn the long way."""
+
+    heading_rad: float
+    over_ground: bool = False
+    turn: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PositionGoal:
+    """A position to go to."""
+
+    latitude_rad: float
+    longitude_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class ModeState:
+    """Mode, arming, goal and stick."""
+
+    mode: Mode = Mode.HOLD
+    armed: bool = False
+    goal: HeadingGoal | PositionGoal | None = None
+    stick: float | None = None
+    stick_t_s: float = 0.0
+
+    @classmethod
+    def at_start(cls, parameters: ParameterSet) -> ModeState:
+        """The state that BOOT_MODE and BOOT_ARM ask for."""
+        return cls(Mode(int(parameters["BOOT_MODE"])), armed=bool(parameters["BOOT_ARM"]))
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What a decision may depend on besides the mode state."""
+
+    heading_rad: float | None  # None without a valid heading
+    drift_rad: float
+    position_ok: bool
+    rudder_ok: bool
+
+
+def _refused(verdict: Verdict, text: str) -> Answer:
+    return Answer(verdict, text)
+
+
+def enter(state: ModeState, mode: Mode, situation: Situation) -> tuple[ModeState, Answer]:
+    """Enter a mode, or refuse it and stay."""
+    if mode is state.mode:
+        return state, ACCEPTED
+    if mode in (Mode.STEERING, Mode.GUIDED):
+        if situation.heading_rad is None:
+            return state, _refused(Verdict.TEMPORARILY_REJECTED, f"{mode.name} refused: no valid heading")
+        # She goes on as she heads: a goal from an earlier time must not turn her by surprise.
+        return replace(state, mode=mode, goal=HeadingGoal(situation.heading_rad)), ACCEPTED
+    return replace(state, mode=mode, goal=None), ACCEPTED
+
+
+def _set_mode(state: ModeState, intent: SetMode, situation: Situation, _t_s: float) -> tuple[ModeState, Answer]:
+    try:
+        mode = Mode(intent.mode)
+    except ValueError:
+        known = ", ".join(f"{known.name} {known.value}" for known in Mode)
+        return state, _refused(Verdict.DENIED, f"Mode {intent.mode} is not known; there are {known}")
+    return enter(state, mode, situation)
+
+
+def arming_obstacle(situation: Situation) -> str:
+    """Say in a few words what forbids arming; empty when nothing does."""
+    if situation.heading_rad is None:
+        return "no valid heading"
+    if not situation.rudder_ok:
+        return "rudder servo does not answer"
+    return ""
+
+
+def _arm(state: ModeState, intent: Arm, situation: Situation, _t_s: float) -> tuple[ModeState, Answer]:
+    obstacle = arming_obstacle(situation)
+    if intent.armed and not intent.force and not state.armed and obstacle:
+        return state, _refused(Verdict.TEMPORARILY_REJECTED, f"Arming refused: {obstacle}")
+    return replace(state, armed=intent.armed), ACCEPTED
+
+
+def _guided(state: ModeState, situation: Situation, *, change_mode: bool) -> tuple[ModeState, Answer]:
+    if change_mode and state.mode is not Mode.GUIDED:
+        return enter(state, Mode.GUIDED, situation)
+    return state, ACCEPTED
+
+
+def _steer_heading(
+    state: ModeState, intent: SteerHeading, situation: Situation, _t_s: float
+) -> tuple[ModeState, Answer]:
+    if not math.isfinite(intent.heading_rad) or abs(intent.heading_rad) > 2.0 * TWO_PI:
+        return state, _refused(Verdict.DENIED, "Heading goal is out of range")
+    entered, answer = _guided(state, situation, change_mode=intent.change_mode)
+    if answer.verdict is not Verdict.ACCEPTED:
+        return state, answer
+    if entered.mode not in (Mode.GUIDED, Mode.STEERING):
+        text = f"Heading goal refused in {state.mode.name}: enter GUIDED or STEERING first"
+        return state, _refused(Verdict.TEMPORARILY_REJECTED, text)
+    if situation.heading_rad is None:
+        return state, _refused(Verdict.TEMPORARILY_REJECTED, "Heading goal refused: no valid heading")
+    over_ground = intent.over_ground
+    goal_rad = intent.heading_rad
+    if intent.relative:
+        base = entered.goal if isinstance(entered.goal, HeadingGoal) else HeadingGoal(situation.heading_rad)
+        over_ground = base.over_ground
+        goal_rad += base.heading_rad
+    goal = HeadingGoal(wrap_two_pi(goal_rad), over_ground)
+    return replace(entered, goal=replace(goal, turn=_long_way(goal, intent.turn, situation))), ACCEPTED
+
+
+def _long_way(goal: HeadingGoal, turn: int, situation: Situation) -> int:
+    """Return the turn that must be forced because the shorter way is the other one."""
+    if turn == 0 or situation.heading_rad is None:
+        return 0
+    sign = 1 if turn > 0 else -1
+    remaining_rad = wrap_two_pi(sign * (heading_to_steer(goal, situation.drift_rad) - situation.heading_rad))
+    return sign if math.pi < remaining_rad < TWO_PI - ALREADY_THERE_RAD else 0
+
+
+def heading_to_steer(goal: HeadingGoal, drift_rad: float) -> float:
+    """Return the heading that makes the goal good."""
+    return wrap_two_pi(goal.heading_rad - drift_rad) if goal.over_ground else goal.heading_rad
+
+
+def _steer_position(
+    state: ModeState, intent: SteerPosition, situation: Situation, _t_s: float
+) -> tuple[ModeState, Answer]:
+    # Written so that NaN fails the comparison.
+    if not (abs(intent.latitude_rad) <= 0.5 * math.pi and abs(intent.longitude_rad) <= math.pi):
+        return state, _refused(Verdict.DENIED, "Position goal is out of range")
+    entered, answer = _guided(state, situation, change_mode=intent.change_mode)
+    if answer.verdict is not Verdict.ACCEPTED:
+        return state, answer
+    if entered.mode is not Mode.GUIDED:
+        text = f"Position goal refused in {state.mode.name}: enter GUIDED first"
+        return state, _refused(Verdict.TEMPORARILY_REJECTED, text)
+    if not situation.position_ok:
+        return state, _refused(Verdict.TEMPORARILY_REJECTED, "Position goal refused: no position")
+    return replace(entered, goal=PositionGoal(intent.latitude_rad, intent.longitude_rad)), ACCEPTED
+
+
+def _stick(state: ModeState, intent: ManualRudder, _situation: Situation, t_s: float) -> tuple[ModeState, Answer]:
+    if intent.deflection is not None and not abs(intent.deflection) <= 1.0:
+        return state, _refused(Verdict.DENIED, "Stick is out of range")
+    return replace(state, stick=intent.deflection, stick_t_s=t_s), ACCEPTED
+
+
+_HANDLERS: Mapping[type[Intent], Callable[..., tuple[ModeState, Answer]]] = {
+    SetMode: _set_mode,
+    Arm: _arm,
+    SteerHeading: _steer_heading,
+    SteerPosition: _steer_position,
+    ManualRudder: _stick,
+}
+
+
+def decide(state: ModeState, intent: Intent, situation: Situation, t_s: float) -> tuple[ModeState, Answer]:
+    """Judge an intent that arrived at t_s; a refusal leaves the state as it was."""
+    if isinstance(intent, SetParameter):
+        return state, _refused(Verdict.UNSUPPORTED, "Not a matter of modes")
+    return _HANDLERS[type(intent)](state, intent, situation, t_s)
+
+
+def live_stick(state: ModeState, now_s: float, timeout_s: float) -> float | None:
+    """Return the stick's deflection unless it is released or too old."""
+    if state.stick is None or now_s - state.stick_t_s > timeout_s:
+        return None
+    return state.stick

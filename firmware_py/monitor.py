@@ -1,0 +1,41 @@
+"""Judges the faults of faults.TABLE from conditions and time: debounce, set, clear, tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from firmware_py.faults import TABLE, Fault
+from firmware_py.records import Event, Severity
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorState:
+    """Since when each condition stands (None: it does not) and the faults that are set, as bits."""
+
+    since_s: tuple[float | None, ...] = (None,) * len(TABLE)
+    active: int = 0
+
+    def is_set(self, fault: Fault) -> bool:
+        """Whether a fault is set."""
+        return bool(self.active >> fault & 1)
+
+
+def update(
+    state: MonitorState, conditions: Mapping[Fault, bool], now_s: float
+) -> tuple[MonitorState, tuple[Event, ...]]:
+    """Advance all rows; an event for each fault that is set or cleared now."""
+    since: list[float | None] = []
+    active = 0
+    events: list[Event] = []
+    for row, begun_s in zip(TABLE, state.since_s, strict=True):
+        stands = conditions.get(row.fault, False)
+        start_s = (now_s if begun_s is None else begun_s) if stands else None
+        since.append(start_s)
+        is_set = start_s is not None and now_s - start_s >= row.debounce_s
+        active |= is_set << row.fault
+        if is_set and not state.is_set(row.fault):
+            events.append(Event(row.severity, row.text))
+        elif not is_set and state.is_set(row.fault):
+            events.append(Event(Severity.NOTICE, row.recovery))
+    return MonitorState(tuple(since), active), tuple(events)

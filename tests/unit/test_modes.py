@@ -1,0 +1,144 @@
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.modes import (
+    HeadingGoal,
+    ModeState,
+    PositionGoal,
+    Situation,
+    decide,
+    heading_to_steer,
+    live_stick,
+)
+from firmware_py.params import ParameterSet
+from firmware_py.records import (
+    Arm,
+    ManualRudder,
+    Mode,
+    SetMode,
+    SteerHeading,
+    SteerPosition,
+    Verdict,
+)
+
+WELL = Situation(heading_rad=1.0, drift_rad=0.2, position_ok=True, rudder_ok=True)
+BLIND = replace(WELL, heading_rad=None)
+GUIDED = ModeState(Mode.GUIDED, armed=True, goal=HeadingGoal(1.0))
+
+
+def accepted(state, intent, situation=WELL):
+    state, answer = decide(state, intent, situation, 5.0)
+    assert answer.verdict is Verdict.ACCEPTED, answer
+    return state
+
+
+def refused(state, intent, verdict, situation=WELL):
+    after, answer = decide(state, intent, situation, 5.0)
+    assert answer.verdict is verdict
+    assert answer.text
+    assert after is state
+    return answer.text
+
+
+def test_it_starts_as_the_parameters_say():
+    assert ModeState.at_start(ParameterSet()) == ModeState(Mode.HOLD, armed=False)
+    parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", 15)
+    assert ModeState.at_start(parameters) == ModeState(Mode.GUIDED, armed=True)
+
+
+@pytest.mark.parametrize("mode", [Mode.STEERING, Mode.GUIDED])
+def test_a_steering_mode_begins_on_the_present_heading(mode):
+    state = accepted(ModeState(goal=HeadingGoal(3.0)), SetMode(mode))
+    assert state.goal == HeadingGoal(1.0)
+    assert "heading" in refused(ModeState(), SetMode(mode), Verdict.TEMPORARILY_REJECTED, BLIND)
+
+
+def test_entering_the_present_mode_keeps_its_goal():
+    state = replace(GUIDED, goal=HeadingGoal(2.5))
+    assert accepted(state, SetMode(Mode.GUIDED)) == state
+
+
+@pytest.mark.parametrize("number", [1, 99, -1, 0x7FFF0000, 15 + 256])
+def test_an_unknown_mode_is_denied_whole(number):
+    refused(ModeState(), SetMode(number), Verdict.DENIED)
+
+
+def test_arming_needs_a_heading_and_an_answering_rudder_unless_forced():
+    assert accepted(ModeState(), Arm(armed=True)).armed
+    assert "heading" in refused(ModeState(), Arm(armed=True), Verdict.TEMPORARILY_REJECTED, BLIND)
+    deaf = replace(WELL, rudder_ok=False)
+    assert "servo" in refused(ModeState(), Arm(armed=True), Verdict.TEMPORARILY_REJECTED, deaf)
+    assert accepted(ModeState(), Arm(armed=True, force=True), replace(BLIND, rudder_ok=False)).armed
+    assert not accepted(replace(GUIDED), Arm(armed=False), BLIND).armed
+
+
+def test_a_heading_goal_needs_a_steering_mode():
+    refused(ModeState(Mode.HOLD), SteerHeading(2.0), Verdict.TEMPORARILY_REJECTED)
+    assert accepted(GUIDED, SteerHeading(2.0)).goal == HeadingGoal(2.0)
+    changed = accepted(ModeState(Mode.HOLD), SteerHeading(2.0, change_mode=True))
+    assert (changed.mode, changed.goal) == (Mode.GUIDED, HeadingGoal(2.0))
+
+
+def test_a_relative_goal_counts_from_the_goal_else_from_the_heading():
+    state = replace(GUIDED, goal=HeadingGoal(6.0))
+    assert accepted(state, SteerHeading(1.0, relative=True)).goal.heading_rad == pytest.approx(7.0 - 2 * math.pi)
+    to_place = replace(GUIDED, goal=PositionGoal(0.1, 0.1))
+    assert accepted(to_place, SteerHeading(-0.5, relative=True)).goal.heading_rad == pytest.approx(0.5)
+
+
+def test_a_turn_the_long_way_is_kept_only_when_it_is_longer():
+    assert accepted(GUIDED, SteerHeading(1.5, turn=-1)).goal.turn == -1
+    assert accepted(GUIDED, SteerHeading(1.5, turn=1)).goal.turn == 0
+    assert accepted(GUIDED, SteerHeading(0.97, turn=1)).goal.turn == 0  # she is there already
+
+
+def test_a_course_is_made_good_by_heading_up_against_the_drift():
+    state = accepted(GUIDED, SteerHeading(2.0, over_ground=True))
+    assert heading_to_steer(state.goal, 0.2) == pytest.approx(1.8)
+
+
+@pytest.mark.parametrize("absurd", [math.nan, math.inf, -math.inf, 1e300, -1e300, 13.0])
+def test_absurd_goals_are_denied_and_change_nothing(absurd):
+    refused(GUIDED, SteerHeading(absurd), Verdict.DENIED)
+    refused(GUIDED, SteerPosition(absurd, 0.0), Verdict.DENIED)
+    refused(GUIDED, SteerPosition(0.0, absurd), Verdict.DENIED)
+    refused(GUIDED, ManualRudder(absurd), Verdict.DENIED)
+
+
+def test_a_position_goal_needs_a_position():
+    assert accepted(GUIDED, SteerPosition(0.5, -0.5)).goal == PositionGoal(0.5, -0.5)
+    refused(GUIDED, SteerPosition(0.5, -0.5), Verdict.TEMPORARILY_REJECTED, replace(WELL, position_ok=False))
+    refused(replace(GUIDED, mode=Mode.STEERING), SteerPosition(0.5, 0.5), Verdict.TEMPORARILY_REJECTED)
+
+
+def test_the_stick_goes_stale():
+    state = accepted(ModeState(Mode.MANUAL), ManualRudder(0.5))
+    assert live_stick(state, 7.9, 3.0) == 0.5
+    assert live_stick(state, 8.1, 3.0) is None
+    assert live_stick(accepted(state, ManualRudder(None)), 5.1, 3.0) is None
+
+
+INTENTS = st.one_of(
+    st.builds(SetMode, st.integers(-(2**31), 2**31)),
+    st.builds(Arm, st.booleans(), st.booleans()),
+    st.builds(SteerHeading, st.floats(), st.booleans(), st.booleans(), st.integers(-2, 2), st.booleans()),
+    st.builds(SteerPosition, st.floats(), st.floats(), st.booleans()),
+    st.builds(ManualRudder, st.none() | st.floats()),
+)
+
+
+@given(st.lists(INTENTS, max_size=20), st.booleans())
+def test_whatever_is_asked_the_goal_stays_a_heading_or_a_place(intents, blind):
+    state = ModeState()
+    for intent in intents:
+        state, answer = decide(state, intent, BLIND if blind else WELL, 1.0)
+        assert (answer.verdict is Verdict.ACCEPTED) == (not answer.text)
+        if isinstance(state.goal, HeadingGoal):
+            assert 0.0 <= state.goal.heading_rad < 2 * math.pi
+        if isinstance(state.goal, PositionGoal):
+            assert abs(state.goal.latitude_rad) <= math.pi / 2
+        assert state.stick is None or abs(state.stick) <= 1.0
