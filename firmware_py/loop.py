@@ -1,0 +1,232 @@
+"""The fixed-rate loop: wait, poll, step, actuate, record, publish; the link is served in the slack."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from firmware_py.clock import Metronome
+from firmware_py.params import ParameterSet
+from firmware_py.ports import Clock, Compass, Device, Link, Position, Recorder, Rudder
+from firmware_py.records import (
+    Answer,
+    DeviceHealth,
+    DeviceState,
+    Event,
+    HeadingSample,
+    Inputs,
+    Output,
+    Request,
+    RudderCommand,
+    SetParameter,
+    Tick,
+    Verdict,
+)
+from firmware_py.serial_line import SerialLine
+from firmware_py.step import State, accept, settings_of, step
+from firmware_py.step_state import state_to_text
+from firmware_py.store import Store
+
+# Before a deadline the link is left alone for this long, or for this part of a short period.
+GUARD_S = 0.003
+GUARD_PART = 0.15
+# More requests than this between two ticks are turned away.
+PENDING_LIMIT = 256
+COLLECT_INTERVAL_S = 60.0
+PARAMETER_FILE = "parameters.param"
+
+SAFE_TIMEOUT_S = 2.0
+SAFE_INTERVAL_S = 0.1
+SAFE_ANGLE_RAD = 0.02
+
+
+class Pilot:
+    """Holds the state between ticks, judges requests at once and hands them to the next step.
+
+    `decide` computes ahead with the same pure function that the next step will use, so
+    that an answer need not wait for the tick and still cannot differ from what is done.
+    """
+
+    def __init__(self, state: State, store: Store, kept: dict[str, float], format_kept: Callable[..., str]) -> None:
+        """Start from a state; `kept` are the parameters that the store holds."""
+        self._state = state
+        self._ahead = state
+        self._pending: list[Request] = []
+        self._store = store
+        self._kept = kept
+        self._format_kept = format_kept
+
+    @property
+    def state(self) -> State:
+        """The state after the last step."""
+        return self._state
+
+    def decide(self, request: Request) -> Answer:
+        """Judge a request at once; when accepted it is an input of the next tick."""
+        if len(self._pending) >= PENDING_LIMIT:
+            return Answer(Verdict.TEMPORARILY_REJECTED, "Too many requests")
+        ahead, answer = accept(self._ahead, request)
+        if answer.verdict is not Verdict.ACCEPTED:
+            return answer
+        self._ahead = ahead
+        self._pending.append(request)
+        if isinstance(request.intent, SetParameter):
+            name = request.intent.name
+            self._kept[name] = ahead.parameters[name]
+            self._store.save(PARAMETER_FILE, self._format_kept(self._kept).encode())
+        return answer
+
+    def parameters(self) -> ParameterSet:
+        """The values in force, accepted requests included."""
+        return self._ahead.parameters
+
+    def when_stored(self, call: Callable[[bool], None]) -> None:
+        """Call back once all that was accepted so far is on disk, or cannot be."""
+        self._store.when_stored(call)
+
+    def take_requests(self) -> tuple[Request, ...]:
+        """Hand over the requests since the last tick."""
+        requests = tuple(self._pending)
+        self._pending.clear()
+        return requests
+
+    def step(self, inputs: Inputs) -> Output:
+        """Compute a tick."""
+        self._state, output = step(self._state, inputs)
+        self._ahead = self._state
+        return output
+
+
+@dataclass(slots=True)
+class Boat:
+    """Everything the loop drives, wired by assemble."""
+
+    clock: Clock
+    pilot: Pilot
+    compass: Compass
+    position: Position | None
+    rudder: Rudder
+    link: Link
+    recorder: Recorder | None
+    store: Store
+    lines: Sequence[SerialLine]
+    tell: Callable[[Event], None]
+    _told: dict[int, tuple[DeviceState, str]] = field(default_factory=dict)
+
+    def devices(self) -> list[Device]:
+        """The devices with a line of their own."""
+        return [self.compass, self.rudder] if self.position is None else [self.compass, self.rudder, self.position]
+
+    def changed_health(self, now_s: float) -> tuple[DeviceHealth, ...]:
+        """The health records whose state or text differs from what the loop was told last."""
+        records = [device.health(now_s) for device in self.devices()]
+        if self.recorder is not None:
+            records.append(self.recorder.health(now_s))
+        changed = []
+        for record in records:
+            news = (record.state, record.text)
+            if self._told.get(record.role) != news:
+                self._told[record.role] = news
+                changed.append(record)
+        return tuple(changed)
+
+
+def run(boat: Boat, stopped: Callable[[], bool]) -> None:
+    """Turn the loop until stopped; whatever ends it, the rudder is made safe first."""
+    clock = boat.clock
+    metronome = Metronome(clock.now_s(), boat.pilot.parameters()["LOOP_RATE_HZ"])
+    index = skipped = 0
+    collect_s = clock.now_s() + COLLECT_INTERVAL_S
+    try:
+        while not stopped():
+            _serve_until(boat, metronome)
+            if stopped():
+                break
+            late_s = max(0.0, clock.now_s() - metronome.deadline_s)
+            tick = Tick(index, metronome.deadline_s, late_s, skipped, metronome.rate_hz)
+            newest = _turn(boat, tick)
+            parameters = boat.pilot.state.parameters
+            metronome.set_rate(parameters["LOOP_RATE_HZ"])
+            if newest is not None and parameters["LOOP_LOCK"]:
+                metronome.lock(newest.t_s)
+            if clock.now_s() >= collect_s:
+                # The frozen start-up heap is exempt, so this looks at little.
+                gc.collect()
+                collect_s = clock.now_s() + COLLECT_INTERVAL_S
+            index += 1
+            skipped = metronome.advance(clock.now_s())
+    finally:
+        make_safe(boat)
+
+
+def _turn(boat: Boat, tick: Tick) -> HeadingSample | None:
+    """Do one tick; return the newest heading sample, if any."""
+    now_s = tick.t_s + tick.late_s
+    for device in boat.devices():
+        device.receive(now_s)
+    headings = tuple(boat.compass.poll())
+    before = boat.pilot.state
+    inputs = Inputs(
+        tick,
+        headings,
+        tuple(boat.position.poll()) if boat.position is not None else (),
+        tuple(boat.rudder.poll()),
+        boat.changed_health(now_s),
+        boat.pilot.take_requests(),
+    )
+    output = boat.pilot.step(inputs)
+    boat.rudder.command(output.command, now_s)
+    if boat.recorder is not None:
+        boat.recorder.offer(inputs, output, lambda: state_to_text(before))
+    boat.link.publish(output, now_s)
+    for event in output.events:
+        boat.tell(event)
+    for line in boat.lines:
+        line.maintain(now_s)
+    return headings[-1] if headings else None
+
+
+def _serve_until(boat: Boat, metronome: Metronome) -> None:
+    """Sleep until the deadline; meanwhile take bytes as they arrive and serve the link in the slack."""
+    clock, deadline_s = boat.clock, metronome.deadline_s
+    guard_s = min(GUARD_S, GUARD_PART / metronome.rate_hz)
+    devices = boat.devices()
+    while (now_s := clock.now_s()) < deadline_s:
+        device_fds = {device.fileno(): device for device in devices}
+        device_fds.pop(-1, None)
+        if now_s < deadline_s - guard_s:
+            link_fds = list(boat.link.descriptors())
+            ready = clock.wait(deadline_s - guard_s, [*device_fds, *link_fds, boat.store.fileno()])
+        else:
+            link_fds = []
+            ready = clock.wait(deadline_s, [*device_fds])
+        if not ready:
+            continue
+        now_s = clock.now_s()
+        for fd in ready:
+            if fd in device_fds:
+                device_fds[fd].receive(now_s)
+        if boat.store.fileno() in ready:
+            boat.store.service()
+        if link_ready := [fd for fd in ready if fd in link_fds]:
+            boat.link.service(now_s, link_ready)
+
+
+def make_safe(boat: Boat) -> None:
+    """Bring the rudder amidships and wait, within bounds, until it is there."""
+    clock = boat.clock
+    linkage = settings_of(boat.pilot.state.parameters).linkage
+    command = RudderCommand(linkage.to_shaft(0.0), torque_on=True)
+    end_s = clock.now_s() + SAFE_TIMEOUT_S
+    while (now_s := clock.now_s()) < end_s:
+        boat.rudder.command(command, now_s)
+        clock.wait(now_s + SAFE_INTERVAL_S, [])
+        boat.rudder.receive(clock.now_s())
+        angles_rad = [
+            linkage.to_rudder(feedback.shaft_rad)
+            for feedback in boat.rudder.poll()
+            if feedback.shaft_rad is not None and feedback.t_s >= now_s
+        ]
+        if angles_rad and abs(angles_rad[-1]) < SAFE_ANGLE_RAD:
+            return

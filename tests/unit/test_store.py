@@ -1,0 +1,108 @@
+import select
+
+import pytest
+
+from firmware_py.store import Store, StoreError
+
+
+@pytest.fixture
+def store(tmp_path):
+    made = Store(tmp_path / "state")
+    yield made
+    made.close()
+
+
+def settle(store):
+    """Wait for the writer to say that all saves are done; return what it said."""
+    said = []
+    store.when_stored(said.append)
+    while not said:
+        assert select.select([store.fileno()], [], [], 10.0)[0]
+        store.service()
+    return said
+
+
+def reopened(store, directory):
+    store.close()
+    return Store(directory)
+
+
+def test_what_was_said_to_be_stored_is_there_after_a_restart(store, tmp_path):
+    assert store.load("a") is None
+    store.save("a", b"one")
+    store.save("b", b"\x00binary\xff")
+    assert settle(store) == [True]
+    # Read past the object: it is on the disk, not in its memory.
+    assert (tmp_path / "state" / "a").read_bytes().startswith(b"one")
+    assert (store.load("a"), store.load("b")) == (b"one", b"\x00binary\xff")
+
+
+def test_a_broken_newest_version_falls_back_to_the_one_before(store, tmp_path):
+    for content in (b"first", b"second"):
+        store.save("a", content)
+        settle(store)
+    file = tmp_path / "state" / "a"
+    whole = file.read_bytes()
+    for cut in range(len(whole) - 1):
+        file.write_bytes(whole[:cut])
+        assert store.load("a") == b"first"
+    file.write_bytes(whole.replace(b"second", b"secund"))
+    assert store.load("a") == b"first"
+    file.unlink()
+    assert store.load("a") == b"first"
+
+
+def test_a_half_written_version_is_not_taken(store, tmp_path):
+    store.save("a", b"whole")
+    settle(store)
+    (tmp_path / "state" / "a.new").write_bytes(b"half of a new on")
+    assert store.load("a") == b"whole"
+
+
+def test_content_that_ends_in_a_mark_of_its_own_is_safe(store):
+    tricky = b"x\n# crc32 00000000\n# crc32 "
+    store.save("a", tricky)
+    settle(store)
+    assert store.load("a") == tricky
+
+
+def test_a_failure_is_said_and_heals(store, tmp_path):
+    blocked = tmp_path / "state" / "a.new"
+    blocked.mkdir()
+    store.save("a", b"one")
+    assert settle(store) == [False]
+    assert "a cannot be stored" in store.failure
+    blocked.rmdir()
+    store.save("a", b"two")
+    assert settle(store) == [True]
+    assert store.load("a") == b"two"
+
+
+def test_a_second_autopilot_is_refused(store, tmp_path):
+    with pytest.raises(StoreError, match="in use"):
+        Store(tmp_path / "state")
+
+
+def test_a_directory_that_cannot_be_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StoreError, match="--state"):
+        Store(tmp_path / "file" / "state")
+
+
+def test_close_finishes_what_was_asked(tmp_path):
+    store = Store(tmp_path / "state")
+    for number in range(50):
+        store.save("a", str(number).encode())
+    store.close()
+    again = Store(tmp_path / "state")
+    assert again.load("a") == b"49"
+    again.close()
+
+
+def test_many_saves_call_back_in_order(store):
+    called = []
+    for number in range(20):
+        store.save("a", bytes([number]))
+        store.when_stored(lambda well, number=number: called.append((number, well)))
+    settle(store)
+    assert called == [(number, True) for number in range(20)]
