@@ -1,0 +1,298 @@
+"""The loop around the pure tick, on a clock of the test's own."""
+
+import math
+
+import pytest
+
+from firmware_py.loop import PARAMETER_FILE, PENDING_LIMIT, Boat, Pilot, run
+from firmware_py.params import ParameterSet, format_file, parse_file
+from firmware_py.records import (
+    Arm,
+    DeviceHealth,
+    DeviceRole,
+    DeviceState,
+    HeadingSample,
+    ManualRudder,
+    Mode,
+    NorthReference,
+    Request,
+    RudderFeedback,
+    SetMode,
+    SetParameter,
+    SteerHeading,
+    Verdict,
+)
+from firmware_py.step import State
+
+
+class FakeClock:
+    """Time moves only in wait; work can be made to take time; descriptors become readable by plan."""
+
+    def __init__(self):
+        self.t_s = 0.0
+        self.plan = []  # (time, descriptor)
+        self.waits = []
+
+    def now_s(self):
+        return self.t_s
+
+    def utc_s(self):
+        return 1e9 + self.t_s
+
+    def wait(self, deadline_s, descriptors):
+        self.waits.append((self.t_s, deadline_s, tuple(descriptors)))
+        due = sorted(entry for entry in self.plan if entry[0] <= deadline_s and entry[1] in descriptors)
+        if not due:
+            self.t_s = max(self.t_s, deadline_s)
+            return []
+        self.plan.remove(due[0])
+        self.t_s = max(self.t_s, due[0][0])
+        return [due[0][1]]
+
+
+class FakeCompass:
+    def __init__(self, boat_log):
+        self.log, self.samples, self.heading_rad = boat_log, [], 1.0
+
+    def fileno(self):
+        return 10
+
+    def receive(self, now_s):
+        self.log.append(("receive", now_s))
+        self.samples.append(HeadingSample(now_s, self.heading_rad, NorthReference.TRUE))
+
+    def poll(self):
+        taken, self.samples = self.samples, []
+        return taken
+
+    def health(self, now_s):
+        return DeviceHealth(now_s, DeviceRole.COMPASS, DeviceState.RUNNING, len(self.log), 0)
+
+
+class FakeRudder:
+    def __init__(self, boat_log):
+        self.log, self.commands, self.feedback = boat_log, [], []
+        self.stuck = False
+
+    def fileno(self):
+        return -1
+
+    def command(self, command, now_s):
+        self.log.append(("command", now_s))
+        self.commands.append((now_s, command))
+        angle_rad = 0.3 if self.stuck else command.shaft_rad
+        self.feedback.append(RudderFeedback(now_s + 0.002, angle_rad))
+
+    def receive(self, now_s):
+        pass
+
+    def poll(self):
+        taken, self.feedback = self.feedback, []
+        return taken
+
+    def health(self, now_s):
+        return DeviceHealth(now_s, DeviceRole.RUDDER, DeviceState.RUNNING, 0, 0)
+
+
+class FakeLink:
+    def __init__(self, boat_log):
+        self.log, self.outputs, self.on_service = boat_log, [], lambda _now_s: None
+
+    def descriptors(self):
+        return [20]
+
+    def service(self, now_s, ready):
+        assert list(ready) == [20]
+        self.log.append(("service", now_s))
+        self.on_service(now_s)
+
+    def publish(self, output, now_s):
+        self.log.append(("publish", now_s))
+        self.outputs.append(output)
+
+
+class FakeRecorder:
+    def __init__(self):
+        self.ticks = []
+
+    def offer(self, inputs, output, before):
+        self.ticks.append((inputs, output, before()))
+
+    def health(self, now_s):
+        return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.RUNNING, len(self.ticks), 0)
+
+
+class FakeStore:
+    def __init__(self):
+        self.saved, self.calls = {}, []
+
+    def fileno(self):
+        return 30
+
+    def save(self, name, content):
+        self.saved[name] = content
+
+    def when_stored(self, call):
+        self.calls.append(call)
+
+    def service(self):
+        while self.calls:
+            self.calls.pop(0)(True)
+
+
+@pytest.fixture
+def boat():
+    log = []
+    store = FakeStore()
+    pilot = Pilot(State.at_start(ParameterSet()), store, {}, format_file)
+    made = Boat(
+        clock=FakeClock(),
+        pilot=pilot,
+        compass=FakeCompass(log),
+        position=None,
+        rudder=FakeRudder(log),
+        link=FakeLink(log),
+        recorder=FakeRecorder(),
+        store=store,
+        lines=[],
+        tell=lambda _event: None,
+    )
+    return made
+
+
+def turn(boat, seconds):
+    end_s = boat.clock.t_s + seconds
+    run(boat, lambda: boat.clock.t_s >= end_s - 1e-9)
+
+
+def ticks(boat):
+    return [inputs.tick for inputs, _, _ in boat.recorder.ticks]
+
+
+def test_ticks_come_at_their_absolute_deadlines(boat):
+    boat.pilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    turn(boat, 2.0)
+    assert [tick.index for tick in ticks(boat)] == list(range(len(ticks(boat))))
+    assert [tick.t_s for tick in ticks(boat)] == pytest.approx([0.1 * index for index in range(len(ticks(boat)))])
+    assert all(tick.late_s == 0.0 and tick.skipped == 0 for tick in ticks(boat))
+
+
+def test_the_servo_is_commanded_before_anything_is_published(boat):
+    turn(boat, 0.25)
+    order = [what for what, _ in boat.link.log if what in ("command", "publish")]
+    assert order[:4] == ["command", "publish", "command", "publish"]
+
+
+def test_a_stall_is_skipped_in_phase_and_reported(boat):
+    boat.pilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    stall = iter([0.0] * 5 + [0.73])
+
+    def publish(output, now_s):
+        boat.clock.t_s += next(stall, 0.0)
+
+    boat.link.publish = publish
+    turn(boat, 3.0)
+    assert sum(tick.skipped for tick in ticks(boat)) == 6
+    after = next(tick for tick in ticks(boat) if tick.skipped)
+    assert after.t_s == pytest.approx(1.2)
+    assert after.late_s == pytest.approx(0.03)
+    assert ticks(boat)[-1].t_s == pytest.approx(round(ticks(boat)[-1].t_s, 1))
+
+
+def test_samples_are_stamped_when_they_arrive(boat):
+    boat.clock.plan = [(0.137, 10)]
+    turn(boat, 0.3)
+    assert ("receive", 0.137) in boat.link.log
+
+
+def test_the_link_is_served_in_the_slack_and_left_alone_before_a_deadline(boat):
+    boat.pilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    boat.clock.plan = [(0.15, 20), (0.1985, 20)]
+    turn(boat, 0.4)
+    served = [t_s for what, t_s in boat.link.log if what == "service"]
+    assert served[0] == pytest.approx(0.15)
+    assert served[1] >= 0.2 - 1e-9  # its bytes came within the guard time
+    for begun_s, deadline_s, descriptors in boat.clock.waits:
+        if 20 in descriptors:
+            assert deadline_s <= 0.1 * math.ceil(begun_s / 0.1 - 1e-9) + 0.1 - 0.003 + 1e-6
+
+
+def test_the_ticks_drift_to_just_after_the_compass(boat):
+    boat.compass.receive = lambda now_s: None
+    boat.clock.plan = []
+    phase_s = 0.04
+
+    def poll():
+        newest_s = phase_s + 0.1 * math.floor((boat.clock.t_s - phase_s) / 0.1 + 1e-9)
+        return [HeadingSample(newest_s, 1.0, NorthReference.TRUE)] if newest_s > 0.0 else []
+
+    boat.compass.poll = poll
+    turn(boat, 60.0)
+    assert (ticks(boat)[-1].t_s - phase_s) % 0.1 == pytest.approx(0.002, abs=2e-4)
+
+
+def test_a_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
+    answers = []
+    boat.clock.plan = [(0.15, 20)]
+
+    def on_service(now_s):
+        for intent in (Arm(armed=True), SetMode(Mode.GUIDED), SteerHeading(2.0), SteerHeading(math.nan)):
+            answers.append(boat.pilot.decide(Request(now_s, intent, 255, 190)).verdict)
+
+    boat.link.on_service = on_service
+    turn(boat, 0.5)
+    assert answers == [Verdict.ACCEPTED] * 3 + [Verdict.DENIED]
+    (with_requests,) = [inputs for inputs, _, _ in boat.recorder.ticks if inputs.requests]
+    assert with_requests.tick.t_s == pytest.approx(0.2, abs=0.01)
+    assert len(with_requests.requests) == 3
+    assert boat.link.outputs[-1].snapshot.goal_heading_rad == pytest.approx(2.0)
+
+
+def test_an_accepted_parameter_is_in_force_at_once_and_stored(boat):
+    answer = boat.pilot.decide(Request(0.0, SetParameter("CTL_K1", 44.4)))
+    assert answer.verdict is Verdict.ACCEPTED
+    value = boat.pilot.parameters()["CTL_K1"]
+    assert value == pytest.approx(44.4)
+    assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
+    assert boat.pilot.decide(Request(0.0, SetParameter("CTL_K1", math.inf))).verdict is Verdict.DENIED
+    assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
+
+
+def test_the_rate_changes_with_its_parameter(boat):
+    boat.pilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    boat.pilot.decide(Request(0.0, SetParameter("LOOP_RATE_HZ", 50)))
+    turn(boat, 2.0)
+    times_s = [tick.t_s for tick in ticks(boat)]
+    assert [b - a for a, b in zip(times_s[2:], times_s[3:], strict=False)] == pytest.approx([0.02] * (len(times_s) - 3))
+    assert ticks(boat)[-1].rate_hz == 50
+
+
+def test_a_flood_of_requests_is_turned_away(boat):
+    verdicts = {boat.pilot.decide(Request(0.0, ManualRudder(0.1))).verdict for _ in range(PENDING_LIMIT)}
+    assert verdicts == {Verdict.ACCEPTED}
+    assert boat.pilot.decide(Request(0.0, ManualRudder(0.1))).verdict is Verdict.TEMPORARILY_REJECTED
+
+
+def test_health_is_an_input_only_when_it_changes(boat):
+    turn(boat, 1.0)
+    seen = [len(inputs.devices) for inputs, _, _ in boat.recorder.ticks]
+    assert seen[0] == 3
+    assert sum(seen) == 3
+
+
+def test_whatever_ends_the_loop_the_rudder_is_brought_amidships(boat):
+    def explode(output, now_s):
+        raise RuntimeError("unexpected")
+
+    boat.link.publish = explode
+    with pytest.raises(RuntimeError, match="unexpected"):
+        turn(boat, 1.0)
+    assert boat.rudder.commands[-1][1].shaft_rad == 0.0
+    assert boat.rudder.commands[-1][1].torque_on
+
+
+def test_a_rudder_that_does_not_come_amidships_does_not_hold_up_the_end(boat):
+    boat.rudder.stuck = True
+    turn(boat, 0.2)
+    assert boat.clock.t_s < 3.0
+    assert len(boat.rudder.commands) > 15
