@@ -1,5 +1,6 @@
 """The loop around the pure tick, on a clock of the test's own."""
 
+import itertools
 import math
 
 import pytest
@@ -145,7 +146,7 @@ def boat():
     log = []
     store = FakeStore()
     pilot = Pilot(State.at_start(ParameterSet()), store, {}, format_file)
-    made = Boat(
+    return Boat(
         clock=FakeClock(),
         pilot=pilot,
         compass=FakeCompass(log),
@@ -157,7 +158,6 @@ def boat():
         lines=[],
         tell=lambda _event: None,
     )
-    return made
 
 
 def turn(boat, seconds):
@@ -236,8 +236,8 @@ def test_a_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
     boat.clock.plan = [(0.15, 20)]
 
     def on_service(now_s):
-        for intent in (Arm(armed=True), SetMode(Mode.GUIDED), SteerHeading(2.0), SteerHeading(math.nan)):
-            answers.append(boat.pilot.decide(Request(now_s, intent, 255, 190)).verdict)
+        intents = (Arm(armed=True), SetMode(Mode.GUIDED), SteerHeading(2.0), SteerHeading(math.nan))
+        answers.extend(boat.pilot.decide(Request(now_s, intent, 255, 190)).verdict for intent in intents)
 
     boat.link.on_service = on_service
     turn(boat, 0.5)
@@ -263,7 +263,7 @@ def test_the_rate_changes_with_its_parameter(boat):
     boat.pilot.decide(Request(0.0, SetParameter("LOOP_RATE_HZ", 50)))
     turn(boat, 2.0)
     times_s = [tick.t_s for tick in ticks(boat)]
-    assert [b - a for a, b in zip(times_s[2:], times_s[3:], strict=False)] == pytest.approx([0.02] * (len(times_s) - 3))
+    assert [b - a for a, b in itertools.pairwise(times_s[2:])] == pytest.approx([0.02] * (len(times_s) - 3))
     assert ticks(boat)[-1].rate_hz == 50
 
 
