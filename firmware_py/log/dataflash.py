@@ -1,0 +1,207 @@
+"""ArduPilot's DataFlash format: self-describing binary records with units.
+
+Every record is A3 95, a type byte and packed little-endian values. FMT records (type
+128) give each type its name, length, value characters and column labels; FMTU, UNIT and
+MULT add the units. Source: ArduPilot libraries/AP_Logger, README.md and LogStructure.h.
+The writing side (MessageType, header) and the reading side (Format, Parser) share the
+table of value characters and nothing else.
+"""
+
+from __future__ import annotations
+
+import mmap
+import re
+import struct
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+MARK = b"\xa3\x95"
+HEAD_BYTES = 3
+FMT_TYPE = 128
+FMT_BYTES = 89
+MAX_COLUMNS = 16
+MAX_LABELS = 64
+TEXT_BYTES = 64  # what one Z value holds
+
+Buffer = bytes | mmap.mmap
+
+# Value character -> struct code. The centi and degree characters (c C e E L) are plain
+# integers in the file; their factor is the reader's business (LogStructure.h).
+STRUCT_CODES: Mapping[str, str] = {
+    "a": "64s",
+    "b": "b",
+    "B": "B",
+    "h": "h",
+    "H": "H",
+    "i": "i",
+    "I": "I",
+    "f": "f",
+    "d": "d",
+    "n": "4s",
+    "N": "16s",
+    "Z": "64s",
+    "c": "h",
+    "C": "H",
+    "e": "i",
+    "E": "I",
+    "L": "i",
+    "M": "B",
+    "q": "q",
+    "Q": "Q",
+}
+
+# The rows of log_Units and log_Multipliers that are used here.
+UNITS: Mapping[str, str] = {
+    "-": "",
+    "#": "instance",
+    "A": "A",
+    "D": "deglatitude",
+    "E": "rad/s",
+    "O": "degC",
+    "S": "satellites",
+    "U": "deglongitude",
+    "h": "degheading",
+    "m": "m",
+    "n": "m/s",
+    "r": "rad",
+    "s": "s",
+    "v": "V",
+    "z": "Hz",
+}
+MULTIPLIERS: Mapping[str, float] = {"-": 0.0, "0": 1.0, "B": 1e-2, "C": 1e-3, "F": 1e-6, "G": 1e-7}
+
+
+class LogError(ValueError):
+    """A log cannot be used; the text says why and what to do."""
+
+
+class MessageType:
+    """One kind of record, as it is written."""
+
+    __slots__ = ("labels", "multipliers", "name", "number", "pack", "size", "units", "values")
+
+    def __init__(self, number: int, name: str, labels: str, values: str, units: str, multipliers: str) -> None:
+        """Check the description against the limits of the format; ValueError names what breaks them."""
+        count = len(labels.split(","))
+        if not 1 <= len(name) <= 4 or count > MAX_COLUMNS or len(labels) > MAX_LABELS:
+            raise ValueError(f"{name}: too long a name, or too many or too long labels")
+        if not len(values) == len(units) == len(multipliers) == count:
+            raise ValueError(f"{name}: labels, values, units and multipliers differ in number")
+        if set(units) - UNITS.keys() or set(multipliers) - MULTIPLIERS.keys():
+            raise ValueError(f"{name}: unknown unit or multiplier")
+        self.number = number
+        self.name = name
+        self.labels = labels
+        self.values = values
+        self.units = units
+        self.multipliers = multipliers
+        layout = struct.Struct("<3s" + "".join(STRUCT_CODES[value] for value in values))
+        self.size = layout.size
+        if self.size > 255:
+            raise ValueError(f"{name}: {self.size} bytes, the format allows 255")
+        pack, head = layout.pack, MARK + bytes((number,))
+        self.pack: Callable[..., bytes] = lambda *columns: pack(head, *columns)
+
+
+FMT = MessageType(FMT_TYPE, "FMT", "Type,Length,Name,Format,Columns", "BBnNZ", "-----", "-----")
+UNIT = MessageType(129, "UNIT", "TimeUS,Id,Label", "QbZ", "s--", "F--")
+MULT = MessageType(130, "MULT", "TimeUS,Id,Mult", "Qbd", "s--", "F--")
+FMTU = MessageType(131, "FMTU", "TimeUS,FmtType,UnitIds,MultIds", "QBNN", "s---", "F---")
+
+
+def header(messages: Sequence[MessageType], time_us: int) -> bytes:
+    """Return the start of a file: every format, the units, the multipliers, and which column has which."""
+    described = (FMT, UNIT, MULT, FMTU, *messages)
+    parts = [
+        FMT.pack(row.number, row.size, row.name.encode(), row.values.encode(), row.labels.encode()) for row in described
+    ]
+    # pymavlink takes the first column of FMTU for the type when it walks a file; a time that
+    # looks like a type would confuse it.
+    stamp = time_us if time_us > 255 else 0
+    parts += [UNIT.pack(stamp, ord(char), text.encode()) for char, text in UNITS.items()]
+    parts += [MULT.pack(stamp, ord(char), factor) for char, factor in MULTIPLIERS.items()]
+    parts += [FMTU.pack(stamp, row.number, row.units.encode(), row.multipliers.encode()) for row in described]
+    return b"".join(parts)
+
+
+class Format:
+    """One kind of record, as a file describes it."""
+
+    __slots__ = ("labels", "length", "name", "number", "unpack", "values")
+
+    def __init__(self, number: int, length: int, name: str, values: str, labels: str) -> None:
+        """Take what the FMT record says; ValueError when it contradicts itself."""
+        self.number = number
+        self.length = length
+        self.name = name
+        self.labels = tuple(labels.split(",")) if labels else ()
+        self.values = values
+        if not set(values) <= STRUCT_CODES.keys():
+            raise ValueError(f"{name}: unknown value character in {values!r}")
+        layout = struct.Struct("<3x" + "".join(STRUCT_CODES[value] for value in values))
+        if layout.size != length or len(self.labels) != len(values):
+            raise ValueError(f"{name}: length or labels do not fit the format {values!r}")
+        self.unpack: Callable[[Buffer, int], tuple[Any, ...]] = layout.unpack_from
+
+
+def text_of(data: bytes) -> str:
+    """Return the text of a name or format column up to its first NUL."""
+    return data.partition(b"\0")[0].decode("utf-8", "replace")
+
+
+_FMT_FORMAT = Format(FMT_TYPE, FMT_BYTES, FMT.name, FMT.values, FMT.labels)
+
+
+class Parser:
+    """Finds the records of a buffer, whatever else is in it.
+
+    After the iteration `garbage_bytes` lay between records and `tail_bytes` after the
+    last whole one.
+    """
+
+    def __init__(self, buffer: Buffer) -> None:
+        """Parse buffer, which must not shrink meanwhile."""
+        self._buffer = buffer
+        self._formats: dict[int, Format] = {FMT_TYPE: _FMT_FORMAT}
+        self.garbage_bytes = 0
+        self.tail_bytes = 0
+
+    def __iter__(self) -> Iterator[tuple[Format, int]]:
+        """Yield the format and the offset of every whole record in order; FMT records too."""
+        buffer, size = self._buffer, len(self._buffer)
+        done = at = self.garbage_bytes = 0
+        while True:
+            at = buffer.find(MARK, at)
+            if at < 0 or at + HEAD_BYTES > size:
+                break
+            found = self._formats.get(buffer[at + 2])
+            end = at + found.length if found is not None else size + 1
+            # Out of step, two bytes that look like a mark prove little: what they claim
+            # must also end where the next record begins, or at the end.
+            if found is None or end > size or (at != done and not self._begins(end)):
+                at += 1
+                continue
+            self.garbage_bytes += at - done
+            if found.number == FMT_TYPE:
+                self._learn(found.unpack(buffer, at))
+            yield found, at
+            done = at = end
+        self.tail_bytes = size - done
+
+    def _begins(self, at: int) -> bool:
+        return at == len(self._buffer) or self._buffer[at : at + 2] == MARK
+
+    def _learn(self, values: tuple[Any, ...]) -> None:
+        number, length = values[0], values[1]
+        if number == FMT_TYPE:
+            return
+        name, characters, labels = (text_of(value) for value in values[2:])
+        try:
+            self._formats[number] = Format(number, length, name, characters, labels)
+        except ValueError:  # another program's message, or damage: its length still leads past it
+            if length > HEAD_BYTES:
+                self._formats[number] = _opaque(number, length, name)
+
+
+def _opaque(number: int, length: int, name: str) -> Format:
+    return Format(number, length, re.sub(r"\W", "?", name), "B" * (length - HEAD_BYTES), "?," * (length - 4) + "?")

@@ -1,0 +1,188 @@
+"""Reads a log back into the ticks that it holds, however long it is and wherever it was cut."""
+
+from __future__ import annotations
+
+import mmap
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from firmware_py.log import ardupilot, schema
+from firmware_py.log.dataflash import Buffer, Format, LogError, MessageType, Parser, text_of
+from firmware_py.log.rows import Row, RowReader
+from firmware_py.records import Inputs, RudderCommand
+
+MAX_RECORDS: Final = 1 << 17  # of one tick: two texts of the longest kind; bounds what damage can gather
+
+
+_PASSED_OVER: Final = frozenset(one.name for one in (*schema.TYPES, *ardupilot.TYPES)) - schema.READ.keys()
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedTick:
+    """One tick of a log.
+
+    `command` is the decision that was made. `checkpoint` is the state before the tick,
+    where the log has it; `gap` says that ticks are missing just before this one.
+    """
+
+    inputs: Inputs
+    command: RudderCommand
+    checkpoint: str | None
+    gap: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How the reading of a log went, as far as it has got.
+
+    `damaged` counts ticks that are not whole, `garbage_bytes` lie between records,
+    `tail_bytes` are an unfinished tick at the end and whatever follows it.
+    """
+
+    software: str = ""
+    ticks: int = 0
+    damaged: int = 0
+    garbage_bytes: int = 0
+    tail_bytes: int = 0
+
+
+class LogReader:
+    """An iterable of the ticks of one log; `reading` tells how it went, once the ticks have been taken."""
+
+    def __init__(self, source: Path | bytes) -> None:
+        """Read from a file, or from the bytes of one."""
+        self._source = source
+        self.reading = Reading()
+
+    def __iter__(self) -> Iterator[LoggedTick]:
+        """Yield the whole ticks in order; LogError when the file cannot be read or is of another version."""
+        if isinstance(self._source, bytes):
+            yield from self._ticks(self._source)
+            return
+        try:
+            with self._source.open("rb") as file:
+                if not file.seek(0, 2):
+                    return  # an empty file cannot be mapped
+                with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                    yield from self._ticks(data)
+        except OSError as error:
+            raise LogError(f"{error.strerror or error}: give the path of a .BIN file") from error
+
+    def _ticks(self, buffer: Buffer) -> Iterator[LoggedTick]:
+        parser = Parser(buffer)
+        scan = _Scan(buffer)
+        unfinished_from: int | None = None
+        for found, at in parser:
+            if found.name == schema.TICK.type.name:
+                unfinished_from = at
+            tick = scan.take(found, at)
+            if found.name == schema.END.name:
+                unfinished_from = None
+            self.reading = Reading(scan.software, scan.ticks, scan.damaged, parser.garbage_bytes, 0)
+            if tick is not None:
+                yield tick
+        tail_bytes = parser.tail_bytes if unfinished_from is None else len(buffer) - unfinished_from
+        self.reading = Reading(scan.software, scan.ticks, scan.damaged, parser.garbage_bytes, tail_bytes)
+
+
+def read_log(source: Path | bytes) -> Iterator[LoggedTick]:
+    """Yield the whole ticks of a log in order; LogError when it cannot be read."""
+    return iter(LogReader(source))
+
+
+class _Scan:
+    """Gathers records into ticks."""
+
+    def __init__(self, buffer: Buffer) -> None:
+        self._buffer = buffer
+        self._readers: dict[Format, RowReader] = {}
+        self._records: list[tuple[Format, int]] | None = None  # since TICK; None between ticks
+        self._crc = 0
+        self._previous: int | None = None
+        self.software = ""
+        self.ticks = 0
+        self.damaged = 0
+
+    def take(self, found: Format, at: int) -> LoggedTick | None:
+        """Take the next record; return the tick that it ends."""
+        if found.name == schema.TICK.type.name:
+            self.damaged += self._records is not None
+            self._records, self._crc = [], 0
+        if found.name == schema.END.name:
+            return self._end(found, at)
+        if self._records is None:
+            if not self.software and _is(found, ardupilot.MSG):
+                self.software = text_of(found.unpack(self._buffer, at)[1])
+        elif len(self._records) < MAX_RECORDS:
+            self._crc = zlib.crc32(self._buffer[at : at + found.length], self._crc)
+            self._records.append((found, at))
+        return None
+
+    def _end(self, found: Format, at: int) -> LoggedTick | None:
+        records, self._records = self._records, None
+        tick = None
+        if not _is(found, schema.END):
+            raise LogError("message END is of another kind: use the version of rambler that wrote the log")
+        _, sequence, crc = found.unpack(self._buffer, at)
+        head = self._buffer[at : at + found.length - schema.CRC_BYTES]
+        if records is not None and zlib.crc32(head, self._crc) == crc:
+            gap = self._previous is not None and sequence != self._previous + 1
+            tick = self._tick(records, gap=gap)
+        if tick is None:
+            self.damaged += 1
+        else:
+            self.ticks += 1
+            self._previous = sequence
+        return tick
+
+    def _tick(self, records: list[tuple[Format, int]], *, gap: bool) -> LoggedTick | None:
+        """Make the tick of its records; None when they are not what a tick is made of."""
+        got: dict[str, list[Any]] = {name: [] for name in schema.READ}
+        for found, at in records:
+            if found.name in _PASSED_OVER:
+                continue
+            if found not in self._readers:
+                self._readers[found] = RowReader(_row(found.name), found)
+            try:
+                record = self._readers[found].read(self._buffer, at)
+            except ValueError:
+                return None
+            if record is not None:
+                got[found.name].append(record)
+        ticks, headings, positions, rudder, devices, requests, commands, checkpoints = (
+            tuple(got[row.type.name])
+            for row in (
+                schema.TICK,
+                schema.HEADING,
+                schema.POSITION,
+                schema.FEEDBACK,
+                schema.DEVICE,
+                schema.REQUEST,
+                schema.CONTROL,
+                schema.CHECKPOINT,
+            )
+        )
+        if len(ticks) != 1 or len(commands) != 1:
+            return None
+        inputs = Inputs(ticks[0], headings, positions, rudder, devices, requests)
+        return LoggedTick(inputs, commands[0], checkpoints[0] if checkpoints else None, gap)
+
+
+def _row(name: str) -> Row:
+    """Return the row of a message; LogError for one that may be an input nobody knows of."""
+    row = schema.READ.get(name)
+    if row is None:
+        raise LogError(f"message {name} is not known: use the version of rambler that wrote the log")
+    return row
+
+
+def _is(found: Format, expected: MessageType) -> bool:
+    """Whether a message of a file is described as we would."""
+    return (found.name, found.values, found.labels) == (
+        expected.name,
+        expected.values,
+        tuple(expected.labels.split(",")),
+    )

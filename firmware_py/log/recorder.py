@@ -1,0 +1,149 @@
+"""The onboard log as the loop sees it: packs each tick, queues it, and never waits."""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from firmware_py.log import ardupilot, schema
+from firmware_py.log.dataflash import header
+from firmware_py.log.disk import Disk, LocalDisk
+from firmware_py.log.rows import microseconds
+from firmware_py.log.writer import LogWriter
+from firmware_py.params import ParameterError, ParameterSet
+from firmware_py.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Output, SetParameter, Tick
+
+FLUSH_S: Final = 1.0
+
+
+class LogRecorder:
+    """A ports.Recorder that writes numbered DataFlash files into a directory.
+
+    A tick that finds the queue full is dropped whole and counted, as is one whose values
+    do not fit the format. The next one that is written carries a checkpoint.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        *,
+        parameters: ParameterSet,
+        file_bytes: int,
+        keep_bytes: int,
+        utc_s: float,
+        software: str,
+        queue_batches: int = 2048,
+        queue_bytes: int = 4 << 20,
+        background: bool = True,
+        disk: Disk | None = None,
+    ) -> None:
+        """Begin; the first file is made with the first tick, and nothing is raised.
+
+        Files of file_bytes are written until all together exceed keep_bytes, whereupon
+        the oldest goes. `utc_s` is the time of the start. Without `background` the ticks
+        are written on the caller's thread whenever the queue is half full: nothing is
+        dropped, but the caller waits for the disk (lockstep runs).
+        """
+        self._file_bytes = min(file_bytes, keep_bytes // 2)
+        self._parameters = parameters
+        self._opening = ardupilot.opening(software, utc_s)
+        self._sequence = 0  # of the next tick, dropped ones counted too
+        self._dropped = 0
+        self._complaint = ""  # why the last tick was dropped, empty when it was not
+        self._opened_files = 0  # of those that the writer wanted
+        self._file_size = 0
+        self._mode: int | None = None
+        self.writer = LogWriter(
+            directory,
+            disk if disk is not None else LocalDisk(),
+            room_bytes=keep_bytes - self._file_bytes,
+            queue_batches=queue_batches,
+            queue_bytes=queue_bytes,
+            flush_s=FLUSH_S,
+        )
+        if background:
+            self.writer.start()
+
+    def offer(self, inputs: Inputs, output: Output, before: Callable[[], str]) -> None:
+        """Queue a tick without blocking, or drop and count it."""
+        sequence = self._sequence
+        self._sequence += 1
+        changed = self._follow_parameters(inputs)
+        if self.writer.full():
+            self._drop("log: the disk does not keep up")
+            return
+        wanted = self.writer.wanted_files
+        opens_file = wanted != self._opened_files or self._file_size >= self._file_bytes
+        try:
+            state = before() if opens_file or self._complaint else None
+            body = self._tick_bytes(inputs, output, state, renew_mode=opens_file) + changed
+            data = schema.ended(body, inputs.tick.t_s, sequence)
+            if opens_file:
+                data = self._file_head(inputs.tick) + data
+        except (struct.error, ValueError, TypeError, OverflowError) as error:  # data that no driver should let in
+            self._drop(f"log: a tick cannot be written: {error}"[:100])
+            return
+        self._complaint = ""
+        self._mode = output.snapshot.mode
+        self._opened_files = wanted
+        self._file_size = len(data) if opens_file else self._file_size + len(data)
+        self.writer.put(data, opens_file=opens_file)
+
+    def health(self, now_s: float) -> DeviceHealth:
+        """Whether the log is being written; `rejected` counts the ticks dropped or lost."""
+        lost = self._dropped + self.writer.lost
+        text = self._complaint or self.writer.failure
+        if not self.writer.alive():
+            text = text or "log: the writer has ended"
+        state = DeviceState.RUNNING if self.writer.proven else DeviceState.STARTING
+        return DeviceHealth(
+            now_s, DeviceRole.STORAGE, DeviceState.FAULTY if text else state, self._sequence - lost, lost, text
+        )
+
+    def close(self) -> None:
+        """Write what is queued and close the file."""
+        self.writer.close()
+
+    def _drop(self, reason: str) -> None:
+        self._dropped += 1
+        self._complaint = reason
+
+    def _follow_parameters(self, inputs: Inputs) -> bytes:
+        """Take over the parameters that the tick sets, and return their messages."""
+        changed = b""
+        for request in inputs.requests:
+            if isinstance(request.intent, SetParameter):
+                name = request.intent.name
+                with contextlib.suppress(ParameterError):
+                    self._parameters = self._parameters.replaced(name, request.intent.value)
+                    changed += ardupilot.parameter_bytes(inputs.tick.t_s, name, self._parameters[name])
+        return changed
+
+    def _file_head(self, tick: Tick) -> bytes:
+        return b"".join(
+            (
+                header((*schema.TYPES, *ardupilot.TYPES), microseconds(tick.t_s)),
+                ardupilot.parameters_bytes(tick.t_s, self._parameters),
+                ardupilot.message_bytes(tick.t_s, self._opening),
+            )
+        )
+
+    def _tick_bytes(self, inputs: Inputs, output: Output, state: str | None, *, renew_mode: bool) -> bytes:
+        tick = inputs.tick
+        t_s = tick.t_s
+        parts = [schema.TICK.pack(t_s, tick)]
+        if state is not None:
+            parts.append(schema.CHECKPOINT.pack_text(t_s, tick, state))
+        if self._complaint:
+            parts.append(schema.DROP.pack(microseconds(t_s), self._dropped))
+        parts.append(schema.inputs_bytes(inputs))
+        parts.append(schema.output_bytes(output))
+        parts += [ardupilot.position_bytes(sample) for sample in inputs.positions]
+        if renew_mode or output.snapshot.mode != self._mode:
+            parts.append(ardupilot.mode_bytes(t_s, output.snapshot.mode))
+        if output.events:
+            parts.append(ardupilot.message_bytes(t_s, output.events))
+        return b"".join(parts)

@@ -1,0 +1,138 @@
+"""Recomputes a log through the step that made it, and compares every rudder command bit by bit."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import struct
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from firmware_py.log.dataflash import LogError
+from firmware_py.log.reader import LoggedTick, LogReader, Reading
+from firmware_py.records import Inputs, Output, RudderCommand
+
+State = TypeVar("State")
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """A tick whose recomputed command is not the logged one."""
+
+    tick: int
+    t_s: float
+    logged: RudderCommand
+    recomputed: RudderCommand
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayReport:
+    """What a replay found.
+
+    `ticks` are in the log, `compared` of them could be recomputed: after a `gap` that
+    follows on no checkpoint the state is not known. `reading` tells of damage.
+    """
+
+    ticks: int
+    compared: int
+    gaps: int
+    differences: int
+    first_difference: Difference | None
+    reading: Reading
+
+    @property
+    def identical(self) -> bool:
+        """Whether every command of the log was recomputed, to the same bits."""
+        return self.differences == 0 and self.compared == self.ticks and self.reading.damaged == 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as JSON data; the bits of a command are its double in hexadecimal."""
+        first = self.first_difference
+        return {
+            "identical": self.identical,
+            "ticks": self.ticks,
+            "compared": self.compared,
+            "gaps": self.gaps,
+            "differences": self.differences,
+            "first_difference": None
+            if first is None
+            else {
+                "tick": first.tick,
+                "t_s": first.t_s,
+                "logged": _command_data(first.logged),
+                "recomputed": _command_data(first.recomputed),
+            },
+            **{field.name: getattr(self.reading, field.name) for field in dataclasses.fields(Reading)},
+        }
+
+
+def replay(
+    ticks: Iterable[LoggedTick],
+    restore: Callable[[str], State],
+    step: Callable[[State, Inputs], tuple[State, Output]],
+) -> ReplayReport:
+    """Recompute ticks from their checkpoints and compare the commands.
+
+    Raises LogError when there is no tick, no checkpoint, or one that `restore` refuses
+    with ValueError.
+    """
+    count = compared = gaps = differences = 0
+    first: Difference | None = None
+    known: tuple[State] | None = None
+    for tick in ticks:
+        count += 1
+        gaps += tick.gap
+        if tick.checkpoint is not None:
+            known = (_restored(tick.checkpoint, restore),)
+        elif tick.gap:
+            known = None
+        if known is None:
+            continue
+        state, output = step(known[0], tick.inputs)
+        known = (state,)
+        compared += 1
+        if _bits(output.command) != _bits(tick.command):
+            differences += 1
+            if first is None:
+                first = Difference(tick.inputs.tick.index, tick.inputs.tick.t_s, tick.command, output.command)
+    if count == 0:
+        raise LogError("no whole tick in it: give an onboard log (.BIN) that has run for a second or more")
+    if compared == 0:
+        raise LogError("no checkpoint in it: give the file from its first byte on, replay begins at a stored state")
+    return ReplayReport(count, compared, gaps, differences, first, Reading(ticks=count))
+
+
+def replay_log(
+    source: Path | bytes,
+    restore: Callable[[str], State],
+    step: Callable[[State, Inputs], tuple[State, Output]],
+) -> ReplayReport:
+    """Replay one log file; LogError as `replay` and when the file cannot be read, with its name."""
+    reader = LogReader(source)
+    try:
+        report = replay(reader, restore, step)
+    except LogError as error:
+        raise LogError(f"{source}: {error}" if isinstance(source, Path) else str(error)) from error
+    return dataclasses.replace(report, reading=reader.reading)
+
+
+def _restored(text: str, restore: Callable[[str], State]) -> State:
+    try:
+        return restore(text)
+    except ValueError as error:
+        raise LogError(f"checkpoint refused ({error}): use the version of rambler that wrote the log") from error
+
+
+def _bits(command: RudderCommand) -> tuple[bytes, bool]:
+    """Return what must be equal: -0.0 is not 0.0 here, and a NaN is itself."""
+    return struct.pack("<d", command.shaft_rad), command.torque_on
+
+
+def _command_data(command: RudderCommand) -> dict[str, Any]:
+    return {
+        "shaft_rad": command.shaft_rad if math.isfinite(command.shaft_rad) else None,
+        "shaft_bits": struct.pack(">d", command.shaft_rad).hex(),
+        "torque_on": command.torque_on,
+    }

@@ -1,0 +1,165 @@
+"""How a record becomes a message and a message a record, by a table of columns.
+
+An absent number is stored as NaN (no driver lets a NaN in), an absent flag as -1. A text
+follows the columns in pieces of 64 bytes, one message each.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from operator import attrgetter
+from typing import Any, Final
+
+from firmware_py.log.dataflash import TEXT_BYTES, Buffer, Format, LogError, MessageType
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One value: label, value, unit and multiplier characters, the field it holds, and how it is read."""
+
+    label: str
+    value: str
+    unit: str
+    multiplier: str
+    field: str  # dotted, as seen from the record
+    absent: float | None = None  # what stands for None, where None may be
+    read: Callable[[Any], Any] | None = None  # from the stored value, where that is not the value itself
+
+
+def real(label: str, unit: str, field: str) -> Column:
+    """A number that is always there."""
+    return Column(label, "d", unit, "0", field)
+
+
+def maybe(label: str, unit: str, field: str, read: Callable[[Any], Any] | None = None) -> Column:
+    """A number that may be absent."""
+    return Column(label, "d", unit, "0", field, math.nan, read)
+
+
+def whole(label: str, value: str, field: str, unit: str = "-") -> Column:
+    """A whole number of the given value character."""
+    return Column(label, value, unit, "-", field)
+
+
+def flag(label: str, field: str) -> Column:
+    """True or false."""
+    return Column(label, "B", "-", "-", field, None, bool)
+
+
+def maybe_flag(label: str, field: str) -> Column:
+    """True, false or absent."""
+    return Column(label, "b", "-", "-", field, -1, lambda stored: None if stored < 0 else bool(stored))
+
+
+def choice(label: str, field: str, kind: type[IntEnum], unit: str = "-") -> Column:
+    """A member of an enumeration."""
+    return Column(label, "B", unit, "-", field, None, kind)
+
+
+TIME: Final = Column("TimeUS", "Q", "s", "F", "")
+TEXT: Final = (whole("Part", "H", ""), whole("Parts", "H", ""), whole("Len", "B", ""), whole("Text", "Z", ""))
+MAX_MICROSECONDS: Final = 1e18
+
+
+def microseconds(t_s: float) -> int:
+    """Return the time as the tools want it; the exact time is a column of its own."""
+    time_us = t_s * 1e6
+    return int(time_us) if 0.0 <= time_us < MAX_MICROSECONDS else 0
+
+
+class Row:
+    """One message: columns taken from a record, perhaps with a text behind them.
+
+    `make` rebuilds the record from keyword arguments: a dataclass gets those columns that
+    are fields of it, anything else gets none; the text comes as `text`.
+    """
+
+    def __init__(
+        self, number: int, name: str, columns: Sequence[Column], make: Callable[..., Any], *, text: bool = False
+    ) -> None:
+        """Describe a message of two columns or more."""
+        stored = (TIME, *columns, *(TEXT if text else ()))
+        labels = ",".join(column.label for column in stored)
+        values, units, multipliers = (
+            "".join(getattr(column, part) for column in stored) for part in ("value", "unit", "multiplier")
+        )
+        self.type = MessageType(number, name, labels, values, units, multipliers)
+        self.make = make
+        self.text = text
+        kind: Any = make
+        fields = {field.name for field in dataclasses.fields(kind)} if dataclasses.is_dataclass(make) else set()
+        self.kept = tuple((name, column) for column in columns if (name := column.field.rpartition(".")[2]) in fields)
+        self._values = attrgetter(*(column.field for column in columns))
+        self._absent = tuple(column.absent for column in columns)
+        self._complete = all(absent is None for absent in self._absent)
+
+    def pack(self, t_s: float, record: object) -> bytes:
+        """Return the message of a record; struct.error for a value that does not fit."""
+        return self.type.pack(microseconds(t_s), *self._columns(record))
+
+    def pack_text(self, t_s: float, record: object, text: str) -> bytes:
+        """Return the messages of a record and a text; struct.error for one above 4 MB."""
+        data = text.encode("utf-8", "surrogatepass")
+        pieces = [data[start : start + TEXT_BYTES] for start in range(0, len(data), TEXT_BYTES)] or [b""]
+        lead, pack = (microseconds(t_s), *self._columns(record)), self.type.pack
+        return b"".join(pack(*lead, part, len(pieces), len(piece), piece) for part, piece in enumerate(pieces))
+
+    def _columns(self, record: object) -> Sequence[Any]:
+        values: tuple[Any, ...] = self._values(record)
+        if self._complete:
+            return values
+        return [absent if value is None else value for value, absent in zip(values, self._absent, strict=True)]
+
+
+class RowReader:
+    """Makes records of the messages of one row in one file."""
+
+    __slots__ = ("_columns", "_make", "_pieces", "_text", "_unpack")
+
+    def __init__(self, row: Row, found: Format) -> None:
+        """Find the columns of the row among those of the file by label; LogError when some are not as expected."""
+        wanted = [column for _, column in row.kept] + [column for column in TEXT if row.text]
+        stored = set(zip(found.labels, found.values, strict=True))
+        missing = [column.label for column in wanted if (column.label, column.value) not in stored]
+        if missing:
+            lacking = f"message {found.name} has no column {', '.join(missing)} of the kind expected"
+            raise LogError(f"{lacking}: use the version of rambler that wrote the log")
+        self._make = row.make
+        self._unpack = found.unpack
+        self._columns = [(name, found.labels.index(c.label), c.absent is not None, c.read) for name, c in row.kept]
+        self._text = [found.labels.index(column.label) for column in TEXT if row.text]
+        self._pieces: list[bytes] = []
+
+    def read(self, buffer: Buffer, at: int) -> Any:
+        """Return the record at an offset, None while its text goes on; ValueError for what cannot be one."""
+        values = self._unpack(buffer, at)
+        fields: dict[str, Any] = {}
+        for name, place, optional, read in self._columns:
+            value = values[place]
+            if optional and value != value:  # noqa: PLR0124 -- only NaN differs from itself
+                value = None
+            elif read is not None:
+                value = read(value)
+            fields[name] = value
+        if self._text:
+            text = self._joined(*(values[place] for place in self._text))
+            if text is None:
+                return None
+            fields["text"] = text
+        return self._make(**fields)
+
+    def _joined(self, part: int, parts: int, length: int, piece: bytes) -> str | None:
+        if part == 0:
+            self._pieces.clear()
+        if part != len(self._pieces) or part >= parts or length > len(piece):
+            raise ValueError("a part of a text is missing")
+        self._pieces.append(piece[:length])
+        if part + 1 < parts:
+            return None
+        text = b"".join(self._pieces).decode("utf-8", "surrogatepass")
+        self._pieces.clear()
+        return text

@@ -1,0 +1,190 @@
+"""What is logged: one row a message, one column a field.
+
+A tick is a run of records from TICK to END. Between them stand, at a checkpoint, the
+state before the tick (CHK) and the ticks lost so far (DROP); all inputs (HDG, FIX, RFB,
+DEV, REQ); the decision (CTL); and, for reading along only, NAV and the messages of
+ardupilot.py. END has the number of the tick, which shows missing ones, and a checksum over
+all since TICK, which shows damage.
+
+Inputs and decisions are doubles, in SI units and radians; T is the exact time that
+TimeUS, the column of the tools, is rounded from.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from typing import Any, Final
+
+from firmware_py.log.dataflash import MessageType
+from firmware_py.log.rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
+from firmware_py.plain import Codec
+from firmware_py.records import (
+    DeviceHealth,
+    DeviceRole,
+    DeviceState,
+    FixType,
+    HeadingSample,
+    Inputs,
+    NorthReference,
+    Output,
+    PositionSample,
+    Request,
+    RudderCommand,
+    RudderFeedback,
+    Tick,
+)
+
+_REQUESTS: Final = Codec((Request,))
+
+
+def _text(text: str) -> str:
+    return text
+
+
+def _request(text: str) -> Any:
+    return _REQUESTS.from_text(text)
+
+
+def _not_read() -> None:
+    return None
+
+
+TICK: Final = Row(
+    140,
+    "TICK",
+    (
+        whole("Tick", "Q", "index"),
+        real("T", "s", "t_s"),
+        real("Late", "s", "late_s"),
+        whole("Skip", "Q", "skipped"),
+        real("Rate", "z", "rate_hz"),
+    ),
+    Tick,
+)
+CHECKPOINT: Final = Row(141, "CHK", (whole("Tick", "Q", "index"), real("T", "s", "t_s")), _text, text=True)
+HEADING: Final = Row(
+    142,
+    "HDG",
+    (
+        whole("I", "B", "source", "#"),
+        real("T", "s", "t_s"),
+        real("Hdg", "r", "heading_rad"),
+        choice("Ref", "reference", NorthReference),
+        maybe("Var", "r", "variation_rad"),
+        maybe("YawR", "E", "yaw_rate_rad_s"),
+        maybe("Roll", "r", "roll_rad"),
+        maybe("Pitch", "r", "pitch_rad"),
+        maybe("Temp", "O", "temperature_c"),
+    ),
+    HeadingSample,
+)
+POSITION: Final = Row(
+    143,
+    "FIX",
+    (
+        real("T", "s", "t_s"),
+        choice("Fix", "fix", FixType),
+        maybe("LatR", "r", "latitude_rad"),
+        maybe("LngR", "r", "longitude_rad"),
+        maybe("Alt", "m", "altitude_m"),
+        maybe("Sog", "n", "speed_over_ground_m_s"),
+        maybe("Cog", "r", "course_over_ground_rad"),
+        maybe("NSat", "S", "satellites", int),
+        maybe("HDop", "-", "hdop"),
+        maybe("Utc", "s", "utc_s"),
+    ),
+    PositionSample,
+)
+FEEDBACK: Final = Row(
+    144,
+    "RFB",
+    (
+        real("T", "s", "t_s"),
+        maybe("Shaft", "r", "shaft_rad"),
+        maybe("Temp", "O", "temperature_c"),
+        maybe("Volt", "v", "voltage_v"),
+        maybe("Curr", "A", "current_a"),
+        whole("Err", "I", "hardware_error"),
+        maybe_flag("Torq", "torque_on"),
+    ),
+    RudderFeedback,
+)
+DEVICE: Final = Row(
+    145,
+    "DEV",
+    (
+        choice("I", "role", DeviceRole, "#"),
+        real("T", "s", "t_s"),
+        choice("State", "state", DeviceState),
+        whole("Good", "Q", "accepted"),
+        whole("Bad", "Q", "rejected"),
+    ),
+    DeviceHealth,
+    text=True,
+)
+REQUEST: Final = Row(146, "REQ", (whole("Sys", "B", "system"), whole("Comp", "B", "component")), _request, text=True)
+CONTROL: Final = Row(
+    147,
+    "CTL",
+    (
+        real("Shaft", "r", "command.shaft_rad"),
+        flag("Torq", "command.torque_on"),
+        whole("Mode", "B", "snapshot.mode"),
+        flag("Arm", "snapshot.armed"),
+        whole("Flt", "I", "snapshot.faults"),
+        real("RudC", "r", "snapshot.rudder_command_rad"),
+        maybe("Rud", "r", "snapshot.rudder_rad"),
+        flag("RudOk", "snapshot.rudder_ok"),
+        whole("Skips", "Q", "snapshot.skipped_total"),
+    ),
+    RudderCommand,
+)
+NAVIGATION: Final = Row(
+    148,
+    "NAV",
+    (
+        maybe("Hdg", "r", "heading_rad"),
+        flag("HdgOk", "heading_ok"),
+        maybe("YawR", "E", "yaw_rate_rad_s"),
+        maybe("Roll", "r", "roll_rad"),
+        maybe("Pitch", "r", "pitch_rad"),
+        maybe("Goal", "r", "goal_heading_rad"),
+        maybe("Err", "r", "heading_error_rad"),
+        maybe("Brg", "r", "bearing_rad"),
+        maybe("Dist", "m", "distance_m"),
+        flag("PosOk", "position_ok"),
+    ),
+    _not_read,
+)
+DROP: Final = MessageType(149, "DROP", "TimeUS,Lost", "QQ", "s-", "F-")
+END: Final = MessageType(150, "END", "TimeUS,Seq,Crc", "QQI", "s--", "F--")
+CRC_BYTES: Final = 4
+
+# The rows that a reader makes records of, by message name.
+READ: Final[Mapping[str, Row]] = {
+    row.type.name: row for row in (TICK, CHECKPOINT, HEADING, POSITION, FEEDBACK, DEVICE, REQUEST, CONTROL)
+}
+TYPES: Final = (*(row.type for row in READ.values()), NAVIGATION.type, DROP, END)
+
+
+def inputs_bytes(inputs: Inputs) -> bytes:
+    """Return the messages of all inputs but the tick; struct.error or ValueError for what does not fit."""
+    parts = [HEADING.pack(sample.t_s, sample) for sample in inputs.headings]
+    parts += [POSITION.pack(sample.t_s, sample) for sample in inputs.positions]
+    parts += [FEEDBACK.pack(sample.t_s, sample) for sample in inputs.rudder]
+    parts += [DEVICE.pack_text(health.t_s, health, health.text) for health in inputs.devices]
+    parts += [REQUEST.pack_text(one.t_s, one, _REQUESTS.to_text(one)) for one in inputs.requests]
+    return b"".join(parts)
+
+
+def output_bytes(output: Output) -> bytes:
+    """Return the messages of a decision."""
+    t_s = output.snapshot.t_s
+    return CONTROL.pack(t_s, output) + NAVIGATION.pack(t_s, output.snapshot)
+
+
+def ended(batch: bytes, t_s: float, sequence: int) -> bytes:
+    """Return the records of a tick, closed by its number and the checksum over all before it."""
+    data = batch + END.pack(microseconds(t_s), sequence, 0)[:-CRC_BYTES]
+    return data + zlib.crc32(data).to_bytes(CRC_BYTES, "little")

@@ -1,0 +1,201 @@
+"""The background writer: a bounded queue on one side, the disk on the other.
+
+The loop's thread only appends to a deque and compares counters, and each counter has
+one thread that changes it, so neither waits for the other: no lock is shared while the
+queue is less than half full. The writer's thread wakes every second, takes all there
+is, and spends its time in write and fdatasync, which release the interpreter. At most
+that second is lost in a power cut.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import deque
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from firmware_py.log.disk import Disk
+
+CHUNK_BYTES: Final = 1 << 18  # written at once, and so the most that is held beside the queue
+CLOSE_WAIT_S: Final = 10.0
+
+
+class Batch(NamedTuple):
+    """The bytes of one tick; `opens_file`: they are the beginning of a new file."""
+
+    data: bytes
+    opens_file: bool
+
+
+class LogWriter:
+    """Appends batches to numbered files; after an error it wants a new file begun.
+
+    `wanted_files` counts how often a new file is needed to go on: one at the start, one
+    after every error. Batches are lost and counted until one that opens a file comes.
+    """
+
+    def __init__(
+        self, directory: Path, disk: Disk, *, room_bytes: int, queue_batches: int, queue_bytes: int, flush_s: float
+    ) -> None:
+        """Write into directory, whose older files are removed beyond room_bytes."""
+        self._directory = directory
+        self._disk = disk
+        self._room_bytes = room_bytes
+        self._queue_batches = queue_batches
+        self._queue_bytes = queue_bytes
+        self._flush_s = flush_s
+        self._queue: deque[Batch] = deque()
+        self._put_bytes = 0  # changed by the loop's thread only
+        self._taken_bytes = 0  # this and all below by the writer's thread only
+        self._file: tuple[int, Path] | None = None
+        self._file_batches = 0
+        self._unsynced = 0
+        self.wanted_files = 1
+        self.lost = 0
+        self.failure = ""
+        self.proven = False  # something has reached the medium
+        self._closing = False
+        self._wake = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    # ------------------------------------------------------------- the loop's side
+
+    def full(self) -> bool:
+        """Whether the next batch must be dropped."""
+        waiting_bytes = self._put_bytes - self._taken_bytes
+        return len(self._queue) >= self._queue_batches or waiting_bytes >= self._queue_bytes
+
+    def put(self, data: bytes, *, opens_file: bool) -> None:
+        """Queue a batch, whatever its size; ask `full` before."""
+        self._queue.append(Batch(data, opens_file))
+        self._put_bytes += len(data)
+        busy = (
+            2 * len(self._queue) > self._queue_batches or 2 * (self._put_bytes - self._taken_bytes) > self._queue_bytes
+        )
+        if busy and self._thread is None:
+            self.drain()
+        elif busy and not self._wake.is_set():
+            self._wake.set()
+
+    def start(self) -> None:
+        """Write on a thread of its own from now on."""
+        self._thread = threading.Thread(target=self._run, name="log", daemon=True)
+        self._thread.start()
+
+    def alive(self) -> bool:
+        """Whether the thread is there as it should be."""
+        return self._thread is None or self._closing or self._thread.is_alive()
+
+    def close(self) -> None:
+        """Write what is queued and close the file; gives up on a disk that hangs."""
+        self._closing = True
+        if self._thread is None:
+            self._finish()
+        else:
+            self._wake.set()
+            self._thread.join(CLOSE_WAIT_S)
+
+    # ----------------------------------------------------------- the writer's side
+
+    def _run(self) -> None:
+        while not self._closing:
+            self._wake.wait(self._flush_s)
+            self._wake.clear()
+            self.drain()
+        self._finish()
+
+    def _finish(self) -> None:
+        self.drain()
+        self._end_file()
+
+    def drain(self) -> None:
+        """Write and sync what is in the queue now; errors are counted, not raised."""
+        chunk: list[bytes] = []
+        chunk_bytes = 0
+        for _ in range(len(self._queue)):
+            batch = self._queue.popleft()
+            self._taken_bytes += len(batch.data)
+            if batch.opens_file or chunk_bytes >= CHUNK_BYTES:
+                self._write(chunk)
+                chunk, chunk_bytes = [], 0
+            if batch.opens_file:
+                self._end_file()
+                self._begin_file()
+            chunk.append(batch.data)
+            chunk_bytes += len(batch.data)
+        self._write(chunk)
+        self._sync()
+
+    def _begin_file(self) -> None:
+        try:
+            self._disk.prune(self._directory, self._room_bytes)
+            self._file = self._disk.create(self._directory)
+        except OSError as error:
+            self._fail(error)
+        self._file_batches = 0
+
+    def _write(self, chunk: list[bytes]) -> None:
+        if not chunk:
+            return
+        if self._file is None:
+            self.lost += len(chunk)
+            return
+        data = memoryview(b"".join(chunk))
+        written = 0
+        try:
+            while written < len(data):
+                written += self._disk.write(self._file[0], data[written:])
+        except OSError as error:
+            whole = _whole_batches(chunk, written)
+            self._file_batches += whole
+            self.lost += len(chunk) - whole
+            self._fail(error)
+            return
+        self._file_batches += len(chunk)
+        self._unsynced += len(chunk)
+
+    def _sync(self) -> None:
+        if self._file is None or self._unsynced == 0:
+            return
+        try:
+            self._disk.sync(self._file[0])
+        except OSError as error:
+            self.lost += self._unsynced
+            self._fail(error)
+            return
+        self._unsynced = 0
+        self.proven = True
+        self.failure = ""
+
+    def _end_file(self) -> None:
+        self._sync()
+        if self._file is not None:
+            with contextlib.suppress(OSError):
+                self._disk.close(self._file[0])
+            self._file = None
+
+    def _fail(self, error: OSError) -> None:
+        """Leave the file as it is, and ask for a new one; one that holds no tick is removed again."""
+        self.failure = f"log: {error.strerror or error}"
+        self._unsynced = 0
+        if self._file is not None:
+            descriptor, path = self._file
+            self._file = None
+            with contextlib.suppress(OSError):
+                self._disk.close(descriptor)
+            if self._file_batches == 0:
+                with contextlib.suppress(OSError):
+                    self._disk.remove(path)
+        self.wanted_files += 1
+
+
+def _whole_batches(chunk: list[bytes], written: int) -> int:
+    """Count the batches that lie within the first bytes written."""
+    count = 0
+    for data in chunk:
+        written -= len(data)
+        if written < 0:
+            break
+        count += 1
+    return count
