@@ -1,0 +1,1 @@
+"""Byte-level device emulators, written from the makers' protocols and not from the drivers."""

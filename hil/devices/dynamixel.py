@@ -1,0 +1,275 @@
+"""A Robotis Dynamixel XW540-T260 on a half-duplex line: packets, control table, protections.
+
+Position modes (3, 4, 5) move the shaft; the others accept their goals and hold still.
+Profile velocity and acceleration are stored only: the slew is the shaft's. Where the
+e-Manual is silent, the choice is said at the place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from hil.devices.dynamixel_frame import (
+    ALERT,
+    BROADCAST_ID,
+    Fault,
+    Instruction,
+    Packet,
+    PacketReader,
+    status_packet,
+)
+from hil.devices.dynamixel_motor import MotorMonitor
+from hil.devices.dynamixel_table import BAUD_RATES, Address, ControlTable, Register
+from hil.devices.emulator import Shaft
+from hil.devices.timing import Transmitter, transfer_s
+
+_DELAY_UNIT_S = 2e-6
+_WATCHDOG_UNIT_S = 0.020
+_TRIPPED = 0xFF  # the register reads -1
+_GOALS = (Address.GOAL_PWM, Address.GOAL_CURRENT, Address.GOAL_VELOCITY, Address.GOAL_POSITION)
+
+# What an instruction gives: an error number and parameters to answer with, or None for silence.
+_Result = tuple[Fault, bytes] | None
+
+
+class DynamixelEmulator:
+    """An XW540-T260 that turns a shaft.
+
+    With `collisions`, an instruction that arrives while a reply is on the wire loses
+    both, as two talkers on RS-485 do. `motor.voltage_v` and `motor.temperature_c` may
+    be set at any time; beyond the limits of the control table they raise the hardware
+    error that a real one raises. A motor that stalls for `overload_s` shuts down.
+    """
+
+    def __init__(
+        self,
+        shaft: Shaft,
+        rng: np.random.Generator,
+        *,
+        device_id: int = 1,
+        baud: int = 57_600,
+        return_delay: int = 250,
+        collisions: bool = False,
+        overload_s: float = 3.0,
+        boot_s: float = 0.5,
+    ) -> None:
+        """Start powered, torque off; ValueError for an id, baud rate or delay that it cannot have."""
+        if not (0 <= device_id <= 252 and baud in BAUD_RATES and 0 <= return_delay <= 254):
+            raise ValueError(f"id {device_id}, {baud} baud, return delay {return_delay}: out of range")
+        self.collision_count = 0
+        self._collisions = collisions
+        self._boot_s = boot_s
+        self._table = ControlTable()
+        self._table[Address.ID] = device_id
+        self._table[Address.BAUD_RATE] = BAUD_RATES.index(baud)
+        self._table[Address.RETURN_DELAY] = return_delay
+        self.motor = MotorMonitor(shaft, rng, self._table, overload_s=overload_s)
+        self._reader = PacketReader()
+        self._line = Transmitter(baud)
+        self._registered: list[tuple[Register, int]] = []
+        self._ready_s = -math.inf
+        self._heard_s = -math.inf
+        self._executors: dict[int, Callable[[float, Packet], _Result]] = {
+            Instruction.PING: self._ping,
+            Instruction.READ: self._read,
+            Instruction.WRITE: self._write,
+            Instruction.REG_WRITE: self._reg_write,
+            Instruction.ACTION: self._action,
+            Instruction.REBOOT: self._reboot,
+            Instruction.SYNC_READ: self._sync_read,
+            Instruction.SYNC_WRITE: self._sync_write,
+        }
+        self._restart_ram()
+
+    def receive(self, now_s: float, data: bytes) -> None:
+        """Take instruction packets and act on them."""
+        self._protect(now_s)
+        if now_s < self._ready_s or not data:
+            return
+        begin_s = now_s - transfer_s(len(data), self._line.baud)
+        if self._collisions and self._line.occupies(begin_s, now_s):
+            self._line.clear()
+            self._reader.clear()
+            self.collision_count += 1
+            return
+        for packet in self._reader.feed(now_s, data):
+            if now_s >= self._ready_s:
+                self._handle(now_s, packet)
+
+    def next_output_s(self) -> float:
+        """When the next reply is complete or the bus watchdog would trip."""
+        return min(self._line.next_s(), self._watchdog_s())
+
+    def take_output(self, now_s: float) -> bytes:
+        """Look after the protections and return the replies that are complete."""
+        self._protect(now_s)
+        return self._line.take(now_s)
+
+    def power_cycle(self, now_s: float, off_s: float = 1.0) -> None:
+        """Cut the power for off_s (infinity: until the next call); the EEPROM area survives."""
+        self._line.clear()
+        self._reader.clear()
+        self._restart_ram()
+        self._ready_s = now_s + off_s + self._boot_s
+
+    def inject_error(self, bits: int) -> None:
+        """Raise bits of the hardware error status, as a fault inside the servo would."""
+        self.motor.raise_error(bits)
+
+    # ------------------------------------------------------------------ packets
+
+    def _handle(self, now_s: float, packet: Packet) -> None:
+        speaker = self._table[Address.ID]  # a new id holds from the reply to the write that changed it
+        own = packet.device_id == speaker
+        broadcast = packet.device_id == BROADCAST_ID
+        if packet.instruction == Instruction.STATUS:
+            return
+        if not packet.intact:
+            if own:
+                self._reply(now_s, speaker, Fault.CRC)
+            return
+        self._heard_s = now_s
+        if not (own or broadcast):
+            return
+        execute = self._executors.get(packet.instruction)
+        result = (Fault.INSTRUCTION, b"") if execute is None else execute(now_s, packet)
+        level = self._table[Address.STATUS_RETURN_LEVEL]
+        needed = _LEVELS.get(packet.instruction, 2)
+        if result is not None and level >= needed and (own or packet.instruction in _ANSWERED_BROADCASTS):
+            self._reply(now_s, speaker, *result)
+        if packet.instruction == Instruction.REBOOT:
+            self._restart_ram()
+            self._ready_s = max(now_s, self._line.last_s()) + self._boot_s
+
+    def _reply(self, now_s: float, speaker: int, fault: Fault, parameters: bytes = b"") -> None:
+        error = fault | (ALERT if self._table[Address.HARDWARE_ERROR] else 0)
+        delay_s = self._table[Address.RETURN_DELAY] * _DELAY_UNIT_S
+        self._line.send(now_s + delay_s, status_packet(speaker, error, parameters))
+        # A new baud rate holds from the next packet on.
+        self._line.baud = BAUD_RATES[self._table[Address.BAUD_RATE]]
+
+    def _ping(self, _now_s: float, _packet: Packet) -> _Result:
+        return Fault.NONE, self._read_table(Address.MODEL, 2) + self._read_table(Address.FIRMWARE, 1)
+
+    def _read(self, now_s: float, packet: Packet) -> _Result:
+        if len(packet.parameters) != 4:
+            return Fault.LENGTH, b""
+        self.motor.measure(now_s)
+        address, count = _words(packet.parameters)
+        data = self._table.read(address, count)
+        return (Fault.ACCESS, b"") if data is None else (Fault.NONE, data)
+
+    def _write(self, now_s: float, packet: Packet) -> _Result:
+        return self._store(now_s, packet.parameters[:2], packet.parameters[2:]), b""
+
+    def _reg_write(self, _now_s: float, packet: Packet) -> _Result:
+        parts = self._accept(packet.parameters[:2], packet.parameters[2:])
+        if isinstance(parts, Fault):
+            return parts, b""
+        self._registered = parts
+        self._table[Address.REGISTERED] = 1
+        return Fault.NONE, b""
+
+    def _action(self, now_s: float, _packet: Packet) -> _Result:
+        if not self._registered:
+            return Fault.INSTRUCTION, b""
+        parts, self._registered = self._registered, []
+        self._table[Address.REGISTERED] = 0
+        # The registers may have changed since the write was registered, so it is judged again.
+        fault = next((fault for row, value in parts if (fault := self._judge(row, value))), Fault.NONE)
+        if not fault:
+            self._apply(now_s, parts)
+        return fault, b""
+
+    def _reboot(self, _now_s: float, _packet: Packet) -> _Result:
+        return Fault.NONE, b""
+
+    def _sync_read(self, now_s: float, packet: Packet) -> _Result:
+        """Answer when named; the servo is alone on its line, so it waits for nobody before it."""
+        if packet.device_id != BROADCAST_ID or self._table[Address.ID] not in packet.parameters[4:]:
+            return None
+        return self._read(now_s, Packet(packet.device_id, Instruction.READ, packet.parameters[:4]))
+
+    def _sync_write(self, now_s: float, packet: Packet) -> _Result:
+        if packet.device_id != BROADCAST_ID or len(packet.parameters) < 4:
+            return None
+        _, count = _words(packet.parameters)
+        blocks = packet.parameters[4:]
+        for start in range(0, len(blocks) - count, count + 1):
+            if blocks[start] == self._table[Address.ID]:
+                self._store(now_s, packet.parameters[:2], blocks[start + 1 : start + 1 + count])
+        return None
+
+    # ------------------------------------------------------------------ registers
+
+    def _read_table(self, address: int, count: int) -> bytes:
+        return self._table.read(address, count) or b""
+
+    def _store(self, now_s: float, address: bytes, data: bytes) -> Fault:
+        parts = self._accept(address, data)
+        if isinstance(parts, Fault):
+            return parts
+        self._apply(now_s, parts)
+        return Fault.NONE
+
+    def _accept(self, address: bytes, data: bytes) -> list[tuple[Register, int]] | Fault:
+        """Judge a write as a whole: one wrong register and none of it is done."""
+        if len(address) < 2:
+            return Fault.LENGTH
+        parts = self._table.parse(int.from_bytes(address, "little"), data)
+        if isinstance(parts, Fault):
+            return parts
+        return next((fault for row, value in parts if (fault := self._judge(row, value))), parts)
+
+    def _judge(self, row: Register, value: int) -> Fault:
+        tripped = self._table[Address.BUS_WATCHDOG] == _TRIPPED
+        if tripped and (row.address in _GOALS or (row.address == Address.BUS_WATCHDOG and value != 0)):
+            return Fault.RANGE
+        if row.address == Address.TORQUE and value == 1 and self.motor.is_shut_down():
+            return Fault.RESULT_FAIL  # the e-Manual says only that REBOOT alone brings torque back
+        return self._table.judge(row, value)
+
+    def _apply(self, now_s: float, parts: list[tuple[Register, int]]) -> None:
+        for row, value in parts:
+            before = self._table[row.address]
+            self._table[row.address] = value
+            if row.address == Address.TORQUE and value != before:
+                self.motor.set_torque(now_s, on=bool(value))
+            elif row.address == Address.GOAL_POSITION:
+                self.motor.go()
+
+    def _restart_ram(self) -> None:
+        self._table.reset_ram()
+        self._registered = []
+        self.motor.restart()
+
+    # ------------------------------------------------------------------ protections
+
+    def _watchdog_s(self) -> float:
+        """When the bus watchdog trips unless an instruction comes."""
+        units = self._table[Address.BUS_WATCHDOG]
+        if not self._table[Address.TORQUE] or units in (0, _TRIPPED):
+            return math.inf
+        return self._heard_s + units * _WATCHDOG_UNIT_S
+
+    def _protect(self, now_s: float) -> None:
+        if now_s < self._ready_s:
+            return
+        if now_s >= self._watchdog_s():
+            self._table[Address.BUS_WATCHDOG] = _TRIPPED
+            self._table[Address.PROFILE_ACCELERATION] = 0
+            self._table[Address.PROFILE_VELOCITY] = 0
+            self.motor.stop()
+        self.motor.observe(now_s)
+
+
+_LEVELS: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1, Instruction.SYNC_READ: 1}
+_ANSWERED_BROADCASTS = (Instruction.PING, Instruction.SYNC_READ)
+
+
+def _words(parameters: bytes) -> tuple[int, int]:
+    """Return the first two little-endian words."""
+    return int.from_bytes(parameters[:2], "little"), int.from_bytes(parameters[2:4], "little")

@@ -1,0 +1,149 @@
+"""What a Dynamixel measures of its shaft, and when it shuts itself down."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hil.devices.dynamixel_table import Address, ControlTable
+from hil.devices.emulator import Shaft
+
+_COUNTS_PER_RADIAN = 4096 / math.tau
+_CENTRE = 2048
+_LARGEST_OFFSET = 1024  # in position mode a larger homing offset is ignored
+_POSITION_MODES = (3, 4, 5)
+_REVERSE = 0x01  # drive mode
+_VOLTAGE_ERROR, _OVERHEATING, _OVERLOAD = 0x01, 0x04, 0x20
+_CURRENT_UNIT_A = 0.00269
+_VELOCITY_UNIT_RAD_S = 0.229 * math.tau / 60.0
+_HOLDING_A, _MOVING_A, _STALL_A = 0.015, 0.25, 4.9  # stall at 12 V: XW540-T260 specification
+_CURRENT_NOISE_A, _VOLTAGE_NOISE_V = 0.005, 0.02
+_IN_POSITION_COUNTS = 20  # nearer than this is "arrived", which a stall is not
+_SHORTEST_LOOK_S = 1e-3  # a shorter look would not tell motion from standstill
+_STILL_RAD = 1e-7
+
+
+class MotorMonitor:
+    """The measuring half of the servo: fills the present registers and raises hardware errors."""
+
+    def __init__(self, shaft: Shaft, rng: np.random.Generator, table: ControlTable, *, overload_s: float) -> None:
+        """Watch a shaft through a control table."""
+        self.voltage_v = 12.0
+        self.temperature_c = 25.0
+        self._shaft = shaft
+        self._rng = rng
+        self._table = table
+        self._overload_s = overload_s
+        self._seen_s = -math.inf
+        self._seen_rad = shaft.angle_rad()
+        self._velocity_rad_s = 0.0
+        self._stalled_s: float | None = None  # since when the motor has pulled without moving
+
+    def restart(self) -> None:
+        """Forget the past, as after power on: released, no errors, the goal where the shaft is."""
+        self._shaft.set_torque(on=False)
+        self._table[Address.GOAL_POSITION] = self.counts()
+        self._seen_s, self._seen_rad = -math.inf, self._shaft.angle_rad()
+        self._velocity_rad_s = 0.0
+        self._stalled_s = None
+
+    def is_shut_down(self) -> bool:
+        """Whether an error that the Shutdown register names has cut the torque."""
+        return bool(self._table[Address.HARDWARE_ERROR] & self._table[Address.SHUTDOWN])
+
+    def raise_error(self, bits: int) -> None:
+        """Latch hardware errors until a restart, and cut the torque for those that shut down."""
+        self._table[Address.HARDWARE_ERROR] |= bits & 0x3F
+        if self.is_shut_down():
+            self._table[Address.TORQUE] = 0
+            self._shaft.set_torque(on=False)
+
+    def set_torque(self, now_s: float, *, on: bool) -> None:
+        """Engage or release; an X-series servo takes its present position as goal when engaged."""
+        if on:
+            self.stop()
+        self._shaft.set_torque(on=on)
+        self._stalled_s = None
+        self._seen_s, self._seen_rad = now_s, self._shaft.angle_rad()
+
+    def stop(self) -> None:
+        """Hold the shaft where it is, and call that the goal."""
+        self._table[Address.GOAL_POSITION] = self.counts()
+        self._shaft.set_target(self._shaft.angle_rad())
+
+    def go(self) -> None:
+        """Move to the goal position, when in a position mode with torque on."""
+        if self._table[Address.TORQUE] and self._table[Address.OPERATING_MODE] in _POSITION_MODES:
+            counts = self._table[Address.GOAL_POSITION] - self._offset() - _CENTRE
+            self._shaft.set_target(self._sign() * counts / _COUNTS_PER_RADIAN)
+
+    def counts(self) -> int:
+        """The present position as the encoder resolves it."""
+        return round(self._sign() * self._shaft.angle_rad() * _COUNTS_PER_RADIAN) + _CENTRE + self._offset()
+
+    def observe(self, now_s: float) -> None:
+        """Follow the motion since the last look and raise the errors that are due."""
+        angle_rad = self._shaft.angle_rad()
+        if now_s - self._seen_s >= _SHORTEST_LOOK_S:
+            moved_rad = angle_rad - self._seen_rad
+            elapsed_s = now_s - self._seen_s
+            self._velocity_rad_s = moved_rad / elapsed_s if math.isfinite(elapsed_s) else 0.0
+            stalled = self._pulls() and abs(moved_rad) < _STILL_RAD
+            if not stalled:
+                self._stalled_s = None
+            elif self._stalled_s is None:
+                self._stalled_s = now_s
+            self._seen_s, self._seen_rad = now_s, angle_rad
+        errors = 0
+        if self._stalled_s is not None and now_s - self._stalled_s >= self._overload_s:
+            errors |= _OVERLOAD
+        if self.temperature_c > self._table[Address.TEMPERATURE_LIMIT]:
+            errors |= _OVERHEATING
+        if not self._table[Address.MIN_VOLTAGE] <= self.voltage_v * 10.0 <= self._table[Address.MAX_VOLTAGE]:
+            errors |= _VOLTAGE_ERROR
+        if errors:
+            self.raise_error(errors)
+
+    def measure(self, now_s: float) -> None:
+        """Fill the present registers."""
+        table = self._table
+        velocity = round(self._sign() * self._velocity_rad_s / _VELOCITY_UNIT_RAD_S)
+        moving = abs(velocity) > table[Address.MOVING_THRESHOLD]
+        current_a = self._current_a(moving=moving) + self._rng.normal(0.0, _CURRENT_NOISE_A)
+        voltage_v = self.voltage_v + self._rng.normal(0.0, _VOLTAGE_NOISE_V)
+        table[Address.REALTIME_TICK] = int(now_s * 1000.0) % 32_768
+        table[Address.MOVING] = int(moving)
+        table[Address.MOVING_STATUS] = int(abs(self._way()) <= _IN_POSITION_COUNTS)
+        table[Address.PRESENT_CURRENT] = round(current_a / _CURRENT_UNIT_A)
+        table[Address.PRESENT_VELOCITY] = velocity
+        table[Address.PRESENT_POSITION] = self.counts()
+        table[Address.PRESENT_VOLTAGE] = max(0, round(voltage_v * 10.0))
+        table[Address.PRESENT_TEMPERATURE] = round(min(max(self.temperature_c, 0.0), 255.0))
+
+    def _current_a(self, *, moving: bool) -> float:
+        if not self._table[Address.TORQUE]:
+            return 0.0
+        if moving:
+            return math.copysign(_MOVING_A, self._way())
+        if self._stalled_s is None:
+            return _HOLDING_A
+        limit_a = self._table[Address.CURRENT_LIMIT] * _CURRENT_UNIT_A
+        return math.copysign(min(_STALL_A, limit_a), self._way())
+
+    def _pulls(self) -> bool:
+        """Whether the motor works against something: engaged, told to move, and not there."""
+        engaged = self._table[Address.TORQUE] and self._table[Address.OPERATING_MODE] in _POSITION_MODES
+        tripped = self._table[Address.BUS_WATCHDOG] == 0xFF
+        return bool(engaged) and not tripped and abs(self._way()) > _IN_POSITION_COUNTS
+
+    def _way(self) -> int:
+        return self._table[Address.GOAL_POSITION] - self.counts()
+
+    def _sign(self) -> int:
+        return -1 if self._table[Address.DRIVE_MODE] & _REVERSE else 1
+
+    def _offset(self) -> int:
+        offset = self._table[Address.HOMING_OFFSET]
+        ignored = self._table[Address.OPERATING_MODE] == 3 and abs(offset) > _LARGEST_OFFSET
+        return 0 if ignored else offset

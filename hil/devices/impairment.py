@@ -1,0 +1,92 @@
+"""A bad cable, a dying device: a wrapper that spoils the bytes of any emulator."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hil.devices.emulator import Emulator
+
+_LONGEST_GARBAGE = 16
+
+Span = tuple[float, float]
+
+
+class Impaired:
+    """An emulator behind a line that loses, changes, doubles and invents bytes.
+
+    `drop`, `flip` (one bit) and `duplicate` are probabilities per byte, in both
+    directions; `garbage` is the probability per message of 1 to 16 random bytes in
+    front of it. `silent` mutes the device, `deaf` keeps commands from it, `frozen`
+    makes it repeat its last message at its own pace. All may be changed at any time;
+    the spans (from, until, in seconds) do the same by the clock.
+    """
+
+    def __init__(
+        self,
+        emulator: Emulator,
+        rng: np.random.Generator,
+        *,
+        drop: float = 0.0,
+        flip: float = 0.0,
+        duplicate: float = 0.0,
+        garbage: float = 0.0,
+        silent_spans: Sequence[Span] = (),
+        deaf_spans: Sequence[Span] = (),
+        frozen_spans: Sequence[Span] = (),
+    ) -> None:
+        """Wrap an emulator; with the defaults nothing is changed and nothing drawn."""
+        self.drop = drop
+        self.flip = flip
+        self.duplicate = duplicate
+        self.garbage = garbage
+        self.silent = False
+        self.deaf = False
+        self.frozen = False
+        self.silent_spans = silent_spans
+        self.deaf_spans = deaf_spans
+        self.frozen_spans = frozen_spans
+        self._emulator = emulator
+        self._rng = rng
+        self._last_message = b""
+
+    def receive(self, now_s: float, data: bytes) -> None:
+        """Pass commands on, spoiled, unless deaf."""
+        if not (self.deaf or _within(now_s, self.deaf_spans)):
+            self._emulator.receive(now_s, self._spoil(data))
+
+    def next_output_s(self) -> float:
+        """When the device itself wants to be asked."""
+        return self._emulator.next_output_s()
+
+    def take_output(self, now_s: float) -> bytes:
+        """Return what is left of the device's bytes."""
+        data = self._emulator.take_output(now_s)
+        if not data:
+            return b""
+        if self.frozen or _within(now_s, self.frozen_spans):
+            data = self._last_message or data
+        self._last_message = data
+        if self.silent or _within(now_s, self.silent_spans):
+            return b""
+        return self._spoil(data)
+
+    def _spoil(self, data: bytes) -> bytes:
+        if not data or not (self.drop or self.flip or self.duplicate or self.garbage):
+            return data
+        spoiled = bytearray()
+        if self._rng.random() < self.garbage:
+            spoiled += self._rng.bytes(int(self._rng.integers(1, _LONGEST_GARBAGE + 1)))
+        chances = self._rng.random((len(data), 3))
+        bits = self._rng.integers(0, 8, len(data))
+        for byte, (drop, flip, double), bit in zip(data, chances, bits, strict=True):
+            if drop < self.drop:
+                continue
+            kept = byte ^ (1 << int(bit)) if flip < self.flip else byte
+            spoiled += bytes([kept]) * (2 if double < self.duplicate else 1)
+        return bytes(spoiled)
+
+
+def _within(now_s: float, spans: Sequence[Span]) -> bool:
+    return any(begin_s <= now_s < end_s for begin_s, end_s in spans)

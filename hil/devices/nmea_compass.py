@@ -1,0 +1,103 @@
+"""An NMEA 0183 heading sensor: it talks by itself and listens to nobody."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+
+from firmware_py.angles import degrees
+from hil.devices.emulator import Attitude
+from hil.devices.nmea_text import bearing, decimals_of, hemisphere, whole_sentence
+from hil.devices.timing import Pace, Transmitter
+
+Kind = Literal["HDT", "HDG", "HDM"]
+
+
+class NmeaCompassEmulator:
+    """A compass that sends HDT, HDG or HDM (and ROT) at its own pace.
+
+    Each turn samples the attitude and puts the sentence on the wire; the bytes are
+    there when the last one has been transferred. `declination_deg` is the place's
+    (true minus magnetic, east positive); `variation_deg` and `deviation_deg` are
+    what an HDG sentence states, empty when None. The raw HDG reading is magnetic
+    minus deviation.
+    """
+
+    def __init__(
+        self,
+        attitude: Attitude,
+        rng: np.random.Generator,
+        *,
+        rate_hz: float = 10.0,
+        sentence: Kind = "HDT",
+        noise_deg: float = 0.3,
+        resolution_deg: float = 0.1,
+        phase_s: float = 0.0,
+        frequency_error_ppm: float = 0.0,
+        talker: str = "HC",
+        declination_deg: float = 0.0,
+        variation_deg: float | None = None,
+        deviation_deg: float | None = None,
+        rot: bool = False,
+        rate_noise_deg_s: float = 0.05,
+        baud: int = 38400,
+    ) -> None:
+        """Start at phase_s; ValueError for a rate, resolution or kind that makes no sense."""
+        if sentence not in ("HDT", "HDG", "HDM"):
+            raise ValueError(f"a compass says HDT, HDG or HDM, not {sentence}")
+        if not (math.isfinite(rate_hz) and rate_hz > 0.0 and resolution_deg > 0.0):
+            raise ValueError(f"rate {rate_hz} Hz and resolution {resolution_deg} deg must be positive")
+        self._attitude = attitude
+        self._rng = rng
+        self._kind = sentence
+        self._noise_deg = noise_deg
+        self._resolution_deg = resolution_deg
+        self._decimals = decimals_of(resolution_deg)
+        self._talker = talker
+        self._declination_deg = declination_deg
+        self._variation_deg = variation_deg
+        self._deviation_deg = deviation_deg
+        self._rot = rot
+        self._rate_noise_deg_s = rate_noise_deg_s
+        self._pace = Pace(1.0 / rate_hz, start_s=phase_s, error_ppm=frequency_error_ppm)
+        self._line = Transmitter(baud)
+
+    def receive(self, now_s: float, data: bytes) -> None:
+        """Ignore what is sent to it: the maker did not connect the receiver."""
+
+    def next_output_s(self) -> float:
+        """When the next sample is taken or the next sentence is complete."""
+        return min(self._pace.next_s, self._line.next_s())
+
+    def take_output(self, now_s: float) -> bytes:
+        """Take the samples that are due and return the sentences that are complete."""
+        for sample_s in self._pace.take(now_s):
+            self._line.send(sample_s, self._talk())
+        return self._line.take(now_s)
+
+    def _talk(self) -> bytes:
+        true_deg = degrees(self._attitude.heading_rad()) + self._rng.normal(0.0, self._noise_deg)
+        spoken = whole_sentence(f"{self._talker}{self._kind},{self._fields(true_deg)}")
+        if self._rot:
+            rate_deg_s = degrees(self._attitude.yaw_rate_rad_s()) + self._rng.normal(0.0, self._rate_noise_deg_s)
+            spoken += whole_sentence(f"{self._talker}ROT,{rate_deg_s * 60.0:.1f},A")
+        return spoken
+
+    def _fields(self, true_deg: float) -> str:
+        magnetic_deg = true_deg - self._declination_deg
+        if self._kind == "HDT":
+            return f"{self._print(true_deg)},T"
+        if self._kind == "HDM":
+            return f"{self._print(magnetic_deg)},M"
+        raw_deg = magnetic_deg - (self._deviation_deg or 0.0)
+        return f"{self._print(raw_deg)},{_correction(self._deviation_deg)},{_correction(self._variation_deg)}"
+
+    def _print(self, angle_deg: float) -> str:
+        return f"{bearing(angle_deg, self._resolution_deg):.{self._decimals}f}"
+
+
+def _correction(angle_deg: float | None) -> str:
+    """Return `x.x,E` or `x.x,W`, or the two empty fields of a device that does not know."""
+    return "," if angle_deg is None else f"{abs(angle_deg):.1f},{hemisphere(angle_deg, 'E', 'W')}"

@@ -1,0 +1,110 @@
+"""Framing and tables of the PNI binary protocol, the module's side (TCM User Manual, chapter 7).
+
+Byte count and CRC are always big endian; numbers in a payload follow the module's
+kBigEndian setting.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from hil.devices.crc import crc16_1021
+from hil.devices.timing import ReceiveBuffer
+
+_OVERHEAD = 5  # byte count, frame id, CRC
+_LONGEST_COMMAND = 270  # kSetFIRFilters with 32 taps is the longest that a host sends
+
+
+class Frame(IntEnum):
+    """Frame ids."""
+
+    GET_MOD_INFO = 1
+    MOD_INFO_RESP = 2
+    SET_DATA_COMPONENTS = 3
+    GET_DATA = 4
+    DATA_RESP = 5
+    SET_CONFIG = 6
+    GET_CONFIG = 7
+    CONFIG_RESP = 8
+    SAVE = 9
+    POWER_DOWN = 15
+    SAVE_DONE = 16
+    SET_CONFIG_DONE = 19
+    START_CONTINUOUS = 21
+    STOP_CONTINUOUS = 22
+    POWER_UP_DONE = 23
+    SET_ACQ_PARAMS = 24
+    GET_ACQ_PARAMS = 25
+    SET_ACQ_PARAMS_DONE = 26
+    ACQ_PARAMS_RESP = 27
+    POWER_DOWN_DONE = 28
+
+
+class Config(IntEnum):
+    """Ids of the settings that change what this module says."""
+
+    DECLINATION = 1
+    TRUE_NORTH = 2
+    BIG_ENDIAN = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One row of the configuration table: format of the value, its range, its factory value."""
+
+    code: str
+    low: float
+    high: float
+    factory: float
+
+
+SETTINGS: dict[int, Setting] = {
+    Config.DECLINATION: Setting("f", -180.0, 180.0, 0.0),
+    Config.TRUE_NORTH: Setting("B", 0, 1, 0),
+    Config.BIG_ENDIAN: Setting("B", 0, 1, 1),
+    10: Setting("B", 1, 16, 1),  # mounting reference
+    12: Setting("I", 4, 32, 12),  # points of a user calibration
+    13: Setting("B", 0, 1, 1),  # automatic sampling in a user calibration
+}
+
+
+def pack_frame(frame: int, payload: bytes = b"") -> bytes:
+    """Return a whole frame."""
+    head = (len(payload) + _OVERHEAD).to_bytes(2, "big") + bytes([frame]) + payload
+    return head + crc16_1021(head).to_bytes(2, "big")
+
+
+class FrameReader:
+    """Finds frames in what the host sends; whatever is damaged is skipped without a word."""
+
+    def __init__(self) -> None:
+        """Start with nothing received."""
+        self._buffer = ReceiveBuffer(longest=2 * _LONGEST_COMMAND)
+
+    def feed(self, now_s: float, data: bytes) -> list[tuple[int, bytes]]:
+        """Take bytes and return (frame id, payload) of the frames that they complete."""
+        self._buffer.append(now_s, data)
+        held = self._buffer.data
+        found: list[tuple[int, bytes]] = []
+        start = 0
+        while len(held) - start >= _OVERHEAD:
+            count = int.from_bytes(held[start : start + 2], "big")
+            if not _OVERHEAD <= count <= _LONGEST_COMMAND:
+                start += 1
+                continue
+            if len(held) - start < count:
+                break
+            body = bytes(held[start : start + count - 2])
+            check = held[start + count - 2 : start + count]
+            if crc16_1021(body) == int.from_bytes(check, "big"):
+                found.append((body[2], body[3:]))
+                start += count
+            else:
+                start += 1
+        del held[:start]
+        return found
+
+    def clear(self) -> None:
+        """Forget what is incomplete."""
+        self._buffer.clear()

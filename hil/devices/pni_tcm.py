@@ -1,0 +1,272 @@
+"""A PNI TCM compass module: silent until asked, and pushing only once told to.
+
+Source: PNI TCM User Manual (binary protocol) and the vectors of its examples. The
+manual documents no error reply: a frame with a bad CRC, an unknown id or a value out
+of range is ignored.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from firmware_py.angles import degrees
+from hil.devices.emulator import Attitude
+from hil.devices.nmea_text import bearing
+from hil.devices.pni_frames import SETTINGS, Config, Frame, FrameReader, pack_frame
+from hil.devices.timing import Pace, Transmitter
+
+_SHORTEST_INTERVAL_S = 1.0 / 30.0  # the module samples at 30 Hz at most
+_LONGEST_INTERVAL_S = 3600.0
+_ANSWER_DELAY_S = 0.002
+_MODULE_TYPE, _REVISION = b"TCM5", b"1208"  # the example of the manual
+_POLLED = 1
+_FIELD_HORIZONTAL_UT, _FIELD_DOWN_UT = 20.0, 43.0  # a mid-latitude field
+
+
+@dataclass(frozen=True, slots=True)
+class _Settings:
+    """What a power cycle loses and kSave keeps."""
+
+    components: tuple[int, ...] = ()
+    config: dict[int, float] = field(default_factory=lambda: {key: row.factory for key, row in SETTINGS.items()})
+    mode: int = _POLLED
+    flush: int = 0
+    acquire_s: float = 0.0
+    interval_s: float = 0.0
+    pushing: bool = False
+
+
+class PniTcmEmulator:
+    """A TCM that answers the commands of protocols.md and pushes when configured and started.
+
+    `declination_deg` is the place's: the module senses magnetic north and adds its own
+    configured declination only when told to refer to true north. `push_mode` is the
+    value of the acquisition mode that means push: 0 on TCM3, TCM5 and Prime
+    (PollingMode false), 1 in the later manuals (AcquisitionMode continuous).
+    `temperature_c`, `pitch_deg`, `roll_deg` and `distorted` may be set at any time.
+    """
+
+    def __init__(
+        self,
+        attitude: Attitude,
+        rng: np.random.Generator,
+        *,
+        noise_deg: float = 0.3,
+        resolution_deg: float = 0.1,
+        tilt_noise_deg: float = 0.2,
+        declination_deg: float = 0.0,
+        frequency_error_ppm: float = 0.0,
+        push_mode: int = 0,
+        boot_s: float = 0.3,
+        baud: int = 38400,
+    ) -> None:
+        """Start powered, with factory settings."""
+        self.temperature_c = 20.0
+        self.pitch_deg = 0.0
+        self.roll_deg = 0.0
+        self.distorted = False
+        self._attitude = attitude
+        self._rng = rng
+        self._noise_deg = noise_deg
+        self._resolution_deg = resolution_deg
+        self._tilt_noise_deg = tilt_noise_deg
+        self._declination_deg = declination_deg
+        self._error_ppm = frequency_error_ppm
+        self._push_mode = push_mode
+        self._boot_s = boot_s
+        self._line = Transmitter(baud)
+        self._reader = FrameReader()
+        self._saved = _Settings()
+        self._settings = self._saved
+        self._pace: Pace | None = None
+        self._ready_s = -math.inf
+        self._asleep = False
+        self._commands: dict[int, Callable[[float, bytes], None]] = {
+            Frame.GET_MOD_INFO: self._get_mod_info,
+            Frame.SET_DATA_COMPONENTS: self._set_data_components,
+            Frame.GET_DATA: self._get_data,
+            Frame.SET_CONFIG: self._set_config,
+            Frame.GET_CONFIG: self._get_config,
+            Frame.SAVE: self._save,
+            Frame.POWER_DOWN: self._power_down,
+            Frame.START_CONTINUOUS: self._start_continuous,
+            Frame.STOP_CONTINUOUS: self._stop_continuous,
+            Frame.SET_ACQ_PARAMS: self._set_acq_params,
+            Frame.GET_ACQ_PARAMS: self._get_acq_params,
+        }
+        self._components: dict[int, tuple[str, Callable[[], float]]] = {
+            5: ("f", self._heading_deg),
+            7: ("f", lambda: self.temperature_c + self._noise(0.05)),
+            8: ("B", lambda: int(self.distorted)),
+            9: ("B", lambda: 1),  # user calibration is done
+            21: ("f", lambda: -math.sin(math.radians(self.pitch_deg)) + self._noise(0.002)),
+            22: ("f", lambda: math.sin(math.radians(self.roll_deg)) + self._noise(0.002)),
+            23: ("f", lambda: 1.0 + self._noise(0.002)),
+            24: ("f", lambda: self.pitch_deg + self._noise(self._tilt_noise_deg)),
+            25: ("f", lambda: self.roll_deg + self._noise(self._tilt_noise_deg)),
+            27: ("f", lambda: _FIELD_HORIZONTAL_UT * math.cos(self._magnetic_rad()) + self._noise(0.05)),
+            28: ("f", lambda: -_FIELD_HORIZONTAL_UT * math.sin(self._magnetic_rad()) + self._noise(0.05)),
+            29: ("f", lambda: _FIELD_DOWN_UT + self._noise(0.05)),
+        }
+
+    def receive(self, now_s: float, data: bytes) -> None:
+        """Take commands; a sleeping module is woken by any byte, which is lost."""
+        if now_s < self._ready_s or not data:
+            return
+        if self._asleep:
+            self._wake(now_s)
+            return
+        for frame, payload in self._reader.feed(now_s, data):
+            command = self._commands.get(frame)
+            if command is not None and not self._asleep:
+                command(now_s, payload)
+
+    def next_output_s(self) -> float:
+        """When the next push is sampled or the next frame is complete."""
+        push_s = math.inf if self._pace is None else self._pace.next_s
+        return min(push_s, self._line.next_s())
+
+    def take_output(self, now_s: float) -> bytes:
+        """Sample the pushes that are due and return the frames that are complete."""
+        if self._pace is not None:
+            for sample_s in self._pace.take(now_s):
+                self._line.send(sample_s, self._data_frame())
+        return self._line.take(now_s)
+
+    def power_cycle(self, now_s: float, off_s: float = 1.0) -> None:
+        """Cut the power for off_s (infinity: until the next call); what was not saved is lost."""
+        self._line.clear()
+        self._reader.clear()
+        self._asleep = False
+        self._restart(now_s + off_s)
+
+    # ------------------------------------------------------------------ commands
+
+    def _get_mod_info(self, now_s: float, payload: bytes) -> None:
+        if not payload:
+            self._answer(now_s, Frame.MOD_INFO_RESP, _MODULE_TYPE + _REVISION)
+
+    def _set_data_components(self, now_s: float, payload: bytes) -> None:
+        components = tuple(payload[1:])
+        if payload and payload[0] == len(components) and all(key in self._components for key in components):
+            self._settings = replace(self._settings, components=components)
+            self._pace_pushes(now_s)
+
+    def _get_data(self, now_s: float, payload: bytes) -> None:
+        if not payload:
+            self._line.send(now_s + _ANSWER_DELAY_S, self._data_frame())
+
+    def _set_config(self, now_s: float, payload: bytes) -> None:
+        setting = SETTINGS.get(payload[0]) if payload else None
+        if setting is None:
+            return
+        value = self._unpack(setting.code, payload[1:])
+        if value is not None and setting.low <= value[0] <= setting.high:
+            self._settings = replace(self._settings, config={**self._settings.config, payload[0]: value[0]})
+            self._answer(now_s, Frame.SET_CONFIG_DONE)
+
+    def _get_config(self, now_s: float, payload: bytes) -> None:
+        setting = SETTINGS.get(payload[0]) if len(payload) == 1 else None
+        if setting is not None:
+            value = self._pack(setting.code, self._settings.config[payload[0]])
+            self._answer(now_s, Frame.CONFIG_RESP, payload + value)
+
+    def _save(self, now_s: float, payload: bytes) -> None:
+        if not payload:
+            self._saved = self._settings
+            self._answer(now_s, Frame.SAVE_DONE, self._pack("H", 0))
+
+    def _set_acq_params(self, now_s: float, payload: bytes) -> None:
+        values = self._unpack("BBff", payload)
+        if values is None:
+            return
+        mode, flush, acquire_s, interval_s = values
+        if mode in (0, 1) and flush in (0, 1) and all(0.0 <= x <= _LONGEST_INTERVAL_S for x in (acquire_s, interval_s)):
+            self._settings = replace(
+                self._settings, mode=int(mode), flush=int(flush), acquire_s=acquire_s, interval_s=interval_s
+            )
+            self._pace_pushes(now_s)
+            self._answer(now_s, Frame.SET_ACQ_PARAMS_DONE)
+
+    def _get_acq_params(self, now_s: float, payload: bytes) -> None:
+        if not payload:
+            have = self._settings
+            packed = self._pack("BBff", have.mode, have.flush, have.acquire_s, have.interval_s)
+            self._answer(now_s, Frame.ACQ_PARAMS_RESP, packed)
+
+    def _start_continuous(self, now_s: float, payload: bytes) -> None:
+        if not payload:
+            self._settings = replace(self._settings, pushing=True)
+            self._pace_pushes(now_s)
+
+    def _stop_continuous(self, now_s: float, payload: bytes) -> None:
+        if not payload:
+            self._settings = replace(self._settings, pushing=False)
+            self._pace_pushes(now_s)
+
+    def _power_down(self, now_s: float, payload: bytes) -> None:
+        if not payload:
+            self._answer(now_s, Frame.POWER_DOWN_DONE)
+            self._asleep = True
+            self._pace = None
+
+    # ------------------------------------------------------------------ inside
+
+    def _wake(self, now_s: float) -> None:
+        """Start again from the saved settings; the line, held low in sleep, gives one stray byte first."""
+        self._asleep = False
+        self._reader.clear()
+        self._restart(now_s)
+        self._line.send(self._ready_s, b"\x00" + pack_frame(Frame.POWER_UP_DONE))
+
+    def _restart(self, power_s: float) -> None:
+        self._ready_s = power_s + self._boot_s
+        self._settings = self._saved
+        self._pace_pushes(self._ready_s)
+
+    def _pace_pushes(self, now_s: float) -> None:
+        """Push from now on, or not, as the settings say."""
+        have = self._settings
+        if not (have.pushing and have.mode == self._push_mode and have.components and math.isfinite(now_s)):
+            self._pace = None
+            return
+        period_s = max(have.interval_s, _SHORTEST_INTERVAL_S)
+        self._pace = Pace(period_s, start_s=now_s + period_s, error_ppm=self._error_ppm)
+
+    def _answer(self, now_s: float, frame: Frame, payload: bytes = b"") -> None:
+        self._line.send(now_s + _ANSWER_DELAY_S, pack_frame(frame, payload))
+
+    def _data_frame(self) -> bytes:
+        payload = bytes([len(self._settings.components)])
+        for key in self._settings.components:
+            code, measure = self._components[key]
+            payload += bytes([key]) + self._pack(code, measure())
+        return pack_frame(Frame.DATA_RESP, payload)
+
+    def _order(self) -> str:
+        return ">" if self._settings.config[Config.BIG_ENDIAN] else "<"
+
+    def _pack(self, codes: str, *values: float) -> bytes:
+        whole = [value if code == "f" else int(value) for code, value in zip(codes, values, strict=True)]
+        return struct.pack(self._order() + codes, *whole)
+
+    def _unpack(self, codes: str, payload: bytes) -> tuple[float, ...] | None:
+        order = self._order() + codes
+        return struct.unpack(order, payload) if struct.calcsize(order) == len(payload) else None
+
+    def _noise(self, deviation: float) -> float:
+        return self._rng.normal(0.0, deviation)
+
+    def _magnetic_rad(self) -> float:
+        return self._attitude.heading_rad() - math.radians(self._declination_deg)
+
+    def _heading_deg(self) -> float:
+        angle_deg = degrees(self._magnetic_rad()) + self._noise(self._noise_deg)
+        if self._settings.config[Config.TRUE_NORTH]:
+            angle_deg += self._settings.config[Config.DECLINATION]
+        return bearing(angle_deg, self._resolution_deg)

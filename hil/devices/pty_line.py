@@ -1,0 +1,156 @@
+"""A serial port made of a pseudo-terminal, whose far end the board of ports holds.
+
+The firmware opens the symlink as it would open a USB serial port. The kernel hands
+bytes of a pty over in a work queue, some time after the write; for lockstep this
+module waits until they are really there, on both sides.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import struct
+import termios
+import time
+import tty
+from collections.abc import Callable
+from pathlib import Path
+
+_INPUT_QUEUE = 4095  # bytes that Linux holds for a reader of a raw terminal (N_TTY_BUF_SIZE - 1)
+_READ_SIZE = 65_536
+_PATIENCE_S = 2.0
+_YIELDS = 100  # how often to give way before sleeping
+_NAP_S = 20e-6
+_NOBODY = -1
+
+
+class PtyLine:
+    """A pty behind a symlink, which can be pulled out and plugged in again.
+
+    The slave stays open here too, so that nothing hangs up while no firmware is
+    there. Like a UART, the line drops the newest bytes when nobody reads them
+    (`overrun_bytes`). `total_read` and `total_written` count since the last plug.
+    """
+
+    def __init__(self, link_path: Path) -> None:
+        """Plug in at link_path; FileExistsError when something that is no symlink stands there."""
+        self.overrun_bytes = 0
+        self.total_read = 0
+        self.total_written = 0
+        self._link = Path(link_path)
+        self._master = _NOBODY
+        self._slave = _NOBODY
+        self.plug()
+
+    @property
+    def plugged(self) -> bool:
+        """Whether the port exists now."""
+        return self._master != _NOBODY
+
+    def fileno(self) -> int:
+        """The descriptor to wait on for the firmware's bytes, or -1 while unplugged."""
+        return self._master
+
+    def plug(self) -> None:
+        """Make a new pty behind the symlink, replacing a stale one; nothing when plugged."""
+        if self.plugged:
+            return
+        if self._link.exists() and not self._link.is_symlink():
+            raise FileExistsError(f"{self._link} stands where the port belongs; remove it")
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        fresh = self._link.with_name(f".{self._link.name}.{os.getpid()}")
+        fresh.unlink(missing_ok=True)
+        fresh.symlink_to(os.ttyname(self._slave))
+        fresh.replace(self._link)
+        self.total_read = 0
+        self.total_written = 0
+        self.overrun_bytes = 0
+
+    def unplug(self) -> None:
+        """Pull the plug: the firmware's descriptor hangs up and the path vanishes; nothing when unplugged."""
+        if not self.plugged:
+            return
+        self._link.unlink(missing_ok=True)
+        os.close(self._slave)
+        os.close(self._master)
+        self._master = self._slave = _NOBODY
+
+    def close(self) -> None:
+        """End the port."""
+        self.unplug()
+
+    def read(self) -> bytes:
+        """Return what the firmware has written and the kernel has handed over, without waiting."""
+        return self._read(_READ_SIZE)
+
+    def read_until_total(self, total: int, timeout_s: float = _PATIENCE_S) -> bytes:
+        """Read on until `total_read` is total, or the time is up: then compare `total_read`."""
+        pieces: list[bytes] = []
+
+        def complete() -> bool:
+            if self.total_read < total:
+                pieces.append(self._read(min(total - self.total_read, _READ_SIZE)))
+            return self.total_read >= total or not self.plugged
+
+        _wait(complete, timeout_s)
+        return b"".join(pieces)
+
+    def write(self, data: bytes) -> int:
+        """Send to the firmware and return how many bytes went; the rest is counted as overrun, or lost unplugged."""
+        if not self.plugged:
+            return 0
+        room = _INPUT_QUEUE - self.pending_at_slave()
+        sent = 0
+        while sent < min(len(data), room):
+            try:
+                sent += os.write(self._master, data[sent:room])
+            except (BlockingIOError, InterruptedError):
+                break
+        self.total_written += sent
+        self.overrun_bytes += len(data) - sent
+        return sent
+
+    def deliver(self, data: bytes, timeout_s: float = _PATIENCE_S) -> bool:
+        """Write, and wait until all of it can be read by the firmware; False when it did not get there in time.
+
+        For lockstep: the firmware must not read meanwhile, and what an earlier `write`
+        left under way would be mistaken for these bytes, so deliver everything or nothing so.
+        """
+        goal = self.pending_at_slave() + len(data)
+        if self.write(data) < len(data):
+            return False
+        return _wait(lambda: self.pending_at_slave() >= goal, timeout_s)
+
+    def pending_at_slave(self) -> int:
+        """How many bytes wait to be read by the firmware (0 while unplugged)."""
+        if not self.plugged:
+            return 0
+        answer = fcntl.ioctl(self._slave, termios.FIONREAD, struct.pack("i", 0))
+        return int(struct.unpack("i", answer)[0])
+
+    def _read(self, size: int) -> bytes:
+        if not self.plugged:
+            return b""
+        try:
+            data = os.read(self._master, size)
+        except (BlockingIOError, InterruptedError):
+            return b""
+        self.total_read += len(data)
+        return data
+
+
+def _wait(done: Callable[[], bool], timeout_s: float) -> bool:
+    """Give way until done or the time is up: first by yielding, for the kernel needs microseconds, then by naps."""
+    deadline_s = time.monotonic() + timeout_s
+    turns = 0
+    while not done():
+        if time.monotonic() > deadline_s:
+            return False
+        turns += 1
+        if turns < _YIELDS:
+            os.sched_yield()
+        else:
+            time.sleep(_NAP_S)
+    return True

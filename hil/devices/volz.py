@@ -1,0 +1,144 @@
+"""A Volz DA servo on RS-485: six bytes in, six bytes out, and no word about errors.
+
+Source: protocols.md. The two argument bytes of the current, voltage and temperature
+replies are two channels (first supply or motor, second supply or circuit board).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from firmware_py.angles import RADIANS_PER_DEGREE, clamp, degrees
+from hil.devices.crc import crc16_8005
+from hil.devices.emulator import Shaft
+from hil.devices.timing import ReceiveBuffer, Transmitter
+
+BAUD = 115_200
+_FRAME = 6
+_CRC_START = 0xFFFF
+_SET_POSITION, _POSITION_IS = 0xDC, 0x2C
+_GET_CURRENT, _CURRENT_IS = 0xB0, 0x30
+_GET_VOLTAGE, _VOLTAGE_IS = 0xB1, 0x31
+_GET_TEMPERATURE, _TEMPERATURE_IS = 0xC0, 0x10
+_CENTRE, _LOWEST, _HIGHEST = 0x0800, 0x0080, 0x0F80
+_COUNTS_PER_DEGREE = (_HIGHEST - _CENTRE) / 100.0
+_CURRENT_UNIT_A, _VOLTAGE_UNIT_V, _COLDEST_C = 0.02, 0.2, 50.0
+_HOLDING_A, _MOVING_A = 0.1, 0.8
+_CURRENT_NOISE_A, _VOLTAGE_NOISE_V = 0.02, 0.05
+_ARRIVED_RAD = 0.2 * RADIANS_PER_DEGREE
+_ANSWER_DELAY_S = 0.00052  # with two frames of 0.52 ms this is the 1.56 ms of an exchange
+
+
+class VolzEmulator:
+    """A DA servo that turns a shaft; its motor is engaged whenever it is powered.
+
+    `limits_deg` are the electrical end points programmed into it, within +-100 deg.
+    `voltage_v` and `temperature_c` may be set at any time.
+    """
+
+    def __init__(
+        self,
+        shaft: Shaft,
+        rng: np.random.Generator,
+        *,
+        device_id: int = 1,
+        limits_deg: tuple[float, float] = (-100.0, 100.0),
+        boot_s: float = 0.3,
+        baud: int = BAUD,
+    ) -> None:
+        """Start powered; ValueError for an id or limits that it cannot have."""
+        low_deg, high_deg = limits_deg
+        if not (0 <= device_id <= 0xFF and -100.0 <= low_deg < high_deg <= 100.0):
+            raise ValueError(f"id {device_id}, limits {limits_deg} deg: out of range")
+        self.voltage_v = 24.0
+        self.temperature_c = 25.0
+        self._shaft = shaft
+        self._rng = rng
+        self._device_id = device_id
+        self._limits_deg = limits_deg
+        self._boot_s = boot_s
+        self._target_rad = shaft.angle_rad()
+        self._buffer = ReceiveBuffer(longest=16 * _FRAME)
+        self._line = Transmitter(baud)
+        self._ready_s = -math.inf
+        self._booting = True
+        self._commands: dict[int, tuple[int, Callable[[int], int]]] = {
+            _SET_POSITION: (_POSITION_IS, self._set_position),
+            _GET_CURRENT: (_CURRENT_IS, lambda _: _two(self._current_a() / _CURRENT_UNIT_A, 0.0)),
+            _GET_VOLTAGE: (_VOLTAGE_IS, lambda _: _two(self._measured_v() / _VOLTAGE_UNIT_V, 0.0)),
+            _GET_TEMPERATURE: (_TEMPERATURE_IS, lambda _: _two(*[self.temperature_c + _COLDEST_C] * 2)),
+        }
+        self._boot_when_ready(0.0)
+
+    def receive(self, now_s: float, data: bytes) -> None:
+        """Take commands; a bad CRC, another id or an unknown command gets no answer."""
+        self._boot_when_ready(now_s)
+        if self._booting or not data:
+            return
+        self._buffer.append(now_s, data)
+        held = self._buffer.data
+        while len(held) >= _FRAME:
+            head = bytes(held[:4])
+            if crc16_8005(head, _CRC_START) == int.from_bytes(held[4:_FRAME], "big"):
+                del held[:_FRAME]
+                self._obey(now_s, head)
+            else:
+                del held[:1]
+
+    def next_output_s(self) -> float:
+        """When the next reply is complete or the servo has booted."""
+        boot_s = self._ready_s if self._booting else math.inf
+        return min(self._line.next_s(), boot_s)
+
+    def take_output(self, now_s: float) -> bytes:
+        """Return the replies that are complete."""
+        self._boot_when_ready(now_s)
+        return self._line.take(now_s)
+
+    def power_cycle(self, now_s: float, off_s: float = 1.0) -> None:
+        """Cut the power for off_s (infinity: until the next call); the shaft is free meanwhile."""
+        self._line.clear()
+        self._buffer.clear()
+        self._shaft.set_torque(on=False)
+        self._ready_s = now_s + off_s + self._boot_s
+        self._booting = True
+
+    def _boot_when_ready(self, now_s: float) -> None:
+        """Engage once booted, holding the angle that is found."""
+        if self._booting and now_s >= self._ready_s:
+            self._booting = False
+            self._target_rad = self._shaft.angle_rad()
+            self._shaft.set_target(self._target_rad)
+            self._shaft.set_torque(on=True)
+
+    def _obey(self, now_s: float, head: bytes) -> None:
+        command, device_id = head[0], head[1]
+        if device_id != self._device_id or command not in self._commands:
+            return
+        answer, execute = self._commands[command]
+        frame = bytes([answer, device_id]) + execute(int.from_bytes(head[2:], "big")).to_bytes(2, "big")
+        self._line.send(now_s + _ANSWER_DELAY_S, frame + crc16_8005(frame, _CRC_START).to_bytes(2, "big"))
+
+    def _set_position(self, argument: int) -> int:
+        """Go there, within protocol and electrical limits; return where the shaft is now."""
+        asked_deg = (clamp(argument, _LOWEST, _HIGHEST) - _CENTRE) / _COUNTS_PER_DEGREE
+        self._target_rad = clamp(asked_deg, *self._limits_deg) * RADIANS_PER_DEGREE
+        self._shaft.set_target(self._target_rad)
+        counts = round(degrees(self._shaft.angle_rad()) * _COUNTS_PER_DEGREE) + _CENTRE
+        return int(clamp(counts, 0, 0x0FFF))
+
+    def _current_a(self) -> float:
+        arrived = abs(self._shaft.angle_rad() - self._target_rad) < _ARRIVED_RAD
+        return (_HOLDING_A if arrived else _MOVING_A) + self._rng.normal(0.0, _CURRENT_NOISE_A)
+
+    def _measured_v(self) -> float:
+        return self.voltage_v + self._rng.normal(0.0, _VOLTAGE_NOISE_V)
+
+
+def _two(first: float, second: float) -> int:
+    """Pack two values into the two argument bytes."""
+    high, low = (int(clamp(round(value), 0, 0xFF)) for value in (first, second))
+    return high << 8 | low

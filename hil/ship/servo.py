@@ -1,0 +1,104 @@
+"""The mechanics of a rudder servo: a shaft with a limited slew, stops, and jams."""
+
+from __future__ import annotations
+
+import math
+
+from firmware_py.angles import RADIANS_PER_DEGREE, clamp
+
+DEFAULT_SLEW_RAD_S = 30.0 * RADIANS_PER_DEGREE
+DEFAULT_STOP_RAD = 45.0 * RADIANS_PER_DEGREE
+
+
+class ServoShaft:
+    """A shaft that runs to its target at constant speed and stands there.
+
+    Between two events (a target, torque, a jam, `advance`) the motion is exact:
+    advancing in one step or in a thousand gives the same angle. Events happen at
+    the time of the last `advance`, so the world advances the shaft before it lets
+    an emulator speak to it. Positive angles are to starboard.
+    """
+
+    def __init__(
+        self,
+        *,
+        angle_rad: float = 0.0,
+        slew_rad_s: float = DEFAULT_SLEW_RAD_S,
+        low_stop_rad: float = -DEFAULT_STOP_RAD,
+        high_stop_rad: float = DEFAULT_STOP_RAD,
+        now_s: float = 0.0,
+    ) -> None:
+        """Start at rest, released; ValueError for stops in the wrong order or a negative slew."""
+        if not low_stop_rad < high_stop_rad:
+            raise ValueError(f"the stops are in the wrong order: {low_stop_rad} and {high_stop_rad} rad")
+        if not slew_rad_s >= 0.0:
+            raise ValueError(f"the slew must not be negative, not {slew_rad_s} rad/s")
+        self._low_rad = low_stop_rad
+        self._high_rad = high_stop_rad
+        self._slew_rad_s = slew_rad_s
+        self._now_s = now_s
+        self._angle_rad = clamp(angle_rad, low_stop_rad, high_stop_rad)
+        self._start_rad = self._angle_rad
+        self._start_s = now_s
+        self._target_rad = self._angle_rad
+        self._torque = False
+        self._jammed = False
+
+    def angle_rad(self) -> float:
+        """The true angle at the time of the last advance."""
+        return self._angle_rad
+
+    def rate_rad_s(self) -> float:
+        """How fast the shaft turns right after the last advance."""
+        if not self._free_to_move() or self._angle_rad == self._target_rad:
+            return 0.0
+        return math.copysign(self._slew_rad_s, self._target_rad - self._angle_rad)
+
+    def set_target(self, target_rad: float) -> None:
+        """Move toward this angle, clipped to the stops; a value that is not finite is ignored."""
+        if not math.isfinite(target_rad):
+            return
+        target_rad = clamp(target_rad, self._low_rad, self._high_rad)
+        if target_rad != self._target_rad:
+            self._target_rad = target_rad
+            self._begin_leg()
+
+    def set_torque(self, *, on: bool) -> None:
+        """Engage or release the motor; a released shaft stays where it is."""
+        if on != self._torque:
+            self._torque = on
+            self._begin_leg()
+
+    def jam(self, angle_rad: float | None = None) -> None:
+        """Hold the shaft where it is, or at an angle, whatever the motor does."""
+        if angle_rad is not None and math.isfinite(angle_rad):
+            self._angle_rad = clamp(angle_rad, self._low_rad, self._high_rad)
+        self._jammed = True
+        self._begin_leg()
+
+    def free(self) -> None:
+        """End a jam; the motor, when engaged, goes on to its target."""
+        self._jammed = False
+        self._begin_leg()
+
+    def advance(self, now_s: float) -> None:
+        """Bring the shaft to now_s; an earlier time changes nothing."""
+        if not now_s > self._now_s:
+            return
+        self._now_s = now_s
+        if not self._free_to_move():
+            return
+        way_rad = self._target_rad - self._start_rad
+        reach_rad = self._slew_rad_s * (now_s - self._start_s)
+        if reach_rad >= abs(way_rad):
+            self._angle_rad = self._target_rad
+        else:
+            self._angle_rad = self._start_rad + math.copysign(reach_rad, way_rad)
+
+    def _free_to_move(self) -> bool:
+        return self._torque and not self._jammed
+
+    def _begin_leg(self) -> None:
+        """Count the motion from here: one product per leg, so that the steps taken in between cannot add up errors."""
+        self._start_rad = self._angle_rad
+        self._start_s = self._now_s

@@ -1,0 +1,121 @@
+"""Whatever bytes arrive, at whatever times, an emulator neither raises nor stops answering."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hil.devices.dynamixel import DynamixelEmulator
+from hil.devices.impairment import Impaired
+from hil.devices.nmea_compass import NmeaCompassEmulator
+from hil.devices.pni_tcm import PniTcmEmulator
+from hil.devices.volz import VolzEmulator
+from hil.ship.servo import ServoShaft
+
+
+class StillBoat:
+    def heading_rad(self):
+        return 1.0
+
+    def yaw_rate_rad_s(self):
+        return 0.0
+
+
+DYNAMIXEL_PING = bytes.fromhex("FFFFFD0001030001194E")
+PNI_MOD_INFO = bytes.fromhex("000501EFD4")
+VOLZ_CURRENT = bytes.fromhex("B0010000C006")
+
+DEVICES = {
+    "dynamixel": (
+        lambda: DynamixelEmulator(ServoShaft(), np.random.default_rng(1)),
+        DYNAMIXEL_PING,
+        b"\xff\xff\xfd\x00\x01\x07\x00\x55",
+    ),
+    "pni": (lambda: PniTcmEmulator(StillBoat(), np.random.default_rng(1)), PNI_MOD_INFO, b"\x00\x0d\x02TCM5"),
+    "volz": (lambda: VolzEmulator(ServoShaft(), np.random.default_rng(1)), VOLZ_CURRENT, b"\x30\x01"),
+}
+# Pieces of real frames among the noise, so that the parsers are led further in than noise alone leads them.
+PIECES = st.one_of(
+    st.binary(max_size=40),
+    st.sampled_from([
+        DYNAMIXEL_PING, PNI_MOD_INFO, VOLZ_CURRENT, b"\xff\xff\xfd\x00", b"\xff\xff\xfd\x00\x01\xff\xff",
+        b"\x01\x0e\x06", b"\x00\x05", bytes.fromhex("000515BD61"), bytes.fromhex("000A030405181908DACC"),
+        bytes.fromhex("000F180000000000003DCCCCCDF971"), b"\xff\xff\xfd\x00\xfe\x09\x00\x83",
+    ]),
+)  # fmt: skip
+STREAM = st.lists(st.tuples(PIECES, st.floats(0.0, 0.05)), max_size=30)
+
+
+@pytest.mark.parametrize("name", DEVICES)
+@given(stream=STREAM)
+@settings(max_examples=150, deadline=None)
+def test_arbitrary_bytes_never_wedge_an_emulator(name, stream):
+    make, request, reply_start = DEVICES[name]
+    emulator = make()
+    now_s = 0.0
+    for data, pause_s in stream:
+        now_s += pause_s
+        emulator.receive(now_s, data)
+        emulator.take_output(now_s)
+    now_s += 5.0
+    emulator.take_output(now_s)
+    emulator.receive(now_s, request)
+    replies = emulator.take_output(now_s + 0.05)
+    assert reply_start in replies
+
+
+@pytest.mark.parametrize("name", DEVICES)
+@given(stream=STREAM)
+@settings(max_examples=60, deadline=None)
+def test_the_wanted_instant_always_moves_on(name, stream):
+    """A board that asks whenever it is told to never loops for ever at one instant."""
+    emulator = DEVICES[name][0]()
+    now_s = 0.0
+    for data, pause_s in stream:
+        now_s += pause_s
+        emulator.receive(now_s, data)
+        asked = 0
+        while emulator.next_output_s() <= now_s:
+            emulator.take_output(now_s)
+            asked += 1
+            assert asked < 100
+        assert math.isinf(emulator.next_output_s()) or emulator.next_output_s() > now_s
+
+
+@pytest.mark.parametrize("name", DEVICES)
+@given(stream=STREAM, seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_the_same_bytes_and_seed_give_the_same_bytes(name, stream, seed):
+    outs = []
+    for _ in range(2):
+        emulator = Impaired(
+            DEVICES[name][0](), np.random.default_rng(seed), drop=0.05, flip=0.05, duplicate=0.05, garbage=0.2
+        )
+        now_s, out = 0.0, []
+        for data, pause_s in stream:
+            now_s += pause_s
+            emulator.receive(now_s, data)
+            out.append(emulator.take_output(now_s))
+        outs.append(out)
+    assert outs[0] == outs[1]
+
+
+@given(
+    rate_hz=st.floats(0.5, 50.0),
+    phase_s=st.floats(0.0, 1.0),
+    baud=st.sampled_from([4800, 9600, 38_400]),
+    gaps=st.lists(st.floats(0.0, 3.0), min_size=1, max_size=30),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_talker_asked_at_any_times_gives_whole_sentences(rate_hz, phase_s, baud, gaps):
+    compass = NmeaCompassEmulator(
+        StillBoat(), np.random.default_rng(1), rate_hz=rate_hz, phase_s=phase_s, baud=baud, rot=True
+    )
+    now_s, heard = 0.0, b""
+    for gap_s in gaps:
+        now_s += gap_s
+        heard += compass.take_output(now_s)
+    assert heard == b"" or heard.endswith(b"\r\n")
+    assert all(line.startswith(b"$HC") for line in heard.splitlines())

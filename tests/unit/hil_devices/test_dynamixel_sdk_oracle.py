@@ -1,0 +1,142 @@
+"""The maker's own library drives the emulator, through a port that runs on the emulator's time."""
+
+import math
+
+import dynamixel_sdk
+import numpy as np
+import pytest
+
+from hil.devices.dynamixel import DynamixelEmulator
+from hil.ship.servo import ServoShaft
+
+BAUD = 57_600
+
+
+class EmulatedPort:
+    """What dynamixel_sdk asks of a PortHandler."""
+
+    def __init__(self, servo, shaft):
+        self.is_using = False
+        self.now_s = 1.0
+        self._servo = servo
+        self._shaft = shaft
+        self._deadline_s = 0.0
+        self._inbox = bytearray()
+
+    def getBaudRate(self):  # noqa: N802 - the library's name
+        return BAUD
+
+    def clearPort(self):  # noqa: N802
+        self._inbox.clear()
+
+    def writePort(self, packet):  # noqa: N802
+        self.now_s += len(packet) * 10 / BAUD
+        self._shaft.advance(self.now_s)
+        self._servo.receive(self.now_s, bytes(packet))
+        return len(packet)
+
+    def readPort(self, length):  # noqa: N802
+        if not self._inbox:
+            self.pass_time(min(self._servo.next_output_s(), self._deadline_s + 1e-6))
+        data = bytes(self._inbox[:length])
+        del self._inbox[:length]
+        return data
+
+    def setPacketTimeout(self, packet_length):  # noqa: N802
+        self.setPacketTimeoutMillis(packet_length * 10_000 / BAUD + 34.0)
+
+    def setPacketTimeoutMillis(self, milliseconds):  # noqa: N802
+        self._deadline_s = self.now_s + milliseconds / 1000.0
+
+    def isPacketTimeout(self):  # noqa: N802
+        return self.now_s > self._deadline_s
+
+    def pass_time(self, until_s):
+        self.now_s = max(self.now_s, until_s)
+        self._shaft.advance(self.now_s)
+        self._inbox += self._servo.take_output(self.now_s)
+
+
+@pytest.fixture
+def shaft():
+    return ServoShaft()
+
+
+@pytest.fixture
+def servo(shaft):
+    return DynamixelEmulator(shaft, np.random.default_rng(1), baud=BAUD)
+
+
+@pytest.fixture
+def port(servo, shaft):
+    return EmulatedPort(servo, shaft)
+
+
+@pytest.fixture
+def sdk():
+    return dynamixel_sdk.PacketHandler(2.0)
+
+
+def test_ping_and_broadcast_ping(sdk, port):
+    assert sdk.ping(port, 1) == (1170, dynamixel_sdk.COMM_SUCCESS, 0)
+    assert sdk.ping(port, 2)[1] == dynamixel_sdk.COMM_RX_TIMEOUT
+    found, result = sdk.broadcastPing(port)
+    assert (result, found) == (dynamixel_sdk.COMM_SUCCESS, {1: [1170, 45]})
+
+
+def test_turns_the_shaft_and_reads_it_back(sdk, port, shaft):
+    assert sdk.write1ByteTxRx(port, 1, 64, 1) == (dynamixel_sdk.COMM_SUCCESS, 0)
+    assert sdk.write4ByteTxRx(port, 1, 116, 2389) == (dynamixel_sdk.COMM_SUCCESS, 0)
+    port.pass_time(port.now_s + 2.0)
+    assert sdk.read4ByteTxRx(port, 1, 132) == (2389, dynamixel_sdk.COMM_SUCCESS, 0)
+    assert shaft.angle_rad() == pytest.approx(341 * math.tau / 4096)
+    voltage, result, error = sdk.read2ByteTxRx(port, 1, 144)
+    assert (voltage, result, error) == (pytest.approx(120, abs=2), dynamixel_sdk.COMM_SUCCESS, 0)
+
+
+def test_errors_arrive_as_the_library_names_them(sdk, port):
+    sdk.write1ByteTxRx(port, 1, 64, 1)
+    _, error = sdk.write1ByteTxRx(port, 1, 9, 0)
+    assert error == dynamixel_sdk.protocol2_packet_handler.ERRNUM_ACCESS
+    _, error = sdk.write4ByteTxRx(port, 1, 116, 4096)
+    assert error == dynamixel_sdk.protocol2_packet_handler.ERRNUM_DATA_LIMIT
+
+
+def test_reboot(sdk, port, servo):
+    servo.inject_error(0x04)
+    _, result, error = sdk.ping(port, 1)
+    assert (result, error) == (dynamixel_sdk.COMM_SUCCESS, 0x80)
+    assert sdk.reboot(port, 1) == (dynamixel_sdk.COMM_SUCCESS, 0x80)
+    assert sdk.ping(port, 1)[1] == dynamixel_sdk.COMM_RX_TIMEOUT
+    port.pass_time(port.now_s + 0.5)
+    assert sdk.ping(port, 1) == (1170, dynamixel_sdk.COMM_SUCCESS, 0)
+
+
+def test_group_sync_read_and_write(sdk, port):
+    sdk.write1ByteTxRx(port, 1, 64, 1)
+    writer = dynamixel_sdk.GroupSyncWrite(port, sdk, 116, 4)
+    writer.addParam(1, (2100).to_bytes(4, "little"))
+    assert writer.txPacket() == dynamixel_sdk.COMM_SUCCESS
+    port.pass_time(port.now_s + 1.0)
+    reader = dynamixel_sdk.GroupSyncRead(port, sdk, 126, 10)
+    reader.addParam(1)
+    assert reader.txRxPacket() == dynamixel_sdk.COMM_SUCCESS
+    assert reader.getData(1, 132, 4) == 2100
+
+
+def test_reg_write_and_action(sdk, port, shaft):
+    sdk.write1ByteTxRx(port, 1, 64, 1)
+    assert sdk.regWriteTxRx(port, 1, 116, 4, list((2100).to_bytes(4, "little"))) == (dynamixel_sdk.COMM_SUCCESS, 0)
+    assert shaft.angle_rad() == 0.0
+    sdk.action(port, 1)
+    port.pass_time(port.now_s + 1.0)
+    assert shaft.angle_rad() > 0.0
+
+
+def test_the_library_unstuffs_what_the_emulator_stuffs(sdk, port):
+    value = int.from_bytes(b"\xff\xff\xfd\xff", "little")
+    packet = bytes.fromhex("FFFFFD00010A00031400FFFFFDFDFF")
+    crc = sdk.updateCRC(0, packet, len(packet))
+    port.writePort(packet + crc.to_bytes(2, "little"))
+    port.pass_time(port.now_s + 0.1)
+    assert sdk.read4ByteTxRx(port, 1, 20) == (value, dynamixel_sdk.COMM_SUCCESS, 0)

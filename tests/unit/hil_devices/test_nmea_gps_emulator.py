@@ -1,0 +1,78 @@
+import math
+
+import numpy as np
+import pytest
+from pynmeagps import NMEAReader
+
+from hil.devices.nmea_gps import NmeaGpsEmulator
+from hil.devices.nmea_text import clock_and_date, coordinate
+
+
+def quiet(boat, **options):
+    return NmeaGpsEmulator(boat, np.random.default_rng(1), position_noise_m=0.0, velocity_noise_m_s=0.0, **options)
+
+
+def parsed(said):
+    lines = b"".join(data for _, data in said).splitlines(keepends=True)
+    return [NMEAReader.parse(line, validate=1) for line in lines]
+
+
+def test_an_independent_parser_reads_what_the_world_is(boat, run):
+    boat.course = math.radians(123.45)
+    boat.speed = 0.9
+    rmc, gga, vtg = parsed(run(quiet(boat), 0.9))
+    assert (rmc.status, rmc.lat, rmc.lon) == ("A", pytest.approx(35.5, abs=1e-6), pytest.approx(-120.25, abs=1e-6))
+    assert rmc.spd == pytest.approx(0.9 * 3600 / 1852, abs=1e-3)
+    assert rmc.cog == pytest.approx(123.45, abs=0.01)
+    assert (rmc.date.isoformat(), rmc.time.isoformat()) == ("2023-11-14", "22:13:20")
+    assert (gga.quality, gga.lat, gga.lon) == (1, rmc.lat, rmc.lon)
+    assert (vtg.cogt, vtg.sogk) == (rmc.cog, pytest.approx(3.24, abs=1e-3))
+
+
+def test_without_a_fix_every_measured_field_is_empty(boat, run):
+    receiver = quiet(boat)
+    receiver.fix = False
+    rmc, gga, vtg = parsed(run(receiver, 0.9))
+    assert (rmc.status, rmc.lat, rmc.lon, rmc.spd, rmc.cog) == ("V", "", "", "", "")
+    assert (gga.quality, gga.lat) == (0, "")
+    assert vtg.cogt == ""
+    assert rmc.time.isoformat() == "22:13:20"
+
+
+def test_losing_the_sky_does_not_shift_the_noise(boat, run):
+    steady, broken = (NmeaGpsEmulator(boat, np.random.default_rng(4)) for _ in range(2))
+    broken.fix = False
+    run(steady, 5.5)
+    run(broken, 5.5)
+    broken.fix = True
+    assert run(steady, 6.5) == run(broken, 6.5)
+
+
+def test_position_noise_has_its_size_and_wanders_slowly(boat, run):
+    receiver = NmeaGpsEmulator(boat, np.random.default_rng(2), position_noise_m=2.0, rate_hz=1.0)
+    north_m = [(m.lat - 35.5) * 111_320.0 for m in parsed(run(receiver, 1000.0)) if m.msgID == "GGA"]
+    assert np.std(north_m) == pytest.approx(2.0, rel=0.5)
+    assert np.std(np.diff(north_m)) < 0.6
+
+
+def test_the_burst_comes_after_latency_and_transfer(boat, run):
+    (due_s, data), *_ = run(quiet(boat, phase_s=0.25, latency_s=0.1, baud=9600), 1.0)
+    assert due_s == pytest.approx(0.35 + len(data) * 10 / 9600)
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "text"),
+    [(35.5, "3530.00000,N"), (-35.99999999999, "3600.00000,S"), (0.0, "0000.00000,N"), (1 / 60, "0001.00000,N")],
+)
+def test_minutes_never_read_sixty(angle_deg, text):
+    assert coordinate(angle_deg, degree_digits=2, letters=("N", "S")) == text
+
+
+def test_time_and_date_turn_over_together():
+    assert clock_and_date(1_704_067_199.999) == ("000000.00", "010124")
+    assert clock_and_date(1_704_067_199.98) == ("235959.98", "311223")
+
+
+def test_across_the_date_line(boat, run):
+    boat.longitude = 180.0
+    assert parsed(run(quiet(boat), 0.9))[0].lon == pytest.approx(-180.0)

@@ -1,0 +1,104 @@
+import math
+
+import pytest
+
+from hil.ship.servo import ServoShaft
+
+DEG = math.pi / 180.0
+
+
+def engaged(**options):
+    shaft = ServoShaft(**options)
+    shaft.set_torque(on=True)
+    return shaft
+
+
+def test_slews_at_30_degrees_per_second_and_stands_at_its_target():
+    shaft = engaged()
+    shaft.set_target(20 * DEG)
+    shaft.advance(0.5)
+    assert shaft.angle_rad() == pytest.approx(15 * DEG)
+    assert shaft.rate_rad_s() == pytest.approx(30 * DEG)
+    shaft.advance(5.0)
+    assert shaft.angle_rad() == 20 * DEG
+    assert shaft.rate_rad_s() == 0.0
+
+
+def test_one_step_or_a_thousand_give_the_same_bits():
+    angles = []
+    for steps in (1, 1000):
+        shaft = engaged()
+        shaft.set_target(-0.5)
+        for step in range(1, steps + 1):
+            shaft.advance(0.7 * step / steps)
+        angles.append(shaft.angle_rad())
+    assert angles[0] == angles[1]
+
+
+def test_a_target_given_again_does_not_disturb_the_motion():
+    shaft, nagged = engaged(), engaged()
+    shaft.set_target(0.5)
+    for step in range(1, 101):
+        nagged.set_target(0.5)
+        nagged.advance(step * 0.009)
+    shaft.advance(100 * 0.009)
+    assert nagged.angle_rad() == shaft.angle_rad()
+
+
+def test_a_new_target_turns_it_round_where_it_is():
+    shaft = engaged()
+    shaft.set_target(30 * DEG)
+    shaft.advance(0.5)
+    shaft.set_target(-30 * DEG)
+    shaft.advance(1.0)
+    assert shaft.angle_rad() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_stops_at_its_stops():
+    shaft = engaged(low_stop_rad=-0.2, high_stop_rad=0.1)
+    shaft.set_target(9.0)
+    shaft.advance(10.0)
+    assert shaft.angle_rad() == 0.1
+
+
+def test_released_it_stays_and_engaged_it_goes_on():
+    shaft = engaged()
+    shaft.set_target(30 * DEG)
+    shaft.advance(0.5)
+    shaft.set_torque(on=False)
+    shaft.advance(3.0)
+    assert shaft.angle_rad() == pytest.approx(15 * DEG)
+    shaft.set_torque(on=True)
+    shaft.advance(3.25)
+    assert shaft.angle_rad() == pytest.approx(22.5 * DEG)
+
+
+def test_a_jam_holds_and_freeing_lets_it_go_on():
+    shaft = engaged()
+    shaft.set_target(30 * DEG)
+    shaft.jam(5 * DEG)
+    shaft.advance(10.0)
+    assert shaft.angle_rad() == pytest.approx(5 * DEG)
+    assert shaft.rate_rad_s() == 0.0
+    shaft.free()
+    shaft.advance(10.5)
+    assert shaft.angle_rad() == pytest.approx(20 * DEG)
+
+
+def test_time_never_runs_backwards_and_nonsense_is_ignored():
+    shaft = engaged()
+    shaft.set_target(0.3)
+    shaft.advance(5.0)
+    for bad in (math.nan, math.inf):
+        shaft.set_target(bad)
+    shaft.advance(1.0)
+    shaft.advance(math.nan)
+    shaft.advance(6.0)
+    assert shaft.angle_rad() == 0.3
+
+
+def test_senseless_options_are_refused():
+    with pytest.raises(ValueError, match="stops"):
+        ServoShaft(low_stop_rad=1.0, high_stop_rad=0.0)
+    with pytest.raises(ValueError, match="slew"):
+        ServoShaft(slew_rad_s=-1.0)
