@@ -120,9 +120,8 @@ def situation_of(state: State, now_s: float) -> Situation:
         state.heading.heading_rad if valid else None,
         state.drift.drift_rad,
         state.position is not None and _fresh(state.position.t_s, now_s, settings.position_timeout_s),
-        state.servo is not None
-        and state.servo.shaft_rad is not None
-        and _fresh(state.servo.t_s, now_s, settings.rudder_timeout_s),
+        # A released servo of some makes gives no angle, but it answers.
+        state.servo is not None and _fresh(state.servo.t_s, now_s, settings.rudder_timeout_s),
     )
 
 

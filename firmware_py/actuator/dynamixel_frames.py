@@ -1,0 +1,172 @@
+"""Codec of Robotis Dynamixel protocol 2.0: bytes in, bytes out, no I/O and no time.
+
+A frame is FF FF FD 00 | ID | LEN u16 LE | INSTRUCTION | parameters | CRC16 LE. Within
+instruction and parameters every FF FF FD is followed by a stuffed FD, so the header
+cannot occur inside a frame; the CRC (polynomial 0x8005, initial value 0, not reflected)
+covers all stuffed bytes before it.
+Source: Robotis e-Manual, "DYNAMIXEL Protocol 2.0".
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from fastcrc import crc16
+
+HEADER = b"\xff\xff\xfd\x00"
+STUFFED, UNSTUFFED = b"\xff\xff\xfd\xfd", b"\xff\xff\xfd"
+BROADCAST_ID = 254
+LARGEST_ID = 252
+
+PING, READ, WRITE, REBOOT = 0x01, 0x02, 0x03, 0x08
+SYNC_READ, SYNC_WRITE = 0x82, 0x83
+STATUS = 0x55
+
+ALERT_BIT = 0x80  # of a status packet's error byte: read the hardware error register
+ERROR_TEXT = {
+    1: "result fail",
+    2: "instruction error",
+    3: "CRC error",
+    4: "range error",
+    5: "length error",
+    6: "limit error",
+    7: "access error",
+}
+
+_HEAD_SIZE = 7  # header, id and length: the length counts what follows them
+_CRC_SIZE = 2
+_SMALLEST_LENGTH = 4  # of a status packet: instruction, error, CRC
+
+
+def _frame(device_id: int, body: bytes) -> bytes:
+    stuffed = body.replace(UNSTUFFED, STUFFED)
+    covered = HEADER + struct.pack("<BH", device_id, len(stuffed) + _CRC_SIZE) + stuffed
+    return covered + struct.pack("<H", crc16.umts(covered))
+
+
+def instruction(device_id: int, code: int, parameters: bytes = b"") -> bytes:
+    """Return the frame of any instruction."""
+    return _frame(device_id, bytes((code,)) + parameters)
+
+
+def ping(device_id: int) -> bytes:
+    """Return a ping; the status packet carries model number u16 and firmware version u8."""
+    return instruction(device_id, PING)
+
+
+def read(device_id: int, address: int, length: int) -> bytes:
+    """Return the instruction that reads a range of the control table."""
+    return instruction(device_id, READ, struct.pack("<HH", address, length))
+
+
+def write(device_id: int, address: int, data: bytes) -> bytes:
+    """Return the instruction that writes a range of the control table."""
+    return instruction(device_id, WRITE, struct.pack("<H", address) + data)
+
+
+def reboot(device_id: int) -> bytes:
+    """Return the instruction that restarts the device."""
+    return instruction(device_id, REBOOT)
+
+
+def sync_read(address: int, length: int, device_ids: Iterable[int]) -> bytes:
+    """Return the instruction that reads the same range of several devices."""
+    return instruction(BROADCAST_ID, SYNC_READ, struct.pack("<HH", address, length) + bytes(device_ids))
+
+
+def sync_write(address: int, length: int, values: Iterable[tuple[int, bytes]]) -> bytes:
+    """Return the instruction that writes the same range of several devices, each its own `length` bytes."""
+    parameters = b"".join(bytes((device_id,)) + data for device_id, data in values)
+    return instruction(BROADCAST_ID, SYNC_WRITE, struct.pack("<HH", address, length) + parameters)
+
+
+@dataclass(frozen=True, slots=True)
+class StatusPacket:
+    """The answer of a device, stuffing removed."""
+
+    device_id: int
+    error: int
+    parameters: bytes
+
+    @property
+    def alert(self) -> bool:
+        """Whether the device has a hardware error."""
+        return bool(self.error & ALERT_BIT)
+
+    @property
+    def code(self) -> int:
+        """Why the instruction was refused (ERROR_TEXT), 0 when it was obeyed."""
+        return self.error & ~ALERT_BIT
+
+
+class StatusParser:
+    """Finds status packets in a stream of any bytes, and never raises.
+
+    Instruction packets, such as the echo of a half-duplex adapter, are passed over. The
+    buffer holds less than one packet of the largest length between calls. `rejected`
+    counts status packets with a bad CRC or length, cut ones included.
+    """
+
+    __slots__ = ("_buffer", "_largest_length", "rejected")
+
+    def __init__(self, largest_length: int = 256) -> None:
+        """Take the largest length field believed: a damaged one makes the parser wait for that many bytes."""
+        self._buffer = bytearray()
+        self._largest_length = largest_length
+        self.rejected = 0
+
+    @property
+    def pending(self) -> int:
+        """How many bytes wait for the rest of their packet."""
+        return len(self._buffer)
+
+    def clear(self) -> None:
+        """Forget the bytes of an unfinished packet."""
+        self._buffer.clear()
+
+    def feed(self, data: bytes) -> list[StatusPacket]:
+        """Take bytes as they arrived and return the packets that they complete."""
+        buffer = self._buffer
+        buffer += data
+        packets: list[StatusPacket] = []
+        done = 0
+        while (start := buffer.find(HEADER, done)) >= 0:
+            step = self._examine(start, packets)
+            if step == 0:
+                break
+            done = start + step
+        # Without a header, the last three bytes may still be the beginning of one.
+        del buffer[: start if start >= 0 else max(done, len(buffer) - len(HEADER) + 1)]
+        return packets
+
+    def _examine(self, start: int, packets: list[StatusPacket]) -> int:
+        """Judge the header at start; return how far to go on, 0 to wait for more bytes."""
+        buffer = self._buffer
+        available = len(buffer) - start
+        if available > 4 and buffer[start + 4] > LARGEST_ID:
+            return 1
+        if available <= _HEAD_SIZE:
+            return 0
+        if buffer[start + _HEAD_SIZE] != STATUS:
+            return 1
+        length = buffer[start + 5] | buffer[start + 6] << 8
+        if not _SMALLEST_LENGTH <= length <= self._largest_length:
+            self.rejected += 1
+            return 1
+        size = _HEAD_SIZE + length
+        # A header before the CRC of this one proves this one cut: the rest belongs to the next packet.
+        inner = buffer.find(HEADER, start + _HEAD_SIZE, min(start + size - _CRC_SIZE, len(buffer)))
+        if inner >= 0:
+            self.rejected += 1
+            return inner - start
+        if available < size:
+            return 0
+        packet = bytes(buffer[start : start + size])
+        if crc16.umts(packet[:-_CRC_SIZE]) != packet[-2] | packet[-1] << 8:
+            self.rejected += 1
+            return 1
+        body = packet[_HEAD_SIZE:-_CRC_SIZE].replace(STUFFED, UNSTUFFED)
+        packets.append(StatusPacket(packet[4], body[1], body[2:]))
+        return size

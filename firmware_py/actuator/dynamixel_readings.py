@@ -1,0 +1,54 @@
+"""When a Dynamixel's telemetry and state are read, so that they never hold up the goal."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from firmware_py.actuator import dynamixel_registers as table
+from firmware_py.actuator.dynamixel_upkeep import Request, read_request
+from firmware_py.actuator.half_duplex import Pace
+
+SLOW_EVERY_S = 0.25  # state and watchdog take turns
+
+
+class Readings:
+    """Telemetry once a command, the state and the watchdog in turn at a slower rate."""
+
+    def __init__(self, device_id: int) -> None:
+        """Take the id of the servo."""
+        self._telemetry = read_request(device_id, table.TELEMETRY)
+        self._slow = deque((read_request(device_id, table.STATE), read_request(device_id, table.WATCHDOG)))
+        self._telemetry_due = False
+        self._telemetry_s = -math.inf
+        self._slow_s = -math.inf
+        self._pace = Pace()
+
+    def commanded(self, now_s: float) -> None:
+        """Note that a command has come."""
+        self._pace.commanded(now_s)
+        self._telemetry_due = True
+
+    def state_first(self) -> None:
+        """Have the state read at the next turn of the slow readings."""
+        if self._slow[0].block is not table.STATE:
+            self._slow.rotate()
+
+    def due(self, now_s: float) -> Request | None:
+        """Return the reading to begin now."""
+        early = self._pace.early(now_s)
+        if (self._telemetry_due and early) or self._pace.overdue(now_s - self._telemetry_s):
+            return self._telemetry
+        slow_age_s = now_s - self._slow_s
+        if slow_age_s >= SLOW_EVERY_S and (early or self._pace.overdue(slow_age_s - SLOW_EVERY_S)):
+            return self._slow[0]
+        return None
+
+    def sent(self, request: Request, now_s: float) -> None:
+        """Note that a reading has begun."""
+        if request is self._telemetry:
+            self._telemetry_due = False
+            self._telemetry_s = now_s
+        elif request is self._slow[0]:
+            self._slow.rotate()
+            self._slow_s = now_s

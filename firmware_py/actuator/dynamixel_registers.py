@@ -1,0 +1,189 @@
+"""The part of the Dynamixel X control table that a rudder needs, and what its values mean.
+
+Source: Robotis e-Manual, XW540-T260. Addresses below 64 are EEPROM, which is locked while
+the torque is on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from firmware_py.angles import TWO_PI, clamp
+
+RAM_BEGINS = 64
+
+COUNTS_PER_TURN = 4096
+CENTRE_COUNTS = 2048
+LARGEST_COUNTS = 4095
+RADIANS_PER_COUNT = TWO_PI / COUNTS_PER_TURN
+AMPERES_PER_COUNT = 2.69e-3
+VOLTS_PER_COUNT = 0.1
+PROFILE_RAD_S_PER_COUNT = 0.229 * TWO_PI / 60.0
+LARGEST_PROFILE = 32767
+
+POSITION_MODE = 3
+ANSWER_EVERYTHING = 2  # status return level
+WATCHDOG_TRIPPED = -1
+
+HARDWARE_ERRORS = {
+    0x01: "input voltage",
+    0x04: "overheating",
+    0x08: "encoder",
+    0x10: "electrical shock",
+    0x20: "overload",
+}
+ENCODER_ERROR, OVERHEATING_ERROR = 0x08, 0x04
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A range that is read in one exchange.
+
+    Every block has a length of its own (and a ping has 3): a status packet does not say
+    what it answers, so its length tells a late one from the one awaited.
+    """
+
+    name: str
+    address: int
+    length: int
+
+
+SETTINGS = Block("settings", 8, 6)
+LIMITS = Block("position limits", 48, 8)
+STATE = Block("state", 64, 7)
+WATCHDOG = Block("bus watchdog", 98, 1)
+PROFILE = Block("profile velocity", 112, 4)
+TELEMETRY = Block("telemetry", 126, 21)
+
+Image = Mapping[Block, bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One value of a block."""
+
+    name: str
+    block: Block
+    address: int
+    size: int
+    signed: bool = False
+
+    @property
+    def eeprom(self) -> bool:
+        """Whether it can only be written with the torque off, and not for ever."""
+        return self.address < RAM_BEGINS
+
+    def value(self, image: Image) -> int | None:
+        """Return the value last read, None when its block is not known."""
+        data = image.get(self.block)
+        return None if data is None else self.decoded(data)
+
+    def decoded(self, data: bytes) -> int:
+        """Return the value within the bytes of its block."""
+        offset = self.address - self.block.address
+        return int.from_bytes(data[offset : offset + self.size], "little", signed=self.signed)
+
+    def encoded(self, value: int) -> bytes:
+        """Return the bytes to write."""
+        return value.to_bytes(self.size, "little", signed=self.signed)
+
+
+RETURN_DELAY = Register("return delay", SETTINGS, 9, 1)
+DRIVE_MODE = Register("drive mode", SETTINGS, 10, 1)
+OPERATING_MODE = Register("operating mode", SETTINGS, 11, 1)
+MAX_POSITION = Register("max position", LIMITS, 48, 4)
+MIN_POSITION = Register("min position", LIMITS, 52, 4)
+TORQUE_ENABLE = Register("torque enable", STATE, 64, 1)
+STATUS_LEVEL = Register("status return level", STATE, 68, 1)
+HARDWARE_ERROR = Register("hardware error", STATE, 70, 1)
+BUS_WATCHDOG = Register("bus watchdog", WATCHDOG, 98, 1, signed=True)
+PROFILE_VELOCITY = Register("profile velocity", PROFILE, 112, 4)
+CURRENT = Register("current", TELEMETRY, 126, 2, signed=True)
+POSITION = Register("position", TELEMETRY, 132, 4, signed=True)
+VOLTAGE = Register("voltage", TELEMETRY, 144, 2)
+TEMPERATURE = Register("temperature", TELEMETRY, 146, 1, signed=True)
+GOAL_POSITION_ADDRESS = 116
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What the masked bits of a register shall be; the rest stays as the owner set it.
+
+    A servo that refuses an essential one cannot be steered; without another it can.
+    """
+
+    register: Register
+    value: int
+    mask: int = 0xFFFFFFFF
+    essential: bool = False
+
+    def corrected(self, present: int) -> int:
+        """Return what to write over the present value; the same when it is right."""
+        return (present & ~self.mask) | self.value
+
+
+SETTINGS_WANTED = (
+    # Torque only by the torque register (bit 3), profile velocity in speed and not in time (bit 2).
+    Setting(DRIVE_MODE, 0, mask=0x0C),
+    Setting(OPERATING_MODE, POSITION_MODE, essential=True),
+    Setting(RETURN_DELAY, 0),
+    Setting(STATUS_LEVEL, ANSWER_EVERYTHING),
+)
+
+
+def profile_counts(slew_rad_s: float) -> int:
+    """Return the profile velocity of a slew rate, at least 1: 0 means unlimited."""
+    return int(clamp(round(clamp(slew_rad_s, 0.0, 1e3) / PROFILE_RAD_S_PER_COUNT), 1, LARGEST_PROFILE))
+
+
+def goal_counts(shaft_rad: float, image: Image) -> int:
+    """Return the goal position of a finite shaft angle, within the limits of the servo."""
+    low = max(MIN_POSITION.value(image) or 0, 0)
+    high = MAX_POSITION.value(image)
+    high = LARGEST_COUNTS if high is None else min(high, LARGEST_COUNTS)
+    if low > high:  # limits that contradict each other bind nobody
+        low, high = 0, LARGEST_COUNTS
+    return round(clamp(CENTRE_COUNTS + shaft_rad / RADIANS_PER_COUNT, low, high))
+
+
+@dataclass(frozen=True, slots=True)
+class Telemetry:
+    """The values of the telemetry block in SI units, None where one is impossible."""
+
+    shaft_rad: float | None
+    current_a: float | None
+    voltage_v: float | None
+    temperature_c: float | None
+    impossible: int
+
+
+def _possible(counts: int, low: int, high: int) -> int | None:
+    return counts if low <= counts <= high else None
+
+
+def decode_telemetry(data: bytes) -> Telemetry:
+    """Return the values of a telemetry block; ranges are those of the register or the maker's hardware.
+
+    Position: a turn and the homing offset of up to a quarter turn either side. Current:
+    8 A, above the largest stall current. Voltage: 40 V, above the largest supply.
+    Temperature: -40 to 125 deg C, the range of the electronics.
+    """
+    position = _possible(POSITION.decoded(data), -COUNTS_PER_TURN // 4, COUNTS_PER_TURN * 5 // 4)
+    current = _possible(CURRENT.decoded(data), -3000, 3000)
+    voltage = _possible(VOLTAGE.decoded(data), 0, 400)
+    temperature = _possible(TEMPERATURE.decoded(data), -40, 125)
+    return Telemetry(
+        None if position is None else (position - CENTRE_COUNTS) * RADIANS_PER_COUNT,
+        None if current is None else current * AMPERES_PER_COUNT,
+        None if voltage is None else voltage * VOLTS_PER_COUNT,
+        None if temperature is None else float(temperature),
+        (position, current, voltage, temperature).count(None),
+    )
+
+
+def hardware_error_text(bits: int) -> str:
+    """Name the hardware errors of a set of bits."""
+    names = [name for bit, name in HARDWARE_ERRORS.items() if bits & bit]
+    unknown = bits & ~sum(HARDWARE_ERRORS)
+    return ", ".join(names + ([f"unknown 0x{unknown:02x}"] if unknown else []))

@@ -1,0 +1,101 @@
+"""One question at a time on a bus where both ends share the wires."""
+
+from __future__ import annotations
+
+import math
+from typing import Generic, TypeVar
+
+from firmware_py.ports import ByteLine
+
+RequestT = TypeVar("RequestT")
+
+SILENT_AFTER_S = 0.5
+SILENT_AFTER_REQUESTS = 3  # so that one lost reply of a slow loop is no silence
+EARLY_PART = 0.5
+OVERDUE_S, OVERDUE_PERIODS = 0.25, 2.5
+LONGEST_PERIOD_S = 1.0
+
+
+class HalfDuplex(Generic[RequestT]):
+    """Remembers which request waits for its reply, and for how long there has been none."""
+
+    __slots__ = ("_line", "_openings", "_reply_timeout_s", "_sent_s", "_unanswered", "_waiting_since_s", "outstanding")
+
+    def __init__(self, line: ByteLine, reply_timeout_s: float) -> None:
+        """Take the line, and the time after which a reply is given up."""
+        self._line = line
+        self._reply_timeout_s = reply_timeout_s
+        self._openings = line.openings
+        self._sent_s = 0.0
+        self._unanswered = 0
+        self._waiting_since_s: float | None = None
+        self.outstanding: RequestT | None = None
+
+    def reopened(self) -> bool:
+        """Say whether the line is a new one since the last call, and if so forget what waited."""
+        if self._line.openings == self._openings:
+            return False
+        self._openings = self._line.openings
+        self.outstanding = None
+        self.answered()
+        return True
+
+    def ask(self, frame: bytes, request: RequestT, now_s: float) -> bool:
+        """Write a frame whose reply is awaited; False when the line does not take it."""
+        if not self._line.write(frame):
+            return False
+        self.outstanding = request
+        self._sent_s = now_s
+        if self._waiting_since_s is None:
+            self._waiting_since_s = now_s
+        return True
+
+    def answered(self) -> None:
+        """End the exchange: the reply has come."""
+        self.outstanding = None
+        self._unanswered = 0
+        self._waiting_since_s = None
+
+    def expired(self, now_s: float) -> RequestT | None:
+        """Return the request whose reply is given up now, once."""
+        request = self.outstanding
+        if request is None or now_s - self._sent_s < self._reply_timeout_s:
+            return None
+        self.outstanding = None
+        self._unanswered += 1
+        return request
+
+    def silent(self, now_s: float) -> bool:
+        """Say whether the device has stopped answering."""
+        waiting_since_s = self._waiting_since_s
+        if waiting_since_s is None or self._unanswered < SILENT_AFTER_REQUESTS:
+            return False
+        return now_s - waiting_since_s >= SILENT_AFTER_S
+
+
+class Pace:
+    """Keeps the bus free for the next command.
+
+    A reading begun late in the period of the commands could still hold the bus when the
+    next one comes, so there it is only begun when it is overdue.
+    """
+
+    __slots__ = ("_command_s", "_period_s")
+
+    def __init__(self) -> None:
+        """Begin without a command."""
+        self._command_s = -math.inf
+        self._period_s = 0.0
+
+    def commanded(self, now_s: float) -> None:
+        """Note that a command has come."""
+        self._period_s = min(max(now_s - self._command_s, 0.0), LONGEST_PERIOD_S)
+        self._command_s = now_s
+
+    def early(self, now_s: float) -> bool:
+        """Say whether a reading begun now is over before the next command."""
+        return now_s - self._command_s <= EARLY_PART * self._period_s
+
+    def overdue(self, age_s: float) -> bool:
+        """Say whether a reading is too old to wait for a better moment."""
+        return age_s >= max(OVERDUE_S, OVERDUE_PERIODS * self._period_s)

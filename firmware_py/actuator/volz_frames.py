@@ -1,0 +1,126 @@
+"""Codec of the Volz DA servo protocol: bytes in, bytes out, no I/O and no time.
+
+Requests and replies are six bytes without a header: code | id | argument 1 | argument 2 |
+CRC16 BE. The CRC (polynomial 0x8005, initial value 0xFFFF, not reflected) covers the first
+four. A reply has a code of its own, so an echoed request is no reply.
+Source: Volz DA 26 RS-485 protocol specification; for voltage, current and temperature
+argument 1 is the first supply or the motor, argument 2 the second supply or the circuit
+board (so also ArduPilot's AP_Volz_Protocol).
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from fastcrc import crc16
+
+from firmware_py.angles import clamp, radians
+
+SET_POSITION, READ_CURRENT, READ_VOLTAGE, READ_TEMPERATURE = 0xDC, 0xB0, 0xB1, 0xC0
+POSITION_REPLY, CURRENT_REPLY, VOLTAGE_REPLY, TEMPERATURE_REPLY = 0x2C, 0x30, 0x31, 0x10
+REPLY_OF = {
+    SET_POSITION: POSITION_REPLY,
+    READ_CURRENT: CURRENT_REPLY,
+    READ_VOLTAGE: VOLTAGE_REPLY,
+    READ_TEMPERATURE: TEMPERATURE_REPLY,
+}
+
+FRAME_SIZE = 6
+CENTRE_COUNTS = 0x0800
+LOWEST_COUNTS, HIGHEST_COUNTS = 0x0080, 0x0F80  # -100 and +100 deg
+LARGEST_COUNTS = 0x0FFF  # of the sensor: a shaft pushed beyond its range
+RADIANS_PER_COUNT = radians(100.0) / (HIGHEST_COUNTS - CENTRE_COUNTS)
+AMPERES_PER_COUNT = 0.02
+VOLTS_PER_COUNT = 0.2
+TEMPERATURE_OFFSET_C = -50.0
+HIGHEST_TEMPERATURE_C = 150.0
+
+_REPLIES = frozenset(REPLY_OF.values())
+
+
+def request(code: int, device_id: int, argument: int = 0) -> bytes:
+    """Return the frame of a request with a 16-bit argument."""
+    covered = struct.pack(">BBH", code, device_id, argument)
+    return covered + struct.pack(">H", crc16.cms(covered))
+
+
+def set_position(device_id: int, shaft_rad: float) -> bytes:
+    """Return the request to go to a finite shaft angle, within +-100 deg."""
+    counts = round(clamp(CENTRE_COUNTS + shaft_rad / RADIANS_PER_COUNT, LOWEST_COUNTS, HIGHEST_COUNTS))
+    return request(SET_POSITION, device_id, counts)
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """A reply with a good checksum; its values are not yet judged."""
+
+    code: int
+    first: int
+    second: int
+
+    def shaft_rad(self) -> float | None:
+        """The measured angle of a position reply, None when the sensor cannot give it."""
+        counts = self.first << 8 | self.second
+        return (counts - CENTRE_COUNTS) * RADIANS_PER_COUNT if counts <= LARGEST_COUNTS else None
+
+    def current_a(self) -> float:
+        """The current of both supplies together."""
+        return (self.first + self.second) * AMPERES_PER_COUNT
+
+    def voltage_v(self) -> float | None:
+        """The higher of the two supplies, which is the one that feeds the motor; None for a servo that has neither."""
+        counts = max(self.first, self.second)
+        return counts * VOLTS_PER_COUNT if counts else None
+
+    def temperature_c(self) -> float | None:
+        """The hotter of motor and circuit board, None when no servo survives it."""
+        hotter_c = max(self.first, self.second) + TEMPERATURE_OFFSET_C
+        return hotter_c if hotter_c <= HIGHEST_TEMPERATURE_C else None
+
+
+class ReplyParser:
+    """Finds the replies of one servo in a stream of any bytes, and never raises.
+
+    `rejected` counts what began like a reply and had a bad checksum.
+    """
+
+    __slots__ = ("_buffer", "_device_id", "rejected")
+
+    def __init__(self, device_id: int) -> None:
+        """Take the id of the servo."""
+        self._buffer = bytearray()
+        self._device_id = device_id
+        self.rejected = 0
+
+    @property
+    def pending(self) -> int:
+        """How many bytes wait for the rest of their frame: fewer than a frame."""
+        return len(self._buffer)
+
+    def clear(self) -> None:
+        """Forget the bytes of an unfinished frame."""
+        self._buffer.clear()
+
+    def feed(self, data: bytes) -> list[Reply]:
+        """Take bytes as they arrived and return the replies that they complete."""
+        buffer = self._buffer
+        buffer += data
+        replies: list[Reply] = []
+        start = 0
+        while len(buffer) - start >= FRAME_SIZE:
+            code = buffer[start]
+            known = buffer[start + 1] == self._device_id and (code in _REPLIES or code in REPLY_OF)
+            if not known:
+                start += 1
+                continue
+            frame = bytes(buffer[start : start + FRAME_SIZE])
+            if crc16.cms(frame[:4]) != frame[4] << 8 | frame[5]:
+                self.rejected += code in _REPLIES
+                start += 1
+                continue
+            if code in _REPLIES:  # else our own request, echoed
+                replies.append(Reply(code, frame[2], frame[3]))
+            start += FRAME_SIZE
+        del buffer[:start]
+        return replies

@@ -1,0 +1,171 @@
+"""The Dynamixel codec, with the maker's own SDK as oracle both ways."""
+
+from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
+from dynamixel_sdk.robotis_def import COMM_SUCCESS
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
+
+from firmware_py.actuator import dynamixel_frames as frames
+
+HEADER = b"\xff\xff\xfd"
+SDK = Protocol2PacketHandler()
+IDS = st.integers(0, 252)
+# Payloads in which the header and its stuffing occur often.
+PAYLOADS = st.lists(st.sampled_from([b"\xff", b"\xfd", b"\x00", HEADER, b"\x55\x01\x80"]) | st.binary(max_size=3)).map(
+    b"".join
+)
+
+
+class FakePort:
+    """The port that dynamixel_sdk drives."""
+
+    def __init__(self, answer=b""):
+        self.is_using = False
+        self.answer = list(answer)
+        self.written = b""
+
+    def clearPort(self):  # noqa: N802 - the SDK's name
+        pass
+
+    def writePort(self, packet):  # noqa: N802
+        self.written = bytes(packet)
+        return len(packet)
+
+    def readPort(self, count):  # noqa: N802
+        taken, self.answer = self.answer[:count], self.answer[count:]
+        return taken
+
+    def setPacketTimeout(self, count):  # noqa: N802
+        pass
+
+    def isPacketTimeout(self):  # noqa: N802
+        return not self.answer
+
+
+def sdk_frame(device_id, instruction, parameters):
+    """A frame by the SDK's own stuffing and CRC.
+
+    Its txPacket (4.1.0) drops the stuffing it has computed, because addStuffing rebinds
+    its argument; so the stuffed packet is taken from what addStuffing returns.
+    """
+    length = len(parameters) + 3
+    packet = [*frames.HEADER, device_id, length & 0xFF, length >> 8, instruction, *parameters, 0, 0]
+    stuffed = SDK.addStuffing(packet)
+    crc = SDK.updateCRC(0, stuffed, len(stuffed) - 2)
+    stuffed[-2:] = [crc & 0xFF, crc >> 8]
+    return bytes(stuffed)
+
+
+def test_ping_of_the_protocol_page():
+    assert frames.ping(1) == bytes.fromhex("FFFFFD00 01 0300 01 194E")
+
+
+@given(IDS, st.integers(0, 65535), st.integers(0, 65535))
+def test_what_the_sdk_writes(device_id, address, length):
+    port = FakePort()
+    assume(HEADER not in bytes((address & 255, address >> 8, length & 255, length >> 8)))  # see sdk_frame
+    assert SDK.readTx(port, device_id, address, length) == COMM_SUCCESS
+    assert frames.read(device_id, address, length) == port.written
+    port = FakePort()
+    SDK.ping(port, device_id)
+    assert frames.ping(device_id) == port.written
+    port = FakePort()
+    SDK.reboot(port, device_id)
+    assert frames.reboot(device_id) == port.written
+
+
+@given(IDS, st.integers(0, 661), st.binary(min_size=1, max_size=200))
+def test_writes_of_the_sdk(device_id, address, data):
+    body = address.to_bytes(2, "little") + data
+    assume(HEADER not in body)  # see sdk_frame
+    port = FakePort()
+    assert SDK.writeTxOnly(port, device_id, address, len(data), list(data)) == COMM_SUCCESS
+    assert frames.write(device_id, address, data) == port.written
+
+
+@given(st.lists(IDS, min_size=1, max_size=5, unique=True), st.binary(min_size=4, max_size=4))
+def test_sync_frames_of_the_sdk(device_ids, data):
+    port = FakePort()
+    SDK.syncReadTx(port, 132, 4, device_ids, len(device_ids), False)
+    assert frames.sync_read(132, 4, device_ids) == port.written
+    parameters = b"".join(bytes((device_id,)) + data for device_id in device_ids)
+    assert frames.sync_write(116, 4, [(device_id, data) for device_id in device_ids]) == sdk_frame(
+        254, 0x83, b"\x74\x00\x04\x00" + parameters
+    )
+
+
+@given(IDS, PAYLOADS)
+@example(1, HEADER)
+@example(1, HEADER + HEADER + b"\xfd\xfd" + HEADER)
+@example(1, b"\xff\xff")
+def test_stuffing_is_the_sdks(device_id, data):
+    assert frames.write(device_id, 0x74, data) == sdk_frame(device_id, 3, b"\x74\x00" + data)
+
+
+@given(IDS, st.integers(0, 255), PAYLOADS)
+def test_our_parser_takes_what_the_sdk_frames(device_id, error, data):
+    packet = sdk_frame(device_id, 0x55, bytes((error,)) + data)
+    parser = frames.StatusParser()
+    assert parser.feed(packet) == [frames.StatusPacket(device_id, error, data)]
+    assert parser.pending == parser.rejected == 0
+
+
+@given(IDS, st.integers(0, 255), PAYLOADS)
+def test_the_sdk_takes_the_status_packets_of_our_tests(fakes, device_id, error, data):
+    # The SDK's removeStuffing reads bytes that it has already moved, so it is right for one stuffing only.
+    assume((bytes((error,)) + data).count(HEADER) <= 1)
+    packet = fakes.status_frame(device_id, error, data)
+    read, result, read_error = SDK.readRx(FakePort(packet), device_id, len(data))
+    assert (bytes(read), result, read_error) == (data, COMM_SUCCESS, error)
+    assert frames.StatusParser().feed(packet) == [frames.StatusPacket(device_id, error, data)]
+
+
+@given(IDS, PAYLOADS, st.binary(max_size=40), st.integers(1, 20))
+def test_a_stream_in_pieces_with_noise_between(fakes, device_id, data, noise, piece):
+    assume(frames.HEADER not in noise)
+    packet = fakes.status_frame(device_id, 0, data)
+    stream = noise + packet + noise + packet
+    parser = frames.StatusParser()
+    found = []
+    for start in range(0, len(stream), piece):
+        found += parser.feed(stream[start : start + piece])
+    assert found == [frames.StatusPacket(device_id, 0, data)] * 2
+
+
+def test_own_echo_is_passed_over(fakes):
+    parser = frames.StatusParser()
+    echo = frames.read(1, 126, 21) + frames.write(1, 116, b"\xff\xff\xfd\x00") + frames.ping(1)
+    assert parser.feed(echo + fakes.status_frame(1, 0)) == [frames.StatusPacket(1, 0, b"")]
+    assert parser.rejected == 0
+
+
+def test_a_cut_packet_does_not_swallow_the_next(fakes):
+    whole = fakes.status_frame(1, 0, bytes(30))
+    for cut in range(len(whole)):
+        parser = frames.StatusParser()
+        assert parser.feed(whole[:cut] + fakes.status_frame(1, 0, b"\x07")) == [frames.StatusPacket(1, 0, b"\x07")], cut
+
+
+def test_a_damaged_length_does_not_stall_for_ever(fakes):
+    damaged = bytearray(fakes.status_frame(1, 0, b"abc"))
+    damaged[5:7] = (5000).to_bytes(2, "little")
+    parser = frames.StatusParser()
+    assert parser.feed(bytes(damaged)) == []
+    assert parser.pending <= 3
+    assert parser.rejected == 1
+
+
+def test_alert_and_code():
+    packet = frames.StatusPacket(1, 0x84, b"")
+    assert packet.alert
+    assert packet.code == 4
+    assert not frames.StatusPacket(1, 4, b"").alert
+
+
+def test_clear_forgets_the_beginning(fakes):
+    packet = fakes.status_frame(1, 0, b"abc")
+    parser = frames.StatusParser()
+    parser.feed(packet[:9])
+    assert parser.pending == 9
+    parser.clear()
+    assert parser.feed(packet[9:]) == []
