@@ -94,8 +94,8 @@ class LockstepClock:
             self._send(deadline_s)
         if self._outstanding:
             foreign = [fd for fd in descriptors if not stat.S_ISCHR(os.fstat(fd).st_mode)]
-            ready = select.select([self._socket, *foreign], [], [])[0]
-            if self._socket in ready:
+            server = self._socket.fileno()
+            if server in select.select([server, *foreign], [], [])[0]:
                 self._receive()
         return select.select(descriptors, [], [], 0.0)[0]
 

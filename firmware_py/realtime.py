@@ -7,6 +7,8 @@ import gc
 import os
 import sys
 
+from firmware_py.ports import Clock
+
 PRIORITY = 40
 _MCL_CURRENT = 1
 _MCL_ONFAULT = 4  # only what is touched, so that whole libraries are not drawn into memory
@@ -32,3 +34,27 @@ def prepare() -> tuple[str, ...]:
     gc.freeze()
     gc.disable()
     return tuple(refused)
+
+
+class LoadMeter:
+    """How much of one core this process uses."""
+
+    def __init__(self, clock: Clock) -> None:
+        """Measure from now on."""
+        self._clock = clock
+        self._share = 0.0
+        self._since_s, self._used_s = clock.now_s(), _used_s()
+
+    def share(self) -> float:
+        """Return the share, 0 to 1, averaged over the last second or more."""
+        now_s = self._clock.now_s()
+        if now_s - self._since_s >= 1.0:
+            used_s = _used_s()
+            self._share = min(1.0, (used_s - self._used_s) / (now_s - self._since_s))
+            self._since_s, self._used_s = now_s, used_s
+        return self._share
+
+
+def _used_s() -> float:
+    times = os.times()
+    return times.user + times.system

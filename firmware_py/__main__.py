@@ -1,0 +1,67 @@
+"""The command line `rambler`."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from firmware_py import __version__
+
+# command -> (module, one line of help). A module is imported only when it is asked for, so
+# that the autopilot carries nothing of the bench tools.
+COMMANDS = {
+    "run": ("firmware_py.cli.run", "run the autopilot on the ports that a vehicle file names"),
+    "listen": ("firmware_py.cli.listen", "open each device and show what it says"),
+    "decode": ("firmware_py.cli.decode", "decode a capture with the drivers themselves"),
+    "replay": ("firmware_py.cli.replay", "recompute a log and compare every rudder command"),
+    "params": ("firmware_py.cli.params", "the parameter table; check a parameter file"),
+    "check": ("firmware_py.cli.check", "a preflight of devices, storage, clock and parameters"),
+}
+
+
+class UsageError(Exception):
+    """Bad usage, told in one line."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line that names the remedy."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{self.prog}: {message}; see {self.prog} -h")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a subcommand; 0 success, 1 a finding, 2 bad usage or configuration."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    parser = _Parser(prog="rambler", description="Autopilot for wave gliders and other very slow boats.")
+    parser.add_argument("--version", action="version", version=f"rambler {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    wanted = next((word for word in words if word in COMMANDS), None)
+    for name, (module_name, text) in COMMANDS.items():
+        command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        if name == wanted:
+            module = importlib.import_module(module_name)
+            module.add_arguments(command)
+            command.set_defaults(run=module.run)
+    try:
+        parsed = parser.parse_args(words)
+        code = int(parsed.run(parsed))
+        sys.stdout.flush()
+    except UsageError as error:
+        print(error, file=sys.stderr)
+        return 2
+    except BrokenPipeError:
+        # The reader (head, less) has seen enough.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        return 130
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,219 @@
+"""Vehicle file -> wired autopilot; the only composer."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from firmware_py import __version__
+from firmware_py.actuator.dynamixel import DynamixelRudder
+from firmware_py.actuator.volz import VolzRudder
+from firmware_py.clock import LockstepClock, RealClock
+from firmware_py.console import Console
+from firmware_py.link.endpoint import Endpoint
+from firmware_py.link.identity import Version
+from firmware_py.link.opening import open_transport
+from firmware_py.log.recorder import LogRecorder
+from firmware_py.loop import PARAMETER_FILE, Boat, Pilot
+from firmware_py.params import ParameterError, ParameterSet, format_file, parse_file
+from firmware_py.ports import ByteLine, Clock, Compass, Position, Rudder
+from firmware_py.realtime import LoadMeter
+from firmware_py.records import Event
+from firmware_py.sensors.line_tee import LineTee
+from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
+from firmware_py.sensors.pni_tcm import PniCompass
+from firmware_py.sensors.ubx import UbxPosition
+from firmware_py.serial_line import PortError, SerialLine
+from firmware_py.step import State
+from firmware_py.store import Store
+from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle
+
+LOG_DIRECTORY = "logs"
+
+COMPASSES: Mapping[str, Callable[[ByteLine, CompassEntry], Compass]] = {
+    "nmea": lambda line, entry: NmeaCompass(
+        line, require_checksum=entry.require_checksum, sentences=entry.sentences or None
+    ),
+    "pni_tcm": lambda line, entry: PniCompass(line, rate_hz=entry.rate_hz),
+}
+POSITIONS: Mapping[str, Callable[[ByteLine, PositionEntry], Position]] = {
+    "nmea": lambda line, entry: NmeaPosition(line, require_checksum=entry.require_checksum),
+    "ubx": lambda line, _entry: UbxPosition(line),
+}
+RUDDERS: Mapping[str, Callable[[ByteLine, RudderEntry], Rudder]] = {
+    "dynamixel": lambda line, entry: DynamixelRudder(line, device_id=entry.id),
+    "volz": lambda line, entry: VolzRudder(line, device_id=entry.id),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Devices:
+    """The drivers of a vehicle and the serial lines under them."""
+
+    compass: Compass
+    position: Position | None
+    rudder: Rudder
+    lines: tuple[SerialLine, ...]
+
+
+def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
+    """Open the ports and make the drivers.
+
+    Raises PortError for a port that cannot be opened, unless `wait`: then it is taken up
+    when it appears.
+    """
+    compass_line = SerialLine(vehicle.compass.port, vehicle.compass.baud)
+    rudder_line = SerialLine(vehicle.rudder.port, vehicle.rudder.baud)
+    lines = [compass_line, rudder_line]
+    compass_view: ByteLine = compass_line
+    position = None
+    if (entry := vehicle.position) is not None:
+        if entry.port == vehicle.compass.port:
+            tee = LineTee(compass_line)
+            compass_view, position_view = tee.first, tee.second
+        else:
+            position_line = SerialLine(entry.port, entry.baud)
+            lines.append(position_line)
+            position_view = position_line
+        position = POSITIONS[entry.driver](position_view, entry)
+    open_lines(lines, wait=wait)
+    return Devices(
+        COMPASSES[vehicle.compass.driver](compass_view, vehicle.compass),
+        position,
+        RUDDERS[vehicle.rudder.driver](rudder_line, vehicle.rudder),
+        tuple(lines),
+    )
+
+
+def open_lines(lines: Sequence[SerialLine], *, wait: bool) -> None:
+    """Open all lines, or close them again and raise PortError."""
+    try:
+        for line in lines:
+            try:
+                line.open()
+            except PortError:
+                if not wait:
+                    raise
+    except PortError:
+        for line in lines:
+            line.close()
+        raise
+
+
+def base_parameters(vehicle: Vehicle) -> ParameterSet:
+    """The defaults with the vehicle file's values over them."""
+    parameters = ParameterSet()
+    for name, value in vehicle.parameters.items():
+        parameters = parameters.replaced(name, value)
+    return parameters
+
+
+def stored_parameters(store: Store, say: Callable[[str], None]) -> dict[str, float]:
+    """The values that ground stations have set in earlier runs; unusable ones are told and left out."""
+    content = store.load(PARAMETER_FILE)
+    kept: dict[str, float] = {}
+    if content is None:
+        return kept
+    for number, line in enumerate(content.decode("utf-8", "replace").splitlines(), start=1):
+        try:
+            kept.update(parse_file(line, f"{PARAMETER_FILE} line {number}"))
+        except ParameterError as error:
+            say(f"stored parameter left out: {error}")
+    return kept
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the command line says."""
+
+    state_directory: Path
+    link_urls: tuple[str, ...] = ()
+    wait: bool = False
+    lockstep: str | None = None
+
+
+@dataclass(slots=True)
+class Assembly:
+    """A wired autopilot and what must be closed after it."""
+
+    boat: Boat
+    endpoint: Endpoint
+    console: Console
+
+    def close(self) -> None:
+        """Close links, log, store and lines, in that order."""
+        self.endpoint.close()
+        if self.boat.recorder is not None:
+            self.boat.recorder.close()
+        self.boat.store.close()
+        for line in self.boat.lines:
+            line.close()
+        self.console.close()
+
+
+def assemble(vehicle: Vehicle, options: Options) -> Assembly:
+    """Wire everything; PortError, StoreError or LinkError with the remedy when something cannot be had."""
+    console = Console()
+    devices = open_devices(vehicle, wait=options.wait)
+    store = Store(options.state_directory)
+    parameters = base_parameters(vehicle)
+    kept = stored_parameters(store, console.line)
+    for name, value in kept.items():
+        parameters = parameters.replaced(name, value)
+    pilot = Pilot(State.at_start(parameters), store, kept, format_file)
+    lines = list(devices.lines)
+
+    def open_line(path: str, baud: int) -> SerialLine:
+        line = SerialLine(path, baud)
+        open_lines([line], wait=options.wait)
+        lines.append(line)
+        return line
+
+    transports = [open_transport(url, open_line) for url in (*vehicle.link_urls, *options.link_urls)]
+    clock: Clock = RealClock()
+    if options.lockstep is not None:
+        clock = LockstepClock(options.lockstep, [line.name for line in lines], lambda: [line.written for line in lines])
+    endpoint = Endpoint(transports, pilot, utc_s=clock.utc_s, version=_version(), load=LoadMeter(clock).share)
+    recorder = (
+        _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock) if parameters["LOG_ENABLE"] else None
+    )
+
+    def tell(event: Event) -> None:
+        console.line(f"{clock.now_s():10.3f} {event.severity.name.lower():8} {event.text}")
+
+    boat = Boat(
+        clock=clock,
+        pilot=pilot,
+        compass=devices.compass,
+        position=devices.position,
+        rudder=devices.rudder,
+        link=endpoint,
+        recorder=recorder,
+        store=store,
+        lines=lines,
+        tell=tell,
+    )
+    return Assembly(boat, endpoint, console)
+
+
+def _recorder(directory: Path, parameters: ParameterSet, clock: Clock) -> LogRecorder:
+    return LogRecorder(
+        directory,
+        parameters=parameters,
+        file_bytes=int(parameters["LOG_FILE_MB"] * 1e6),
+        keep_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
+        utc_s=clock.utc_s(),
+        software=f"rambler {__version__}",
+    )
+
+
+def _version() -> Version:
+    """This program's version, and a number of this computer's own."""
+    major, minor, patch = (int(part) for part in __version__.split(".")[:3])
+    try:
+        machine = Path("/etc/machine-id").read_bytes()
+    except OSError:
+        machine = b""
+    return Version(major, minor, patch, uid=int.from_bytes(hashlib.sha256(machine).digest()[:8]) if machine else 0)

@@ -1,0 +1,29 @@
+"""`rambler decode`: a capture through the drivers' own decoders."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from firmware_py.sensors.decode import KINDS, decode, format_text
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument("kind", metavar="KIND", choices=KINDS, help=" | ".join(KINDS))
+    parser.add_argument("file", metavar="FILE", type=Path, help="the capture, as it came over the line")
+    parser.add_argument("--json", action="store_true", help="one JSON object a line")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print one line for each result."""
+    try:
+        data = arguments.file.read_bytes()
+    except OSError as error:
+        print(f"rambler decode: {arguments.file}: cannot be read: {error.strerror}", file=sys.stderr)
+        return 2
+    for result in decode(arguments.kind, data):
+        print(json.dumps(result) if arguments.json else format_text(result))
+    return 0

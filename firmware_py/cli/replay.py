@@ -1,0 +1,51 @@
+"""`rambler replay`: recomputes a log through the same step."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from firmware_py.log.dataflash import LogError
+from firmware_py.log.replay import ReplayReport, replay_log
+from firmware_py.step import step
+from firmware_py.step_state import state_from_text
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument("log", metavar="LOG", type=Path, help="an onboard log (.BIN)")
+    parser.add_argument("--json", action="store_true", help="the report as one JSON object")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Exit 0 only when every rudder command is bit-identical."""
+    try:
+        report = replay_log(arguments.log, state_from_text, step)
+    except LogError as error:
+        print(f"rambler replay: {error}", file=sys.stderr)
+        return 2
+    if arguments.json:
+        print(json.dumps(report.as_dict()))
+    else:
+        print(_text(report))
+    return 0 if report.identical else 1
+
+
+def _text(report: ReplayReport) -> str:
+    reading = report.reading
+    lines = [f"{report.ticks} ticks, {report.compared} recomputed"]
+    if report.gaps:
+        lines.append(f"{report.gaps} gaps: ticks that the log had no room for")
+    if reading.damaged or reading.garbage_bytes:
+        lines.append(f"{reading.damaged} damaged ticks, {reading.garbage_bytes} bytes of garbage")
+    if reading.tail_bytes:
+        lines.append(f"the last {reading.tail_bytes} bytes are a tick cut short")
+    if (first := report.first_difference) is not None:
+        lines.append(
+            f"{report.differences} commands differ, the first at tick {first.tick} ({first.t_s:.3f} s): "
+            f"logged {first.logged.shaft_rad!r} rad, recomputed {first.recomputed.shaft_rad!r} rad"
+        )
+    lines.append("every rudder command is bit-identical" if report.identical else "NOT identical")
+    return "\n".join(lines)

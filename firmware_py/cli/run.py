@@ -1,0 +1,81 @@
+"""`rambler run`: the autopilot."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from pathlib import Path
+
+from firmware_py import __version__, realtime
+from firmware_py.assemble import Assembly, Options, assemble
+from firmware_py.clock import ClockError
+from firmware_py.link.transport import LinkError
+from firmware_py.loop import run as run_loop
+from firmware_py.serial_line import PortError
+from firmware_py.store import StoreError
+from firmware_py.vehicle import VehicleError, load
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument("vehicle", metavar="VEHICLE.toml", type=Path, help="the vehicle file")
+    parser.add_argument("--state", metavar="DIR", type=Path, help="directory of parameters, missions and logs")
+    parser.add_argument(
+        "--link",
+        metavar="URL",
+        action="append",
+        default=[],
+        help="a MAVLink link besides those of the vehicle file: udpout:HOST:PORT, udpin:HOST:PORT, "
+        "tcpin:HOST:PORT, tcpout:HOST:PORT or serial:PATH:BAUD; may be given several times",
+    )
+    parser.add_argument(
+        "--wait", action="store_true", help="start even while a port is absent and take it up when it appears"
+    )
+    parser.add_argument("--lockstep", metavar="SOCKET", help=argparse.SUPPRESS)
+
+
+def default_state_directory(name: str) -> Path:
+    """Return the place of the state where none is given, by the XDG rules."""
+    root = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(root) / "rambler" / "".join(c if c.isalnum() or c in "-_" else "-" for c in name.lower())
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run until SIGTERM or SIGINT."""
+    try:
+        vehicle = load(arguments.vehicle)
+        options = Options(
+            arguments.state or default_state_directory(vehicle.name),
+            tuple(arguments.link),
+            wait=arguments.wait,
+            lockstep=arguments.lockstep,
+        )
+        assembly = assemble(vehicle, options)
+    except (VehicleError, PortError, StoreError, LinkError, ClockError) as error:
+        print(f"rambler run: {error}", file=sys.stderr)
+        return 2
+    assembly.console.line(f"rambler {__version__}: {vehicle.name}, state in {options.state_directory}")
+    return _steer(assembly)
+
+
+def _steer(assembly: Assembly) -> int:
+    stopping: list[int] = []
+
+    def stop(number: int, _frame: object) -> None:
+        stopping.append(number)
+
+    signal.signal(signal.SIGTERM, stop)
+    signal.signal(signal.SIGINT, stop)
+    # After all threads are there: they keep the ordinary priority.
+    for refusal in realtime.prepare():
+        assembly.console.line(refusal)
+    try:
+        run_loop(assembly.boat, lambda: bool(stopping))
+    except ClockError as error:
+        assembly.console.line(f"rambler run: {error}")
+        return 0 if stopping else 1
+    finally:
+        assembly.close()
+    return 0
