@@ -1,0 +1,104 @@
+"""One port read by two drivers: a satellite compass speaks headings and positions on one line."""
+
+from __future__ import annotations
+
+from firmware_py.ports import ByteLine
+
+READ_LIMIT = 4096
+QUEUE_LIMIT = 65536  # a second driver that is never served must not eat the memory
+
+
+class LineTee:
+    """Gives every byte of a line to each of its two views.
+
+    Only `first` reads the port and owns its descriptor; `second` takes what `first`
+    has read, so it wants to be served after it. Either may write.
+    """
+
+    def __init__(self, line: ByteLine) -> None:
+        """Share the line; nobody else may read it."""
+        self._line = line
+        self._openings = line.openings
+        self._queue = bytearray()
+        self.first: ByteLine = _First(line, self)
+        self.second: ByteLine = _Second(line, self)
+
+    def pull(self) -> bytes:
+        """Read the port and keep a copy for the second view."""
+        self._forget_old()
+        data = self._line.read()
+        self._queue += data
+        if len(self._queue) > QUEUE_LIMIT:
+            del self._queue[:-QUEUE_LIMIT]
+        return data
+
+    def take(self) -> bytes:
+        """Hand out what the first view has read."""
+        self._forget_old()
+        data = bytes(self._queue[:READ_LIMIT])
+        del self._queue[:READ_LIMIT]
+        return data
+
+    def _forget_old(self) -> None:
+        """Drop bytes from before the line was opened again."""
+        if self._line.openings != self._openings:
+            self._openings = self._line.openings
+            self._queue.clear()
+
+
+class _First:
+    """The view that reads the port."""
+
+    def __init__(self, line: ByteLine, tee: LineTee) -> None:
+        self._line = line
+        self._tee = tee
+
+    @property
+    def name(self) -> str:
+        return self._line.name
+
+    @property
+    def openings(self) -> int:
+        return self._line.openings
+
+    @property
+    def connected(self) -> bool:
+        return self._line.connected
+
+    def fileno(self) -> int:
+        return self._line.fileno()
+
+    def read(self) -> bytes:
+        return self._tee.pull()
+
+    def write(self, data: bytes) -> bool:
+        return self._line.write(data)
+
+
+class _Second:
+    """The view that takes what the first has read, and has nothing of its own to wait on."""
+
+    def __init__(self, line: ByteLine, tee: LineTee) -> None:
+        self._line = line
+        self._tee = tee
+
+    @property
+    def name(self) -> str:
+        return self._line.name
+
+    @property
+    def openings(self) -> int:
+        return self._line.openings
+
+    @property
+    def connected(self) -> bool:
+        return self._line.connected
+
+    def fileno(self) -> int:
+        return -1
+
+    def read(self) -> bytes:
+        return self._tee.take()
+
+    def write(self, data: bytes) -> bool:
+        return self._line.write(data)

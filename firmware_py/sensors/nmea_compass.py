@@ -1,0 +1,132 @@
+"""Drives a compass that speaks NMEA 0183."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+from firmware_py.angles import radians, wrap_two_pi
+from firmware_py.ports import ByteLine
+from firmware_py.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
+from firmware_py.sensors.condition import Condition
+from firmware_py.sensors.nmea_reader import NmeaReader
+from firmware_py.sensors.nmea_sentences import Decoded, Numbers
+
+HEADING_SENTENCES = ("HDG", "HDT", "HDM", "THS", "PASHR")
+TURN_RATE_KEPT_S = 1.0
+TRUE_ESTABLISHED = 3
+TRUE_KEPT_S = 2.0
+SAMPLES_KEPT = 512  # more than one read of 4096 bytes can hold
+
+# THS: A autonomous, E estimated (a satellite compass coasting on its gyro); not manual, simulated or invalid.
+_THS_MODES = frozenset("AE")
+
+
+class NmeaCompass:
+    """Gives every heading of HDG, HDT, HDM, THS and PASHR, with ROT as its yaw rate.
+
+    HDG is true where it states its variation and magnetic otherwise. VHW repeats
+    the heading for a speed log, later and slower, and is not taken. Several true
+    sentences on a line all state the one heading and are all given; a magnetic one is
+    not, once three true headings have come and while the last of them is younger than
+    2 s, because the two would differ by whatever is wrong with the variation.
+    `sentences` names the only ones to take, `talker` the only talker (P for PASHR).
+    """
+
+    def __init__(
+        self,
+        line: ByteLine,
+        *,
+        source: int = 0,
+        require_checksum: bool = True,
+        talker: str | None = None,
+        sentences: tuple[str, ...] | None = None,
+    ) -> None:
+        """Read the line; ValueError for a sentence that is not one of HEADING_SENTENCES."""
+        unknown = sorted(set(sentences or ()) - set(HEADING_SENTENCES))
+        if unknown:
+            raise ValueError(f"no heading sentence: {', '.join(unknown)}; there are {', '.join(HEADING_SENTENCES)}")
+        self._line = line
+        self._source = source
+        self._condition = Condition(line, DeviceRole.COMPASS)
+        self._reader = NmeaReader(
+            line,
+            self._condition,
+            {*(sentences or HEADING_SENTENCES), "ROT"},
+            talker=talker,
+            require_checksum=require_checksum,
+        )
+        self._samples: deque[HeadingSample] = deque(maxlen=SAMPLES_KEPT)
+        self._turn: tuple[float, float] | None = None  # when, rad/s
+        self._true_count = 0
+        self._true_s = 0.0
+
+    def fileno(self) -> int:
+        """The descriptor of the line, or -1."""
+        return self._line.fileno()
+
+    def receive(self, now_s: float) -> None:
+        """Read what has arrived and decode it, stamped now_s."""
+        if self._condition.restarted():
+            self._reader.restart()
+            self._turn = None
+            self._true_count = 0
+        for sentence, decoded in self._reader.read(now_s):
+            if sentence.kind == "ROT":
+                self._take_turn(decoded, now_s)
+            elif sentence.kind == "THS" and decoded.letters["mode"] not in _THS_MODES:
+                self._condition.note(f"{sentence.address}: heading not valid")
+            else:
+                self._take_heading(sentence.address, decoded.numbers, now_s)
+
+    def poll(self) -> Sequence[HeadingSample]:
+        """The samples since the last poll, oldest first."""
+        samples = tuple(self._samples)
+        self._samples.clear()
+        return samples
+
+    def health(self, now_s: float) -> DeviceHealth:
+        """The state; only a heading counts as accepted, a sentence without one as neither."""
+        return self._condition.health(now_s)
+
+    def _take_turn(self, decoded: Decoded, now_s: float) -> None:
+        turn_rate_deg_min = decoded.numbers["turn_rate_deg_min"]
+        if turn_rate_deg_min is None or decoded.letters["status"] != "A":
+            self._turn = None
+        else:
+            self._turn = (now_s, radians(turn_rate_deg_min / 60.0))
+
+    def _yaw_rate_rad_s(self, now_s: float) -> float | None:
+        if self._turn is None or now_s - self._turn[0] > TURN_RATE_KEPT_S:
+            return None
+        return self._turn[1]
+
+    def _take_heading(self, address: str, numbers: Numbers, now_s: float) -> None:
+        true_deg, magnetic_deg = numbers.get("heading_true_deg"), numbers.get("heading_magnetic_deg")
+        heading_deg = magnetic_deg if true_deg is None else true_deg
+        if heading_deg is None:
+            self._condition.note(f"{address}: no heading")
+            return
+        if true_deg is not None:
+            self._true_count += 1
+            self._true_s = now_s
+        elif self._true_count >= TRUE_ESTABLISHED and now_s - self._true_s <= TRUE_KEPT_S:
+            return
+        self._condition.good(now_s)
+        self._condition.note("")
+        self._samples.append(
+            HeadingSample(
+                t_s=now_s,
+                heading_rad=wrap_two_pi(radians(heading_deg)),
+                reference=NorthReference.MAGNETIC if true_deg is None else NorthReference.TRUE,
+                variation_rad=_radians(numbers.get("variation_deg")),
+                yaw_rate_rad_s=self._yaw_rate_rad_s(now_s),
+                roll_rad=_radians(numbers.get("roll_deg")),
+                pitch_rad=_radians(numbers.get("pitch_deg")),
+                source=self._source,
+            )
+        )
+
+
+def _radians(angle_deg: float | None) -> float | None:
+    return None if angle_deg is None else radians(angle_deg)

@@ -1,0 +1,170 @@
+"""Reads single fields of an NMEA sentence, strictly: a field is empty (None), a value in range, or refused.
+
+`float()` alone would take "nan", "1e999", "1_0" and " 7"; nothing here does.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import re
+from collections.abc import Callable, Mapping, Sequence
+
+from firmware_py.angles import METRES_PER_SECOND_PER_KNOT
+from firmware_py.sensors.refusal import MALFORMED, RANGE, MessageError, within
+
+Fields = Sequence[str]
+Reader = Callable[[Fields], float | None]
+
+SECONDS_PER_DAY = 86400
+FASTEST_M_S = 200.0
+_EPOCH_ORDINAL = dt.date(1970, 1, 1).toordinal()
+_METRES_PER_SECOND = {"N": METRES_PER_SECOND_PER_KNOT, "K": 1.0 / 3.6, "M": 1.0, "S": 0.44704}
+
+_NUMBER = re.compile(r"[+-]?(?:[0-9]{1,9}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})")
+# A plotter that prints whole and fraction of a negative number apart: "0.-6" is -0.6, "-1.-2" is -1.2.
+_NEGATIVE_APART = re.compile(r"(?:0|-([0-9]{1,9}))\.-([0-9]{1,12})")
+_LATITUDE = re.compile(r"([0-9]{2})([0-9]{2}(?:\.[0-9]{0,10})?)")
+_LONGITUDE = re.compile(r"([0-9]{3})([0-9]{2}(?:\.[0-9]{0,10})?)")
+_TIME = re.compile(r"([0-9]{2})([0-9]{2})([0-9]{2}(?:\.[0-9]{0,9})?)")
+_DATE = re.compile(r"([0-9]{2})([0-9]{2})([0-9]{2})")
+
+
+def to_number(text: str) -> float | None:
+    """Read a decimal number; None when empty, MessageError when it is anything else."""
+    if not text:
+        return None
+    if _NUMBER.fullmatch(text):
+        return float(text)
+    apart = _NEGATIVE_APART.fullmatch(text)
+    if apart:
+        return -float(f"{apart[1] or 0}.{apart[2]}")
+    raise MessageError(MALFORMED, "not a number")
+
+
+def number(index: int, low: float, high: float, *, unit: str = "", scale: float = 1.0) -> Reader:
+    """Read a number in [low, high]; with `unit` the next field must be that letter."""
+
+    def read(fields: Fields) -> float | None:
+        value = to_number(fields[index])
+        if value is None:
+            return None
+        if unit and fields[index + 1] != unit:
+            raise MessageError(MALFORMED, f"unit is not {unit}")
+        return within(value, low, high) * scale
+
+    return read
+
+
+def speed(index: int, unit: str = "") -> Reader:
+    """Read a speed in m/s whose unit letter (N, K, M or S) is the next field, or given."""
+
+    def read(fields: Fields) -> float | None:
+        value = to_number(fields[index])
+        if value is None:
+            return None
+        factor = _METRES_PER_SECOND.get(unit or fields[index + 1])
+        if factor is None:
+            raise MessageError(MALFORMED, "unit is not of a speed")
+        return within(value * factor, 0.0, FASTEST_M_S)
+
+    return read
+
+
+def signed(index: int, limit: float, signs: Mapping[str, float]) -> Reader:
+    """Read a magnitude up to `limit` whose sign is the letter in the next field; zero needs none."""
+
+    def read(fields: Fields) -> float | None:
+        value = to_number(fields[index])
+        if value is None:
+            return None
+        sign = signs.get(fields[index + 1])
+        if sign is None:
+            if value == 0.0 and not fields[index + 1]:
+                return 0.0
+            raise MessageError(MALFORMED, f"direction is not {' or '.join(signs)}")
+        return sign * within(value, 0.0, limit)
+
+    return read
+
+
+def _coordinate(index: int, shape: re.Pattern[str], limit_deg: float, signs: Mapping[str, float]) -> Reader:
+    def read(fields: Fields) -> float | None:
+        if not fields[index]:
+            return None
+        match = shape.fullmatch(fields[index])
+        sign = signs.get(fields[index + 1])
+        if match is None or sign is None:
+            raise MessageError(MALFORMED, "not degrees and minutes")
+        minutes = float(match[2])
+        if minutes >= 60.0:
+            raise MessageError(RANGE, "minutes out of range")
+        return sign * within(float(match[1]) + minutes / 60.0, 0.0, limit_deg)
+
+    return read
+
+
+def latitude(index: int) -> Reader:
+    """Read ddmm.mmm and N or S in the next field as degrees, north positive."""
+    return _coordinate(index, _LATITUDE, 90.0, {"N": 1.0, "S": -1.0})
+
+
+def longitude(index: int) -> Reader:
+    """Read dddmm.mmm and E or W in the next field as degrees, east positive."""
+    return _coordinate(index, _LONGITUDE, 180.0, {"E": 1.0, "W": -1.0})
+
+
+def time_of_day(index: int) -> Reader:
+    """Read hhmmss.sss as seconds since midnight UTC; a leap second is allowed."""
+
+    def read(fields: Fields) -> float | None:
+        if not fields[index]:
+            return None
+        match = _TIME.fullmatch(fields[index])
+        if match is None:
+            raise MessageError(MALFORMED, "not a time")
+        hours, minutes, seconds = int(match[1]), int(match[2]), float(match[3])
+        if hours > 23 or minutes > 59 or seconds >= 61.0:
+            raise MessageError(RANGE, "no such time")
+        return hours * 3600 + minutes * 60 + seconds
+
+    return read
+
+
+def utc_of_short_date(time_index: int, date_index: int) -> Reader:
+    """Read a time and ddmmyy, of this century, as seconds since 1970-01-01 UTC."""
+    read_time = time_of_day(time_index)
+
+    def read(fields: Fields) -> float | None:
+        seconds = read_time(fields)
+        if not fields[date_index]:
+            return None
+        match = _DATE.fullmatch(fields[date_index])
+        if match is None:
+            raise MessageError(MALFORMED, "not a date")
+        return _utc_s(2000 + int(match[3]), int(match[2]), int(match[1]), seconds)
+
+    return read
+
+
+def utc_of_long_date(time_index: int, day_index: int) -> Reader:
+    """Read a time and the fields day, month, year (2000 to 2099) as seconds since 1970-01-01 UTC."""
+    read_time = time_of_day(time_index)
+
+    def read(fields: Fields) -> float | None:
+        seconds = read_time(fields)
+        parts = fields[day_index : day_index + 3]
+        if not all(parts):
+            return None
+        day, month, year = (int(within(to_number(part) or 0.0, 1, 9999)) for part in parts)
+        return _utc_s(year, month, day, seconds)
+
+    return read
+
+
+def _utc_s(year: int, month: int, day: int, seconds: float | None) -> float | None:
+    try:
+        days = dt.date(year, month, day).toordinal() - _EPOCH_ORDINAL
+    except ValueError:
+        raise MessageError(RANGE, "no such date") from None
+    within(year, 2000, 2099)
+    return None if seconds is None else days * SECONDS_PER_DAY + seconds

@@ -1,0 +1,115 @@
+"""Finds the sentences of NMEA 0183 in any stream of bytes."""
+
+from __future__ import annotations
+
+import functools
+import operator
+import re
+from dataclasses import dataclass
+
+from firmware_py.sensors.refusal import CHECKSUM, MALFORMED, NO_CHECKSUM
+
+# The standard says 82 bytes, u-blox's $PUBX,03 takes 500 and more.
+LONGEST_BODY = 1024
+
+_START = re.compile(rb"[$!]")
+_BODY_END = re.compile(rb"[\x00-\x1f\x7f$!*]")
+_ADDRESS = re.compile(rb"[A-Z][A-Z0-9]{2,7}(?=,|\Z)")
+_HEX_DIGITS = frozenset(b"0123456789ABCDEFabcdef")
+
+
+@dataclass(frozen=True, slots=True)
+class Sentence:
+    """What stood between `$` or `!` and the checksum, and what is wrong with it, if anything.
+
+    `line` counts LF from 1; `fields` are those after the address; `fault` is empty,
+    CHECKSUM, NO_CHECKSUM or MALFORMED (cut off or far too long).
+    """
+
+    line: int
+    address: str
+    fields: tuple[str, ...]
+    fault: str = ""
+
+    @property
+    def kind(self) -> str:
+        """The sentence formatter, such as HDG; the whole address of a proprietary sentence."""
+        return self.address if self.address[0] == "P" else self.address[2:]
+
+    @property
+    def talker(self) -> str:
+        """Who speaks, such as HC; P for every proprietary sentence."""
+        return "P" if self.address[0] == "P" else self.address[:2]
+
+
+class NmeaFramer:
+    """Cuts a stream into sentences and resynchronises after any garbage.
+
+    `$` and `!` always begin a sentence, also inside another one, which is then
+    MALFORMED. A start that no address of capitals and digits follows is noise, like
+    all that stands between sentences (binary protocols, a logger's prefixes), and is
+    passed over. However the stream is cut into pieces, the result is the same.
+    """
+
+    def __init__(self) -> None:
+        """Begin at line 1 with nothing in the buffer."""
+        self._buffer = bytearray()
+        self._line = 1
+
+    def feed(self, data: bytes) -> list[Sentence]:
+        """Take more bytes and return the sentences that they complete."""
+        buffer = self._buffer
+        buffer += data
+        sentences: list[Sentence] = []
+        position = 0
+        while match := _START.search(buffer, position):
+            start = match.start()
+            self._line += buffer.count(b"\n", position, start)
+            position = start
+            ending = _BODY_END.search(buffer, start + 1)
+            stop = ending.start() if ending else len(buffer)
+            if stop - start - 1 > LONGEST_BODY:
+                self._append(sentences, bytes(buffer[start + 1 : start + 1 + LONGEST_BODY]), MALFORMED)
+                position = stop
+                continue
+            if ending is None or (buffer[stop] == ord("*") and len(buffer) < stop + 3):
+                break
+            body = bytes(buffer[start + 1 : stop])
+            fault, position = self._judge(body, stop)
+            self._append(sentences, body, fault)
+        else:
+            self._line += buffer.count(b"\n", position)
+            position = len(buffer)
+        del buffer[:position]
+        return sentences
+
+    def finish(self) -> list[Sentence]:
+        """Return what the end of a capture completes."""
+        return self.feed(b"\n\n")
+
+    def _append(self, sentences: list[Sentence], body: bytes, fault: str) -> None:
+        match = _ADDRESS.match(body)
+        if match:
+            address, *fields = body.decode("latin-1").split(",")
+            sentences.append(Sentence(self._line, address, tuple(fields), fault))
+
+    def _judge(self, body: bytes, stop: int) -> tuple[str, int]:
+        """Return the fault of a body that ends at `stop`, and where to read on."""
+        ending = self._buffer[stop]
+        if ending in b"\r\n":
+            return NO_CHECKSUM, stop
+        if ending != ord("*"):
+            return MALFORMED, stop
+        high, low = self._buffer[stop + 1 : stop + 3]
+        if high not in _HEX_DIGITS:
+            return CHECKSUM, stop + 1
+        # Some plotters write a checksum below 16 with one digit; the line must end there.
+        if low in b"\r\n":
+            digits = 1
+        elif low in _HEX_DIGITS:
+            digits = 2
+        else:
+            return CHECKSUM, stop + 2
+        stated = int(self._buffer[stop + 1 : stop + 1 + digits], 16)
+        computed = functools.reduce(operator.xor, body, 0)
+        return "" if stated == computed else CHECKSUM, stop + 1 + digits

@@ -1,0 +1,195 @@
+"""Drives a satellite receiver that speaks NMEA 0183."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from firmware_py.angles import radians, wrap_two_pi
+from firmware_py.ports import ByteLine
+from firmware_py.records import DeviceHealth, DeviceRole, FixType, PositionSample
+from firmware_py.sensors.condition import Condition
+from firmware_py.sensors.nmea_fields import SECONDS_PER_DAY
+from firmware_py.sensors.nmea_reader import NmeaReader
+from firmware_py.sensors.nmea_sentences import Decoded
+
+FIX_SENTENCES = frozenset({"RMC", "GGA", "GNS", "GLL"})
+EPOCH_ENDS_AFTER_S = 0.5  # an epoch is one burst; a sentence it lost must not hold it back for long
+SAMPLES_KEPT = 512
+
+# GGA field 6; dead reckoning (6), manual input (7) and a simulator (8) are no fix to steer by.
+_QUALITIES: Mapping[float, FixType] = {
+    1: FixType.FIX_3D,
+    2: FixType.DGPS,
+    3: FixType.FIX_3D,
+    4: FixType.RTK_FIXED,
+    5: FixType.RTK_FLOAT,
+}
+# The mode letter of RMC, GLL, GNS; estimated, manual, simulated and not valid are no fix.
+_MODES: Mapping[str, FixType] = {
+    "A": FixType.FIX_3D,
+    "P": FixType.FIX_3D,
+    "D": FixType.DGPS,
+    "F": FixType.RTK_FLOAT,
+    "R": FixType.RTK_FIXED,
+}
+
+
+@dataclass(slots=True)
+class _Epoch:
+    """What the sentences of one instant say together; `t_s` is when the last of them came."""
+
+    t_s: float
+    timed: bool = False  # VTG has no time, and may come first
+    time_of_day_s: float | None = None
+    kinds: set[str] = field(default_factory=set)
+    fixes: list[FixType] = field(default_factory=list)
+    values: dict[str, float] = field(default_factory=dict)
+    given: bool = False
+
+    def is_over(self, kind: str, decoded: Decoded, now_s: float) -> bool:
+        """Whether a sentence belongs to the next epoch."""
+        if kind in self.kinds:
+            return True
+        if kind == "VTG":
+            return now_s - self.t_s > EPOCH_ENDS_AFTER_S
+        return self.timed and decoded.numbers["time_of_day_s"] != self.time_of_day_s
+
+    def add(self, kind: str, decoded: Decoded, now_s: float) -> None:
+        """Merge a sentence."""
+        self.t_s = now_s
+        self.kinds.add(kind)
+        self.values.update({name: value for name, value in decoded.numbers.items() if value is not None})
+        if kind in FIX_SENTENCES:
+            self.timed = True
+            self.time_of_day_s = decoded.numbers["time_of_day_s"]
+            self.fixes.append(_stated_fix(decoded))
+
+
+class NmeaPosition:
+    """Gives one sample for each epoch, merged from RMC, GGA, GNS, GLL and VTG.
+
+    Sentences of the same time of day are one epoch; VTG, which has no time, belongs to
+    the burst it comes in; a kind that comes again begins the next. An epoch is given
+    as soon as all kinds of the epoch before have come, or when the next one begins, or
+    0.5 s after its last sentence, stamped with the arrival of that sentence. Any
+    sentence that denies the fix (status V, quality 0, a mode that is not a measured
+    position) makes it NONE. The date is that of RMC, else of ZDA, and the UTC of
+    an epoch without one is carried on from the last.
+    """
+
+    def __init__(self, line: ByteLine, *, require_checksum: bool = True, talker: str | None = None) -> None:
+        """Read the line, and only the sentences of `talker` when it is given."""
+        self._line = line
+        self._condition = Condition(line, DeviceRole.POSITION)
+        self._reader = NmeaReader(
+            line,
+            self._condition,
+            {*FIX_SENTENCES, "VTG", "ZDA"},
+            talker=talker,
+            require_checksum=require_checksum,
+        )
+        self._samples: deque[PositionSample] = deque(maxlen=SAMPLES_KEPT)
+        self._epoch: _Epoch | None = None
+        self._expected: frozenset[str] = frozenset()
+        self._utc: tuple[float, float] | None = None  # when, UTC
+
+    def fileno(self) -> int:
+        """The descriptor of the line, or -1."""
+        return self._line.fileno()
+
+    def receive(self, now_s: float) -> None:
+        """Read what has arrived and decode it, stamped now_s."""
+        if self._condition.restarted():
+            self._reader.restart()
+            self._epoch = self._utc = None
+            self._expected = frozenset()
+        for sentence, decoded in self._reader.read(now_s):
+            self._condition.good(now_s)
+            if sentence.kind == "ZDA":
+                self._note_utc(decoded.numbers["utc_s"], now_s)
+            else:
+                self._join(sentence.kind, decoded, now_s)
+        if self._epoch is not None and now_s - self._epoch.t_s > EPOCH_ENDS_AFTER_S:
+            self._give(self._epoch)
+
+    def poll(self) -> Sequence[PositionSample]:
+        """The fixes since the last poll, oldest first."""
+        samples = tuple(self._samples)
+        self._samples.clear()
+        return samples
+
+    def health(self, now_s: float) -> DeviceHealth:
+        """The state; every good sentence about the position counts, also one without a fix."""
+        return self._condition.health(now_s)
+
+    def _join(self, kind: str, decoded: Decoded, now_s: float) -> None:
+        """Add a sentence to its epoch, closing the one before."""
+        epoch = self._epoch
+        if epoch is None or epoch.is_over(kind, decoded, now_s):
+            if epoch is not None and epoch.fixes:
+                self._give(epoch)
+                self._expected = frozenset(epoch.kinds)
+            epoch = self._epoch = _Epoch(now_s)
+        epoch.add(kind, decoded, now_s)
+        if self._expected and epoch.kinds >= self._expected:
+            self._give(epoch)
+
+    def _give(self, epoch: _Epoch) -> None:
+        """Make the sample of an epoch, once."""
+        if epoch.given or not epoch.fixes:
+            return
+        epoch.given = True
+        values = epoch.values
+        fix = FixType.NONE if FixType.NONE in epoch.fixes else max(epoch.fixes)
+        if fix is FixType.NONE or "lat_deg" not in values or "lon_deg" not in values:
+            self._condition.note("no fix")
+            self._samples.append(PositionSample(epoch.t_s, FixType.NONE, satellites=_whole(values.get("satellites"))))
+            return
+        self._condition.note("")
+        course_deg = values.get("cog_deg")
+        self._samples.append(
+            PositionSample(
+                t_s=epoch.t_s,
+                fix=FixType.FIX_2D if fix is FixType.FIX_3D and "altitude_m" not in values else fix,
+                latitude_rad=radians(values["lat_deg"]),
+                longitude_rad=radians(values["lon_deg"]),
+                altitude_m=values.get("altitude_m"),
+                speed_over_ground_m_s=values.get("sog_m_s"),
+                course_over_ground_rad=None if course_deg is None else wrap_two_pi(radians(course_deg)),
+                satellites=_whole(values.get("satellites")),
+                hdop=values.get("hdop"),
+                utc_s=self._utc_of(epoch),
+            )
+        )
+
+    def _note_utc(self, utc_s: float | None, now_s: float) -> None:
+        if utc_s is not None:
+            self._utc = (now_s, utc_s)
+
+    def _utc_of(self, epoch: _Epoch) -> float | None:
+        """The UTC of an epoch: stated, or its time of day on the day nearest to what it must be by now."""
+        stated_s = epoch.values.get("utc_s")
+        if stated_s is not None or self._utc is None or epoch.time_of_day_s is None:
+            self._note_utc(stated_s, epoch.t_s)
+            return stated_s
+        expected_s = self._utc[1] + epoch.t_s - self._utc[0]
+        days = round((expected_s - epoch.time_of_day_s) / SECONDS_PER_DAY)
+        return days * SECONDS_PER_DAY + epoch.time_of_day_s
+
+
+def _stated_fix(decoded: Decoded) -> FixType:
+    """What one sentence says of the fix."""
+    if "quality" in decoded.numbers:
+        return _QUALITIES.get(decoded.numbers["quality"] or 0.0, FixType.NONE)
+    if decoded.letters.get("status", "A") != "A":
+        return FixType.NONE
+    mode = decoded.letters["mode"]  # GNS has a letter for each constellation; before NMEA 2.3 there is none
+    if not mode:
+        return FixType.FIX_3D
+    return max(_MODES.get(letter, FixType.NONE) for letter in mode)
+
+
+def _whole(value: float | None) -> int | None:
+    return None if value is None else int(value)

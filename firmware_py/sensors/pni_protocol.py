@@ -1,0 +1,97 @@
+"""The binary protocol of PNI's TCM, Prime and TRAX compass modules.
+
+Source: TRAX user manual, DOC#1016505 r06, section 7.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Mapping
+from enum import IntEnum
+
+import fastcrc
+
+from firmware_py.sensors.binary_framing import PacketFramer
+
+# Byte count (all components of a TRAX together take less than 128), then a known frame
+# id: this much must be right before bytes are waited for.
+_HEADER = re.compile(rb"\x00[\x05-\x80][\x01-\x1f\x24\x25\x2b\x2c\x34\x35\x4f-\x51\x6b-\x6e\x77-\x79\x80-\x82]")
+
+
+class Frame(IntEnum):
+    """Frame ids that the driver sends or understands."""
+
+    GET_MODULE_INFO = 1
+    MODULE_INFO = 2
+    SET_DATA_COMPONENTS = 3
+    DATA = 5
+    SET_CONFIG = 6
+    SET_CONFIG_DONE = 19
+    START_CONTINUOUS = 21
+    STOP_CONTINUOUS = 22
+    POWER_UP_DONE = 23
+    SET_ACQUISITION = 24
+    SET_ACQUISITION_DONE = 26
+
+
+class Component(IntEnum):
+    """Component ids of a DATA frame that mean something to a helmsman."""
+
+    HEADING = 5
+    TEMPERATURE = 7
+    DISTORTION = 8
+    PITCH = 24
+    ROLL = 25
+
+
+# 9 calibration status, 21-23 accelerometer, 27-29 magnetometer, 74-76 gyro, 77 quaternion, 79 heading status.
+_FLOATS = (5, 7, 21, 22, 23, 24, 25, 27, 28, 29, 74, 75, 76)
+_SIZES: Mapping[int, int] = {**dict.fromkeys(_FLOATS, 4), 8: 1, 9: 1, 77: 16, 79: 1}
+
+
+def encode(frame_id: int, payload: bytes = b"") -> bytes:
+    """Wrap a payload: byte count, frame id, payload, CRC-16 (poly 0x1021, init 0), big endian."""
+    body = struct.pack(">HB", len(payload) + 5, frame_id) + payload
+    return body + struct.pack(">H", fastcrc.crc16.xmodem(body))
+
+
+def framer() -> PacketFramer:
+    """Make a framer for this protocol."""
+    return PacketFramer(_HEADER, 3, lambda header: header[1], _is_whole)
+
+
+def _is_whole(packet: bytes) -> bool:
+    return bool(fastcrc.crc16.xmodem(packet[:-2]) == int.from_bytes(packet[-2:], "big"))
+
+
+def frame_id(packet: bytes) -> int:
+    """The frame id of a whole packet."""
+    return packet[2]
+
+
+def payload(packet: bytes) -> bytes:
+    """The payload of a whole packet."""
+    return packet[3:-2]
+
+
+def parse_data(data: bytes) -> dict[int, float] | None:
+    """Read the payload of a DATA frame into {component id: value}; None when it does not add up.
+
+    Multi-value components are passed over. The values are as sent: any float.
+    """
+    if not data:
+        return None
+    values: dict[int, float] = {}
+    place = 1
+    for _ in range(data[0]):
+        size = _SIZES.get(data[place], 0) if place < len(data) else 0
+        raw = data[place + 1 : place + 1 + size]
+        if not size or len(raw) < size:
+            return None
+        if size == 4:
+            values[data[place]] = struct.unpack(">f", raw)[0]
+        elif size == 1:
+            values[data[place]] = raw[0]
+        place += 1 + size
+    return values if place == len(data) else None

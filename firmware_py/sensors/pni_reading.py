@@ -1,0 +1,46 @@
+"""Judges one DATA frame of a PNI compass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from firmware_py.sensors.pni_protocol import Component, parse_data
+from firmware_py.sensors.refusal import MALFORMED, MessageError, within
+
+# Component, lowest, highest value in degrees or degrees Celsius.
+_RANGES = (
+    (Component.HEADING, 0.0, 360.0),
+    (Component.PITCH, -90.0, 90.0),
+    (Component.ROLL, -180.0, 180.0),
+    (Component.TEMPERATURE, -100.0, 150.0),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a DATA frame says; None where it does not have the component."""
+
+    heading_magnetic_deg: float | None
+    pitch_deg: float | None
+    roll_deg: float | None
+    temperature_c: float | None
+    distortion: bool | None
+
+
+def read_data(payload: bytes) -> Reading:
+    """Read the payload of a DATA frame, or raise MessageError."""
+    values = parse_data(payload)
+    if values is None:
+        raise MessageError(MALFORMED, "data frame malformed")
+    for component, low, high in _RANGES:
+        value = values.get(component)
+        if value is not None:
+            within(value, low, high, component.name.lower())
+    distortion = values.get(Component.DISTORTION)
+    return Reading(
+        values.get(Component.HEADING),
+        values.get(Component.PITCH),
+        values.get(Component.ROLL),
+        values.get(Component.TEMPERATURE),
+        None if distortion is None else bool(distortion),
+    )

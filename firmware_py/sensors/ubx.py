@@ -1,0 +1,85 @@
+"""Drives a u-blox receiver that sends NAV-PVT."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+from firmware_py.angles import radians, wrap_two_pi
+from firmware_py.ports import ByteLine
+from firmware_py.records import DeviceHealth, DeviceRole, FixType, PositionSample
+from firmware_py.sensors import ubx_protocol as ubx
+from firmware_py.sensors.binary_framing import Packet
+from firmware_py.sensors.condition import Condition
+from firmware_py.sensors.refusal import CHECKSUM, MessageError
+
+SAMPLES_KEPT = 64  # one read of 4096 bytes holds 40
+
+
+class UbxPosition:
+    """Gives one sample for each NAV-PVT; the receiver is set up to send them beforehand.
+
+    NMEA on the same line is passed over. hdop stays None: NAV-PVT has only PDOP.
+    """
+
+    def __init__(self, line: ByteLine) -> None:
+        """Read the line."""
+        self._line = line
+        self._condition = Condition(line, DeviceRole.POSITION)
+        self._framer = ubx.framer()
+        self._samples: deque[PositionSample] = deque(maxlen=SAMPLES_KEPT)
+
+    def fileno(self) -> int:
+        """The descriptor of the line, or -1."""
+        return self._line.fileno()
+
+    def receive(self, now_s: float) -> None:
+        """Read what has arrived and decode it, stamped now_s."""
+        if self._condition.restarted():
+            self._framer = ubx.framer()
+        data = self._line.read()
+        if not data:
+            return
+        self._condition.heard(now_s)
+        for packet in self._framer.feed(data):
+            self._take(packet, now_s)
+
+    def poll(self) -> Sequence[PositionSample]:
+        """The fixes since the last poll, oldest first."""
+        samples = tuple(self._samples)
+        self._samples.clear()
+        return samples
+
+    def health(self, now_s: float) -> DeviceHealth:
+        """The state; every good NAV-PVT counts, also one without a fix."""
+        return self._condition.health(now_s)
+
+    def _take(self, packet: Packet, now_s: float) -> None:
+        if packet.fault:
+            if packet.fault == CHECKSUM:
+                self._condition.bad(now_s, CHECKSUM)
+            return
+        if ubx.message(packet.data) != ubx.NAV_PVT:
+            return
+        try:
+            solution = ubx.parse_nav_pvt(ubx.payload(packet.data))
+        except MessageError as refusal:
+            self._condition.bad(now_s, str(refusal))
+            return
+        self._condition.good(now_s)
+        self._condition.note("no fix" if solution.fix is FixType.NONE else "")
+        self._samples.append(_sample(solution, now_s))
+
+
+def _sample(solution: ubx.NavPvt, now_s: float) -> PositionSample:
+    return PositionSample(
+        t_s=now_s,
+        fix=solution.fix,
+        latitude_rad=None if solution.lat_deg is None else radians(solution.lat_deg),
+        longitude_rad=None if solution.lon_deg is None else radians(solution.lon_deg),
+        altitude_m=solution.altitude_m,
+        speed_over_ground_m_s=solution.sog_m_s,
+        course_over_ground_rad=None if solution.cog_deg is None else wrap_two_pi(radians(solution.cog_deg)),
+        satellites=solution.satellites,
+        utc_s=solution.utc_s,
+    )

@@ -1,0 +1,98 @@
+"""The binary protocol UBX of u-blox receivers: framing, and the message NAV-PVT.
+
+Source: u-blox 8 / M8 receiver description, UBX-13003221, sections 32.2 and 32.17.14.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import itertools
+import re
+import struct
+from dataclasses import dataclass
+
+from firmware_py.records import FixType
+from firmware_py.sensors.binary_framing import PacketFramer
+from firmware_py.sensors.refusal import MALFORMED, RANGE, MessageError, within
+
+NAV_PVT = 0x0107
+_NAV_PVT_SIZE = 84  # of u-blox 7; 92 since u-blox 8
+
+# B5 62, class and id, then the length, little endian, below 2560 (RXM-RAWX of 72 measurements is 2320).
+_HEADER = re.compile(rb"\xb5\x62..[\x00-\xff][\x00-\x09]", re.DOTALL)
+_NAV_PVT = struct.Struct("<IHBBBBBBIiBBBBiiiiIIiiiiiIIH")
+_FIX_TYPES = {2: FixType.FIX_2D, 3: FixType.FIX_3D, 4: FixType.FIX_3D}  # 1 is dead reckoning alone, 5 time alone
+_CARRIER = {1: FixType.RTK_FLOAT, 2: FixType.RTK_FIXED}
+
+
+@dataclass(frozen=True, slots=True)
+class NavPvt:
+    """A navigation solution; all but fix and satellites are None without a valid fix."""
+
+    fix: FixType
+    satellites: int
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    altitude_m: float | None = None  # above mean sea level
+    sog_m_s: float | None = None
+    cog_deg: float | None = None
+    utc_s: float | None = None
+
+
+def framer() -> PacketFramer:
+    """Make a framer for this protocol."""
+    return PacketFramer(_HEADER, 6, lambda header: int.from_bytes(header[4:6], "little") + 8, _is_whole)
+
+
+def _is_whole(packet: bytes) -> bool:
+    """The checksum is Fletcher's, 8 bits, over class to payload."""
+    body = packet[2:-2]
+    return packet[-2] == sum(body) & 0xFF and packet[-1] == sum(itertools.accumulate(body)) & 0xFF
+
+
+def message(packet: bytes) -> int:
+    """Class and id of a whole packet as one number."""
+    return int.from_bytes(packet[2:4], "big")
+
+
+def payload(packet: bytes) -> bytes:
+    """The payload of a whole packet."""
+    return packet[6:-2]
+
+
+def parse_nav_pvt(data: bytes) -> NavPvt:
+    """Read the payload of NAV-PVT; MessageError when it is out of range or too short."""
+    if len(data) < _NAV_PVT_SIZE:
+        raise MessageError(MALFORMED, f"NAV-PVT of {len(data)} bytes")
+    fields = _NAV_PVT.unpack_from(data)
+    fix_type, flags, satellites = fields[10], fields[11], fields[13]
+    fix = _FIX_TYPES.get(fix_type, FixType.NONE)
+    if not flags & 1 or fix is FixType.NONE:
+        return NavPvt(FixType.NONE, satellites)
+    if fix is FixType.FIX_3D:
+        fix = _CARRIER.get(flags >> 6, FixType.DGPS if flags & 2 else fix)
+    lon_deg, lat_deg, altitude_m = fields[14] * 1e-7, fields[15] * 1e-7, fields[17] * 1e-3
+    sog_m_s, cog_deg = fields[23] * 1e-3, fields[24] * 1e-5
+    for name, value, low, high in (
+        ("latitude", lat_deg, -90.0, 90.0),
+        ("longitude", lon_deg, -180.0, 180.0),
+        ("altitude", altitude_m, -1e3, 1e5),
+        ("speed", sog_m_s, 0.0, 200.0),
+        ("course", cog_deg, 0.0, 360.0),
+    ):
+        within(value, low, high, f"NAV-PVT {name}")
+    return NavPvt(fix, satellites, lat_deg, lon_deg, altitude_m, sog_m_s, cog_deg, _utc_s(fields))
+
+
+def _utc_s(fields: tuple[int, ...]) -> float | None:
+    """The time, when the receiver calls date and time valid; MessageError when they then are not."""
+    _, year, month, day, hour, minute, second, valid, _, nanosecond = fields[:10]
+    if valid & 3 != 3:
+        return None
+    if not (2000 <= year <= 2099 and hour <= 23 and minute <= 59 and second <= 60 and abs(nanosecond) <= 10**9):
+        raise MessageError(RANGE, "NAV-PVT time out of range")
+    try:
+        midnight = dt.datetime(year, month, day, tzinfo=dt.UTC)
+    except ValueError:
+        raise MessageError(RANGE, "NAV-PVT date out of range") from None
+    return midnight.timestamp() + hour * 3600 + minute * 60 + second + nanosecond * 1e-9

@@ -1,0 +1,48 @@
+"""Packets out of noise, and runs of noise accounted for."""
+
+import pytest
+
+from firmware_py.sensors import pni_protocol, ubx_protocol
+
+INFO = bytes.fromhex("000501efd4")
+DATA = bytes.fromhex("000504bf71")
+
+
+def feed(framer, *chunks, end=True):
+    packets = [packet for chunk in chunks for packet in framer.feed(chunk)]
+    packets += framer.finish() if end else []
+    return [(packet.offset, packet.size, packet.fault or packet.data) for packet in packets]
+
+
+def test_packets_in_a_row():
+    assert feed(pni_protocol.framer(), INFO + DATA) == [(0, 5, INFO), (5, 5, DATA)]
+
+
+def test_noise_is_one_run_and_a_damaged_packet_is_called_so():
+    assert feed(pni_protocol.framer(), b"hello" + INFO + b"\xff") == [
+        (0, 5, "malformed"), (5, 5, INFO), (10, 1, "malformed")
+    ]  # fmt: skip
+    damaged = INFO[:-1] + b"\x00"
+    assert feed(pni_protocol.framer(), damaged + DATA + damaged) == [
+        (0, 5, "checksum"), (5, 5, DATA), (10, 5, "checksum")
+    ]  # fmt: skip
+
+
+def test_a_false_length_does_not_hold_back_the_good_packets_behind_it():
+    framer = pni_protocol.framer()
+    false_start = b"\x00\x7f\x05"  # 127 bytes to come
+    assert feed(framer, false_start, INFO, DATA, end=False) == [(0, 3, "checksum"), (3, 5, INFO), (8, 5, DATA)]
+
+
+@pytest.mark.parametrize("piece", [1, 2, 3, 7])
+def test_a_packet_may_come_in_pieces(piece, solution):
+    stream = b"$GPGGA*00\r\n" + solution() + b"\xb5\x62" + solution()
+    whole = feed(ubx_protocol.framer(), stream)
+    pieces = [stream[start : start + piece] for start in range(0, len(stream), piece)]
+    assert feed(ubx_protocol.framer(), *pieces) == whole
+    assert [fault for *_, fault in whole if isinstance(fault, str)] == ["malformed", "checksum"]
+
+
+def test_a_capture_that_ends_in_a_packet_is_told():
+    assert feed(pni_protocol.framer(), INFO, DATA[:4]) == [(0, 5, INFO), (5, 4, "checksum")]
+    assert feed(pni_protocol.framer()) == []
