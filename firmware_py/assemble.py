@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from firmware_py import __version__
 from firmware_py.actuator.dynamixel import DynamixelRudder
@@ -28,7 +29,7 @@ from firmware_py.sensors.ubx import UbxPosition
 from firmware_py.serial_line import PortError, SerialLine
 from firmware_py.step import State
 from firmware_py.store import Store
-from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle
+from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle, VehicleError
 
 LOG_DIRECTORY = "logs"
 
@@ -77,14 +78,19 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
             position_line = SerialLine(entry.port, entry.baud)
             lines.append(position_line)
             position_view = position_line
-        position = POSITIONS[entry.driver](position_view, entry)
+        position = make_driver(POSITIONS, "position", position_view, entry)
+    compass = make_driver(COMPASSES, "compass", compass_view, vehicle.compass)
+    rudder = make_driver(RUDDERS, "rudder", rudder_line, vehicle.rudder)
     open_lines(lines, wait=wait)
-    return Devices(
-        COMPASSES[vehicle.compass.driver](compass_view, vehicle.compass),
-        position,
-        RUDDERS[vehicle.rudder.driver](rudder_line, vehicle.rudder),
-        tuple(lines),
-    )
+    return Devices(compass, position, rudder, tuple(lines))
+
+
+def make_driver(makers: Mapping[str, Callable[[ByteLine, Any], Any]], section: str, line: ByteLine, entry: Any) -> Any:
+    """Make the driver that an entry of the vehicle file names; VehicleError for a value that it refuses."""
+    try:
+        return makers[entry.driver](line, entry)
+    except ValueError as error:
+        raise VehicleError(f"[{section}] of the vehicle file: {error}") from None
 
 
 def open_lines(lines: Sequence[SerialLine], *, wait: bool) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from firmware_py.angles import compass_degrees, degrees
-from firmware_py.assemble import COMPASSES, POSITIONS, RUDDERS
+from firmware_py.assemble import COMPASSES, POSITIONS, RUDDERS, make_driver
 from firmware_py.clock import RealClock
 from firmware_py.ports import Compass, Position, Rudder
 from firmware_py.records import (
@@ -17,6 +17,7 @@ from firmware_py.records import (
     RudderCommand,
     RudderFeedback,
 )
+from firmware_py.sensors.line_tee import LineTee
 from firmware_py.serial_line import PortError, SerialLine
 from firmware_py.vehicle import Vehicle
 
@@ -120,21 +121,19 @@ class BenchSession:
             heard.error = str(error)
             return heard
         heard.line = line
-        heard.device = drivers[entry.driver](line, entry)
+        heard.device = make_driver(drivers, role, line, entry)
         return heard
 
     def _share(self, vehicle: Vehicle) -> None:
         """Give compass and position one view each of their common port."""
-        from firmware_py.sensors.line_tee import LineTee  # noqa: PLC0415 - only for this wiring
-
         compass, entry = self.heard[0], vehicle.position
         if entry is None:
             return
         position = Heard("position", entry.driver, entry.port, error=compass.error)
         if compass.line is not None:
             tee = LineTee(compass.line)
-            compass.device = COMPASSES[vehicle.compass.driver](tee.first, vehicle.compass)
-            position.device = POSITIONS[entry.driver](tee.second, entry)
+            compass.device = make_driver(COMPASSES, "compass", tee.first, vehicle.compass)
+            position.device = make_driver(POSITIONS, "position", tee.second, entry)
         self.heard.append(position)
 
     def listen(self, seconds: float | None) -> Iterator[Sequence[Sample]]:

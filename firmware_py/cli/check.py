@@ -16,7 +16,6 @@ from firmware_py.cli.bench_session import BenchSession, Heard
 from firmware_py.cli.run import default_state_directory
 from firmware_py.params import ParameterError
 from firmware_py.records import DeviceState
-from firmware_py.serial_line import PortError
 from firmware_py.vehicle import Vehicle, VehicleError, load
 
 LISTEN_S = 3.0
@@ -109,7 +108,7 @@ def _priority() -> Iterator[Finding]:
 def _devices(vehicle: Vehicle) -> Iterator[Finding]:
     try:
         session = BenchSession(vehicle)
-    except PortError as error:
+    except VehicleError as error:
         yield False, "devices", str(error)
         return
     try:

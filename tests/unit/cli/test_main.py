@@ -72,6 +72,13 @@ def test_run_refuses_a_wrong_vehicle_file(capsys, tmp_path, vehicle):
     assert "unknown parameter 'CTL_K9'" in one_line_error(capsys, ["run", path])
 
 
+def test_run_refuses_what_a_driver_refuses(capsys, vehicle, ports, tmp_path):
+    path = vehicle(*ports)
+    text = (tmp_path / "boat.toml").read_text().replace("baud = 4800", 'baud = 4800\nsentences = ["HDX"]')
+    (tmp_path / "boat.toml").write_text(text)
+    assert "[compass]" in one_line_error(capsys, ["run", path, "--state", str(tmp_path / "state")])
+
+
 def test_run_refuses_a_missing_port_and_one_in_use(capsys, vehicle, ports, tmp_path):
     state = ["--state", str(tmp_path / "state")]
     assert "no such port" in one_line_error(capsys, ["run", vehicle(), *state])
