@@ -53,7 +53,7 @@ bench: $(READY)
 	@$(BIN)/rambler-hil bench
 
 proof: $(READY)
-	$(BIN)/python -m pytest tests/hil -m proof -n 2 -o addopts="-q --strict-markers --import-mode=importlib"
+	$(BIN)/python -m pytest -m proof -n 2 --timeout 3600
 
 # After a change of dependencies: writes what is installed as the constraints of all installs.
 lock: $(READY)
