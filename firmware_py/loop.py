@@ -196,12 +196,13 @@ def _serve_until(boat: Boat, metronome: Metronome) -> None:
         device_fds = {device.fileno(): device for device in devices}
         device_fds.pop(-1, None)
         if now_s < deadline_s - guard_s:
-            link_fds = list(boat.link.descriptors())
-            ready = clock.wait(deadline_s - guard_s, [*device_fds, *link_fds, boat.store.fileno()])
+            link_fds, busy = list(boat.link.descriptors()), boat.link.busy
+            until_s = now_s if busy else deadline_s - guard_s
+            ready = clock.wait(until_s, [*device_fds, *link_fds, boat.store.fileno()])
         else:
-            link_fds = []
+            link_fds, busy = [], False
             ready = clock.wait(deadline_s, [*device_fds])
-        if not ready:
+        if not ready and not busy:
             continue
         now_s = clock.now_s()
         for fd in ready:
@@ -209,7 +210,8 @@ def _serve_until(boat: Boat, metronome: Metronome) -> None:
                 device_fds[fd].receive(now_s)
         if boat.store.fileno() in ready:
             boat.store.service()
-        if link_ready := [fd for fd in ready if fd in link_fds]:
+        link_ready = [fd for fd in ready if fd in link_fds]
+        if link_ready or busy:
             boat.link.service(now_s, link_ready)
 
 

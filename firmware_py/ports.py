@@ -114,6 +114,10 @@ class Authority(Protocol):
 class Link(Protocol):
     """The ground stations' side: reads in the slack between ticks, publishes after each tick."""
 
+    @property
+    def busy(self) -> bool:
+        """Whether something already read still waits for `service`."""
+
     def descriptors(self) -> Sequence[int]:
         """The descriptors whose readability `service` wants."""
 

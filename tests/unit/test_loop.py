@@ -98,12 +98,18 @@ class FakeRudder:
 class FakeLink:
     def __init__(self, boat_log):
         self.log, self.outputs, self.on_service = boat_log, [], lambda _now_s: None
+        self.left_over = 0
+
+    @property
+    def busy(self):
+        return self.left_over > 0
 
     def descriptors(self):
         return [20]
 
     def service(self, now_s, ready):
-        assert list(ready) == [20]
+        assert list(ready) == ([] if self.left_over else [20])
+        self.left_over = max(0, self.left_over - 1)
         self.log.append(("service", now_s))
         self.on_service(now_s)
 
@@ -215,6 +221,13 @@ def test_the_link_is_served_in_the_slack_and_left_alone_before_a_deadline(boat):
     for begun_s, deadline_s, descriptors in boat.clock.waits:
         if 20 in descriptors:
             assert deadline_s <= 0.1 * math.ceil(begun_s / 0.1 - 1e-9) + 0.1 - 0.003 + 1e-6
+
+
+def test_what_a_burst_left_over_is_served_before_sleeping(boat):
+    boat.link.publish = lambda _output, now_s: setattr(boat.link, "left_over", 3 if 0.09 < now_s < 0.11 else 0)
+    turn(boat, 0.35)
+    served = [t_s for what, t_s in boat.link.log if what == "service"]
+    assert served == pytest.approx([0.1, 0.1, 0.1], abs=0.001)
 
 
 def test_the_ticks_drift_to_just_after_the_compass(boat):

@@ -1,0 +1,34 @@
+"""Positions as MAVLink gives them."""
+
+from __future__ import annotations
+
+import math
+
+from firmware_py.angles import radians
+from firmware_py.link.session import within
+from firmware_py.records import SteerPosition
+
+# MAV_FRAME: GLOBAL, GLOBAL_RELATIVE_ALT, the same two as _INT, and both over terrain. A boat has no altitude.
+GLOBAL_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
+
+_EARTH_M = 6_378_137.0  # equatorial radius of WGS84
+_FARTHEST_M = 100_000.0  # the flat-earth offset is no good beyond
+
+
+def position_goal(latitude_deg: float, longitude_deg: float, *, change_mode: bool = False) -> SteerPosition | str:
+    """Return the goal, or why it is none."""
+    if not within(latitude_deg, -90.0, 90.0) or not within(longitude_deg, -180.0, 180.0):
+        return "the position is not on this planet"
+    return SteerPosition(radians(latitude_deg), radians(longitude_deg), change_mode=change_mode)
+
+
+def offset_goal(latitude_rad: float, longitude_rad: float, north_m: float, east_m: float) -> SteerPosition | str:
+    """Return the goal that lies north and east of a position, or why it is none."""
+    if not within(north_m, -_FARTHEST_M, _FARTHEST_M) or not within(east_m, -_FARTHEST_M, _FARTHEST_M):
+        return f"the position is not within {_FARTHEST_M / 1e3:.0f} km"
+    reached_rad = latitude_rad + north_m / _EARTH_M
+    shrink = math.cos(latitude_rad)
+    if not (abs(reached_rad) < math.pi / 2.0 and shrink > 1e-3):
+        return "local positions end at the poles"
+    longitude_rad += east_m / (_EARTH_M * shrink)
+    return SteerPosition(reached_rad, math.remainder(longitude_rad, 2.0 * math.pi))

@@ -1,0 +1,147 @@
+"""What every microservice works with: the authority, the latest state, the ways to answer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from firmware_py.angles import radians
+from firmware_py.link import identity
+from firmware_py.link.dialect import Codec, Message
+from firmware_py.link.identity import COMPONENT, Version
+from firmware_py.link.outbox import Priority
+from firmware_py.link.peer import Peer
+from firmware_py.link.scene import Home, Scene
+from firmware_py.link.statustext import text_messages
+from firmware_py.ports import Authority
+from firmware_py.records import Answer, Intent, Request, Severity, Snapshot, Verdict
+
+Handler = Callable[[Peer, Message, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Suppliers:
+    """What the link asks of its surroundings."""
+
+    utc_s: Callable[[], float]
+    load: Callable[[], float]  # of one core, 0 to 1
+    prearm_refusal: Callable[[Snapshot], str]  # empty: arming would be accepted
+
+
+class Session:
+    """The link's own state, on the loop's thread."""
+
+    def __init__(self, authority: Authority, suppliers: Suppliers, version: Version) -> None:
+        """Take the loop's side; the system id and the identity hold until the next start."""
+        values = authority.parameters()
+        self.authority = authority
+        self.suppliers = suppliers
+        self.version = version
+        self.system = int(values["LNK_SYSID"])
+        self.component = int(COMPONENT)
+        self.autopilot = int(values["LNK_IDENTITY"])
+        self.codec = Codec(self.system, self.component)
+        self._text_number = 0
+        self.snapshot: Snapshot | None = None
+        self.home: Home | None = None
+        self.refused_frames = 0
+        self.now_s = 0.0  # of the latest call of the loop
+        self.peers: Iterable[Peer] = ()
+
+    # ------------------------------------------------------------------ the state
+
+    def see(self, snapshot: Snapshot) -> None:
+        """Take the state after a tick; the first position fix becomes home."""
+        self.snapshot = snapshot
+        fix = snapshot.position
+        if self.home is not None or fix is None or not snapshot.position_ok:
+            return
+        if fix.latitude_rad is not None and fix.longitude_rad is not None:
+            self.home = Home(fix.latitude_rad, fix.longitude_rad, fix.altitude_m or 0.0)
+
+    def scene(self) -> Scene | None:
+        """Return what the telemetry builders look at; None before the first tick."""
+        if self.snapshot is None:
+            return None
+        return Scene(
+            snapshot=self.snapshot,
+            home=self.home,
+            utc_s=self.suppliers.utc_s(),
+            rudder_limit_rad=radians(self.authority.parameters()["RUD_LIMIT_DEG"]),
+            autopilot=self.autopilot,
+            prearm_refusal=self.suppliers.prearm_refusal(self.snapshot),
+            load=self.suppliers.load(),
+            refused_frames=self.refused_frames,
+        )
+
+    # ------------------------------------------------------------------ who is meant
+
+    def addressed(self, message: Message) -> bool:
+        """Return whether a message is for this system and component, or for all."""
+        system = getattr(message, "target_system", getattr(message, "target", 0))
+        component = getattr(message, "target_component", 0)
+        return system in (0, self.system) and component in (0, self.component)
+
+    # ------------------------------------------------------------------ answering
+
+    def send(self, peer: Peer, message: Message, priority: Priority = Priority.REPLY) -> None:
+        """Queue a message to one peer."""
+        peer.outbox.push(self.codec.pack(message), priority)
+
+    def send_all(self, message: Message, priority: Priority = Priority.REPLY) -> None:
+        """Queue a message to every peer."""
+        packed = self.codec.pack(message)
+        for peer in self.peers:
+            peer.outbox.push(packed, priority)
+
+    def flush_all(self) -> None:
+        """Send what waits, outside a call of the loop."""
+        for peer in self.peers:
+            peer.outbox.flush(self.now_s)
+
+    def heartbeat(self) -> Message:
+        """Return the heartbeat that a new peer gets at once."""
+        scene = self.scene()
+        return identity.first_heartbeat(self.autopilot) if scene is None else identity.heartbeat(scene)
+
+    def say(self, peer: Peer, severity: Severity, text: str, now_s: float) -> None:
+        """Tell one peer something, unless the same was said just now or too much was said."""
+        if peer.notices.allowed(text, now_s):
+            self.tell(peer, severity, text)
+
+    def tell(self, peer: Peer, severity: Severity, text: str) -> None:
+        """Tell one peer something in any case."""
+        for message in self._text(severity, text):
+            self.send(peer, message)
+
+    def announce(self, severity: Severity, text: str) -> None:
+        """Tell every peer something."""
+        for message in self._text(severity, text):
+            self.send_all(message)
+
+    def _text(self, severity: Severity, text: str) -> list[Message]:
+        self._text_number = self._text_number % 0xFFFF + 1
+        return text_messages(severity, text, self._text_number)
+
+    # ------------------------------------------------------------------ asking the loop
+
+    def ask(self, message: Message, intent: Intent, now_s: float) -> Answer:
+        """Put an intent of a message's sender to the authority."""
+        sender, component = message.get_srcSystem(), message.get_srcComponent()
+        return self.authority.decide(Request(now_s, intent, sender, component))
+
+    def steer(self, peer: Peer, message: Message, intent: Intent | str, now_s: float) -> None:
+        """Put the goal of an unacknowledged message to the authority, or refuse it for a reason; refusals are told."""
+        name = type(message).msgname
+        if isinstance(intent, str):
+            self.say(peer, Severity.WARNING, f"{name}: {intent}", now_s)
+            return
+        answer = self.ask(message, intent, now_s)
+        if answer.verdict is not Verdict.ACCEPTED:
+            self.say(peer, Severity.WARNING, answer.text or f"{name} refused", now_s)
+
+
+def within(value: float, low: float, high: float) -> bool:
+    """Return whether a number from outside is finite and in [low, high]."""
+    return math.isfinite(value) and low <= value <= high

@@ -1,0 +1,82 @@
+"""The one table of telemetry: what is sent, at what rates, and in which stream.
+
+Rates in hertz: `fast` on UDP and TCP, `radio` on slow serial lines; 0 = on request.
+`stream` is the MAV_DATA_STREAM that the old REQUEST_DATA_STREAM moves it with.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from firmware_py.link import identity, motion, wellbeing
+from firmware_py.link.dialect import Message, mavlink, text_of
+from firmware_py.link.outbox import Priority
+from firmware_py.link.scene import Scene, boot_ms, single
+
+Builder = Callable[[Scene], Message | None]
+
+_STATUS = mavlink.MAV_DATA_STREAM_EXTENDED_STATUS
+_RC = mavlink.MAV_DATA_STREAM_RC_CHANNELS
+_POSITION = mavlink.MAV_DATA_STREAM_POSITION
+_EXTRA1 = mavlink.MAV_DATA_STREAM_EXTRA1  # ATTITUDE in ArduPilot
+_EXTRA2 = mavlink.MAV_DATA_STREAM_EXTRA2  # VFR_HUD
+_EXTRA3 = mavlink.MAV_DATA_STREAM_EXTRA3  # BATTERY_STATUS, SYSTEM_TIME
+
+
+class Row(NamedTuple):
+    """One message of telemetry."""
+
+    number: int  # message id
+    name: str
+    build: Builder
+    fast_hz: float
+    radio_hz: float
+    stream: int | None
+    priority: Priority = Priority.TELEMETRY
+
+
+def _named(name: str, value: Callable[[Scene], float | None], fast_hz: float, radio_hz: float) -> Row:
+    label = text_of(name, 10)
+
+    def build(scene: Scene) -> Message | None:
+        found = single(value(scene), math.nan)
+        if math.isnan(found):
+            return None
+        return mavlink.MAVLink_named_value_float_message(boot_ms(scene.snapshot.t_s), label, found)
+
+    return Row(251, f"NAMED_VALUE_FLOAT {name}", build, fast_hz, radio_hz, _EXTRA3)
+
+
+TABLE: tuple[Row, ...] = (
+    Row(0, "HEARTBEAT", identity.heartbeat, 1.0, 1.0, None, Priority.URGENT),
+    Row(1, "SYS_STATUS", wellbeing.sys_status, 1.0, 0.5, _STATUS),
+    Row(2, "SYSTEM_TIME", wellbeing.system_time, 1.0, 0.1, _EXTRA3),
+    Row(24, "GPS_RAW_INT", motion.gps_raw_int, 2.0, 0.5, _STATUS),
+    Row(30, "ATTITUDE", motion.attitude, 10.0, 2.0, _EXTRA1),
+    Row(33, "GLOBAL_POSITION_INT", motion.global_position_int, 4.0, 1.0, _POSITION),
+    Row(36, "SERVO_OUTPUT_RAW", motion.servo_output_raw, 4.0, 1.0, _RC),
+    Row(62, "NAV_CONTROLLER_OUTPUT", motion.nav_controller_output, 2.0, 1.0, _STATUS),
+    Row(74, "VFR_HUD", motion.vfr_hud, 4.0, 1.0, _EXTRA2),
+    Row(83, "ATTITUDE_TARGET", motion.attitude_target, 2.0, 0.5, _EXTRA1),
+    Row(147, "BATTERY_STATUS", wellbeing.battery_status, 1.0, 0.2, _EXTRA3),
+    Row(242, "HOME_POSITION", motion.home_position, 0.0, 0.0, None),
+    Row(245, "EXTENDED_SYS_STATE", wellbeing.extended_sys_state, 0.0, 0.0, None),
+    Row(436, "CURRENT_MODE", identity.current_mode, 0.5, 0.5, None),
+    _named("RUDDER", motion.rudder_degrees, 4.0, 1.0),
+    _named("RUD_CMD", motion.rudder_command_degrees, 4.0, 1.0),
+    _named("RUD_TEMP", wellbeing.servo_temperature, 0.5, 0.1),
+    _named("LATE_MS", wellbeing.lateness_ms, 1.0, 0.2),
+    _named("SKIPPED", wellbeing.skipped_ticks, 1.0, 0.2),
+)
+
+
+def _by_number() -> Mapping[int, tuple[int, ...]]:
+    found: dict[int, tuple[int, ...]] = {}
+    for index, row in enumerate(TABLE):
+        found[row.number] = (*found.get(row.number, ()), index)
+    return found
+
+
+ROWS_OF: Mapping[int, tuple[int, ...]] = _by_number()  # message id -> indexes of TABLE

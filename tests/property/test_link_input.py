@@ -1,0 +1,265 @@
+"""Nothing that arrives on the link raises, and nothing out of range gets through to the loop."""
+
+import math
+import random
+import struct
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.link.endpoint import Endpoint
+from firmware_py.link.identity import Version
+from firmware_py.link.streams import FASTEST_S, SLOWEST_S
+from firmware_py.link.telemetry import TABLE
+from firmware_py.params import TABLE as PARAMETERS
+from firmware_py.params import ParameterSet
+from firmware_py.records import (
+    Answer,
+    Arm,
+    FixType,
+    ManualRudder,
+    Mode,
+    Output,
+    PositionSample,
+    RudderCommand,
+    SetMode,
+    SetParameter,
+    Snapshot,
+    SteerHeading,
+    SteerPosition,
+    Verdict,
+)
+
+FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2)
+SNAPSHOT = Snapshot(
+    t_s=1.0, tick=1, mode=Mode.GUIDED, armed=True, heading_rad=1.0, heading_ok=True, yaw_rate_rad_s=0.0,
+    roll_rad=None, pitch_rad=None, goal_heading_rad=1.0, heading_error_rad=0.0, bearing_rad=None, distance_m=None,
+    rudder_rad=0.0, rudder_command_rad=0.0, rudder_ok=True, servo=None, position=FIX, position_ok=True, faults=0,
+    rate_hz=10.0, skipped_total=0, late_s=0.0,
+)  # fmt: skip
+
+
+class Authority:
+    """Accepts whatever is well formed; keeps what it was asked."""
+
+    def __init__(self):
+        self.intents = []
+        self.values = ParameterSet()
+
+    def decide(self, request):
+        assert math.isfinite(request.t_s)
+        self.intents.append(request.intent)
+        if isinstance(request.intent, SetParameter):
+            try:
+                self.values = self.values.replaced(request.intent.name, request.intent.value)
+            except ValueError as error:
+                return Answer(Verdict.DENIED, str(error))
+        return Answer(Verdict.ACCEPTED)
+
+    def parameters(self):
+        return self.values
+
+    def when_stored(self, call):
+        call(True)
+
+
+class Pipe:
+    """A transport in memory, served in pieces as sockets are."""
+
+    name = "pipe"
+    byte_rate = None
+    radio = False
+    datagrams = True
+
+    def __init__(self):
+        self.inbox = []
+        self.sent = bytearray()
+
+    def descriptors(self):
+        return (5,)
+
+    def receive(self, descriptor):
+        return [self.inbox.pop(0)] if self.inbox else []
+
+    def send(self, address, data):
+        self.sent += data
+        return True
+
+    def addresses(self):
+        return ("station",)
+
+    def poll(self, now_s):
+        pass
+
+    def close(self):
+        pass
+
+
+class Rig:
+    def __init__(self):
+        self.pipe = Pipe()
+        self.authority = Authority()
+        self.endpoint = Endpoint([self.pipe], self.authority, utc_s=lambda: 0.0, version=Version())
+        self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        self.endpoint.publish(Output(RudderCommand(0.0, True), SNAPSHOT), 0.0)
+        self.pipe.sent.clear()
+        self.now_s = 0.0
+
+    def feed(self, data):
+        self.now_s += 0.001
+        for start in range(0, len(data), 1024):
+            self.pipe.inbox.append(("station", data[start : start + 1024]))
+        while self.pipe.inbox or self.endpoint.busy:
+            self.endpoint.service(self.now_s, [5])
+
+    def replies(self):
+        sent = bytes(self.pipe.sent)
+        self.pipe.sent.clear()
+        return mavlink.MAVLink(None).parse_buffer(sent) or []
+
+    def ping(self, number):
+        return mavlink.MAVLink_ping_message(0, number, 0, 0).pack(self.station)
+
+
+def is_sound(intent):
+    """Whether the loop may be given this."""
+    if isinstance(intent, SteerHeading):
+        return abs(intent.heading_rad) <= 2.0 * math.pi and intent.turn in (-1, 0, 1)
+    if isinstance(intent, SteerPosition):
+        return abs(intent.latitude_rad) <= math.pi / 2 and abs(intent.longitude_rad) <= math.pi
+    if isinstance(intent, ManualRudder):
+        return intent.deflection is None or abs(intent.deflection) <= 1.0
+    if isinstance(intent, SetMode):
+        return isinstance(intent.mode, int) and 0 <= intent.mode < 2**32
+    if isinstance(intent, SetParameter):
+        return any(row.name == intent.name for row in PARAMETERS)
+    return isinstance(intent, Arm)
+
+
+def check_sound(rig):
+    assert all(is_sound(intent) for intent in rig.authority.intents)
+    for row, value in zip(PARAMETERS, rig.authority.values.values(), strict=True):
+        assert row.checked(value) == value
+    for peer in rig.endpoint._roster:
+        for row in TABLE:
+            interval_us = peer.streams.interval_us(row.number)
+            assert interval_us == -1 or FASTEST_S <= interval_us * 1e-6 <= SLOWEST_S
+
+
+SIZES = {"B": 8, "b": -8, "H": 16, "h": -16, "I": 32, "i": -32, "Q": 64, "q": -64}
+FLOATS = st.floats(width=32) | st.sampled_from([math.nan, math.inf, -math.inf, 3.4028234663852886e38, 1.0, 0.0, 360.0])
+NAMES = st.sampled_from([row.name.encode() for row in PARAMETERS]) | st.binary(max_size=16)
+
+
+def value_of(code, name):
+    """A strategy for one element of a field, by its struct code."""
+    if code in "fd":
+        return FLOATS
+    bits = SIZES[code]
+    low, high = (0, 2**bits - 1) if bits > 0 else (-(2 ** (-bits - 1)), 2 ** (-bits - 1) - 1)
+    if name in ("target_system", "target_component", "target"):
+        return st.sampled_from([0, 1])
+    known = [
+        number for number in (0, 1, 2, 16, 30, 76, 115, 176, 192, 213, 400, 511, 512, 1500) if low <= number <= high
+    ]
+    return st.sampled_from([low, high, *known]) | st.integers(low, high)
+
+
+def fields_of(kind):
+    """Strategies for all fields of a message, in the order of its constructor."""
+    by_name = {}
+    codes = kind.native_format.decode()[1:] if kind.native_format else ""
+    for name, code, length in zip(kind.ordered_fieldnames, codes, kind.array_lengths, strict=True):
+        if code == "c":
+            by_name[name] = NAMES if name == "param_id" else st.binary(max_size=max(length, 1))
+        elif length:
+            by_name[name] = st.lists(value_of(code, name), min_size=length, max_size=length)
+        else:
+            by_name[name] = value_of(code, name)
+    return [by_name[name] for name in kind.fieldnames]
+
+
+KINDS = [kind for _, kind in sorted(mavlink.mavlink_map.items()) if kind.native_format]
+HANDLED = sorted(Rig().endpoint._handlers)
+MESSAGES = {kind.id: st.tuples(*fields_of(kind)).map(lambda values, kind=kind: kind(*values)) for kind in KINDS}
+COMMANDS = st.builds(
+    mavlink.MAVLink_command_long_message,
+    st.just(1), st.just(1), st.sampled_from([115, 176, 192, 213, 400, 401, 410, 510, 511, 512, 519, 520, 43002]),
+    st.integers(0, 255), *(FLOATS,) * 7,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("number", [number for number in HANDLED if number in MESSAGES])
+@settings(max_examples=20, deadline=None)
+@given(data=st.data())
+def test_no_handled_message_raises_or_gets_something_unsound_through(number, data):
+    rig = Rig()
+    for message in data.draw(st.lists(MESSAGES[number], min_size=1, max_size=4)):
+        rig.feed(message.pack(rig.station))
+    check_sound(rig)
+    rig.replies()
+    rig.feed(rig.ping(7))
+    assert any(reply.get_type() == "PING" and reply.seq == 7 for reply in rig.replies())
+
+
+@settings(max_examples=80, deadline=None)
+@given(data=st.data())
+def test_no_message_of_the_dialect_raises(data):
+    rig = Rig()
+    for number in data.draw(st.lists(st.sampled_from(sorted(MESSAGES)), min_size=1, max_size=8)):
+        rig.feed(data.draw(MESSAGES[number]).pack(rig.station))
+    check_sound(rig)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(COMMANDS, min_size=1, max_size=5))
+def test_every_command_is_acknowledged_whatever_its_parameters(commands):
+    rig = Rig()
+    for command in commands:
+        rig.feed(command.pack(rig.station))
+    check_sound(rig)
+    acks = [reply for reply in rig.replies() if reply.get_type() == "COMMAND_ACK"]
+    assert [ack.command for ack in acks] == [command.command for command in commands]
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.binary(max_size=400) | st.binary(max_size=30).map(lambda tail: b"\xfd" + tail), max_size=10))
+def test_no_bytes_raise(pieces):
+    rig = Rig()
+    for piece in pieces:
+        rig.feed(piece)
+    check_sound(rig)
+
+
+def test_valid_frames_in_a_megabyte_of_noise_are_answered():
+    noise = random.Random(11)
+    rig = Rig()
+    at_once, answered = 0, set()
+    for number in range(500):
+        chunk = bytearray(noise.randbytes(2000))
+        for _ in range(20):
+            chunk[noise.randrange(2000)] = noise.choice((0xFD, 0xFE))
+        rig.feed(bytes(chunk) + rig.ping(number))
+        numbers = {reply.seq for reply in rig.replies() if reply.get_type() == "PING"}
+        at_once += number in numbers
+        answered |= numbers
+    rig.now_s += 10.0
+    rig.feed(b"\x00")  # what still waited behind a false beginning is given up on
+    answered |= {reply.seq for reply in rig.replies() if reply.get_type() == "PING"}
+    check_sound(rig)
+    # A false beginning may delay the last frame of a chunk until the next one.
+    assert at_once >= 450
+    assert answered == set(range(500))
+
+
+def test_a_flood_of_requests_leaves_bounded_queues():
+    rig = Rig()
+    requests = struct.pack("<7f", 435, 0, 0, 0, 0, 0, 0)
+    request = mavlink.MAVLink_command_long_message(1, 1, 512, 0, *struct.unpack("<7f", requests)).pack(rig.station)
+    rig.pipe.send = lambda _address, _data: False
+    for _ in range(50):
+        rig.feed(request * 20)
+    (peer,) = rig.endpoint._roster
+    assert sum(len(queue) for queue in peer.outbox._queues) < 300
