@@ -1,0 +1,69 @@
+"""The command line `rambler-hil`."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from types import ModuleType
+from typing import NoReturn
+
+from hil.errors import HilError, UsageError
+
+# command -> (module, one line of help). A module has add_arguments(parser) and run(arguments) -> exit code,
+# and is imported only when its command is asked for.
+COMMANDS = {
+    "run": ("hil.cli.run", "sail the autopilot in a simulated sea and measure how well it steers"),
+    "scenarios": ("hil.cli.scenarios", "list the seas that a run can be made in"),
+}
+INTERRUPTED = 130
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line that names the remedy."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message}; see {self.prog} -h")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a subcommand; 0 success, 1 a finding, 2 bad usage or configuration."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    parser = _Parser(prog="rambler-hil", description="The sea in a box for the Rambler autopilot.")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    wanted = next((word for word in words if word in COMMANDS), None)
+    try:
+        for name, (module_name, text) in COMMANDS.items():
+            command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+            if name == wanted:
+                module = _imported(module_name)
+                module.add_arguments(command)
+                command.set_defaults(run=module.run)
+        parsed = parser.parse_args(words)
+        code = int(parsed.run(parsed))
+        sys.stdout.flush()
+    except HilError as error:
+        print(f"rambler-hil: {error}", file=sys.stderr)
+        return error.exit_code
+    except BrokenPipeError:
+        # The reader (head, less) has seen enough.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return code
+
+
+def _imported(name: str) -> ModuleType:
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.split(".")[0] in ("hil", "firmware_py"):
+            raise
+        raise UsageError(f"{error.name} is not installed; pip install 'rambler-autopilot[hil]'") from None
+
+
+if __name__ == "__main__":
+    sys.exit(main())

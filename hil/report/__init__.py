@@ -1,0 +1,1 @@
+"""What a run came to: the figures, the pictures, the page."""

@@ -1,0 +1,154 @@
+"""The picture of a run: heading, error, yaw rate and rudder over time, and the track."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from firmware_py.angles import DEGREES_PER_RADIAN
+from hil.report.figures import STEADY_AFTER_S, goal_figures, goal_spans
+from hil.truth import Truth
+
+HULL, COMPASS, GOAL, COMMAND, BAND = "#0b4f8a", "#9cc4e4", "#d1495b", "#e8a33d", "#e9f5ec"
+INK, GRID = "#333b44", "#dde3e8"
+SIZE_INCHES = (13.0, 8.4)
+DOTS_PER_INCH = 120
+TABLE_ROWS = 4
+
+
+def draw(truth: Truth, title: str, path: Path) -> None:
+    """Write the picture as a PNG file."""
+    figure = Figure(figsize=SIZE_INCHES, dpi=DOTS_PER_INCH, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold", color=INK)
+    columns: Any = figure.subfigures(1, 2, width_ratios=(2.2, 1.0))
+    left, right = columns
+    _panels(left, truth)
+    track, table = right.subplots(2, 1, height_ratios=(4.0, 1.0))
+    _track(track, truth)
+    _finish(track)
+    _table(table, truth)
+    figure.savefig(path)
+
+
+def _panels(figure: Any, truth: Truth) -> None:
+    columns = figure.subplots(len(PANELS), 1, sharex=True, height_ratios=(1.5, 1.0, 0.8, 1.0))
+    for axes, panel in zip(columns, PANELS, strict=True):
+        panel(axes, truth)
+        _finish(axes)
+    columns[-1].set_xlim(float(truth.time_s[0]), max(float(truth.time_s[-1]), 1.0))
+    columns[-1].set_xlabel("time, s")
+
+
+def _heading(axes: Any, truth: Truth) -> None:
+    degrees = DEGREES_PER_RADIAN
+    if not np.array_equal(truth.heading_rad, truth.heading_low_rad):
+        axes.plot(truth.time_s, truth.heading_rad * degrees, color=COMPASS, lw=0.5, label="with wave yaw")
+    axes.plot(truth.time_s, truth.heading_low_rad * degrees, color=HULL, lw=1.6, label="hull")
+    axes.plot(truth.time_s, truth.goal_rad * degrees, color=GOAL, lw=1.2, ls="--", label="goal")
+    axes.set_ylabel("heading, deg")
+    axes.legend(loc="upper right", ncols=3, frameon=False, fontsize=8)
+    _headroom(axes)
+
+
+def _error(axes: Any, truth: Truth) -> None:
+    error_deg = (truth.heading_low_rad - truth.goal_rad) * DEGREES_PER_RADIAN
+    axes.axhspan(-3.0, 3.0, color=BAND, lw=0, label="±3 deg")
+    axes.axhline(0.0, color=GRID, lw=0.8)
+    axes.plot(truth.time_s, error_deg, color=HULL, lw=1.2)
+    steady = [error_deg[first:last][truth.time_s[first:last] >= truth.time_s[first] + STEADY_AFTER_S]
+              for first, last in goal_spans(truth.goal_rad)]  # fmt: skip
+    widest = max((float(np.max(np.abs(part))) for part in steady if part.size), default=0.0)
+    reach_deg = max(6.0, 1.5 * widest)
+    axes.set_ylim(-reach_deg, reach_deg)
+    axes.set_ylabel("error, deg")
+    axes.legend(loc="upper right", frameon=False, fontsize=8)
+
+
+def _yaw_rate(axes: Any, truth: Truth) -> None:
+    axes.axhline(0.0, color=GRID, lw=0.8)
+    axes.plot(truth.time_s, truth.yaw_rate_rad_s * DEGREES_PER_RADIAN, color=HULL, lw=1.0)
+    axes.set_ylabel("yaw rate, deg/s")
+
+
+def _rudder(axes: Any, truth: Truth) -> None:
+    axes.axhline(0.0, color=GRID, lw=0.8)
+    axes.plot(truth.time_s, truth.rudder_command_rad * DEGREES_PER_RADIAN, color=COMMAND, lw=1.8, label="commanded")
+    axes.plot(truth.time_s, truth.rudder_rad * DEGREES_PER_RADIAN, color=HULL, lw=0.8, label="angle")
+    axes.set_ylabel("rudder, deg")
+    axes.legend(loc="upper right", ncols=2, frameon=False, fontsize=8)
+    _headroom(axes)
+
+
+def _track(axes: Any, truth: Truth) -> None:
+    axes.plot(truth.east_m, truth.north_m, color=HULL, lw=1.8)
+    axes.plot(truth.east_m[:1], truth.north_m[:1], "o", color=HULL, ms=6)
+    axes.annotate("start", (truth.east_m[0], truth.north_m[0]), (7, -3), textcoords="offset points", color=INK)
+    middle_m = 0.5 * (float(np.min(truth.east_m)) + float(np.max(truth.east_m)))
+    for figures in goal_figures(truth):
+        row = int(np.searchsorted(truth.time_s, figures.t_s))
+        if abs(figures.step_deg) < 1.0:
+            continue
+        inward = truth.east_m[row] <= middle_m
+        axes.plot(truth.east_m[row], truth.north_m[row], "D", color=GOAL, ms=5)
+        axes.annotate(
+            f"{figures.goal_deg:.0f}° at {figures.t_s:.0f} s",
+            (truth.east_m[row], truth.north_m[row]),
+            (8 if inward else -8, -3),
+            textcoords="offset points",
+            ha="left" if inward else "right",
+            color=GOAL,
+            fontsize=9,
+        )
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.15)
+    axes.set_title("track over the ground", fontsize=10, color=INK, loc="left")
+    axes.set_xlabel("east, m")
+    axes.set_ylabel("north, m")
+
+
+def _table(axes: Any, truth: Truth) -> None:
+    """Write the figures that matter beside the lines they come from."""
+    rows = [("goal", "overshoot", "settled", "rms error")]
+    for goal in goal_figures(truth)[:TABLE_ROWS]:
+        settled = "never" if goal.settling_s is None else f"{goal.settling_s:.0f} s"
+        rows.append((f"{goal.goal_deg:.0f}°", f"{goal.overshoot_deg:.2f}°", settled, f"{goal.rms_error_deg:.2f}°"))
+    for line, row in enumerate(rows):
+        for column, cell in enumerate(row):
+            axes.text(
+                0.16 + 0.27 * column,
+                0.92 - 0.2 * line,
+                cell,
+                ha="right",
+                va="top",
+                color=INK,
+                fontsize=9,
+                fontweight="bold" if line == 0 else "normal",
+                transform=axes.transAxes,
+            )
+    axes.set_axis_off()
+
+
+PANELS: tuple[Callable[[Any, Truth], None], ...] = (_heading, _error, _yaw_rate, _rudder)
+
+
+def _headroom(axes: Any) -> None:
+    """Leave room above the lines for the legend."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.22 * (high - low))
+
+
+def _finish(axes: Any) -> None:
+    axes.grid(visible=True, color=GRID, lw=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(colors=INK, labelsize=8)
+    axes.xaxis.label.set_color(INK)
+    axes.yaxis.label.set_color(INK)
+    for name, spine in axes.spines.items():
+        spine.set_visible(name in ("left", "bottom"))
+        spine.set_color(GRID)

@@ -1,0 +1,44 @@
+"""The figures of a run as a table on the terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hil.report.summary import Summary
+
+COLUMNS = ("goal", "overshoot", "settled after", "mean error", "rms error", "95 % within", "rudder travel")
+
+
+def figures_text(summary: Summary) -> str:
+    """Return the table and the loop's health."""
+    rows = [COLUMNS, *(goal_cells(goal) for goal in summary["goals"])]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+    return "\n".join([*lines, loop_line(summary)])
+
+
+def goal_cells(goal: dict[str, Any]) -> tuple[str, ...]:
+    """Return one goal's figures as texts with units."""
+    settled = "never" if goal["settling_s"] is None else f"{goal['settling_s']:.0f} s"
+    return (
+        f"{goal['goal_deg']:.0f} deg at {goal['t_s']:.0f} s",
+        f"{goal['overshoot_deg']:.2f} deg",
+        settled,
+        f"{goal['mean_error_deg']:+.2f} deg",
+        f"{goal['rms_error_deg']:.2f} deg",
+        f"{goal['p95_error_deg']:.2f} deg",
+        f"{goal['rudder_travel_deg_per_h']:.0f} deg/h",
+    )
+
+
+def loop_line(summary: Summary) -> str:
+    """Return how the control loop kept time."""
+    loop = summary["loop"]
+    speed = f"{summary['speed_ratio']:.1f} x real time"
+    if loop is None:
+        return f"loop: no onboard log; {speed}"
+    lateness = loop["lateness_us"]
+    late = f"; {loop['note']}" if loop["note"] else ""
+    if lateness is not None:
+        late = "; ticks late by " + ", ".join(f"{name} {value:.0f} us" for name, value in lateness.items())
+    return f"loop: {loop['ticks']} ticks, {loop['skipped']} skipped{late}; {speed}"

@@ -1,0 +1,24 @@
+"""The slow wandering of the rudder angle at which she runs straight (first-order Gauss-Markov)."""
+
+from __future__ import annotations
+
+import math
+
+from hil.ship.noise import NormalNumbers
+
+TIME_CONSTANT_S = 100.0
+
+
+class RudderDrift:
+    """A stationary random angle with a time constant of 100 s, on a fixed grid."""
+
+    def __init__(self, spread_rad: float, step_s: float, numbers: NormalNumbers) -> None:
+        """Start in the stationary state; spread_rad is the standard deviation."""
+        self._keep = math.exp(-step_s / TIME_CONSTANT_S)
+        self._add_rad = spread_rad * math.sqrt(1.0 - self._keep**2)
+        self._numbers = numbers
+        self.angle_rad = spread_rad * numbers.draw()
+
+    def step(self) -> None:
+        """Move on to the next grid step."""
+        self.angle_rad = self._keep * self.angle_rad + self._add_rad * self._numbers.draw()

@@ -1,0 +1,104 @@
+"""The hull in a scenario's sea, on one fixed grid of time.
+
+Everything that moves by itself advances on the grid k * GRID_S and is read in between from
+the state at the start of the grid step. So what a device reads at some moment depends on
+that moment alone, never on how the run was cut into calls: a run is the same, bit for bit,
+at any speed and with any traffic on the lines.
+"""
+
+from __future__ import annotations
+
+import math
+
+from firmware_py.angles import radians
+from firmware_py.model.kt import KtModel, yaw_acceleration
+from hil.scenarios import Scenario
+from hil.ship.drift import RudderDrift
+from hil.ship.kt_plant import KtPlant
+from hil.ship.noise import NormalNumbers, Stream, generator
+from hil.ship.planar import PlanarMotion
+from hil.ship.waves import WaveYaw
+
+STEPS_PER_SECOND = 50
+GRID_S = 1.0 / STEPS_PER_SECOND
+
+
+class Hull:
+    """Heading, yaw rate, track and wave yaw; `offset` arguments are seconds into the present grid step."""
+
+    def __init__(self, scenario: Scenario, model: KtModel, seed: int) -> None:
+        """Lie at the origin heading north, under way at the scenario's speed, the rudder amidships."""
+        scaled = model.at_speed(scenario.speed_m_s)
+        self._model = KtModel(
+            scaled.turning_ability_1_s,
+            scaled.turning_lag_s,
+            scaled.norrbin_s2,
+            scaled.rudder_offset_rad + radians(scenario.bias_deg),
+            scaled.speed_m_s,
+        )
+        self._plant = KtPlant(self._model, GRID_S)
+        self._drift = RudderDrift(radians(scenario.drift_deg), GRID_S, NormalNumbers(generator(seed, Stream.DRIFT)))
+        self._waves = WaveYaw(
+            radians(scenario.wave_yaw_deg),
+            scenario.wave_period_s,
+            GRID_S,
+            NormalNumbers(generator(seed, Stream.WAVES)),
+        )
+        toward_rad = radians(scenario.current_toward_deg)
+        self._track = PlanarMotion(
+            scenario.speed_m_s,
+            scenario.current_m_s * math.cos(toward_rad),
+            scenario.current_m_s * math.sin(toward_rad),
+        )
+        self.speed_m_s = scenario.speed_m_s
+        self._rudder_rad = 0.0
+
+    def step(self, rudder_rad: float) -> None:
+        """Advance one grid step that ends with the rudder at rudder_rad.
+
+        The plant is driven by the mean of both ends: the rudder moves at a limited slew,
+        so what that leaves out is of the second order in the grid step.
+        """
+        before_rad = self._plant.heading_rad
+        self._plant.step(0.5 * (self._rudder_rad + rudder_rad), self._drift.angle_rad)
+        self._track.step(0.5 * (before_rad + self._plant.heading_rad), GRID_S)
+        self._drift.step()
+        self._waves.step()
+        self._rudder_rad = rudder_rad
+
+    def heading_low_rad(self, offset_s: float) -> float:
+        """Return the hull's heading without the yaw of the waves, unwrapped."""
+        rate_rad_s = self._plant.yaw_rate_rad_s
+        return self._plant.heading_rad + offset_s * (rate_rad_s + 0.5 * offset_s * self._yaw_acceleration())
+
+    def heading_rad(self, offset_s: float) -> float:
+        """Return the heading that a perfect compass shows, unwrapped."""
+        return self.heading_low_rad(offset_s) + self._waves.angle_rad(offset_s)
+
+    def yaw_rate_low_rad_s(self, offset_s: float) -> float:
+        """Return the hull's yaw rate without the yaw of the waves."""
+        return self._plant.yaw_rate_rad_s + offset_s * self._yaw_acceleration()
+
+    def yaw_rate_rad_s(self, offset_s: float) -> float:
+        """Return the yaw rate that a perfect gyroscope shows."""
+        return self.yaw_rate_low_rad_s(offset_s) + self._waves.rate_rad_s(offset_s)
+
+    def velocity_m_s(self, offset_s: float) -> tuple[float, float]:
+        """Return the velocity over the ground, north and east."""
+        return self._track.velocity_m_s(self.heading_low_rad(offset_s))
+
+    def position_m(self, offset_s: float) -> tuple[float, float]:
+        """Return the position north and east of the start."""
+        north_m_s, east_m_s = self.velocity_m_s(0.5 * offset_s)
+        return self._track.north_m + north_m_s * offset_s, self._track.east_m + east_m_s * offset_s
+
+    def _yaw_acceleration(self) -> float:
+        model = self._model
+        return yaw_acceleration(
+            self._plant.yaw_rate_rad_s,
+            self._rudder_rad,
+            model.turning_ability_1_s,
+            model.turning_lag_s,
+            model.norrbin_s2,
+            model.rudder_offset_rad + self._drift.angle_rad,
+        )

@@ -1,0 +1,64 @@
+"""The heading of the hull: the K-T equation on a fixed grid of time steps."""
+
+from __future__ import annotations
+
+import math
+
+from firmware_py.model.kt import KtModel, rk4_step, steady_yaw_rate
+
+LARGEST_STEP_S = 0.05
+STEP_PER_TIME_CONSTANT = 0.2  # fourth-order Runge-Kutta is stable to 2.8 and accurate to 1e-5 here
+LARGEST_RUDDER_RAD = 1.6  # no rudder stands further across; bounds the yaw rate and so the stiffness
+MOST_INNER_STEPS = 10_000
+
+
+class KtPlant:
+    """Heading and yaw rate of a hull, one grid step at a time.
+
+    Raises ValueError for a model that is not physical or is too stiff for the grid.
+    """
+
+    def __init__(self, model: KtModel, step_s: float, heading_rad: float = 0.0, yaw_rate_rad_s: float = 0.0) -> None:
+        """Start from a heading and a yaw rate; step_s is the grid step."""
+        self.heading_rad = heading_rad
+        self.yaw_rate_rad_s = yaw_rate_rad_s
+        self._model = model
+        self._inner_steps = inner_steps(model, step_s, yaw_rate_rad_s)
+        self._inner_s = step_s / self._inner_steps
+
+    def step(self, rudder_rad: float, drift_rad: float = 0.0) -> None:
+        """Advance one grid step at a constant rudder; drift_rad is added to the model's rudder offset."""
+        model = self._model
+        heading_rad, yaw_rate_rad_s = self.heading_rad, self.yaw_rate_rad_s
+        offset_rad = model.rudder_offset_rad + drift_rad
+        for _ in range(self._inner_steps):
+            heading_rad, yaw_rate_rad_s = rk4_step(
+                heading_rad,
+                yaw_rate_rad_s,
+                rudder_rad,
+                self._inner_s,
+                model.turning_ability_1_s,
+                model.turning_lag_s,
+                model.norrbin_s2,
+                offset_rad,
+            )
+        self.heading_rad, self.yaw_rate_rad_s = heading_rad, yaw_rate_rad_s
+
+
+def inner_steps(model: KtModel, step_s: float, yaw_rate_rad_s: float = 0.0) -> int:
+    """Return how many Runge-Kutta steps one grid step takes, or raise ValueError.
+
+    The yaw rate never exceeds the larger of its start and the steady turn at the largest
+    rudder, so the fastest time constant, T / (1 + 3 alpha r^2), is known beforehand.
+    """
+    numbers = (model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, model.rudder_offset_rad)
+    if not all(math.isfinite(number) for number in numbers) or model.turning_lag_s <= 0.0 or model.norrbin_s2 < 0.0:
+        raise ValueError(f"not a ship: {model}; T must be positive, alpha not negative, and all of them finite")
+    reach_rad = LARGEST_RUDDER_RAD + abs(model.rudder_offset_rad)
+    fastest_rad_s = steady_yaw_rate(reach_rad, abs(model.turning_ability_1_s), model.norrbin_s2)
+    rate_rad_s = max(abs(yaw_rate_rad_s), fastest_rad_s)
+    constant_s = model.turning_lag_s / (1.0 + 3.0 * model.norrbin_s2 * rate_rad_s * rate_rad_s)
+    count = math.ceil(step_s / min(LARGEST_STEP_S, STEP_PER_TIME_CONSTANT * constant_s))
+    if count > MOST_INNER_STEPS:
+        raise ValueError(f"{model} is too stiff: its fastest time constant is {constant_s:.2g} s")
+    return count

@@ -1,0 +1,40 @@
+"""Seeded random numbers, one independent stream for each thing that is random."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+
+BLOCK = 1024
+
+
+class Stream(IntEnum):
+    """Who draws: adding a stream leaves the numbers of the others as they were."""
+
+    WAVES = 0
+    DRIFT = 1
+    COMPASS = 2
+    POSITION = 3
+    RUDDER = 4
+    PHASES = 5
+
+
+def generator(seed: int, stream: Stream) -> np.random.Generator:
+    """Return the generator of a stream of a run."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, int(stream)])))
+
+
+class NormalNumbers:
+    """Standard normal numbers one at a time, drawn in blocks because a single draw is slow."""
+
+    def __init__(self, source: np.random.Generator) -> None:
+        """Take the generator to draw from."""
+        self._source = source
+        self._waiting: list[float] = []
+
+    def draw(self) -> float:
+        """Return the next number."""
+        if not self._waiting:
+            self._waiting = self._source.standard_normal(BLOCK).tolist()
+        return self._waiting.pop()

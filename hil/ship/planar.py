@@ -1,0 +1,34 @@
+"""The track of the hull over the ground (the paper's eq. 1-2)."""
+
+from __future__ import annotations
+
+import math
+
+
+class PlanarMotion:
+    """Position north and east [m] of the start, from speed, heading and current.
+
+    The sway velocity is taken as zero: what the rudder's turn pushes her sideways is left
+    out here, so tracks are the paper's equations with v = 0.
+    """
+
+    def __init__(self, speed_m_s: float, current_north_m_s: float, current_east_m_s: float) -> None:
+        """Take the speed through the water and the current over the ground."""
+        self.north_m = 0.0
+        self.east_m = 0.0
+        self._speed_m_s = speed_m_s
+        self._current_north_m_s = current_north_m_s
+        self._current_east_m_s = current_east_m_s
+
+    def velocity_m_s(self, heading_rad: float) -> tuple[float, float]:
+        """Return the velocity over the ground, north and east, on a heading."""
+        return (
+            self._speed_m_s * math.cos(heading_rad) + self._current_north_m_s,
+            self._speed_m_s * math.sin(heading_rad) + self._current_east_m_s,
+        )
+
+    def step(self, mean_heading_rad: float, step_s: float) -> None:
+        """Advance by one step (second order in the step when the heading is that of its middle)."""
+        north_m_s, east_m_s = self.velocity_m_s(mean_heading_rad)
+        self.north_m += north_m_s * step_s
+        self.east_m += east_m_s * step_s

@@ -1,0 +1,75 @@
+"""Wave yaw and rudder drift over long seeded runs."""
+
+import numpy as np
+import pytest
+from scipy.signal import welch
+
+from hil.ship.drift import RudderDrift
+from hil.ship.noise import NormalNumbers, Stream, generator
+from hil.ship.waves import WaveYaw
+
+STEP_S = 0.02
+
+
+def waves(spread_rad: float, period_s: float, seed: int = 3, step_s: float = STEP_S) -> WaveYaw:
+    return WaveYaw(spread_rad, period_s, step_s, NormalNumbers(generator(seed, Stream.WAVES)))
+
+
+def sampled(process: WaveYaw, count: int) -> np.ndarray:
+    angles = np.empty(count)
+    for index in range(count):
+        angles[index] = process.angle_rad(0.0)
+        process.step()
+    return angles
+
+
+@pytest.mark.parametrize("period_s", [2.53, 8.0])
+def test_spread_and_peak_period(period_s):
+    # A coarse grid makes the run long; the discretisation is exact, so it is the same process.
+    step_s = period_s / 10.0
+    angles = sampled(waves(0.35, period_s, step_s=step_s), 60_000)
+    assert np.std(angles) == pytest.approx(0.35, rel=0.05)
+    frequency, power = welch(angles, fs=1.0 / step_s, nperseg=1024)
+    assert 1.0 / frequency[np.argmax(power)] == pytest.approx(period_s, rel=0.06)
+
+
+def test_the_spread_does_not_depend_on_the_step():
+    fine = sampled(waves(0.35, 2.5, step_s=0.02), 50_000)
+    assert np.std(fine) == pytest.approx(0.35, rel=0.15)
+
+
+def test_it_is_continuous_across_the_grid_and_its_rate_is_its_slope():
+    process = waves(0.3, 4.0)
+    for _ in range(50):
+        end_angle, end_rate = process.angle_rad(STEP_S), process.rate_rad_s(STEP_S)
+        slope = (process.angle_rad(0.010001) - process.angle_rad(0.009999)) / 2e-6
+        assert process.rate_rad_s(0.010) == pytest.approx(slope, abs=1e-7)
+        process.step()
+        assert process.angle_rad(0.0) == pytest.approx(end_angle, abs=1e-12)
+        assert process.rate_rad_s(0.0) == pytest.approx(end_rate, abs=1e-9)
+
+
+def test_a_calm_sea_is_still():
+    process = waves(0.0, 0.0)
+    process.step()
+    assert process.angle_rad(0.01) == 0.0
+    assert process.rate_rad_s(0.01) == 0.0
+
+
+def test_drift_keeps_its_spread_and_its_memory():
+    drift = RudderDrift(0.1, 10.0, NormalNumbers(generator(5, Stream.DRIFT)))
+    angles = np.empty(50_000)
+    for index in range(angles.size):
+        angles[index] = drift.angle_rad
+        drift.step()
+    assert np.std(angles) == pytest.approx(0.1, rel=0.05)
+    lag = 10  # 100 s
+    correlation = np.corrcoef(angles[:-lag], angles[lag:])[0, 1]
+    assert correlation == pytest.approx(np.exp(-1.0), abs=0.05)
+
+
+def test_streams_are_independent_and_repeatable():
+    first = generator(1, Stream.WAVES).standard_normal(1000)
+    assert np.array_equal(first, generator(1, Stream.WAVES).standard_normal(1000))
+    for other in (generator(1, Stream.DRIFT), generator(2, Stream.WAVES)):
+        assert abs(np.corrcoef(first, other.standard_normal(1000))[0, 1]) < 0.12
