@@ -28,7 +28,7 @@ $(READY): pyproject.toml .ci/constraints.txt
 
 sail: $(READY)
 	@$(BIN)/rambler-hil run tank --speed 15 --goal "0:0,120:60,480:-90" --seconds 840 \
-	  --link udpout:127.0.0.1:14550 --link tcpin:127.0.0.1:5760 --out runs/sail
+	  --link udpout:127.0.0.1:14550 --link tcpin:127.0.0.1:5760
 
 test: $(READY)
 	$(BIN)/python -m pytest -n 2
