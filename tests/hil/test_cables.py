@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firmware_py.__main__ import main
 from firmware_py.log.reader import read_log
 from hil.board import Board
 from hil.devices.dynamixel import DynamixelEmulator
@@ -73,6 +74,13 @@ class Bench:
             self.firmware.__exit__(*error)
         self.board.close()
 
+    def replays(self):
+        """Whether the log of the run, faults and all, is recomputed to the same bits."""
+        self.firmware.terminate()
+        self.run(2.5)
+        logs = sorted((self.directory / "state" / "logs").glob("*.BIN"))
+        return bool(logs) and all(main(["replay", str(log)]) == 0 for log in logs)
+
     def run(self, seconds):
         """Let the world go on in real time."""
         end_s = self.world.now_s + seconds
@@ -109,6 +117,7 @@ def bench(tmp_path, request):
         made.until("Mode GUIDED")
         made.run(1.5)
         yield made
+        assert made.replays()
 
 
 def steers(bench):

@@ -40,6 +40,16 @@ def finished(*words: str) -> tuple[int, str, str]:
     return process.returncode, said, errors
 
 
+def replays(out: Path) -> bool:
+    """Whether every rudder command of a run's log is recomputed to the same bits."""
+    logs = sorted((out / "state" / "logs").glob("*.BIN"))
+    assert logs
+    commands = [[sys.executable, "-m", "firmware_py", "replay", str(log)] for log in logs]
+    return all(
+        subprocess.run(command, cwd=ROOT, check=False, capture_output=True).returncode == 0 for command in commands
+    )
+
+
 @pytest.mark.parametrize(("seed", "compass", "servo"), TANK_RUNS)
 def test_she_holds_her_heading_in_the_tank(tmp_path, seed, compass, servo):
     words = [
@@ -71,6 +81,7 @@ def test_she_holds_her_heading_in_the_tank(tmp_path, seed, compass, servo):
     truth = read(tmp_path / "truth.csv")
     assert truth.time_s[-1] == 190.0
     assert abs(truth.rudder_rad).max() < 0.53
+    assert replays(tmp_path)
     assert "overshoot" in said
     assert str(tmp_path / "report.html") in said
     assert (tmp_path / "report.html").stat().st_size > 50_000
@@ -96,9 +107,10 @@ def test_a_paced_run_is_the_same_run(tmp_path):
     assert json.loads((tmp_path / "b" / "summary.json").read_text())["speed_ratio"] <= 15.01
 
 
-def test_in_real_time_she_turns_too_and_lateness_is_measured(tmp_path):
-    words = ["run", "tank", "--speed", "real", "--seconds", "12", "--goal", "0:60", "--compass", "pni"]
-    code, said, errors = finished(*words, "--out", str(tmp_path))
+@pytest.mark.parametrize(("compass", "servo"), [("nmea", "volz"), ("pni", "dynamixel")])
+def test_in_real_time_she_turns_too_and_lateness_is_measured(tmp_path, compass, servo):
+    words = ["run", "tank", "--speed", "real", "--seconds", "12", "--goal", "0:60"]
+    code, said, errors = finished(*words, "--compass", compass, "--servo", servo, "--out", str(tmp_path))
     assert (code, errors) == (0, "")
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["loop"]["ticks"] > 90
@@ -106,6 +118,7 @@ def test_in_real_time_she_turns_too_and_lateness_is_measured(tmp_path):
     assert summary["speed_ratio"] == pytest.approx(1.0, abs=0.05)
     assert read(tmp_path / "truth.csv").heading_low_rad[-1] > 0.08
     assert "ticks late by" in said
+    assert replays(tmp_path)
 
 
 def test_an_autopilot_that_cannot_start_is_told_with_its_own_words(tmp_path):

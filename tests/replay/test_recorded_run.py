@@ -1,0 +1,69 @@
+"""A recorded run is recomputed bit for bit: a change of the control path shows here.
+
+When the control is meant to change, record anew:
+rambler-hil run tank --speed max --seconds 20 --goal "0:0,5:60" --compass pni --servo volz --set CTL_K1=38
+"""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from firmware_py.__main__ import main
+from firmware_py.log.reader import read_log
+from firmware_py.records import SteerHeading
+
+LOG = Path(__file__).parent / "data" / "tank_pni_volz.BIN"
+
+
+def test_the_recorded_run_is_recomputed_bit_for_bit(capsys):
+    assert main(["replay", str(LOG), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["identical"]
+    assert report["compared"] == report["ticks"] > 190
+
+
+def test_the_recorded_run_is_worth_replaying():
+    ticks = list(read_log(LOG))
+    intents = [request.intent for tick in ticks for request in tick.inputs.requests]
+    assert SteerHeading(math.radians(60.0)) in intents
+    assert max(tick.command.shaft_rad for tick in ticks) == pytest.approx(math.radians(30.0), abs=1e-3)
+    assert sum(len(tick.inputs.headings) for tick in ticks) > 150
+    assert sum(len(tick.inputs.rudder) for tick in ticks) > 150
+
+
+@pytest.mark.parametrize("keep", [0.3, 0.77, 0.999])
+def test_a_log_cut_anywhere_is_recomputed_to_its_last_whole_tick(tmp_path, capsys, keep):
+    whole = LOG.read_bytes()
+    cut = tmp_path / "cut.BIN"
+    cut.write_bytes(whole[: int(keep * len(whole))])
+    assert main(["replay", str(cut)]) == 0
+    assert "every rudder command is bit-identical" in capsys.readouterr().out
+
+
+def test_one_changed_bit_of_the_gains_is_found(capsys, monkeypatch):
+    from firmware_py.control import s_surface  # noqa: PLC0415 - patched only here
+
+    right = s_surface.Gains.of
+    monkeypatch.setattr(
+        "firmware_py.step.Gains.of",
+        lambda parameters: (
+            gains := right(parameters),
+            type(gains)(
+                math.nextafter(gains.k1, 1e9),
+                gains.k2,
+                gains.rudder_limit_rad,
+                gains.yaw_rate_max_rad_s,
+                gains.trim_rad,
+            ),
+        )[1],
+    )
+    from firmware_py.step import settings_of  # noqa: PLC0415 - its memory of the right gains is cleared
+
+    settings_of.cache_clear()
+    try:
+        assert main(["replay", str(LOG)]) == 1
+    finally:
+        settings_of.cache_clear()
+    assert "NOT identical" in capsys.readouterr().out
