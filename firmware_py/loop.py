@@ -12,6 +12,7 @@ from firmware_py.ports import Clock, Compass, Device, Link, Position, Recorder, 
 from firmware_py.records import (
     Answer,
     DeviceHealth,
+    DeviceRole,
     DeviceState,
     Event,
     HeadingSample,
@@ -118,11 +119,18 @@ class Boat:
         """The devices with a line of their own."""
         return [self.compass, self.rudder] if self.position is None else [self.compass, self.rudder, self.position]
 
+    def _storage_health(self, now_s: float) -> DeviceHealth:
+        """The log and the store as one device: what fails of either is a fault of the storage."""
+        if failure := self.store.failure:
+            return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.FAULTY, 0, 1, failure)
+        if self.recorder is not None:
+            return self.recorder.health(now_s)
+        return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.RUNNING, 0, 0)
+
     def changed_health(self, now_s: float) -> tuple[DeviceHealth, ...]:
         """The health records whose state or text differs from what the loop was told last."""
         records = [device.health(now_s) for device in self.devices()]
-        if self.recorder is not None:
-            records.append(self.recorder.health(now_s))
+        records.append(self._storage_health(now_s))
         changed = []
         for record in records:
             news = (record.state, record.text)

@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from firmware_py.faults import Fault
 from firmware_py.loop import PARAMETER_FILE, PENDING_LIMIT, Boat, Pilot, run
 from firmware_py.params import ParameterSet, format_file, parse_file
 from firmware_py.records import (
@@ -131,7 +132,7 @@ class FakeRecorder:
 
 class FakeStore:
     def __init__(self):
-        self.saved, self.calls = {}, []
+        self.saved, self.calls, self.failure = {}, [], ""
 
     def fileno(self):
         return 30
@@ -291,6 +292,12 @@ def test_health_is_an_input_only_when_it_changes(boat):
     seen = [len(inputs.devices) for inputs, _, _ in boat.recorder.ticks]
     assert seen[0] == 3
     assert sum(seen) == 3
+
+
+def test_a_store_that_fails_is_a_fault_of_the_storage(boat):
+    boat.store.failure = "parameters.param cannot be stored: No space left on device"
+    turn(boat, 4.0)
+    assert boat.link.outputs[-1].snapshot.faults == 1 << Fault.STORAGE_FAILING
 
 
 def test_whatever_ends_the_loop_the_rudder_is_brought_amidships(boat):
