@@ -1,6 +1,8 @@
 """Cables pulled and power cut while the real autopilot runs in real time; nothing is restarted."""
 
+import functools
 import math
+import operator
 import select
 import time
 from pathlib import Path
@@ -183,6 +185,25 @@ def test_a_noisy_line_costs_samples_and_nothing_else(bench):
     ]
     assert len(headings_deg) > 30
     assert all(heading_deg < 40.0 or heading_deg > 350.0 for heading_deg in headings_deg)
+
+
+@pytest.mark.parametrize("field", ["400.0", "-10.0", "1e300", "nan", "", "999999999999"])
+def test_a_compass_that_says_the_impossible_is_not_believed(tmp_path, field):
+    body = f"HEHDT,{field},T".encode()
+    sentence = b"$%s*%02X\r\n" % (body, functools.reduce(operator.xor, body))
+    with Bench(tmp_path, "nmea", "volz") as bench:
+        bench.start().until("Mode GUIDED")
+        bench.run(1.0)
+        for _ in range(20):
+            bench.lines["compass"].write(sentence)
+            bench.run(0.05)
+        assert abs(bench.world.shaft.angle_rad()) < math.radians(3.0)
+        assert "heading" not in bench.words()
+        assert bench.replays()
+    (path,) = (tmp_path / "state" / "logs").glob("*.BIN")
+    headings_rad = [sample.heading_rad for tick in read_log(path) for sample in tick.inputs.headings]
+    assert len(headings_rad) > 15
+    assert all(min(heading_rad, 2 * math.pi - heading_rad) < 0.1 for heading_rad in headings_rad)
 
 
 def test_ports_that_come_later_are_taken_up_with_wait(tmp_path):
