@@ -184,7 +184,8 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
     for sample in inputs.positions:
         if sample.fix is not FixType.NONE and _on_earth(sample):
             position = sample
-            drift_state = drift.update(drift_state, sample, heading_state.heading_rad if valid else None)
+            heading_rad = heading_state.heading_rad if valid else None
+            drift_state = drift.update(drift_state, sample, heading_rad, heading_state.yaw_rate_rad_s)
     return replace(
         state,
         started_s=now_s if state.started_s is None else state.started_s,

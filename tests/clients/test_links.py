@@ -1,0 +1,95 @@
+"""Several links at once, and a sudden end: seen by a third party's script."""
+
+import signal
+import sys
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from firmware_py.params import TABLE, Kind
+
+HOLD = 4
+
+
+def test_several_links_show_the_same_boat(start_hil, connect):
+    hil = start_hil("udpout", "tcpin", "udpin")  # besides the serial one, on which the HIL's operator sits
+    kinds = ("udpin", "tcp", "udpout")  # of the other end
+    stations = [connect(f"{kinds[index]}:127.0.0.1:{port}", 201 + index) for index, port in enumerate(hil.ports)]
+    first, *others = stations
+    # What one changes all are told; what one asks, one is answered.
+    assert first.set_parameter("CTL_K1", 33.5, mavlink.MAV_PARAM_TYPE_REAL32) == 33.5
+    for other in others:
+        told = other.heard("PARAM_VALUE")
+        assert (told.param_id, told.param_value) == ("CTL_K1", 33.5)
+    assert first.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == mavlink.MAV_RESULT_ACCEPTED
+    for station in stations:
+        station.heard("HEARTBEAT", lambda beat: beat.custom_mode == HOLD)
+    yaws = [yaws_of_two_seconds(station) for station in stations]
+    common = yaws[0].keys() & yaws[1].keys() & yaws[2].keys()
+    assert len(common) >= 5
+    assert all(yaws[0][stamp] == yaws[1][stamp] == yaws[2][stamp] for stamp in common)
+    assert all("COMMAND_ACK" not in other.link.messages for other in others)
+    # One that goes leaves the others alone.
+    stations[1].link.close()
+    stayed = (stations[0], stations[2])
+    assert [station.parameter("CTL_K1") for station in stayed] == [33.5, 33.5]
+    assert max(station.link.packet_loss() for station in stayed) < 5.0
+    hil.end()
+
+
+def yaws_of_two_seconds(station):
+    """By the stamps of the messages."""
+    found = {}
+    while not found or max(found) - min(found) < 2000:
+        message = station.heard("ATTITUDE")
+        found[message.time_boot_ms] = message.yaw
+    return found
+
+
+VEHICLE = """
+[compass]
+driver = "nmea"
+port = "{directory}/no-compass"
+baud = 38400
+[rudder]
+driver = "volz"
+port = "{directory}/no-rudder"
+baud = 115200
+id = 1
+"""
+
+
+def test_parameters_survive_a_sudden_end(tmp_path, start, free_ports, connect):
+    """Confirmed is stored: killed the moment after, she comes back with them, and the list is complete."""
+    (tmp_path / "boat.toml").write_text(VEHICLE.format(directory=tmp_path))
+
+    def boot(name):
+        """`rambler run` itself, without any device, on the same state directory each time."""
+        (port,) = free_ports(["tcpin"])
+        words = ["run", str(tmp_path / "boat.toml"), "--wait", "--state", str(tmp_path / "state")]
+        program = start(name, [sys.executable, "-m", "firmware_py", *words, "--link", f"tcpin:127.0.0.1:{port}"])
+        program.expect("state in")
+        return program, connect(f"tcp:127.0.0.1:{port}")
+
+    program, station = boot("first")
+    assert station.set_parameter("CTL_K2", 0.7, mavlink.MAV_PARAM_TYPE_REAL32) == pytest.approx(0.7)
+    assert station.set_parameter("LOOP_RATE_HZ", 20, mavlink.MAV_PARAM_TYPE_INT32) == 20
+    program.send_signal(signal.SIGKILL)
+    program.exit_code()
+    program, station = boot("second")
+    check_list(station, {"CTL_K2": 0.7, "LOOP_RATE_HZ": 20})
+    program.send_signal(signal.SIGTERM)
+    assert program.exit_code() == 0
+
+
+def check_list(station, changed):
+    station.mav.param_request_list_send(1, 1)
+    rows = {}
+    while len(rows) < len(TABLE):
+        row = station.heard("PARAM_VALUE")
+        assert row.param_count == len(TABLE)
+        rows[row.param_id] = row
+    expected = {row.name: changed.get(row.name, row.default) for row in TABLE}
+    assert {name: row.param_value for name, row in rows.items()} == pytest.approx(expected)
+    kinds = {Kind.REAL: mavlink.MAV_PARAM_TYPE_REAL32, Kind.INTEGER: mavlink.MAV_PARAM_TYPE_INT32}
+    assert {name: row.param_type for name, row in rows.items()} == {row.name: kinds[row.kind] for row in TABLE}

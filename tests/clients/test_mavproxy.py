@@ -1,0 +1,101 @@
+"""MAVProxy against a running HIL, without a terminal: typed to over its standard input, read as it answers."""
+
+import math
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from firmware_py.params import TABLE
+
+BOAT = {"MDL_K": 0.4, "MDL_T_S": 0.5, "MDL_ALPHA_S2": 0.0}
+
+
+@pytest.fixture
+def mavproxy(tmp_path, start):
+    """Starts MAVProxy on a port, in a home of its own that takes all its files."""
+    script = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
+    if script is None:
+        pytest.skip("mavproxy.py is not beside this Python; install the extra [dev]")
+    home = tmp_path / "home"
+    home.mkdir()
+
+    def start_it(hil):
+        command = [sys.executable, script, f"--master=udpin:127.0.0.1:{hil.ports[0]}", f"--state-basedir={home}"]
+        env = {**os.environ, "HOME": str(home), "PYTHONUNBUFFERED": "1"}
+        return start("mavproxy", command, cwd=home, env=env)
+
+    return start_it
+
+
+def test_mavproxy_reads_her_and_commands_her(tmp_path, start_hil, mavproxy):
+    hil = start_hil("udpout")
+    client = mavproxy(hil)
+    client.expect("online system 1")
+    client.expect(f"Saved {len(TABLE)} parameters")
+    check_parameter_file(tmp_path / "home" / "mav.parm")
+    check_parameters(client)
+    check_arming_and_modes(client)
+    check_telemetry(client)
+    heading_deg = steer(client)
+    assert int(ask(client, "link", r"link 1 OK \(\d+ packets.*?(\d+)\.\d% loss").group(1)) < 5
+    assert "Failed to set CTL_K2 to 1e30 (invalid returned value 0.3" in client.text()
+    client.hang_up()
+    client.exit_code()  # 1 after an end of input, by MAVProxy's custom
+    truth = hil.end()
+    assert abs(math.remainder(math.degrees(truth.heading_low_rad[-1]) - heading_deg, 360.0)) < 3.0
+
+
+def ask(client, line, pattern):
+    client.say(line)
+    return client.expect(pattern)
+
+
+def check_parameter_file(path):
+    """All parameters, with the values that the table and the boat's file give them."""
+    rows = dict(line.split()[:2] for line in path.read_text().splitlines() if not line.startswith("#"))
+    expected = {row.name: BOAT.get(row.name, row.default) for row in TABLE}
+    assert {name: float(text) for name, text in rows.items()} == pytest.approx(expected, abs=1e-5)
+
+
+def check_parameters(client):
+    shown = ask(client, "param show CTL_*", r"(?s)CTL_HOLD_S.*CTL_TRIM_DEG +\S+").group()
+    assert [line.split()[0] for line in shown.splitlines()] == ["CTL_HOLD_S", "CTL_K1", "CTL_K2", "CTL_TRIM_DEG"]
+    client.say("param set CTL_K1 37.5")
+    client.say("param set LOOP_RATE_HZ 12")
+    client.say("param set CTL_K2 1e30")  # tried again for some seconds: looked at in the end
+    # Afresh from her, not from MAVProxy's memory.
+    ask(client, "param fetch", f"Saved {len(TABLE)} parameters")
+    ask(client, "param show CTL_K1", r"CTL_K1 +37\.5\s")
+    ask(client, "param show LOOP_RATE_HZ", r"LOOP_RATE_HZ +12\.0\s")
+    ask(client, "param show CTL_K2", r"CTL_K2 +0\.3")
+
+
+def check_arming_and_modes(client):
+    ask(client, "disarm", "DISARMED")
+    ask(client, "arm throttle", r"(?<!DIS)ARMED")
+    for name in ("HOLD", "STEERING", "MANUAL", "GUIDED"):
+        ask(client, f"mode {name}", f"{name}> ")  # the prompt
+    ask(client, "mode RTL", "DO_SET_MODE: DENIED")
+
+
+def check_telemetry(client):
+    beat = ask(client, "status HEARTBEAT", r"HEARTBEAT \{(.*)\}").group(1)
+    assert "type : 11, autopilot : 3" in beat
+    assert "custom_mode : 15" in beat
+    fix = ask(client, "status GPS_RAW_INT", r"fix_type : (\d), lat : (\d+), lon : (\d+),")
+    assert fix.group(1) == "3"
+    assert [int(fix.group(index)) / 1e7 for index in (2, 3)] == pytest.approx([36.0, 121.0], abs=1e-3)
+
+
+def steer(client):
+    """Turn to 20 degrees and return the heading that MAVProxy shows there."""
+    ask(client, "setyaw 20 0 0", "CONDITION_YAW: ACCEPTED")
+
+    def heading_deg():
+        return int(ask(client, "status VFR_HUD", r"VFR_HUD \{.*heading : (\d+),").group(1))
+
+    client.wait_for(lambda: all(abs(heading_deg() - 20) < 3 for _ in range(15)), "heading 20 was not reached")
+    return heading_deg()

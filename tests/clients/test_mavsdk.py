@@ -1,0 +1,93 @@
+"""MAVSDK 4 against a running HIL: what it reads is right, and what it asks for is done."""
+
+import importlib.util
+import json
+import math
+import sys
+from pathlib import Path
+
+import pytest
+
+from firmware_py import __version__
+from firmware_py.params import TABLE, Kind
+from hil.truth import ROWS_PER_SECOND
+from hil.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
+
+CLIENT = Path(__file__).with_name("mavsdk_client.py")
+CANNOT_BE_HAD = 77
+SESSION_S = 90.0  # at most; a quarter of a minute on an idle machine
+METRES_PER_DEGREE = 111_195.0
+
+
+def test_mavsdk_reads_her_and_commands_her(tmp_path, start, start_hil):
+    if importlib.util.find_spec("mavsdk") is None:
+        pytest.skip("mavsdk is not installed; install the extra [dev]")
+    hil = start_hil("udpout")
+    results = tmp_path / "seen.json"
+    command = [sys.executable, str(CLIENT), f"udpin://127.0.0.1:{hil.ports[0]}", str(results)]
+    client = start("mavsdk", command)
+    code = client.exit_code(SESSION_S)
+    if code == CANNOT_BE_HAD:
+        pytest.skip(client.text().strip().splitlines()[-1])
+    if code != 0:
+        client.fail(f"it ended with code {code}")
+    seen = json.loads(results.read_text())
+    truth = hil.end()
+    check_identity(seen)
+    check_telemetry(seen)
+    check_parameters(seen)
+    check_commands(seen)
+    check_against_truth(seen, truth)
+
+
+def check_identity(seen):
+    assert (seen["system"], seen["components"], seen["autopilot"]) == (1, [1], "ARDUPILOT")
+    version = seen["version"]
+    number = [version[f"flight_sw_{part}"] for part in ("major", "minor", "patch")]
+    assert number == [int(part) for part in __version__.split(".")[:3]]
+
+
+def check_telemetry(seen):
+    assert all(seen["health"].values()), seen["health"]
+    assert seen["mode"] == "OFFBOARD"  # MAVSDK's name for ArduRover's GUIDED
+    for name in ("position", "home"):
+        assert metres_from_start(seen[name]) < 50.0
+    assert -13.0 < seen["attitude_euler"]["yaw_deg"] < 3.0  # on her way from 0 to -10
+    assert seen["gps_info"]["fix_type"] == 3
+    assert 4.0 < seen["battery"]["voltage_v"] < 30.0
+    assert 0.0 < math.hypot(seen["velocity_ned"]["north_m_s"], seen["velocity_ned"]["east_m_s"]) < 1.0
+
+
+def metres_from_start(position):
+    north_m = METRES_PER_DEGREE * (position["latitude_deg"] - START_LATITUDE_DEG)
+    east_m = METRES_PER_DEGREE * (position["longitude_deg"] - START_LONGITUDE_DEG)
+    return math.hypot(north_m, east_m * math.cos(math.radians(START_LATITUDE_DEG)))
+
+
+def check_parameters(seen):
+    changed = {"MDL_K": 0.4, "MDL_T_S": 0.5, "MDL_ALPHA_S2": 0.0}  # of the boat
+    expected = {row.name: changed.get(row.name, row.default) for row in TABLE}
+    reals = {row.name for row in TABLE if row.kind is Kind.REAL}
+    assert seen["float_params"] == pytest.approx({name: expected[name] for name in reals})
+    assert seen["int_params"] == {name: expected[name] for name in expected.keys() - reals}
+    assert seen["custom_params"] == 0
+    assert seen["read_back"] == [33.25, 12]
+    assert (seen["too_large"], seen["not_a_number"]) == ("VALUE_OUT_OF_RANGE", "VALUE_OUT_OF_RANGE")
+    assert seen["unknown"] == "DOES_NOT_EXIST"
+
+
+def check_commands(seen):
+    assert (seen["no_such_mode"], seen["no_such_command"]) == ("COMMAND_DENIED", "UNSUPPORTED")
+    assert seen["mode_after_refusals"] == "HOLD"
+    assert seen["attitude"][1] == seen["goto"][1] == "OFFBOARD"
+
+
+def check_against_truth(seen, truth):
+    """She really lay on the goals, at the end on the last one and where MAVSDK says."""
+    heading_deg = truth.heading_low_rad * 180.0 / math.pi
+    assert (abs(heading_deg - 10.0) < 3.0).sum() > ROWS_PER_SECOND // 2
+    assert abs(math.remainder(heading_deg[-1] - 30.0, 360.0)) < 8.0
+    assert abs(math.remainder(heading_deg[-1] - seen["goto"][0], 360.0)) < 3.0
+    last = seen["last_position"]
+    north_m = METRES_PER_DEGREE * (last["latitude_deg"] - START_LATITUDE_DEG)
+    assert north_m == pytest.approx(truth.north_m[-1], abs=3.0)
