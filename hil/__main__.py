@@ -16,7 +16,10 @@ from hil.errors import HilError, UsageError
 # and is imported only when its command is asked for.
 COMMANDS = {
     "run": ("hil.cli.run", "sail the autopilot in a simulated sea and measure how well it steers"),
+    "bench": ("hil.cli.bench", "measure lateness, latency, load, start and round trips on this machine"),
     "scenarios": ("hil.cli.scenarios", "list the seas that a run can be made in"),
+    "similarity": ("hil.cli.similarity", "the model of the ship at other speeds"),
+    "swarm-table": ("hil.cli.swarm_table", "the fish swarm beside other searches on the standard functions"),
 }
 INTERRUPTED = 130
 

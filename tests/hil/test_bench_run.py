@@ -1,4 +1,4 @@
-"""Every measurement of the bench once, around the real autopilot, as short as it can be; no figure is judged."""
+"""Every measurement of the autopilot once, around the real autopilot, as short as it can be; no figure is judged."""
 
 import math
 from dataclasses import replace
@@ -9,7 +9,7 @@ from hil.bench.measurements import TABLE
 from hil.bench.setting import quick
 
 
-@pytest.mark.parametrize("name", TABLE)
+@pytest.mark.parametrize("name", ["lateness", "sense", "load", "start", "trips"])
 def test_a_measurement_finds_all_its_figures(name, tmp_path):
     setting = replace(
         quick(tmp_path),

@@ -1,0 +1,46 @@
+"""One measured figure, beside its bare limit, its aim and its peers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One line of the result.
+
+    `bare` is what the machine gives to a program that does nothing else. The aim is a
+    most for the figure itself, or for its ratio to the bare limit. `peer` is the same
+    figure of other autopilots, in words.
+    """
+
+    name: str
+    unit: str
+    value: float
+    bare: float | None = None
+    most: float | None = None
+    most_ratio: float | None = None
+    peer: str = ""
+
+    @property
+    def ratio(self) -> float | None:
+        """The figure by its bare limit; None without one, or where that is zero."""
+        return self.value / self.bare if self.bare else None
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the aim is met; None without an aim."""
+        if self.most is not None:
+            return self.value <= self.most
+        if self.most_ratio is not None:
+            return self.ratio is not None and self.ratio <= self.most_ratio
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What a measurement found: its figures, and in words how they were got."""
+
+    title: str
+    figures: tuple[Figure, ...]
+    notes: tuple[str, ...] = ()

@@ -1,0 +1,26 @@
+"""The table of measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from hil.bench import lateness, load, sense, start, trips
+from hil.bench.figure import Finding
+from hil.bench.setting import Setting
+
+
+class Measurement(NamedTuple):
+    """One measurement and what it tells, in a few words."""
+
+    text: str
+    measure: Callable[[Setting], Finding]
+
+
+TABLE: Mapping[str, Measurement] = {
+    "lateness": Measurement("how late the ticks begin, at 10 and 50 Hz", lateness.measure),
+    "sense": Measurement("from a compass sentence to the servo frame", sense.measure),
+    "load": Measurement("processor time and memory at 10 Hz", load.measure),
+    "start": Measurement("from exec to the first rudder frame", start.measure),
+    "trips": Measurement("PARAM_SET and COMMAND_LONG round trips", trips.measure),
+}

@@ -1,0 +1,17 @@
+"""The onboard log of an autopilot that the bench has run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from firmware_py.log.reader import read_log
+from firmware_py.records import Inputs
+
+STATE = "state"
+
+
+def logged(out: Path) -> Iterator[Inputs]:
+    """Yield what each tick computed from, in order, from the state in a run's directory; after its end."""
+    for path in sorted((out / STATE / "logs").glob("*.BIN")):
+        yield from (tick.inputs for tick in read_log(path))

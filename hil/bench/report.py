@@ -1,0 +1,77 @@
+"""The findings as a table on the terminal and as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from hil.bench.figure import Figure, Finding
+
+COLUMNS = ("", "ours", "bare limit", "ratio", "aim", "", "others")
+NAME, VERDICT, OTHERS = 0, 5, 6
+LEFT = (NAME, VERDICT, OTHERS)
+
+
+def table(findings: Sequence[Finding]) -> str:
+    """Return all figures in aligned columns, a block for each finding, its notes under it."""
+    rows = [_cells(figure) for finding in findings for figure in finding.figures]
+    widths = [max(len(row[column]) for row in (COLUMNS, *rows)) for column in range(len(COLUMNS))]
+    lines = [_line(COLUMNS, widths)]
+    for finding in findings:
+        lines += ["", finding.title]
+        lines += [_line(_cells(figure), widths) for figure in finding.figures]
+        lines += [f"    {note}" for note in finding.notes]
+    return "\n".join(lines)
+
+
+def as_json(findings: Sequence[Finding], circumstances: dict[str, Any]) -> str:
+    """Return everything as JSON, absent numbers as null."""
+    content = {
+        "circumstances": circumstances,
+        "findings": [
+            {"title": finding.title, "notes": finding.notes, "figures": [_row(figure) for figure in finding.figures]}
+            for finding in findings
+        ],
+    }
+    return json.dumps(content, indent=2) + "\n"
+
+
+def number(value: float | None) -> str:
+    """Write a number with three digits that mean something; "-" for none."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    if value == 0.0:
+        return "0"
+    digits = max(0, 2 - math.floor(math.log10(abs(value))))
+    return f"{value:.{digits}f}"
+
+
+def _row(figure: Figure) -> dict[str, Any]:
+    row = {**asdict(figure), "ratio": figure.ratio, "met": figure.met}
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in row.items()
+    }
+
+
+def _cells(figure: Figure) -> tuple[str, ...]:
+    bare = "-" if figure.bare is None else f"{number(figure.bare)} {figure.unit}"
+    ratio = "-" if figure.ratio is None else f"{number(figure.ratio)}x"
+    verdict = {True: "met", False: "MISSED", None: ""}[figure.met]
+    return f"  {figure.name}", f"{number(figure.value)} {figure.unit}", bare, ratio, _aim(figure), verdict, figure.peer
+
+
+def _aim(figure: Figure) -> str:
+    if figure.most is not None:
+        return f"<= {figure.most:g} {figure.unit}"
+    return "" if figure.most_ratio is None else f"<= {figure.most_ratio:g}x bare"
+
+
+def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
+    padded = [
+        cell.ljust(width) if column in LEFT else cell.rjust(width)
+        for column, (cell, width) in enumerate(zip(cells, widths, strict=True))
+    ]
+    return "  ".join(padded).rstrip()

@@ -1,0 +1,35 @@
+"""Reading /proc, and this very process."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from hil.bench.process import Memory, children_of, cpu_of, memory, memory_of, parent
+
+
+def test_the_parent_is_found_behind_any_name():
+    assert parent("123 (a) b) (c) S 45 123 123 0 -1 4194304\n") == 45
+
+
+def test_memory_is_read_in_mib():
+    status = "Name:\tpython\nVmHWM:\t   30720 kB\nVmRSS:\t   20480 kB\nCpus_allowed:\t3\n"
+    assert memory(status) == Memory(20.0, 30.0)
+
+
+def test_this_process_is_seen_as_it_is():
+    before_s = cpu_of(os.getpid())
+    while cpu_of(os.getpid()) == before_s:
+        pass
+    found = memory_of(os.getpid())
+    assert 5.0 < found.now_mib <= found.most_mib
+
+
+def test_children_are_found_while_they_live():
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
+        assert child.pid in children_of(os.getpid())
+        child.stdin.close()
+    assert child.pid not in children_of(os.getpid())
+    with pytest.raises(OSError):
+        cpu_of(child.pid)

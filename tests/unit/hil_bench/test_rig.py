@@ -1,0 +1,55 @@
+"""What the bench plays: the compass whose headings count, and the watch on goal frames."""
+
+import pytest
+
+from hil.bench.rig import CountingCompass, GoalWatch
+from hil.devices.crc import crc16_8005
+from hil.devices.nmea_text import whole_sentence
+
+
+def frame(body, device_id=1):
+    head = b"\xff\xff\xfd\x00" + bytes([device_id]) + (len(body) + 2).to_bytes(2, "little") + body
+    return head + crc16_8005(head).to_bytes(2, "little")
+
+
+GOAL = frame(bytes([0x03, 116, 0]) + (2048).to_bytes(4, "little"))
+OTHERS = (
+    frame(bytes([0x02, 116, 0, 4, 0])),  # reads the goal
+    frame(bytes([0x03, 112, 0]) + (100).to_bytes(4, "little")),  # writes another register
+    frame(bytes([0x03, 116, 0]) + b"\x00\x08"),  # half a goal
+    GOAL[:-1] + bytes([GOAL[-1] ^ 1]),  # damaged
+)
+
+
+def test_each_sentence_has_a_heading_of_its_own():
+    compass = CountingCompass()
+    said = []
+    for _ in range(3):
+        due_s = compass.next_output_s()
+        assert compass.take_output(due_s - 0.001) == b""
+        said.append(compass.take_output(due_s))
+    assert said == [whole_sentence(f"HEHDT,{text},T") for text in ("0.001", "0.002", "0.003")]
+    assert compass.next_output_s() == pytest.approx(0.3, rel=1e-4)
+
+
+def test_a_late_caller_gets_one_sentence_and_the_pace_goes_on():
+    compass = CountingCompass()
+    assert compass.take_output(0.55) == whole_sentence("HEHDT,0.001,T")
+    assert compass.next_output_s() == pytest.approx(0.6, rel=1e-4)
+
+
+def test_a_goal_counts_when_its_last_byte_has_come():
+    watch = GoalWatch()
+    watch.take(1.0, GOAL[:5])
+    assert watch.times_s == []
+    watch.take(1.001, GOAL[5:])
+    assert watch.times_s == [1.001]
+
+
+@pytest.mark.parametrize("data", OTHERS)
+def test_other_frames_do_not_count(data):
+    watch = GoalWatch()
+    watch.take(1.0, data)
+    assert watch.times_s == []
+    watch.take(2.0, GOAL)
+    assert watch.times_s == [2.0]
