@@ -33,41 +33,64 @@ def test_what_was_said_to_be_stored_is_there_after_a_restart(store, tmp_path):
     store.save("b", b"\x00binary\xff")
     assert settle(store) == [True]
     # Read past the object: it is on the disk, not in its memory.
-    assert (tmp_path / "state" / "a").read_bytes().startswith(b"one")
+    assert b"\none" in (tmp_path / "state" / "a.0").read_bytes()
     assert (store.load("a"), store.load("b")) == (b"one", b"\x00binary\xff")
+
+
+def newest_slot(store, directory, name, content):
+    (slot,) = [path for path in sorted(directory.glob(f"{name}.*")) if content in path.read_bytes()]
+    return slot
 
 
 def test_a_broken_newest_version_falls_back_to_the_one_before(store, tmp_path):
     for content in (b"first", b"second"):
         store.save("a", content)
         settle(store)
-    file = tmp_path / "state" / "a"
+    file = newest_slot(store, tmp_path / "state", "a", b"second")
     whole = file.read_bytes()
-    for cut in range(len(whole) - 1):
+    for cut in range(whole.index(b"second") + len(b"second")):
         file.write_bytes(whole[:cut])
         assert store.load("a") == b"first"
-    file.write_bytes(whole.replace(b"second", b"secund"))
-    assert store.load("a") == b"first"
+        file.write_bytes(whole[:cut] + bytes(len(whole) - cut))
+        assert store.load("a") == b"first"
+    for bit in range(8 * (whole.index(b"second") + len(b"second"))):
+        changed = bytearray(whole)
+        changed[bit // 8] ^= 1 << bit % 8
+        file.write_bytes(changed)
+        assert store.load("a") == b"first"
     file.unlink()
     assert store.load("a") == b"first"
 
 
-def test_a_half_written_version_is_not_taken(store, tmp_path):
-    store.save("a", b"whole")
-    settle(store)
-    (tmp_path / "state" / "a.new").write_bytes(b"half of a new on")
-    assert store.load("a") == b"whole"
+def test_the_newest_version_is_never_written_over(store, tmp_path):
+    for number in range(20):
+        before = store.load("a")
+        untouched = None if before is None else newest_slot(store, tmp_path / "state", "a", b"<" + before[1:-1] + b">")
+        stamp = None if untouched is None else untouched.read_bytes()
+        store.save("a", b"<%d>" % number)
+        settle(store)
+        assert store.load("a") == b"<%d>" % number
+        if untouched is not None:
+            assert untouched.read_bytes() == stamp
+    assert len(list((tmp_path / "state").glob("a.*"))) == 2
 
 
-def test_content_that_ends_in_a_mark_of_its_own_is_safe(store):
-    tricky = b"x\n# crc32 00000000\n# crc32 "
+def test_versions_of_any_length_follow_each_other(store):
+    for length in (0, 1, 5000, 3, 200_000, 10):
+        store.save("a", b"x" * length)
+        settle(store)
+        assert store.load("a") == b"x" * length
+
+
+def test_content_that_looks_like_a_head_is_safe(store):
+    tricky = b"# rambler state 9 3 00000000\nx\0\0"
     store.save("a", tricky)
     settle(store)
     assert store.load("a") == tricky
 
 
 def test_a_failure_is_said_and_heals(store, tmp_path):
-    blocked = tmp_path / "state" / "a.new"
+    blocked = tmp_path / "state" / "a.0"
     blocked.mkdir()
     store.save("a", b"one")
     assert settle(store) == [False]
