@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -35,6 +36,7 @@ GUARD_PART = 0.15
 # More requests than this between two ticks are turned away.
 PENDING_LIMIT = 256
 COLLECT_INTERVAL_S = 60.0
+HEALTH_INTERVAL_S = 0.5
 PARAMETER_FILE = "parameters.param"
 
 SAFE_TIMEOUT_S = 2.0
@@ -99,6 +101,40 @@ class Pilot:
         return output
 
 
+class HealthWatch:
+    """Looks at devices and storage now and then; what has changed is an input of the next tick."""
+
+    def __init__(self) -> None:
+        """Start with nothing known."""
+        self._told: dict[DeviceRole, tuple[DeviceState, str]] = {}
+        self._news: tuple[DeviceHealth, ...] = ()
+        self._due_s = -math.inf
+
+    def look(self, boat: Boat, now_s: float) -> None:
+        """Find what has changed since the last look, at most every HEALTH_INTERVAL_S."""
+        if now_s < self._due_s:
+            return
+        self._due_s = now_s + HEALTH_INTERVAL_S
+        for record in (*(device.health(now_s) for device in boat.devices), _storage_health(boat, now_s)):
+            if self._told.get(record.role) != (record.state, record.text):
+                self._told[record.role] = (record.state, record.text)
+                self._news += (record,)
+
+    def take_news(self) -> tuple[DeviceHealth, ...]:
+        """Hand over what has changed."""
+        news, self._news = self._news, ()
+        return news
+
+
+def _storage_health(boat: Boat, now_s: float) -> DeviceHealth:
+    """The log and the store as one device: what fails of either is a fault of the storage."""
+    if failure := boat.store.failure:
+        return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.FAULTY, 0, 1, failure)
+    if boat.recorder is not None:
+        return boat.recorder.health(now_s)
+    return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.RUNNING, 0, 0)
+
+
 @dataclass(slots=True)
 class Boat:
     """Everything the loop drives, wired by assemble."""
@@ -113,31 +149,13 @@ class Boat:
     store: Store
     lines: Sequence[SerialLine]
     tell: Callable[[Event], None]
-    _told: dict[int, tuple[DeviceState, str]] = field(default_factory=dict)
+    health: HealthWatch = field(default_factory=HealthWatch)
+    devices: tuple[Device, ...] = field(init=False)
 
-    def devices(self) -> list[Device]:
-        """The devices with a line of their own."""
-        return [self.compass, self.rudder] if self.position is None else [self.compass, self.rudder, self.position]
-
-    def _storage_health(self, now_s: float) -> DeviceHealth:
-        """The log and the store as one device: what fails of either is a fault of the storage."""
-        if failure := self.store.failure:
-            return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.FAULTY, 0, 1, failure)
-        if self.recorder is not None:
-            return self.recorder.health(now_s)
-        return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.RUNNING, 0, 0)
-
-    def changed_health(self, now_s: float) -> tuple[DeviceHealth, ...]:
-        """The health records whose state or text differs from what the loop was told last."""
-        records = [device.health(now_s) for device in self.devices()]
-        records.append(self._storage_health(now_s))
-        changed = []
-        for record in records:
-            news = (record.state, record.text)
-            if self._told.get(record.role) != news:
-                self._told[record.role] = news
-                changed.append(record)
-        return tuple(changed)
+    def __post_init__(self) -> None:
+        """List the devices once."""
+        fitted = (self.compass, self.rudder, self.position)
+        self.devices = tuple(device for device in fitted if device is not None)
 
 
 def run(boat: Boat, stopped: Callable[[], bool]) -> None:
@@ -169,9 +187,9 @@ def run(boat: Boat, stopped: Callable[[], bool]) -> None:
 
 
 def _turn(boat: Boat, tick: Tick) -> HeadingSample | None:
-    """Do one tick; return the newest heading sample, if any."""
+    """Do one tick, the rudder before all that can wait; return the newest heading sample, if any."""
     now_s = tick.t_s + tick.late_s
-    for device in boat.devices():
+    for device in boat.devices:
         device.receive(now_s)
     headings = tuple(boat.compass.poll())
     before = boat.pilot.state
@@ -180,7 +198,7 @@ def _turn(boat: Boat, tick: Tick) -> HeadingSample | None:
         headings,
         tuple(boat.position.poll()) if boat.position is not None else (),
         tuple(boat.rudder.poll()),
-        boat.changed_health(now_s),
+        boat.health.take_news(),
         boat.pilot.take_requests(),
     )
     output = boat.pilot.step(inputs)
@@ -192,35 +210,36 @@ def _turn(boat: Boat, tick: Tick) -> HeadingSample | None:
         boat.tell(event)
     for line in boat.lines:
         line.maintain(now_s)
+    boat.health.look(boat, now_s)
     return headings[-1] if headings else None
 
 
 def _serve_until(boat: Boat, metronome: Metronome) -> None:
     """Sleep until the deadline; meanwhile take bytes as they arrive and serve the link in the slack."""
-    clock, deadline_s = boat.clock, metronome.deadline_s
-    guard_s = min(GUARD_S, GUARD_PART / metronome.rate_hz)
-    devices = boat.devices()
+    clock, link, deadline_s = boat.clock, boat.link, metronome.deadline_s
+    slack_end_s = deadline_s - min(GUARD_S, GUARD_PART / metronome.rate_hz)
+    store_fd = boat.store.fileno()
     while (now_s := clock.now_s()) < deadline_s:
-        device_fds = {device.fileno(): device for device in devices}
+        in_slack = now_s < slack_end_s
+        busy = in_slack and link.busy
+        device_fds = {device.fileno(): device for device in boat.devices}
         device_fds.pop(-1, None)
-        if now_s < deadline_s - guard_s:
-            link_fds, busy = list(boat.link.descriptors()), boat.link.busy
-            until_s = now_s if busy else deadline_s - guard_s
-            ready = clock.wait(until_s, [*device_fds, *link_fds, boat.store.fileno()])
-        else:
-            link_fds, busy = [], False
-            ready = clock.wait(deadline_s, [*device_fds])
+        others = [*link.descriptors(), store_fd] if in_slack else []
+        ready = clock.wait(now_s if busy else deadline_s, [*device_fds, *others])
         if not ready and not busy:
             continue
         now_s = clock.now_s()
         for fd in ready:
             if fd in device_fds:
                 device_fds[fd].receive(now_s)
-        if boat.store.fileno() in ready:
+        # What wakes the link within the guard time waits for the tick.
+        if now_s >= slack_end_s:
+            continue
+        if store_fd in ready:
             boat.store.service()
-        link_ready = [fd for fd in ready if fd in link_fds]
+        link_ready = [fd for fd in ready if fd not in device_fds and fd != store_fd]
         if link_ready or busy:
-            boat.link.service(now_s, link_ready)
+            link.service(now_s, link_ready)
 
 
 def make_safe(boat: Boat) -> None:

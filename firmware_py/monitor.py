@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.faults import TABLE, Fault
@@ -21,15 +21,17 @@ class MonitorState:
         return bool(self.active >> fault & 1)
 
 
-def update(
-    state: MonitorState, conditions: Mapping[Fault, bool], now_s: float
-) -> tuple[MonitorState, tuple[Event, ...]]:
-    """Advance all rows; an event for each fault that is set or cleared now."""
+WELL = MonitorState()
+
+
+def update(state: MonitorState, conditions: Sequence[bool], now_s: float) -> tuple[MonitorState, tuple[Event, ...]]:
+    """Advance all rows by their conditions, in the table's order; an event for each fault set or cleared now."""
+    if not state.active and not any(conditions):
+        return WELL, ()
     since: list[float | None] = []
     active = 0
     events: list[Event] = []
-    for row, begun_s in zip(TABLE, state.since_s, strict=True):
-        stands = conditions.get(row.fault, False)
+    for row, begun_s, stands in zip(TABLE, state.since_s, conditions, strict=True):
         start_s = (now_s if begun_s is None else begun_s) if stands else None
         since.append(start_s)
         is_set = start_s is not None and now_s - start_s >= row.debounce_s

@@ -10,6 +10,8 @@ import serial
 REOPEN_INTERVAL_S = 1.0
 READ_LIMIT = 4096
 UNSENT_LIMIT = 4096
+# So many reads without a byte, and the port is looked at: is it still there?
+EMPTY_READS_LIMIT = 16
 
 
 class PortError(RuntimeError):
@@ -29,6 +31,7 @@ class SerialLine:
         self._written = 0
         self._unsent = b""
         self._retry_s = 0.0
+        self._empty_reads = 0
 
     @property
     def name(self) -> str:
@@ -91,9 +94,12 @@ class SerialLine:
         except OSError:
             self.close()
             return b""
-        if not data and not os.path.exists(self._path):  # noqa: PTH110 - one call in the tick's path
-            # A raw terminal reads nothing both when it is idle and when its other end is gone.
-            self.close()
+        # A raw terminal reads nothing both when it is idle and when its other end is gone.
+        self._empty_reads = 0 if data else self._empty_reads + 1
+        if self._empty_reads >= EMPTY_READS_LIMIT:
+            self._empty_reads = 0
+            if not os.path.exists(self._path):  # noqa: PTH110 - one call in the tick's path
+                self.close()
         return data
 
     def write(self, data: bytes) -> bool:

@@ -146,19 +146,15 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
         state, _ = accept(state, request)
     settings = settings_of(state.parameters)
     state = _sensed(settings, state, inputs)
-    state, faults_told = _monitored(settings, state, inputs)
     now_s = inputs.tick.t_s
+    monitor, faults_told = update_monitor(state.monitor, _conditions(settings, state, now_s), now_s)
     situation = situation_of(state, now_s)
-    state = replace(state, modes=_goal_kept(settings, state, situation, now_s))
-    steering = _steering(state, situation)
+    modes = _goal_kept(settings, state, situation, now_s)
+    steering = _steering(modes, state.position, situation)
+    demand_rad = _demand_rad(settings, state, modes, steering, now_s, monitor.since_s[Fault.COMPASS_LOST])
     step_s = min(max(0.0, now_s - before.t_s), 1.0) if before.started_s is not None else 0.0
-    command_rad = limited_command(
-        settings.limits,
-        state.rudder_command_rad,
-        _demand_rad(settings, state, situation, steering, now_s),
-        step_s,
-    )
-    state = replace(state, rudder_command_rad=command_rad, t_s=now_s)
+    command_rad = limited_command(settings.limits, state.rudder_command_rad, demand_rad, step_s)
+    state = replace(state, monitor=monitor, modes=modes, rudder_command_rad=command_rad, t_s=now_s)
     command = RudderCommand(settings.linkage.to_shaft(command_rad), state.modes.armed or not settings.release_disarmed)
     told = (*_changes_told(before, state), *faults_told)
     return state, Output(command, _snapshot(settings, state, situation, steering, inputs), told)
@@ -214,23 +210,22 @@ def _rudder_rad(settings: Settings, state: State, servo: RudderFeedback | None) 
     return settings.linkage.to_rudder(servo.shaft_rad)
 
 
-def _monitored(settings: Settings, state: State, inputs: Inputs) -> tuple[State, tuple[Event, ...]]:
-    now_s = inputs.tick.t_s
+def _conditions(settings: Settings, state: State, now_s: float) -> tuple[bool, ...]:
+    """Whether the condition of each fault stands, in the order of faults.TABLE."""
     started_s = now_s if state.started_s is None else state.started_s
+    position, servo, storage = state.position, state.servo, state.storage
 
     def lost(t_s: float | None, timeout_s: float) -> bool:
         return now_s - (started_s if t_s is None else t_s) > timeout_s
 
-    conditions = {
-        Fault.COMPASS_LOST: lost(state.heading.sample_t_s, settings.observer.timeout_s),
-        Fault.POSITION_LOST: state.position is not None and lost(state.position.t_s, settings.position_timeout_s),
-        Fault.RUDDER_SILENT: lost(state.servo.t_s if state.servo else None, settings.rudder_timeout_s),
-        Fault.RUDDER_ERROR: state.servo is not None and state.servo.hardware_error != 0,
-        Fault.LOOP_LATE: _fresh(state.skipped_t_s, now_s, LATE_MEMORY_S),
-        Fault.STORAGE_FAILING: state.storage is not None and state.storage.state is DeviceState.FAULTY,
-    }
-    monitor, told = update_monitor(state.monitor, conditions, now_s)
-    return replace(state, monitor=monitor), told
+    return (
+        lost(state.heading.sample_t_s, settings.observer.timeout_s),  # COMPASS_LOST
+        position is not None and lost(position.t_s, settings.position_timeout_s),  # POSITION_LOST
+        lost(servo.t_s if servo else None, settings.rudder_timeout_s),  # RUDDER_SILENT
+        servo is not None and servo.hardware_error != 0,  # RUDDER_ERROR
+        _fresh(state.skipped_t_s, now_s, LATE_MEMORY_S),  # LOOP_LATE
+        storage is not None and storage.state is DeviceState.FAULTY,  # STORAGE_FAILING
+    )
 
 
 def _goal_kept(settings: Settings, state: State, situation: Situation, now_s: float) -> ModeState:
@@ -263,14 +258,13 @@ class Steering:
     distance_m: float | None = None
 
 
-def _steering(state: State, situation: Situation) -> Steering:
-    goal = state.modes.goal
+def _steering(modes: ModeState, position: PositionSample | None, situation: Situation) -> Steering:
+    goal = modes.goal
     if goal is None:
         return Steering()
     bearing_rad = distance_m = None
     turn = 0
     if isinstance(goal, PositionGoal):
-        position = state.position
         if position is None or position.latitude_rad is None or position.longitude_rad is None:
             return Steering()
         distance_m, bearing_rad = distance_and_bearing(
@@ -286,18 +280,23 @@ def _steering(state: State, situation: Situation) -> Steering:
     return Steering(steer_rad, error_rad, bearing_rad, distance_m)
 
 
-def _demand_rad(settings: Settings, state: State, situation: Situation, steering: Steering, now_s: float) -> float:
+def _demand_rad(
+    settings: Settings,
+    state: State,
+    modes: ModeState,
+    steering: Steering,
+    now_s: float,
+    heading_lost_s: float | None,
+) -> float:
     """The rudder angle that mode and faults ask for."""
-    modes = state.modes
     if not modes.armed or modes.mode is Mode.HOLD:
         return 0.0
     if modes.mode is Mode.MANUAL:
         stick = live_stick(modes, now_s, settings.stick_timeout_s)
         return 0.0 if stick is None else stick * settings.limits.limit_rad
-    if situation.heading_rad is not None and steering.error_rad is not None:
+    if steering.error_rad is not None:
         return rudder_demand(settings.gains, steering.error_rad, state.heading.yaw_rate_rad_s)
-    lost_s = state.monitor.since_s[Fault.COMPASS_LOST]
-    held = lost_s is None or now_s - lost_s <= settings.hold_s
+    held = heading_lost_s is None or now_s - heading_lost_s <= settings.hold_s
     return state.rudder_command_rad if held else 0.0
 
 

@@ -196,13 +196,13 @@ def test_a_compass_that_says_the_impossible_is_not_believed(tmp_path, field):
         bench.run(1.0)
         for _ in range(20):
             bench.lines["compass"].write(sentence)
-            bench.run(0.05)
+            bench.run(0.1)
         assert abs(bench.world.shaft.angle_rad()) < math.radians(3.0)
         assert "heading" not in bench.words()
         assert bench.replays()
     (path,) = (tmp_path / "state" / "logs").glob("*.BIN")
     headings_rad = [sample.heading_rad for tick in read_log(path) for sample in tick.inputs.headings]
-    assert len(headings_rad) > 15
+    assert len(headings_rad) > 10
     assert all(min(heading_rad, 2 * math.pi - heading_rad) < 0.1 for heading_rad in headings_rad)
 
 

@@ -7,7 +7,7 @@ def run(conditions_at):
     """Yield (time, set faults, events) while the conditions of Fault.RUDDER_ERROR follow a script."""
     state = MonitorState()
     for t_s, stands in conditions_at:
-        state, events = update(state, {Fault.RUDDER_ERROR: stands}, t_s)
+        state, events = update(state, [row.fault is Fault.RUDDER_ERROR and stands for row in TABLE], t_s)
         yield t_s, state.is_set(Fault.RUDDER_ERROR), events
 
 
@@ -30,3 +30,8 @@ def test_the_table_is_in_the_order_of_its_bits_and_its_texts_fit_a_status_text()
         assert len(row.text) <= 50
         assert len(row.recovery) <= 50
         assert row.condition in markdown()
+
+
+def test_a_condition_that_began_at_time_zero_and_went_is_forgotten():
+    seen = list(run([(0.0, True), (0.1, False), (5.0, True), (5.1, True)]))
+    assert not any(is_set for _, is_set, _ in seen)
