@@ -59,6 +59,7 @@ class Store:
         self._failed_text = ""
         self._waiting: deque[tuple[int, Callable[[bool], None]]] = deque()
         self._closing = False
+        self._places: dict[str, tuple[int, int]] = {}  # the writer's: slot and sequence of the newest versions
         self._thread = threading.Thread(target=self._write_jobs, name="store", daemon=True)
         self._thread.start()
 
@@ -126,8 +127,9 @@ class Store:
             failed = ""
             for name, content in jobs.items():
                 try:
-                    _write(self._directory, name, content)
+                    self._places[name] = _write(self._directory, name, content, self._places.get(name))
                 except OSError as error:
+                    self._places.pop(name, None)
                     failed = f"{name} cannot be stored: {error.strerror}"
             with self._condition:
                 self._failed_text = failed
@@ -169,11 +171,17 @@ def _checksum(sequence: bytes, content: bytes) -> bytes:
     return f"{zlib.crc32(content, zlib.crc32(sequence)):08x}".encode()
 
 
-def _write(directory: Path, name: str, content: bytes) -> None:
-    """Write a new version into the slot that does not hold the newest one, and force it to disk."""
-    newest = _newest(directory, name)
-    slot = SLOTS[0] if newest is None else 1 - newest.slot
-    sequence = b"%d" % (1 if newest is None else newest.sequence + 1)
+def _write(directory: Path, name: str, content: bytes, place: tuple[int, int] | None) -> tuple[int, int]:
+    """Write a new version into the slot that does not hold the newest one, and force it to disk.
+
+    `place` is the slot and sequence of the newest version when they are known; those of the
+    new one are returned. After a failure they must be looked up again.
+    """
+    if place is None:
+        newest = _newest(directory, name)
+        place = (SLOTS[1], 0) if newest is None else (newest.slot, newest.sequence)
+    slot, number = 1 - place[0], place[1] + 1
+    sequence = b"%d" % number
     data = b"# rambler state %s %d %s\n" % (sequence, len(content), _checksum(sequence, content)) + content
     path = _slot_path(directory, name, slot)
     size = -(-len(data) // SLOT_BYTES) * SLOT_BYTES
@@ -195,3 +203,4 @@ def _write(directory: Path, name: str, content: bytes) -> None:
             os.fsync(directory_fd)
         finally:
             os.close(directory_fd)
+    return slot, number

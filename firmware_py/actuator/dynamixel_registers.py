@@ -36,7 +36,7 @@ HARDWARE_ERRORS = {
 ENCODER_ERROR, OVERHEATING_ERROR = 0x08, 0x04
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)  # each is one of its kind: looked up by identity, many times a tick
 class Block:
     """A range that is read in one exchange.
 
