@@ -1,0 +1,149 @@
+"""`rambler-hil similarity`: the model of the ship at other speeds."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+
+from firmware_py.model.kt import KtModel
+from hil import similarity
+from hil.errors import UsageError
+from hil.ship.regressions import FLOAT, HullForm, sway_model
+from hil.vehicle_file import Section, VehicleFile, load
+
+DEFAULT_SPEEDS = "0.2,0.4,0.6,0.8,1.0,1.2"
+MOST_SPEEDS = 1000
+COLUMNS = (
+    "U m/s",
+    "K 1/s",
+    "T s",
+    "alpha s^2",
+    *(f"r {rudder:g} deg" for rudder in similarity.RUDDERS_DEG),
+    "radius m",
+    "with sway",
+    "drift deg",
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument(
+        "--speeds", default=DEFAULT_SPEEDS, metavar="U,...", help=f"speeds through the water in m/s ({DEFAULT_SPEEDS})"
+    )
+    parser.add_argument("--vehicle", type=Path, metavar="FILE", help="a vehicle file: model and hull")
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the model at each speed, what is constant, and what is to be doubted."""
+    speeds = read_speeds(arguments.speeds)
+    vehicle = load(arguments.vehicle) if arguments.vehicle is not None else VehicleFile()
+    model = vehicle.model()
+    try:
+        hull = read_hull(vehicle.hull)
+        rows = similarity.table(model, hull, speeds)
+    except ValueError as error:
+        raise UsageError(f"{arguments.vehicle or 'the standard hull'}: {error}") from None
+    constants = similarity.dimensionless(model, hull.length_m)
+    warnings = sway_model(hull).warnings
+    if arguments.json:
+        print(json.dumps(as_json(model, hull, constants, rows, warnings), indent=2))
+    else:
+        print(as_text(model, hull, constants, rows, warnings))
+    return 0
+
+
+def read_speeds(text: str) -> tuple[float, ...]:
+    """Read speeds between commas, or raise UsageError."""
+    speeds = []
+    for word in text.split(",")[: MOST_SPEEDS + 1]:
+        try:
+            speed = float(word)
+        except ValueError:
+            speed = math.nan
+        if not 0.01 <= speed <= 100.0:
+            raise UsageError(f"--speeds: {word.strip()[:30]!r} is no speed; give 0.01 to 100 m/s, as in 0.2,0.4")
+        speeds.append(speed)
+    if len(speeds) > MOST_SPEEDS:
+        raise UsageError(f"--speeds: give at most {MOST_SPEEDS}")
+    return tuple(speeds)
+
+
+def read_hull(section: Section) -> HullForm:
+    """Take the hull of a vehicle file, or the float of physics; ValueError for one that cannot be."""
+    if not section:
+        return FLOAT
+    numbers = {name: _number(section, name) for name in ("length_m", "beam_m", "draft_m", "mass_kg")}
+    if "block_coefficient" not in section:
+        return HullForm.from_mass(**numbers)
+    return HullForm(**numbers, block_coefficient=_number(section, "block_coefficient"))
+
+
+def _number(section: Section, name: str) -> float:
+    value = section.get(name)
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    raise ValueError(f"[hull] {name}: give a number")
+
+
+def as_json(
+    model: KtModel,
+    hull: HullForm,
+    constants: similarity.Dimensionless,
+    rows: tuple[similarity.SpeedRow, ...],
+    warnings: tuple[str, ...],
+) -> dict[str, object]:
+    """Return all as JSON takes it."""
+    return {
+        "model": asdict(model),
+        "hull": asdict(hull),
+        "dimensionless": asdict(constants),
+        "rudders_deg": similarity.RUDDERS_DEG,
+        "radius_rudder_deg": similarity.RADIUS_RUDDER_DEG,
+        "rows": [asdict(row) for row in rows],
+        "warnings": warnings,
+    }
+
+
+def as_text(
+    model: KtModel,
+    hull: HullForm,
+    constants: similarity.Dimensionless,
+    rows: tuple[similarity.SpeedRow, ...],
+    warnings: tuple[str, ...],
+) -> str:
+    """Return the table with its notes."""
+    cells = [COLUMNS, *(row_cells(row) for row in rows)]
+    widths = [max(len(row[column]) for row in cells) for column in range(len(COLUMNS))]
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
+    origin = (
+        f"from K {model.turning_ability_1_s:g} 1/s, T {model.turning_lag_s:g} s, alpha {model.norrbin_s2:g} s^2 "
+        f"at {model.speed_m_s:g} m/s; the same at all speeds, with L = {hull.length_m:g} m:"
+    )
+    same = (
+        f"K' = K L/U = {constants.turning_ability:.4g}, T' = T U/L = {constants.turning_lag:.4g}, "
+        f"alpha' = alpha (U/L)^2 = {constants.norrbin:.4g}"
+    )
+    legend = (
+        f"r: steady yaw rate in deg/s at that rudder; radius: U/r at {similarity.RADIUS_RUDDER_DEG:g} deg of rudder"
+    )
+    lines += ["", origin, same, legend]
+    lines += [f"warning: {warning}" for warning in warnings]
+    return "\n".join(lines)
+
+
+def row_cells(row: similarity.SpeedRow) -> tuple[str, ...]:
+    """Return one speed's numbers as texts."""
+    return (
+        f"{row.speed_m_s:g}",
+        f"{row.turning_ability_1_s:.4g}",
+        f"{row.turning_lag_s:.4g}",
+        f"{row.norrbin_s2:.4g}",
+        *(f"{rate:.4f}" for rate in row.steady_rates_deg_s),
+        f"{row.radius_m:.2f}",
+        f"{row.radius_with_sway_m:.2f}",
+        f"{row.drift_deg:.1f}",
+    )
