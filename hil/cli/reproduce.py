@@ -1,0 +1,72 @@
+"""`rambler-hil reproduce`: the paper's chain on synthetic tank data, and the paper against ours."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from hil.errors import UsageError
+from hil.reproduce.chain import FULL, QUICK, run_chain
+from hil.reproduce.rows import Row, all_match, rows
+
+RUNS = Path("runs")
+COLUMNS = ("quantity", "paper", "ours", "")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=RUNS / "reproduce",
+        metavar="DIR",
+        help="where recordings, runs, picture, page and table go (default runs/reproduce)",
+    )
+    parser.add_argument("--quick", action="store_true", help="shorter manoeuvres and runs, a coarser search")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything that is random (default 1)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Go through the chain and print the table; 1 when something does not match that should."""
+    if arguments.seed < 0:
+        raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
+    out = arguments.out
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if out.parent == RUNS:
+            (RUNS / ".gitignore").write_text("*\n", encoding="ascii")
+    except OSError as error:
+        raise UsageError(f"--out {out}: {error.strerror}; give another directory") from None
+    tell = _tell if sys.stderr.isatty() else _say_nothing
+    chain = run_chain(QUICK if arguments.quick else FULL, out, arguments.seed, tell)
+    tell("", 1.0)
+    table = rows(chain)
+    print(text(table))
+    from hil.reproduce import page  # noqa: PLC0415 - matplotlib is slow to import
+
+    print(f"report: {page.write(chain, table, out)}")
+    return 0 if all_match(table) else 1
+
+
+def text(table: Sequence[Row]) -> str:
+    """Return the table, a note below its row."""
+    cells = [COLUMNS, *((row.quantity, row.paper, row.ours, row.verdict.value) for row in table)]
+    widths = [max(len(row[column]) for row in cells) for column in range(len(COLUMNS))]
+    lines = []
+    for number, row in enumerate(cells):
+        lines.append("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        note = table[number - 1].note if number else ""
+        if note:
+            lines.append(f"    {note}")
+    return "\n".join(lines)
+
+
+def _tell(what: str, part: float) -> None:
+    line = f"\r\x1b[K{100.0 * part:3.0f} %  {what}" if part < 1.0 else "\r\x1b[K"
+    print(line, end="", file=sys.stderr, flush=True)
+
+
+def _say_nothing(_what: str, _part: float) -> None:
+    """Show nothing in a pipe."""
