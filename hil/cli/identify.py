@@ -1,0 +1,152 @@
+"""`rambler-hil identify`: K, T, alpha and delta0 from manoeuvres and onboard logs."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Self
+
+from hil.errors import UsageError
+from hil.identify import manoeuvre_file, onboard_log, report
+from hil.identify.held_out import predictions
+from hil.identify.identify import MODELS, SPEEDS, Identification, identify
+from hil.identify.manoeuvre_file import RUDDER_UNITS
+from hil.identify.recording import Recording, Source
+from hil.identify.suggest import suggest
+
+LARGEST_SEED = 2**63 - 1
+TOLD_EVERY_S = 0.2
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    files = "manoeuvre CSV or onboard .BIN log, of which FILE:from:to takes the part between two times in seconds"
+    parser.add_argument("train", metavar="FILE[:from:to]", nargs="+", help=files)
+    parser.add_argument(
+        "--validate",
+        metavar="FILE[:from:to]",
+        nargs="+",
+        action="extend",
+        default=[],
+        help="recordings that only the predictions are judged by",
+    )
+    parser.add_argument(
+        "--model", choices=MODELS, default="auto", help="with Norrbin's cubic term or not; auto: as the evidence is"
+    )
+    parser.add_argument(
+        "--speed-scaling",
+        choices=SPEEDS,
+        default="auto",
+        help="whether the model follows the measured speed by similarity; auto: unless a constant one fits better",
+    )
+    parser.add_argument(
+        "--rudder-unit",
+        choices=RUDDER_UNITS,
+        default="rad",
+        help="of the rudder column of a CSV; any: a signed command that is no angle",
+    )
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the fish swarm (default 1)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON; - for standard output")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="write the picture as .png, or the report as .html")
+    parser.add_argument(
+        "--out-params", type=Path, metavar="FILE", help="write the model as parameters of the autopilot"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Identify, report, write what was asked for; 1 when no model can be had from the logs."""
+    if not 0 <= arguments.seed <= LARGEST_SEED:
+        raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
+    if arguments.plot is not None and arguments.plot.suffix.lower() not in (".png", ".html"):
+        raise UsageError(f"--plot {arguments.plot}: give a name that ends in .png or .html")
+    sources = [Source.parse(text) for text in (*arguments.train, *arguments.validate)]
+    began_s = time.monotonic()
+    recordings = _read(sources, arguments.rudder_unit)
+    train, validate = recordings[: len(arguments.train)], recordings[len(arguments.train) :]
+    with _Progress() as progress:
+        result = identify(
+            train,
+            validate,
+            model=arguments.model,
+            speed=arguments.speed_scaling,
+            seed=arguments.seed,
+            tell=progress.tell,
+        )
+    seconds = time.monotonic() - began_s
+    suggestion = suggest(result.fit, result.judgement)
+    text = report.as_text(result, suggestion)
+    to_stdout = arguments.json is not None and str(arguments.json) == "-"
+    if arguments.json is not None:
+        data = report.as_json(result, seconds, suggestion)
+        sys.stdout.write(data) if to_stdout else _write(arguments.json, "--json", data.encode())
+    if not to_stdout:
+        print(text)
+        print(f"identified in {seconds:.2f} s")
+    if arguments.plot is not None:
+        _write(arguments.plot, "--plot", _plot(result, text, arguments.train, html=arguments.plot.suffix != ".png"))
+    if not result.judgement.usable:
+        print("rambler-hil: no model can be told from these logs; see the verdicts", file=sys.stderr)
+        return 1
+    if arguments.out_params is not None:
+        _write(arguments.out_params, "--out-params", report.as_parameters(result, arguments.rudder_unit).encode())
+    return 0
+
+
+def _read(sources: Sequence[Source], unit: str) -> list[Recording]:
+    """Read each file once, however many parts of it are asked for."""
+    whole: dict[Path, Recording] = {}
+    for source in sources:
+        if source.path not in whole:
+            onboard = source.path.suffix.lower() == ".bin"
+            whole[source.path] = onboard_log.read(source.path) if onboard else manoeuvre_file.read(source.path, unit)
+    return [whole[source.path].part(source) for source in sources]
+
+
+def _plot(result: Identification, text: str, names: Sequence[str], *, html: bool) -> bytes:
+    from hil.identify.page import page  # noqa: PLC0415 - matplotlib is slow to import, and mostly not asked for
+    from hil.identify.picture import draw  # noqa: PLC0415
+
+    fit = result.fit
+    train = replace(result.train, file=", ".join(names)[:60], predictions=predictions(fit.problem, fit.state))
+    model = result.model()
+    title = (
+        f"K {model.turning_ability_1_s:.4g} 1/s, T {model.turning_lag_s:.4g} s, alpha {model.norrbin_s2:.3g} s²"
+        f" ({result.choice.model})"
+    )
+    picture = draw((train, *result.validate), title)
+    return page(result, text, picture, "Identification: " + title).encode() if html else picture
+
+
+def _write(path: Path, option: str, data: bytes) -> None:
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise UsageError(f"{option} {path}: {error.strerror}; give another file") from None
+
+
+class _Progress:
+    """A line on a terminal that says that work goes on; nothing in a pipe."""
+
+    def __init__(self) -> None:
+        self._shown = sys.stderr.isatty()
+        self._began_s = self._told_s = time.monotonic()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._shown:
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()
+
+    def tell(self) -> None:
+        """Say how long it has taken so far."""
+        now_s = time.monotonic()
+        if self._shown and now_s - self._told_s >= TOLD_EVERY_S:
+            self._told_s = now_s
+            sys.stderr.write(f"\r\x1b[Kidentifying ... {now_s - self._began_s:.1f} s")
+            sys.stderr.flush()

@@ -1,0 +1,195 @@
+"""Identification as a whole: recordings in, a judged model out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from firmware_py.model.kt import KtModel
+from hil.compiled import compiling
+from hil.errors import UsageError
+from hil.identify.fit import CUBIC, LINEAR, Fit, Searched, allowing_for_cubic, estimates_of, fit, search
+from hil.identify.held_out import HeldOut, errors_of, held_out
+from hil.identify.noise import Whiteness, whiteness
+from hil.identify.predict import Point
+from hil.identify.recording import Recording
+from hil.identify.search import GlobalSearch, misfit, swarm_search
+from hil.identify.stretch import Data, prepare
+from hil.identify.verdict import Judgement, judge
+
+MODELS = ("linear", "cubic", "auto")
+SPEEDS = ("auto", "scaled", "ignored")
+SPEED_SPREAD = 0.02  # relative; a steadier speed makes no difference
+EQUAL_LIKELIHOOD = 4.0
+CONSTANT = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Which model was taken, and why; `scaled` says whether the measured speed scales it."""
+
+    model: str
+    why: str
+    scaled: bool
+    speed_why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Brought:
+    """What the steps of the search brought: misfit from 1 (nothing explained) to 0, and what it cost."""
+
+    scan: float
+    swarm: float
+    swarm_evaluations: int
+    refined: float
+    refine_evaluations: int
+    refine_iterations: int
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """All that is reported. The model holds at speed_m_s, None where the logs have no speed."""
+
+    data: Data
+    fit: Fit
+    choice: Choice
+    judgement: Judgement
+    brought: Brought
+    train: HeldOut
+    validate: tuple[HeldOut, ...]
+    whiteness: dict[str, Whiteness]
+
+    @property
+    def evaluations(self) -> int:
+        """Simulations of the log, whole or averaged."""
+        return self.brought.swarm_evaluations + self.brought.refine_evaluations
+
+    def model(self) -> KtModel:
+        """Return the K-T model that predicts best; its speed is NaN where it is unknown."""
+        gain, lag_s, cubic, offset = (float(value) for value in self.fit.physical)
+        return KtModel(gain, lag_s, cubic, offset, math.nan if self.data.speed_m_s is None else self.data.speed_m_s)
+
+
+def identify(
+    train: Sequence[Recording],
+    validate: Sequence[Recording] = (),
+    *,
+    model: str = "auto",
+    speed: str = "auto",
+    seed: int = 1,
+    globally: GlobalSearch = swarm_search,
+    tell: Callable[[], None] = lambda: None,
+) -> Identification:
+    """Identify K, T, alpha and delta0; UsageError for data that cannot tell anything, naming the remedy."""
+    data = prepare(train)
+    _check_rudder(data)
+    scaled = speed != "ignored" and data.speed_m_s is not None
+    if not scaled:
+        data = _unscaled(data)
+    with compiling("the identification"):
+        searched = search(data, seed, globally, cubic=model != "linear", tell=tell)
+        found, choice, spent = _chosen(data, searched, model, tell)
+    choice = replace(choice, scaled=scaled)
+    if scaled and speed == "auto" and _speed_varies(data):
+        other = fit(_unscaled(data), searched, found.problem.free, found.state.point, tell)
+        spent += other.evaluations
+        share = found.effective_rows / data.rows
+        gain = (other.likelihood - found.likelihood) * share
+        if gain < -EQUAL_LIKELIHOOD:
+            found, data = other, _unscaled(data)
+            why = f"a model that does not change with the speed fits better (by {-gain:.0f} in -2 ln likelihood)"
+            choice = replace(choice, scaled=False, speed_why=why)
+        else:
+            why = f"scaled to the measured speed (against a constant model: {gain:+.0f} in -2 ln likelihood)"
+            choice = replace(choice, speed_why=why)
+    judgement = _judged(found, model, choice)
+    brought = Brought(
+        searched.box.guess_misfit,
+        searched.found.misfit,
+        searched.found.evaluations,
+        float(misfit(searched.record, found.state.point.values[None], found.state.point.sign)[0]),
+        spent,
+        found.iterations,
+    )
+    errors = errors_of(found)
+    return Identification(
+        data,
+        found,
+        choice,
+        judgement,
+        brought,
+        HeldOut.of("train", errors),
+        tuple(held_out(found, one, data.speed_m_s, scaled=choice.scaled) for one in validate),
+        {name: whiteness([one - one.mean() for one in pieces]) for name, pieces in errors.items()},
+    )
+
+
+def _chosen(data: Data, searched: Searched, model: str, tell: Callable[[], None]) -> tuple[Fit, Choice, int]:
+    """Return the fit of the model asked for or that the evidence is for, why, and the evaluations."""
+    linear = fit(data, searched, LINEAR, _best_start(searched), tell)
+    spent = linear.evaluations
+    if model == "linear":
+        return linear, Choice("linear", "as asked for", False, ""), spent
+    cubic = fit(data, searched, CUBIC, searched.found.point, tell, linear)
+    spent += cubic.evaluations
+    if cubic.likelihood > linear.likelihood + EQUAL_LIKELIHOOD:
+        # It contains the linear model, so it went down another valley.
+        cubic = fit(data, searched, CUBIC, linear.state.point, tell)
+        spent += cubic.evaluations
+    if model == "cubic":
+        return cubic, Choice("cubic", "as asked for", False, ""), spent
+    place = CUBIC.index(2)
+    z = float(cubic.state.point.values[2]) / math.sqrt(max(float(cubic.covariance[place, place]), 1e-300))
+    needed = math.sqrt(math.log(max(cubic.effective_rows, 10.0)))
+    why = f"alpha is {z:.1f} standard errors from zero; {needed:.1f} are needed (BIC, {_rows(cubic)})"
+    if z > needed:
+        return cubic, Choice("cubic", why, False, ""), spent
+    return linear, Choice("linear", f"{why}; K and T allow for an alpha that does not show", False, ""), spent
+
+
+def _judged(found: Fit, model: str, choice: Choice) -> Judgement:
+    if model == "auto" and choice.model == "linear":
+        allowing = allowing_for_cubic(found)
+        place = CUBIC.index(2)
+        spread = math.sqrt(max(float(allowing.covariance[place, place]), 0.0))
+        return judge(found, allowing, (0.0, spread / found.problem.scales.yaw_rate_rad_s**2))
+    return judge(found, estimates_of(found), None if found.problem.free == CUBIC else (0.0, 0.0))
+
+
+def _rows(one: Fit) -> str:
+    return f"{one.effective_rows:.0f} independent readings"
+
+
+def _best_start(searched: Searched) -> Point:
+    """Return the better of what scan and swarm say of a linear model."""
+    guess, swarm = searched.box.guess, searched.found.point
+    values = swarm.values.copy()
+    values[0] -= math.log1p(max(values[2], 0.0))
+    values[2] = 0.0
+    flat = Point(values, swarm.sign)
+    both = misfit(searched.record, np.array([guess.values, flat.values]), guess.sign)
+    return guess if both[0] <= both[1] else flat
+
+
+def _unscaled(data: Data) -> Data:
+    stretches = tuple(replace(one, speed_ratio=np.ones(one.time_s.size)) for one in data.stretches)
+    return replace(data, stretches=stretches)
+
+
+def _speed_varies(data: Data) -> bool:
+    ratio = np.concatenate([one.speed_ratio for one in data.stretches])
+    return float(np.std(ratio)) > SPEED_SPREAD
+
+
+def _check_rudder(data: Data) -> None:
+    rudder = np.concatenate([one.rudder_rad for one in data.stretches])
+    low, high = float(np.min(rudder)), float(np.max(rudder))
+    if high - low <= CONSTANT * max(abs(low), abs(high), 1.0):
+        names = ", ".join(sorted({one.name for one in data.stretches}))
+        raise UsageError(
+            f"{names}: constant rudder, {low:g} throughout: nothing can be told from it; "
+            "record a zigzag, or give a second file with another rudder angle"
+        )

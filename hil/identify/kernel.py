@@ -1,0 +1,330 @@
+"""The compiled inner loops: the K-T equation driven by a recorded rudder.
+
+The equation is firmware_py/model/kt.py's. It is advanced by an exponential Rosenbrock step
+(Hochbruck & Ostermann, Acta Numerica 19, 2010, section 2.5) with the rudder a ramp between two
+samples: exact for the linear model at any step, of second order in the cubic term, and stable
+however stiff that is, so that a search may try any K, T and alpha and the work stays the same.
+
+Loops run over samples outside and over candidates (fish) inside, which the compiler makes
+SIMD of: the step has no branches and calls no exponential.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_py.model.kt import yaw_acceleration
+from hil.compiled import compiled
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# The exponential of a decay, exp(-x), is taken as 1 / P(x) with P the Taylor polynomial of exp(x).
+# Unlike the polynomial of exp(-x) this lies in (0, 1) for every x >= 0, which is what keeps a stiff
+# step stable. S comes with it: phi3(-x) = S(x) / P(x), from phi3 = (1/2 - phi2) / x,
+# phi2 = (1 - phi1) / x, phi1 = (1 - 1/P) / x, whose cancelling leading terms are gone in S.
+P2, P3, P4, P5, P6, P7, P8 = 1 / 2, 1 / 6, 1 / 24, 1 / 120, 1 / 720, 1 / 5040, 1 / 40320
+S0, S1, S2 = 1 / 2 - P2 + P3, P2 / 2 - P3 + P4, P3 / 2 - P4 + P5
+S3, S4, S5 = P4 / 2 - P5 + P6, P5 / 2 - P6 + P7, P6 / 2 - P7 + P8
+S6, S7 = P7 / 2 - P8, P8 / 2
+
+LEAST_DAMPING = 0.05  # of 1/T; reached only by a negative alpha, which is held off it
+TINY = 1e-200
+LARGEST_RATE_RAD_S = 1e6  # nothing turns so fast; keeps a nonsensical candidate finite
+
+
+@compiled
+def exponential_step(
+    heading_rad: float,
+    yaw_rate_rad_s: float,
+    rudder_rad: float,
+    next_rudder_rad: float,
+    step_s: float,
+    turning_ability_1_s: float,
+    turning_lag_s: float,
+    norrbin_s2: float,
+    rudder_offset_rad: float,
+) -> tuple[float, float]:
+    """Advance (heading, yaw rate) by one step in which the rudder goes evenly to its next angle."""
+    r = yaw_rate_rad_s
+    start = yaw_acceleration(r, rudder_rad, turning_ability_1_s, turning_lag_s, norrbin_s2, rudder_offset_rad)
+    end = yaw_acceleration(r, next_rudder_rad, turning_ability_1_s, turning_lag_s, norrbin_s2, rudder_offset_rad)
+    ramp = end - start
+    # The derivative of the acceleration by the yaw rate, times the step, with its sign turned.
+    x = step_s / turning_lag_s * max(1.0 + 3.0 * norrbin_s2 * r * r, LEAST_DAMPING)
+    growth = 1.0 + x * (1.0 + x * (P2 + x * (P3 + x * (P4 + x * (P5 + x * (P6 + x * (P7 + x * P8)))))))
+    phi3 = (S0 + x * (S1 + x * (S2 + x * (S3 + x * (S4 + x * (S5 + x * (S6 + x * S7))))))) / growth
+    phi2 = 0.5 - x * phi3
+    phi1 = 1.0 - x * phi2
+    heading_rad += step_s * (r + step_s * (phi2 * start + phi3 * ramp))
+    r += step_s * (phi1 * start + phi2 * ramp)
+    return heading_rad, min(max(r, -LARGEST_RATE_RAD_S), LARGEST_RATE_RAD_S)
+
+
+@compiled
+def _through(
+    psi: Floats,
+    r: Floats,
+    candidates: Floats,
+    rudder_rad: Floats,
+    speed_ratio: Floats,
+    n: int,
+    step_s: float,
+    inner_steps: int,
+) -> None:
+    """Move all candidates on from sample n to the next."""
+    inner_s = step_s / inner_steps
+    slope_rad = (rudder_rad[n + 1] - rudder_rad[n]) / inner_steps
+    u = 0.5 * (speed_ratio[n] + speed_ratio[n + 1])
+    lag_scale, cubic_scale = 1.0 / u, 1.0 / (u * u)
+    for inner in range(inner_steps):
+        rudder = rudder_rad[n] + slope_rad * inner
+        for f in range(psi.size):
+            psi[f], r[f] = exponential_step(
+                psi[f],
+                r[f],
+                rudder,
+                rudder + slope_rad,
+                inner_s,
+                candidates[0, f] * u,
+                candidates[1, f] * lag_scale,
+                candidates[2, f] * cubic_scale,
+                candidates[3, f],
+            )
+
+
+@compiled
+def simulate(
+    step_s: Floats,
+    rudder_rad: Floats,
+    speed_ratio: Floats,
+    inner_steps: int,
+    candidates: Floats,
+    heading_rad: Floats,
+    yaw_rate_rad_s: Floats,
+) -> None:
+    """Fill heading and yaw rate, (samples, candidates), from their first rows on.
+
+    step_s[n] leads from sample n to n + 1; candidates has rows K, T, alpha, delta0 and a column
+    for each candidate; speed_ratio scales them by similarity (paper eq. 7), 1 for not at all.
+    """
+    psi, r = heading_rad[0].copy(), yaw_rate_rad_s[0].copy()
+    for n in range(step_s.size):
+        _through(psi, r, candidates, rudder_rad, speed_ratio, n, step_s[n], inner_steps)
+        for f in range(psi.size):
+            heading_rad[n + 1, f] = psi[f]
+            yaw_rate_rad_s[n + 1, f] = r[f]
+
+
+@compiled
+def differentiate(values: Floats, step: float, result: Floats) -> None:
+    """Fill result (rows, n) with the central differences of values (rows, 1 + 2 n): base, up, down, up, down."""
+    factor = 0.5 / step
+    for row in range(values.shape[0]):
+        for column in range(result.shape[1]):
+            result[row, column] = factor * (values[row, 2 * column + 1] - values[row, 2 * column + 2])
+
+
+@compiled
+def normal_equations(
+    step_s: Floats,
+    rudder_rad: Floats,
+    speed_ratio: Floats,
+    inner_steps: int,
+    candidates: Floats,
+    first: Floats,
+    measured: Floats,
+    weights: Floats,
+    lags: Floats,
+    difference: float,
+    matrix: Floats,
+    vector: Floats,
+) -> None:
+    """Fill J'WJ and J'We of one stretch in one pass, with the derivatives by central differences.
+
+    Args:
+        step_s: as simulate takes it.
+        rudder_rad: as simulate takes it.
+        speed_ratio: as simulate takes it.
+        inner_steps: as simulate takes it.
+        candidates: (4, columns): the base, then each parameter up and down, then the initial yaw
+            rate up and down; any further columns are passed over.
+        first: (2, columns), heading and yaw rate at the start.
+        measured: (2, samples), heading and yaw rate.
+        weights: of heading and of yaw rate; 0 leaves a channel out.
+        lags: the filter that makes the heading's noise white.
+        difference: how far up and down is.
+        matrix: (n, n), n parameters: those of the candidates, the initial heading, the initial yaw rate.
+        vector: (n,).
+    """
+    size, past = vector.size, lags.size
+    psi, r = first[0].copy(), first[1].copy()
+    factor = 0.5 / difference
+    ring = np.zeros((past + 1, size + 1))
+    slopes, rates = np.zeros(size + 1), np.zeros(size + 1)
+    matrix[:] = 0.0
+    vector[:] = 0.0
+    for n in range(step_s.size + 1):
+        if n > 0:
+            _through(psi, r, candidates, rudder_rad, speed_ratio, n - 1, step_s[n - 1], inner_steps)
+        for j in range(size - 1):
+            to = j if j < size - 2 else size - 1
+            slopes[to] = factor * (psi[2 * j + 1] - psi[2 * j + 2])
+            rates[to] = factor * (r[2 * j + 1] - r[2 * j + 2])
+        slopes[size - 2] = 1.0
+        slopes[size], rates[size] = measured[0, n] - psi[0], measured[1, n] - r[0]
+        if weights[1] > 0.0:
+            _add_products(matrix, vector, rates, weights[1])
+        if past > 0:
+            ring[n % (past + 1)] = slopes
+            for k in range(1, min(past, n) + 1):
+                slopes += lags[k - 1] * ring[(n - k) % (past + 1)]
+        if weights[0] > 0.0 and n >= past:
+            _add_products(matrix, vector, slopes, weights[0])
+    for j in range(size):
+        for k in range(j):
+            matrix[j, k] = matrix[k, j]
+
+
+@compiled
+def _add_products(matrix: Floats, vector: Floats, row: Floats, weight: float) -> None:
+    """Add a row of J, with its error last, to the upper triangle of J'WJ and to J'We."""
+    size = vector.size
+    for j in range(size):
+        weighted = weight * row[j]
+        vector[j] += weighted * row[size]
+        for k in range(j, size):
+            matrix[j, k] += weighted * row[k]
+
+
+@compiled
+def filter_columns(values: Floats, lags: Floats, result: Floats) -> None:
+    """Fill result (rows, n), but for its first rows, with values[t] + lags[0] values[t - 1] + ..."""
+    for row in range(lags.size, values.shape[0]):
+        for column in range(values.shape[1]):
+            result[row, column] = values[row, column]
+        for k in range(lags.size):
+            for column in range(values.shape[1]):
+                result[row, column] += lags[k] * values[row - 1 - k, column]
+
+
+# Rows of the two arrays that output_error carries along, a column for each candidate:
+# state: heading, yaw rate, free decay, free turn. sums: over a window, of the heading's error e, of the
+# free turn t, ee, tt, et; over a stretch, of tt and et of the heading without means, of tt and et of
+# the yaw rate; over all, the squared errors of heading and of yaw rate.
+
+
+@compiled
+def _advance(state: Floats, model: Floats, rudder_rad: float, next_rad: float, step_s: float, u: float) -> None:
+    """Move all candidates on by one sample."""
+    lag_scale, cubic_scale = 1.0 / u, 1.0 / (u * u)
+    for f in range(state.shape[1]):
+        gain, lag = model[0, f] * u, model[1, f] * lag_scale
+        state[0, f], state[1, f] = exponential_step(
+            state[0, f], state[1, f], rudder_rad, next_rad, step_s, gain, lag, model[2, f] * cubic_scale, model[3, f]
+        )
+        # The free decay needs no more than a direction, so a short form serves.
+        x = step_s / lag
+        decayed = state[2, f] / (1.0 + x * (1.0 + x * (P2 + x * P3)))
+        state[3, f] += 0.5 * step_s * (state[2, f] + decayed)
+        state[2, f] = decayed
+
+
+@compiled
+def _add_errors(state: Floats, sums: Floats, heading_rad: float, yaw_rate_rad_s: float) -> None:
+    for f in range(state.shape[1]):
+        error, turn, decay = heading_rad - state[0, f], state[3, f], state[2, f]
+        sums[0, f] += error
+        sums[1, f] += turn
+        sums[2, f] += error * error
+        sums[3, f] += turn * turn
+        sums[4, f] += error * turn
+        error = yaw_rate_rad_s - state[1, f]
+        sums[7, f] += decay * decay
+        sums[8, f] += error * decay
+        sums[10, f] += error * error
+
+
+@compiled
+def _end_window(state: Floats, sums: Floats, rows: int) -> None:
+    """Take the means out of a window's sums, and start its headings anew."""
+    share = 1.0 / max(rows, 1)
+    for f in range(state.shape[1]):
+        sums[9, f] += sums[2, f] - share * sums[0, f] * sums[0, f]
+        sums[5, f] += sums[3, f] - share * sums[1, f] * sums[1, f]
+        sums[6, f] += sums[4, f] - share * sums[0, f] * sums[1, f]
+    sums[:5] = 0.0
+    state[0] = 0.0
+    state[3] = 0.0
+
+
+@compiled
+def _end_stretch(state: Floats, sums: Floats) -> None:
+    """Take what an initial yaw rate would explain out of a stretch's errors, and start anew."""
+    for f in range(state.shape[1]):
+        sums[9, f] -= sums[6, f] * sums[6, f] / max(sums[5, f], TINY)
+        sums[10, f] -= sums[8, f] * sums[8, f] / max(sums[7, f], TINY)
+    sums[5:9] = 0.0
+    state[1] = 0.0
+    state[2] = 1.0
+
+
+@compiled
+def output_error(
+    points: Floats,
+    values: Floats,
+    scales: Floats,
+    flags: Integers,
+    step_s: Floats,
+    rudder_rad: Floats,
+    speed_ratio: Floats,
+    heading_rad: Floats,
+    yaw_rate_rad_s: Floats,
+) -> None:
+    """Fill the misfit of points (m, 4), the coordinates of predict.Point: 1 explains nothing, 0 all.
+
+    It is the geometric mean over the channels in use of the squared error's share of the
+    channel's own power, which is the likelihood with the noise's size eliminated. What an unknown
+    initial yaw rate would add (the free decay of the linear model) is taken out of the error of
+    each stretch, and its mean out of a heading's error in each window, so that neither the
+    start nor a slow drift weighs.
+
+    Args:
+        points: one candidate a row.
+        values: the result.
+        scales: sign of K, yaw rate and rudder scale, middle of the rudder, power of heading and of
+            yaw rate; a power of 0 leaves the channel out.
+        flags: of each sample, 2 where a stretch begins, 1 where a window begins, else 0.
+        step_s: of each sample, the interval that leads to it.
+        rudder_rad: of each sample, as the others.
+        speed_ratio: U / U0.
+        heading_rad: from the start of its window.
+        yaw_rate_rad_s: measured.
+    """
+    count = points.shape[0]
+    model = np.empty((4, count))
+    model[0], model[1] = scales[0] * np.exp(points[:, 0]), np.exp(points[:, 1])
+    model[2], model[3] = points[:, 2] / (scales[1] * scales[1]), scales[3] + points[:, 3] * scales[2]
+    state, sums = np.zeros((4, count)), np.zeros((11, count))
+    state[2] = 1.0
+    inside = 0
+    for n in range(flags.size):
+        if flags[n] > 0:
+            _end_window(state, sums, inside)
+            inside = 0
+        if flags[n] == 2:
+            _end_stretch(state, sums)
+        else:
+            u = 0.5 * (speed_ratio[n - 1] + speed_ratio[n])
+            _advance(state, model, rudder_rad[n - 1], rudder_rad[n], step_s[n], u)
+        _add_errors(state, sums, heading_rad[n], yaw_rate_rad_s[n])
+        inside += 1
+    _end_window(state, sums, inside)
+    _end_stretch(state, sums)
+    for f in range(count):
+        heading, rate = max(sums[9, f], 0.0), max(sums[10, f], 0.0)
+        if scales[4] > 0.0 and scales[5] > 0.0:
+            values[f] = np.sqrt(heading / scales[4] * (rate / scales[5]))
+        else:
+            values[f] = heading / scales[4] if scales[4] > 0.0 else rate / scales[5]

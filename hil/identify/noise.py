@@ -1,0 +1,163 @@
+"""The noise that a fit leaves: a vector autoregression, its spectrum, and what it does to standard errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.identify.kernel import filter_columns
+from hil.identify.recording import Floats
+
+MOST_ORDERS = 60
+PADDING = 4096  # rows; how far a correlation reaches that is looked at
+ROWS_PER_ORDER = 12  # fewer rows than this for each order do not tell one
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseModel:
+    """e[t] + sum_k lags[k] e[t - k - 1] = white noise of the given covariance; e has one value a channel."""
+
+    lags: NDArray[np.float64]  # (order, channels, channels)
+    covariance: Floats  # of the white noise
+    spread: Floats  # standard deviation of each channel of e
+
+    @property
+    def order(self) -> int:
+        """How many samples back it reaches; 0 for white noise."""
+        return int(self.lags.shape[0])
+
+    def spectrum(self, count: int) -> NDArray[np.complex128]:
+        """Return the covariance density of e at the count // 2 + 1 frequencies of a real FFT of that length."""
+        channels = self.covariance.shape[0]
+        taps = np.concatenate((np.eye(channels)[None], self.lags))
+        response = np.fft.rfft(taps, count, axis=0)
+        shape = 1.0 / response if channels == 1 else np.linalg.inv(response)
+        return np.asarray(shape @ self.covariance @ np.conj(np.swapaxes(shape, 1, 2)))
+
+
+def fit_noise(pieces: Sequence[Floats]) -> NoiseModel:
+    """Fit an autoregression to pieces (rows, channels) of a noise, its order chosen by BIC.
+
+    Whittle's recursion (Biometrika 50, 1963) gives every order in turn from the covariances.
+    """
+    channels = pieces[0].shape[1]
+    rows = sum(piece.shape[0] for piece in pieces)
+    most = max(0, min(MOST_ORDERS, rows // (ROWS_PER_ORDER * channels), min(len(piece) for piece in pieces) - 2))
+    scale = np.sqrt(np.maximum(sum(np.sum(piece**2, axis=0) for piece in pieces) / rows, 1e-300))
+    scaled = [piece / scale for piece in pieces]
+    gamma = _covariances(scaled, most, rows)
+    gamma[0] += 1e-12 * np.eye(channels)
+    best = _best_order(gamma, rows)
+    lags, covariance = best
+    turn = scale[:, None] / scale[None, :]
+    return NoiseModel(lags * turn, covariance * np.outer(scale, scale), scale)
+
+
+def _covariances(pieces: Sequence[Floats], most: int, rows: int) -> NDArray[np.float64]:
+    """Return sum_t e[t] e[t - lag]' / rows for lag 0 to most, as (lags, channels, channels)."""
+    channels = pieces[0].shape[1]
+    total = np.zeros((most + 1, channels, channels))
+    for piece in pieces:
+        count = _fft_length(piece.shape[0] + most + 1)
+        turned = np.fft.rfft(piece.T, count)
+        for a in range(channels):
+            for b in range(channels):
+                total[:, a, b] += np.fft.irfft(turned[a] * np.conj(turned[b]), count)[: most + 1]
+    return total / rows
+
+
+def _best_order(gamma: NDArray[np.float64], rows: int) -> tuple[NDArray[np.float64], Floats]:
+    channels = gamma.shape[1]
+    forward = np.zeros((0, channels, channels))
+    backward = forward
+    ahead, behind = gamma[0].copy(), gamma[0].copy()
+    best = (forward, ahead)
+    least = rows * _log_det(ahead)
+    for order in range(1, gamma.shape[0]):
+        # What the present order leaves unexplained one lag further.
+        rest = gamma[order] + np.einsum("kij,kjl->il", forward, gamma[order - 1 : 0 : -1])
+        front = -rest @ np.linalg.inv(behind)
+        back = -rest.T @ np.linalg.inv(ahead)
+        ahead, behind = ahead + front @ rest.T, behind + back @ rest
+        forward, backward = (
+            np.concatenate((forward + front @ backward[::-1], front[None])),
+            np.concatenate((backward + back @ forward[::-1], back[None])),
+        )
+        value = rows * _log_det(ahead) + order * channels * channels * np.log(rows)
+        if not np.isfinite(value):
+            break
+        if value < least:
+            least, best = value, (forward, 0.5 * (ahead + ahead.T))
+    return best
+
+
+def _log_det(matrix: Floats) -> float:
+    sign, value = np.linalg.slogdet(matrix)
+    return float(value) if sign > 0 else np.inf
+
+
+def score_covariances(model: NoiseModel, sensitivities: Sequence[Floats]) -> NDArray[np.float64]:
+    """Return J_a' C_ab J_b for every pair of channels, C being the noise's covariance over time.
+
+    sensitivities: for each channel (rows, parameters) of one stretch. The result is (channels,
+    channels, parameters, parameters); with white noise it is J'J times the variance.
+    """
+    rows, width = sensitivities[0].shape
+    channels = len(sensitivities)
+    result = np.zeros((channels, channels, width, width))
+    if model.order == 0:
+        for a in range(channels):
+            for b in range(channels):
+                result[a, b] = model.covariance[a, b] * (sensitivities[a].T @ sensitivities[b])
+        return result
+    count = _fft_length(rows + min(rows, PADDING))
+    spectrum = model.spectrum(count)
+    weight = np.full(count // 2 + 1, 2.0)  # a real FFT leaves the negative frequencies out
+    weight[0] = weight[-1] = 1.0
+    turned = [np.fft.rfft(one, count, axis=0) for one in sensitivities]
+    for a in range(channels):
+        for b in range(channels):
+            density = weight * spectrum[:, a, b] / count
+            result[a, b] = np.real(np.conj(turned[a]).T @ (density[:, None] * turned[b]))
+    return result
+
+
+def _fft_length(least: int) -> int:
+    """Return an even length from least up that has small factors only."""
+    power = 1 << max(1, (least - 1).bit_length())
+    return min(size for size in (power, power * 3 // 4, power * 5 // 8, power * 9 // 16) if size >= least)
+
+
+def whitened(values: Floats, lags: Floats) -> Floats:
+    """Return values (rows, ...) filtered by 1 + lags[0] q^-1 + ...; the first rows lack their past and are zero."""
+    if lags.size == 0:
+        return values
+    result = np.zeros_like(values)
+    rows = values.shape[0]
+    filter_columns(values.reshape(rows, -1), lags, result.reshape(rows, -1))
+    return result
+
+
+@dataclass(frozen=True, slots=True)
+class Whiteness:
+    """How white a residual is: the share of its first 20 autocorrelations that lie outside of the 95 % band."""
+
+    lag_one: float
+    outside: float
+    white: bool
+
+
+def whiteness(pieces: Sequence[Floats]) -> Whiteness:
+    """Judge pieces (rows,) of one channel."""
+    rows = sum(piece.size for piece in pieces)
+    lags = min(20, max(1, rows // 4 - 1), min(piece.size for piece in pieces) - 1)
+    columns = [piece[:, None] for piece in pieces]
+    gamma = _covariances(columns, lags, rows)[:, 0, 0]
+    if not gamma[0] > 0.0:
+        return Whiteness(0.0, 0.0, white=True)
+    values = gamma[1:] / gamma[0]
+    outside = float(np.mean(np.abs(values) > 1.96 / np.sqrt(rows)))
+    return Whiteness(float(values[0]), outside, white=outside <= 0.2)
