@@ -267,7 +267,8 @@ def format_value(value: float) -> str:
         return str(int(value))
     for digits in range(1, 10):
         text = f"{value:.{digits}g}"
-        if to_single(float(text)) == value:
+        # Few digits of the largest singles round up beyond them.
+        if abs(float(text)) <= SINGLE_MAX and to_single(float(text)) == value:
             return text
     return repr(value)
 

@@ -2,7 +2,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from firmware_py.params import (
@@ -83,6 +83,7 @@ def test_a_file_round_trips(choices):
 
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False))
+@example(3.4025001647762064e38)
 def test_a_single_is_written_so_that_it_reads_back(value):
     assert to_single(float(format_value(value))) == value
 
