@@ -10,6 +10,8 @@ from firmware_py.angles import degrees
 from firmware_py.records import Inputs
 from hil.bench.rig import MILLIDEGREES
 
+EARLY_PERIODS = 0.25
+
 
 @dataclass(frozen=True, slots=True)
 class Passage:
@@ -33,6 +35,8 @@ def passages(log: Iterable[Inputs], sentences_s: Sequence[float], goals_s: Seque
     A heading that no tick used as its newest, or a tick without a goal frame before the
     next one, is left out. The two clocks differ by a constant: the least of all
     differences between a sentence's writing and its arrival is taken to be no time at all.
+    That is known only as well as the machine is quiet, so a tick's frame is looked for from
+    a quarter of a period before it, far after the frame of the tick before.
     """
     used = [used for inputs in log if (used := _used(inputs, sentences_s)) is not None]
     if not used:
@@ -42,8 +46,10 @@ def passages(log: Iterable[Inputs], sentences_s: Sequence[float], goals_s: Seque
     for inputs, sentence_s in used:
         tick = inputs.tick
         begin_s = tick.t_s + tick.late_s + offset_s
-        index = bisect_left(goals_s, begin_s)
-        if index < len(goals_s) and goals_s[index] < begin_s + 1.0 / tick.rate_hz:
+        period_s = 1.0 / tick.rate_hz
+        from_s = begin_s - EARLY_PERIODS * period_s
+        index = bisect_left(goals_s, from_s)
+        if index < len(goals_s) and goals_s[index] < from_s + period_s:
             wait_s = max(0.0, tick.t_s - inputs.headings[-1].t_s)
             found.append(Passage(sentence_s, goals_s[index] - sentence_s, wait_s))
     return found

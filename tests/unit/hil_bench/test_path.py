@@ -39,6 +39,13 @@ def test_a_frame_that_leaves_before_the_tick_is_not_the_headings():
     assert [passage.whole_s for passage in found] == pytest.approx([0.0515, 0.0995])
 
 
+def test_one_stamp_taken_too_early_does_not_move_every_heading_to_the_next_frame():
+    # The autopilot was held up between its stamp and its read: this heading seems to arrive before it was sent.
+    log = [tick(1.0, (0.995, 1)), tick(1.1, (1.095, 2)), tick(1.2, (1.195, 3))]
+    found = passages(log, on_bench(0.995, 1.1, 1.195), on_bench(1.0005, 1.1005, 1.2005))
+    assert [passage.whole_s for passage in found] == pytest.approx([0.0055, 0.0005, 0.0055])
+
+
 def test_of_two_headings_in_a_tick_the_newer_is_followed():
     found = passages([tick(1.0, (0.85, 1), (0.95, 2))], on_bench(0.85, 0.95), on_bench(1.001))
     assert [passage.sentence_s for passage in found] == [AHEAD_S + 0.95]
