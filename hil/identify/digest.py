@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,12 @@ class Digest:
     rate_power: float
     duration_s: float
     interval_s: float
+
+    def parts(self) -> list[slice]:
+        """Return the rows of each stretch."""
+        return [
+            slice(low, high) for low, high in pairwise([*np.flatnonzero(self.flags == 2).tolist(), self.flags.size])
+        ]
 
     def arguments(self, sign: float) -> tuple[Any, ...]:
         """Return what output_error takes besides points and values."""

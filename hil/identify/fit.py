@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -10,10 +11,10 @@ import numpy as np
 from hil.identify.accuracy import Information, best_weights, information
 from hil.identify.digest import Digest, digest
 from hil.identify.noise import fit_noise
-from hil.identify.predict import Point, Start
+from hil.identify.predict import Point, Scales, Start, to_natural
 from hil.identify.recording import Floats
 from hil.identify.refine import Problem, State, Weights, refine
-from hil.identify.search import Box, Found, GlobalSearch, scan, swarm_search
+from hil.identify.search import Box, Found, GlobalSearch, scan, swarm_search, with_scale_of
 from hil.identify.stretch import Data, Stretch, thinned, without_spikes
 
 LINEAR, CUBIC = (0, 1, 3), (0, 1, 2, 3)  # free ones of ln K, ln T, alpha, delta0
@@ -28,8 +29,8 @@ BELIEVED_CUBIC = 0.1  # alpha r^2 at the yaw rates of a log in which it does not
 class Fit:
     """A fitted model with what is known of its accuracy.
 
-    `covariance` is of the free parameters (ln K, ln T, alpha and delta0 in scales); `crossed`
-    counts the errors that stood out of their neighbours.
+    `covariance` is of the free coordinates of Point; `spikes` counts the readings that stood out of
+    their neighbours once the motion was taken away.
     """
 
     problem: Problem
@@ -51,6 +52,12 @@ class Fit:
     def effective_rows(self) -> float:
         """How many independent readings the coloured ones are worth."""
         return self.known.effective_rows(self.problem.channel_weights())
+
+    def typical_rate_rad_s(self) -> float:
+        """Return the yaw rate that the model hardly ever exceeds in this log."""
+        parts = zip(self.problem.data.stretches, self.state.starts, strict=True)
+        rates = [np.abs(self.problem.motion(stretch, self.state, start)[1]) for stretch, start in parts]
+        return max(float(np.quantile(np.concatenate(rates), 0.95)), 1e-12)
 
     @property
     def likelihood(self) -> float:
@@ -79,6 +86,7 @@ def search(
     """Search globally."""
     record = digest(data)
     box = scan(record)
+    record = with_scale_of(record, box)
     return Searched(record, box, globally(record, box, seed, cubic=cubic, tell=tell))
 
 
@@ -94,25 +102,26 @@ def fit(
 
     simpler: a fit of a model that this one contains, to start the second part from if it is better.
     """
-    one = data.stretches[0]
     scales = searched.record.scales
     values = begin.values.copy()
     if 2 not in free:
         values[2] = 0.0
-    weights = Weights(0.0, 1.0, NO_LAGS) if one.yaw_rate_rad_s is not None else Weights(1.0, 0.0, np.array([-1.0]))
-    weights = replace(weights, heading=weights.heading / _power(data, 0), yaw_rate=weights.yaw_rate / _power(data, 1))
     few = thinned(data, FEW_ROWS)
     rates = [stretch.yaw_rate_rad_s for stretch in few.stretches if stretch.yaw_rate_rad_s is not None]
     fastest = max((float(np.max(np.abs(rate))) for rate in rates), default=3.0 * scales.yaw_rate_rad_s)
-    problem = Problem(few, scales, fastest, free, weights)
     state = State(Point(values, begin.sign), tuple(first_guess(stretch) for stretch in few.stretches))
+    roughs = [
+        _settled(Problem(few, scales, fastest, free, weights), state, tell, ROUNDS) for weights in _first_weights(data)
+    ]
+    rough = min(roughs, key=_surprise)
     if few is data:
-        return _settled(problem, state, tell, ROUNDS)
-    rough = _settled(problem, state, tell, ROUNDS)
+        if simpler is None or rough.cost <= rough.problem.cost(simpler.state):
+            return rough
+        return _settled(rough.problem, simpler.state, tell, FINE_ROUNDS)
     every_weight = rough.problem.weights
-    if one.yaw_rate_rad_s is None:
-        every_weight = _weights(replace(problem, data=data), rough.state, rough.known)
-    whole = replace(problem, data=data, weights=every_weight)
+    if data.stretches[0].yaw_rate_rad_s is None:
+        every_weight = _weights(replace(rough.problem, data=data), rough.state, rough.known)
+    whole = replace(rough.problem, data=data, weights=every_weight)
     state = rough.state
     if simpler is not None and whole.cost(simpler.state) < whole.cost(state):
         state = simpler.state
@@ -120,6 +129,26 @@ def fit(
     return replace(
         fine, evaluations=fine.evaluations + rough.evaluations, iterations=fine.iterations + rough.iterations
     )
+
+
+def _first_weights(data: Data) -> tuple[Weights, ...]:
+    """Return the weights to begin with.
+
+    A heading alone is begun with as it is and by its differences: the former does well in waves,
+    the latter where a drift adds up, and neither can be told before the fit.
+    """
+    heading, rate = 1.0 / _power(data, 0), 1.0 / _power(data, 1)
+    if data.stretches[0].yaw_rate_rad_s is not None:
+        return (Weights(0.0, rate, NO_LAGS),)
+    return (Weights(heading, 0.0, NO_LAGS), Weights(heading, 0.0, np.array([-1.0])))
+
+
+def _surprise(one: Fit) -> float:
+    """Return minus twice the logarithm of the likelihood of a fit's errors, their colour allowed for."""
+    parts = zip(one.problem.data.stretches, one.state.starts, strict=True)
+    noise = fit_noise([np.column_stack(one.problem.errors(stretch, one.state, start)) for stretch, start in parts])
+    rows = one.problem.data.rows
+    return rows * float(np.linalg.slogdet(noise.covariance)[1]) + 2.0 * noise.order
 
 
 def _settled(problem: Problem, state: State, tell: Callable[[], None], rounds: int) -> Fit:
@@ -213,16 +242,31 @@ def _same(before: Weights, after: Weights, scale: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Estimates:
-    """Values of the four coordinates of Point and the covariance of those that `free` names."""
+    """Values of ln |K|, ln T, c = alpha r^2 and delta0 in scales, and the covariance of those that `free` names."""
 
     values: Floats
     free: tuple[int, ...]
     covariance: Floats
 
+    def physical(self, scales: Scales, sign: float) -> tuple[float, float, float, float]:
+        """Return K [1/s], T [s], alpha [s^2], delta0 [rad]."""
+        ln_gain, ln_lag, cubic, offset = (float(value) for value in self.values)
+        return (
+            sign * math.exp(ln_gain),
+            math.exp(ln_lag),
+            cubic / scales.yaw_rate_rad_s**2,
+            scales.rudder_middle_rad + offset * scales.rudder_rad,
+        )
+
 
 def estimates_of(one: Fit) -> Estimates:
     """Return what a fit itself says."""
-    return Estimates(one.state.point.values, one.problem.free, one.covariance)
+    return _natural(one.state.point.values, one.problem.free, one.covariance)
+
+
+def _natural(values: Floats, free: tuple[int, ...], covariance: Floats) -> Estimates:
+    natural, turn = to_natural(values, free)
+    return Estimates(natural, free, turn @ covariance @ turn.T)
 
 
 def allowing_for_cubic(linear: Fit) -> Estimates:
@@ -237,8 +281,10 @@ def allowing_for_cubic(linear: Fit) -> Estimates:
     weights = problem.channel_weights()
     matrix, slope = problem.normal(linear.state)
     share = linear.effective_rows / problem.data.rows
-    believed = 1.0 / (BELIEVED_CUBIC**2 * share)
-    step, covariance = known.step(matrix, slope, weights, CUBIC.index(2), believed, BELIEVED_CUBIC)
+    spread = BELIEVED_CUBIC * (problem.scales.yaw_rate_rad_s / linear.typical_rate_rad_s()) ** 2
+    believed = 1.0 / (spread**2 * share)
+    step, covariance = known.step(matrix, slope, weights, CUBIC.index(2), believed, spread)
     values = linear.state.point.values.copy()
     values[list(CUBIC)] += step
-    return Estimates(values, CUBIC, covariance)
+    values[2] = max(values[2], -0.5)  # where the yaw rate's noise is all, the step means nothing
+    return _natural(values, CUBIC, covariance)

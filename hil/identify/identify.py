@@ -135,10 +135,6 @@ def _chosen(data: Data, searched: Searched, model: str, tell: Callable[[], None]
         return linear, Choice("linear", "as asked for", False, ""), spent
     cubic = fit(data, searched, CUBIC, searched.found.point, tell, linear)
     spent += cubic.evaluations
-    if cubic.likelihood > linear.likelihood + EQUAL_LIKELIHOOD:
-        # It contains the linear model, so it went down another valley.
-        cubic = fit(data, searched, CUBIC, linear.state.point, tell)
-        spent += cubic.evaluations
     if model == "cubic":
         return cubic, Choice("cubic", "as asked for", False, ""), spent
     place = CUBIC.index(2)
@@ -167,7 +163,6 @@ def _best_start(searched: Searched) -> Point:
     """Return the better of what scan and swarm say of a linear model."""
     guess, swarm = searched.box.guess, searched.found.point
     values = swarm.values.copy()
-    values[0] -= math.log1p(max(values[2], 0.0))
     values[2] = 0.0
     flat = Point(values, swarm.sign)
     both = misfit(searched.record, np.array([guess.values, flat.values]), guess.sign)

@@ -209,65 +209,84 @@ def filter_columns(values: Floats, lags: Floats, result: Floats) -> None:
                 result[row, column] += lags[k] * values[row - 1 - k, column]
 
 
-# Rows of the two arrays that output_error carries along, a column for each candidate:
-# state: heading, yaw rate, free decay, free turn. sums: over a window, of the heading's error e, of the
-# free turn t, ee, tt, et; over a stretch, of tt and et of the heading without means, of tt and et of
-# the yaw rate; over all, the squared errors of heading and of yaw rate.
+# The arrays that output_error carries along have a value for each candidate and come in tuples, because the
+# compiler makes SIMD of separate arrays only:
+# state: heading, yaw rate, free decay, free turn.
+# window: sums over a window, of the heading's error e, of the free turn t, of ee, tt and et.
+# stretch: sums over a stretch, of tt and et of the heading without means, of tt and et of the yaw rate.
+# total: squared errors of heading and of yaw rate.
+Columns = tuple[Floats, ...]
 
 
 @compiled
-def _advance(state: Floats, model: Floats, rudder_rad: float, next_rad: float, step_s: float, u: float) -> None:
+def _advance(state: Columns, model: Columns, rudder_rad: float, next_rad: float, step_s: float, u: float) -> None:
     """Move all candidates on by one sample."""
+    psi, r, decay, turn = state
+    gain, lag, cubic, offset = model
     lag_scale, cubic_scale = 1.0 / u, 1.0 / (u * u)
-    for f in range(state.shape[1]):
-        gain, lag = model[0, f] * u, model[1, f] * lag_scale
-        state[0, f], state[1, f] = exponential_step(
-            state[0, f], state[1, f], rudder_rad, next_rad, step_s, gain, lag, model[2, f] * cubic_scale, model[3, f]
+    for f in range(psi.size):
+        lag_s = lag[f] * lag_scale
+        psi[f], r[f] = exponential_step(
+            psi[f], r[f], rudder_rad, next_rad, step_s, gain[f] * u, lag_s, cubic[f] * cubic_scale, offset[f]
         )
         # The free decay needs no more than a direction, so a short form serves.
-        x = step_s / lag
-        decayed = state[2, f] / (1.0 + x * (1.0 + x * (P2 + x * P3)))
-        state[3, f] += 0.5 * step_s * (state[2, f] + decayed)
-        state[2, f] = decayed
+        x = step_s / lag_s
+        decayed = decay[f] / (1.0 + x * (1.0 + x * (P2 + x * P3)))
+        turn[f] += 0.5 * step_s * (decay[f] + decayed)
+        decay[f] = decayed
 
 
 @compiled
-def _add_errors(state: Floats, sums: Floats, heading_rad: float, yaw_rate_rad_s: float) -> None:
-    for f in range(state.shape[1]):
-        error, turn, decay = heading_rad - state[0, f], state[3, f], state[2, f]
-        sums[0, f] += error
-        sums[1, f] += turn
-        sums[2, f] += error * error
-        sums[3, f] += turn * turn
-        sums[4, f] += error * turn
-        error = yaw_rate_rad_s - state[1, f]
-        sums[7, f] += decay * decay
-        sums[8, f] += error * decay
-        sums[10, f] += error * error
+def _add_heading_errors(state: Columns, window: Columns, heading_rad: float) -> None:
+    psi, _, _, turn = state
+    e1, t1, e2, t2, et = window
+    for f in range(psi.size):
+        error = heading_rad - psi[f]
+        e1[f] += error
+        t1[f] += turn[f]
+        e2[f] += error * error
+        t2[f] += turn[f] * turn[f]
+        et[f] += error * turn[f]
 
 
 @compiled
-def _end_window(state: Floats, sums: Floats, rows: int) -> None:
+def _add_rate_errors(state: Columns, stretch: Columns, total: Columns, yaw_rate_rad_s: float) -> None:
+    _, r, decay, _ = state
+    _, _, rate_t2, rate_et = stretch
+    _, rate_e2 = total
+    for f in range(r.size):
+        error = yaw_rate_rad_s - r[f]
+        rate_t2[f] += decay[f] * decay[f]
+        rate_et[f] += error * decay[f]
+        rate_e2[f] += error * error
+
+
+@compiled
+def _end_window(state: Columns, window: Columns, stretch: Columns, total: Columns, rows: int) -> None:
     """Take the means out of a window's sums, and start its headings anew."""
+    e1, t1, e2, t2, et = window
     share = 1.0 / max(rows, 1)
-    for f in range(state.shape[1]):
-        sums[9, f] += sums[2, f] - share * sums[0, f] * sums[0, f]
-        sums[5, f] += sums[3, f] - share * sums[1, f] * sums[1, f]
-        sums[6, f] += sums[4, f] - share * sums[0, f] * sums[1, f]
-    sums[:5] = 0.0
-    state[0] = 0.0
-    state[3] = 0.0
+    for f in range(e1.size):
+        total[0][f] += e2[f] - share * e1[f] * e1[f]
+        stretch[0][f] += t2[f] - share * t1[f] * t1[f]
+        stretch[1][f] += et[f] - share * e1[f] * t1[f]
+    for column in window:
+        column[:] = 0.0
+    state[0][:] = 0.0
+    state[3][:] = 0.0
 
 
 @compiled
-def _end_stretch(state: Floats, sums: Floats) -> None:
+def _end_stretch(state: Columns, stretch: Columns, total: Columns) -> None:
     """Take what an initial yaw rate would explain out of a stretch's errors, and start anew."""
-    for f in range(state.shape[1]):
-        sums[9, f] -= sums[6, f] * sums[6, f] / max(sums[5, f], TINY)
-        sums[10, f] -= sums[8, f] * sums[8, f] / max(sums[7, f], TINY)
-    sums[5:9] = 0.0
-    state[1] = 0.0
-    state[2] = 1.0
+    heading_t2, heading_et, rate_t2, rate_et = stretch
+    for f in range(heading_t2.size):
+        total[0][f] -= heading_et[f] * heading_et[f] / max(heading_t2[f], TINY)
+        total[1][f] -= rate_et[f] * rate_et[f] / max(rate_t2[f], TINY)
+    for column in stretch:
+        column[:] = 0.0
+    state[1][:] = 0.0
+    state[2][:] = 1.0
 
 
 @compiled
@@ -303,27 +322,35 @@ def output_error(
         yaw_rate_rad_s: measured.
     """
     count = points.shape[0]
-    model = np.empty((4, count))
-    model[0], model[1] = scales[0] * np.exp(points[:, 0]), np.exp(points[:, 1])
-    model[2], model[3] = points[:, 2] / (scales[1] * scales[1]), scales[3] + points[:, 3] * scales[2]
-    state, sums = np.zeros((4, count)), np.zeros((11, count))
-    state[2] = 1.0
+    model = (
+        scales[0] * np.exp(points[:, 0]) * (1.0 + points[:, 2]),
+        np.exp(points[:, 1]) * (1.0 + points[:, 2]),
+        points[:, 2] / (scales[1] * scales[1]),
+        scales[3] + points[:, 3] * scales[2],
+    )
+    state = (np.zeros(count), np.zeros(count), np.ones(count), np.zeros(count))
+    window = (np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count))
+    stretch = (np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count))
+    total = (np.zeros(count), np.zeros(count))
     inside = 0
     for n in range(flags.size):
         if flags[n] > 0:
-            _end_window(state, sums, inside)
+            _end_window(state, window, stretch, total, inside)
             inside = 0
         if flags[n] == 2:
-            _end_stretch(state, sums)
+            _end_stretch(state, stretch, total)
         else:
             u = 0.5 * (speed_ratio[n - 1] + speed_ratio[n])
             _advance(state, model, rudder_rad[n - 1], rudder_rad[n], step_s[n], u)
-        _add_errors(state, sums, heading_rad[n], yaw_rate_rad_s[n])
+        if scales[4] > 0.0:
+            _add_heading_errors(state, window, heading_rad[n])
+        if scales[5] > 0.0:
+            _add_rate_errors(state, stretch, total, yaw_rate_rad_s[n])
         inside += 1
-    _end_window(state, sums, inside)
-    _end_stretch(state, sums)
+    _end_window(state, window, stretch, total, inside)
+    _end_stretch(state, stretch, total)
     for f in range(count):
-        heading, rate = max(sums[9, f], 0.0), max(sums[10, f], 0.0)
+        heading, rate = max(total[0][f], 0.0), max(total[1][f], 0.0)
         if scales[4] > 0.0 and scales[5] > 0.0:
             values[f] = np.sqrt(heading / scales[4] * (rate / scales[5]))
         else:

@@ -29,9 +29,11 @@ class Scales:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A candidate: ln |K|, ln T, alpha times the typical yaw rate squared, delta0 in scales; and K's sign.
+    """A candidate in the coordinates that are searched and refined in, and K's sign.
 
-    These are the coordinates that are searched and refined in.
+    c = alpha r^2 with r the typical yaw rate; ln(|K| / (1 + c)) and ln(T / (1 + c)), which are what
+    a linear model would see at that rate; c; and delta0 in scales. In K, T and alpha
+    themselves the good candidates lie along a bent valley; here it is straight.
     """
 
     values: Floats  # (4,)
@@ -39,15 +41,25 @@ class Point:
 
     def physical(self, scales: Scales) -> Floats:
         """Return K [1/s], T [s], alpha [s^2], delta0 [rad]."""
-        ln_k, ln_t, cubic, offset = (float(value) for value in self.values)
+        ln_gain, ln_lag, cubic, offset = (float(value) for value in self.values)
         return np.array(
             [
-                self.sign * math.exp(ln_k),
-                math.exp(ln_t),
+                self.sign * math.exp(ln_gain) * (1.0 + cubic),
+                math.exp(ln_lag) * (1.0 + cubic),
                 cubic / scales.yaw_rate_rad_s**2,
                 scales.rudder_middle_rad + offset * scales.rudder_rad,
             ]
         )
+
+
+def to_natural(values: Floats, free: Sequence[int]) -> tuple[Floats, Floats]:
+    """Return ln |K|, ln T, c and delta0 of the coordinates of Point, and their derivatives by the free ones."""
+    natural = values.copy()
+    natural[:2] += math.log1p(float(values[2]))
+    turn = np.eye(len(free))
+    if 2 in free:
+        turn[:2, free.index(2)] = 1.0 / (1.0 + float(values[2]))
+    return natural, turn
 
 
 @dataclass(frozen=True, slots=True)

@@ -130,8 +130,9 @@ def _predictions(result: Identification) -> list[str]:
         if one.yaw_rate_rmse_rad_s is not None:
             parts.append(f"yaw rate rms {degrees(one.yaw_rate_rmse_rad_s):.4g} deg/s")
         if one.heading_rmse_rad is not None and one.heading_mean_rad is not None and one.heading_within_rad is not None:
+            mean = "" if one is result.train else f"mean {degrees(one.heading_mean_rad):+.2g}, "
             parts.append(
-                f"heading mean {degrees(one.heading_mean_rad):+.2g}, rms {degrees(one.heading_rmse_rad):.3g}, "
+                f"heading {mean}rms {degrees(one.heading_rmse_rad):.3g}, "
                 f"95 % within {degrees(one.heading_within_rad):.3g} deg"
             )
         name = "errors on the training data" if one is result.train else f"prediction of {one.file}"

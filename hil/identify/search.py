@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +20,7 @@ SHORTEST_LAG_S, LONGEST_LAG_S = 0.02, 2e4
 GAIN_MARGIN = math.log(3.0)
 OFFSET_MARGIN = 0.5  # of half the rudder's range
 LARGEST_OFFSET = 3.0
+LEAST_SCALE = 0.02  # of the measured yaw rates, where the rudder seems to do nothing
 LARGEST_CUBIC, SMALL_CUBIC = 30.0, 0.01  # alpha r^2; beyond, only ratios of K, T and alpha are left anyway
 SETTINGS = SwarmSettings(fish=30, iterations=30, tries=4)
 
@@ -33,7 +33,7 @@ class Box:
 
     A straight box in ln K and ln T would be nearly empty: where T is longer than the
     manoeuvre only K/T is seen. So K and delta0 are searched around what fits best at each T
-    without the cubic term, and K with that term around (1 + alpha r^2) times as much.
+    without the cubic term.
     """
 
     ln_lag: Floats
@@ -53,7 +53,7 @@ class Box:
         """Turn coordinates (m, 3 or 4) of the box into those of Point (m, 4)."""
         # Even below SMALL_CUBIC and logarithmic beyond.
         cubic = SMALL_CUBIC * np.expm1(fish[:, 3]) if fish.shape[1] > 3 else np.zeros(fish.shape[0])
-        ln_gain = np.interp(fish[:, 0], self.ln_lag, self.ln_gain) + fish[:, 1] + np.log1p(cubic)
+        ln_gain = np.interp(fish[:, 0], self.ln_lag, self.ln_gain) + fish[:, 1]
         offset = np.interp(fish[:, 0], self.ln_lag, self.offset) + fish[:, 2]
         return np.ascontiguousarray(np.column_stack((ln_gain, fish[:, 0], cubic, offset)))
 
@@ -72,6 +72,26 @@ class GlobalSearch(Protocol):
 
     def __call__(self, record: Digest, box: Box, seed: int, *, cubic: bool, tell: Callback) -> Found:
         """Return the best candidate."""
+
+
+def with_scale_of(record: Digest, box: Box) -> Digest:
+    """Return a record whose yaw rate scale is what she turns at, without the noise, by the box's guess."""
+    rows = record.flags.size
+    heading, rate = np.zeros((rows, 1)), np.zeros((rows, 1))
+    for part in record.parts():
+        rate[part.start] = record.yaw_rate_rad_s[part.start] if record.rate_power > 0.0 else 0.0
+        simulate(
+            record.step_s[part][1:],
+            record.rudder_rad[part],
+            record.speed_ratio[part],
+            1,
+            box.guess.physical(record.scales)[:, None],
+            heading[part],
+            rate[part],
+        )
+    noisy = record.scales.yaw_rate_rad_s
+    typical = min(max(float(np.quantile(np.abs(rate), 0.95)), LEAST_SCALE * noisy), noisy)
+    return replace(record, scales=replace(record.scales, yaw_rate_rad_s=typical))
 
 
 def misfit(record: Digest, points: Floats, sign: float) -> Floats:
@@ -111,8 +131,7 @@ def _solved(record: Digest, lags: Floats) -> tuple[Floats, Floats]:
     candidates[0, : 2 * count], candidates[1] = 1.0, np.tile(lags, 3)
     candidates[3, :count], candidates[3, count : 2 * count] = middle, middle - 1.0
     heading, rate = np.zeros((rows, 3 * count)), np.zeros((rows, 3 * count))
-    begins = [*np.flatnonzero(record.flags == 2).tolist(), rows]
-    parts = [slice(low, high) for low, high in pairwise(begins)]
+    parts = record.parts()
     for part in parts:
         rate[part.start, 2 * count :] = 1.0
         simulate(

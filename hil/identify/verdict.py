@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.identify.fit import Estimates, Fit
-from hil.identify.predict import Point
 from hil.identify.recording import Floats
 
 IDENTIFIABLE = "identifiable"
@@ -52,9 +51,7 @@ def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None) -> 
     alpha: value and standard error where the model has it held, None where the estimates tell.
     """
     scales = fit.problem.scales
-    gain, lag_s, cubic, offset = (
-        float(value) for value in Point(estimates.values, fit.state.point.sign).physical(scales)
-    )
+    gain, lag_s, cubic, offset = estimates.physical(scales, fit.state.point.sign)
     free = list(estimates.free)
     covariance = estimates.covariance
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -111,7 +108,7 @@ def _main(name: str, value: float, relative: float, ratio: Estimate, *, explaine
 
 
 def _alpha(fit: Fit, value: float, se: float, *, explained: bool) -> Estimate:
-    rate = fit.problem.scales.yaw_rate_rad_s
+    rate = fit.typical_rate_rad_s()
     share = abs(value) * rate**2
     bound = (max(value, 0.0) + 1.96 * se) * rate**2
     seen = f"at the yaw rates of this log ({math.degrees(rate):.2g} deg/s) its term is"
