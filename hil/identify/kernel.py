@@ -326,7 +326,7 @@ def output_error(
         scales[0] * np.exp(points[:, 0]) * (1.0 + points[:, 2]),
         np.exp(points[:, 1]) * (1.0 + points[:, 2]),
         points[:, 2] / (scales[1] * scales[1]),
-        scales[3] + points[:, 3] * scales[2],
+        scales[3] + points[:, 3] * scales[2] * (1.0 + 3.0 * points[:, 2]) / (1.0 + points[:, 2]),
     )
     state = (np.zeros(count), np.zeros(count), np.ones(count), np.zeros(count))
     window = (np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count))

@@ -32,8 +32,9 @@ class Point:
     """A candidate in the coordinates that are searched and refined in, and K's sign.
 
     c = alpha r^2 with r the typical yaw rate; ln(|K| / (1 + c)) and ln(T / (1 + c)), which are what
-    a linear model would see at that rate; c; and delta0 in scales. In K, T and alpha
-    themselves the good candidates lie along a bent valley; here it is straight.
+    a linear model would see at that rate; c; and delta0 in scales times (1 + c) / (1 + 3 c), which
+    with the others sets the mean yaw rate. In K, T, alpha and delta0 themselves the good
+    candidates lie along a bent valley; here it is nearly straight.
     """
 
     values: Floats  # (4,)
@@ -47,7 +48,7 @@ class Point:
                 self.sign * math.exp(ln_gain) * (1.0 + cubic),
                 math.exp(ln_lag) * (1.0 + cubic),
                 cubic / scales.yaw_rate_rad_s**2,
-                scales.rudder_middle_rad + offset * scales.rudder_rad,
+                scales.rudder_middle_rad + offset * scales.rudder_rad * (1.0 + 3.0 * cubic) / (1.0 + cubic),
             ]
         )
 
@@ -55,10 +56,15 @@ class Point:
 def to_natural(values: Floats, free: Sequence[int]) -> tuple[Floats, Floats]:
     """Return ln |K|, ln T, c and delta0 of the coordinates of Point, and their derivatives by the free ones."""
     natural = values.copy()
-    natural[:2] += math.log1p(float(values[2]))
+    cubic, offset = float(values[2]), float(values[3])
+    stretch = (1.0 + 3.0 * cubic) / (1.0 + cubic)
+    natural[:2] += math.log1p(cubic)
+    natural[3] = offset * stretch
     turn = np.eye(len(free))
     if 2 in free:
-        turn[:2, free.index(2)] = 1.0 / (1.0 + float(values[2]))
+        turn[:2, free.index(2)] = 1.0 / (1.0 + cubic)
+        turn[free.index(3), free.index(2)] = 2.0 * offset / (1.0 + cubic) ** 2
+    turn[-1, -1] = stretch
     return natural, turn
 
 

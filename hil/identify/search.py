@@ -90,7 +90,7 @@ def with_scale_of(record: Digest, box: Box) -> Digest:
             rate[part],
         )
     noisy = record.scales.yaw_rate_rad_s
-    typical = min(max(float(np.quantile(np.abs(rate), 0.95)), LEAST_SCALE * noisy), noisy)
+    typical = min(max(float(np.sqrt(np.mean(rate**2))), LEAST_SCALE * noisy), noisy)
     return replace(record, scales=replace(record.scales, yaw_rate_rad_s=typical))
 
 
