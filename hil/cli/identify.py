@@ -77,8 +77,9 @@ def run(arguments: argparse.Namespace) -> int:
             tell=progress.tell,
         )
     seconds = time.monotonic() - began_s
-    suggestion = suggest(result.fit, result.judgement)
-    text = report.as_text(result, suggestion)
+    angular = arguments.rudder_unit != "any"
+    suggestion = suggest(result.fit, result.judgement, angular=angular)
+    text = report.as_text(result, suggestion, angular=angular)
     to_stdout = arguments.json is not None and str(arguments.json) == "-"
     if arguments.json is not None:
         data = report.as_json(result, seconds, suggestion)

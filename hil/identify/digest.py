@@ -18,7 +18,7 @@ WINDOW_ROWS = 50
 
 @dataclass(frozen=True, slots=True)
 class Digest:
-    """The averages of all stretches end to end, as kernel.output_error takes them.
+    """The averages of all stretches end to end, as objective.output_error takes them.
 
     `scales` are of the data; the powers are what the misfit is measured against.
     """
@@ -75,6 +75,7 @@ def digest(data: Data) -> Digest:
         max(float(np.quantile(turning, 0.95)), 1e-9),
         max(0.5 * float(np.max(rudder) - np.min(rudder)), 1e-12),
         middle,
+        max(float(np.max(turning)), 1e-9),
     )
     one = data.stretches[0]
     rate = whole["rate"]

@@ -22,6 +22,8 @@ ROUNDS, FINE_ROUNDS = 5, 2
 SETTLED = 0.05  # of a weight, relative
 NO_LAGS = np.zeros(0)
 FEW_ROWS = 3000
+MOST_LAGS = 24  # of the filter that makes a heading's noise white; what colour is left the standard errors allow for
+LONGEST_ALLOWED = 0.5  # step of ln K, ln T, c and delta0 in scales
 BELIEVED_CUBIC = 0.1  # alpha r^2 at the yaw rates of a log in which it does not show, one sigma
 
 
@@ -225,7 +227,7 @@ def _weights(problem: Problem, state: State, known: Information) -> Weights:
         problem.errors(stretch, state, start)[0][:, None]
         for stretch, start in zip(problem.data.stretches, state.starts, strict=True)
     ]
-    model = fit_noise(pieces)
+    model = fit_noise(pieces, MOST_LAGS)
     return Weights(1.0 / max(float(model.covariance[0, 0]), 1e-30), 0.0, model.lags[:, 0, 0].copy())
 
 
@@ -269,12 +271,13 @@ def _natural(values: Floats, free: tuple[int, ...], covariance: Floats) -> Estim
     return Estimates(natural, free, turn @ covariance @ turn.T)
 
 
-def allowing_for_cubic(linear: Fit) -> Estimates:
+def allowing_for_cubic(linear: Fit) -> Estimates | None:
     """Return K, T and delta0 as they are when alpha is not taken for zero but for unknown and small.
 
     A linear fit to a boat with an alpha too small to show is off by more than its own standard
     errors say, for the term acts like a smaller K. So alpha is put back, with what is believed
-    beforehand of its size, and everything moves by one Gauss-Newton step.
+    beforehand of its size, and everything moves by one Gauss-Newton step. None where that leads
+    too far for one step to be right: then so little is known that it makes no difference.
     """
     problem = replace(linear.problem, free=CUBIC)
     known = information(problem, linear.state)
@@ -286,5 +289,6 @@ def allowing_for_cubic(linear: Fit) -> Estimates:
     step, covariance = known.step(matrix, slope, weights, CUBIC.index(2), believed, spread)
     values = linear.state.point.values.copy()
     values[list(CUBIC)] += step
-    values[2] = max(values[2], -0.5)  # where the yaw rate's noise is all, the step means nothing
+    if not (np.all(np.isfinite(step)) and np.max(np.abs(step)) < LONGEST_ALLOWED):
+        return None
     return _natural(values, CUBIC, covariance)

@@ -18,13 +18,15 @@ from hil.identify.predict import Point
 from hil.identify.recording import Recording
 from hil.identify.search import GlobalSearch, misfit, swarm_search
 from hil.identify.stretch import Data, prepare
-from hil.identify.verdict import Judgement, judge
+from hil.identify.verdict import LARGEST_ERROR, Judgement, judge
 
 MODELS = ("linear", "cubic", "auto")
 SPEEDS = ("auto", "scaled", "ignored")
 SPEED_SPREAD = 0.02  # relative; a steadier speed makes no difference
 EQUAL_LIKELIHOOD = 4.0
 CONSTANT = 1e-9
+TINY = 1e-12
+DECISIVE = 10.0  # times what BIC asks for: alpha is there, however badly its size is known
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +87,7 @@ def identify(
 ) -> Identification:
     """Identify K, T, alpha and delta0; UsageError for data that cannot tell anything, naming the remedy."""
     data = prepare(train)
-    _check_rudder(data)
+    _check_motion(data)
     scaled = speed != "ignored" and data.speed_m_s is not None
     if not scaled:
         data = _unscaled(data)
@@ -105,7 +107,7 @@ def identify(
         else:
             why = f"scaled to the measured speed (against a constant model: {gain:+.0f} in -2 ln likelihood)"
             choice = replace(choice, speed_why=why)
-    judgement = _judged(found, model, choice)
+    judgement = _judged(found, model)
     brought = Brought(
         searched.box.guess_misfit,
         searched.found.misfit,
@@ -128,31 +130,50 @@ def identify(
 
 
 def _chosen(data: Data, searched: Searched, model: str, tell: Callable[[], None]) -> tuple[Fit, Choice, int]:
-    """Return the fit of the model asked for or that the evidence is for, why, and the evaluations."""
+    """Return the fit of the model asked for or that the evidence is for, and why."""
     linear = fit(data, searched, LINEAR, _best_start(searched), tell)
-    spent = linear.evaluations
     if model == "linear":
-        return linear, Choice("linear", "as asked for", False, ""), spent
+        return linear, Choice("linear", "as asked for", False, ""), linear.evaluations
     cubic = fit(data, searched, CUBIC, searched.found.point, tell, linear)
-    spent += cubic.evaluations
+    spent = linear.evaluations + cubic.evaluations
+    place = CUBIC.index(2)
+    spread = math.sqrt(max(float(cubic.covariance[place, place]), 0.0))
+    z = float(cubic.state.point.values[2]) / spread if spread > TINY else 0.0
+    needed = math.sqrt(math.log(max(cubic.effective_rows, 10.0)))
+    size = f"alpha is {z:.1f} standard errors from zero"
+    gain = _gain(linear, cubic)
+    if z > 1.0 and gain > DECISIVE * needed**2:
+        needed, size = 1.0, f"{size}, and takes {gain:.0f} off -2 ln likelihood"
+    if model == "cubic" and z < 0.0:
+        # Against all that is known of hulls, and a boat with a negative alpha spins up without end.
+        return linear, Choice("cubic", f"as asked for; {size}, so it is held at zero", False, ""), spent
     if model == "cubic":
         return cubic, Choice("cubic", "as asked for", False, ""), spent
-    place = CUBIC.index(2)
-    z = float(cubic.state.point.values[2]) / math.sqrt(max(float(cubic.covariance[place, place]), 1e-300))
-    needed = math.sqrt(math.log(max(cubic.effective_rows, 10.0)))
-    why = f"alpha is {z:.1f} standard errors from zero; {needed:.1f} are needed (BIC, {_rows(cubic)})"
+    why = f"{size}; {needed:.1f} are needed (BIC, {_rows(cubic)})"
     if z > needed:
         return cubic, Choice("cubic", why, False, ""), spent
     return linear, Choice("linear", f"{why}; K and T allow for an alpha that does not show", False, ""), spent
 
 
-def _judged(found: Fit, model: str, choice: Choice) -> Judgement:
-    if model == "auto" and choice.model == "linear":
-        allowing = allowing_for_cubic(found)
-        place = CUBIC.index(2)
-        spread = math.sqrt(max(float(allowing.covariance[place, place]), 0.0))
-        return judge(found, allowing, (0.0, spread / found.problem.scales.yaw_rate_rad_s**2))
-    return judge(found, estimates_of(found), None if found.problem.free == CUBIC else (0.0, 0.0))
+def _gain(linear: Fit, cubic: Fit) -> float:
+    """Return what alpha takes off -2 ln likelihood, by the weights of the cubic fit."""
+    shares = np.array(cubic.problem.channel_weights()) * cubic.known.noise.spread**2
+    readings = cubic.effective_rows * float(np.count_nonzero(shares > 0.01 * shares.max()))
+    return (cubic.problem.cost(linear.state) / max(cubic.cost, 1e-300) - 1.0) * readings
+
+
+def _judged(found: Fit, model: str) -> Judgement:
+    """Judge a fit, K, T and delta0 with regard to an alpha that is held at zero but need not be zero."""
+    if found.problem.free == CUBIC:
+        return judge(found, estimates_of(found), None)
+    if model == "linear":
+        return judge(found, estimates_of(found), (0.0, 0.0))
+    estimates = allowing_for_cubic(found)
+    if estimates is None:
+        return judge(found, estimates_of(found), (0.0, LARGEST_ERROR))
+    place = CUBIC.index(2)
+    spread = math.sqrt(max(float(estimates.covariance[place, place]), 0.0))
+    return judge(found, estimates, (0.0, spread / found.problem.scales.yaw_rate_rad_s**2))
 
 
 def _rows(one: Fit) -> str:
@@ -179,12 +200,25 @@ def _speed_varies(data: Data) -> bool:
     return float(np.std(ratio)) > SPEED_SPREAD
 
 
-def _check_rudder(data: Data) -> None:
+def _check_motion(data: Data) -> None:
     rudder = np.concatenate([one.rudder_rad for one in data.stretches])
     low, high = float(np.min(rudder)), float(np.max(rudder))
-    if high - low <= CONSTANT * max(abs(low), abs(high), 1.0):
-        names = ", ".join(sorted({one.name for one in data.stretches}))
+    moving = [
+        column
+        for one in data.stretches
+        for column in (one.heading_rad, one.yaw_rate_rad_s)
+        if column is not None and float(np.ptp(column)) > 0.0
+    ]
+    if not moving:
         raise UsageError(
-            f"{names}: constant rudder, {low:g} throughout: nothing can be told from it; "
+            f"{_names(data)}: she does not turn at all, heading and yaw rate are constant; record a zigzag"
+        )
+    if high - low <= CONSTANT * max(abs(low), abs(high), 1.0):
+        raise UsageError(
+            f"{_names(data)}: constant rudder, {low:g} throughout: nothing can be told from it; "
             "record a zigzag, or give a second file with another rudder angle"
         )
+
+
+def _names(data: Data) -> str:
+    return ", ".join(sorted({one.name for one in data.stretches}))

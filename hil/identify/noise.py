@@ -49,7 +49,7 @@ def _inverse(matrices: NDArray[np.complex128]) -> NDArray[np.complex128]:
     return np.asarray(adjoint / determinant[:, None, None])
 
 
-def fit_noise(pieces: Sequence[Floats]) -> NoiseModel:
+def fit_noise(pieces: Sequence[Floats], most_orders: int = MOST_ORDERS) -> NoiseModel:
     """Fit an autoregression to pieces (rows, channels) of a noise, its order chosen by AIC.
 
     AIC rather than BIC: what matters is the spectrum at low frequencies, which too short a model gets
@@ -58,7 +58,7 @@ def fit_noise(pieces: Sequence[Floats]) -> NoiseModel:
     """
     channels = pieces[0].shape[1]
     rows = sum(piece.shape[0] for piece in pieces)
-    most = max(0, min(MOST_ORDERS, rows // (ROWS_PER_ORDER * channels), min(len(piece) for piece in pieces) - 2))
+    most = max(0, min(most_orders, rows // (ROWS_PER_ORDER * channels), min(len(piece) for piece in pieces) - 2))
     scale = np.sqrt(np.maximum(sum(np.sum(piece**2, axis=0) for piece in pieces) / rows, 1e-300))
     scaled = [piece / scale for piece in pieces]
     gamma = _covariances(scaled, most, rows)

@@ -20,11 +20,15 @@ CUBIC_TOLERANCE = 2e-4  # of the yaw rate, that the integration of the cubic ter
 
 @dataclass(frozen=True, slots=True)
 class Scales:
-    """What a yaw rate and a rudder angle of this data are like, so that parameters are near 1."""
+    """What a yaw rate and a rudder angle of this data are like, so that parameters are near 1.
+
+    The largest rate bounds how negative alpha may be: where 3 alpha r^2 < -1 she spins up without end.
+    """
 
     yaw_rate_rad_s: float
     rudder_rad: float
     rudder_middle_rad: float
+    largest_rate_rad_s: float
 
 
 @dataclass(frozen=True, slots=True)

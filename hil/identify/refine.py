@@ -23,12 +23,13 @@ from hil.identify.predict import (
 from hil.identify.recording import Floats
 from hil.identify.stretch import Data, Stretch
 
-MOST_ITERATIONS = 60
-SMALL_GAIN = 1e-4  # of the noise's variance: a step that promises less is far within the standard errors
+MOST_ITERATIONS = 40
+SMALL_GAIN = 1e-3  # of the noise's variance: a step that promises less is far within the standard errors
 DAMPING_RANGE = (1e-9, 1e9)
 LONGEST_MOVE = 1.0  # of ln K and ln T in one iteration
 LONGEST_LAG = 30.0  # of the longest stretch; nothing tells a longer T from an endless one
-LOWEST = np.array([-25.0, math.log(0.01), -0.2, -50.0])
+SPIN = 0.25  # -alpha r^2 at the largest yaw rate; from 1/3 on the equation has no rest
+LOWEST = np.array([-25.0, math.log(0.01), -SPIN, -50.0])
 HIGHEST = np.array([25.0, math.log(2e4), 1e4, 50.0])
 
 
@@ -86,10 +87,11 @@ class Problem:
 
     def bounds(self) -> tuple[Floats, Floats]:
         """Return the least and largest of all four coordinates."""
-        highest = HIGHEST.copy()
+        lowest, highest = LOWEST.copy(), HIGHEST.copy()
+        lowest[2] = -SPIN * min((self.scales.yaw_rate_rad_s / self.scales.largest_rate_rad_s) ** 2, 1.0)
         duration_s = max(float(one.time_s[-1] - one.time_s[0]) for one in self.data.stretches)
         highest[1] = min(highest[1], math.log(LONGEST_LAG * duration_s))
-        return LOWEST, highest
+        return lowest, highest
 
     def channel_weights(self) -> tuple[float, ...]:
         """Return the weights of the channels that the data has, heading first."""

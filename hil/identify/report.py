@@ -68,9 +68,9 @@ def _errors(one: HeldOut) -> dict[str, float | None]:
     }
 
 
-def as_text(result: Identification, suggestion: Suggestion | None) -> str:
-    """Return the report that stands on the terminal."""
-    lines = [*_header(result), "", *_table(result), ""]
+def as_text(result: Identification, suggestion: Suggestion | None, *, angular: bool = True) -> str:
+    """Return the report that stands on the terminal; angular: the rudder column is an angle."""
+    lines = [*_header(result), "", *_table(result, angular=angular), ""]
     lines.append(f"model: {result.choice.model} ({result.choice.why})")
     if result.choice.speed_why:
         lines.append(f"speed: {result.choice.speed_why}")
@@ -93,11 +93,11 @@ def _header(result: Identification) -> list[str]:
     return [f"{data.rows} rows, {seconds:.0f} s in {len(data.stretches)} stretch(es){outliers}{speed}"]
 
 
-def _table(result: Identification) -> list[str]:
+def _table(result: Identification, *, angular: bool) -> list[str]:
     rows = [("", "value", "+-", "", "verdict")]
     for name, one in result.judgement.estimates.items():
-        value, se, unit = one.value, one.se, UNITS[name]
-        if name == "delta0":
+        value, se, unit = one.value, one.se, UNITS[name] if angular or name in ("T", "alpha") else ""
+        if name == "delta0" and angular:
             value, se, unit = degrees(value), degrees(se), "deg"
         rows.append((name, f"{value:.5g}", f"{se:.2g}" if se < 1e9 else "unknown", unit, f"{one.verdict}; {one.why}"))
     widths = [max(len(row[column]) for row in rows) for column in range(4)]

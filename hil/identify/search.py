@@ -10,7 +10,8 @@ from typing import Protocol
 import numpy as np
 
 from hil.identify.digest import Digest
-from hil.identify.kernel import output_error, simulate
+from hil.identify.kernel import simulate
+from hil.identify.objective import output_error
 from hil.identify.predict import Point
 from hil.identify.recording import Floats
 from hil.swarm import SwarmSettings, minimise
@@ -91,7 +92,8 @@ def with_scale_of(record: Digest, box: Box) -> Digest:
         )
     noisy = record.scales.yaw_rate_rad_s
     typical = min(max(float(np.sqrt(np.mean(rate**2))), LEAST_SCALE * noisy), noisy)
-    return replace(record, scales=replace(record.scales, yaw_rate_rad_s=typical))
+    largest = min(max(float(np.max(np.abs(rate))), typical), record.scales.largest_rate_rad_s)
+    return replace(record, scales=replace(record.scales, yaw_rate_rad_s=typical, largest_rate_rad_s=largest))
 
 
 def misfit(record: Digest, points: Floats, sign: float) -> Floats:

@@ -32,8 +32,11 @@ class Suggestion:
     seconds: float | None
 
 
-def suggest(fit: Fit, judgement: Judgement) -> Suggestion | None:
-    """Return the shortest of a few manoeuvres that would settle K, T and alpha, None when all are settled."""
+def suggest(fit: Fit, judgement: Judgement, *, angular: bool = True) -> Suggestion | None:
+    """Return the shortest of a few manoeuvres that would settle K, T and alpha, None when all are settled.
+
+    angular: whether the rudder column is an angle, and not a command of another unit.
+    """
     estimates = judgement.estimates
     open_ = [name for name in ("K", "T", "alpha") if estimates[name].verdict != IDENTIFIABLE]
     if not open_:
@@ -46,7 +49,8 @@ def suggest(fit: Fit, judgement: Judgement) -> Suggestion | None:
         )
     rudder = np.concatenate([one.rudder_rad for one in fit.problem.data.stretches])
     largest = float(np.max(np.abs(rudder)))
-    angle = max(largest, CIRCLE_RAD) if largest < math.pi / 2 else largest
+    angle = max(largest, CIRCLE_RAD) if angular else largest
+    shown = f"rudder {degrees(angle):.0f} deg" if angular else f"command {angle:.3g}"
     names = {"K": (0, LOOSE), "T": (1, LOOSE), "alpha": (2, 1.0 / CERTAIN)}
     wanted = [names[name] for name in open_]
     for seconds in LENGTHS_S:
@@ -55,7 +59,7 @@ def suggest(fit: Fit, judgement: Judgement) -> Suggestion | None:
                 continue
             spread = _expected(fit, manoeuvre(fit, seconds, angle))
             if all(spread[place] <= limit for place, limit in wanted):
-                return Suggestion(_text(title, fit, open_, seconds, angle), seconds)
+                return Suggestion(_text(title, fit, open_, seconds, shown), seconds)
     return Suggestion(
         f"{' and '.join(open_)}: even {LENGTHS_S[-1] / 3600.0:.1f} h of circles would not do with this noise; "
         "steer larger rudder angles, or measure the yaw rate with less noise",
@@ -63,16 +67,15 @@ def suggest(fit: Fit, judgement: Judgement) -> Suggestion | None:
     )
 
 
-def _text(title: str, fit: Fit, open_: list[str], seconds: float, angle: float) -> str:
+def _text(title: str, fit: Fit, open_: list[str], seconds: float, shown: str) -> str:
     lag_s = float(fit.physical[1])
-    shown = f"{degrees(angle):.0f} deg"
     what = f"to settle {' and '.join(open_)}, sail {seconds / 60.0:.0f} min of {title}: "
     if title == "circles":
         return (
-            f"{what}rudder {shown} to starboard, then to port, then a third of it to each side, "
+            f"{what}{shown} to starboard, then to port, then a third of it to each side, "
             f"each for {_leg(fit, seconds):.0f} s, over and over"
         )
-    return f"{what}rudder {shown} to each side by turns, {2.5 * lag_s:.0f} s each"
+    return f"{what}{shown} to each side by turns, {2.5 * lag_s:.0f} s each"
 
 
 def _leg(fit: Fit, seconds: float) -> float:

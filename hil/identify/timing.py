@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hil.identify.digest import digest
-from hil.identify.kernel import output_error
+from hil.identify.objective import output_error
 from hil.identify.recording import Floats
 from hil.identify.search import scan
 from hil.identify.stretch import Data
@@ -19,7 +19,7 @@ REPEATS = 5
 def objective(data: Data, fish: int) -> tuple[Callable[[], None], int, Floats]:
     """Return the search's objective of so many fish on data, to be called; its samples; and where it puts the values.
 
-    It is what the swarm calls: kernel.output_error on the averaged log.
+    It is what the swarm calls: objective.output_error on the averaged log.
     """
     record = digest(data)
     box = scan(record)

@@ -114,9 +114,11 @@ def _alpha(fit: Fit, value: float, se: float, *, explained: bool) -> Estimate:
     seen = f"at the yaw rates of this log ({math.degrees(rate):.2g} deg/s) its term is"
     if explained and value > CERTAIN * se:
         return Estimate(value, _finite(se), IDENTIFIABLE, f"{seen} {_percent(share)} of the yaw rate, and shows")
-    return Estimate(
-        value, _finite(se), NOT_IDENTIFIABLE, f"{seen} at most {_percent(bound)} of the yaw rate; zero is as likely"
-    )
+    if explained and value > 2.0 * se:
+        why = f"{seen} {_percent(share)} of the yaw rate, but alpha is known to {_percent(se / value)} only"
+    else:
+        why = f"{seen} at most {_percent(bound)} of the yaw rate; zero is as likely"
+    return Estimate(value, _finite(se), NOT_IDENTIFIABLE, why)
 
 
 def _offset(fit: Fit, value: float, se: float, *, explained: bool) -> Estimate:
