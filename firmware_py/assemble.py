@@ -17,8 +17,11 @@ from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.opening import open_transport
 from firmware_py.log.recorder import LogRecorder
-from firmware_py.loop import PARAMETER_FILE, Boat, Pilot
+from firmware_py.loop import PARAMETER_FILE, PLAN_FILES, Boat, Pilot
 from firmware_py.params import ParameterError, ParameterSet, format_file, parse_file
+from firmware_py.plan import Plan, PlanKind, Plans
+from firmware_py.plan import from_text as plan_from_text
+from firmware_py.plan_rules import fault_of
 from firmware_py.ports import ByteLine, Clock, Compass, Position, Rudder
 from firmware_py.realtime import LoadMeter
 from firmware_py.records import Event
@@ -130,6 +133,29 @@ def stored_parameters(store: Store, say: Callable[[str], None]) -> dict[str, flo
     return kept
 
 
+def _checked_plan(kind: PlanKind, text: str) -> Plan:
+    plan = plan_from_text(text)
+    if plan.kind is not kind:
+        raise ValueError(f"it is a {plan.kind.name.lower()}")
+    if fault := fault_of(plan):
+        raise ValueError(fault.text)
+    return plan
+
+
+def stored_plans(store: Store, say: Callable[[str], None]) -> Plans:
+    """The plans of earlier runs; an unusable one is told and left out."""
+    plans = Plans()
+    for kind, name in PLAN_FILES.items():
+        content = store.load(name)
+        if content is None:
+            continue
+        try:
+            plans = plans.replaced(_checked_plan(kind, content.decode("ascii", "replace")))
+        except ValueError as error:
+            say(f"stored {name} left out: {error}")
+    return plans
+
+
 @dataclass(frozen=True, slots=True)
 class Options:
     """What the command line says."""
@@ -168,7 +194,7 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     kept = stored_parameters(store, console.line)
     for name, value in kept.items():
         parameters = parameters.replaced(name, value)
-    pilot = Pilot(State.at_start(parameters), store, kept, format_file)
+    pilot = Pilot(State.at_start(parameters, stored_plans(store, console.line)), store, kept, format_file)
     lines = list(devices.lines)
 
     def open_line(path: str, baud: int) -> SerialLine:

@@ -8,10 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from firmware_py.clock import Metronome
+from firmware_py.intents import Answer, ReplacePlan, Request, SetParameter, Verdict
 from firmware_py.params import ParameterSet
+from firmware_py.plan import PlanKind, Plans
+from firmware_py.plan import to_text as plan_to_text
 from firmware_py.ports import Clock, Compass, Device, Link, Position, Recorder, Rudder
 from firmware_py.records import (
-    Answer,
     DeviceHealth,
     DeviceRole,
     DeviceState,
@@ -19,11 +21,8 @@ from firmware_py.records import (
     HeadingSample,
     Inputs,
     Output,
-    Request,
     RudderCommand,
-    SetParameter,
     Tick,
-    Verdict,
 )
 from firmware_py.serial_line import SerialLine
 from firmware_py.step import State, accept, settings_of, step
@@ -38,6 +37,7 @@ PENDING_LIMIT = 256
 COLLECT_INTERVAL_S = 60.0
 HEALTH_INTERVAL_S = 0.5
 PARAMETER_FILE = "parameters.param"
+PLAN_FILES = {PlanKind.MISSION: "mission.plan", PlanKind.FENCE: "fence.plan", PlanKind.RALLY: "rally.plan"}
 
 SAFE_TIMEOUT_S = 2.0
 SAFE_INTERVAL_S = 0.1
@@ -80,9 +80,35 @@ class Pilot:
             self._store.save(PARAMETER_FILE, self._format_kept(self._kept).encode())
         return answer
 
+    def replace_plan(self, request: Request, done: Callable[[Answer], None]) -> None:
+        """Put a plan in force once it is on disk; the old one stands until then."""
+        intent = request.intent
+        if not isinstance(intent, ReplacePlan):
+            raise TypeError(f"{type(intent).__name__} is not a plan")
+        _, answer = accept(self._ahead, request)
+        if answer.verdict is not Verdict.ACCEPTED:
+            done(answer)
+            return
+
+        def stored(well: bool) -> None:  # noqa: FBT001 - the store's callback
+            if not well:
+                done(Answer(Verdict.FAILED, "the plan could not be stored; the old one stands"))
+                return
+            # On disk, so nothing may turn it away any more, not even a full queue.
+            self._ahead, answer = accept(self._ahead, request)
+            self._pending.append(request)
+            done(answer)
+
+        self._store.save(PLAN_FILES[intent.plan.kind], plan_to_text(intent.plan).encode())
+        self._store.when_stored(stored)
+
     def parameters(self) -> ParameterSet:
         """The values in force, accepted requests included."""
         return self._ahead.parameters
+
+    def plans(self) -> Plans:
+        """The plans in force, accepted requests included."""
+        return self._ahead.plans
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Call back once all that was accepted so far is on disk, or cannot be."""

@@ -7,19 +7,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from firmware_py.angles import TWO_PI, wrap_two_pi
-from firmware_py.params import ParameterSet
-from firmware_py.records import (
+from firmware_py.intents import (
     Answer,
     Arm,
     Intent,
     ManualRudder,
-    Mode,
     SetMode,
-    SetParameter,
     SteerHeading,
     SteerPosition,
     Verdict,
 )
+from firmware_py.params import ParameterSet
+from firmware_py.records import Mode
 
 ACCEPTED = Answer(Verdict.ACCEPTED)
 # A turn "the long way" to a goal that lies this close on the other side is no turn.
@@ -187,9 +186,10 @@ _HANDLERS: Mapping[type[Intent], Callable[..., tuple[ModeState, Answer]]] = {
 
 def decide(state: ModeState, intent: Intent, situation: Situation, t_s: float) -> tuple[ModeState, Answer]:
     """Judge an intent that arrived at t_s; a refusal leaves the state as it was."""
-    if isinstance(intent, SetParameter):
-        return state, _refused(Verdict.UNSUPPORTED, "Not a matter of modes")
-    return _HANDLERS[type(intent)](state, intent, situation, t_s)
+    handler = _HANDLERS.get(type(intent))
+    if handler is None:
+        return state, _refused(Verdict.UNSUPPORTED, f"{type(intent).__name__} is not supported yet")
+    return handler(state, intent, situation, t_s)
 
 
 def live_stick(state: ModeState, now_s: float, timeout_s: float) -> float | None:

@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from firmware_py.intents import Answer, Request
 from firmware_py.params import ParameterSet
+from firmware_py.plan import Plans
 from firmware_py.records import (
-    Answer,
     DeviceHealth,
     HeadingSample,
     Inputs,
     Output,
     PositionSample,
-    Request,
     RudderCommand,
     RudderFeedback,
 )
@@ -106,6 +106,15 @@ class Authority(Protocol):
 
     def parameters(self) -> ParameterSet:
         """The values in force, accepted requests included."""
+
+    def plans(self) -> Plans:
+        """The plans in force, accepted requests included."""
+
+    def replace_plan(self, request: Request, done: Callable[[Answer], None]) -> None:
+        """Put the plan of a ReplacePlan request in force once it is on disk; the old one stands until then.
+
+        `done` is called once, on the loop's thread, at once for a refusal.
+        """
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Call back, on the loop's thread, once all that was accepted so far is on disk (True) or cannot be (False)."""

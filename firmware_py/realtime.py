@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import signal
 import sys
 
 from firmware_py.ports import Clock
@@ -12,6 +13,7 @@ from firmware_py.ports import Clock
 PRIORITY = 40
 _MCL_CURRENT = 1
 _MCL_ONFAULT = 4  # only what is touched, so that whole libraries are not drawn into memory
+_PR_SET_PDEATHSIG = 1
 _PR_SET_TIMERSLACK = 29
 # A background thread that computes gives the interpreter up after this long.
 SWITCH_INTERVAL_S = 0.0005
@@ -34,6 +36,12 @@ def prepare() -> tuple[str, ...]:
     gc.freeze()
     gc.disable()
     return tuple(refused)
+
+
+def end_with_parent(pid: int) -> bool:
+    """Have the kernel send SIGTERM when the parent dies, however it dies; False when it is no longer `pid`."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    return os.getppid() == pid
 
 
 class LoadMeter:

@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+from firmware_py.intents import Request
+
 
 class Mode(IntEnum):
     """Control modes with ArduRover's custom_mode numbers."""
@@ -17,6 +19,9 @@ class Mode(IntEnum):
     MANUAL = 0
     STEERING = 3
     HOLD = 4
+    LOITER = 5
+    AUTO = 10
+    RTL = 11
     GUIDED = 15
 
 
@@ -146,93 +151,7 @@ class DeviceHealth:
     text: str = ""  # one short line when there is something to say
 
 
-# --------------------------------------------------------------------------- requests
-
-
-@dataclass(frozen=True, slots=True)
-class SetMode:
-    """Ask for a control mode by its custom_mode number."""
-
-    mode: int
-
-
-@dataclass(frozen=True, slots=True)
-class Arm:
-    """Ask to arm or disarm; `force` skips the pre-arm checks."""
-
-    armed: bool
-    force: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class SteerHeading:
-    """Ask for a heading, clockwise from true north.
-
-    `relative`: counted from the present goal, or from the present heading when there
-    is none. `over_ground`: the angle is a course over ground. `turn` > 0 asks to turn to
-    starboard, < 0 to port, 0 the shorter way. `change_mode` enters GUIDED first.
-    """
-
-    heading_rad: float
-    relative: bool = False
-    over_ground: bool = False
-    turn: int = 0
-    change_mode: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class SteerPosition:
-    """Ask to go to a position; `change_mode` enters GUIDED first."""
-
-    latitude_rad: float
-    longitude_rad: float
-    change_mode: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class ManualRudder:
-    """The operator's stick: -1 full port, +1 full starboard, None = stick released."""
-
-    deflection: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class SetParameter:
-    """Change a parameter of params.TABLE."""
-
-    name: str
-    value: float
-
-
-Intent = SetMode | Arm | SteerHeading | SteerPosition | ManualRudder | SetParameter
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """An intent, when it arrived and who sent it (MAVLink system and component)."""
-
-    t_s: float
-    intent: Intent
-    system: int = 0
-    component: int = 0
-
-
-class Verdict(IntEnum):
-    """The answer to a request, numbered as MAVLink's MAV_RESULT."""
-
-    ACCEPTED = 0
-    TEMPORARILY_REJECTED = 1
-    DENIED = 2
-    UNSUPPORTED = 3
-    FAILED = 4
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """A verdict and, unless accepted, its reason in one short line."""
-
-    verdict: Verdict
-    text: str = ""
+# ------------------------------------------------------------------------- all inputs
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,13 +185,47 @@ class Event:
     text: str
 
 
+class MissionState(IntEnum):
+    """How far the mission is, numbered as MAVLink's MISSION_STATE."""
+
+    NO_MISSION = 1
+    NOT_STARTED = 2
+    ACTIVE = 3
+    PAUSED = 4
+    COMPLETE = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """Where she returns to, and the origin of local coordinates."""
+
+    latitude_rad: float
+    longitude_rad: float
+    altitude_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class MissionReport:
+    """The mission as the operator follows it: `index` counts from 0, None without a current item.
+
+    `reached` are the items that were reached in this very tick; `identities` are the
+    checksums of mission, fence and rally points (plan.Plan.identity).
+    """
+
+    state: MissionState = MissionState.NO_MISSION
+    index: int | None = None
+    count: int = 0
+    reached: tuple[int, ...] = ()
+    identities: tuple[int, int, int] = (0, 0, 0)
+
+
 @dataclass(frozen=True, slots=True)
 class Snapshot:
     """The state of the boat after a tick, for the log and the link.
 
     `rudder_rad` is measured, `rudder_command_rad` is commanded, both in the frame of
     the rudder. `heading_ok` and `position_ok` say that the values are fresh.
-    `cross_track_m` and `distance_m` are None without a position goal.
+    `distance_m` is None without a position goal.
     """
 
     t_s: float
@@ -298,6 +251,8 @@ class Snapshot:
     rate_hz: float
     skipped_total: int
     late_s: float
+    home: Home | None = None
+    mission: MissionReport = MissionReport()
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from firmware_py.angles import radians, wrap_pi, wrap_two_pi
@@ -16,7 +17,9 @@ from firmware_py.control.s_surface import Gains, rudder_demand
 from firmware_py.estimate import drift, heading
 from firmware_py.faults import Fault
 from firmware_py.guidance.bearing import distance_and_bearing
+from firmware_py.intents import Answer, ReplacePlan, Request, SetHome, SetParameter, Verdict
 from firmware_py.modes import (
+    ACCEPTED,
     HeadingGoal,
     ModeState,
     PositionGoal,
@@ -28,24 +31,25 @@ from firmware_py.modes import (
 from firmware_py.monitor import MonitorState
 from firmware_py.monitor import update as update_monitor
 from firmware_py.params import ParameterError, ParameterSet
+from firmware_py.plan import Plans
+from firmware_py.plan_rules import fault_of
 from firmware_py.records import (
-    Answer,
     DeviceHealth,
     DeviceRole,
     DeviceState,
     Event,
     FixType,
+    Home,
     Inputs,
+    MissionReport,
+    MissionState,
     Mode,
     Output,
     PositionSample,
-    Request,
     RudderCommand,
     RudderFeedback,
-    SetParameter,
     Severity,
     Snapshot,
-    Verdict,
 )
 
 LATE_MEMORY_S = 2.0
@@ -99,13 +103,15 @@ class State:
     servo: RudderFeedback | None = None
     storage: DeviceHealth | None = None
     rudder_command_rad: float = 0.0
+    plans: Plans = Plans()  # noqa: RUF009 - frozen
+    home: Home | None = None
     skipped_total: int = 0
     skipped_t_s: float | None = None
 
     @classmethod
-    def at_start(cls, parameters: ParameterSet) -> State:
+    def at_start(cls, parameters: ParameterSet, plans: Plans | None = None) -> State:
         """The state before the first tick."""
-        return cls(parameters, ModeState.at_start(parameters))
+        return cls(parameters, ModeState.at_start(parameters), plans=plans or Plans())
 
 
 def _fresh(t_s: float | None, now_s: float, timeout_s: float) -> bool:
@@ -128,15 +134,47 @@ def situation_of(state: State, now_s: float) -> Situation:
 def accept(state: State, request: Request) -> tuple[State, Answer]:
     """Judge one request; a refusal leaves the state as it was."""
     intent = request.intent
-    if isinstance(intent, SetParameter):
-        try:
-            return replace(state, parameters=state.parameters.replaced(intent.name, intent.value)), Answer(
-                Verdict.ACCEPTED
-            )
-        except ParameterError as error:
-            return state, Answer(Verdict.DENIED, str(error))
+    judge = _JUDGES.get(type(intent))
+    if judge is not None:
+        return judge(state, intent, request.t_s)
     modes, answer = decide(state.modes, intent, situation_of(state, request.t_s), request.t_s)
     return (state if modes is state.modes else replace(state, modes=modes)), answer
+
+
+def _set_parameter(state: State, intent: SetParameter, _t_s: float) -> tuple[State, Answer]:
+    try:
+        parameters = state.parameters.replaced(intent.name, intent.value)
+    except ParameterError as error:
+        return state, Answer(Verdict.DENIED, str(error))
+    return replace(state, parameters=parameters), ACCEPTED
+
+
+def _replace_plan(state: State, intent: ReplacePlan, _t_s: float) -> tuple[State, Answer]:
+    if fault := fault_of(intent.plan):
+        return state, Answer(Verdict.DENIED, fault.text)
+    return replace(state, plans=state.plans.replaced(intent.plan)), ACCEPTED
+
+
+def _set_home(state: State, intent: SetHome, t_s: float) -> tuple[State, Answer]:
+    latitude_rad, longitude_rad = intent.latitude_rad, intent.longitude_rad
+    if latitude_rad is None or longitude_rad is None:
+        fix = state.position if situation_of(state, t_s).position_ok else None
+        if fix is None or fix.latitude_rad is None or fix.longitude_rad is None:
+            return state, Answer(Verdict.TEMPORARILY_REJECTED, "Home not set: no position")
+        home = Home(fix.latitude_rad, fix.longitude_rad, fix.altitude_m or 0.0)
+        return replace(state, home=home), ACCEPTED
+    # Written so that NaN fails the comparison.
+    if not (abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi and abs(intent.altitude_m) <= 1e5):
+        return state, Answer(Verdict.DENIED, "Home is out of range")
+    return replace(state, home=Home(latitude_rad, longitude_rad, intent.altitude_m)), ACCEPTED
+
+
+# What is judged on the whole state; the rest is a matter of modes.
+_JUDGES: Mapping[type, Callable[..., tuple[State, Answer]]] = {
+    SetParameter: _set_parameter,
+    ReplacePlan: _replace_plan,
+    SetHome: _set_home,
+}
 
 
 def step(state: State, inputs: Inputs) -> tuple[State, Output]:
@@ -176,10 +214,11 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
         settings.observer, state.heading, inputs.headings, _rudder_rad(settings, state, servo), now_s
     )
     valid = heading_state.fresh(now_s, settings.observer.timeout_s)
-    position, drift_state = state.position, state.drift
+    position, drift_state, home = state.position, state.drift, state.home
     for sample in inputs.positions:
         if sample.fix is not FixType.NONE and _on_earth(sample):
             position = sample
+            home = home or _first_home(sample)
             heading_rad = heading_state.heading_rad if valid else None
             drift_state = drift.update(drift_state, sample, heading_rad, heading_state.yaw_rate_rad_s)
     return replace(
@@ -188,6 +227,7 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
         heading=heading_state,
         drift=drift_state,
         position=position,
+        home=home,
         servo=servo,
         storage=storage,
         skipped_total=state.skipped_total + skipped,
@@ -201,6 +241,13 @@ def _on_earth(sample: PositionSample) -> bool:
     if latitude_rad is None or longitude_rad is None:
         return False
     return abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi
+
+
+def _first_home(sample: PositionSample) -> Home | None:
+    """The first fix since start is home until one is set."""
+    if sample.latitude_rad is None or sample.longitude_rad is None:
+        return None
+    return Home(sample.latitude_rad, sample.longitude_rad, sample.altitude_m or 0.0)
 
 
 def _rudder_rad(settings: Settings, state: State, servo: RudderFeedback | None) -> float:
@@ -336,4 +383,19 @@ def _snapshot(settings: Settings, state: State, situation: Situation, steering: 
         rate_hz=inputs.tick.rate_hz,
         skipped_total=state.skipped_total,
         late_s=inputs.tick.late_s,
+        home=state.home,
+        mission=_mission_report(state),
+    )
+
+
+def _mission_report(state: State) -> MissionReport:
+    plans = state.plans
+    identities = (plans.mission.identity, plans.fence.identity, plans.rally.identity)
+    count = len(plans.mission.items)
+    return MissionReport(
+        MissionState.NOT_STARTED if count else MissionState.NO_MISSION,
+        0 if count else None,
+        count,
+        (),
+        identities,
     )

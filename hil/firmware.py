@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -18,12 +19,12 @@ class Firmware:
     """`rambler run` in the background, its words in a log file; a context that leaves no process behind."""
 
     def __init__(self, arguments: Sequence[str], log_path: Path) -> None:
-        """Start `python -m firmware_py` with these arguments."""
+        """Start `rambler run` with these arguments, to end with this process however it ends."""
         self._log_path = log_path
         self._log: IO[bytes] = log_path.open("wb")
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "firmware_py", *arguments],
+                [sys.executable, "-m", "firmware_py", *arguments, "--with-parent", str(os.getpid())],
                 stdin=subprocess.DEVNULL,
                 stdout=self._log,
                 stderr=self._log,

@@ -11,8 +11,20 @@ ROOT = Path(__file__).parents[1]
 FIRMWARE = ROOT / "firmware_py"
 
 # Rooms of the firmware, innermost first. A room imports only what stands in its row.
-PLAIN = {"records", "angles", "plain"}
-BASE = {"clock", "params", "faults", "ports", "model", "serial_line", "realtime", "store", "vehicle", "console"}
+PLAIN = {"records", "intents", "plan", "angles", "plain"}
+BASE = {
+    "clock",
+    "params",
+    "faults",
+    "ports",
+    "model",
+    "serial_line",
+    "realtime",
+    "store",
+    "vehicle",
+    "console",
+    "plan_rules",
+}
 PURE = {"modes", "monitor", "estimate", "guidance", "control"}
 EDGE = {"sensors", "actuator", "link", "log"}
 LOOP = {"step", "step_state", "loop"}

@@ -34,6 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--wait", action="store_true", help="start even while a port is absent and take it up when it appears"
     )
     parser.add_argument("--lockstep", metavar="SOCKET", help=argparse.SUPPRESS)
+    # For the harness: an autopilot without its box would take up the ports of the next one.
+    parser.add_argument("--with-parent", metavar="PID", type=int, help=argparse.SUPPRESS)
 
 
 def default_state_directory(name: str) -> Path:
@@ -44,6 +46,8 @@ def default_state_directory(name: str) -> Path:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run until SIGTERM or SIGINT."""
+    if arguments.with_parent is not None and not realtime.end_with_parent(arguments.with_parent):
+        return 0
     try:
         vehicle = load(arguments.vehicle)
         options = Options(

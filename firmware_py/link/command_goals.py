@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from firmware_py.angles import radians
+from firmware_py.intents import Answer, SteerHeading
 from firmware_py.link.commands import Call
 from firmware_py.link.geo import GLOBAL_FRAMES, position_goal
 from firmware_py.link.session import Session, within
-from firmware_py.records import Answer, SteerHeading
 
 _CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _COURSE_OVER_GROUND, _HEADING = 0.0, 1.0  # HEADING_TYPE

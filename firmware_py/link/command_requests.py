@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from firmware_py.intents import Answer, Verdict
 from firmware_py.link import identity
 from firmware_py.link.commands import ACCEPTED, Call
 from firmware_py.link.dialect import Message, mavlink
@@ -12,7 +13,6 @@ from firmware_py.link.peer import Peer
 from firmware_py.link.scene import INT32_MAX, UINT16_MAX
 from firmware_py.link.session import Session, within
 from firmware_py.link.telemetry import ROWS_OF, TABLE
-from firmware_py.records import Answer, Verdict
 
 _HOME_POSITION = 242
 _UNKNOWN_MESSAGE = Answer(Verdict.UNSUPPORTED)

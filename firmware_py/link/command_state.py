@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from firmware_py.intents import Answer, Arm, SetMode, Verdict
 from firmware_py.link.commands import ACCEPTED, Call
 from firmware_py.link.dialect import mavlink
 from firmware_py.link.scene import UINT32_MAX
 from firmware_py.link.session import Session, within
-from firmware_py.records import Answer, Arm, SetMode, Severity, Verdict
+from firmware_py.records import Severity
 
 _FORCE = 21196  # MAVLink's number for arming or disarming whatever the checks say
 _CUSTOM = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED

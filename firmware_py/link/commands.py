@@ -7,11 +7,12 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
+from firmware_py.intents import Answer, Verdict
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Handler, Session
-from firmware_py.records import Answer, Severity, Verdict
+from firmware_py.records import Severity
 
 ACCEPTED = Answer(Verdict.ACCEPTED)
 

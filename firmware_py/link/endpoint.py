@@ -157,15 +157,15 @@ class Endpoint:
 
     def _note_changes(self, snapshot: Snapshot, now_s: float) -> None:
         """Make what has changed due at once: mode, arming, home."""
-        before, had_home = self._session.snapshot, self._session.home is not None
+        before = self._session.snapshot
         self._session.refused_frames = self._roster.refused_frames() + self._roster.rejected
         self._session.see(snapshot)
         if before is None or (before.mode, before.armed) != (snapshot.mode, snapshot.armed):
             for peer in self._roster:
                 peer.streams.hasten(_HEARTBEAT, now_s)
                 peer.streams.hasten(_CURRENT_MODE, now_s)
-        scene = None if had_home or self._session.home is None else self._session.scene()
-        if scene is not None:
+        scene = self._session.scene()
+        if scene is not None and snapshot.home is not None and (before is None or before.home != snapshot.home):
             self._session.send_all(motion.home_position(scene))
 
     def _announce(self, events: Sequence[Event]) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from firmware_py.angles import radians
+from firmware_py.intents import SteerPosition
 from firmware_py.link.session import within
-from firmware_py.records import SteerPosition
 
 # MAV_FRAME: GLOBAL, GLOBAL_RELATIVE_ALT, the same two as _INT, and both over terrain. A boat has no altitude.
 GLOBAL_FRAMES = frozenset({0, 3, 5, 6, 10, 11})

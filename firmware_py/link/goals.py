@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping
 
 from firmware_py.angles import wrap_two_pi
+from firmware_py.intents import SteerHeading, SteerPosition
 from firmware_py.link.dialect import Message
 from firmware_py.link.geo import GLOBAL_FRAMES, offset_goal, position_goal
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Handler, Session, within
-from firmware_py.records import SteerHeading, SteerPosition
 
 Goal = SteerHeading | SteerPosition | str  # a goal, or why it is none
 

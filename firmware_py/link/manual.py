@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from firmware_py.intents import ManualRudder
 from firmware_py.link.dialect import Message
 from firmware_py.link.peer import Peer
 from firmware_py.link.scene import INT16_MAX, UINT16_MAX
 from firmware_py.link.session import Handler, Session, within
-from firmware_py.records import ManualRudder
 
 _FULL_STICK = 1000
 _CENTRE_US, _FULL_US = 1500, 500

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from firmware_py.intents import Verdict
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.geo import GLOBAL_FRAMES, position_goal
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Handler, Session
-from firmware_py.records import Severity, Verdict
+from firmware_py.records import Severity
 
 _GUIDED = 2  # `current` of a waypoint that is to be gone to at once
 _NAV_WAYPOINT = 16

@@ -100,7 +100,7 @@ def global_position_int(scene: Scene) -> Message | None:
     speed_m_s = fix.speed_over_ground_m_s or 0.0
     course_rad = fix.course_over_ground_rad or 0.0
     altitude_m = fix.altitude_m or 0.0
-    above_home_m = altitude_m - scene.home.altitude_m if scene.home is not None else 0.0
+    above_home_m = altitude_m - scene.snapshot.home.altitude_m if scene.snapshot.home is not None else 0.0
     boat = scene.snapshot
     return mavlink.MAVLink_global_position_int_message(
         boot_ms(boat.t_s),
@@ -162,7 +162,7 @@ def servo_output_raw(scene: Scene) -> Message:
 
 def home_position(scene: Scene) -> Message | None:
     """Return HOME_POSITION once there was a fix."""
-    home = scene.home
+    home = scene.snapshot.home
     if home is None:
         return None
     return mavlink.MAVLink_home_position_message(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from firmware_py.intents import SetParameter, Verdict
 from firmware_py.link.dialect import Message, mavlink, text_of
 from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Handler, Session
 from firmware_py.params import INDEX, TABLE
-from firmware_py.records import SetParameter, Severity, Verdict
+from firmware_py.records import Severity
 
 _AT_ONCE = 32  # values of a list in one call
 _QUEUED = 8  # and at most this many waiting for a slow line

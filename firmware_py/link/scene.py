@@ -17,20 +17,10 @@ _SINGLE_MAX = 3.4028234663852886e38
 
 
 @dataclass(frozen=True, slots=True)
-class Home:
-    """The first position fix since start, the origin of local coordinates."""
-
-    latitude_rad: float
-    longitude_rad: float
-    altitude_m: float
-
-
-@dataclass(frozen=True, slots=True)
 class Scene:
     """The boat after a tick, and what the link knows beside it."""
 
     snapshot: Snapshot
-    home: Home | None
     utc_s: float
     rudder_limit_rad: float
     autopilot: int  # MAV_AUTOPILOT

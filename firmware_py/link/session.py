@@ -7,15 +7,16 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from firmware_py.angles import radians
+from firmware_py.intents import Answer, Intent, Request, Verdict
 from firmware_py.link import identity
 from firmware_py.link.dialect import Codec, Message
 from firmware_py.link.identity import COMPONENT, Version
 from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
-from firmware_py.link.scene import Home, Scene
+from firmware_py.link.scene import Scene
 from firmware_py.link.statustext import text_messages
 from firmware_py.ports import Authority
-from firmware_py.records import Answer, Intent, Request, Severity, Snapshot, Verdict
+from firmware_py.records import Home, Severity, Snapshot
 
 Handler = Callable[[Peer, Message, float], None]
 
@@ -44,7 +45,6 @@ class Session:
         self.codec = Codec(self.system, self.component)
         self._text_number = 0
         self.snapshot: Snapshot | None = None
-        self.home: Home | None = None
         self.refused_frames = 0
         self.now_s = 0.0  # of the latest call of the loop
         self.peers: Iterable[Peer] = ()
@@ -52,13 +52,13 @@ class Session:
     # ------------------------------------------------------------------ the state
 
     def see(self, snapshot: Snapshot) -> None:
-        """Take the state after a tick; the first position fix becomes home."""
+        """Take the state after a tick."""
         self.snapshot = snapshot
-        fix = snapshot.position
-        if self.home is not None or fix is None or not snapshot.position_ok:
-            return
-        if fix.latitude_rad is not None and fix.longitude_rad is not None:
-            self.home = Home(fix.latitude_rad, fix.longitude_rad, fix.altitude_m or 0.0)
+
+    @property
+    def home(self) -> Home | None:
+        """Where local coordinates begin, None before the first fix."""
+        return None if self.snapshot is None else self.snapshot.home
 
     def scene(self) -> Scene | None:
         """Return what the telemetry builders look at; None before the first tick."""
@@ -66,7 +66,6 @@ class Session:
             return None
         return Scene(
             snapshot=self.snapshot,
-            home=self.home,
             utc_s=self.suppliers.utc_s(),
             rudder_limit_rad=radians(self.authority.parameters()["RUD_LIMIT_DEG"]),
             autopilot=self.autopilot,

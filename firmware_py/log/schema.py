@@ -16,6 +16,7 @@ import zlib
 from collections.abc import Mapping
 from typing import Any, Final
 
+from firmware_py.intents import Request
 from firmware_py.log.dataflash import MessageType
 from firmware_py.log.rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
 from firmware_py.plain import Codec
@@ -29,7 +30,6 @@ from firmware_py.records import (
     NorthReference,
     Output,
     PositionSample,
-    Request,
     RudderCommand,
     RudderFeedback,
     Tick,

@@ -9,28 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.intents import Answer, Arm, ManualRudder, SetMode, SetParameter, SteerHeading, SteerPosition, Verdict
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.streams import FASTEST_S, SLOWEST_S
 from firmware_py.link.telemetry import TABLE
 from firmware_py.params import TABLE as PARAMETERS
 from firmware_py.params import ParameterSet
-from firmware_py.records import (
-    Answer,
-    Arm,
-    FixType,
-    ManualRudder,
-    Mode,
-    Output,
-    PositionSample,
-    RudderCommand,
-    SetMode,
-    SetParameter,
-    Snapshot,
-    SteerHeading,
-    SteerPosition,
-    Verdict,
-)
+from firmware_py.plan import Plans
+from firmware_py.records import FixType, Mode, Output, PositionSample, RudderCommand, Snapshot
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2)
 SNAPSHOT = Snapshot(
@@ -47,6 +34,7 @@ class Authority:
     def __init__(self):
         self.intents = []
         self.values = ParameterSet()
+        self.kept = Plans()
 
     def decide(self, request):
         assert math.isfinite(request.t_s)
@@ -60,6 +48,14 @@ class Authority:
 
     def parameters(self):
         return self.values
+
+    def plans(self):
+        return self.kept
+
+    def replace_plan(self, request, done):
+        self.intents.append(request.intent)
+        self.kept = self.kept.replaced(request.intent.plan)
+        done(Answer(Verdict.ACCEPTED))
 
     def when_stored(self, call):
         call(True)

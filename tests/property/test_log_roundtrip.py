@@ -8,12 +8,12 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from firmware_py.intents import Arm, ManualRudder, Request, SetMode, SetParameter, SteerHeading, SteerPosition
 from firmware_py.log.dataflash import Parser
 from firmware_py.log.reader import LogReader
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.params import ParameterSet
 from firmware_py.records import (
-    Arm,
     DeviceHealth,
     DeviceRole,
     DeviceState,
@@ -21,20 +21,14 @@ from firmware_py.records import (
     FixType,
     HeadingSample,
     Inputs,
-    ManualRudder,
     Mode,
     NorthReference,
     Output,
     PositionSample,
-    Request,
     RudderCommand,
     RudderFeedback,
-    SetMode,
-    SetParameter,
     Severity,
     Snapshot,
-    SteerHeading,
-    SteerPosition,
     Tick,
 )
 

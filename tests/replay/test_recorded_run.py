@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from firmware_py.__main__ import main
+from firmware_py.intents import SteerHeading
 from firmware_py.log.reader import read_log
-from firmware_py.records import SteerHeading
 
 LOG = Path(__file__).parent / "data" / "tank_pni_volz.BIN"
 

@@ -6,23 +6,19 @@ import math
 import pytest
 
 from firmware_py.faults import Fault
-from firmware_py.loop import PARAMETER_FILE, PENDING_LIMIT, Boat, Pilot, run
+from firmware_py.intents import Arm, ManualRudder, ReplacePlan, Request, SetMode, SetParameter, SteerHeading, Verdict
+from firmware_py.loop import PARAMETER_FILE, PENDING_LIMIT, PLAN_FILES, Boat, Pilot, run
 from firmware_py.params import ParameterSet, format_file, parse_file
+from firmware_py.plan import Plan, PlanItem, PlanKind, Plans
+from firmware_py.plan import from_text as plan_from_text
 from firmware_py.records import (
-    Arm,
     DeviceHealth,
     DeviceRole,
     DeviceState,
     HeadingSample,
-    ManualRudder,
     Mode,
     NorthReference,
-    Request,
     RudderFeedback,
-    SetMode,
-    SetParameter,
-    SteerHeading,
-    Verdict,
 )
 from firmware_py.step import State
 
@@ -274,6 +270,31 @@ def test_an_accepted_parameter_is_in_force_at_once_and_stored(boat):
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
     assert boat.pilot.decide(Request(0.0, SetParameter("CTL_K1", math.inf))).verdict is Verdict.DENIED
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
+
+
+MISSION = Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=1, y=2),))
+
+
+def test_a_plan_is_in_force_once_it_is_on_disk_and_an_input_of_the_next_tick(boat):
+    answers = []
+    boat.pilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
+    assert (answers, boat.pilot.plans()) == ([], Plans())
+    assert plan_from_text(boat.store.saved[PLAN_FILES[PlanKind.MISSION]].decode()) == MISSION
+    boat.store.service()
+    assert [answer.verdict for answer in answers] == [Verdict.ACCEPTED]
+    assert boat.pilot.plans().mission is MISSION
+    turn(boat, 0.2)
+    assert boat.link.outputs[-1].snapshot.mission.identities == (MISSION.identity, 0, 0)
+    assert boat.recorder.ticks[0][0].requests[0].intent == ReplacePlan(MISSION)
+
+
+def test_a_plan_that_cannot_be_stored_or_is_refused_leaves_the_old_one(boat):
+    answers = []
+    boat.pilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
+    boat.store.calls.pop(0)(False)
+    boat.pilot.replace_plan(Request(0.0, ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(16)] * 2001))), answers.append)
+    assert [answer.verdict for answer in answers] == [Verdict.FAILED, Verdict.DENIED]
+    assert boat.pilot.plans() == Plans()
 
 
 def test_the_rate_changes_with_its_parameter(boat):

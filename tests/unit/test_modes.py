@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.intents import Arm, ManualRudder, SetMode, SteerHeading, SteerPosition, Verdict
 from firmware_py.modes import (
     HeadingGoal,
     ModeState,
@@ -15,15 +16,7 @@ from firmware_py.modes import (
     live_stick,
 )
 from firmware_py.params import ParameterSet
-from firmware_py.records import (
-    Arm,
-    ManualRudder,
-    Mode,
-    SetMode,
-    SteerHeading,
-    SteerPosition,
-    Verdict,
-)
+from firmware_py.records import Mode
 
 WELL = Situation(heading_rad=1.0, drift_rad=0.2, position_ok=True, rudder_ok=True)
 BLIND = replace(WELL, heading_rad=None)

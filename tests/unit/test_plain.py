@@ -5,18 +5,10 @@ from enum import IntEnum
 
 import pytest
 
+from firmware_py.intents import Arm, ManualRudder, Request, SetMode, SetParameter, SteerHeading, SteerPosition
 from firmware_py.params import ParameterError, ParameterSet
 from firmware_py.plain import Codec, Hook
-from firmware_py.records import (
-    Arm,
-    ManualRudder,
-    Mode,
-    Request,
-    SetMode,
-    SetParameter,
-    SteerHeading,
-    SteerPosition,
-)
+from firmware_py.records import Mode
 
 
 class Colour(IntEnum):

@@ -9,28 +9,32 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.faults import Fault
+from firmware_py.intents import (
+    Arm,
+    ManualRudder,
+    Request,
+    SetHome,
+    SetMode,
+    SetParameter,
+    SteerHeading,
+    SteerPosition,
+    Verdict,
+)
 from firmware_py.model.kt import rk4_step
 from firmware_py.params import ParameterSet
 from firmware_py.records import (
-    Arm,
     DeviceHealth,
     DeviceRole,
     DeviceState,
     FixType,
     HeadingSample,
+    Home,
     Inputs,
-    ManualRudder,
     Mode,
     NorthReference,
     PositionSample,
-    Request,
     RudderFeedback,
-    SetMode,
-    SetParameter,
-    SteerHeading,
-    SteerPosition,
     Tick,
-    Verdict,
 )
 from firmware_py.step import State, accept, step
 from firmware_py.step_state import state_from_text, state_to_text
@@ -226,6 +230,26 @@ def test_absurd_requests_change_nothing(value):
         state, answer = accept(boat.state, Request(boat.t_s, intent))
         assert state is boat.state
         assert answer.verdict is Verdict.DENIED
+
+
+def test_home_is_the_first_fix_until_it_is_set():
+    state = State.at_start(ParameterSet())
+
+    def tick(index, *intents, latitude_rad=None):
+        nonlocal state
+        t_s = 0.1 * index
+        positions = () if latitude_rad is None else (PositionSample(t_s, FixType.FIX_3D, latitude_rad, 0.2, 3.0),)
+        requests = tuple(Request(t_s, intent) for intent in intents)
+        state, output = step(state, Inputs(Tick(index, t_s, 0.0, 0, 10.0), (), positions, (), (), requests))
+        return output.snapshot.home
+
+    assert tick(0, SetHome()) is None
+    assert tick(1, latitude_rad=0.5) == Home(0.5, 0.2, 3.0)
+    assert tick(2, latitude_rad=0.6) == Home(0.5, 0.2, 3.0)
+    assert tick(3, SetHome()) == Home(0.6, 0.2, 3.0)
+    assert tick(4, SetHome(0.1, -0.3, 2.0)) == Home(0.1, -0.3, 2.0)
+    for absurd in (SetHome(2.0, 0.0), SetHome(0.0, math.nan), SetHome(0.0, 0.0, math.inf)):
+        assert tick(5, absurd) == Home(0.1, -0.3, 2.0)
 
 
 def test_boot_arm_and_boot_mode_take_her_on_by_herself():

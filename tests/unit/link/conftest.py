@@ -5,10 +5,12 @@ import dataclasses
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.intents import Answer, SetParameter, Verdict
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.params import ParameterSet
-from firmware_py.records import Answer, Mode, Output, RudderCommand, SetParameter, Snapshot, Verdict
+from firmware_py.plan import Plans
+from firmware_py.records import Mode, Output, RudderCommand, Snapshot
 
 SNAPSHOT = Snapshot(
     t_s=12.5,
@@ -45,6 +47,7 @@ class FakeAuthority:
         self.answer = Answer(Verdict.ACCEPTED)
         self.values = ParameterSet()
         self.at_once = True
+        self.plans_kept = Plans()
         self.waiting = []
 
     @property
@@ -62,6 +65,15 @@ class FakeAuthority:
 
     def parameters(self):
         return self.values
+
+    def plans(self):
+        return self.plans_kept
+
+    def replace_plan(self, request, done):
+        self.decide(request)
+        if self.answer.verdict is Verdict.ACCEPTED:
+            self.plans_kept = self.plans_kept.replaced(request.intent.plan)
+        done(self.answer)
 
     def when_stored(self, call):
         if self.at_once:

@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.link.telemetry import TABLE
-from firmware_py.records import FixType, PositionSample, RudderFeedback
+from firmware_py.records import FixType, Home, PositionSample, RudderFeedback
 
 FIX = {"position": PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2), "position_ok": True}
 SERVO = {"servo": RudderFeedback(0.0, 0.1, 30.0, 12.0, 0.2)}
@@ -19,7 +19,7 @@ def result(messages):
 
 @pytest.mark.parametrize("number", sorted({row.number for row in TABLE} | {148, 300, 435, 437}))
 def test_every_message_can_be_requested(rig, number):
-    rig.tick(**FIX, **SERVO)
+    rig.tick(**FIX, **SERVO, home=Home(0.7, -0.2, 1.0))
     said = rig.command(512, number)
     assert said[0].result == 0
     assert {message.get_msgId() for message in said[1:]} == {number}
@@ -35,12 +35,14 @@ def test_what_has_nothing_to_say_is_rejected_for_now(rig, command):
     assert result(rig.command(*command)) == NOT_NOW
 
 
-def test_home_is_the_first_fix_and_is_told_at_once(rig, of):
-    (told,) = of(rig.tick(**FIX), "HOME_POSITION")
-    moved = PositionSample(0.0, FixType.FIX_3D, 0.9, 0.9)
-    assert of(rig.tick(position=moved, position_ok=True), "HOME_POSITION") == []
+def test_home_is_told_at_once_when_it_changes_and_whenever_it_is_asked_for(rig, of):
+    home = {"home": Home(0.7, -0.2, 1.0)}
+    (told,) = of(rig.tick(**home), "HOME_POSITION")
+    assert of(rig.tick(**home), "HOME_POSITION") == []
     (asked,) = of(rig.command(410), "HOME_POSITION")
     assert told.latitude == asked.latitude == round(math.degrees(0.7) * 1e7)
+    (moved,) = of(rig.tick(home=Home(0.8, -0.2, 1.0)), "HOME_POSITION")
+    assert moved.latitude == round(math.degrees(0.8) * 1e7)
 
 
 def test_version_and_capabilities(rig, of):

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from firmware_py.records import Arm, SetMode
+from firmware_py.intents import Arm, SetMode
 
 DENIED = 2
 

@@ -5,7 +5,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.records import Answer, FixType, PositionSample, SteerHeading, SteerPosition, Verdict
+from firmware_py.intents import Answer, SteerHeading, SteerPosition, Verdict
+from firmware_py.records import FixType, Home, PositionSample
 
 NAN, INF = math.nan, math.inf
 YAW_ONLY = 0b1001_1111_1111 | 0x200  # everything but yaw ignored
@@ -100,7 +101,8 @@ def test_position_targets_are_taken_by_their_masks(rig, message, goal):
     ],
 )
 def test_local_positions_count_from_home_or_from_her(rig, frame, x, y, north_m, east_m):
-    rig.tick(**FIX)
+    fix = FIX["position"]
+    rig.tick(**FIX, home=Home(fix.latitude_rad, fix.longitude_rad, 0.0))
     rig.tell(local(POSITION_ONLY, frame=frame, x=x, y=y))
     (goal,) = rig.authority.intents
     assert (math.degrees(goal.latitude_rad) - 40.0) * METRES_PER_DEGREE == pytest.approx(north_m, abs=0.01)

@@ -5,7 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.records import Answer, SteerPosition, Verdict
+from firmware_py.intents import Answer, SteerPosition, Verdict
 
 
 @pytest.mark.parametrize("kind", [0, 1, 2])

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from firmware_py.faults import Fault
 from firmware_py.link.dialect import Codec, mavlink
-from firmware_py.link.scene import Home, Scene
+from firmware_py.link.scene import Scene
 from firmware_py.link.telemetry import ROWS_OF, TABLE
-from firmware_py.records import FixType, Mode, PositionSample, RudderFeedback, Snapshot
+from firmware_py.records import FixType, Home, Mode, PositionSample, RudderFeedback, Snapshot
 
 CODEC = Codec(1, 1)
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
@@ -21,10 +21,8 @@ SERVO = RudderFeedback(0.0, 0.1, 31.0, 12.3, -0.25)
 @pytest.fixture
 def build(snapshot):
     def built(name, **changes):
-        outside = {
-            key: changes.pop(key) for key in ("prearm_refusal", "load", "refused_frames", "home") if key in changes
-        }
-        values = {"home": None, "prearm_refusal": "", "load": 0.0, "refused_frames": 0} | outside
+        outside = {key: changes.pop(key) for key in ("prearm_refusal", "load", "refused_frames") if key in changes}
+        values = {"prearm_refusal": "", "load": 0.0, "refused_frames": 0} | outside
         scene = Scene(
             dataclasses.replace(snapshot, **changes),
             utc_s=1.7e9,
@@ -167,13 +165,13 @@ SNAPSHOTS = st.builds(
     goal_heading_rad=MAYBE, heading_error_rad=MAYBE, bearing_rad=MAYBE, distance_m=MAYBE,
     rudder_rad=MAYBE, rudder_command_rad=NUMBER, rudder_ok=st.booleans(), servo=st.none() | SERVOS,
     position=st.none() | POSITIONS, position_ok=st.booleans(), faults=st.integers(0, 63),
-    rate_hz=NUMBER, skipped_total=COUNT, late_s=NUMBER,
+    rate_hz=NUMBER, skipped_total=COUNT, late_s=NUMBER, home=st.none() | st.builds(Home, NUMBER, NUMBER, NUMBER),
 )  # fmt: skip
 
 
-@given(SNAPSHOTS, st.none() | st.builds(Home, NUMBER, NUMBER, NUMBER), NUMBER, NUMBER, COUNT)
-def test_no_snapshot_breaks_a_builder(snapshot, home, utc_s, load, refused):
-    scene = Scene(snapshot, home, utc_s, 0.5, 3, "", load, refused)
+@given(SNAPSHOTS, NUMBER, NUMBER, COUNT)
+def test_no_snapshot_breaks_a_builder(snapshot, utc_s, load, refused):
+    scene = Scene(snapshot, utc_s, 0.5, 3, "", load, refused)
     for row in TABLE:
         message = row.build(scene)
         assert message is None or CODEC.pack(message).frame

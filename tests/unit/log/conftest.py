@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import pytest
 
 from firmware_py.angles import wrap_pi
+from firmware_py.intents import Arm, Request, SetParameter, SteerHeading
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.params import ParameterSet
 from firmware_py.plain import Codec
 from firmware_py.records import (
-    Arm,
     DeviceHealth,
     DeviceRole,
     DeviceState,
@@ -23,13 +23,10 @@ from firmware_py.records import (
     NorthReference,
     Output,
     PositionSample,
-    Request,
     RudderCommand,
     RudderFeedback,
-    SetParameter,
     Severity,
     Snapshot,
-    SteerHeading,
     Tick,
 )
 
