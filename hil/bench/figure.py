@@ -10,8 +10,10 @@ class Figure:
     """One line of the result.
 
     `bare` is what the machine gives to a program that does nothing else. The aim is a
-    most for the figure itself, or for its ratio to the bare limit. `peer` is the same
-    figure of other autopilots, in words.
+    most or a least for the figure itself, or a most for its ratio to the bare limit. `peer` is
+    the same figure of other autopilots, in words. `paired_ratio` stands for the ratio of both
+    where they were measured in turns: the middle of the ratios of neighbours, which a load that
+    comes and goes does not shift.
     """
 
     name: str
@@ -21,10 +23,14 @@ class Figure:
     most: float | None = None
     most_ratio: float | None = None
     peer: str = ""
+    least: float | None = None
+    paired_ratio: float | None = None
 
     @property
     def ratio(self) -> float | None:
         """The figure by its bare limit; None without one, or where that is zero."""
+        if self.paired_ratio is not None:
+            return self.paired_ratio
         return self.value / self.bare if self.bare else None
 
     @property
@@ -32,6 +38,8 @@ class Figure:
         """Whether the aim is met; None without an aim."""
         if self.most is not None:
             return self.value <= self.most
+        if self.least is not None:
+            return self.value >= self.least
         if self.most_ratio is not None:
             return self.ratio is not None and self.ratio <= self.most_ratio
         return None

@@ -66,6 +66,8 @@ def _cells(figure: Figure) -> tuple[str, ...]:
 def _aim(figure: Figure) -> str:
     if figure.most is not None:
         return f"<= {figure.most:g} {figure.unit}"
+    if figure.least is not None:
+        return f">= {figure.least:g} {figure.unit}"
     return "" if figure.most_ratio is None else f"<= {figure.most_ratio:g}x bare"
 
 

@@ -1,190 +1,146 @@
 """How fast the fish swim, beside scikit-opt's artificial fish swarm at the same number of evaluations.
 
-The objective is the paper's: the squared error of the yaw rate that the K-T equation predicts from a
-zigzag of two minutes at 10 Hz. scikit-opt gets it twice: compiled, one fish at a time, as its
-interface demands; and as a user would write it in Python. scikit-opt is no dependency of ours:
-`pip install scikit-opt` for this measurement.
-
-The compiled objective counts time in turning lags, T dr/dt = dr/d(t/T): the equation is then that
-of a ship with T = 1 and the step h / T, and its four divisions a step are gone.
+Both search the same box for the least of the same objective (hil/bench/zigzag.py), with as many fish and
+tries. scikit-opt gets the objective one fish at a time, as its interface demands: compiled, and
+in Python. Ours is run first and counts its evaluations; scikit-opt is stopped from within
+its objective after as many. What each run took is divided by that number.
 """
 
 from __future__ import annotations
 
-import math
 import os
 import statistics
 import time
-from collections.abc import Callable
 
 import numpy as np
 
-from firmware_py.model.kt import rk4_step
 from hil.bench.figure import Figure, Finding
+from hil.bench.helper import answer_of
 from hil.bench.setting import Setting
-from hil.compiled import compiled
-from hil.errors import UsageError
-from hil.swarm import CompiledObjective, SwarmSettings, minimise
+from hil.bench.turns import Turns, in_turns
+from hil.bench.zigzag import (
+    HIGH,
+    LOW,
+    SECONDS,
+    Log,
+    OneFish,
+    careful_one,
+    compiled_many,
+    compiled_one,
+    plain_one,
+    zigzag,
+)
+from hil.swarm import SwarmSettings, minimise
 from hil.swarm.records import Floats
 
-STEP_S = 0.1
-SECONDS = 120.0
-LEG_S = 20.0
-TRUTH = (0.049, 4.0, 17.0)
-LOW, HIGH = (0.005, 0.5, 0.0), (0.5, 40.0, 100.0)
-COMPILED_EVALUATIONS = 20_000
-PLAIN_EVALUATIONS = 400
-REPEATS = 5
+FISH, TRIES = 50, 5  # scikit-opt's own number of fish; its own 100 tries would be all prey and no swarm
 FASTER_THAN_COMPILED = 15.0
 FASTER_THAN_PLAIN = 1000.0
-
-OneFish = Callable[[Floats], float]
+FLAT = 1.02
+MICROSECONDS = 1e6
+OURS_REPEATED = 5  # of milliseconds each, beside one of seconds
+PLAIN_PAIRS = 2
+MEMORY_S = 60.0
 
 
 class _DoneError(Exception):
     """All evaluations are made."""
 
 
-@compiled
-def error_of_one(point: np.ndarray, rudder_rad: np.ndarray, yaw_rate_rad_s: np.ndarray, step_s: float) -> float:
-    """Return the squared yaw rate error of one candidate (K, T, alpha)."""
-    rate = total = 0.0
-    step = step_s / point[1]
-    for n in range(rudder_rad.size):
-        total += (rate - yaw_rate_rad_s[n]) ** 2
-        _, rate = rk4_step(0.0, rate, rudder_rad[n], step, point[0], 1.0, point[2], 0.0)
-    return total
+def settings(evaluations: int, seed: int) -> SwarmSettings:
+    """Return how our fish swim: as many as scikit-opt's, and the shoal with all its tries in one call."""
+    return SwarmSettings(
+        fish=FISH, tries=TRIES, strategy="optimal", iterations=100_000, most_evaluations=evaluations, seed=seed
+    )
 
 
-@compiled
-def error_of_many(
-    points: np.ndarray, values: np.ndarray, rudder_rad: np.ndarray, yaw_rate_rad_s: np.ndarray, step_s: float
-) -> None:
-    """Fill the squared yaw rate errors of all candidates; the inner loop becomes SIMD."""
-    count = points.shape[0]
-    ability, step, norrbin = points[:, 0].copy(), step_s / points[:, 1], points[:, 2].copy()
-    rate, total = np.zeros(count), np.zeros(count)
-    for n in range(rudder_rad.size):
-        rudder, measured = rudder_rad[n], yaw_rate_rad_s[n]
-        for f in range(count):
-            total[f] += (rate[f] - measured) ** 2
-            _, rate[f] = rk4_step(0.0, rate[f], rudder, step[f], ability[f], 1.0, norrbin[f], 0.0)
-    for f in range(count):
-        values[f] = total[f]
-
-
-def zigzag(seconds: float) -> tuple[Floats, Floats]:
-    """Return the rudder and the noisy yaw rate of a zigzag of 20 degrees."""
-    samples = round(seconds / STEP_S)
-    legs = np.arange(samples) // round(LEG_S / STEP_S)
-    rudder_rad = np.where(legs % 2 == 0, 1.0, -1.0) * math.radians(20.0)
-    rates, state = [], (0.0, 0.0)
-    for rudder in rudder_rad:
-        rates.append(state[1])
-        state = rk4_step(*state, float(rudder), STEP_S, *TRUTH, 0.0)
-    return rudder_rad, np.array(rates) + np.random.default_rng(1).normal(0.0, 1e-3, samples)
-
-
-def compiled_one(rudder_rad: Floats, yaw_rate_rad_s: Floats) -> OneFish:
-    """Return the compiled objective of one fish: the one-fish form, which is faster than many with one."""
-    return lambda point: error_of_one(point, rudder_rad, yaw_rate_rad_s, STEP_S)
-
-
-def plain_one(rudder_rad: Floats, yaw_rate_rad_s: Floats) -> OneFish:
-    """Return the objective in Python."""
-
-    def error(point: Floats) -> float:
-        ability, lag, norrbin = point
-        heading = rate = total = 0.0
-        for rudder, measured in zip(rudder_rad, yaw_rate_rad_s, strict=True):
-            total += (rate - measured) ** 2
-            heading, rate = rk4_step(heading, rate, rudder, STEP_S, ability, lag, norrbin, 0.0)
-        return total
-
-    return error
-
-
-def ours_s(rudder_rad: Floats, yaw_rate_rad_s: Floats, evaluations: int, seed: int, workers: int) -> float:
-    """Return the seconds per evaluation of our swarm."""
-    objective = CompiledObjective(error_of_many, (rudder_rad, yaw_rate_rad_s, STEP_S), batch=True)
-    settings = SwarmSettings(iterations=100_000, most_evaluations=evaluations, seed=seed)
+def ours(log: Log, evaluations: int, seed: int, workers: int) -> tuple[float, int]:
+    """Return the seconds per evaluation of our swarm, and how many evaluations it made."""
     start_s = time.perf_counter()
-    result = minimise(objective, LOW, HIGH, settings, workers=workers)
-    return (time.perf_counter() - start_s) / result.evaluations
+    result = minimise(compiled_many(log), LOW, HIGH, settings(evaluations, seed), workers=workers)
+    return (time.perf_counter() - start_s) / result.evaluations, result.evaluations
 
 
-def theirs_s(one_fish: OneFish, evaluations: int, seed: int) -> float:
+def theirs(one_fish: OneFish, evaluations: int, seed: int) -> float:
     """Return the seconds per evaluation of scikit-opt's swarm, stopped at the number of evaluations."""
-    try:
-        from sko.AFSA import AFSA  # type: ignore[import-untyped]  # noqa: PLC0415 - no dependency of ours
-    except ModuleNotFoundError:
-        raise UsageError("scikit-opt is not installed; pip install scikit-opt for this measurement") from None
+    from sko.AFSA import AFSA  # type: ignore[import-untyped]  # noqa: PLC0415 - no dependency of ours
+
     low, span = np.array(LOW), np.subtract(HIGH, LOW)
     left = evaluations
 
     def objective(unit: Floats) -> float:
-        # Its fish know no bounds.
+        # Its fish know no bounds. np.clip would take longer.
         nonlocal left
         if left == 0:
             raise _DoneError
         left -= 1
-        return one_fish(low + np.clip(unit, 0.0, 1.0) * span)
+        return one_fish(low + np.minimum(np.maximum(unit, 0.0), 1.0) * span)
 
     np.random.seed(seed)  # noqa: NPY002 - it draws from there
     start_s = time.perf_counter()
     try:
-        AFSA(objective, n_dim=3, size_pop=30, max_iter=100_000, max_try_num=5).run()
+        AFSA(objective, n_dim=len(LOW), size_pop=FISH, max_iter=100_000, max_try_num=TRIES).run()
     except _DoneError:
         pass
     return (time.perf_counter() - start_s) / evaluations
 
 
+def beside(log: Log, one_fish: OneFish, evaluations: int, workers: int, pairs: int) -> Turns:
+    """Let both swim by turns, at the same number of evaluations, which is that of our run before."""
+    made = evaluations
+
+    def our_turn(seed: int) -> float:
+        nonlocal made
+        runs = [ours(log, evaluations, seed, workers) for _ in range(OURS_REPEATED)]
+        made = runs[0][1]
+        return statistics.median(seconds for seconds, _ in runs)
+
+    return in_turns(our_turn, lambda seed: theirs(one_fish, made, seed), pairs)
+
+
 def measure(setting: Setting) -> Finding:
-    """Let both swim in turns, and compare the medians."""
-    del setting
+    """Compare with scikit-opt where it is installed, and see whether memory grows."""
     workers = len(os.sched_getaffinity(0))
-    log = zigzag(SECONDS)
-    ours_s(*log, 1000, 0, workers)
-    ours_s(*log, 1000, 0, 1)
-    one = compiled_one(*log)
-    one(np.array(TRUTH))
-    alone, shared, theirs, ours_few = [], [], [], []
-    for seed in range(REPEATS):
-        alone.append(ours_s(*log, COMPILED_EVALUATIONS, seed, 1))
-        theirs.append(theirs_s(one, COMPILED_EVALUATIONS, seed))
-        shared.append(ours_s(*log, COMPILED_EVALUATIONS, seed, workers))
-        ours_few.append(ours_s(*log, PLAIN_EVALUATIONS, seed, 1))
-    plain = [theirs_s(plain_one(*log), PLAIN_EVALUATIONS, seed) for seed in range(2)]
-    median = statistics.median
-    figures = (
-        Figure(
-            "fish per evaluation, by scikit-opt with the same compiled objective",
-            "us",
-            1e6 * median(shared),
-            1e6 * median(theirs),
-            most_ratio=1.0 / FASTER_THAN_COMPILED,
-        ),
-        Figure("the same on one core", "us", 1e6 * median(alone), 1e6 * median(theirs)),
-        Figure(
-            "fish per evaluation, by scikit-opt with an objective in Python",
-            "us",
-            1e6 * median(ours_few),
-            1e6 * median(plain),
-            most_ratio=1.0 / FASTER_THAN_PLAIN,
-        ),
+    log = zigzag()
+    one = compiled_one(log)
+    one(np.array(LOW))
+    ours(log, 1000, 0, workers)
+    memory = memory_figure(setting.fish_evaluations)
+    try:
+        theirs(one, 100, 0)
+    except ModuleNotFoundError:
+        return Finding("Fish swarm", (memory[0],), (*memory[1], "pip install scikit-opt for the comparison with it"))
+    shared = beside(log, one, setting.fish_evaluations, workers, setting.pairs)
+    alone = beside(log, one, setting.fish_evaluations, 1, setting.pairs)
+    plain = beside(log, plain_one(log), setting.plain_evaluations, workers, PLAIN_PAIRS)
+    careful = beside(log, careful_one(log), setting.plain_evaluations, workers, PLAIN_PAIRS)
+    setting_text = (
+        f"K, T, alpha of a zigzag of {SECONDS:g} s at 10 Hz; {FISH} fish, {TRIES} tries; limits "
+        f"{setting.fish_evaluations} and (Python) {setting.plain_evaluations} evaluations, of both as many as ours made"
     )
-    faster = median(theirs) / median(shared), median(plain) / median(ours_few)
-    return Finding("Fish swarm", figures, notes(workers, *faster))
+    notes = (
+        f"same compiled objective: {shared.spread_text()}, with {workers} threads; {alone.spread_text()} with one",
+        f"objective in Python: {plain.spread_text()}; over lists of Python numbers {careful.spread_text()}",
+        setting_text,
+        *memory[1],
+    )
+    return Finding("Fish swarm", (*figures_of(shared, alone, plain, careful, workers), memory[0]), notes)
 
 
-def notes(workers: int, by_compiled: float, by_plain: float) -> tuple[str, ...]:
-    """Say how it was measured."""
-    ratios = (
-        f"{by_compiled:.1f} times scikit-opt with the same compiled objective (aim {FASTER_THAN_COMPILED:g}), "
-        f"{by_plain:.0f} times scikit-opt with an objective in Python (aim {FASTER_THAN_PLAIN:g})"
+def figures_of(shared: Turns, alone: Turns, plain: Turns, careful: Turns, workers: int) -> tuple[Figure, ...]:
+    """Return the figures; the turns are in seconds per evaluation, `bare` is scikit-opt's."""
+    return (
+        shared.figure(f"per evaluation, {workers} threads", "us", MICROSECONDS),
+        alone.figure("per evaluation, one thread", "us", MICROSECONDS),
+        shared.times_faster("faster than scikit-opt, same compiled objective", FASTER_THAN_COMPILED),
+        alone.times_faster("the same with one thread", FASTER_THAN_COMPILED),
+        plain.times_faster("faster than scikit-opt with an objective in Python", FASTER_THAN_PLAIN),
+        Figure("the same over lists of Python numbers", "times", 1.0 / careful.ratio),
     )
-    setting = (
-        f"zigzag of {SECONDS:g} s at 10 Hz, K, T and alpha; {COMPILED_EVALUATIONS} evaluations each, "
-        f"{PLAIN_EVALUATIONS} with Python; median of {REPEATS} runs in turns; {workers} workers"
-    )
-    return ratios, setting
+
+
+def memory_figure(evaluations: int) -> tuple[Figure, tuple[str, ...]]:
+    """Return the resident memory after ten times the evaluations beside that after as many, of a process of its own."""
+    few, many = answer_of(("-m", "hil.bench.long_swim", str(evaluations)), MEMORY_S)
+    figure = Figure("memory after ten times the evaluations", "MiB", many, few, most_ratio=FLAT)
+    return figure, (f"memory: VmRSS after {evaluations} and after {10 * evaluations} evaluations more",)

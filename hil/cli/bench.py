@@ -1,4 +1,4 @@
-"""`rambler-hil bench`: what the autopilot costs and how fast it is on this machine."""
+"""`rambler-hil bench`: what the autopilot and the tools cost and how fast they are on this machine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hil.errors import UsageError
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     names = "; ".join(f"{name}: {row.text}" for name, row in TABLE.items())
-    parser.add_argument("--quick", action="store_true", help="a minute and a half instead of five, and coarser")
+    parser.add_argument("--quick", action="store_true", help="some four minutes instead of ten, and coarser")
     parser.add_argument("--only", choices=tuple(TABLE), metavar="NAME", help=f"one of the measurements ({names})")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there as well")
     parser.add_argument(

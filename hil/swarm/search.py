@@ -68,7 +68,7 @@ def minimise(
         _place(shoal, np.asarray(start, float), course, settings)
     if not 1 <= workers <= MOST_WORKERS:
         raise SettingsError(f"workers {workers}: give a whole number from 1 to {MOST_WORKERS}")
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(max(workers - 1, 1)) as pool:
         swimmer = _swimmer(objective, shoal, course, log, pool if workers > 1 else None, workers)
         with compiling("the fish swarm"):
             row = swimmer(rng, 0, 1)
@@ -162,9 +162,10 @@ def _shared(evaluate: BatchObjective, pool: ThreadPoolExecutor, workers: int) ->
     def values(points: Floats) -> Floats:
         # Whole SIMD registers for each worker.
         size = -(-len(points) // (workers * LANES)) * LANES
-        return np.concatenate(
-            list(pool.map(evaluate, [points[begin : begin + size] for begin in range(0, len(points), size)]))
-        )
+        first, *others = (points[begin : begin + size] for begin in range(0, len(points), size))
+        waiting = [pool.submit(evaluate, part) for part in others]
+        # This thread is a worker too: handing work over takes as long as simulating a dozen fish.
+        return np.concatenate([evaluate(first), *(each.result() for each in waiting)])
 
     return values
 
