@@ -35,7 +35,11 @@ def draw(report: Report, path: Path) -> None:
     top, bottom = halves
     upper = top.subplots(1, 1 + len(report.studies))
     for axes, study in zip(upper, report.studies, strict=False):
-        _plane(axes, study)
+        shades = _plane(axes, study)
+    # One scale for all planes: labels on the lines would lie on each other where the plane is steep.
+    bar = top.colorbar(shades, ax=upper[len(report.studies) - 1], format="+%g %%", pad=0.03, aspect=30)
+    bar.ax.tick_params(colors=INK, labelsize=7, length=0)
+    bar.outline.set_visible(False)
     _front(upper[-1], report)
     lower = bottom.subplots(1, 2)
     _headings(lower[0], report)
@@ -45,12 +49,12 @@ def draw(report: Report, path: Path) -> None:
     figure.savefig(path)
 
 
-def _plane(axes: Any, study: StepStudy) -> None:
+def _plane(axes: Any, study: StepStudy) -> Any:
+    """Draw J over the k1-k2 plane with the paper's gains and the optimum on it; return the shades."""
     excess = 100.0 * (study.plane / study.best_itae - 1.0)
     palette = colormaps["Blues_r"](np.linspace(0.25, 0.98, len(EXCESS_PERCENT) - 1))
-    axes.contourf(study.k1, study.k2, np.clip(excess, 0.0, 499.0), levels=EXCESS_PERCENT, colors=palette)
-    lines = axes.contour(study.k1, study.k2, excess, levels=EXCESS_PERCENT[1:-1], colors="white", linewidths=0.6)
-    axes.clabel(lines, fmt="+%g %%", fontsize=7, colors=INK)
+    shades = axes.contourf(study.k1, study.k2, np.clip(excess, 0.0, 499.0), levels=EXCESS_PERCENT, colors=palette)
+    axes.contour(study.k1, study.k2, excess, levels=EXCESS_PERCENT[1:-1], colors="white", linewidths=0.6)
     best = study.swarm.best
     axes.plot(paper.K1, paper.K2, "o", color=GOAL, ms=8, mec="white", clip_on=False, zorder=5)
     axes.plot(best[0], best[1], "D", color="#e8a33d", ms=7, mec="white", clip_on=False, zorder=5)
@@ -68,6 +72,7 @@ def _plane(axes: Any, study: StepStudy) -> None:
     axes.set_title(f"ITAE of a {study.step_deg:g}° step, above the least", fontsize=10, color=INK, loc="left")
     axes.set_xlabel("k1")
     axes.set_ylabel("k2")
+    return shades
 
 
 def _front(axes: Any, report: Report) -> None:

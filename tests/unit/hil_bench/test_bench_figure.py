@@ -16,6 +16,11 @@ from hil.bench.figure import Figure
         (Figure("x", "us", float("nan"), 100.0, most_ratio=5.0), False),
         (Figure("x", "us", float("nan"), most=5.0), False),
         (Figure("x", "us", 1e9, 1.0), None),
+        (Figure("x", "times", 15.0, least=15.0), True),
+        (Figure("x", "times", 14.9, least=15.0), False),
+        (Figure("x", "times", float("nan"), least=15.0), False),
+        (Figure("x", "us", 1.0, 1.0, most_ratio=0.5, paired_ratio=0.4), True),
+        (Figure("x", "us", 0.1, 1.0, most_ratio=0.5, paired_ratio=0.6), False),
     ],
 )
 def test_an_aim_is_met_or_not_or_there_is_none(figure, met):

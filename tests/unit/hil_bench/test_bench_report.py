@@ -72,3 +72,9 @@ def test_json_holds_the_ratio_the_verdict_and_the_circumstances():
 def test_json_has_no_numbers_that_json_does_not_know():
     text = as_json([Finding("Nothing", (Figure("x", "s", math.nan, math.inf),))], {})
     assert json.loads(text, parse_constant=pytest.fail)["findings"][0]["figures"][0]["value"] is None
+
+
+def test_an_aim_that_is_a_least_is_told():
+    shown = table([Finding("speed", (Figure("faster", "times", 14.0, least=15.0),))])
+    assert ">= 15 times" in shown
+    assert "MISSED" in shown
