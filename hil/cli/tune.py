@@ -11,6 +11,7 @@ from pathlib import Path
 
 from firmware_py.params import ParameterSet
 from hil import scenarios
+from hil.cli import outputs
 from hil.errors import UsageError
 from hil.tune import cases, paper
 from hil.tune.report import Report, as_json, parameter_file, text
@@ -19,11 +20,24 @@ from hil.tune.trials import Setting, Trials
 from hil.vehicle_file import VehicleFile, load
 
 EVALUATIONS = 400
+EPILOG = """\
+The JSON holds:
+  paper       for a 30 and a 90 deg step: k1, k2 and itae_deg_s2 of the least ITAE, what the paper's gains come to
+  reference   error (1 by definition) and travel_deg_per_h of the paper's gains over all cases
+  chosen      k1, k2, tau_s, deadband_deg; error and worst_error (of one case) by the reference; why; parameters
+  fresh_seas  the chosen setting with other waves and noise
+  front       the settings that no other beats in both error and travel
+  cases       for each sea, speed, K_factor and T_factor the errors of the paper's gains and of the chosen setting
+  evaluations, trial_runs, seconds
+
+What is tried is a copy of the firmware's observer, S-surface and rudder limit (hil/tune/twins.py)."""
 FRESH_SEED = 1_000_003  # added to the seed for the seas that the choice is checked in
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = EPILOG
     names = ", ".join(row.name for row in scenarios.TABLE)
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="a vehicle file: model, limits, present gains")
     parser.add_argument(
@@ -63,10 +77,10 @@ def run(arguments: argparse.Namespace) -> int:
     report = make_report(vehicle, arguments)
     print(text(report))
     if arguments.out_params is not None:
-        arguments.out_params.write_text(parameter_file(report), encoding="utf-8")
+        outputs.write("--out-params", arguments.out_params, parameter_file(report))
         print(f"parameters: {arguments.out_params}")
     if arguments.json is not None:
-        arguments.json.write_text(json.dumps(as_json(report), indent=2) + "\n", encoding="utf-8")
+        outputs.write("--json", arguments.json, json.dumps(as_json(report), indent=2) + "\n")
     if arguments.plot is not None:
         from hil.tune import page  # noqa: PLC0415 - matplotlib is slow to import, and not always needed
 
@@ -123,8 +137,7 @@ def _check(arguments: argparse.Namespace) -> None:
     for option, path in (
         ("--json", arguments.json), ("--plot", arguments.plot), ("--out-params", arguments.out_params)
     ):  # fmt: skip
-        if path is not None and not path.absolute().parent.is_dir():
-            raise UsageError(f"{option} {path}: there is no directory {path.absolute().parent}; make it first")
+        outputs.check(option, path)
 
 
 def _tell(what: str, part: float) -> None:

@@ -9,7 +9,9 @@ leave the paper's letter, it is for these reasons:
   0 to 1 whatever the sign and scale of the objective. All else compares values only, so any strictly
   increasing function of the objective (J, log J, -1/J) gives the same search.
 * All points that are evaluated, also the tries and the centres, go to the bulletin board.
-* A move that leaves the box stops at its wall, coordinate by coordinate.
+* A move toward a place that leaves the box stops at its wall, coordinate by coordinate, for the best may lie there.
+  A look or a random move beyond a wall is mirrored into the box: with wide vision in five dimensions half of
+  them would else fall upon walls.
 """
 
 from __future__ import annotations
@@ -135,7 +137,16 @@ def aside(here: np.ndarray, direction: np.ndarray, distance: float, point: np.nd
         square += direction[k] ** 2
     share = distance / math.sqrt(square) if square > 0.0 else 0.0
     for k in range(here.size):
-        point[k] = min(max(here[k] + share * direction[k], 0.0), 1.0)
+        point[k] = mirrored(here[k] + share * direction[k])
+
+
+@inner
+def mirrored(coordinate: float) -> float:
+    """Return a coordinate outside the box as its image within, behind the walls that are mirrors."""
+    if 0.0 <= coordinate <= 1.0:
+        return coordinate
+    away = abs(coordinate) % 2.0
+    return 2.0 - away if away > 1.0 else away
 
 
 @inner

@@ -66,7 +66,7 @@ def minimise(
     scatter(shoal, rng)
     if start is not None:
         _place(shoal, np.asarray(start, float), course, settings)
-    if not 1 <= workers <= MOST_WORKERS:
+    if not (isinstance(workers, int) and 1 <= workers <= MOST_WORKERS):
         raise SettingsError(f"workers {workers}: give a whole number from 1 to {MOST_WORKERS}")
     with ThreadPoolExecutor(max(workers - 1, 1)) as pool:
         swimmer = _swimmer(objective, shoal, course, log, pool if workers > 1 else None, workers)

@@ -22,11 +22,12 @@ class Shoal(NamedTuple):
 
     place, cost: where each fish is. share: what share of the shoal is worse off (its food).
     partners, centre: how many others a fish sees, and their middle.
-    leader, leader_partners: the best of them, and how many that one sees.
+    leader: the best of them.
     centre_cost, try_place, try_cost: answers of this iteration.
     move_place, move_cost, move_kind: the best move found in this iteration.
     best_place, best_cost: the bulletin board.
-    point, owner, kind: what is to be evaluated next, `request` rows of it.
+    point, owner, kind: what is to be evaluated next, for which fish, and why.
+    uniforms, normals: the random numbers of an iteration.
     """
 
     place: Floats

@@ -16,7 +16,7 @@ from hil.tune.search import Tuned
 from hil.tune.trials import DEG_PER_H, PAPER, Score, Setting, Trials
 
 SHOWN = "sea"  # the scenario whose runs are drawn, where it is among the cases
-COLUMNS = ("case", "rms deg", "mean deg", "travel deg/h", "rms deg", "mean deg", "travel deg/h")
+COLUMNS = ("case", "rms deg", "worst mean", "travel deg/h", "rms deg", "worst mean", "travel deg/h")
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hil.swarm import SwarmSettings, behaviour
 from hil.swarm.shoal import (
@@ -185,10 +187,31 @@ def test_whom_nothing_has_helped_moves_at_random_even_to_a_worse_place():
 
 
 def test_a_step_that_leaves_the_box_ends_at_its_wall():
+    point = np.zeros(2)
+    assert behaviour.toward(np.array([0.9, 0.5]), np.array([0.95, 0.5]), 0.3, point) == 1
+    assert point.tolist() == [1.0, 0.5]
+    assert behaviour.toward(np.array([0.1, 0.1]), np.array([0.0, 0.1]), 0.3, point) == 1
+    assert point.tolist() == [0.0, 0.1]
+
+
+def test_a_look_or_a_random_step_beyond_a_wall_falls_inside_and_not_upon_it():
+    """In many dimensions half of all looks would otherwise be at walls, which are no part of the box worth that."""
     shoal = shoal_of([(0.0, 1.0)] * 50, [1.0] * 50)
-    points = np.array([point for _, _, point in asked(shoal, RANDOM_MOVE)])
-    assert points.min() == 0.0
-    assert points.max() == 1.0
+    points = np.array([point for _, _, point in asked(shoal, TRY, RANDOM_MOVE)])
+    assert points.min() > 0.0
+    assert points.max() < 1.0
+    assert points[:, 0].max() > 0.05
+    assert points[:, 1].min() < 0.95
+
+
+@given(st.floats(-10.0, 10.0))
+def test_walls_are_mirrors(coordinate):
+    image = behaviour.mirrored(coordinate)
+    assert 0.0 <= image <= 1.0
+    # As a zigzag with corners at the whole numbers.
+    assert image == pytest.approx(abs(coordinate - 2.0 * round(coordinate / 2.0)), abs=1e-12)
+    if 0.0 <= coordinate <= 1.0:
+        assert image == coordinate
 
 
 def test_the_bulletin_board_hears_of_every_place_looked_at():

@@ -75,7 +75,7 @@ def test_workers_change_nothing(workers):
         assert same(batch, minimise(compiled_objective, LOW, HIGH, QUICK, workers=workers))
 
 
-@pytest.mark.parametrize("workers", [0, 257])
+@pytest.mark.parametrize("workers", [0, 257, 1.5])
 def test_workers_that_are_none_are_refused(workers):
     with pytest.raises(SettingsError, match="workers"):
         minimise(bowl, LOW, HIGH, QUICK, workers=workers)

@@ -1,9 +1,12 @@
 import json
+from pathlib import Path
 
 import pytest
 
 from firmware_py.params import parse_file
 from hil.__main__ import main
+from hil.cli import outputs
+from hil.errors import HilError
 from hil.tune import search
 
 VEHICLE = """
@@ -39,11 +42,23 @@ def refused(capsys, *words: str) -> str:
         (["--seed", "-3"], "--seed -3"),
         (["--plot", "picture.gif"], "must end in .png or .html"),
         (["--json", "nowhere/at/all.json"], "make it first"),
+        (["--json", "/"], "is a directory"),
+        (["--out-params", "."], "is a directory"),
         (["--vehicle", "no-such.toml"], "cannot be read"),
     ],
 )
 def test_bad_usage_is_one_line_with_a_remedy(capsys, words, told):
     assert told in refused(capsys, *words)
+
+
+def test_a_file_that_may_not_be_written_is_refused_before_the_work(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr("os.access", lambda _path, _mode: False)
+    assert "may not be written" in refused(capsys, "--json", str(tmp_path / "tune.json"))
+
+
+def test_a_file_that_cannot_be_written_after_all_is_one_error():
+    with pytest.raises(HilError, match="--json /dev/full cannot be written: No space left"):
+        outputs.write("--json", Path("/dev/full"), "text")
 
 
 def test_a_vehicle_is_tuned_and_everything_is_written(tmp_path, capsys, monkeypatch):
