@@ -14,6 +14,8 @@ from hil.identify.recording import Floats
 
 Integers = NDArray[np.int64]
 
+LANES = 8  # doubles in the widest vector register: no candidate is left over to be computed alone
+
 # The arrays that output_error carries along have a value for each candidate and come in tuples, because the
 # compiler makes SIMD of separate arrays only:
 # state: heading, yaw rate, free decay, free turn.
@@ -126,12 +128,14 @@ def output_error(
         heading_rad: from the start of its window.
         yaw_rate_rad_s: measured.
     """
-    count = points.shape[0]
+    count = -(-points.shape[0] // LANES) * LANES
+    full = np.zeros((count, 4))
+    full[: points.shape[0]] = points
     model = (
-        scales[0] * np.exp(points[:, 0]) * (1.0 + points[:, 2]),
-        np.exp(points[:, 1]) * (1.0 + points[:, 2]),
-        points[:, 2] / (scales[1] * scales[1]),
-        scales[3] + points[:, 3] * scales[2] * (1.0 + 3.0 * points[:, 2]) / (1.0 + points[:, 2]),
+        scales[0] * np.exp(full[:, 0]) * (1.0 + full[:, 2]),
+        np.exp(full[:, 1]) * (1.0 + full[:, 2]),
+        full[:, 2] / (scales[1] * scales[1]),
+        scales[3] + full[:, 3] * scales[2] * (1.0 + 3.0 * full[:, 2]) / (1.0 + full[:, 2]),
     )
     state = (np.zeros(count), np.zeros(count), np.ones(count), np.zeros(count))
     window = (np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count))
@@ -154,7 +158,7 @@ def output_error(
         inside += 1
     _end_window(state, window, stretch, total, inside)
     _end_stretch(state, stretch, total)
-    for f in range(count):
+    for f in range(points.shape[0]):
         heading, rate = max(total[0][f], 0.0), max(total[1][f], 0.0)
         if scales[4] > 0.0 and scales[5] > 0.0:
             values[f] = np.sqrt(heading / scales[4] * (rate / scales[5]))
