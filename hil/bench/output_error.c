@@ -2,7 +2,8 @@
    one over the candidates that the compiler makes SIMD of. Built and timed by hil/bench/objective.py.
 
    candidates: rows ln K, ln T, alpha r^2 and delta0 of `count` columns each (the transpose of the points).
-   work: 19 rows of `count`, for what is carried along. */
+   work: 19 rows of count + 8 for what is carried along, at a multiple of 64 bytes. The rows lie 64 bytes further apart
+   than they are long, so that no two share their address modulo 4096, which the processor would mistake for the same. */
 
 #include <math.h>
 #include <stddef.h>
@@ -35,17 +36,18 @@ void output_error(ptrdiff_t count, ptrdiff_t rows, const double *restrict candid
                   const double *restrict rudder, const double *restrict speed, const double *restrict heading,
                   const double *restrict yaw_rate, double *restrict work)
 {
-    double *restrict gain = work, *restrict lag = work + count, *restrict cubic = work + 2 * count;
-    double *restrict offset = work + 3 * count, *restrict psi = work + 4 * count, *restrict r = work + 5 * count;
-    double *restrict decay = work + 6 * count, *restrict turn = work + 7 * count, *restrict e1 = work + 8 * count;
-    double *restrict t1 = work + 9 * count, *restrict e2 = work + 10 * count, *restrict t2 = work + 11 * count;
-    double *restrict et = work + 12 * count, *restrict ht2 = work + 13 * count, *restrict het = work + 14 * count;
-    double *restrict rt2 = work + 15 * count, *restrict ret = work + 16 * count;
-    double *restrict he2 = work + 17 * count, *restrict re2 = work + 18 * count;
+    const ptrdiff_t row = count + 8;
+    double *restrict gain = work, *restrict lag = work + row, *restrict cubic = work + 2 * row;
+    double *restrict offset = work + 3 * row, *restrict psi = work + 4 * row, *restrict r = work + 5 * row;
+    double *restrict decay = work + 6 * row, *restrict turn = work + 7 * row, *restrict e1 = work + 8 * row;
+    double *restrict t1 = work + 9 * row, *restrict e2 = work + 10 * row, *restrict t2 = work + 11 * row;
+    double *restrict et = work + 12 * row, *restrict ht2 = work + 13 * row, *restrict het = work + 14 * row;
+    double *restrict rt2 = work + 15 * row, *restrict ret = work + 16 * row;
+    double *restrict he2 = work + 17 * row, *restrict re2 = work + 18 * row;
     const int with_heading = scales[4] > 0.0, with_rate = scales[5] > 0.0;
     ptrdiff_t inside = 0;
 
-    memset(work, 0, 19 * (size_t)count * sizeof(double));
+    memset(work, 0, 19 * (size_t)row * sizeof(double));
 #pragma GCC ivdep
     for (ptrdiff_t f = 0; f < count; f++) {
         const double c = candidates[2 * count + f];

@@ -23,7 +23,8 @@ from hil.ship.kt_plant import LARGEST_STEP_S, inner_steps
 from hil.ship.noise import NormalNumbers
 from hil.ship.servo import DEFAULT_SLEW_RAD_S
 from hil.ship.waves import WaveYaw
-from hil.tune.loop_kernel import Pilot, Seas, Task
+from hil.tune.loop_kernel import Seas, Task
+from hil.tune.twins import Pilot
 
 STEP_S = 0.1
 SHORTEST_LEG_S, LONGEST_LEG_S = 300.0, 3000.0

@@ -15,15 +15,7 @@ from numpy.typing import NDArray
 
 from firmware_py.model.kt import rk4_step
 from hil.compiled import compiled
-from hil.tune.twins import (
-    clamp,
-    limited_command,
-    observer_correct,
-    observer_predict,
-    rudder_demand,
-    wrap_pi,
-    wrap_two_pi,
-)
+from hil.tune.twins import PILOT_STATES, Pilot, clamp, pilot_begins, pilot_steers, wrap_two_pi
 
 Floats = NDArray[np.float64]
 
@@ -33,23 +25,6 @@ RESOLUTION_RAD = math.pi / 1800.0  # the compass prints 0.1 deg
 # Columns of the results: of a case, worst or mean over its legs as the name says.
 ITAE, RMS, MEAN, TRAVEL, OVERSHOOT = range(5)
 RESULTS = 5
-
-
-class Pilot(NamedTuple):
-    """What the autopilot knows and is built with; the searched parameters come separately.
-
-    turning_ability_1_s and turning_lag_s are the observer's model (MDL_K, MDL_T_S), rate_limit_rad_s
-    its bound on the yaw rate, rate_max_rad_s the yaw rate that normalises the controller's.
-    """
-
-    turning_ability_1_s: float
-    turning_lag_s: float
-    rate_limit_rad_s: float
-    rate_max_rad_s: float
-    rudder_limit_rad: float
-    rudder_slew_rad_s: float
-    trim_rad: float
-    servo_slew_rad_s: float
 
 
 class Task(NamedTuple):
@@ -87,10 +62,7 @@ def counted(angle_rad: float) -> float:
 
 @compiled
 def closed_loop(
-    k1: float,
-    k2: float,
-    tau_s: float,
-    deadband_rad: float,
+    setting: Floats,
     pilot: Pilot,
     task: Task,
     ship: Floats,
@@ -105,25 +77,17 @@ def closed_loop(
     until the next. The servo's answer is that of the tick before, as on the boat.
     """
     step_s = task.step_s
-    theta, decay = math.exp(-step_s / tau_s), math.exp(-step_s / pilot.turning_lag_s)
     inner_steps = int(ship[3])
     inner_s = step_s / inner_steps
     reach_rad = pilot.servo_slew_rad_s * inner_s
-    psi = r = angle = command = told = 0.0
-    seen_psi, seen_r = compass_reading(compass_rad[0]), 0.0
+    psi = r = angle = told = 0.0
+    state = np.zeros(PILOT_STATES)
+    pilot_begins(state, setting, pilot, compass_reading(compass_rad[0]), step_s)
     for tick in range(heading_rad.size):
         heading_rad[tick], rudder_rad[tick] = psi, angle
-        if tick > 0:
-            seen_psi, seen_r = observer_predict(
-                seen_psi, seen_r, told, step_s, decay, pilot.turning_ability_1_s, pilot.turning_lag_s
-            )
-            measured_rad = compass_reading(psi + compass_rad[tick])
-            seen_psi, seen_r = observer_correct(seen_psi, seen_r, measured_rad, step_s, theta, pilot.rate_limit_rad_s)
-        error_rad = wrap_pi(task.goals_rad[tick // task.leg_ticks] - seen_psi)
-        demand = rudder_demand(error_rad, seen_r, k1, k2, pilot.rudder_limit_rad, pilot.rate_max_rad_s, pilot.trim_rad)
-        command = limited_command(
-            command, demand, step_s, pilot.rudder_limit_rad, pilot.rudder_slew_rad_s, deadband_rad
-        )
+        goal_rad = task.goals_rad[tick // task.leg_ticks]
+        measured_rad = compass_reading(psi + compass_rad[tick])
+        command = pilot_steers(state, setting, pilot, tick, goal_rad, measured_rad, told, step_s)
         told = counted(angle)
         target = counted(command)
         for _ in range(inner_steps):
@@ -178,10 +142,7 @@ def sail_all(settings: Floats, pilot: Pilot, task: Task, seas: Seas, results: Fl
     for number in range(settings.shape[0]):
         for case in range(seas.ships.shape[0]):
             closed_loop(
-                settings[number, 0],
-                settings[number, 1],
-                settings[number, 2],
-                settings[number, 3],
+                settings[number],
                 pilot,
                 task,
                 seas.ships[case],

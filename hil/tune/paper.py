@@ -16,8 +16,8 @@ from firmware_py.model.kt import KtModel, rk4_step
 from hil.compiled import compiled, compiling
 from hil.swarm import SwarmResult, SwarmSettings, minimise
 from hil.tune.cases import steps_within
-from hil.tune.loop_kernel import Floats, Pilot
-from hil.tune.twins import rudder_demand
+from hil.tune.loop_kernel import Floats
+from hil.tune.twins import Pilot, rudder_demand
 
 K1, K2 = 40.0, 0.3
 LOW, HIGH = (1.0, 0.0), (60.0, 10.0)

@@ -71,7 +71,7 @@ def _trace(name: str, trials: Trials, row: int, setting: Setting) -> Trace:
     ticks = task.goals_rad.size * task.leg_ticks
     heading_rad, rudder_rad = np.zeros(ticks), np.zeros(ticks)
     closed_loop(
-        *trials.row_of(setting),
+        trials.row_of(setting),
         trials.pilot,
         task,
         seas.ships[row],

@@ -86,9 +86,9 @@ class Trials:
         return results
 
     @staticmethod
-    def row_of(setting: Setting) -> tuple[float, float, float, float]:
+    def row_of(setting: Setting) -> Floats:
         """Return a setting as the compiled loop takes it."""
-        return setting.k1, setting.k2, setting.tau_s, radians(setting.deadband_deg)
+        return np.array([setting.k1, setting.k2, setting.tau_s, radians(setting.deadband_deg)])
 
     def scores(self, settings: Sequence[Setting]) -> list[Score]:
         """Return and keep the score of each setting."""

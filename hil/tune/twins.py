@@ -1,4 +1,4 @@
-"""Twins of the firmware's heading control, for compiled code.
+"""Twins of the firmware's heading control, for compiled code: all that the tuner knows of it.
 
     firmware_py/estimate/heading.py        observer_predict, observer_correct
     firmware_py/control/s_surface.py       rudder_demand
@@ -8,16 +8,44 @@
 The bench may not import the first three; tests/unit/hil_tune/test_loop_kernel.py holds each twin
 against its original, bit for bit. What the twins leave out is what a trial run never has:
 samples that are late, missing or not numbers.
+
+To follow a change of the firmware's control: bring the twin up to date until that test passes, keep in
+`pilot_begins` and `pilot_steers` the firmware's order of things and in a row of `state` what lasts from tick to
+tick, and name what is to be searched in cases.pilot_of, trials.Setting and search.BOUNDS. The ship, the
+seas and the search know nothing of it.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from firmware_py.angles import TWO_PI
 from hil.compiled import compiled
+
+# Columns of a setting, and of what the autopilot keeps from tick to tick.
+K1, K2, TAU_S, DEADBAND_RAD = range(4)
+HEADING_RAD, YAW_RATE_RAD_S, COMMAND_RAD, THETA, DECAY = range(5)
+PILOT_STATES = 5
+
+
+class Pilot(NamedTuple):
+    """What the autopilot knows and is built with; the searched parameters come separately.
+
+    turning_ability_1_s and turning_lag_s are the observer's model (MDL_K, MDL_T_S), rate_limit_rad_s
+    its bound on the yaw rate, rate_max_rad_s the yaw rate that normalises the controller's.
+    """
+
+    turning_ability_1_s: float
+    turning_lag_s: float
+    rate_limit_rad_s: float
+    rate_max_rad_s: float
+    rudder_limit_rad: float
+    rudder_slew_rad_s: float
+    trim_rad: float
+    servo_slew_rad_s: float
 
 
 @compiled
@@ -122,3 +150,41 @@ def observer_correct(
         wrap_two_pi(heading_rad + (1.0 - theta * theta) * innovation_rad),
         clamp(yaw_rate_rad_s, -rate_limit_rad_s, rate_limit_rad_s),
     )
+
+
+@compiled
+def pilot_begins(state: np.ndarray, setting: np.ndarray, pilot: Pilot, measured_rad: float, step_s: float) -> None:
+    """Fill the autopilot's state at its first sample, with the rudder amidships."""
+    state[HEADING_RAD], state[YAW_RATE_RAD_S], state[COMMAND_RAD] = measured_rad, 0.0, 0.0
+    state[THETA], state[DECAY] = math.exp(-step_s / setting[TAU_S]), math.exp(-step_s / pilot.turning_lag_s)
+
+
+@compiled
+def pilot_steers(
+    state: np.ndarray,
+    setting: np.ndarray,
+    pilot: Pilot,
+    tick: int,
+    goal_rad: float,
+    measured_rad: float,
+    told_rad: float,
+    step_s: float,
+) -> float:
+    """Return the rudder command of a tick, from what compass and servo say; the first sample is known already."""
+    heading_rad, yaw_rate_rad_s = state[HEADING_RAD], state[YAW_RATE_RAD_S]
+    if tick > 0:
+        heading_rad, yaw_rate_rad_s = observer_predict(
+            heading_rad, yaw_rate_rad_s, told_rad, step_s, state[DECAY], pilot.turning_ability_1_s, pilot.turning_lag_s
+        )
+        heading_rad, yaw_rate_rad_s = observer_correct(
+            heading_rad, yaw_rate_rad_s, measured_rad, step_s, state[THETA], pilot.rate_limit_rad_s
+        )
+        state[HEADING_RAD], state[YAW_RATE_RAD_S] = heading_rad, yaw_rate_rad_s
+    error_rad, limit_rad = wrap_pi(goal_rad - heading_rad), pilot.rudder_limit_rad
+    demand_rad = rudder_demand(
+        error_rad, yaw_rate_rad_s, setting[K1], setting[K2], limit_rad, pilot.rate_max_rad_s, pilot.trim_rad
+    )
+    state[COMMAND_RAD] = limited_command(
+        state[COMMAND_RAD], demand_rad, step_s, limit_rad, pilot.rudder_slew_rad_s, setting[DEADBAND_RAD]
+    )
+    return float(state[COMMAND_RAD])

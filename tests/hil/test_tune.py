@@ -44,7 +44,7 @@ def test_a_trial_run_is_the_real_autopilot_s_in_the_same_waves(tmp_path, scenari
     heading, rudder = np.zeros(ticks), np.zeros(ticks)
     setting = Trials.row_of(Setting.of(parameters))
     task = Task(np.radians([60.0]), ticks, 0, 0.1)
-    closed_loop(*setting, pilot_of(parameters), task, row, waves + noise, smooth, heading, rudder)
+    closed_loop(setting, pilot_of(parameters), task, row, waves + noise, smooth, heading, rudder)
     # The autopilot begins a few ticks late: it looks for its devices and is armed first.
     late = int(np.argmax(np.abs(truth.rudder_rad) > 0.1)) - int(np.argmax(np.abs(rudder) > 0.1))
     assert 0 <= late < 60

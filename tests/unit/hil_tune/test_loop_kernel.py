@@ -128,7 +128,7 @@ def test_a_long_run_is_the_firmware_s_to_the_last_bit(k1, k2, tau_s, deadband_de
     theirs = firmware_loop(chosen, ship, wave, offset)
     headings, rudders = np.zeros(TICKS), np.zeros(TICKS)
     row = (chosen["CTL_K1"], chosen["CTL_K2"], chosen["EST_TAU_S"], angles.radians(chosen["RUD_DBAND_DEG"]))
-    loop_kernel.closed_loop(*row, pilot_of(chosen), TASK, ship, wave, offset, headings, rudders)
+    loop_kernel.closed_loop(np.array(row), pilot_of(chosen), TASK, ship, wave, offset, headings, rudders)
     assert np.array_equal(headings, theirs[0])
     assert np.array_equal(rudders, theirs[1])
     assert np.ptp(rudders) > 0.5  # she has had work
