@@ -13,7 +13,7 @@ help:
 	@echo "make test   the whole test suite"
 	@echo "make lint types pages-check   what CI checks besides"
 	@echo "make pages  write the generated pages anew"
-	@echo "make bench  lateness, latency, load, memory and round trips on this machine"
+	@echo "make bench  lateness, latency, load, memory, round trips and the speed of the tools on this machine"
 	@echo "make proof  the longer proofs: the tank task over 5 seeds, both compasses, both servos"
 
 # The venv is made anew when the dependencies change. Pythons under other names are tried so

@@ -17,7 +17,7 @@ from hil.errors import HilError, UsageError
 COMMANDS = {
     "run": ("hil.cli.run", "sail the autopilot in a simulated sea and measure how well it steers"),
     "identify": ("hil.cli.identify", "identify K, T, alpha and the rudder offset from manoeuvres and onboard logs"),
-    "bench": ("hil.cli.bench", "measure lateness, latency, load, start and round trips on this machine"),
+    "bench": ("hil.cli.bench", "measure the autopilot and the tools on this machine"),
     "scenarios": ("hil.cli.scenarios", "list the seas that a run can be made in"),
     "similarity": ("hil.cli.similarity", "the model of the ship at other speeds"),
     "tune": ("hil.cli.tune", "find the gains of the heading controller by artificial fish swarm"),

@@ -127,7 +127,7 @@ def measure(setting: Setting) -> Finding:
         f"with {workers} threads: {shared.spread_text()}",
         f"objective in Python: {plain.spread_text()}",
         f"over lists of Python numbers: {careful.spread_text()}",
-        f"K, T, alpha of a zigzag of {SECONDS:g} s at 10 Hz; both {FISH} fish, {TRIES} tries, one thread, processor time",
+        f"K, T, alpha of a zigzag of {SECONDS:g} s at 10 Hz; both {FISH} fish, {TRIES} tries; processor time",
         f"at most {setting.fish_evaluations} evaluations, {setting.plain_evaluations} with Python, counted by ours",
         "scikit-opt is stopped from within its objective after as many",
         *memory[1],
