@@ -40,13 +40,14 @@ class Information:
         return robust * (rows / max(rows - self.free, 1.0))
 
     def step(
-        self, matrix: Floats, slope: Floats, weights: tuple[float, ...], place: int, believed: float, spread: float
+        self, matrix: Floats, slope: Floats, weights: tuple[float, ...], place: int, spread: float
     ) -> tuple[Floats, Floats]:
         """Return the Gauss-Newton step of the free parameters, one of them believed near its value, and the covariance.
 
-        believed: what the belief adds to the matrix; spread: its standard deviation.
+        spread: the belief's standard deviation.
         """
         held = matrix.copy()
+        believed = self.rows / (spread**2 * self.effective_rows(weights))
         held[place, place] += believed
         diagonal = np.sqrt(np.maximum(np.diag(held), 1e-300))
         diagonal[diagonal < 1e-9 * diagonal.max()] = diagonal.max()

@@ -24,7 +24,9 @@ NO_LAGS = np.zeros(0)
 FEW_ROWS = 3000
 MOST_LAGS = 24  # of the filter that makes a heading's noise white; what colour is left the standard errors allow for
 LONGEST_ALLOWED = 0.5  # step of ln K, ln T, c and delta0 in scales
-BELIEVED_CUBIC = 0.1  # alpha r^2 at the yaw rates of a log in which it does not show, one sigma
+# alpha r^2 at the yaw rates of a log in which it does not show, one sigma: what is likely sets the values,
+# what is possible sets their standard errors.
+LIKELY_CUBIC, POSSIBLE_CUBIC = 0.015, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +117,7 @@ def fit(
     roughs = [
         _settled(Problem(few, scales, fastest, free, weights), state, tell, ROUNDS) for weights in _first_weights(data)
     ]
-    rough = min(roughs, key=_surprise)
+    rough = min(roughs, key=surprise)
     if few is data:
         if simpler is None or rough.cost <= rough.problem.cost(simpler.state):
             return rough
@@ -145,7 +147,7 @@ def _first_weights(data: Data) -> tuple[Weights, ...]:
     return (Weights(heading, 0.0, NO_LAGS), Weights(heading, 0.0, np.array([-1.0])))
 
 
-def _surprise(one: Fit) -> float:
+def surprise(one: Fit) -> float:
     """Return minus twice the logarithm of the likelihood of a fit's errors, their colour allowed for."""
     parts = zip(one.problem.data.stretches, one.state.starts, strict=True)
     noise = fit_noise([np.column_stack(one.problem.errors(stretch, one.state, start)) for stretch, start in parts])
@@ -283,10 +285,9 @@ def allowing_for_cubic(linear: Fit) -> Estimates | None:
     known = information(problem, linear.state)
     weights = problem.channel_weights()
     matrix, slope = problem.normal(linear.state)
-    share = linear.effective_rows / problem.data.rows
-    spread = BELIEVED_CUBIC * (problem.scales.yaw_rate_rad_s / linear.typical_rate_rad_s()) ** 2
-    believed = 1.0 / (spread**2 * share)
-    step, covariance = known.step(matrix, slope, weights, CUBIC.index(2), believed, spread)
+    unit = (problem.scales.yaw_rate_rad_s / linear.typical_rate_rad_s()) ** 2
+    step, _ = known.step(matrix, slope, weights, CUBIC.index(2), LIKELY_CUBIC * unit)
+    _, covariance = known.step(matrix, slope, weights, CUBIC.index(2), POSSIBLE_CUBIC * unit)
     values = linear.state.point.values.copy()
     values[list(CUBIC)] += step
     if not (np.all(np.isfinite(step)) and np.max(np.abs(step)) < LONGEST_ALLOWED):

@@ -11,7 +11,7 @@ from hil.identify.fit import NO_LAGS, Fit, first_guess
 from hil.identify.predict import Start
 from hil.identify.recording import LEAST_ROWS, Floats, Recording
 from hil.identify.refine import Problem, State, Weights, refine
-from hil.identify.stretch import Data, Stretch, prepare
+from hil.identify.stretch import Data, Stretch, Timing, prepare, timed
 
 HEAD_SHARE, HEAD_LAGS = 0.1, 3.0
 
@@ -58,12 +58,14 @@ def errors_of(fit: Fit) -> Errors:
     return _errors(fit.problem, fit.state, centred=True)
 
 
-def held_out(fit: Fit, recording: Recording, speed_m_s: float | None, *, scaled: bool) -> HeldOut:
+def held_out(
+    fit: Fit, recording: Recording, speed_m_s: float | None, *, scaled: bool, timing: Timing = Timing.RAMP
+) -> HeldOut:
     """Predict a recording from its rudder alone; only where she starts is taken from its beginning.
 
     The beginning is the first tenth, or three turning lags if they are longer.
     """
-    data = prepare((recording,), speed_m_s)
+    data = timed(prepare((recording,), speed_m_s), timing)
     if not scaled:
         ones = tuple(replace(one, speed_ratio=np.ones(one.time_s.size)) for one in data.stretches)
         data = replace(data, stretches=ones)
@@ -119,6 +121,7 @@ def _head(stretch: Stretch, lag_s: float) -> Stretch:
         time_s=time_s[:rows],
         step_s=stretch.step_s[: rows - 1],
         rudder_rad=stretch.rudder_rad[:rows],
+        rudder_end_rad=stretch.rudder_end_rad[: rows - 1],
         heading_rad=None if stretch.heading_rad is None else stretch.heading_rad[:rows],
         yaw_rate_rad_s=None if stretch.yaw_rate_rad_s is None else stretch.yaw_rate_rad_s[:rows],
         speed_ratio=stretch.speed_ratio[:rows],

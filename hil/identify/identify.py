@@ -16,8 +16,9 @@ from hil.identify.held_out import HeldOut, errors_of, held_out
 from hil.identify.noise import Whiteness, whiteness
 from hil.identify.predict import Point
 from hil.identify.recording import Recording
+from hil.identify.rudder_timing import AS_RAMPS, TimingChoice, choose_timing
 from hil.identify.search import GlobalSearch, misfit, swarm_search
-from hil.identify.stretch import Data, prepare
+from hil.identify.stretch import Data, Timing, prepare, timed
 from hil.identify.verdict import LARGEST_ERROR, Judgement, judge
 
 MODELS = ("linear", "cubic", "auto")
@@ -31,12 +32,16 @@ DECISIVE = 10.0  # times what BIC asks for: alpha is there, however badly its si
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Which model was taken, and why; `scaled` says whether the measured speed scales it."""
+    """Which model was taken, and why; `scaled` says whether the measured speed scales it.
+
+    `timing` is what the rudder does between samples.
+    """
 
     model: str
     why: str
-    scaled: bool
-    speed_why: str
+    scaled: bool = False
+    speed_why: str = ""
+    timing: TimingChoice = AS_RAMPS
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,20 +98,17 @@ def identify(
         data = _unscaled(data)
     with compiling("the identification"):
         searched = search(data, seed, globally, cubic=model != "linear", tell=tell)
-        found, choice, spent = _chosen(data, searched, model, tell)
-    choice = replace(choice, scaled=scaled)
-    if scaled and speed == "auto" and _speed_varies(data):
-        other = fit(_unscaled(data), searched, found.problem.free, found.state.point, tell)
-        spent += other.evaluations
-        share = found.effective_rows / data.rows
-        gain = (other.likelihood - found.likelihood) * share
-        if gain < -EQUAL_LIKELIHOOD:
-            found, data = other, _unscaled(data)
-            why = f"a model that does not change with the speed fits better (by {-gain:.0f} in -2 ln likelihood)"
-            choice = replace(choice, scaled=False, speed_why=why)
-        else:
-            why = f"scaled to the measured speed (against a constant model: {gain:+.0f} in -2 ln likelihood)"
-            choice = replace(choice, speed_why=why)
+        linear = fit(data, searched, LINEAR, _best_start(searched), tell)
+        timing, spent = choose_timing(data, linear, tell)
+        if timing.timing is not Timing.RAMP:
+            data, spent = timed(data, timing.timing), spent + linear.evaluations
+            linear = fit(data, searched, LINEAR, linear.state.point, tell)
+        found, choice, more = _chosen(data, searched, model, linear, tell)
+        spent += more
+        choice = replace(choice, scaled=scaled, timing=timing)
+        if scaled and speed == "auto" and _speed_varies(data):
+            data, found, choice, more = _rescaled(data, searched, found, choice, tell)
+            spent += more
     judgement = _judged(found, model)
     brought = Brought(
         searched.box.guess_misfit,
@@ -124,35 +126,51 @@ def identify(
         judgement,
         brought,
         HeldOut.of("train", errors),
-        tuple(held_out(found, one, data.speed_m_s, scaled=choice.scaled) for one in validate),
+        tuple(held_out(found, one, data.speed_m_s, scaled=choice.scaled, timing=timing.timing) for one in validate),
         {name: whiteness([one - one.mean() for one in pieces]) for name, pieces in errors.items()},
     )
 
 
-def _chosen(data: Data, searched: Searched, model: str, tell: Callable[[], None]) -> tuple[Fit, Choice, int]:
+def _rescaled(
+    data: Data, searched: Searched, found: Fit, choice: Choice, tell: Callable[[], None]
+) -> tuple[Data, Fit, Choice, int]:
+    """Return data and fit that follow the measured speed, or do not where that is clearly better, and why."""
+    other = fit(_unscaled(data), searched, found.problem.free, found.state.point, tell)
+    share = found.effective_rows / data.rows
+    gain = (other.likelihood - found.likelihood) * share
+    if gain < -EQUAL_LIKELIHOOD:
+        why = f"a model that does not change with the speed fits better (by {-gain:.0f} in -2 ln likelihood)"
+        return _unscaled(data), other, replace(choice, scaled=False, speed_why=why), other.evaluations
+    why = f"scaled to the measured speed (against a constant model: {gain:+.0f} in -2 ln likelihood)"
+    return data, found, replace(choice, speed_why=why), other.evaluations
+
+
+def _chosen(
+    data: Data, searched: Searched, model: str, linear: Fit, tell: Callable[[], None]
+) -> tuple[Fit, Choice, int]:
     """Return the fit of the model asked for or that the evidence is for, and why."""
-    linear = fit(data, searched, LINEAR, _best_start(searched), tell)
     if model == "linear":
-        return linear, Choice("linear", "as asked for", False, ""), linear.evaluations
+        return linear, Choice("linear", "as asked for"), linear.evaluations
     cubic = fit(data, searched, CUBIC, searched.found.point, tell, linear)
     spent = linear.evaluations + cubic.evaluations
     place = CUBIC.index(2)
     spread = math.sqrt(max(float(cubic.covariance[place, place]), 0.0))
-    z = float(cubic.state.point.values[2]) / spread if spread > TINY else 0.0
+    alpha = float(cubic.state.point.values[2])
+    z = alpha / max(spread, TINY)
     needed = math.sqrt(math.log(max(cubic.effective_rows, 10.0)))
     size = f"alpha is {z:.1f} standard errors from zero"
     gain = _gain(linear, cubic)
     if z > 1.0 and gain > DECISIVE * needed**2:
         needed, size = 1.0, f"{size}, and takes {gain:.0f} off -2 ln likelihood"
-    if model == "cubic" and z < 0.0:
+    if model == "cubic" and alpha < 0.0:
         # Against all that is known of hulls, and a boat with a negative alpha spins up without end.
-        return linear, Choice("cubic", f"as asked for; {size}, so it is held at zero", False, ""), spent
+        return linear, Choice("cubic", f"as asked for; {size}, so it is held at zero"), spent
     if model == "cubic":
-        return cubic, Choice("cubic", "as asked for", False, ""), spent
+        return cubic, Choice("cubic", "as asked for"), spent
     why = f"{size}; {needed:.1f} are needed (BIC, {_rows(cubic)})"
     if z > needed:
-        return cubic, Choice("cubic", why, False, ""), spent
-    return linear, Choice("linear", f"{why}; K and T allow for an alpha that does not show", False, ""), spent
+        return cubic, Choice("cubic", why), spent
+    return linear, Choice("linear", f"{why}; K and T allow for an alpha that does not show"), spent
 
 
 def _gain(linear: Fit, cubic: Fit) -> float:

@@ -67,6 +67,7 @@ def _through(
     r: Floats,
     candidates: Floats,
     rudder_rad: Floats,
+    rudder_end_rad: Floats,
     speed_ratio: Floats,
     n: int,
     step_s: float,
@@ -74,7 +75,7 @@ def _through(
 ) -> None:
     """Move all candidates on from sample n to the next."""
     inner_s = step_s / inner_steps
-    slope_rad = (rudder_rad[n + 1] - rudder_rad[n]) / inner_steps
+    slope_rad = (rudder_end_rad[n] - rudder_rad[n]) / inner_steps
     u = 0.5 * (speed_ratio[n] + speed_ratio[n + 1])
     lag_scale, cubic_scale = 1.0 / u, 1.0 / (u * u)
     for inner in range(inner_steps):
@@ -97,6 +98,7 @@ def _through(
 def simulate(
     step_s: Floats,
     rudder_rad: Floats,
+    rudder_end_rad: Floats,
     speed_ratio: Floats,
     inner_steps: int,
     candidates: Floats,
@@ -105,12 +107,13 @@ def simulate(
 ) -> None:
     """Fill heading and yaw rate, (samples, candidates), from their first rows on.
 
-    step_s[n] leads from sample n to n + 1; candidates has rows K, T, alpha, delta0 and a column
+    step_s[n] leads from sample n to n + 1, in which the rudder goes evenly from rudder_rad[n] to
+    rudder_end_rad[n]; candidates has rows K, T, alpha, delta0 and a column
     for each candidate; speed_ratio scales them by similarity (paper eq. 7), 1 for not at all.
     """
     psi, r = heading_rad[0].copy(), yaw_rate_rad_s[0].copy()
     for n in range(step_s.size):
-        _through(psi, r, candidates, rudder_rad, speed_ratio, n, step_s[n], inner_steps)
+        _through(psi, r, candidates, rudder_rad, rudder_end_rad, speed_ratio, n, step_s[n], inner_steps)
         for f in range(psi.size):
             heading_rad[n + 1, f] = psi[f]
             yaw_rate_rad_s[n + 1, f] = r[f]
@@ -129,13 +132,14 @@ def differentiate(values: Floats, step: float, result: Floats) -> None:
 def normal_equations(
     step_s: Floats,
     rudder_rad: Floats,
+    rudder_end_rad: Floats,
     speed_ratio: Floats,
     inner_steps: int,
     candidates: Floats,
     first: Floats,
     measured: Floats,
     weights: Floats,
-    lags: Floats,
+    taps: Floats,
     difference: float,
     matrix: Floats,
     vector: Floats,
@@ -145,6 +149,7 @@ def normal_equations(
     Args:
         step_s: as simulate takes it.
         rudder_rad: as simulate takes it.
+        rudder_end_rad: as simulate takes it.
         speed_ratio: as simulate takes it.
         inner_steps: as simulate takes it.
         candidates: (4, columns): the base, then each parameter up and down, then the initial yaw
@@ -152,21 +157,22 @@ def normal_equations(
         first: (2, columns), heading and yaw rate at the start.
         measured: (2, samples), heading and yaw rate.
         weights: of heading and of yaw rate; 0 leaves a channel out.
-        lags: the filter that makes the heading's noise white.
+        taps: (past + 1, past + 1), the filters that make the heading's noise white, noise.whitening_taps.
         difference: how far up and down is.
         matrix: (n, n), n parameters: those of the candidates, the initial heading, the initial yaw rate.
         vector: (n,).
     """
-    size, past = vector.size, lags.size
+    size, past = vector.size, taps.shape[0] - 1
     psi, r = first[0].copy(), first[1].copy()
     factor = 0.5 / difference
-    ring = np.zeros((past + 1, size + 1))
+    # The last past + 1 rows, each written twice so that they lie together, the latest first.
+    ring, at = np.zeros((2 * past + 2, size + 1)), 0
     slopes, rates = np.zeros(size + 1), np.zeros(size + 1)
     matrix[:] = 0.0
     vector[:] = 0.0
     for n in range(step_s.size + 1):
         if n > 0:
-            _through(psi, r, candidates, rudder_rad, speed_ratio, n - 1, step_s[n - 1], inner_steps)
+            _through(psi, r, candidates, rudder_rad, rudder_end_rad, speed_ratio, n - 1, step_s[n - 1], inner_steps)
         for j in range(size - 1):
             to = j if j < size - 2 else size - 1
             slopes[to] = factor * (psi[2 * j + 1] - psi[2 * j + 2])
@@ -176,14 +182,25 @@ def normal_equations(
         if weights[1] > 0.0:
             _add_products(matrix, vector, rates, weights[1])
         if past > 0:
-            ring[n % (past + 1)] = slopes
-            for k in range(1, min(past, n) + 1):
-                slopes += lags[k - 1] * ring[(n - k) % (past + 1)]
-        if weights[0] > 0.0 and n >= past:
+            at = at - 1 if at > 0 else past
+            ring[at] = slopes
+            ring[at + past + 1] = slopes
+            _filter(ring, at, taps, min(n, past), slopes)
+        if weights[0] > 0.0:
             _add_products(matrix, vector, slopes, weights[0])
     for j in range(size):
         for k in range(j):
             matrix[j, k] = matrix[k, j]
+
+
+@compiled
+def _filter(ring: Floats, at: int, taps: Floats, order: int, result: Floats) -> None:
+    """Fill result with the filter of an order over the rows of ring from at on."""
+    result[:] = 0.0
+    for k in range(order + 1):
+        tap = taps[order, k]
+        for column in range(result.size):
+            result[column] += tap * ring[at + k, column]
 
 
 @compiled
@@ -198,11 +215,11 @@ def _add_products(matrix: Floats, vector: Floats, row: Floats, weight: float) ->
 
 
 @compiled
-def filter_columns(values: Floats, lags: Floats, result: Floats) -> None:
-    """Fill result (rows, n), but for its first rows, with values[t] + lags[0] values[t - 1] + ..."""
-    for row in range(lags.size, values.shape[0]):
-        for column in range(values.shape[1]):
-            result[row, column] = values[row, column]
-        for k in range(lags.size):
+def filter_columns(values: Floats, taps: Floats, result: Floats) -> None:
+    """Fill result (rows, n), zeros to begin with, with each row's filter over it and the rows before it."""
+    past = taps.shape[0] - 1
+    for row in range(values.shape[0]):
+        order = min(row, past)
+        for k in range(order + 1):
             for column in range(values.shape[1]):
-                result[row, column] += lags[k] * values[row - 1 - k, column]
+                result[row, column] += taps[order, k] * values[row - k, column]

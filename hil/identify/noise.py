@@ -144,13 +144,33 @@ def _fft_length(least: int) -> int:
     return min(size for size in (power, power * 3 // 4, power * 5 // 8, power * 9 // 16) if size >= least)
 
 
+def whitening_taps(lags: Floats) -> Floats:
+    """Return (order + 1, order + 1): in row n the filter of a sample that has n before it, latest first.
+
+    The last row is 1, lags: e[t] + lags[0] e[t - 1] + ... The first samples lack some of their past
+    and are filtered by what is left of it, which is less certain and so counts for less: Levinson's
+    recursion backward. Were they left out, the filter could take the decay of a wrong start for
+    noise, and the start would stay wrong. Where the noise has no bounds, as with a filter of
+    differences, their rows are zero.
+    """
+    taps = np.zeros((lags.size + 1, lags.size + 1))
+    row, share = np.concatenate(([1.0], lags)), 1.0  # share: the last filter's variance over this one's
+    for order in range(lags.size, -1, -1):
+        taps[order, : order + 1] = np.sqrt(share) * row
+        rest = 1.0 - row[-1] ** 2
+        if order == 0 or rest <= 0.0:
+            break
+        row, share = ((row - row[-1] * row[::-1]) / rest)[:-1], share * rest
+    return taps
+
+
 def whitened(values: Floats, lags: Floats) -> Floats:
-    """Return values (rows, ...) filtered by 1 + lags[0] q^-1 + ...; the first rows lack their past and are zero."""
+    """Return values (rows, ...) filtered by whitening_taps."""
     if lags.size == 0:
         return values
     result = np.zeros_like(values)
     rows = values.shape[0]
-    filter_columns(values.reshape(rows, -1), lags, result.reshape(rows, -1))
+    filter_columns(values.reshape(rows, -1), whitening_taps(lags), result.reshape(rows, -1))
     return result
 
 

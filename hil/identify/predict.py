@@ -103,6 +103,7 @@ def trajectories(stretch: Stretch, candidates: Floats, starts: Sequence[Start], 
     simulate(
         stretch.step_s,
         stretch.rudder_rad,
+        stretch.rudder_end_rad,
         stretch.speed_ratio,
         steps,
         np.ascontiguousarray(candidates),

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hil.identify.kernel import normal_equations
-from hil.identify.noise import whitened
+from hil.identify.noise import whitened, whitening_taps
 from hil.identify.predict import (
     DIFFERENCE,
     Point,
@@ -146,6 +146,7 @@ class Problem:
         """Return J'WJ and J'We over the free parameters and the starts of all stretches."""
         free, count = len(self.free), len(self.data.stretches)
         matrix, slope = np.zeros((free + 2 * count,) * 2), np.zeros(free + 2 * count)
+        taps = whitening_taps(self.weights.heading_lags)
         for index, (stretch, start) in enumerate(zip(self.data.stretches, state.starts, strict=True)):
             places = np.array([*range(free), free + 2 * index, free + 2 * index + 1])
             here, down = np.empty((free + 2, free + 2)), np.empty(free + 2)
@@ -153,13 +154,14 @@ class Problem:
             normal_equations(
                 stretch.step_s,
                 stretch.rudder_rad,
+                stretch.rudder_end_rad,
                 stretch.speed_ratio,
                 inner_steps(stretch, state.point.physical(self.scales), self.largest_rate_rad_s),
                 candidates,
                 first,
                 stretch.measured(),
                 self._weights_of(stretch),
-                self.weights.heading_lags,
+                taps,
                 DIFFERENCE,
                 here,
                 down,

@@ -47,7 +47,7 @@ def as_json(result: Identification, seconds: float, suggestion: Suggestion | Non
             "refined_misfit": result.brought.refined,
             "refine_evaluations": result.brought.refine_evaluations,
         },
-        "why": {"model": result.choice.why, "speed": result.choice.speed_why},
+        "why": {"model": result.choice.why, "speed": result.choice.speed_why, "rudder": result.choice.timing.why},
         "suggestion": None if suggestion is None else suggestion.text,
         "warnings": list(result.judgement.warnings),
         "notes": list(result.data.notes),
@@ -74,6 +74,8 @@ def as_text(result: Identification, suggestion: Suggestion | None, *, angular: b
     lines.append(f"model: {result.choice.model} ({result.choice.why})")
     if result.choice.speed_why:
         lines.append(f"speed: {result.choice.speed_why}")
+    if result.choice.timing.why:
+        lines.append(f"timing: {result.choice.timing.why}")
     correlations = ", ".join(f"{name} {value:+.2f}" for name, value in result.judgement.correlations.items())
     lines.append(f"correlations: {correlations}")
     lines += ["", *(_whiteness(result)), *_predictions(result), "", _search(result)]

@@ -84,6 +84,7 @@ def with_scale_of(record: Digest, box: Box) -> Digest:
         simulate(
             record.step_s[part][1:],
             record.rudder_rad[part],
+            record.rudder_rad[part][1:],
             record.speed_ratio[part],
             1,
             box.guess.physical(record.scales)[:, None],
@@ -139,6 +140,7 @@ def _solved(record: Digest, lags: Floats) -> tuple[Floats, Floats]:
         simulate(
             record.step_s[part][1:],
             record.rudder_rad[part],
+            record.rudder_rad[part][1:],
             record.speed_ratio[part],
             1,
             candidates,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from itertools import pairwise
 from typing import Self
 
@@ -22,17 +23,27 @@ SPEED_RATIO_RANGE = (0.2, 5.0)  # similarity is not stretched further
 DEGREES_SLOPE = 20.0  # a heading that changes this many times faster than the yaw rate says is in degrees
 
 
+class Timing(Enum):
+    """What the rudder did between two samples."""
+
+    RAMP = "goes evenly from sample to sample"
+    HELD = "is held from each sample to the next"
+    AHEAD = "is at each sample what it has been since the one before"
+
+
 @dataclass(frozen=True, slots=True)
 class Stretch:
     """Samples without a gap: intervals (one fewer), rudder, heading from its start, yaw rate, U / U0.
 
-    `long_step_s` is an interval that hardly any other exceeds.
+    In an interval the rudder goes evenly from `rudder_rad` to `rudder_end_rad`. `long_step_s` is an
+    interval that hardly any other exceeds.
     """
 
     name: str
     time_s: Floats
     step_s: Floats
     rudder_rad: Floats
+    rudder_end_rad: Floats
     heading_rad: Floats | None
     yaw_rate_rad_s: Floats | None
     speed_ratio: Floats
@@ -50,10 +61,25 @@ class Stretch:
         speed_ratio: Floats,
         spikes: int = 0,
     ) -> Self:
-        """Complete the intervals."""
+        """Complete the intervals; the rudder goes evenly from sample to sample."""
         step_s = np.diff(time_s)
         long_s = float(np.quantile(step_s, 0.99))
-        return cls(name, time_s, step_s, rudder_rad, heading_rad, yaw_rate_rad_s, speed_ratio, spikes, long_s)
+        end = rudder_rad[1:]
+        return cls(name, time_s, step_s, rudder_rad, end, heading_rad, yaw_rate_rad_s, speed_ratio, spikes, long_s)
+
+    def timed(self, timing: Timing) -> Stretch:
+        """Return the stretch with its ramps from sample to sample taken for something else."""
+        if timing is Timing.RAMP:
+            return self
+        before, after = self.rudder_rad[:-1], self.rudder_rad[1:]
+        if timing is Timing.HELD:
+            return replace(self, rudder_end_rad=before)
+        return replace(self, rudder_rad=np.concatenate((after, after[-1:])), rudder_end_rad=after)
+
+    def rudder_at_samples(self) -> Floats:
+        """Return the rudder at each sample, where it jumps there the mean of both sides."""
+        before = np.concatenate((self.rudder_rad[:1], self.rudder_end_rad))
+        return np.asarray(0.5 * (before + self.rudder_rad))
 
     def measured(self) -> Floats:
         """Return heading and yaw rate as (2, rows), zeros for what was not measured."""
@@ -111,6 +137,11 @@ def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None) -> 
     return Data(tuple(stretches), reference, tuple(notes))
 
 
+def timed(data: Data, timing: Timing) -> Data:
+    """Return the data with the rudder's ramps from sample to sample taken for something else."""
+    return replace(data, stretches=tuple(one.timed(timing) for one in data.stretches))
+
+
 def thinned(data: Data, rows: int) -> Data:
     """Average every few samples so that about so many rows are left; the data themselves if they are few."""
     every = data.rows // rows
@@ -129,7 +160,7 @@ def _averaged(stretch: Stretch, every: int) -> Stretch:
     return Stretch.of(
         stretch.name,
         mean(stretch.time_s),
-        mean(stretch.rudder_rad),
+        mean(stretch.rudder_at_samples()),
         None if stretch.heading_rad is None else mean(stretch.heading_rad),
         None if stretch.yaw_rate_rad_s is None else mean(stretch.yaw_rate_rad_s),
         mean(stretch.speed_ratio),

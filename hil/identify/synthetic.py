@@ -51,7 +51,8 @@ def record(model: KtModel, time_s: Floats, rudder_rad: Floats, noise: Noise, see
     """Return what would be recorded of a boat that follows the model."""
     heading, rate = np.zeros((time_s.size, 1)), np.zeros((time_s.size, 1))
     physical = [model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, model.rudder_offset_rad]
-    simulate(np.diff(time_s), rudder_rad, np.ones(time_s.size), INNER_STEPS, np.array([physical]).T, heading, rate)
+    ones, candidates = np.ones(time_s.size), np.array([physical]).T
+    simulate(np.diff(time_s), rudder_rad, rudder_rad[1:], ones, INNER_STEPS, candidates, heading, rate)
     source = generator(seed, Stream.COMPASS)
     wave, wave_rate = _waves(time_s, noise, generator(seed, Stream.WAVES))
     seen = heading[:, 0] + wave + noise.heading_rad * source.standard_normal(time_s.size)
