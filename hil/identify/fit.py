@@ -117,7 +117,7 @@ def fit(
     roughs = [
         _settled(Problem(few, scales, fastest, free, weights), state, tell, ROUNDS) for weights in _first_weights(data)
     ]
-    rough = min(roughs, key=surprise)
+    rough = min(roughs, key=_surprise)
     if few is data:
         if simpler is None or rough.cost <= rough.problem.cost(simpler.state):
             return rough
@@ -147,12 +147,17 @@ def _first_weights(data: Data) -> tuple[Weights, ...]:
     return (Weights(heading, 0.0, NO_LAGS), Weights(heading, 0.0, np.array([-1.0])))
 
 
-def surprise(one: Fit) -> float:
+def _surprise(one: Fit) -> float:
     """Return minus twice the logarithm of the likelihood of a fit's errors, their colour allowed for."""
-    parts = zip(one.problem.data.stretches, one.state.starts, strict=True)
-    noise = fit_noise([np.column_stack(one.problem.errors(stretch, one.state, start)) for stretch, start in parts])
+    noise = fit_noise(error_pieces(one.problem, one.state))
     rows = one.problem.data.rows
     return rows * float(np.linalg.slogdet(noise.covariance)[1]) + 2.0 * noise.order
+
+
+def error_pieces(problem: Problem, state: State) -> list[Floats]:
+    """Return the unfiltered errors (rows, channels) of every stretch."""
+    parts = zip(problem.data.stretches, state.starts, strict=True)
+    return [np.column_stack(problem.errors(stretch, state, start)) for stretch, start in parts]
 
 
 def _settled(problem: Problem, state: State, tell: Callable[[], None], rounds: int) -> Fit:

@@ -16,6 +16,7 @@ from hil.identify.held_out import HeldOut, errors_of, held_out
 from hil.identify.noise import Whiteness, whiteness
 from hil.identify.predict import Point
 from hil.identify.recording import Recording
+from hil.identify.refine import refine
 from hil.identify.rudder_timing import AS_RAMPS, TimingChoice, choose_timing
 from hil.identify.search import GlobalSearch, misfit, swarm_search
 from hil.identify.stretch import Data, Timing, prepare, timed
@@ -98,13 +99,13 @@ def identify(
         data = _unscaled(data)
     with compiling("the identification"):
         searched = search(data, seed, globally, cubic=model != "linear", tell=tell)
-        linear = fit(data, searched, LINEAR, _best_start(searched), tell)
-        timing, spent = choose_timing(data, linear, tell)
-        if timing.timing is not Timing.RAMP:
-            data, spent = timed(data, timing.timing), spent + linear.evaluations
-            linear = fit(data, searched, LINEAR, linear.state.point, tell)
-        found, choice, more = _chosen(data, searched, model, linear, tell)
+        found, choice, spent = _chosen(data, searched, model, tell)
+        timing, more = choose_timing(data, found, tell)
         spent += more
+        if timing.timing is not Timing.RAMP:
+            data = timed(data, timing.timing)
+            found, choice, more = _chosen(data, searched, model, tell)
+            spent += more
         choice = replace(choice, scaled=scaled, timing=timing)
         if scaled and speed == "auto" and _speed_varies(data):
             data, found, choice, more = _rescaled(data, searched, found, choice, tell)
@@ -145,10 +146,9 @@ def _rescaled(
     return data, found, replace(choice, speed_why=why), other.evaluations
 
 
-def _chosen(
-    data: Data, searched: Searched, model: str, linear: Fit, tell: Callable[[], None]
-) -> tuple[Fit, Choice, int]:
+def _chosen(data: Data, searched: Searched, model: str, tell: Callable[[], None]) -> tuple[Fit, Choice, int]:
     """Return the fit of the model asked for or that the evidence is for, and why."""
+    linear = fit(data, searched, LINEAR, _best_start(searched), tell)
     if model == "linear":
         return linear, Choice("linear", "as asked for"), linear.evaluations
     cubic = fit(data, searched, CUBIC, searched.found.point, tell, linear)
@@ -159,9 +159,10 @@ def _chosen(
     z = alpha / max(spread, TINY)
     needed = math.sqrt(math.log(max(cubic.effective_rows, 10.0)))
     size = f"alpha is {z:.1f} standard errors from zero"
-    gain = _gain(linear, cubic)
-    if z > 1.0 and gain > DECISIVE * needed**2:
-        needed, size = 1.0, f"{size}, and takes {gain:.0f} off -2 ln likelihood"
+    gain, tried = _gain(linear, cubic)
+    spent += tried
+    if alpha > 0.0 and gain > DECISIVE * needed**2:
+        needed, size = 0.0, f"{size}, and takes {gain:.0f} off -2 ln likelihood"
     if model == "cubic" and alpha < 0.0:
         # Against all that is known of hulls, and a boat with a negative alpha spins up without end.
         return linear, Choice("cubic", f"as asked for; {size}, so it is held at zero"), spent
@@ -173,11 +174,12 @@ def _chosen(
     return linear, Choice("linear", f"{why}; K and T allow for an alpha that does not show"), spent
 
 
-def _gain(linear: Fit, cubic: Fit) -> float:
-    """Return what alpha takes off -2 ln likelihood, by the weights of the cubic fit."""
+def _gain(linear: Fit, cubic: Fit) -> tuple[float, int]:
+    """Return what alpha takes off -2 ln likelihood, by the weights of the cubic fit, and the evaluations spent."""
+    flat, bent = (refine(replace(cubic.problem, free=one.problem.free), one.state) for one in (linear, cubic))
     shares = np.array(cubic.problem.channel_weights()) * cubic.known.noise.spread**2
     readings = cubic.effective_rows * float(np.count_nonzero(shares > 0.01 * shares.max()))
-    return (cubic.problem.cost(linear.state) / max(cubic.cost, 1e-300) - 1.0) * readings
+    return (flat.cost / max(bent.cost, 1e-300) - 1.0) * readings, flat.evaluations + bent.evaluations
 
 
 def _judged(found: Fit, model: str) -> Judgement:

@@ -29,6 +29,16 @@ class NoiseModel:
         """How many samples back it reaches; 0 for white noise."""
         return int(self.lags.shape[0])
 
+    def surprise(self, pieces: Sequence[Floats]) -> float:
+        """Return minus twice the logarithm of the likelihood of pieces (rows, channels), but for a constant."""
+        inverse, total = np.linalg.inv(self.covariance), 0.0
+        for piece in pieces:
+            white = piece[self.order :].copy()
+            for back, lag in enumerate(self.lags, start=1):
+                white += piece[self.order - back : piece.shape[0] - back] @ lag.T
+            total += float(np.einsum("ti,ij,tj->", white, inverse, white, optimize=True))
+        return total
+
     def spectrum(self, count: int) -> NDArray[np.complex128]:
         """Return the covariance density of e at the count // 2 + 1 frequencies of a real FFT of that length."""
         channels = self.covariance.shape[0]

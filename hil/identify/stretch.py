@@ -19,6 +19,7 @@ MOST_STRETCHES = 100
 SPIKE_NEIGHBOURS = 3  # to each side
 SPIKE_SPREADS = 8.0  # a normal number is this far out once in 1e15
 NORMAL_MAD, NORMAL_90 = 1.4826, 1.645
+BIAS_BLOCKS, BIAS_CERTAIN, BIAS_MATTERS = 10, 8.0, 0.02  # standard errors; of the yaw rate's spread
 SPEED_RATIO_RANGE = (0.2, 5.0)  # similarity is not stretched further
 DEGREES_SLOPE = 20.0  # a heading that changes this many times faster than the yaw rate says is in degrees
 
@@ -125,6 +126,7 @@ def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None) -> 
     stretches: list[Stretch] = []
     for recording in recordings:
         _check_agreement(recording)
+        recording = _without_rate_bias(recording, notes)  # noqa: PLW2901 - mended
         parts = _between_gaps(recording, notes)
         stretches.extend(
             _stretch(recording, part, reference if with_speed else None, heading=has_heading, rate=has_rate)
@@ -224,6 +226,22 @@ def without_spikes(values: Floats) -> tuple[Floats, int]:
     if spread <= 0.0 or not wrong.any():
         return values.copy(), 0
     return np.where(wrong, middle, values), int(np.count_nonzero(wrong))
+
+
+def _without_rate_bias(recording: Recording, notes: list[str]) -> Recording:
+    """Take a yaw rate's constant error away where the heading beside it shows one for certain."""
+    if recording.heading_rad is None or recording.yaw_rate_rad_s is None:
+        return recording
+    time_s, rate = recording.time_s, recording.yaw_rate_rad_s
+    cuts = np.linspace(0, time_s.size - 1, BIAS_BLOCKS + 1).astype(int)
+    turned = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s))))
+    apart = (turned - np.unwrap(recording.heading_rad))[cuts]
+    biases = np.diff(apart) / np.diff(time_s[cuts])
+    bias, spread = float(np.median(biases)), float(np.std(biases)) / math.sqrt(BIAS_BLOCKS)
+    if abs(bias) < max(BIAS_CERTAIN * spread, BIAS_MATTERS * float(np.std(rate))):
+        return recording
+    notes.append(f"{recording.name}: yaw_rate_rad_s is {bias:+.3g} rad/s off what the heading does; taken away")
+    return replace(recording, yaw_rate_rad_s=rate - bias)
 
 
 def _check_agreement(recording: Recording) -> None:
