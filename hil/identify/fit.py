@@ -22,6 +22,7 @@ ROUNDS, FINE_ROUNDS = 5, 2
 SETTLED = 0.05  # of a weight, relative
 NO_LAGS = np.zeros(0)
 FEW_ROWS = 3000
+PARAMETERS = 5  # K, T, alpha, delta0 and where she starts
 MOST_LAGS = 24  # of the filter that makes a heading's noise white; what colour is left the standard errors allow for
 LONGEST_ALLOWED = 0.5  # step of ln K, ln T, c and delta0 in scales
 # alpha r^2 at the yaw rates of a log in which it does not show, one sigma: what is likely sets the values,
@@ -117,7 +118,7 @@ def fit(
     roughs = [
         _settled(Problem(few, scales, fastest, free, weights), state, tell, ROUNDS) for weights in _first_weights(data)
     ]
-    rough = min(roughs, key=_surprise)
+    rough = min(_no_worse_in_rate(roughs), key=_surprise)
     if few is data:
         if simpler is None or rough.cost <= rough.problem.cost(simpler.state):
             return rough
@@ -139,11 +140,12 @@ def _first_weights(data: Data) -> tuple[Weights, ...]:
     """Return the weights to begin with.
 
     A heading alone is begun with as it is and by its differences: the former does well in waves,
-    the latter where a drift adds up, and neither can be told before the fit.
+    the latter where a drift adds up, and neither can be told before the fit. With a yaw rate beside it,
+    each is begun with alone: what one leaves of the other looks coloured, and can stay so.
     """
     heading, rate = 1.0 / _power(data, 0), 1.0 / _power(data, 1)
     if data.stretches[0].yaw_rate_rad_s is not None:
-        return (Weights(0.0, rate, NO_LAGS),)
+        return (Weights(0.0, rate, NO_LAGS), Weights(heading, 0.0, NO_LAGS))
     return (Weights(heading, 0.0, NO_LAGS), Weights(heading, 0.0, np.array([-1.0])))
 
 
@@ -152,6 +154,18 @@ def _surprise(one: Fit) -> float:
     noise = fit_noise(error_pieces(one.problem, one.state))
     rows = one.problem.data.rows
     return rows * float(np.linalg.slogdet(noise.covariance)[1]) + 2.0 * noise.order
+
+
+def _no_worse_in_rate(fits: list[Fit]) -> list[Fit]:
+    """Leave out fits that pay for the heading with more error of the yaw rate than chance explains.
+
+    At sea a heading drifts off for reasons that are not the rudder, and what follows it turns worse.
+    """
+    least = min(float(one.known.noise.spread[-1]) for one in fits)
+    rows = fits[0].problem.data.rows
+    both = fits[0].known.noise.spread.size > 1
+    most = least * (1.0 + PARAMETERS / rows)
+    return [one for one in fits if not both or float(one.known.noise.spread[-1]) <= most]
 
 
 def error_pieces(problem: Problem, state: State) -> list[Floats]:
