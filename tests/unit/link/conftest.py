@@ -131,18 +131,34 @@ class MemoryTransport:
         self.closed = True
 
 
+class MemoryVault:
+    """Keeps what it is given, in memory."""
+
+    def __init__(self):
+        self.contents = []
+
+    def load(self):
+        return self.contents[-1] if self.contents else None
+
+    def save(self, content):
+        self.contents.append(content)
+
+
 class Rig:
     """An endpoint and a ground station that speaks through pymavlink."""
 
-    def __init__(self, **transport):
+    def __init__(self, vault=None, **transport):
+        self.vault = vault or MemoryVault()
+        self.utc_s = 1.7e9
         self.transport = MemoryTransport(**transport)
         self.authority = FakeAuthority()
         self.endpoint = Endpoint(
             [self.transport],
             self.authority,
-            utc_s=lambda: 1.7e9,
+            utc_s=lambda: self.utc_s,
             version=Version(0, 1, 0, "0123abcd", 77),
             boot_text="Rambler 0.1.0",
+            vault=self.vault,
         )
         self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self.now_s = 0.0
