@@ -42,6 +42,11 @@ class Gate:
         self.refused = 0  # frames that were not heard at all
         self.false_signatures = 0  # those of them whose signature did not hold
 
+    @property
+    def late(self) -> int:
+        """Frames with the right key and an old timestamp: replayed, or from somebody who is behind."""
+        return self._signing.late
+
     def admit(self, frames: Iterable[Frame], options: LinkOptions) -> list[Admitted]:
         """Return those that are heard at all."""
         admitted = []

@@ -38,7 +38,7 @@ _FRAMES_AT_ONCE = 8  # answered in one call, about half a millisecond
 _REMEMBERED_EVENTS = 5
 
 
-_FALSE_SIGNATURE = "A signature does not hold: another key, or an old timestamp"
+_FALSE_SIGNATURE = "Signature refused: wrong key or old timestamp"
 
 
 def _no_load() -> float:
@@ -86,7 +86,7 @@ class Endpoint:
         self._gate = Gate(self._signing)
         self._reads_only = reads_only(frozenset(row.command for row in COMMANDS if row.repeatable))
         self._roster = Roster(
-            self._transports, self._gate, lambda index: LinkSealer(self._signing, index), self._welcome
+            self._transports, self._gate, lambda index: LinkSealer(self._signing, index), self._welcome, self._hint
         )
         self._session.peers = self._roster
         self._parameters = Parameters(self._session)
@@ -190,6 +190,10 @@ class Endpoint:
             peer.streams.sent(telemetry.ROWS_OF[_HEARTBEAT][0], now_s)
         for event in (*self._greeting, *self._recent):
             self._session.tell(peer, event.severity, event.text)
+
+    def _hint(self, stranger: Peer, now_s: float) -> None:
+        self._session.send(stranger, self._session.heartbeat(), Priority.URGENT)
+        stranger.outbox.flush(now_s)
 
     def _note_changes(self, snapshot: Snapshot, now_s: float) -> None:
         """Make what has changed due at once: mode, arming, home."""

@@ -26,7 +26,7 @@ class KeySetup:
 
     def _set(self, peer: Peer, message: Message, now_s: float) -> None:
         if not peer.transport.options.trusted:
-            self._session.say(peer, Severity.WARNING, "SETUP_SIGNING refused: this link is not a trusted one", now_s)
+            self._session.say(peer, Severity.WARNING, "SETUP_SIGNING refused: the link is not trusted", now_s)
             return
         key, timestamp = bytes(message.secret_key), message.initial_timestamp
         if not any(key) and timestamp == 0:

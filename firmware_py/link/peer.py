@@ -17,6 +17,8 @@ QUIET_S = 10.0  # a datagram peer silent for this long makes room for a new one
 FORGET_S = 300.0  # and silent for this long it is forgotten in any case
 REFUSALS = 20  # answered at once to who has no right to what he asks
 REFUSALS_HZ = 5.0  # and in the long run
+HINTS = 4  # signed heartbeats at once to strangers whose timestamps are behind
+HINTS_HZ = 1.0  # and in the long run
 
 
 class Peer:
@@ -53,7 +55,10 @@ class Roster:
     """All peers; bounded, and nobody gets on it with noise.
 
     A stranger on a datagram transport is taken up with its first whole frame that the
-    gate admits, so that a stray or forged packet does not draw telemetry.
+    gate admits, so that a stray or forged packet does not draw telemetry. One who has the
+    key but an old timestamp (she was restarted, and is ahead) gets a heartbeat to go by,
+    since nobody's timestamp stays behind what he has heard; so does who replays a frame,
+    and that is all he gets.
     """
 
     def __init__(
@@ -62,8 +67,14 @@ class Roster:
         gate: Gate,
         sealer: Callable[[int], Sealer],
         welcome: Callable[[Peer, float], None],
+        hint: Callable[[Peer, float], None],
     ) -> None:
-        """Take the transports, who judges their frames, who signs for each, and what is to be done with a new peer."""
+        """Take the transports, who judges their frames, who signs for each, what is to be done with a new peer.
+
+        `hint` sends a heartbeat to one that is not taken up.
+        """
+        self._hint = hint
+        self._hints = Allowance(HINTS, HINTS_HZ)
         self._gate = gate
         self._sealer = sealer
         self._transports = tuple(transports)
@@ -104,17 +115,23 @@ class Roster:
             if found:
                 peer.heard_s = now_s
             return peer, found
+        late_before = self._gate.late
         found = self._gate.admit(Splitter().feed(data, now_s), options)
+        if not found and self._gate.late > late_before and self._hints.take(now_s):
+            self._hint(self._made(index, address, now_s), now_s)
         if not found or not self._make_room(index, now_s):
             self.rejected += 1
             return None
         return self._add(index, address, now_s), found
 
     def _add(self, index: int, address: Address, now_s: float) -> Peer:
-        peer = Peer(self._transports[index], address, self._sealer(index), now_s)
+        peer = self._made(index, address, now_s)
         self._peers[(index, address)] = peer
         self._welcome(peer, now_s)
         return peer
+
+    def _made(self, index: int, address: Address, now_s: float) -> Peer:
+        return Peer(self._transports[index], address, self._sealer(index), now_s)
 
     def _remove(self, key: tuple[int, Address]) -> None:
         self._gone_rejected += self._peers.pop(key).splitter.rejected

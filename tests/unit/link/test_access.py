@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.intents import Arm, SetParameter
 from firmware_py.link.options import parse_options
-from firmware_py.link.peer import REFUSALS
+from firmware_py.link.peer import HINTS, REFUSALS
 from firmware_py.link.signing import timestamp_of
 
 KEY = bytes(range(100, 132))
@@ -86,7 +86,7 @@ def test_a_signature_that_does_not_hold_is_refused_everywhere(linked, options, t
     assert len(rig.authority.intents) == 1
     said = rig.give(frame)  # a replay
     assert kinds(said) == set()
-    assert "does not hold" in texts(said)[0]
+    assert "Signature refused" in texts(said)[0]
     sign(rig, bytes(32 * [9]))
     assert kinds(rig.tell(ARM, READ)) == set()
     assert len(rig.authority.intents) == 1
@@ -132,6 +132,20 @@ def test_a_stranger_without_a_signature_draws_nothing_on_a_signed_link(linked):
     assert rig.transport.sent == []
     sign(rig)
     assert rig.tell(BEAT, address="station") != []
+
+
+def test_a_stranger_who_is_behind_gets_a_heartbeat_to_go_by_and_no_more(linked):
+    rig = linked("policy=signed-only", key=True, addresses=())
+    sign(rig)
+    rig.tell(BEAT, address="station")
+    rig.station.signing.timestamp = NOW - 5
+    old = rig.frame(ARM)
+    before = len(rig.authority.intents)
+    said = [message for _ in range(50) for message in rig.give(old, address="stranger")]
+    assert [message.get_type() for message in said] == ["HEARTBEAT"] * HINTS
+    rig.tick_silently(seconds=1.0)
+    assert {address for address, _ in rig.transport.sent} == {"station"}
+    assert len(rig.authority.intents) == before
 
 
 def test_a_radio_modem_is_heard_without_a_signature(linked):
@@ -245,7 +259,7 @@ def test_mavlink_1_carries_no_signature_and_so_no_command_where_one_is_needed(li
 
 def test_a_key_is_set_over_a_trusted_link_only(linked, texts):
     rig = linked()
-    assert texts(rig.tell(SETUP)) == ["SETUP_SIGNING refused: this link is not a trusted one"]
+    assert texts(rig.tell(SETUP)) == ["SETUP_SIGNING refused: the link is not trusted"]
     assert not rig.endpoint._signing.active
     assert rig.vault.contents == []
 

@@ -170,6 +170,17 @@ def test_a_sudden_restart_hears_no_replay_and_the_true_peer_soon():
     assert again.signing.verify(Station(link=8).ping(at=NOW + 119 * UNITS_HZ))
 
 
+def test_after_a_sudden_restart_who_hears_the_boat_is_heard_at_once():
+    """Everybody's timestamp is at least the newest heard, and the boat begins ahead of all she heard before."""
+    boat, station = Boat(), Station()
+    assert boat.signing.verify(station.ping())
+    again = boat.restarted()
+    assert not again.signing.verify(station.ping())
+    packed = Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
+    station.mav.decode(bytearray(LinkSealer(again.signing, 0).sealed(packed, 0)))
+    assert again.signing.verify(station.ping())
+
+
 def test_after_an_orderly_end_the_peer_is_heard_at_once():
     boat, station = Boat(), Station()
     frame = station.ping()
