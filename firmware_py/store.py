@@ -194,9 +194,11 @@ def _write(directory: Path, name: str, content: bytes, place: tuple[int, int] | 
     made = not path.exists()
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, mode)
     try:
+        present = os.fstat(descriptor).st_size
         if mode == PRIVATE_MODE:
             os.fchmod(descriptor, mode)  # of a file that somebody has copied here, too
-        if os.fstat(descriptor).st_size < size:
+            data = data.ljust(max(size, present), b"\0")  # nothing of a longer secret is to stay behind this one
+        if present < size:
             # Real zeros, so that the space is there before it is needed.
             os.pwrite(descriptor, bytes(size), 0)
         written = os.pwrite(descriptor, data, 0)
