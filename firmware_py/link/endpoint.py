@@ -14,6 +14,7 @@ from firmware_py.link.dialect import Message, Packed
 from firmware_py.link.files import Files
 from firmware_py.link.goals import Goals
 from firmware_py.link.identity import Version
+from firmware_py.link.intake import Intake
 from firmware_py.link.key_setup import KeySetup
 from firmware_py.link.logs import Logs
 from firmware_py.link.manual import Manual
@@ -26,7 +27,7 @@ from firmware_py.link.scene import Scene
 from firmware_py.link.session import Handler, Session, Suppliers
 from firmware_py.link.signing import LinkSealer, Signing
 from firmware_py.link.timing import Timing
-from firmware_py.link.transport import Transport
+from firmware_py.link.transport import Address, Transport
 from firmware_py.link.wellbeing import prearm_refusal
 from firmware_py.ports import Authority, Vault
 from firmware_py.records import Event, Output, Severity, Snapshot
@@ -35,6 +36,7 @@ _HEARTBEAT, _CURRENT_MODE, _DATA_STREAM = 0, 436, 66
 _GROUND_STATION = 6  # MAV_TYPE_GCS
 _EVENTS_PER_TICK = 16
 _FRAMES_AT_ONCE = 8  # answered in one call, about half a millisecond
+_BYTES_AT_ONCE = 256  # searched for frames in one call, and the rest of the last piece
 _REMEMBERED_EVENTS = 5
 
 
@@ -92,7 +94,10 @@ class Endpoint:
         self._parameters = Parameters(self._session)
         self._greeting = (Event(Severity.INFO, boot_text),) if boot_text else ()
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
-        self._unread: deque[tuple[Peer, Admitted]] = deque()  # what one round of reads has brought
+        self._intake = Intake(self._roster.knows)
+        self._unread: deque[tuple[Peer, Admitted]] = deque()  # frames not yet answered
+        self._turn = 0  # whose long answer goes on next
+        self._pumping = False  # whether one did in the last call
         self._handlers = self._collect()
 
     def _collect(self) -> Mapping[int, Handler]:
@@ -113,16 +118,18 @@ class Endpoint:
     @property
     def busy(self) -> bool:
         """Whether `service` has something to do even when no descriptor is ready."""
-        return bool(self._unread)
+        return bool(self._unread) or bool(self._intake) or self._pumping
 
     def service(self, now_s: float, ready: Sequence[int]) -> None:
-        """Read one bounded piece from each ready transport, unless the last ones wait still; answer some of it."""
+        """Read a bounded piece from each ready transport, unless the last one of a stream still waits; answer some."""
         self._session.now_s = now_s
-        if not self._unread:
-            for index, transport in enumerate(self._transports):
-                for descriptor in transport.descriptors():
-                    if descriptor in ready:
-                        self._receive(index, transport, descriptor, now_s)
+        for index, transport in enumerate(self._transports):
+            if not transport.datagrams and self._intake.waits(index):
+                continue
+            for descriptor in transport.descriptors():
+                if descriptor in ready:
+                    for address, data in transport.receive(descriptor):
+                        self._intake.offer(index, address, data)
         self._answer(now_s)
         self._roster.update(now_s)
         self._send(now_s)
@@ -148,17 +155,22 @@ class Endpoint:
 
     # ------------------------------------------------------------------ in
 
-    def _receive(self, index: int, transport: Transport, descriptor: int, now_s: float) -> None:
-        for address, data in transport.receive(descriptor):
-            false_before = self._gate.false_signatures
-            heard = self._roster.frames(index, address, data, now_s)
-            if heard is not None:
-                peer, found = heard
-                self._unread.extend((peer, admitted) for admitted in found if admitted.frame.number in self._handlers)
-                if self._gate.false_signatures > false_before:
-                    self._session.say(peer, Severity.WARNING, _FALSE_SIGNATURE, now_s)
+    def _search(self, index: int, address: Address, data: bytes, now_s: float) -> None:
+        false_before = self._gate.false_signatures
+        heard = self._roster.frames(index, address, data, now_s)
+        if heard is None:
+            return
+        peer, found = heard
+        self._unread.extend((peer, admitted) for admitted in found if admitted.frame.number in self._handlers)
+        if self._gate.false_signatures > false_before:
+            self._session.say(peer, Severity.WARNING, _FALSE_SIGNATURE, now_s)
 
     def _answer(self, now_s: float) -> None:
+        searched = 0
+        while self._intake and searched < _BYTES_AT_ONCE and len(self._unread) < _FRAMES_AT_ONCE:
+            piece = self._intake.take()
+            self._search(*piece, now_s)
+            searched += len(piece[2])
         for _ in range(min(_FRAMES_AT_ONCE, len(self._unread))):
             self._dispatch(*self._unread.popleft(), now_s)
 
@@ -243,6 +255,19 @@ class Endpoint:
         return None if message is None else self._session.codec.pack(message)
 
     def _send(self, now_s: float) -> None:
+        self._pump()
         for peer in self._roster:
-            self._parameters.pump(peer)
             peer.outbox.flush(now_s)
+
+    def _pump(self) -> None:
+        """Go on with a long answer to one peer; the others have their turns in the next calls."""
+        peers = tuple(self._roster)
+        self._pumping = False
+        for number in range(len(peers)):
+            peer = peers[(self._turn + number) % len(peers)]
+            before = peer.outbox.waiting(Priority.REPLY)
+            self._parameters.pump(peer)
+            if peer.outbox.waiting(Priority.REPLY) > before:
+                self._turn = (self._turn + number + 1) % len(peers)
+                self._pumping = True
+                return

@@ -41,7 +41,7 @@ class Peer:
         """Start with nothing heard and the rates of the transport's kind."""
         self.transport = transport
         self.address = address
-        self.splitter = Splitter()
+        self.splitter = Splitter(transport.byte_rate)
         self.outbox = Outbox(lambda data: transport.send(address, data), transport.byte_rate, sealer)
         self.streams = Streams(radio=transport.radio, now_s=now_s)
         self.notices = Notices()
@@ -90,6 +90,10 @@ class Roster:
     def __len__(self) -> int:
         """Return the number of peers."""
         return len(self._peers)
+
+    def knows(self, index: int, address: Address) -> bool:
+        """Return whether somebody is a peer."""
+        return (index, address) in self._peers
 
     def refused_frames(self) -> int:
         """Return the number of broken frames from all peers since start."""

@@ -11,7 +11,7 @@ from firmware_py.link.options import PLAIN, LinkOptions, OptionError, parse_opti
 Address: TypeAlias = Hashable  # one correspondent on a transport
 
 RADIO_BAUD = 115_200  # a serial line no faster than this is taken for a radio modem
-READ_BYTES = 256  # one read: the rest stays with the system, and the descriptor readable
+READ_BYTES = 256  # one read of a stream: the rest stays with the system, and the descriptor readable
 
 _FORMS = "udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT or serial:PATH:BAUD"
 _KINDS = {

@@ -12,12 +12,14 @@ from firmware_py.link.transport_udp import bind, resolve
 MAX_CLIENTS = 8
 RECONNECT_S = 1.0
 _HELD_BYTES = 1 << 15  # what a connection may hold back before messages are dropped whole
+_UNREAD_BYTES = 1 << 15  # and what the system may hold unread: a flood is over soon after its end
 _DEAD_MS = 60_000  # a connection whose data nobody acknowledges for this long is closed
 _PENDING = (errno.EINPROGRESS, errno.EALREADY)
 
 
 def _new_socket() -> socket.socket:
     opened = socket.socket(socket.AF_INET, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _UNREAD_BYTES)  # before listening: clients inherit it
     _tune(opened)
     return opened
 
