@@ -35,6 +35,7 @@ from firmware_py.store import Store
 from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle, VehicleError
 
 LOG_DIRECTORY = "logs"
+SIGNING_FILE = "signing.key"
 
 COMPASSES: Mapping[str, Callable[[ByteLine, CompassEntry], Compass]] = {
     "nmea": lambda line, entry: NmeaCompass(
@@ -166,6 +167,21 @@ class Options:
     lockstep: str | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class KeyVault:
+    """Keeps the signing key in the store; fulfils ports.Vault."""
+
+    store: Store
+
+    def load(self) -> bytes | None:
+        """Return what was saved last, None when nothing was."""
+        return self.store.load(SIGNING_FILE)
+
+    def save(self, content: bytes) -> None:
+        """Keep this instead, in the background."""
+        self.store.save(SIGNING_FILE, content)
+
+
 @dataclass(slots=True)
 class Assembly:
     """A wired autopilot and what must be closed after it."""
@@ -189,7 +205,7 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     """Wire everything; PortError, StoreError or LinkError with the remedy when something cannot be had."""
     console = Console()
     devices = open_devices(vehicle, wait=options.wait)
-    store = Store(options.state_directory)
+    store = Store(options.state_directory, private=(SIGNING_FILE,))
     parameters = base_parameters(vehicle)
     kept = stored_parameters(store, console.line)
     for name, value in kept.items():
@@ -207,7 +223,16 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     clock: Clock = RealClock()
     if options.lockstep is not None:
         clock = LockstepClock(options.lockstep, [line.name for line in lines], lambda: [line.written for line in lines])
-    endpoint = Endpoint(transports, pilot, utc_s=clock.utc_s, version=_version(), load=LoadMeter(clock).share)
+    endpoint = Endpoint(
+        transports,
+        pilot,
+        utc_s=clock.utc_s,
+        version=_version(),
+        load=LoadMeter(clock).share,
+        vault=KeyVault(store),
+    )
+    if not endpoint.key_readable:
+        console.line(f"stored {SIGNING_FILE} left out: it is not one; set the key again")
     recorder = (
         _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock) if parameters["LOG_ENABLE"] else None
     )

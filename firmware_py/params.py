@@ -122,6 +122,7 @@ TABLE: tuple[Parameter, ...] = (
         "Autopilot type in the heartbeat; ArduPilot gives QGroundControl and MAVSDK modes and go-to.",
         reboot=True,
     ),
+    _choice("LNK_MAVLINK1", 1, {0: "refused", 1: "heard"}, "MAVLink 1 frames, which cannot be signed."),
     _whole("LNK_SYSID", 1, 1, 250, "", "MAVLink system id of the boat.", reboot=True),
     _choice("LOG_ENABLE", 1, _OFF_ON, "Write the onboard log.", reboot=True),
     _real(

@@ -120,6 +120,16 @@ class Authority(Protocol):
         """Call back, on the loop's thread, once all that was accepted so far is on disk (True) or cannot be (False)."""
 
 
+class Vault(Protocol):
+    """Where a secret is kept over restarts."""
+
+    def load(self) -> bytes | None:
+        """Return what was saved last, None when nothing was."""
+
+    def save(self, content: bytes) -> None:
+        """Keep this instead, in the background."""
+
+
 class Link(Protocol):
     """The ground stations' side: reads in the slack between ticks, publishes after each tick."""
 

@@ -104,19 +104,26 @@ class SerialLine:
 
     def write(self, data: bytes) -> bool:
         """Hand data to the kernel; what does not fit now goes before the next write."""
+        if len(self._unsent) + len(data) > UNSENT_LIMIT:
+            # A line that was jammed may have come free: else what waits would shut it for ever.
+            self._unsent = self._push(self._unsent)
         if self._fd < 0 or len(self._unsent) + len(data) > UNSENT_LIMIT:
             return False
-        pending = self._unsent + data if self._unsent else data
+        self._unsent = self._push(self._unsent + data if self._unsent else data)
+        return self._fd >= 0
+
+    def _push(self, pending: bytes) -> bytes:
+        """Hand bytes to the kernel and return those that do not fit; a port that has gone is closed."""
+        if self._fd < 0:
+            return b""
         try:
             count = os.write(self._fd, pending)
         except OSError as error:
             if error.errno != errno.EAGAIN:
                 self.close()
-                return False
             count = 0
         self._written += count
-        self._unsent = pending[count:]
-        return True
+        return pending[count:]
 
     def close(self) -> None:
         """Close the port."""

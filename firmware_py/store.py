@@ -16,12 +16,13 @@ import re
 import threading
 import zlib
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 SLOTS = (0, 1)
 SLOT_BYTES = 4096  # a slot is made this large at once, and grows by as much
+MODE, PRIVATE_MODE = 0o644, 0o600
 _HEAD = re.compile(rb"# rambler state (\d{1,18}) (\d{1,12}) ([0-9a-f]{8})\n")
 
 
@@ -36,9 +37,13 @@ class Store:
     callbacks run in `service`, on the caller's thread, when `fileno` is readable.
     """
 
-    def __init__(self, directory: Path) -> None:
-        """Make and lock the directory, start the writer; StoreError when it cannot be used."""
+    def __init__(self, directory: Path, private: Collection[str] = ()) -> None:
+        """Make and lock the directory, start the writer; StoreError when it cannot be used.
+
+        The names in `private` are for nobody but the owner to read.
+        """
         self._directory = directory
+        self._private = frozenset(private)
         try:
             directory.mkdir(parents=True, exist_ok=True)
             self._lock_fd = os.open(directory / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -127,7 +132,8 @@ class Store:
             failed = ""
             for name, content in jobs.items():
                 try:
-                    self._places[name] = _write(self._directory, name, content, self._places.get(name))
+                    mode = PRIVATE_MODE if name in self._private else MODE
+                    self._places[name] = _write(self._directory, name, content, self._places.get(name), mode)
                 except OSError as error:
                     self._places.pop(name, None)
                     failed = f"{name} cannot be stored: {error.strerror}"
@@ -171,7 +177,7 @@ def _checksum(sequence: bytes, content: bytes) -> bytes:
     return f"{zlib.crc32(content, zlib.crc32(sequence)):08x}".encode()
 
 
-def _write(directory: Path, name: str, content: bytes, place: tuple[int, int] | None) -> tuple[int, int]:
+def _write(directory: Path, name: str, content: bytes, place: tuple[int, int] | None, mode: int) -> tuple[int, int]:
     """Write a new version into the slot that does not hold the newest one, and force it to disk.
 
     `place` is the slot and sequence of the newest version when they are known; those of the
@@ -186,9 +192,13 @@ def _write(directory: Path, name: str, content: bytes, place: tuple[int, int] | 
     path = _slot_path(directory, name, slot)
     size = -(-len(data) // SLOT_BYTES) * SLOT_BYTES
     made = not path.exists()
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, mode)
     try:
-        if os.fstat(descriptor).st_size < size:
+        present = os.fstat(descriptor).st_size
+        if mode == PRIVATE_MODE:
+            os.fchmod(descriptor, mode)  # of a file that somebody has copied here, too
+            data = data.ljust(max(size, present), b"\0")  # nothing of a longer secret is to stay behind this one
+        if present < size:
             # Real zeros, so that the space is there before it is needed.
             os.pwrite(descriptor, bytes(size), 0)
         written = os.pwrite(descriptor, data, 0)

@@ -6,37 +6,58 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
 from firmware_py.link import motion, telemetry
+from firmware_py.link.access import Admitted, Gate, Standing, reads_only
 from firmware_py.link.command_requests import request_data_stream
 from firmware_py.link.command_table import TABLE as COMMANDS
 from firmware_py.link.commands import Commands
 from firmware_py.link.dialect import Message, Packed
 from firmware_py.link.files import Files
-from firmware_py.link.framing import Frame
 from firmware_py.link.goals import Goals
 from firmware_py.link.identity import Version
+from firmware_py.link.intake import Intake
+from firmware_py.link.key_setup import KeySetup
 from firmware_py.link.logs import Logs
 from firmware_py.link.manual import Manual
 from firmware_py.link.mission import Mission
 from firmware_py.link.outbox import Priority
 from firmware_py.link.parameters import Parameters
 from firmware_py.link.peer import Peer, Roster
+from firmware_py.link.refusals import refuse
 from firmware_py.link.scene import Scene
 from firmware_py.link.session import Handler, Session, Suppliers
+from firmware_py.link.signing import LinkSealer, Signing
 from firmware_py.link.timing import Timing
-from firmware_py.link.transport import Transport
+from firmware_py.link.transport import Address, Transport
 from firmware_py.link.wellbeing import prearm_refusal
-from firmware_py.ports import Authority
+from firmware_py.ports import Authority, Vault
 from firmware_py.records import Event, Output, Severity, Snapshot
 
 _HEARTBEAT, _CURRENT_MODE, _DATA_STREAM = 0, 436, 66
 _GROUND_STATION = 6  # MAV_TYPE_GCS
 _EVENTS_PER_TICK = 16
 _FRAMES_AT_ONCE = 8  # answered in one call, about half a millisecond
+_BYTES_AT_ONCE = 256  # searched for frames in one call, and the rest of the last piece
 _REMEMBERED_EVENTS = 5
+
+
+_FALSE_SIGNATURE = "Signature refused: wrong key or old timestamp"
 
 
 def _no_load() -> float:
     return 0.0
+
+
+class _NoVault:
+    """Keeps nothing."""
+
+    def load(self) -> None:
+        """Return that there is nothing."""
+
+    def save(self, content: bytes) -> None:
+        """Forget it."""
+
+
+_NO_VAULT = _NoVault()
 
 
 class Endpoint:
@@ -52,26 +73,37 @@ class Endpoint:
         boot_text: str = "",
         load: Callable[[], float] = _no_load,
         prearm: Callable[[Snapshot], str] = prearm_refusal,
+        vault: Vault = _NO_VAULT,
     ) -> None:
         """Take opened transports and the loop's side.
 
         `boot_text` greets every new peer. `load` gives the share of a core in use, 0 to
-        1. `prearm` says why arming would be refused, or nothing.
+        1. `prearm` says why arming would be refused, or nothing. `vault` keeps the
+        signing key and its timestamps over restarts.
         """
         self._transports = tuple(transports)
         self._session = Session(authority, Suppliers(utc_s, load, prearm), version)
-        self._roster = Roster(self._transports, self._welcome)
+        self._signing = Signing(utc_s, vault.save)
+        self.key_readable = self._signing.restore(vault.load() or b"")
+        self._gate = Gate(self._signing)
+        self._reads_only = reads_only(frozenset(row.command for row in COMMANDS if row.repeatable))
+        self._roster = Roster(
+            self._transports, self._gate, lambda index: LinkSealer(self._signing, index), self._welcome, self._hint
+        )
         self._session.peers = self._roster
         self._parameters = Parameters(self._session)
         self._greeting = (Event(Severity.INFO, boot_text),) if boot_text else ()
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
-        self._unread: deque[tuple[Peer, Frame]] = deque()  # what one round of reads has brought
+        self._intake = Intake(self._roster.knows)
+        self._unread: deque[tuple[Peer, Admitted]] = deque()  # frames not yet answered
+        self._turn = 0  # whose long answer goes on next
+        self._pumping = False  # whether one did in the last call
         self._handlers = self._collect()
 
     def _collect(self) -> Mapping[int, Handler]:
         session = self._session
         services = (Commands(session, COMMANDS), Goals(session), Manual(session), self._parameters)
-        others = (Mission(session), Files(session), Logs(session), Timing(session))
+        others = (Mission(session), Files(session), Logs(session), Timing(session), KeySetup(session, self._signing))
         found: dict[int, Handler] = {_DATA_STREAM: request_data_stream, _HEARTBEAT: self._heard}
         for service in (*services, *others):
             found.update(service.handlers())
@@ -86,16 +118,18 @@ class Endpoint:
     @property
     def busy(self) -> bool:
         """Whether `service` has something to do even when no descriptor is ready."""
-        return bool(self._unread)
+        return bool(self._unread) or bool(self._intake) or self._pumping
 
     def service(self, now_s: float, ready: Sequence[int]) -> None:
-        """Read one bounded piece from each ready transport, unless the last ones wait still; answer some of it."""
+        """Read a bounded piece from each ready transport, unless the last one of a stream still waits; answer some."""
         self._session.now_s = now_s
-        if not self._unread:
-            for index, transport in enumerate(self._transports):
-                for descriptor in transport.descriptors():
-                    if descriptor in ready:
-                        self._receive(index, transport, descriptor, now_s)
+        for index, transport in enumerate(self._transports):
+            if not transport.datagrams and self._intake.waits(index):
+                continue
+            for descriptor in transport.descriptors():
+                if descriptor in ready:
+                    for address, data in transport.receive(descriptor):
+                        self._intake.offer(index, address, data)
         self._answer(now_s)
         self._roster.update(now_s)
         self._send(now_s)
@@ -114,27 +148,41 @@ class Endpoint:
 
     def close(self) -> None:
         """Send what waits and close the transports."""
+        self._signing.store_exactly()
         self._session.flush_all()
         for transport in self._transports:
             transport.close()
 
     # ------------------------------------------------------------------ in
 
-    def _receive(self, index: int, transport: Transport, descriptor: int, now_s: float) -> None:
-        for address, data in transport.receive(descriptor):
-            heard = self._roster.frames(index, address, data, now_s)
-            if heard is not None:
-                peer, frames = heard
-                self._unread.extend((peer, frame) for frame in frames if frame.number in self._handlers)
+    def _search(self, index: int, address: Address, data: bytes, now_s: float) -> None:
+        false_before = self._gate.false_signatures
+        heard = self._roster.frames(index, address, data, now_s)
+        if heard is None:
+            return
+        peer, found = heard
+        self._unread.extend((peer, admitted) for admitted in found if admitted.frame.number in self._handlers)
+        if self._gate.false_signatures > false_before:
+            self._session.say(peer, Severity.WARNING, _FALSE_SIGNATURE, now_s)
 
     def _answer(self, now_s: float) -> None:
+        searched = 0
+        while self._intake and searched < _BYTES_AT_ONCE and len(self._unread) < _FRAMES_AT_ONCE:
+            piece = self._intake.take()
+            self._search(*piece, now_s)
+            searched += len(piece[2])
         for _ in range(min(_FRAMES_AT_ONCE, len(self._unread))):
             self._dispatch(*self._unread.popleft(), now_s)
 
-    def _dispatch(self, peer: Peer, frame: Frame, now_s: float) -> None:
+    def _dispatch(self, peer: Peer, admitted: Admitted, now_s: float) -> None:
+        frame, standing = admitted
         message = self._session.codec.decode(frame.data)
-        if message is not None and self._session.addressed(message) and not self._from_self(message):
+        if message is None or not self._session.addressed(message) or self._from_self(message):
+            return
+        if standing is Standing.COMMANDER or self._reads_only(frame.number, message):
             self._handlers[frame.number](peer, message, now_s)
+        else:
+            refuse(self._session, peer, message, now_s)
 
     def _from_self(self, message: Message) -> bool:
         """Return whether this is our own message, sent back by a loop in somebody's wiring."""
@@ -155,10 +203,15 @@ class Endpoint:
         for event in (*self._greeting, *self._recent):
             self._session.tell(peer, event.severity, event.text)
 
+    def _hint(self, stranger: Peer, now_s: float) -> None:
+        self._session.send(stranger, self._session.heartbeat(), Priority.URGENT)
+        stranger.outbox.flush(now_s)
+
     def _note_changes(self, snapshot: Snapshot, now_s: float) -> None:
         """Make what has changed due at once: mode, arming, home."""
         before = self._session.snapshot
-        self._session.refused_frames = self._roster.refused_frames() + self._roster.rejected
+        self._session.refused_frames = self._roster.refused_frames() + self._roster.rejected + self._gate.refused
+        self._gate.mavlink1 = bool(self._session.authority.parameters()["LNK_MAVLINK1"])
         self._session.see(snapshot)
         if before is None or (before.mode, before.armed) != (snapshot.mode, snapshot.armed):
             for peer in self._roster:
@@ -189,7 +242,7 @@ class Endpoint:
                 found = packed[row]
                 urgent = telemetry.TABLE[row].priority is Priority.URGENT
                 if found is not None and not urgent:
-                    room_bytes -= len(found.frame)
+                    room_bytes -= peer.outbox.size_of(found)
                     if room_bytes < 0.0:
                         # The rest stays due, and the longest due goes first next time.
                         continue
@@ -202,6 +255,19 @@ class Endpoint:
         return None if message is None else self._session.codec.pack(message)
 
     def _send(self, now_s: float) -> None:
+        self._pump()
         for peer in self._roster:
-            self._parameters.pump(peer)
             peer.outbox.flush(now_s)
+
+    def _pump(self) -> None:
+        """Go on with a long answer to one peer; the others have their turns in the next calls."""
+        peers = tuple(self._roster)
+        self._pumping = False
+        for number in range(len(peers)):
+            peer = peers[(self._turn + number) % len(peers)]
+            before = peer.outbox.waiting(Priority.REPLY)
+            self._parameters.pump(peer)
+            if peer.outbox.waiting(Priority.REPLY) > before:
+                self._turn = (self._turn + number + 1) % len(peers)
+                self._pumping = True
+                return

@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 from firmware_py.link.dialect import checksum, mavlink
 
-STALE_S = 0.5  # a frame takes 0.3 s at 9600 baud; longer, and its rest is not coming
+STALE_S = 0.5  # a frame that has not come whole after this is none; on a slow line, later
+_LONGEST_FRAME = 280
 _MARKER = re.compile(b"[\xfd\xfe]")
 _V2 = 0xFD
 _HEADER = {0xFD: 10, 0xFE: 6}
@@ -35,10 +36,11 @@ class Frame(NamedTuple):
 class Splitter:
     """Takes the bytes of one peer as they come and gives its frames."""
 
-    __slots__ = ("_held", "_held_since_s", "rejected")
+    __slots__ = ("_held", "_held_since_s", "_stale_s", "rejected")
 
-    def __init__(self) -> None:
-        """Start with nothing held."""
+    def __init__(self, byte_rate: float | None = None) -> None:
+        """Start with nothing held; `byte_rate` is the line's, in bytes a second."""
+        self._stale_s = STALE_S if byte_rate is None else max(STALE_S, 2.0 * _LONGEST_FRAME / byte_rate)
         self._held = b""
         self._held_since_s = 0.0
         self.rejected = 0  # markers that looked like a frame and had a wrong checksum
@@ -46,11 +48,15 @@ class Splitter:
     def feed(self, data: bytes, now_s: float) -> list[Frame]:
         """Take bytes that arrived at now_s and return the frames they complete."""
         frames: list[Frame] = []
-        if self._held and now_s - self._held_since_s > STALE_S:
+        if self._held and now_s - self._held_since_s > self._stale_s:
             frames.extend(self._scan(self._held, last=True))
             self._held = b""
-        frames.extend(self._scan(self._held + data, last=False))
-        self._held_since_s = now_s
+        waiting = len(self._held)
+        whole = self._held + data
+        frames.extend(self._scan(whole, last=False))
+        # Counted from its beginning: what comes later must not keep a false frame alive.
+        if not (waiting and len(self._held) == len(whole)):
+            self._held_since_s = now_s
         return frames
 
     def _scan(self, data: bytes, *, last: bool) -> Iterator[Frame]:

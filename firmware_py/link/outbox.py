@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from enum import IntEnum
+from typing import Protocol
 
 from firmware_py.link.dialect import Packed, stamp
 
 _BATCH_BYTES = 1200  # several frames share a datagram: one system call for all, and no fragments
 _BURST_S = 0.25  # what an idle line may save up
-_LONGEST_FRAME = 280
+_LONGEST_FRAME = 280  # with its signature
 _STALE_S = 3.0  # what could not leave for this long is of no use to anybody
 
 
@@ -21,6 +22,26 @@ class Priority(IntEnum):
     REPLY = 1  # what a ground station has asked for, messages to the operator
     TELEMETRY = 2
 
+
+class Sealer(Protocol):
+    """Signs what leaves on one link, while there is a key."""
+
+    @property
+    def overhead_bytes(self) -> int:
+        """What a signature adds to a frame; 0 while there is no key."""
+
+    def sealed(self, packed: Packed, sequence: int) -> bytes:
+        """Return the frame with this sequence number, signed."""
+
+
+class Unsealed:
+    """Signs nothing."""
+
+    overhead_bytes = 0
+    sealed = staticmethod(stamp)
+
+
+_UNSEALED = Unsealed()
 
 _DEPTHS = {Priority.URGENT: 64, Priority.REPLY: 128, Priority.TELEMETRY: 64}
 
@@ -37,6 +58,7 @@ class Outbox:
         "_burst",
         "_queues",
         "_rate",
+        "_sealer",
         "_send",
         "_sequence",
         "_tokens",
@@ -45,9 +67,10 @@ class Outbox:
         "sent_bytes",
     )
 
-    def __init__(self, send: Callable[[bytes], bool], byte_rate: float | None) -> None:
+    def __init__(self, send: Callable[[bytes], bool], byte_rate: float | None, sealer: Sealer = _UNSEALED) -> None:
         """Take the way out and, for a line, its speed in bytes a second."""
         self._send = send
+        self._sealer = sealer
         self._rate = byte_rate
         self._burst = 0.0 if byte_rate is None else max(byte_rate * _BURST_S, _LONGEST_FRAME)
         self._tokens = self._burst
@@ -70,12 +93,16 @@ class Outbox:
         """Return the number of messages of this and higher priorities that wait."""
         return sum(len(queue) for queue in self._queues[: priority + 1])
 
+    def size_of(self, packed: Packed) -> int:
+        """Return how many bytes a message is on the line."""
+        return len(packed.frame) + self._sealer.overhead_bytes
+
     def room_bytes(self, now_s: float) -> float:
         """Return how much telemetry the line would take now, beside what waits already."""
         if self._rate is None:
             return float(_BATCH_BYTES * 4)
         self._refill(now_s)
-        return self._tokens - sum(len(packed.frame) for queue in self._queues for packed in queue)
+        return self._tokens - sum(self.size_of(packed) for queue in self._queues for packed in queue)
 
     def flush(self, now_s: float) -> None:
         """Send what may be sent now; telemetry that does not fit is dropped, since newer will come."""
@@ -84,7 +111,8 @@ class Outbox:
             batch = self._batch()
             if not batch:
                 break
-            data = b"".join(stamp(packed, (self._sequence + index) & 0xFF) for index, packed in enumerate(batch))
+            finish = self._sealer.sealed if self._sealer.overhead_bytes else stamp
+            data = b"".join(finish(packed, (self._sequence + index) & 0xFF) for index, packed in enumerate(batch))
             if not self._send(data):
                 self._blocked(now_s)
                 break
@@ -111,9 +139,10 @@ class Outbox:
     def _batch(self) -> list[Packed]:
         allowed = _BATCH_BYTES if self._rate is None else min(_BATCH_BYTES, self._tokens)
         batch: list[Packed] = []
+        overhead = self._sealer.overhead_bytes
         for queue in self._queues:
             for packed in queue:
-                allowed -= len(packed.frame)
+                allowed -= len(packed.frame) + overhead
                 if allowed < 0:
                     return batch
                 batch.append(packed)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from firmware_py.link.framing import Frame, Splitter
-from firmware_py.link.outbox import Outbox
+from firmware_py.link.access import Admitted, Gate
+from firmware_py.link.allowance import Allowance
+from firmware_py.link.framing import Splitter
+from firmware_py.link.outbox import Outbox, Sealer
 from firmware_py.link.statustext import Notices
 from firmware_py.link.streams import Streams
 from firmware_py.link.transport import Address, Transport
@@ -13,6 +15,10 @@ from firmware_py.link.transport import Address, Transport
 MAX_PEERS = 8  # that have spoken on a datagram transport
 QUIET_S = 10.0  # a datagram peer silent for this long makes room for a new one
 FORGET_S = 300.0  # and silent for this long it is forgotten in any case
+REFUSALS = 20  # answered at once to who has no right to what he asks
+REFUSALS_HZ = 5.0  # and in the long run
+HINTS = 4  # signed heartbeats at once to strangers whose timestamps are behind
+HINTS_HZ = 1.0  # and in the long run
 
 
 class Peer:
@@ -25,19 +31,21 @@ class Peer:
         "list_row",
         "notices",
         "outbox",
+        "refusals",
         "splitter",
         "streams",
         "transport",
     )
 
-    def __init__(self, transport: Transport, address: Address, now_s: float) -> None:
+    def __init__(self, transport: Transport, address: Address, sealer: Sealer, now_s: float) -> None:
         """Start with nothing heard and the rates of the transport's kind."""
         self.transport = transport
         self.address = address
-        self.splitter = Splitter()
-        self.outbox = Outbox(lambda data: transport.send(address, data), transport.byte_rate)
+        self.splitter = Splitter(transport.byte_rate)
+        self.outbox = Outbox(lambda data: transport.send(address, data), transport.byte_rate, sealer)
         self.streams = Streams(radio=transport.radio, now_s=now_s)
         self.notices = Notices()
+        self.refusals = Allowance(REFUSALS, REFUSALS_HZ)
         self.list_row: int | None = None  # the next row of the parameter list it gets
         self.heard_s = now_s  # a valid frame came from it, or it was taken up
         self.ground_station_s: float | None = None  # its latest heartbeat of a ground station
@@ -46,12 +54,29 @@ class Peer:
 class Roster:
     """All peers; bounded, and nobody gets on it with noise.
 
-    A stranger on a datagram transport is taken up with its first whole frame, so that
-    a stray or forged packet does not draw telemetry.
+    A stranger on a datagram transport is taken up with its first whole frame that the
+    gate admits, so that a stray or forged packet does not draw telemetry. One who has the
+    key but an old timestamp (she was restarted, and is ahead) gets a heartbeat to go by,
+    since nobody's timestamp stays behind what he has heard; so does who replays a frame,
+    and that is all he gets.
     """
 
-    def __init__(self, transports: Sequence[Transport], welcome: Callable[[Peer, float], None]) -> None:
-        """Take the transports, and what is to be done with a new peer."""
+    def __init__(
+        self,
+        transports: Sequence[Transport],
+        gate: Gate,
+        sealer: Callable[[int], Sealer],
+        welcome: Callable[[Peer, float], None],
+        hint: Callable[[Peer, float], None],
+    ) -> None:
+        """Take the transports, who judges their frames, who signs for each, what is to be done with a new peer.
+
+        `hint` sends a heartbeat to one that is not taken up.
+        """
+        self._hint = hint
+        self._hints = Allowance(HINTS, HINTS_HZ)
+        self._gate = gate
+        self._sealer = sealer
         self._transports = tuple(transports)
         self._welcome = welcome
         self._peers: dict[tuple[int, Address], Peer] = {}  # by index of the transport and address
@@ -65,6 +90,10 @@ class Roster:
     def __len__(self) -> int:
         """Return the number of peers."""
         return len(self._peers)
+
+    def knows(self, index: int, address: Address) -> bool:
+        """Return whether somebody is a peer."""
+        return (index, address) in self._peers
 
     def refused_frames(self) -> int:
         """Return the number of broken frames from all peers since start."""
@@ -81,25 +110,32 @@ class Roster:
             if not permanent and (not peer.transport.datagrams or now_s - peer.heard_s > FORGET_S):
                 self._remove(key)
 
-    def frames(self, index: int, address: Address, data: bytes, now_s: float) -> tuple[Peer, list[Frame]] | None:
+    def frames(self, index: int, address: Address, data: bytes, now_s: float) -> tuple[Peer, list[Admitted]] | None:
         """Return the peer that sent these bytes and the frames they complete; None for a stranger's noise."""
+        options = self._transports[index].options
         peer = self._peers.get((index, address))
         if peer is not None:
-            found = peer.splitter.feed(data, now_s)
+            found = self._gate.admit(peer.splitter.feed(data, now_s), options)
             if found:
                 peer.heard_s = now_s
             return peer, found
-        found = Splitter().feed(data, now_s)
+        late_before = self._gate.late
+        found = self._gate.admit(Splitter().feed(data, now_s), options)
+        if not found and self._gate.late > late_before and self._hints.take(now_s):
+            self._hint(self._made(index, address, now_s), now_s)
         if not found or not self._make_room(index, now_s):
             self.rejected += 1
             return None
         return self._add(index, address, now_s), found
 
     def _add(self, index: int, address: Address, now_s: float) -> Peer:
-        peer = Peer(self._transports[index], address, now_s)
+        peer = self._made(index, address, now_s)
         self._peers[(index, address)] = peer
         self._welcome(peer, now_s)
         return peer
+
+    def _made(self, index: int, address: Address, now_s: float) -> Peer:
+        return Peer(self._transports[index], address, self._sealer(index), now_s)
 
     def _remove(self, key: tuple[int, Address]) -> None:
         self._gone_rejected += self._peers.pop(key).splitter.rejected

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 
+from firmware_py.link.allowance import Allowance
 from firmware_py.link.dialect import Message, mavlink, text_of
 from firmware_py.records import Severity
 
@@ -34,17 +35,13 @@ class Notices:
     def __init__(self) -> None:
         """Start with a full allowance."""
         self._said_s: OrderedDict[str, float] = OrderedDict()
-        self._allowance = float(_BURST)
-        self._updated_s = 0.0
+        self._allowance = Allowance(_BURST, _RATE_HZ)
 
     def allowed(self, text: str, now_s: float) -> bool:
         """Return whether a text may be said now, and count it if so."""
-        self._allowance = min(_BURST, self._allowance + max(0.0, now_s - self._updated_s) * _RATE_HZ)
-        self._updated_s = now_s
         said_s = self._said_s.get(text)
-        if (said_s is not None and now_s - said_s < _SAME_S) or self._allowance < 1.0:
+        if (said_s is not None and now_s - said_s < _SAME_S) or not self._allowance.take(now_s):
             return False
-        self._allowance -= 1.0
         self._said_s[text] = now_s
         self._said_s.move_to_end(text)
         if len(self._said_s) > _KNOWN_TEXTS:

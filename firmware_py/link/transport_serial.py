@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from firmware_py.link.options import PLAIN, LinkOptions
 from firmware_py.link.transport import RADIO_BAUD, Address
 from firmware_py.ports import ByteLine
 
 _BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 _FAR_END: Address = "line"
+_PIECE_BYTES = 512  # looked at in one call of the link
 
 
 class SerialTransport:
@@ -16,11 +18,12 @@ class SerialTransport:
 
     datagrams = False
 
-    def __init__(self, name: str, line: ByteLine, baud: int) -> None:
+    def __init__(self, name: str, line: ByteLine, baud: int, options: LinkOptions = PLAIN) -> None:
         """Take an opened line and its speed."""
         self.name = name
+        self.options = options
         self.byte_rate: float | None = baud / _BITS_PER_BYTE
-        self.radio = baud <= RADIO_BAUD
+        self.radio = options.at_radio_rates(usual=baud <= RADIO_BAUD)
         self._line = line
 
     def descriptors(self) -> Sequence[int]:
@@ -29,9 +32,9 @@ class SerialTransport:
         return () if descriptor < 0 else (descriptor,)
 
     def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:  # noqa: ARG002 - it has one only
-        """Read what is there, at most the 4096 bytes of a ByteLine."""
+        """Read what is there, at most the 4096 bytes of a ByteLine, in pieces."""
         data = self._line.read()
-        return ((_FAR_END, data),) if data else ()
+        return tuple((_FAR_END, data[start : start + _PIECE_BYTES]) for start in range(0, len(data), _PIECE_BYTES))
 
     def send(self, address: Address, data: bytes) -> bool:  # noqa: ARG002 - it has one only
         """Hand data to the line, all or nothing."""

@@ -12,12 +12,14 @@ from firmware_py.link.transport_udp import bind, resolve
 MAX_CLIENTS = 8
 RECONNECT_S = 1.0
 _HELD_BYTES = 1 << 15  # what a connection may hold back before messages are dropped whole
+_UNREAD_BYTES = 1 << 15  # and what the system may hold unread: a flood is over soon after its end
 _DEAD_MS = 60_000  # a connection whose data nobody acknowledges for this long is closed
 _PENDING = (errno.EINPROGRESS, errno.EALREADY)
 
 
 def _new_socket() -> socket.socket:
     opened = socket.socket(socket.AF_INET, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _UNREAD_BYTES)  # before listening: clients inherit it
     _tune(opened)
     return opened
 
@@ -82,12 +84,13 @@ class TcpServer:
     """Listens; every client is a correspondent."""
 
     byte_rate: float | None = None
-    radio = False
     datagrams = False
 
     def __init__(self, url: LinkUrl) -> None:
         """Open the port, or raise LinkError."""
         self.name = url.text
+        self.options = url.options
+        self.radio = url.options.at_radio_rates(usual=False)
         self._listener = _new_socket()
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # else a restart waits a minute
         bind(self._listener, url)
@@ -153,12 +156,13 @@ class TcpClient:
     """Connects to a server, and again RECONNECT_S after a connection is lost."""
 
     byte_rate: float | None = None
-    radio = False
     datagrams = False
 
     def __init__(self, url: LinkUrl) -> None:
         """Look up the server, or raise LinkError; it need not be there yet."""
         self.name = url.text
+        self.options = url.options
+        self.radio = url.options.at_radio_rates(usual=False)
         self._server = resolve(url)
         self._connecting: socket.socket | None = None
         self._connection: _Connection | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 from firmware_py.sensors.refusal import CHECKSUM, MALFORMED
 
@@ -23,12 +24,45 @@ class Packet:
     fault: str = ""
 
 
+class Check(Protocol):
+    """Tells whether a packet is whole; follows the framer's buffer, so that it can sum up in advance."""
+
+    def extend(self, data: bytes) -> None:
+        """Take bytes that were put at the end of the buffer."""
+
+    def drop(self, count: int) -> None:
+        """Forget bytes that were taken from its beginning."""
+
+    def holds(self, buffer: bytearray, begin: int, end: int) -> bool:
+        """Return whether buffer[begin:end] is a whole packet."""
+
+
+class EachAlone:
+    """Checks each packet by itself: for short ones."""
+
+    def __init__(self, verify: Callable[[bytes], bool]) -> None:
+        """Take what checks a packet."""
+        self._verify = verify
+
+    def extend(self, data: bytes) -> None:
+        """Do nothing."""
+
+    def drop(self, count: int) -> None:
+        """Do nothing."""
+
+    def holds(self, buffer: bytearray, begin: int, end: int) -> bool:
+        """Return whether buffer[begin:end] is a whole packet."""
+        return self._verify(bytes(buffer[begin:end]))
+
+
 class PacketFramer:
     """Cuts a stream into packets and resynchronises after any garbage.
 
     A packet that is still incomplete does not hold back a good one that begins inside
     it: its length was then the damaged part. However the stream is cut into pieces, the
-    result is the same. At most one packet of the longest kind stays in the buffer.
+    result is the same. At most one packet of the longest kind stays in the buffer, and
+    each header is looked for, and its packet checked, once: crafted noise in small
+    pieces costs no more than in large ones.
     """
 
     def __init__(
@@ -36,45 +70,51 @@ class PacketFramer:
         header: re.Pattern[bytes],
         header_size: int,
         measure: Callable[[bytes], int],
-        verify: Callable[[bytes], bool],
+        check: Check,
     ) -> None:
         """Search `header`, of a fixed size; `measure` gives the bytes of a packet from its header."""
         self._header = header
         self._header_size = header_size
         self._measure = measure
-        self._verify = verify
+        self._check = check
         self._buffer = bytearray()
-        self._offset = 0  # of the first byte in the buffer
-        self._run = 0  # bytes skipped just before it
+        self._offset = 0  # of the first byte in the buffer, as all that follow
+        self._searched = 0  # no header begins before this that is not known
+        self._open: list[tuple[int, int]] = []  # begin and end of what may become packets
+        self._false: list[int] = []  # begins of what looked like packets and were none
+        self._run = 0  # bytes skipped just before the buffer
         self._run_fault = MALFORMED
 
     def feed(self, data: bytes) -> list[Packet]:
         """Take more bytes and return the packets, and the runs between them, that they complete."""
         buffer = self._buffer
         buffer += data
+        self._check.extend(data)
+        self._search()
         packets: list[Packet] = []
-        candidates: list[int] = []  # headers since `done` that have not turned out good
-        keep: int | None = None  # the first of them that is incomplete
-        done = search = 0
-        while match := self._header.search(buffer, search):
-            begin = match.start()
-            end = begin + self._measure(bytes(buffer[begin : begin + self._header_size]))
-            search = begin + 1
-            if end <= len(buffer) and self._verify(packet := bytes(buffer[begin:end])):
-                self._skip(done, begin, candidates)
-                self._close_run(packets, self._offset + begin)
-                packets.append(Packet(self._offset + begin, len(packet), packet))
-                candidates, keep = [], None
-                done = search = end
-                continue
-            candidates.append(begin)
-            if keep is None and end > len(buffer):
-                keep = begin
-        if keep is None:
-            keep = max(done, len(buffer) - self._header_size + 1)
-        self._skip(done, keep, candidates)
-        self._offset += keep
-        del buffer[:keep]
+        present = self._offset + len(buffer)
+        still_open: list[tuple[int, int]] = []
+        done = self._offset
+        for begin, end in self._open:
+            if begin < done:
+                continue  # inside a good packet
+            if end > present:
+                still_open.append((begin, end))
+            elif self._check.holds(buffer, begin - self._offset, end - self._offset):
+                self._skip(done, begin, still_open)
+                self._close_run(packets, begin)
+                packets.append(Packet(begin, end - begin, bytes(buffer[begin - self._offset : end - self._offset])))
+                still_open, self._false = [], []
+                done = end
+            else:
+                self._false.append(begin)
+        self._open = still_open
+        keep = still_open[0][0] if still_open else max(done, present - self._header_size + 1)
+        self._skip(done, keep, still_open)
+        self._false = [begin for begin in self._false if begin >= keep]
+        self._check.drop(keep - self._offset)
+        del buffer[: keep - self._offset]
+        self._offset = keep
         return packets
 
     def finish(self) -> list[Packet]:
@@ -84,13 +124,26 @@ class PacketFramer:
             self._run_fault = CHECKSUM
         self._run += len(self._buffer)
         self._offset += len(self._buffer)
+        self._check.drop(len(self._buffer))
         self._buffer.clear()
+        self._open, self._false = [], []
         self._close_run(packets, self._offset)
         return packets
 
-    def _skip(self, start: int, stop: int, candidates: list[int]) -> None:
+    def _search(self) -> None:
+        """Find the headers in what has not been searched yet."""
+        buffer = self._buffer
+        place = max(0, self._searched - self._offset)
+        while match := self._header.search(buffer, place):
+            begin = match.start()
+            size = self._measure(bytes(buffer[begin : begin + self._header_size]))
+            self._open.append((self._offset + begin, self._offset + begin + size))
+            place = begin + 1
+        self._searched = self._offset + max(place, len(buffer) - self._header_size + 1)
+
+    def _skip(self, start: int, stop: int, still_open: list[tuple[int, int]]) -> None:
         self._run += stop - start
-        if any(begin < stop for begin in candidates):
+        if any(start <= begin < stop for begin in self._false) or any(begin < stop for begin, _ in still_open):
             self._run_fault = CHECKSUM
 
     def _close_run(self, packets: list[Packet], end_offset: int) -> None:

@@ -12,7 +12,7 @@ from enum import IntEnum
 
 import fastcrc
 
-from firmware_py.sensors.binary_framing import PacketFramer
+from firmware_py.sensors.binary_framing import EachAlone, PacketFramer
 
 # Byte count (all components of a TRAX together take less than 128), then a known frame
 # id: this much must be right before bytes are waited for.
@@ -58,7 +58,7 @@ def encode(frame_id: int, payload: bytes = b"") -> bytes:
 
 def framer() -> PacketFramer:
     """Make a framer for this protocol."""
-    return PacketFramer(_HEADER, 3, lambda header: header[1], _is_whole)
+    return PacketFramer(_HEADER, 3, lambda header: header[1], EachAlone(_is_whole))
 
 
 def _is_whole(packet: bytes) -> bool:

@@ -41,13 +41,40 @@ class NavPvt:
 
 def framer() -> PacketFramer:
     """Make a framer for this protocol."""
-    return PacketFramer(_HEADER, 6, lambda header: int.from_bytes(header[4:6], "little") + 8, _is_whole)
+    return PacketFramer(_HEADER, 6, lambda header: int.from_bytes(header[4:6], "little") + 8, _Fletcher())
 
 
-def _is_whole(packet: bytes) -> bool:
-    """The checksum is Fletcher's, 8 bits, over class to payload."""
-    body = packet[2:-2]
-    return packet[-2] == sum(body) & 0xFF and packet[-1] == sum(itertools.accumulate(body)) & 0xFF
+class _Fletcher:
+    """The checksum, Fletcher's of 8 bits over class to payload, from sums that are carried along.
+
+    A packet of any length then costs the same, and noise full of long false ones no more
+    than its bytes.
+    """
+
+    def __init__(self) -> None:
+        """Start with an empty buffer."""
+        self._sums = [0]  # of all bytes before each place
+        self._sums_of_sums = [0]
+
+    def extend(self, data: bytes) -> None:
+        """Take bytes that were put at the end of the buffer."""
+        sums = list(itertools.accumulate(data, initial=self._sums[-1]))[1:]
+        self._sums += sums
+        self._sums_of_sums += list(itertools.accumulate(sums, initial=self._sums_of_sums[-1]))[1:]
+
+    def drop(self, count: int) -> None:
+        """Forget bytes that were taken from its beginning."""
+        if count == len(self._sums) - 1:
+            self._sums, self._sums_of_sums = [0], [0]  # the numbers do not grow for ever
+        else:
+            del self._sums[:count], self._sums_of_sums[:count]
+
+    def holds(self, buffer: bytearray, begin: int, end: int) -> bool:
+        """Return whether buffer[begin:end] is a whole packet."""
+        begin, end = begin + 2, end - 2
+        first = self._sums[end] - self._sums[begin]
+        second = self._sums_of_sums[end] - self._sums_of_sums[begin] - (end - begin) * self._sums[begin]
+        return buffer[end] == first & 0xFF and buffer[end + 1] == second & 0xFF
 
 
 def message(packet: bytes) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from hil.bench import first_use, hour, lateness, load, objective, sense, start, swarm, trips
+from hil.bench import first_use, hour, lateness, load, objective, sense, start, swarm, transfers, trips
 from hil.bench.figure import Finding
 from hil.bench.setting import Setting
 
@@ -23,6 +23,7 @@ TABLE: Mapping[str, Measurement] = {
     "load": Measurement("processor time and memory at 10 Hz", load.measure),
     "start": Measurement("from exec to the first rudder frame", start.measure),
     "trips": Measurement("PARAM_SET and COMMAND_LONG round trips", trips.measure),
+    "transfers": Measurement("parameters, missions and logs over a link", transfers.measure),
     "objective": Measurement("the identification's objective beside C", objective.measure),
     "hour": Measurement("an hour's log identified", hour.measure),
     "swarm": Measurement("the fish swarm beside scikit-opt's", swarm.measure),

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -24,13 +25,13 @@ LONGEST_RUN_S = 600  # should nobody end it
 class Sea:
     """The tank, an autopilot in it and a UDP ground station; a context that ends all three."""
 
-    def __init__(self, out: Path, rate_hz: int = 10) -> None:
-        """Start, and wait for the autopilot's heartbeat; HilError when none comes."""
+    def __init__(self, out: Path, rate_hz: int = 10, links: Sequence[str] = ()) -> None:
+        """Start, with more links if wanted, and wait for the autopilot's heartbeat; HilError when none comes."""
         self.station = Station()
         out.mkdir(parents=True)
         self._words = out / "hil.log"
         arguments = ["run", "tank", "--speed", "real", "--seconds", str(LONGEST_RUN_S), "--goal", "0:0"]
-        arguments += ["--set", f"LOOP_RATE_HZ={rate_hz}", "--link", self.station.url, "--out", str(out)]
+        arguments += ["--set", f"LOOP_RATE_HZ={rate_hz}", "--link", self.station.url, *links, "--out", str(out)]
         with self._words.open("wb") as words:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "hil", *arguments],

@@ -19,6 +19,7 @@ WANTED = (
     dialect.MAVLINK_MSG_ID_HEARTBEAT,
     dialect.MAVLINK_MSG_ID_PARAM_VALUE,
     dialect.MAVLINK_MSG_ID_COMMAND_ACK,
+    dialect.MAVLINK_MSG_ID_SYSTEM_TIME,
 )
 
 
@@ -72,7 +73,7 @@ class Station:
         return self._socket.fileno()
 
     def receive(self) -> list[Any]:
-        """Read a datagram; return its heartbeats, parameter values and acknowledgements."""
+        """Read a datagram; return its messages of the kinds that are WANTED."""
         data, self._peer = self._socket.recvfrom(READ_BYTES)
         return list(self._tap.feed(data))
 

@@ -26,7 +26,7 @@ MILLISECONDS = 1e3
 GAP_S = (0.005, 0.03)
 PATIENCE_S = 1.0
 MOST_LOST = 0.02
-MOST_PARAMETER_MS = 2.0
+MOST_MS = 1.0
 PARAMETER = "POS_TIMEOUT_S"  # steers nothing in a heading run
 VALUES = (5.0, 6.0)
 GUIDED = 15
@@ -45,7 +45,7 @@ def measure(setting: Setting) -> Finding:
         commands = _ask(sea.station, setting.trips, command_question)
         frame = sea.station.pack(parameter_question(0)[0])
     with background("-m", "hil.bench.bare_echo", "udp") as (_, port), steady():
-        bare = _echo(int(port), frame, setting.trips)
+        bare = echo(int(port), frame, setting.trips)
     storing = spread(_store(setting.directory / "stored", STORINGS))
     low_ms, high_ms = (gap_s * MILLISECONDS for gap_s in GAP_S)
     storing_ms = storing.p50 * MILLISECONDS
@@ -53,21 +53,21 @@ def measure(setting: Setting) -> Finding:
         f"{parameters.count} and {commands.count} round trips on loopback UDP, {low_ms:g} to {high_ms:g} ms apart",
         "PARAM_SET is answered when the value is on disk; COMMAND_LONG is DO_SET_MODE",
         f"on this disk, {STORED_BYTES} bytes overwritten and forced down take p50 {storing_ms:.2f} ms",
-        "bare: a Python process that sends each datagram back",
+        "bare: a Python process that sends each datagram back; for PARAM_SET, and what the disk takes besides",
     )
-    return Finding("Round trips", figures_of(parameters, commands, bare), notes)
+    return Finding("Round trips", figures_of(parameters, commands, bare, storing), notes)
 
 
-def figures_of(parameters: Spread, commands: Spread, bare: Spread) -> tuple[Figure, ...]:
+def figures_of(parameters: Spread, commands: Spread, bare: Spread, storing: Spread) -> tuple[Figure, ...]:
     """Return the figures; the spreads are in seconds."""
 
     def figure(name: str, value_s: float, bare_s: float, peer: str, most: float | None = None) -> Figure:
         return Figure(name, "ms", value_s * MILLISECONDS, bare_s * MILLISECONDS, most=most, peer=peer)
 
     return (
-        figure("PARAM_SET, p50", parameters.p50, bare.p50, "ArduRover 14", MOST_PARAMETER_MS),
-        figure("PARAM_SET, p95", parameters.p95, bare.p95, "ArduRover 26"),
-        figure("COMMAND_LONG, p50", commands.p50, bare.p50, "ArduRover 11"),
+        figure("PARAM_SET, p50", parameters.p50, bare.p50 + storing.p50, "ArduRover 14", MOST_MS),
+        figure("PARAM_SET, p95", parameters.p95, bare.p95 + storing.p95, "ArduRover 26"),
+        figure("COMMAND_LONG, p50", commands.p50, bare.p50, "ArduRover 11", MOST_MS),
         figure("COMMAND_LONG, p95", commands.p95, bare.p95, "ArduRover 22"),
     )
 
@@ -109,7 +109,8 @@ def _ask(station: Station, count: int, question: Callable[[int], Question]) -> S
     return spread(taken_s)
 
 
-def _echo(port: int, frame: bytes, count: int) -> Spread:
+def echo(port: int, frame: bytes, count: int) -> Spread:
+    """Return the round trips, in seconds, of a frame to a process that sends each datagram back."""
     chances = random.Random(SEED)
     taken_s = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:

@@ -7,7 +7,7 @@ import pytest
 
 from firmware_py.faults import Fault
 from firmware_py.intents import Arm, ManualRudder, ReplacePlan, Request, SetMode, SetParameter, SteerHeading, Verdict
-from firmware_py.loop import PARAMETER_FILE, PENDING_LIMIT, PLAN_FILES, Boat, Pilot, run
+from firmware_py.loop import LINK_PART, PARAMETER_FILE, PENDING_LIMIT, PLAN_FILES, Boat, Pilot, run
 from firmware_py.params import ParameterSet, format_file, parse_file
 from firmware_py.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.plan import from_text as plan_from_text
@@ -260,6 +260,20 @@ def test_a_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
     assert with_requests.tick.t_s == pytest.approx(0.2, abs=0.01)
     assert len(with_requests.requests) == 3
     assert boat.link.outputs[-1].snapshot.goal_heading_rad == pytest.approx(2.0)
+
+
+def test_a_flood_gets_part_of_the_time_and_the_tick_is_punctual(boat):
+    """However much there is to serve: Linux would take the processor from one that uses all of it."""
+    boat.link.left_over = 10**6
+
+    def on_service(_now_s):
+        boat.clock.t_s += 0.001
+
+    boat.link.on_service = on_service
+    turn(boat, 1.0)
+    served = sum(1 for entry in boat.link.log if entry[0] == "service")
+    assert served == pytest.approx(1000 * LINK_PART, rel=0.1)
+    assert all(inputs.tick.late_s < 1e-9 for inputs, _, _ in boat.recorder.ticks)
 
 
 def test_an_accepted_parameter_is_in_force_at_once_and_stored(boat):

@@ -112,3 +112,17 @@ def test_a_line_that_takes_no_more_refuses_whole_messages_and_keeps_order(line, 
     while len(received) < len(sent):
         received += os.read(cable.master, 4096)
     assert received == sent
+
+
+def test_a_line_that_was_jammed_goes_on_by_itself(line, cable):
+    """What waits is pushed by the next write, also by one that is too large to be added to it."""
+    while line.write(b"x" * 1200):
+        pass
+    assert len(line._unsent) + 1200 > UNSENT_LIMIT
+    os.set_blocking(cable.master, False)
+    for _ in range(1000):
+        try:
+            os.read(cable.master, 65536)
+        except BlockingIOError:
+            break
+    assert line.write(b"y" * 1200)

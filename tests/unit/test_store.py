@@ -129,3 +129,21 @@ def test_many_saves_call_back_in_order(store):
         store.when_stored(lambda well, number=number: called.append((number, well)))
     settle(store)
     assert called == [(number, True) for number in range(20)]
+
+
+def test_what_is_private_is_for_the_owner_alone(tmp_path):
+    directory = tmp_path / "state"
+    directory.mkdir()
+    (directory / "secret.1").write_bytes(b"")  # as somebody has copied it here, for all to read
+    (directory / "secret.1").chmod(0o644)
+    store = Store(directory, private=("secret",))
+    try:
+        for content in (b"a long secret", b"another secret", b"none", b"none"):
+            store.save("secret", content)
+            store.save("open", content)
+            settle(store)
+    finally:
+        store.close()
+    modes = {path.name: path.stat().st_mode & 0o777 for path in directory.iterdir() if path.name != "lock"}
+    assert not any(b"secret" in path.read_bytes() for path in directory.glob("secret.*"))
+    assert modes == {"secret.0": 0o600, "secret.1": 0o600, "open.0": 0o644, "open.1": 0o644}

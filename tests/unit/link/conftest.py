@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.intents import Answer, SetParameter, Verdict
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
+from firmware_py.link.options import PLAIN
 from firmware_py.params import ParameterSet
 from firmware_py.plan import Plans
 from firmware_py.records import Mode, Output, RudderCommand, Snapshot
@@ -87,12 +88,22 @@ class MemoryTransport:
 
     name = "memory"
 
-    def __init__(self, descriptor=100, addresses=("station",), *, byte_rate=None, radio=False, datagrams=True):
+    def __init__(
+        self,
+        descriptor=100,
+        addresses=("station",),
+        *,
+        byte_rate=None,
+        radio=False,
+        datagrams=True,
+        options=PLAIN,
+    ):
         self.descriptor = descriptor
         self.served = tuple(addresses)
         self.byte_rate = byte_rate
         self.radio = radio
         self.datagrams = datagrams
+        self.options = options
         self.inbox = []
         self.sent = []
         self.takes = True
@@ -120,18 +131,34 @@ class MemoryTransport:
         self.closed = True
 
 
+class MemoryVault:
+    """Keeps what it is given, in memory."""
+
+    def __init__(self):
+        self.contents = []
+
+    def load(self):
+        return self.contents[-1] if self.contents else None
+
+    def save(self, content):
+        self.contents.append(content)
+
+
 class Rig:
     """An endpoint and a ground station that speaks through pymavlink."""
 
-    def __init__(self, **transport):
+    def __init__(self, vault=None, **transport):
+        self.vault = vault or MemoryVault()
+        self.utc_s = 1.7e9
         self.transport = MemoryTransport(**transport)
         self.authority = FakeAuthority()
         self.endpoint = Endpoint(
             [self.transport],
             self.authority,
-            utc_s=lambda: 1.7e9,
+            utc_s=lambda: self.utc_s,
             version=Version(0, 1, 0, "0123abcd", 77),
             boot_text="Rambler 0.1.0",
+            vault=self.vault,
         )
         self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self.now_s = 0.0

@@ -45,6 +45,21 @@ def test_the_rest_of_a_frame_that_does_not_come_is_not_waited_for():
     assert [f.data[4] for f in splitter.feed(frame(7), STALE_S + 0.1)] == [7]
 
 
+def test_a_false_beginning_is_not_kept_alive_by_the_frames_that_come_after_it():
+    """A station that asks four times a second must not have to fill 280 bytes first."""
+    splitter = Splitter()
+    assert splitter.feed(b"\xfd\xff\x00\x00\x00\x00\x00\x00\x00\x00", 0.0) == []
+    heard = [f.data[4] for turn in range(4) for f in splitter.feed(frame(turn), 0.25 * (turn + 1))]
+    assert heard == [0, 1, 2, 3]
+
+
+def test_on_a_slow_line_a_frame_has_the_time_that_it_takes():
+    whole = frame(1, text=b"x" * 50)
+    splitter = Splitter(byte_rate=30.0)
+    heard = [f for place in range(len(whole)) for f in splitter.feed(whole[place : place + 1], place / 30.0)]
+    assert [f.data for f in heard] == [whole]
+
+
 def test_a_whole_frame_behind_a_stale_beginning_is_found_when_more_comes():
     splitter = Splitter()
     assert splitter.feed(b"\xfd\xff\x00\x00\x00\x00\x00\x00\x00\x00" + frame(7), 0.0) == []

@@ -1,8 +1,11 @@
 """Packets out of noise, and runs of noise accounted for."""
 
+import random
+
 import pytest
 
 from firmware_py.sensors import pni_protocol, ubx_protocol
+from firmware_py.sensors.binary_framing import EachAlone, PacketFramer
 
 INFO = bytes.fromhex("000501efd4")
 DATA = bytes.fromhex("000504bf71")
@@ -46,3 +49,39 @@ def test_a_packet_may_come_in_pieces(piece, solution):
 def test_a_capture_that_ends_in_a_packet_is_told():
     assert feed(pni_protocol.framer(), INFO, DATA[:4]) == [(0, 5, INFO), (5, 4, "checksum")]
     assert feed(pni_protocol.framer()) == []
+
+
+@pytest.mark.parametrize("piece", [1, 64, 4096])
+def test_crafted_noise_is_searched_and_checked_once_however_it_is_cut(piece):
+    """Every sixth byte claims to begin the longest packet: it may cost its bytes, and not its square."""
+    measured, checked = [], []
+    framer = PacketFramer(
+        ubx_protocol._HEADER,
+        6,
+        lambda header: measured.append(header) or int.from_bytes(header[4:6], "little") + 8,
+        EachAlone(lambda packet: bool(checked.append(len(packet)))),
+    )
+    noise = b"\xb5\x62\x01\x07\xff\x09" * 2000
+    for start in range(0, len(noise), piece):
+        assert framer.feed(noise[start : start + piece]) == []
+        assert len(framer._buffer) <= 0x9FF + 8
+    assert len(measured) == 2000
+    assert len(checked) <= 2000
+
+
+def test_sums_carried_along_are_the_checksum():
+    """Against the checksum as the receiver's manual gives it, byte by byte."""
+    chances = random.Random(3)
+    framer = ubx_protocol.framer()
+    for _ in range(300):
+        body = chances.randbytes(2) + (size := chances.randrange(200)).to_bytes(2, "little") + chances.randbytes(size)
+        first = second = 0
+        for byte in body:
+            first = (first + byte) & 0xFF
+            second = (second + first) & 0xFF
+        whole = b"\xb5\x62" + body + bytes((first, second))
+        broken = b"\xb5\x62" + body + bytes((first, second ^ 1))
+        noise = chances.randbytes(chances.randrange(20))
+        found = [packet.data for piece in (noise, broken, whole) for packet in framer.feed(piece) if not packet.fault]
+        assert whole in found
+        assert broken not in found
