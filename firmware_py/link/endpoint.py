@@ -63,6 +63,7 @@ class Endpoint:
         self._roster = Roster(self._transports, self._welcome)
         self._session.peers = self._roster
         self._parameters = Parameters(self._session)
+        self._mission = Mission(self._session)
         self._greeting = (Event(Severity.INFO, boot_text),) if boot_text else ()
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
         self._unread: deque[tuple[Peer, Frame]] = deque()  # what one round of reads has brought
@@ -71,7 +72,7 @@ class Endpoint:
     def _collect(self) -> Mapping[int, Handler]:
         session = self._session
         services = (Commands(session, COMMANDS), Goals(session), Manual(session), self._parameters)
-        others = (Mission(session), Files(session), Logs(session), Timing(session))
+        others = (self._mission, Files(session), Logs(session), Timing(session))
         found: dict[int, Handler] = {_DATA_STREAM: request_data_stream, _HEARTBEAT: self._heard}
         for service in (*services, *others):
             found.update(service.handlers())
@@ -107,6 +108,7 @@ class Endpoint:
             transport.poll(now_s)
         self._note_changes(output.snapshot, now_s)
         self._answer(now_s)
+        self._mission.update(now_s)
         self._roster.update(now_s)
         self._announce(output.events)
         self._send_telemetry(1.0 / max(output.snapshot.rate_hz, 1.0), now_s)
@@ -160,6 +162,7 @@ class Endpoint:
         before = self._session.snapshot
         self._session.refused_frames = self._roster.refused_frames() + self._roster.rejected
         self._session.see(snapshot)
+        self._mission.follow(before, snapshot, now_s)
         if before is None or (before.mode, before.armed) != (snapshot.mode, snapshot.armed):
             for peer in self._roster:
                 peer.streams.hasten(_HEARTBEAT, now_s)

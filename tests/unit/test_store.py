@@ -1,3 +1,4 @@
+import os
 import select
 
 import pytest
@@ -129,3 +130,19 @@ def test_many_saves_call_back_in_order(store):
         store.when_stored(lambda well, number=number: called.append((number, well)))
     settle(store)
     assert called == [(number, True) for number in range(20)]
+
+
+def test_a_failure_is_not_hidden_by_a_later_success(tmp_path):
+    directory = tmp_path / "state"
+    store = Store(directory)
+    (directory / "broken.0").mkdir()
+    answers = []
+    for name in ("broken", "whole"):
+        store.save(name, b"content")
+        store.when_stored(lambda well, name=name: answers.append((name, well)))
+        assert select.select([store.fileno()], [], [], 10.0)[0]
+        woken = os.eventfd_read(store.fileno())  # nobody looks in between
+    os.eventfd_write(store.fileno(), woken)
+    store.service()
+    store.close()
+    assert answers == [("broken", False), ("whole", True)]

@@ -48,6 +48,7 @@ class FakeAuthority:
         self.values = ParameterSet()
         self.at_once = True
         self.plans_kept = Plans()
+        self.plans_stored = True
         self.waiting = []
 
     @property
@@ -70,10 +71,19 @@ class FakeAuthority:
         return self.plans_kept
 
     def replace_plan(self, request, done):
-        self.decide(request)
-        if self.answer.verdict is Verdict.ACCEPTED:
-            self.plans_kept = self.plans_kept.replaced(request.intent.plan)
-        done(self.answer)
+        if self.decide(request).verdict is not Verdict.ACCEPTED:
+            done(self.answer)
+            return
+
+        def stored(well):
+            if well:
+                self.plans_kept = self.plans_kept.replaced(request.intent.plan)
+            done(self.answer if well else Answer(Verdict.FAILED, "the disk is full"))
+
+        if self.at_once:
+            stored(self.plans_stored)
+        else:
+            self.waiting.append(stored)
 
     def when_stored(self, call):
         if self.at_once:
@@ -123,9 +133,10 @@ class MemoryTransport:
 class Rig:
     """An endpoint and a ground station that speaks through pymavlink."""
 
-    def __init__(self, **transport):
+    def __init__(self, *, identity=3, **transport):
         self.transport = MemoryTransport(**transport)
         self.authority = FakeAuthority()
+        self.authority.values = self.authority.values.replaced("LNK_IDENTITY", identity)
         self.endpoint = Endpoint(
             [self.transport],
             self.authority,
