@@ -75,8 +75,7 @@ class Store:
 
     def load(self, name: str) -> bytes | None:
         """Return the newest whole version, or None when there is none."""
-        version = _newest(self._directory, name)
-        return None if version is None else version.content
+        return stored_content(self._directory, name)
 
     def save(self, name: str, content: bytes) -> None:
         """Queue a new version; a newer one of the same name replaces one not yet begun."""
@@ -148,6 +147,12 @@ class _Version:
     slot: int
     sequence: int
     content: bytes
+
+
+def stored_content(directory: Path, name: str) -> bytes | None:
+    """Return the newest whole version of a name, or None: safe beside an autopilot that is writing."""
+    version = _newest(directory, name)
+    return None if version is None else version.content
 
 
 def _slot_path(directory: Path, name: str, slot: int) -> Path:

@@ -188,7 +188,7 @@ class Uploads:
     def _judged(self, upload: Upload, message: Message) -> PlanItem | PlanFault:
         index = message.seq - upload.home_count
         if index < 0:
-            # What an ArduPilot is sent as item 0 is the station's idea of home: not an item of the plan, and not judged.
+            # What an ArduPilot is sent as item 0 is the station's idea of home: no item of the plan, and not judged.
             return _HOME
         item = item_of(message, upload.home_count)
         if isinstance(item, PlanFault):
