@@ -214,7 +214,7 @@ def _or_none(value: float) -> float | None:
 def _mission_section(plan: Plan) -> Mapping[str, Any]:
     items = []
     for index, item in enumerate(plan.items):
-        first = item.params[0] + (1.0 if item.command == Command.JUMP else 0.0)
+        first = item.params[0] + 1.0 if item.command == Command.JUMP else item.params[0]
         where = _degrees(item) if has_place(item.command) else [item.x, item.y]
         params = [_or_none(value) for value in (first, *item.params[1:])]
         items.append(
