@@ -7,6 +7,7 @@ ends an upload early leaves the old plan as it was.
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 
@@ -23,6 +24,7 @@ from firmware_py.plan_rules import fault_of, item_fault
 from firmware_py.records import Severity
 
 _REMEMBERED = 8
+_DOUBLED_S = 10.0  # what a line doubles comes within this; who asks again does so with another number
 _ITEM_INT = mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT
 _HOME = PlanItem(0)  # keeps the place of home
 _BY_TURNS = 2  # after so many requests in vain the old kind of request is tried, and so on by turns
@@ -76,11 +78,13 @@ class Uploads:
         self._session = session
         self._active: dict[PlanKind, Upload] = {}
         self._ended: OrderedDict[tuple[Sender, PlanKind], Ended] = OrderedDict()
+        # The count and the frame's own number of the latest MISSION_COUNT, and when it came.
+        self._counts: OrderedDict[tuple[Sender, PlanKind], tuple[tuple[int, int], float]] = OrderedDict()
 
     def begin(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Take a MISSION_COUNT: begin an upload, or begin it again."""
         home_count = homes(self._session.autopilot, kind)
-        if not self.may_change(peer, message, kind, now_s):
+        if self._seen_twice(message, kind, now_s) or not self.may_change(peer, message, kind, now_s):
             return
         if message.count > MOST_ITEMS + home_count:
             text = f"{message.count} items; at most {MOST_ITEMS} are kept"
@@ -156,6 +160,19 @@ class Uploads:
         return True
 
     # ------------------------------------------------------------------ parts
+
+    def _seen_twice(self, message: Message, kind: PlanKind, now_s: float) -> bool:
+        """Return whether a line has doubled a MISSION_COUNT, which would begin an upload that nobody wants."""
+        key = (sender_of(message), kind)
+        mark = (message.count, message.get_seq())
+        before, seen_s = self._counts.get(key, ((-1, -1), -math.inf))
+        if mark == before and now_s - seen_s < _DOUBLED_S:
+            return True
+        self._counts[key] = (mark, now_s)
+        self._counts.move_to_end(key)
+        if len(self._counts) > _REMEMBERED:
+            self._counts.popitem(last=False)
+        return False
 
     def _start(
         self, peer: Peer, message: Message, kind: PlanKind, span: tuple[int, int], base: Plan | None, now_s: float

@@ -210,6 +210,19 @@ def test_a_station_may_think_better_of_it(station, result):
     assert station.places() == [1]
 
 
+def test_a_count_that_the_line_has_doubled_begins_nothing(station):
+    frame = station.rig.frame(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
+    items = station.mission(2)
+    assert len(station.protocol(station.rig.give(frame))) == 1
+    station.answers(items[0])
+    assert station.protocol(station.rig.give(frame)) == []
+    station.answers(items[1])
+    assert [ack.type for ack in station.answers(items[2])] == [0]
+    assert station.protocol(station.rig.give(frame)) == []
+    station.rig.ticks(110)
+    assert len(station.protocol(station.rig.give(frame))) == 1
+
+
 def test_a_second_station_waits_for_its_turn(station):
     station.count(3)
     station.answers(station.item(0))
