@@ -236,6 +236,16 @@ PLACE_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
 MISSION_FRAME = 2  # of items without a place
 
 
+def markdown() -> str:
+    """The table for people."""
+    lines = ["| plan | command | number | parameters |", "| --- | --- | --- | --- |"]
+    for row in TABLE:
+        meanings = [f"param{one.number}: {one.text} ({one.allowed()})" for one in row.meanings]
+        text = "; ".join([*meanings, *(["a place"] if row.place else [])])
+        lines.append(f"| {row.kind.name.lower()} | {row.name} | {int(row.command)} | {text} |")
+    return "\n".join(lines) + "\n"
+
+
 def has_place(command: int) -> bool:
     """Return whether x and y of an item with this command are a place; True for an unknown one."""
     row = ROWS.get(command)

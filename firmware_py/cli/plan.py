@@ -12,7 +12,7 @@ from typing import Any
 
 from firmware_py.loop import PLAN_FILES
 from firmware_py.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
-from firmware_py.plan_items import ROWS, has_place
+from firmware_py.plan_items import ROWS, has_place, markdown
 from firmware_py.planfiles.numbers import PlanFileError
 from firmware_py.planfiles.qgc_plan import write_plan
 from firmware_py.planfiles.reading import read_file
@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     load = commands.add_parser("load", help="put the plans of a file into the state directory of a stopped autopilot")
     show = commands.add_parser("show", help="list the plans of a state directory")
     save = commands.add_parser("save", help="write the plans of a state directory to a file")
+    commands.add_parser("items", help="the table of items that a plan may hold, as markdown")
     for one in (check, load):
         one.add_argument(
             "file", metavar="FILE", type=Path, help="a .plan, .waypoints, or MAVProxy's fence or rally file"
@@ -48,15 +49,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Do what is asked; one line on standard error and 2 when it cannot be."""
-    act: Callable[[argparse.Namespace], None] = {"check": _check, "load": _load, "show": _show, "save": _save}[
-        arguments.plan_command
-    ]
+    act: Callable[[argparse.Namespace], None] = {
+        "check": _check,
+        "load": _load,
+        "show": _show,
+        "save": _save,
+        "items": _items,
+    }[arguments.plan_command]
     try:
         act(arguments)
     except (PlanFileError, StoreError) as error:
         print(f"rambler plan {arguments.plan_command}: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def _items(_arguments: argparse.Namespace) -> None:
+    print(markdown(), end="")
 
 
 def _check(arguments: argparse.Namespace) -> None:

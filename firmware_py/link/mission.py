@@ -32,6 +32,7 @@ class Mission:
         self._session = session
         self._uploads = Uploads(session)
         self._downloads = Downloads(session)
+        self._clearing: set[PlanKind] = set()
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
@@ -114,23 +115,39 @@ class Mission:
         kinds = tuple(PlanKind) if kind is None else (kind,)
         if not all(self._uploads.may_change(peer, message, one, now_s) for one in kinds):
             return
-        clearing = _Clearing(self._session, peer, sender_of(message), message.mission_type, len(kinds))
+        # Asked again before the disk has answered: the answer to the first will do.
+        if self._clearing.intersection(kinds):
+            return
         for one in kinds:
             self._uploads.cancel(sender_of(message), one)
             self._downloads.done(sender_of(message), one)
+        left = [one for one in kinds if self._session.authority.plans().of(one).items]
+        if not left:
+            acknowledge(self._session, peer, sender_of(message), message.mission_type, PlanResult.ACCEPTED)
+            return
+        self._clearing.update(kinds)
+
+        def done() -> None:
+            self._clearing.difference_update(kinds)
+
+        clearing = _Clear(self._session, peer, sender_of(message), message.mission_type, len(left), done)
+        for one in left:
             request = Request(now_s, ReplacePlan(Plan(one)), *sender_of(message))
             self._session.authority.replace_plan(request, clearing.cleared)
 
 
-class _Clearing:
+class _Clear:
     """Acknowledges once all plans that are to be cleared have been."""
 
-    def __init__(self, session: Session, peer: Peer, to: Sender, shown: int, left: int) -> None:
+    def __init__(
+        self, session: Session, peer: Peer, to: Sender, shown: int, left: int, done: Callable[[], None]
+    ) -> None:
         self._session = session
         self._peer = peer
         self._to = to
         self._shown = shown
         self._left = left
+        self._done = done
         self._failure: Answer | None = None
 
     def cleared(self, answer: Answer) -> None:
@@ -140,6 +157,7 @@ class _Clearing:
             self._failure = answer
         if self._left:
             return
+        self._done()
         result = PlanResult.ACCEPTED if self._failure is None else PlanResult.ERROR
         acknowledge(self._session, self._peer, self._to, self._shown, result)
         what = NAMES[KINDS[self._shown]].capitalize() if self._shown in KINDS else "Mission, fence and rally points"

@@ -199,6 +199,9 @@ class Uploads:
         if fault is not None:
             self._end(upload, upload.end - 1, fault, now_s)
             return
+        if not plan.items and not self._session.authority.plans().of(upload.kind).items:
+            self._end(upload, upload.end - 1, None, now_s)
+            return
         request = Request(now_s, ReplacePlan(plan), *upload.owner)
         self._session.authority.replace_plan(request, lambda answer: self._stored(upload, plan, answer))
 

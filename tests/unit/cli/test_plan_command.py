@@ -5,6 +5,7 @@ import json
 import pytest
 
 from firmware_py.__main__ import main
+from firmware_py.plan_items import TABLE
 from firmware_py.store import Store
 
 WAYPOINTS = (
@@ -80,6 +81,11 @@ def test_a_disk_that_fails_is_told(capsys, file, state):
     error = said(capsys, "load", file, "--state", state, code=2)
     assert "cannot be stored" in error
     assert error.count("\n") == 1
+
+
+def test_the_table_of_items_is_complete(capsys):
+    table = said(capsys, "items")
+    assert all(f"| {row.name} | {int(row.command)} |" in table for row in TABLE)
 
 
 def test_states_that_are_none(capsys, file, tmp_path, state):

@@ -297,8 +297,8 @@ def test_an_upload_begun_while_another_is_being_stored_gets_no_end_of_that(stati
 
 def test_a_refusal_of_the_loop_is_passed_on(station, texts):
     station.rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not now")
-    station.count(1)
-    said = station.rig.tell(station.item(0))
+    station.count(2)
+    said = station.rig.tell(*station.mission(1))
     assert station.protocol(said)[-1].type == PlanResult.ERROR
     assert texts(said) == ["Mission not taken: not now"]
 
@@ -363,6 +363,20 @@ def test_clearing(station, shown, left):
     (ack,) = station.answers(mavlink.MAVLink_mission_clear_all_message(1, 1, shown))
     assert (ack.type, ack.mission_type, ack.opaque_id) == (0, shown, 0)
     assert [int(kind) for kind in PlanKind if station.rig.authority.plans().of(kind).items] == left
+
+
+def test_clearing_again_and_again_is_one_clearing(station):
+    station.upload(station.mission(1))
+    clear = mavlink.MAVLink_mission_clear_all_message(1, 1, 255)
+    station.rig.authority.at_once = False
+    assert station.answers(clear, clear, clear) == []
+    (stored,) = station.rig.authority.waiting
+    stored(True)
+    assert [ack.type for ack in station.protocol(station.rig.said())] == [0]
+    # And what is empty need not be stored.
+    assert [ack.type for ack in station.answers(clear, clear)] == [0, 0]
+    assert [ack.type for ack in station.count(0)] == [0]
+    assert len(station.rig.authority.intents) == 2
 
 
 def test_clearing_what_cannot_be_stored(station, texts):
