@@ -18,6 +18,7 @@ COMMANDS = {
     "listen": ("firmware_py.cli.listen", "open each device and show what it says"),
     "decode": ("firmware_py.cli.decode", "decode a capture with the drivers themselves"),
     "replay": ("firmware_py.cli.replay", "recompute a log and compare every rudder command"),
+    "plan": ("firmware_py.cli.plan", "check plan files; take plans into and out of a stopped autopilot's state"),
     "params": ("firmware_py.cli.params", "the parameter table; check a parameter file"),
     "check": ("firmware_py.cli.check", "a preflight of devices, storage, clock and parameters"),
 }

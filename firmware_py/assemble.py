@@ -139,7 +139,7 @@ def _checked_plan(kind: PlanKind, text: str) -> Plan:
     if plan.kind is not kind:
         raise ValueError(f"it is a {plan.kind.name.lower()}")
     if fault := fault_of(plan):
-        raise ValueError(fault.text)
+        raise ValueError(str(fault))
     return plan
 
 

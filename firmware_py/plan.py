@@ -8,14 +8,17 @@ ArduPilot's ground stations expect as item 0 of a mission is put there by the li
 
 from __future__ import annotations
 
+import base64
+import binascii
 import math
 import struct
 import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from typing import Any
 
-from firmware_py.plain import Codec
+from firmware_py.plain import Codec, Hook
 
 MOST_ITEMS = 2000
 _ITEM = struct.Struct("<BHB4fiif")
@@ -44,18 +47,27 @@ class PlanItem:
 
 def _with_plain_nan(item: PlanItem) -> PlanItem:
     """Forget sign and payload of a NaN, which text does not carry and nobody means."""
-    if not any(math.isnan(value) for value in (*item.params, item.z)):
+    if not math.isnan(sum(item.params) + item.z):
         return item
-    first, second, third, fourth = (math.nan if math.isnan(value) else value for value in item.params)
-    return replace(item, params=(first, second, third, fourth), z=math.nan if math.isnan(item.z) else item.z)
+    first, second, third, fourth, z = [math.nan if math.isnan(value) else value for value in (*item.params, item.z)]
+    return PlanItem(item.command, item.frame, item.autocontinue, (first, second, third, fourth), item.x, item.y, z)
 
 
-def _identity(items: Iterable[PlanItem]) -> int:
-    checksum = 0
-    for item in items:
-        packed = _ITEM.pack(item.frame, item.command, item.autocontinue, *item.params, item.x, item.y, item.z)
-        checksum = zlib.crc32(packed, checksum)
-    return checksum
+def _packed(items: Iterable[PlanItem]) -> bytes:
+    pack = _ITEM.pack
+    try:
+        return b"".join(
+            [pack(item.frame, item.command, item.autocontinue, *item.params, item.x, item.y, item.z) for item in items]
+        )
+    except OverflowError as error:
+        raise struct.error(str(error)) from None
+
+
+def _unpacked(data: bytes) -> tuple[PlanItem, ...]:
+    return tuple(
+        PlanItem(command, frame, bool(autocontinue), (first, second, third, fourth), x, y, z)
+        for frame, command, autocontinue, first, second, third, fourth, x, y, z in _ITEM.iter_unpack(data)
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,10 +83,10 @@ class Plan:
 
     @classmethod
     def of(cls, kind: PlanKind, items: Iterable[PlanItem]) -> Plan:
-        """Make a plan of items; struct.error for numbers that no item can carry."""
-        found = tuple(_with_plain_nan(item) for item in items)
+        """Make a plan of items, rounded to what they can carry; struct.error for numbers that no item can."""
+        packed = _packed(_with_plain_nan(item) for item in items)
         # The checksum of a plan that is there is never 0.
-        return cls(kind, found, (_identity(found) or 1) if found else 0)
+        return cls(kind, _unpacked(packed), (zlib.crc32(packed) or 1) if packed else 0)
 
     def __eq__(self, other: object) -> bool:
         """Compare kind, number and checksum of the items."""
@@ -105,21 +117,43 @@ class Plans:
         return replace(self, **{plan.kind.name.lower(): plan})
 
 
-_CODEC = Codec([Plan])
+def _plain(plan: Plan) -> dict[str, Any]:
+    items = base64.b64encode(_packed(plan.items)).decode()
+    return {"kind": int(plan.kind), "identity": plan.identity, "items": items}
+
+
+def _from_plain(data: Any) -> Plan:
+    """Read what `_plain` gives; ValueError for anything else, or when the checksum is wrong."""
+    if not isinstance(data, dict) or data.keys() != {"kind", "identity", "items"} or not isinstance(data["items"], str):
+        raise ValueError("this is no plan")
+    if type(data["kind"]) is not int or type(data["identity"]) is not int:
+        raise ValueError("the kind of the plan is not a number")
+    try:
+        items = _unpacked(base64.b64decode(data["items"], validate=True))
+    except (binascii.Error, struct.error):
+        raise ValueError("the items of the plan are broken") from None
+    plan = Plan.of(PlanKind(data["kind"]), items)
+    if plan.identity != data["identity"]:
+        raise ValueError("the checksum of the plan is wrong")
+    return plan
+
+
+@dataclass(frozen=True, slots=True)
+class _Stored:
+    plan: Plan
+
+
+# A plan travels packed: two thousand items as records of text would hold up the loop for as long as a tick lasts.
+HOOK = Hook(Plan, _plain, _from_plain)
+_CODEC = Codec([_Stored], [HOOK])
 
 
 def to_text(plan: Plan) -> str:
     """Write a plan as one line of text, as it is stored."""
-    return _CODEC.to_text(plan)
+    return _CODEC.to_text(_Stored(plan))
 
 
 def from_text(text: str) -> Plan:
     """Read a stored plan; ValueError for anything else, or one whose checksum is wrong."""
-    stored: Plan = _CODEC.from_text(text)
-    try:
-        plan = Plan.of(stored.kind, stored.items)
-    except struct.error as error:
-        raise ValueError(f"a plan item cannot be carried: {error}") from None
-    if plan != stored:
-        raise ValueError("the checksum of the plan is wrong")
-    return plan
+    stored: _Stored = _CODEC.from_text(text)
+    return stored.plan

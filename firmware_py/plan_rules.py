@@ -3,47 +3,126 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from enum import IntEnum
+from collections.abc import Sequence
 
-from firmware_py.plan import MOST_ITEMS, Plan
+from firmware_py.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.plan_area import polygons_fault
+from firmware_py.plan_fault import PlanFault, PlanResult
+from firmware_py.plan_items import MISSION_FRAME, PLACE_FRAMES, ROWS, Command, ItemRow
 
+__all__ = ["PlanFault", "PlanResult", "fault_of", "item_fault"]
 
-class PlanResult(IntEnum):
-    """Why a plan is refused, numbered as MAVLink's MAV_MISSION_RESULT."""
+_LATITUDE_MAX, _LONGITUDE_MAX = 900_000_000, 1_800_000_000
+_BY_NUMBER = {number: PlanResult(5 + number) for number in (1, 2, 3, 4)}  # INVALID_PARAM1 and on
+_TIME_OF_DAY = -1.0
+_REMEMBERED = 4
 
-    ACCEPTED = 0
-    ERROR = 1
-    UNSUPPORTED_FRAME = 2
-    UNSUPPORTED = 3
-    NO_SPACE = 4
-    INVALID = 5
-    INVALID_PARAM1 = 6
-    INVALID_PARAM2 = 7
-    INVALID_PARAM3 = 8
-    INVALID_PARAM4 = 9
-    INVALID_PARAM5_X = 10
-    INVALID_PARAM6_Y = 11
-    INVALID_PARAM7 = 12
-    INVALID_SEQUENCE = 13
-    DENIED = 14
-    OPERATION_CANCELLED = 15
-
-
-@dataclass(frozen=True, slots=True)
-class PlanFault:
-    """The first thing that is wrong with a plan: where (None: the plan as a whole), how, and in words."""
-
-    index: int | None
-    result: PlanResult
-    text: str
+_judged: list[tuple[Plan, PlanFault | None]] = []
 
 
 def fault_of(plan: Plan) -> PlanFault | None:
-    """Return the first thing that is wrong with a plan, or None."""
+    """Return the first thing that is wrong with a plan, or None; asked again of the same plan it costs nothing."""
+    # By identity and not by checksum: who can make two plans with one checksum shall gain nothing.
+    for known, fault in _judged:
+        if known is plan:
+            return fault
+    fault = _fault_of(plan)
+    _judged.insert(0, (plan, fault))
+    del _judged[_REMEMBERED:]
+    return fault
+
+
+def _fault_of(plan: Plan) -> PlanFault | None:
     if len(plan.items) > MOST_ITEMS:
         return PlanFault(None, PlanResult.NO_SPACE, f"{len(plan.items)} items; at most {MOST_ITEMS} are kept")
     for index, item in enumerate(plan.items):
-        if not math.isfinite(item.z):
-            return PlanFault(index, PlanResult.INVALID_PARAM7, f"item {index}: the altitude is not a number")
+        if fault := item_fault(plan.kind, index, item):
+            return fault
+    if plan.kind is PlanKind.MISSION:
+        return _jumps_fault(plan.items)
+    return polygons_fault(plan.items) if plan.kind is PlanKind.FENCE else None
+
+
+def item_fault(kind: PlanKind, index: int, item: PlanItem) -> PlanFault | None:
+    """Return what is wrong with an item as such, whatever stands beside it."""
+    row = ROWS.get(item.command)
+    if row is None or row.kind is not kind:
+        what = f"command {item.command}" if row is None else row.name
+        return PlanFault(index, PlanResult.UNSUPPORTED, f"{what} is not known in a {kind.name.lower()} plan")
+    if item.frame not in PLACE_FRAMES and (row.place or item.frame != MISSION_FRAME):
+        return PlanFault(index, PlanResult.UNSUPPORTED_FRAME, f"{row.name}: frame {item.frame} is not supported")
+    for number, value in enumerate(item.params, start=1):
+        if math.isinf(value):
+            return PlanFault(index, _BY_NUMBER[number], f"{row.name}: param{number} is infinite")
+    for meaning in row.meanings:
+        value = item.params[meaning.number - 1]
+        if not meaning.admits(value):
+            text = f"{row.name}: param{meaning.number} is {value:g}; allowed: {meaning.allowed()}"
+            return PlanFault(index, _BY_NUMBER[meaning.number], text)
+    return _place_fault(row, index, item) or _special_fault(row, index, item)
+
+
+def _place_fault(row: ItemRow, index: int, item: PlanItem) -> PlanFault | None:
+    if row.place and not -_LATITUDE_MAX <= item.x <= _LATITUDE_MAX:
+        return PlanFault(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: the latitude is not on this planet")
+    if row.place and not -_LONGITUDE_MAX <= item.y <= _LONGITUDE_MAX:
+        return PlanFault(index, PlanResult.INVALID_PARAM6_Y, f"{row.name}: the longitude is not on this planet")
+    if math.isinf(item.z):
+        return PlanFault(index, PlanResult.INVALID_PARAM7, f"{row.name}: the altitude is infinite")
     return None
+
+
+def _special_fault(row: ItemRow, index: int, item: PlanItem) -> PlanFault | None:
+    """Return what one parameter makes wrong with another."""
+    if row.command is Command.SET_HOME and not item.params[0] and math.isnan(item.z):
+        return PlanFault(index, PlanResult.INVALID_PARAM7, f"{row.name}: the altitude is not a number")
+    if row.command is Command.DELAY and item.params[0] < 0.0:
+        if item.params[0] != _TIME_OF_DAY:
+            return PlanFault(index, PlanResult.INVALID_PARAM1, f"{row.name}: a time is not negative, unless -1")
+        if not item.params[1] >= 0.0:
+            return PlanFault(index, PlanResult.INVALID_PARAM2, f"{row.name}: a time of day needs an hour")
+    return None
+
+
+def _jumps_fault(items: Sequence[PlanItem]) -> PlanFault | None:
+    """Return the first jump that leads nowhere, or that can go round without an item that takes time."""
+    for index, item in enumerate(items):
+        if item.command == Command.JUMP and item.params[0] >= len(items):
+            text = f"DO_JUMP: there is no item {item.params[0]:.0f}"
+            return PlanFault(index, PlanResult.INVALID_PARAM1, text)
+    settled = bytearray(len(items))  # 1: being followed, 2: leads on
+    for start, item in enumerate(items):
+        if item.command != Command.JUMP or settled[start]:
+            continue
+        closing = _circle(items, start, settled)
+        if closing is not None:
+            text = "DO_JUMP: goes round without an item that takes time"
+            return PlanFault(closing, PlanResult.INVALID_PARAM1, text)
+    return None
+
+
+def _circle(items: Sequence[PlanItem], start: int, settled: bytearray) -> int | None:
+    """Follow what comes after an item as far as nothing takes time; return the last jump of a circle."""
+    stack = [(start, iter(_followers(items, start)))]
+    settled[start] = 1
+    while stack:
+        index, followers = stack[-1]
+        follower = next(followers, None)
+        if follower is None:
+            settled[index] = 2
+            stack.pop()
+        elif settled[follower] == 1:
+            # Only a jump leads back, so there is one in every circle.
+            return next(jump for jump, _ in reversed(stack) if items[jump].command == Command.JUMP)
+        elif not settled[follower]:
+            settled[follower] = 1
+            stack.append((follower, iter(_followers(items, follower))))
+    return None
+
+
+def _followers(items: Sequence[PlanItem], index: int) -> tuple[int, ...]:
+    item = items[index]
+    if ROWS[item.command].lasts:
+        return ()
+    after = (index + 1,) if index + 1 < len(items) else ()
+    return (int(item.params[0]), *after) if item.command == Command.JUMP else after

@@ -151,7 +151,7 @@ def _set_parameter(state: State, intent: SetParameter, _t_s: float) -> tuple[Sta
 
 def _replace_plan(state: State, intent: ReplacePlan, _t_s: float) -> tuple[State, Answer]:
     if fault := fault_of(intent.plan):
-        return state, Answer(Verdict.DENIED, fault.text)
+        return state, Answer(Verdict.DENIED, str(fault))
     return replace(state, plans=state.plans.replaced(intent.plan)), ACCEPTED
 
 

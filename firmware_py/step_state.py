@@ -6,6 +6,7 @@ from typing import Any
 
 from firmware_py.params import TABLE, ParameterError, ParameterSet
 from firmware_py.plain import Codec, Hook
+from firmware_py.plan import HOOK as PLAN_HOOK
 from firmware_py.step import State
 
 
@@ -24,7 +25,8 @@ def _parameters_from(data: Any) -> ParameterSet:
     return parameters
 
 
-_CODEC = Codec([State], [Hook(ParameterSet, lambda parameters: dict(parameters.items()), _parameters_from)])
+_PARAMETER_HOOK = Hook(ParameterSet, lambda parameters: dict(parameters.items()), _parameters_from)
+_CODEC = Codec([State], [_PARAMETER_HOOK, PLAN_HOOK])
 
 
 def state_to_text(state: State) -> str:

@@ -63,6 +63,7 @@ class Store:
         self._done = 0  # saves finished, well or badly
         self._failed_text = ""
         self._waiting: deque[tuple[int, Callable[[bool], None]]] = deque()
+        self._due: deque[tuple[Callable[[bool], None], bool]] = deque()
         self._closing = False
         self._places: dict[str, tuple[int, int]] = {}  # the writer's: slot and sequence of the newest versions
         self._thread = threading.Thread(target=self._write_jobs, name="store", daemon=True)
@@ -79,8 +80,7 @@ class Store:
 
     def load(self, name: str) -> bytes | None:
         """Return the newest whole version, or None when there is none."""
-        version = _newest(self._directory, name)
-        return None if version is None else version.content
+        return stored_content(self._directory, name)
 
     def save(self, name: str, content: bytes) -> None:
         """Queue a new version; a newer one of the same name replaces one not yet begun."""
@@ -92,8 +92,11 @@ class Store:
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Run call(True) from `service` once all saves so far are on disk, call(False) if they cannot be."""
         with self._condition:
-            self._waiting.append((self._asked, call))
             settled = self._done >= self._asked
+            if settled:
+                self._due.append((call, not self._failed_text))
+            else:
+                self._waiting.append((self._asked, call))
         if settled:
             os.eventfd_write(self._wake_fd, 1)
 
@@ -103,12 +106,9 @@ class Store:
             os.eventfd_read(self._wake_fd)
         except BlockingIOError:
             return
-        due: list[Callable[[bool], None]] = []
         with self._condition:
-            while self._waiting and self._waiting[0][0] <= self._done:
-                due.append(self._waiting.popleft()[1])
-            well = not self._failed_text
-        for call in due:
+            due, self._due = self._due, deque()
+        for call, well in due:
             call(well)
 
     def close(self) -> None:
@@ -140,6 +140,9 @@ class Store:
             with self._condition:
                 self._failed_text = failed
                 self._done = asked
+                # Judged by this round of writing, not by one that may follow before anybody looks.
+                while self._waiting and self._waiting[0][0] <= asked:
+                    self._due.append((self._waiting.popleft()[1], not failed))
             os.eventfd_write(self._wake_fd, 1)
 
 
@@ -150,6 +153,12 @@ class _Version:
     slot: int
     sequence: int
     content: bytes
+
+
+def stored_content(directory: Path, name: str) -> bytes | None:
+    """Return the newest whole version of a name, or None: safe beside an autopilot that is writing."""
+    version = _newest(directory, name)
+    return None if version is None else version.content
 
 
 def _slot_path(directory: Path, name: str, slot: int) -> Path:

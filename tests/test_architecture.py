@@ -23,7 +23,11 @@ BASE = {
     "store",
     "vehicle",
     "console",
+    "plan_area",
+    "plan_fault",
+    "plan_items",
     "plan_rules",
+    "planfiles",
 }
 PURE = {"modes", "monitor", "estimate", "guidance", "control"}
 EDGE = {"sensors", "actuator", "link", "log"}

@@ -32,6 +32,30 @@ class Addition(NamedTuple):
 
 ADDITIONS = (
     Addition(
+        "MISSION_CURRENT",
+        42,
+        28,
+        "<HHBBIII",
+        ("seq", "total", "mission_state", "mission_mode", "mission_id", "fence_id", "rally_points_id"),
+        ("seq", "total", "mission_state", "mission_mode", "mission_id", "fence_id", "rally_points_id"),
+    ),
+    Addition(
+        "MISSION_COUNT",
+        44,
+        221,
+        "<HBBBI",
+        ("count", "target_system", "target_component", "mission_type", "opaque_id"),
+        ("target_system", "target_component", "count", "mission_type", "opaque_id"),
+    ),
+    Addition(
+        "MISSION_ACK",
+        47,
+        153,
+        "<BBBBI",
+        ("target_system", "target_component", "type", "mission_type", "opaque_id"),
+        ("target_system", "target_component", "type", "mission_type", "opaque_id"),
+    ),
+    Addition(
         "TIMESYNC",
         111,
         34,

@@ -92,6 +92,7 @@ class Endpoint:
         )
         self._session.peers = self._roster
         self._parameters = Parameters(self._session)
+        self._mission = Mission(self._session)
         self._greeting = (Event(Severity.INFO, boot_text),) if boot_text else ()
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
         self._intake = Intake(self._roster.knows)
@@ -103,7 +104,7 @@ class Endpoint:
     def _collect(self) -> Mapping[int, Handler]:
         session = self._session
         services = (Commands(session, COMMANDS), Goals(session), Manual(session), self._parameters)
-        others = (Mission(session), Files(session), Logs(session), Timing(session), KeySetup(session, self._signing))
+        others = (self._mission, Files(session), Logs(session), Timing(session), KeySetup(session, self._signing))
         found: dict[int, Handler] = {_DATA_STREAM: request_data_stream, _HEARTBEAT: self._heard}
         for service in (*services, *others):
             found.update(service.handlers())
@@ -141,6 +142,7 @@ class Endpoint:
             transport.poll(now_s)
         self._note_changes(output.snapshot, now_s)
         self._answer(now_s)
+        self._mission.update(now_s)
         self._roster.update(now_s)
         self._announce(output.events)
         self._send_telemetry(1.0 / max(output.snapshot.rate_hz, 1.0), now_s)
@@ -213,6 +215,7 @@ class Endpoint:
         self._session.refused_frames = self._roster.refused_frames() + self._roster.rejected + self._gate.refused
         self._gate.mavlink1 = bool(self._session.authority.parameters()["LNK_MAVLINK1"])
         self._session.see(snapshot)
+        self._mission.follow(before, snapshot, now_s)
         if before is None or (before.mode, before.armed) != (snapshot.mode, snapshot.armed):
             for peer in self._roster:
                 peer.streams.hasten(_HEARTBEAT, now_s)

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from firmware_py.link import identity, motion, wellbeing
+from firmware_py.link import identity, mission_status, motion, wellbeing
 from firmware_py.link.dialect import Message, mavlink, text_of
 from firmware_py.link.outbox import Priority
 from firmware_py.link.scene import Scene, boot_ms, single
@@ -57,6 +57,7 @@ TABLE: tuple[Row, ...] = (
     Row(30, "ATTITUDE", motion.attitude, 10.0, 2.0, _EXTRA1),
     Row(33, "GLOBAL_POSITION_INT", motion.global_position_int, 4.0, 1.0, _POSITION),
     Row(36, "SERVO_OUTPUT_RAW", motion.servo_output_raw, 4.0, 1.0, _RC),
+    Row(42, "MISSION_CURRENT", mission_status.mission_current, 1.0, 0.5, _STATUS),
     Row(62, "NAV_CONTROLLER_OUTPUT", motion.nav_controller_output, 2.0, 1.0, _STATUS),
     Row(74, "VFR_HUD", motion.vfr_hud, 4.0, 1.0, _EXTRA2),
     Row(83, "ATTITUDE_TARGET", motion.attitude_target, 2.0, 0.5, _EXTRA1),

@@ -20,6 +20,7 @@ from firmware_py.intents import Request
 from firmware_py.log.dataflash import MessageType
 from firmware_py.log.rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
 from firmware_py.plain import Codec
+from firmware_py.plan import HOOK as PLAN_HOOK
 from firmware_py.records import (
     DeviceHealth,
     DeviceRole,
@@ -35,7 +36,7 @@ from firmware_py.records import (
     Tick,
 )
 
-_REQUESTS: Final = Codec((Request,))
+_REQUESTS: Final = Codec((Request,), (PLAN_HOOK,))
 
 
 def _text(text: str) -> str:

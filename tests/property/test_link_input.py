@@ -13,7 +13,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import Answer, Arm, ManualRudder, SetMode, SetParameter, SteerHeading, SteerPosition, Verdict
+from firmware_py.intents import (
+    Answer,
+    Arm,
+    ManualRudder,
+    ReplacePlan,
+    SetMissionItem,
+    SetMode,
+    SetParameter,
+    SteerHeading,
+    SteerPosition,
+    Verdict,
+)
 from firmware_py.link.command_table import TABLE as COMMAND_TABLE
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
@@ -23,6 +34,7 @@ from firmware_py.link.telemetry import TABLE
 from firmware_py.params import TABLE as PARAMETERS
 from firmware_py.params import ParameterSet
 from firmware_py.plan import Plans
+from firmware_py.plan_rules import fault_of
 from firmware_py.records import FixType, Mode, Output, PositionSample, RudderCommand, Snapshot
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2)
@@ -138,6 +150,10 @@ def is_sound(intent):
         return isinstance(intent.mode, int) and 0 <= intent.mode < 2**32
     if isinstance(intent, SetParameter):
         return any(row.name == intent.name for row in PARAMETERS)
+    if isinstance(intent, SetMissionItem):
+        return isinstance(intent.index, int) and 0 <= intent.index <= 0xFFFF
+    if isinstance(intent, ReplacePlan):
+        return fault_of(intent.plan) is None
     return isinstance(intent, Arm)
 
 

@@ -1,3 +1,4 @@
+import os
 import select
 
 import pytest
@@ -147,3 +148,19 @@ def test_what_is_private_is_for_the_owner_alone(tmp_path):
     modes = {path.name: path.stat().st_mode & 0o777 for path in directory.iterdir() if path.name != "lock"}
     assert not any(b"secret" in path.read_bytes() for path in directory.glob("secret.*"))
     assert modes == {"secret.0": 0o600, "secret.1": 0o600, "open.0": 0o644, "open.1": 0o644}
+
+
+def test_a_failure_is_not_hidden_by_a_later_success(tmp_path):
+    directory = tmp_path / "state"
+    store = Store(directory)
+    (directory / "broken.0").mkdir()
+    answers = []
+    for name in ("broken", "whole"):
+        store.save(name, b"content")
+        store.when_stored(lambda well, name=name: answers.append((name, well)))
+        assert select.select([store.fileno()], [], [], 10.0)[0]
+        woken = os.eventfd_read(store.fileno())  # nobody looks in between
+    os.eventfd_write(store.fileno(), woken)
+    store.service()
+    store.close()
+    assert answers == [("broken", False), ("whole", True)]

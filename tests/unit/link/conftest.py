@@ -49,6 +49,7 @@ class FakeAuthority:
         self.values = ParameterSet()
         self.at_once = True
         self.plans_kept = Plans()
+        self.plans_stored = True
         self.waiting = []
 
     @property
@@ -71,10 +72,19 @@ class FakeAuthority:
         return self.plans_kept
 
     def replace_plan(self, request, done):
-        self.decide(request)
-        if self.answer.verdict is Verdict.ACCEPTED:
-            self.plans_kept = self.plans_kept.replaced(request.intent.plan)
-        done(self.answer)
+        if self.decide(request).verdict is not Verdict.ACCEPTED:
+            done(self.answer)
+            return
+
+        def stored(well):
+            if well:
+                self.plans_kept = self.plans_kept.replaced(request.intent.plan)
+            done(self.answer if well else Answer(Verdict.FAILED, "the disk is full"))
+
+        if self.at_once:
+            stored(self.plans_stored)
+        else:
+            self.waiting.append(stored)
 
     def when_stored(self, call):
         if self.at_once:
@@ -147,11 +157,12 @@ class MemoryVault:
 class Rig:
     """An endpoint and a ground station that speaks through pymavlink."""
 
-    def __init__(self, vault=None, **transport):
+    def __init__(self, vault=None, *, identity=3, **transport):
         self.vault = vault or MemoryVault()
         self.utc_s = 1.7e9
         self.transport = MemoryTransport(**transport)
         self.authority = FakeAuthority()
+        self.authority.values = self.authority.values.replaced("LNK_IDENTITY", identity)
         self.endpoint = Endpoint(
             [self.transport],
             self.authority,

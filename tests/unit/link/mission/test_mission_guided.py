@@ -1,4 +1,4 @@
-"""No missions yet, and nobody is kept waiting; the guided waypoint."""
+"""The guided waypoint."""
 
 import math
 
@@ -6,27 +6,6 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.intents import Answer, SteerPosition, Verdict
-
-
-@pytest.mark.parametrize("kind", [0, 1, 2])
-def test_every_list_is_empty(rig, kind):
-    (reply,) = rig.tell(mavlink.MAVLink_mission_request_list_message(1, 1, kind))
-    assert (reply.get_type(), reply.count, reply.mission_type) == ("MISSION_COUNT", 0, kind)
-
-
-@pytest.mark.parametrize(
-    ("message", "result"),
-    [
-        (mavlink.MAVLink_mission_count_message(1, 1, 5, 1), mavlink.MAV_MISSION_UNSUPPORTED),
-        (mavlink.MAVLink_mission_count_message(1, 1, 0, 1), mavlink.MAV_MISSION_ACCEPTED),
-        (mavlink.MAVLink_mission_clear_all_message(1, 1, 255), mavlink.MAV_MISSION_ACCEPTED),
-        (mavlink.MAVLink_mission_request_int_message(1, 1, 0, 0), mavlink.MAV_MISSION_INVALID_SEQUENCE),
-        (mavlink.MAVLink_mission_request_message(1, 1, 3, 0), mavlink.MAV_MISSION_INVALID_SEQUENCE),
-    ],
-)
-def test_everything_else_is_acknowledged(rig, message, result):
-    (reply,) = rig.tell(message)
-    assert (reply.get_type(), reply.type, reply.target_system) == ("MISSION_ACK", result, 255)
 
 
 def item(x, y, *, frame=6, command=16, current=2):
@@ -53,7 +32,6 @@ def test_the_old_item_in_degrees_too(rig):
         (item(0, -1_800_000_001), mavlink.MAV_MISSION_INVALID),
         (item(1, 1, frame=1), mavlink.MAV_MISSION_UNSUPPORTED_FRAME),
         (item(1, 1, command=21), mavlink.MAV_MISSION_UNSUPPORTED),
-        (item(1, 1, current=0), mavlink.MAV_MISSION_UNSUPPORTED),
         (
             mavlink.MAVLink_mission_item_message(1, 1, 0, 3, 16, 2, 0, 0, 0, 0, 0, math.nan, 0, 0),
             mavlink.MAV_MISSION_INVALID,

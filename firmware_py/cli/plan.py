@@ -1,0 +1,169 @@
+"""`rambler plan`: checks plan files, and takes plans into and out of the state of an autopilot that is stopped."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from firmware_py.loop import PLAN_FILES
+from firmware_py.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
+from firmware_py.plan_items import ROWS, has_place, markdown
+from firmware_py.planfiles.numbers import PlanFileError
+from firmware_py.planfiles.qgc_plan import write_plan
+from firmware_py.planfiles.reading import read_file
+from firmware_py.planfiles.text_files import write_text
+from firmware_py.store import Store, StoreError, stored_content
+
+KINDS: Mapping[str, PlanKind] = {kind.name.lower(): kind for kind in PlanKind}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    commands = parser.add_subparsers(dest="plan_command", metavar="WHAT", required=True)
+    check = commands.add_parser("check", help="read a plan file and say what is in it, or what is wrong with it")
+    load = commands.add_parser("load", help="put the plans of a file into the state directory of a stopped autopilot")
+    show = commands.add_parser("show", help="list the plans of a state directory")
+    save = commands.add_parser("save", help="write the plans of a state directory to a file")
+    commands.add_parser("items", help="the table of items that a plan may hold, as markdown")
+    for one in (check, load):
+        one.add_argument(
+            "file", metavar="FILE", type=Path, help="a .plan, .waypoints, or MAVProxy's fence or rally file"
+        )
+        one.add_argument(
+            "--no-home", action="store_true", help="item 0 of a .waypoints mission is not home but an item"
+        )
+    save.add_argument(
+        "file", metavar="FILE", type=Path, help="a .plan takes all plans, any other name one as QGC WPL 110"
+    )
+    save.add_argument("--kind", choices=KINDS, default="mission", help="which plan, unless FILE is a .plan")
+    for one in (load, show, save):
+        one.add_argument("--state", metavar="DIR", type=Path, required=True, help="the state directory")
+    for one in (check, show):
+        one.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do what is asked; one line on standard error and 2 when it cannot be."""
+    act: Callable[[argparse.Namespace], None] = {
+        "check": _check,
+        "load": _load,
+        "show": _show,
+        "save": _save,
+        "items": _items,
+    }[arguments.plan_command]
+    try:
+        act(arguments)
+    except (PlanFileError, StoreError) as error:
+        print(f"rambler plan {arguments.plan_command}: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _items(_arguments: argparse.Namespace) -> None:
+    print(markdown(), end="")
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    plans = read_file(arguments.file, home=not arguments.no_home)
+    if arguments.json:
+        _print_json(plans)
+        return
+    for plan in plans:
+        print(f"{arguments.file}: {plan.kind.name.lower()}: {_count(plan)}, all valid")
+
+
+def _load(arguments: argparse.Namespace) -> None:
+    plans = read_file(arguments.file, home=not arguments.no_home)
+    _must_exist(arguments.state)
+    try:
+        store = Store(arguments.state)
+    except StoreError as error:
+        raise StoreError(f"{error}, or upload the plan with a ground station") from None
+    for plan in plans:
+        store.save(PLAN_FILES[plan.kind], to_text(plan).encode())
+    store.close()
+    if store.failure:
+        raise StoreError(f"state directory {arguments.state}: {store.failure}; make room and load it again")
+    for plan in plans:
+        print(f"{arguments.state}: {plan.kind.name.lower()}: {_count(plan)}")
+
+
+def _show(arguments: argparse.Namespace) -> None:
+    plans = tuple(_stored(arguments.state).of(kind) for kind in PlanKind)
+    if arguments.json:
+        _print_json(plans)
+        return
+    for plan in plans:
+        print(f"{plan.kind.name.lower()}: {_count(plan)}" + (f", id {plan.identity:08x}" if plan.items else ""))
+        for index, item in enumerate(plan.items):
+            print(_line(index, item))
+
+
+def _save(arguments: argparse.Namespace) -> None:
+    plans = _stored(arguments.state)
+    whole = arguments.file.suffix.lower() == ".plan"
+    text = write_plan(plans) if whole else write_text(plans.of(KINDS[arguments.kind]))
+    try:
+        arguments.file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise PlanFileError(f"{arguments.file}: {error.strerror}; name another file") from None
+    kept = [plans.of(kind) for kind in PlanKind] if whole else [plans.of(KINDS[arguments.kind])]
+    for plan in kept:
+        print(f"{arguments.file}: {plan.kind.name.lower()}: {_count(plan)}")
+
+
+# ------------------------------------------------------------------------------------ parts
+
+
+def _must_exist(directory: Path) -> None:
+    if not directory.is_dir():
+        raise StoreError(f"state directory {directory} is not there; name that of `rambler run --state`")
+
+
+def _stored(directory: Path) -> Plans:
+    """Read the plans as the autopilot would, which may be running meanwhile."""
+    _must_exist(directory)
+    plans = Plans()
+    for name in PLAN_FILES.values():
+        content = stored_content(directory, name)
+        if content is None:
+            continue
+        try:
+            plans = plans.replaced(from_text(content.decode("utf-8", "replace")))
+        except ValueError as error:
+            raise StoreError(f"{directory / name}: {error}; load the plan again") from None
+    return plans
+
+
+def _count(plan: Plan) -> str:
+    return "1 item" if len(plan.items) == 1 else f"{len(plan.items)} items"
+
+
+def _name(item: PlanItem) -> str:
+    row = ROWS.get(item.command)
+    return str(item.command) if row is None else row.name
+
+
+def _line(index: int, item: PlanItem) -> str:
+    params = " ".join(f"{value:g}" for value in item.params)
+    where = f"  {item.x * 1e-7:.7f} {item.y * 1e-7:.7f}" if has_place(item.command) else ""
+    return f"{index:>5}  {_name(item)}  {params}{where}"
+
+
+def _print_json(plans: Iterable[Plan]) -> None:
+    print(json.dumps({plan.kind.name.lower(): [_fields(item) for item in plan.items] for plan in plans}))
+
+
+def _fields(item: PlanItem) -> Mapping[str, Any]:
+    """Return an item for JSON, which has no NaN: null."""
+    params = [None if math.isnan(value) else value for value in item.params]
+    fields: dict[str, Any] = {"command": item.command, "name": _name(item), "frame": item.frame, "params": params}
+    fields["autocontinue"] = item.autocontinue
+    if has_place(item.command):
+        fields |= {"latitude_deg": round(item.x * 1e-7, 7), "longitude_deg": round(item.y * 1e-7, 7)}
+    return fields | {"x": item.x, "y": item.y, "z": None if math.isnan(item.z) else item.z}

@@ -1,0 +1,21 @@
+"""How far the mission is, for ground stations."""
+
+from __future__ import annotations
+
+from firmware_py.link.dialect import Message, mavlink
+from firmware_py.link.mission_numbers import homes
+from firmware_py.link.scene import UINT16_MAX, Scene
+from firmware_py.plan import PlanKind
+from firmware_py.records import Mode
+
+_CURRENT = mavlink.mavlink_map[42]
+_IN_MISSION_MODE, _SUSPENDED = 1, 2
+
+
+def mission_current(scene: Scene) -> Message:
+    """Return MISSION_CURRENT: item, total without home, state, and the opaque ids of the three plans."""
+    boat = scene.snapshot
+    report = boat.mission
+    sequence = 0 if report.index is None else report.index + homes(scene.autopilot, PlanKind.MISSION)
+    mode = _IN_MISSION_MODE if boat.mode is Mode.AUTO else _SUSPENDED
+    return _CURRENT(sequence, report.count or UINT16_MAX, int(report.state), mode, *report.identities)

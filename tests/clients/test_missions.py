@@ -1,0 +1,243 @@
+"""Missions, fences and rally points of real ground stations, against the autopilot's own process."""
+
+import importlib.util
+import json
+import os
+import re
+import shutil
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from firmware_py.__main__ import main
+from firmware_py.loop import PLAN_FILES
+from firmware_py.plan import PlanKind, from_text
+from firmware_py.store import stored_content
+
+CLIENT = Path(__file__).with_name("mavsdk_missions.py")
+CANNOT_BE_HAD = 77
+SESSION_S = 90.0  # at most; a few seconds on an idle machine
+ITEMS = 500
+
+VEHICLE = """
+[compass]
+driver = "nmea"
+port = "{directory}/no-compass"
+baud = 38400
+[rudder]
+driver = "volz"
+port = "{directory}/no-rudder"
+baud = 115200
+id = 1
+"""
+CORNERS = [[36.0, 121.0], [36.0, 121.2], [36.2, 121.1]]
+PLAN = {
+    "fileType": "Plan",
+    "version": 1,
+    "groundStation": "QGroundControl",
+    "mission": {
+        "version": 2,
+        "firmwareType": 3,
+        "vehicleType": 11,
+        "cruiseSpeed": 15,
+        "hoverSpeed": 5,
+        "plannedHomePosition": [36.0, 121.0, 0],
+        "items": [
+            {
+                "type": "SimpleItem",
+                "autoContinue": True,
+                "command": 16,
+                "doJumpId": 1,
+                "frame": 3,
+                "params": [0, 0, 0, None, 36.1, 121.1, 0],
+            }
+        ],
+    },
+    "geoFence": {
+        "version": 2,
+        "polygons": [{"version": 1, "inclusion": True, "polygon": CORNERS}],
+        "circles": [{"version": 1, "inclusion": False, "circle": {"center": [36.1, 121.1], "radius": 250.5}}],
+    },
+    "rallyPoints": {"version": 2, "points": [[36.01, 121.05, 0], [36.02, 121.06, 1.5]]},
+}
+
+
+@pytest.fixture
+def boot(tmp_path, start, free_ports):
+    """Starts `rambler run` itself, without any device, on the same state directory each time."""
+    (tmp_path / "boat.toml").write_text(VEHICLE.format(directory=tmp_path))
+
+    def boot_it(name, kind="udpout"):
+        (port,) = free_ports([kind])
+        words = ["run", str(tmp_path / "boat.toml"), "--wait", "--state", str(tmp_path / "state")]
+        program = start(name, [sys.executable, "-m", "firmware_py", *words, "--link", f"{kind}:127.0.0.1:{port}"])
+        program.expect("state in")
+        return program, port
+
+    return boot_it
+
+
+def test_mavsdk_moves_plans_to_and_fro(tmp_path, start, boot):
+    if importlib.util.find_spec("mavsdk") is None:
+        pytest.skip("mavsdk is not installed; install the extra [dev]")
+    (tmp_path / "a.plan").write_text(json.dumps(PLAN))
+    program, port = boot("autopilot")
+    results = tmp_path / "seen.json"
+    words = [sys.executable, str(CLIENT), f"udpin://127.0.0.1:{port}", str(tmp_path / "a.plan"), str(results)]
+    client = start("mavsdk", words)
+    code = client.exit_code(SESSION_S)
+    if code == CANNOT_BE_HAD:
+        pytest.skip(client.text().strip().splitlines()[-1])
+    if code != 0:
+        client.fail(f"it ended with code {code}")
+    seen = json.loads(results.read_text())
+    assert len(seen["got"]) == 1 + ITEMS
+    assert seen["got"][1:] == seen["sent"][1:]  # item 0 is home, hers
+    assert seen["fence_got"] == seen["fence_sent"]
+    assert seen["rally_got"] == seen["rally_sent"]
+    assert [len(seen["fence_got"]), len(seen["rally_got"])] == [4, 2]
+    assert seen["progress"][0] in (0, 1)
+    assert seen["total"] in (ITEMS, ITEMS + 1)
+    assert (seen["bad"], seen["after_bad"], seen["after_clear"]) == ("UNSUPPORTED", 1 + ITEMS, 0)
+    program.send_signal(signal.SIGTERM)
+    assert program.exit_code() == 0
+    # What MAVSDK makes of QGroundControl's file is what `rambler plan` makes of it.
+    check_same_as_file(tmp_path, seen)
+
+
+def check_same_as_file(tmp_path, seen):
+    assert main(["plan", "save", str(tmp_path / "out.plan"), "--state", str(tmp_path / "state")]) == 0
+    saved = json.loads((tmp_path / "out.plan").read_text())
+    assert saved["geoFence"]["polygons"] == PLAN["geoFence"]["polygons"]
+    assert saved["geoFence"]["circles"] == PLAN["geoFence"]["circles"]
+    assert saved["rallyPoints"] == PLAN["rallyPoints"]
+
+
+# --------------------------------------------------------------------------------- MAVProxy
+
+
+def line(number, frame, command, params, x, y, z=0.0, current=0):
+    return "\t".join(map(str, [number, current, frame, command, *params, x, y, z, 1])) + "\n"
+
+
+WAYPOINTS = [
+    line(0, 0, 16, [0.0] * 4, 36.0, 121.0, current=1),
+    line(1, 3, 16, [0.0, 5.0, 0.0, 0.0], 36.1, 121.1),
+    line(2, 3, 19, [60.0, 0.0, -20.0, 0.0], 36.2, -121.2, 1.5),
+    line(3, 0, 177, [1.0, -1.0, 0.0, 0.0], 0.0, 0.0),
+]
+FENCE = [line(index, 0, 5001, [3.0, 0.0, 0.0, 0.0], *corner) for index, corner in enumerate(CORNERS)]
+RALLY = [line(index, 3, 5100, [0.0] * 4, 36.01 + index, 121.0, 2.0) for index in range(2)]
+
+
+def test_mavproxy_loads_lists_and_saves_plans(tmp_path, start, boot):
+    script = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
+    if script is None:
+        pytest.skip("mavproxy.py is not beside this Python; install the extra [dev]")
+    home = tmp_path / "home"
+    home.mkdir()
+    program, port = boot("autopilot")
+    command = [sys.executable, script, f"--master=udpin:127.0.0.1:{port}", f"--state-basedir={home}"]
+    env = {**os.environ, "HOME": str(home), "PYTHONUNBUFFERED": "1"}
+    client = start("mavproxy", command, cwd=home, env=env)
+    client.expect("online system 1")
+    client.expect(r"Saved \d+ parameters")
+    for name, what, lines in (
+        ("wp", "waypoints", WAYPOINTS),
+        ("fence", "fence items", FENCE),
+        ("rally", "rally items", RALLY),
+    ):
+        (home / f"{name}.txt").write_text("QGC WPL 110\n" + "".join(lines))
+        client.say(f"{name} load {name}.txt")
+        client.expect(f"Loaded {len(lines)} {what} in ")
+        kept = len(lines) - (name == "wp")  # home is hers
+        client.wait_for(lambda name=name, kept=kept: stored(tmp_path, name) == kept, f"{kept} {what} in the store")
+        client.say(f"{name} save {name}-again.txt")
+        client.expect(f"Saved {len(lines)} {what} to {name}-again.txt")
+        assert numbers(home / f"{name}-again.txt")[name == "wp" :] == numbers(home / f"{name}.txt")[name == "wp" :]
+        client.say(f"{name} list")
+        client.expect(rf"(?m)^{lines[-1].split()[3]} \d ")
+    client.say("wp clear")
+    client.wait_for(lambda: stored(tmp_path, "wp") == 0, "an empty mission")
+    client.hang_up()
+    client.exit_code()
+    program.send_signal(signal.SIGTERM)
+    assert program.exit_code() == 0
+
+
+def numbers(path):
+    return [[float(word) for word in row.split()[2:]] for row in path.read_text().splitlines()[1:]]
+
+
+def stored(tmp_path, name):
+    """The number of items of a plan in the state directory, None without one."""
+    kind = {"wp": PlanKind.MISSION, "fence": PlanKind.FENCE, "rally": PlanKind.RALLY}[name]
+    content = stored_content(tmp_path / "state", PLAN_FILES[kind])
+    return None if content is None else len(from_text(content.decode()).items)
+
+
+# ------------------------------------------------------------------------------ sudden ends
+
+
+def item(sequence, start):
+    place = (360_000_000 + start + sequence, 1_210_000_000, 0.0)
+    return mavlink.MAVLink_mission_item_int_message(1, 1, sequence, 6, 16, 0, 1, 0, 0, 0, 0, *place, 0)
+
+
+def send_items(station, count, start, until):
+    """Answer her requests up to an item; return once she has asked for the one after it."""
+    station.mav.mission_count_send(1, 1, count, 0)
+    for sequence in range(until):
+        station.heard("MISSION_REQUEST_INT", lambda request, wanted=sequence: request.seq == wanted)
+        station.mav.send(item(sequence, start))
+
+
+def places(station):
+    station.mav.mission_request_list_send(1, 1, 0)
+    count = station.heard("MISSION_COUNT").count
+    found = []
+    for sequence in range(count):
+        station.mav.mission_request_int_send(1, 1, sequence, 0)
+        found.append(station.heard("MISSION_ITEM_INT", lambda one, wanted=sequence: one.seq == wanted).x)
+    return found[1:]
+
+
+def expected(count, start):
+    return [360_000_000 + start + sequence for sequence in range(1, count)]
+
+
+def test_a_mission_is_the_old_one_or_the_new_one_whatever_happens(boot, connect):
+    def reboot(name):
+        program, port = boot(name, "tcpin")
+        return program, connect(f"tcp:127.0.0.1:{port}")
+
+    program, station = reboot("first")
+    send_items(station, 40, 0, 40)
+    assert station.heard("MISSION_ACK").type == mavlink.MAV_MISSION_ACCEPTED
+    program.send_signal(signal.SIGKILL)  # right after it was said to be stored
+    program.exit_code()
+
+    program, station = reboot("second")
+    assert places(station) == expected(40, 0)
+    send_items(station, 60, 1000, 30)
+    station.heard("MISSION_REQUEST_INT", lambda request: request.seq == 30)
+    program.send_signal(signal.SIGKILL)  # in the middle
+    program.exit_code()
+
+    program, station = reboot("third")
+    assert places(station) == expected(40, 0)
+    send_items(station, 600, 2000, 600)
+    program.send_signal(signal.SIGKILL)  # while it is being stored, or about then
+    program.exit_code()
+
+    program, station = reboot("fourth")
+    assert places(station) in (expected(40, 0), expected(600, 2000))
+    send_items(station, 60, 5000, 30)
+    station.mav.mission_ack_send(1, 1, mavlink.MAV_MISSION_OPERATION_CANCELLED, 0)
+    assert places(station) in (expected(40, 0), expected(600, 2000))
+    program.send_signal(signal.SIGTERM)
+    assert program.exit_code() == 0
+    assert not re.search("left out", program.text())
