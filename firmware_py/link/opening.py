@@ -22,5 +22,5 @@ def open_transport(url: str, open_line: Callable[[str, int], ByteLine]) -> Trans
     """Open the transport of a URL, or raise LinkError; `open_line` takes the path and baud rate of a serial line."""
     parsed = parse_url(url)
     if parsed.kind == "serial":
-        return SerialTransport(parsed.text, open_line(parsed.host, parsed.number), parsed.number)
+        return SerialTransport(parsed.text, open_line(parsed.host, parsed.number), parsed.number, parsed.options)
     return _SOCKETS[parsed.kind](parsed)

@@ -6,6 +6,8 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
+from firmware_py.link.options import PLAIN, LinkOptions, OptionError, parse_options
+
 Address: TypeAlias = Hashable  # one correspondent on a transport
 
 RADIO_BAUD = 115_200  # a serial line no faster than this is taken for a radio modem
@@ -33,6 +35,10 @@ class Transport(Protocol):
     @property
     def name(self) -> str:
         """The URL, for messages."""
+
+    @property
+    def options(self) -> LinkOptions:
+        """What the URL says behind its question mark."""
 
     @property
     def byte_rate(self) -> float | None:
@@ -73,11 +79,13 @@ class LinkUrl:
     host: str
     number: int
     text: str
+    options: LinkOptions = PLAIN
 
 
 def parse_url(text: str) -> LinkUrl:
-    """Read a link URL in pymavlink's style, or raise LinkError."""
-    scheme, _, rest = text.partition(":")
+    """Read a link URL in pymavlink's style, perhaps with options behind a question mark, or raise LinkError."""
+    place, mark, query = text.partition("?")
+    scheme, _, rest = place.partition(":")
     kind = _KINDS.get(scheme)
     if kind is None:
         raise LinkError(f"link {text!r}: {scheme!r} is not a kind of link; use {_FORMS}")
@@ -88,4 +96,8 @@ def parse_url(text: str) -> LinkUrl:
         raise LinkError(f"link {text!r}: the {what} is missing; use {_FORMS}")
     if not (number.isascii() and number.isdigit() and low <= int(number[:9]) <= high):
         raise LinkError(f"link {text!r}: {number!r} is not a {what}; use a whole number from {low} to {high}")
-    return LinkUrl(kind, host, int(number), text)
+    try:
+        options = parse_options(query) if mark else PLAIN
+    except OptionError as error:
+        raise LinkError(f"link {text!r}: {error}") from None
+    return LinkUrl(kind, host, int(number), text, options)

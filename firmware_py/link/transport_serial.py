@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from firmware_py.link.options import PLAIN, LinkOptions
 from firmware_py.link.transport import RADIO_BAUD, Address
 from firmware_py.ports import ByteLine
 
@@ -16,11 +17,12 @@ class SerialTransport:
 
     datagrams = False
 
-    def __init__(self, name: str, line: ByteLine, baud: int) -> None:
+    def __init__(self, name: str, line: ByteLine, baud: int, options: LinkOptions = PLAIN) -> None:
         """Take an opened line and its speed."""
         self.name = name
+        self.options = options
         self.byte_rate: float | None = baud / _BITS_PER_BYTE
-        self.radio = baud <= RADIO_BAUD
+        self.radio = options.at_radio_rates(usual=baud <= RADIO_BAUD)
         self._line = line
 
     def descriptors(self) -> Sequence[int]:

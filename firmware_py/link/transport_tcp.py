@@ -82,12 +82,13 @@ class TcpServer:
     """Listens; every client is a correspondent."""
 
     byte_rate: float | None = None
-    radio = False
     datagrams = False
 
     def __init__(self, url: LinkUrl) -> None:
         """Open the port, or raise LinkError."""
         self.name = url.text
+        self.options = url.options
+        self.radio = url.options.at_radio_rates(usual=False)
         self._listener = _new_socket()
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # else a restart waits a minute
         bind(self._listener, url)
@@ -153,12 +154,13 @@ class TcpClient:
     """Connects to a server, and again RECONNECT_S after a connection is lost."""
 
     byte_rate: float | None = None
-    radio = False
     datagrams = False
 
     def __init__(self, url: LinkUrl) -> None:
         """Look up the server, or raise LinkError; it need not be there yet."""
         self.name = url.text
+        self.options = url.options
+        self.radio = url.options.at_radio_rates(usual=False)
         self._server = resolve(url)
         self._connecting: socket.socket | None = None
         self._connection: _Connection | None = None

@@ -49,12 +49,13 @@ class UdpTransport:
     """
 
     byte_rate: float | None = None
-    radio = False
     datagrams = True
 
     def __init__(self, url: LinkUrl) -> None:
         """Open the socket, or raise LinkError."""
         self.name = url.text
+        self.options = url.options
+        self.radio = url.options.at_radio_rates(usual=False)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         self._target: tuple[str, int] | None = None
         self.failures = 0  # datagrams that the system refused to send or said were refused

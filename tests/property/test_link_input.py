@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.intents import Answer, Arm, ManualRudder, SetMode, SetParameter, SteerHeading, SteerPosition, Verdict
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
+from firmware_py.link.options import PLAIN
 from firmware_py.link.streams import FASTEST_S, SLOWEST_S
 from firmware_py.link.telemetry import TABLE
 from firmware_py.params import TABLE as PARAMETERS
@@ -68,6 +69,7 @@ class Pipe:
     byte_rate = None
     radio = False
     datagrams = True
+    options = PLAIN
 
     def __init__(self):
         self.inbox = []

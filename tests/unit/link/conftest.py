@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.intents import Answer, SetParameter, Verdict
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
+from firmware_py.link.options import PLAIN
 from firmware_py.params import ParameterSet
 from firmware_py.plan import Plans
 from firmware_py.records import Mode, Output, RudderCommand, Snapshot
@@ -87,12 +88,22 @@ class MemoryTransport:
 
     name = "memory"
 
-    def __init__(self, descriptor=100, addresses=("station",), *, byte_rate=None, radio=False, datagrams=True):
+    def __init__(
+        self,
+        descriptor=100,
+        addresses=("station",),
+        *,
+        byte_rate=None,
+        radio=False,
+        datagrams=True,
+        options=PLAIN,
+    ):
         self.descriptor = descriptor
         self.served = tuple(addresses)
         self.byte_rate = byte_rate
         self.radio = radio
         self.datagrams = datagrams
+        self.options = options
         self.inbox = []
         self.sent = []
         self.takes = True

@@ -1,0 +1,93 @@
+"""What a link's URL says behind its question mark: `udpin:0.0.0.0:14550?policy=signed-commands&systems=255,250`."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from enum import Enum
+
+
+class OptionError(ValueError):
+    """An option of a link is wrong; the text says what is allowed."""
+
+
+class Policy(Enum):
+    """What a frame may do that is not signed with the boat's key."""
+
+    AUTO = "auto"  # OPEN until there is a key and on trusted links, else SIGNED_COMMANDS
+    OPEN = "open"
+    SIGNED_COMMANDS = "signed-commands"  # read, but change nothing
+    SIGNED_ONLY = "signed-only"  # nothing: it is as if it had not come
+
+
+class LinkClass(Enum):
+    """How much the link carries, and what that costs."""
+
+    FAST = "fast"
+    RADIO = "radio"
+    SATELLITE = "satellite"
+
+
+@dataclass(frozen=True, slots=True)
+class LinkOptions:
+    """The options of one link.
+
+    `trusted`: nobody but the owner can reach it (a cable), so that a signing key may be
+    set over it. `link_class` None is what the kind of the link suggests. `systems` are
+    the MAVLink system ids that may command; None is all of them.
+    """
+
+    trusted: bool = False
+    policy: Policy = Policy.AUTO
+    link_class: LinkClass | None = None
+    systems: frozenset[int] | None = None
+
+    def at_radio_rates(self, *, usual: bool) -> bool:
+        """Return whether telemetry goes out at the lower rates; `usual` is what the kind of the link suggests."""
+        return usual if self.link_class is None else self.link_class is not LinkClass.FAST
+
+
+PLAIN = LinkOptions()  # of a URL without options
+
+_SWITCH: Mapping[str, bool] = {"1": True, "0": False, "true": True, "false": False, "yes": True, "no": False}
+_POLICIES: Mapping[str, Policy] = {policy.value: policy for policy in Policy}
+_CLASSES: Mapping[str, LinkClass] = {kind.value: kind for kind in LinkClass}
+
+
+def _systems(text: str) -> frozenset[int] | None:
+    parts = text.split(",")
+    if not all(part.isascii() and part.isdigit() and 1 <= int(part[:4]) <= 255 for part in parts):
+        return None
+    return frozenset(int(part) for part in parts)
+
+
+# name -> the field, how its text is read (None: not allowed), what is allowed
+_OPTIONS: Mapping[str, tuple[str, Callable[[str], object], str]] = {
+    "trusted": ("trusted", _SWITCH.get, "1 or 0"),
+    "policy": ("policy", _POLICIES.get, ", ".join(_POLICIES)),
+    "class": ("link_class", _CLASSES.get, ", ".join(_CLASSES)),
+    "systems": ("systems", _systems, "system ids from 1 to 255, with commas between them"),
+}
+
+
+def parse_options(text: str) -> LinkOptions:
+    """Read `NAME=VALUE&NAME=VALUE`, or raise OptionError."""
+    options = PLAIN
+    seen = set()
+    for item in text.split("&"):
+        name, _, value = item.partition("=")
+        row = _OPTIONS.get(name)
+        if row is None:
+            near = difflib.get_close_matches(name, _OPTIONS, 1)
+            hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(_OPTIONS)}"
+            raise OptionError(f"option {name!r} is not known; {hint}")
+        if name in seen:
+            raise OptionError(f"option {name!r} is given twice; give it once")
+        seen.add(name)
+        field, read, allowed = row
+        found = read(value)
+        if found is None:
+            raise OptionError(f"option {name}={value}: allowed are {allowed}")
+        options = replace(options, **{field: found})  # type: ignore[arg-type]
+    return options
