@@ -93,6 +93,13 @@ _OFF_ON = {0: "off", 1: "on"}
 TABLE: tuple[Parameter, ...] = (
     _whole("BOOT_ARM", 0, 0, 1, "", "Arm by itself at start: 1 for a boat that must go on after a power cut."),
     _choice("BOOT_MODE", 4, {0: "manual", 3: "steering", 4: "hold", 15: "guided"}, "Mode at start."),
+    _choice(
+        "CLK_SET",
+        1,
+        {0: "never", 1: "when it is plainly wrong", 2: "when nothing keeps it"},
+        "The computer's clock is set from GPS. Plainly wrong: before 2026, and then a ground station's time is taken, "
+        "too, where there is no GPS. Nothing keeps it: the kernel knows of no NTP, and it is more than 2 s off.",
+    ),
     _real(
         "CMP_DECL_DEG",
         0.0,
@@ -121,6 +128,9 @@ TABLE: tuple[Parameter, ...] = (
         {0: "generic", 3: "ArduPilot"},
         "Autopilot type in the heartbeat; ArduPilot gives QGroundControl and MAVSDK modes and go-to.",
         reboot=True,
+    ),
+    _real(
+        "LNK_SAT_S", 120.0, 10.0, 3600.0, "s", "Interval of HIGH_LATENCY2 on a satellite link that was asked for it."
     ),
     _whole("LNK_SYSID", 1, 1, 250, "", "MAVLink system id of the boat.", reboot=True),
     _choice("LOG_ENABLE", 1, _OFF_ON, "Write the onboard log.", reboot=True),

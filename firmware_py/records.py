@@ -253,6 +253,7 @@ class Snapshot:
     late_s: float
     home: Home | None = None
     mission: MissionReport = MissionReport()
+    prearm_refusal: str = ""  # why arming would be refused; empty: it would be accepted
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,6 +32,14 @@ class Addition(NamedTuple):
 
 ADDITIONS = (
     Addition(
+        "COMMAND_CANCEL",
+        80,
+        14,
+        "<HBB",
+        ("command", "target_system", "target_component"),
+        ("target_system", "target_component", "command"),
+    ),
+    Addition(
         "TIMESYNC",
         111,
         34,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
-from firmware_py.link import motion, telemetry
+from firmware_py.link import estimates, motion, telemetry
 from firmware_py.link.command_requests import request_data_stream
 from firmware_py.link.command_table import TABLE as COMMANDS
 from firmware_py.link.commands import Commands
@@ -13,6 +13,7 @@ from firmware_py.link.dialect import Message, Packed
 from firmware_py.link.files import Files
 from firmware_py.link.framing import Frame
 from firmware_py.link.goals import Goals
+from firmware_py.link.home_setting import HomeSetting
 from firmware_py.link.identity import Version
 from firmware_py.link.logs import Logs
 from firmware_py.link.manual import Manual
@@ -24,7 +25,6 @@ from firmware_py.link.scene import Scene
 from firmware_py.link.session import Handler, Session, Suppliers
 from firmware_py.link.timing import Timing
 from firmware_py.link.transport import Transport
-from firmware_py.link.wellbeing import prearm_refusal
 from firmware_py.ports import Authority
 from firmware_py.records import Event, Output, Severity, Snapshot
 
@@ -51,18 +51,19 @@ class Endpoint:
         version: Version,
         boot_text: str = "",
         load: Callable[[], float] = _no_load,
-        prearm: Callable[[Snapshot], str] = prearm_refusal,
+        heard_utc: Callable[[float, float], None] | None = None,
     ) -> None:
         """Take opened transports and the loop's side.
 
         `boot_text` greets every new peer. `load` gives the share of a core in use, 0 to
-        1. `prearm` says why arming would be refused, or nothing.
+        1. `heard_utc` takes the time that a ground station says, and when it came.
         """
         self._transports = tuple(transports)
-        self._session = Session(authority, Suppliers(utc_s, load, prearm), version)
+        self._session = Session(authority, Suppliers(utc_s, load, heard_utc), version)
         self._roster = Roster(self._transports, self._welcome)
         self._session.peers = self._roster
         self._parameters = Parameters(self._session)
+        self._commands = Commands(self._session, COMMANDS)
         self._greeting = (Event(Severity.INFO, boot_text),) if boot_text else ()
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
         self._unread: deque[tuple[Peer, Frame]] = deque()  # what one round of reads has brought
@@ -70,8 +71,8 @@ class Endpoint:
 
     def _collect(self) -> Mapping[int, Handler]:
         session = self._session
-        services = (Commands(session, COMMANDS), Goals(session), Manual(session), self._parameters)
-        others = (Mission(session), Files(session), Logs(session), Timing(session))
+        services = (self._commands, Goals(session), Manual(session), self._parameters)
+        others = (Mission(session), Files(session), Logs(session), Timing(session), HomeSetting(session))
         found: dict[int, Handler] = {_DATA_STREAM: request_data_stream, _HEARTBEAT: self._heard}
         for service in (*services, *others):
             found.update(service.handlers())
@@ -107,6 +108,7 @@ class Endpoint:
             transport.poll(now_s)
         self._note_changes(output.snapshot, now_s)
         self._answer(now_s)
+        self._commands.pump(now_s)
         self._roster.update(now_s)
         self._announce(output.events)
         self._send_telemetry(1.0 / max(output.snapshot.rate_hz, 1.0), now_s)
@@ -149,6 +151,10 @@ class Endpoint:
     # ------------------------------------------------------------------ out
 
     def _welcome(self, peer: Peer, now_s: float) -> None:
+        if peer.quiet:
+            if self._session.high_latency:
+                peer.streams.set_high_latency(self._session.authority.parameters()["LNK_SAT_S"], now_s)
+            return
         self._session.send(peer, self._session.heartbeat(), Priority.URGENT)
         if self._session.snapshot is not None:
             peer.streams.sent(telemetry.ROWS_OF[_HEARTBEAT][0], now_s)
@@ -167,6 +173,7 @@ class Endpoint:
         scene = self._session.scene()
         if scene is not None and snapshot.home is not None and (before is None or before.home != snapshot.home):
             self._session.send_all(motion.home_position(scene))
+            self._session.send_all(estimates.gps_global_origin(scene))
 
     def _announce(self, events: Sequence[Event]) -> None:
         for event in events[:_EVENTS_PER_TICK]:

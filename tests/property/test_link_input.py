@@ -9,7 +9,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import Answer, Arm, ManualRudder, SetMode, SetParameter, SteerHeading, SteerPosition, Verdict
+from firmware_py.intents import (
+    Answer,
+    Arm,
+    BenchRudder,
+    EnableFence,
+    ForgetParameters,
+    ManualRudder,
+    PauseMission,
+    Restart,
+    SetHome,
+    SetMissionItem,
+    SetMode,
+    SetParameter,
+    SteerHeading,
+    SteerPosition,
+    Verdict,
+)
+from firmware_py.link.command_table import TABLE as ROWS
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.options import PLAIN
@@ -18,14 +35,23 @@ from firmware_py.link.telemetry import TABLE
 from firmware_py.params import TABLE as PARAMETERS
 from firmware_py.params import ParameterSet
 from firmware_py.plan import Plans
-from firmware_py.records import FixType, Mode, Output, PositionSample, RudderCommand, Snapshot
+from firmware_py.records import (
+    FixType,
+    MissionReport,
+    MissionState,
+    Mode,
+    Output,
+    PositionSample,
+    RudderCommand,
+    Snapshot,
+)
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2)
 SNAPSHOT = Snapshot(
     t_s=1.0, tick=1, mode=Mode.GUIDED, armed=True, heading_rad=1.0, heading_ok=True, yaw_rate_rad_s=0.0,
     roll_rad=None, pitch_rad=None, goal_heading_rad=1.0, heading_error_rad=0.0, bearing_rad=None, distance_m=None,
     rudder_rad=0.0, rudder_command_rad=0.0, rudder_ok=True, servo=None, position=FIX, position_ok=True, faults=0,
-    rate_hz=10.0, skipped_total=0, late_s=0.0,
+    rate_hz=10.0, skipped_total=0, late_s=0.0, mission=MissionReport(MissionState.ACTIVE, 2, 40),
 )  # fmt: skip
 
 
@@ -133,7 +159,16 @@ def is_sound(intent):
         return isinstance(intent.mode, int) and 0 <= intent.mode < 2**32
     if isinstance(intent, SetParameter):
         return any(row.name == intent.name for row in PARAMETERS)
-    return isinstance(intent, Arm)
+    if isinstance(intent, SetHome):
+        place = (intent.latitude_rad, intent.longitude_rad)
+        if place == (None, None):
+            return True
+        return abs(place[0]) <= math.pi / 2 and abs(place[1]) <= math.pi and abs(intent.altitude_m) <= 1e5
+    if isinstance(intent, SetMissionItem):
+        return 0 <= intent.index < SNAPSHOT.mission.count
+    if isinstance(intent, BenchRudder):
+        return abs(intent.deflection) <= 1.0 and 0.0 <= intent.seconds <= 60.0
+    return isinstance(intent, (Arm, EnableFence, ForgetParameters, PauseMission, Restart))
 
 
 def check_sound(rig):
@@ -184,7 +219,7 @@ HANDLED = sorted(Rig().endpoint._handlers)
 MESSAGES = {kind.id: st.tuples(*fields_of(kind)).map(lambda values, kind=kind: kind(*values)) for kind in KINDS}
 COMMANDS = st.builds(
     mavlink.MAVLink_command_long_message,
-    st.just(1), st.just(1), st.sampled_from([115, 176, 192, 213, 400, 401, 410, 510, 511, 512, 519, 520, 43002]),
+    st.just(1), st.just(1), st.sampled_from([row.command for row in ROWS]),
     st.integers(0, 255), *(FLOATS,) * 7,
 )  # fmt: skip
 
