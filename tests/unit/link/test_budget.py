@@ -53,6 +53,7 @@ def test_with_everything_asked_at_the_fastest_rate_the_line_is_full_and_no_more(
     for row in TABLE[1:]:
         rig.transport.inbox.append(("station", rig.frame(long_command(511, row.number, 20_000))))
         rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
+    line.take()
     acknowledged = []
     while rig.now_s < SECONDS:
         if round(rig.now_s / TICK_S) % 10 == 5:
