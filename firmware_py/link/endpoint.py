@@ -78,6 +78,11 @@ class Endpoint:
             found.update(service.handlers())
         return found
 
+    @property
+    def handlers(self) -> Mapping[int, Handler]:
+        """Who hears which message, by its number."""
+        return self._handlers
+
     # ------------------------------------------------------------------ ports.Link
 
     def descriptors(self) -> Sequence[int]:
@@ -145,6 +150,7 @@ class Endpoint:
 
     @staticmethod
     def _heard(peer: Peer, message: Message, now_s: float) -> None:
+        """Note that a ground station is there."""
         if message.type == _GROUND_STATION:
             peer.ground_station_s = now_s
 
