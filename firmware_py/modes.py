@@ -228,7 +228,9 @@ def decide(state: ModeState, intent: Intent, situation: Situation, t_s: float) -
 
 def live_bench(state: ModeState, now_s: float) -> float | None:
     """Return where the rudder is held on the bench, None when it is not."""
-    return None if state.armed or state.bench is None or now_s >= state.bench_until_s else state.bench
+    # The upper bound: a state of another process has another clock.
+    live = now_s < state.bench_until_s <= now_s + LONGEST_BENCH_S
+    return state.bench if live and not state.armed else None
 
 
 def live_stick(state: ModeState, now_s: float, timeout_s: float) -> float | None:

@@ -13,8 +13,10 @@ from firmware_py.intents import (
 )
 from firmware_py.link.commands import NEITHER, Call
 from firmware_py.link.geo import GLOBAL_FRAMES, home_of
-from firmware_py.link.scene import UINT16_MAX, items_before
+from firmware_py.link.mission_numbers import homes
+from firmware_py.link.scene import UINT16_MAX
 from firmware_py.link.session import Session, within
+from firmware_py.plan import PlanKind
 from firmware_py.records import Mode
 
 _PRESENT = -1.0  # the current item
@@ -46,7 +48,7 @@ def start_mission(session: Session, call: Call) -> Answer:
     first, last = call.parameters[:2]
     index = _item(session, first)
     count = 0 if session.snapshot is None else session.snapshot.mission.count
-    last_items = (0.0, float(count - 1 + items_before(session.autopilot)))
+    last_items = (0.0, float(count - 1 + homes(session.autopilot, PlanKind.MISSION)))
     if index is None or not within(last, 0, UINT16_MAX) or last not in last_items:
         return call.denied("the items are not a first one of the mission and its last")
     answer = session.ask(call.message, SetMode(int(Mode.AUTO)), call.now_s)
@@ -77,7 +79,7 @@ def _item(session: Session, number: float) -> int | None:
     if not within(number, 0, UINT16_MAX) or number != int(number):
         return None
     # Home, where it is item 0, stands for the first.
-    index = max(0, int(number) - items_before(session.autopilot))
+    index = max(0, int(number) - homes(session.autopilot, PlanKind.MISSION))
     return index if index < boat.mission.count else None
 
 

@@ -7,6 +7,7 @@ import math
 from firmware_py.angles import compass_degrees
 from firmware_py.faults import Fault
 from firmware_py.link.dialect import Message, mavlink
+from firmware_py.link.mission_numbers import homes
 from firmware_py.link.scene import (
     INT8_MAX,
     INT16_MAX,
@@ -18,6 +19,7 @@ from firmware_py.link.scene import (
     scaled_degrees,
     whole,
 )
+from firmware_py.plan import PlanKind
 
 _COMPASS = mavlink.HL_FAILURE_FLAG_3D_MAG | mavlink.HL_FAILURE_FLAG_ESTIMATOR
 _FAILURES = (
@@ -67,12 +69,18 @@ def high_latency2(scene: Scene) -> Message:
         temperature_air=0,
         climb_rate=0,
         battery=_NO_BATTERY,
-        wp_num=0 if boat.mission.index is None else whole(float(scene.wire_item(boat.mission.index)), 0, UINT16_MAX, 0),
+        wp_num=whole(_item(scene), 0, UINT16_MAX, 0),
         failure_flags=failures,
         custom0=whole(rudder_deg, -INT8_MAX, INT8_MAX, -INT8_MAX - 1),
         custom1=whole(None if voltage_v is None else voltage_v * 5.0, 0, INT8_MAX, -1),
         custom2=(_ARMED if boat.armed else 0) | (_HEADING_OK if boat.heading_ok else 0),
     )
+
+
+def _item(scene: Scene) -> float | None:
+    """Return the current item as ground stations number it."""
+    index = scene.snapshot.mission.index
+    return None if index is None else index + homes(scene.autopilot, PlanKind.MISSION)
 
 
 def _half_degrees(angle_rad: float | None) -> int:

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 from firmware_py.angles import degrees
-from firmware_py.link.dialect import mavlink
 from firmware_py.records import PositionSample, Snapshot
 
 INT8_MAX = 0x7F
@@ -29,15 +28,6 @@ class Scene:
     load: float  # of one core, 0 to 1
     refused_frames: int  # received and broken, on all links
     intended_mode: int | None = None  # custom_mode that was last asked for, None when none was
-
-    def wire_item(self, index: int) -> int:
-        """Return the number that ground stations give to an item of the mission."""
-        return index + items_before(self.autopilot)
-
-
-def items_before(autopilot: int) -> int:
-    """Return how many items stand before the mission's first: under ArduPilot's identity item 0 is home."""
-    return 1 if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA else 0
 
 
 def fresh_fix(scene: Scene) -> PositionSample | None:
