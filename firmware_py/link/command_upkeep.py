@@ -49,9 +49,11 @@ def calibrate(session: Session, call: Call) -> Answer | Pending:
     shaft_rad = boat.servo.shaft_rad if boat.servo is not None and boat.rudder_ok else None
     if shaft_rad is None or not math.isfinite(shaft_rad):
         return Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: the rudder servo gives no angle")
-    # Off the bench first: from the new centre the old deflection would be another place.
-    session.ask(call.message, BenchRudder(0.0, 0.0), call.now_s)
-    return _set(session, call, "RUD_CENTRE_DEG", degrees(wrap_pi(shaft_rad)))
+    answer = _set(session, call, "RUD_CENTRE_DEG", degrees(wrap_pi(shaft_rad)))
+    if isinstance(answer, Pending):
+        # Off the bench: from the new centre the old deflection is another place.
+        session.ask(call.message, BenchRudder(0.0, 0.0), call.now_s)
+    return answer
 
 
 def align_compass(session: Session, call: Call) -> Answer | Pending:

@@ -34,7 +34,7 @@ def test_the_rudder_as_it_stands_becomes_amidships(rig, texts):
     said = rig.command(241, 0, 0, 0, 2)
     assert results(said) == [ACCEPTED]
     assert texts(said) == ["RUD_CENTRE_DEG is now 5.73"]
-    bench, centre = rig.authority.intents
+    centre, bench = rig.authority.intents
     assert (bench, centre.name, centre.value) == (
         BenchRudder(0.0, 0.0),
         "RUD_CENTRE_DEG",
