@@ -217,6 +217,7 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         version=_version(),
         load=LoadMeter(clock).share,
         heard_utc=None if timekeeper is None else timekeeper.hear_station,
+        calibrator=devices.compass if isinstance(devices.compass, PniCompass) else None,
     )
     recorder = (
         _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock) if parameters["LOG_ENABLE"] else None

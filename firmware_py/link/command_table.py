@@ -52,7 +52,8 @@ TABLE: tuple[CommandRow, ...] = (
         241,
         "PREFLIGHT_CALIBRATION",
         command_upkeep.calibrate,
-        "disarmed: param4 = 2 takes the rudder as it stands for amidships (`RUD_CENTRE_DEG`)",
+        "disarmed: param4 = 2 takes the rudder as it stands for amidships (`RUD_CENTRE_DEG`); param2 = 1 has a PNI "
+        "compass calibrate itself while she is turned through a circle (IN_PROGRESS, COMMAND_CANCEL)",
     ),
     CommandRow(
         245,

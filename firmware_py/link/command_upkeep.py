@@ -9,7 +9,8 @@ from firmware_py.intents import Answer, BenchRudder, ForgetParameters, SetParame
 from firmware_py.link.commands import ACCEPTED, Call
 from firmware_py.link.pending import Pending
 from firmware_py.link.session import Session, within
-from firmware_py.records import Severity
+from firmware_py.ports import Calibrator
+from firmware_py.records import CalibrationState, Severity
 
 BENCH_S = 10.0  # a rudder on the bench goes back amidships unless it is told again
 STORE_PATIENCE_S = 30.0
@@ -20,9 +21,10 @@ _TRIM = 2.0  # param4 of PREFLIGHT_CALIBRATION: the present position is neutral
 _READ, _WRITE, _RESET = 0.0, 1.0, 2.0
 _ARMED = Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: armed")
 _NOT_CALIBRATED_HERE = (
-    "only the rudder's centre (param4 = 2) is calibrated here; a compass by its own device, "
-    "or to a known heading by FIXED_MAG_CAL_YAW"
+    "there are the rudder's centre (param4 = 2) and a PNI compass (param2 = 1); "
+    "FIXED_MAG_CAL_YAW aligns any compass to a known heading"
 )
+CIRCLE_PATIENCE_S = 900.0
 
 
 def set_servo(session: Session, call: Call) -> Answer:
@@ -36,11 +38,16 @@ def set_servo(session: Session, call: Call) -> Answer:
 
 
 def calibrate(session: Session, call: Call) -> Answer | Pending:
-    """Take the rudder as it stands for amidships (param4 = 2); the rest is refused with what to do instead."""
+    """Take the rudder as it stands for amidships (param4 = 2), or have the compass calibrate itself (param2 = 1).
+
+    The rest is refused with what to do instead.
+    """
     asked = (*call.parameters, call.x, call.y, call.z)
     wanted = {number: value for number, value in enumerate(asked, start=1) if value and not math.isnan(value)}
     if not wanted:
         return ACCEPTED
+    if wanted == {2: 1.0} and session.suppliers.calibrator is not None:
+        return _calibrate_compass(session, call, session.suppliers.calibrator)
     if wanted != {4: _TRIM}:
         return Answer(Verdict.UNSUPPORTED, f"{call.name}: {_NOT_CALIBRATED_HERE}")
     boat = session.snapshot
@@ -54,6 +61,31 @@ def calibrate(session: Session, call: Call) -> Answer | Pending:
         # Off the bench: from the new centre the old deflection is another place.
         session.ask(call.message, BenchRudder(0.0, 0.0), call.now_s)
     return answer
+
+
+def _calibrate_compass(session: Session, call: Call, compass: Calibrator) -> Answer | Pending:
+    """Have the compass sample while she is turned slowly through a full circle; it may be cancelled."""
+    if session.snapshot is None or session.snapshot.armed:
+        return _ARMED
+    if not compass.calibrate(call.now_s):
+        return Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: the compass is not there or at it already")
+
+    def ended() -> Answer | None:
+        now = compass.calibration()
+        if now.state is CalibrationState.RUNNING:
+            return None
+        if now.state is not CalibrationState.DONE:
+            return Answer(Verdict.FAILED, now.text or "Compass calibration was broken off")
+        session.tell(call.peer, Severity.NOTICE, now.text)
+        return ACCEPTED
+
+    session.tell(call.peer, Severity.NOTICE, "Compass calibration: turn her slowly through a full circle")
+    return Pending(
+        patience_s=CIRCLE_PATIENCE_S,
+        percent=lambda: compass.calibration().percent,
+        cancel=compass.call_off,
+        watch=ended,
+    )
 
 
 def align_compass(session: Session, call: Call) -> Answer | Pending:

@@ -90,8 +90,12 @@ class Commands:
     def pump(self, now_s: float) -> None:
         """Say how the commands under way are getting on, and end those that take too long."""
         for call, pending in tuple(self._pending):
+            pending.look()
+            if pending.ended:
+                continue
             if pending.late(now_s):
-                pending.finish(Answer(Verdict.FAILED, f"{call.name}: not done in time"))
+                pending.give_up()
+                self._conclude(call, pending, Answer(Verdict.FAILED, f"{call.name}: not done in time"))
             elif pending.due(now_s):
                 self._acknowledge(call, IN_PROGRESS, pending.percent())
 

@@ -25,7 +25,7 @@ from firmware_py.link.scene import Scene
 from firmware_py.link.session import Handler, Session, Suppliers
 from firmware_py.link.timing import Timing
 from firmware_py.link.transport import Transport
-from firmware_py.ports import Authority
+from firmware_py.ports import Authority, Calibrator
 from firmware_py.records import Event, Output, Severity, Snapshot
 
 _HEARTBEAT, _CURRENT_MODE, _DATA_STREAM = 0, 436, 66
@@ -52,14 +52,16 @@ class Endpoint:
         boot_text: str = "",
         load: Callable[[], float] = _no_load,
         heard_utc: Callable[[float, float], None] | None = None,
+        calibrator: Calibrator | None = None,
     ) -> None:
         """Take opened transports and the loop's side.
 
         `boot_text` greets every new peer. `load` gives the share of a core in use, 0 to
         1. `heard_utc` takes the time that a ground station says, and when it came.
+        `calibrator` is the compass, if it can calibrate itself.
         """
         self._transports = tuple(transports)
-        self._session = Session(authority, Suppliers(utc_s, load, heard_utc), version)
+        self._session = Session(authority, Suppliers(utc_s, load, heard_utc, calibrator), version)
         self._roster = Roster(self._transports, self._welcome)
         self._session.peers = self._roster
         self._parameters = Parameters(self._session)

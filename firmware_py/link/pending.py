@@ -25,10 +25,12 @@ class Pending:
         patience_s: float,
         percent: Callable[[], int] = _unknown,
         cancel: Callable[[], None] | None = None,
+        watch: Callable[[], Answer | None] | None = None,
     ) -> None:
-        """Take how long it may take, who knows the progress (0 to 100), and who can call it off."""
+        """Take how long it may take, who knows the progress (0 to 100), who can call it off, who knows the end."""
         self._patience_s = patience_s
         self._cancel = cancel
+        self._watch = watch
         self._answer: Answer | None = None
         self._done: Callable[[Answer], None] | None = None
         self._begun_s = self._word_s = 0.0
@@ -41,6 +43,11 @@ class Pending:
         if self._answer is not None:
             done(self._answer)
 
+    @property
+    def ended(self) -> bool:
+        """Whether it has its answer."""
+        return self._answer is not None
+
     def finish(self, answer: Answer) -> None:
         """End it; only the first end counts."""
         if self._answer is None:
@@ -52,9 +59,19 @@ class Pending:
         """Call it off; False when that cannot be done any more."""
         if self._cancel is None or self._answer is not None:
             return False
-        self._cancel()
-        self._done = None
+        self.give_up()
         return True
+
+    def give_up(self) -> None:
+        """Call it off if that can be done, and take no notice of how it ends."""
+        if self._cancel is not None:
+            self._cancel()
+        self._done = None
+
+    def look(self) -> None:
+        """End it when whoever knows the end says so."""
+        if self._watch is not None and self._answer is None and (answer := self._watch()) is not None:
+            self.finish(answer)
 
     def due(self, now_s: float) -> bool:
         """Return whether it is time for a word on the progress, and count it as said."""

@@ -15,7 +15,7 @@ from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
 from firmware_py.link.scene import Scene
 from firmware_py.link.statustext import text_messages
-from firmware_py.ports import Authority
+from firmware_py.ports import Authority, Calibrator
 from firmware_py.records import Home, Mode, Severity, Snapshot
 
 Handler = Callable[[Peer, Message, float], None]
@@ -28,6 +28,7 @@ class Suppliers:
     utc_s: Callable[[], float]
     load: Callable[[], float]  # of one core, 0 to 1
     heard_utc: Callable[[float, float], None] | None = None  # takes a ground station's time and when it came
+    calibrator: Calibrator | None = None  # a compass that calibrates itself
 
 
 class Session:

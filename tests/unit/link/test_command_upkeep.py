@@ -1,5 +1,6 @@
 """The commands of the workshop: rudder on the bench, calibration, storage; and commands that take a while."""
 
+import dataclasses
 import math
 
 import pytest
@@ -7,7 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.intents import Answer, BenchRudder, ForgetParameters, SetParameter, Verdict
 from firmware_py.link.pending import Pending
-from firmware_py.records import RudderFeedback
+from firmware_py.records import Calibration, CalibrationState, RudderFeedback
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(7)
 BENCH = {"armed": False, "servo": RudderFeedback(0.0, 0.1)}
@@ -177,3 +178,77 @@ def test_parameters_are_set_once(rig):
     assert [intent for intent in rig.authority.intents if isinstance(intent, SetParameter)] != []
     rig.command(42006, 60, confirmation=1)
     assert len(rig.authority.intents) == 1
+
+
+# ------------------------------------------------------------------ a compass that calibrates itself
+
+
+class FakeCompass:
+    """Calibrates when told; the test says how far it is."""
+
+    def __init__(self):
+        self.now = Calibration()
+        self.there = True
+        self.called_off = 0
+
+    def calibrate(self, now_s):
+        self.now = Calibration(CalibrationState.RUNNING, 25)
+        return self.there
+
+    def calibration(self):
+        return self.now
+
+    def call_off(self):
+        self.called_off += 1
+        self.now = Calibration()
+
+
+@pytest.fixture
+def compass(rig):
+    made = FakeCompass()
+    rig.endpoint._session.suppliers = dataclasses.replace(rig.endpoint._session.suppliers, calibrator=made)
+    rig.tick(armed=False)
+    return made
+
+
+def test_a_compass_under_calibration_tells_its_progress_and_its_end(rig, compass, texts):
+    assert texts(rig.command(241, 0, 1)) == ["Compass calibration: turn her slowly through a full circle"]
+    acks = [message for message in rig.ticks(10) if message.get_type() == "COMMAND_ACK"]
+    assert [(ack.result, ack.progress) for ack in acks] == [(IN_PROGRESS, 25)]
+    compass.now = Calibration(CalibrationState.DONE, 100, "Compass calibrated")
+    said = rig.tick()
+    assert (results(said), texts(said)) == ([ACCEPTED], ["Compass calibrated"])
+    assert results(rig.ticks(20)) == []
+
+
+@pytest.mark.parametrize(
+    ("end", "text"),
+    [
+        (Calibration(CalibrationState.FAILED, 100, "score 9"), "score 9"),
+        (Calibration(), "Compass calibration was broken off"),
+    ],
+)
+def test_a_calibration_that_fails_says_why(rig, compass, texts, end, text):
+    rig.command(241, 0, 1)
+    compass.now = end
+    said = rig.tick()
+    assert (results(said), texts(said)) == ([FAILED], [text])
+
+
+def test_a_calibration_can_be_cancelled_by_anybody_once(rig, compass):
+    rig.command(241, 0, 1)
+    assert results(rig.tell(rig_cancel(241))) == [CANCELLED]
+    assert compass.called_off == 1
+    assert rig.tell(rig_cancel(241)) == []
+    assert results([message for _ in range(20) for message in rig.tick(armed=False)]) == []
+    rig.command(241, 0, 1)
+    assert results(rig.tick(seconds=901.0)) == [FAILED]
+    assert compass.called_off == 2
+    assert results(rig.ticks(20)) == []
+
+
+def test_no_calibration_while_armed_or_without_the_compass(rig, compass):
+    compass.there = False
+    assert results(rig.command(241, 0, 1)) == [REJECTED]
+    rig.tick(armed=True)
+    assert results(rig.command(241, 0, 1)) == [REJECTED]
