@@ -44,10 +44,12 @@ types: $(READY)
 pages: $(READY)
 	$(BIN)/rambler params --markdown > params/REFERENCE.md
 	$(BIN)/rambler params --faults > params/FAULTS.md
+	$(BIN)/rambler params --messages > params/MESSAGES.md
 
 pages-check: $(READY)
 	$(BIN)/rambler params --markdown | diff -u params/REFERENCE.md -
 	$(BIN)/rambler params --faults | diff -u params/FAULTS.md -
+	$(BIN)/rambler params --messages | diff -u params/MESSAGES.md -
 
 bench: $(READY)
 	@$(BIN)/rambler-hil bench

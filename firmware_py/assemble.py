@@ -11,7 +11,7 @@ from typing import Any
 from firmware_py import __version__
 from firmware_py.actuator.dynamixel import DynamixelRudder
 from firmware_py.actuator.volz import VolzRudder
-from firmware_py.clock import LockstepClock, RealClock
+from firmware_py.clock import LockstepClock, RealClock, set_utc_s
 from firmware_py.console import Console
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
@@ -23,7 +23,7 @@ from firmware_py.plan import Plan, PlanKind, Plans
 from firmware_py.plan import from_text as plan_from_text
 from firmware_py.plan_rules import fault_of
 from firmware_py.ports import ByteLine, Clock, Compass, Position, Rudder
-from firmware_py.realtime import LoadMeter
+from firmware_py.realtime import LoadMeter, clock_is_kept
 from firmware_py.records import Event
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
@@ -32,6 +32,7 @@ from firmware_py.sensors.ubx import UbxPosition
 from firmware_py.serial_line import PortError, SerialLine
 from firmware_py.step import State
 from firmware_py.store import Store
+from firmware_py.timekeeper import Timekeeper
 from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle, VehicleError
 
 LOG_DIRECTORY = "logs"
@@ -165,6 +166,7 @@ class Options:
     link_urls: tuple[str, ...] = ()
     wait: bool = False
     lockstep: str | None = None
+    may_set_clock: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,6 +223,7 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
 
     transports = [open_transport(url, open_line) for url in (*vehicle.link_urls, *options.link_urls)]
     clock: Clock = RealClock()
+    timekeeper = Timekeeper(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
     if options.lockstep is not None:
         clock = LockstepClock(options.lockstep, [line.name for line in lines], lambda: [line.written for line in lines])
     endpoint = Endpoint(
@@ -230,6 +233,8 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         version=_version(),
         load=LoadMeter(clock).share,
         vault=KeyVault(store),
+        heard_utc=None if timekeeper is None else timekeeper.hear_station,
+        calibrator=devices.compass if isinstance(devices.compass, PniCompass) else None,
     )
     if not endpoint.key_readable:
         console.line(f"stored {SIGNING_FILE} left out: it is not one; set the key again")
@@ -251,6 +256,7 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         store=store,
         lines=lines,
         tell=tell,
+        timekeeper=timekeeper,
     )
     return Assembly(boat, endpoint, console)
 

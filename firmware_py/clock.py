@@ -47,6 +47,15 @@ class RealClock:
         return select.select(descriptors, [], [], max(0.0, remaining_s))[0]
 
 
+def set_utc_s(utc_s: float) -> bool:
+    """Set the machine's calendar clock, which no deadline depends on; False when that is not allowed."""
+    try:
+        time.clock_settime(time.CLOCK_REALTIME, utc_s)
+    except OSError:
+        return False
+    return True
+
+
 class LockstepClock:
     """The HIL's clock: time stands still while the autopilot computes.
 

@@ -114,9 +114,15 @@ class BenchRudder:
 
 @dataclass(frozen=True, slots=True)
 class Restart:
-    """Make the rudder safe and start the autopilot anew, or (`shutdown`) end it."""
+    """Make the rudder safe and start the autopilot anew, or (`shutdown`) end it; `force` does so while armed, too."""
 
     shutdown: bool = False
+    force: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ForgetParameters:
+    """Forget, from the next start on, every parameter that was set over a link: the vehicle file's values come back."""
 
 
 Intent = (
@@ -133,6 +139,7 @@ Intent = (
     | EnableFence
     | BenchRudder
     | Restart
+    | ForgetParameters
 )
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import gc
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from firmware_py.clock import Metronome
-from firmware_py.intents import Answer, ReplacePlan, Request, SetParameter, Verdict
+from firmware_py.intents import Answer, ForgetParameters, ReplacePlan, Request, Restart, SetParameter, Verdict
 from firmware_py.params import ParameterSet
 from firmware_py.plan import PlanKind, Plans
 from firmware_py.plan import to_text as plan_to_text
@@ -28,6 +28,7 @@ from firmware_py.serial_line import SerialLine
 from firmware_py.step import State, accept, settings_of, step
 from firmware_py.step_state import state_to_text
 from firmware_py.store import Store
+from firmware_py.timekeeper import Timekeeper
 
 # Before a deadline the link is left alone for this long, or for this part of a short period.
 GUARD_S = 0.003
@@ -63,6 +64,7 @@ class Pilot:
         self._store = store
         self._kept = kept
         self._format_kept = format_kept
+        self.restart: Restart | None = None  # taken by a tick: the loop ends behind it
 
     @property
     def state(self) -> State:
@@ -82,6 +84,9 @@ class Pilot:
             name = request.intent.name
             self._kept[name] = ahead.parameters[name]
             self._store.save(PARAMETER_FILE, self._format_kept(self._kept).encode())
+        elif isinstance(request.intent, ForgetParameters):
+            self._kept.clear()
+            self._store.save(PARAMETER_FILE, b"")
         return answer
 
     def replace_plan(self, request: Request, done: Callable[[Answer], None]) -> None:
@@ -128,6 +133,9 @@ class Pilot:
         """Compute a tick."""
         self._state, output = step(self._state, inputs)
         self._ahead = self._state
+        for request in inputs.requests:
+            if isinstance(request.intent, Restart):
+                self.restart = request.intent
         return output
 
 
@@ -179,6 +187,7 @@ class Boat:
     store: Store
     lines: Sequence[SerialLine]
     tell: Callable[[Event], None]
+    timekeeper: Timekeeper | None = None
     health: HealthWatch = field(default_factory=HealthWatch)
     devices: tuple[Device, ...] = field(init=False)
 
@@ -189,13 +198,13 @@ class Boat:
 
 
 def run(boat: Boat, stopped: Callable[[], bool]) -> None:
-    """Turn the loop until stopped; whatever ends it, the rudder is made safe first."""
+    """Turn the loop until stopped or asked to restart; whatever ends it, the rudder is made safe first."""
     clock = boat.clock
     metronome = Metronome(clock.now_s(), boat.pilot.parameters()["LOOP_RATE_HZ"])
     index = skipped = 0
     collect_s = clock.now_s() + COLLECT_INTERVAL_S
     try:
-        while not stopped():
+        while not stopped() and boat.pilot.restart is None:
             _serve_until(boat, metronome)
             if stopped():
                 break
@@ -233,6 +242,9 @@ def _turn(boat: Boat, tick: Tick) -> HeadingSample | None:
     )
     output = boat.pilot.step(inputs)
     boat.rudder.command(output.command, now_s)
+    if boat.timekeeper is not None:
+        told = boat.timekeeper.consider(int(boat.pilot.state.parameters["CLK_SET"]), inputs.positions, now_s)
+        output = replace(output, events=(*output.events, told)) if told else output
     if boat.recorder is not None:
         boat.recorder.offer(inputs, output, lambda: state_to_text(before))
     boat.link.publish(output, now_s)

@@ -10,8 +10,11 @@ from firmware_py.angles import TWO_PI, wrap_two_pi
 from firmware_py.intents import (
     Answer,
     Arm,
+    BenchRudder,
+    ForgetParameters,
     Intent,
     ManualRudder,
+    Restart,
     SetMode,
     SteerHeading,
     SteerPosition,
@@ -23,6 +26,7 @@ from firmware_py.records import Mode
 ACCEPTED = Answer(Verdict.ACCEPTED)
 # A turn "the long way" to a goal that lies this close on the other side is no turn.
 ALREADY_THERE_RAD = 0.1
+LONGEST_BENCH_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,13 +48,15 @@ class PositionGoal:
 
 @dataclass(frozen=True, slots=True)
 class ModeState:
-    """Mode, arming, goal and stick."""
+    """Mode, arming, goal, stick, and where the rudder is held on the bench until when."""
 
     mode: Mode = Mode.HOLD
     armed: bool = False
     goal: HeadingGoal | PositionGoal | None = None
     stick: float | None = None
     stick_t_s: float = 0.0
+    bench: float | None = None
+    bench_until_s: float = 0.0
 
     @classmethod
     def at_start(cls, parameters: ParameterSet) -> ModeState:
@@ -106,7 +112,7 @@ def _arm(state: ModeState, intent: Arm, situation: Situation, _t_s: float) -> tu
     obstacle = arming_obstacle(situation)
     if intent.armed and not intent.force and not state.armed and obstacle:
         return state, _refused(Verdict.TEMPORARILY_REJECTED, f"Arming refused: {obstacle}")
-    return replace(state, armed=intent.armed), ACCEPTED
+    return replace(state, armed=intent.armed, bench=None if intent.armed else state.bench), ACCEPTED
 
 
 def _guided(state: ModeState, situation: Situation, *, change_mode: bool) -> tuple[ModeState, Answer]:
@@ -175,12 +181,40 @@ def _stick(state: ModeState, intent: ManualRudder, _situation: Situation, t_s: f
     return replace(state, stick=intent.deflection, stick_t_s=t_s), ACCEPTED
 
 
+def _bench(state: ModeState, intent: BenchRudder, situation: Situation, t_s: float) -> tuple[ModeState, Answer]:
+    # Written so that NaN fails the comparison.
+    if not (abs(intent.deflection) <= 1.0 and 0.0 <= intent.seconds <= LONGEST_BENCH_S):
+        return state, _refused(Verdict.DENIED, "Bench rudder is out of range")
+    if state.armed:
+        return state, _refused(Verdict.TEMPORARILY_REJECTED, "Bench rudder refused: armed")
+    if not situation.rudder_ok:
+        return state, _refused(Verdict.TEMPORARILY_REJECTED, "Bench rudder refused: rudder servo does not answer")
+    return replace(state, bench=intent.deflection, bench_until_s=t_s + intent.seconds), ACCEPTED
+
+
+def _restart(state: ModeState, intent: Restart, _situation: Situation, _t_s: float) -> tuple[ModeState, Answer]:
+    if state.armed and not intent.force:
+        return state, _refused(Verdict.TEMPORARILY_REJECTED, "Restart refused: armed")
+    return state, ACCEPTED
+
+
+def _forget(
+    state: ModeState, _intent: ForgetParameters, _situation: Situation, _t_s: float
+) -> tuple[ModeState, Answer]:
+    if state.armed:
+        return state, _refused(Verdict.TEMPORARILY_REJECTED, "Reset of parameters refused: armed")
+    return state, ACCEPTED
+
+
 _HANDLERS: Mapping[type[Intent], Callable[..., tuple[ModeState, Answer]]] = {
     SetMode: _set_mode,
     Arm: _arm,
     SteerHeading: _steer_heading,
     SteerPosition: _steer_position,
     ManualRudder: _stick,
+    BenchRudder: _bench,
+    Restart: _restart,
+    ForgetParameters: _forget,
 }
 
 
@@ -190,6 +224,13 @@ def decide(state: ModeState, intent: Intent, situation: Situation, t_s: float) -
     if handler is None:
         return state, _refused(Verdict.UNSUPPORTED, f"{type(intent).__name__} is not supported yet")
     return handler(state, intent, situation, t_s)
+
+
+def live_bench(state: ModeState, now_s: float) -> float | None:
+    """Return where the rudder is held on the bench, None when it is not."""
+    # The upper bound: a state of another process has another clock.
+    live = now_s < state.bench_until_s <= now_s + LONGEST_BENCH_S
+    return state.bench if live and not state.armed else None
 
 
 def live_stick(state: ModeState, now_s: float, timeout_s: float) -> float | None:

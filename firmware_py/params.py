@@ -93,6 +93,13 @@ _OFF_ON = {0: "off", 1: "on"}
 TABLE: tuple[Parameter, ...] = (
     _whole("BOOT_ARM", 0, 0, 1, "", "Arm by itself at start: 1 for a boat that must go on after a power cut."),
     _choice("BOOT_MODE", 4, {0: "manual", 3: "steering", 4: "hold", 15: "guided"}, "Mode at start."),
+    _choice(
+        "CLK_SET",
+        1,
+        {0: "never", 1: "when it is plainly wrong", 2: "when nothing keeps it"},
+        "The computer's clock is set from GPS. Plainly wrong: before 2026, and then a ground station's time is taken, "
+        "too, where there is no GPS. Nothing keeps it: the kernel knows of no NTP, and it is more than 2 s off.",
+    ),
     _real(
         "CMP_DECL_DEG",
         0.0,
@@ -123,6 +130,9 @@ TABLE: tuple[Parameter, ...] = (
         reboot=True,
     ),
     _choice("LNK_MAVLINK1", 1, {0: "refused", 1: "heard"}, "MAVLink 1 frames, which cannot be signed."),
+    _real(
+        "LNK_SAT_S", 120.0, 10.0, 3600.0, "s", "Interval of HIGH_LATENCY2 on a satellite link that was asked for it."
+    ),
     _whole("LNK_SYSID", 1, 1, 250, "", "MAVLink system id of the boat.", reboot=True),
     _choice("LOG_ENABLE", 1, _OFF_ON, "Write the onboard log.", reboot=True),
     _real(

@@ -13,6 +13,7 @@ from firmware_py.intents import Answer, Request
 from firmware_py.params import ParameterSet
 from firmware_py.plan import Plans
 from firmware_py.records import (
+    Calibration,
     DeviceHealth,
     HeadingSample,
     Inputs,
@@ -66,6 +67,19 @@ class Compass(Device, Protocol):
 
     def poll(self) -> Sequence[HeadingSample]:
         """The samples since the last poll, oldest first."""
+
+
+class Calibrator(Protocol):
+    """A compass that can calibrate itself while it is turned; it gives no headings meanwhile."""
+
+    def calibrate(self, now_s: float) -> bool:
+        """Begin; False when it is under way or the compass is not there."""
+
+    def calibration(self) -> Calibration:
+        """How far it is, or how the last one ended."""
+
+    def call_off(self) -> None:
+        """End it without a result."""
 
 
 class Position(Device, Protocol):

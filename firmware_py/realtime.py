@@ -7,6 +7,7 @@ import gc
 import os
 import signal
 import sys
+from typing import NoReturn
 
 from firmware_py.ports import Clock
 
@@ -15,6 +16,7 @@ _MCL_CURRENT = 1
 _MCL_ONFAULT = 4  # only what is touched, so that whole libraries are not drawn into memory
 _PR_SET_PDEATHSIG = 1
 _PR_SET_TIMERSLACK = 29
+_TIME_ERROR = 5  # adjtimex: the clock is not synchronised
 # A background thread that computes gives the interpreter up after this long.
 SWITCH_INTERVAL_S = 0.0005
 
@@ -36,6 +38,29 @@ def prepare() -> tuple[str, ...]:
     gc.freeze()
     gc.disable()
     return tuple(refused)
+
+
+def relax() -> None:
+    """Give real-time priority back: a program started in place of this one, and its threads, would inherit it."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    except OSError:  # it was not granted either
+        pass
+
+
+def start_anew() -> NoReturn:
+    """Replace this process by the same program with the same words; nothing after it is run."""
+    relax()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - the words this process was started with
+
+
+def clock_is_kept() -> bool:
+    """Whether something (NTP, PTP, a GPS daemon) disciplines the machine's clock, as far as the kernel knows."""
+    # struct timex begins with `modes`, 0 = only read; all of it is smaller than this on every Linux.
+    timex = ctypes.create_string_buffer(512)
+    return int(ctypes.CDLL(None).adjtimex(timex)) not in (-1, _TIME_ERROR)
 
 
 def end_with_parent(pid: int) -> bool:

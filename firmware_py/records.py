@@ -151,6 +151,24 @@ class DeviceHealth:
     text: str = ""  # one short line when there is something to say
 
 
+class CalibrationState(IntEnum):
+    """How far the calibration of a device is."""
+
+    NONE = 0  # never begun, or called off
+    RUNNING = 1
+    DONE = 2
+    FAILED = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A calibration that a device makes by itself; the text says how it ended."""
+
+    state: CalibrationState = CalibrationState.NONE
+    percent: int = 0
+    text: str = ""
+
+
 # ------------------------------------------------------------------------- all inputs
 
 
@@ -253,6 +271,7 @@ class Snapshot:
     late_s: float
     home: Home | None = None
     mission: MissionReport = MissionReport()
+    prearm_refusal: str = ""  # why arming would be refused; empty: it would be accepted
 
 
 @dataclass(frozen=True, slots=True)

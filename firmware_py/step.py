@@ -24,8 +24,10 @@ from firmware_py.modes import (
     ModeState,
     PositionGoal,
     Situation,
+    arming_obstacle,
     decide,
     heading_to_steer,
+    live_bench,
     live_stick,
 )
 from firmware_py.monitor import MonitorState
@@ -193,7 +195,8 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     step_s = min(max(0.0, now_s - before.t_s), 1.0) if before.started_s is not None else 0.0
     command_rad = limited_command(settings.limits, state.rudder_command_rad, demand_rad, step_s)
     state = replace(state, monitor=monitor, modes=modes, rudder_command_rad=command_rad, t_s=now_s)
-    command = RudderCommand(settings.linkage.to_shaft(command_rad), state.modes.armed or not settings.release_disarmed)
+    held = state.modes.armed or not settings.release_disarmed or live_bench(modes, now_s) is not None
+    command = RudderCommand(settings.linkage.to_shaft(command_rad), held)
     told = (*_changes_told(before, state), *faults_told)
     return state, Output(command, _snapshot(settings, state, situation, steering, inputs), told)
 
@@ -336,6 +339,8 @@ def _demand_rad(
     heading_lost_s: float | None,
 ) -> float:
     """The rudder angle that mode and faults ask for."""
+    if (bench := live_bench(modes, now_s)) is not None:
+        return bench * settings.limits.limit_rad
     if not modes.armed or modes.mode is Mode.HOLD:
         return 0.0
     if modes.mode is Mode.MANUAL:
@@ -385,6 +390,7 @@ def _snapshot(settings: Settings, state: State, situation: Situation, steering: 
         late_s=inputs.tick.late_s,
         home=state.home,
         mission=_mission_report(state),
+        prearm_refusal=arming_obstacle(situation),
     )
 
 

@@ -47,6 +47,7 @@ class LockstepServer:
         self._stations: tuple[Station, ...] = ()
         self._packet = NEW_TIME
         self._heard: list[int] = []
+        self._before: list[int] = []  # what earlier processes wrote on each line
         self._connection: socket.socket | None = None
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
@@ -74,7 +75,13 @@ class LockstepServer:
             self._connection = None
 
     def accept(self, alive: Callable[[], bool], utc_s: float) -> None:
-        """Wait for the autopilot and greet it; LockstepError when it dies first, is late, or has other lines."""
+        """Wait for the autopilot and greet it; LockstepError when it dies first, is late, or has other lines.
+
+        Called again for one that has left in order to start anew.
+        """
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
         end_s = time.monotonic() + CONNECT_S
         self._listener.settimeout(POLL_S)
         while self._connection is None:
@@ -86,8 +93,12 @@ class LockstepServer:
                 if time.monotonic() > end_s:
                     raise LockstepError(f"the autopilot did not connect within {CONNECT_S:g} s") from None
         self._connection.settimeout(self._stall_s)
+        for station in self._stations:
+            # What an earlier process wrote behind its last wait.
+            self._board.hear(station, station.line.read())
         self._stations = self._lines_of(self._receive())
         self._heard = [0] * len(self._stations)
+        self._before = [station.line.total_read for station in self._stations]
         self._packet = struct.Struct(f"<d{len(self._stations)}Q")
         self._send(json.dumps({"start_s": self._board.world.now_s, "utc_s": utc_s}).encode())
 
@@ -112,8 +123,8 @@ class LockstepServer:
         for index, total in enumerate(written):
             if total > self._heard[index]:
                 station = self._stations[index]
-                data = station.line.read_until_total(total)
-                if station.line.total_read < total:
+                data = station.line.read_until_total(self._before[index] + total)
+                if station.line.total_read < self._before[index] + total:
                     raise LockstepError(f"bytes that the autopilot wrote to {station.path.name} have not come through")
                 self._heard[index] = total
                 self._board.hear(station, data)

@@ -159,7 +159,7 @@ class _Voyage:
                 with display:
                     while self._under_way():
                         if not server.serve(self._options.seconds):
-                            raise _ended_early(firmware)
+                            self._await_restart(server, firmware)
                         display.update()
                 wall_s = time.monotonic() - start_s
                 firmware.terminate()
@@ -173,6 +173,15 @@ class _Voyage:
                 server.close()
             _end(firmware)
         return wall_s
+
+    def _await_restart(self, server: LockstepServer, firmware: Firmware) -> None:
+        """Go on with an autopilot that starts anew in the same process; HilError for one that has ended."""
+        try:
+            server.accept(firmware.running, self._board.world.utc_s())
+        except LockstepError:
+            if firmware.running():
+                raise
+            raise _ended_early(firmware) from None
 
     def _in_real_time(self, arguments: list[str], display: Display) -> float:
         with Firmware(arguments, self._options.out / FIRMWARE_LOG) as firmware, display:

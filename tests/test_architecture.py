@@ -21,6 +21,7 @@ BASE = {
     "serial_line",
     "realtime",
     "store",
+    "timekeeper",
     "vehicle",
     "console",
     "plan_area",

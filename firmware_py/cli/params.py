@@ -15,12 +15,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", type=Path, nargs="?", help="a parameter file to check")
     parser.add_argument("--markdown", action="store_true", help="print params/REFERENCE.md")
     parser.add_argument("--faults", action="store_true", help="print params/FAULTS.md")
+    parser.add_argument("--messages", action="store_true", help="print params/MESSAGES.md")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the table, or check a file and say what it changes."""
     if arguments.markdown or arguments.faults:
         print(markdown() if arguments.markdown else faults.markdown(), end="")
+        return 0
+    if arguments.messages:
+        # Imported here: it draws the whole link in.
+        from firmware_py.cli import link_page  # noqa: PLC0415
+
+        print(link_page.markdown(), end="")
         return 0
     if arguments.file is None:
         for row in TABLE:

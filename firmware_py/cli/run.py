@@ -17,6 +17,8 @@ from firmware_py.serial_line import PortError
 from firmware_py.store import StoreError
 from firmware_py.vehicle import VehicleError, load
 
+SHUT_DOWN = 10  # the exit code of an autopilot that was told to shut down; a supervisor should leave it so
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
@@ -45,7 +47,7 @@ def default_state_directory(name: str) -> Path:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run until SIGTERM or SIGINT."""
+    """Run until SIGTERM or SIGINT, or until told to shut down; told to restart, become a new process in place."""
     if arguments.with_parent is not None and not realtime.end_with_parent(arguments.with_parent):
         return 0
     try:
@@ -55,6 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
             tuple(arguments.link),
             wait=arguments.wait,
             lockstep=arguments.lockstep,
+            # The harness's GPS shows the time of its own world.
+            may_set_clock=arguments.lockstep is None and arguments.with_parent is None,
         )
         assembly = assemble(vehicle, options)
     except (VehicleError, PortError, StoreError, LinkError, ClockError) as error:
@@ -82,4 +86,9 @@ def _steer(assembly: Assembly) -> int:
         return 0 if stopping else 1
     finally:
         assembly.close()
-    return 0
+    restart = assembly.boat.pilot.restart
+    if restart is None or stopping:
+        return 0
+    if not restart.shutdown:
+        realtime.start_anew()
+    return SHUT_DOWN

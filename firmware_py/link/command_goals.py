@@ -62,6 +62,5 @@ def reposition(session: Session, call: Call) -> Answer:
         return call.denied("the flags are not a number")
     if call.frame is not None and call.frame not in GLOBAL_FRAMES:
         return call.denied(f"frame {call.frame} is not a global one")
-    scale = 1.0 if call.frame is None else 1e-7
-    goal = position_goal(call.x * scale, call.y * scale, change_mode=bool(int(flags) & _CHANGE_MODE))
+    goal = position_goal(*call.place_deg, change_mode=bool(int(flags) & _CHANGE_MODE))
     return call.denied(goal) if isinstance(goal, str) else session.ask(call.message, goal, call.now_s)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from firmware_py.intents import Answer, Verdict
 from firmware_py.link import identity
-from firmware_py.link.commands import ACCEPTED, Call
+from firmware_py.link.commands import ACCEPTED, NEITHER, Call
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.peer import Peer
 from firmware_py.link.scene import INT32_MAX, UINT16_MAX
@@ -24,18 +24,13 @@ def _number(value: float) -> int:
     return int(value) if within(value, 0, 0xFFFFFF) and value == int(value) else -1
 
 
-def _fixed(session: Session, number: int, index: float) -> Sequence[Message] | None:
-    """Return the messages that do not depend on the state of the boat."""
-    if number == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
-        return (identity.autopilot_version(session.version),)
-    if number == 300:
-        return (identity.protocol_version(),)
-    if number == 435:
-        # An index that is not given (NaN) asks for all, as 0 does.
-        return identity.available_modes(0 if math.isnan(index) else _number(index))
-    if number == 437:
-        return (mavlink.mavlink_map[437](0),)
-    return None
+# Messages that do not depend on the state of the boat, by the session and the index asked for.
+# An index that is not given (NaN) asks for all, as 0 does.
+FIXED: Mapping[int, Callable[[Session, float], Sequence[Message]]] = {
+    148: lambda session, _index: (identity.autopilot_version(session.version),),
+    300: lambda _session, _index: (identity.protocol_version(),),
+    435: lambda _session, index: identity.available_modes(0 if math.isnan(index) else _number(index)),
+}
 
 
 def _current(session: Session, number: int) -> Sequence[Message] | None:
@@ -50,9 +45,7 @@ def _current(session: Session, number: int) -> Sequence[Message] | None:
 
 
 def _deliver(session: Session, call: Call, number: int, index: float = 0.0) -> Answer:
-    messages = _fixed(session, number, index)
-    if messages is None:
-        messages = _current(session, number)
+    messages = FIXED[number](session, index) if number in FIXED else _current(session, number)
     if messages is None:
         return _UNKNOWN_MESSAGE
     for message in messages:
@@ -72,7 +65,7 @@ def home_position(session: Session, call: Call) -> Answer:
 
 def capabilities(session: Session, call: Call) -> Answer:
     """Send AUTOPILOT_VERSION now."""
-    return _deliver(session, call, int(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION))
+    return _deliver(session, call, 148)
 
 
 def protocol_version(session: Session, call: Call) -> Answer:
@@ -86,7 +79,20 @@ def set_message_interval(session: Session, call: Call) -> Answer:  # noqa: ARG00
     if number not in ROWS_OF:
         return _UNKNOWN_MESSAGE
     if not call.peer.streams.set_interval(number, call.parameters[1], call.now_s):
-        return call.denied("not HEARTBEAT, and 20 ms to 1 h, 0 or -1")
+        return call.denied("not HEARTBEAT, and 20 ms (satellite: 10 s) to 1 h, 0 or -1")
+    return ACCEPTED
+
+
+def control_high_latency(session: Session, call: Call) -> Answer:
+    """Start or stop HIGH_LATENCY2 on every satellite link, from whichever link it is asked."""
+    wanted = call.parameters[0]
+    if wanted not in (0.0, 1.0):
+        return call.denied(NEITHER)
+    session.high_latency = wanted == 1.0
+    interval_s = session.authority.parameters()["LNK_SAT_S"] if session.high_latency else None
+    for peer in session.peers:
+        if peer.quiet:
+            peer.streams.set_high_latency(interval_s, call.now_s)
     return ACCEPTED
 
 

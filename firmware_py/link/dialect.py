@@ -56,6 +56,14 @@ ADDITIONS = (
         ("target_system", "target_component", "type", "mission_type", "opaque_id"),
     ),
     Addition(
+        "COMMAND_CANCEL",
+        80,
+        14,
+        "<HBB",
+        ("command", "target_system", "target_component"),
+        ("target_system", "target_component", "command"),
+    ),
+    Addition(
         "TIMESYNC",
         111,
         34,

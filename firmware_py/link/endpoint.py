@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
-from firmware_py.link import motion, telemetry
+from firmware_py.link import estimates, motion, telemetry
 from firmware_py.link.access import Admitted, Gate, Standing, reads_only
 from firmware_py.link.command_requests import request_data_stream
 from firmware_py.link.command_table import TABLE as COMMANDS
@@ -13,6 +13,7 @@ from firmware_py.link.commands import Commands
 from firmware_py.link.dialect import Message, Packed
 from firmware_py.link.files import Files
 from firmware_py.link.goals import Goals
+from firmware_py.link.home_setting import HomeSetting
 from firmware_py.link.identity import Version
 from firmware_py.link.intake import Intake
 from firmware_py.link.key_setup import KeySetup
@@ -28,8 +29,7 @@ from firmware_py.link.session import Handler, Session, Suppliers
 from firmware_py.link.signing import LinkSealer, Signing
 from firmware_py.link.timing import Timing
 from firmware_py.link.transport import Address, Transport
-from firmware_py.link.wellbeing import prearm_refusal
-from firmware_py.ports import Authority, Vault
+from firmware_py.ports import Authority, Calibrator, Vault
 from firmware_py.records import Event, Output, Severity, Snapshot
 
 _HEARTBEAT, _CURRENT_MODE, _DATA_STREAM = 0, 436, 66
@@ -72,17 +72,19 @@ class Endpoint:
         version: Version,
         boot_text: str = "",
         load: Callable[[], float] = _no_load,
-        prearm: Callable[[Snapshot], str] = prearm_refusal,
         vault: Vault = _NO_VAULT,
+        heard_utc: Callable[[float, float], None] | None = None,
+        calibrator: Calibrator | None = None,
     ) -> None:
         """Take opened transports and the loop's side.
 
         `boot_text` greets every new peer. `load` gives the share of a core in use, 0 to
-        1. `prearm` says why arming would be refused, or nothing. `vault` keeps the
-        signing key and its timestamps over restarts.
+        1. `vault` keeps the signing key and its timestamps over restarts. `heard_utc` takes
+        the time that a ground station says, and when it came. `calibrator` is the compass,
+        if it can calibrate itself.
         """
         self._transports = tuple(transports)
-        self._session = Session(authority, Suppliers(utc_s, load, prearm), version)
+        self._session = Session(authority, Suppliers(utc_s, load, heard_utc, calibrator), version)
         self._signing = Signing(utc_s, vault.save)
         self.key_readable = self._signing.restore(vault.load() or b"")
         self._gate = Gate(self._signing)
@@ -93,6 +95,7 @@ class Endpoint:
         self._session.peers = self._roster
         self._parameters = Parameters(self._session)
         self._mission = Mission(self._session)
+        self._commands = Commands(self._session, COMMANDS)
         self._greeting = (Event(Severity.INFO, boot_text),) if boot_text else ()
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
         self._intake = Intake(self._roster.knows)
@@ -103,12 +106,23 @@ class Endpoint:
 
     def _collect(self) -> Mapping[int, Handler]:
         session = self._session
-        services = (Commands(session, COMMANDS), Goals(session), Manual(session), self._parameters)
-        others = (self._mission, Files(session), Logs(session), Timing(session), KeySetup(session, self._signing))
+        services = (self._commands, Goals(session), Manual(session), self._parameters, self._mission)
+        others = (
+            Files(session),
+            Logs(session),
+            Timing(session),
+            HomeSetting(session),
+            KeySetup(session, self._signing),
+        )
         found: dict[int, Handler] = {_DATA_STREAM: request_data_stream, _HEARTBEAT: self._heard}
-        for service in (*services, *others):
+        for service in (*services, *others, *security):
             found.update(service.handlers())
         return found
+
+    @property
+    def handlers(self) -> Mapping[int, Handler]:
+        """Who hears which message, by its number."""
+        return self._handlers
 
     # ------------------------------------------------------------------ ports.Link
 
@@ -143,6 +157,7 @@ class Endpoint:
         self._note_changes(output.snapshot, now_s)
         self._answer(now_s)
         self._mission.update(now_s)
+        self._commands.pump(now_s)
         self._roster.update(now_s)
         self._announce(output.events)
         self._send_telemetry(1.0 / max(output.snapshot.rate_hz, 1.0), now_s)
@@ -193,12 +208,17 @@ class Endpoint:
 
     @staticmethod
     def _heard(peer: Peer, message: Message, now_s: float) -> None:
+        """Note that a ground station is there."""
         if message.type == _GROUND_STATION:
             peer.ground_station_s = now_s
 
     # ------------------------------------------------------------------ out
 
     def _welcome(self, peer: Peer, now_s: float) -> None:
+        if peer.quiet:
+            if self._session.high_latency:
+                peer.streams.set_high_latency(self._session.authority.parameters()["LNK_SAT_S"], now_s)
+            return
         self._session.send(peer, self._session.heartbeat(), Priority.URGENT)
         if self._session.snapshot is not None:
             peer.streams.sent(telemetry.ROWS_OF[_HEARTBEAT][0], now_s)
@@ -223,6 +243,7 @@ class Endpoint:
         scene = self._session.scene()
         if scene is not None and snapshot.home is not None and (before is None or before.home != snapshot.home):
             self._session.send_all(motion.home_position(scene))
+            self._session.send_all(estimates.gps_global_origin(scene))
 
     def _announce(self, events: Sequence[Event]) -> None:
         for event in events[:_EVENTS_PER_TICK]:

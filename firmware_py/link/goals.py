@@ -42,11 +42,13 @@ class Goals:
         return {82: self._attitude, 84: self._local, 86: self._global}
 
     def _attitude(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Steer the heading of the attitude."""
         ignored = message.type_mask & _IGNORE_ATTITUDE
         goal = "the attitude is masked out" if ignored else attitude_goal(message.q)
         self._session.steer(peer, message, goal, now_s)
 
     def _global(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Go to the position, or steer where velocity or yaw point."""
         mask = message.type_mask
         goal: Goal
         if message.coordinate_frame not in GLOBAL_FRAMES:
@@ -58,6 +60,7 @@ class Goals:
         self._session.steer(peer, message, goal, now_s)
 
     def _local(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Go to the position, from home or from her, or steer where velocity or yaw point."""
         goal: Goal
         turned_rad = self._frame_heading_rad(message.coordinate_frame)
         if isinstance(turned_rad, str):

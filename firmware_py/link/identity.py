@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -19,7 +20,11 @@ _MANUAL = mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
 _STABILIZE = mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
 _GUIDED = mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
 
-_AUTO_MODE = 4  # MAV_MODE_PROPERTY_AUTO_MODE, newer than pymavlink's dialect
+_AUTO = mavlink.MAV_MODE_FLAG_AUTO_ENABLED
+
+# MAV_MODE_PROPERTY and MAV_STANDARD_MODE, newer than pymavlink's dialect
+_HIDDEN, _AUTO_MODE = 2, 4
+_NOT_STANDARD, _SAFE_RECOVERY, _MISSION = 0, 5, 6
 
 _CAPABILITIES = (
     mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
@@ -51,18 +56,26 @@ class Version:
 class ModeRow:
     """One mode as ground stations see it."""
 
-    mode: Mode
+    mode: int  # custom_mode
     name: str
     base_mode: int
     properties: int  # MAV_MODE_PROPERTY
+    standard: int = _NOT_STANDARD  # MAV_STANDARD_MODE; most are defined for aircraft alone
 
 
 MODES = (
     ModeRow(Mode.MANUAL, "MANUAL", _MANUAL, 0),
     ModeRow(Mode.STEERING, "STEERING (heading hold)", _MANUAL | _STABILIZE, 0),
     ModeRow(Mode.HOLD, "HOLD (rudder amidships, no stop)", 0, _AUTO_MODE),
+    ModeRow(Mode.LOITER, "LOITER (watch circle)", _GUIDED | _STABILIZE, _AUTO_MODE),
+    ModeRow(Mode.AUTO, "AUTO (mission)", _GUIDED | _STABILIZE | _AUTO, _AUTO_MODE, _MISSION),
+    ModeRow(Mode.RTL, "RTL (home or rally point)", _GUIDED | _STABILIZE | _AUTO, _AUTO_MODE, _SAFE_RECOVERY),
     ModeRow(Mode.GUIDED, "GUIDED", _GUIDED | _STABILIZE, _AUTO_MODE),
+    ModeRow(INITIALISING, "INITIALISING", 0, _HIDDEN),
 )
+# Changes when the modes do, so that a station that remembers them asks again.
+MODES_SEQUENCE = zlib.crc32(repr(MODES).encode()) & 0xFF
+_STANDARD_MODES: Mapping[int, int] = {row.mode: row.standard for row in MODES}
 _BASE_MODES: Mapping[int, int] = {row.mode: row.base_mode for row in MODES}
 
 
@@ -88,9 +101,22 @@ def _state(snapshot: Snapshot) -> int:
 
 
 def current_mode(scene: Scene) -> Message:
-    """Return the CURRENT_MODE of a scene; every mode is one of ours, none a standard one."""
+    """Return the CURRENT_MODE of a scene; intended is what was asked for, until something else took her out of it."""
     mode = int(scene.snapshot.mode)
-    return mavlink.mavlink_map[436](0, mode, mode)
+    intended = mode if scene.intended_mode is None else scene.intended_mode
+    return mavlink.mavlink_map[436](_STANDARD_MODES.get(mode, _NOT_STANDARD), mode, intended)
+
+
+def mode_of_standard(standard: int) -> int | None:
+    """Return the custom_mode of a MAV_STANDARD_MODE, None for one that she does not have."""
+    if standard == _NOT_STANDARD:
+        return None
+    return next((row.mode for row in MODES if row.standard == standard), None)
+
+
+def available_modes_monitor(_scene: Scene) -> Message:
+    """Return AVAILABLE_MODES_MONITOR."""
+    return mavlink.mavlink_map[437](MODES_SEQUENCE)
 
 
 def available_modes(index: int) -> list[Message]:
@@ -98,9 +124,9 @@ def available_modes(index: int) -> list[Message]:
     chosen = range(len(MODES)) if index == 0 else range(index - 1, index) if 1 <= index <= len(MODES) else range(0)
     return [
         mavlink.mavlink_map[435](
-            len(MODES), row + 1, 0, int(MODES[row].mode), MODES[row].properties, text_of(MODES[row].name, 34)
+            len(MODES), number + 1, row.standard, int(row.mode), row.properties, text_of(row.name, 34)
         )
-        for row in chosen
+        for number, row in ((number, MODES[number]) for number in chosen)
     ]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.mission_numbers import homes
-from firmware_py.link.scene import UINT16_MAX, Scene
+from firmware_py.link.scene import UINT16_MAX, Scene, whole
 from firmware_py.plan import PlanKind
 from firmware_py.records import Mode
 
@@ -18,4 +18,5 @@ def mission_current(scene: Scene) -> Message:
     report = boat.mission
     sequence = 0 if report.index is None else report.index + homes(scene.autopilot, PlanKind.MISSION)
     mode = _IN_MISSION_MODE if boat.mode is Mode.AUTO else _SUSPENDED
-    return _CURRENT(sequence, report.count or UINT16_MAX, int(report.state), mode, *report.identities)
+    total = whole(report.count or None, 0, UINT16_MAX - 1, UINT16_MAX)
+    return _CURRENT(whole(sequence, 0, UINT16_MAX, 0), total, int(report.state), mode, *report.identities)

@@ -14,11 +14,13 @@ from firmware_py.link.scene import (
     UINT32_MAX,
     Scene,
     boot_ms,
+    boot_us,
+    fresh_fix,
     scaled_degrees,
     single,
     whole,
 )
-from firmware_py.records import FixType, PositionSample
+from firmware_py.records import FixType
 
 _UNUSED_ATTITUDE = 0b0100_0111  # ATTITUDE_TARGET: rates and thrust mean nothing, the quaternion does
 _DOP_MAX = UINT16_MAX - 1
@@ -57,7 +59,7 @@ def vfr_hud(scene: Scene) -> Message | None:
     boat = scene.snapshot
     if boat.heading_rad is None or not boat.heading_ok:
         return None
-    fix = _fresh(scene)
+    fix = fresh_fix(scene)
     speed_m_s = None if fix is None else fix.speed_over_ground_m_s
     altitude_m = None if fix is None else fix.altitude_m
     return mavlink.MAVLink_vfr_hud_message(
@@ -65,21 +67,15 @@ def vfr_hud(scene: Scene) -> Message | None:
     )
 
 
-def _fresh(scene: Scene) -> PositionSample | None:
-    fix = scene.snapshot.position
-    usable = scene.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)
-    return fix if usable else None
-
-
 def gps_raw_int(scene: Scene) -> Message:
     """Return GPS_RAW_INT: NO_GPS without a receiver's word, NO_FIX when its fix is old."""
     heard = scene.snapshot.position
-    fix = _fresh(scene)
+    fix = fresh_fix(scene)
     silent = mavlink.GPS_FIX_TYPE_NO_GPS if heard is None else FixType.NONE
     speed_m_s = fix.speed_over_ground_m_s if fix else None
     altitude_m = fix.altitude_m if fix else None
     return mavlink.MAVLink_gps_raw_int_message(
-        whole(scene.snapshot.t_s * 1e6, 0, 1 << 62, 0),
+        boot_us(heard.t_s if heard else scene.snapshot.t_s),
         int(fix.fix if fix else silent),
         scaled_degrees(fix.latitude_rad if fix else None),
         scaled_degrees(fix.longitude_rad if fix else None),
@@ -94,7 +90,7 @@ def gps_raw_int(scene: Scene) -> Message:
 
 def global_position_int(scene: Scene) -> Message | None:
     """Return GLOBAL_POSITION_INT while the position is fresh."""
-    fix = _fresh(scene)
+    fix = fresh_fix(scene)
     if fix is None:
         return None
     speed_m_s = fix.speed_over_ground_m_s or 0.0
@@ -156,7 +152,7 @@ def servo_output_raw(scene: Scene) -> Message:
     """
     deflection = scene.snapshot.rudder_command_rad / max(scene.rudder_limit_rad, 1e-3)
     pulse_us = whole(1500.0 + 500.0 * deflection, 1000, 2000, 0)
-    stamp_us = whole(scene.snapshot.t_s * 1e6, 0, 1 << 62, 0) & UINT32_MAX
+    stamp_us = boot_us(scene.snapshot.t_s) & UINT32_MAX
     return mavlink.MAVLink_servo_output_raw_message(stamp_us, 0, pulse_us, 0, 0, 0, 0, 0, 0, 0)
 
 
@@ -176,7 +172,7 @@ def home_position(scene: Scene) -> Message | None:
         0.0,
         0.0,
         0.0,
-        whole(scene.snapshot.t_s * 1e6, 0, 1 << 62, 0),
+        boot_us(scene.snapshot.t_s),
     )
 
 

@@ -74,12 +74,12 @@ class Parameters:
             self._session.say(peer, Severity.WARNING, answer.text or f"{name}: refused", now_s)
             return
         self._unstored += 1
-        self._session.authority.when_stored(lambda stored: self._stored(row, stored=stored))
+        self._session.authority.when_stored(lambda stored: self._stored(peer, row, stored=stored))
 
-    def _stored(self, row: int, *, stored: bool) -> None:
+    def _stored(self, peer: Peer, row: int, *, stored: bool) -> None:
         self._unstored -= 1
         if stored:
-            self._session.send_all(self._value(row))
+            self._session.send_all(self._value(row), asker=peer)
         else:
             self._session.announce(Severity.ERROR, f"{TABLE[row].name} is in force but could not be stored")
         self._session.flush_all()

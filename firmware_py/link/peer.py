@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from firmware_py.link.access import Admitted, Gate
 from firmware_py.link.allowance import Allowance
 from firmware_py.link.framing import Splitter
+from firmware_py.link.options import LinkClass
 from firmware_py.link.outbox import Outbox, Sealer
 from firmware_py.link.statustext import Notices
 from firmware_py.link.streams import Streams
@@ -28,6 +29,7 @@ class Peer:
         "address",
         "ground_station_s",
         "heard_s",
+        "link_class",
         "list_row",
         "notices",
         "outbox",
@@ -38,17 +40,24 @@ class Peer:
     )
 
     def __init__(self, transport: Transport, address: Address, sealer: Sealer, now_s: float) -> None:
-        """Start with nothing heard and the rates of the transport's kind."""
+        """Start with nothing heard and the rates of the transport's class."""
         self.transport = transport
         self.address = address
         self.splitter = Splitter(transport.byte_rate)
         self.outbox = Outbox(lambda data: transport.send(address, data), transport.byte_rate, sealer)
-        self.streams = Streams(radio=transport.radio, now_s=now_s)
+        usual = LinkClass.RADIO if transport.radio else LinkClass.FAST
+        self.link_class = transport.options.link_class or usual
+        self.streams = Streams(self.link_class, now_s)
         self.notices = Notices()
         self.refusals = Allowance(REFUSALS, REFUSALS_HZ)
         self.list_row: int | None = None  # the next row of the parameter list it gets
         self.heard_s = now_s  # a valid frame came from it, or it was taken up
         self.ground_station_s: float | None = None  # its latest heartbeat of a ground station
+
+    @property
+    def quiet(self) -> bool:
+        """Whether it gets only what it has asked for: a satellite's bytes are paid for one by one."""
+        return self.link_class is LinkClass.SATELLITE
 
 
 class Roster:

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 
 from firmware_py.angles import degrees
-from firmware_py.records import Snapshot
+from firmware_py.records import PositionSample, Snapshot
 
+INT8_MAX = 0x7F
 UINT8_MAX = 0xFF
 UINT16_MAX = 0xFFFF
 UINT32_MAX = 0xFFFFFFFF
@@ -24,9 +25,16 @@ class Scene:
     utc_s: float
     rudder_limit_rad: float
     autopilot: int  # MAV_AUTOPILOT
-    prearm_refusal: str  # empty: arming would be accepted
     load: float  # of one core, 0 to 1
     refused_frames: int  # received and broken, on all links
+    intended_mode: int | None = None  # custom_mode that was last asked for, None when none was
+
+
+def fresh_fix(scene: Scene) -> PositionSample | None:
+    """Return the position while it is fresh and one."""
+    fix = scene.snapshot.position
+    usable = scene.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)
+    return fix if usable else None
 
 
 def whole(value: float | None, low: int, high: int, unknown: int) -> int:
@@ -46,6 +54,11 @@ def single(value: float | None, unknown: float = 0.0) -> float:
 def scaled_degrees(angle_rad: float | None, unknown: int = 0) -> int:
     """Return a latitude or longitude in 1e-7 degrees."""
     return whole(None if angle_rad is None else degrees(angle_rad) * 1e7, -1_800_000_000, 1_800_000_000, unknown)
+
+
+def boot_us(t_s: float) -> int:
+    """Return the time since start in microseconds."""
+    return whole(t_s * 1e6, 0, 1 << 62, 0)
 
 
 def boot_ms(t_s: float) -> int:

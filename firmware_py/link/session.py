@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from firmware_py.angles import radians
-from firmware_py.intents import Answer, Intent, Request, Verdict
+from firmware_py.intents import Answer, Intent, Request, SetMode, SteerHeading, SteerPosition, Verdict
 from firmware_py.link import identity
 from firmware_py.link.dialect import Codec, Message
 from firmware_py.link.identity import COMPONENT, Version
@@ -15,8 +15,8 @@ from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
 from firmware_py.link.scene import Scene
 from firmware_py.link.statustext import text_messages
-from firmware_py.ports import Authority
-from firmware_py.records import Home, Severity, Snapshot
+from firmware_py.ports import Authority, Calibrator
+from firmware_py.records import Home, Mode, Severity, Snapshot
 
 Handler = Callable[[Peer, Message, float], None]
 
@@ -27,7 +27,8 @@ class Suppliers:
 
     utc_s: Callable[[], float]
     load: Callable[[], float]  # of one core, 0 to 1
-    prearm_refusal: Callable[[Snapshot], str]  # empty: arming would be accepted
+    heard_utc: Callable[[float, float], None] | None = None  # takes a ground station's time and when it came
+    calibrator: Calibrator | None = None  # a compass that calibrates itself
 
 
 class Session:
@@ -46,6 +47,8 @@ class Session:
         self._text_number = 0
         self.snapshot: Snapshot | None = None
         self.refused_frames = 0
+        self.intended_mode: int | None = None  # custom_mode that was last asked for and entered
+        self.high_latency = False  # asked for on the satellite links
         self.now_s = 0.0  # of the latest call of the loop
         self.peers: Iterable[Peer] = ()
 
@@ -69,7 +72,7 @@ class Session:
             utc_s=self.suppliers.utc_s(),
             rudder_limit_rad=radians(self.authority.parameters()["RUD_LIMIT_DEG"]),
             autopilot=self.autopilot,
-            prearm_refusal=self.suppliers.prearm_refusal(self.snapshot),
+            intended_mode=self.intended_mode,
             load=self.suppliers.load(),
             refused_frames=self.refused_frames,
         )
@@ -88,11 +91,12 @@ class Session:
         """Queue a message to one peer."""
         peer.outbox.push(self.codec.pack(message), priority)
 
-    def send_all(self, message: Message, priority: Priority = Priority.REPLY) -> None:
-        """Queue a message to every peer."""
+    def send_all(self, message: Message, priority: Priority = Priority.REPLY, *, asker: Peer | None = None) -> None:
+        """Queue a message to every peer, to the quiet ones only when they have asked for it."""
         packed = self.codec.pack(message)
         for peer in self.peers:
-            peer.outbox.push(packed, priority)
+            if peer is asker or not peer.quiet:
+                peer.outbox.push(packed, priority)
 
     def flush_all(self) -> None:
         """Send what waits, outside a call of the loop."""
@@ -115,7 +119,7 @@ class Session:
             self.send(peer, message)
 
     def announce(self, severity: Severity, text: str) -> None:
-        """Tell every peer something."""
+        """Tell every peer something, except the quiet ones."""
         for message in self._text(severity, text):
             self.send_all(message)
 
@@ -128,7 +132,13 @@ class Session:
     def ask(self, message: Message, intent: Intent, now_s: float) -> Answer:
         """Put an intent of a message's sender to the authority."""
         sender, component = message.get_srcSystem(), message.get_srcComponent()
-        return self.authority.decide(Request(now_s, intent, sender, component))
+        answer = self.authority.decide(Request(now_s, intent, sender, component))
+        if answer.verdict is Verdict.ACCEPTED:
+            if isinstance(intent, SetMode):
+                self.intended_mode = intent.mode
+            elif isinstance(intent, (SteerHeading, SteerPosition)) and intent.change_mode:
+                self.intended_mode = int(Mode.GUIDED)
+        return answer
 
     def steer(self, peer: Peer, message: Message, intent: Intent | str, now_s: float) -> None:
         """Put the goal of an unacknowledged message to the authority, or refuse it for a reason; refusals are told."""

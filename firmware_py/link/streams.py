@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
-from firmware_py.link.telemetry import ROWS_OF, TABLE
+from firmware_py.link.options import LinkClass
+from firmware_py.link.telemetry import ROWS_OF, TABLE, Row
 
 FASTEST_S = 0.02  # 50 Hz, the fastest loop
+FASTEST_SATELLITE_S = 10.0  # what clients ask for by habit is refused there
 SLOWEST_S = 3600.0
+HIGH_LATENCY = 235  # HIGH_LATENCY2
 _OFF = math.inf
+
+_RATES: Mapping[LinkClass, Callable[[Row], float]] = {
+    LinkClass.FAST: lambda row: row.fast_hz,
+    LinkClass.RADIO: lambda row: row.radio_hz,
+    LinkClass.SATELLITE: lambda _row: 0.0,
+}
 
 
 class Streams:
-    """The intervals one peer has asked for, or those of its kind of link."""
+    """The intervals one peer has asked for, or those of the class of its link."""
 
-    __slots__ = ("_defaults", "_due_s", "_interval_s")
+    __slots__ = ("_defaults", "_due_s", "_fastest_s", "_interval_s")
 
-    def __init__(self, *, radio: bool, now_s: float) -> None:
-        """Start with the rates of the kind of link, everything due at once."""
-        rates = [row.radio_hz if radio else row.fast_hz for row in TABLE]
+    def __init__(self, link_class: LinkClass, now_s: float) -> None:
+        """Start with the rates of the class, everything due at once; a satellite link starts with nothing at all."""
+        self._fastest_s = FASTEST_SATELLITE_S if link_class is LinkClass.SATELLITE else FASTEST_S
+        rates = [_RATES[link_class](row) for row in TABLE]
         self._defaults = [1.0 / rate if rate else _OFF for rate in rates]
         self._interval_s = list(self._defaults)
         self._due_s = [now_s if rate else _OFF for rate in rates]
@@ -61,18 +71,25 @@ class Streams:
             for row in rows:
                 self._set(row, _OFF if interval_us else self._defaults[row], now_s)
             return True
-        if not FASTEST_S <= interval_us * 1e-6 <= SLOWEST_S:
+        if not self._fastest_s <= interval_us * 1e-6 <= SLOWEST_S:
             return False
         for row in rows:
             self._set(row, interval_us * 1e-6, now_s)
         return True
 
     def set_stream(self, stream: int, rate_hz: float, now_s: float) -> None:
-        """Set the rate of a MAV_DATA_STREAM, 0 for off; stream 0 is all of them."""
+        """Set the rate of a MAV_DATA_STREAM, 0 for off; stream 0 is all of them. Nobody means it for a satellite."""
+        if self._fastest_s > FASTEST_S:
+            return
         interval_s = _OFF if rate_hz <= 0.0 else max(1.0 / rate_hz, FASTEST_S)
         for index, row in enumerate(TABLE):
             if row.stream is not None and stream in (0, row.stream):
                 self._set(index, interval_s, now_s)
+
+    def set_high_latency(self, interval_s: float | None, now_s: float) -> None:
+        """Send HIGH_LATENCY2 from now on at an interval, or (None) no more."""
+        for row in ROWS_OF[HIGH_LATENCY]:
+            self._set(row, _OFF if interval_s is None else interval_s, now_s)
 
     def _set(self, row: int, interval_s: float, now_s: float) -> None:
         self._interval_s[row] = interval_s

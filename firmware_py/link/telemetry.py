@@ -1,6 +1,7 @@
 """The one table of telemetry: what is sent, at what rates, and in which stream.
 
-Rates in hertz: `fast` on UDP and TCP, `radio` on slow serial lines; 0 = on request.
+Rates in hertz: `fast` on UDP and TCP, `radio` on slow serial lines; 0 = on request. On
+a satellite link everything is on request.
 `stream` is the MAV_DATA_STREAM that the old REQUEST_DATA_STREAM moves it with.
 """
 
@@ -10,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from firmware_py.link import identity, mission_status, motion, wellbeing
+from firmware_py.link import estimates, high_latency, identity, mission_status, motion, wellbeing
 from firmware_py.link.dialect import Message, mavlink, text_of
 from firmware_py.link.outbox import Priority
 from firmware_py.link.scene import Scene, boot_ms, single
@@ -55,16 +56,23 @@ TABLE: tuple[Row, ...] = (
     Row(2, "SYSTEM_TIME", wellbeing.system_time, 1.0, 0.1, _EXTRA3),
     Row(24, "GPS_RAW_INT", motion.gps_raw_int, 2.0, 0.5, _STATUS),
     Row(30, "ATTITUDE", motion.attitude, 10.0, 2.0, _EXTRA1),
+    Row(31, "ATTITUDE_QUATERNION", estimates.attitude_quaternion, 0.0, 0.0, None),
+    Row(32, "LOCAL_POSITION_NED", estimates.local_position_ned, 2.0, 0.0, _POSITION),
     Row(33, "GLOBAL_POSITION_INT", motion.global_position_int, 4.0, 1.0, _POSITION),
     Row(36, "SERVO_OUTPUT_RAW", motion.servo_output_raw, 4.0, 1.0, _RC),
     Row(42, "MISSION_CURRENT", mission_status.mission_current, 1.0, 0.5, _STATUS),
+    Row(49, "GPS_GLOBAL_ORIGIN", estimates.gps_global_origin, 0.0, 0.0, None),
     Row(62, "NAV_CONTROLLER_OUTPUT", motion.nav_controller_output, 2.0, 1.0, _STATUS),
     Row(74, "VFR_HUD", motion.vfr_hud, 4.0, 1.0, _EXTRA2),
     Row(83, "ATTITUDE_TARGET", motion.attitude_target, 2.0, 0.5, _EXTRA1),
+    Row(87, "POSITION_TARGET_GLOBAL_INT", estimates.position_target, 2.0, 0.2, _POSITION),
     Row(147, "BATTERY_STATUS", wellbeing.battery_status, 1.0, 0.2, _EXTRA3),
+    Row(230, "ESTIMATOR_STATUS", estimates.estimator_status, 1.0, 0.2, _EXTRA3),
+    Row(235, "HIGH_LATENCY2", high_latency.high_latency2, 0.0, 0.0, None),
     Row(242, "HOME_POSITION", motion.home_position, 0.0, 0.0, None),
     Row(245, "EXTENDED_SYS_STATE", wellbeing.extended_sys_state, 0.0, 0.0, None),
     Row(436, "CURRENT_MODE", identity.current_mode, 0.5, 0.5, None),
+    Row(437, "AVAILABLE_MODES_MONITOR", identity.available_modes_monitor, 0.3, 0.05, None),
     _named("RUDDER", motion.rudder_degrees, 4.0, 1.0),
     _named("RUD_CMD", motion.rudder_command_degrees, 4.0, 1.0),
     _named("RUD_TEMP", wellbeing.servo_temperature, 0.5, 0.1),

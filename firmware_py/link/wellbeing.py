@@ -5,7 +5,6 @@ from __future__ import annotations
 from firmware_py.faults import Fault
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.scene import INT16_MAX, UINT16_MAX, Scene, boot_ms, whole
-from firmware_py.records import Snapshot
 
 _COMPASS = (
     mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
@@ -22,13 +21,6 @@ _MISSING_CELL = UINT16_MAX
 _RUDDER_FAULTS = 1 << Fault.RUDDER_SILENT | 1 << Fault.RUDDER_ERROR
 
 
-def prearm_refusal(snapshot: Snapshot) -> str:
-    """Return why arming would be refused, or nothing: it takes a heading and a rudder."""
-    if not snapshot.heading_ok:
-        return "no valid heading"
-    return "" if snapshot.rudder_ok else "rudder servo does not answer"
-
-
 def sys_status(scene: Scene) -> Message:
     """Return SYS_STATUS.
 
@@ -42,7 +34,7 @@ def sys_status(scene: Scene) -> Message:
         (_POSITION, boat.position_ok),
         (_RUDDER, boat.rudder_ok and not boat.faults & _RUDDER_FAULTS),
         (_STORAGE, not boat.faults >> Fault.STORAGE_FAILING & 1),
-        (_PREARM, scene.prearm_refusal == ""),
+        (_PREARM, boat.prearm_refusal == ""),
     )
     healthy = _FENCE | present & sum(bits for bits, good in states if good)
     errors = whole(scene.refused_frames, 0, UINT16_MAX, 0)

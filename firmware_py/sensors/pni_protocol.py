@@ -27,6 +27,12 @@ class Frame(IntEnum):
     SET_DATA_COMPONENTS = 3
     DATA = 5
     SET_CONFIG = 6
+    SAVE = 9
+    START_CAL = 10
+    STOP_CAL = 11
+    SAVE_DONE = 16
+    CAL_SAMPLE_COUNT = 17
+    CAL_SCORE = 18
     SET_CONFIG_DONE = 19
     START_CONTINUOUS = 21
     STOP_CONTINUOUS = 22

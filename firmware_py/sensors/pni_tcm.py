@@ -8,10 +8,18 @@ from collections.abc import Sequence
 
 from firmware_py.angles import radians, wrap_two_pi
 from firmware_py.ports import ByteLine
-from firmware_py.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
+from firmware_py.records import (
+    Calibration,
+    CalibrationState,
+    DeviceHealth,
+    DeviceRole,
+    HeadingSample,
+    NorthReference,
+)
 from firmware_py.sensors import pni_protocol as pni
 from firmware_py.sensors.binary_framing import Packet
 from firmware_py.sensors.condition import SILENT_AFTER_S, Condition
+from firmware_py.sensors.pni_calibration import PniCalibration
 from firmware_py.sensors.pni_protocol import Component, Frame
 from firmware_py.sensors.pni_reading import Reading, read_data
 from firmware_py.sensors.refusal import CHECKSUM, MessageError
@@ -68,6 +76,8 @@ class PniCompass:
         self._due_s = 0.0  # when the next frame is sent, or patience ends
         self._answered = False  # whether a set-up has brought headings since the port was opened
         self._distorted = False
+        self._calibration: PniCalibration | None = None
+        self._last_calibration = Calibration()
 
     def fileno(self) -> int:
         """The descriptor of the line, or -1."""
@@ -78,13 +88,17 @@ class PniCompass:
         if self._condition.restarted():
             self._framer = pni.framer()
             self._distorted = self._answered = False
+            self._calibration = None
             self._begin(now_s)
         data = self._line.read()
         if data:
             self._condition.heard(now_s)
             for packet in self._framer.feed(data):
                 self._take(packet, now_s)
-        self._set_up(now_s)
+        if self._calibration is None:
+            self._set_up(now_s)
+        else:
+            self._carry_on(self._calibration, now_s)
 
     def poll(self) -> Sequence[HeadingSample]:
         """The samples since the last poll, oldest first."""
@@ -95,6 +109,35 @@ class PniCompass:
     def health(self, now_s: float) -> DeviceHealth:
         """The state; FAULTY while the module says that the magnetic field is distorted."""
         return self._condition.health(now_s, "magnetic field distorted" if self._distorted else "")
+
+    def calibrate(self, now_s: float) -> bool:
+        """Begin the 2D user calibration; False when it is under way or the port is away."""
+        if self._calibration is not None or not self._line.connected:
+            return False
+        self._calibration = PniCalibration(now_s)
+        self._last_calibration = self._calibration.report
+        return True
+
+    def calibration(self) -> Calibration:
+        """How far it is, or how the last one ended."""
+        return self._last_calibration
+
+    def call_off(self) -> None:
+        """End it without a result."""
+        if self._calibration is not None:
+            self._line.write(pni.encode(Frame.STOP_CAL))
+            self._calibration = None
+            self._last_calibration = Calibration()
+            self._step = 0  # set up anew with the next call
+
+    def _carry_on(self, calibration: PniCalibration, now_s: float) -> None:
+        frame = calibration.next_frame(now_s)
+        if frame is not None and self._line.write(frame):
+            calibration.sent(now_s)
+        self._last_calibration = calibration.report
+        if calibration.report.state is not CalibrationState.RUNNING:
+            self._calibration = None
+            self._begin(now_s)
 
     def _begin(self, now_s: float) -> None:
         self._step = 0
@@ -122,7 +165,14 @@ class PniCompass:
         if frame_id == Frame.DATA:
             self._take_data(pni.payload(packet.data), now_s)
         elif frame_id == Frame.POWER_UP_DONE:
+            if self._calibration is not None:
+                self._calibration = None
+                self._last_calibration = Calibration(
+                    CalibrationState.FAILED, 0, "Compass calibration: it lost its power"
+                )
             self._begin(now_s)
+        elif self._calibration is not None:
+            self._calibration.take(frame_id, pni.payload(packet.data), now_s)
         elif frame_id in _CONFIRMATIONS and self._step < len(self._frames):
             self._due_s = now_s
 

@@ -28,8 +28,12 @@ class Frame(IntEnum):
     GET_CONFIG = 7
     CONFIG_RESP = 8
     SAVE = 9
+    START_CAL = 10
+    STOP_CAL = 11
     POWER_DOWN = 15
     SAVE_DONE = 16
+    CAL_SAMPLE_COUNT = 17
+    CAL_SCORE = 18
     SET_CONFIG_DONE = 19
     START_CONTINUOUS = 21
     STOP_CONTINUOUS = 22
@@ -47,6 +51,8 @@ class Config(IntEnum):
     DECLINATION = 1
     TRUE_NORTH = 2
     BIG_ENDIAN = 6
+    POINTS = 12  # of a user calibration
+    AUTOMATIC = 13  # sampling in a user calibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +70,8 @@ SETTINGS: dict[int, Setting] = {
     Config.TRUE_NORTH: Setting("B", 0, 1, 0),
     Config.BIG_ENDIAN: Setting("B", 0, 1, 1),
     10: Setting("B", 1, 16, 1),  # mounting reference
-    12: Setting("I", 4, 32, 12),  # points of a user calibration
-    13: Setting("B", 0, 1, 1),  # automatic sampling in a user calibration
+    Config.POINTS: Setting("I", 4, 32, 12),
+    Config.AUTOMATIC: Setting("B", 0, 1, 1),
 }
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from firmware_py.angles import degrees
 from hil.devices.emulator import Attitude
 from hil.devices.nmea_text import bearing
+from hil.devices.pni_calibration import ABORTED, OPTIONS, UserCalibration
 from hil.devices.pni_frames import SETTINGS, Config, Frame, FrameReader, pack_frame
 from hil.devices.timing import Pace, Transmitter
 
@@ -70,6 +71,10 @@ class PniTcmEmulator:
         self.pitch_deg = 0.0
         self.roll_deg = 0.0
         self.distorted = False
+        self.calibration_score = 0.6  # of the next user calibration
+        self.calibrated = False  # by one that was saved
+        self._calibration: UserCalibration | None = None
+        self._scored = False
         self._attitude = attitude
         self._rng = rng
         self._noise_deg = noise_deg
@@ -93,6 +98,8 @@ class PniTcmEmulator:
             Frame.SET_CONFIG: self._set_config,
             Frame.GET_CONFIG: self._get_config,
             Frame.SAVE: self._save,
+            Frame.START_CAL: self._start_cal,
+            Frame.STOP_CAL: self._stop_cal,
             Frame.POWER_DOWN: self._power_down,
             Frame.START_CONTINUOUS: self._start_continuous,
             Frame.STOP_CONTINUOUS: self._stop_continuous,
@@ -129,10 +136,13 @@ class PniTcmEmulator:
     def next_output_s(self) -> float:
         """When the next push is sampled or the next frame is complete."""
         push_s = math.inf if self._pace is None else self._pace.next_s
-        return min(push_s, self._line.next_s())
+        look_s = math.inf if self._calibration is None else self._calibration.next_s
+        return min(push_s, look_s, self._line.next_s())
 
     def take_output(self, now_s: float) -> bytes:
         """Sample the pushes that are due and return the frames that are complete."""
+        while self._calibration is not None and self._calibration.next_s <= now_s:
+            self._calibrate(self._calibration)
         if self._pace is not None:
             for sample_s in self._pace.take(now_s):
                 self._line.send(sample_s, self._data_frame())
@@ -179,7 +189,32 @@ class PniTcmEmulator:
     def _save(self, now_s: float, payload: bytes) -> None:
         if not payload:
             self._saved = self._settings
+            self.calibrated |= self._scored
             self._answer(now_s, Frame.SAVE_DONE, self._pack("H", 0))
+
+    def _start_cal(self, now_s: float, payload: bytes) -> None:
+        option = self._unpack("I", payload)
+        if option is not None and option[0] in OPTIONS and self._settings.config[Config.AUTOMATIC]:
+            points = int(self._settings.config[Config.POINTS])
+            self._calibration = UserCalibration(now_s, points, self.calibration_score)
+            self._scored = False
+
+    def _stop_cal(self, now_s: float, payload: bytes) -> None:
+        if not payload and self._calibration is not None:
+            self._score(now_s, ABORTED)
+
+    def _calibrate(self, calibration: UserCalibration) -> None:
+        look_s = calibration.next_s
+        count, score = calibration.look(degrees(self._magnetic_rad()))
+        if count is not None:
+            self._answer(look_s, Frame.CAL_SAMPLE_COUNT, self._pack("I", count))
+        if score is not None:
+            self._scored = True
+            self._score(look_s, score)
+
+    def _score(self, now_s: float, score: float) -> None:
+        self._calibration = None
+        self._answer(now_s, Frame.CAL_SCORE, self._pack("ffffff", score, 0.0, 99.99, 0.1, 0.1, 1.0))
 
     def _set_acq_params(self, now_s: float, payload: bytes) -> None:
         values = self._unpack("BBff", payload)
@@ -227,6 +262,8 @@ class PniTcmEmulator:
     def _restart(self, power_s: float) -> None:
         self._ready_s = power_s + self._boot_s
         self._settings = self._saved
+        self._calibration = None
+        self._scored = False
         self._pace_pushes(self._ready_s)
 
     def _pace_pushes(self, now_s: float) -> None:

@@ -122,7 +122,10 @@ class Session:
     def hold(self):
         self.action.hold()
         wait(lambda: self.telemetry.flight_mode().name == "HOLD", "mode HOLD")
-        self.seen["no_such_mode"] = refusal(self.action.return_to_launch)
+        self.action.return_to_launch()
+        wait(lambda: self.telemetry.flight_mode().name == "RETURN_TO_LAUNCH", "mode RTL")
+        self.action.hold()
+        wait(lambda: self.telemetry.flight_mode().name == "HOLD", "mode HOLD again")
         self.seen["no_such_command"] = refusal(self.action.takeoff)
         self.seen["mode_after_refusals"] = self.telemetry.flight_mode().name
 

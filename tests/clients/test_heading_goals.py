@@ -139,7 +139,7 @@ REFUSED = (
     (mavlink.MAV_CMD_DO_REPOSITION, (-1, 1, 0, 0, 91, 121), DENIED),
     (mavlink.MAV_CMD_DO_SET_MODE, (1, NAN), DENIED),
     (mavlink.MAV_CMD_DO_SET_MODE, (1, 4.5), DENIED),
-    (mavlink.MAV_CMD_DO_SET_MODE, (1, 11), DENIED),
+    (mavlink.MAV_CMD_DO_SET_MODE, (1, 2), DENIED),
     (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (NAN,), DENIED),
     (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (2,), DENIED),
     (mavlink.MAV_CMD_NAV_TAKEOFF, (), UNSUPPORTED),

@@ -6,6 +6,7 @@ import random
 import re
 import struct
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,8 +17,14 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.intents import (
     Answer,
     Arm,
+    BenchRudder,
+    EnableFence,
+    ForgetParameters,
     ManualRudder,
+    PauseMission,
     ReplacePlan,
+    Restart,
+    SetHome,
     SetMissionItem,
     SetMode,
     SetParameter,
@@ -35,14 +42,25 @@ from firmware_py.params import TABLE as PARAMETERS
 from firmware_py.params import ParameterSet
 from firmware_py.plan import Plans
 from firmware_py.plan_rules import fault_of
-from firmware_py.records import FixType, Mode, Output, PositionSample, RudderCommand, Snapshot
+from firmware_py.records import (
+    FixType,
+    MissionReport,
+    MissionState,
+    Mode,
+    Output,
+    PositionSample,
+    RudderCommand,
+    RudderFeedback,
+    Snapshot,
+)
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2)
+SERVO = RudderFeedback(0.0, 0.3)
 SNAPSHOT = Snapshot(
     t_s=1.0, tick=1, mode=Mode.GUIDED, armed=True, heading_rad=1.0, heading_ok=True, yaw_rate_rad_s=0.0,
     roll_rad=None, pitch_rad=None, goal_heading_rad=1.0, heading_error_rad=0.0, bearing_rad=None, distance_m=None,
     rudder_rad=0.0, rudder_command_rad=0.0, rudder_ok=True, servo=None, position=FIX, position_ok=True, faults=0,
-    rate_hz=10.0, skipped_total=0, late_s=0.0,
+    rate_hz=10.0, skipped_total=0, late_s=0.0, mission=MissionReport(MissionState.ACTIVE, 2, 40),
 )  # fmt: skip
 
 
@@ -154,7 +172,14 @@ def is_sound(intent):
         return isinstance(intent.index, int) and 0 <= intent.index <= 0xFFFF
     if isinstance(intent, ReplacePlan):
         return fault_of(intent.plan) is None
-    return isinstance(intent, Arm)
+    if isinstance(intent, SetHome):
+        place = (intent.latitude_rad, intent.longitude_rad)
+        if place == (None, None):
+            return True
+        return abs(place[0]) <= math.pi / 2 and abs(place[1]) <= math.pi and abs(intent.altitude_m) <= 1e5
+    if isinstance(intent, BenchRudder):
+        return abs(intent.deflection) <= 1.0 and 0.0 <= intent.seconds <= 60.0
+    return isinstance(intent, (Arm, EnableFence, ForgetParameters, PauseMission, Restart))
 
 
 def check_sound(rig):
@@ -257,6 +282,33 @@ def test_every_command_is_acknowledged_whatever_its_parameters(commands):
     check_sound(rig)
     acks = [reply for reply in rig.replies() if reply.get_type() == "COMMAND_ACK"]
     assert [ack.command for ack in acks] == [command.command for command in commands]
+
+
+PLACES = st.integers(-(2**31), 2**31 - 1) | st.sampled_from([0, 450_000_000, 2**31 - 1])
+EXTREMES = st.sampled_from([math.nan, math.inf, -math.inf, 3.4028234663852886e38, -1.0, 0.0, 0.5, 1.0, 2.0])
+ANY_COMMAND = st.sampled_from(COMMAND_NUMBERS)
+
+
+@settings(max_examples=300, deadline=None)
+@given(ANY_COMMAND, st.lists(EXTREMES | FLOATS, min_size=7, max_size=7), PLACES, PLACES, st.booleans(), st.booleans())
+def test_a_refused_command_has_changed_nothing(number, values, x, y, in_whole_numbers, armed):
+    rig = Rig()
+    rig.endpoint.publish(Output(RudderCommand(0.0, True), replace(SNAPSHOT, armed=armed, servo=SERVO)), 0.05)
+    rig.replies()
+    before = rig.authority.values
+    if in_whole_numbers:
+        message = mavlink.MAVLink_command_int_message(1, 1, 0, number, 0, 0, *values[:4], x, y, values[6])
+    else:
+        message = mavlink.MAVLink_command_long_message(1, 1, number, 0, *values)
+    rig.feed(message.pack(rig.station))
+    check_sound(rig)
+    (ack,) = [reply for reply in rig.replies() if reply.get_type() == "COMMAND_ACK"]
+    assert ack.command == number
+    assert ack.result in range(5)
+    if ack.result != mavlink.MAV_RESULT_ACCEPTED:
+        # The authority accepts all but parameters out of range, so whatever was put to it would have been done.
+        assert all(isinstance(intent, SetParameter) for intent in rig.authority.intents)
+        assert rig.authority.values == before
 
 
 @settings(max_examples=100, deadline=None)

@@ -6,7 +6,18 @@ import math
 import pytest
 
 from firmware_py.faults import Fault
-from firmware_py.intents import Arm, ManualRudder, ReplacePlan, Request, SetMode, SetParameter, SteerHeading, Verdict
+from firmware_py.intents import (
+    Arm,
+    ForgetParameters,
+    ManualRudder,
+    ReplacePlan,
+    Request,
+    Restart,
+    SetMode,
+    SetParameter,
+    SteerHeading,
+    Verdict,
+)
 from firmware_py.loop import LINK_PART, PARAMETER_FILE, PENDING_LIMIT, PLAN_FILES, Boat, Pilot, run
 from firmware_py.params import ParameterSet, format_file, parse_file
 from firmware_py.plan import Plan, PlanItem, PlanKind, Plans
@@ -15,12 +26,15 @@ from firmware_py.records import (
     DeviceHealth,
     DeviceRole,
     DeviceState,
+    FixType,
     HeadingSample,
     Mode,
     NorthReference,
+    PositionSample,
     RudderFeedback,
 )
 from firmware_py.step import State
+from firmware_py.timekeeper import Timekeeper
 
 
 class FakeClock:
@@ -129,6 +143,24 @@ class FakeRecorder:
 
     def health(self, now_s):
         return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.RUNNING, len(self.ticks), 0)
+
+
+class FakePosition:
+    """A fix at every poll, with the right time."""
+
+    t_s = 0.0
+
+    def fileno(self):
+        return -1
+
+    def receive(self, now_s):
+        self.t_s = now_s
+
+    def poll(self):
+        return [PositionSample(self.t_s, FixType.FIX_3D, 0.1, 0.2, utc_s=2e9 + self.t_s)]
+
+    def health(self, now_s):
+        return DeviceHealth(now_s, DeviceRole.POSITION, DeviceState.RUNNING, 0, 0)
 
 
 class FakeStore:
@@ -284,6 +316,50 @@ def test_an_accepted_parameter_is_in_force_at_once_and_stored(boat):
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
     assert boat.pilot.decide(Request(0.0, SetParameter("CTL_K1", math.inf))).verdict is Verdict.DENIED
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
+
+
+def test_a_restart_ends_the_loop_behind_the_tick_that_logs_it_with_the_rudder_safe(boat):
+    assert boat.pilot.decide(Request(0.0, Restart())).verdict is Verdict.ACCEPTED
+    turn(boat, 10.0)
+    assert len(ticks(boat)) == 1
+    assert boat.recorder.ticks[0][0].requests[0].intent == Restart()
+    assert boat.pilot.restart == Restart()
+    assert boat.rudder.commands[-1][1].torque_on
+    assert boat.clock.t_s < 3.0
+
+
+def test_a_refused_restart_goes_on(boat):
+    boat.pilot.decide(Request(0.0, Arm(armed=True, force=True)))
+    assert boat.pilot.decide(Request(0.0, Restart(shutdown=True))).verdict is Verdict.TEMPORARILY_REJECTED
+    turn(boat, 1.0)
+    assert boat.pilot.restart is None
+    assert len(ticks(boat)) > 9
+
+
+def test_parameters_set_over_links_are_forgotten_in_the_store_and_stay_in_force(boat):
+    boat.pilot.decide(Request(0.0, SetParameter("CTL_K1", 44.0)))
+    boat.pilot.decide(Request(0.0, ForgetParameters()))
+    assert boat.store.saved[PARAMETER_FILE] == b""
+    assert boat.pilot.parameters()["CTL_K1"] == 44.0
+    boat.pilot.decide(Request(0.0, SetParameter("CTL_K2", 0.5)))
+    assert boat.store.saved[PARAMETER_FILE] == b"CTL_K2 0.5\n"
+
+
+def test_a_clock_that_steps_moves_no_deadline_and_is_told_and_logged(boat):
+    calendar = [1000.0]
+    boat.timekeeper = Timekeeper(lambda: calendar[0], lambda utc_s: calendar.append(utc_s) or True, lambda: False)
+    boat.position = FakePosition()
+    turn(boat, 2.0)
+    boat.pilot.decide(Request(boat.clock.t_s, SetParameter("LOOP_LOCK", 0)))
+    assert calendar[1:] == pytest.approx([2e9], abs=3.0)
+    times_s = [tick.t_s for tick in ticks(boat)]
+    assert [later - earlier for earlier, later in itertools.pairwise(times_s)] == pytest.approx(
+        [0.1] * (len(times_s) - 1), abs=1e-3
+    )
+    told = [event.text for output in boat.link.outputs for event in output.events if "Clock" in event.text]
+    logged = [event.text for _, output, _ in boat.recorder.ticks for event in output.events if "Clock" in event.text]
+    assert told == logged
+    assert len(told) == 1
 
 
 MISSION = Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=1, y=2),))

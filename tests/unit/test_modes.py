@@ -5,7 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.intents import Arm, ManualRudder, SetMode, SteerHeading, SteerPosition, Verdict
+from firmware_py.intents import (
+    Arm,
+    BenchRudder,
+    ForgetParameters,
+    ManualRudder,
+    Restart,
+    SetMode,
+    SteerHeading,
+    SteerPosition,
+    Verdict,
+)
 from firmware_py.modes import (
     HeadingGoal,
     ModeState,
@@ -13,6 +23,7 @@ from firmware_py.modes import (
     Situation,
     decide,
     heading_to_steer,
+    live_bench,
     live_stick,
 )
 from firmware_py.params import ParameterSet
@@ -135,3 +146,38 @@ def test_whatever_is_asked_the_goal_stays_a_heading_or_a_place(intents, blind):
         if isinstance(state.goal, PositionGoal):
             assert abs(state.goal.latitude_rad) <= math.pi / 2
         assert state.stick is None or abs(state.stick) <= 1.0
+
+
+# ------------------------------------------------------------------ bench and restart
+
+
+def test_the_bench_rudder_holds_for_a_while_and_arming_ends_it():
+    state = accepted(ModeState(), BenchRudder(0.5, 10.0))
+    assert (live_bench(state, 5.0), live_bench(state, 14.9), live_bench(state, 15.0)) == (0.5, 0.5, None)
+    assert live_bench(accepted(state, BenchRudder(0.0, 0.0)), 5.0) is None
+    armed = accepted(state, Arm(True))
+    assert live_bench(armed, 6.0) is None
+    assert live_bench(accepted(armed, Arm(False)), 6.0) is None
+
+
+@pytest.mark.parametrize("deflection", [1.1, -1.1, math.nan, math.inf])
+def test_a_bench_rudder_out_of_range_is_denied(deflection):
+    refused(ModeState(), BenchRudder(deflection, 1.0), Verdict.DENIED)
+
+
+@pytest.mark.parametrize("seconds", [-0.1, 60.1, math.nan, math.inf])
+def test_a_bench_rudder_for_too_long_is_denied(seconds):
+    refused(ModeState(), BenchRudder(0.0, seconds), Verdict.DENIED)
+
+
+def test_no_bench_rudder_while_armed_or_without_a_servo():
+    assert "armed" in refused(GUIDED, BenchRudder(0.5, 10.0), Verdict.TEMPORARILY_REJECTED)
+    dead = replace(WELL, rudder_ok=False)
+    assert "servo" in refused(ModeState(), BenchRudder(0.5, 10.0), Verdict.TEMPORARILY_REJECTED, dead)
+
+
+def test_restart_and_reset_wait_for_disarming_unless_forced():
+    assert accepted(ModeState(), Restart()) == accepted(ModeState(), ForgetParameters()) == ModeState()
+    assert "armed" in refused(GUIDED, Restart(), Verdict.TEMPORARILY_REJECTED)
+    assert "armed" in refused(GUIDED, ForgetParameters(), Verdict.TEMPORARILY_REJECTED)
+    assert accepted(GUIDED, Restart(force=True)) == GUIDED

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from firmware_py.faults import Fault
 from firmware_py.intents import (
     Arm,
+    BenchRudder,
     ManualRudder,
     Request,
     SetHome,
@@ -121,6 +122,34 @@ def test_disarmed_and_hold_keep_her_amidships_and_release_is_a_parameter():
     assert boat.run(3.0).command.shaft_rad > 0.4
     boat.tick(SetMode(Mode.HOLD))
     assert boat.run(2.0).command.shaft_rad == 0.0
+
+
+@pytest.mark.parametrize("released", [0, 1])
+def test_on_the_bench_the_rudder_goes_where_it_is_told_for_a_while_and_arming_ends_it(released):
+    boat = Boat(ParameterSet().replaced("RUD_DISARMED", released))
+    boat.run(1.0)
+    assert boat.outputs[-1].command.torque_on is not bool(released)
+    boat.tick(BenchRudder(-0.5, 3.0))
+    boat.run(2.5)
+    assert boat.outputs[-1].snapshot.rudder_command_rad == pytest.approx(-0.5 * math.radians(30.0))
+    assert boat.outputs[-1].command.torque_on
+    boat.run(2.0)
+    assert boat.outputs[-1].snapshot.rudder_command_rad == 0.0
+    assert boat.outputs[-1].command.torque_on is not bool(released)
+    boat.tick(BenchRudder(1.0, 60.0))
+    boat.run(2.0)
+    boat.tick(Arm(True))
+    boat.run(2.0)
+    assert boat.outputs[-1].snapshot.rudder_command_rad == 0.0  # HOLD
+
+
+def test_the_snapshot_says_why_arming_would_be_refused():
+    boat = Boat()
+    boat.run(1.0)
+    assert boat.outputs[-1].snapshot.prearm_refusal == ""
+    boat.compass = False
+    boat.run(3.0)
+    assert boat.outputs[-1].snapshot.prearm_refusal == "no valid heading"
 
 
 def test_manual_follows_the_stick_within_the_slew_and_releases_a_stale_one():

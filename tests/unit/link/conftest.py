@@ -170,7 +170,9 @@ class Rig:
             version=Version(0, 1, 0, "0123abcd", 77),
             boot_text="Rambler 0.1.0",
             vault=self.vault,
+            heard_utc=lambda utc_s, now_s: self.heard_utc.append((utc_s, now_s)),
         )
+        self.heard_utc = []
         self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self.now_s = 0.0
 

@@ -13,6 +13,7 @@ KEY = bytes(range(100, 132))
 NOW = timestamp_of(1.7e9)
 BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
 ARM = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+DISARM = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 0, 0, 0, 0, 0, 0, 0)
 HOME = mavlink.MAVLink_command_long_message(1, 1, 410, 0, 0, 0, 0, 0, 0, 0, 0)
 SET = mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, 9)
 READ = mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
@@ -241,7 +242,7 @@ def test_mavlink_1_is_heard_or_not_by_parameter(linked):
     rig.tick()
     assert rig.give(arm) == []
     assert len(rig.authority.intents) == 1
-    rig.tell(ARM)
+    rig.tell(DISARM)
     assert len(rig.authority.intents) == 2
 
 

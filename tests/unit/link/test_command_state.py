@@ -4,9 +4,10 @@ import math
 
 import pytest
 
-from firmware_py.intents import Arm, SetMode
+from firmware_py.intents import Answer, Arm, Restart, SetMode, Verdict
+from firmware_py.records import Mode
 
-DENIED = 2
+DENIED, UNSUPPORTED, FAILED = 2, 3, 4
 
 
 def results(messages):
@@ -50,12 +51,66 @@ def test_neither_arm_nor_disarm_is_denied(rig, first):
     assert rig.authority.intents == []
 
 
+@pytest.mark.parametrize(("number", "mode"), [(17, 5), (20, 11)])
+def test_a_mode_by_its_own_command(rig, texts, number, mode):
+    assert results(rig.command(number, math.nan)) == [0]
+    assert rig.authority.intents == [SetMode(mode)]
+    rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "RTL refused: no home")
+    said = rig.command(number)
+    assert (results(said), texts(said)) == ([1], ["RTL refused: no home"])
+
+
+def test_standard_modes(rig):
+    assert results(rig.command(262, 6)) == results(rig.command(262, 5)) == [0]
+    assert rig.authority.intents == [SetMode(10), SetMode(11)]
+    for standard in (0, 1, 7, 99, -1, 0.5, math.nan, math.inf):
+        assert results(rig.command(262, standard)) == [FAILED]
+    assert len(rig.authority.intents) == 2
+
+
+def test_the_intended_mode_is_the_last_that_was_entered(rig, of):
+    rig.command(176, 1, 10)
+    assert of(rig.tick(mode=Mode.LOITER), "CURRENT_MODE")[-1].intended_custom_mode == 10
+    rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "no")
+    rig.command(176, 1, 11)
+    assert of(rig.tick(mode=Mode.AUTO), "CURRENT_MODE")[-1].intended_custom_mode == 10
+    rig.authority.answer = Answer(Verdict.ACCEPTED)
+    rig.command(192, 0, 1, 0, 0, 10, 10)
+    assert of(rig.tick(mode=Mode.GUIDED), "CURRENT_MODE")[-1].intended_custom_mode == 15
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ((1,), Restart()),
+        ((2,), Restart(shutdown=True)),
+        ((1, math.nan, math.nan), Restart()),
+        ((1, 0, 0, 0, 0, 20190226), Restart(force=True)),
+        ((1, 0, 0, 0, 0, 20190225), Restart()),
+    ],
+)
+def test_restart(rig, values, expected):
+    assert results(rig.command(246, *values)) == [0]
+    assert rig.authority.intents == [expected]
+
+
+@pytest.mark.parametrize(
+    ("values", "result"),
+    [
+        ((0,), 0), ((3,), DENIED), ((4,), DENIED), ((math.nan,), DENIED), ((-1,), DENIED), ((1, 1), UNSUPPORTED),
+        ((0, 2), UNSUPPORTED), ((1, 0, 1), UNSUPPORTED), ((1, math.inf), UNSUPPORTED),
+    ],
+)  # fmt: skip
+def test_what_is_no_restart_of_the_autopilot_does_nothing(rig, values, result):
+    assert results(rig.command(246, *values)) == [result]
+    assert rig.authority.intents == []
+
+
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
         ({"armed": False}, "PreArm: all good"),
-        ({"armed": False, "heading_ok": False}, "PreArm: no valid heading"),
-        ({"armed": False, "rudder_ok": False}, "PreArm: rudder servo does not answer"),
+        ({"armed": False, "prearm_refusal": "no valid heading"}, "PreArm: no valid heading"),
     ],
 )
 def test_the_checks_say_what_is_wrong(rig, texts, changes, text):

@@ -11,7 +11,7 @@ from firmware_py.faults import Fault
 from firmware_py.link.dialect import Codec, mavlink
 from firmware_py.link.scene import Scene
 from firmware_py.link.telemetry import ROWS_OF, TABLE
-from firmware_py.records import FixType, Home, Mode, PositionSample, RudderFeedback, Snapshot
+from firmware_py.records import FixType, Home, MissionReport, Mode, PositionSample, RudderFeedback, Snapshot
 
 CODEC = Codec(1, 1)
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
@@ -21,8 +21,8 @@ SERVO = RudderFeedback(0.0, 0.1, 31.0, 12.3, -0.25)
 @pytest.fixture
 def build(snapshot):
     def built(name, **changes):
-        outside = {key: changes.pop(key) for key in ("prearm_refusal", "load", "refused_frames") if key in changes}
-        values = {"prearm_refusal": "", "load": 0.0, "refused_frames": 0} | outside
+        outside = {key: changes.pop(key) for key in ("load", "refused_frames", "intended_mode") if key in changes}
+        values = {"load": 0.0, "refused_frames": 0} | outside
         scene = Scene(
             dataclasses.replace(snapshot, **changes),
             utc_s=1.7e9,
@@ -43,6 +43,9 @@ def build(snapshot):
         (Mode.MANUAL, False, 0, 1 | 64, mavlink.MAV_STATE_STANDBY),
         (Mode.STEERING, True, 0, 1 | 128 | 64 | 16, mavlink.MAV_STATE_ACTIVE),
         (Mode.HOLD, True, 1 << Fault.POSITION_LOST, 1 | 128, mavlink.MAV_STATE_ACTIVE),
+        (Mode.LOITER, True, 0, 1 | 128 | 8 | 16, mavlink.MAV_STATE_ACTIVE),
+        (Mode.AUTO, True, 0, 1 | 128 | 8 | 16 | 4, mavlink.MAV_STATE_ACTIVE),
+        (Mode.RTL, True, 0, 1 | 128 | 8 | 16 | 4, mavlink.MAV_STATE_ACTIVE),
         (Mode.GUIDED, True, 1 << Fault.COMPASS_LOST, 1 | 128 | 8 | 16, mavlink.MAV_STATE_CRITICAL),
     ],
 )
@@ -82,6 +85,7 @@ def test_gps_raw_says_what_it_does_not_know(build):
     assert (known.satellites_visible, known.lat) == (8, round(math.degrees(0.7) * 1e7))
     stale = build("GPS_RAW_INT", position=FIX, position_ok=False)
     assert (stale.fix_type, stale.lat, stale.vel) == (1, 0, 65535)
+    assert build("GPS_RAW_INT", position=dataclasses.replace(FIX, t_s=3.5), position_ok=True).time_usec == 3_500_000
     none = build("GPS_RAW_INT")
     assert (none.fix_type, none.eph, none.vel, none.cog, none.satellites_visible) == (0, 65535, 65535, 65535, 255)
 
@@ -144,6 +148,10 @@ def test_loop_health(build):
 def test_current_mode(build):
     mode = build("CURRENT_MODE", mode=Mode.STEERING)
     assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, 3, 3)
+    mode = build("CURRENT_MODE", mode=Mode.AUTO)
+    assert (mode.standard_mode, mode.custom_mode) == (6, 10)
+    mode = build("CURRENT_MODE", mode=Mode.LOITER, intended_mode=10)  # what took her out of AUTO was not the operator
+    assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, 5, 10)
 
 
 def test_names_fit_and_every_row_can_be_found():
@@ -166,12 +174,13 @@ SNAPSHOTS = st.builds(
     rudder_rad=MAYBE, rudder_command_rad=NUMBER, rudder_ok=st.booleans(), servo=st.none() | SERVOS,
     position=st.none() | POSITIONS, position_ok=st.booleans(), faults=st.integers(0, 63),
     rate_hz=NUMBER, skipped_total=COUNT, late_s=NUMBER, home=st.none() | st.builds(Home, NUMBER, NUMBER, NUMBER),
+    mission=st.builds(MissionReport, index=st.none() | COUNT, count=COUNT), prearm_refusal=st.text(max_size=5),
 )  # fmt: skip
 
 
 @given(SNAPSHOTS, NUMBER, NUMBER, COUNT)
 def test_no_snapshot_breaks_a_builder(snapshot, utc_s, load, refused):
-    scene = Scene(snapshot, utc_s, 0.5, 3, "", load, refused)
+    scene = Scene(snapshot, utc_s, 0.5, 3, load, refused)
     for row in TABLE:
         message = row.build(scene)
         assert message is None or CODEC.pack(message).frame

@@ -8,8 +8,25 @@ def test_a_ping_request_is_answered_to_its_sender(rig):
     assert (reply.time_usec, reply.seq, reply.target_system, reply.target_component) == (123, 5, 255, 190)
 
 
-def test_the_answer_to_a_ping_is_not_answered(rig):
+def test_an_addressed_ping_is_answered_once_lest_two_answer_each_other_for_ever(rig):
+    (reply,) = rig.tell(mavlink.MAVLink_ping_message(123, 5, 1, 1))
+    assert (reply.time_usec, reply.seq, reply.target_system, reply.target_component) == (123, 5, 255, 190)
     assert rig.tell(mavlink.MAVLink_ping_message(123, 5, 1, 1)) == []
+    assert len(rig.tell(mavlink.MAVLink_ping_message(123, 6, 1, 1))) == 1
+    assert rig.tell(mavlink.MAVLink_ping_message(123, 7, 2, 1)) == []
+    for system in range(1, 251):
+        rig.station.srcSystem = system
+        rig.tell(mavlink.MAVLink_ping_message(1, 1, 1, 1))
+    assert len(rig.endpoint._handlers[4].__self__._answered) <= 32
+
+
+def test_a_ground_stations_time_is_heard_and_a_strangers_is_not(rig):
+    time = mavlink.MAVLink_system_time_message(1_800_000_000_000_000, 0)
+    rig.tell(time)
+    assert rig.heard_utc == []
+    rig.tell(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3), time)
+    rig.tell(mavlink.MAVLink_system_time_message(0, 0), mavlink.MAVLink_system_time_message(2**64 - 1, 0))
+    assert rig.heard_utc == [(1.8e9, rig.now_s)]
 
 
 def test_a_timesync_request_is_answered_with_both_times(rig):

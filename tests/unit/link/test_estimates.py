@@ -1,0 +1,77 @@
+"""Attitude as a rotation, the local position, the goal's place, what the estimator knows."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.guidance.bearing import distance_and_bearing
+from firmware_py.link.earth import destination, offset_m
+from firmware_py.link.estimates import quaternion
+from firmware_py.records import FixType, Home, PositionSample
+
+FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
+HOME = Home(0.7 - 100.0 / 6_378_137.0, -0.2, 1.0)
+
+
+@pytest.fixture
+def asked(rig, of):
+    def ask(number, name, **changes):
+        rig.tick(**changes)
+        said = of(rig.command(512, number), name)
+        return said[0] if said else None
+
+    return ask
+
+
+def test_the_rotation_of_the_attitude(asked):
+    attitude = asked(31, "ATTITUDE_QUATERNION", heading_rad=5.0, roll_rad=None, pitch_rad=None)
+    assert (attitude.q1, attitude.q4) == pytest.approx((math.cos(2.5 - math.pi), math.sin(2.5 - math.pi)), abs=1e-6)
+    assert (attitude.q2, attitude.q3, attitude.repr_offset_q) == (0, 0, [0, 0, 0, 0])
+    assert asked(31, "ATTITUDE_QUATERNION", heading_ok=False) is None
+
+
+@given(*(st.floats(-1.5, 1.5),) * 2, st.floats(-3.0, 3.0))
+def test_a_rotation_gives_its_angles_back(roll_rad, pitch_rad, yaw_rad):
+    w, x, y, z = quaternion(roll_rad, pitch_rad, yaw_rad)
+    assert math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)) == pytest.approx(roll_rad, abs=1e-6)
+    assert math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))) == pytest.approx(pitch_rad, abs=1e-6)
+    assert math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) == pytest.approx(yaw_rad, abs=1e-6)
+
+
+def test_the_local_position_counts_from_home(asked):
+    place = asked(32, "LOCAL_POSITION_NED", position=FIX, position_ok=True, home=HOME)
+    assert (place.x, place.y, place.z) == pytest.approx((100.0, 0.0, -2.0), abs=1e-3)
+    assert (place.vx, place.vy, place.vz) == pytest.approx((0.0, 0.5, 0.0), abs=1e-6)
+    assert asked(32, "LOCAL_POSITION_NED", position=FIX, position_ok=False, home=HOME) is None
+    assert asked(32, "LOCAL_POSITION_NED", position=FIX, position_ok=True) is None
+
+
+def test_the_place_she_goes_to(asked):
+    target = asked(87, "POSITION_TARGET_GLOBAL_INT", position=FIX, position_ok=True, distance_m=1000.0, bearing_rad=0.0)
+    assert target.lat_int == pytest.approx(math.degrees(0.7 + 1000.0 / 6_371_008.8) * 1e7, abs=2)
+    assert target.lon_int == round(math.degrees(-0.2) * 1e7)
+    assert target.type_mask & 0b11 == 0
+    assert target.type_mask & 0b1101_1111_1100 == 0b1101_1111_1100
+    assert asked(87, "POSITION_TARGET_GLOBAL_INT", position=FIX, position_ok=True) is None
+
+
+@given(st.floats(-1.5, 1.5), st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
+def test_the_destination_is_where_guidance_goes(latitude_rad, longitude_rad, to_latitude_rad, to_longitude_rad):
+    distance_m, bearing_rad = distance_and_bearing(latitude_rad, longitude_rad, to_latitude_rad, to_longitude_rad)
+    reached = destination(latitude_rad, longitude_rad, distance_m, bearing_rad)
+    missed_m, _ = distance_and_bearing(*reached, to_latitude_rad, to_longitude_rad)
+    assert missed_m < 1.0
+
+
+def test_offsets_cross_the_date_line():
+    north_m, east_m = offset_m(0.0, math.pi - 1e-6, 0.0, -math.pi + 1e-6)
+    assert (north_m, east_m) == pytest.approx((0.0, 12.756), abs=0.01)
+
+
+def test_the_estimator_says_what_can_be_relied_on(asked):
+    good = asked(230, "ESTIMATOR_STATUS", position=FIX, position_ok=True)
+    assert good.flags == 1 | 2 | 8 | 16 | 256 | 512
+    assert all(math.isnan(value) for value in (good.vel_ratio, good.mag_ratio, good.pos_horiz_accuracy))
+    assert asked(230, "ESTIMATOR_STATUS", heading_ok=False).flags == 0
