@@ -20,6 +20,7 @@ import hashlib
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -27,7 +28,7 @@ from pathlib import Path
 from typing import Any, Final, TextIO, TypeVar
 
 import numba
-from numba.core import codegen
+from numba.core import codegen, event
 from numba.core import config as numba_config
 from numba.extending import register_jitable
 
@@ -58,6 +59,31 @@ def use_whole_registers() -> None:
 
 
 use_whole_registers()
+
+
+class _Compilations(event.Listener):
+    """Counts the compilations under way; what comes from the cache is none."""
+
+    def __init__(self) -> None:
+        self.under_way = 0
+
+    def on_start(self, event: Any) -> None:  # noqa: ARG002 - numba's signature
+        """Note one more."""
+        self.under_way += 1
+
+    def on_end(self, event: Any) -> None:  # noqa: ARG002 - numba's signature
+        """Note one less."""
+        self.under_way -= 1
+
+
+_compilations: Final = _Compilations()
+_line: Final = threading.Lock()  # who holds it writes the line of progress
+event.register("numba:compile", _compilations)  # type: ignore[no-untyped-call]
+
+
+def being_compiled() -> bool:
+    """Whether code is being compiled just now."""
+    return _compilations.under_way > 0
 
 
 def inner(function: Function) -> Function:
@@ -145,9 +171,9 @@ def _drop_old(home: Path) -> None:
 
 @contextmanager
 def compiling(what: str, stream: TextIO | None = None) -> Iterator[None]:
-    """Say on a terminal that code is being compiled, for as long as the block takes; silent in a pipe."""
+    """Say on a terminal when code is being compiled in the block; silent in a pipe, and within another such block."""
     stream = sys.stderr if stream is None else stream
-    if not stream.isatty():
+    if not stream.isatty() or not _line.acquire(blocking=False):
         yield
         return
     done = threading.Event()
@@ -158,17 +184,19 @@ def compiling(what: str, stream: TextIO | None = None) -> Iterator[None]:
     finally:
         done.set()
         teller.join()
+        _line.release()
 
 
 def _tell(what: str, stream: TextIO, done: threading.Event) -> None:
-    if done.wait(PATIENCE_S):
-        return
-    elapsed_s = PATIENCE_S
-    while True:
-        stream.write(f"\r\x1b[Kcompiling {what} for this machine, the first time only ... {elapsed_s:.0f} s")
+    began_s, shown = time.monotonic(), False
+    while not done.wait(TICK_S if shown else PATIENCE_S):
+        if being_compiled():
+            elapsed_s = time.monotonic() - began_s
+            stream.write(f"\r\x1b[Kcompiling {what} for this machine, the first time only ... {elapsed_s:.0f} s")
+        elif shown:
+            stream.write("\r\x1b[K")
+        shown = being_compiled()
         stream.flush()
-        if done.wait(TICK_S):
-            break
-        elapsed_s += TICK_S
-    stream.write("\r\x1b[K")
-    stream.flush()
+    if shown:
+        stream.write("\r\x1b[K")
+        stream.flush()

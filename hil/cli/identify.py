@@ -10,6 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
+from hil.cli import outputs
+from hil.compiled import being_compiled
 from hil.errors import UsageError
 from hil.identify import manoeuvre_file, onboard_log, report
 from hil.identify.held_out import predictions
@@ -63,6 +65,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     if arguments.plot is not None and arguments.plot.suffix.lower() not in (".png", ".html"):
         raise UsageError(f"--plot {arguments.plot}: give a name that ends in .png or .html")
+    to_stdout = arguments.json is not None and str(arguments.json) == "-"
+    outputs.check("--json", None if to_stdout else arguments.json)
+    outputs.check("--plot", arguments.plot)
+    outputs.check("--out-params", arguments.out_params)
     sources = [Source.parse(text) for text in (*arguments.train, *arguments.validate)]
     began_s = time.monotonic()
     recordings = _read(sources, arguments.rudder_unit)
@@ -80,20 +86,19 @@ def run(arguments: argparse.Namespace) -> int:
     angular = arguments.rudder_unit != "any"
     suggestion = suggest(result.fit, result.judgement, angular=angular)
     text = report.as_text(result, suggestion, angular=angular)
-    to_stdout = arguments.json is not None and str(arguments.json) == "-"
     if arguments.json is not None:
         data = report.as_json(result, seconds, suggestion)
-        sys.stdout.write(data) if to_stdout else _write(arguments.json, "--json", data.encode())
+        sys.stdout.write(data) if to_stdout else outputs.write("--json", arguments.json, data)
     if not to_stdout:
         print(text)
         print(f"identified in {seconds:.2f} s")
     if arguments.plot is not None:
-        _write(arguments.plot, "--plot", _plot(result, text, arguments.train, html=arguments.plot.suffix != ".png"))
+        outputs.write("--plot", arguments.plot, _plot(result, text, arguments.train, html=_is_page(arguments.plot)))
     if not result.judgement.usable:
         print("rambler-hil: no model can be told from these logs; see the verdicts", file=sys.stderr)
         return 1
     if arguments.out_params is not None:
-        _write(arguments.out_params, "--out-params", report.as_parameters(result, arguments.rudder_unit).encode())
+        outputs.write("--out-params", arguments.out_params, report.as_parameters(result, arguments.rudder_unit))
     return 0
 
 
@@ -105,6 +110,10 @@ def _read(sources: Sequence[Source], unit: str) -> list[Recording]:
             onboard = source.path.suffix.lower() == ".bin"
             whole[source.path] = onboard_log.read(source.path) if onboard else manoeuvre_file.read(source.path, unit)
     return [whole[source.path].part(source) for source in sources]
+
+
+def _is_page(path: Path) -> bool:
+    return path.suffix.lower() == ".html"
 
 
 def _plot(result: Identification, text: str, names: Sequence[str], *, html: bool) -> bytes:
@@ -120,13 +129,6 @@ def _plot(result: Identification, text: str, names: Sequence[str], *, html: bool
     )
     picture = draw((train, *result.validate), title)
     return page(result, text, picture, "Identification: " + title).encode() if html else picture
-
-
-def _write(path: Path, option: str, data: bytes) -> None:
-    try:
-        path.write_bytes(data)
-    except OSError as error:
-        raise UsageError(f"{option} {path}: {error.strerror}; give another file") from None
 
 
 class _Progress:
@@ -147,7 +149,7 @@ class _Progress:
     def tell(self) -> None:
         """Say how long it has taken so far."""
         now_s = time.monotonic()
-        if self._shown and now_s - self._told_s >= TOLD_EVERY_S:
+        if self._shown and not being_compiled() and now_s - self._told_s >= TOLD_EVERY_S:
             self._told_s = now_s
             sys.stderr.write(f"\r\x1b[Kidentifying ... {now_s - self._began_s:.1f} s")
             sys.stderr.flush()

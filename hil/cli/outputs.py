@@ -21,9 +21,9 @@ def check(option: str, path: Path | None) -> None:
         raise UsageError(f"{option} {path} may not be written; give another")
 
 
-def write(option: str, path: Path, text: str) -> None:
+def write(option: str, path: Path, content: str | bytes) -> None:
     """Write a file, or raise HilError."""
     try:
-        path.write_text(text, encoding="utf-8")
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
     except OSError as error:
         raise HilError(f"{option} {path} cannot be written: {error.strerror}; give another") from None

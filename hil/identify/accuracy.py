@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hil.identify.noise import NoiseModel, fit_noise, score_covariances
 from hil.identify.recording import Floats
-from hil.identify.refine import Problem, State
+from hil.identify.refine import Normal, Problem, State
 
 SHARES = (0.0, *np.geomspace(1e-5, 1e5, 31).tolist(), np.inf)
 
@@ -34,19 +34,21 @@ class Information:
 
     def covariance(self, weights: tuple[float, ...]) -> Floats:
         """Return the covariance of the free parameters for given weights of the channels."""
-        robust, _ = self._covariances(weights)
-        # Estimating parameters takes their share of the noise away from what is seen of it.
-        rows = self.effective_rows(weights)
-        return robust * (rows / max(rows - self.free, 1.0))
+        return np.asarray(self.covariances(np.array([weights]))[0])
 
-    def step(
-        self, matrix: Floats, slope: Floats, weights: tuple[float, ...], place: int, spread: float
-    ) -> tuple[Floats, Floats]:
+    def covariances(self, weights: Floats) -> NDArray[np.float64]:
+        """Return the covariances of the free parameters (m, free, free) for weights (m, channels)."""
+        robust, plain = self._covariances(weights)
+        # Estimating parameters takes their share of the noise away from what is seen of it.
+        rows = self._effective_rows(robust, plain)
+        return np.asarray(robust * (rows / np.maximum(rows - self.free, 1.0))[:, None, None])
+
+    def step(self, normal: Normal, weights: tuple[float, ...], place: int, spread: float) -> tuple[Floats, Floats]:
         """Return the Gauss-Newton step of the free parameters, one of them believed near its value, and the covariance.
 
         spread: the belief's standard deviation.
         """
-        held = matrix.copy()
+        held = normal.matrix.copy()
         believed = self.rows / (spread**2 * self.effective_rows(weights))
         held[place, place] += believed
         diagonal = np.sqrt(np.maximum(np.diag(held), 1e-300))
@@ -57,36 +59,38 @@ class Information:
         middle = np.einsum("c,d,cdij->ij", weight, weight, self.mixed)
         middle[place, place] += (believed * spread) ** 2
         covariance = inverse @ (0.5 * (middle + middle.T)) @ inverse
-        return (inverse @ slope)[: self.free], covariance[: self.free, : self.free]
+        return (inverse @ normal.slope)[: self.free], covariance[: self.free, : self.free]
 
     def effective_rows(self, weights: tuple[float, ...]) -> float:
         """Return how many readings of white noise would leave K and T as unsure as these leave them."""
-        if self.free < 2:
-            return float(self.rows)
-        robust, plain = self._covariances(weights)
-        return float(np.clip(self.rows * np.exp(0.5 * (_log_det(plain) - _log_det(robust))), 2.0, self.rows))
+        return float(self._effective_rows(*self._covariances(np.array([weights])))[0])
 
-    def _covariances(self, weights: tuple[float, ...]) -> tuple[Floats, Floats]:
-        """Return the covariance of the free parameters with the noise as it is, and were it white."""
-        weight = np.array(weights)
-        power = weight**2 * self.noise.spread**2
-        a = np.einsum("c,cij->ij", weight, self.own)
-        b = np.einsum("c,d,cdij->ij", weight, weight, self.mixed)
-        diagonal = np.sqrt(np.maximum(np.diag(a), 1e-300))
-        diagonal[diagonal < 1e-9 * diagonal.max()] = diagonal.max()
-        scale = np.outer(diagonal, diagonal)
-        inverse = np.linalg.inv(a / scale + 1e-13 * np.eye(diagonal.size)) / scale
-        free = slice(0, self.free)
+    def _effective_rows(self, robust: NDArray[np.float64], plain: NDArray[np.float64]) -> Floats:
+        if self.free < 2:
+            return np.full(robust.shape[0], float(self.rows))
+        share = np.exp(0.5 * (_log_det(plain) - _log_det(robust)))
+        return np.asarray(np.clip(self.rows * share, 2.0, self.rows))
+
+    def _covariances(self, weights: Floats) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the covariances of the free parameters with the noise as it is, and were it white."""
+        power = weights**2 * self.noise.spread**2
+        a = np.einsum("mc,cij->mij", weights, self.own)
+        b = np.einsum("mc,md,cdij->mij", weights, weights, self.mixed)
+        diagonal = np.sqrt(np.maximum(np.diagonal(a, axis1=1, axis2=2), 1e-300))
+        largest = diagonal.max(axis=1, keepdims=True)
+        diagonal = np.where(diagonal < 1e-9 * largest, largest, diagonal)
+        scale = diagonal[:, :, None] * diagonal[:, None, :]
+        inverse = np.linalg.inv(a / scale + 1e-13 * np.eye(diagonal.shape[1])) / scale
         robust, plain = (
-            (inverse @ (0.5 * (middle + middle.T)) @ inverse)[free, free]
-            for middle in (b, np.einsum("c,cij->ij", power, self.own))
+            (inverse @ (0.5 * (middle + middle.transpose(0, 2, 1))) @ inverse)[:, : self.free, : self.free]
+            for middle in (b, np.einsum("mc,cij->mij", power, self.own))
         )
         return robust, plain
 
 
-def _log_det(covariance: Floats) -> float:
-    """Return the logarithm of the determinant of the part of K and T."""
-    return float(np.linalg.slogdet(covariance[:2, :2] + 1e-300 * np.eye(2))[1])
+def _log_det(covariances: NDArray[np.float64]) -> Floats:
+    """Return the logarithms of the determinants of the part of K and T."""
+    return np.asarray(np.linalg.slogdet(covariances[:, :2, :2] + 1e-300 * np.eye(2))[1])
 
 
 def information(problem: Problem, state: State) -> Information:
@@ -120,11 +124,8 @@ def best_weights(known: Information) -> tuple[float, ...]:
     power = 1.0 / np.maximum(known.noise.spread**2, 1e-300)
     if power.size == 1:
         return (float(power[0]),)
-    best, least = (float(power[0]), float(power[1])), np.inf
-    for share in SHARES:
-        pair = (power[0], 0.0) if share == np.inf else (power[0] * share, power[1])
-        weights = (float(pair[0]), float(pair[1]))
-        sign, value = np.linalg.slogdet(known.covariance(weights)[:2, :2])
-        if sign > 0 and value < least:
-            best, least = weights, float(value)
-    return best
+    pairs = np.array([(power[0], 0.0) if share == np.inf else (power[0] * share, power[1]) for share in SHARES])
+    signs, values = np.linalg.slogdet(known.covariances(pairs)[:, :2, :2])
+    values = np.where((signs > 0) & np.isfinite(values), values, np.inf)
+    best = pairs[int(np.argmin(values))] if np.isfinite(values).any() else power
+    return (float(best[0]), float(best[1]))

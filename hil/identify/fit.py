@@ -303,10 +303,10 @@ def allowing_for_cubic(linear: Fit) -> Estimates | None:
     problem = replace(linear.problem, free=CUBIC)
     known = information(problem, linear.state)
     weights = problem.channel_weights()
-    matrix, slope = problem.normal(linear.state)
+    normal = problem.normal(linear.state)
     unit = (problem.scales.yaw_rate_rad_s / linear.typical_rate_rad_s()) ** 2
-    step, _ = known.step(matrix, slope, weights, CUBIC.index(2), LIKELY_CUBIC * unit)
-    _, covariance = known.step(matrix, slope, weights, CUBIC.index(2), POSSIBLE_CUBIC * unit)
+    step, _ = known.step(normal, weights, CUBIC.index(2), LIKELY_CUBIC * unit)
+    _, covariance = known.step(normal, weights, CUBIC.index(2), POSSIBLE_CUBIC * unit)
     values = linear.state.point.values.copy()
     values[list(CUBIC)] += step
     if not (np.all(np.isfinite(step)) and np.max(np.abs(step)) < LONGEST_ALLOWED):

@@ -26,6 +26,7 @@ MODELS = ("linear", "cubic", "auto")
 SPEEDS = ("auto", "scaled", "ignored")
 SPEED_SPREAD = 0.02  # relative; a steadier speed makes no difference
 EQUAL_LIKELIHOOD = 4.0
+FEW_READINGS, DECISIVE_FOR_SPEED = 80.0, 10.0
 CONSTANT = 1e-9
 TINY = 1e-12
 DECISIVE = 10.0  # times what BIC asks for: alpha is there, however badly its size is known
@@ -107,7 +108,7 @@ def identify(
             found, choice, more = _chosen(data, searched, model, tell)
             spent += more
         choice = replace(choice, scaled=scaled, timing=timing)
-        if scaled and speed == "auto" and _speed_varies(data):
+        if scaled and speed == "auto" and (_speed_varies(data) or found.effective_rows < FEW_READINGS):
             data, found, choice, more = _rescaled(data, searched, found, choice, tell)
             spent += more
     judgement = _judged(found, model)
@@ -135,10 +136,20 @@ def identify(
 def _rescaled(
     data: Data, searched: Searched, found: Fit, choice: Choice, tell: Callable[[], None]
 ) -> tuple[Data, Fit, Choice, int]:
-    """Return data and fit that follow the measured speed, or do not where that is clearly better, and why."""
+    """Return data and fit that follow the measured speed, or do not, and why.
+
+    Similarity is what is to be expected of a hull, so a constant model must be clearly better to be taken. But a
+    short log has seen too little of other speeds to be carried to them on trust: there the scaling must show.
+    """
     other = fit(_unscaled(data), searched, found.problem.free, found.state.point, tell)
     share = found.effective_rows / data.rows
     gain = (other.likelihood - found.likelihood) * share
+    if found.effective_rows < FEW_READINGS and gain < DECISIVE_FOR_SPEED:
+        why = (
+            f"not scaled: {_rows(found)} are too few to trust a scaling that does not show "
+            f"({gain:+.0f} in -2 ln likelihood, {DECISIVE_FOR_SPEED:.0f} are needed)"
+        )
+        return _unscaled(data), other, replace(choice, scaled=False, speed_why=why), other.evaluations
     if gain < -EQUAL_LIKELIHOOD:
         why = f"a model that does not change with the speed fits better (by {-gain:.0f} in -2 ln likelihood)"
         return _unscaled(data), other, replace(choice, scaled=False, speed_why=why), other.evaluations
@@ -159,10 +170,11 @@ def _chosen(data: Data, searched: Searched, model: str, tell: Callable[[], None]
     z = alpha / max(spread, TINY)
     needed = math.sqrt(math.log(max(cubic.effective_rows, 10.0)))
     size = f"alpha is {z:.1f} standard errors from zero"
-    gain, tried = _gain(linear, cubic)
-    spent += tried
-    if alpha > 0.0 and gain > DECISIVE * needed**2:
-        needed, size = 0.0, f"{size}, and takes {gain:.0f} off -2 ln likelihood"
+    if alpha > 0.0 and z <= needed:
+        gain, tried = _gain(linear, cubic, DECISIVE * needed**2)
+        spent += tried
+        if gain > DECISIVE * needed**2:
+            needed, size = 0.0, f"{size}, but takes {gain:.0f} off -2 ln likelihood"
     if model == "cubic" and alpha < 0.0:
         # Against all that is known of hulls, and a boat with a negative alpha spins up without end.
         return linear, Choice("cubic", f"as asked for; {size}, so it is held at zero"), spent
@@ -174,12 +186,21 @@ def _chosen(data: Data, searched: Searched, model: str, tell: Callable[[], None]
     return linear, Choice("linear", f"{why}; K and T allow for an alpha that does not show"), spent
 
 
-def _gain(linear: Fit, cubic: Fit) -> tuple[float, int]:
-    """Return what alpha takes off -2 ln likelihood, by the weights of the cubic fit, and the evaluations spent."""
-    flat, bent = (refine(replace(cubic.problem, free=one.problem.free), one.state) for one in (linear, cubic))
+def _gain(linear: Fit, cubic: Fit, enough: float) -> tuple[float, int]:
+    """Return what alpha takes off -2 ln likelihood, by the weights of the cubic fit, and the evaluations spent.
+
+    Where it is clear beforehand that it is less than enough, what it is at most.
+    """
     shares = np.array(cubic.problem.channel_weights()) * cubic.known.noise.spread**2
     readings = cubic.effective_rows * float(np.count_nonzero(shares > 0.01 * shares.max()))
-    return (flat.cost / max(bent.cost, 1e-300) - 1.0) * readings, flat.evaluations + bent.evaluations
+    bent = refine(cubic.problem, cubic.state)
+    # The linear model refined by these weights costs no more than as it is.
+    most = (cubic.problem.cost(linear.state) / max(bent.cost, 1e-300) - 1.0) * readings
+    if most <= enough:
+        return most, bent.evaluations + 1
+    flat = refine(replace(cubic.problem, free=linear.problem.free), linear.state)
+    gain = (flat.cost / max(bent.cost, 1e-300) - 1.0) * readings
+    return gain, flat.evaluations + bent.evaluations + 1
 
 
 def _judged(found: Fit, model: str) -> Judgement:

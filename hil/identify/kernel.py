@@ -121,11 +121,11 @@ def simulate(
 
 @compiled
 def differentiate(values: Floats, step: float, result: Floats) -> None:
-    """Fill result (rows, n) with the central differences of values (rows, 1 + 2 n): base, up, down, up, down."""
-    factor = 0.5 / step
+    """Fill result (rows, n) with the one-sided differences of values (rows, 1 + n): base, up, up."""
+    factor = 1.0 / step
     for row in range(values.shape[0]):
         for column in range(result.shape[1]):
-            result[row, column] = factor * (values[row, 2 * column + 1] - values[row, 2 * column + 2])
+            result[row, column] = factor * (values[row, column + 1] - values[row, 0])
 
 
 @compiled
@@ -143,8 +143,8 @@ def normal_equations(
     difference: float,
     matrix: Floats,
     vector: Floats,
-) -> None:
-    """Fill J'WJ and J'We of one stretch in one pass, with the derivatives by central differences.
+) -> float:
+    """Fill J'WJ and J'We of one stretch in one pass and return e'We, with the derivatives by one-sided differences.
 
     Args:
         step_s: as simulate takes it.
@@ -152,34 +152,36 @@ def normal_equations(
         rudder_end_rad: as simulate takes it.
         speed_ratio: as simulate takes it.
         inner_steps: as simulate takes it.
-        candidates: (4, columns): the base, then each parameter up and down, then the initial yaw
-            rate up and down; any further columns are passed over.
+        candidates: (4, columns): the base, then each parameter up, then the initial yaw rate up; any
+            further columns are passed over.
         first: (2, columns), heading and yaw rate at the start.
         measured: (2, samples), heading and yaw rate.
         weights: of heading and of yaw rate; 0 leaves a channel out.
         taps: (past + 1, past + 1), the filters that make the heading's noise white, noise.whitening_taps.
-        difference: how far up and down is.
+        difference: how far up is.
         matrix: (n, n), n parameters: those of the candidates, the initial heading, the initial yaw rate.
         vector: (n,).
     """
     size, past = vector.size, taps.shape[0] - 1
     psi, r = first[0].copy(), first[1].copy()
-    factor = 0.5 / difference
+    factor = 1.0 / difference
     # The last past + 1 rows, each written twice so that they lie together, the latest first.
     ring, at = np.zeros((2 * past + 2, size + 1)), 0
     slopes, rates = np.zeros(size + 1), np.zeros(size + 1)
     matrix[:] = 0.0
     vector[:] = 0.0
+    cost = 0.0
     for n in range(step_s.size + 1):
         if n > 0:
             _through(psi, r, candidates, rudder_rad, rudder_end_rad, speed_ratio, n - 1, step_s[n - 1], inner_steps)
         for j in range(size - 1):
             to = j if j < size - 2 else size - 1
-            slopes[to] = factor * (psi[2 * j + 1] - psi[2 * j + 2])
-            rates[to] = factor * (r[2 * j + 1] - r[2 * j + 2])
+            slopes[to] = factor * (psi[j + 1] - psi[0])
+            rates[to] = factor * (r[j + 1] - r[0])
         slopes[size - 2] = 1.0
         slopes[size], rates[size] = measured[0, n] - psi[0], measured[1, n] - r[0]
         if weights[1] > 0.0:
+            cost += weights[1] * rates[size] * rates[size]
             _add_products(matrix, vector, rates, weights[1])
         if past > 0:
             at = at - 1 if at > 0 else past
@@ -187,10 +189,12 @@ def normal_equations(
             ring[at + past + 1] = slopes
             _filter(ring, at, taps, min(n, past), slopes)
         if weights[0] > 0.0:
+            cost += weights[0] * slopes[size] * slopes[size]
             _add_products(matrix, vector, slopes, weights[0])
     for j in range(size):
         for k in range(j):
             matrix[j, k] = matrix[k, j]
+    return cost
 
 
 @compiled

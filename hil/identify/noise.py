@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hil.identify.kernel import filter_columns
 from hil.identify.recording import Floats
+from hil.identify.whittle import whittle
 
 MOST_ORDERS = 60
 PADDING = 4096  # rows; how far a correlation reaches that is looked at
@@ -64,7 +65,6 @@ def fit_noise(pieces: Sequence[Floats], most_orders: int = MOST_ORDERS) -> Noise
 
     AIC rather than BIC: what matters is the spectrum at low frequencies, which too short a model gets
     wrong, and a few orders too many hardly disturb.
-    Whittle's recursion (Biometrika 50, 1963) gives every order in turn from the covariances.
     """
     channels = pieces[0].shape[1]
     rows = sum(piece.shape[0] for piece in pieces)
@@ -73,8 +73,8 @@ def fit_noise(pieces: Sequence[Floats], most_orders: int = MOST_ORDERS) -> Noise
     scaled = [piece / scale for piece in pieces]
     gamma = _covariances(scaled, most, rows)
     gamma[0] += 1e-12 * np.eye(channels)
-    best = _best_order(gamma, rows)
-    lags, covariance = best
+    lags, covariance = np.zeros((most, channels, channels)), np.zeros((channels, channels))
+    lags = lags[: whittle(gamma, rows, lags, covariance)]
     turn = scale[:, None] / scale[None, :]
     return NoiseModel(lags * turn, covariance * np.outer(scale, scale), scale)
 
@@ -90,36 +90,6 @@ def _covariances(pieces: Sequence[Floats], most: int, rows: int) -> NDArray[np.f
             for b in range(channels):
                 total[:, a, b] += np.fft.irfft(turned[a] * np.conj(turned[b]), count)[: most + 1]
     return total / rows
-
-
-def _best_order(gamma: NDArray[np.float64], rows: int) -> tuple[NDArray[np.float64], Floats]:
-    channels = gamma.shape[1]
-    forward = np.zeros((0, channels, channels))
-    backward = forward
-    ahead, behind = gamma[0].copy(), gamma[0].copy()
-    best = (forward, ahead)
-    least = rows * _log_det(ahead)
-    for order in range(1, gamma.shape[0]):
-        # What the present order leaves unexplained one lag further.
-        rest = gamma[order] + np.einsum("kij,kjl->il", forward, gamma[order - 1 : 0 : -1])
-        front = -rest @ np.linalg.inv(behind)
-        back = -rest.T @ np.linalg.inv(ahead)
-        ahead, behind = ahead + front @ rest.T, behind + back @ rest
-        forward, backward = (
-            np.concatenate((forward + front @ backward[::-1], front[None])),
-            np.concatenate((backward + back @ forward[::-1], back[None])),
-        )
-        value = rows * _log_det(ahead) + 2.0 * order * channels * channels
-        if not np.isfinite(value):
-            break
-        if value < least:
-            least, best = value, (forward, 0.5 * (ahead + ahead.T))
-    return best
-
-
-def _log_det(matrix: Floats) -> float:
-    sign, value = np.linalg.slogdet(matrix)
-    return float(value) if sign > 0 else np.inf
 
 
 def score_covariances(model: NoiseModel, sensitivities: Sequence[Floats]) -> NDArray[np.float64]:

@@ -71,7 +71,10 @@ def _stretch(axes: Any, one: Prediction, *, first: bool) -> None:
         ):
             panel.set_ylabel(text)
             if panel.get_legend_handles_labels()[0]:
-                panel.legend(loc="upper right", ncols=2, frameon=False, fontsize=8)
+                # Above the panel, where there are no curves.
+                panel.legend(
+                    loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, frameon=False, fontsize=8, borderaxespad=0.1
+                )
 
 
 def _thinned(one: Prediction) -> Prediction:

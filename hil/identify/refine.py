@@ -24,7 +24,7 @@ from hil.identify.recording import Floats
 from hil.identify.stretch import Data, Stretch
 
 MOST_ITERATIONS = 40
-SMALL_GAIN = 1e-3  # of the noise's variance: a step that promises less is far within the standard errors
+SMALL_GAIN = 1e-4  # of the noise's variance: a step that promises less is a hundredth of the standard errors
 DAMPING_RANGE = (1e-9, 1e9)
 LONGEST_MOVE = 1.0  # of ln K and ln T in one iteration
 LONGEST_LAG = 30.0  # of the longest stretch; nothing tells a longer T from an endless one
@@ -62,6 +62,15 @@ class Linear:
 
     errors: tuple[Floats, ...]
     slopes: tuple[Floats, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Normal:
+    """J'WJ and J'We over the free parameters and the starts of all stretches, and the cost e'We."""
+
+    matrix: Floats
+    slope: Floats
+    cost: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,16 +151,17 @@ class Problem:
                 total += weight * float(error @ error)
         return total
 
-    def normal(self, state: State) -> tuple[Floats, Floats]:
-        """Return J'WJ and J'We over the free parameters and the starts of all stretches."""
+    def normal(self, state: State) -> Normal:
+        """Return the normal equations around a state."""
         free, count = len(self.free), len(self.data.stretches)
+        cost = 0.0
         matrix, slope = np.zeros((free + 2 * count,) * 2), np.zeros(free + 2 * count)
         taps = whitening_taps(self.weights.heading_lags)
         for index, (stretch, start) in enumerate(zip(self.data.stretches, state.starts, strict=True)):
             places = np.array([*range(free), free + 2 * index, free + 2 * index + 1])
             here, down = np.empty((free + 2, free + 2)), np.empty(free + 2)
             candidates, first = perturbed(state.point, self.scales, start, self.free)
-            normal_equations(
+            cost += normal_equations(
                 stretch.step_s,
                 stretch.rudder_rad,
                 stretch.rudder_end_rad,
@@ -168,39 +178,38 @@ class Problem:
             )
             matrix[np.ix_(places, places)] += here
             slope[places] += down
-        return matrix, slope
+        return Normal(matrix, slope, cost)
 
 
 def refine(problem: Problem, state: State, tell: Callable[[], None] = lambda: None) -> Refined:
     """Go downhill from a state until a step no longer matters; never uphill, never beyond the bounds."""
-    cost = problem.cost(state)
-    damping, evaluations = 1e-4, 1
-    columns = 2 * len(problem.free) + 3
+    here = problem.normal(state)
+    damping, simulations = 1e-4, 1
+    columns = len(problem.free) + 2
     small = SMALL_GAIN / problem.data.rows
     for iteration in range(1, MOST_ITERATIONS + 1):
         tell()
-        matrix, slope = problem.normal(state)
-        evaluations += columns
-        diagonal = np.diag(matrix).copy()
+        diagonal = np.diag(here.matrix).copy()
         # A parameter that nothing depends on is left where it is.
         diagonal[diagonal <= 1e-14 * max(float(diagonal.max()), 1e-300)] = max(float(diagonal.max()), 1e-300)
+        gain = 0.0
         while True:
-            step = _step(problem, state, matrix + damping * np.diag(diagonal), slope)
-            promised = float(step @ slope)
+            step = _step(problem, state, here.matrix + damping * np.diag(diagonal), here.slope)
+            if float(step @ here.slope) <= small * here.cost:
+                break
             tried = _moved(problem, state, step)
-            new = problem.cost(tried)
-            evaluations += 1
-            if new <= cost or damping >= DAMPING_RANGE[1] or promised <= small * cost:
+            there = problem.normal(tried)
+            simulations += 1
+            if there.cost <= here.cost:
+                gain, state, here = here.cost - there.cost, tried, there
+                damping = max(damping / 30.0, DAMPING_RANGE[0])
+                break
+            if damping >= DAMPING_RANGE[1]:
                 break
             damping = max(10.0 * damping, 1e-6)
-        if new <= cost:
-            gain, state, cost = cost - new, tried, new
-            damping = max(damping / 30.0, DAMPING_RANGE[0])
-        else:
-            gain = 0.0
-        if gain <= small * cost:
-            return Refined(state, cost, iteration, evaluations, converged=damping < 1.0)
-    return Refined(state, cost, MOST_ITERATIONS, evaluations, converged=False)
+        if gain <= small * here.cost:
+            return Refined(state, here.cost, iteration, simulations * columns, converged=damping < 1.0)
+    return Refined(state, here.cost, MOST_ITERATIONS, simulations * columns, converged=False)
 
 
 def _step(problem: Problem, state: State, matrix: Floats, slope: Floats) -> Floats:

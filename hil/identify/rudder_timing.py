@@ -42,8 +42,8 @@ def choose_timing(data: Data, found: Fit, tell: Callable[[], None]) -> tuple[Tim
     lag_se_s = float(found.physical[1]) * math.sqrt(max(float(found.covariance[1, 1]), 0.0))
     if not 0.5 * usual_s > MATTERS * lag_se_s:
         return AS_RAMPS, 0
-    spent, errors = 0, {}
-    for timing in Timing:
+    spent, errors = 0, {Timing.RAMP: error_pieces(found.problem, found.state)}
+    for timing in (Timing.HELD, Timing.AHEAD):
         problem = replace(found.problem, data=timed(found.problem.data, timing))
         refined = refine(problem, found.state, tell)
         spent += refined.evaluations

@@ -125,9 +125,10 @@ def _offset(fit: Fit, value: float, se: float, *, explained: bool) -> Estimate:
     rudder = np.concatenate([one.rudder_rad for one in fit.problem.data.stretches])
     spread = float(np.std(rudder))
     if explained and se <= LOOSE_OFFSET * spread:
-        return Estimate(
-            value, se, IDENTIFIABLE, f"known to {_percent(se / max(spread, 1e-300))} of the rudder's spread"
-        )
+        why = f"known to {_percent(se / max(spread, 1e-300))} of the rudder's spread"
+        if fit.problem.data.stretches[0].heading_rad is None:
+            why += "; it includes the gyroscope's constant error over K, for only a heading beside it tells them apart"
+        return Estimate(value, se, IDENTIFIABLE, why)
     return Estimate(value, _finite(se), NOT_IDENTIFIABLE, "its error is as large as the rudder's own motion")
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba.core import event
 
 from firmware_py.model import kt
 from hil import compiled as compiled_module
@@ -163,8 +164,9 @@ class Terminal(io.StringIO):
 def test_long_compilation_is_told_on_a_terminal_and_wiped(monkeypatch):
     monkeypatch.setattr(compiled_module, "PATIENCE_S", 0.0)
     terminal = Terminal()
-    with compiling("the test", terminal):
+    with compiling("the test", terminal), event.trigger_event("numba:compile"), compiling("what is within", terminal):
         assert terminal.told.wait(10.0)
+    assert "what is within" not in terminal.getvalue()
     assert "compiling the test for this machine" in terminal.getvalue()
     assert terminal.getvalue().endswith("\r\x1b[K")
 
@@ -174,6 +176,36 @@ def test_short_compilation_says_nothing():
     with compiling("the test", terminal):
         pass
     assert terminal.getvalue() == ""
+
+
+def test_long_work_that_compiles_nothing_is_not_called_compilation(monkeypatch):
+    looked = threading.Event()
+    monkeypatch.setattr(compiled_module, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(compiled_module, "being_compiled", looked.set)
+    terminal = Terminal()
+    with compiling("the test", terminal):
+        assert looked.wait(10.0)
+    assert "compiling" not in terminal.getvalue()
+
+
+def test_a_compilation_is_seen_as_such():
+    @compiled_module.compiled_here
+    def sum_of(a, b):
+        return a + b
+
+    seen = []
+
+    class Listener(event.Listener):
+        def on_start(self, event):
+            seen.append(compiled_module.being_compiled())
+
+        def on_end(self, event):
+            pass
+
+    with event.install_listener("numba:compile", Listener()):
+        assert sum_of(1.0, 2.0) == 3.0
+    assert seen == [True]
+    assert not compiled_module.being_compiled()
 
 
 def test_a_pipe_hears_nothing(monkeypatch):
