@@ -16,9 +16,11 @@ from firmware_py.console import Console
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.opening import open_transport
+from firmware_py.link.storage import Storage
+from firmware_py.log.disk import log_files
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.loop import PARAMETER_FILE, PLAN_FILES, Boat, Pilot
-from firmware_py.params import ParameterError, ParameterSet, format_file, parse_file
+from firmware_py.params import INDEX, TABLE, ParameterError, ParameterSet, format_file, parse_file
 from firmware_py.plan import Plan, PlanKind, Plans
 from firmware_py.plan import from_text as plan_from_text
 from firmware_py.plan_rules import fault_of
@@ -35,6 +37,8 @@ from firmware_py.store import Store
 from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle, VehicleError
 
 LOG_DIRECTORY = "logs"
+UPLOAD_DIRECTORY = "uploads"
+BOOT_COUNT = "STAT_BOOTCNT"
 
 COMPASSES: Mapping[str, Callable[[ByteLine, CompassEntry], Compass]] = {
     "nmea": lambda line, entry: NmeaCompass(
@@ -115,6 +119,8 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
     """The defaults with the vehicle file's values over them."""
     parameters = ParameterSet()
     for name, value in vehicle.parameters.items():
+        if TABLE[INDEX[name]].read_only:
+            continue  # from a file that a ground station has saved
         parameters = parameters.replaced(name, value)
     return parameters
 
@@ -192,6 +198,8 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     store = Store(options.state_directory)
     parameters = base_parameters(vehicle)
     kept = stored_parameters(store, console.line)
+    kept[BOOT_COUNT] = min(kept.get(BOOT_COUNT, 0.0) + 1.0, TABLE[INDEX[BOOT_COUNT]].maximum)
+    store.save(PARAMETER_FILE, format_file(kept).encode())
     for name, value in kept.items():
         parameters = parameters.replaced(name, value)
     pilot = Pilot(State.at_start(parameters, stored_plans(store, console.line)), store, kept, format_file)
@@ -207,7 +215,14 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     clock: Clock = RealClock()
     if options.lockstep is not None:
         clock = LockstepClock(options.lockstep, [line.name for line in lines], lambda: [line.written for line in lines])
-    endpoint = Endpoint(transports, pilot, utc_s=clock.utc_s, version=_version(), load=LoadMeter(clock).share)
+    endpoint = Endpoint(
+        transports,
+        pilot,
+        utc_s=clock.utc_s,
+        version=_version(),
+        load=LoadMeter(clock).share,
+        storage=_storage(options.state_directory, parameters),
+    )
     recorder = (
         _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock) if parameters["LOG_ENABLE"] else None
     )
@@ -228,6 +243,18 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         tell=tell,
     )
     return Assembly(boat, endpoint, console)
+
+
+def _storage(directory: Path, parameters: ParameterSet) -> Storage:
+    """What ground stations see of the state directory: its logs, and a place for what they upload."""
+    logs = directory / LOG_DIRECTORY
+    return Storage(
+        lambda: log_files(logs) if logs.is_dir() else {},
+        logs,
+        directory / UPLOAD_DIRECTORY,
+        logging=bool(parameters["LOG_ENABLE"]),
+        background=True,
+    )
 
 
 def _recorder(directory: Path, parameters: ParameterSet, clock: Clock) -> LogRecorder:

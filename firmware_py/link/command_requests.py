@@ -30,6 +30,10 @@ def _fixed(session: Session, number: int, index: float) -> Sequence[Message] | N
         return (identity.autopilot_version(session.version),)
     if number == 300:
         return (identity.protocol_version(),)
+    if number == 397:
+        return (session.metadata.message(session.now_s),)
+    if number == 395:
+        return (session.metadata.old_message(session.now_s),)
     if number == 435:
         # An index that is not given (NaN) asks for all, as 0 does.
         return identity.available_modes(0 if math.isnan(index) else _number(index))

@@ -12,6 +12,8 @@ from firmware_py.link.commands import Commands
 from firmware_py.link.dialect import Message, Packed
 from firmware_py.link.files import Files
 from firmware_py.link.framing import Frame
+from firmware_py.link.ftp_area import Parts
+from firmware_py.link.ftp_tree import Sink
 from firmware_py.link.goals import Goals
 from firmware_py.link.identity import Version
 from firmware_py.link.logs import Logs
@@ -22,9 +24,11 @@ from firmware_py.link.parameters import Parameters
 from firmware_py.link.peer import Peer, Roster
 from firmware_py.link.scene import Scene
 from firmware_py.link.session import Handler, Session, Suppliers
+from firmware_py.link.storage import PACKED_PARAMETERS, Storage, tree_of
 from firmware_py.link.timing import Timing
 from firmware_py.link.transport import Transport
 from firmware_py.link.wellbeing import prearm_refusal
+from firmware_py.link.worker import Worker
 from firmware_py.ports import Authority
 from firmware_py.records import Event, Output, Severity, Snapshot
 
@@ -33,6 +37,7 @@ _GROUND_STATION = 6  # MAV_TYPE_GCS
 _EVENTS_PER_TICK = 16
 _FRAMES_AT_ONCE = 8  # answered in one call, about half a millisecond
 _REMEMBERED_EVENTS = 5
+NO_STORAGE = Storage()
 
 
 def _no_load() -> float:
@@ -52,17 +57,26 @@ class Endpoint:
         boot_text: str = "",
         load: Callable[[], float] = _no_load,
         prearm: Callable[[Snapshot], str] = prearm_refusal,
+        storage: Storage = NO_STORAGE,
+        sinks: Mapping[Parts, Sink] | None = None,
     ) -> None:
         """Take opened transports and the loop's side.
 
         `boot_text` greets every new peer. `load` gives the share of a core in use, 0 to
-        1. `prearm` says why arming would be refused, or nothing.
+        1. `prearm` says why arming would be refused, or nothing. `storage` is what file
+        transfer and log download show of the disk, `sinks` the paths where an uploaded file
+        is put in force.
         """
         self._transports = tuple(transports)
         self._session = Session(authority, Suppliers(utc_s, load, prearm), version)
         self._roster = Roster(self._transports, self._welcome)
         self._session.peers = self._roster
         self._parameters = Parameters(self._session)
+        self._worker = Worker(background=storage.background)
+        all_sinks = {PACKED_PARAMETERS: self._parameters.put_in_force, **(sinks or {})}
+        tree = tree_of(storage, self._session.metadata, authority, all_sinks)
+        self._files = Files(self._session, tree, self._worker)
+        self._logs = Logs(self._session, storage.catalogue, self._worker, logging=storage.logging)
         self._greeting = (Event(Severity.INFO, boot_text),) if boot_text else ()
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
         self._unread: deque[tuple[Peer, Frame]] = deque()  # what one round of reads has brought
@@ -71,7 +85,7 @@ class Endpoint:
     def _collect(self) -> Mapping[int, Handler]:
         session = self._session
         services = (Commands(session, COMMANDS), Goals(session), Manual(session), self._parameters)
-        others = (Mission(session), Files(session), Logs(session), Timing(session))
+        others = (Mission(session), self._files, self._logs, Timing(session))
         found: dict[int, Handler] = {_DATA_STREAM: request_data_stream, _HEARTBEAT: self._heard}
         for service in (*services, *others):
             found.update(service.handlers())
@@ -81,16 +95,20 @@ class Endpoint:
 
     def descriptors(self) -> Sequence[int]:
         """Return the descriptors whose readability `service` wants."""
-        return [descriptor for transport in self._transports for descriptor in transport.descriptors()]
+        found = [descriptor for transport in self._transports for descriptor in transport.descriptors()]
+        return found if self._worker.fileno() < 0 else [*found, self._worker.fileno()]
 
     @property
     def busy(self) -> bool:
         """Whether `service` has something to do even when no descriptor is ready."""
-        return bool(self._unread)
+        return bool(self._unread) or any(
+            peer.bulk.hungry and not peer.outbox.waiting(Priority.REPLY) for peer in self._roster
+        )
 
     def service(self, now_s: float, ready: Sequence[int]) -> None:
         """Read one bounded piece from each ready transport, unless the last ones wait still; answer some of it."""
         self._session.now_s = now_s
+        self._worker.poll()
         if not self._unread:
             for index, transport in enumerate(self._transports):
                 for descriptor in transport.descriptors():
@@ -103,6 +121,8 @@ class Endpoint:
     def publish(self, output: Output, now_s: float) -> None:
         """Send the telemetry that is due and what the tick has to say."""
         self._session.now_s = now_s
+        self._worker.poll()
+        self._logs.new_tick()
         for transport in self._transports:
             transport.poll(now_s)
         self._note_changes(output.snapshot, now_s)
@@ -114,6 +134,7 @@ class Endpoint:
 
     def close(self) -> None:
         """Send what waits and close the transports."""
+        self._worker.close()
         self._session.flush_all()
         for transport in self._transports:
             transport.close()
@@ -203,5 +224,8 @@ class Endpoint:
 
     def _send(self, now_s: float) -> None:
         for peer in self._roster:
+            peer.bulk.hungry = False
             self._parameters.pump(peer)
+            self._files.pump(peer, now_s)
+            self._logs.pump(peer, now_s)
             peer.outbox.flush(now_s)

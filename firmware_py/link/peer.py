@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
+from firmware_py.link.bulk import Allowance
 from firmware_py.link.framing import Frame, Splitter
 from firmware_py.link.outbox import Outbox
 from firmware_py.link.statustext import Notices
@@ -20,11 +21,13 @@ class Peer:
 
     __slots__ = (
         "address",
+        "bulk",
         "ground_station_s",
         "heard_s",
         "list_row",
         "notices",
         "outbox",
+        "owed_rows",
         "splitter",
         "streams",
         "transport",
@@ -39,6 +42,8 @@ class Peer:
         self.streams = Streams(radio=transport.radio, now_s=now_s)
         self.notices = Notices()
         self.list_row: int | None = None  # the next row of the parameter list it gets
+        self.owed_rows: dict[int, None] = {}  # rows of the parameter table that it is to be told, in this order
+        self.bulk = Allowance(transport.byte_rate)
         self.heard_s = now_s  # a valid frame came from it, or it was taken up
         self.ground_station_s: float | None = None  # its latest heartbeat of a ground station
 
