@@ -48,6 +48,26 @@ ADDITIONS = (
         ("version", "min_version", "max_version", "spec_version_hash", "library_version_hash"),
     ),
     Addition(
+        "COMPONENT_INFORMATION",
+        395,
+        0,
+        "<III100s100s",
+        (
+            "time_boot_ms",
+            "general_metadata_file_crc",
+            "peripherals_metadata_file_crc",
+            "general_metadata_uri",
+            "peripherals_metadata_uri",
+        ),
+        (
+            "time_boot_ms",
+            "general_metadata_file_crc",
+            "general_metadata_uri",
+            "peripherals_metadata_file_crc",
+            "peripherals_metadata_uri",
+        ),
+    ),
+    Addition(
         "COMPONENT_METADATA",
         397,
         182,

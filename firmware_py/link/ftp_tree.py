@@ -53,12 +53,15 @@ class Tree:
         if parts and parts[0] in self.areas:
             return self.areas[parts[0]].listing(parts[1:])
         if not parts:
-            files = [Entry(path[0], directory=False, size=0, modified_s=0) for path in self.made if len(path) == 1]
-            return tuple(sorted([*files, *(Entry(name, True, 0, 0) for name in self.directories())]))
-        within = [path for path in self.made if path[:-1] == parts]
+            return tuple(sorted([*self._made_in(()), *(Entry(name, True, 0, 0) for name in self.directories())]))
+        within = self._made_in(parts)
         if not within:
             raise Refusal(Error.FILE_NOT_FOUND)
-        return tuple(sorted(Entry(path[-1], False, len(self.made[path]({})), 0) for path in within))
+        return tuple(sorted(within))
+
+    def _made_in(self, parts: Parts) -> list[Entry]:
+        found = ((path, make) for path, make in self.made.items() if path[:-1] == parts)
+        return [Entry(path[-1], False, len(make({})), 0) for path, make in found]
 
 
 def parse_path(raw: bytes) -> tuple[Parts, Query]:

@@ -57,7 +57,7 @@ class _Download:
         self.logs: tuple[Log, ...] = ()  # as listed to this peer, so that the numbers keep their meaning
         self.open_log: Log | None = None
         self.descriptor = -1
-        self.granted_bytes = 0  # of ranges that are longer than a chunk, in this tick
+        self.granted_bytes = _CHUNK_BYTES  # of ranges that are longer than a chunk, in this tick
 
     def read(self, log: Log, offset: int, count: int) -> bytes:
         """Return what a log holds there; OSError when it cannot be read."""

@@ -82,7 +82,7 @@ class Metadata:
     def old_message(self, t_s: float) -> Message:
         """Return COMPONENT_INFORMATION, which older stations ask for."""
         uri = text_of(f"{_URI}general.json.xz", 100)
-        return mavlink.MAVLink_component_information_message(boot_ms(t_s), mavlink_crc32(self._general), uri, 0, b"")
+        return mavlink.mavlink_map[395](boot_ms(t_s), mavlink_crc32(self._general), uri, 0, b"")
 
 
 def parameter_json() -> str:
