@@ -29,6 +29,7 @@ _FRAME_BYTES = 12 + _DATA.size + _BLOCK
 _MOST_PEERS = 4  # served at the same time; each has a file open
 _MOST_RANGES = 64  # waiting for one peer: MAVProxy asks for twenty gaps at once
 _CHUNK_BYTES = 512 * _BLOCK  # MAVSDK and QGroundControl ask for so much at once
+_STREAM_BYTES = 256 * _BLOCK  # in a tick, to those that ask for all: a receive buffer of 208 KiB holds four ticks
 _MOST_LOGS = 0xFFFF
 
 
@@ -57,7 +58,7 @@ class _Download:
         self.logs: tuple[Log, ...] = ()  # as listed to this peer, so that the numbers keep their meaning
         self.open_log: Log | None = None
         self.descriptor = -1
-        self.granted_bytes = _CHUNK_BYTES  # of ranges that are longer than a chunk, in this tick
+        self.granted_bytes = _STREAM_BYTES  # of ranges that are longer than a chunk, in this tick
 
     def read(self, log: Log, offset: int, count: int) -> bytes:
         """Return what a log holds there; OSError when it cannot be read."""
@@ -213,7 +214,7 @@ class Logs:
     def new_tick(self) -> None:
         """Let the downloads go on that do not ask piece by piece."""
         for download in self._downloads.values():
-            download.granted_bytes = _CHUNK_BYTES
+            download.granted_bytes = _STREAM_BYTES
 
     def pump(self, peer: Peer, now_s: float) -> None:
         """Go on with what a peer has asked for, as far as its line keeps up."""
@@ -251,9 +252,8 @@ class Logs:
             download.granted_bytes -= frames * _BLOCK
             if frames <= 0:
                 return 0
-        limit = min(end, log.size)
         try:
-            data = download.read(log, start, min(frames * _BLOCK, max(0, limit - start)))
+            data = download.read(log, start, min(frames * _BLOCK, max(0, min(end, log.size) - start)))
         except OSError:
             download.ranges.clear()
             download.close()
@@ -264,12 +264,12 @@ class Logs:
             head = _DATA.pack(start + place * _BLOCK, number, len(block))
             push(pack(_LOG_DATA, head + block), Priority.REPLY)
         sent, start = len(blocks), start + len(data)
-        if start < end and len(data) % _BLOCK == 0:
+        if start < min(end, log.size) and data:
             download.ranges[0] = _Range(number, start, end)
-            if (start < limit and data) or sent == frames:
-                return sent
-            # A last block that is full does not show that it is the last: an empty one does.
+            return sent
+        if not sent:
+            # Only to who asks beyond the end: MAVProxy takes an empty block for the end, whatever was lost before.
             push(pack(_LOG_DATA, _DATA.pack(start, number, 0)), Priority.REPLY)
-            sent += 1
+            sent = 1
         download.ranges.popleft()
         return sent

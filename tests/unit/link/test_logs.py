@@ -93,8 +93,8 @@ def test_a_log_comes_whole_in_one_request(boat, of, number, log):
     entries(boat, of)
     said = download(boat, number)
     assert joined(blocks(said)) == content_of(log)
-    # What is not full ends the log.
-    assert len(of(said, "LOG_DATA")[-1].data[: of(said, "LOG_DATA")[-1].count]) == SIZES[log] % 90
+    # No empty block at its end: MAVProxy would stop there, whatever was lost before.
+    assert all(one.count for one in of(said, "LOG_DATA"))
 
 
 def test_a_log_comes_chunk_by_chunk_at_once(boat, of):
@@ -107,7 +107,7 @@ def test_a_log_comes_chunk_by_chunk_at_once(boat, of):
 
 def test_a_stream_without_an_end_is_not_poured_out_at_once(boat, of):
     entries(boat, of)
-    assert 0 < len(blocks(ask_data(boat, 2))) <= 512
+    assert 0 < len(blocks(ask_data(boat, 2))) <= 256
 
 
 def test_gaps_are_sent_again_however_many_are_asked_for(boat, of):
