@@ -1,6 +1,7 @@
 """File transfer: what is asked, answered, refused and kept."""
 
 import os
+import random
 import zlib
 from pathlib import Path
 
@@ -319,6 +320,40 @@ def test_a_client_that_was_started_again_is_not_answered_from_memory(client):
     client.ask(TERMINATE, sequence=1)
     assert client.ask(OPEN, "logs/00000001.BIN", sequence=0).ok
     assert client.ask(READ, sequence=2).ok
+
+
+def test_a_link_that_loses_repeats_and_reorders_leaves_the_right_file(client, disk):
+    """A quarter of the requests and of the answers is lost; old requests turn up again at any time."""
+    chance, past = random.Random(3), []
+
+    def patiently(opcode, data=b"", *, offset=0, size=None):
+        request = client.request(opcode, data, offset=offset, size=size)
+        past.append(request)
+        while True:
+            if chance.random() < 0.3:
+                client.rig.tell(chance.choice(past[-12:]))
+            if chance.random() < 0.75:
+                said = client.rig.tell(request)
+                if chance.random() < 0.75:
+                    return bytes(said[0].payload)
+            client.rig.now_s += 0.05
+
+    content = random.Random(4).randbytes(6000)
+    for name in ("a", "b"):
+        assert patiently(CREATE, f"uploads/{name}")[3] == 128
+        for start in range(0, len(content), 239):
+            assert patiently(WRITE, content[start : start + 239], offset=start)[3] == 128
+        assert patiently(TERMINATE)[3] == 128
+    assert patiently(REMOVE, "uploads/b")[3] == 128
+    assert patiently(OPEN, "uploads/a")[3] == 128
+    read = b""
+    while len(read) < len(content):
+        reply = patiently(READ, offset=len(read), size=239)
+        assert reply[3] == 128
+        read += reply[12 : 12 + reply[4]]
+    assert read == content
+    patiently(TERMINATE)
+    assert {path.name: path.read_bytes() for path in (disk / "uploads").iterdir()} == {"a": content}
 
 
 # ---------------------------------------------------------------------- slow lines
