@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from firmware_py.link.dialect import Message
 from firmware_py.link.ftp_desk import FILE_TRANSFER, PENDING, Action, Call, Desk
-from firmware_py.link.ftp_handles import Client, Reading
+from firmware_py.link.ftp_handles import Client, Open, Reading
 from firmware_py.link.ftp_reading import ReadingRequests
 from firmware_py.link.ftp_tree import Tree
 from firmware_py.link.ftp_wire import PAYLOAD, Error, Opcode, Refusal, Request, burst_part, parse, refusal_of, refused
@@ -75,26 +75,34 @@ class Files:
 
     def pump(self, peer: Peer, now_s: float) -> None:
         """Go on with the bursts of a peer, as far as its line keeps up."""
-        for (client, _), session in self._desk.sessions.items():
-            if session.burst is None or client.peer is not peer or not isinstance(session.handle, Reading):
-                continue
+        waiting = [
+            (client, session)
+            for (client, _), session in self._desk.sessions.items()
+            if session.burst is not None and client.peer is peer
+        ]
+        for client, session in waiting:
             count = peer.bulk.frames(_FRAME_BYTES, peer.outbox.waiting(Priority.REPLY), now_s)
-            peer.bulk.leave()
             if count <= 0:
-                return
+                break
             session.used_s = now_s
-            call = Call(session.burst.request, b"", client, now_s)
-            try:
-                parts, ended = session.burst.next_parts(session.handle, count)
-            except (Refusal, OSError) as failure:
-                session.burst = None
-                peer.bulk.hungry = False
-                self._desk.send(call, refused(call.request, refusal_of(failure)))
-                continue
-            for place, (index, offset, data) in enumerate(parts):
-                last = ended and place == len(parts) - 1
-                self._desk.send(call, burst_part(call.request, index, data, offset, last=last))
-            peer.bulk.spend(len(parts) * _FRAME_BYTES)
-            if ended:
-                session.burst = None
-                peer.bulk.hungry = False
+            self._send_parts(client, session, count, now_s)
+        if any(session.burst is not None for _, session in waiting):
+            peer.bulk.leave()
+
+    def _send_parts(self, client: Client, session: Open, count: int, now_s: float) -> None:
+        """Go on with one burst."""
+        if session.burst is None or not isinstance(session.handle, Reading):
+            return
+        call = Call(session.burst.request, b"", client, now_s)
+        try:
+            parts, ended = session.burst.next_parts(session.handle, count)
+        except (Refusal, OSError) as failure:
+            session.burst = None
+            self._desk.send(call, refused(call.request, refusal_of(failure)))
+            return
+        for place, (index, offset, data) in enumerate(parts):
+            last = ended and place == len(parts) - 1
+            self._desk.send(call, burst_part(call.request, index, data, offset, last=last))
+        client.peer.bulk.spend(len(parts) * _FRAME_BYTES)
+        if ended:
+            session.burst = None

@@ -145,6 +145,10 @@ class Sessions:
         """Return a session without using it."""
         return self._open.get((client, number))
 
+    def used_s(self, client: Client, number: int) -> float:
+        """Return when a session was used last."""
+        return self._open[(client, number)].used_s
+
     def check_room(self, client: Client, number: int, now_s: float) -> None:
         """Make sure that a session can be opened: what is idle makes room; Refusal when nothing is."""
         if (client, number) in self._open:

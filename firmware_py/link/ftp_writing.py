@@ -7,9 +7,11 @@ from collections.abc import Mapping
 from functools import partial
 
 from firmware_py.link.ftp_desk import Action, Call, Desk
-from firmware_py.link.ftp_handles import Upload
+from firmware_py.link.ftp_handles import IDLE_S, Upload
 from firmware_py.link.ftp_tree import Origin, parse_path
 from firmware_py.link.ftp_wire import Error, Opcode, Refusal
+
+_MOST_UPLOADS = 4
 
 
 class WritingRequests:
@@ -18,6 +20,7 @@ class WritingRequests:
     def __init__(self, desk: Desk) -> None:
         """Take the desk to work at."""
         self._desk = desk
+        self._storing = 0  # uploads on their way to the disk
 
     def actions(self) -> Mapping[int, Action]:
         """Return the opcodes carried out here."""
@@ -36,7 +39,7 @@ class WritingRequests:
 
     def _create(self, call: Call) -> bytes:
         parts, _ = parse_path(call.request.data)
-        self._desk.sessions.check_room(call.client, call.request.session, call.now_s)
+        self._check_room(call)
         if parts not in self._desk.tree.sinks:
             _, within = self._desk.tree.area(parts, write=True)
             if not within:
@@ -44,9 +47,20 @@ class WritingRequests:
         self._desk.sessions.put(call.client, call.request.session, Upload(parts), call.now_s)
         return b""
 
+    def _check_room(self, call: Call) -> None:
+        """Make sure that an upload may begin: each takes memory until it is on disk."""
+        sessions, own = self._desk.sessions, (call.client, call.request.session)
+        sessions.check_room(*own, call.now_s)
+        uploads = [key for key, session in sessions.items() if isinstance(session.handle, Upload) and key != own]
+        if len(uploads) + self._storing < _MOST_UPLOADS:
+            return
+        if not uploads or call.now_s - sessions.used_s(*uploads[0]) < IDLE_S:
+            raise Refusal(Error.NO_SESSIONS_AVAILABLE)
+        sessions.drop(*uploads[0])
+
     def _open_write(self, call: Call) -> None:
         parts, _ = parse_path(call.request.data)
-        self._desk.sessions.check_room(call.client, call.request.session, call.now_s)
+        self._check_room(call)
         area, within = self._desk.tree.area(parts, write=True)
 
         def opened(content: bytes) -> bytes:
@@ -94,10 +108,16 @@ class WritingRequests:
         sink = self._desk.tree.sinks.get(upload.path)
         if sink is None:
             area, within = self._desk.tree.area(upload.path, write=True)
-            if silent:
-                self._desk.worker.submit(partial(area.store, within, content), lambda _: None)
-            else:
-                self._desk.later(call, partial(area.store, within, content))
+            self._storing += 1
+
+            def stored(result: object) -> None:
+                self._storing -= 1
+                if not silent:
+                    self._desk.finish(call, result if isinstance(result, Exception) else b"")
+                    call.peer.outbox.flush(self._desk.session.now_s)
+
+            if not self._desk.worker.submit(partial(area.store, within, content), stored):
+                stored(Refusal(Error.FAIL, text="The disk has too much to do: send the file again"))
             return
 
         def put_in_force(reason: str) -> None:

@@ -283,6 +283,29 @@ def test_what_is_too_large_is_refused(client, disk):
     assert sorted(path.name for path in (disk / "uploads").iterdir()) == sorted(["a", *map(str, range(15))])
 
 
+def test_uploads_under_way_are_bounded_and_idle_ones_make_room(client, disk):
+    for number in range(4):
+        assert client.ask(CREATE, f"uploads/{number}", session=number).ok
+        assert client.ask(WRITE, b"x", session=number).ok
+    assert client.ask(CREATE, "uploads/4", session=4).error == (NO_SESSIONS,)
+    assert client.ask(OPEN, "logs/00000001.BIN", session=4).ok
+    assert client.ask(CREATE, "uploads/3", session=3).ok  # its own again
+    client.rig.now_s += 11.0
+    assert client.ask(CREATE, "uploads/4", session=4).ok
+    assert client.ask(WRITE, b"x", session=0).error == (SESSION,)
+    assert client.ask(RESET).ok
+    assert sorted(path.name for path in (disk / "uploads").iterdir()) == ["1", "2", "3", "4"]
+
+
+def test_several_bursts_at_the_same_time_all_come_to_their_end(client):
+    for number in range(3):
+        client.ask(OPEN, "logs/00000001.BIN", session=number)
+    requests = [client.request(BURST, size=20, session=number) for number in range(3)]
+    said = client.rig.tell(*requests)
+    assert sum(bytes(message.payload)[6] for message in said) == 3
+    assert sum(bytes(message.payload)[4] for message in said) == 3 * len(CONTENT)
+
+
 def test_files_are_counted(client, disk):
     for number in range(128):
         (disk / "uploads" / str(number)).touch()
