@@ -81,7 +81,7 @@ def outside(root):
     }
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(st.lists(REQUEST, min_size=1, max_size=25))
 def test_hostile_requests_are_answered_and_stay_inside(requests):
     with tempfile.TemporaryDirectory() as name:
