@@ -16,9 +16,11 @@ from firmware_py.console import Console
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.opening import open_transport
+from firmware_py.link.storage import Storage
+from firmware_py.log.disk import log_files
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.loop import PARAMETER_FILE, PLAN_FILES, Boat, Pilot
-from firmware_py.params import ParameterError, ParameterSet, format_file, parse_file
+from firmware_py.params import INDEX, TABLE, ParameterError, ParameterSet, format_file, parse_file
 from firmware_py.plan import Plan, PlanKind, Plans
 from firmware_py.plan import from_text as plan_from_text
 from firmware_py.plan_rules import fault_of
@@ -37,6 +39,8 @@ from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicl
 
 LOG_DIRECTORY = "logs"
 SIGNING_FILE = "signing.key"
+UPLOAD_DIRECTORY = "uploads"
+BOOT_COUNT = "STAT_BOOTCNT"
 
 COMPASSES: Mapping[str, Callable[[ByteLine, CompassEntry], Compass]] = {
     "nmea": lambda line, entry: NmeaCompass(
@@ -117,6 +121,8 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
     """The defaults with the vehicle file's values over them."""
     parameters = ParameterSet()
     for name, value in vehicle.parameters.items():
+        if TABLE[INDEX[name]].read_only:
+            continue  # from a file that a ground station has saved
         parameters = parameters.replaced(name, value)
     return parameters
 
@@ -210,6 +216,8 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     store = Store(options.state_directory, private=(SIGNING_FILE,))
     parameters = base_parameters(vehicle)
     kept = stored_parameters(store, console.line)
+    kept[BOOT_COUNT] = min(kept.get(BOOT_COUNT, 0.0) + 1.0, TABLE[INDEX[BOOT_COUNT]].maximum)
+    store.save(PARAMETER_FILE, format_file(kept).encode())
     for name, value in kept.items():
         parameters = parameters.replaced(name, value)
     pilot = Pilot(State.at_start(parameters, stored_plans(store, console.line)), store, kept, format_file)
@@ -235,6 +243,7 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         vault=KeyVault(store),
         heard_utc=None if timekeeper is None else timekeeper.hear_station,
         calibrator=devices.compass if isinstance(devices.compass, PniCompass) else None,
+        storage=_storage(options.state_directory, parameters),
     )
     if not endpoint.key_readable:
         console.line(f"stored {SIGNING_FILE} left out: it is not one; set the key again")
@@ -259,6 +268,18 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         timekeeper=timekeeper,
     )
     return Assembly(boat, endpoint, console)
+
+
+def _storage(directory: Path, parameters: ParameterSet) -> Storage:
+    """What ground stations see of the state directory: its logs, and a place for what they upload."""
+    logs = directory / LOG_DIRECTORY
+    return Storage(
+        lambda: log_files(logs) if logs.is_dir() else {},
+        logs,
+        directory / UPLOAD_DIRECTORY,
+        logging=bool(parameters["LOG_ENABLE"]),
+        background=True,
+    )
 
 
 def _recorder(directory: Path, parameters: ParameterSet, clock: Clock) -> LogRecorder:

@@ -38,6 +38,7 @@ class Parameter:
     text: str
     choices: Mapping[int, str] | None = None
     reboot: bool = False  # takes effect at the next start
+    read_only: bool = False  # counted or measured here; nobody else may set it
 
     def checked(self, value: float) -> float:
         """Return the value as it is kept, or raise ParameterError."""
@@ -86,6 +87,11 @@ def _whole(name: str, default: int, low: int, high: int, unit: str, text: str, *
 
 def _choice(name: str, default: int, choices: Mapping[int, str], text: str, *, reboot: bool = False) -> Parameter:
     return Parameter(name, default, min(choices), max(choices), "", Kind.INTEGER, text, choices, reboot)
+
+
+def _count(name: str, text: str) -> Parameter:
+    # Far within what a single counts exactly.
+    return Parameter(name, 0.0, 0, 1_000_000, "", Kind.INTEGER, text, None, reboot=False, read_only=True)
 
 
 _OFF_ON = {0: "off", 1: "on"}
@@ -180,6 +186,7 @@ TABLE: tuple[Parameter, ...] = (
     _choice("RUD_REVERSE", 0, {0: "no", 1: "yes"}, "The servo shaft turns against the rudder."),
     _real("RUD_SLEW_DEG_S", 30.0, 0.5, 360.0, "deg/s", "Fastest change of the rudder command."),
     _real("RUD_TIMEOUT_S", 1.0, 0.2, 60.0, "s", "A servo that has not answered for this long is silent."),
+    _count("STAT_BOOTCNT", "Starts of the autopilot that this state directory has seen."),
     _real("STK_RATE_DEG_S", 2.0, 0.1, 30.0, "deg/s", "In STEERING, how fast a full stick turns the goal."),
 )
 
@@ -302,5 +309,6 @@ def markdown() -> str:
     for row in TABLE:
         limits = row.allowed() if row.choices else f"{row.minimum:g} to {row.maximum:g}"
         text = row.text + (" Takes effect at the next start." if row.reboot else "")
+        text += " Read-only." if row.read_only else ""
         lines.append(f"| `{row.name}` | {format_value(row.default)} | {limits} | {row.unit} | {text} |")
     return "\n".join(lines) + "\n"

@@ -32,7 +32,7 @@ from firmware_py.modes import (
 )
 from firmware_py.monitor import MonitorState
 from firmware_py.monitor import update as update_monitor
-from firmware_py.params import ParameterError, ParameterSet
+from firmware_py.params import TABLE, ParameterError, ParameterSet, index_of
 from firmware_py.plan import Plans
 from firmware_py.plan_rules import fault_of
 from firmware_py.records import (
@@ -145,6 +145,8 @@ def accept(state: State, request: Request) -> tuple[State, Answer]:
 
 def _set_parameter(state: State, intent: SetParameter, _t_s: float) -> tuple[State, Answer]:
     try:
+        if TABLE[index_of(intent.name)].read_only:
+            return state, Answer(Verdict.DENIED, f"{intent.name} is read-only")
         parameters = state.parameters.replaced(intent.name, intent.value)
     except ParameterError as error:
         return state, Answer(Verdict.DENIED, str(error))

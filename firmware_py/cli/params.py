@@ -1,13 +1,23 @@
-"""`rambler params`: the parameter table; checks a parameter file."""
+"""`rambler params`: the parameter table; checks and writes parameter files."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from firmware_py import faults
-from firmware_py.params import TABLE, ParameterError, format_value, markdown, parse_file
+from firmware_py.link.metadata import parameter_json
+from firmware_py.params import (
+    INDEX,
+    TABLE,
+    ParameterError,
+    format_file,
+    format_value,
+    markdown,
+    parse_file,
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,34 +26,85 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--markdown", action="store_true", help="print params/REFERENCE.md")
     parser.add_argument("--faults", action="store_true", help="print params/FAULTS.md")
     parser.add_argument("--messages", action="store_true", help="print params/MESSAGES.md")
+    parser.add_argument("--metadata", action="store_true", help="print parameter.json, the component metadata")
+    parser.add_argument(
+        "--save",
+        metavar="OUT",
+        type=Path,
+        help="write all parameters to OUT: defaults, FILE's values over them",
+    )
+    parser.add_argument(
+        "--format",
+        choices=sorted(_FORMATS),
+        default="plain",
+        help="of OUT: plain (NAME VALUE: MAVProxy, Mission Planner) or qgc (QGroundControl)",
+    )
+
+
+def _qgc_file(values: Mapping[str, float]) -> str:
+    """Write QGroundControl's own kind of parameter file."""
+    head = "# Onboard parameters for Vehicle 1\n#\n# Vehicle-Id Component-Id Name Value Type\n"
+    kinds = {name: int(TABLE[INDEX[name]].kind) for name in values}
+    return head + "".join(f"1\t1\t{name}\t{value:.18g}\t{kinds[name]}\n" for name, value in values.items())
+
+
+_FORMATS: Mapping[str, Callable[[Mapping[str, float]], str]] = {"plain": format_file, "qgc": _qgc_file}
+
+
+def _messages() -> str:
+    # Imported here: it draws the whole link in.
+    from firmware_py.cli import link_page  # noqa: PLC0415
+
+    return link_page.markdown()
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the table, or check a file and say what it changes."""
-    if arguments.markdown or arguments.faults:
-        print(markdown() if arguments.markdown else faults.markdown(), end="")
+    """Print the table, or check a file and say what it changes, or write one."""
+    for wanted, page in (
+        (arguments.markdown, markdown),
+        (arguments.faults, faults.markdown),
+        (arguments.messages, _messages),
+    ):
+        if wanted:
+            print(page(), end="")
+            return 0
+    if arguments.metadata:
+        print(parameter_json())
         return 0
-    if arguments.messages:
-        # Imported here: it draws the whole link in.
-        from firmware_py.cli import link_page  # noqa: PLC0415
-
-        print(link_page.markdown(), end="")
-        return 0
-    if arguments.file is None:
+    if arguments.file is None and arguments.save is None:
         for row in TABLE:
             print(f"{row.name:<16} {format_value(row.default):>8} {row.unit:<6} {row.text} [{row.allowed()}]")
         return 0
-    try:
-        values = parse_file(arguments.file.read_text(encoding="utf-8"), str(arguments.file))
-    except (OSError, UnicodeDecodeError) as error:
-        print(f"rambler params: {arguments.file}: cannot be read: {error}", file=sys.stderr)
-        return 2
-    except ParameterError as error:
-        print(f"rambler params: {error}", file=sys.stderr)
-        return 1
+    values: dict[str, float] = {}
+    if arguments.file is not None:
+        try:
+            values = parse_file(arguments.file.read_text(encoding="utf-8"), str(arguments.file))
+        except (OSError, UnicodeDecodeError) as error:
+            print(f"rambler params: {arguments.file}: cannot be read: {error}", file=sys.stderr)
+            return 2
+        except ParameterError as error:
+            print(f"rambler params: {error}", file=sys.stderr)
+            return 1
+    return _report(arguments.file, values) if arguments.save is None else _save(arguments, values)
+
+
+def _report(path: Path, values: Mapping[str, float]) -> int:
     defaults = {row.name: row.default for row in TABLE}
     changed = {name: value for name, value in values.items() if value != defaults[name]}
     for name, value in changed.items():
         print(f"{name:<16} {format_value(defaults[name])} -> {format_value(value)}")
-    print(f"{arguments.file}: {len(values)} parameters, all valid; {len(changed)} differ from their defaults")
+    print(f"{path}: {len(values)} parameters, all valid; {len(changed)} differ from their defaults")
+    return 0
+
+
+def _save(arguments: argparse.Namespace, values: Mapping[str, float]) -> int:
+    # What is counted onboard is no setting: a station that loads the file would be refused.
+    rows = [row for row in TABLE if not row.read_only]
+    written = {row.name: values.get(row.name, row.default) for row in rows}
+    try:
+        arguments.save.write_text(_FORMATS[arguments.format](written), encoding="ascii")
+    except OSError as error:
+        print(f"rambler params: {arguments.save}: cannot be written: {error.strerror}", file=sys.stderr)
+        return 2
+    print(f"{arguments.save}: {len(written)} parameters written")
     return 0

@@ -29,6 +29,8 @@ def _number(value: float) -> int:
 FIXED: Mapping[int, Callable[[Session, float], Sequence[Message]]] = {
     148: lambda session, _index: (identity.autopilot_version(session.version),),
     300: lambda _session, _index: (identity.protocol_version(),),
+    395: lambda session, _index: (session.metadata.old_message(session.now_s),),
+    397: lambda session, _index: (session.metadata.message(session.now_s),),
     435: lambda _session, index: identity.available_modes(0 if math.isnan(index) else _number(index)),
 }
 

@@ -12,6 +12,8 @@ from firmware_py.link.command_table import TABLE as COMMANDS
 from firmware_py.link.commands import Commands
 from firmware_py.link.dialect import Message, Packed
 from firmware_py.link.files import Files
+from firmware_py.link.ftp_area import Parts
+from firmware_py.link.ftp_tree import Sink
 from firmware_py.link.goals import Goals
 from firmware_py.link.home_setting import HomeSetting
 from firmware_py.link.identity import Version
@@ -27,8 +29,10 @@ from firmware_py.link.refusals import refuse
 from firmware_py.link.scene import Scene
 from firmware_py.link.session import Handler, Session, Suppliers
 from firmware_py.link.signing import LinkSealer, Signing
+from firmware_py.link.storage import PACKED_PARAMETERS, Storage, tree_of
 from firmware_py.link.timing import Timing
 from firmware_py.link.transport import Address, Transport
+from firmware_py.link.worker import Worker
 from firmware_py.ports import Authority, Calibrator, Vault
 from firmware_py.records import Event, Output, Severity, Snapshot
 
@@ -38,6 +42,7 @@ _EVENTS_PER_TICK = 16
 _FRAMES_AT_ONCE = 8  # answered in one call, about half a millisecond
 _BYTES_AT_ONCE = 256  # searched for frames in one call, and the rest of the last piece
 _REMEMBERED_EVENTS = 5
+NO_STORAGE = Storage()
 
 
 _FALSE_SIGNATURE = "Signature refused: wrong key or old timestamp"
@@ -75,13 +80,16 @@ class Endpoint:
         vault: Vault = _NO_VAULT,
         heard_utc: Callable[[float, float], None] | None = None,
         calibrator: Calibrator | None = None,
+        storage: Storage = NO_STORAGE,
+        sinks: Mapping[Parts, Sink] | None = None,
     ) -> None:
         """Take opened transports and the loop's side.
 
         `boot_text` greets every new peer. `load` gives the share of a core in use, 0 to
         1. `vault` keeps the signing key and its timestamps over restarts. `heard_utc` takes
         the time that a ground station says, and when it came. `calibrator` is the compass,
-        if it can calibrate itself.
+        if it can calibrate itself. `storage` is what file transfer and log download show of
+        the disk, `sinks` the paths where an uploaded file is put in force.
         """
         self._transports = tuple(transports)
         self._session = Session(authority, Suppliers(utc_s, load, heard_utc, calibrator), version)
@@ -96,6 +104,11 @@ class Endpoint:
         self._parameters = Parameters(self._session)
         self._mission = Mission(self._session)
         self._commands = Commands(self._session, COMMANDS)
+        self._worker = Worker(background=storage.background)
+        all_sinks = {PACKED_PARAMETERS: self._parameters.put_in_force, **(sinks or {})}
+        tree = tree_of(storage, self._session.metadata, authority, all_sinks)
+        self._files = Files(self._session, tree, self._worker)
+        self._logs = Logs(self._session, storage.catalogue, self._worker, logging=storage.logging)
         self._greeting = (Event(Severity.INFO, boot_text),) if boot_text else ()
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
         self._intake = Intake(self._roster.knows)
@@ -107,15 +120,9 @@ class Endpoint:
     def _collect(self) -> Mapping[int, Handler]:
         session = self._session
         services = (self._commands, Goals(session), Manual(session), self._parameters, self._mission)
-        others = (
-            Files(session),
-            Logs(session),
-            Timing(session),
-            HomeSetting(session),
-            KeySetup(session, self._signing),
-        )
+        others = (self._files, self._logs, Timing(session), HomeSetting(session), KeySetup(session, self._signing))
         found: dict[int, Handler] = {_DATA_STREAM: request_data_stream, _HEARTBEAT: self._heard}
-        for service in (*services, *others, *security):
+        for service in (*services, *others):
             found.update(service.handlers())
         return found
 
@@ -128,16 +135,20 @@ class Endpoint:
 
     def descriptors(self) -> Sequence[int]:
         """Return the descriptors whose readability `service` wants."""
-        return [descriptor for transport in self._transports for descriptor in transport.descriptors()]
+        found = [descriptor for transport in self._transports for descriptor in transport.descriptors()]
+        return found if self._worker.fileno() < 0 else [*found, self._worker.fileno()]
 
     @property
     def busy(self) -> bool:
         """Whether `service` has something to do even when no descriptor is ready."""
-        return bool(self._unread) or bool(self._intake) or self._pumping
+        if self._unread or self._intake or self._pumping:
+            return True
+        return any(peer.bulk.hungry and not peer.outbox.waiting(Priority.REPLY) for peer in self._roster)
 
     def service(self, now_s: float, ready: Sequence[int]) -> None:
         """Read a bounded piece from each ready transport, unless the last one of a stream still waits; answer some."""
         self._session.now_s = now_s
+        self._worker.poll()
         for index, transport in enumerate(self._transports):
             if not transport.datagrams and self._intake.waits(index):
                 continue
@@ -152,6 +163,8 @@ class Endpoint:
     def publish(self, output: Output, now_s: float) -> None:
         """Send the telemetry that is due and what the tick has to say."""
         self._session.now_s = now_s
+        self._worker.poll()
+        self._logs.new_tick()
         for transport in self._transports:
             transport.poll(now_s)
         self._note_changes(output.snapshot, now_s)
@@ -165,6 +178,7 @@ class Endpoint:
 
     def close(self) -> None:
         """Send what waits and close the transports."""
+        self._worker.close()
         self._signing.store_exactly()
         self._session.flush_all()
         for transport in self._transports:
@@ -279,18 +293,21 @@ class Endpoint:
         return None if message is None else self._session.codec.pack(message)
 
     def _send(self, now_s: float) -> None:
-        self._pump()
+        self._pump(now_s)
         for peer in self._roster:
             peer.outbox.flush(now_s)
 
-    def _pump(self) -> None:
+    def _pump(self, now_s: float) -> None:
         """Go on with a long answer to one peer; the others have their turns in the next calls."""
         peers = tuple(self._roster)
         self._pumping = False
         for number in range(len(peers)):
             peer = peers[(self._turn + number) % len(peers)]
             before = peer.outbox.waiting(Priority.REPLY)
+            peer.bulk.hungry = False
             self._parameters.pump(peer)
+            self._files.pump(peer, now_s)
+            self._logs.pump(peer, now_s)
             if peer.outbox.waiting(Priority.REPLY) > before:
                 self._turn = (self._turn + number + 1) % len(peers)
                 self._pumping = True

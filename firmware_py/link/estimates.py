@@ -55,6 +55,8 @@ def local_position_ned(scene: Scene) -> Message | None:
     fix, home = fresh_fix(scene), scene.snapshot.home
     if fix is None or home is None or fix.latitude_rad is None or fix.longitude_rad is None:
         return None
+    if not all(map(math.isfinite, (home.latitude_rad, home.longitude_rad, fix.latitude_rad, fix.longitude_rad))):
+        return None
     north_m, east_m = offset_m(home.latitude_rad, home.longitude_rad, fix.latitude_rad, fix.longitude_rad)
     above_m = 0.0 if fix.altitude_m is None else fix.altitude_m - home.altitude_m
     speed_m_s, course_rad = fix.speed_over_ground_m_s, fix.course_over_ground_rad

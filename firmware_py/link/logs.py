@@ -1,24 +1,275 @@
-"""Log download: none yet; an empty list, so that ground stations do not wait."""
+"""Log download and erasure: LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_REQUEST_END, LOG_ERASE.
+
+The numbers are a ring, because ground stations do not agree where they begin: N logs are listed as 0 to N - 1, as
+MAVSDK wants it, and N is 0 again, the newest log; so 1 to N are all logs too, the oldest first, as QGroundControl wants
+it of ArduPilot (it asks for N when it has not come).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+import struct
+from collections import OrderedDict, deque
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
 
-from firmware_py.link.dialect import Message, mavlink
+from firmware_py.link.dialect import Message, Packed
+from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Handler, Session
+from firmware_py.link.worker import Worker
+from firmware_py.records import Severity
+
+_LOG_DATA, _LOG_ENTRY = 120, 118
+_BLOCK = 90
+_DATA = struct.Struct("<IHB")
+_ENTRY = struct.Struct("<IIHHH")
+_FRAME_BYTES = 12 + _DATA.size + _BLOCK
+_MOST_PEERS = 4  # served at the same time; each has a file open
+_MOST_RANGES = 64  # waiting for one peer: MAVProxy asks for twenty gaps at once
+_CHUNK_BYTES = 512 * _BLOCK  # MAVSDK and QGroundControl ask for so much at once
+_STREAM_BYTES = 256 * _BLOCK  # in a tick, to those that ask for all: a receive buffer of 208 KiB holds four ticks
+_MOST_LOGS = 0xFFFF
+
+
+class Log(NamedTuple):
+    """One log as it was when it was listed."""
+
+    path: Path
+    size: int
+    modified_s: int  # since 1970
+
+
+class _Range(NamedTuple):
+    """A piece of a log that is asked for; an open end is asked for with a number too large."""
+
+    number: int
+    start: int
+    end: int
+
+
+class _Download:
+    """What one peer is sent: entries of the list, then ranges of one log."""
+
+    def __init__(self) -> None:
+        self.entries: Iterator[Packed] | None = None
+        self.ranges: deque[_Range] = deque()
+        self.logs: tuple[Log, ...] = ()  # as listed to this peer, so that the numbers keep their meaning
+        self.open_log: Log | None = None
+        self.descriptor = -1
+        self.granted_bytes = _STREAM_BYTES  # of ranges that are longer than a chunk, in this tick
+
+    def read(self, log: Log, offset: int, count: int) -> bytes:
+        """Return what a log holds there; OSError when it cannot be read."""
+        if self.open_log != log:
+            self.close()
+            self.descriptor = os.open(log.path, os.O_RDONLY | os.O_CLOEXEC)
+            self.open_log = log
+        return os.pread(self.descriptor, count, offset)
+
+    def close(self) -> None:
+        """Give up the file."""
+        if self.descriptor >= 0:
+            os.close(self.descriptor)
+        self.descriptor, self.open_log = -1, None
 
 
 class Logs:
-    """Answers LOG_REQUEST_LIST."""
+    """Lists, sends and erases what `catalogue` finds: paths by number, the newest has the highest."""
 
-    def __init__(self, session: Session) -> None:
-        """Take the session to answer through."""
+    def __init__(
+        self, session: Session, catalogue: Callable[[], Mapping[int, Path]], worker: Worker, *, logging: bool
+    ) -> None:
+        """Take the session to answer through; with `logging` the newest log is being written and never erased."""
         self._session = session
+        self._catalogue = catalogue
+        self._worker = worker
+        self._logging = logging
+        self._downloads: OrderedDict[Peer, _Download] = OrderedDict()
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
-        return {117: self._list}
+        return {117: self._list, 119: self._data, 121: self._erase, 122: self._end}
+
+    # ------------------------------------------------------------------ asked
 
     def _list(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
-        self._session.send(peer, mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
+        start, end = message.start, message.end
+
+        def found(logs: tuple[Log, ...] | Exception) -> None:
+            download = self._download(peer)
+            if download is None:
+                return
+            download.logs = logs if isinstance(logs, tuple) else ()
+            download.entries = self._entries(download.logs, start, end)
+
+        self._worker.submit(self._look, found)
+
+    def _data(self, peer: Peer, message: Message, now_s: float) -> None:
+        download = self._download(peer)
+        if download is None:
+            self._session.say(peer, Severity.WARNING, "Log download: others are being served, try again", now_s)
+        elif download.logs:
+            self._want(peer, download, message, now_s)
+        else:
+            # A station that remembers the list of an earlier connection.
+            def found(logs: tuple[Log, ...] | Exception) -> None:
+                download.logs = logs if isinstance(logs, tuple) else ()
+                self._want(peer, download, message, self._session.now_s)
+
+            self._worker.submit(self._look, found)
+
+    def _want(self, peer: Peer, download: _Download, message: Message, now_s: float) -> None:
+        count = len(download.logs)
+        if not count or message.id > count:
+            self._session.say(peer, Severity.WARNING, f"Log {message.id} does not exist", now_s)
+            return
+        wanted = _Range(message.id, message.ofs, message.ofs + message.count)
+        if download.ranges and download.ranges[0].number != wanted.number:
+            download.ranges.clear()
+        if any(one.start <= wanted.start and wanted.end <= one.end for one in download.ranges):
+            return  # on its way
+        if len(download.ranges) < _MOST_RANGES:
+            download.ranges.append(wanted)
+
+    def _end(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002
+        download = self._downloads.get(peer)
+        if download is not None:
+            download.ranges.clear()
+            download.close()
+
+    def _erase(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002
+        snapshot = self._session.snapshot
+        if snapshot is None or snapshot.armed:
+            self._session.say(peer, Severity.WARNING, "Logs are erased only while she is disarmed", now_s)
+            return
+        for download in self._downloads.values():
+            download.ranges.clear()
+            download.entries = None
+            download.logs = ()
+            download.close()
+
+        def done(erased: int | Exception) -> None:
+            if isinstance(erased, Exception):
+                self._session.announce(Severity.ERROR, f"Logs could not be erased: {erased}"[:200])
+            else:
+                self._session.announce(Severity.NOTICE, f"{erased} logs erased")
+            self._session.flush_all()
+
+        self._worker.submit(self._erase_all, done)
+
+    # ------------------------------------------------------------------ on the worker's thread
+
+    def _look(self) -> tuple[Log, ...]:
+        """Return the logs, the newest first and then from the oldest on, as the ring of numbers has it."""
+        found = []
+        for _, path in sorted(self._catalogue().items())[-_MOST_LOGS + 1 :]:
+            try:
+                status = path.stat()
+            except OSError:
+                continue  # removed meanwhile to make room
+            found.append(Log(path, min(status.st_size, 0xFFFFFFFF), max(0, int(status.st_mtime)) & 0xFFFFFFFF))
+        return (*found[-1:], *found[:-1])
+
+    def _erase_all(self) -> int:
+        logs = sorted(self._catalogue().items())
+        erased = logs[:-1] if self._logging else logs
+        for _, path in erased:
+            path.unlink(missing_ok=True)
+        return len(erased)
+
+    # ------------------------------------------------------------------ sent
+
+    def _download(self, peer: Peer) -> _Download | None:
+        found = self._downloads.get(peer)
+        if found is None:
+            self._forget()
+            if len(self._downloads) >= _MOST_PEERS:
+                return None
+            found = self._downloads[peer] = _Download()
+        return found
+
+    def _forget(self) -> None:
+        """Make room: those that have gone, and then those that want nothing now."""
+        present = set(self._session.peers)
+        for peer, download in tuple(self._downloads.items()):
+            idle = not download.ranges and download.entries is None
+            if peer not in present or (idle and len(self._downloads) >= _MOST_PEERS):
+                download.close()
+                del self._downloads[peer]
+
+    def _entries(self, logs: tuple[Log, ...], start: int, end: int) -> Iterator[Packed]:
+        count = len(logs)
+        if not count:
+            yield self._session.codec.pack_payload(_LOG_ENTRY, bytes(_ENTRY.size))
+            return
+        # The whole ring without its second name for the newest, or what is asked for by number.
+        last = min(end, count if start > 0 or end <= count else count - 1)
+        for number in range(start, last + 1):
+            log = logs[number % count]
+            payload = _ENTRY.pack(log.modified_s, log.size, number, count, max(last, count - 1))
+            yield self._session.codec.pack_payload(_LOG_ENTRY, payload)
+
+    def new_tick(self) -> None:
+        """Let the downloads go on that do not ask piece by piece."""
+        for download in self._downloads.values():
+            download.granted_bytes = _STREAM_BYTES
+
+    def pump(self, peer: Peer, now_s: float) -> None:
+        """Go on with what a peer has asked for, as far as its line keeps up."""
+        download = self._downloads.get(peer)
+        if download is None or not (download.ranges or download.entries):
+            return
+        frames = peer.bulk.frames(_FRAME_BYTES, peer.outbox.waiting(Priority.REPLY), now_s)
+        if frames > 0 and download.entries is not None:
+            sent = 0
+            for packed in download.entries:
+                peer.outbox.push(packed, Priority.REPLY)
+                sent += 1
+                if sent >= frames:
+                    break
+            else:
+                download.entries = None
+            peer.bulk.spend(sent * _FRAME_BYTES)
+            frames -= sent
+        while frames > 0 and download.ranges:
+            sent = self._send_range(peer, download, frames)
+            if not sent:
+                break
+            frames -= sent
+            peer.bulk.spend(sent * _FRAME_BYTES)
+        if download.entries is not None or (download.ranges and frames <= 0):
+            peer.bulk.leave()
+
+    def _send_range(self, peer: Peer, download: _Download, frames: int) -> int:
+        """Queue blocks of the first range; return how many."""
+        number, start, end = download.ranges[0]
+        log = download.logs[number % len(download.logs)]
+        if end - start > _CHUNK_BYTES and peer.transport.datagrams:
+            # Nobody says how much of such a stream arrives: more at once would be lost on a slow reader.
+            frames = min(frames, download.granted_bytes // _BLOCK)
+            download.granted_bytes -= frames * _BLOCK
+            if frames <= 0:
+                return 0
+        try:
+            data = download.read(log, start, min(frames * _BLOCK, max(0, min(end, log.size) - start)))
+        except OSError:
+            download.ranges.clear()
+            download.close()
+            return 0
+        pack, push = self._session.codec.pack_payload, peer.outbox.push
+        blocks = [data[begin : begin + _BLOCK] for begin in range(0, len(data), _BLOCK)]
+        for place, block in enumerate(blocks):
+            head = _DATA.pack(start + place * _BLOCK, number, len(block))
+            push(pack(_LOG_DATA, head + block), Priority.REPLY)
+        sent, start = len(blocks), start + len(data)
+        if start < min(end, log.size) and data:
+            download.ranges[0] = _Range(number, start, end)
+            return sent
+        if not sent:
+            # Only to who asks beyond the end: MAVProxy takes an empty block for the end, whatever was lost before.
+            push(pack(_LOG_DATA, _DATA.pack(start, number, 0)), Priority.REPLY)
+            sent = 1
+        download.ranges.popleft()
+        return sent

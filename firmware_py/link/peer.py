@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from firmware_py.link.access import Admitted, Gate
 from firmware_py.link.allowance import Allowance
+from firmware_py.link.bulk import BulkShare
 from firmware_py.link.framing import Splitter
 from firmware_py.link.options import LinkClass
 from firmware_py.link.outbox import Outbox, Sealer
@@ -27,12 +28,14 @@ class Peer:
 
     __slots__ = (
         "address",
+        "bulk",
         "ground_station_s",
         "heard_s",
         "link_class",
         "list_row",
         "notices",
         "outbox",
+        "owed_rows",
         "refusals",
         "splitter",
         "streams",
@@ -51,6 +54,8 @@ class Peer:
         self.notices = Notices()
         self.refusals = Allowance(REFUSALS, REFUSALS_HZ)
         self.list_row: int | None = None  # the next row of the parameter list it gets
+        self.owed_rows: dict[int, None] = {}  # rows of the parameter table that it is to be told, in this order
+        self.bulk = BulkShare(transport.byte_rate)
         self.heard_s = now_s  # a valid frame came from it, or it was taken up
         self.ground_station_s: float | None = None  # its latest heartbeat of a ground station
 

@@ -11,6 +11,7 @@ from firmware_py.intents import Answer, Intent, Request, SetMode, SteerHeading, 
 from firmware_py.link import identity
 from firmware_py.link.dialect import Codec, Message
 from firmware_py.link.identity import COMPONENT, Version
+from firmware_py.link.metadata import Metadata
 from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
 from firmware_py.link.scene import Scene
@@ -40,6 +41,7 @@ class Session:
         self.authority = authority
         self.suppliers = suppliers
         self.version = version
+        self.metadata = Metadata(version)
         self.system = int(values["LNK_SYSID"])
         self.component = int(COMPONENT)
         self.autopilot = int(values["LNK_IDENTITY"])

@@ -77,7 +77,7 @@ def test_parameters_survive_a_sudden_end(tmp_path, start, free_ports, connect):
     program.send_signal(signal.SIGKILL)
     program.exit_code()
     program, station = boot("second")
-    check_list(station, {"CTL_K2": 0.7, "LOOP_RATE_HZ": 20})
+    check_list(station, {"CTL_K2": 0.7, "LOOP_RATE_HZ": 20, "STAT_BOOTCNT": 2})
     program.send_signal(signal.SIGTERM)
     assert program.exit_code() == 0
 

@@ -65,7 +65,7 @@ def metres_from_start(position):
 
 
 def check_parameters(seen):
-    changed = {"MDL_K": 0.4, "MDL_T_S": 0.5, "MDL_ALPHA_S2": 0.0}  # of the boat
+    changed = {"MDL_K": 0.4, "MDL_T_S": 0.5, "MDL_ALPHA_S2": 0.0, "STAT_BOOTCNT": 1}  # of the boat
     expected = {row.name: changed.get(row.name, row.default) for row in TABLE}
     reals = {row.name for row in TABLE if row.kind is Kind.REAL}
     assert seen["float_params"] == pytest.approx({name: expected[name] for name in reals})

@@ -111,3 +111,9 @@ def test_a_bad_line_is_named(line, remedy):
 def test_the_reference_page_has_every_row():
     page = markdown()
     assert all(f"`{row.name}`" in page for row in TABLE)
+
+
+def test_what_is_counted_onboard_takes_no_part_in_settings():
+    counted = [row for row in TABLE if row.read_only]
+    assert [row.name for row in counted] == ["STAT_BOOTCNT"]
+    assert all("Read-only." in line for line in markdown().splitlines() if line.startswith("| `STAT_BOOTCNT`"))

@@ -339,3 +339,9 @@ def test_whatever_the_devices_say_the_command_stays_within_limit_and_slew(rows, 
         assert abs(command_rad) <= math.radians(30.0) + 1e-9
         assert abs(command_rad - before_rad) <= math.radians(3.0) + 1e-9
         before_rad = command_rad
+
+
+def test_a_read_only_parameter_is_refused():
+    state, answer = accept(State.at_start(ParameterSet()), Request(0.0, SetParameter("STAT_BOOTCNT", 5.0)))
+    assert (answer.verdict, answer.text) == (Verdict.DENIED, "STAT_BOOTCNT is read-only")
+    assert state.parameters == ParameterSet()

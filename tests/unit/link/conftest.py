@@ -1,14 +1,16 @@
 """A link on a transport in memory, before an authority that records what it is asked."""
 
 import dataclasses
+import struct
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.intents import Answer, SetParameter, Verdict
-from firmware_py.link.endpoint import Endpoint
+from firmware_py.link.endpoint import NO_STORAGE, Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.options import PLAIN
+from firmware_py.link.storage import Storage
 from firmware_py.params import ParameterSet
 from firmware_py.plan import Plans
 from firmware_py.records import Mode, Output, RudderCommand, Snapshot
@@ -38,6 +40,9 @@ SNAPSHOT = Snapshot(
     skipped_total=0,
     late_s=0.0005,
 )
+
+
+ACK, NAK = 128, 129
 
 
 class FakeAuthority:
@@ -157,7 +162,7 @@ class MemoryVault:
 class Rig:
     """An endpoint and a ground station that speaks through pymavlink."""
 
-    def __init__(self, vault=None, *, identity=3, **transport):
+    def __init__(self, vault=None, *, identity=3, storage=NO_STORAGE, sinks=None, **transport):
         self.vault = vault or MemoryVault()
         self.utc_s = 1.7e9
         self.transport = MemoryTransport(**transport)
@@ -171,6 +176,8 @@ class Rig:
             boot_text="Rambler 0.1.0",
             vault=self.vault,
             heard_utc=lambda utc_s, now_s: self.heard_utc.append((utc_s, now_s)),
+            storage=storage,
+            sinks=sinks,
         )
         self.heard_utc = []
         self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
@@ -222,6 +229,110 @@ class Rig:
 
 def of_type(messages, name):
     return [message for message in messages if message.get_type() == name]
+
+
+class Reply:
+    """The answer to a request of file transfer."""
+
+    def __init__(self, message):
+        self.to = (message.target_system, message.target_component)
+        payload = bytes(message.payload)
+        fields = struct.unpack("<HBBBBBBI", payload[:12])
+        self.sequence, self.session, self.opcode, self.size, self.asked, self.last, _, self.offset = fields
+        self.data = payload[12 : 12 + self.size]
+
+    @property
+    def ok(self):
+        return self.opcode == ACK
+
+    @property
+    def error(self):
+        assert self.opcode == NAK
+        return tuple(self.data)
+
+
+class FtpStation:
+    """A client of file transfer that does as the guide says, on a rig."""
+
+    def __init__(self, rig, address="station", session=0):
+        self.rig = rig
+        self.address = address
+        self.session = session
+        self.sequence = 0
+
+    def request(self, opcode, data=b"", *, offset=0, size=None, session=None, sequence=None):
+        """A request as a message; each has the next sequence number unless one is given."""
+        data = data.encode() if isinstance(data, str) else data
+        if sequence is None:
+            sequence, self.sequence = self.sequence, (self.sequence + 1) & 0xFFFF
+        number = self.session if session is None else session
+        size = len(data) if size is None else size
+        payload = struct.pack("<HBBBBBBI239s", sequence, number, opcode, size, 0, 0, 0, offset, data)
+        return mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload)
+
+    def all(self, *request, **fields):
+        """The replies to a request."""
+        said = self.rig.tell(self.request(*request, **fields), address=self.address)
+        return [Reply(message) for message in of_type(said, "FILE_TRANSFER_PROTOCOL")]
+
+    def ask(self, *request, **fields):
+        """The one reply to a request."""
+        (reply,) = self.all(*request, **fields)
+        return reply
+
+    def get(self, path):
+        """Read a file by one read after the other."""
+        opened = self.ask(4, path)
+        assert opened.ok, opened.error
+        content = b""
+        while (reply := self.ask(5, offset=len(content), size=239)).ok:
+            content += reply.data
+        assert reply.error == (6,)
+        assert self.ask(1).ok
+        assert len(content) == int.from_bytes(opened.data, "little")
+        return content
+
+    def put(self, path, content):
+        """Write a file; return the answer to the end of it."""
+        created = self.ask(6, path)
+        if not created.ok:
+            return created
+        for start in range(0, len(content), 239):
+            assert self.ask(7, content[start : start + 239], offset=start).ok
+        return self.ask(1)
+
+    def list(self, path, opcode=3):
+        """The lines of a listing."""
+        lines = []
+        while (reply := self.ask(opcode, path, offset=len(lines))).ok:
+            lines += reply.data.decode().rstrip("\0").split("\0")
+        assert reply.error == (6,), reply.error
+        return lines
+
+
+@pytest.fixture
+def stored(tmp_path):
+    """A rig with logs and a place for uploads, and a client of its files; `stored(...)` makes more."""
+
+    def make(**more):
+        for name in ("logs", "uploads"):
+            (tmp_path / name).mkdir(exist_ok=True)
+        storage = Storage(
+            lambda: {int(path.stem): path for path in (tmp_path / "logs").glob("*.BIN")},
+            tmp_path / "logs",
+            tmp_path / "uploads",
+            logging=True,
+        )
+        made = Rig(storage=storage, **more)
+        made.tick()
+        return made, FtpStation(made)
+
+    return make
+
+
+@pytest.fixture
+def ftp_station():
+    return FtpStation
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """The codec against pymavlink, and the added messages against the published definitions."""
 
 import pathlib
+import struct
 import subprocess
 import sys
 
@@ -17,6 +18,22 @@ def test_a_stamped_frame_is_what_pymavlink_packs_with_that_sequence_number(seque
     sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
     sender.seq = sequence
     assert stamp(Codec(9, 1).pack(message), sequence) == message.pack(sender)
+
+
+@pytest.mark.parametrize("data", [bytes(90), bytes(range(1, 91)), b"\1" + bytes(89)])
+def test_a_payload_laid_out_by_hand_is_what_pymavlink_packs(data):
+    sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
+    sender.seq = 7
+    payload = struct.pack("<IHB", 180, 3, 90) + data
+    assert stamp(Codec(9, 1).pack_payload(120, payload), 7) == mavlink.MAVLink_log_data_message(3, 180, 90, data).pack(
+        sender
+    )
+
+
+def test_a_payload_of_zeros_alone_keeps_one():
+    sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
+    expected = mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0).pack(sender)
+    assert stamp(Codec(9, 1).pack_payload(118, bytes(14)), 0) == expected
 
 
 def test_a_decoded_message_has_the_fields_it_was_packed_with():

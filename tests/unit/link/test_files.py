@@ -1,19 +1,481 @@
-"""File transfer is refused at once."""
+"""File transfer: what is asked, answered, refused and kept."""
+
+import os
+import random
+import zlib
+from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+FAIL, ERRNO, SIZE, SESSION, NO_SESSIONS, END, UNKNOWN, EXISTS, PROTECTED, NOT_FOUND = range(1, 11)
+TERMINATE, RESET, LIST, OPEN, READ, CREATE, WRITE, REMOVE, MKDIR, RMDIR = range(1, 11)
+OPEN_WRITE, TRUNCATE, RENAME, CHECKSUM, BURST, LIST_TIMES = range(11, 17)
+CONTENT = bytes(range(256)) * 5  # not a multiple of what a message holds
 
-@pytest.mark.parametrize("opcode", [0, 1, 2, 3, 4, 15, 16, 255])
-def test_every_request_gets_an_unknown_command_nak(rig, opcode):
-    payload = bytes((0xFF, 0xFF, 3, opcode)) + bytes(247)
-    (reply,) = rig.tell(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload))
-    data = bytes(reply.payload)
-    assert (data[0:2], data[2], data[3], data[4], data[5], data[12]) == (b"\0\0", 3, 129, 1, opcode, 7)
-    assert (reply.target_system, reply.target_component) == (255, 190)
+
+@pytest.fixture
+def disk(tmp_path):
+    for name in ("logs", "uploads"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "logs" / "00000001.BIN").write_bytes(CONTENT)
+    (tmp_path / "secret").write_bytes(b"secret")
+    return tmp_path
+
+
+@pytest.fixture
+def client(disk, stored):
+    return stored()[1]
+
+
+def test_answers_carry_the_next_sequence_number_and_go_to_who_asked(client):
+    reply = client.ask(0, sequence=0xFFFF, session=3)
+    assert (reply.ok, reply.sequence, reply.session, reply.asked, reply.to) == (True, 0, 3, 0, (255, 190))
 
 
 @pytest.mark.parametrize("opcode", [128, 129])
-def test_answers_are_not_answered(rig, opcode):
-    payload = bytes((0, 0, 0, opcode)) + bytes(247)
-    assert rig.tell(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload)) == []
+def test_answers_are_not_answered(client, opcode):
+    assert client.all(opcode) == []
+
+
+@pytest.mark.parametrize("opcode", [17, 18, 100, 127, 130, 255])
+def test_what_is_not_known_is_refused_as_such(client, opcode):
+    assert client.ask(opcode).error == (UNKNOWN,)
+
+
+def test_a_size_beyond_the_message_is_refused(client):
+    assert client.ask(READ, size=240).error == (SIZE,)
+
+
+def test_somebody_elses_files_are_left_alone(client):
+    message = client.request(LIST, "/")
+    message.target_component = 42
+    assert client.rig.tell(message) == []
+
+
+# ---------------------------------------------------------------------- listing
+
+
+def test_the_root_shows_directories_and_files(client):
+    listed = client.list("/")
+    assert [line for line in listed if line[0] == "D"] == ["D@PARAM", "Dlogs", "Dmetadata", "Duploads"]
+    (parameters,) = [line for line in listed if line[0] == "F"]
+    assert parameters == f"Fparameters.param\t{len(client.get('parameters.param'))}"
+
+
+def test_a_listing_with_times_has_them(client, disk):
+    os.utime(disk / "logs" / "00000001.BIN", (1_700_000_000, 1_700_000_000))
+    assert client.list("logs", LIST_TIMES) == [f"F00000001.BIN\t{len(CONTENT)}\t1700000000"]
+    assert client.list("logs") == [f"F00000001.BIN\t{len(CONTENT)}"]
+
+
+def test_a_long_listing_comes_page_by_page_and_is_of_one_moment(client, disk):
+    for number in range(2, 60):
+        (disk / "logs" / f"{number:08d}.BIN").write_bytes(b"")
+    first = client.ask(LIST, "/logs")
+    (disk / "logs" / "00000001.BIN").unlink()  # its place is not taken by another
+    names = first.data.decode().rstrip("\0").split("\0")
+    second = client.ask(LIST, "/logs", offset=len(names))
+    names += second.data.decode().rstrip("\0").split("\0")
+    assert [name[1:].split("\t")[0] for name in names] == [f"{number:08d}.BIN" for number in range(1, len(names) + 1)]
+
+
+def test_an_empty_directory_is_at_its_end_at_once(client):
+    assert client.list("/uploads") == []
+
+
+@pytest.mark.parametrize("path", ["/none", "/logs/none", "/@PARAM/none", "/logs/00000001.BIN"])
+def test_what_is_no_directory_is_not_found(client, path):
+    assert client.ask(LIST, path).error == (NOT_FOUND,)
+
+
+# ---------------------------------------------------------------------- reading
+
+
+@pytest.mark.parametrize("path", ["/logs/00000001.BIN", "logs/00000001.BIN", "//logs/./00000001.BIN\0"])
+def test_a_file_is_read_whole(client, path):
+    assert client.get(path) == CONTENT
+
+
+def test_a_gap_is_read_again(client):
+    assert client.ask(OPEN, "logs/00000001.BIN").data == len(CONTENT).to_bytes(4, "little")
+    assert client.ask(READ, offset=300, size=17).data == CONTENT[300:317]
+    assert client.ask(READ, offset=len(CONTENT) - 5, size=17).data == CONTENT[-5:]
+    assert client.ask(READ, offset=len(CONTENT), size=17).error == (END,)
+    assert client.ask(READ, offset=0xFFFFFFFF, size=17).error == (END,)
+
+
+@pytest.mark.parametrize("part_bytes", [239, 110, 1])
+def test_a_burst_brings_the_file_in_parts_of_the_size_asked_for(client, part_bytes):
+    client.ask(OPEN, "logs/00000001.BIN")
+    content, sequences, offset = b"", [], 0
+    while offset < len(CONTENT):
+        parts = client.all(BURST, offset=offset, size=part_bytes)
+        assert [part.last for part in parts] == [0] * (len(parts) - 1) + [1]
+        assert {part.session for part in parts} == {0}
+        sequences = [part.sequence for part in parts]
+        assert sequences == list(range(client.sequence, client.sequence + len(parts)))
+        for part in parts:
+            assert part.offset == len(content)
+            content += part.data
+        offset = len(content)
+    assert content == CONTENT
+    assert client.ask(BURST, offset=offset, size=part_bytes).error == (END,)
+
+
+def test_a_file_that_grows_is_read_as_it_was_when_it_was_opened(client, disk):
+    client.ask(OPEN, "logs/00000001.BIN")
+    with (disk / "logs" / "00000001.BIN").open("ab") as log:
+        log.write(b"more")
+    assert client.ask(READ, offset=len(CONTENT)).error == (END,)
+
+
+def test_reading_needs_an_open_session(client):
+    assert client.ask(READ).error == (SESSION,)
+    assert client.ask(BURST).error == (SESSION,)
+    client.ask(OPEN, "logs/00000001.BIN")
+    assert client.ask(READ, session=1).error == (SESSION,)
+    assert client.ask(TERMINATE).ok
+    assert client.ask(READ).error == (SESSION,)
+
+
+def test_the_checksum_is_mavlinks(client):
+    expected = zlib.crc32(CONTENT, 0xFFFFFFFF) ^ 0xFFFFFFFF
+    assert client.ask(CHECKSUM, "logs/00000001.BIN").data == expected.to_bytes(4, "little")
+    made = client.get("metadata/general.json")
+    expected = zlib.crc32(made, 0xFFFFFFFF) ^ 0xFFFFFFFF
+    assert client.ask(CHECKSUM, "metadata/general.json").data == expected.to_bytes(4, "little")
+
+
+# ---------------------------------------------------------------------- sessions
+
+
+def test_clients_have_sessions_of_their_own(disk, stored, ftp_station):
+    rig, first = stored(addresses=("one", "two"))
+    (disk / "logs" / "00000002.BIN").write_bytes(b"second")
+    first.address = "one"
+    second = ftp_station(rig, "two")
+    first.ask(OPEN, "logs/00000001.BIN")
+    second.ask(OPEN, "logs/00000002.BIN")
+    assert first.ask(READ, size=10).data == CONTENT[:10]
+    assert second.ask(READ, size=10).data == b"second"
+    assert second.ask(RESET).ok
+    assert first.ask(READ, size=10).data == CONTENT[:10]
+
+
+def test_sessions_are_bounded_and_idle_ones_make_room(client):
+    for number in range(6):
+        assert client.ask(OPEN, "logs/00000001.BIN", session=number).ok
+    assert client.ask(OPEN, "logs/00000001.BIN", session=6).error == (NO_SESSIONS,)
+    assert client.ask(OPEN, "logs/00000001.BIN", session=5).ok  # its own again
+    client.rig.now_s += 11.0
+    client.ask(READ, session=0)
+    assert client.ask(OPEN, "logs/00000001.BIN", session=6).ok
+    assert client.ask(READ, session=0).ok
+    assert client.ask(READ, session=1).error == (SESSION,)
+
+
+def open_descriptors():
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_descriptors_do_not_leak(client):
+    before = open_descriptors()
+    for _ in range(50):
+        client.ask(OPEN, "logs/00000001.BIN")
+        client.ask(LIST, "logs")
+        client.ask(CHECKSUM, "logs/00000001.BIN")
+        client.ask(CREATE, "uploads/a/b")
+        client.ask(OPEN, "logs/none")
+    client.ask(RESET)
+    assert open_descriptors() == before
+
+
+# ---------------------------------------------------------------------- writing
+
+
+def test_an_upload_takes_its_place_when_it_is_whole(client, disk):
+    (disk / "uploads" / "a.plan").write_bytes(b"old")
+    assert client.ask(CREATE, "/uploads/a.plan").ok
+    assert client.ask(WRITE, CONTENT[200:400], offset=200).ok  # in any order
+    assert client.ask(WRITE, CONTENT[:200]).ok
+    assert (disk / "uploads" / "a.plan").read_bytes() == b"old"
+    assert client.ask(TERMINATE).ok
+    assert (disk / "uploads" / "a.plan").read_bytes() == CONTENT[:400]
+    assert client.list("uploads") == ["Fa.plan\t400"]
+
+
+def test_qgroundcontrol_ends_an_upload_by_a_reset(client, disk):
+    client.ask(CREATE, "/uploads/a.plan")
+    client.ask(WRITE, b"content")
+    assert client.ask(RESET).ok
+    assert (disk / "uploads" / "a.plan").read_bytes() == b"content"
+
+
+def test_an_upload_that_is_given_up_leaves_the_old_file(client, disk):
+    (disk / "uploads" / "a.plan").write_bytes(b"old")
+    client.ask(CREATE, "/uploads/a.plan")
+    client.ask(WRITE, b"new")
+    client.rig.now_s += 121.0
+    assert client.ask(WRITE, b"more", offset=3).error == (SESSION,)
+    assert (disk / "uploads" / "a.plan").read_bytes() == b"old"
+
+
+def test_a_file_is_written_on_truncated_renamed_and_removed(client, disk):
+    client.put("uploads/a.plan", b"0123456789")
+    assert client.ask(OPEN_WRITE, "uploads/a.plan").data == (10).to_bytes(4, "little")
+    client.ask(WRITE, b"ABC", offset=8)
+    assert client.ask(TERMINATE).ok
+    assert (disk / "uploads" / "a.plan").read_bytes() == b"01234567ABC"
+    assert client.ask(TRUNCATE, "uploads/a.plan", offset=4).ok
+    assert (disk / "uploads" / "a.plan").read_bytes() == b"0123"
+    assert client.ask(TRUNCATE, "uploads/a.plan", offset=400).error == (ERRNO, 22)
+    assert client.ask(MKDIR, "uploads/d").ok
+    assert client.ask(MKDIR, "uploads/d").error == (EXISTS,)
+    assert client.ask(RENAME, "uploads/a.plan\0uploads/d/b.plan\0").ok
+    assert client.list("uploads/d") == ["Fb.plan\t4"]
+    assert client.ask(RMDIR, "uploads/d").error == (ERRNO, 39)
+    client.put("uploads/c", b"")
+    assert client.ask(RENAME, "uploads/c\0uploads/d/b.plan").error == (EXISTS,)
+    assert client.ask(REMOVE, "uploads/d/b.plan").ok
+    assert client.ask(REMOVE, "uploads/d/b.plan").error == (NOT_FOUND,)
+    assert client.ask(REMOVE, "uploads/d").error == (ERRNO, 21)
+    assert client.ask(RMDIR, "uploads/d").ok
+
+
+@pytest.mark.parametrize(
+    ("opcode", "path"),
+    [
+        (CREATE, "logs/a"),
+        (CREATE, "a"),
+        (CREATE, "uploads"),
+        (CREATE, "metadata/general.json"),
+        (CREATE, "parameters.param"),
+        (OPEN_WRITE, "logs/00000001.BIN"),
+        (REMOVE, "logs/00000001.BIN"),
+        (REMOVE, "parameters.param"),
+        (REMOVE, "/"),
+        (TRUNCATE, "logs/00000001.BIN"),
+        (RENAME, "logs/00000001.BIN\0uploads/a"),
+        (RENAME, "uploads/a\0logs/a"),
+        (MKDIR, "logs/d"),
+        (MKDIR, "d"),
+        (RMDIR, "logs"),
+        (RMDIR, "uploads"),
+    ],
+)
+def test_nothing_is_written_elsewhere(client, disk, opcode, path):
+    before = sorted(disk.rglob("*"))
+    assert client.ask(opcode, path).error == (PROTECTED,)
+    assert sorted(disk.rglob("*")) == before
+    assert (disk / "logs" / "00000001.BIN").read_bytes() == CONTENT
+
+
+def test_what_is_too_large_is_refused(client, disk):
+    client.ask(CREATE, "uploads/a")
+    assert client.ask(WRITE, b"x", offset=(1 << 20) - 1).ok
+    assert client.ask(WRITE, b"x", offset=1 << 20).error == (ERRNO, 27)
+    assert client.ask(WRITE, b"x", offset=0xFFFFFFFF).error == (ERRNO, 27)
+    for number in range(15):
+        (disk / "uploads" / str(number)).write_bytes(bytes(1 << 20))
+    assert client.ask(TERMINATE).ok  # the sixteenth megabyte
+    assert client.put("uploads/b", b"one more").error == (ERRNO, 28)
+    assert sorted(path.name for path in (disk / "uploads").iterdir()) == sorted(["a", *map(str, range(15))])
+
+
+def test_uploads_under_way_are_bounded_and_idle_ones_make_room(client, disk):
+    for number in range(4):
+        assert client.ask(CREATE, f"uploads/{number}", session=number).ok
+        assert client.ask(WRITE, b"x", session=number).ok
+    assert client.ask(CREATE, "uploads/4", session=4).error == (NO_SESSIONS,)
+    assert client.ask(OPEN, "logs/00000001.BIN", session=4).ok
+    assert client.ask(CREATE, "uploads/3", session=3).ok  # its own again
+    client.rig.now_s += 11.0
+    assert client.ask(CREATE, "uploads/4", session=4).ok
+    assert client.ask(WRITE, b"x", session=0).error == (SESSION,)
+    assert client.ask(RESET).ok
+    assert sorted(path.name for path in (disk / "uploads").iterdir()) == ["1", "2", "3", "4"]
+
+
+def test_several_bursts_at_the_same_time_all_come_to_their_end(client):
+    for number in range(3):
+        client.ask(OPEN, "logs/00000001.BIN", session=number)
+    requests = [client.request(BURST, size=20, session=number) for number in range(3)]
+    said = client.rig.tell(*requests)
+    assert sum(bytes(message.payload)[6] for message in said) == 3
+    assert sum(bytes(message.payload)[4] for message in said) == 3 * len(CONTENT)
+
+
+def test_files_are_counted(client, disk):
+    for number in range(128):
+        (disk / "uploads" / str(number)).touch()
+    assert client.put("uploads/b", b"").error == (ERRNO, 28)
+    assert client.ask(MKDIR, "uploads/b").error == (ERRNO, 28)
+    assert client.put("uploads/5", b"in its place").ok
+
+
+# ---------------------------------------------------------------------- retries
+
+
+@pytest.mark.parametrize("opcode", [CREATE, MKDIR])
+def test_a_retry_is_answered_in_the_same_way_and_not_done_again(client, disk, opcode):
+    first = client.ask(opcode, "uploads/a", sequence=7)
+    client.ask(WRITE, b"content", sequence=8)
+    assert vars(client.ask(opcode, "uploads/a", sequence=7)) == vars(first)
+    client.ask(TERMINATE, sequence=9)
+    if opcode == CREATE:
+        assert (disk / "uploads" / "a").read_bytes() == b"content"
+    assert client.ask(opcode, "uploads/a", sequence=7).ok
+    if opcode == CREATE:
+        assert client.ask(TERMINATE, sequence=9).ok  # a stray copy of the end: nothing is open
+        assert (disk / "uploads" / "a").read_bytes() == b"content"
+
+
+def test_a_removal_that_was_not_answered_is_answered_the_second_time(client):
+    client.put("uploads/a", b"")
+    assert client.ask(REMOVE, "uploads/a", sequence=70).ok
+    assert client.ask(REMOVE, "uploads/a", sequence=70).ok
+    assert client.ask(REMOVE, "uploads/a", sequence=71).error == (NOT_FOUND,)
+
+
+def test_a_client_that_was_started_again_is_not_answered_from_memory(client):
+    client.ask(OPEN, "logs/00000001.BIN", sequence=0)
+    client.ask(TERMINATE, sequence=1)
+    assert client.ask(OPEN, "logs/00000001.BIN", sequence=0).ok
+    assert client.ask(READ, sequence=2).ok
+
+
+def test_a_link_that_loses_repeats_and_reorders_leaves_the_right_file(client, disk):
+    """A quarter of the requests and of the answers is lost; old requests turn up again at any time."""
+    chance, past = random.Random(3), []
+
+    def patiently(opcode, data=b"", *, offset=0, size=None):
+        request = client.request(opcode, data, offset=offset, size=size)
+        past.append(request)
+        while True:
+            if chance.random() < 0.3:
+                client.rig.tell(chance.choice(past[-12:]))
+            if chance.random() < 0.75:
+                said = client.rig.tell(request)
+                if chance.random() < 0.75:
+                    return bytes(said[0].payload)
+            client.rig.now_s += 0.05
+
+    content = random.Random(4).randbytes(6000)
+    for name in ("a", "b"):
+        assert patiently(CREATE, f"uploads/{name}")[3] == 128
+        for start in range(0, len(content), 239):
+            assert patiently(WRITE, content[start : start + 239], offset=start)[3] == 128
+        assert patiently(TERMINATE)[3] == 128
+    assert patiently(REMOVE, "uploads/b")[3] == 128
+    assert patiently(OPEN, "uploads/a")[3] == 128
+    read = b""
+    while len(read) < len(content):
+        reply = patiently(READ, offset=len(read), size=239)
+        assert reply[3] == 128
+        read += reply[12 : 12 + reply[4]]
+    assert read == content
+    patiently(TERMINATE)
+    assert {path.name: path.read_bytes() for path in (disk / "uploads").iterdir()} == {"a": content}
+
+
+# ---------------------------------------------------------------------- slow lines
+
+
+def test_a_burst_leaves_room_for_others_on_a_slow_line(disk, stored, of):
+    rig, client = stored(byte_rate=5760.0, radio=True)
+    client.ask(OPEN, "logs/00000001.BIN")
+    client.all(BURST, size=239)
+    parts, beats, attitudes = [], 0, 0
+    for tick in range(1, 40):
+        said = rig.tick()
+        parts += of(said, "FILE_TRANSFER_PROTOCOL")
+        beats += len(of(said, "HEARTBEAT"))
+        attitudes += len(of(said, "ATTITUDE"))
+        assert len(parts) * 266 < 0.7 * 5760.0 * (0.1 * tick + 0.5)
+    assert len(parts) >= len(CONTENT) // 239 - 1
+    assert beats == pytest.approx(4, abs=1)
+    assert attitudes > 0
+
+
+def test_a_line_that_takes_nothing_is_not_waited_for(client):
+    client.ask(OPEN, "logs/00000001.BIN")
+    client.rig.transport.takes = False
+    client.rig.give(client.rig.frame(client.request(BURST, size=1)))
+    assert not client.rig.endpoint.busy
+    client.rig.transport.takes = True
+    client.rig.tick_silently()
+    assert len(client.rig.give(b"")) > 100
+
+
+# ---------------------------------------------------------------------- uploads that are put in force
+
+
+def test_an_upload_to_a_sink_is_judged_before_it_counts(stored, texts):
+    taken = []
+
+    def sink(content, origin, done):
+        taken.append((content, origin.system, origin.component))
+        done("" if content == b"good" else "not good")
+
+    _, client = stored(sinks={("plans", "mission.plan"): sink})
+    assert client.put("plans/mission.plan", b"good").ok
+    client.ask(CREATE, "plans/mission.plan")
+    client.ask(WRITE, b"bad")
+    said = client.rig.tell(client.request(TERMINATE))
+    assert texts(said) == ["plans/mission.plan: not good"]
+    assert taken == [(b"good", 255, 190), (b"bad", 255, 190)]
+    assert mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL in {message.get_msgId() for message in said}
+
+
+# ---------------------------------------------------------------------- out of the root
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "../secret",
+        "/../secret",
+        "logs/../../secret",
+        "uploads/../secret",
+        "uploads/..",
+        "uploads/link",
+        "uploads/way/secret",
+        "uploads/pipe",
+        "uploads/.hidden",
+        "/etc/passwd",
+        "logs//etc/passwd",
+        "\\..\\secret",
+        "uploads/" + "n" * 65,
+        "uploads/" + "d/" * 9 + "f",
+        "uploads/a\x01b",
+        b"uploads/\xff",
+        "uploads/a\0/../../secret",
+    ],
+)
+def test_nothing_outside_is_seen_or_changed(client, disk, path):
+    (disk / "uploads" / "link").symlink_to(disk / "secret")
+    (disk / "uploads" / "way").symlink_to(disk)
+    (disk / "uploads" / ".hidden").write_bytes(b"hidden")
+    os.mkfifo(disk / "uploads" / "pipe")
+    for opcode in (OPEN, OPEN_WRITE, CHECKSUM, TRUNCATE, MKDIR, RMDIR, LIST):
+        reply = client.ask(opcode, path)
+        assert not reply.ok or opcode in (MKDIR, RMDIR)
+    for name in ("link", "way"):
+        assert (disk / "uploads" / name).is_symlink()
+    assert (disk / "secret").read_bytes() == b"secret"
+    assert not any(entry.startswith("Dway") or "link" in entry for entry in client.list("uploads"))
+    assert {entry.name for entry in disk.iterdir()} == {"logs", "uploads", "secret"}
+
+
+def test_a_link_in_the_way_of_an_upload_is_replaced_and_not_followed(client, disk):
+    (disk / "uploads" / "link").symlink_to(disk / "secret")
+    assert client.put("uploads/link", b"new").ok
+    assert (disk / "secret").read_bytes() == b"secret"
+    assert not (disk / "uploads" / "link").is_symlink()
+
+
+def test_without_storage_there_are_only_the_files_in_memory(rig, ftp_station):
+    client = ftp_station(rig)
+    assert [line[0] for line in client.list("/")] == ["D", "D", "F"]
+    assert client.ask(CREATE, "uploads/a").error == (NOT_FOUND,)

@@ -131,3 +131,80 @@ def test_a_list_on_a_very_slow_line_does_not_silence_the_heartbeat(make_rig, of)
     said = rig.ticks(50)
     assert of(said, "PARAM_VALUE")[-1].param_index < len(TABLE) - 1
     assert len(of(said, "HEARTBEAT")) == pytest.approx(5, abs=1)
+
+
+@pytest.mark.parametrize("spare", [b"", b"\0"])
+def test_a_name_as_long_as_the_field_needs_no_end(rig, monkeypatch, spare):
+    name = "A_NAME_OF_SIXTEEN"[:16]
+    monkeypatch.setitem(INDEX, name, 3)
+    (value,) = rig.tell(mavlink.MAVLink_param_request_read_message(1, 1, (name.encode() + spare)[:16], -1))
+    assert value.param_index == 3
+
+
+def test_a_value_that_is_in_force_already_is_confirmed_without_being_set_again(rig, of):
+    rig.authority.at_once = False
+    assert rig.tell(set_to(b"CTL_K1", 40.0)) == []
+    rig.authority.waiting.pop()(True)  # what is under way may be an earlier change to the same value
+    (value,) = of(rig.said(), "PARAM_VALUE")
+    assert (value.param_id, value.param_value) == ("CTL_K1", 40.0)
+    assert rig.authority.requests == []
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_a_read_only_parameter_is_refused_as_such(rig, of, texts, value):
+    said = rig.tell(set_to(b"STAT_BOOTCNT", value, kind=6))
+    (error,) = of(said, "PARAM_ERROR")
+    assert (error.error, error.param_id) == (mavlink.MAV_PARAM_ERROR_READ_ONLY, "STAT_BOOTCNT")
+    assert [value.param_value for value in of(said, "PARAM_VALUE")] == [0.0]
+    assert texts(said) == ["STAT_BOOTCNT is read-only"]
+    assert rig.authority.requests == []
+
+
+def test_what_takes_effect_at_the_next_start_is_said_to(rig, of, texts):
+    said = rig.tell(set_to(b"LNK_SYSID", 7.0, kind=6))
+    assert [value.param_value for value in of(said, "PARAM_VALUE")] == [7.0]
+    assert texts(said) == ["LNK_SYSID: takes effect at the next start"]
+    assert texts(rig.tell(set_to(b"LNK_SYSID", 7.0, kind=6))) == []
+
+
+def test_no_confirmation_is_lost_on_a_slow_line(make_rig, of):
+    """More changes at once than the line's queue holds: each parameter is told in the end, as it is then."""
+    rig = make_rig(byte_rate=960.0, radio=True)
+    rig.tick()
+    reals = [row for row in TABLE if row.kind is Kind.REAL]
+    said = []
+    for share in (0.25, 0.5, 0.75):
+        for row in reals:
+            said += rig.tell(set_to(row.name.encode(), row.minimum + share * (row.maximum - row.minimum)))
+    said += rig.ticks(100)
+    told = {value.param_id: value.param_value for value in of(said, "PARAM_VALUE")}
+    assert told == {row.name: rig.authority.values[row.name] for row in reals}
+
+
+def test_a_line_that_takes_nothing_for_a_while_gets_what_it_is_owed(make_rig, of):
+    rig = make_rig()
+    rig.tick()
+    rig.transport.takes = False
+    for index in range(len(TABLE)):
+        rig.transport.inbox.append(("station", rig.frame(mavlink.MAVLink_param_request_read_message(1, 1, b"", index))))
+    for _ in range(20):
+        rig.endpoint.service(rig.now_s, [100])
+    rig.transport.takes = True
+    rig.tick_silently()
+    said = rig.give(b"")
+    assert [value.param_index for value in of(said, "PARAM_VALUE")] == list(range(len(TABLE)))
+    assert not rig.endpoint.busy
+
+
+def test_two_stations_read_the_list_at_the_same_time(make_rig):
+    rig = make_rig(addresses=("one", "two"))
+    rig.tick()
+    for address in ("one", "two"):
+        rig.transport.inbox.append((address, rig.frame(mavlink.MAVLink_param_request_list_message(1, 1))))
+    rig.endpoint.service(rig.now_s, [100])
+    while rig.endpoint.busy:
+        rig.endpoint.service(rig.now_s, [])
+    sent = list(rig.transport.sent)
+    for address in ("one", "two"):
+        rig.transport.sent = list(sent)
+        assert [value.param_index for value in rig.said(address)] == list(range(len(TABLE)))

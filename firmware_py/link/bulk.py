@@ -1,0 +1,43 @@
+"""How much of a long transfer goes to a peer at one time, beside its telemetry and answers."""
+
+from __future__ import annotations
+
+_SHARE = 0.7  # of a line: the rest is for telemetry and answers
+_BURST_S = 0.25  # what an idle line may save up, as in the outbox
+_LONGEST_FRAME = 280
+_FRAMES_AT_ONCE = 44  # on a network, in one call of the loop: four datagrams, about 0.4 ms
+_WAITING = 64  # messages in the queue of answers; half of what it holds
+
+
+class BulkShare:
+    """The part of a peer's line that long transfers may use."""
+
+    __slots__ = ("_rate", "_room_bytes", "_updated_s", "hungry")
+
+    def __init__(self, byte_rate: float | None) -> None:
+        """Take the speed of the line in bytes a second; None for a network."""
+        self._rate = None if byte_rate is None else _SHARE * byte_rate
+        self._room_bytes = 0.0
+        self._updated_s = 0.0
+        self.hungry = False  # more could go at once, were the loop to call again
+
+    def leave(self) -> None:
+        """Note that a transfer has more to send: on a line it waits for a tick, on a network it need not."""
+        self.hungry = self._rate is None
+
+    def frames(self, frame_bytes: int, waiting: int, now_s: float) -> int:
+        """Return how many frames of a size may be queued now, where `waiting` answers wait already."""
+        if waiting >= _WAITING:
+            return 0
+        if self._rate is None:
+            return _FRAMES_AT_ONCE if waiting == 0 else 0
+        burst = max(self._rate * _BURST_S, float(_LONGEST_FRAME))
+        elapsed_s = min(max(0.0, now_s - self._updated_s), _BURST_S * 4)
+        self._updated_s = now_s
+        self._room_bytes = min(burst, self._room_bytes + elapsed_s * self._rate)
+        return min(int(self._room_bytes // frame_bytes), _WAITING - waiting)
+
+    def spend(self, spent_bytes: int) -> None:
+        """Count what has been queued."""
+        if self._rate is not None:
+            self._room_bytes -= spent_bytes

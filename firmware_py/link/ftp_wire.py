@@ -1,0 +1,128 @@
+"""The payload of FILE_TRANSFER_PROTOCOL: requests, answers and their numbers.
+
+Source: the MAVLink guide, services/ftp.
+"""
+
+from __future__ import annotations
+
+import errno
+import struct
+from enum import IntEnum
+from typing import NamedTuple
+
+PAYLOAD = struct.Struct("<HBBBBBBI239s")
+DATA_BYTES = 239
+
+
+class Opcode(IntEnum):
+    """What is asked."""
+
+    NONE = 0
+    TERMINATE = 1
+    RESET = 2
+    LIST = 3
+    OPEN_READ = 4
+    READ = 5
+    CREATE = 6
+    WRITE = 7
+    REMOVE = 8
+    CREATE_DIRECTORY = 9
+    REMOVE_DIRECTORY = 10
+    OPEN_WRITE = 11
+    TRUNCATE = 12
+    RENAME = 13
+    CHECKSUM = 14
+    BURST_READ = 15
+    LIST_WITH_TIME = 16
+    ACK = 128
+    NAK = 129
+
+
+class Error(IntEnum):
+    """Why a request is refused."""
+
+    FAIL = 1
+    FAIL_ERRNO = 2
+    INVALID_DATA_SIZE = 3
+    INVALID_SESSION = 4
+    NO_SESSIONS_AVAILABLE = 5
+    END_OF_FILE = 6
+    UNKNOWN_COMMAND = 7
+    FILE_EXISTS = 8
+    FILE_PROTECTED = 9
+    FILE_NOT_FOUND = 10
+
+
+class Refusal(Exception):  # noqa: N818 - it is an answer, not a fault of the program
+    """A request that is refused; `number` is the errno that goes with FAIL_ERRNO, `text` is for the operator."""
+
+    def __init__(self, error: Error, number: int = 0, text: str = "") -> None:
+        """Take the code, and what else is to be said."""
+        super().__init__(text or error.name)
+        self.error = error
+        self.number = number
+        self.text = text
+
+
+_OF_ERRNO = {
+    errno.ENOENT: Error.FILE_NOT_FOUND,
+    errno.ENOTDIR: Error.FILE_NOT_FOUND,
+    errno.EEXIST: Error.FILE_EXISTS,
+    errno.EACCES: Error.FILE_PROTECTED,
+    errno.EPERM: Error.FILE_PROTECTED,
+    errno.EROFS: Error.FILE_PROTECTED,
+    errno.ELOOP: Error.FILE_PROTECTED,  # a symbolic link, which is never followed
+}
+
+
+def refusal_of(failure: Exception) -> Refusal:
+    """Return the refusal that tells of any failure."""
+    if isinstance(failure, Refusal):
+        return failure
+    if isinstance(failure, OSError) and failure.errno is not None:
+        error = _OF_ERRNO.get(failure.errno)
+        if error is not None:
+            return Refusal(error)
+        return Refusal(Error.FAIL_ERRNO, failure.errno & 0xFF)
+    return Refusal(Error.FAIL)
+
+
+class Request(NamedTuple):
+    """One request as it came; the numbers are what they may be."""
+
+    sequence: int
+    session: int
+    opcode: int
+    size: int
+    offset: int
+    data: bytes  # as long as `size` says
+
+
+def parse(payload: bytes) -> Request:
+    """Read a payload of 251 bytes; Refusal for a size that it cannot hold."""
+    sequence, session, opcode, size, _, _, _, offset, data = PAYLOAD.unpack(payload)
+    if size > DATA_BYTES:
+        raise Refusal(Error.INVALID_DATA_SIZE)
+    return Request(sequence, session, opcode, size, offset, data[:size])
+
+
+def answer(request: Request, data: bytes = b"", *, offset: int | None = None) -> bytes:
+    """Return the ACK of a request as a payload."""
+    at = request.offset if offset is None else offset
+    sequence = (request.sequence + 1) & 0xFFFF
+    return PAYLOAD.pack(sequence, request.session, Opcode.ACK, len(data), request.opcode, 0, 0, at, data)
+
+
+def refused(request: Request, refusal: Refusal) -> bytes:
+    """Return the NAK of a request as a payload."""
+    data = bytes((refusal.error,))
+    if refusal.error is Error.FAIL_ERRNO:
+        data += bytes((refusal.number,))
+    sequence = (request.sequence + 1) & 0xFFFF
+    return PAYLOAD.pack(sequence, request.session, Opcode.NAK, len(data), request.opcode, 0, 0, request.offset, data)
+
+
+def burst_part(request: Request, index: int, data: bytes, offset: int, *, last: bool) -> bytes:
+    """Return one part of the answer to a burst read as a payload; each has the next sequence number."""
+    sequence = (request.sequence + 1 + index) & 0xFFFF
+    return PAYLOAD.pack(sequence, request.session, Opcode.ACK, len(data), request.opcode, last, 0, offset, data)

@@ -1,0 +1,88 @@
+"""Disk work of the link that may take long, on a thread of its own; the results come back on the loop's thread."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+_MOST_JOBS = 32
+
+Job = Callable[[], Any]
+Done = Callable[[Any], None]  # takes the result, or the exception that ended the job
+
+
+class Worker:
+    """A bounded queue of jobs, done one after the other.
+
+    Without `background` a job is done at once, on the caller's thread: for tests, and where nothing is stored.
+    """
+
+    def __init__(self, *, background: bool) -> None:
+        """Start the thread, if there is to be one: before real-time priority is taken, which it would inherit."""
+        self._jobs: deque[tuple[Job, Done] | None] = deque()
+        self._results: deque[tuple[Done, Any]] = deque()
+        self._wanted = threading.Semaphore(0)
+        self._under_way = 0
+        self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC) if background else -1
+        self._thread: threading.Thread | None = None
+        if background:
+            self._thread = threading.Thread(target=self._work, name="link files", daemon=True)
+            self._thread.start()
+
+    def fileno(self) -> int:
+        """The descriptor that is readable when `poll` has results, or -1."""
+        return self._wake_fd
+
+    def submit(self, job: Job, done: Done) -> bool:
+        """Queue a job; `done` is called by `poll`. False when there are too many already."""
+        if self._thread is None:
+            done(_result_of(job))
+            return True
+        if self._under_way >= _MOST_JOBS:
+            return False
+        self._under_way += 1
+        self._jobs.append((job, done))
+        self._wanted.release()
+        return True
+
+    def poll(self) -> None:
+        """Hand over the results that are there."""
+        if not self._results:
+            return
+        os.eventfd_read(self._wake_fd)
+        for _ in range(len(self._results)):
+            done, result = self._results.popleft()
+            self._under_way -= 1
+            done(result)
+
+    def close(self) -> None:
+        """Finish what is queued and end the thread; gives up on a disk that hangs."""
+        if self._thread is None:
+            return
+        self._jobs.append(None)
+        self._wanted.release()
+        self._thread.join(timeout=10.0)
+        self._thread = None
+        os.close(self._wake_fd)
+        self._wake_fd = -1
+
+    def _work(self) -> None:
+        while True:
+            self._wanted.acquire()
+            entry = self._jobs.popleft()
+            if entry is None:
+                return
+            job, done = entry
+            # First the result, then the sign: whoever sees the sign finds the result.
+            self._results.append((done, _result_of(job)))
+            os.eventfd_write(self._wake_fd, 1)
+
+
+def _result_of(job: Job) -> Any:
+    try:
+        return job()
+    except Exception as failure:  # noqa: BLE001 - whatever it is, it belongs to who asked for the job
+        return failure

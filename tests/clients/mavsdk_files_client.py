@@ -1,0 +1,125 @@
+"""A client written with MAVSDK, run as a process of its own: moves files and logs, reads the component metadata.
+
+    python mavsdk_files_client.py URL DIRECTORY
+
+The directory holds upload.plan; downloads and results.json are put into it. Exit code 77 says that MAVSDK cannot be
+had on this machine.
+"""
+
+import json
+import sys
+import threading
+from pathlib import Path
+
+try:
+    from mavsdk.component_type import ComponentType
+    from mavsdk.exceptions import MavsdkError
+    from mavsdk.mavsdk import Configuration, Mavsdk
+    from mavsdk.plugins.component_metadata import ComponentMetadata, MetadataType
+    from mavsdk.plugins.ftp import Ftp
+    from mavsdk.plugins.log_files import LogFiles
+except Exception as missing:  # noqa: BLE001 - whatever keeps the wheel and its library from loading here
+    print(f"MAVSDK cannot be had: {missing!r}")
+    sys.exit(77)
+
+PATIENCE_S = 40.0
+
+
+def finished(start):
+    """The name of the result of something that tells of its progress."""
+    ended, results = threading.Event(), []
+
+    def told(result, _data, _user):
+        if result.name != "NEXT":
+            results.append(result.name)
+            ended.set()
+
+    start(told)
+    return results[0] if ended.wait(PATIENCE_S) else "no end"
+
+
+def result_of(call, *arguments):
+    try:
+        call(*arguments)
+    except MavsdkError as error:
+        return error.result.name
+    return "SUCCESS"
+
+
+def move_files(system, directory):
+    ftp = Ftp(system)
+
+    def listed(path):
+        return sorted((entry.entry_type.name, entry.name) for entry in ftp.list_directory(path).entries)
+
+    def get(path, *, burst):
+        return finished(lambda told: ftp.download_async(path, str(directory), burst, told))
+
+    upload = str(directory / "upload.plan")
+    seen = {"root": listed("/"), "logs": listed("/logs")}
+    seen["downloads"] = [
+        get("/logs/00000001.BIN", burst=True),
+        get("/metadata/parameter.json", burst=False),
+        get("@PARAM/param.pck", burst=True),
+    ]
+    seen["upload"] = finished(lambda told: ftp.upload_async(upload, "/uploads", told))
+    seen["identical"] = ftp.are_files_identical(upload, "/uploads/upload.plan")
+    seen["changes"] = [
+        result_of(ftp.create_directory, "/uploads/old"),
+        result_of(ftp.create_directory, "/uploads/old"),
+        result_of(ftp.rename, "/uploads/upload.plan", "/uploads/old/first.plan"),
+        result_of(ftp.remove_directory, "/uploads/old"),
+        result_of(ftp.remove_file, "/uploads/old/first.plan"),
+        result_of(ftp.remove_directory, "/uploads/old"),
+        result_of(ftp.remove_file, "/uploads/old/first.plan"),
+    ]
+    seen["refused"] = [
+        finished(lambda told: ftp.upload_async(upload, "/logs", told)),
+        result_of(ftp.remove_file, "/logs/00000001.BIN"),
+        result_of(ftp.list_directory, "/.."),
+        get("/uploads/../parameters.param.0", burst=True),
+    ]
+    return seen
+
+
+def fetch_logs(system, directory):
+    logs = LogFiles(system)
+    entries = logs.get_entries()
+    results = [
+        finished(
+            lambda told, entry=entry: logs.download_log_file_async(entry, str(directory / f"log{entry.id}.bin"), told)
+        )
+        for entry in entries
+        if entry.id  # 0 is being written
+    ]
+    return {"entries": [(entry.id, entry.date, entry.size_bytes) for entry in entries], "log_downloads": results}
+
+
+def read_metadata(system):
+    metadata = ComponentMetadata(system)
+    came = threading.Event()
+
+    def told(update, _user):
+        if update.type is MetadataType.PARAMETER:
+            came.set()
+
+    metadata.subscribe_metadata_available(told)
+    metadata.request_autopilot_component()
+    if not came.wait(PATIENCE_S):
+        sys.exit("waited in vain for the metadata")
+    return {"metadata": json.loads(metadata.get_metadata(1, MetadataType.PARAMETER).json_metadata)}
+
+
+def main():
+    url, directory = sys.argv[1], Path(sys.argv[2])
+    with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:
+        print(mavsdk.add_any_connection(url).name)
+        system = mavsdk.first_autopilot(PATIENCE_S)
+        if system is None:
+            sys.exit(f"no autopilot on {url}")
+        seen = {**move_files(system, directory), **fetch_logs(system, directory), **read_metadata(system)}
+        (directory / "results.json").write_text(json.dumps(seen, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,181 @@
+"""Files, logs, packed parameters and metadata, fetched and sent by MAVSDK and MAVProxy from `rambler run` itself."""
+
+import importlib.util
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+from firmware_py.cli.params import _qgc_file
+from firmware_py.link.metadata import parameter_json
+from firmware_py.params import TABLE, format_file, parse_file
+
+CLIENT = Path(__file__).with_name("mavsdk_files_client.py")
+CANNOT_BE_HAD = 77
+SESSION_S = 90.0
+LOGS = {1: 90 * 1500, 2: 200_001}  # a whole number of blocks, and not
+VEHICLE = """
+[compass]
+driver = "nmea"
+port = "{directory}/no-compass"
+baud = 38400
+[rudder]
+driver = "volz"
+port = "{directory}/no-rudder"
+baud = 115200
+id = 1
+"""
+
+
+def log_path(directory, number):
+    return directory / "state" / "logs" / f"{number:08d}.BIN"
+
+
+@pytest.fixture
+def boat(tmp_path, start, free_ports):
+    """`rambler run` without any device, with two old logs; the port that it speaks to."""
+    (tmp_path / "boat.toml").write_text(VEHICLE.format(directory=tmp_path))
+    log_path(tmp_path, 1).parent.mkdir(parents=True)
+    noise = random.Random(5)
+    for number, size in LOGS.items():
+        log_path(tmp_path, number).write_bytes(noise.randbytes(size))
+        os.utime(log_path(tmp_path, number), (1_700_000_000 + number, 1_700_000_000 + number))
+    (port,) = free_ports(["udpout"])
+    words = ["run", str(tmp_path / "boat.toml"), "--wait", "--state", str(tmp_path / "state")]
+    program = start("boat", [sys.executable, "-m", "firmware_py", *words, "--link", f"udpout:127.0.0.1:{port}"])
+    program.expect("state in")
+    yield port
+    program.send_signal(signal.SIGTERM)
+    assert program.exit_code() == 0
+
+
+def test_mavsdk_moves_files_and_logs(tmp_path, start, boat):
+    if importlib.util.find_spec("mavsdk") is None:
+        pytest.skip("mavsdk is not installed; install the extra [dev]")
+    directory = tmp_path / "client"
+    directory.mkdir()
+    upload = random.Random(6).randbytes(3000)
+    (directory / "upload.plan").write_bytes(upload)
+    # A home of its own: MAVSDK keeps metadata by checksum.
+    env = {**os.environ, "HOME": str(directory), "XDG_CACHE_HOME": str(directory / "cache")}
+    client = start("mavsdk", [sys.executable, str(CLIENT), f"udpin://127.0.0.1:{boat}", str(directory)], env=env)
+    code = client.exit_code(SESSION_S)
+    if code == CANNOT_BE_HAD:
+        pytest.skip(client.text().strip().splitlines()[-1])
+    if code != 0:
+        client.fail(f"it ended with code {code}")
+    seen = json.loads((directory / "results.json").read_text())
+    directories = ["@PARAM", "logs", "metadata", "uploads"]
+    assert seen["root"] == [*(["DIRECTORY", name] for name in directories), ["FILE", "parameters.param"]]
+    assert [name for _, name in seen["logs"]][:2] == ["00000001.BIN", "00000002.BIN"]
+    assert seen["downloads"] == ["SUCCESS"] * 3
+    assert (directory / "00000001.BIN").read_bytes() == log_path(tmp_path, 1).read_bytes()
+    assert (seen["upload"], seen["identical"]) == ("SUCCESS", True)
+    assert seen["changes"] == [
+        *("SUCCESS", "FILE_EXISTS", "SUCCESS", "PROTOCOL_ERROR", "SUCCESS", "SUCCESS", "FILE_DOES_NOT_EXIST")
+    ]
+    assert seen["refused"] == ["FILE_PROTECTED"] * 4
+    check_logs(tmp_path, directory, seen)
+    shown = {row["name"]: row for row in seen["metadata"]["parameters"]}
+    assert list(shown) == [row.name for row in TABLE]
+    assert (directory / "parameter.json").read_text() == json.dumps(seen["metadata"], indent=1)
+
+
+def check_logs(tmp_path, directory, seen):
+    assert [number for number, _, _ in seen["entries"]] == [0, 1, 2]
+    assert [size for _, _, size in seen["entries"][1:]] == list(LOGS.values())
+    assert [date for _, date, _ in seen["entries"][1:]] == ["2023-11-14T22:13:21Z", "2023-11-14T22:13:22Z"]
+    assert seen["log_downloads"] == ["SUCCESS", "SUCCESS"]
+    for number in LOGS:
+        assert (directory / f"log{number}.bin").read_bytes() == log_path(tmp_path, number).read_bytes()
+
+
+def ask(client, line, pattern):
+    client.say(line)
+    return client.expect(pattern)
+
+
+def test_mavproxy_moves_files_logs_and_parameters(tmp_path, start, boat):
+    script = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
+    if script is None:
+        pytest.skip("mavproxy.py is not beside this Python; install the extra [dev]")
+    home = tmp_path / "home"
+    home.mkdir()
+    (home / "up.bin").write_bytes(random.Random(7).randbytes(2000))
+    command = [sys.executable, script, f"--master=udpin:127.0.0.1:{boat}", f"--state-basedir={home}"]
+    client = start("mavproxy", command, cwd=home, env={**os.environ, "HOME": str(home), "PYTHONUNBUFFERED": "1"})
+    client.expect(rf"Received {len(TABLE)} parameters \(ftp\)")
+    client.expect(f"Saved {len(TABLE)} defaults")
+    move_files(tmp_path, home, client)
+    fetch_logs(tmp_path, home, client)
+    move_parameters(home, client)
+    client.hang_up()
+    client.exit_code()
+
+
+def move_files(tmp_path, home, client):
+    ask(client, "ftp list /", r" D logs\s")
+    ask(client, "ftp list /logs", rf"00000002\.BIN\t{LOGS[2]}\t2023-11-1")
+    client.expect("Total size")
+    # Through MAVProxy's own simulation of a bad link: a quarter is lost, both ways.
+    for name in ("rx", "tx"):
+        client.say(f"ftp set pkt_loss_{name} 25")
+    client.say("ftp set loss_seed 7")
+    size = int(ask(client, "ftp get /metadata/parameter.json got.json", r"Wrote (\d+) bytes to got.json").group(1))
+    assert (home / "got.json").read_text() == parameter_json()
+    assert (home / "got.json").stat().st_size == size
+    ask(client, "ftp put up.bin /uploads/up.bin", "Sent file of length 2000")
+    for name in ("rx", "tx"):
+        client.say(f"ftp set pkt_loss_{name} 0")
+    ours = ask(client, "ftp crclocal up.bin", r"crclocal: up.bin (0x\w+)").group(1)
+    # The end of the upload may have been lost; the next one of the same file brings it into its place.
+    ask(client, "ftp put up.bin /uploads/up.bin", "Sent file of length 2000")
+    assert ask(client, "ftp crc /uploads/up.bin", r"crc: /uploads/up.bin (0x\w+)").group(1) == ours
+    client.say("ftp rm /uploads/up.bin")
+    client.expect("Removing /uploads/up.bin")
+    uploads = tmp_path / "state" / "uploads"
+    client.wait_for(lambda: not list(uploads.iterdir()), "the upload was not removed")
+    ask(client, "ftp put up.bin /logs/up.bin", "Create failed")
+    ask(client, "ftp get /logs/00000001.BIN got.bin", rf"Wrote {LOGS[1]} bytes to got.bin")
+    assert (home / "got.bin").read_bytes() == log_path(tmp_path, 1).read_bytes()
+
+
+def fetch_logs(tmp_path, home, client):
+    client.say("log list")
+    client.expect(rf"Log 2  numLogs 3 lastLog 2 size {LOGS[2]} ")
+    for number, size in LOGS.items():
+        ask(client, f"log download {number} log{number}.bin", rf"Finished downloading log{number}.bin \({size} ")
+        assert (home / f"log{number}.bin").read_bytes() == log_path(tmp_path, number).read_bytes()
+
+
+def move_parameters(home, client):
+    """Files that MAVProxy saves are read here, those written here are loaded there, and packed ones sent."""
+    client.say("param set CTL_K1 37.5")
+    client.wait_for(lambda: ask(client, "param show CTL_K1", r"CTL_K1 +(\S+)").group(1) == "37.5", "it was not set")
+    ask(client, "param save saved.parm", rf"Saved {len(TABLE)} parameters to saved.parm")
+    saved = parse_file((home / "saved.parm").read_text(), "saved.parm")
+    assert saved.pop("STAT_BOOTCNT") == 1.0
+    assert saved == {row.name: 37.5 if row.name == "CTL_K1" else row.default for row in TABLE if not row.read_only}
+    settings = {row.name: row.default for row in TABLE if not row.read_only}
+    (home / "ours.param").write_text(format_file({**settings, "CTL_K1": 41.25, "EST_TAU_S": 1.7}))
+    loaded = ask(client, "param load ours.param", r"Loaded (\d+) parameters from ours.param \(changed 2\)")
+    assert int(loaded.group(1)) == len(settings)
+    (home / "packed.param").write_text(format_file({**settings, "CTL_K1": 42.0, "EST_TAU_S": 1.9}))
+    ask(client, "param ftpload packed.param", "Parameter upload done")
+    ask(client, "ftp get parameters.param now.param", "Wrote .* to now.param")
+    now = parse_file((home / "now.param").read_text(), "now.param")
+    assert (now["CTL_K1"], now["EST_TAU_S"]) == (42.0, pytest.approx(1.9))
+    assert re.search(r"takes effect", client.text()) is None
+
+
+def test_a_file_of_qgroundcontrols_kind_is_read_back():
+    values = {row.name: row.default for row in TABLE}
+    text = _qgc_file(values)
+    assert text.splitlines()[3].split("\t") == ["1", "1", "BOOT_ARM", "0", "6"]
+    assert parse_file(text, "file") == values

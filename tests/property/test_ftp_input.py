@@ -1,0 +1,118 @@
+"""Whatever is asked of file transfer, it answers at most once, and nothing outside the uploads is touched."""
+
+import struct
+import tempfile
+from pathlib import Path
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.intents import Answer, Verdict
+from firmware_py.link.endpoint import Endpoint
+from firmware_py.link.identity import Version
+from firmware_py.link.options import PLAIN
+from firmware_py.link.storage import Storage
+from firmware_py.params import ParameterSet
+from firmware_py.plan import Plans
+
+
+class Authority:
+    """Takes everything."""
+
+    def decide(self, request):
+        return Answer(Verdict.ACCEPTED)
+
+    def parameters(self):
+        return ParameterSet()
+
+    def plans(self):
+        return Plans()
+
+    def replace_plan(self, request, done):
+        done(Answer(Verdict.ACCEPTED))
+
+    def when_stored(self, call):
+        call(True)
+
+
+class Pipe:
+    name, byte_rate, radio, datagrams, options = "pipe", None, False, True, PLAIN
+
+    def __init__(self):
+        self.inbox, self.sent = [], bytearray()
+
+    def descriptors(self):
+        return (5,)
+
+    def receive(self, descriptor):
+        inbox, self.inbox = self.inbox, []
+        return inbox
+
+    def send(self, address, data):
+        self.sent += data
+        return True
+
+    def addresses(self):
+        return ("station",)
+
+    def poll(self, now_s):
+        pass
+
+    def close(self):
+        pass
+
+
+NAMES = st.sampled_from(
+    ["..", ".", "", "logs", "uploads", "secret", "a", "b", "way", "@PARAM", "param.pck?start=1&count=9999999", "\x00"]
+)
+PATHS = st.lists(NAMES, max_size=5).map(lambda names: "/".join(names).encode())
+DATA = st.one_of(PATHS, st.binary(max_size=239), st.tuples(PATHS, PATHS).map(b"\0".join))
+REQUEST = st.tuples(
+    st.integers(0, 0xFFFF), st.integers(0, 3), st.integers(0, 20) | st.integers(0, 255), DATA,
+    st.none() | st.integers(0, 255), st.sampled_from([0, 1, 239, 1 << 20, 0x7FFFFFFF, 0xFFFFFFFF]),
+)  # fmt: skip
+
+
+def outside(root):
+    return {
+        path.relative_to(root): path.read_bytes() if path.is_file() else None
+        for path in root.rglob("*")
+        if "uploads" not in path.relative_to(root).parts
+    }
+
+
+@settings(max_examples=40)
+@given(st.lists(REQUEST, min_size=1, max_size=25))
+def test_hostile_requests_are_answered_and_stay_inside(requests):
+    with tempfile.TemporaryDirectory() as name:
+        root = Path(name)
+        for directory in ("logs", "uploads"):
+            (root / directory).mkdir()
+        (root / "logs" / "a").write_bytes(b"log" * 1000)
+        (root / "secret").write_bytes(b"secret")
+        (root / "uploads" / "way").symlink_to(root)
+        before = outside(root)
+        pipe = Pipe()
+        storage = Storage(dict, root / "logs", root / "uploads")
+        endpoint = Endpoint([pipe], Authority(), utc_s=lambda: 0.0, version=Version(), storage=storage)
+        station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        endpoint.service(0.0, [])
+        for sequence, session, opcode, data, size, offset in requests:
+            pipe.sent.clear()
+            fields = (sequence, session, opcode, len(data[:239]) if size is None else size, 0, 0, 0, offset, data)
+            payload = struct.pack("<HBBBBBBI239s", *fields)
+            message = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload)
+            pipe.inbox.append(("station", message.pack(station)))
+            endpoint.service(0.0, [5])
+            while endpoint.busy:
+                endpoint.service(0.0, [])
+            said = mavlink.MAVLink(None).parse_buffer(bytes(pipe.sent)) or []
+            replies = [bytes(one.payload) for one in said if one.get_type() == "FILE_TRANSFER_PROTOCOL"]
+            assert len(replies) == (opcode not in (128, 129)) or opcode == 15
+            for index, reply in enumerate(replies):
+                assert int.from_bytes(reply[:2], "little") == (sequence + 1 + index) & 0xFFFF
+                assert (reply[2], reply[5]) == (session, opcode)
+                assert b"secret" not in reply[12 : 12 + reply[4]] or opcode in (3, 16)
+            assert outside(root) == before
+        endpoint.close()

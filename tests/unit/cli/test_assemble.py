@@ -1,0 +1,50 @@
+"""What is wired at a start: parameters from the vehicle file and the state directory."""
+
+import pytest
+
+from firmware_py.assemble import Options, assemble, base_parameters
+from firmware_py.vehicle import load
+
+VEHICLE = """
+[compass]
+driver = "nmea"
+port = "/dev/none-a"
+baud = 4800
+[rudder]
+driver = "volz"
+port = "/dev/none-b"
+baud = 115200
+[parameters]
+CTL_K1 = 41
+STAT_BOOTCNT = 77
+"""
+
+
+@pytest.fixture
+def vehicle(tmp_path):
+    (tmp_path / "boat.toml").write_text(VEHICLE)
+    return load(tmp_path / "boat.toml")
+
+
+def start(vehicle, directory):
+    """Wire an autopilot, end it, and return the parameters that it had."""
+    assembly = assemble(vehicle, Options(directory / "state", wait=True))
+    values = assembly.boat.pilot.parameters()
+    assembly.close()
+    return values
+
+
+def test_starts_are_counted_and_no_file_sets_the_count(vehicle, tmp_path):
+    assert base_parameters(vehicle)["STAT_BOOTCNT"] == 0.0
+    assert [start(vehicle, tmp_path)["STAT_BOOTCNT"] for _ in range(3)] == [1.0, 2.0, 3.0]
+    assert start(vehicle, tmp_path)["CTL_K1"] == 41.0
+
+
+def test_ground_stations_see_logs_and_uploads_of_the_state_directory(vehicle, tmp_path):
+    assembly = assemble(vehicle, Options(tmp_path / "state", wait=True))
+    try:
+        tree = assembly.endpoint._files._desk.tree
+        assert {name: area.writable for name, area in tree.areas.items()} == {"logs": False, "uploads": True}
+        assert assembly.endpoint.descriptors()  # that of the thread that waits for the disk
+    finally:
+        assembly.close()
