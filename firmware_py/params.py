@@ -92,7 +92,18 @@ _OFF_ON = {0: "off", 1: "on"}
 
 TABLE: tuple[Parameter, ...] = (
     _whole("BOOT_ARM", 0, 0, 1, "", "Arm by itself at start: 1 for a boat that must go on after a power cut."),
-    _choice("BOOT_MODE", 4, {0: "manual", 3: "steering", 4: "hold", 15: "guided"}, "Mode at start."),
+    _choice(
+        "BOOT_MODE",
+        4,
+        {0: "manual", 3: "steering", 4: "hold", 5: "loiter", 10: "auto", 11: "rtl", 15: "guided"},
+        "Mode at start.",
+    ),
+    _choice(
+        "BOOT_RESUME",
+        0,
+        {0: "no", 1: "mode, goal and mission", 2: "mode, goal, mission and arming"},
+        "Go on at start with what she was doing when the autopilot ended; the rest is as BOOT_MODE and BOOT_ARM say.",
+    ),
     _real(
         "CMP_DECL_DEG",
         0.0,
@@ -103,6 +114,15 @@ TABLE: tuple[Parameter, ...] = (
     ),
     _real("CMP_OFFSET_DEG", 0.0, -180.0, 180.0, "deg", "Mounting angle of the compass, added to its reading."),
     _real("CMP_TIMEOUT_S", 1.0, 0.2, 60.0, "s", "A heading older than this is not steered by."),
+    _real(
+        "CRUISE_SPEED",
+        0.5,
+        0.05,
+        5.0,
+        "m/s",
+        "Speed through the water that is expected before any is estimated.",
+        reboot=True,
+    ),
     _real(
         "CTL_HOLD_S",
         10.0,
@@ -115,6 +135,7 @@ TABLE: tuple[Parameter, ...] = (
     _real("CTL_K2", 0.3, 0.0, 50.0, "", "S-surface gain on the yaw rate (yaw rate / steady yaw rate at full rudder)."),
     _real("CTL_TRIM_DEG", 0.0, -20.0, 20.0, "deg", "Rudder angle added to the controller's demand."),
     _real("EST_TAU_S", 1.5, 0.1, 30.0, "s", "Time constant of the heading and yaw rate observer."),
+    _choice("FENCE_ENABLE", 0, _OFF_ON, "Heed the fence."),
     _choice(
         "LNK_IDENTITY",
         3,
@@ -142,6 +163,14 @@ TABLE: tuple[Parameter, ...] = (
         "The oldest logs are removed when all together are larger than this.",
         reboot=True,
     ),
+    _real(
+        "LOIT_RADIUS",
+        100.0,
+        10.0,
+        10000.0,
+        "m",
+        "Radius of the watch circle in which she keeps station, and of circles that a mission gives none.",
+    ),
     _choice(
         "LOOP_LOCK",
         1,
@@ -154,7 +183,24 @@ TABLE: tuple[Parameter, ...] = (
     _real("MDL_K", 0.049, 1e-4, 20.0, "1/s", "Turning ability of the K-T model at MDL_SPEED."),
     _real("MDL_SPEED", 0.4, 0.05, 10.0, "m/s", "Speed through the water that the K-T model was identified at."),
     _real("MDL_T_S", 4.0, 0.05, 5000.0, "s", "Turning lag of the K-T model at MDL_SPEED."),
+    _real(
+        "NAV_LOOK_S",
+        60.0,
+        10.0,
+        600.0,
+        "s",
+        "On a line she steers for the point that lies this much sailing ahead, two turning radii at least.",
+    ),
+    _real(
+        "POS_JUMP_S",
+        120.0,
+        1.0,
+        3600.0,
+        "s",
+        "A position that has jumped further than she can sail is believed once it stays for this long.",
+    ),
     _real("POS_TIMEOUT_S", 5.0, 0.5, 600.0, "s", "A position older than this is not steered by."),
+    _choice("RALLY_INCL_HOME", 1, _OFF_ON, "RTL considers home beside the rally points, not only when there are none."),
     _real("RUD_CENTRE_DEG", 0.0, -90.0, 90.0, "deg", "Angle of the servo shaft at which the rudder is amidships."),
     _real(
         "RUD_DBAND_DEG",
@@ -170,6 +216,14 @@ TABLE: tuple[Parameter, ...] = (
     _real("RUD_SLEW_DEG_S", 30.0, 0.5, 360.0, "deg/s", "Fastest change of the rudder command."),
     _real("RUD_TIMEOUT_S", 1.0, 0.2, 60.0, "s", "A servo that has not answered for this long is silent."),
     _real("STK_RATE_DEG_S", 2.0, 0.1, 30.0, "deg/s", "In STEERING, how fast a full stick turns the goal."),
+    _real(
+        "WP_RADIUS",
+        20.0,
+        2.0,
+        1000.0,
+        "m",
+        "A waypoint without a radius of its own is reached at this distance, or when she passes it.",
+    ),
 )
 
 INDEX: Mapping[str, int] = {row.name: index for index, row in enumerate(TABLE)}

@@ -11,23 +11,26 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from firmware_py.angles import radians, wrap_pi, wrap_two_pi
+from firmware_py import pilotage
 from firmware_py.control.rudder_limit import Linkage, RudderLimits, limited_command
 from firmware_py.control.s_surface import Gains, rudder_demand
-from firmware_py.estimate import drift, heading
+from firmware_py.estimate import current, heading, position
 from firmware_py.faults import Fault
-from firmware_py.guidance.bearing import distance_and_bearing
-from firmware_py.intents import Answer, ReplacePlan, Request, SetHome, SetParameter, Verdict
-from firmware_py.modes import (
-    ACCEPTED,
-    HeadingGoal,
-    ModeState,
-    PositionGoal,
-    Situation,
-    decide,
-    heading_to_steer,
-    live_stick,
+from firmware_py.guidance import mission
+from firmware_py.guidance.item import steps_of
+from firmware_py.guidance.sphere import Place
+from firmware_py.intents import (
+    Answer,
+    EnableFence,
+    PauseMission,
+    ReplacePlan,
+    Request,
+    SetHome,
+    SetMissionItem,
+    SetParameter,
+    Verdict,
 )
+from firmware_py.modes import ACCEPTED, ModeState, Situation, decide, live_stick
 from firmware_py.monitor import MonitorState
 from firmware_py.monitor import update as update_monitor
 from firmware_py.params import ParameterError, ParameterSet
@@ -38,11 +41,8 @@ from firmware_py.records import (
     DeviceRole,
     DeviceState,
     Event,
-    FixType,
     Home,
     Inputs,
-    MissionReport,
-    MissionState,
     Mode,
     Output,
     PositionSample,
@@ -63,12 +63,13 @@ class Settings:
     limits: RudderLimits
     linkage: Linkage
     observer: heading.ObserverSettings
+    pilotage: pilotage.Settings
     position_timeout_s: float
+    position_jump_s: float
     rudder_timeout_s: float
-    stick_timeout_s: float
-    stick_rate_rad_s: float
     hold_s: float
     release_disarmed: bool
+    fence_enabled: bool
 
 
 @functools.lru_cache(maxsize=4)
@@ -79,12 +80,13 @@ def settings_of(parameters: ParameterSet) -> Settings:
         RudderLimits.of(parameters),
         Linkage.of(parameters),
         heading.ObserverSettings.of(parameters),
+        pilotage.Settings.of(parameters),
         parameters["POS_TIMEOUT_S"],
+        parameters["POS_JUMP_S"],
         parameters["RUD_TIMEOUT_S"],
-        parameters["MAN_TIMEOUT_S"],
-        radians(parameters["STK_RATE_DEG_S"]),
         parameters["CTL_HOLD_S"],
         bool(parameters["RUD_DISARMED"]),
+        bool(parameters["FENCE_ENABLE"]),
     )
 
 
@@ -97,7 +99,9 @@ class State:
     started_s: float | None = None
     t_s: float = 0.0
     heading: heading.HeadingState = heading.HeadingState()  # noqa: RUF009 - frozen
-    drift: drift.DriftState = drift.DriftState()  # noqa: RUF009 - frozen
+    current: current.CurrentState = current.CurrentState()  # noqa: RUF009 - frozen
+    place: position.PositionState = position.PositionState()  # noqa: RUF009 - frozen
+    nav: pilotage.NavState = pilotage.NavState()  # noqa: RUF009 - frozen
     monitor: MonitorState = MonitorState()  # noqa: RUF009 - frozen
     position: PositionSample | None = None
     servo: RudderFeedback | None = None
@@ -111,7 +115,12 @@ class State:
     @classmethod
     def at_start(cls, parameters: ParameterSet, plans: Plans | None = None) -> State:
         """The state before the first tick."""
-        return cls(parameters, ModeState.at_start(parameters), plans=plans or Plans())
+        return cls(
+            parameters,
+            ModeState.at_start(parameters),
+            current=current.CurrentState.at_start(parameters),
+            plans=plans or Plans(),
+        )
 
 
 def _fresh(t_s: float | None, now_s: float, timeout_s: float) -> bool:
@@ -122,13 +131,22 @@ def situation_of(state: State, now_s: float) -> Situation:
     """What a decision at now_s may depend on."""
     settings = settings_of(state.parameters)
     valid = state.heading.fresh(now_s, settings.observer.timeout_s)
+    margin_m = pilotage.fence_margin_m(state.nav, state.plans, enabled=_fence_enabled(settings, state))
     return Situation(
         state.heading.heading_rad if valid else None,
-        state.drift.drift_rad,
+        current.water_of(state.current),
         state.position is not None and _fresh(state.position.t_s, now_s, settings.position_timeout_s),
         # A released servo of some makes gives no angle, but it answers.
         state.servo is not None and _fresh(state.servo.t_s, now_s, settings.rudder_timeout_s),
+        mission_ok=bool(state.plans.mission.items),
+        home_ok=state.home is not None or bool(state.plans.rally.items),
+        fence_breached=margin_m is not None and margin_m < 0.0,
     )
+
+
+def _fence_enabled(settings: Settings, state: State) -> bool:
+    enabled = state.nav.fence_enabled
+    return settings.fence_enabled if enabled is None else enabled
 
 
 def accept(state: State, request: Request) -> tuple[State, Answer]:
@@ -146,6 +164,9 @@ def _set_parameter(state: State, intent: SetParameter, _t_s: float) -> tuple[Sta
         parameters = state.parameters.replaced(intent.name, intent.value)
     except ParameterError as error:
         return state, Answer(Verdict.DENIED, str(error))
+    if intent.name == "FENCE_ENABLE":
+        # The parameter has the last word from now on.
+        state = replace(state, nav=replace(state.nav, fence_enabled=None))
     return replace(state, parameters=parameters), ACCEPTED
 
 
@@ -169,11 +190,39 @@ def _set_home(state: State, intent: SetHome, t_s: float) -> tuple[State, Answer]
     return replace(state, home=Home(latitude_rad, longitude_rad, intent.altitude_m)), ACCEPTED
 
 
+def _set_mission_item(state: State, intent: SetMissionItem, _t_s: float) -> tuple[State, Answer]:
+    count = len(state.plans.mission.items)
+    if not count:
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, "There is no mission")
+    if not 0 <= intent.index < count:
+        return state, Answer(Verdict.DENIED, f"The mission has items 0 to {count - 1}, not {intent.index}")
+    progress = mission.for_plan(state.nav.mission, state.plans.mission.identity)
+    progress = mission.at_item(progress, intent.index, restart=intent.restart)
+    return replace(state, nav=replace(state.nav, mission=progress)), ACCEPTED
+
+
+def _pause_mission(state: State, intent: PauseMission, _t_s: float) -> tuple[State, Answer]:
+    if state.modes.mode is not Mode.AUTO:
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, f"No mission is under way in {state.modes.mode.name}")
+    progress = mission.for_plan(state.nav.mission, state.plans.mission.identity)
+    progress = mission.paused(progress, steps_of(state.plans.mission), halted=intent.paused)
+    return replace(state, nav=replace(state.nav, mission=progress)), ACCEPTED
+
+
+def _enable_fence(state: State, intent: EnableFence, _t_s: float) -> tuple[State, Answer]:
+    if intent.enabled and not state.plans.fence.items:
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, "There is no fence")
+    return replace(state, nav=replace(state.nav, fence_enabled=intent.enabled)), ACCEPTED
+
+
 # What is judged on the whole state; the rest is a matter of modes.
 _JUDGES: Mapping[type, Callable[..., tuple[State, Answer]]] = {
     SetParameter: _set_parameter,
     ReplacePlan: _replace_plan,
     SetHome: _set_home,
+    SetMissionItem: _set_mission_item,
+    PauseMission: _pause_mission,
+    EnableFence: _enable_fence,
 }
 
 
@@ -187,14 +236,15 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     now_s = inputs.tick.t_s
     monitor, faults_told = update_monitor(state.monitor, _conditions(settings, state, now_s), now_s)
     situation = situation_of(state, now_s)
-    modes = _goal_kept(settings, state, situation, now_s)
-    steering = _steering(modes, state.position, situation)
-    demand_rad = _demand_rad(settings, state, modes, steering, now_s, monitor.since_s[Fault.COMPASS_LOST])
     step_s = min(max(0.0, now_s - before.t_s), 1.0) if before.started_s is not None else 0.0
+    modes = pilotage.goal_kept(settings.pilotage, state.modes, situation, now_s, step_s)
+    state, guided = _guided(settings, replace(state, modes=modes), situation, inputs)
+    steering = pilotage.steering(modes, state.nav.followed, situation)
+    demand_rad = _demand_rad(settings, state, modes, steering, now_s, monitor.since_s[Fault.COMPASS_LOST])
     command_rad = limited_command(settings.limits, state.rudder_command_rad, demand_rad, step_s)
-    state = replace(state, monitor=monitor, modes=modes, rudder_command_rad=command_rad, t_s=now_s)
+    state = replace(state, monitor=monitor, rudder_command_rad=command_rad, t_s=now_s)
     command = RudderCommand(settings.linkage.to_shaft(command_rad), state.modes.armed or not settings.release_disarmed)
-    told = (*_changes_told(before, state), *faults_told)
+    told = (*_changes_told(before, state), *faults_told, *guided)
     return state, Output(command, _snapshot(settings, state, situation, steering, inputs), told)
 
 
@@ -214,19 +264,21 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
         settings.observer, state.heading, inputs.headings, _rudder_rad(settings, state, servo), now_s
     )
     valid = heading_state.fresh(now_s, settings.observer.timeout_s)
-    position, drift_state, home = state.position, state.drift, state.home
+    heading_rad = heading_state.heading_rad if valid else None
+    place, home = position.carried(state.place, now_s, _over_ground_m_s(state, heading_rad)), state.home
+    believed = []
     for sample in inputs.positions:
-        if sample.fix is not FixType.NONE and _on_earth(sample):
-            position = sample
+        place, good = position.update(place, sample, settings.position_jump_s)
+        if good:
+            believed.append(sample)
             home = home or _first_home(sample)
-            heading_rad = heading_state.heading_rad if valid else None
-            drift_state = drift.update(drift_state, sample, heading_rad, heading_state.yaw_rate_rad_s)
     return replace(
         state,
         started_s=now_s if state.started_s is None else state.started_s,
         heading=heading_state,
-        drift=drift_state,
-        position=position,
+        current=current.update(state.current, heading_rad, believed, now_s),
+        place=place,
+        position=place.fix,
         home=home,
         servo=servo,
         storage=storage,
@@ -235,12 +287,12 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
     )
 
 
-def _on_earth(sample: PositionSample) -> bool:
-    """Whether the sample has a position; the comparisons fail for NaN."""
-    latitude_rad, longitude_rad = sample.latitude_rad, sample.longitude_rad
-    if latitude_rad is None or longitude_rad is None:
-        return False
-    return abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi
+def _over_ground_m_s(state: State, heading_rad: float | None) -> tuple[float, float]:
+    """Return her velocity over ground as estimated, north and east."""
+    north_m_s, east_m_s, speed_m_s = state.current.mean
+    if heading_rad is None:
+        return north_m_s, east_m_s
+    return north_m_s + speed_m_s * math.cos(heading_rad), east_m_s + speed_m_s * math.sin(heading_rad)
 
 
 def _first_home(sample: PositionSample) -> Home | None:
@@ -260,78 +312,50 @@ def _rudder_rad(settings: Settings, state: State, servo: RudderFeedback | None) 
 def _conditions(settings: Settings, state: State, now_s: float) -> tuple[bool, ...]:
     """Whether the condition of each fault stands, in the order of faults.TABLE."""
     started_s = now_s if state.started_s is None else state.started_s
-    position, servo, storage = state.position, state.servo, state.storage
+    fix, servo, storage = state.position, state.servo, state.storage
+    margin_m = pilotage.fence_margin_m(state.nav, state.plans, enabled=_fence_enabled(settings, state))
 
     def lost(t_s: float | None, timeout_s: float) -> bool:
         return now_s - (started_s if t_s is None else t_s) > timeout_s
 
     return (
         lost(state.heading.sample_t_s, settings.observer.timeout_s),  # COMPASS_LOST
-        position is not None and lost(position.t_s, settings.position_timeout_s),  # POSITION_LOST
+        fix is not None and lost(fix.t_s, settings.position_timeout_s),  # POSITION_LOST
         lost(servo.t_s if servo else None, settings.rudder_timeout_s),  # RUDDER_SILENT
         servo is not None and servo.hardware_error != 0,  # RUDDER_ERROR
         _fresh(state.skipped_t_s, now_s, LATE_MEMORY_S),  # LOOP_LATE
         storage is not None and storage.state is DeviceState.FAULTY,  # STORAGE_FAILING
+        state.current.too_strong,  # CURRENT_STRONG
+        state.modes.armed and state.modes.mode is Mode.AUTO and state.nav.mission.unusable,  # MISSION_UNUSABLE
+        margin_m is not None and margin_m < 0.0,  # FENCE_BREACHED
     )
 
 
-def _goal_kept(settings: Settings, state: State, situation: Situation, now_s: float) -> ModeState:
-    """Give a goal to a mode that has none yet, turn it by the stick, end a turn the long way."""
-    modes = state.modes
-    if modes.mode not in (Mode.STEERING, Mode.GUIDED) or situation.heading_rad is None:
-        return modes
-    goal = modes.goal
-    if goal is None:
-        return replace(modes, goal=HeadingGoal(situation.heading_rad))
-    if isinstance(goal, PositionGoal):
-        return modes
-    if modes.mode is Mode.STEERING and (stick := live_stick(modes, now_s, settings.stick_timeout_s)):
-        turned_rad = stick * settings.stick_rate_rad_s * min(max(0.0, now_s - state.t_s), 1.0)
-        return replace(modes, goal=HeadingGoal(wrap_two_pi(goal.heading_rad + turned_rad), goal.over_ground))
-    if goal.turn:
-        remaining_rad = wrap_two_pi(goal.turn * (heading_to_steer(goal, situation.drift_rad) - situation.heading_rad))
-        if remaining_rad <= math.pi:
-            return replace(modes, goal=replace(goal, turn=0))
-    return modes
-
-
-@dataclass(frozen=True, slots=True)
-class Steering:
-    """What guidance asks for: the heading to steer and the error that the controller sees."""
-
-    heading_rad: float | None = None
-    error_rad: float | None = None
-    bearing_rad: float | None = None
-    distance_m: float | None = None
-
-
-def _steering(modes: ModeState, position: PositionSample | None, situation: Situation) -> Steering:
-    goal = modes.goal
-    if goal is None:
-        return Steering()
-    bearing_rad = distance_m = None
-    turn = 0
-    if isinstance(goal, PositionGoal):
-        if position is None or position.latitude_rad is None or position.longitude_rad is None:
-            return Steering()
-        distance_m, bearing_rad = distance_and_bearing(
-            position.latitude_rad, position.longitude_rad, goal.latitude_rad, goal.longitude_rad
-        )
-        steer_rad = wrap_two_pi(bearing_rad - situation.drift_rad)
-    else:
-        steer_rad, turn = heading_to_steer(goal, situation.drift_rad), goal.turn
-    if situation.heading_rad is None:
-        return Steering(steer_rad, None, bearing_rad, distance_m)
-    # On a turn the long way the error stays at half a turn until the shorter way is the right one.
-    error_rad = turn * math.pi if turn else wrap_pi(steer_rad - situation.heading_rad)
-    return Steering(steer_rad, error_rad, bearing_rad, distance_m)
+def _guided(settings: Settings, state: State, situation: Situation, inputs: Inputs) -> tuple[State, tuple[Event, ...]]:
+    """Let guidance look at the tick."""
+    motion = None
+    if situation.position_ok and situation.water is not None:
+        place = Place(state.place.latitude_rad, state.place.longitude_rad)
+        motion = pilotage.motion_of(place, state.heading.heading_rad, situation.water)
+    fix = state.position
+    scene = pilotage.Scene(
+        inputs.tick.t_s,
+        motion,
+        bool(inputs.positions),
+        state.modes,
+        state.plans,
+        state.home,
+        fix.utc_s if fix else None,
+    )
+    done = pilotage.piloted(settings.pilotage, state.nav, scene)
+    return replace(state, nav=done.nav, home=done.home or state.home), done.events
 
 
 def _demand_rad(
     settings: Settings,
     state: State,
     modes: ModeState,
-    steering: Steering,
+    steering: pilotage.Steering,
     now_s: float,
     heading_lost_s: float | None,
 ) -> float:
@@ -339,7 +363,7 @@ def _demand_rad(
     if not modes.armed or modes.mode is Mode.HOLD:
         return 0.0
     if modes.mode is Mode.MANUAL:
-        stick = live_stick(modes, now_s, settings.stick_timeout_s)
+        stick = live_stick(modes, now_s, settings.pilotage.stick_timeout_s)
         return 0.0 if stick is None else stick * settings.limits.limit_rad
     if steering.error_rad is not None:
         return rudder_demand(settings.gains, steering.error_rad, state.heading.yaw_rate_rad_s)
@@ -356,7 +380,9 @@ def _changes_told(before: State, after: State) -> tuple[Event, ...]:
     return tuple(told)
 
 
-def _snapshot(settings: Settings, state: State, situation: Situation, steering: Steering, inputs: Inputs) -> Snapshot:
+def _snapshot(
+    settings: Settings, state: State, situation: Situation, steering: pilotage.Steering, inputs: Inputs
+) -> Snapshot:
     valid = situation.heading_rad is not None
     measured = state.servo is not None and state.servo.shaft_rad is not None
     return Snapshot(
@@ -371,8 +397,8 @@ def _snapshot(settings: Settings, state: State, situation: Situation, steering: 
         pitch_rad=state.heading.pitch_rad,
         goal_heading_rad=steering.heading_rad,
         heading_error_rad=steering.error_rad,
-        bearing_rad=steering.bearing_rad,
-        distance_m=steering.distance_m,
+        bearing_rad=state.nav.followed.bearing_rad,
+        distance_m=state.nav.followed.distance_m,
         rudder_rad=_rudder_rad(settings, state, state.servo) if measured else None,
         rudder_command_rad=state.rudder_command_rad,
         rudder_ok=situation.rudder_ok,
@@ -384,18 +410,7 @@ def _snapshot(settings: Settings, state: State, situation: Situation, steering: 
         skipped_total=state.skipped_total,
         late_s=inputs.tick.late_s,
         home=state.home,
-        mission=_mission_report(state),
-    )
-
-
-def _mission_report(state: State) -> MissionReport:
-    plans = state.plans
-    identities = (plans.mission.identity, plans.fence.identity, plans.rally.identity)
-    count = len(plans.mission.items)
-    return MissionReport(
-        MissionState.NOT_STARTED if count else MissionState.NO_MISSION,
-        0 if count else None,
-        count,
-        (),
-        identities,
+        mission=pilotage.mission_report(state.nav, state.plans, state.modes),
+        water=situation.water,
+        navigation=pilotage.navigation_of(state.nav, state.plans, fence_enabled=_fence_enabled(settings, state)),
     )

@@ -27,7 +27,7 @@ BASE = {
 }
 PURE = {"modes", "monitor", "estimate", "guidance", "control"}
 EDGE = {"sensors", "actuator", "link", "log"}
-LOOP = {"step", "step_state", "loop"}
+LOOP = {"step", "step_state", "loop", "pilotage"}
 TOP = {"assemble", "cli", "__main__"}
 ALL = PLAIN | BASE | PURE | EDGE | LOOP | TOP
 
@@ -111,4 +111,4 @@ def test_the_hil_knows_only_the_firmware_seam(path):
 
 def test_the_law_reads_something():
     assert len(_files(FIRMWARE)) > 30
-    assert "firmware_py.angles" in set(_imports(FIRMWARE / "step.py"))
+    assert "firmware_py.pilotage" in set(_imports(FIRMWARE / "step.py"))
