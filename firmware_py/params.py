@@ -105,6 +105,14 @@ TABLE: tuple[Parameter, ...] = (
         "Go on at start with what she was doing when the autopilot ended; the rest is as BOOT_MODE and BOOT_ARM say.",
     ),
     _real(
+        "BOOT_RESUME_H",
+        24.0,
+        0.0,
+        10000.0,
+        "h",
+        "What she did longer ago than this is not gone on with; without a right clock the age is not known nor asked.",
+    ),
+    _real(
         "CMP_DECL_DEG",
         0.0,
         -180.0,

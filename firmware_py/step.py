@@ -6,38 +6,18 @@ and the replay of a log compute the same rudder, bit for bit.
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from firmware_py import pilotage
-from firmware_py.control.rudder_limit import Linkage, RudderLimits, limited_command
-from firmware_py.control.s_surface import Gains, rudder_demand
+from firmware_py.control.rudder_limit import limited_command
+from firmware_py.control.s_surface import rudder_demand
 from firmware_py.estimate import current, heading, position
 from firmware_py.faults import Fault
-from firmware_py.guidance import mission
-from firmware_py.guidance.item import steps_of
 from firmware_py.guidance.sphere import Place
-from firmware_py.intents import (
-    Answer,
-    EnableFence,
-    PauseMission,
-    ReplacePlan,
-    Request,
-    SetHome,
-    SetMissionItem,
-    SetParameter,
-    Verdict,
-)
-from firmware_py.modes import ACCEPTED, ModeState, Situation, decide, live_stick
-from firmware_py.monitor import MonitorState
+from firmware_py.modes import ModeState, Situation, live_stick
 from firmware_py.monitor import update as update_monitor
-from firmware_py.params import ParameterError, ParameterSet
-from firmware_py.plan import Plans
-from firmware_py.plan_rules import fault_of
 from firmware_py.records import (
-    DeviceHealth,
     DeviceRole,
     DeviceState,
     Event,
@@ -51,179 +31,12 @@ from firmware_py.records import (
     Severity,
     Snapshot,
 )
+from firmware_py.requests import accept
+from firmware_py.state import Settings, State, fence_enabled, fresh, settings_of, situation_of
+
+__all__ = ["State", "accept", "settings_of", "step"]
 
 LATE_MEMORY_S = 2.0
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """The parameters in the units and groups that the parts compute with."""
-
-    gains: Gains
-    limits: RudderLimits
-    linkage: Linkage
-    observer: heading.ObserverSettings
-    pilotage: pilotage.Settings
-    position_timeout_s: float
-    position_jump_s: float
-    rudder_timeout_s: float
-    hold_s: float
-    release_disarmed: bool
-    fence_enabled: bool
-
-
-@functools.lru_cache(maxsize=4)
-def settings_of(parameters: ParameterSet) -> Settings:
-    """Convert the parameters, once for each set of values."""
-    return Settings(
-        Gains.of(parameters),
-        RudderLimits.of(parameters),
-        Linkage.of(parameters),
-        heading.ObserverSettings.of(parameters),
-        pilotage.Settings.of(parameters),
-        parameters["POS_TIMEOUT_S"],
-        parameters["POS_JUMP_S"],
-        parameters["RUD_TIMEOUT_S"],
-        parameters["CTL_HOLD_S"],
-        bool(parameters["RUD_DISARMED"]),
-        bool(parameters["FENCE_ENABLE"]),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class State:
-    """All that the autopilot remembers from tick to tick."""
-
-    parameters: ParameterSet
-    modes: ModeState
-    started_s: float | None = None
-    t_s: float = 0.0
-    heading: heading.HeadingState = heading.HeadingState()  # noqa: RUF009 - frozen
-    current: current.CurrentState = current.CurrentState()  # noqa: RUF009 - frozen
-    place: position.PositionState = position.PositionState()  # noqa: RUF009 - frozen
-    nav: pilotage.NavState = pilotage.NavState()  # noqa: RUF009 - frozen
-    monitor: MonitorState = MonitorState()  # noqa: RUF009 - frozen
-    position: PositionSample | None = None
-    servo: RudderFeedback | None = None
-    storage: DeviceHealth | None = None
-    rudder_command_rad: float = 0.0
-    plans: Plans = Plans()  # noqa: RUF009 - frozen
-    home: Home | None = None
-    skipped_total: int = 0
-    skipped_t_s: float | None = None
-
-    @classmethod
-    def at_start(cls, parameters: ParameterSet, plans: Plans | None = None) -> State:
-        """The state before the first tick."""
-        return cls(
-            parameters,
-            ModeState.at_start(parameters),
-            current=current.CurrentState.at_start(parameters),
-            plans=plans or Plans(),
-        )
-
-
-def _fresh(t_s: float | None, now_s: float, timeout_s: float) -> bool:
-    return t_s is not None and now_s - t_s <= timeout_s
-
-
-def situation_of(state: State, now_s: float) -> Situation:
-    """What a decision at now_s may depend on."""
-    settings = settings_of(state.parameters)
-    valid = state.heading.fresh(now_s, settings.observer.timeout_s)
-    margin_m = pilotage.fence_margin_m(state.nav, state.plans, enabled=_fence_enabled(settings, state))
-    return Situation(
-        state.heading.heading_rad if valid else None,
-        current.water_of(state.current),
-        state.position is not None and _fresh(state.position.t_s, now_s, settings.position_timeout_s),
-        # A released servo of some makes gives no angle, but it answers.
-        state.servo is not None and _fresh(state.servo.t_s, now_s, settings.rudder_timeout_s),
-        mission_ok=bool(state.plans.mission.items),
-        home_ok=state.home is not None or bool(state.plans.rally.items),
-        fence_breached=margin_m is not None and margin_m < 0.0,
-    )
-
-
-def _fence_enabled(settings: Settings, state: State) -> bool:
-    enabled = state.nav.fence_enabled
-    return settings.fence_enabled if enabled is None else enabled
-
-
-def accept(state: State, request: Request) -> tuple[State, Answer]:
-    """Judge one request; a refusal leaves the state as it was."""
-    intent = request.intent
-    judge = _JUDGES.get(type(intent))
-    if judge is not None:
-        return judge(state, intent, request.t_s)
-    modes, answer = decide(state.modes, intent, situation_of(state, request.t_s), request.t_s)
-    return (state if modes is state.modes else replace(state, modes=modes)), answer
-
-
-def _set_parameter(state: State, intent: SetParameter, _t_s: float) -> tuple[State, Answer]:
-    try:
-        parameters = state.parameters.replaced(intent.name, intent.value)
-    except ParameterError as error:
-        return state, Answer(Verdict.DENIED, str(error))
-    if intent.name == "FENCE_ENABLE":
-        # The parameter has the last word from now on.
-        state = replace(state, nav=replace(state.nav, fence_enabled=None))
-    return replace(state, parameters=parameters), ACCEPTED
-
-
-def _replace_plan(state: State, intent: ReplacePlan, _t_s: float) -> tuple[State, Answer]:
-    if fault := fault_of(intent.plan):
-        return state, Answer(Verdict.DENIED, fault.text)
-    return replace(state, plans=state.plans.replaced(intent.plan)), ACCEPTED
-
-
-def _set_home(state: State, intent: SetHome, t_s: float) -> tuple[State, Answer]:
-    latitude_rad, longitude_rad = intent.latitude_rad, intent.longitude_rad
-    if latitude_rad is None or longitude_rad is None:
-        fix = state.position if situation_of(state, t_s).position_ok else None
-        if fix is None or fix.latitude_rad is None or fix.longitude_rad is None:
-            return state, Answer(Verdict.TEMPORARILY_REJECTED, "Home not set: no position")
-        home = Home(fix.latitude_rad, fix.longitude_rad, fix.altitude_m or 0.0)
-        return replace(state, home=home), ACCEPTED
-    # Written so that NaN fails the comparison.
-    if not (abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi and abs(intent.altitude_m) <= 1e5):
-        return state, Answer(Verdict.DENIED, "Home is out of range")
-    return replace(state, home=Home(latitude_rad, longitude_rad, intent.altitude_m)), ACCEPTED
-
-
-def _set_mission_item(state: State, intent: SetMissionItem, _t_s: float) -> tuple[State, Answer]:
-    count = len(state.plans.mission.items)
-    if not count:
-        return state, Answer(Verdict.TEMPORARILY_REJECTED, "There is no mission")
-    if not 0 <= intent.index < count:
-        return state, Answer(Verdict.DENIED, f"The mission has items 0 to {count - 1}, not {intent.index}")
-    progress = mission.for_plan(state.nav.mission, state.plans.mission.identity)
-    progress = mission.at_item(progress, intent.index, restart=intent.restart)
-    return replace(state, nav=replace(state.nav, mission=progress)), ACCEPTED
-
-
-def _pause_mission(state: State, intent: PauseMission, _t_s: float) -> tuple[State, Answer]:
-    if state.modes.mode is not Mode.AUTO:
-        return state, Answer(Verdict.TEMPORARILY_REJECTED, f"No mission is under way in {state.modes.mode.name}")
-    progress = mission.for_plan(state.nav.mission, state.plans.mission.identity)
-    progress = mission.paused(progress, steps_of(state.plans.mission), halted=intent.paused)
-    return replace(state, nav=replace(state.nav, mission=progress)), ACCEPTED
-
-
-def _enable_fence(state: State, intent: EnableFence, _t_s: float) -> tuple[State, Answer]:
-    if intent.enabled and not state.plans.fence.items:
-        return state, Answer(Verdict.TEMPORARILY_REJECTED, "There is no fence")
-    return replace(state, nav=replace(state.nav, fence_enabled=intent.enabled)), ACCEPTED
-
-
-# What is judged on the whole state; the rest is a matter of modes.
-_JUDGES: Mapping[type, Callable[..., tuple[State, Answer]]] = {
-    SetParameter: _set_parameter,
-    ReplacePlan: _replace_plan,
-    SetHome: _set_home,
-    SetMissionItem: _set_mission_item,
-    PauseMission: _pause_mission,
-    EnableFence: _enable_fence,
-}
 
 
 def step(state: State, inputs: Inputs) -> tuple[State, Output]:
@@ -313,7 +126,7 @@ def _conditions(settings: Settings, state: State, now_s: float) -> tuple[bool, .
     """Whether the condition of each fault stands, in the order of faults.TABLE."""
     started_s = now_s if state.started_s is None else state.started_s
     fix, servo, storage = state.position, state.servo, state.storage
-    margin_m = pilotage.fence_margin_m(state.nav, state.plans, enabled=_fence_enabled(settings, state))
+    margin_m = pilotage.fence_margin_m(state.nav, state.plans, enabled=fence_enabled(settings, state))
 
     def lost(t_s: float | None, timeout_s: float) -> bool:
         return now_s - (started_s if t_s is None else t_s) > timeout_s
@@ -323,7 +136,7 @@ def _conditions(settings: Settings, state: State, now_s: float) -> tuple[bool, .
         fix is not None and lost(fix.t_s, settings.position_timeout_s),  # POSITION_LOST
         lost(servo.t_s if servo else None, settings.rudder_timeout_s),  # RUDDER_SILENT
         servo is not None and servo.hardware_error != 0,  # RUDDER_ERROR
-        _fresh(state.skipped_t_s, now_s, LATE_MEMORY_S),  # LOOP_LATE
+        fresh(state.skipped_t_s, now_s, LATE_MEMORY_S),  # LOOP_LATE
         storage is not None and storage.state is DeviceState.FAULTY,  # STORAGE_FAILING
         state.current.too_strong,  # CURRENT_STRONG
         state.modes.armed and state.modes.mode is Mode.AUTO and state.nav.mission.unusable,  # MISSION_UNUSABLE
@@ -375,6 +188,8 @@ def _changes_told(before: State, after: State) -> tuple[Event, ...]:
     told: list[Event] = []
     if before.started_s is None or before.modes.mode is not after.modes.mode:
         told.append(Event(Severity.INFO, f"Mode {after.modes.mode.name}"))
+    if before.started_s is None and after.greeting:
+        told.append(Event(Severity.NOTICE, after.greeting))
     if before.modes.armed is not after.modes.armed:
         told.append(Event(Severity.NOTICE, "Armed" if after.modes.armed else "Disarmed"))
     return tuple(told)
@@ -412,5 +227,5 @@ def _snapshot(
         home=state.home,
         mission=pilotage.mission_report(state.nav, state.plans, state.modes),
         water=situation.water,
-        navigation=pilotage.navigation_of(state.nav, state.plans, fence_enabled=_fence_enabled(settings, state)),
+        navigation=pilotage.navigation_of(state.nav, state.plans, fence_enabled=fence_enabled(settings, state)),
     )

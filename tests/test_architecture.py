@@ -27,7 +27,7 @@ BASE = {
 }
 PURE = {"modes", "monitor", "estimate", "guidance", "control"}
 EDGE = {"sensors", "actuator", "link", "log"}
-LOOP = {"step", "step_state", "loop", "pilotage"}
+LOOP = {"step", "step_state", "loop", "pilotage", "state", "requests", "resume"}
 TOP = {"assemble", "cli", "__main__"}
 ALL = PLAIN | BASE | PURE | EDGE | LOOP | TOP
 

@@ -3,11 +3,13 @@
     v_north = U cos(psi) + c_north        v_east = U sin(psi) + c_east
 
 is linear in (c_north, c_east, U) for a known heading, so a Kalman filter of three states
-takes it in, one average of about ten seconds after the other: waves swing the bow to and
-fro within one, and a receiver's noise averages out. On a steady heading only the sum of
-her speed and the current along it can be seen; every turn tells the two apart. What is not
-seen stays as uncertain as the standard deviations say: they grow from turn to turn, and no
-further than to what was known of the sea beforehand.
+takes it in, one average after the other: of ten seconds in a turn, of a minute on a steady
+heading. Waves swing the bow to and fro within one, and a receiver's noise averages out;
+and what the compass errs by from one to the next must not be taken for a turn that her
+track did not follow, for that would tell of a slower boat. On a steady heading only the sum
+of her speed and the current along it can be seen; every turn tells the two apart. What is
+not seen stays as uncertain as the standard deviations say: they grow from turn to turn, and
+no further than to what was known of the sea beforehand.
 """
 
 from __future__ import annotations
@@ -21,6 +23,8 @@ from firmware_py.params import ParameterSet
 from firmware_py.records import PositionSample, Water
 
 BLOCK_S = 10.0
+MOST_BLOCKS = 6  # that are joined while she goes straight
+STRAIGHT_COSINE = math.cos(math.radians(15.0))
 LONGEST_BLOCK_S = 60.0
 LEAST_VELOCITIES = 3
 FASTEST_M_S = 6.0  # over the ground: more is a receiver's mistake
@@ -29,7 +33,7 @@ SPEED_SPREAD_M_S, CURRENT_SPREAD_M_S = 0.5, 0.25
 SPEED_MEMORY_S, CURRENT_MEMORY_S = 12.0 * 3600.0, 6.0 * 3600.0
 SLOWEST_M_S, SPEED_MAXIMUM_M_S = 0.05, 5.0
 # Noise of an average: learned from the innovations, within bounds.
-NOISE_START, NOISE_LEAST, NOISE_MOST = 0.05**2, 0.01**2, 0.5**2
+NOISE_START, NOISE_LEAST, NOISE_MOST = 0.05**2, 0.02**2, 0.5**2
 NOISE_LEARNING = 0.03
 GATE = 25.0  # normalised innovation squared, of two components
 MOST_OUTLIERS = 6
@@ -57,6 +61,32 @@ class Block:
 
 
 @dataclass(frozen=True, slots=True)
+class Average:
+    """The mean of `blocks` blocks: sums of their directions of heading and velocities over ground."""
+
+    cosine: float
+    sine: float
+    north_m_s: float
+    east_m_s: float
+    blocks: int = 1
+
+    def straight_on(self, other: Average) -> bool:
+        """Whether another average has the same heading, near enough."""
+        dot = self.cosine * other.cosine + self.sine * other.sine
+        return dot >= STRAIGHT_COSINE * math.hypot(self.cosine, self.sine) * math.hypot(other.cosine, other.sine)
+
+    def joined(self, other: Average) -> Average:
+        """Return the average of both."""
+        return Average(
+            self.cosine + other.cosine,
+            self.sine + other.sine,
+            self.north_m_s + other.north_m_s,
+            self.east_m_s + other.east_m_s,
+            self.blocks + other.blocks,
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class CurrentState:
     """Estimate (c_north, c_east, U) at t_s with its covariance, the noise learned, and the block under way."""
 
@@ -68,6 +98,7 @@ class CurrentState:
     strong_s: float = 0.0  # how long the current has been stronger (+) or weaker (-) than she is
     too_strong: bool = False
     block: Block | None = None
+    average: Average | None = None
 
     @classmethod
     def at_start(cls, parameters: ParameterSet) -> CurrentState:
@@ -109,8 +140,20 @@ def update(
     velocity = _velocity(block)
     if velocity is None:
         return replace(state, block=None if age_s > LONGEST_BLOCK_S else block)
-    state = replace(state, block=Block(now_s, first=block.last, last=block.last))
-    return _corrected(_predicted(state, now_s), block, velocity, now_s)
+    size = max(math.hypot(block.cosine, block.sine), 1e-9)
+    found = Average(block.cosine / size, block.sine / size, *velocity)
+    return _averaged(replace(state, block=Block(now_s, first=block.last, last=block.last)), found, now_s)
+
+
+def _averaged(state: CurrentState, found: Average, now_s: float) -> CurrentState:
+    """Join a block to the average under way while she goes straight on, and take a whole one in."""
+    before = state.average
+    if before is not None and not before.straight_on(found):
+        state, before = _corrected(_predicted(state, now_s), before, now_s), None
+    average = found if before is None else before.joined(found)
+    if average.blocks >= MOST_BLOCKS or state.t_s is None:
+        return _corrected(_predicted(replace(state, average=None), now_s), average, now_s)
+    return replace(state, average=average)
 
 
 def _gathered(block: Block, heading_rad: float, fixes: Sequence[PositionSample]) -> Block:
@@ -183,14 +226,13 @@ def _predicted(state: CurrentState, now_s: float) -> CurrentState:
     )
 
 
-def _corrected(state: CurrentState, block: Block, velocity: tuple[float, float], now_s: float) -> CurrentState:
-    """Take a block's velocity in; outliers are left out unless there is nothing else."""
-    size = math.hypot(block.cosine, block.sine)
-    if size < 1e-9:
-        return state
-    cosine, sine = block.cosine / size, block.sine / size
+def _corrected(state: CurrentState, average: Average, now_s: float) -> CurrentState:
+    """Take an average in; outliers are left out unless there is nothing else."""
+    size = max(math.hypot(average.cosine, average.sine), 1e-9)
+    cosine, sine = average.cosine / size, average.sine / size
     north, east, speed = state.mean
-    n, e = velocity[0] - north - speed * cosine, velocity[1] - east - speed * sine
+    n = average.north_m_s / average.blocks - north - speed * cosine
+    e = average.east_m_s / average.blocks - east - speed * sine
     nn, ne, nu, ee, eu, uu = state.covariance
     # P H', columns for the north and the east component.
     n_north, n_east = nn + nu * cosine, ne + nu * sine
@@ -208,7 +250,7 @@ def _corrected(state: CurrentState, block: Block, velocity: tuple[float, float],
     if state.outliers >= MOST_OUTLIERS:
         # They bear each other out: the sea has changed.
         state = replace(state, outliers=0, covariance=CurrentState().covariance)
-        return _corrected(state, block, velocity, now_s)
+        return _corrected(state, average, now_s)
     k = [
         (north_part * i_nn + east_part * i_ne, north_part * i_ne + east_part * i_ee)
         for north_part, east_part in ((n_north, n_east), (e_north, e_east), (u_north, u_east))
@@ -229,7 +271,7 @@ def _corrected(state: CurrentState, block: Block, velocity: tuple[float, float],
     seen = 0.5 * (n * n + e * e) - 0.5 * (s_nn + s_ee) + state.noise
     noise = clamp(state.noise + NOISE_LEARNING * (seen - state.noise), NOISE_LEAST, NOISE_MOST)
     state = replace(state, mean=_bounded(mean, covariance), covariance=covariance, noise=noise, outliers=0)
-    return _judged(state, now_s - block.start_s)
+    return _judged(state, BLOCK_S * average.blocks)
 
 
 def _bounded(mean: Vector, covariance: Matrix) -> Vector:

@@ -47,7 +47,7 @@ def test_one_changed_bit_of_the_gains_is_found(capsys, monkeypatch):
 
     right = s_surface.Gains.of
     monkeypatch.setattr(
-        "firmware_py.step.Gains.of",
+        "firmware_py.state.Gains.of",
         lambda parameters: (
             gains := right(parameters),
             type(gains)(
