@@ -5,8 +5,9 @@
 is linear in (c_north, c_east, U) for a known heading, so a Kalman filter of three states
 takes it in, one average after the other: of ten seconds in a turn, of a minute on a steady
 heading. Waves swing the bow to and fro within one, and a receiver's noise averages out;
-and what the compass errs by from one to the next must not be taken for a turn that her
-track did not follow, for that would tell of a slower boat. On a steady heading only the sum
+and on a straight leg the heading is that of the leg, for what the compass errs by from one
+average to the next would be taken for turns that her track did not follow, and so for a
+slower boat. On a steady heading only the sum
 of her speed and the current along it can be seen; every turn tells the two apart. What is
 not seen stays as uncertain as the standard deviations say: they grow from turn to turn, and
 no further than to what was known of the sea beforehand.
@@ -24,6 +25,7 @@ from firmware_py.records import PositionSample, Water
 
 BLOCK_S = 10.0
 MOST_BLOCKS = 6  # that are joined while she goes straight
+LEG_MEMORY = 60.0  # blocks: the heading of a straight leg is their mean
 STRAIGHT_COSINE = math.cos(math.radians(15.0))
 LONGEST_BLOCK_S = 60.0
 LEAST_VELOCITIES = 3
@@ -68,12 +70,18 @@ class Average:
     sine: float
     north_m_s: float
     east_m_s: float
-    blocks: int = 1
+    blocks: float = 1.0
 
     def straight_on(self, other: Average) -> bool:
         """Whether another average has the same heading, near enough."""
         dot = self.cosine * other.cosine + self.sine * other.sine
         return dot >= STRAIGHT_COSINE * math.hypot(self.cosine, self.sine) * math.hypot(other.cosine, other.sine)
+
+    def faded(self, part: float) -> Average:
+        """Return the average with less weight."""
+        return Average(
+            part * self.cosine, part * self.sine, part * self.north_m_s, part * self.east_m_s, part * self.blocks
+        )
 
     def joined(self, other: Average) -> Average:
         """Return the average of both."""
@@ -99,6 +107,7 @@ class CurrentState:
     too_strong: bool = False
     block: Block | None = None
     average: Average | None = None
+    leg: Average | None = None
 
     @classmethod
     def at_start(cls, parameters: ParameterSet) -> CurrentState:
@@ -228,8 +237,12 @@ def _predicted(state: CurrentState, now_s: float) -> CurrentState:
 
 def _corrected(state: CurrentState, average: Average, now_s: float) -> CurrentState:
     """Take an average in; outliers are left out unless there is nothing else."""
-    size = max(math.hypot(average.cosine, average.sine), 1e-9)
-    cosine, sine = average.cosine / size, average.sine / size
+    leg = average
+    if state.leg is not None and state.leg.straight_on(average):
+        leg = state.leg.faded(max(0.0, 1.0 - average.blocks / LEG_MEMORY)).joined(average)
+    size = max(math.hypot(leg.cosine, leg.sine), 1e-9)
+    cosine, sine = leg.cosine / size, leg.sine / size
+    state = replace(state, leg=leg)
     north, east, speed = state.mean
     n = average.north_m_s / average.blocks - north - speed * cosine
     e = average.east_m_s / average.blocks - east - speed * sine

@@ -18,6 +18,7 @@ from firmware_py.guidance.sphere import Place, Track, track
 LONGEST_LOOK_M = 500.0
 # The integral works with this part of her speed (sigma in the literature), critically damped at four times it.
 INTEGRAL_PART = 0.1
+INTEGRAL_ZONE = 0.3  # of the look-ahead, to either side of the line
 LARGEST_PULL = 0.5  # of the look-ahead: what the integral may pull sideways
 # A place passed this many turning radii off counts as reached: she could not come closer by turning again.
 PASSED_RADII = 2.0
@@ -47,7 +48,10 @@ def follow(
     look_m = look_ahead_m(settings, motion)
     pull_m_s = INTEGRAL_PART * motion.speed_m_s
     aim_m = on.cross_track_m + pull_m_s * state.integral_s
-    integral_s = state.integral_s + step_s * look_m * on.cross_track_m / (look_m * look_m + aim_m * aim_m)
+    integral_s = state.integral_s
+    if abs(on.cross_track_m) <= INTEGRAL_ZONE * look_m:
+        # Further off the way back onto the line is no error to be learned.
+        integral_s += step_s * look_m * on.cross_track_m / (look_m * look_m + aim_m * aim_m)
     bound_s = LARGEST_PULL * look_m / max(pull_m_s, 1e-3)
     integral_s = clamp(integral_s, -bound_s, bound_s)
     course_rad = wrap_two_pi(on.course_rad - math.atan2(aim_m, look_m))

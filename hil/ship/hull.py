@@ -8,8 +8,6 @@ at any speed and with any traffic on the lines.
 
 from __future__ import annotations
 
-import math
-
 from firmware_py.angles import radians
 from firmware_py.model.kt import KtModel, yaw_acceleration
 from hil.scenarios import Scenario

@@ -88,9 +88,7 @@ class Sailing:
         self.fix_error_m = keep * self.fix_error_m + math.sqrt(1.0 - keep**2) * self.rng.normal(0.0, FIX_NOISE_M, 2)
         north_m, east_m = self.hull.position_m(0.0)
         v_north, v_east = np.array(self.hull.velocity_m_s(0.0)) + self.rng.normal(0.0, VELOCITY_NOISE_M_S, 2)
-        place = placed(
-            north_m + self.fix_error_m[0] + self.jump_m[0], east_m + self.fix_error_m[1] + self.jump_m[1]
-        )
+        place = placed(north_m + self.fix_error_m[0] + self.jump_m[0], east_m + self.fix_error_m[1] + self.jump_m[1])
         return PositionSample(
             self.t_s, FixType.FIX_3D, *place, 2.0, math.hypot(v_north, v_east),
             math.atan2(v_east, v_north) % TWO_PI, 11, 0.9, UTC_S + self.t_s,

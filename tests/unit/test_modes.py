@@ -19,9 +19,7 @@ from firmware_py.params import ParameterSet
 from firmware_py.records import Mode, Water
 
 SETTING_EAST = Water(1.0, 0.1, 0.0, 0.3, 0.1)
-WELL = Situation(
-    heading_rad=1.0, water=SETTING_EAST, position_ok=True, rudder_ok=True, mission_ok=True, home_ok=True
-)
+WELL = Situation(heading_rad=1.0, water=SETTING_EAST, position_ok=True, rudder_ok=True, mission_ok=True, home_ok=True)
 BLIND = replace(WELL, heading_rad=None)
 GUIDED = ModeState(Mode.GUIDED, armed=True, goal=HeadingGoal(1.0))
 
