@@ -143,6 +143,9 @@ def advance(progress: MissionProgress, voyage: Voyage) -> Progressed:
             break
         reached.append(progress.index)
         progress = _next(progress, step)
+    if progress.order is None:
+        # No item has given one yet: she stays, and does not drift.
+        progress = replace(progress, order=_staying(progress, voyage))
     return Progressed(progress, tuple(reached), home)
 
 

@@ -20,8 +20,8 @@ def go(origin, north_m, east_m, start=(0.0, 0.0), accept_m=20.0):
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.0, 0.2), (-0.2, 0.1), (0.3, 0.0)])
 def test_she_comes_onto_the_line_and_stays_on_it(afloat, origin, current):
     boat = afloat(0.0, 80.0, 2.0, current=current)
-    order = go(origin, 2000.0, 0.0)
-    for _ in range(800):
+    order = go(origin, 5000.0, 0.0)
+    for _ in range(2000):
         boat.step(order)
     off = []
     for _ in range(500):
