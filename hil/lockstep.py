@@ -47,6 +47,7 @@ class LockstepServer:
         self._stations: tuple[Station, ...] = ()
         self._packet = NEW_TIME
         self._heard: list[int] = []
+        self._before: list[int] = []
         self._connection: socket.socket | None = None
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
@@ -87,6 +88,10 @@ class LockstepServer:
                     raise LockstepError(f"the autopilot did not connect within {CONNECT_S:g} s") from None
         self._connection.settimeout(self._stall_s)
         self._stations = self._lines_of(self._receive())
+        # What an autopilot before it has written, and not what this one counts.
+        for station in self._stations:
+            station.line.read()
+        self._before = [station.line.total_read for station in self._stations]
         self._heard = [0] * len(self._stations)
         self._packet = struct.Struct(f"<d{len(self._stations)}Q")
         self._send(json.dumps({"start_s": self._board.world.now_s, "utc_s": utc_s}).encode())
@@ -112,8 +117,9 @@ class LockstepServer:
         for index, total in enumerate(written):
             if total > self._heard[index]:
                 station = self._stations[index]
-                data = station.line.read_until_total(total)
-                if station.line.total_read < total:
+                wanted = self._before[index] + total
+                data = station.line.read_until_total(wanted)
+                if station.line.total_read < wanted:
                     raise LockstepError(f"bytes that the autopilot wrote to {station.path.name} have not come through")
                 self._heard[index] = total
                 self._board.hear(station, data)

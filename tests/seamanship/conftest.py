@@ -144,9 +144,8 @@ class Yard:
         return replace(named(name), **changes)
 
     @staticmethod
-    def scenario(speed_m_s, current_m_s=0.0, toward_deg=90.0, **more):
-        return Scenario("made", "", speed_m_s, more.pop("wave_s", 6.0), more.pop("wave_deg", 4.0),
-                        more.pop("bias_deg", 5.0), more.pop("drift_deg", 2.0), current_m_s, toward_deg, **more)  # fmt: skip
+    def scenario(speed_m_s, current_m_s=0.0, toward_deg=90.0, wave_s=6.0, wave_deg=4.0, bias_deg=5.0, **more):
+        return Scenario("made", "", speed_m_s, wave_s, wave_deg, bias_deg, 2.0, current_m_s, toward_deg, **more)
 
 
 @pytest.fixture(scope="session")

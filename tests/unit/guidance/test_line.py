@@ -23,9 +23,7 @@ def test_she_comes_onto_the_line_and_stays_on_it(afloat, origin, current):
     order = go(origin, 5000.0, 0.0)
     for _ in range(2000):
         boat.step(order)
-    off = []
-    for _ in range(500):
-        off.append(abs(boat.step(order).cross_track_m))
+    off = [abs(boat.step(order).cross_track_m) for _ in range(500)]
     assert max(off) < 2.0
     assert boat.followed.activity is Activity.LINE
 

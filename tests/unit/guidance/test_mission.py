@@ -148,9 +148,7 @@ def test_a_delay_elsewhere_keeps_station_and_a_time_of_day_is_waited_for():
 
 def test_jumps_are_counted():
     crew = Crew(waypoint(A), waypoint(B), jump(0, 2), waypoint(C))
-    places = [crew.go_on().to]
-    for _ in range(6):
-        places.append(crew.go_on(arrived=True).to)
+    places = [crew.go_on().to, *(crew.go_on(arrived=True).to for _ in range(6))]
     assert places == [A, B, A, B, A, B, C]
 
 
