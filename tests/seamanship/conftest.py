@@ -14,29 +14,87 @@ from firmware_py.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.records import FixType, HeadingSample, Inputs, NorthReference, PositionSample, RudderFeedback, Tick
 from firmware_py.step import State, step
 from hil.scenarios import Scenario, named
-from hil.ship.hull import GRID_S, Hull
+from hil.ship.drift import RudderDrift
+from hil.ship.hull import Hull
+from hil.ship.kt_plant import KtPlant
+from hil.ship.noise import NormalNumbers, Stream, generator
+from hil.ship.planar import PlanarMotion
+from hil.ship.tide import Tide
+from hil.ship.waves import WaveYaw
 
 EARTH_M = 6371008.8
 START_RAD = (radians(36.0), radians(121.0))
 UTC_S = 1_767_225_600.0
-STEPS_PER_TICK = 5
-SLEW_RAD = radians(30.0) * GRID_S
+STEP_S = 0.1
+SLEW_RAD_S = radians(30.0)
 COUNT_RAD = TWO_PI / 4096.0
 RESOLUTION_RAD = radians(0.1)
 FIX_NOISE_M, FIX_MEMORY_S, VELOCITY_NOISE_M_S = 1.5, 60.0, 0.03
 
 
+class TickHull:
+    """hil.ship.hull.Hull on a grid of one tick, of the same parts; test_rig.py holds the two together."""
+
+    def __init__(self, scenario, seed):
+        scaled = OCEAN_RAMBLER.at_speed(scenario.speed_m_s)
+        bias_rad = scaled.rudder_offset_rad + radians(scenario.bias_deg)
+        self.plant = KtPlant(replace(scaled, rudder_offset_rad=bias_rad), STEP_S)
+        self.drift = RudderDrift(radians(scenario.drift_deg), STEP_S, NormalNumbers(generator(seed, Stream.DRIFT)))
+        numbers = NormalNumbers(generator(seed, Stream.WAVES))
+        self.waves = WaveYaw(radians(scenario.wave_yaw_deg), scenario.wave_period_s, STEP_S, numbers)
+        toward_rad = radians(scenario.current_toward_deg)
+        tide = Tide(scenario.current_m_s, toward_rad, scenario.tide_s, scenario.tide_rotary)
+        self.track = PlanarMotion(scenario.speed_m_s, tide)
+        self.t_s = 0.0
+        self.rudder_rad = 0.0
+
+    def step(self, rudder_rad):
+        before_rad = self.plant.heading_rad
+        self.plant.step(0.5 * (self.rudder_rad + rudder_rad), self.drift.angle_rad)
+        self.track.step(0.5 * (before_rad + self.plant.heading_rad), self.t_s + 0.5 * STEP_S, STEP_S)
+        self.drift.step()
+        self.waves.step()
+        self.rudder_rad = rudder_rad
+        self.t_s += STEP_S
+
+    def heading_low_rad(self, _offset_s):
+        return self.plant.heading_rad
+
+    def heading_rad(self, offset_s):
+        return self.plant.heading_rad + self.waves.angle_rad(offset_s)
+
+    def velocity_m_s(self, _offset_s):
+        return self.track.velocity_m_s(self.plant.heading_rad, self.t_s)
+
+    def position_m(self, _offset_s):
+        return self.track.north_m, self.track.east_m
+
+
+class FineHull(Hull):
+    """The hull itself, five steps of its grid at a time; the rudder moves evenly in between."""
+
+    def __init__(self, scenario, seed):
+        super().__init__(scenario, OCEAN_RAMBLER, seed)
+        self.before_rad = 0.0
+
+    def step(self, rudder_rad):
+        for part in range(1, 6):
+            super().step(self.before_rad + 0.2 * part * (rudder_rad - self.before_rad))
+        self.before_rad = rudder_rad
+
+
 class Sailing:
     """Ship, sea, compass at 10 Hz, receiver at 1 Hz and servo around step(); metres from the start."""
 
-    def __init__(self, scenario, seed=1, plans=None, state=None, **parameters):
+    def __init__(self, scenario, seed=1, plans=None, hull=TickHull, **parameters):
         values = ParameterSet()
         for name, value in parameters.items():
             values = values.replaced(name, value)
         self.scenario = scenario
-        self.hull = Hull(scenario, OCEAN_RAMBLER, seed)
+        self.hull = hull(scenario, seed)
+        self.numbers = NormalNumbers(generator(seed, Stream.COMPASS))
         self.rng = np.random.default_rng(seed)
-        self.state = state or State.at_start(values, plans)
+        self.state = State.at_start(values, plans)
         self.index = 0
         self.rudder_rad = self.target_rad = 0.0
         self.fix_error_m = self.rng.normal(0.0, FIX_NOISE_M, 2)
@@ -58,7 +116,7 @@ class Sailing:
 
     def tick(self, *intents):
         t_s = self.t_s
-        heading_rad = self.hull.heading_rad(0.0) + self.rng.normal(0.0, radians(0.3))
+        heading_rad = self.hull.heading_rad(0.0) + radians(0.3) * self.numbers.draw()
         heading_rad = round(heading_rad / RESOLUTION_RAD) * RESOLUTION_RAD % TWO_PI
         shaft_rad = round(self.rudder_rad / COUNT_RAD) * COUNT_RAD
         inputs = Inputs(
@@ -75,9 +133,9 @@ class Sailing:
         self.snapshot = output.snapshot
         self.events += [(t_s, event.text) for event in output.events]
         self.target_rad = output.command.shaft_rad
-        for _ in range(STEPS_PER_TICK):
-            self.rudder_rad += min(max(self.target_rad - self.rudder_rad, -SLEW_RAD), SLEW_RAD)
-            self.hull.step(self.rudder_rad)
+        most_rad = SLEW_RAD_S * STEP_S
+        self.rudder_rad += min(max(self.target_rad - self.rudder_rad, -most_rad), most_rad)
+        self.hull.step(self.rudder_rad)
         self.index += 1
         if self.index % 10 == 0:
             self.track.append((self.t_s, *self.where, self.hull.heading_low_rad(0.0)))
@@ -135,6 +193,7 @@ class Yard:
     """What the tests build boats with."""
 
     Sailing = Sailing
+    FineHull = FineHull
     item = staticmethod(item)
     mission = staticmethod(mission)
     placed = staticmethod(placed)

@@ -38,9 +38,9 @@ def test_across_half_her_speed_of_current_she_stays_within_15_m(yard):
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize("seed", range(1, 7))
+@pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize("toward_deg", [0.0, 60.0, 90.0, 210.0])
-def test_around_a_square_in_any_current_of_half_her_speed(yard, seed, toward_deg, record_property):
+def test_around_a_square_in_any_current_of_half_her_speed(yard, seed, toward_deg):
     corners = [(1500.0, 0.0), (1500.0, 1500.0), (0.0, 1500.0), (0.0, 0.0)]
     boat = rounding(yard, corners, seed, current_toward_deg=toward_deg)
     off = cross_tracks(boat, 14_400)

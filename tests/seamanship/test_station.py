@@ -59,7 +59,7 @@ def test_a_current_of_1_2_times_her_speed_is_recognised_and_pointed_into(yard):
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize(("speed_m_s", "toward_deg"), [(0.25, 0.0), (0.4, 180.0), (0.5, 90.0), (0.9, 300.0)])
 def test_recognised_at_any_speed_and_from_any_side(yard, speed_m_s, toward_deg, seed):
     said_s, off_deg = stronger(yard, speed_m_s, seed, toward_deg=toward_deg)
