@@ -172,8 +172,15 @@ def _sailed(settings: Settings, nav: NavState, scene: Scene, motion: Motion, ste
     """Carry the mission on; disarmed she is where she is, and so is the mission."""
     if not scene.modes.armed:
         return Piloted(nav)
-    back = _way_back(settings, scene, motion)
-    voyage = Voyage(settings.guidance, steps_of(scene.plans.mission), motion, nav.follow, step_s, scene.utc_s, back)
+    voyage = Voyage(
+        settings.guidance,
+        steps_of(scene.plans.mission),
+        motion,
+        nav.follow,
+        step_s,
+        scene.utc_s,
+        lambda: _way_back(settings, scene, motion),
+    )
     done = mission.advance(nav.mission, voyage)
     progress = done.progress
     order = progress.halt if progress.paused else progress.order

@@ -47,10 +47,7 @@ def carried(state: PositionState, now_s: float, velocity_m_s: tuple[float, float
         return state
     if now_s - state.fix.t_s > LONGEST_GAP_S:
         return replace(state, t_s=now_s)
-    return replace(
-        _moved(state, velocity_m_s[0] * step_s, velocity_m_s[1] * step_s),
-        t_s=now_s,
-    )
+    return _moved(state, velocity_m_s[0] * step_s, velocity_m_s[1] * step_s, now_s)
 
 
 def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple[PositionState, bool]:
@@ -73,7 +70,7 @@ def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple
     gain = 1.0 - math.exp(-gap_s / SMOOTHING_S)
     north_m, east_m = _offset_m(state.latitude_rad, state.longitude_rad, latitude_rad, longitude_rad)
     state = replace(state, fix=sample, doubted=None, witnesses=0)
-    return _moved(state, gain * north_m, gain * east_m), True
+    return _moved(state, gain * north_m, gain * east_m, state.t_s), True
 
 
 def _reach_m(gap_s: float) -> float:
@@ -96,8 +93,8 @@ def _apart_m(one: PositionSample, other: PositionSample) -> float:
     return math.hypot(*_offset_m(*_position(one), *_position(other)))
 
 
-def _moved(state: PositionState, north_m: float, east_m: float) -> PositionState:
+def _moved(state: PositionState, north_m: float, east_m: float, t_s: float) -> PositionState:
     latitude_rad = clamp(state.latitude_rad + north_m / EARTH_RADIUS_M, -0.5 * math.pi, 0.5 * math.pi)
     shrink = max(math.cos(latitude_rad), 1e-6)
     longitude_rad = math.remainder(state.longitude_rad + east_m / (EARTH_RADIUS_M * shrink), 2.0 * math.pi)
-    return replace(state, latitude_rad=latitude_rad, longitude_rad=longitude_rad)
+    return PositionState(t_s, latitude_rad, longitude_rad, state.fix, state.doubted, state.witnesses)

@@ -59,7 +59,7 @@ class Voyage:
     followed: FollowState
     step_s: float
     utc_s: float | None
-    way_back: Go | None
+    way_back: Callable[[], Go | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +227,7 @@ def _round(progress: MissionProgress, step: MissionStep, voyage: Voyage) -> Begu
 
 
 def _back(progress: MissionProgress, _step: MissionStep, voyage: Voyage) -> Begun:
-    order = voyage.way_back
+    order = voyage.way_back()
     return (_staying(progress, voyage), None) if order is None else (order, order.to)
 
 

@@ -43,7 +43,7 @@ class Crew:
 
     def go_on(self, *, arrived=False, turned_rad=0.0, step_s=1.0):
         follow = FollowState(self.progress.order, arrived, orbit=OrbitState(0.0, turned_rad))
-        voyage = Voyage(SETTINGS, self.steps, self.motion, follow, step_s, self.utc_s, self.back)
+        voyage = Voyage(SETTINGS, self.steps, self.motion, follow, step_s, self.utc_s, lambda: self.back)
         done = mission.advance(self.progress, voyage)
         self.progress = done.progress
         self.reached += done.reached
