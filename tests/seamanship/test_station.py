@@ -71,10 +71,10 @@ def test_recognised_at_any_speed_and_from_any_side(yard, speed_m_s, toward_deg, 
 def test_home_is_returned_to_and_kept(yard):
     boat = yard.Sailing(yard.scenario(0.6, 0.2), LOIT_RADIUS=60.0)
     boat.under_way(Mode.GUIDED)
-    boat.run(400.0)
-    assert math.hypot(*boat.where) > 150.0
+    boat.run(250.0)
+    assert math.hypot(*boat.where) > 100.0
     boat.under_way(Mode.RTL)
     boat.run(2000.0, until=lambda boat: boat.snapshot.navigation.arrived)
     first = len(boat.track)
-    boat.run(900.0)
+    boat.run(500.0)
     assert np.mean(np.hypot(*np.array(boat.track[first:])[:, 1:3].T) <= 65.0) > 0.95
