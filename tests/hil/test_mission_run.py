@@ -127,7 +127,7 @@ EVERY_KIND = [
 def test_a_mission_with_every_kind_of_item_is_sailed_to_its_end(tmp_path):
     stored(tmp_path / "memory", EVERY_KIND)
     command = [sys.executable, "-m", "hil", "run", "mission", "--mode", "auto", "--state", str(tmp_path / "memory")]
-    more = ["--set", "LOIT_RADIUS=60", "--seconds", "7200", "--speed", "max", "--out", str(tmp_path / "out")]
+    more = ["--set", "LOIT_RADIUS=60", "--seconds", "4000", "--speed", "max", "--out", str(tmp_path / "out")]
     done = subprocess.run([*command, *more], cwd=ROOT, check=False, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     said = (tmp_path / "out" / "firmware.log").read_text()
