@@ -11,10 +11,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from firmware_py import helm
 from firmware_py.angles import radians, wrap_pi, wrap_two_pi
+from firmware_py.control.reference import Reference
 from firmware_py.control.rudder_limit import Linkage, RudderLimits, limited_command
-from firmware_py.control.s_surface import Gains, rudder_demand
 from firmware_py.estimate import drift, heading
+from firmware_py.estimate.wave_filter import FilterState
 from firmware_py.faults import Fault
 from firmware_py.guidance.bearing import distance_and_bearing
 from firmware_py.intents import Answer, ReplacePlan, Request, SetHome, SetParameter, Verdict
@@ -59,7 +61,7 @@ LATE_MEMORY_S = 2.0
 class Settings:
     """The parameters in the units and groups that the parts compute with."""
 
-    gains: Gains
+    helm: helm.Settings
     limits: RudderLimits
     linkage: Linkage
     observer: heading.ObserverSettings
@@ -75,7 +77,7 @@ class Settings:
 def settings_of(parameters: ParameterSet) -> Settings:
     """Convert the parameters, once for each set of values."""
     return Settings(
-        Gains.of(parameters),
+        helm.Settings.of(parameters),
         RudderLimits.of(parameters),
         Linkage.of(parameters),
         heading.ObserverSettings.of(parameters),
@@ -98,6 +100,8 @@ class State:
     t_s: float = 0.0
     heading: heading.HeadingState = heading.HeadingState()  # noqa: RUF009 - frozen
     drift: drift.DriftState = drift.DriftState()  # noqa: RUF009 - frozen
+    waves: FilterState = FilterState()  # noqa: RUF009 - frozen
+    reference: Reference | None = None
     monitor: MonitorState = MonitorState()  # noqa: RUF009 - frozen
     position: PositionSample | None = None
     servo: RudderFeedback | None = None
@@ -189,10 +193,11 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     situation = situation_of(state, now_s)
     modes = _goal_kept(settings, state, situation, now_s)
     steering = _steering(modes, state.position, situation)
-    demand_rad = _demand_rad(settings, state, modes, steering, now_s, monitor.since_s[Fault.COMPASS_LOST])
     step_s = min(max(0.0, now_s - before.t_s), 1.0) if before.started_s is not None else 0.0
+    lost_s = monitor.since_s[Fault.COMPASS_LOST]
+    demand_rad, reference = _demand_rad(settings, state, modes, steering, now_s, lost_s, step_s)
     command_rad = limited_command(settings.limits, state.rudder_command_rad, demand_rad, step_s)
-    state = replace(state, monitor=monitor, modes=modes, rudder_command_rad=command_rad, t_s=now_s)
+    state = replace(state, monitor=monitor, modes=modes, reference=reference, rudder_command_rad=command_rad, t_s=now_s)
     command = RudderCommand(settings.linkage.to_shaft(command_rad), state.modes.armed or not settings.release_disarmed)
     told = (*_changes_told(before, state), *faults_told)
     return state, Output(command, _snapshot(settings, state, situation, steering, inputs), told)
@@ -210,8 +215,9 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
         if device.role is DeviceRole.STORAGE:
             storage = device
     skipped = inputs.tick.skipped
-    heading_state = heading.update(
-        settings.observer, state.heading, inputs.headings, _rudder_rad(settings, state, servo), now_s
+    rudder_rad = _rudder_rad(settings, state, servo)
+    heading_state, waves = helm.estimated(
+        settings.helm, state.heading, state.waves, inputs.headings, inputs.positions, rudder_rad, now_s
     )
     valid = heading_state.fresh(now_s, settings.observer.timeout_s)
     position, drift_state, home = state.position, state.drift, state.home
@@ -225,6 +231,7 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
         state,
         started_s=now_s if state.started_s is None else state.started_s,
         heading=heading_state,
+        waves=waves,
         drift=drift_state,
         position=position,
         home=home,
@@ -334,17 +341,26 @@ def _demand_rad(
     steering: Steering,
     now_s: float,
     heading_lost_s: float | None,
-) -> float:
-    """The rudder angle that mode and faults ask for."""
+    step_s: float,
+) -> tuple[float, Reference | None]:
+    """The rudder angle that mode and faults ask for, and the reference of a turn under way."""
     if not modes.armed or modes.mode is Mode.HOLD:
-        return 0.0
+        return 0.0, None
     if modes.mode is Mode.MANUAL:
         stick = live_stick(modes, now_s, settings.stick_timeout_s)
-        return 0.0 if stick is None else stick * settings.limits.limit_rad
+        return (0.0 if stick is None else stick * settings.limits.limit_rad), None
     if steering.error_rad is not None:
-        return rudder_demand(settings.gains, steering.error_rad, state.heading.yaw_rate_rad_s)
+        return helm.ordered(
+            settings.helm,
+            state.heading,
+            state.waves,
+            state.reference,
+            steering.error_rad,
+            state.rudder_command_rad,
+            step_s,
+        )
     held = heading_lost_s is None or now_s - heading_lost_s <= settings.hold_s
-    return state.rudder_command_rad if held else 0.0
+    return (state.rudder_command_rad if held else 0.0), None
 
 
 def _changes_told(before: State, after: State) -> tuple[Event, ...]:
@@ -385,6 +401,7 @@ def _snapshot(settings: Settings, state: State, situation: Situation, steering: 
         late_s=inputs.tick.late_s,
         home=state.home,
         mission=_mission_report(state),
+        estimate=helm.estimate_of(state.waves, state.heading),
     )
 
 

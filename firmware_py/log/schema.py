@@ -157,6 +157,28 @@ NAVIGATION: Final = Row(
     ),
     _not_read,
 )
+ESTIMATE: Final = Row(
+    151,
+    "EST",
+    (
+        real("Hdg", "r", "heading_rad"),
+        real("HSd", "r", "heading_sd_rad"),
+        real("YawR", "E", "yaw_rate_rad_s"),
+        real("RSd", "E", "yaw_rate_sd_rad_s"),
+        real("Bias", "r", "bias_rad"),
+        real("BSd", "r", "bias_sd_rad"),
+        real("WT", "s", "wave_period_s"),
+        real("WSd", "r", "wave_sd_rad"),
+        real("U", "n", "speed_m_s"),
+        real("CN", "n", "current_north_m_s"),
+        real("CE", "n", "current_east_m_s"),
+        real("Fac", "-", "turning_factor"),
+        real("In", "r", "innovation_rad"),
+        real("ISd", "r", "innovation_sd_rad"),
+        real("I2", "-", "innovation_square"),
+    ),
+    _not_read,
+)
 DROP: Final = MessageType(149, "DROP", "TimeUS,Lost", "QQ", "s-", "F-")
 END: Final = MessageType(150, "END", "TimeUS,Seq,Crc", "QQI", "s--", "F--")
 CRC_BYTES: Final = 4
@@ -165,7 +187,7 @@ CRC_BYTES: Final = 4
 READ: Final[Mapping[str, Row]] = {
     row.type.name: row for row in (TICK, CHECKPOINT, HEADING, POSITION, FEEDBACK, DEVICE, REQUEST, CONTROL)
 }
-TYPES: Final = (*(row.type for row in READ.values()), NAVIGATION.type, DROP, END)
+TYPES: Final = (*(row.type for row in READ.values()), NAVIGATION.type, ESTIMATE.type, DROP, END)
 
 
 def inputs_bytes(inputs: Inputs) -> bytes:
@@ -180,8 +202,9 @@ def inputs_bytes(inputs: Inputs) -> bytes:
 
 def output_bytes(output: Output) -> bytes:
     """Return the messages of a decision."""
-    t_s = output.snapshot.t_s
-    return CONTROL.pack(t_s, output) + NAVIGATION.pack(t_s, output.snapshot)
+    t_s, estimate = output.snapshot.t_s, output.snapshot.estimate
+    decided = CONTROL.pack(t_s, output) + NAVIGATION.pack(t_s, output.snapshot)
+    return decided if estimate is None else decided + ESTIMATE.pack(t_s, estimate)
 
 
 def ended(batch: bytes, t_s: float, sequence: int) -> bytes:
