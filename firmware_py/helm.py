@@ -63,7 +63,9 @@ def estimated(
     if not waves.x:
         return before, waves
     heading_rad, yaw_rate_rad_s = wave_filter.ahead(settings.filter, waves, now_s)
-    roll_rad, pitch_rad = (headings[-1].roll_rad, headings[-1].pitch_rad) if headings else (before.roll_rad, before.pitch_rad)
+    roll_rad, pitch_rad = (
+        (headings[-1].roll_rad, headings[-1].pitch_rad) if headings else (before.roll_rad, before.pitch_rad)
+    )
     return HeadingState(now_s, heading_rad, yaw_rate_rad_s, waves.sample_t_s, roll_rad, pitch_rad), waves
 
 

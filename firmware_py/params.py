@@ -124,7 +124,7 @@ TABLE: tuple[Parameter, ...] = (
         "CTL_MODE",
         1,
         {0: "fixed gains", 1: "scheduled"},
-        "The S-surface alone with CTL_K1 and CTL_K2, or with gains, trim and turns after the estimate (needs EST_MODE 1).",
+        "The S-surface with CTL_K1 and CTL_K2, or with gains, trim and turns after the estimate (needs EST_MODE 1).",
     ),
     _real(
         "CTL_PRICE",
@@ -147,7 +147,7 @@ TABLE: tuple[Parameter, ...] = (
         "EST_MODE",
         1,
         {0: "plain", 1: "wave filter"},
-        "How the heading is estimated: a plain observer, or a filter that sees through waves and learns speed and trim.",
+        "How the heading is estimated: a plain observer, or a filter that sees through waves, learns speed and trim.",
     ),
     _real("EST_TAU_S", 1.5, 0.1, 30.0, "s", "Time constant of the plain observer (EST_MODE 0)."),
     _choice(

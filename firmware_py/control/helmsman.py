@@ -95,7 +95,7 @@ def stiffness_of(settings: HelmSettings, known: Known) -> float:
     """Return the rudder angle per angle of heading error."""
     spread_deg = max(degrees(known.heading_spread_rad), LEAST_SPREAD_DEG)
     ratio = known.speed_m_s / settings.speed_m_s
-    return STIFFNESS / settings.price * spread_deg**STIFFNESS_BY_SPREAD * ratio**STIFFNESS_BY_SPEED
+    return STIFFNESS / settings.price * math.pow(spread_deg, STIFFNESS_BY_SPREAD) * math.pow(ratio, STIFFNESS_BY_SPEED)
 
 
 def gains_of(ship: Ship, stiffness: float) -> Gains:
@@ -132,9 +132,7 @@ def steered(
     reference = advanced(ship, reference, left_rad, known.heading_rad, step_s)
     stiffness = stiffness_of(settings, known)
     off_rad = wrap_pi(reference.heading_rad - known.heading_rad)
-    feedback_rad = rudder_demand(
-        gains_of(ship, stiffness), off_rad, known.yaw_rate_rad_s - reference.yaw_rate_rad_s
-    )
+    feedback_rad = rudder_demand(gains_of(ship, stiffness), off_rad, known.yaw_rate_rad_s - reference.yaw_rate_rad_s)
     demand_rad = ship.bias_rad + reference.push_rad + feedback_rad
     band_rad = settings.price * (radians(BAND_DEG) + BAND_BY_SPREAD * stiffness * known.heading_spread_rad)
     if abs(left_rad) > TURNING_RAD:

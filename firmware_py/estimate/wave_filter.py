@@ -15,6 +15,7 @@ from typing import Final
 
 from firmware_py.angles import clamp, radians, wrap_pi, wrap_two_pi
 from firmware_py.estimate import kalman, learning
+from firmware_py.estimate.kalman import Numbers
 from firmware_py.estimate.learning import Learned
 from firmware_py.params import ParameterSet
 
@@ -28,6 +29,12 @@ GATE_SIGMAS: Final = 6.0
 GATE_RAD: Final = radians(20.0)
 HEADING_LIMIT: Final = 5.0  # a normalised innovation beyond it counts as this many
 FIX_LIMIT: Final = 9.0
+
+_HEADING_AND_WAVE: Final = tuple((kalman.place(0, j), kalman.place(3, j)) for j in range(9))
+_VELOCITY: Final = {
+    current: tuple((kalman.place(0, j), kalman.place(current, j), kalman.place(7, j)) for j in range(9))
+    for current in (kalman.NORTH, kalman.EAST)
+}
 
 RATE_NOISE: Final = 1e-6 * radians(1.0) ** 2
 CURRENT_NOISE: Final = 2e-6
@@ -49,24 +56,19 @@ FIRST: Final = (
 
 @dataclass(frozen=True, slots=True)
 class FilterSettings:
-    """The model of the vehicle file."""
+    """The model of the vehicle file: K [1/s], T [s], alpha [s^2] and the speed [m/s] that they hold at."""
 
-    turning_ability_1_s: float
-    turning_lag_s: float
-    norrbin_s2: float
-    speed_m_s: float
+    model: tuple[float, float, float, float]
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> FilterSettings:
         """Read the settings from the parameters."""
-        return cls(
-            parameters["MDL_K"], parameters["MDL_T_S"], parameters["MDL_ALPHA_S2"], parameters["MDL_SPEED"]
-        )
+        return cls((parameters["MDL_K"], parameters["MDL_T_S"], parameters["MDL_ALPHA_S2"], parameters["MDL_SPEED"]))
 
 
 @dataclass(frozen=True, slots=True)
 class FilterState:
-    """State and covariance (row by row) at t_s; empty before the first heading.
+    """State and covariance (upper triangle, row by row) at t_s; empty before the first heading.
 
     `sensitivity` is by how much heading, rate, bias, wave and wave rate would differ for another
     ln omega. `sample_t_s` and `fix_t_s` are the times of the last heading and velocity taken,
@@ -87,28 +89,29 @@ class FilterState:
 
     def spread(self, index: int) -> float:
         """Return the standard deviation of a state."""
-        return math.sqrt(max(self.p[10 * index], 0.0)) if self.p else 0.0
+        return math.sqrt(self.p[kalman.DIAGONAL[index]]) if self.p else 0.0
 
 
 def started(settings: FilterSettings, t_s: float, heading_rad: float, learned: Learned | None = None) -> FilterState:
     """Return the filter at its first heading."""
-    x = (heading_rad, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, settings.speed_m_s, 1.0)
-    p = tuple(FIRST[i] ** 2 if i == j else 0.0 for i in range(kalman.STATES) for j in range(kalman.STATES))
+    x = (heading_rad, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, clamp(settings.model[3], *SPEEDS_M_S), 1.0)
+    p = tuple(FIRST[i] ** 2 if i == j else 0.0 for i in range(kalman.STATES) for j in range(i, kalman.STATES))
     return FilterState(t_s, x, p, learned=learned or Learned(), sample_t_s=t_s)
 
 
 class _Work:
     """The numbers of a filter while a tick works on them."""
 
+    __slots__ = ("learned", "p", "rudder_rad", "s", "settings", "t_s", "x")
+
     def __init__(self, settings: FilterSettings, state: FilterState) -> None:
         self.settings = settings
         self.t_s = state.t_s
-        self.x = list(state.x)
-        self.p = list(state.p)
-        self.s = list(state.sensitivity)
+        self.x = state.x
+        self.p = state.p
+        self.s = state.sensitivity
         self.learned = state.learned
         self.rudder_rad = state.rudder_rad
-        self.scratch = [0.0] * (kalman.STATES * kalman.STATES)
 
     def carry_to(self, t_s: float) -> None:
         """Carry everything to t_s; an earlier time changes nothing."""
@@ -118,48 +121,67 @@ class _Work:
             self.t_s = t_s if step_s == way_s else self.t_s + step_s
 
     def _carry(self, step_s: float) -> None:
-        known, x, s = self.settings, self.x, self.s
-        omega_rad_s = self.learned.omega_rad_s
-        transition = kalman.wave_transition(omega_rad_s, step_s)
-        # What another ln omega would change: the force that brings the wave back, and its damping.
-        force = -2.0 * omega_rad_s * (omega_rad_s * x[kalman.WAVE] + kalman.DAMPING * x[kalman.WAVE_RATE])
-        ratio = x[kalman.SPEED] / known.speed_m_s
-        decay = math.exp(-step_s * ratio / known.turning_lag_s)
-        ability_1_s = known.turning_ability_1_s * ratio * x[kalman.FACTOR]
-        kalman.carry(
-            x,
-            self.p,
-            self.scratch,
-            step_s,
-            self.rudder_rad,
-            known.turning_ability_1_s,
-            known.turning_lag_s,
-            known.norrbin_s2,
-            known.speed_m_s,
-            transition,
-            omega_rad_s,
-            math.exp(self.learned.log_power),
-            (
-                RATE_NOISE * step_s,
-                math.exp(self.learned.log_bias_noise) * step_s,
-                CURRENT_NOISE * step_s,
-                SPEED_NOISE * step_s,
-                FACTOR_NOISE * step_s,
-            ),
+        learned, x, s = self.learned, self.x, self.s
+        omega_rad_s = learned.omega_rad_s
+        w00, w01, w10, w11 = transition = kalman.wave_transition(omega_rad_s, step_s)
+        turning = kalman.turned(x, self.rudder_rad, step_s, self.settings.model)
+        angle, both, rate = kalman.wave_noise(transition, omega_rad_s, math.exp(learned.log_power))
+        noise = (
+            RATE_NOISE * step_s,
+            math.exp(learned.log_bias_noise) * step_s,
+            angle,
+            both,
+            rate,
+            CURRENT_NOISE * step_s,
+            SPEED_NOISE * step_s,
+            FACTOR_NOISE * step_s,
         )
-        x[kalman.SPEED] = clamp(x[kalman.SPEED], *SPEEDS_M_S)
-        x[kalman.FACTOR] = clamp(x[kalman.FACTOR], *FACTORS)
-        wave, wave_rate = s[3], s[4]
-        s[0] += s[1] * step_s
-        s[1] = decay * s[1] - ability_1_s * (1.0 - decay) * s[2]
-        s[3] = transition[0] * wave + transition[1] * wave_rate + 0.5 * step_s * step_s * force
-        s[4] = transition[2] * wave + transition[3] * wave_rate + step_s * force
+        self.p = kalman.carried(self.p, turning, transition, noise)
+        _, _, bias, wave, wave_rate, north, east, speed, factor = x
+        self.x = _bounded(
+            (
+                turning.heading_rad,
+                turning.yaw_rate_rad_s,
+                bias,
+                w00 * wave + w01 * wave_rate,
+                w10 * wave + w11 * wave_rate,
+                north,
+                east,
+                speed,
+                factor,
+            )
+        )
+        # What another ln omega would change: the force that brings the wave back, and its damping.
+        force = -2.0 * omega_rad_s * (omega_rad_s * wave + kalman.DAMPING * wave_rate)
+        s0, s1, s2, s3, s4 = s
+        self.s = (
+            s0 + turning.reach_s * s1 + turning.share_s * turning.by_bias * s2,
+            turning.by_rate * s1 + turning.by_bias * s2,
+            s2,
+            w00 * s3 + w01 * s4 + 0.5 * step_s * step_s * force,
+            w10 * s3 + w11 * s4 + step_s * force,
+        )
 
-    def absorb(self, gain: list[float], innovation: float, variance: float, shown: float) -> None:
-        """Take a measurement in; `shown` is how the sensitivity shows in it."""
-        kalman.absorb(self.x, self.p, gain, innovation, variance)
-        for i in range(5):
-            self.s[i] -= gain[i] * shown
+    def absorb(self, shown: Numbers, innovation: float, variance: float, sensitivity: float) -> None:
+        """Take a measurement in; shown is P H', sensitivity how that of the state shows in it."""
+        x, self.p = kalman.absorbed(self.x, self.p, shown, innovation, variance)
+        self.x = _bounded(x)
+        part = sensitivity / variance
+        s0, s1, s2, s3, s4 = self.s
+        self.s = (
+            s0 - shown[0] * part,
+            s1 - shown[1] * part,
+            s2 - shown[2] * part,
+            s3 - shown[3] * part,
+            s4 - shown[4] * part,
+        )
+
+
+def _bounded(x: Numbers) -> Numbers:
+    """Keep speed and turning factor within what a boat can have."""
+    if SPEEDS_M_S[0] <= x[7] <= SPEEDS_M_S[1] and FACTORS[0] <= x[8] <= FACTORS[1]:
+        return x
+    return (*x[:7], clamp(x[7], *SPEEDS_M_S), clamp(x[8], *FACTORS))
 
 
 def take_heading(settings: FilterSettings, state: FilterState, t_s: float, heading_rad: float) -> FilterState:
@@ -178,16 +200,17 @@ def take_heading(settings: FilterSettings, state: FilterState, t_s: float, headi
     if late_s > 0.0:
         expected_rad -= late_s * (x[kalman.RATE] + x[kalman.WAVE_RATE])
     innovation_rad = wrap_pi(heading_rad - expected_rad)
-    gain = [p[row] + p[row + 3] for row in range(0, 81, 9)]
-    variance = gain[0] + gain[3] + math.exp(work.learned.log_noise)
+    # Heading and wave yaw are seen together: H has a one for each.
+    shown = tuple([p[one] + p[other] for one, other in _HEADING_AND_WAVE])
+    variance = shown[0] + shown[3] + math.exp(work.learned.log_noise)
     deviation_rad = math.sqrt(variance)
     if abs(innovation_rad) > max(GATE_SIGMAS * deviation_rad, GATE_RAD):
         return replace(_ended(work, state), refused=state.refused + 1, innovation_rad=innovation_rad)
-    shown = work.s[0] + work.s[3]
+    sensitivity = work.s[0] + work.s[3]
     step_s = t_s - state.sample_t_s if state.sample_t_s is not None else 0.0
-    work.absorb(gain, innovation_rad, max(variance, (innovation_rad / HEADING_LIMIT) ** 2), shown)
+    work.absorb(shown, innovation_rad, max(variance, (innovation_rad / HEADING_LIMIT) ** 2), sensitivity)
     if step_s > 0.0:
-        work.learned = learning.from_heading(work.learned, innovation_rad, variance, shown, step_s)
+        work.learned = learning.from_heading(work.learned, innovation_rad, variance, sensitivity, step_s)
     return replace(
         _ended(work, state),
         sample_t_s=max(t_s, state.sample_t_s or t_s),
@@ -197,7 +220,9 @@ def take_heading(settings: FilterSettings, state: FilterState, t_s: float, headi
     )
 
 
-def take_velocity(settings: FilterSettings, state: FilterState, t_s: float, speed_m_s: float, course_rad: float) -> FilterState:
+def take_velocity(
+    settings: FilterSettings, state: FilterState, t_s: float, speed_m_s: float, course_rad: float
+) -> FilterState:
     """Take one velocity over the ground in; before the first heading, or out of range, it changes nothing."""
     if not state.x or not (math.isfinite(t_s) and math.isfinite(course_rad) and 0.0 <= speed_m_s <= FASTEST_M_S):
         return state
@@ -205,20 +230,22 @@ def take_velocity(settings: FilterSettings, state: FilterState, t_s: float, spee
         return state
     work = _Work(settings, state)
     work.carry_to(t_s)
-    x, p, squares = work.x, work.p, 0.0
-    noise = math.exp(work.learned.log_velocity_noise)
-    for current, seen_m_s in ((45, speed_m_s * math.cos(course_rad)), (54, speed_m_s * math.sin(course_rad))):
+    squares, noise = 0.0, math.exp(work.learned.log_velocity_noise)
+    seen = ((kalman.NORTH, speed_m_s * math.cos(course_rad)), (kalman.EAST, speed_m_s * math.sin(course_rad)))
+    for current, seen_m_s in seen:
+        x, p = work.x, work.p
         cosine, sine = math.cos(x[kalman.HEADING]), math.sin(x[kalman.HEADING])
         # North is U cos psi + c_north, east U sin psi + c_east.
-        by_speed, by_heading = (cosine, -x[kalman.SPEED] * sine) if current == 45 else (sine, x[kalman.SPEED] * cosine)
-        innovation = seen_m_s - (x[kalman.SPEED] * by_speed + x[current // 9])
-        gain = [by_heading * p[j] + p[current + j] + by_speed * p[63 + j] for j in range(9)]
-        variance = by_heading * gain[kalman.HEADING] + gain[current // 9] + by_speed * gain[kalman.SPEED] + noise
+        north = current == kalman.NORTH
+        by_speed, by_heading = (cosine, -x[kalman.SPEED] * sine) if north else (sine, x[kalman.SPEED] * cosine)
+        innovation = seen_m_s - (x[kalman.SPEED] * by_speed + x[current])
+        shown = tuple(
+            [by_heading * p[one] + p[other] + by_speed * p[third] for one, other, third in _VELOCITY[current]]
+        )
+        variance = by_heading * shown[kalman.HEADING] + shown[current] + by_speed * shown[kalman.SPEED] + noise
         square = innovation * innovation / variance
         squares += min(square, FIX_LIMIT)
-        work.absorb(gain, innovation, variance * max(1.0, square / FIX_LIMIT), by_heading * work.s[0])
-    x[kalman.SPEED] = clamp(x[kalman.SPEED], *SPEEDS_M_S)
-    x[kalman.FACTOR] = clamp(x[kalman.FACTOR], *FACTORS)
+        work.absorb(shown, innovation, variance * max(1.0, square / FIX_LIMIT), by_heading * work.s[0])
     work.learned = learning.from_velocity(work.learned, squares)
     return replace(_ended(work, state), fix_t_s=t_s)
 
@@ -226,26 +253,24 @@ def take_velocity(settings: FilterSettings, state: FilterState, t_s: float, spee
 def _ended(work: _Work, state: FilterState) -> FilterState:
     """Return the state that the work has come to; numbers that are none start the filter anew."""
     x, p = work.x, work.p
-    sound = math.isfinite(sum(x)) and math.isfinite(sum(p)) and all(p[10 * i] > 0.0 for i in range(9))
+    sound = math.isfinite(sum(x)) and math.isfinite(sum(p)) and min([p[i] for i in kalman.DIAGONAL]) > 0.0
     if not sound:
         return FilterState(rudder_rad=state.rudder_rad)
-    x[kalman.HEADING] = wrap_two_pi(x[kalman.HEADING])
     return replace(
-        state, t_s=work.t_s, x=tuple(x), p=tuple(p), sensitivity=tuple(work.s), learned=work.learned
+        state,
+        t_s=work.t_s,
+        x=(wrap_two_pi(x[kalman.HEADING]), *x[1:]),
+        p=p,
+        sensitivity=work.s,
+        learned=work.learned,
     )
 
 
 def ahead(settings: FilterSettings, state: FilterState, t_s: float) -> tuple[float, float]:
     """Return heading and yaw rate carried to t_s by the K-T equation alone, for a started filter."""
-    x = state.x
     step_s = clamp(t_s - state.t_s, 0.0, LONGEST_SILENCE_S)
-    ratio = x[kalman.SPEED] / settings.speed_m_s
-    lag_s, r = settings.turning_lag_s / ratio, x[kalman.RATE]
-    steady = x[kalman.FACTOR] * settings.turning_ability_1_s * ratio * (state.rudder_rad - x[kalman.BIAS])
-    steady -= settings.norrbin_s2 / (ratio * ratio) * r * r * r
-    decay = math.exp(-step_s / lag_s)
-    turned_rad = steady * step_s + (r - steady) * lag_s * (1.0 - decay)
-    return wrap_two_pi(x[kalman.HEADING] + turned_rad), steady + (r - steady) * decay
+    turning = kalman.turned(state.x, state.rudder_rad, step_s, settings.model)
+    return wrap_two_pi(turning.heading_rad), turning.yaw_rate_rad_s
 
 
 Heading = tuple[float, float]  # time [s], true heading [rad]
@@ -262,8 +287,5 @@ def update(
     """Take a tick's samples in, in order of their times; the rudder stood at rudder_rad at its beginning."""
     events = sorted([*headings, *velocities], key=lambda event: event[0])
     for event in events:
-        if len(event) == 2:
-            state = take_heading(settings, state, *event)
-        else:
-            state = take_velocity(settings, state, *event)
+        state = take_heading(settings, state, *event) if len(event) == 2 else take_velocity(settings, state, *event)
     return state if state.rudder_rad == rudder_rad else replace(state, rudder_rad=rudder_rad)
