@@ -90,9 +90,26 @@ def _choice(name: str, default: int, choices: Mapping[int, str], text: str, *, r
 
 _OFF_ON = {0: "off", 1: "on"}
 
+
+def _deviations(prefix: str, compass: str) -> tuple[Parameter, ...]:
+    terms = (("A", "constant"), ("B", "sin h"), ("C", "cos h"), ("D", "sin 2h"), ("E", "cos 2h"))
+    return tuple(
+        _real(f"{prefix}_DEV_{letter}", 0.0, -45.0, 45.0, "deg", f"Deviation of {compass}: coefficient of {term}.")
+        for letter, term in terms
+    )
+
+
 TABLE: tuple[Parameter, ...] = (
     _whole("BOOT_ARM", 0, 0, 1, "", "Arm by itself at start: 1 for a boat that must go on after a power cut."),
     _choice("BOOT_MODE", 4, {0: "manual", 3: "steering", 4: "hold", 15: "guided"}, "Mode at start."),
+    *_deviations("CMPB", "compass B"),
+    _real("CMPB_OFFSET_DEG", 0.0, -180.0, 180.0, "deg", "Mounting angle of compass B, added to its reading."),
+    _choice(
+        "CMP_DECL_AUTO",
+        0,
+        {0: "CMP_DECL_DEG", 1: "world magnetic model"},
+        "Where the declination comes from; the model's needs a position, until then CMP_DECL_DEG counts.",
+    ),
     _real(
         "CMP_DECL_DEG",
         0.0,
@@ -101,8 +118,17 @@ TABLE: tuple[Parameter, ...] = (
         "deg",
         "Magnetic declination, east positive; used when the compass is magnetic and does not state its own.",
     ),
+    *_deviations("CMP", "the compass"),
     _real("CMP_OFFSET_DEG", 0.0, -180.0, 180.0, "deg", "Mounting angle of the compass, added to its reading."),
     _real("CMP_TIMEOUT_S", 1.0, 0.2, 60.0, "s", "A heading older than this is not steered by."),
+    _real(
+        "COG_SPEED_MIN",
+        0.3,
+        0.05,
+        5.0,
+        "m/s",
+        "Without a compass she is steered by her course over ground when she makes at least this speed.",
+    ),
     _real(
         "CTL_HOLD_S",
         10.0,

@@ -223,11 +223,13 @@ class MissionReport:
 class Estimate:
     """What the wave filter knows, with standard deviations; headings are without the yaw of the waves.
 
+    `source` is what the heading is taken from: compass A 0, compass B 1, course over ground 2, nothing 3.
     `bias_rad` is the rudder angle at which she runs straight, `turning_factor` by what she turns better
     than her model says. `innovation_rad` is what the last heading differed from the expected one,
     `innovation_square` the average of such differences squared, by their variance: 1 for an honest filter.
     """
 
+    source: int
     heading_rad: float
     heading_sd_rad: float
     yaw_rate_rad_s: float

@@ -11,12 +11,11 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from firmware_py import helm
+from firmware_py import helm, lookout
 from firmware_py.angles import radians, wrap_pi, wrap_two_pi
 from firmware_py.control.reference import Reference
 from firmware_py.control.rudder_limit import Linkage, RudderLimits, limited_command
 from firmware_py.estimate import drift, heading
-from firmware_py.estimate.wave_filter import FilterState
 from firmware_py.faults import Fault
 from firmware_py.guidance.bearing import distance_and_bearing
 from firmware_py.intents import Answer, ReplacePlan, Request, SetHome, SetParameter, Verdict
@@ -62,6 +61,7 @@ class Settings:
     """The parameters in the units and groups that the parts compute with."""
 
     helm: helm.Settings
+    lookout: lookout.LookoutSettings
     limits: RudderLimits
     linkage: Linkage
     observer: heading.ObserverSettings
@@ -78,6 +78,7 @@ def settings_of(parameters: ParameterSet) -> Settings:
     """Convert the parameters, once for each set of values."""
     return Settings(
         helm.Settings.of(parameters),
+        lookout.LookoutSettings.of(parameters),
         RudderLimits.of(parameters),
         Linkage.of(parameters),
         heading.ObserverSettings.of(parameters),
@@ -100,7 +101,7 @@ class State:
     t_s: float = 0.0
     heading: heading.HeadingState = heading.HeadingState()  # noqa: RUF009 - frozen
     drift: drift.DriftState = drift.DriftState()  # noqa: RUF009 - frozen
-    waves: FilterState = FilterState()  # noqa: RUF009 - frozen
+    lookout: lookout.LookoutState = lookout.LookoutState()  # noqa: RUF009 - frozen
     reference: Reference | None = None
     monitor: MonitorState = MonitorState()  # noqa: RUF009 - frozen
     position: PositionSample | None = None
@@ -187,7 +188,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     for request in inputs.requests:
         state, _ = accept(state, request)
     settings = settings_of(state.parameters)
-    state = _sensed(settings, state, inputs)
+    state, sensed_told = _sensed(settings, state, inputs)
     now_s = inputs.tick.t_s
     monitor, faults_told = update_monitor(state.monitor, _conditions(settings, state, now_s), now_s)
     situation = situation_of(state, now_s)
@@ -199,15 +200,15 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     command_rad = limited_command(settings.limits, state.rudder_command_rad, demand_rad, step_s)
     state = replace(state, monitor=monitor, modes=modes, reference=reference, rudder_command_rad=command_rad, t_s=now_s)
     command = RudderCommand(settings.linkage.to_shaft(command_rad), state.modes.armed or not settings.release_disarmed)
-    told = (*_changes_told(before, state), *faults_told)
+    told = (*_changes_told(before, state), *sensed_told, *faults_told)
     return state, Output(command, _snapshot(settings, state, situation, steering, inputs), told)
 
 
 # ------------------------------------------------------------------------------ parts
 
 
-def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
-    """Take samples, feedback, device states and the tick's own health in."""
+def _sensed(settings: Settings, state: State, inputs: Inputs) -> tuple[State, tuple[Event, ...]]:
+    """Take samples, feedback, device states and the tick's own health in; return what is to be told of them too."""
     now_s = inputs.tick.t_s
     servo = inputs.rudder[-1] if inputs.rudder else state.servo
     storage = state.storage
@@ -216,8 +217,8 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
             storage = device
     skipped = inputs.tick.skipped
     rudder_rad = _rudder_rad(settings, state, servo)
-    heading_state, waves = helm.estimated(
-        settings.helm, state.heading, state.waves, inputs.headings, inputs.positions, rudder_rad, now_s
+    lookout_state, heading_state, told = lookout.looked_out(
+        settings.lookout, state.lookout, state.heading, inputs.headings, inputs.positions, rudder_rad, now_s
     )
     valid = heading_state.fresh(now_s, settings.observer.timeout_s)
     position, drift_state, home = state.position, state.drift, state.home
@@ -227,11 +228,11 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
             home = home or _first_home(sample)
             heading_rad = heading_state.heading_rad if valid else None
             drift_state = drift.update(drift_state, sample, heading_rad, heading_state.yaw_rate_rad_s)
-    return replace(
+    sensed = replace(
         state,
         started_s=now_s if state.started_s is None else state.started_s,
         heading=heading_state,
-        waves=waves,
+        lookout=lookout_state,
         drift=drift_state,
         position=position,
         home=home,
@@ -240,6 +241,7 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
         skipped_total=state.skipped_total + skipped,
         skipped_t_s=now_s if skipped else state.skipped_t_s,
     )
+    return sensed, told
 
 
 def _on_earth(sample: PositionSample) -> bool:
@@ -353,7 +355,7 @@ def _demand_rad(
         return helm.ordered(
             settings.helm,
             state.heading,
-            state.waves,
+            state.lookout.waves,
             state.reference,
             steering.error_rad,
             state.rudder_command_rad,
@@ -401,7 +403,7 @@ def _snapshot(settings: Settings, state: State, situation: Situation, steering: 
         late_s=inputs.tick.late_s,
         home=state.home,
         mission=_mission_report(state),
-        estimate=helm.estimate_of(state.waves, state.heading),
+        estimate=lookout.estimate_of(state.lookout, state.heading),
     )
 
 

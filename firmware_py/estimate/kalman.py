@@ -81,7 +81,6 @@ def turned(x: Numbers, rudder_rad: float, step_s: float, model: tuple[float, flo
 
 def carried(p: Numbers, turning: Turning, wave: Transition, noise: Numbers) -> Numbers:
     """Return F P F' + Q; noise is what heading, rate, bias, wave (3: both variances, covariance), current ... gain."""
-
     (
         p00,
         p01,

@@ -164,7 +164,7 @@ ESTIMATE: Final = Row(
         real("Hdg", "r", "heading_rad"),
         real("HSd", "r", "heading_sd_rad"),
         real("YawR", "E", "yaw_rate_rad_s"),
-        real("RSd", "E", "yaw_rate_sd_rad_s"),
+        whole("Src", "B", "source"),
         real("Bias", "r", "bias_rad"),
         real("BSd", "r", "bias_sd_rad"),
         real("WT", "s", "wave_period_s"),
