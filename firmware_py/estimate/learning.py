@@ -23,8 +23,9 @@ PERIOD_PRIOR: Final = 10.0  # information that the first guess of the period cou
 LARGEST_PERIOD_STEP: Final = 0.05
 STRENGTH_TIME_S: Final = 20.0
 FIRST_SAMPLES: Final = 20.0
-BIAS_TIME_S: Final = 16.0
+BIAS_TIME_S: Final = 10.0
 BIAS_GAIN: Final = 0.1
+BIAS_PULL: Final = 0.1  # toward the usual wandering, so that chance does not carry it far
 FIX_GAIN: Final = 0.04
 LONGEST_GAP_S: Final = 1.0  # beyond it two innovations say nothing of each other
 AVERAGE_S: Final = 60.0
@@ -33,12 +34,12 @@ FIRST_PERIOD_S: Final = 5.0
 FIRST_SPREAD_RAD: Final = radians(5.0)
 FIRST_NOISE_RAD: Final = radians(0.3)
 FIRST_VELOCITY_NOISE_M_S: Final = 0.3  # a receiver in waves shows their orbital motion until it is known not to
-BIAS_NOISE: Final = 0.08 * radians(1.0) ** 2  # [rad^2/s]: 2 deg of spread, 100 s of memory
+BIAS_NOISE: Final = 0.09 * radians(1.0) ** 2  # [rad^2/s]: about 2 deg of spread, 100 s of memory
 
 LOW_OMEGA, HIGH_OMEGA = math.log(2.0 * math.pi / 14.0), math.log(2.0 * math.pi / 1.6)
 LOW_NOISE, HIGH_NOISE = math.log(radians(0.04) ** 2), math.log(radians(5.0) ** 2)
 LOW_POWER, HIGH_POWER = math.log(1e-4 * radians(1.0) ** 2), math.log(1e4 * radians(1.0) ** 2)
-LOW_BIAS, HIGH_BIAS = math.log(0.003 * BIAS_NOISE), math.log(4.0 * BIAS_NOISE)
+LOW_BIAS, HIGH_BIAS = math.log(0.002 * BIAS_NOISE), math.log(4.0 * BIAS_NOISE)
 LOW_VELOCITY, HIGH_VELOCITY = math.log(0.02**2), math.log(2.0**2)
 
 
@@ -91,6 +92,8 @@ def from_heading(
     part = min(step_s / BIAS_TIME_S, 0.5)
     slow = learned.slow + part * (z - learned.slow)
     slow_excess = min(slow * slow * (2.0 - part) / part - 1.0, LARGEST_NORMALISED)
+    pull = BIAS_PULL * (math.log(BIAS_NOISE) - learned.log_bias_noise)
+    bias = learned.log_bias_noise + BIAS_GAIN * part * (slow_excess + pull)
     share = min(step_s / AVERAGE_S, 0.5)
     return replace(
         learned,
@@ -98,7 +101,7 @@ def from_heading(
         information=information,
         log_power=clamp(learned.log_power + gain * (excess + correlation), LOW_POWER, HIGH_POWER),
         log_noise=clamp(learned.log_noise + gain * (excess - correlation), LOW_NOISE, HIGH_NOISE),
-        log_bias_noise=clamp(learned.log_bias_noise + BIAS_GAIN * part * slow_excess, LOW_BIAS, HIGH_BIAS),
+        log_bias_noise=clamp(bias, LOW_BIAS, HIGH_BIAS),
         last=z,
         slow=slow,
         count=count,

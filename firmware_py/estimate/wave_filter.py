@@ -37,8 +37,8 @@ _VELOCITY: Final = {
 }
 
 RATE_NOISE: Final = 1e-6 * radians(1.0) ** 2
-CURRENT_NOISE: Final = 2e-6
-SPEED_NOISE: Final = 1e-5
+CURRENT_NOISE: Final = 5e-7  # [m^2/s^3]: 2 cm/s in a quarter of an hour
+SPEED_NOISE: Final = 2e-6
 FACTOR_NOISE: Final = 1e-6
 # Standard deviations at the start, in the order of the states.
 FIRST: Final = (
