@@ -13,11 +13,11 @@ from typing import Final
 
 from firmware_py.angles import clamp, radians, wrap_pi, wrap_two_pi
 
-EASING_RAD: Final = radians(6.0)  # the last of the way is made in proportion
+EASING_RAD: Final = radians(5.6)  # the last of the way is made in proportion
 BRAKING_SHARE: Final = 0.8  # of the full rudder that braking counts on
-RATE_GAIN: Final = 0.5
+RATE_GAIN: Final = 0.55  # of the rudder that holds a yaw rate: damps the last of the way
 LEAST_PUSH_RAD: Final = radians(5.0)  # so that no trim, however wrong, leaves her without a turn
-LEAD_RAD: Final = radians(7.0)  # the reference waits for the boat beyond this
+LEAD_RAD: Final = radians(6.0)  # the reference waits for the boat beyond this
 
 
 @dataclass(frozen=True, slots=True)

@@ -96,7 +96,9 @@ def parameter_file(report: Report) -> str:
         ),
     ]
     values = chosen.setting.parameters()
-    return "\n".join(head) + "\n" + format_file({**FIXED_GAINS, **{name: values[name] for name in report.tuned.changed}})
+    return (
+        "\n".join(head) + "\n" + format_file({**FIXED_GAINS, **{name: values[name] for name in report.tuned.changed}})
+    )
 
 
 def _paper_travel(report: Report) -> float:
