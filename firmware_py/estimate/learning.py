@@ -37,7 +37,7 @@ FIRST_VELOCITY_NOISE_M_S: Final = 0.3  # a receiver in waves shows their orbital
 BIAS_NOISE: Final = 0.09 * radians(1.0) ** 2  # [rad^2/s]: about 2 deg of spread, 100 s of memory
 
 LOW_OMEGA, HIGH_OMEGA = math.log(2.0 * math.pi / 14.0), math.log(2.0 * math.pi / 1.6)
-LOW_NOISE, HIGH_NOISE = math.log(radians(0.04) ** 2), math.log(radians(5.0) ** 2)
+LOW_NOISE, HIGH_NOISE = math.log(radians(0.01) ** 2), math.log(radians(5.0) ** 2)
 LOW_POWER, HIGH_POWER = math.log(1e-4 * radians(1.0) ** 2), math.log(1e4 * radians(1.0) ** 2)
 LOW_BIAS, HIGH_BIAS = math.log(0.002 * BIAS_NOISE), math.log(4.0 * BIAS_NOISE)
 LOW_VELOCITY, HIGH_VELOCITY = math.log(0.02**2), math.log(2.0**2)
