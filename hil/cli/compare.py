@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from firmware_py.model.kt import OCEAN_RAMBLER
 from hil import scenarios
 from hil.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
 from hil.errors import UsageError
@@ -37,6 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="P",
         help="ours at these values of CTL_PRICE too: the trade-off between error and rudder travel",
     )
+    parser.add_argument(
+        "--limit",
+        action="store_true",
+        help="beside each row the error of the best linear regulator that was told everything, at the same travel",
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures, seed by seed")
 
 
@@ -50,19 +56,37 @@ def run(arguments: argparse.Namespace) -> int:
     known = {"paper": PAPER, "pid": PID, "ours": OURS}
     chosen: list[Controller] = [known[name] for name in arguments.only or known]
     rows = compare(task, [*chosen, *map(priced, arguments.prices)], _tell if sys.stderr.isatty() else _silent)
-    print(text(rows))
+    print(text(rows, _limits(rows) if arguments.limit else None))
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(as_json(rows), indent=2) + "\n", encoding="utf-8")
     return 0
 
 
-def text(rows: list[Row]) -> str:
-    """Return the tables as the terminal shows them."""
+def _limits(rows: list[Row]) -> list[tuple[float, float]]:
+    """Return for each row the least rms at its travel, with compass alone and with a receiver."""
+    from hil.compare.limit import at_travel, limits  # noqa: PLC0415 - scipy is slow to import, and not always needed
+
+    curves = {
+        (name, receiver): limits(scenarios.named(name), OCEAN_RAMBLER, receiver=receiver)
+        for name in {row.scenario for row in rows}
+        for receiver in (False, True)
+    }
+    return [
+        (
+            at_travel(curves[row.scenario, False], row.mean.travel_deg_per_h),
+            at_travel(curves[row.scenario, True], row.mean.travel_deg_per_h),
+        )
+        for row in rows
+    ]
+
+
+def text(rows: list[Row], limits: list[tuple[float, float]] | None = None) -> str:
+    """Return the tables as the terminal shows them; limits stand beside the rows."""
     width = max(len(row.controller.name) for row in rows)
     seeds = len(rows[0].scores)
     lines = [f"{'':{width}}  " + "  ".join(COLUMNS) + f"   (mean of {seeds} seeds, steady from 200 s after a goal)"]
     scenario = ""
-    for row in rows:
+    for number, row in enumerate(rows):
         if row.scenario != scenario:
             scenario = row.scenario
             lines.append(f"{scenario}")
@@ -75,6 +99,9 @@ def text(rows: list[Row]) -> str:
             f"{mean.near_s:.1f}",
         )
         numbers = "  ".join(f"{cell:>{len(title)}}" for cell, title in zip(cells, COLUMNS, strict=True))
+        if limits is not None:
+            compass_alone, receiver = limits[number]
+            numbers += f"   limit {compass_alone:.2f} deg, with a receiver {receiver:.2f}"
         by = "" if row.controller.sailed_by == AUTOPILOT else f"   ({row.controller.sailed_by})"
         lines.append(f"{row.controller.name:{width}}  {numbers}{by}")
     return "\n".join(lines)

@@ -102,3 +102,28 @@ def test_the_command_prints_and_writes_what_it_found(tmp_path, capsys):
 def test_bad_usage_is_one_line(words, capsys):
     assert main(["compare", *words]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_the_limit_falls_with_travel_and_with_a_receiver():
+    from hil.compare.limit import at_travel, limits  # noqa: PLC0415
+
+    for name in ("sea", "swell", "weak", "storm"):
+        curves = [limits(scenarios.named(name), OCEAN_RAMBLER, receiver=receiver) for receiver in (False, True)]
+        for curve in curves:
+            rms = [at_travel(curve, travel) for travel in (500.0, 1000.0, 2000.0, 8000.0)]
+            assert rms == sorted(rms, reverse=True)
+        assert at_travel(curves[1], 1000.0) < at_travel(curves[0], 1000.0)
+
+
+def test_the_limit_is_that_of_a_separate_computation():
+    """Figures of the same regulator from a program of its own."""
+    from hil.compare.limit import at_travel, limits  # noqa: PLC0415
+
+    sea = limits(scenarios.named("sea"), OCEAN_RAMBLER, receiver=False)
+    assert at_travel(sea, 1607.0) == pytest.approx(1.32, abs=0.02)
+    assert at_travel(sea, 3512.0) == pytest.approx(1.19, abs=0.02)
+
+
+def test_the_command_shows_the_limit(capsys):
+    assert main(["compare", "sea", "--only", "pid", "--seeds", "1", "--limit", "--goal", "0:60"]) == 0
+    assert "with a receiver" in capsys.readouterr().out
