@@ -90,6 +90,15 @@ def _choice(name: str, default: int, choices: Mapping[int, str], text: str, *, r
 
 _OFF_ON = {0: "off", 1: "on"}
 
+
+def _deviations(prefix: str, compass: str) -> tuple[Parameter, ...]:
+    terms = (("A", "constant"), ("B", "sin h"), ("C", "cos h"), ("D", "sin 2h"), ("E", "cos 2h"))
+    return tuple(
+        _real(f"{prefix}_DEV_{letter}", 0.0, -45.0, 45.0, "deg", f"Deviation of {compass}: coefficient of {term}.")
+        for letter, term in terms
+    )
+
+
 TABLE: tuple[Parameter, ...] = (
     _whole("BOOT_ARM", 0, 0, 1, "", "Arm by itself at start: 1 for a boat that must go on after a power cut."),
     _choice(
@@ -112,6 +121,14 @@ TABLE: tuple[Parameter, ...] = (
         "h",
         "What she did longer ago than this is not gone on with; without a right clock the age is not known nor asked.",
     ),
+    *_deviations("CMPB", "compass B"),
+    _real("CMPB_OFFSET_DEG", 0.0, -180.0, 180.0, "deg", "Mounting angle of compass B, added to its reading."),
+    _choice(
+        "CMP_DECL_AUTO",
+        0,
+        {0: "CMP_DECL_DEG", 1: "world magnetic model"},
+        "Where the declination comes from; the model's needs a position, until then CMP_DECL_DEG counts.",
+    ),
     _real(
         "CMP_DECL_DEG",
         0.0,
@@ -120,8 +137,17 @@ TABLE: tuple[Parameter, ...] = (
         "deg",
         "Magnetic declination, east positive; used when the compass is magnetic and does not state its own.",
     ),
+    *_deviations("CMP", "the compass"),
     _real("CMP_OFFSET_DEG", 0.0, -180.0, 180.0, "deg", "Mounting angle of the compass, added to its reading."),
     _real("CMP_TIMEOUT_S", 1.0, 0.2, 60.0, "s", "A heading older than this is not steered by."),
+    _real(
+        "COG_SPEED_MIN",
+        0.3,
+        0.05,
+        5.0,
+        "m/s",
+        "Without a compass she is steered by her course over ground when she makes at least this speed.",
+    ),
     _real(
         "CRUISE_SPEED",
         0.5,
@@ -139,10 +165,45 @@ TABLE: tuple[Parameter, ...] = (
         "s",
         "Without a valid heading the last rudder is held this long, then she goes amidships.",
     ),
-    _real("CTL_K1", 40.0, 0.0, 200.0, "", "S-surface gain on the heading error (error / 180 deg)."),
-    _real("CTL_K2", 0.3, 0.0, 50.0, "", "S-surface gain on the yaw rate (yaw rate / steady yaw rate at full rudder)."),
+    _real("CTL_K1", 40.0, 0.0, 200.0, "", "S-surface gain on the heading error (error / 180 deg), with CTL_MODE 0."),
+    _real(
+        "CTL_K2",
+        0.3,
+        0.0,
+        50.0,
+        "",
+        "S-surface gain on the yaw rate (yaw rate / steady yaw rate at full rudder), with CTL_MODE 0.",
+    ),
+    _choice(
+        "CTL_MODE",
+        1,
+        {0: "fixed gains", 1: "scheduled"},
+        "The S-surface with CTL_K1 and CTL_K2, or with gains, trim and turns after the estimate (needs EST_MODE 1).",
+    ),
+    _real(
+        "CTL_PRICE",
+        1.0,
+        0.1,
+        10.0,
+        "",
+        "Price of rudder travel with CTL_MODE 1: more steers softer and quieter, less closer to the goal.",
+    ),
     _real("CTL_TRIM_DEG", 0.0, -20.0, 20.0, "deg", "Rudder angle added to the controller's demand."),
-    _real("EST_TAU_S", 1.5, 0.1, 30.0, "s", "Time constant of the heading and yaw rate observer."),
+    _real(
+        "CTL_WAY_MIN",
+        0.1,
+        0.0,
+        1.0,
+        "m/s",
+        "Slower than this through the water she has no steerage way: the rudder stays as it is (CTL_MODE 1).",
+    ),
+    _choice(
+        "EST_MODE",
+        1,
+        {0: "plain", 1: "wave filter"},
+        "How the heading is estimated: a plain observer, or a filter that sees through waves, learns speed and trim.",
+    ),
+    _real("EST_TAU_S", 1.5, 0.1, 30.0, "s", "Time constant of the plain observer (EST_MODE 0)."),
     _choice("FENCE_ENABLE", 0, _OFF_ON, "Heed the fence."),
     _choice(
         "LNK_IDENTITY",

@@ -264,6 +264,36 @@ class Navigation:
 
 
 @dataclass(frozen=True, slots=True)
+class Estimate:
+    """What the wave filter knows, with standard deviations; headings are without the yaw of the waves.
+
+    `source` is what the heading is taken from: compass A 0, compass B 1, course over ground 2, nothing 3.
+    `bias_rad` is the rudder angle at which she runs straight, `turning_factor` by what she turns better
+    than her model says. `innovation_rad` is what the last heading differed from the expected one,
+    `innovation_square` the average of such differences squared, by their variance: 1 for an honest filter.
+    """
+
+    source: int
+    heading_rad: float
+    heading_sd_rad: float
+    yaw_rate_rad_s: float
+    yaw_rate_sd_rad_s: float
+    bias_rad: float
+    bias_sd_rad: float
+    wave_period_s: float
+    wave_sd_rad: float
+    compass_noise_rad: float
+    speed_m_s: float
+    speed_sd_m_s: float
+    current_north_m_s: float
+    current_east_m_s: float
+    turning_factor: float
+    innovation_rad: float
+    innovation_sd_rad: float
+    innovation_square: float
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """The state of the boat after a tick, for the log and the link.
 
@@ -297,6 +327,7 @@ class Snapshot:
     late_s: float
     home: Home | None = None
     mission: MissionReport = MissionReport()
+    estimate: Estimate | None = None
     water: Water | None = None
     navigation: Navigation = Navigation()
 

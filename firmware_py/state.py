@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 
-from firmware_py import pilotage
+from firmware_py import helm, lookout, pilotage
+from firmware_py.control.reference import Reference
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
-from firmware_py.control.s_surface import Gains
 from firmware_py.estimate import current, heading, position
 from firmware_py.modes import ModeState, Situation
 from firmware_py.monitor import MonitorState
@@ -20,7 +20,8 @@ from firmware_py.records import DeviceHealth, Home, PositionSample, RudderFeedba
 class Settings:
     """The parameters in the units and groups that the parts compute with."""
 
-    gains: Gains
+    helm: helm.Settings
+    lookout: lookout.LookoutSettings
     limits: RudderLimits
     linkage: Linkage
     observer: heading.ObserverSettings
@@ -37,7 +38,8 @@ class Settings:
 def settings_of(parameters: ParameterSet) -> Settings:
     """Convert the parameters, once for each set of values."""
     return Settings(
-        Gains.of(parameters),
+        helm.Settings.of(parameters),
+        lookout.LookoutSettings.of(parameters),
         RudderLimits.of(parameters),
         Linkage.of(parameters),
         heading.ObserverSettings.of(parameters),
@@ -60,6 +62,8 @@ class State:
     started_s: float | None = None
     t_s: float = 0.0
     heading: heading.HeadingState = heading.HeadingState()  # noqa: RUF009 - frozen
+    lookout: lookout.LookoutState = lookout.LookoutState()  # noqa: RUF009 - frozen
+    reference: Reference | None = None
     current: current.CurrentState = current.CurrentState()  # noqa: RUF009 - frozen
     place: position.PositionState = position.PositionState()  # noqa: RUF009 - frozen
     nav: pilotage.NavState = pilotage.NavState()  # noqa: RUF009 - frozen

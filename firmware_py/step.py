@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from firmware_py import pilotage
+from firmware_py import helm, lookout, pilotage
+from firmware_py.control.reference import Reference
 from firmware_py.control.rudder_limit import limited_command
-from firmware_py.control.s_surface import rudder_demand
-from firmware_py.estimate import current, heading, position
+from firmware_py.estimate import current, position
 from firmware_py.faults import Fault
 from firmware_py.guidance.sphere import Place
 from firmware_py.modes import ModeState, Situation, live_stick
@@ -45,7 +45,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     for request in inputs.requests:
         state, _ = accept(state, request)
     settings = settings_of(state.parameters)
-    state = _sensed(settings, state, inputs)
+    state, sensed_told = _sensed(settings, state, inputs)
     now_s = inputs.tick.t_s
     monitor, faults_told = update_monitor(state.monitor, _conditions(settings, state, now_s), now_s)
     situation = situation_of(state, now_s)
@@ -53,19 +53,20 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     modes = pilotage.goal_kept(settings.pilotage, state.modes, situation, now_s, step_s)
     state, guided = _guided(settings, replace(state, modes=modes), situation, inputs)
     steering = pilotage.steering(modes, state.nav.followed, situation)
-    demand_rad = _demand_rad(settings, state, modes, steering, now_s, monitor.since_s[Fault.COMPASS_LOST])
+    lost_s = monitor.since_s[Fault.COMPASS_LOST]
+    demand_rad, reference = _demand_rad(settings, state, modes, steering, now_s, lost_s, step_s)
     command_rad = limited_command(settings.limits, state.rudder_command_rad, demand_rad, step_s)
-    state = replace(state, monitor=monitor, rudder_command_rad=command_rad, t_s=now_s)
+    state = replace(state, monitor=monitor, reference=reference, rudder_command_rad=command_rad, t_s=now_s)
     command = RudderCommand(settings.linkage.to_shaft(command_rad), state.modes.armed or not settings.release_disarmed)
-    told = (*_changes_told(before, state), *faults_told, *guided)
+    told = (*_changes_told(before, state), *sensed_told, *faults_told, *guided)
     return state, Output(command, _snapshot(settings, state, situation, steering, inputs), told)
 
 
 # ------------------------------------------------------------------------------ parts
 
 
-def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
-    """Take samples, feedback, device states and the tick's own health in."""
+def _sensed(settings: Settings, state: State, inputs: Inputs) -> tuple[State, tuple[Event, ...]]:
+    """Take samples, feedback, device states and the tick's own health in; return what is to be told of them too."""
     now_s = inputs.tick.t_s
     servo = inputs.rudder[-1] if inputs.rudder else state.servo
     storage = state.storage
@@ -73,8 +74,9 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
         if device.role is DeviceRole.STORAGE:
             storage = device
     skipped = inputs.tick.skipped
-    heading_state = heading.update(
-        settings.observer, state.heading, inputs.headings, _rudder_rad(settings, state, servo), now_s
+    rudder_rad = _rudder_rad(settings, state, servo)
+    lookout_state, heading_state, told = lookout.looked_out(
+        settings.lookout, state.lookout, state.heading, inputs.headings, inputs.positions, rudder_rad, now_s
     )
     valid = heading_state.fresh(now_s, settings.observer.timeout_s)
     heading_rad = heading_state.heading_rad if valid else None
@@ -85,10 +87,11 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
         if good:
             believed.append(sample)
             home = home or _first_home(sample)
-    return replace(
+    sensed = replace(
         state,
         started_s=now_s if state.started_s is None else state.started_s,
         heading=heading_state,
+        lookout=lookout_state,
         current=current.update(state.current, heading_rad, believed, now_s),
         place=place,
         position=place.fix,
@@ -98,6 +101,7 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> State:
         skipped_total=state.skipped_total + skipped,
         skipped_t_s=now_s if skipped else state.skipped_t_s,
     )
+    return sensed, told
 
 
 def _over_ground_m_s(state: State, heading_rad: float | None) -> tuple[float, float]:
@@ -171,17 +175,26 @@ def _demand_rad(
     steering: pilotage.Steering,
     now_s: float,
     heading_lost_s: float | None,
-) -> float:
-    """The rudder angle that mode and faults ask for."""
+    step_s: float,
+) -> tuple[float, Reference | None]:
+    """The rudder angle that mode and faults ask for, and the reference of a turn under way."""
     if not modes.armed or modes.mode is Mode.HOLD:
-        return 0.0
+        return 0.0, None
     if modes.mode is Mode.MANUAL:
         stick = live_stick(modes, now_s, settings.pilotage.stick_timeout_s)
-        return 0.0 if stick is None else stick * settings.limits.limit_rad
+        return (0.0 if stick is None else stick * settings.limits.limit_rad), None
     if steering.error_rad is not None:
-        return rudder_demand(settings.gains, steering.error_rad, state.heading.yaw_rate_rad_s)
+        return helm.ordered(
+            settings.helm,
+            state.heading,
+            state.lookout.waves,
+            state.reference,
+            steering.error_rad,
+            state.rudder_command_rad,
+            step_s,
+        )
     held = heading_lost_s is None or now_s - heading_lost_s <= settings.hold_s
-    return state.rudder_command_rad if held else 0.0
+    return (state.rudder_command_rad if held else 0.0), None
 
 
 def _changes_told(before: State, after: State) -> tuple[Event, ...]:
@@ -228,4 +241,5 @@ def _snapshot(
         mission=pilotage.mission_report(state.nav, state.plans, state.modes),
         water=situation.water,
         navigation=pilotage.navigation_of(state.nav, state.plans, fence_enabled=fence_enabled(settings, state)),
+        estimate=lookout.estimate_of(state.lookout, state.heading),
     )
