@@ -27,6 +27,7 @@ from firmware_py.plan_rules import fault_of
 from firmware_py.ports import ByteLine, Clock, Compass, Position, Rudder
 from firmware_py.realtime import LoadMeter, clock_is_kept
 from firmware_py.records import Event
+from firmware_py.resume import RESUME_FILE, resumed
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
 from firmware_py.sensors.pni_tcm import PniCompass
@@ -164,6 +165,18 @@ def stored_plans(store: Store, say: Callable[[str], None]) -> Plans:
     return plans
 
 
+def with_resume(state: State, store: Store, clock: Clock, say: Callable[[str], None]) -> State:
+    """The state at start, going on with what the store holds; an unusable record is told and left out."""
+    content = store.load(RESUME_FILE)
+    if content is None:
+        return state
+    try:
+        return resumed(state, content.decode("ascii", "replace"), clock.utc_s())
+    except ValueError as error:
+        say(f"stored {RESUME_FILE} left out: {error}")
+        return state
+
+
 @dataclass(frozen=True, slots=True)
 class Options:
     """What the command line says."""
@@ -220,7 +233,6 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     store.save(PARAMETER_FILE, format_file(kept).encode())
     for name, value in kept.items():
         parameters = parameters.replaced(name, value)
-    pilot = Pilot(State.at_start(parameters, stored_plans(store, console.line)), store, kept, format_file)
     lines = list(devices.lines)
 
     def open_line(path: str, baud: int) -> SerialLine:
@@ -234,6 +246,8 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     timekeeper = Timekeeper(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
     if options.lockstep is not None:
         clock = LockstepClock(options.lockstep, [line.name for line in lines], lambda: [line.written for line in lines])
+    state = with_resume(State.at_start(parameters, stored_plans(store, console.line)), store, clock, console.line)
+    pilot = Pilot(state, store, kept, format_file)
     endpoint = Endpoint(
         transports,
         pilot,

@@ -21,6 +21,9 @@ class Fault(IntEnum):
     RUDDER_ERROR = 3
     LOOP_LATE = 4
     STORAGE_FAILING = 5
+    CURRENT_STRONG = 6
+    MISSION_UNUSABLE = 7
+    FENCE_BREACHED = 8
 
 
 class Action(IntEnum):
@@ -97,6 +100,33 @@ TABLE: tuple[FaultRow, ...] = (
         Action.ALERT,
         "Storage fails: log or settings are not kept",
         "Storage works again",
+    ),
+    FaultRow(
+        Fault.CURRENT_STRONG,
+        "the estimated current is stronger than her speed through the water by its standard deviation, for 2 min",
+        0.0,
+        Severity.WARNING,
+        Action.ALERT,
+        "Current stronger than she is: points into it",
+        "Current is weaker than she is again",
+    ),
+    FaultRow(
+        Fault.MISSION_UNUSABLE,
+        "in AUTO without a mission, or its jumps lead nowhere",
+        0.0,
+        Severity.WARNING,
+        Action.ALERT,
+        "Mission cannot be sailed: keeping station",
+        "Mission can be sailed again",
+    ),
+    FaultRow(
+        Fault.FENCE_BREACHED,
+        "the fence is enabled and she is outside it",
+        1.0,
+        Severity.ERROR,
+        Action.ALERT,
+        "Fence breached",
+        "Inside the fence again",
     ),
 )
 

@@ -24,6 +24,7 @@ from firmware_py.records import (
     RudderCommand,
     Tick,
 )
+from firmware_py.resume import RESUME_FILE, Memory
 from firmware_py.serial_line import SerialLine
 from firmware_py.step import State, accept, settings_of, step
 from firmware_py.step_state import state_to_text
@@ -65,6 +66,7 @@ class Pilot:
         self._kept = kept
         self._format_kept = format_kept
         self.restart: Restart | None = None  # taken by a tick: the loop ends behind it
+        self._memory = Memory()
 
     @property
     def state(self) -> State:
@@ -137,6 +139,12 @@ class Pilot:
             if isinstance(request.intent, Restart):
                 self.restart = request.intent
         return output
+
+    def remember(self, now_s: float, utc_s: float) -> None:
+        """Keep what she is doing for the next start, when it has changed."""
+        text = self._memory.news(self._state, self._state.parameters, now_s, utc_s)
+        if text is not None:
+            self._store.save(RESUME_FILE, text.encode())
 
 
 class HealthWatch:
@@ -253,6 +261,7 @@ def _turn(boat: Boat, tick: Tick) -> HeadingSample | None:
     for line in boat.lines:
         line.maintain(now_s)
     boat.health.look(boat, now_s)
+    boat.pilot.remember(now_s, boat.clock.utc_s())
     return headings[-1] if headings else None
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from enum import IntEnum
 
 from firmware_py.angles import TWO_PI, wrap_two_pi
 from firmware_py.intents import (
@@ -20,8 +21,9 @@ from firmware_py.intents import (
     SteerPosition,
     Verdict,
 )
+from firmware_py.model.set_and_drift import heading_for_course
 from firmware_py.params import ParameterSet
-from firmware_py.records import Mode
+from firmware_py.records import Mode, Water
 
 ACCEPTED = Answer(Verdict.ACCEPTED)
 # A turn "the long way" to a goal that lies this close on the other side is no turn.
@@ -69,9 +71,50 @@ class Situation:
     """What a decision may depend on besides the mode state."""
 
     heading_rad: float | None  # None without a valid heading
-    drift_rad: float
+    water: Water | None
     position_ok: bool
     rudder_ok: bool
+    mission_ok: bool = False  # there is one
+    home_ok: bool = False  # there is home or a rally point
+    fence_breached: bool = False
+
+
+class Need(IntEnum):
+    """What a mode may need."""
+
+    HEADING = 0
+    POSITION = 1
+    MISSION = 2
+    HOME = 3
+
+
+# What each mode needs to be entered, and how the lack of it is told.
+NEEDS: Mapping[Mode, tuple[Need, ...]] = {
+    Mode.MANUAL: (),
+    Mode.HOLD: (),
+    Mode.STEERING: (Need.HEADING,),
+    Mode.GUIDED: (Need.HEADING,),
+    Mode.LOITER: (Need.HEADING, Need.POSITION),
+    Mode.AUTO: (Need.HEADING, Need.POSITION, Need.MISSION),
+    Mode.RTL: (Need.HEADING, Need.POSITION, Need.HOME),
+}
+_LACKING: Mapping[Need, str] = {
+    Need.HEADING: "no valid heading",
+    Need.POSITION: "no position",
+    Need.MISSION: "no mission",
+    Need.HOME: "no home and no rally point",
+}
+_MET: Mapping[Need, Callable[[Situation], bool]] = {
+    Need.HEADING: lambda situation: situation.heading_rad is not None,
+    Need.POSITION: lambda situation: situation.position_ok,
+    Need.MISSION: lambda situation: situation.mission_ok,
+    Need.HOME: lambda situation: situation.home_ok,
+}
+
+
+def obstacle_to(mode: Mode, situation: Situation) -> str:
+    """Say in a few words what forbids entering a mode; empty when nothing does."""
+    return next((_LACKING[need] for need in NEEDS[mode] if not _MET[need](situation)), "")
 
 
 def _refused(verdict: Verdict, text: str) -> Answer:
@@ -82,9 +125,9 @@ def enter(state: ModeState, mode: Mode, situation: Situation) -> tuple[ModeState
     """Enter a mode, or refuse it and stay."""
     if mode is state.mode:
         return state, ACCEPTED
-    if mode in (Mode.STEERING, Mode.GUIDED):
-        if situation.heading_rad is None:
-            return state, _refused(Verdict.TEMPORARILY_REJECTED, f"{mode.name} refused: no valid heading")
+    if obstacle := obstacle_to(mode, situation):
+        return state, _refused(Verdict.TEMPORARILY_REJECTED, f"{mode.name} refused: {obstacle}")
+    if mode in (Mode.STEERING, Mode.GUIDED) and situation.heading_rad is not None:
         # She goes on as she heads: a goal from an earlier time must not turn her by surprise.
         return replace(state, mode=mode, goal=HeadingGoal(situation.heading_rad)), ACCEPTED
     return replace(state, mode=mode, goal=None), ACCEPTED
@@ -105,6 +148,8 @@ def arming_obstacle(situation: Situation) -> str:
         return "no valid heading"
     if not situation.rudder_ok:
         return "rudder servo does not answer"
+    if situation.fence_breached:
+        return "outside the fence"
     return ""
 
 
@@ -149,13 +194,15 @@ def _long_way(goal: HeadingGoal, turn: int, situation: Situation) -> int:
     if turn == 0 or situation.heading_rad is None:
         return 0
     sign = 1 if turn > 0 else -1
-    remaining_rad = wrap_two_pi(sign * (heading_to_steer(goal, situation.drift_rad) - situation.heading_rad))
+    remaining_rad = wrap_two_pi(sign * (heading_to_steer(goal, situation.water) - situation.heading_rad))
     return sign if math.pi < remaining_rad < TWO_PI - ALREADY_THERE_RAD else 0
 
 
-def heading_to_steer(goal: HeadingGoal, drift_rad: float) -> float:
-    """Return the heading that makes the goal good."""
-    return wrap_two_pi(goal.heading_rad - drift_rad) if goal.over_ground else goal.heading_rad
+def heading_to_steer(goal: HeadingGoal, water: Water | None) -> float:
+    """Return the heading that makes the goal good; a course is steered as a heading while no current is known."""
+    if not goal.over_ground or water is None:
+        return goal.heading_rad
+    return heading_for_course(goal.heading_rad, water.speed_m_s, water.current_north_m_s, water.current_east_m_s)
 
 
 def _steer_position(

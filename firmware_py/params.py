@@ -96,15 +96,51 @@ def _count(name: str, text: str) -> Parameter:
 
 _OFF_ON = {0: "off", 1: "on"}
 
+
+def _deviations(prefix: str, compass: str) -> tuple[Parameter, ...]:
+    terms = (("A", "constant"), ("B", "sin h"), ("C", "cos h"), ("D", "sin 2h"), ("E", "cos 2h"))
+    return tuple(
+        _real(f"{prefix}_DEV_{letter}", 0.0, -45.0, 45.0, "deg", f"Deviation of {compass}: coefficient of {term}.")
+        for letter, term in terms
+    )
+
+
 TABLE: tuple[Parameter, ...] = (
     _whole("BOOT_ARM", 0, 0, 1, "", "Arm by itself at start: 1 for a boat that must go on after a power cut."),
-    _choice("BOOT_MODE", 4, {0: "manual", 3: "steering", 4: "hold", 15: "guided"}, "Mode at start."),
+    _choice(
+        "BOOT_MODE",
+        4,
+        {0: "manual", 3: "steering", 4: "hold", 5: "loiter", 10: "auto", 11: "rtl", 15: "guided"},
+        "Mode at start.",
+    ),
+    _choice(
+        "BOOT_RESUME",
+        0,
+        {0: "no", 1: "mode, goal and mission", 2: "mode, goal, mission and arming"},
+        "Go on at start with what she was doing when the autopilot ended; the rest is as BOOT_MODE and BOOT_ARM say.",
+    ),
+    _real(
+        "BOOT_RESUME_H",
+        24.0,
+        0.0,
+        10000.0,
+        "h",
+        "What she did longer ago than this is not gone on with; without a right clock the age is not known nor asked.",
+    ),
     _choice(
         "CLK_SET",
         1,
         {0: "never", 1: "when it is plainly wrong", 2: "when nothing keeps it"},
         "The computer's clock is set from GPS. Plainly wrong: before 2026, and then a ground station's time is taken, "
         "too, where there is no GPS. Nothing keeps it: the kernel knows of no NTP, and it is more than 2 s off.",
+    ),
+    *_deviations("CMPB", "compass B"),
+    _real("CMPB_OFFSET_DEG", 0.0, -180.0, 180.0, "deg", "Mounting angle of compass B, added to its reading."),
+    _choice(
+        "CMP_DECL_AUTO",
+        0,
+        {0: "CMP_DECL_DEG", 1: "world magnetic model"},
+        "Where the declination comes from; the model's needs a position, until then CMP_DECL_DEG counts.",
     ),
     _real(
         "CMP_DECL_DEG",
@@ -114,8 +150,26 @@ TABLE: tuple[Parameter, ...] = (
         "deg",
         "Magnetic declination, east positive; used when the compass is magnetic and does not state its own.",
     ),
+    *_deviations("CMP", "the compass"),
     _real("CMP_OFFSET_DEG", 0.0, -180.0, 180.0, "deg", "Mounting angle of the compass, added to its reading."),
     _real("CMP_TIMEOUT_S", 1.0, 0.2, 60.0, "s", "A heading older than this is not steered by."),
+    _real(
+        "COG_SPEED_MIN",
+        0.3,
+        0.05,
+        5.0,
+        "m/s",
+        "Without a compass she is steered by her course over ground when she makes at least this speed.",
+    ),
+    _real(
+        "CRUISE_SPEED",
+        0.5,
+        0.05,
+        5.0,
+        "m/s",
+        "Speed through the water that is expected before any is estimated.",
+        reboot=True,
+    ),
     _real(
         "CTL_HOLD_S",
         10.0,
@@ -124,10 +178,46 @@ TABLE: tuple[Parameter, ...] = (
         "s",
         "Without a valid heading the last rudder is held this long, then she goes amidships.",
     ),
-    _real("CTL_K1", 40.0, 0.0, 200.0, "", "S-surface gain on the heading error (error / 180 deg)."),
-    _real("CTL_K2", 0.3, 0.0, 50.0, "", "S-surface gain on the yaw rate (yaw rate / steady yaw rate at full rudder)."),
+    _real("CTL_K1", 40.0, 0.0, 200.0, "", "S-surface gain on the heading error (error / 180 deg), with CTL_MODE 0."),
+    _real(
+        "CTL_K2",
+        0.3,
+        0.0,
+        50.0,
+        "",
+        "S-surface gain on the yaw rate (yaw rate / steady yaw rate at full rudder), with CTL_MODE 0.",
+    ),
+    _choice(
+        "CTL_MODE",
+        1,
+        {0: "fixed gains", 1: "scheduled"},
+        "The S-surface with CTL_K1 and CTL_K2, or with gains, trim and turns after the estimate (needs EST_MODE 1).",
+    ),
+    _real(
+        "CTL_PRICE",
+        1.0,
+        0.1,
+        10.0,
+        "",
+        "Price of rudder travel with CTL_MODE 1: more steers softer and quieter, less closer to the goal.",
+    ),
     _real("CTL_TRIM_DEG", 0.0, -20.0, 20.0, "deg", "Rudder angle added to the controller's demand."),
-    _real("EST_TAU_S", 1.5, 0.1, 30.0, "s", "Time constant of the heading and yaw rate observer."),
+    _real(
+        "CTL_WAY_MIN",
+        0.1,
+        0.0,
+        1.0,
+        "m/s",
+        "Slower than this through the water she has no steerage way: the rudder stays as it is (CTL_MODE 1).",
+    ),
+    _choice(
+        "EST_MODE",
+        1,
+        {0: "plain", 1: "wave filter"},
+        "How the heading is estimated: a plain observer, or a filter that sees through waves, learns speed and trim.",
+    ),
+    _real("EST_TAU_S", 1.5, 0.1, 30.0, "s", "Time constant of the plain observer (EST_MODE 0)."),
+    _choice("FENCE_ENABLE", 0, _OFF_ON, "Heed the fence."),
     _choice(
         "LNK_IDENTITY",
         3,
@@ -159,6 +249,14 @@ TABLE: tuple[Parameter, ...] = (
         "The oldest logs are removed when all together are larger than this.",
         reboot=True,
     ),
+    _real(
+        "LOIT_RADIUS",
+        100.0,
+        10.0,
+        10000.0,
+        "m",
+        "Radius of the watch circle in which she keeps station, and of circles that a mission gives none.",
+    ),
     _choice(
         "LOOP_LOCK",
         1,
@@ -171,7 +269,24 @@ TABLE: tuple[Parameter, ...] = (
     _real("MDL_K", 0.049, 1e-4, 20.0, "1/s", "Turning ability of the K-T model at MDL_SPEED."),
     _real("MDL_SPEED", 0.4, 0.05, 10.0, "m/s", "Speed through the water that the K-T model was identified at."),
     _real("MDL_T_S", 4.0, 0.05, 5000.0, "s", "Turning lag of the K-T model at MDL_SPEED."),
+    _real(
+        "NAV_LOOK_S",
+        60.0,
+        10.0,
+        600.0,
+        "s",
+        "On a line she steers for the point that lies this much sailing ahead, two turning radii at least.",
+    ),
+    _real(
+        "POS_JUMP_S",
+        120.0,
+        1.0,
+        3600.0,
+        "s",
+        "A position that has jumped further than she can sail is believed once it stays for this long.",
+    ),
     _real("POS_TIMEOUT_S", 5.0, 0.5, 600.0, "s", "A position older than this is not steered by."),
+    _choice("RALLY_INCL_HOME", 1, _OFF_ON, "RTL considers home beside the rally points, not only when there are none."),
     _real("RUD_CENTRE_DEG", 0.0, -90.0, 90.0, "deg", "Angle of the servo shaft at which the rudder is amidships."),
     _real(
         "RUD_DBAND_DEG",
@@ -188,6 +303,14 @@ TABLE: tuple[Parameter, ...] = (
     _real("RUD_TIMEOUT_S", 1.0, 0.2, 60.0, "s", "A servo that has not answered for this long is silent."),
     _count("STAT_BOOTCNT", "Starts of the autopilot that this state directory has seen."),
     _real("STK_RATE_DEG_S", 2.0, 0.1, 30.0, "deg/s", "In STEERING, how fast a full stick turns the goal."),
+    _real(
+        "WP_RADIUS",
+        20.0,
+        2.0,
+        1000.0,
+        "m",
+        "A waypoint without a radius of its own is reached at this distance, or when she passes it.",
+    ),
 )
 
 INDEX: Mapping[str, int] = {row.name: index for index, row in enumerate(TABLE)}

@@ -238,6 +238,80 @@ class MissionReport:
 
 
 @dataclass(frozen=True, slots=True)
+class Water:
+    """Speed through the water and the current over the ground, with standard deviations.
+
+    `current_sd_m_s` is that of the worse known direction. `too_strong`: the current is
+    stronger than she is, so that she cannot hold a place against it.
+    """
+
+    speed_m_s: float
+    speed_sd_m_s: float
+    current_north_m_s: float
+    current_east_m_s: float
+    current_sd_m_s: float
+    too_strong: bool = False
+
+
+class Activity(IntEnum):
+    """What guidance has her do."""
+
+    NOTHING = 0  # no goal of guidance: rudder by hand or amidships
+    HEADING = 1  # a heading or a course
+    LINE = 2  # along a line to a place
+    STATION = 3  # a watch circle around a place
+    CIRCLE = 4  # round a place
+
+
+@dataclass(frozen=True, slots=True)
+class Navigation:
+    """Where guidance takes her: the place, the circle around it and how far she is off the line.
+
+    `cross_track_m` is positive to starboard of the line. `fence_margin_m` is the distance to a
+    breach of the fence, negative in breach, None while the fence is not heeded or not known.
+    """
+
+    activity: Activity = Activity.NOTHING
+    target_latitude_rad: float | None = None
+    target_longitude_rad: float | None = None
+    radius_m: float | None = None
+    cross_track_m: float | None = None
+    arrived: bool = False
+    fence_enabled: bool = False
+    fence_margin_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What the wave filter knows, with standard deviations; headings are without the yaw of the waves.
+
+    `source` is what the heading is taken from: compass A 0, compass B 1, course over ground 2, nothing 3.
+    `bias_rad` is the rudder angle at which she runs straight, `turning_factor` by what she turns better
+    than her model says. `innovation_rad` is what the last heading differed from the expected one,
+    `innovation_square` the average of such differences squared, by their variance: 1 for an honest filter.
+    """
+
+    source: int
+    heading_rad: float
+    heading_sd_rad: float
+    yaw_rate_rad_s: float
+    yaw_rate_sd_rad_s: float
+    bias_rad: float
+    bias_sd_rad: float
+    wave_period_s: float
+    wave_sd_rad: float
+    compass_noise_rad: float
+    speed_m_s: float
+    speed_sd_m_s: float
+    current_north_m_s: float
+    current_east_m_s: float
+    turning_factor: float
+    innovation_rad: float
+    innovation_sd_rad: float
+    innovation_square: float
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """The state of the boat after a tick, for the log and the link.
 
@@ -272,6 +346,9 @@ class Snapshot:
     home: Home | None = None
     mission: MissionReport = MissionReport()
     prearm_refusal: str = ""  # why arming would be refused; empty: it would be accepted
+    estimate: Estimate | None = None
+    water: Water | None = None
+    navigation: Navigation = Navigation()
 
 
 @dataclass(frozen=True, slots=True)

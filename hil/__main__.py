@@ -17,6 +17,7 @@ from hil.errors import HilError, UsageError
 COMMANDS = {
     "run": ("hil.cli.run", "sail the autopilot in a simulated sea and measure how well it steers"),
     "identify": ("hil.cli.identify", "identify K, T, alpha and the rudder offset from manoeuvres and onboard logs"),
+    "compare": ("hil.cli.compare", "controllers side by side in the same seas: the paper's, a tuned PID, ours"),
     "bench": ("hil.cli.bench", "measure the autopilot and the tools on this machine"),
     "scenarios": ("hil.cli.scenarios", "list the seas that a run can be made in"),
     "similarity": ("hil.cli.similarity", "the model of the ship at other speeds"),

@@ -17,7 +17,7 @@ from hil.mavlink_tap import MavlinkTap
 SYSTEM = 255
 COMPONENT = dialect.MAV_COMP_ID_MISSIONPLANNER
 GUIDED = 15  # ArduRover's custom_mode
-MODE_NAMES = {0: "MANUAL", 3: "STEERING", 4: "HOLD", 15: "GUIDED"}
+MODE_NAMES = {0: "MANUAL", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", 15: "GUIDED"}
 CHANGE_HEADING = 43002  # MAV_CMD_GUIDED_CHANGE_HEADING, of the ardupilotmega dialect
 HEADING_TYPE = 1.0
 HEARTBEAT_S = 1.0
@@ -50,10 +50,10 @@ class GroundStation:
     acknowledged as accepted; a goal that is still open when the next one is due is left.
     """
 
-    def __init__(self, goals: Sequence[Goal]) -> None:
-        """Take the goals in order of time."""
+    def __init__(self, goals: Sequence[Goal], mode: int = GUIDED) -> None:
+        """Take the goals in order of time, and the mode to set; without goals GUIDED is not set."""
         arm = Order("arming", 0.0, dialect.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
-        guided = Order("mode GUIDED", 0.0, dialect.MAV_CMD_DO_SET_MODE, (1.0, float(GUIDED)))
+        enter = Order(f"mode {MODE_NAMES.get(mode, mode)}", 0.0, dialect.MAV_CMD_DO_SET_MODE, (1.0, float(mode)))
         steer = [
             Order(
                 f"goal {goal.heading_deg:g} deg at {goal.t_s:g} s",
@@ -64,7 +64,7 @@ class GroundStation:
             )
             for goal in goals
         ]
-        self.orders: tuple[Order, ...] = (arm, guided, *steer) if goals else ()
+        self.orders: tuple[Order, ...] = (arm, enter, *steer) if goals or mode != GUIDED else ()
         self.heartbeat: Any | None = None
         self.texts: deque[tuple[float, int, str]] = deque(maxlen=TEXTS_KEPT)
         self._open = deque(self.orders)

@@ -17,7 +17,7 @@ from hil.devices.pty_line import PtyLine
 from hil.errors import HilError, UsageError
 from hil.firmware import Firmware
 from hil.goals import Goal
-from hil.ground_station import GroundStation, Order
+from hil.ground_station import GUIDED, GroundStation, Order
 from hil.live import Banner, Display, make_display
 from hil.lockstep import LockstepError, LockstepServer
 from hil.outfit import emulators
@@ -47,6 +47,8 @@ class RunOptions:
     vehicle: VehicleFile = field(default_factory=VehicleFile)
     settings: dict[str, float] = field(default_factory=dict)
     links: tuple[str, ...] = ()
+    mode: int = GUIDED
+    state: Path | None = None  # what the autopilot is to remember of earlier runs: a directory that is copied
 
     @property
     def lockstep(self) -> bool:
@@ -72,6 +74,7 @@ class Run:
 def sail(options: RunOptions) -> Run:
     """Make a run and write its truth.csv; HilError when it fails, the truth so far is written then too."""
     prepare_directory(options.out)
+    _remember(options)
     try:
         world = World(
             options.scenario,
@@ -83,7 +86,7 @@ def sail(options: RunOptions) -> Run:
         )
     except ValueError as error:
         raise UsageError(f"the vehicle file describes no ship: {error}") from None
-    station = GroundStation(options.goals)
+    station = GroundStation(options.goals, options.mode)
     devices = {**emulators(world, options.vehicle, options.seed), "link": station}
     send = PtyLine.deliver if options.lockstep else PtyLine.write
     try:
@@ -114,6 +117,16 @@ def prepare_directory(out: Path) -> None:
             (out / name).unlink(missing_ok=True)
     except OSError as error:
         raise UsageError(f"output directory {out}: {error.strerror}; give another --out") from None
+
+
+def _remember(options: RunOptions) -> None:
+    """Copy what she is to remember, the logs left out."""
+    if options.state is None:
+        return
+    try:
+        shutil.copytree(options.state, options.out / STATE, ignore=shutil.ignore_patterns("logs", "lock"))
+    except (OSError, shutil.Error) as error:
+        raise UsageError(f"state directory {options.state} cannot be copied: {error}") from None
 
 
 class _Voyage:

@@ -13,16 +13,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.estimate.compass import Deviation, deviation_of, deviation_rad
 from firmware_py.params import ParameterSet
 from firmware_py.records import HeadingSample, NorthReference
 
 
 @dataclass(frozen=True, slots=True)
 class ObserverSettings:
-    """Time constant, compass corrections, age limit and the linear part of the model."""
+    """Time constant, compass corrections, age limit and the linear part of the model.
+
+    offset_rad and deviations (A to E of compass.deviation_rad) are those of compass A and B.
+    """
 
     tau_s: float
-    offset_rad: float
+    offset_rad: tuple[float, float]
+    deviations: tuple[Deviation, Deviation]
     declination_rad: float
     timeout_s: float
     turning_ability_1_s: float
@@ -35,7 +40,8 @@ class ObserverSettings:
         turning_ability_1_s = parameters["MDL_K"]
         return cls(
             parameters["EST_TAU_S"],
-            radians(parameters["CMP_OFFSET_DEG"]),
+            (radians(parameters["CMP_OFFSET_DEG"]), radians(parameters["CMPB_OFFSET_DEG"])),
+            (deviation_of(parameters, "CMP"), deviation_of(parameters, "CMPB")),
             radians(parameters["CMP_DECL_DEG"]),
             parameters["CMP_TIMEOUT_S"],
             turning_ability_1_s,
@@ -63,8 +69,10 @@ class HeadingState:
 
 def true_heading_rad(settings: ObserverSettings, sample: HeadingSample) -> float:
     """Return the sample's heading of the hull from true north, in [0, 2 pi)."""
+    number = 1 if sample.source == 1 else 0
     declination_rad = settings.declination_rad if sample.reference is NorthReference.MAGNETIC else 0.0
-    return wrap_two_pi(sample.heading_rad + declination_rad + settings.offset_rad)
+    mounted_rad = sample.heading_rad + settings.offset_rad[number]
+    return wrap_two_pi(mounted_rad + declination_rad + deviation_rad(settings.deviations[number], mounted_rad))
 
 
 def predict(settings: ObserverSettings, state: HeadingState, t_s: float, rudder_rad: float) -> HeadingState:

@@ -158,15 +158,76 @@ NAVIGATION: Final = Row(
     ),
     _not_read,
 )
+GUIDANCE: Final = Row(
+    153,
+    "GDN",
+    (
+        whole("Do", "B", "navigation.activity"),
+        maybe("Lat", "r", "navigation.target_latitude_rad"),
+        maybe("Lng", "r", "navigation.target_longitude_rad"),
+        maybe("Rad", "m", "navigation.radius_m"),
+        maybe("XTrk", "m", "navigation.cross_track_m"),
+        flag("Arr", "navigation.arrived"),
+        maybe("Fnc", "m", "navigation.fence_margin_m"),
+        whole("MSt", "B", "mission.state"),
+        maybe("MItm", "-", "mission.index"),
+    ),
+    _not_read,
+)
+WATER: Final = Row(
+    154,
+    "WTR",
+    (
+        real("U", "n", "speed_m_s"),
+        real("USd", "n", "speed_sd_m_s"),
+        real("CN", "n", "current_north_m_s"),
+        real("CE", "n", "current_east_m_s"),
+        real("CSd", "n", "current_sd_m_s"),
+        flag("Strg", "too_strong"),
+    ),
+    _not_read,
+)
+ESTIMATE: Final = Row(
+    151,
+    "EST",
+    (
+        real("Hdg", "r", "heading_rad"),
+        real("HSd", "r", "heading_sd_rad"),
+        real("YawR", "E", "yaw_rate_rad_s"),
+        whole("Src", "B", "source"),
+        real("Bias", "r", "bias_rad"),
+        real("BSd", "r", "bias_sd_rad"),
+        real("WT", "s", "wave_period_s"),
+        real("WSd", "r", "wave_sd_rad"),
+        real("U", "n", "speed_m_s"),
+        real("CN", "n", "current_north_m_s"),
+        real("CE", "n", "current_east_m_s"),
+        real("Fac", "-", "turning_factor"),
+        real("In", "r", "innovation_rad"),
+        real("ISd", "r", "innovation_sd_rad"),
+        real("I2", "-", "innovation_square"),
+    ),
+    _not_read,
+)
 DROP: Final = MessageType(149, "DROP", "TimeUS,Lost", "QQ", "s-", "F-")
 END: Final = MessageType(150, "END", "TimeUS,Seq,Crc", "QQI", "s--", "F--")
 CRC_BYTES: Final = 4
+# Where she goes and what the water does changes slowly: it is told once in so many ticks.
+GUIDANCE_TICKS: Final = 10
 
 # The rows that a reader makes records of, by message name.
 READ: Final[Mapping[str, Row]] = {
     row.type.name: row for row in (TICK, CHECKPOINT, HEADING, POSITION, FEEDBACK, DEVICE, REQUEST, CONTROL)
 }
-TYPES: Final = (*(row.type for row in READ.values()), NAVIGATION.type, DROP, END)
+TYPES: Final = (
+    *(row.type for row in READ.values()),
+    NAVIGATION.type,
+    ESTIMATE.type,
+    GUIDANCE.type,
+    WATER.type,
+    DROP,
+    END,
+)
 
 
 def inputs_bytes(inputs: Inputs) -> bytes:
@@ -181,8 +242,14 @@ def inputs_bytes(inputs: Inputs) -> bytes:
 
 def output_bytes(output: Output) -> bytes:
     """Return the messages of a decision."""
-    t_s = output.snapshot.t_s
-    return CONTROL.pack(t_s, output) + NAVIGATION.pack(t_s, output.snapshot)
+    t_s, boat = output.snapshot.t_s, output.snapshot
+    decided = CONTROL.pack(t_s, output) + NAVIGATION.pack(t_s, boat)
+    if boat.estimate is not None:
+        decided += ESTIMATE.pack(t_s, boat.estimate)
+    if boat.tick % GUIDANCE_TICKS:
+        return decided
+    decided += GUIDANCE.pack(t_s, boat)
+    return decided if boat.water is None else decided + WATER.pack(t_s, boat.water)
 
 
 def ended(batch: bytes, t_s: float, sequence: int) -> bytes:

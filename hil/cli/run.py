@@ -5,14 +5,17 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from hil import scenarios
 from hil.errors import UsageError
 from hil.goals import Goal, GoalError, parse_goals
+from hil.ground_station import GUIDED, MODE_NAMES
 from hil.report import page, summary
 from hil.report.text import figures_text
 from hil.runner import RunOptions, sail
+from hil.scenarios import Scenario
 from hil.vehicle_file import COMPASS_DRIVERS, SERVO_DRIVERS, VehicleFile, load, parse_settings
 
 DEFAULT_GOALS = "0:0,120:60,720:-90"
@@ -20,6 +23,7 @@ DEFAULT_SECONDS = 1320.0
 SECONDS_AFTER_LAST_GOAL = 300.0
 LONGEST_S = 1e7
 RUNS = Path("runs")
+MODES = {name.lower(): number for number, name in MODE_NAMES.items()}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,6 +43,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--goal",
         metavar="T:DEG,...",
         help=f'headings in degrees true and when they are given, in seconds (default "{DEFAULT_GOALS}", 1320 s)',
+    )
+    parser.add_argument(
+        "--mode",
+        choices=tuple(MODES),
+        help="the mode to be set instead of giving headings: auto sails the mission that --state holds",
+    )
+    parser.add_argument("--state", type=Path, metavar="DIR", help="begin with a copy of this state directory")
+    parser.add_argument(
+        "--current",
+        metavar="M/S:DEG[:HOURS[:ROTARY]]",
+        help="another current: strength and where it sets, at the start if it turns; the hours of its tide, and how"
+        " much it turns round: 0 (default) to and fro, 1 clockwise at full strength, -1 anticlockwise",
     )
     parser.add_argument("--compass", choices=tuple(COMPASS_DRIVERS), help="default nmea, or the vehicle file's")
     parser.add_argument("--servo", choices=tuple(SERVO_DRIVERS), help="default dynamixel, or the vehicle file's")
@@ -77,13 +93,18 @@ def run(arguments: argparse.Namespace) -> int:
 
 def read_options(arguments: argparse.Namespace) -> RunOptions:
     """Check the command line, or raise UsageError."""
+    mode = GUIDED if arguments.mode is None else MODES[arguments.mode]
     try:
         scenario = scenarios.named(arguments.scenario)
-        goals = parse_goals(arguments.goal or DEFAULT_GOALS)
+        goals = parse_goals(arguments.goal or DEFAULT_GOALS) if arguments.goal or mode == GUIDED else ()
     except (scenarios.UnknownScenarioError, GoalError) as error:
         raise UsageError(str(error)) from None
+    if arguments.current is not None:
+        scenario = _with_current(scenario, arguments.current)
     if arguments.seed < 0:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
+    if not goals and arguments.seconds is None:
+        raise UsageError(f"--mode {arguments.mode} has no end of its own; give --seconds")
     seconds = _seconds(arguments, goals)
     vehicle = load(arguments.vehicle) if arguments.vehicle is not None else VehicleFile()
     vehicle.choose(arguments.compass, arguments.servo)
@@ -97,10 +118,33 @@ def read_options(arguments: argparse.Namespace) -> RunOptions:
         out=out,
         speed=_speed(arguments.speed),
         seed=arguments.seed,
-        goals=_within(goals, seconds),
+        goals=_within(goals, seconds) if goals else (),
         vehicle=vehicle,
         settings=parse_settings(arguments.settings),
         links=tuple(arguments.link),
+        mode=mode,
+        state=arguments.state,
+    )
+
+
+def _with_current(scenario: Scenario, text: str) -> Scenario:
+    remedy = 'write M/S:DEG or M/S:DEG:HOURS:ROTARY, as in "0.3:90" or "0.3:90:12.42:0.5"'
+    try:
+        numbers = [float(piece) for piece in text.split(":")]
+    except ValueError:
+        numbers = []
+    if not 2 <= len(numbers) <= 4:
+        raise UsageError(f"--current {text[:40]!r}: {remedy}")
+    speed_m_s, toward_deg, hours, rotary = (*numbers, 0.0, 0.0)[:4]
+    # Written so that NaN fails the comparisons.
+    if not (0.0 <= speed_m_s <= 10.0 and abs(toward_deg) <= 360.0 and 0.0 <= hours <= 1e4 and abs(rotary) <= 1.0):
+        raise UsageError(f"--current {text[:40]!r}: a number is out of range; {remedy}")
+    return replace(
+        scenario,
+        current_m_s=speed_m_s,
+        current_toward_deg=toward_deg,
+        tide_s=hours * 3600.0,
+        tide_rotary=rotary,
     )
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from hil.report.summary import Summary
 from hil.report.text import COLUMNS, goal_cells, loop_line
 from hil.runner import Run
+from hil.scenarios import Scenario
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #333b44; max-width: 1180px; margin: 2rem auto; padding: 0 1rem; }
@@ -75,8 +76,15 @@ def _sea(run: Run) -> list[tuple[str, str]]:
         ("wave period", f"{sea.wave_period_s:g} s" if sea.wave_period_s else "no waves"),
         ("wave yaw, standard deviation", f"{sea.wave_yaw_deg:g} deg"),
         ("rudder angle at which she runs straight", f"{sea.bias_deg:g} deg, wandering by {sea.drift_deg:g} deg"),
-        ("current", f"{sea.current_m_s:g} m/s toward {sea.current_toward_deg:g} deg" if sea.current_m_s else "none"),
+        ("current", _current(sea)),
     ]
+
+
+def _current(sea: Scenario) -> str:
+    if not sea.current_m_s:
+        return "none"
+    steady = f"{sea.current_m_s:g} m/s toward {sea.current_toward_deg:g} deg"
+    return f"{steady}, turning with a tide of {sea.tide_s / 3600.0:g} h" if sea.tide_s else steady
 
 
 def _orders(run: Run) -> list[tuple[str, str, str]]:

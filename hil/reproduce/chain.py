@@ -25,7 +25,7 @@ from hil.tune import paper
 from hil.tune.cases import pilot_of
 from hil.tune.paper import StepStudy
 from hil.tune.search import Tuned, tune
-from hil.tune.trials import Setting, Trials
+from hil.tune.trials import FIXED_GAINS, Setting, Trials
 
 ZIGZAG_RAD = radians(20.0)
 CIRCLES_RAD = tuple(radians(angle) for angle in (10.0, -10.0, 20.0, -20.0, 30.0, -30.0))
@@ -172,7 +172,7 @@ def _voyages(effort: Effort, out: Path, seed: int, model: KtModel, tuned: Tuned,
             out=out / f"{sea}-{name}",
             seed=seed,
             goals=parse_goals(effort.goals),
-            settings={**model_settings(model), **gains},
+            settings={**model_settings(model), **FIXED_GAINS, **gains},
         )
         truth = sail_autopilot(options).truth.table()
         voyages.append(Voyage(sea, name, truth, goal_figures(truth)))

@@ -15,7 +15,8 @@ class Scenario:
 
     `speed_m_s` is the ship's speed through the water, `bias_deg` the rudder angle at which
     she runs straight, `drift_deg` the spread of its wandering (Gauss-Markov, 100 s).
-    `current_toward_deg` is where the current sets.
+    `current_toward_deg` is where the current sets, at the start when there is a tide: `tide_s` is
+    its period (0: none) and `tide_rotary` how it turns (hil/ship/tide.py).
     """
 
     name: str
@@ -27,6 +28,8 @@ class Scenario:
     drift_deg: float
     current_m_s: float
     current_toward_deg: float = 90.0
+    tide_s: float = 0.0
+    tide_rotary: float = 0.0
 
 
 TABLE: tuple[Scenario, ...] = (
@@ -36,6 +39,19 @@ TABLE: tuple[Scenario, ...] = (
     Scenario("swell", "long swell that swings her by 20 deg", 0.7, 8.0, 20.0, 5.0, 2.0, 0.0),
     Scenario("weak", "hardly any wave power: slow and sluggish", 0.2, 4.0, 10.0, 3.0, 2.0, 0.0),
     Scenario("storm", "30 deg of wave yaw, a current faster than she is", 0.5, 7.0, 30.0, 8.0, 4.0, 0.6),
+    Scenario(
+        "mission",
+        "a mission area: a stream that turns round every 2 h",
+        0.5,
+        6.0,
+        6.0,
+        3.0,
+        2.0,
+        0.25,
+        60.0,
+        7200.0,
+        0.5,
+    ),
 )
 
 

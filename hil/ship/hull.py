@@ -8,8 +8,6 @@ at any speed and with any traffic on the lines.
 
 from __future__ import annotations
 
-import math
-
 from firmware_py.angles import radians
 from firmware_py.model.kt import KtModel, yaw_acceleration
 from hil.scenarios import Scenario
@@ -17,6 +15,7 @@ from hil.ship.drift import RudderDrift
 from hil.ship.kt_plant import KtPlant
 from hil.ship.noise import NormalNumbers, Stream, generator
 from hil.ship.planar import PlanarMotion
+from hil.ship.tide import Tide
 from hil.ship.waves import WaveYaw
 
 STEPS_PER_SECOND = 50
@@ -44,12 +43,11 @@ class Hull:
             GRID_S,
             NormalNumbers(generator(seed, Stream.WAVES)),
         )
-        toward_rad = radians(scenario.current_toward_deg)
         self._track = PlanarMotion(
             scenario.speed_m_s,
-            scenario.current_m_s * math.cos(toward_rad),
-            scenario.current_m_s * math.sin(toward_rad),
+            Tide(scenario.current_m_s, radians(scenario.current_toward_deg), scenario.tide_s, scenario.tide_rotary),
         )
+        self._steps = 0
         self.speed_m_s = scenario.speed_m_s
         self._rudder_rad = 0.0
 
@@ -61,7 +59,8 @@ class Hull:
         """
         before_rad = self._plant.heading_rad
         self._plant.step(0.5 * (self._rudder_rad + rudder_rad), self._drift.angle_rad)
-        self._track.step(0.5 * (before_rad + self._plant.heading_rad), GRID_S)
+        self._track.step(0.5 * (before_rad + self._plant.heading_rad), (self._steps + 0.5) * GRID_S, GRID_S)
+        self._steps += 1
         self._drift.step()
         self._waves.step()
         self._rudder_rad = rudder_rad
@@ -85,7 +84,7 @@ class Hull:
 
     def velocity_m_s(self, offset_s: float) -> tuple[float, float]:
         """Return the velocity over the ground, north and east."""
-        return self._track.velocity_m_s(self.heading_low_rad(offset_s))
+        return self._track.velocity_m_s(self.heading_low_rad(offset_s), self._steps * GRID_S + offset_s)
 
     def position_m(self, offset_s: float) -> tuple[float, float]:
         """Return the position north and east of the start."""

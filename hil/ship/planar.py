@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from hil.ship.tide import Tide
+
 
 class PlanarMotion:
     """Position north and east [m] of the start, from speed, heading and current.
@@ -12,23 +14,23 @@ class PlanarMotion:
     out here, so tracks are the paper's equations with v = 0.
     """
 
-    def __init__(self, speed_m_s: float, current_north_m_s: float, current_east_m_s: float) -> None:
+    def __init__(self, speed_m_s: float, tide: Tide) -> None:
         """Take the speed through the water and the current over the ground."""
         self.north_m = 0.0
         self.east_m = 0.0
         self._speed_m_s = speed_m_s
-        self._current_north_m_s = current_north_m_s
-        self._current_east_m_s = current_east_m_s
+        self._tide = tide
 
-    def velocity_m_s(self, heading_rad: float) -> tuple[float, float]:
-        """Return the velocity over the ground, north and east, on a heading."""
+    def velocity_m_s(self, heading_rad: float, t_s: float) -> tuple[float, float]:
+        """Return the velocity over the ground, north and east, on a heading at a time."""
+        north_m_s, east_m_s = self._tide.velocity_m_s(t_s)
         return (
-            self._speed_m_s * math.cos(heading_rad) + self._current_north_m_s,
-            self._speed_m_s * math.sin(heading_rad) + self._current_east_m_s,
+            self._speed_m_s * math.cos(heading_rad) + north_m_s,
+            self._speed_m_s * math.sin(heading_rad) + east_m_s,
         )
 
-    def step(self, mean_heading_rad: float, step_s: float) -> None:
-        """Advance by one step (second order in the step when the heading is that of its middle)."""
-        north_m_s, east_m_s = self.velocity_m_s(mean_heading_rad)
+    def step(self, mean_heading_rad: float, middle_s: float, step_s: float) -> None:
+        """Advance by one step (second order in the step when heading and time are those of its middle)."""
+        north_m_s, east_m_s = self.velocity_m_s(mean_heading_rad, middle_s)
         self.north_m += north_m_s * step_s
         self.east_m += east_m_s * step_s

@@ -13,7 +13,7 @@ from firmware_py.params import format_file
 from hil.tune.loop_kernel import ITAE, MEAN, OVERSHOOT, RMS, TRAVEL, Floats, closed_loop
 from hil.tune.paper import StepStudy
 from hil.tune.search import Tuned
-from hil.tune.trials import DEG_PER_H, PAPER, Score, Setting, Trials
+from hil.tune.trials import DEG_PER_H, FIXED_GAINS, PAPER, Score, Setting, Trials
 
 SHOWN = "sea"  # the scenario whose runs are drawn, where it is among the cases
 COLUMNS = ("case", "rms deg", "worst mean", "travel deg/h", "rms deg", "worst mean", "travel deg/h")
@@ -96,7 +96,9 @@ def parameter_file(report: Report) -> str:
         ),
     ]
     values = chosen.setting.parameters()
-    return "\n".join(head) + "\n" + format_file({name: values[name] for name in report.tuned.changed})
+    return (
+        "\n".join(head) + "\n" + format_file({**FIXED_GAINS, **{name: values[name] for name in report.tuned.changed}})
+    )
 
 
 def _paper_travel(report: Report) -> float:

@@ -17,6 +17,8 @@ from hil.tune import paper
 from hil.tune.loop_kernel import ITAE, RESULTS, TRAVEL, Floats, sail_all
 
 DEG_PER_H = DEGREES_PER_RADIAN * 3600.0
+# The controller that these gains belong to: the S-surface behind the plain observer.
+FIXED_GAINS = {"CTL_MODE": 0.0, "EST_MODE": 0.0}
 NAMES = ("CTL_K1", "CTL_K2", "EST_TAU_S", "RUD_DBAND_DEG")
 
 

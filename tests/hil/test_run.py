@@ -66,6 +66,7 @@ def test_she_holds_her_heading_in_the_tank(tmp_path, seed, compass, servo):
         "--out",
         str(tmp_path),
     ]
+    words += ["--set", "CTL_MODE=0", "EST_MODE=0"]
     code, said, errors = finished(*words, "--compass", compass, "--servo", servo)
     assert (code, errors) == (0, "")
     summary = json.loads((tmp_path / "summary.json").read_text())

@@ -17,6 +17,7 @@ pytestmark = [pytest.mark.proof, pytest.mark.timeout(900)]
 @pytest.mark.parametrize("servo", ["dynamixel", "volz"])
 def test_the_tank_task(tmp_path, seed, compass, servo):
     words = ["run", "tank", "--speed", "max", "--seed", str(seed), "--compass", compass, "--servo", servo]
+    words += ["--set", "CTL_MODE=0", "EST_MODE=0"]
     command = [sys.executable, "-m", "hil", *words, "--out", str(tmp_path)]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr

@@ -16,7 +16,7 @@ from hil.report.figures import rudder_travel_deg_per_h
 from hil.runner import RunOptions, sail
 from hil.tune.cases import COMPASS_NOISE_DEG, pilot_of, steps_within
 from hil.tune.loop_kernel import Task, closed_loop
-from hil.tune.trials import Setting, Trials
+from hil.tune.trials import FIXED_GAINS, Setting, Trials
 
 ROOT = Path(__file__).parents[2]
 SECONDS = 200
@@ -27,7 +27,8 @@ def test_a_trial_run_is_the_real_autopilot_s_in_the_same_waves(tmp_path, scenari
     """Not bit for bit: the compass draws other noise, and its samples come at a phase of their own."""
     sea = scenarios.named(scenario)
     parameters = ParameterSet().replaced("EST_TAU_S", tau_s)
-    options = RunOptions(sea, float(SECONDS), tmp_path, goals=parse_goals("0:60"), settings={"EST_TAU_S": tau_s})
+    settings = {**FIXED_GAINS, "EST_TAU_S": tau_s}
+    options = RunOptions(sea, float(SECONDS), tmp_path, goals=parse_goals("0:60"), settings=settings)
     truth = sail(options).truth.table()
     ticks = truth.time_s.size
     noise = np.radians(COMPASS_NOISE_DEG) * np.random.default_rng(1).standard_normal(ticks)

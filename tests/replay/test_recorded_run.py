@@ -6,6 +6,7 @@ rambler-hil run tank --speed max --seconds 20 --goal "0:0,5:60" --compass pni --
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -28,7 +29,7 @@ def test_the_recorded_run_is_worth_replaying():
     ticks = list(read_log(LOG))
     intents = [request.intent for tick in ticks for request in tick.inputs.requests]
     assert SteerHeading(math.radians(60.0)) in intents
-    assert max(tick.command.shaft_rad for tick in ticks) == pytest.approx(math.radians(30.0), abs=1e-3)
+    assert max(tick.command.shaft_rad for tick in ticks) == pytest.approx(math.radians(30.0), abs=1e-2)
     assert sum(len(tick.inputs.headings) for tick in ticks) > 150
     assert sum(len(tick.inputs.rudder) for tick in ticks) > 150
 
@@ -43,27 +44,14 @@ def test_a_log_cut_anywhere_is_recomputed_to_its_last_whole_tick(tmp_path, capsy
 
 
 def test_one_changed_bit_of_the_gains_is_found(capsys, monkeypatch):
-    from firmware_py.control import s_surface  # noqa: PLC0415 - patched only here
+    from firmware_py.control import helmsman  # noqa: PLC0415 - patched only here
 
-    right = s_surface.Gains.of
-    monkeypatch.setattr(
-        "firmware_py.step.Gains.of",
-        lambda parameters: (
-            gains := right(parameters),
-            type(gains)(
-                math.nextafter(gains.k1, 1e9),
-                gains.k2,
-                gains.rudder_limit_rad,
-                gains.yaw_rate_max_rad_s,
-                gains.trim_rad,
-            ),
-        )[1],
-    )
-    from firmware_py.step import settings_of  # noqa: PLC0415 - its memory of the right gains is cleared
+    right = helmsman.gains_of
 
-    settings_of.cache_clear()
-    try:
-        assert main(["replay", str(LOG)]) == 1
-    finally:
-        settings_of.cache_clear()
+    def nearly_right(ship, stiffness):
+        gains = right(ship, stiffness)
+        return replace(gains, k1=math.nextafter(gains.k1, 1e9))
+
+    monkeypatch.setattr(helmsman, "gains_of", nearly_right)
+    assert main(["replay", str(LOG)]) == 1
     assert "NOT identical" in capsys.readouterr().out

@@ -27,9 +27,10 @@ from firmware_py.modes import (
     live_stick,
 )
 from firmware_py.params import ParameterSet
-from firmware_py.records import Mode
+from firmware_py.records import Mode, Water
 
-WELL = Situation(heading_rad=1.0, drift_rad=0.2, position_ok=True, rudder_ok=True)
+SETTING_EAST = Water(1.0, 0.1, 0.0, 0.3, 0.1)
+WELL = Situation(heading_rad=1.0, water=SETTING_EAST, position_ok=True, rudder_ok=True, mission_ok=True, home_ok=True)
 BLIND = replace(WELL, heading_rad=None)
 GUIDED = ModeState(Mode.GUIDED, armed=True, goal=HeadingGoal(1.0))
 
@@ -100,9 +101,45 @@ def test_a_turn_the_long_way_is_kept_only_when_it_is_longer():
     assert accepted(GUIDED, SteerHeading(0.97, turn=1)).goal.turn == 0  # she is there already
 
 
-def test_a_course_is_made_good_by_heading_up_against_the_drift():
+def test_a_course_is_made_good_by_heading_up_against_the_current():
     state = accepted(GUIDED, SteerHeading(2.0, over_ground=True))
-    assert heading_to_steer(state.goal, 0.2) == pytest.approx(1.8)
+    heading_rad = heading_to_steer(state.goal, SETTING_EAST)
+    made_good_rad = math.atan2(math.sin(heading_rad) + 0.3, math.cos(heading_rad))
+    assert made_good_rad == pytest.approx(2.0)
+    assert heading_to_steer(state.goal, None) == 2.0
+
+
+LACKING = {
+    "no valid heading": {"heading_rad": None},
+    "no position": {"position_ok": False},
+    "no mission": {"mission_ok": False},
+    "no home": {"home_ok": False},
+}
+NEEDED = {
+    Mode.STEERING: ["no valid heading"],
+    Mode.GUIDED: ["no valid heading"],
+    Mode.LOITER: ["no valid heading", "no position"],
+    Mode.AUTO: ["no valid heading", "no position", "no mission"],
+    Mode.RTL: ["no valid heading", "no position", "no home"],
+}
+
+
+@pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.STEERING, Mode.LOITER, Mode.AUTO, Mode.RTL, Mode.GUIDED])
+def test_each_mode_is_entered_with_what_it_needs_and_refused_with_the_reason(mode):
+    assert accepted(ModeState(Mode.HOLD), SetMode(mode)).mode is mode
+    for reason, lack in LACKING.items():
+        situation = replace(WELL, **lack)
+        if reason in NEEDED.get(mode, []):
+            text = refused(ModeState(Mode.HOLD), SetMode(mode), Verdict.TEMPORARILY_REJECTED, situation)
+            assert reason in text
+            assert mode.name in text
+        else:
+            assert accepted(ModeState(Mode.HOLD), SetMode(mode), situation).mode is mode
+
+
+def test_arming_outside_the_fence_is_refused():
+    outside = replace(WELL, fence_breached=True)
+    assert "fence" in refused(ModeState(), Arm(armed=True), Verdict.TEMPORARILY_REJECTED, outside)
 
 
 @pytest.mark.parametrize("absurd", [math.nan, math.inf, -math.inf, 1e300, -1e300, 13.0])

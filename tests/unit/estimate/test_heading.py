@@ -26,7 +26,7 @@ def test_the_first_sample_starts_it():
 
 
 def test_declination_only_to_magnetic_and_offset_to_both():
-    settings = replace(SETTINGS, declination_rad=0.1, offset_rad=0.01)
+    settings = replace(SETTINGS, declination_rad=0.1, offset_rad=(0.01, 0.0))
     true = correct(settings, HeadingState(), sample(0.0, 1.0), 0.0)
     magnetic = correct(settings, HeadingState(), sample(0.0, 1.0, NorthReference.MAGNETIC), 0.0)
     assert true.heading_rad == pytest.approx(1.01)

@@ -7,7 +7,7 @@ import pytest
 from hil.__main__ import main
 from hil.scenarios import TABLE, UnknownScenarioError, named
 
-# speed, wave period, wave yaw, bias, drift, current: the table of the specification
+# speed, wave period, wave yaw, bias, drift, current: the table of the specification, and the mission area
 ROWS = {
     "calm": (0.4, 0.0, 0.0, 0.0, 0.0, 0.0),
     "tank": (0.4, 2.53, 1.5, 0.0, 0.0, 0.0),
@@ -15,6 +15,7 @@ ROWS = {
     "swell": (0.7, 8.0, 20.0, 5.0, 2.0, 0.0),
     "weak": (0.2, 4.0, 10.0, 3.0, 2.0, 0.0),
     "storm": (0.5, 7.0, 30.0, 8.0, 4.0, 0.6),
+    "mission": (0.5, 6.0, 6.0, 3.0, 2.0, 0.25),
 }
 
 

@@ -9,6 +9,7 @@ from hil.ship.kt_plant import KtPlant
 from hil.ship.manoeuvring import Manoeuvre, Motion, planar_rates, steady_turn
 from hil.ship.planar import PlanarMotion
 from hil.ship.regressions import FLOAT, SwayModel, sway_model
+from hil.ship.tide import Tide
 
 SWAY = sway_model(FLOAT)
 RUDDER_RAD = math.radians(30.0)
@@ -46,12 +47,12 @@ def test_heading_and_yaw_rate_are_those_of_the_simulated_ship_to_the_last_bit():
 
 
 def test_without_sway_the_track_is_that_of_the_simulated_ship():
-    plant, track = KtPlant(OCEAN_RAMBLER, 0.02), PlanarMotion(0.4, 0.1, 0.2)
+    plant, track = KtPlant(OCEAN_RAMBLER, 0.02), PlanarMotion(0.4, Tide(math.hypot(0.1, 0.2), math.atan2(0.2, 0.1)))
     manoeuvre = Manoeuvre(OCEAN_RAMBLER, None, 0.02, (0.1, 0.2))
     for _ in range(5000):
         before_rad = plant.heading_rad
         plant.step(RUDDER_RAD)
-        track.step(0.5 * (before_rad + plant.heading_rad), 0.02)
+        track.step(0.5 * (before_rad + plant.heading_rad), 0.0, 0.02)
         motion = manoeuvre.step(RUDDER_RAD)
     assert motion.sway_m_s == 0.0
     assert (motion.north_m, motion.east_m) == pytest.approx((track.north_m, track.east_m), abs=1e-5)

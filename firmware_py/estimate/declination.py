@@ -1,0 +1,108 @@
+"""Magnetic declination from the World Magnetic Model, evaluated anew only when she has moved far or time has passed.
+
+Spherical harmonics of degree 12 with Schmidt's semi-normalised Legendre functions on the WGS 84
+ellipsoid (Chulliat et al., The US/UK World Magnetic Model for 2025-2030, NOAA, section 1.2).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_py.estimate.wmm2025 import COEFFICIENTS, DEGREE, EPOCH
+
+MOVED_RAD: Final = 10e3 / 6371e3
+AGE_S: Final = 30.0 * 86400.0
+YEAR_S: Final = 365.25 * 86400.0
+EPOCH_S: Final = 1_735_689_600.0  # 2025-01-01 UTC
+LAST_YEAR: Final = 10.0  # a model that has run out is still nearer than none, but is not carried on for ever
+MAJOR_KM, MINOR_KM, REFERENCE_KM = 6378.137, 6356.7523142, 6371.2
+NEAR_POLE: Final = 1e-6
+# Where the horizontal field is weaker than this no compass shows north (nT; the model's authors: caution below 6000).
+WEAKEST_NT: Final = 2000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Declination:
+    """The declination, and where and when it was computed; None where no compass works."""
+
+    declination_rad: float | None = None
+    latitude_rad: float = 0.0
+    longitude_rad: float = 0.0
+    utc_s: float | None = None
+
+
+def updated(known: Declination, latitude_rad: float, longitude_rad: float, utc_s: float | None) -> Declination:
+    """Return the declination at a position, the one known where that is still near."""
+    at_s = utc_s if utc_s is not None else known.utc_s if known.utc_s is not None else EPOCH_S
+    if known.utc_s is not None and abs(at_s - known.utc_s) < AGE_S:
+        east = (longitude_rad - known.longitude_rad) * math.cos(latitude_rad)
+        if math.hypot(latitude_rad - known.latitude_rad, east) < MOVED_RAD:
+            return known
+    return Declination(declination_rad(latitude_rad, longitude_rad, at_s), latitude_rad, longitude_rad, at_s)
+
+
+def declination_rad(latitude_rad: float, longitude_rad: float, utc_s: float) -> float | None:
+    """Return the declination at sea level, east positive; None near the magnetic poles."""
+    north_nt, east_nt = horizontal_field_nt(latitude_rad, longitude_rad, utc_s)
+    if math.hypot(north_nt, east_nt) < WEAKEST_NT:
+        return None
+    return math.atan2(east_nt, north_nt)
+
+
+def horizontal_field_nt(latitude_rad: float, longitude_rad: float, utc_s: float) -> tuple[float, float]:
+    """Return the field's north and east components [nT] at sea level, geodetic."""
+    years = min(max((utc_s - EPOCH_S) / YEAR_S, 0.0), LAST_YEAR)
+    geocentric_rad, radius_km = _geocentric(latitude_rad)
+    sine = math.sin(geocentric_rad)
+    cosine = max(math.cos(geocentric_rad), NEAR_POLE)
+    functions, slopes = _legendre(sine, cosine)
+    ratio = REFERENCE_KM / radius_km
+    north = east = down = 0.0
+    for degree, order, g, h, g_year, h_year in COEFFICIENTS:
+        g += g_year * years  # noqa: PLW2901
+        h += h_year * years  # noqa: PLW2901
+        power = ratio ** (degree + 2)
+        along, across = math.cos(order * longitude_rad), math.sin(order * longitude_rad)
+        value, slope = functions[degree][order], slopes[degree][order]
+        north -= power * (g * along + h * across) * slope
+        east += power * order * (g * across - h * along) * value / cosine
+        down -= power * (degree + 1) * (g * along + h * across) * value
+    # From the geocentric to the geodetic vertical.
+    tilt_rad = geocentric_rad - latitude_rad
+    return north * math.cos(tilt_rad) - down * math.sin(tilt_rad), east
+
+
+def _geocentric(latitude_rad: float) -> tuple[float, float]:
+    """Return the geocentric latitude and radius [km] of a point on the ellipsoid."""
+    sine, cosine = math.sin(latitude_rad), math.cos(latitude_rad)
+    square = 1.0 - (MINOR_KM / MAJOR_KM) ** 2
+    curvature_km = MAJOR_KM / math.sqrt(1.0 - square * sine * sine)
+    out_km, up_km = curvature_km * cosine, curvature_km * (1.0 - square) * sine
+    return math.atan2(up_km, out_km), math.hypot(out_km, up_km)
+
+
+def _legendre(sine: float, cosine: float) -> tuple[list[list[float]], list[list[float]]]:
+    """Return Schmidt's functions P[n][m](sin latitude) and their derivatives by the latitude."""
+    size = DEGREE + 1
+    p = [[0.0] * size for _ in range(size)]
+    d = [[0.0] * size for _ in range(size)]
+    p[0][0] = 1.0
+    for n in range(1, size):
+        for m in range(n + 1):
+            if n == m:
+                factor = math.sqrt((2.0 * n - 1.0) / (2.0 * n)) if n > 1 else 1.0
+                p[n][n] = factor * cosine * p[n - 1][n - 1]
+                d[n][n] = factor * (cosine * d[n - 1][n - 1] - sine * p[n - 1][n - 1])
+                continue
+            root = math.sqrt(float(n * n - m * m))
+            older = math.sqrt(float((n - 1) ** 2 - m * m)) if n >= 2 and m <= n - 2 else 0.0
+            before, before_slope = (p[n - 2][m], d[n - 2][m]) if n >= 2 else (0.0, 0.0)
+            p[n][m] = ((2.0 * n - 1.0) * sine * p[n - 1][m] - older * before) / root
+            slope = (2.0 * n - 1.0) * (sine * d[n - 1][m] + cosine * p[n - 1][m])
+            d[n][m] = (slope - older * before_slope) / root
+    return p, d
+
+
+__all__ = ["EPOCH", "Declination", "declination_rad", "horizontal_field_nt", "updated"]

@@ -1,0 +1,100 @@
+"""Where she is: fixes smoothed by her own motion, and jumps that no boat can make held back.
+
+A fix that lies further off than she can have sailed is held back; when others keep bearing
+it out for long enough, the position was wrong before, and it is believed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from firmware_py.angles import clamp
+from firmware_py.records import FixType, PositionSample
+
+EARTH_RADIUS_M = 6371008.8  # mean radius, IUGG
+FASTEST_M_S = 4.0  # over the ground, current and gusts of speed included
+SPREAD_M = 50.0  # what a sound receiver may be off at worst
+SMOOTHING_S = 10.0
+LONGEST_GAP_S = 60.0  # after which the estimate begins anew
+LEAST_WITNESSES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class PositionState:
+    """The estimated place at t_s, the last fix believed, and the first of those that are not."""
+
+    t_s: float = 0.0
+    latitude_rad: float = 0.0
+    longitude_rad: float = 0.0
+    fix: PositionSample | None = None
+    doubted: PositionSample | None = None
+    witnesses: int = 0
+
+
+def on_earth(sample: PositionSample) -> bool:
+    """Whether the sample has a position; the comparisons fail for NaN."""
+    latitude_rad, longitude_rad = sample.latitude_rad, sample.longitude_rad
+    if latitude_rad is None or longitude_rad is None or sample.fix is FixType.NONE:
+        return False
+    return abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi and math.isfinite(sample.t_s)
+
+
+def carried(state: PositionState, now_s: float, velocity_m_s: tuple[float, float]) -> PositionState:
+    """Carry the place on to now_s by the velocity over ground, north and east; not beyond a gap of a minute."""
+    step_s = now_s - state.t_s
+    if state.fix is None or step_s <= 0.0:
+        return state
+    if now_s - state.fix.t_s > LONGEST_GAP_S:
+        return replace(state, t_s=now_s)
+    return _moved(state, velocity_m_s[0] * step_s, velocity_m_s[1] * step_s, now_s)
+
+
+def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple[PositionState, bool]:
+    """Take a fix in; return whether it is believed. `jump_s` is how long a jump must last."""
+    if not on_earth(sample):
+        return state, False
+    latitude_rad, longitude_rad = _position(sample)
+    if state.fix is None:
+        return PositionState(sample.t_s, latitude_rad, longitude_rad, sample), True
+    gap_s = sample.t_s - state.fix.t_s
+    if _apart_m(state.fix, sample) > _reach_m(gap_s):
+        doubted, witnesses = state.doubted, state.witnesses
+        if doubted is None or _apart_m(doubted, sample) > _reach_m(sample.t_s - doubted.t_s):
+            return replace(state, doubted=sample, witnesses=1), False
+        if sample.t_s - doubted.t_s < jump_s or witnesses < LEAST_WITNESSES:
+            return replace(state, witnesses=witnesses + 1), False
+        return PositionState(sample.t_s, latitude_rad, longitude_rad, sample), True
+    if gap_s > LONGEST_GAP_S or gap_s < 0.0:
+        return PositionState(max(sample.t_s, state.t_s), latitude_rad, longitude_rad, sample), True
+    gain = 1.0 - math.exp(-gap_s / SMOOTHING_S)
+    north_m, east_m = _offset_m(state.latitude_rad, state.longitude_rad, latitude_rad, longitude_rad)
+    state = replace(state, fix=sample, doubted=None, witnesses=0)
+    return _moved(state, gain * north_m, gain * east_m, state.t_s), True
+
+
+def _reach_m(gap_s: float) -> float:
+    return SPREAD_M + FASTEST_M_S * max(0.0, gap_s)
+
+
+def _position(sample: PositionSample) -> tuple[float, float]:
+    return sample.latitude_rad or 0.0, sample.longitude_rad or 0.0
+
+
+def _offset_m(latitude_rad: float, longitude_rad: float, to_rad: float, to_longitude_rad: float) -> tuple[float, float]:
+    east_rad = math.remainder(to_longitude_rad - longitude_rad, 2.0 * math.pi)
+    return (
+        EARTH_RADIUS_M * (to_rad - latitude_rad),
+        EARTH_RADIUS_M * math.cos(0.5 * (latitude_rad + to_rad)) * east_rad,
+    )
+
+
+def _apart_m(one: PositionSample, other: PositionSample) -> float:
+    return math.hypot(*_offset_m(*_position(one), *_position(other)))
+
+
+def _moved(state: PositionState, north_m: float, east_m: float, t_s: float) -> PositionState:
+    latitude_rad = clamp(state.latitude_rad + north_m / EARTH_RADIUS_M, -0.5 * math.pi, 0.5 * math.pi)
+    shrink = max(math.cos(latitude_rad), 1e-6)
+    longitude_rad = math.remainder(state.longitude_rad + east_m / (EARTH_RADIUS_M * shrink), 2.0 * math.pi)
+    return PositionState(t_s, latitude_rad, longitude_rad, state.fix, state.doubted, state.witnesses)

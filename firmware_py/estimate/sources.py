@@ -1,0 +1,179 @@
+"""Which heading source is steered by: compass A, compass B, or as a last resort the course over ground.
+
+Each compass is judged by itself: it must speak, change, and stay within the filter's gate. The first
+sound one in order is in use. A change of source never moves the rudder: the new source starts with
+the offset at which it agrees with the estimate, and the offset is slewed away. A compass comes back
+only after it has been sound and in agreement for a while.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Final
+
+from firmware_py.angles import clamp, radians, wrap_pi
+from firmware_py.records import Event, Severity
+
+FROZEN_S: Final = 30.0  # a compass at sea that shows the very same number for so long has stopped measuring
+JUMP_RAD: Final = radians(25.0)
+JUMP_S: Final = 1.5
+PROBATION_S: Final = 10.0
+SLEW_RAD_S: Final = radians(0.5)
+DISAGREEMENT_RAD: Final = radians(15.0)
+SMOOTHING_S: Final = 10.0
+
+
+class Source(IntEnum):
+    """What the heading is taken from."""
+
+    COMPASS_A = 0
+    COMPASS_B = 1
+    COURSE = 2
+    NONE = 3
+
+
+NAMES: Final = ("compass A", "compass B", "course over ground", "no heading source")
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One heading from true north of compass A (0) or B (1), with the number that the device gave."""
+
+    t_s: float
+    heading_rad: float
+    raw_rad: float
+    source: int
+
+
+@dataclass(frozen=True, slots=True)
+class CompassState:
+    """What is known of one compass.
+
+    `changed_s` is when its number last changed, `near_s` when it last lay within the gate around the
+    estimate, `sound_since_s` since when it has been sound; `apart_rad` is its smoothed difference
+    from the estimate, `offset_rad` what is still added to it after a change of source.
+    """
+
+    t_s: float | None = None
+    raw_rad: float | None = None
+    changed_s: float = 0.0
+    near_s: float = 0.0
+    sound_since_s: float | None = None
+    apart_rad: float = 0.0
+    offset_rad: float = 0.0
+
+    def frozen(self, now_s: float) -> bool:
+        """Whether it speaks but has not changed for too long."""
+        return self.t_s is not None and self.t_s - self.changed_s > FROZEN_S and now_s - self.t_s < FROZEN_S
+
+    def jumping(self) -> bool:
+        """Whether it shows headings that the boat cannot have come to."""
+        return self.t_s is not None and self.t_s - self.near_s > JUMP_S
+
+
+@dataclass(frozen=True, slots=True)
+class SourceState:
+    """The compasses, the source in use and when it was last heard."""
+
+    compasses: tuple[CompassState, CompassState] = (CompassState(), CompassState())
+    in_use: Source = Source.NONE
+
+    def disagree(self) -> bool:
+        """Whether two sound compasses differ by more than they should."""
+        a, b = self.compasses
+        both = a.sound_since_s is not None and b.sound_since_s is not None
+        return both and abs(wrap_pi(a.apart_rad - b.apart_rad)) > DISAGREEMENT_RAD
+
+
+def heard(state: CompassState, sample: Seen, expected_rad: float | None) -> CompassState:
+    """Take a sample in; expected_rad is the estimated heading with its wave yaw, None before there is one."""
+    changed = state.raw_rad is None or sample.raw_rad != state.raw_rad
+    apart_rad = 0.0 if expected_rad is None else wrap_pi(sample.heading_rad - expected_rad)
+    near = abs(wrap_pi(apart_rad + state.offset_rad)) <= JUMP_RAD
+    step_s = clamp(sample.t_s - state.t_s, 0.0, SMOOTHING_S) if state.t_s is not None else SMOOTHING_S
+    part = step_s / SMOOTHING_S
+    return replace(
+        state,
+        t_s=sample.t_s,
+        raw_rad=sample.raw_rad,
+        changed_s=sample.t_s if changed else state.changed_s,
+        near_s=sample.t_s if near or state.t_s is None else state.near_s,
+        apart_rad=wrap_pi(state.apart_rad + part * wrap_pi(apart_rad - state.apart_rad)),
+    )
+
+
+def taken(state: SourceState, sample: Seen, expected_rad: float | None) -> SourceState:
+    """Take a sample of either compass in."""
+    a, b = state.compasses
+    if sample.source == Source.COMPASS_B:
+        return replace(state, compasses=(a, heard(b, sample, expected_rad)))
+    return replace(state, compasses=(heard(a, sample, expected_rad), b))
+
+
+def _judged(state: CompassState, now_s: float, timeout_s: float) -> CompassState:
+    speaks = state.t_s is not None and now_s - state.t_s <= timeout_s
+    if not speaks or state.frozen(now_s) or state.jumping():
+        return replace(state, sound_since_s=None)
+    return state if state.sound_since_s is not None else replace(state, sound_since_s=now_s)
+
+
+def chosen(
+    state: SourceState, now_s: float, timeout_s: float, *, course_ok: bool
+) -> tuple[SourceState, tuple[Event, ...]]:
+    """Judge the compasses and choose the source; a change is told."""
+    a, b = (_judged(one, now_s, timeout_s) for one in state.compasses)
+    in_use = _first_sound(state.in_use, (a, b), now_s, course_ok=course_ok)
+    if in_use is state.in_use:
+        return SourceState((a, b), in_use), ()
+    if in_use in (Source.COMPASS_A, Source.COMPASS_B) and state.in_use is not Source.NONE:
+        # It starts where the estimate is, and is drawn to its own heading slowly.
+        entering = (a, b)[in_use]
+        entering = replace(entering, offset_rad=wrap_pi(-entering.apart_rad), near_s=now_s)
+        a, b = (entering, b) if in_use is Source.COMPASS_A else (a, entering)
+    return SourceState((a, b), in_use), (_told(state.in_use, in_use),)
+
+
+def _first_sound(
+    before: Source, compasses: tuple[CompassState, CompassState], now_s: float, *, course_ok: bool
+) -> Source:
+    for source, compass in zip((Source.COMPASS_A, Source.COMPASS_B), compasses, strict=True):
+        since_s = compass.sound_since_s
+        if since_s is None:
+            continue
+        # The one in use stays; before the first source nobody waits; another must prove itself unless it is needed.
+        if source is before or before is Source.NONE or now_s - since_s >= PROBATION_S:
+            return source
+    return Source.COURSE if course_ok and before is not Source.NONE else Source.NONE
+
+
+def _told(before: Source, after: Source) -> Event:
+    if after is Source.NONE:
+        return Event(Severity.ERROR, f"Heading lost: {NAMES[before]} fails")
+    if before is Source.NONE:
+        return Event(Severity.INFO, f"Heading from {NAMES[after]}")
+    worse = after > before
+    return Event(Severity.WARNING if worse else Severity.NOTICE, f"Heading from {NAMES[after]}, not {NAMES[before]}")
+
+
+def usable(state: SourceState, samples: Sequence[Seen]) -> list[tuple[float, float]]:
+    """Return time and heading of the samples of the source in use, its offset added."""
+    if state.in_use not in (Source.COMPASS_A, Source.COMPASS_B):
+        return []
+    offset_rad = state.compasses[state.in_use].offset_rad
+    return [(sample.t_s, sample.heading_rad + offset_rad) for sample in samples if sample.source == state.in_use]
+
+
+def slewed(state: SourceState, step_s: float) -> SourceState:
+    """Draw the offsets toward zero."""
+    if all(one.offset_rad == 0.0 for one in state.compasses):
+        return state
+    a, b = (_slewed(one, SLEW_RAD_S * step_s) for one in state.compasses)
+    return replace(state, compasses=(a, b))
+
+
+def _slewed(state: CompassState, reach_rad: float) -> CompassState:
+    rest_rad = max(abs(state.offset_rad) - reach_rad, 0.0)
+    return replace(state, offset_rad=math.copysign(rest_rad, state.offset_rad) if rest_rad else 0.0)

@@ -1,0 +1,291 @@
+"""Heading, yaw rate, rudder bias, speed and current, seen through the waves.
+
+A Kalman filter on the K-T equation and a wave-frequency state (kalman.py) that tunes itself to
+the sea (learning.py). It is driven by the measured rudder, scaled to the estimated speed by
+similarity, and takes every sample at its own time. Velocity over the ground tells of the
+low-frequency heading too, with the noise that it is found to have.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from firmware_py.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.estimate import kalman, learning
+from firmware_py.estimate.kalman import Numbers
+from firmware_py.estimate.learning import Learned
+from firmware_py.params import ParameterSet
+
+LONGEST_STEP_S: Final = 1.0  # one carry of the covariance; a longer way takes several
+LONGEST_SILENCE_S: Final = 600.0  # after this the filter starts anew
+LATEST_S: Final = 1.0  # a sample older than the filter by more than this is not taken
+SPEEDS_M_S: Final = (0.08, 2.5)
+FACTORS: Final = (0.4, 2.5)
+FASTEST_M_S: Final = 10.0  # a velocity over the ground beyond it is a receiver's error
+GATE_SIGMAS: Final = 6.0
+GATE_RAD: Final = radians(20.0)
+HEADING_LIMIT: Final = 5.0  # a normalised innovation beyond it counts as this many
+FIX_LIMIT: Final = 9.0
+
+_HEADING_AND_WAVE: Final = tuple((kalman.place(0, j), kalman.place(3, j)) for j in range(9))
+_VELOCITY: Final = {
+    current: tuple((kalman.place(0, j), kalman.place(current, j), kalman.place(7, j)) for j in range(9))
+    for current in (kalman.NORTH, kalman.EAST)
+}
+
+RATE_NOISE: Final = 1e-6 * radians(1.0) ** 2
+CURRENT_NOISE: Final = 5e-7  # [m^2/s^3]: 2 cm/s in a quarter of an hour
+SPEED_NOISE: Final = 2e-6
+FACTOR_NOISE: Final = 1e-6
+# Standard deviations at the start, in the order of the states.
+FIRST: Final = (
+    radians(10.0),
+    radians(1.0),
+    radians(5.0),
+    radians(5.0),
+    radians(6.0),
+    0.2,
+    0.2,
+    0.4,
+    0.2,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FilterSettings:
+    """The model of the vehicle file: K [1/s], T [s], alpha [s^2] and the speed [m/s] that they hold at."""
+
+    model: tuple[float, float, float, float]
+
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> FilterSettings:
+        """Read the settings from the parameters."""
+        return cls((parameters["MDL_K"], parameters["MDL_T_S"], parameters["MDL_ALPHA_S2"], parameters["MDL_SPEED"]))
+
+
+@dataclass(frozen=True, slots=True)
+class FilterState:
+    """State and covariance (upper triangle, row by row) at t_s; empty before the first heading.
+
+    `sensitivity` is by how much heading, rate, bias, wave and wave rate would differ for another
+    ln omega. `sample_t_s` and `fix_t_s` are the times of the last heading and velocity taken,
+    `refused` how many headings in a row the gate has refused.
+    """
+
+    t_s: float = 0.0
+    x: tuple[float, ...] = ()
+    p: tuple[float, ...] = ()
+    sensitivity: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    learned: Learned = Learned()  # noqa: RUF009 - frozen
+    rudder_rad: float = 0.0
+    sample_t_s: float | None = None
+    fix_t_s: float | None = None
+    refused: int = 0
+    innovation_rad: float = 0.0
+    innovation_sd_rad: float = 0.0
+
+    def spread(self, index: int) -> float:
+        """Return the standard deviation of a state."""
+        return math.sqrt(self.p[kalman.DIAGONAL[index]]) if self.p else 0.0
+
+
+def started(settings: FilterSettings, t_s: float, heading_rad: float, learned: Learned | None = None) -> FilterState:
+    """Return the filter at its first heading."""
+    x = (heading_rad, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, clamp(settings.model[3], *SPEEDS_M_S), 1.0)
+    p = tuple(FIRST[i] ** 2 if i == j else 0.0 for i in range(kalman.STATES) for j in range(i, kalman.STATES))
+    return FilterState(t_s, x, p, learned=learned or Learned(), sample_t_s=t_s)
+
+
+class _Work:
+    """The numbers of a filter while a tick works on them."""
+
+    __slots__ = ("learned", "p", "rudder_rad", "s", "settings", "t_s", "x")
+
+    def __init__(self, settings: FilterSettings, state: FilterState) -> None:
+        self.settings = settings
+        self.t_s = state.t_s
+        self.x = state.x
+        self.p = state.p
+        self.s = state.sensitivity
+        self.learned = state.learned
+        self.rudder_rad = state.rudder_rad
+
+    def carry_to(self, t_s: float) -> None:
+        """Carry everything to t_s; an earlier time changes nothing."""
+        while (way_s := t_s - self.t_s) > 0.0:
+            step_s = min(way_s, LONGEST_STEP_S)
+            self._carry(step_s)
+            self.t_s = t_s if step_s == way_s else self.t_s + step_s
+
+    def _carry(self, step_s: float) -> None:
+        learned, x, s = self.learned, self.x, self.s
+        omega_rad_s = learned.omega_rad_s
+        w00, w01, w10, w11 = transition = kalman.wave_transition(omega_rad_s, step_s)
+        turning = kalman.turned(x, self.rudder_rad, step_s, self.settings.model)
+        angle, both, rate = kalman.wave_noise(transition, omega_rad_s, math.exp(learned.log_power))
+        noise = (
+            RATE_NOISE * step_s,
+            math.exp(learned.log_bias_noise) * step_s,
+            angle,
+            both,
+            rate,
+            CURRENT_NOISE * step_s,
+            SPEED_NOISE * step_s,
+            FACTOR_NOISE * step_s,
+        )
+        self.p = kalman.carried(self.p, turning, transition, noise)
+        _, _, bias, wave, wave_rate, north, east, speed, factor = x
+        self.x = _bounded(
+            (
+                turning.heading_rad,
+                turning.yaw_rate_rad_s,
+                bias,
+                w00 * wave + w01 * wave_rate,
+                w10 * wave + w11 * wave_rate,
+                north,
+                east,
+                speed,
+                factor,
+            )
+        )
+        # What another ln omega would change: the force that brings the wave back, and its damping.
+        force = -2.0 * omega_rad_s * (omega_rad_s * wave + kalman.DAMPING * wave_rate)
+        s0, s1, s2, s3, s4 = s
+        self.s = (
+            s0 + turning.reach_s * s1 + turning.share_s * turning.by_bias * s2,
+            turning.by_rate * s1 + turning.by_bias * s2,
+            s2,
+            w00 * s3 + w01 * s4 + 0.5 * step_s * step_s * force,
+            w10 * s3 + w11 * s4 + step_s * force,
+        )
+
+    def absorb(self, shown: Numbers, innovation: float, variance: float, sensitivity: float) -> None:
+        """Take a measurement in; shown is P H', sensitivity how that of the state shows in it."""
+        x, self.p = kalman.absorbed(self.x, self.p, shown, innovation, variance)
+        self.x = _bounded(x)
+        part = sensitivity / variance
+        s0, s1, s2, s3, s4 = self.s
+        self.s = (
+            s0 - shown[0] * part,
+            s1 - shown[1] * part,
+            s2 - shown[2] * part,
+            s3 - shown[3] * part,
+            s4 - shown[4] * part,
+        )
+
+
+def _bounded(x: Numbers) -> Numbers:
+    """Keep speed and turning factor within what a boat can have."""
+    if SPEEDS_M_S[0] <= x[7] <= SPEEDS_M_S[1] and FACTORS[0] <= x[8] <= FACTORS[1]:
+        return x
+    return (*x[:7], clamp(x[7], *SPEEDS_M_S), clamp(x[8], *FACTORS))
+
+
+def take_heading(settings: FilterSettings, state: FilterState, t_s: float, heading_rad: float) -> FilterState:
+    """Take one true heading in; one beyond the gate is refused and counted, one after a long silence starts anew."""
+    if not (math.isfinite(t_s) and math.isfinite(heading_rad)):
+        return state
+    if not state.x or t_s - state.t_s > LONGEST_SILENCE_S:
+        return started(settings, t_s, heading_rad, state.learned if state.x else None)
+    late_s = state.t_s - t_s
+    if late_s > LATEST_S:
+        return state
+    work = _Work(settings, state)
+    work.carry_to(t_s)
+    x, p = work.x, work.p
+    expected_rad = x[kalman.HEADING] + x[kalman.WAVE]
+    if late_s > 0.0:
+        expected_rad -= late_s * (x[kalman.RATE] + x[kalman.WAVE_RATE])
+    innovation_rad = wrap_pi(heading_rad - expected_rad)
+    # Heading and wave yaw are seen together: H has a one for each.
+    shown = tuple([p[one] + p[other] for one, other in _HEADING_AND_WAVE])
+    variance = shown[0] + shown[3] + math.exp(work.learned.log_noise)
+    deviation_rad = math.sqrt(variance)
+    if abs(innovation_rad) > max(GATE_SIGMAS * deviation_rad, GATE_RAD):
+        return replace(_ended(work, state), refused=state.refused + 1, innovation_rad=innovation_rad)
+    sensitivity = work.s[0] + work.s[3]
+    step_s = t_s - state.sample_t_s if state.sample_t_s is not None else 0.0
+    work.absorb(shown, innovation_rad, max(variance, (innovation_rad / HEADING_LIMIT) ** 2), sensitivity)
+    if step_s > 0.0:
+        work.learned = learning.from_heading(work.learned, innovation_rad, variance, sensitivity, step_s)
+    return replace(
+        _ended(work, state),
+        sample_t_s=max(t_s, state.sample_t_s or t_s),
+        refused=0,
+        innovation_rad=innovation_rad,
+        innovation_sd_rad=deviation_rad,
+    )
+
+
+def take_velocity(
+    settings: FilterSettings, state: FilterState, t_s: float, speed_m_s: float, course_rad: float
+) -> FilterState:
+    """Take one velocity over the ground in; before the first heading, or out of range, it changes nothing."""
+    if not state.x or not (math.isfinite(t_s) and math.isfinite(course_rad) and 0.0 <= speed_m_s <= FASTEST_M_S):
+        return state
+    if not -LATEST_S <= t_s - state.t_s <= LONGEST_SILENCE_S:
+        return state
+    work = _Work(settings, state)
+    work.carry_to(t_s)
+    squares, noise = 0.0, math.exp(work.learned.log_velocity_noise)
+    seen = ((kalman.NORTH, speed_m_s * math.cos(course_rad)), (kalman.EAST, speed_m_s * math.sin(course_rad)))
+    for current, seen_m_s in seen:
+        x, p = work.x, work.p
+        cosine, sine = math.cos(x[kalman.HEADING]), math.sin(x[kalman.HEADING])
+        # North is U cos psi + c_north, east U sin psi + c_east.
+        north = current == kalman.NORTH
+        by_speed, by_heading = (cosine, -x[kalman.SPEED] * sine) if north else (sine, x[kalman.SPEED] * cosine)
+        innovation = seen_m_s - (x[kalman.SPEED] * by_speed + x[current])
+        shown = tuple(
+            [by_heading * p[one] + p[other] + by_speed * p[third] for one, other, third in _VELOCITY[current]]
+        )
+        variance = by_heading * shown[kalman.HEADING] + shown[current] + by_speed * shown[kalman.SPEED] + noise
+        square = innovation * innovation / variance
+        squares += min(square, FIX_LIMIT)
+        work.absorb(shown, innovation, variance * max(1.0, square / FIX_LIMIT), by_heading * work.s[0])
+    work.learned = learning.from_velocity(work.learned, squares)
+    return replace(_ended(work, state), fix_t_s=t_s)
+
+
+def _ended(work: _Work, state: FilterState) -> FilterState:
+    """Return the state that the work has come to; numbers that are none start the filter anew."""
+    x, p = work.x, work.p
+    sound = math.isfinite(sum(x)) and math.isfinite(sum(p)) and min([p[i] for i in kalman.DIAGONAL]) > 0.0
+    if not sound:
+        return FilterState(rudder_rad=state.rudder_rad)
+    return replace(
+        state,
+        t_s=work.t_s,
+        x=(wrap_two_pi(x[kalman.HEADING]), *x[1:]),
+        p=p,
+        sensitivity=work.s,
+        learned=work.learned,
+    )
+
+
+def ahead(settings: FilterSettings, state: FilterState, t_s: float) -> tuple[float, float]:
+    """Return heading and yaw rate carried to t_s by the K-T equation alone, for a started filter."""
+    step_s = clamp(t_s - state.t_s, 0.0, LONGEST_SILENCE_S)
+    turning = kalman.turned(state.x, state.rudder_rad, step_s, settings.model)
+    return wrap_two_pi(turning.heading_rad), turning.yaw_rate_rad_s
+
+
+Heading = tuple[float, float]  # time [s], true heading [rad]
+Velocity = tuple[float, float, float]  # time [s], speed [m/s] and course [rad] over the ground
+
+
+def update(
+    settings: FilterSettings,
+    state: FilterState,
+    headings: Sequence[Heading],
+    velocities: Sequence[Velocity],
+    rudder_rad: float,
+) -> FilterState:
+    """Take a tick's samples in, in order of their times; the rudder stood at rudder_rad at its beginning."""
+    events = sorted([*headings, *velocities], key=lambda event: event[0])
+    for event in events:
+        state = take_heading(settings, state, *event) if len(event) == 2 else take_velocity(settings, state, *event)
+    return state if state.rudder_rad == rudder_rad else replace(state, rudder_rad=rudder_rad)

@@ -1,0 +1,142 @@
+"""The fence: how far she is from breaching it.
+
+Areas are polygons and circles, to stay within or to stay out of. As MAVLink has it, she
+must be inside all inclusion areas of at least one group, and outside every exclusion.
+Edges are straight on the plane that touches the fence's first corner, which is good to
+0.1 % over a hundred kilometres.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+from firmware_py.guidance.item import number, place_of
+from firmware_py.guidance.sphere import Place
+from firmware_py.plan import Plan, PlanItem
+
+# MAV_CMD
+_POLYGON_IN, _POLYGON_OUT, _CIRCLE_IN, _CIRCLE_OUT = 5001, 5002, 5003, 5004
+_MOST_CORNERS = 2000
+FARTHEST_M = 1e7  # the margin where nothing bounds her
+# The distance is computed anew when she has gone this part of the last one, or so far.
+MOVED_PART, MOVED_M = 0.1, 2.0
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A polygon (corners) or a circle (one corner and a radius), in metres north and east of the anchor."""
+
+    corners: tuple[Point, ...]
+    radius_m: float
+    inclusion: bool
+    group: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Fence:
+    """The areas of a fence around their anchor."""
+
+    anchor: Place
+    areas: tuple[Area, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FenceWatch:
+    """The margin found at a place, of the fence with checksum `identity`; kept until she has moved."""
+
+    identity: int = 0
+    place: Place | None = None
+    margin_m: float = FARTHEST_M
+
+
+@functools.lru_cache(maxsize=4)
+def fence_of(plan: Plan) -> Fence | None:
+    """Convert a fence, once; None when nothing of it bounds her."""
+    anchor = next((place for item in plan.items if (place := place_of(item)) is not None), None)
+    if anchor is None:
+        return None
+    areas = []
+    items = list(plan.items)
+    while items:
+        kind = items[0].command
+        if kind in (_POLYGON_IN, _POLYGON_OUT):
+            count = round(number(items[0].params[0], 1.0, _MOST_CORNERS))
+            corners = tuple(_point(anchor, item) for item in items[:count] if item.command == kind)
+            if len(corners) >= 3:
+                areas.append(Area(corners, 0.0, kind == _POLYGON_IN, _group(items[0])))
+            items = items[count:]
+            continue
+        if kind in (_CIRCLE_IN, _CIRCLE_OUT):
+            radius_m = number(items[0].params[0], 0.0, FARTHEST_M)
+            areas.append(Area((_point(anchor, items[0]),), radius_m, kind == _CIRCLE_IN, _group(items[0])))
+        items = items[1:]
+    return Fence(anchor, tuple(areas)) if areas else None
+
+
+def _group(item: PlanItem) -> int:
+    return round(number(item.params[1], 0.0, 255.0))
+
+
+def _point(anchor: Place, item: PlanItem) -> Point:
+    place = place_of(item)
+    return (0.0, 0.0) if place is None else anchor.offset_m(place)
+
+
+def margin_m(plan: Plan, place: Place) -> float:
+    """Return the distance to a breach, negative in breach; FARTHEST_M where no area bounds her."""
+    fence = fence_of(plan)
+    if fence is None:
+        return FARTHEST_M
+    here = fence.anchor.offset_m(place)
+    inside: dict[int, float] = {}
+    margin = FARTHEST_M
+    for area in fence.areas:
+        # Positive within the area.
+        depth_m = _depth_m(area, here)
+        if area.inclusion:
+            inside[area.group] = min(inside.get(area.group, FARTHEST_M), depth_m)
+        else:
+            margin = min(margin, -depth_m)
+    return min(margin, max(inside.values())) if inside else margin
+
+
+def watched(watch: FenceWatch, plan: Plan, place: Place) -> FenceWatch:
+    """Return the watch with the margin at a place, computed anew when she has moved."""
+    if watch.identity == plan.identity and watch.place is not None:
+        moved_m, _ = watch.place.distance_and_bearing(place)
+        if moved_m <= max(MOVED_M, MOVED_PART * abs(watch.margin_m)):
+            return watch
+    return FenceWatch(plan.identity, place, margin_m(plan, place))
+
+
+def _depth_m(area: Area, here: Point) -> float:
+    if len(area.corners) == 1:
+        centre = area.corners[0]
+        return area.radius_m - math.hypot(here[0] - centre[0], here[1] - centre[1])
+    inside = False
+    nearest = math.inf
+    north, east = here
+    before = area.corners[-1]
+    for corner in area.corners:
+        nearest = min(nearest, _square_to_edge(before, corner, here))
+        if (before[0] > north) is not (corner[0] > north):
+            crossing = before[1] + (north - before[0]) * (corner[1] - before[1]) / (corner[0] - before[0])
+            if east < crossing:
+                inside = not inside
+        before = corner
+    distance_m = math.sqrt(nearest)
+    return distance_m if inside else -distance_m
+
+
+def _square_to_edge(start: Point, end: Point, here: Point) -> float:
+    along_north, along_east = end[0] - start[0], end[1] - start[1]
+    north, east = here[0] - start[0], here[1] - start[1]
+    square = along_north * along_north + along_east * along_east
+    part = (north * along_north + east * along_east) / square if square > 0.0 else 0.0
+    part = min(max(part, 0.0), 1.0)
+    north, east = north - part * along_north, east - part * along_east
+    return north * north + east * east

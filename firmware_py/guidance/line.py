@@ -1,0 +1,95 @@
+"""Following a line by integral line of sight, and knowing when its end is reached.
+
+The course over ground is that of the line, turned towards a point on it that lies the
+look-ahead further on; a slow integral takes up what the estimated current leaves over
+(Lekkas and Fossen, IEEE Trans. Control Syst. Technol. 22(6), 2014; Caharija et al. 2016).
+The current itself is met by the crab angle, where the course becomes a heading.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from firmware_py.angles import clamp, wrap_two_pi
+from firmware_py.guidance.orders import Go, GuidanceSettings, Motion
+from firmware_py.guidance.sphere import Place, Track, track
+
+LONGEST_LOOK_M = 500.0
+# The integral works with this part of her speed (sigma in the literature), critically damped at four times it.
+INTEGRAL_PART = 0.1
+INTEGRAL_ZONE = 0.3  # of the look-ahead, to either side of the line
+LARGEST_PULL = 0.5  # of the look-ahead: what the integral may pull sideways
+# A place passed this many turning radii off counts as reached: she could not come closer by turning again.
+PASSED_RADII = 2.0
+RECEDING_M = 5.0
+MOST_TRIES = 3
+FARTHEST_PASSED_M = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class LineState:
+    """Where the line begins, the integral of line of sight, and how the approach of its end goes."""
+
+    start: Place
+    integral_s: float = 0.0
+    closest_m: float = math.inf
+    tries: int = 0
+
+
+def follow(
+    settings: GuidanceSettings, state: LineState, go: Go, motion: Motion, step_s: float
+) -> tuple[LineState, float, Track | None]:
+    """Return the state, the course over ground to steer, and where she is on the line (None: too short for one)."""
+    on = track(state.start, go.to, motion.place)
+    if on is None:
+        _, bearing_rad = motion.place.distance_and_bearing(go.to)
+        return state, bearing_rad, None
+    look_m = look_ahead_m(settings, motion)
+    pull_m_s = INTEGRAL_PART * motion.speed_m_s
+    aim_m = on.cross_track_m + pull_m_s * state.integral_s
+    integral_s = state.integral_s
+    if abs(on.cross_track_m) <= INTEGRAL_ZONE * look_m:
+        # Further off the way back onto the line is no error to be learned.
+        integral_s += step_s * look_m * on.cross_track_m / (look_m * look_m + aim_m * aim_m)
+    bound_s = LARGEST_PULL * look_m / max(pull_m_s, 1e-3)
+    integral_s = clamp(integral_s, -bound_s, bound_s)
+    course_rad = wrap_two_pi(on.course_rad - math.atan2(aim_m, look_m))
+    return LineState(state.start, integral_s, state.closest_m, state.tries), course_rad, on
+
+
+def look_ahead_m(settings: GuidanceSettings, motion: Motion) -> float:
+    """Return the look-ahead, from two turning radii up."""
+    shortest_m = 2.0 * settings.turning_radius_m
+    return clamp(settings.look_s * motion.speed_m_s, shortest_m, max(shortest_m, LONGEST_LOOK_M))
+
+
+def approach(
+    settings: GuidanceSettings, state: LineState, go: Go, motion: Motion, on: Track | None
+) -> tuple[LineState, bool]:
+    """Judge whether the end of the line is reached.
+
+    It is within its radius; or when she passes abeam of it, or moves away from it again, no
+    further off than she could come by turning. Passed further off, she sails for it anew
+    from where she is, a few times: then passing is enough, so that no place holds her for ever.
+    """
+    distance_m, _ = motion.place.distance_and_bearing(go.to)
+    if distance_m <= go.accept_m:
+        return state, True
+    closest_m = min(state.closest_m, distance_m)
+    reach_m = max(go.accept_m, passable_m(settings, motion))
+    passed = on is not None and on.remaining_m <= 0.0
+    receding = distance_m > closest_m + RECEDING_M and closest_m <= reach_m
+    if receding or (passed and distance_m <= reach_m):
+        return state, True
+    if passed:
+        if state.tries >= MOST_TRIES and distance_m <= FARTHEST_PASSED_M:
+            return state, True
+        return LineState(motion.place, 0.0, math.inf, min(state.tries + 1, MOST_TRIES)), False
+    return LineState(state.start, state.integral_s, closest_m, state.tries), False
+
+
+def passable_m(settings: GuidanceSettings, motion: Motion) -> float:
+    """Return how near she comes at worst when she turns for a place: her turning circle, drawn out by the current."""
+    drift = math.hypot(motion.north_m_s, motion.east_m_s) / max(motion.speed_m_s, 0.05)
+    return PASSED_RADII * settings.turning_radius_m * (1.0 + min(drift, 1.0))

@@ -1,0 +1,143 @@
+"""`rambler-hil compare`: controllers side by side in the same seas."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from firmware_py.model.kt import OCEAN_RAMBLER
+from hil import scenarios
+from hil.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
+from hil.errors import UsageError
+from hil.goals import GoalError, parse_goals
+
+DEFAULT_SEAS = ("tank", "sea", "swell", "weak")
+DEFAULT_GOALS = "0:0,120:60,720:-30"
+AFTER_LAST_GOAL_S = 600.0
+MOST_SEEDS = 1000
+COLUMNS = ("rms deg", "travel deg/h", "mean deg", "overshoot deg", "within 5 deg s")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=f"default {' '.join(DEFAULT_SEAS)}")
+    parser.add_argument("--seeds", type=int, default=2, metavar="N", help="seeds 1 to N of each (default 2)")
+    parser.add_argument("--goal", default=DEFAULT_GOALS, metavar="T:DEG,...", help=f'default "{DEFAULT_GOALS}"')
+    parser.add_argument(
+        "--only", choices=("paper", "pid", "ours"), nargs="+", help="these controllers (default all three)"
+    )
+    parser.add_argument(
+        "--prices",
+        type=float,
+        nargs="+",
+        default=[],
+        metavar="P",
+        help="ours at these values of CTL_PRICE too: the trade-off between error and rudder travel",
+    )
+    parser.add_argument(
+        "--limit",
+        action="store_true",
+        help="beside each row the error of the best linear regulator that was told everything, at the same travel",
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures, seed by seed")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Sail, print, and write what was asked for."""
+    task = _task(arguments)
+    if arguments.json is not None and not arguments.json.absolute().parent.is_dir():
+        raise UsageError(f"--json {arguments.json}: there is no directory {arguments.json.absolute().parent}")
+    if not all(0.1 <= price <= 10.0 for price in arguments.prices):
+        raise UsageError("--prices: give numbers from 0.1 to 10")
+    known = {"paper": PAPER, "pid": PID, "ours": OURS}
+    chosen: list[Controller] = [known[name] for name in arguments.only or known]
+    rows = compare(task, [*chosen, *map(priced, arguments.prices)], _tell if sys.stderr.isatty() else _silent)
+    print(text(rows, _limits(rows) if arguments.limit else None))
+    if arguments.json is not None:
+        arguments.json.write_text(json.dumps(as_json(rows), indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+def _limits(rows: list[Row]) -> list[tuple[float, float]]:
+    """Return for each row the least rms at its travel, with compass alone and with a receiver."""
+    from hil.compare.limit import at_travel, limits  # noqa: PLC0415 - scipy is slow to import, and not always needed
+
+    curves = {
+        (name, receiver): limits(scenarios.named(name), OCEAN_RAMBLER, receiver=receiver)
+        for name in {row.scenario for row in rows}
+        for receiver in (False, True)
+    }
+    return [
+        (
+            at_travel(curves[row.scenario, False], row.mean.travel_deg_per_h),
+            at_travel(curves[row.scenario, True], row.mean.travel_deg_per_h),
+        )
+        for row in rows
+    ]
+
+
+def text(rows: list[Row], limits: list[tuple[float, float]] | None = None) -> str:
+    """Return the tables as the terminal shows them; limits stand beside the rows."""
+    width = max(len(row.controller.name) for row in rows)
+    seeds = len(rows[0].scores)
+    lines = [f"{'':{width}}  " + "  ".join(COLUMNS) + f"   (mean of {seeds} seeds, steady from 200 s after a goal)"]
+    scenario = ""
+    for number, row in enumerate(rows):
+        if row.scenario != scenario:
+            scenario = row.scenario
+            lines.append(f"{scenario}")
+        mean = row.mean
+        cells = (
+            f"{mean.rms_deg:.2f}",
+            f"{mean.travel_deg_per_h:.0f}",
+            f"{mean.mean_deg:+.2f}",
+            f"{mean.overshoot_deg:.1f}",
+            f"{mean.near_s:.1f}",
+        )
+        numbers = "  ".join(f"{cell:>{len(title)}}" for cell, title in zip(cells, COLUMNS, strict=True))
+        if limits is not None:
+            compass_alone, receiver = limits[number]
+            numbers += f"   limit {compass_alone:.2f} deg, with a receiver {receiver:.2f}"
+        by = "" if row.controller.sailed_by == AUTOPILOT else f"   ({row.controller.sailed_by})"
+        lines.append(f"{row.controller.name:{width}}  {numbers}{by}")
+    return "\n".join(lines)
+
+
+def as_json(rows: list[Row]) -> list[dict[str, Any]]:
+    """Return everything for other programs."""
+    return [
+        {
+            "scenario": row.scenario,
+            "controller": row.controller.name,
+            "sailed_by": row.controller.sailed_by,
+            "settings": dict(row.controller.settings),
+            "mean": asdict(row.mean),
+            "seeds": [asdict(score) for score in row.scores],
+        }
+        for row in rows
+    ]
+
+
+def _task(arguments: argparse.Namespace) -> Task:
+    names = tuple(arguments.scenarios) or DEFAULT_SEAS
+    try:
+        for name in names:
+            scenarios.named(name)
+        goals = parse_goals(arguments.goal)
+    except (scenarios.UnknownScenarioError, GoalError) as error:
+        raise UsageError(str(error)) from None
+    if not 1 <= arguments.seeds <= MOST_SEEDS:
+        raise UsageError(f"--seeds {arguments.seeds}: give a whole number from 1 to {MOST_SEEDS}")
+    return Task(names, tuple(range(1, arguments.seeds + 1)), goals, goals[-1].t_s + AFTER_LAST_GOAL_S)
+
+
+def _tell(done: int, total: int) -> None:
+    print(f"\r\x1b[K{done} of {total} runs" if done < total else "\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def _silent(_done: int, _total: int) -> None:
+    return None
