@@ -77,6 +77,7 @@ class Situation:
     mission_ok: bool = False  # there is one
     home_ok: bool = False  # there is home or a rally point
     fence_breached: bool = False
+    fault: str = ""  # what of the faults that are set forbids arming
 
 
 class Need(IntEnum):
@@ -150,7 +151,7 @@ def arming_obstacle(situation: Situation) -> str:
         return "rudder servo does not answer"
     if situation.fence_breached:
         return "outside the fence"
-    return ""
+    return situation.fault
 
 
 def _arm(state: ModeState, intent: Arm, situation: Situation, _t_s: float) -> tuple[ModeState, Answer]:

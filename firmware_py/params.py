@@ -105,7 +105,16 @@ def _deviations(prefix: str, compass: str) -> tuple[Parameter, ...]:
     )
 
 
+_FAILSAFE = {
+    0: "alert only",
+    1: "HOLD: rudder amidships",
+    2: "STEERING: keep the heading",
+    3: "LOITER",
+    4: "RTL",
+}
+
 TABLE: tuple[Parameter, ...] = (
+    _real("BAT_LOW_VOLT", 0.0, 0.0, 100.0, "V", "Supply voltage below which it is low; 0: never."),
     _whole("BOOT_ARM", 0, 0, 1, "", "Arm by itself at start: 1 for a boat that must go on after a power cut."),
     _choice(
         "BOOT_MODE",
@@ -218,6 +227,14 @@ TABLE: tuple[Parameter, ...] = (
     ),
     _real("EST_TAU_S", 1.5, 0.1, 30.0, "s", "Time constant of the plain observer (EST_MODE 0)."),
     _choice("FENCE_ENABLE", 0, _OFF_ON, "Heed the fence."),
+    _choice("FS_FENCE_ACT", 4, _FAILSAFE, "What is done when she is outside the fence."),
+    _choice("FS_GCS_ACT", 0, _FAILSAFE, "What is done when no ground station is heard any more."),
+    _real("FS_GCS_S", 600.0, 5.0, 1e7, "s", "A ground station that has said nothing for this long is silent."),
+    _choice("FS_POS_ACT", 0, _FAILSAFE, "What is done without a position; with 0 she goes on as last steered."),
+    _choice("FS_RESUME", 0, _OFF_ON, "When a fault goes whose failsafe changed the mode: go on with what she did."),
+    _choice("FS_RUD_ACT", 0, _FAILSAFE, "What is done when the rudder or its servo fails, beside what helps it."),
+    _choice("FS_STEER_ACT", 0, _FAILSAFE, "What is done when she does not answer the rudder."),
+    _choice("FS_VOLT_ACT", 0, _FAILSAFE, "What is done when the supply voltage is low."),
     _choice(
         "LNK_IDENTITY",
         3,
@@ -240,6 +257,7 @@ TABLE: tuple[Parameter, ...] = (
         "A log file that reaches this size is closed and the next one begun.",
         reboot=True,
     ),
+    _real("LOG_FREE_MB", 50.0, 0.0, 1e6, "MB", "Storage with less room than this is full; no more logs are begun."),
     _real(
         "LOG_KEEP_MB",
         2048.0,
@@ -287,6 +305,7 @@ TABLE: tuple[Parameter, ...] = (
     ),
     _real("POS_TIMEOUT_S", 5.0, 0.5, 600.0, "s", "A position older than this is not steered by."),
     _choice("RALLY_INCL_HOME", 1, _OFF_ON, "RTL considers home beside the rally points, not only when there are none."),
+    _real("RUD_AMP_MAX", 3.0, 0.0, 50.0, "A", "Current above which the rudder servo is eased; 0: none."),
     _real("RUD_CENTRE_DEG", 0.0, -90.0, 90.0, "deg", "Angle of the servo shaft at which the rudder is amidships."),
     _real(
         "RUD_DBAND_DEG",
@@ -298,8 +317,17 @@ TABLE: tuple[Parameter, ...] = (
     ),
     _choice("RUD_DISARMED", 0, {0: "held amidships", 1: "released"}, "The rudder while disarmed."),
     _real("RUD_LIMIT_DEG", 30.0, 1.0, 60.0, "deg", "Largest rudder angle to either side."),
+    _real(
+        "RUD_REST_S",
+        0.0,
+        0.0,
+        3600.0,
+        "s",
+        "Torque is released when the command has stood this long and nothing pulls, if the servo can; 0: never.",
+    ),
     _choice("RUD_REVERSE", 0, {0: "no", 1: "yes"}, "The servo shaft turns against the rudder."),
     _real("RUD_SLEW_DEG_S", 30.0, 0.5, 360.0, "deg/s", "Fastest change of the rudder command."),
+    _real("RUD_TEMP_MAX", 70.0, 0.0, 150.0, "degC", "Temperature above which the rudder servo is hot."),
     _real("RUD_TIMEOUT_S", 1.0, 0.2, 60.0, "s", "A servo that has not answered for this long is silent."),
     _count("STAT_BOOTCNT", "Starts of the autopilot that this state directory has seen."),
     _real("STK_RATE_DEG_S", 2.0, 0.1, 30.0, "deg/s", "In STEERING, how fast a full stick turns the goal."),

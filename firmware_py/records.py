@@ -50,6 +50,8 @@ class DeviceRole(IntEnum):
     POSITION = 1
     RUDDER = 2
     STORAGE = 3
+    LINK = 4  # the ground stations: RUNNING while one is heard
+    CLOCK = 5  # the computer's clock against the loop's: FAULTY when it has just jumped
 
 
 class DeviceState(IntEnum):
@@ -60,6 +62,7 @@ class DeviceState(IntEnum):
     RUNNING = 2
     SILENT = 3  # the port is open, the device has stopped answering
     FAULTY = 4  # the device answers and reports an error of its own
+    FULL = 5  # a storage that works and has no room
 
 
 class Severity(IntEnum):
@@ -137,6 +140,7 @@ class RudderFeedback:
     current_a: float | None = None
     hardware_error: int = 0  # the device's own error bits, 0 = none
     torque_on: bool | None = None
+    restarts: int = 0  # how often the servo was found to have come up anew by itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,6 +316,22 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
+class Energy:
+    """What steering has cost since start, the rudder's travel and reversals in about the last hour, the servo's power.
+
+    `energy_j` and `power_w` are those that the servo tells of; `resting`: its torque is released.
+    """
+
+    travel_rad: float = 0.0
+    reversals: int = 0
+    energy_j: float = 0.0
+    travel_rad_per_h: float = 0.0
+    reversals_per_h: float = 0.0
+    power_w: float | None = None
+    resting: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """The state of the boat after a tick, for the log and the link.
 
@@ -349,6 +369,7 @@ class Snapshot:
     estimate: Estimate | None = None
     water: Water | None = None
     navigation: Navigation = Navigation()
+    energy: Energy | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 
-from firmware_py import helm, lookout, pilotage
+from firmware_py import helm, lookout, pilotage, watch
 from firmware_py.control.reference import Reference
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
 from firmware_py.estimate import current, heading, position
+from firmware_py.faults import arming_obstacle
 from firmware_py.modes import ModeState, Situation
-from firmware_py.monitor import MonitorState
+from firmware_py.monitor.judge import MonitorState
 from firmware_py.params import ParameterSet
 from firmware_py.plan import Plans
 from firmware_py.records import DeviceHealth, Home, PositionSample, RudderFeedback
@@ -26,6 +27,7 @@ class Settings:
     linkage: Linkage
     observer: heading.ObserverSettings
     pilotage: pilotage.Settings
+    watch: watch.Settings
     position_timeout_s: float
     position_jump_s: float
     rudder_timeout_s: float
@@ -44,6 +46,7 @@ def settings_of(parameters: ParameterSet) -> Settings:
         Linkage.of(parameters),
         heading.ObserverSettings.of(parameters),
         pilotage.Settings.of(parameters),
+        watch.Settings.of(parameters),
         parameters["POS_TIMEOUT_S"],
         parameters["POS_JUMP_S"],
         parameters["RUD_TIMEOUT_S"],
@@ -68,6 +71,7 @@ class State:
     place: position.PositionState = position.PositionState()  # noqa: RUF009 - frozen
     nav: pilotage.NavState = pilotage.NavState()  # noqa: RUF009 - frozen
     monitor: MonitorState = MonitorState()  # noqa: RUF009 - frozen
+    watch: watch.WatchState = watch.WatchState()  # noqa: RUF009 - frozen
     position: PositionSample | None = None
     servo: RudderFeedback | None = None
     storage: DeviceHealth | None = None
@@ -108,6 +112,7 @@ def situation_of(state: State, now_s: float) -> Situation:
         mission_ok=bool(state.plans.mission.items),
         home_ok=state.home is not None or bool(state.plans.rally.items),
         fence_breached=margin_m is not None and margin_m < 0.0,
+        fault=arming_obstacle(state.monitor.active),
     )
 
 

@@ -9,17 +9,18 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from firmware_py import helm, lookout, pilotage
+from firmware_py import conditions, helm, lookout, pilotage, watch
 from firmware_py.control.reference import Reference
 from firmware_py.control.rudder_limit import limited_command
-from firmware_py.estimate import current, position
+from firmware_py.estimate import current, kalman, position
 from firmware_py.faults import Fault
 from firmware_py.guidance.sphere import Place
+from firmware_py.intents import Verdict
 from firmware_py.modes import ModeState, Situation, arming_obstacle, live_bench, live_stick
-from firmware_py.monitor import update as update_monitor
+from firmware_py.monitor import energy, rudder
+from firmware_py.monitor.judge import update as update_monitor
 from firmware_py.records import (
     DeviceRole,
-    DeviceState,
     Event,
     Home,
     Inputs,
@@ -32,34 +33,32 @@ from firmware_py.records import (
     Snapshot,
 )
 from firmware_py.requests import accept
-from firmware_py.state import Settings, State, fence_enabled, fresh, settings_of, situation_of
+from firmware_py.state import Settings, State, fence_enabled, settings_of, situation_of
 
 __all__ = ["State", "accept", "settings_of", "step"]
-
-LATE_MEMORY_S = 2.0
 
 
 def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     """Compute one tick: the next state, the rudder command and what is to be told."""
-    before = state
+    before, now_s, ordered = state, inputs.tick.t_s, False
     for request in inputs.requests:
-        state, _ = accept(state, request)
+        state, answer = accept(state, request)
+        ordered |= answer.verdict is Verdict.ACCEPTED and isinstance(request.intent, watch.ORDERS)
     settings = settings_of(state.parameters)
-    state, sensed_told = _sensed(settings, state, inputs)
-    now_s = inputs.tick.t_s
-    monitor, faults_told = update_monitor(state.monitor, _conditions(settings, state, now_s), now_s)
-    situation = situation_of(state, now_s)
     step_s = min(max(0.0, now_s - before.t_s), 1.0) if before.started_s is not None else 0.0
-    modes = pilotage.goal_kept(settings.pilotage, state.modes, situation, now_s, step_s)
-    state, guided = _guided(settings, replace(state, modes=modes), situation, inputs)
+    state, sensed_told = _sensed(settings, state, inputs)
+    state = _watched(settings, state, inputs, step_s)
+    monitor, faults_told = update_monitor(state.monitor, conditions.standing(settings, state, now_s), now_s)
+    state = replace(state, monitor=monitor)
+    situation = situation_of(state, now_s)
+    guard, modes, guard_told = watch.guarded(
+        settings.watch, state.watch, state.modes, monitor.active, situation, ordered=ordered
+    )
+    modes = pilotage.goal_kept(settings.pilotage, modes, situation, now_s, step_s)
+    state, guided = _guided(settings, replace(state, watch=guard, modes=modes), situation, inputs)
     steering = pilotage.steering(modes, state.nav.followed, situation)
-    lost_s = monitor.since_s[Fault.COMPASS_LOST]
-    demand_rad, reference = _demand_rad(settings, state, modes, steering, now_s, lost_s, step_s)
-    command_rad = limited_command(settings.limits, state.rudder_command_rad, demand_rad, step_s)
-    state = replace(state, monitor=monitor, reference=reference, rudder_command_rad=command_rad, t_s=now_s)
-    held = state.modes.armed or not settings.release_disarmed or live_bench(modes, now_s) is not None
-    command = RudderCommand(settings.linkage.to_shaft(command_rad), held)
-    told = (*_changes_told(before, state), *sensed_told, *faults_told, *guided)
+    state, command = _steered(settings, state, situation, steering, now_s, step_s)
+    told = (*_changes_told(before, state), *sensed_told, *faults_told, *guard_told, *guided)
     return state, Output(command, _snapshot(settings, state, situation, steering, inputs), told)
 
 
@@ -127,26 +126,59 @@ def _rudder_rad(settings: Settings, state: State, servo: RudderFeedback | None) 
     return settings.linkage.to_rudder(servo.shaft_rad)
 
 
-def _conditions(settings: Settings, state: State, now_s: float) -> tuple[bool, ...]:
-    """Whether the condition of each fault stands, in the order of faults.TABLE."""
-    started_s = now_s if state.started_s is None else state.started_s
-    fix, servo, storage = state.position, state.servo, state.storage
-    margin_m = pilotage.fence_margin_m(state.nav, state.plans, enabled=fence_enabled(settings, state))
+def _watched(settings: Settings, state: State, inputs: Inputs, step_s: float) -> State:
+    """Let the watch look at the tick: rudder, energy, devices, and whether she answers the rudder."""
+    now_s = inputs.tick.t_s
+    seen = watch.sensed(settings.watch, state.watch, inputs, _rudder_now(settings, state, inputs), step_s)
+    valid = state.heading.fresh(now_s, settings.observer.timeout_s)
+    waves = state.lookout.waves
+    speed_m_s = waves.x[kalman.SPEED] if waves.x else settings.watch.model_speed_m_s
+    rate_rad_s = state.heading.yaw_rate_rad_s if valid and state.modes.armed else None
+    rudder_rad = _rudder_rad(settings, state, state.servo)
+    return replace(state, watch=watch.turning(settings.watch, seen, rudder_rad, rate_rad_s, speed_m_s, step_s))
 
-    def lost(t_s: float | None, timeout_s: float) -> bool:
-        return now_s - (started_s if t_s is None else t_s) > timeout_s
 
-    return (
-        lost(state.heading.sample_t_s, settings.observer.timeout_s),  # COMPASS_LOST
-        fix is not None and lost(fix.t_s, settings.position_timeout_s),  # POSITION_LOST
-        lost(servo.t_s if servo else None, settings.rudder_timeout_s),  # RUDDER_SILENT
-        servo is not None and servo.hardware_error != 0,  # RUDDER_ERROR
-        fresh(state.skipped_t_s, now_s, LATE_MEMORY_S),  # LOOP_LATE
-        storage is not None and storage.state is DeviceState.FAULTY,  # STORAGE_FAILING
-        state.current.too_strong,  # CURRENT_STRONG
-        state.modes.armed and state.modes.mode is Mode.AUTO and state.nav.mission.unusable,  # MISSION_UNUSABLE
-        margin_m is not None and margin_m < 0.0,  # FENCE_BREACHED
+def _rudder_now(settings: Settings, state: State, inputs: Inputs) -> watch.RudderNow:
+    """What is known of the rudder in this tick."""
+    newest = inputs.rudder[-1].shaft_rad if inputs.rudder else None
+    measured = newest is not None and math.isfinite(newest)
+    angle_rad = _rudder_rad(settings, state, state.servo)
+    wanted = _held(settings, state.modes, inputs.tick.t_s)
+    return watch.RudderNow(state.rudder_command_rad, angle_rad, angle_rad if measured else None, wanted, state.servo)
+
+
+def _held(settings: Settings, modes: ModeState, now_s: float) -> bool:
+    """Whether the rudder is to be held or moved, and not released."""
+    return modes.armed or not settings.release_disarmed or live_bench(modes, now_s) is not None
+
+
+def _steered(
+    settings: Settings,
+    state: State,
+    situation: Situation,
+    steering: pilotage.Steering,
+    now_s: float,
+    step_s: float,
+) -> tuple[State, RudderCommand]:
+    """From what guidance asks for to what the servo is told; the watch has the last word."""
+    modes, lost_s = state.modes, state.monitor.since_s[Fault.COMPASS_LOST]
+    demand_rad, reference = _demand_rad(settings, state, modes, steering, now_s, lost_s, step_s)
+    guard, demand_rad = watch.supervised(
+        state.watch,
+        demand_rad,
+        state.rudder_command_rad,
+        modes,
+        now_s,
+        heading_ok=situation.heading_rad is not None,
     )
+    command_rad = limited_command(settings.limits, state.rudder_command_rad, demand_rad, step_s)
+    command_rad = rudder.eased(guard.rudder, command_rad, now_s)
+    angle_rad = _rudder_rad(settings, state, state.servo)
+    seen = watch.RudderNow(command_rad, angle_rad, None, True, state.servo)
+    guard, pulls = watch.torque(settings.watch, guard, command_rad, seen, now_s)
+    torque_on = pulls and _held(settings, modes, now_s)
+    state = replace(state, watch=guard, reference=reference, rudder_command_rad=command_rad, t_s=now_s)
+    return state, RudderCommand(settings.linkage.to_shaft(command_rad), torque_on)
 
 
 def _guided(settings: Settings, state: State, situation: Situation, inputs: Inputs) -> tuple[State, tuple[Event, ...]]:
@@ -246,4 +278,5 @@ def _snapshot(
         water=situation.water,
         navigation=pilotage.navigation_of(state.nav, state.plans, fence_enabled=fence_enabled(settings, state)),
         estimate=lookout.estimate_of(state.lookout, state.heading),
+        energy=energy.told(state.watch.energy, resting=state.watch.rest.resting_s is not None),
     )

@@ -16,6 +16,8 @@ BASE = {
     "clock",
     "params",
     "faults",
+    "fault_kinds",
+    "fault_table",
     "ports",
     "model",
     "serial_line",
@@ -30,9 +32,10 @@ BASE = {
     "plan_rules",
     "planfiles",
 }
-PURE = {"modes", "monitor", "estimate", "guidance", "control"}
+PURE = {"modes", "monitor", "failsafe", "estimate", "guidance", "control"}
 EDGE = {"sensors", "actuator", "link", "log"}
 LOOP = {"step", "step_state", "loop", "helm", "lookout", "pilotage", "state", "requests", "resume"}
+LOOP |= {"watch", "conditions"}
 TOP = {"assemble", "cli", "__main__"}
 ALL = PLAIN | BASE | PURE | EDGE | LOOP | TOP
 

@@ -108,6 +108,7 @@ FEEDBACK: Final = Row(
         maybe("Curr", "A", "current_a"),
         whole("Err", "I", "hardware_error"),
         maybe_flag("Torq", "torque_on"),
+        whole("Rst", "I", "restarts"),
     ),
     RudderFeedback,
 )
@@ -209,6 +210,20 @@ ESTIMATE: Final = Row(
     ),
     _not_read,
 )
+ENERGY: Final = Row(
+    155,
+    "ENRG",
+    (
+        real("Trav", "r", "travel_rad"),
+        whole("Rev", "Q", "reversals"),
+        real("Enrg", "J", "energy_j"),
+        real("TrvH", "r", "travel_rad_per_h"),
+        real("RevH", "-", "reversals_per_h"),
+        maybe("Pow", "W", "power_w"),
+        flag("Rest", "resting"),
+    ),
+    _not_read,
+)
 DROP: Final = MessageType(149, "DROP", "TimeUS,Lost", "QQ", "s-", "F-")
 END: Final = MessageType(150, "END", "TimeUS,Seq,Crc", "QQI", "s--", "F--")
 CRC_BYTES: Final = 4
@@ -225,6 +240,7 @@ TYPES: Final = (
     ESTIMATE.type,
     GUIDANCE.type,
     WATER.type,
+    ENERGY.type,
     DROP,
     END,
 )
@@ -249,6 +265,8 @@ def output_bytes(output: Output) -> bytes:
     if boat.tick % GUIDANCE_TICKS:
         return decided
     decided += GUIDANCE.pack(t_s, boat)
+    if boat.energy is not None:
+        decided += ENERGY.pack(t_s, boat.energy)
     return decided if boat.water is None else decided + WATER.pack(t_s, boat.water)
 
 

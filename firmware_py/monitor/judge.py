@@ -11,9 +11,10 @@ from firmware_py.records import Event, Severity
 
 @dataclass(frozen=True, slots=True)
 class MonitorState:
-    """Since when each condition stands (None: it does not) and the faults that are set, as bits."""
+    """Since when each condition stands (None: it does not), when it last stood, and the faults set, as bits."""
 
     since_s: tuple[float | None, ...] = (None,) * len(TABLE)
+    stood_s: tuple[float | None, ...] = (None,) * len(TABLE)
     active: int = 0
 
     def is_set(self, fault: Fault) -> bool:
@@ -29,15 +30,20 @@ def update(state: MonitorState, conditions: Sequence[bool], now_s: float) -> tup
     if not state.active and not any(conditions):
         return WELL, ()
     since: list[float | None] = []
+    stood: list[float | None] = []
     active = 0
     events: list[Event] = []
-    for row, begun_s, stands in zip(TABLE, state.since_s, conditions, strict=True):
-        start_s = (now_s if begun_s is None else begun_s) if stands else None
+    for row, begun_s, before_s, stands in zip(TABLE, state.since_s, state.stood_s, conditions, strict=True):
+        was_set = state.is_set(row.fault)
+        last_s = now_s if stands else before_s
+        kept = stands or (was_set and last_s is not None and now_s - last_s < row.clear_s)
+        start_s = (now_s if begun_s is None else begun_s) if kept else None
         since.append(start_s)
-        is_set = start_s is not None and now_s - start_s >= row.debounce_s
+        stood.append(last_s if kept else None)
+        is_set = start_s is not None and (was_set or now_s - start_s >= row.debounce_s)
         active |= is_set << row.fault
-        if is_set and not state.is_set(row.fault):
+        if is_set and not was_set:
             events.append(Event(row.severity, row.text))
-        elif not is_set and state.is_set(row.fault):
+        elif was_set and not is_set:
             events.append(Event(Severity.NOTICE, row.recovery))
-    return MonitorState(tuple(since), active), tuple(events)
+    return MonitorState(tuple(since), tuple(stood), active), tuple(events)

@@ -1,5 +1,5 @@
 from firmware_py.faults import TABLE, Fault, markdown
-from firmware_py.monitor import MonitorState, update
+from firmware_py.monitor.judge import MonitorState, update
 from firmware_py.records import Severity
 
 

@@ -1,0 +1,1 @@
+"""Watches what goes wrong: pure judges of conditions, rudder and energy."""
