@@ -302,6 +302,7 @@ def _recorder(directory: Path, parameters: ParameterSet, clock: Clock) -> LogRec
         parameters=parameters,
         file_bytes=int(parameters["LOG_FILE_MB"] * 1e6),
         keep_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
+        least_bytes=int(parameters["LOG_FREE_MB"] * 1e6),
         utc_s=clock.utc_s(),
         software=f"rambler {__version__}",
     )

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import gc
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from firmware_py.clock import Metronome
+from firmware_py.health import HealthWatch
 from firmware_py.intents import Answer, ForgetParameters, ReplacePlan, Request, Restart, SetParameter, Verdict
 from firmware_py.params import ParameterSet
 from firmware_py.plan import PlanKind, Plans
 from firmware_py.plan import to_text as plan_to_text
 from firmware_py.ports import Clock, Compass, Device, Link, Position, Recorder, Rudder
 from firmware_py.records import (
-    DeviceHealth,
-    DeviceRole,
-    DeviceState,
     Event,
     HeadingSample,
     Inputs,
@@ -41,7 +38,6 @@ LINK_PART = 0.75
 # More requests than this between two ticks are turned away.
 PENDING_LIMIT = 256
 COLLECT_INTERVAL_S = 60.0
-HEALTH_INTERVAL_S = 0.5
 PARAMETER_FILE = "parameters.param"
 PLAN_FILES = {PlanKind.MISSION: "mission.plan", PlanKind.FENCE: "fence.plan", PlanKind.RALLY: "rally.plan"}
 
@@ -147,40 +143,6 @@ class Pilot:
             self._store.save(RESUME_FILE, text.encode())
 
 
-class HealthWatch:
-    """Looks at devices and storage now and then; what has changed is an input of the next tick."""
-
-    def __init__(self) -> None:
-        """Start with nothing known."""
-        self._told: dict[DeviceRole, tuple[DeviceState, str]] = {}
-        self._news: tuple[DeviceHealth, ...] = ()
-        self._due_s = -math.inf
-
-    def look(self, boat: Boat, now_s: float) -> None:
-        """Find what has changed since the last look, at most every HEALTH_INTERVAL_S."""
-        if now_s < self._due_s:
-            return
-        self._due_s = now_s + HEALTH_INTERVAL_S
-        for record in (*(device.health(now_s) for device in boat.devices), _storage_health(boat, now_s)):
-            if self._told.get(record.role) != (record.state, record.text):
-                self._told[record.role] = (record.state, record.text)
-                self._news += (record,)
-
-    def take_news(self) -> tuple[DeviceHealth, ...]:
-        """Hand over what has changed."""
-        news, self._news = self._news, ()
-        return news
-
-
-def _storage_health(boat: Boat, now_s: float) -> DeviceHealth:
-    """The log and the store as one device: what fails of either is a fault of the storage."""
-    if failure := boat.store.failure:
-        return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.FAULTY, 0, 1, failure)
-    if boat.recorder is not None:
-        return boat.recorder.health(now_s)
-    return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.RUNNING, 0, 0)
-
-
 @dataclass(slots=True)
 class Boat:
     """Everything the loop drives, wired by assemble."""
@@ -235,7 +197,7 @@ def run(boat: Boat, stopped: Callable[[], bool]) -> None:
 
 def _turn(boat: Boat, tick: Tick) -> HeadingSample | None:
     """Do one tick, the rudder before all that can wait; return the newest heading sample, if any."""
-    now_s = tick.t_s + tick.late_s
+    clock, now_s = boat.clock, tick.t_s + tick.late_s
     for device in boat.devices:
         device.receive(now_s)
     headings = tuple(boat.compass.poll())
@@ -260,8 +222,8 @@ def _turn(boat: Boat, tick: Tick) -> HeadingSample | None:
         boat.tell(event)
     for line in boat.lines:
         line.maintain(now_s)
-    boat.health.look(boat, now_s)
-    boat.pilot.remember(now_s, boat.clock.utc_s())
+    boat.health.look(boat.devices, (boat.store, boat.recorder), clock, boat.link, now_s)
+    boat.pilot.remember(now_s, clock.utc_s())
     return headings[-1] if headings else None
 
 

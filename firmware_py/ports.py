@@ -151,6 +151,10 @@ class Link(Protocol):
     def busy(self) -> bool:
         """Whether something already read still waits for `service`."""
 
+    @property
+    def station_s(self) -> float | None:
+        """When a ground station was last heard, None when none has been."""
+
     def descriptors(self) -> Sequence[int]:
         """The descriptors whose readability `service` wants."""
 

@@ -34,8 +34,20 @@ BASE = {
 }
 PURE = {"modes", "monitor", "failsafe", "estimate", "guidance", "control"}
 EDGE = {"sensors", "actuator", "link", "log"}
-LOOP = {"step", "step_state", "loop", "helm", "lookout", "pilotage", "state", "requests", "resume"}
-LOOP |= {"watch", "conditions"}
+LOOP = {
+    "step",
+    "step_state",
+    "loop",
+    "health",
+    "pilotage",
+    "state",
+    "requests",
+    "resume",
+    "helm",
+    "lookout",
+    "watch",
+    "conditions",
+}
 TOP = {"assemble", "cli", "__main__"}
 ALL = PLAIN | BASE | PURE | EDGE | LOOP | TOP
 

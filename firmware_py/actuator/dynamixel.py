@@ -35,7 +35,7 @@ from enum import Enum, auto
 from firmware_py.actuator import dynamixel_frames as frames
 from firmware_py.actuator import dynamixel_registers as table
 from firmware_py.actuator.dynamixel_readings import Readings
-from firmware_py.actuator.dynamixel_upkeep import Kind, Request, Upkeep
+from firmware_py.actuator.dynamixel_upkeep import Kind, Request, Restarts, Upkeep
 from firmware_py.actuator.half_duplex import HalfDuplex
 from firmware_py.ports import ByteLine
 from firmware_py.records import DeviceHealth, DeviceRole, DeviceState, RudderCommand, RudderFeedback
@@ -102,6 +102,7 @@ class DynamixelRudder:
         self._goals_refused = 0
         self._temperature_c: float | None = None
         self._reboot_at_s: float | None = None
+        self._restarts = Restarts()
 
     def fileno(self) -> int:
         """The descriptor whose bytes `receive` wants, or -1."""
@@ -206,6 +207,7 @@ class DynamixelRudder:
         elif request.block is table.TELEMETRY:
             self._publish(data, now_s)
         else:
+            self._restarts.read(request, data)
             restarted = self._phase is Phase.RUN and self._upkeep.shows_restart(request, data)
             self._upkeep.obeyed(request, data)
             if restarted:
@@ -226,6 +228,7 @@ class DynamixelRudder:
                 current_a=values.current_a,
                 hardware_error=self._upkeep.hardware_error(),
                 torque_on=None if torque is None else bool(torque),
+                restarts=self._restarts.count,
             )
         )
 
@@ -253,6 +256,7 @@ class DynamixelRudder:
         self._upkeep.sent(request, now_s)
         self._readings.sent(request, now_s)
         self._goal_was_last = request.kind is Kind.GOAL
+        self._restarts.sent(request)
         if self._goal_was_last:
             self._goal_due = False
         elif request.kind is Kind.REBOOT:

@@ -45,6 +45,30 @@ def read_request(device_id: int, block: table.Block) -> Request:
     return Request(Kind.READ, frame, block.name, block.length, block)
 
 
+class Restarts:
+    """Counts how often the servo has lost its power: its torque is gone, without an error and unasked.
+
+    A cable out and in takes no torque away.
+    """
+
+    def __init__(self) -> None:
+        """Start with none."""
+        self.count = 0
+        self._torque_seen = False
+
+    def sent(self, request: Request) -> None:
+        """Note what takes the torque away on purpose."""
+        if request.kind is Kind.REBOOT or (request.kind is Kind.CORRECT and request.name == table.TORQUE_ENABLE.name):
+            self._torque_seen = False
+
+    def read(self, request: Request, data: bytes) -> None:
+        """Take the answer to a read."""
+        if request.kind is Kind.READ and request.block is table.STATE:
+            torque, error = table.TORQUE_ENABLE.decoded(data), table.HARDWARE_ERROR.decoded(data)
+            self.count += self._torque_seen and not torque and not error
+            self._torque_seen = bool(torque)
+
+
 class Upkeep:
     """The image of one servo and the next request that brings it nearer to what it shall be.
 

@@ -113,6 +113,7 @@ class Endpoint:
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
         self._intake = Intake(self._roster.knows)
         self._unread: deque[tuple[Peer, Admitted]] = deque()  # frames not yet answered
+        self._station_s: float | None = None
         self._turn = 0  # whose long answer goes on next
         self._pumping = False  # whether one did in the last call
         self._handlers = self._collect()
@@ -144,6 +145,11 @@ class Endpoint:
         if self._unread or self._intake or self._pumping:
             return True
         return any(peer.bulk.hungry and not peer.outbox.waiting(Priority.REPLY) for peer in self._roster)
+
+    @property
+    def station_s(self) -> float | None:
+        """When a ground station was last heard, None when none has been."""
+        return self._station_s
 
     def service(self, now_s: float, ready: Sequence[int]) -> None:
         """Read a bounded piece from each ready transport, unless the last one of a stream still waits; answer some."""
@@ -220,11 +226,10 @@ class Endpoint:
         sender = (message.get_srcSystem(), message.get_srcComponent())
         return sender == (self._session.system, self._session.component)
 
-    @staticmethod
-    def _heard(peer: Peer, message: Message, now_s: float) -> None:
+    def _heard(self, peer: Peer, message: Message, now_s: float) -> None:
         """Note that a ground station is there."""
         if message.type == _GROUND_STATION:
-            peer.ground_station_s = now_s
+            peer.ground_station_s = self._station_s = now_s
 
     # ------------------------------------------------------------------ out
 

@@ -33,6 +33,9 @@ class Disk(Protocol):
     def prune(self, directory: Path, room_bytes: int) -> None:
         """Remove the oldest files until the rest takes no more than room_bytes."""
 
+    def free_bytes(self, directory: Path) -> int:
+        """Return how much room there is for the likes of us."""
+
 
 class LocalDisk:
     """A Disk of the operating system's."""
@@ -79,6 +82,11 @@ class LocalDisk:
                 return
             files[number].unlink()
             total -= sizes[number]
+
+    def free_bytes(self, directory: Path) -> int:
+        """Ask the file system; one that is not there yet is its parent's."""
+        found = os.statvfs(directory if directory.is_dir() else directory.parent)
+        return found.f_bavail * found.f_frsize
 
 
 def log_files(directory: Path) -> dict[int, Path]:

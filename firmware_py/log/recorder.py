@@ -34,6 +34,7 @@ class LogRecorder:
         parameters: ParameterSet,
         file_bytes: int,
         keep_bytes: int,
+        least_bytes: int = 0,
         utc_s: float,
         software: str,
         queue_batches: int = 2048,
@@ -44,7 +45,8 @@ class LogRecorder:
         """Begin; the first file is made with the first tick, and nothing is raised.
 
         Files of file_bytes are written until all together exceed keep_bytes, whereupon
-        the oldest goes. `utc_s` is the time of the start. Without `background` the ticks
+        the oldest goes; none is begun with less than least_bytes free. `utc_s` is the time of
+        the start. Without `background` the ticks
         are written on the caller's thread whenever the queue is half full: nothing is
         dropped, but the caller waits for the disk (lockstep runs).
         """
@@ -64,6 +66,7 @@ class LogRecorder:
             queue_batches=queue_batches,
             queue_bytes=queue_bytes,
             flush_s=FLUSH_S,
+            least_bytes=least_bytes,
         )
         if background:
             self.writer.start()
@@ -100,9 +103,11 @@ class LogRecorder:
         if not self.writer.alive():
             text = text or "log: the writer has ended"
         state = DeviceState.RUNNING if self.writer.proven else DeviceState.STARTING
-        return DeviceHealth(
-            now_s, DeviceRole.STORAGE, DeviceState.FAULTY if text else state, self._sequence - lost, lost, text
-        )
+        if self.writer.short:
+            state, text = DeviceState.FULL, text or "log: the disk is nearly full"
+        elif text:
+            state = DeviceState.FAULTY
+        return DeviceHealth(now_s, DeviceRole.STORAGE, state, self._sequence - lost, lost, text)
 
     def close(self) -> None:
         """Write what is queued and close the file."""

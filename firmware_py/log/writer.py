@@ -10,6 +10,8 @@ that second is lost in a power cut.
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import threading
 from collections import deque
 from pathlib import Path
@@ -36,12 +38,24 @@ class LogWriter:
     """
 
     def __init__(
-        self, directory: Path, disk: Disk, *, room_bytes: int, queue_batches: int, queue_bytes: int, flush_s: float
+        self,
+        directory: Path,
+        disk: Disk,
+        *,
+        room_bytes: int,
+        queue_batches: int,
+        queue_bytes: int,
+        flush_s: float,
+        least_bytes: int = 0,
     ) -> None:
-        """Write into directory, whose older files are removed beyond room_bytes."""
+        """Write into directory, whose older files are removed beyond room_bytes.
+
+        No file is begun while the disk has less than least_bytes free.
+        """
         self._directory = directory
         self._disk = disk
         self._room_bytes = room_bytes
+        self._least_bytes = least_bytes
         self._queue_batches = queue_batches
         self._queue_bytes = queue_bytes
         self._flush_s = flush_s
@@ -54,6 +68,7 @@ class LogWriter:
         self.wanted_files = 1
         self.lost = 0
         self.failure = ""
+        self.short = False  # of room
         self.proven = False  # something has reached the medium
         self._closing = False
         self._wake = threading.Event()
@@ -126,10 +141,17 @@ class LogWriter:
             chunk_bytes += len(batch.data)
         self._write(chunk)
         self._sync()
+        self._look_for_room()
+
+    def _look_for_room(self) -> None:
+        with contextlib.suppress(OSError):
+            self.short = self._disk.free_bytes(self._directory) < self._least_bytes
 
     def _begin_file(self) -> None:
         try:
             self._disk.prune(self._directory, self._room_bytes)
+            if self._disk.free_bytes(self._directory) < self._least_bytes:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # noqa: TRY301 - as the disk would
             self._file = self._disk.create(self._directory)
         except OSError as error:
             self._fail(error)

@@ -113,6 +113,7 @@ class FakeLink:
     def __init__(self, boat_log):
         self.log, self.outputs, self.on_service = boat_log, [], lambda _now_s: None
         self.left_over = 0
+        self.station_s = None
 
     @property
     def busy(self):

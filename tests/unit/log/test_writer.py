@@ -19,6 +19,7 @@ class PretendDisk:
         self.sync_error = None
         self.synced = 0
         self.pruned = []
+        self.free = 10**9
 
     def create(self, directory):
         if self.create_error is not None:
@@ -51,6 +52,9 @@ class PretendDisk:
 
     def prune(self, directory, room_bytes):
         self.pruned.append(room_bytes)
+
+    def free_bytes(self, directory):
+        return self.free
 
 
 @pytest.fixture
