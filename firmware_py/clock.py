@@ -60,7 +60,7 @@ class LockstepClock:
     """The HIL's clock: time stands still while the autopilot computes.
 
     Each wait is one packet (deadline, bytes written so far on each serial line) and one
-    packet in return (the new time). The HIL has by then taken the bytes written, moved the
+    packet in return (the new time, perhaps with a step of UTC). The HIL has by then taken the bytes written, moved the
     world on to the deadline or to the first bytes for the autopilot, and put those into the
     serial lines. Everything else is the same code on the same lines as at sea.
     """
@@ -120,9 +120,11 @@ class LockstepClock:
             packet = self._socket.recv(64)
         except OSError as error:
             raise ClockError(f"the HIL has gone: {error.strerror}") from None
-        if len(packet) != 8:
+        if len(packet) not in (8, 16):
             raise ClockError("the HIL has ended the run")
-        self._now_s = struct.unpack("<d", packet)[0]
+        self._now_s = struct.unpack_from("<d", packet)[0]
+        if len(packet) == 16:
+            self._utc_offset_s += struct.unpack_from("<d", packet, 8)[0]
         self._outstanding = False
 
 

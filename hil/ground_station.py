@@ -66,6 +66,7 @@ class GroundStation:
         ]
         self.orders: tuple[Order, ...] = (arm, enter, *steer) if goals or mode != GUIDED else ()
         self.heartbeat: Any | None = None
+        self.silent = False
         self.texts: deque[tuple[float, int, str]] = deque(maxlen=TEXTS_KEPT)
         self._open = deque(self.orders)
         self._tap = MavlinkTap(
@@ -101,7 +102,7 @@ class GroundStation:
         if self._order_s <= now_s:
             self._leave_overtaken(now_s)
             frames.append(self._give(self._open[0], now_s))
-        return b"".join(frames)
+        return b"" if self.silent else b"".join(frames)
 
     # What the run and its display ask.
 

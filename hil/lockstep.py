@@ -3,7 +3,7 @@
 The autopilot connects to a Unix SOCK_SEQPACKET socket and says in JSON which serial lines
 it has, by path and in order; it is told the time of the start. From then on each of its
 waits is one packet (`<d` deadline, then `Q` for each line: bytes written so far) and one
-packet in return (`<d` the new time): by then its bytes have reached the devices, the world
+packet in return (`<d` the new time, and another `d` by which its UTC is stepped then): by then its bytes have reached the devices, the world
 has moved on to the deadline or to the first bytes for the autopilot, and those lie in its
 serial lines. Nothing in this depends on how fast either side computes.
 """
@@ -30,6 +30,7 @@ CONNECT_S = 20.0
 STALL_S = 30.0
 POLL_S = 0.1
 NEW_TIME = struct.Struct("<d")
+NEW_TIME_AND_STEP = struct.Struct("<dd")
 
 
 class LockstepError(HilError):
@@ -48,6 +49,8 @@ class LockstepServer:
         self._packet = NEW_TIME
         self._heard: list[int] = []
         self._before: list[int] = []  # what earlier processes wrote on each line
+        self._utc_step_s = 0.0
+        self._stall_until_s = -math.inf
         self._connection: socket.socket | None = None
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
@@ -102,6 +105,14 @@ class LockstepServer:
         self._packet = struct.Struct(f"<d{len(self._stations)}Q")
         self._send(json.dumps({"start_s": self._board.world.now_s, "utc_s": utc_s}).encode())
 
+    def step_utc(self, seconds: float) -> None:
+        """Step the autopilot's UTC with the next answer, as somebody who sets the computer's clock."""
+        self._utc_step_s += seconds
+
+    def stall(self, seconds: float) -> None:
+        """Let the next wait last this much longer than it was asked to, as a computer that is busy elsewhere."""
+        self._stall_until_s = self._board.world.now_s + seconds
+
     def serve(self, limit_s: float = math.inf, *, paced: bool = True) -> bool:
         """Answer one wait, with the world at limit_s at the latest; False when the autopilot has closed the socket."""
         packet = self._receive()
@@ -114,17 +125,27 @@ class LockstepServer:
             raise LockstepError("the autopilot waits for a deadline that is not a number")
         self._hear(written)
         self._board.advance(min(deadline_s, limit_s))
+        while self._board.world.now_s < self._stall_until_s:
+            self._board.advance(self._stall_until_s)
         if paced:
             self._pacer.wait(self._board.world.now_s)
-        self._send(NEW_TIME.pack(self._board.world.now_s))
+        now_s = self._board.world.now_s
+        step_s, self._utc_step_s = self._utc_step_s, 0.0
+        self._send(NEW_TIME_AND_STEP.pack(now_s, step_s) if step_s else NEW_TIME.pack(now_s))
         return True
 
     def _hear(self, written: list[int]) -> None:
         for index, total in enumerate(written):
+            station = self._stations[index]
+            if not station.line.plugged:
+                self._heard[index] = total  # what was under way is lost with the cable
+                continue
+            if total < self._heard[index]:  # the port has been opened anew behind a new plug
+                self._heard[index] = self._before[index] = 0
             if total > self._heard[index]:
-                station = self._stations[index]
-                data = station.line.read_until_total(self._before[index] + total)
-                if station.line.total_read < self._before[index] + total:
+                wanted = self._before[index] + total
+                data = station.line.read_until_total(wanted)
+                if station.line.total_read < wanted:
                     raise LockstepError(f"bytes that the autopilot wrote to {station.path.name} have not come through")
                 self._heard[index] = total
                 self._board.hear(station, data)

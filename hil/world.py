@@ -88,6 +88,8 @@ class World:
         )
         self.shaft = CommandedShaft(self._mechanics)
         self.truth = TruthRecorder()
+        self.rudder_grip = 1.0  # how much of the rudder angle turns her: 0 when its blade is gone
+        self.jam, self.free = self._mechanics.jam, self._mechanics.free
         self._hull = Hull(scenario, model, seed)
         self._goals = list(reversed(goals))
         self._goal_rad: float | None = None
@@ -108,7 +110,7 @@ class World:
             return
         while (next_s := (self._step + 1) / STEPS_PER_SECOND) <= t_s:
             self._mechanics.advance(next_s)
-            self._hull.step(self.rudder_rad())
+            self._hull.step(self.rudder_grip * self.rudder_rad())
             self._step += 1
             self._now_s, self._offset_s = next_s, 0.0
             if self._step % STEPS_PER_ROW == 0:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from firmware_py.link import estimates, high_latency, identity, mission_status, motion, wellbeing
+from firmware_py.link import effort, estimates, high_latency, identity, mission_status, motion, wellbeing
 from firmware_py.link.dialect import Message, mavlink, text_of
 from firmware_py.link.outbox import Priority
 from firmware_py.link.scene import Scene, boot_ms, single
@@ -78,6 +78,10 @@ TABLE: tuple[Row, ...] = (
     _named("RUD_TEMP", wellbeing.servo_temperature, 0.5, 0.1),
     _named("LATE_MS", wellbeing.lateness_ms, 1.0, 0.2),
     _named("SKIPPED", wellbeing.skipped_ticks, 1.0, 0.2),
+    _named("RUD_TRAVEL", effort.travel_deg_per_h, 0.2, 0.02),
+    _named("RUD_REVERS", effort.reversals_per_h, 0.2, 0.02),
+    _named("RUD_WH", effort.servo_watt_hours, 0.2, 0.02),
+    _named("RUD_WATT", effort.servo_watts, 0.2, 0.02),
 )
 
 

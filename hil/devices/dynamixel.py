@@ -39,8 +39,8 @@ class DynamixelEmulator:
     """An XW540-T260 that turns a shaft.
 
     With `collisions`, an instruction that arrives while a reply is on the wire loses
-    both, as two talkers on RS-485 do. `motor.voltage_v` and `motor.temperature_c` may
-    be set at any time; beyond the limits of the control table they raise the hardware
+    both, as two talkers on RS-485 do. `motor.voltage_v`, `motor.temperature_c` and `motor.load_a`
+    may be set at any time; beyond the limits of the control table they raise the hardware
     error that a real one raises. A motor that stalls for `overload_s` shuts down.
     """
 

@@ -31,6 +31,7 @@ class MotorMonitor:
         """Watch a shaft through a control table."""
         self.voltage_v = 12.0
         self.temperature_c = 25.0
+        self.load_a = 0.0  # drawn in addition while the torque is on, as by a shaft that binds
         self._shaft = shaft
         self._rng = rng
         self._table = table
@@ -125,9 +126,9 @@ class MotorMonitor:
         if not self._table[Address.TORQUE]:
             return 0.0
         if moving:
-            return math.copysign(_MOVING_A, self._way())
+            return math.copysign(_MOVING_A + self.load_a, self._way())
         if self._stalled_s is None:
-            return _HOLDING_A
+            return _HOLDING_A + self.load_a
         limit_a = self._table[Address.CURRENT_LIMIT] * _CURRENT_UNIT_A
         return math.copysign(min(_STALL_A, limit_a), self._way())
 

@@ -36,7 +36,7 @@ class VolzEmulator:
     """A DA servo that turns a shaft; its motor is engaged whenever it is powered.
 
     `limits_deg` are the electrical end points programmed into it, within +-100 deg.
-    `voltage_v` and `temperature_c` may be set at any time.
+    `voltage_v`, `temperature_c` and `load_a` may be set at any time.
     """
 
     def __init__(
@@ -55,6 +55,7 @@ class VolzEmulator:
             raise ValueError(f"id {device_id}, limits {limits_deg} deg: out of range")
         self.voltage_v = 24.0
         self.temperature_c = 25.0
+        self.load_a = 0.0  # drawn in addition, as by a shaft that binds
         self._shaft = shaft
         self._rng = rng
         self._device_id = device_id
@@ -132,7 +133,7 @@ class VolzEmulator:
 
     def _current_a(self) -> float:
         arrived = abs(self._shaft.angle_rad() - self._target_rad) < _ARRIVED_RAD
-        return (_HOLDING_A if arrived else _MOVING_A) + self._rng.normal(0.0, _CURRENT_NOISE_A)
+        return self.load_a + (_HOLDING_A if arrived else _MOVING_A) + self._rng.normal(0.0, _CURRENT_NOISE_A)
 
     def _measured_v(self) -> float:
         return self.voltage_v + self._rng.normal(0.0, _VOLTAGE_NOISE_V)
