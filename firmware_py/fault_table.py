@@ -169,8 +169,8 @@ TABLE: tuple[FaultRow, ...] = (
     ),
     FaultRow(
         Fault.RUDDER_ASTRAY,
-        "the rudder is more than 5 deg from where its command should have brought it",
-        2.0,
+        "the rudder moves, but for 1.5 s not toward a command that is more than 3 deg away",
+        1.0,
         1.0,
         Severity.ERROR,
         Action.ALERT,

@@ -3,9 +3,10 @@
 The autopilot connects to a Unix SOCK_SEQPACKET socket and says in JSON which serial lines
 it has, by path and in order; it is told the time of the start. From then on each of its
 waits is one packet (`<d` deadline, then `Q` for each line: bytes written so far) and one
-packet in return (`<d` the new time, and another `d` by which its UTC is stepped then): by then its bytes have reached the devices, the world
-has moved on to the deadline or to the first bytes for the autopilot, and those lie in its
-serial lines. Nothing in this depends on how fast either side computes.
+packet in return (`<d` the new time, or `<dd` with a step of its UTC): by then its bytes have
+reached the devices, the world has moved on to the deadline or to the first bytes for the
+autopilot, and those lie in its serial lines. Nothing in this depends on how fast either side
+computes.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from hil.devices.spoiled import SpoiledAttitude, SpoiledWhereabouts
 from hil.devices.volz import VolzEmulator
 from hil.firmware import Firmware
 from hil.goals import parse_goals
-from hil.ground_station import MODE_NAMES, GroundStation
+from hil.ground_station import MODE_NAMES, GroundStation, Order
 from hil.lockstep import LockstepServer
 from hil.pace import Pacer
 from hil.scenarios import named
@@ -133,6 +133,11 @@ class FaultBench:
         while self.station.mode() != f"{MODE_NAMES[mode]}, armed":
             assert self.now_s < seconds, f"{self.station.mode()} at {self.now_s} s\n{self.words()}"
             self.run(0.5)
+
+    def order(self, command, *values):
+        """Have the operator give one more command."""
+        self.station._open.append(Order("order", self.now_s, command, values))
+        self.station._plan(self.now_s)
 
     def mode(self):
         """The mode, once a heartbeat of now has told it."""
