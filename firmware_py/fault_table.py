@@ -205,8 +205,8 @@ TABLE: tuple[FaultRow, ...] = (
     ),
     FaultRow(
         Fault.RUDDER_OVERLOADED,
-        "the servo draws more than RUD_AMP_MAX",
-        1.0,
+        "the servo has drawn more than RUD_AMP_MAX for 2 s",
+        0.0,
         0.0,
         Severity.ERROR,
         Action.EASE,

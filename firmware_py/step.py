@@ -133,9 +133,9 @@ def _watched(settings: Settings, state: State, inputs: Inputs, step_s: float) ->
     valid = state.heading.fresh(now_s, settings.observer.timeout_s)
     waves = state.lookout.waves
     speed_m_s = waves.x[kalman.SPEED] if waves.x else settings.watch.model_speed_m_s
-    rate_rad_s = state.heading.yaw_rate_rad_s if valid and state.modes.armed else None
+    heading_rad = state.heading.heading_rad if valid and state.modes.armed else None
     rudder_rad = _rudder_rad(settings, state, state.servo)
-    return replace(state, watch=watch.turning(settings.watch, seen, rudder_rad, rate_rad_s, speed_m_s, step_s))
+    return replace(state, watch=watch.turning(settings.watch, seen, rudder_rad, heading_rad, speed_m_s, now_s))
 
 
 def _rudder_now(settings: Settings, state: State, inputs: Inputs) -> watch.RudderNow:

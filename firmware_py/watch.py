@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
-from firmware_py.angles import clamp, radians
+from firmware_py.angles import clamp, radians, wrap_pi
 from firmware_py.control import authority, rest
 from firmware_py.control.authority import AuthorityState
 from firmware_py.control.rest import RestState, ServoSight
@@ -23,6 +23,7 @@ from firmware_py.records import DeviceHealth, DeviceRole, Event, Inputs, Mode, R
 
 HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind can ask for
 HARD_OVER_S: Final = 30.0
+BLOCK_S: Final = 2.0
 # An order after which a failsafe that has acted is over.
 ORDERS: Final[tuple[type[Intent], ...]] = (Arm, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition)
 
@@ -65,7 +66,8 @@ class WatchState:
 
     `heard_s`: when each compass last spoke. `restarted_s`: when the servo was last seen to
     have come up anew. `bent_s`: since when the rudder is far over without a heading;
-    `straightened`: that has been ended. `interrupted`: what a failsafe broke off.
+    `straightened`: that has been ended.
+    `block`: time and heading at the beginning of the block over which her turn is measured. `interrupted`: what a failsafe broke off.
     """
 
     rudder: RudderWatch = RudderWatch()  # noqa: RUF009 - frozen
@@ -79,6 +81,7 @@ class WatchState:
     restarted_s: float | None = None
     clock: DeviceHealth | None = None
     link: DeviceHealth | None = None
+    block: tuple[float, float] | None = None
     bent_s: float | None = None
     straightened: bool = False
 
@@ -134,17 +137,28 @@ def turning(
     settings: Settings,
     state: WatchState,
     rudder_rad: float,
-    yaw_rate_rad_s: float | None,
+    heading_rad: float | None,
     speed_m_s: float,
-    step_s: float,
+    now_s: float,
 ) -> WatchState:
-    """Watch whether she answers the rudder; nothing is learned without a heading."""
-    if yaw_rate_rad_s is None:
+    """Watch whether she answers the rudder; nothing is learned without a heading.
+
+    The turn is that of the heading over a block: the estimated yaw rate expects a turn of the
+    rudder, and the heading is drawn back to what the compass says.
+    """
+    if heading_rad is None or state.block is None:
+        return replace(state, block=None if heading_rad is None else (now_s, heading_rad))
+    begun_s, before_rad = state.block
+    step_s = now_s - begun_s
+    if step_s < BLOCK_S:
         return state
+    # The slow part begins at no turn, so that one noisy block is not taken for it.
+    begun = state.authority.slow_rudder_rad is not None
+    yaw_rate_rad_s = wrap_pi(heading_rad - before_rad) / step_s if begun else 0.0
     ratio = clamp(speed_m_s / settings.model_speed_m_s, 0.1, 10.0)
     ability_1_s, lag_s = settings.turning_ability_1_s * ratio, settings.turning_lag_s / ratio
     seen = authority.watched(state.authority, rudder_rad, yaw_rate_rad_s, ability_1_s, lag_s, step_s)
-    return replace(state, authority=seen)
+    return replace(state, authority=seen, block=(now_s, heading_rad))
 
 
 def guarded(

@@ -37,7 +37,7 @@ class RudderSight:
 
 @dataclass(frozen=True, slots=True)
 class RudderWatch:
-    """The angle and time of the last progress, and what follows from there being none.
+    """The angle and time of the last progress toward the command and of the last motion, and what follows.
 
     `side` is to which side the command lies. `stuck_rad` is where it jammed, `high_s` since
     when the current is too high, `overloaded` whether that has lasted; `eased_s` is when it
@@ -46,6 +46,8 @@ class RudderWatch:
 
     anchor_rad: float | None = None
     anchor_s: float = 0.0
+    still_rad: float | None = None
+    still_s: float = 0.0
     side: int = 0
     measured_rad: float | None = None
     astray: bool = False
@@ -94,23 +96,19 @@ def _motion_judged(state: RudderWatch, sight: RudderSight, measured_rad: float) 
         stuck_rad = None
     away_rad = sight.sent_rad - measured_rad
     side = 0 if abs(away_rad) <= AWAY_RAD or not sight.engaged else (1 if away_rad > 0.0 else -1)
+    still_rad, still_s = state.still_rad, state.still_s
+    if still_rad is None or side != state.side or abs(measured_rad - still_rad) >= MOVED_RAD:
+        still_rad, still_s = measured_rad, sight.t_s
+    state = replace(state, still_rad=still_rad, still_s=still_s, measured_rad=measured_rad)
     anchor_rad = state.anchor_rad
     moved_rad = 0.0 if anchor_rad is None else measured_rad - anchor_rad
     if anchor_rad is None or side == 0 or side != state.side or side * moved_rad >= MOVED_RAD:
-        return replace(
-            state,
-            anchor_rad=measured_rad,
-            anchor_s=sight.t_s,
-            side=side,
-            measured_rad=measured_rad,
-            astray=False,
-            stuck_rad=stuck_rad,
-        )
+        return replace(state, anchor_rad=measured_rad, anchor_s=sight.t_s, side=side, astray=False, stuck_rad=stuck_rad)
     overdue = sight.t_s - state.anchor_s >= PATIENCE_S
-    still = abs(moved_rad) < MOVED_RAD
+    still = sight.t_s - still_s >= PATIENCE_S
     if overdue and still and stuck_rad is None:
         stuck_rad = measured_rad
-    return replace(state, measured_rad=measured_rad, astray=overdue and not still, stuck_rad=stuck_rad)
+    return replace(state, astray=overdue and not still, stuck_rad=stuck_rad)
 
 
 def eased(state: RudderWatch, command_rad: float, now_s: float) -> float:

@@ -9,6 +9,7 @@ from collections import deque
 import numpy as np
 import pytest
 
+from firmware_py.store import Store
 from hil.board import Board
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.impairment import Impaired
@@ -71,9 +72,10 @@ class FaultBench:
         self.lines = {station.path.name: station.line for station in self.board.stations}
         ports = self.board.ports()
         state = directory / "state"
-        state.mkdir()
+        store = Store(state)
         for name, content in plans:
-            (state / name).write_text(content)
+            store.save(name, content.encode())
+        store.close()
         values = "".join(f"{name} = {float(value)!r}\n" for name, value in (settings or {}).items())
         vehicle = directory / "boat.toml"
         vehicle.write_text(

@@ -16,7 +16,7 @@ from hil.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 LOITER, AUTO, GUIDED = 5, 10, 15
 SET_MODE, CHANGE_HEADING = 176, 43002
 TURN = "0:0,12:90"  # hard over from the 12th second on
-CIRCLE_M = 12.0
+CIRCLE_M = 20.0
 
 
 def nothing(_bench):
@@ -129,6 +129,8 @@ def servo_is(**values):
 
 def logs_gone(bench):
     logs = bench.directory / "state" / "logs"
+    while not any(path.stat().st_size for path in logs.glob("*.BIN")):
+        bench.run(0.5)
     shutil.rmtree(logs)
     logs.write_text("in the way")
 
@@ -182,6 +184,7 @@ def endless():
 def breached(bench):
     while math.hypot(*(bench.world._hull.position_m(0.0))) < CIRCLE_M:
         bench.run(0.2)
+    return bench.now_s
 
 
 FAILSAFE = {"FS_RESUME": 1}
@@ -209,7 +212,7 @@ DRILLS = (
     Drill(
         Fault.POSITION_LOST, lambda bench: fix(bench, there=False), 8.5, in_mode("STEERING"),
         lambda bench: fix(bench, there=True), 2.5, back_in("LOITER"),
-        options={"mode": LOITER, "settings": FAILSAFE | {"FS_POS_ACT": 2}},
+        options={"mode": LOITER, "goals": "", "settings": FAILSAFE | {"FS_POS_ACT": 2}},
     ),
     Drill(
         Fault.POSITION_JUMPING, jumped, 4.0, undisturbed, lambda bench: jumped(bench, 0.0), 5.0, stands_s=20.0,
@@ -224,10 +227,10 @@ DRILLS = (
     ),
     Drill(
         Fault.RUDDER_ASTRAY, led_astray, 4.0, alert_only, lambda bench: bench.world.free(), 14.0, rudder_follows,
-        start_s=12.5, stands_s=0.1, options={"goals": TURN},
+        start_s=12.5, stands_s=0.1, options={"goals": TURN, "settings": {"RUD_AMP_MAX": 0}},
     ),
     Drill(
-        Fault.RUDDER_JAMMED, lambda bench: bench.world.jam(math.radians(20.0)), 2.5, eased,
+        Fault.RUDDER_JAMMED, lambda bench: bench.world.jam(math.radians(-20.0)), 2.5, eased,
         lambda bench: bench.world.free(), 12.0, rudder_follows, start_s=13.0, stands_s=8.0, options={"goals": TURN},
     ),
     Drill(
@@ -239,7 +242,7 @@ DRILLS = (
     ),
     Drill(
         Fault.RUDDER_REPOWERED, lambda bench: bench.servo.power_cycle(bench.now_s, off_s=2.0), 5.0, alert_only,
-        nothing, 7.0, rudder_follows, start_s=13.0, stands_s=0.1, options={"goals": TURN},
+        nothing, 8.0, rudder_follows, start_s=13.0, stands_s=0.1, options={"goals": TURN},
     ),
     Drill(
         Fault.SUPPLY_LOW, servo_is(voltage_v=10.5), 6.0, in_mode("RTL"), servo_is(voltage_v=12.0), 11.0,
@@ -259,10 +262,11 @@ DRILLS = (
     ),
     Drill(
         Fault.FENCE_BREACHED, breached, 8.0, in_mode("RTL"), nothing, 150.0, start_s=5.0, stands_s=1.0,
-        options={"plans": (fence(),), "settings": {"FENCE_ENABLE": 1}},
+        options={"plans": (fence(),), "settings": {"FENCE_ENABLE": 1, "LOIT_RADIUS": 10},
+                 "change": lambda scenario: replace(scenario, speed_m_s=0.8)},
     ),
     Drill(
-        Fault.MISSION_UNUSABLE, nothing, 1.0, lambda bench, _t0_s: back_in("AUTO")(bench),
+        Fault.MISSION_UNUSABLE, nothing, 3.0, lambda bench, _t0_s: back_in("AUTO")(bench),
         lambda bench: bench.order(SET_MODE, 1.0, float(GUIDED)), 2.0, back_in("GUIDED"), start_s=0.0, stands_s=1.0,
         options={"mode": AUTO, "plans": (endless(),), "goals": ""},
     ),
@@ -312,7 +316,7 @@ def test_a_fault_is_told_acted_on_and_over_again(fault_bench, drill, tmp_path):
     row = TABLE[drill.fault]
     bench = prepared(fault_bench, drill, tmp_path)
     t0_s = 0.0 if drill.broken is nothing else bench.now_s
-    drill.broken(bench)
+    t0_s = drill.broken(bench) or t0_s
     bench.until(row.text, drill.within_s, since_s=t0_s)
     if bench.now_s < t0_s + drill.stands_s:
         bench.run(t0_s + drill.stands_s - bench.now_s)
