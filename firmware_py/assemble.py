@@ -31,6 +31,7 @@ from firmware_py.resume import RESUME_FILE, resumed
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
 from firmware_py.sensors.pni_tcm import PniCompass
+from firmware_py.sensors.second import SecondCompass
 from firmware_py.sensors.ubx import UbxPosition
 from firmware_py.serial_line import PortError, SerialLine
 from firmware_py.step import State
@@ -66,6 +67,7 @@ class Devices:
     compass: Compass
     position: Position | None
     rudder: Rudder
+    compass_b: Compass | None
     lines: tuple[SerialLine, ...]
 
 
@@ -90,9 +92,14 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
             position_view = position_line
         position = make_driver(POSITIONS, "position", position_view, entry)
     compass = make_driver(COMPASSES, "compass", compass_view, vehicle.compass)
+    second = None
+    if (entry_b := vehicle.compass_b) is not None:
+        line_b = SerialLine(entry_b.port, entry_b.baud)
+        lines.append(line_b)
+        second = SecondCompass(make_driver(COMPASSES, "compass_b", line_b, entry_b))
     rudder = make_driver(RUDDERS, "rudder", rudder_line, vehicle.rudder)
     open_lines(lines, wait=wait)
-    return Devices(compass, position, rudder, tuple(lines))
+    return Devices(compass, position, rudder, second, tuple(lines))
 
 
 def make_driver(makers: Mapping[str, Callable[[ByteLine, Any], Any]], section: str, line: ByteLine, entry: Any) -> Any:
@@ -272,6 +279,7 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         clock=clock,
         pilot=pilot,
         compass=devices.compass,
+        compass_b=devices.compass_b,
         position=devices.position,
         rudder=devices.rudder,
         link=endpoint,

@@ -158,12 +158,13 @@ class Boat:
     lines: Sequence[SerialLine]
     tell: Callable[[Event], None]
     timekeeper: Timekeeper | None = None
+    compass_b: Compass | None = None
     health: HealthWatch = field(default_factory=HealthWatch)
     devices: tuple[Device, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         """List the devices once."""
-        fitted = (self.compass, self.rudder, self.position)
+        fitted = (self.compass, self.compass_b, self.rudder, self.position)
         self.devices = tuple(device for device in fitted if device is not None)
 
 
@@ -202,9 +203,10 @@ def _turn(boat: Boat, tick: Tick) -> HeadingSample | None:
         device.receive(now_s)
     headings = tuple(boat.compass.poll())
     before = boat.pilot.state
+    others = tuple(boat.compass_b.poll()) if boat.compass_b is not None else ()
     inputs = Inputs(
         tick,
-        headings,
+        tuple(sorted(headings + others, key=lambda sample: sample.t_s)) if others else headings,
         tuple(boat.position.poll()) if boat.position is not None else (),
         tuple(boat.rudder.poll()),
         boat.health.take_news(),

@@ -52,6 +52,7 @@ class DeviceRole(IntEnum):
     STORAGE = 3
     LINK = 4  # the ground stations: RUNNING while one is heard
     CLOCK = 5  # the computer's clock against the loop's: FAULTY when it has just jumped
+    COMPASS_B = 6
 
 
 class DeviceState(IntEnum):

@@ -19,7 +19,7 @@ class VehicleError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class CompassEntry:
-    """[compass]: driver nmea or pni_tcm."""
+    """[compass], and [compass_b] for a second one: driver nmea or pni_tcm."""
 
     driver: str
     port: str
@@ -71,14 +71,16 @@ class Vehicle:
     hull: Hull
     link_urls: tuple[str, ...]
     parameters: Mapping[str, float]
+    compass_b: CompassEntry | None = None
 
 
 DRIVERS: Mapping[str, tuple[str, ...]] = {
     "compass": ("nmea", "pni_tcm"),
+    "compass_b": ("nmea", "pni_tcm"),
     "position": ("nmea", "ubx"),
     "rudder": ("dynamixel", "volz"),
 }
-_SECTIONS = ("vehicle", "compass", "position", "rudder", "link", "hull", "parameters")
+_SECTIONS = ("vehicle", "compass", "compass_b", "position", "rudder", "link", "hull", "parameters")
 _RANGES: Mapping[str, tuple[float, float]] = {
     "baud": (300, 12_000_000),
     "rate_hz": (0.5, 100.0),
@@ -122,6 +124,7 @@ def parse(data: Mapping[str, Any], path: Path) -> Vehicle:
         hull=_record(Hull, _section(data, "hull", path), f"{path}: [hull]"),
         link_urls=_texts(link.get("urls", []), f"{path}: [link] urls"),
         parameters=_parameters(_section(data, "parameters", path), path),
+        compass_b=_entry(CompassEntry, data, "compass_b", path) if "compass_b" in data else None,
     )
 
 

@@ -280,7 +280,6 @@ DRILLS = (
         nothing, 0.0, options={"change": lambda scenario: replace(scenario, current_m_s=0.48, **EAST)},
     ),
 )  # fmt: skip
-LONG = {Fault.CURRENT_STRONG}
 
 
 def undirected(bench, goal_deg):
@@ -307,10 +306,8 @@ def test_every_row_has_a_drill():
 
 @pytest.mark.parametrize(
     "drill",
-    [
-        pytest.param(drill, id=drill.fault.name, marks=[pytest.mark.proof] if drill.fault in LONG else [])
-        for drill in DRILLS
-    ],
+    DRILLS,
+    ids=lambda drill: drill.fault.name,
 )
 def test_a_fault_is_told_acted_on_and_over_again(fault_bench, drill, tmp_path):
     row = TABLE[drill.fault]
