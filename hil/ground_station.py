@@ -79,6 +79,7 @@ class GroundStation:
         self._sender = dialect.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
         self._vehicle: int | None = None
         self._text_id = 0
+        self._unsent: list[Any] = []
         self._heartbeat_s = math.inf
         self._order_s = math.inf
 
@@ -99,12 +100,18 @@ class GroundStation:
         if self._heartbeat_s <= now_s:
             self._heartbeat_s += HEARTBEAT_S
             frames.append(self._heartbeat())
+            frames += [self._pack(message) for message in self._unsent]
+            self._unsent.clear()
         if self._order_s <= now_s:
             self._leave_overtaken(now_s)
             frames.append(self._give(self._open[0], now_s))
         return b"" if self.silent else b"".join(frames)
 
     # What the run and its display ask.
+
+    def tell(self, message: Any) -> None:
+        """Send a message with the next heartbeat, once."""
+        self._unsent.append(message)
 
     def named_value(self, name: str) -> float | None:
         """The last NAMED_VALUE_FLOAT of a name, or None."""

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.faults import TABLE, Fault
 from firmware_py.plan import Plan, PlanItem, PlanKind
@@ -178,7 +179,12 @@ def fence():
 
 
 def endless():
-    return ("mission.plan", plan_to_text(Plan.of(PlanKind.MISSION, [PlanItem(177, 3, True, (0.0, -1.0, 0.0, 0.0))])))
+    """A mission that waits where she is, for ever."""
+    return ("mission.plan", plan_to_text(Plan.of(PlanKind.MISSION, [PlanItem(17, 3)])))
+
+
+def cleared(bench):
+    bench.station.tell(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
 
 
 def breached(bench):
@@ -266,8 +272,8 @@ DRILLS = (
                  "change": lambda scenario: replace(scenario, speed_m_s=0.8)},
     ),
     Drill(
-        Fault.MISSION_UNUSABLE, nothing, 3.0, lambda bench, _t0_s: back_in("AUTO")(bench),
-        lambda bench: bench.order(SET_MODE, 1.0, float(GUIDED)), 2.0, back_in("GUIDED"), start_s=0.0, stands_s=1.0,
+        Fault.MISSION_UNUSABLE, cleared, 3.0, lambda bench, _t0_s: back_in("AUTO")(bench),
+        lambda bench: bench.order(SET_MODE, 1.0, float(GUIDED)), 2.0, back_in("GUIDED"), start_s=10.0, stands_s=1.0,
         options={"mode": AUTO, "plans": (endless(),), "goals": ""},
     ),
     Drill(
