@@ -172,7 +172,8 @@ def test_what_is_no_goal_is_refused_and_changes_nothing(start_hil, connect):
     beat = station.heard("HEARTBEAT")
     assert (beat.custom_mode, beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED) == (GUIDED, 128)
     happened = re.findall(r"(?:info|notice) +(.*)", hil.firmware_log.read_text())
-    assert happened == ["Mode HOLD", "Mode GUIDED", "Armed"]  # at start, and by the HIL's operator
+    # At start, and by the HIL's operator.
+    assert happened == ["Mode HOLD", "Heading from compass A", "Mode GUIDED", "Armed"]
     hil.end()
 
 

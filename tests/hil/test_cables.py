@@ -36,6 +36,8 @@ baud = {baud}
 BOOT_ARM = 1
 BOOT_MODE = 15
 CTL_HOLD_S = 1
+EST_MODE = 0
+CTL_MODE = 0
 """
 SERVOS = {"dynamixel": (DynamixelEmulator, 57600), "volz": (VolzEmulator, 115200)}
 COMPASSES = {"nmea": NmeaCompassEmulator, "pni_tcm": PniTcmEmulator}

@@ -39,7 +39,11 @@ def test_a_zigzag_of_goals_tells_the_ship(tmp_path):
 
 @pytest.mark.timeout(300)
 def test_a_log_without_motion_is_told_as_such(tmp_path):
-    sail(RunOptions(scenarios.named("calm"), 60.0, tmp_path, goals=parse_goals("0:0")))
+    sail(
+        RunOptions(
+            scenarios.named("calm"), 60.0, tmp_path, goals=parse_goals("0:0"), settings={"EST_MODE": 0, "CTL_MODE": 0}
+        )
+    )
     done = identified(tmp_path / LOG)
     assert done.returncode == 1
     assert done.stderr == "rambler-hil: no model can be told from these logs; see the verdicts\n"

@@ -63,6 +63,8 @@ def test_without_a_compiler_the_row_says_so(monkeypatch, tmp_path):
 
 
 def test_both_swarms_make_the_same_number_of_evaluations(monkeypatch):
+    # Its import insists on being the first to choose how processes start.
+    monkeypatch.setattr("multiprocessing.set_start_method", lambda *_method, **_force: None)
     pytest.importorskip("sko")
     calls = []
 
