@@ -67,8 +67,7 @@ class WatchState:
     `heard_s`: when each compass last spoke. `restarted_s`: when the servo was last seen to
     have come up anew. `bent_s`: since when the rudder is far over without a heading;
     `straightened`: that has been ended.
-    `block`: time and heading at the beginning of the block over which her turn is measured.
-    `interrupted`: what a failsafe broke off.
+    `block`: time and heading at the beginning of the block over which her turn is measured. `interrupted`: what a failsafe broke off.
     """
 
     rudder: RudderWatch = RudderWatch()  # noqa: RUF009 - frozen

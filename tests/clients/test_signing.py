@@ -104,6 +104,9 @@ def test_mavproxy_sets_up_a_key_and_commands_with_it(tmp_path, boot, start, free
     client.expect("Signing key set")
     client.say("param fetch")
     client.expect(r"Saved \d+ parameters")
+    # MAVProxy loses an order that is typed while it still writes its files.
+    client.say("param show CTL_K1")
+    client.expect(r"CTL_K1 +40\.0\s")
     client.say("param set CTL_K1 37.5")
     client.say("param fetch")
     client.expect(r"Saved \d+ parameters")
