@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_py import pilotage
+from firmware_py import pilotage, watch
 from firmware_py.estimate.sources import CompassState
 from firmware_py.faults import TABLE, Fault
 from firmware_py.records import DeviceState, Mode
@@ -142,7 +142,7 @@ PROVIDERS: Final[Mapping[Fault, Callable[[Sight], bool]]] = {
         sight.state.watch.clock is not None and sight.state.watch.clock.state is DeviceState.FAULTY
     ),
     Fault.STATION_SILENT: _station_silent,
-    Fault.STEERING_LOST: lambda sight: sight.state.watch.authority.lost,
+    Fault.STEERING_LOST: lambda sight: watch.steering_lost(sight.state.watch),
 }
 _IN_ORDER: Final = tuple(PROVIDERS[row.fault] for row in TABLE)
 

@@ -272,9 +272,9 @@ TABLE: tuple[FaultRow, ...] = (
     ),
     FaultRow(
         Fault.STEERING_LOST,
-        "she turns less than a quarter of what her rudder should turn her",
-        0.0,
-        0.0,
+        "she turns less than a quarter of what her rudder should turn her, and the sea lets that be told",
+        10.0,
+        10.0,
         Severity.ERROR,
         Action.ALERT,
         "FS_STEER_ACT",

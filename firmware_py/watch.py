@@ -24,6 +24,7 @@ from firmware_py.records import DeviceHealth, DeviceRole, Event, Inputs, Mode, R
 HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind can ask for
 HARD_OVER_S: Final = 30.0
 BLOCK_S: Final = 2.0
+ENOUGH_BLOCKS: Final = 10
 # An order after which a failsafe that has acted is over.
 ORDERS: Final[tuple[type[Intent], ...]] = (Arm, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition)
 
@@ -66,8 +67,9 @@ class WatchState:
 
     `heard_s`: when each compass last spoke. `restarted_s`: when the servo was last seen to
     have come up anew. `bent_s`: since when the rudder is far over without a heading;
-    `straightened`: that has been ended.
-    `block`: time and heading at the beginning of the block over which her turn is measured. `interrupted`: what a failsafe broke off.
+    `straightened`: that has been ended. `block`: time and heading at the beginning of the
+    block over which her turn is measured, `turn_square` the mean square of such turns,
+    `blocks` how many there were. `interrupted`: what a failsafe broke off.
     """
 
     rudder: RudderWatch = RudderWatch()  # noqa: RUF009 - frozen
@@ -82,6 +84,8 @@ class WatchState:
     clock: DeviceHealth | None = None
     link: DeviceHealth | None = None
     block: tuple[float, float] | None = None
+    turn_square: float = 0.0
+    blocks: int = 0
     bent_s: float | None = None
     straightened: bool = False
 
@@ -158,7 +162,21 @@ def turning(
     ratio = clamp(speed_m_s / settings.model_speed_m_s, 0.1, 10.0)
     ability_1_s, lag_s = settings.turning_ability_1_s * ratio, settings.turning_lag_s / ratio
     seen = authority.watched(state.authority, rudder_rad, yaw_rate_rad_s, ability_1_s, lag_s, step_s)
-    return replace(state, authority=seen, block=(now_s, heading_rad))
+    part = max(1.0 / (state.blocks + 1.0), step_s / authority.MEMORY_S)
+    square = state.turn_square + part * (yaw_rate_rad_s * yaw_rate_rad_s - state.turn_square)
+    return replace(
+        state,
+        authority=seen,
+        block=(now_s, heading_rad),
+        turn_square=square,
+        blocks=min(state.blocks + 1, ENOUGH_BLOCKS),
+    )
+
+
+def steering_lost(state: WatchState) -> bool:
+    """Whether she does not answer the rudder, as far as the sea lets that be told: to a quarter of the turn."""
+    evidence = state.authority.expected_square >= 16.0 * BLOCK_S * state.turn_square
+    return state.authority.lost and evidence and state.blocks >= ENOUGH_BLOCKS
 
 
 def guarded(

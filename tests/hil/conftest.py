@@ -177,4 +177,9 @@ class FaultBench:
 def fault_bench(tmp_path):
     """Make benches that are closed whatever becomes of the test."""
     with contextlib.ExitStack() as open_benches:
-        yield lambda **options: open_benches.enter_context(FaultBench(tmp_path, **options))
+
+        def make(name="boat", **options):
+            (tmp_path / name).mkdir()
+            return open_benches.enter_context(FaultBench(tmp_path / name, **options))
+
+        yield make

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.__main__ import main
 from firmware_py.faults import TABLE, Fault
 from firmware_py.plan import Plan, PlanItem, PlanKind
 from firmware_py.plan import to_text as plan_to_text
@@ -330,3 +331,102 @@ def test_a_fault_is_told_acted_on_and_over_again(fault_bench, drill, tmp_path):
     drill.mended(bench)
     bench.until(row.recovery, drill.over_s, since_s=t1_s)
     drill.after(bench)
+
+
+def test_a_clock_stepped_by_a_year_moves_nothing_in_the_loop(fault_bench):
+    trails = []
+    for name, step_s in (("plain", 0.0), ("stepped", 365.0 * 86400.0)):
+        bench = fault_bench(name=name, goals=TURN, scenario="sea")
+        bench.under_way(GUIDED)
+        bench.run(14.0 - bench.now_s)
+        if step_s:
+            bench.server.step_utc(step_s)
+        bench.run(20.0)
+        trails.append(bench.trail)
+    assert trails[0] == trails[1]
+    assert bench.widest_deg(14.0) > 10.0
+
+
+@pytest.mark.parametrize("heading_deg", [-3e38, 3e38, math.inf, math.nan])
+def test_an_absurd_heading_setpoint_is_refused_and_moves_nothing(fault_bench, heading_deg):
+    bench = fault_bench()
+    bench.under_way(GUIDED)
+    bench.run(8.0)
+    t0_s = bench.now_s
+    bench.order(CHANGE_HEADING, 1.0, heading_deg)
+    bench.run(8.0)
+    assert bench.station._open[0].refusal == "DENIED"
+    undisturbed(bench, t0_s)
+
+
+@pytest.mark.parametrize("compass", ["nmea", "pni"])
+def test_the_rudder_never_stays_far_over_without_a_heading(fault_bench, compass):
+    """A compass that freezes in a turn has her chase it; even told to hold on for ever she ends amidships."""
+    bench = fault_bench(goals=TURN, compass=compass, settings={"CTL_HOLD_S": 600})
+    bench.gps.fix = False
+    bench.under_way(GUIDED)
+    bench.run(14.0 - bench.now_s)
+    bench.compass.frozen = True
+    bench.until("No heading", 33.0)
+    assert abs(bench.rudder_deg()) > 10.0
+    bench.run(31.0)
+    assert abs(bench.rudder_deg()) < 0.5
+    bench.compass.frozen = False
+    bench.run(20.0)
+    assert abs(bench.rudder_deg()) > 1.0
+
+
+def test_a_run_full_of_faults_is_recomputed_bit_for_bit(fault_bench):
+    bench = fault_bench(goals=TURN, settings={"FS_GCS_S": 5, "FS_GCS_ACT": 3, "FS_RESUME": 1})
+    bench.under_way(GUIDED)
+    bench.run(13.0 - bench.now_s)
+    bench.world.jam(math.radians(20.0))
+    bench.server.step_utc(-365.0 * 86400.0)
+    bench.station.silent = True
+    bench.run(12.0)
+    bench.world.free()
+    bench.compass.silent = True
+    bench.servo.power_cycle(bench.now_s, 1.0)
+    bench.run(8.0)
+    bench.compass.silent = bench.station.silent = False
+    jumped(bench)
+    bench.run(10.0)
+    logs = bench.finish()
+    assert logs
+    assert all(main(["replay", str(log)]) == 0 for log in logs)
+
+
+def test_the_servo_rests_while_the_command_stands_and_engages_before_it_moves(fault_bench):
+    bench = fault_bench(scenario="calm", goals="0:0,40:60", settings={"RUD_REST_S": 3})
+    bench.under_way(GUIDED)
+    torque = []
+    while bench.now_s < 39.0:
+        bench.run(0.5)
+        torque.append(bench.servo.motor._table[64])
+    assert torque.count(0) > 30
+    assert torque[-1] == 0
+    assert abs(bench.heading_error_deg()) < 2.0
+    t0_s = bench.now_s
+    bench.run(4.0)
+    assert bench.widest_deg(t0_s) > 10.0
+    assert not any("power" in text or "jammed" in text for text in bench.texts_since(0.0))
+
+
+def test_the_other_servo_keeps_steering_when_it_is_asked_to_rest(fault_bench):
+    bench = fault_bench(scenario="calm", servo="volz", goals="0:0,20:60", settings={"RUD_REST_S": 3})
+    bench.under_way(GUIDED)
+    bench.run(25.0 - bench.now_s)
+    assert bench.widest_deg(20.0) > 10.0
+    assert bench.texts_since(3.0) == []
+
+
+@pytest.mark.parametrize("compass", ["nmea", "pni"])
+def test_a_jam_at_20_degrees_is_seen_on_the_other_servo_too(fault_bench, compass):
+    bench = fault_bench(servo="volz", compass=compass, goals=TURN)
+    bench.under_way(GUIDED)
+    bench.run(13.0 - bench.now_s)
+    bench.world.jam(math.radians(-20.0))
+    bench.until("Rudder jammed", 2.5)
+    bench.world.free()
+    bench.until("Rudder moves again", 12.0)
+    rudder_follows(bench)
