@@ -17,7 +17,7 @@ from firmware_py.estimate.heading import HeadingState, ObserverSettings
 from firmware_py.estimate.sources import Seen, Source, SourceState
 from firmware_py.estimate.wave_filter import FilterSettings, FilterState
 from firmware_py.params import ParameterSet
-from firmware_py.records import Estimate, Event, FixType, HeadingSample, PositionSample
+from firmware_py.records import Estimate, Event, FixType, HeadingSample, PositionSample, Severity
 
 SLOWEST_COURSE_M_S: Final = 0.02  # below it a receiver gives no course worth the name
 WIDEST_COURSE_RAD: Final = radians(20.0)  # a heading less certain than this is not steered by without a compass
@@ -81,17 +81,25 @@ def looked_out(
         for sample in headings
         if math.isfinite(sample.heading_rad) and math.isfinite(sample.t_s) and sample.source in COMPASSES
     ]
+    anew: tuple[Event, ...] = ()
+    if sources.estranged(state.sources, now_s, settings.observer.timeout_s):
+        state = LookoutState(declination=state.declination)
+        anew = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
     chosen, told = _chosen(settings, state, seen, before, now_s)
     used = sources.usable(chosen, seen)
     waves = wave_filter.update(settings.filter, state.waves, used, velocities_of(positions), rudder_rad)
     state = LookoutState(waves, chosen, state.declination)
     if not waves.x:
-        return state, before, told
+        return state, before, anew + told
     heading_rad, yaw_rate_rad_s = wave_filter.ahead(settings.filter, waves, now_s)
     # Fixes come rarely; whether they still come has been judged by their own timeout.
     heard_s = now_s if chosen.in_use is Source.COURSE else waves.sample_t_s
     newest = headings[-1] if headings else before
-    return state, HeadingState(now_s, heading_rad, yaw_rate_rad_s, heard_s, newest.roll_rad, newest.pitch_rad), told
+    return (
+        state,
+        HeadingState(now_s, heading_rad, yaw_rate_rad_s, heard_s, newest.roll_rad, newest.pitch_rad),
+        anew + told,
+    )
 
 
 def _placed(state: LookoutState, positions: Sequence[PositionSample]) -> LookoutState:

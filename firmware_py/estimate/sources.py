@@ -21,6 +21,7 @@ FROZEN_S: Final = 30.0  # a compass at sea that shows the very same number for s
 JUMP_RAD: Final = radians(25.0)
 JUMP_S: Final = 1.5
 PROBATION_S: Final = 10.0
+ESTRANGED_S: Final = 60.0
 SLEW_RAD_S: Final = radians(0.5)
 DISAGREEMENT_RAD: Final = radians(15.0)
 SMOOTHING_S: Final = 10.0
@@ -86,6 +87,20 @@ class SourceState:
         a, b = self.compasses
         both = a.sound_since_s is not None and b.sound_since_s is not None
         return both and abs(wrap_pi(a.apart_rad - b.apart_rad)) > DISAGREEMENT_RAD
+
+
+def estranged(state: SourceState, now_s: float, timeout_s: float) -> bool:
+    """Whether there is no source but a compass that speaks, varies, and has contradicted the estimate for a minute.
+
+    An estimate that nothing has corrected for so long is worth less than it.
+    """
+    return state.in_use is Source.NONE and any(
+        one.t_s is not None
+        and now_s - one.t_s <= timeout_s
+        and one.t_s == one.changed_s
+        and one.t_s - one.near_s > ESTRANGED_S
+        for one in state.compasses
+    )
 
 
 def heard(state: CompassState, sample: Seen, expected_rad: float | None) -> CompassState:
