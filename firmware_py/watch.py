@@ -24,7 +24,7 @@ from firmware_py.records import DeviceHealth, DeviceRole, Event, Inputs, Mode, R
 HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind can ask for
 HARD_OVER_S: Final = 30.0
 BLOCK_S: Final = 2.0
-ENOUGH_BLOCKS: Final = 10
+ENOUGH_BLOCKS: Final = 30
 # An order after which a failsafe that has acted is over.
 ORDERS: Final[tuple[type[Intent], ...]] = (Arm, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition)
 
@@ -174,8 +174,8 @@ def turning(
 
 
 def steering_lost(state: WatchState) -> bool:
-    """Whether she does not answer the rudder, as far as the sea lets that be told: to a quarter of the turn."""
-    evidence = state.authority.expected_square >= 16.0 * BLOCK_S * state.turn_square
+    """Whether she does not answer the rudder, once the sea lets that be told: to a sixth of the turn."""
+    evidence = state.authority.expected_square >= 36.0 * BLOCK_S * state.turn_square
     return state.authority.lost and evidence and state.blocks >= ENOUGH_BLOCKS
 
 

@@ -278,7 +278,7 @@ DRILLS = (
         options={"mode": AUTO, "plans": (endless(),), "goals": ""},
     ),
     Drill(
-        Fault.STEERING_LOST, lambda bench: setattr(bench.world, "rudder_grip", 0.0), 60.0, alert_only,
+        Fault.STEERING_LOST, lambda bench: setattr(bench.world, "rudder_grip", 0.0), 90.0, alert_only,
         lambda bench: setattr(bench.world, "rudder_grip", 1.0), 240.0, start_s=10.0, stands_s=1.0,
         options={"goals": TURN},
     ),
