@@ -177,5 +177,5 @@ def move_parameters(home, client):
 def test_a_file_of_qgroundcontrols_kind_is_read_back():
     values = {row.name: row.default for row in TABLE}
     text = _qgc_file(values)
-    assert text.splitlines()[3].split("\t") == ["1", "1", "BOOT_ARM", "0", "6"]
+    assert "1\t1\tBOOT_ARM\t0\t6" in text.splitlines()
     assert parse_file(text, "file") == values
