@@ -1,11 +1,10 @@
-import time
-
 """MAVProxy against a running HIL, without a terminal: typed to over its standard input, read as it answers."""
 
 import math
 import os
 import shutil
 import sys
+import time
 from pathlib import Path
 
 import pytest
