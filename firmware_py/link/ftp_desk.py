@@ -6,7 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from firmware_py.link.ftp_handles import Client, Sessions
+from firmware_py.link.ftp_handles import Client, Reading, Sessions
 from firmware_py.link.ftp_tree import Tree
 from firmware_py.link.ftp_wire import Opcode, Refusal, Request, answer, refusal_of, refused
 from firmware_py.link.outbox import Priority
@@ -63,6 +63,12 @@ class Desk:
         if call.request.opcode == Opcode.OPEN_READ and found[0] is not PENDING:
             # A client that was started again may count from the same number: only an open session stays open.
             return found[0] if self.sessions.peek(call.client, call.request.session) is not None else None
+        if call.request.opcode == Opcode.TERMINATE:
+            # MAVProxy counts from the same number for each file: a session opened since then is to be ended too, or the
+            # next one would read the old content. Not an upload, which a stray copy must not cut short.
+            opened = self.sessions.peek(call.client, call.request.session)
+            if opened is not None and isinstance(opened.handle, Reading):
+                return None
         return found[0]
 
     def begin(self, call: Call) -> None:
