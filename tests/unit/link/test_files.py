@@ -483,6 +483,7 @@ def test_without_storage_there_are_only_the_files_in_memory(rig, ftp_station):
 
 def test_a_client_that_counts_anew_for_each_file_reads_it_as_it_is_now(client, disk):
     for content in (b"first", b"second", b"third"):
+        (disk / "logs" / "00000001.BIN").unlink()  # or the open file would change with it
         (disk / "logs" / "00000001.BIN").write_bytes(content)
         client.ask(OPEN, "logs/00000001.BIN", sequence=1)
         assert client.ask(READ, offset=0, size=20).data == content
