@@ -98,6 +98,7 @@ READING = frozenset(
         4,  # PING
         20,  # PARAM_REQUEST_READ
         21,  # PARAM_REQUEST_LIST
+        37,  # MISSION_REQUEST_PARTIAL_LIST
         40,  # MISSION_REQUEST
         43,  # MISSION_REQUEST_LIST
         47,  # MISSION_ACK

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 
 from firmware_py.angles import wrap_pi
+from firmware_py.estimate.wave_filter import GATE_RAD, GATE_SIGMAS
 from firmware_py.link.dialect import Message, mavlink
-from firmware_py.link.earth import destination, offset_m
+from firmware_py.link.earth import offset_m
 from firmware_py.link.scene import INT32_MAX, Scene, boot_ms, boot_us, fresh_fix, scaled_degrees, single, whole
+from firmware_py.records import Estimate
 
 _NO_ROTATION = (0.0, 0.0, 0.0, 0.0)  # repr_offset_q: "not set"
 # POSITION_TARGET_TYPEMASK: of everything, only the place in the plane is meant.
@@ -88,16 +90,11 @@ def gps_global_origin(scene: Scene) -> Message | None:
 
 
 def position_target(scene: Scene) -> Message | None:
-    """Return POSITION_TARGET_GLOBAL_INT while she goes to a place."""
-    boat, fix = scene.snapshot, fresh_fix(scene)
-    if fix is None or boat.bearing_rad is None or boat.distance_m is None:
+    """Return POSITION_TARGET_GLOBAL_INT while she goes to a place, or keeps near one."""
+    boat = scene.snapshot
+    latitude_rad, longitude_rad = boat.navigation.target_latitude_rad, boat.navigation.target_longitude_rad
+    if latitude_rad is None or longitude_rad is None or not math.isfinite(latitude_rad + longitude_rad):
         return None
-    if fix.latitude_rad is None or fix.longitude_rad is None:
-        return None
-    numbers = (fix.latitude_rad, fix.longitude_rad, boat.distance_m, boat.bearing_rad)
-    if not all(map(math.isfinite, numbers)):
-        return None
-    latitude_rad, longitude_rad = destination(*numbers)
     zeros = (0.0,) * 9  # altitude, velocity, acceleration, yaw, yaw rate: masked out
     return mavlink.MAVLink_position_target_global_int_message(
         boot_ms(boat.t_s),
@@ -110,8 +107,28 @@ def position_target(scene: Scene) -> Message | None:
 
 
 def estimator_status(scene: Scene) -> Message:
-    """Return ESTIMATOR_STATUS: which of heading, velocity and place can be relied on; NaN for what is not estimated."""
+    """Return ESTIMATOR_STATUS: which of heading, velocity and place can be relied on; NaN for what is not estimated.
+
+    `mag_ratio` is the last heading's innovation by the gate of the wave filter: more than 1 was refused.
+    """
     boat, fix = scene.snapshot, fresh_fix(scene)
     moving = fix is not None and fix.speed_over_ground_m_s is not None and fix.course_over_ground_rad is not None
     flags = (_ATTITUDE if boat.heading_ok else 0) | (0 if fix is None else _PLACE) | (_VELOCITY if moving else 0)
-    return mavlink.MAVLink_estimator_status_message(boot_us(boat.t_s), flags, *(_UNKNOWN,) * 8)
+    return mavlink.MAVLink_estimator_status_message(
+        boot_us(boat.t_s),
+        flags,
+        vel_ratio=_UNKNOWN,
+        pos_horiz_ratio=_UNKNOWN,
+        pos_vert_ratio=_UNKNOWN,
+        mag_ratio=_heading_ratio(boat.estimate),
+        hagl_ratio=_UNKNOWN,
+        tas_ratio=_UNKNOWN,
+        pos_horiz_accuracy=_UNKNOWN,
+        pos_vert_accuracy=_UNKNOWN,
+    )
+
+
+def _heading_ratio(learned: Estimate | None) -> float:
+    if learned is None:
+        return _UNKNOWN
+    return single(abs(learned.innovation_rad) / max(GATE_SIGMAS * learned.innovation_sd_rad, GATE_RAD), _UNKNOWN)

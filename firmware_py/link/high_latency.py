@@ -28,6 +28,12 @@ _FAILURES = (
     # There is no flag for a rudder; the engine's is the nearest thing that moves her.
     (Fault.RUDDER_SILENT, mavlink.HL_FAILURE_FLAG_ENGINE),
     (Fault.RUDDER_ERROR, mavlink.HL_FAILURE_FLAG_ENGINE),
+    (Fault.RUDDER_ASTRAY, mavlink.HL_FAILURE_FLAG_ENGINE),
+    (Fault.RUDDER_JAMMED, mavlink.HL_FAILURE_FLAG_ENGINE),
+    (Fault.STEERING_LOST, mavlink.HL_FAILURE_FLAG_ENGINE),
+    (Fault.SUPPLY_LOW, mavlink.HL_FAILURE_FLAG_BATTERY),
+    (Fault.FENCE_BREACHED, mavlink.HL_FAILURE_FLAG_GEOFENCE),
+    (Fault.MISSION_UNUSABLE, mavlink.HL_FAILURE_FLAG_MISSION),
 )
 _NO_BATTERY = -1
 _ARMED, _HEADING_OK = 1, 2  # in custom2
@@ -59,7 +65,7 @@ def high_latency2(scene: Scene) -> Message:
         target_heading=_half_degrees(boat.goal_heading_rad),
         target_distance=whole(None if boat.distance_m is None else boat.distance_m / 10.0, 0, UINT16_MAX, 0),
         throttle=0,
-        airspeed=0,
+        airspeed=_fifths(boat.water.speed_m_s if boat.water else None),
         airspeed_sp=0,
         groundspeed=_fifths(fix.speed_over_ground_m_s if fix else None),
         windspeed=0,

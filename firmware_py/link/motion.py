@@ -55,15 +55,16 @@ def attitude(scene: Scene) -> Message | None:
 
 
 def vfr_hud(scene: Scene) -> Message | None:
-    """Return VFR_HUD while the heading is fresh: its heading has no number for unknown."""
+    """Return VFR_HUD while the heading is fresh: its heading has no number for unknown. Water is its air."""
     boat = scene.snapshot
     if boat.heading_rad is None or not boat.heading_ok:
         return None
     fix = fresh_fix(scene)
     speed_m_s = None if fix is None else fix.speed_over_ground_m_s
     altitude_m = None if fix is None else fix.altitude_m
+    through_water_m_s = None if boat.water is None else boat.water.speed_m_s
     return mavlink.MAVLink_vfr_hud_message(
-        0.0, single(speed_m_s), _whole_degrees(boat.heading_rad), 0, single(altitude_m), 0.0
+        single(through_water_m_s), single(speed_m_s), _whole_degrees(boat.heading_rad), 0, single(altitude_m), 0.0
     )
 
 
@@ -116,7 +117,10 @@ def _cosine(angle_rad: float) -> float:
 
 
 def nav_controller_output(scene: Scene) -> Message | None:
-    """Return NAV_CONTROLLER_OUTPUT while there is a heading goal: the goal, and the bearing of a position goal."""
+    """Return NAV_CONTROLLER_OUTPUT while there is a heading goal: with a position goal its bearing and distance too.
+
+    `xtrack_error` is positive to starboard of the line.
+    """
     boat = scene.snapshot
     if boat.goal_heading_rad is None:
         return None
@@ -129,7 +133,7 @@ def nav_controller_output(scene: Scene) -> Message | None:
         whole(boat.distance_m, 0, UINT16_MAX, 0),
         0.0,
         0.0,
-        0.0,
+        single(boat.navigation.cross_track_m),
     )
 
 

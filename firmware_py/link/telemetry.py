@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from firmware_py.link import effort, estimates, high_latency, identity, mission_status, motion, wellbeing
+from firmware_py.link import effort, estimates, high_latency, identity, mission_status, motion, sea_state, wellbeing
 from firmware_py.link.dialect import Message, mavlink, text_of
 from firmware_py.link.outbox import Priority
 from firmware_py.link.scene import Scene, boot_ms, single
@@ -82,6 +82,18 @@ TABLE: tuple[Row, ...] = (
     _named("RUD_REVERS", effort.reversals_per_h, 0.2, 0.02),
     _named("RUD_WH", effort.servo_watt_hours, 0.2, 0.02),
     _named("RUD_WATT", effort.servo_watts, 0.2, 0.02),
+    _named("HDG_SRC", sea_state.heading_source, 0.5, 0.02),
+    _named("HDG_SD", sea_state.heading_sd_deg, 0.5, 0.02),
+    _named("HDG_INNOV", sea_state.innovation_deg, 1.0, 0.0),
+    _named("HDG_NIS", sea_state.innovation_square, 0.2, 0.02),
+    _named("TRIM", sea_state.trim_deg, 0.2, 0.02),
+    _named("TURN_FACT", sea_state.turning_factor, 0.2, 0.02),
+    _named("WAVE_SD", sea_state.wave_sd_deg, 0.2, 0.02),
+    _named("WAVE_T", sea_state.wave_period_s, 0.2, 0.02),
+    _named("WATER_SPD", sea_state.water_speed_m_s, 0.5, 0.05),
+    _named("CURR_N", sea_state.current_north_m_s, 0.2, 0.02),
+    _named("CURR_E", sea_state.current_east_m_s, 0.2, 0.02),
+    _named("CURR_SD", sea_state.current_sd_m_s, 0.2, 0.02),
 )
 
 

@@ -15,7 +15,7 @@ _POSITION = mavlink.MAV_SYS_STATUS_SENSOR_GPS
 _RUDDER = mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
 _STORAGE = mavlink.MAV_SYS_STATUS_LOGGING
 _PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
-# There is no fence, so none is breached: MAVProxy cries "fence breach" when this bit is not healthy.
+# Healthy while not breached, also without a fence: MAVProxy cries "fence breach" when this bit is not.
 _FENCE = mavlink.MAV_SYS_STATUS_GEOFENCE
 _MISSING_CELL = UINT16_MAX
 _RUDDER_FAULTS = 1 << Fault.RUDDER_SILENT | 1 << Fault.RUDDER_ERROR
@@ -36,13 +36,15 @@ def sys_status(scene: Scene) -> Message:
         (_STORAGE, not boat.faults >> Fault.STORAGE_FAILING & 1),
         (_PREARM, boat.prearm_refusal == ""),
     )
-    healthy = _FENCE | present & sum(bits for bits, good in states if good)
+    breached = boat.faults >> Fault.FENCE_BREACHED & 1
+    healthy = (0 if breached else _FENCE) | present & sum(bits for bits, good in states if good)
+    heeded = _FENCE if boat.navigation.fence_enabled else 0
     errors = whole(scene.refused_frames, 0, UINT16_MAX, 0)
     skipped = whole(boat.skipped_total, 0, UINT16_MAX, 0)
     millivolts, centiamperes = _supply(scene)
     load = whole(scene.load * 1e3, 0, 1000, 0)
     return mavlink.MAVLink_sys_status_message(
-        present, present, healthy, load, millivolts, centiamperes, -1, 0, errors, skipped, 0, 0, 0
+        present | heeded, present | heeded, healthy, load, millivolts, centiamperes, -1, 0, errors, skipped, 0, 0, 0
     )
 
 

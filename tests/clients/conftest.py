@@ -1,7 +1,6 @@
 """A running HIL and the programs around it: each a process of its own, read as it talks, ended in good order."""
 
 import importlib
-import math
 import os
 import re
 import signal
@@ -12,17 +11,29 @@ import time
 from pathlib import Path
 
 import pytest
+from relay import Relay
+from station import PATIENCE_S, Station, fail
 
 from hil.truth import read
 
 ROOT = Path(__file__).parents[2]
-PATIENCE_S = 45.0  # for anything at all: the machine may be busy with other tests
 LOOK_S = 0.05
-TAIL_LINES = 25
 SECONDS = 600  # simulated or real: a run that nobody ends stops by itself
 INTERRUPTED = 130
 GROUND_STATION, NO_AUTOPILOT = 6, 8  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID
 
+# Without any device: for what is asked over the link alone.
+BARE_BOAT = """
+[compass]
+driver = "nmea"
+port = "{directory}/no-compass"
+baud = 38400
+[rudder]
+driver = "volz"
+port = "{directory}/no-rudder"
+baud = 115200
+id = 1
+"""
 # The stock boat needs a minute to turn; this one is there in a few seconds of real time.
 NIMBLE_BOAT = """
 [compass]
@@ -39,14 +50,6 @@ MDL_K = 0.4
 MDL_T_S = 0.5
 MDL_ALPHA_S2 = 0.0
 """
-
-
-def fail(directory, complaint):
-    """Fail with the last words of every program that has written a log in the directory of the test."""
-    said = [complaint]
-    for path in sorted(directory.rglob("*.log")):
-        said += [f"--- the last of {path.name}:", *path.read_text(errors="replace").splitlines()[-TAIL_LINES:]]
-    pytest.fail("\n".join(said))
 
 
 def unused_ports(kinds):
@@ -188,65 +191,6 @@ def assert_nobody_left(path):
     assert left == []
 
 
-class Station:
-    """A third party's mavutil connection, and waits that say what did not come."""
-
-    def __init__(self, link, directory):
-        self.link = link
-        self._directory = directory
-        self.mav = link.mav
-        self.heard("HEARTBEAT")
-
-    def heard(self, kind, wanted=lambda _: True):
-        """Return the next message of a kind that is wanted."""
-        give_up_s = time.monotonic() + PATIENCE_S
-        last = None
-        while time.monotonic() < give_up_s:
-            message = self.link.recv_match(type=kind, blocking=True, timeout=1.0)
-            if message is not None:
-                if wanted(message):
-                    return message
-                last = message
-        return fail(self._directory, f"no {kind} as wanted within {PATIENCE_S:g} s; the last one: {last}")
-
-    def command(self, number, *parameters):
-        """Send a COMMAND_LONG and return the result."""
-        self.mav.command_long_send(1, 1, number, 0, *parameters, *[0.0] * (7 - len(parameters)))
-        return self.heard("COMMAND_ACK", lambda ack: ack.command == number).result
-
-    def set_parameter(self, name, value, kind):
-        """Send a PARAM_SET and return the value that comes back."""
-        self.mav.param_set_send(1, 1, name.encode(), value, kind)
-        return self.heard("PARAM_VALUE", lambda row: row.param_id == name).param_value
-
-    def parameter(self, name):
-        """Ask for the value of a parameter."""
-        self.mav.param_request_read_send(1, 1, name.encode(), -1)
-        return self.heard("PARAM_VALUE", lambda row: row.param_id == name).param_value
-
-    def wait_for_goal(self, goal_deg, tolerance_deg):
-        """Wait until she shows this heading as her goal."""
-        self.heard("ATTITUDE_TARGET", lambda shown: abs(off_deg(yaw_deg(shown.q), goal_deg)) < tolerance_deg)
-
-    def wait_until_steady(self, goal_deg, tolerance_deg, steady_s):
-        """Wait until she has lain on a goal for a while; return the ATTITUDE messages of it."""
-        kept = []
-        while not kept or kept[-1].time_boot_ms - kept[0].time_boot_ms < 1000.0 * steady_s:
-            kept.append(self.heard("ATTITUDE"))
-            if abs(off_deg(math.degrees(kept[-1].yaw), goal_deg)) > tolerance_deg:
-                kept.clear()
-        return kept
-
-
-def yaw_deg(q):
-    return math.degrees(2.0 * math.atan2(q[3], q[0]))
-
-
-def off_deg(heading_deg, goal_deg):
-    """How far a heading is off another, -180 to 180 degrees."""
-    return math.remainder(heading_deg - goal_deg, 360.0)
-
-
 @pytest.fixture
 def free_ports():
     return unused_ports
@@ -298,3 +242,23 @@ def start_hil(tmp_path):
     yield start_one
     for run in runs:
         run.close()
+
+
+@pytest.fixture
+def lossy(tmp_path, start, free_ports, connect):
+    """Starts a boat without devices and gives a relay of a seed, and a station behind it."""
+    relays = []
+
+    def begin(seed):
+        (station_port,) = free_ports(["udpin"])
+        relays.append(Relay(station_port, seed))
+        relays[-1].__enter__()
+        (tmp_path / "boat.toml").write_text(BARE_BOAT.format(directory=tmp_path))
+        words = ["run", str(tmp_path / "boat.toml"), "--wait", "--state", str(tmp_path / "state")]
+        url = f"udpout:127.0.0.1:{relays[-1].port}"
+        start("boat", [sys.executable, "-m", "firmware_py", *words, "--link", url])
+        return relays[-1], connect(f"udpin:127.0.0.1:{station_port}")
+
+    yield begin
+    for relay in relays:
+        relay.__exit__(None, None, None)

@@ -7,8 +7,12 @@ import socket
 import threading
 import time
 
+import pytest
+
 PART = 0.25
 DELAY_S = 0.06  # at most; what follows overtakes what is delayed
+RETRY_S = 0.25  # longer than that
+RETRIES = 40
 
 
 class Relay:
@@ -86,3 +90,23 @@ class Relay:
                 way.sendto(data, self._boat_address)
         except ConnectionRefusedError:
             pass
+
+
+def check_losses(relay):
+    whole = relay.counts["carried"] + relay.counts["dropped"]
+    assert whole > 40
+    assert 0.1 < relay.counts["dropped"] / whole < 0.4
+    assert relay.counts["doubled"] > 3
+    assert relay.counts["delayed"] > 3
+
+
+def asked(station, ask, kind, wanted=lambda _: True):
+    """Ask until it is answered, as the protocols have it."""
+    for _ in range(RETRIES):
+        ask()
+        again_s = time.monotonic() + RETRY_S
+        while (left_s := again_s - time.monotonic()) > 0.0:
+            message = station.link.recv_match(type=kind, blocking=True, timeout=left_s)
+            if message is not None and wanted(message):
+                return message
+    return pytest.fail(f"no {kind} after {RETRIES} questions")

@@ -1,69 +1,14 @@
 """A quarter of all datagrams lost, doubled, delayed, both ways: all that is asked for comes, whole and right."""
 
-import importlib.util
-import sys
 import time
-from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from relay import DELAY_S, RETRY_S, asked, check_losses
 
 from firmware_py.params import TABLE, Kind
 
 SEEDS = [1, 2, 3, 4, 5]
-RETRY_S = 0.25  # longer than the relay delays
-RETRIES = 40
-PATIENCE_S = 60.0
-VEHICLE = """
-[compass]
-driver = "nmea"
-port = "{directory}/no-compass"
-baud = 38400
-[rudder]
-driver = "volz"
-port = "{directory}/no-rudder"
-baud = 115200
-id = 1
-"""
-
-
-# Tests are imported without packages: what stands beside them is loaded by its path.
-_SPEC = importlib.util.spec_from_file_location("relay", Path(__file__).with_name("relay.py"))
-_MODULE = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(_MODULE)
-Relay, DELAY_S = _MODULE.Relay, _MODULE.DELAY_S
-
-
-@pytest.fixture
-def lossy(tmp_path, start, free_ports, connect):
-    """Starts a boat and gives a station behind a relay of a seed."""
-    relays = []
-
-    def begin(seed):
-        (station_port,) = free_ports(["udpin"])
-        relays.append(Relay(station_port, seed))
-        relays[-1].__enter__()
-        (tmp_path / "boat.toml").write_text(VEHICLE.format(directory=tmp_path))
-        words = ["run", str(tmp_path / "boat.toml"), "--wait", "--state", str(tmp_path / "state")]
-        url = f"udpout:127.0.0.1:{relays[-1].port}"
-        start("boat", [sys.executable, "-m", "firmware_py", *words, "--link", url])
-        return relays[-1], connect(f"udpin:127.0.0.1:{station_port}")
-
-    yield begin
-    for relay in relays:
-        relay.__exit__(None, None, None)
-
-
-def asked(station, ask, kind, wanted=lambda _: True):
-    """Ask until it is answered, as the protocols have it."""
-    for _ in range(RETRIES):
-        ask()
-        again_s = time.monotonic() + RETRY_S
-        while (left_s := again_s - time.monotonic()) > 0.0:
-            message = station.link.recv_match(type=kind, blocking=True, timeout=left_s)
-            if message is not None and wanted(message):
-                return message
-    return pytest.fail(f"no {kind} after {RETRIES} questions")
 
 
 def parameter_list(station):
@@ -115,14 +60,6 @@ def check_commands(station):
         )
         assert ack.result == mavlink.MAV_RESULT_ACCEPTED
     station.heard("HEARTBEAT", lambda beat: beat.custom_mode == 4)
-
-
-def check_losses(relay):
-    whole = relay.counts["carried"] + relay.counts["dropped"]
-    assert whole > 40
-    assert 0.1 < relay.counts["dropped"] / whole < 0.4
-    assert relay.counts["doubled"] > 3
-    assert relay.counts["delayed"] > 3
 
 
 def test_parameters_and_commands_over_a_lossy_link(lossy):

@@ -67,7 +67,7 @@ def check_parameters(client):
     names = sorted(row.name for row in TABLE if row.name.startswith("CTL_"))
     shown = ask(client, "param show CTL_*", rf"(?s){names[0]}.*{names[-1]} +\S+").group()
     assert [line.split()[0] for line in shown.splitlines()] == names
-    client.say("param set CTL_K1 37.5")
+    set_parameter(client, "CTL_K1", "37.5")
     client.say("param set LOOP_RATE_HZ 12")
     client.say("param set CTL_K2 1e30")  # tried again for some seconds: looked at in the end
     # Afresh from her, not from MAVProxy's memory.
@@ -75,6 +75,12 @@ def check_parameters(client):
     ask(client, "param show CTL_K1", r"CTL_K1 +37\.5\s")
     ask(client, "param show LOOP_RATE_HZ", r"LOOP_RATE_HZ +12(\.0)?\s")
     ask(client, "param show CTL_K2", r"CTL_K2 +0\.3")
+
+
+def set_parameter(client, name, value):
+    """Set it, and wait until she has confirmed it: MAVProxy remembers what she says, not what was asked for."""
+    client.say(f"param set {name} {value}")
+    client.wait_for(lambda: ask(client, f"param show {name}", rf"{name} +(\S+)")[1] == value, f"{name} was not set")
 
 
 def check_arming_and_modes(client):

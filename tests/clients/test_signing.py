@@ -86,6 +86,11 @@ def test_a_key_set_over_the_cable_guards_the_radio(tmp_path, boot, free_ports, c
     program.wait_for(gone, "the key is still on the disk")
 
 
+def shown(client, name):
+    client.say(f"param show {name}")
+    return client.expect(rf"{name} +(\S+)\s")[1]
+
+
 def test_mavproxy_sets_up_a_key_and_commands_with_it(tmp_path, boot, start, free_ports, connect):
     script = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
     if script is None:
@@ -105,10 +110,10 @@ def test_mavproxy_sets_up_a_key_and_commands_with_it(tmp_path, boot, start, free
     client.say("param fetch")
     client.expect(r"Saved \d+ parameters")
     client.say("param set CTL_K1 37.5")
-    client.say("param fetch")
+    client.wait_for(lambda: shown(client, "CTL_K1") == "37.5", "it was not set")
+    client.say("param fetch")  # from her, not from MAVProxy's memory
     client.expect(r"Saved \d+ parameters")
-    client.say("param show CTL_K1")
-    client.expect(r"CTL_K1 +37\.5\s")
+    assert shown(client, "CTL_K1") == "37.5"
     # The key is the one that pymavlink makes of the same words.
     far = connect(f"udpout:127.0.0.1:{radio}", 201)
     assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == DENIED

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.link.telemetry import TABLE
-from firmware_py.records import Event, FixType, Home, PositionSample, RudderFeedback, Severity
+from firmware_py.records import Activity, Event, FixType, Home, Navigation, PositionSample, RudderFeedback, Severity
 
 BITS_PER_BYTE = 10
 SECONDS = 60.0
@@ -16,6 +16,7 @@ FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1
 BOAT = {
     "position": FIX, "position_ok": True, "home": Home(0.7, -0.2, 1.0),
     "servo": RudderFeedback(0.0, 0.1, 31.0, 12.0, 0.2), "bearing_rad": 1.0, "distance_m": 50.0,
+    "navigation": Navigation(Activity.LINE, 0.7, -0.2),
 }  # fmt: skip
 
 

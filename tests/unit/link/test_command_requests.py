@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.link.telemetry import TABLE
-from firmware_py.records import FixType, Home, PositionSample, RudderFeedback
+from firmware_py.records import Activity, FixType, Home, Navigation, PositionSample, RudderFeedback
 
 FIX = {"position": PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2), "position_ok": True}
 SERVO = {"servo": RudderFeedback(0.0, 0.1, 30.0, 12.0, 0.2)}
@@ -19,7 +19,7 @@ def result(messages):
 
 @pytest.mark.parametrize("number", sorted({row.number for row in TABLE} | {148, 300, 395, 397, 435, 437}))
 def test_every_message_can_be_requested(rig, number):
-    rig.tick(**FIX, **SERVO, home=Home(0.7, -0.2, 1.0), bearing_rad=1.0, distance_m=50.0)
+    rig.tick(**FIX, **SERVO, home=Home(0.7, -0.2, 1.0), navigation=Navigation(Activity.LINE, 0.7, -0.2))
     said = rig.command(512, number)
     assert said[0].result == 0
     assert {message.get_msgId() for message in said[1:]} == {number}

@@ -1,17 +1,23 @@
 """Attitude as a rotation, the local position, the goal's place, what the estimator knows."""
 
+import dataclasses
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.guidance.bearing import distance_and_bearing
-from firmware_py.link.earth import destination, offset_m
+from firmware_py.link.earth import offset_m
 from firmware_py.link.estimates import quaternion
-from firmware_py.records import FixType, Home, PositionSample
+from firmware_py.records import Activity, Estimate, FixType, Home, Navigation, PositionSample
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
+ESTIMATE = Estimate(
+    source=0, heading_rad=1.0, heading_sd_rad=0.01, yaw_rate_rad_s=0.0, yaw_rate_sd_rad_s=0.001, bias_rad=0.1,
+    bias_sd_rad=0.01, wave_period_s=6.0, wave_sd_rad=0.2, compass_noise_rad=0.01, speed_m_s=0.5, speed_sd_m_s=0.05,
+    current_north_m_s=0.1, current_east_m_s=-0.1, turning_factor=1.1, innovation_rad=0.0, innovation_sd_rad=0.01,
+    innovation_square=1.0,
+)  # fmt: skip
 HOME = Home(0.7 - 100.0 / 6_378_137.0, -0.2, 1.0)
 
 
@@ -49,20 +55,11 @@ def test_the_local_position_counts_from_home(asked):
 
 
 def test_the_place_she_goes_to(asked):
-    target = asked(87, "POSITION_TARGET_GLOBAL_INT", position=FIX, position_ok=True, distance_m=1000.0, bearing_rad=0.0)
-    assert target.lat_int == pytest.approx(math.degrees(0.7 + 1000.0 / 6_371_008.8) * 1e7, abs=2)
-    assert target.lon_int == round(math.degrees(-0.2) * 1e7)
+    target = asked(87, "POSITION_TARGET_GLOBAL_INT", navigation=Navigation(Activity.LINE, 0.7, -0.2))
+    assert (target.lat_int, target.lon_int) == (round(math.degrees(0.7) * 1e7), round(math.degrees(-0.2) * 1e7))
     assert target.type_mask & 0b11 == 0
     assert target.type_mask & 0b1101_1111_1100 == 0b1101_1111_1100
-    assert asked(87, "POSITION_TARGET_GLOBAL_INT", position=FIX, position_ok=True) is None
-
-
-@given(st.floats(-1.5, 1.5), st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
-def test_the_destination_is_where_guidance_goes(latitude_rad, longitude_rad, to_latitude_rad, to_longitude_rad):
-    distance_m, bearing_rad = distance_and_bearing(latitude_rad, longitude_rad, to_latitude_rad, to_longitude_rad)
-    reached = destination(latitude_rad, longitude_rad, distance_m, bearing_rad)
-    missed_m, _ = distance_and_bearing(*reached, to_latitude_rad, to_longitude_rad)
-    assert missed_m < 1.0
+    assert asked(87, "POSITION_TARGET_GLOBAL_INT", navigation=Navigation(Activity.HEADING)) is None
 
 
 def test_offsets_cross_the_date_line():
@@ -75,3 +72,12 @@ def test_the_estimator_says_what_can_be_relied_on(asked):
     assert good.flags == 1 | 2 | 8 | 16 | 256 | 512
     assert all(math.isnan(value) for value in (good.vel_ratio, good.mag_ratio, good.pos_horiz_accuracy))
     assert asked(230, "ESTIMATOR_STATUS", heading_ok=False).flags == 0
+
+
+def test_the_estimator_says_how_far_off_the_last_heading_was(asked):
+    def ratio(innovation_rad, innovation_sd_rad):
+        learned = dataclasses.replace(ESTIMATE, innovation_rad=innovation_rad, innovation_sd_rad=innovation_sd_rad)
+        return asked(230, "ESTIMATOR_STATUS", estimate=learned).mag_ratio
+
+    assert ratio(-math.radians(5.0), math.radians(0.1)) == pytest.approx(0.25)  # the gate is never narrower than 20 deg
+    assert ratio(math.radians(60.0), math.radians(5.0)) == pytest.approx(2.0)  # 6 standard deviations

@@ -11,7 +11,19 @@ from firmware_py.faults import Fault
 from firmware_py.link.dialect import Codec, mavlink
 from firmware_py.link.scene import Scene
 from firmware_py.link.telemetry import ROWS_OF, TABLE
-from firmware_py.records import FixType, Home, MissionReport, Mode, PositionSample, RudderFeedback, Snapshot
+from firmware_py.records import (
+    Activity,
+    Estimate,
+    FixType,
+    Home,
+    MissionReport,
+    Mode,
+    Navigation,
+    PositionSample,
+    RudderFeedback,
+    Snapshot,
+    Water,
+)
 
 CODEC = Codec(1, 1)
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
@@ -95,6 +107,7 @@ def test_the_goal_is_visible(build):
     assert (nav.nav_bearing, nav.target_bearing, nav.wp_dist) == (115, 172, 65535)
     target = build("ATTITUDE_TARGET", goal_heading_rad=2.0)
     assert 2 * math.atan2(target.q[3], target.q[0]) == pytest.approx(2.0)
+    assert build("NAV_CONTROLLER_OUTPUT", navigation=Navigation(cross_track_m=-12.5)).xtrack_error == -12.5
     assert build("NAV_CONTROLLER_OUTPUT", goal_heading_rad=None) is None
     assert build("ATTITUDE_TARGET", goal_heading_rad=None) is None
 
@@ -124,6 +137,47 @@ def test_sys_status_is_honest(build):
     assert blind.onboard_control_sensors_health & everything == 0
     assert (blind.voltage_battery, blind.current_battery) == (65535, -1)
     assert not build("SYS_STATUS").onboard_control_sensors_present & 32
+
+
+FENCE = mavlink.MAV_SYS_STATUS_GEOFENCE
+
+
+def test_the_fence_shows_whether_it_is_heeded_and_whether_it_is_breached(build):
+    def shown(**changes):
+        status = build("SYS_STATUS", **changes)
+        fields = ("present", "enabled", "health")
+        return [bool(getattr(status, f"onboard_control_sensors_{name}") & FENCE) for name in fields]
+
+    assert shown() == [False, False, True]
+    assert shown(navigation=Navigation(fence_enabled=True)) == [True, True, True]
+    breached = {"faults": 1 << Fault.FENCE_BREACHED}
+    assert shown(navigation=Navigation(fence_enabled=True), **breached) == [True, True, False]
+
+
+def test_what_the_estimator_has_learned_is_told_by_name(build):
+    learned = Estimate(
+        1, *(math.radians(number) for number in range(2, 7)), 0.1, 6.5, 0.2, *([0.5] * 5), 1.2, 0.3, 0, 0.9
+    )
+    water = Water(0.8, 0.05, 0.1, -0.2, 0.04)
+    values = {
+        "HDG_SRC": 1,
+        "HDG_SD": 3,
+        "TRIM": 6,
+        "WAVE_SD": math.degrees(0.2),
+        "WAVE_T": 6.5,
+        "TURN_FACT": 1.2,
+        "HDG_INNOV": math.degrees(0.3),
+        "HDG_NIS": 0.9,
+        "WATER_SPD": 0.8,
+        "CURR_N": 0.1,
+        "CURR_E": -0.2,
+        "CURR_SD": 0.04,
+    }
+    for name, value in values.items():
+        assert build(f"NAMED_VALUE_FLOAT {name}", estimate=learned, water=water).value == pytest.approx(value), name
+        assert build(f"NAMED_VALUE_FLOAT {name}") is None
+    assert build("VFR_HUD", water=water).airspeed == pytest.approx(0.8)
+    assert build("HIGH_LATENCY2", water=water).airspeed == 4
 
 
 def test_battery_status_knows_only_one_voltage(build):
@@ -175,6 +229,9 @@ SNAPSHOTS = st.builds(
     position=st.none() | POSITIONS, position_ok=st.booleans(), faults=st.integers(0, 63),
     rate_hz=NUMBER, skipped_total=COUNT, late_s=NUMBER, home=st.none() | st.builds(Home, NUMBER, NUMBER, NUMBER),
     mission=st.builds(MissionReport, index=st.none() | COUNT, count=COUNT), prearm_refusal=st.text(max_size=5),
+    estimate=st.none() | st.builds(Estimate, st.integers(0, 3), *([NUMBER] * 17)),
+    water=st.none() | st.builds(Water, *([NUMBER] * 5)),
+    navigation=st.builds(Navigation, st.sampled_from(Activity), *([MAYBE] * 4), st.booleans(), st.booleans()),
 )  # fmt: skip
 
 

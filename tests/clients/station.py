@@ -1,0 +1,76 @@
+"""A ground station of a third party in tests: mavutil's connection, and waits that say what did not come."""
+
+import math
+import time
+
+import pytest
+
+PATIENCE_S = 45.0  # for anything at all: the machine may be busy with other tests
+TAIL_LINES = 25
+
+
+def fail(directory, complaint):
+    """Fail with the last words of every program that has written a log in the directory of the test."""
+    said = [complaint]
+    for path in sorted(directory.rglob("*.log")):
+        said += [f"--- the last of {path.name}:", *path.read_text(errors="replace").splitlines()[-TAIL_LINES:]]
+    pytest.fail("\n".join(said))
+
+
+class Station:
+    """A third party's mavutil connection, and waits that say what did not come."""
+
+    def __init__(self, link, directory):
+        self.link = link
+        self._directory = directory
+        self.mav = link.mav
+        self.heard("HEARTBEAT")
+
+    def heard(self, kind, wanted=lambda _: True):
+        """Return the next message of a kind that is wanted."""
+        give_up_s = time.monotonic() + PATIENCE_S
+        last = None
+        while time.monotonic() < give_up_s:
+            message = self.link.recv_match(type=kind, blocking=True, timeout=1.0)
+            if message is not None:
+                if wanted(message):
+                    return message
+                last = message
+        return fail(self._directory, f"no {kind} as wanted within {PATIENCE_S:g} s; the last one: {last}")
+
+    def command(self, number, *parameters):
+        """Send a COMMAND_LONG and return the result."""
+        self.mav.command_long_send(1, 1, number, 0, *parameters, *[0.0] * (7 - len(parameters)))
+        return self.heard("COMMAND_ACK", lambda ack: ack.command == number).result
+
+    def set_parameter(self, name, value, kind):
+        """Send a PARAM_SET and return the value that comes back."""
+        self.mav.param_set_send(1, 1, name.encode(), value, kind)
+        return self.heard("PARAM_VALUE", lambda row: row.param_id == name).param_value
+
+    def parameter(self, name):
+        """Ask for the value of a parameter."""
+        self.mav.param_request_read_send(1, 1, name.encode(), -1)
+        return self.heard("PARAM_VALUE", lambda row: row.param_id == name).param_value
+
+    def wait_for_goal(self, goal_deg, tolerance_deg):
+        """Wait until she shows this heading as her goal."""
+        self.heard("ATTITUDE_TARGET", lambda shown: abs(off_deg(yaw_deg(shown.q), goal_deg)) < tolerance_deg)
+
+    def wait_until_steady(self, goal_deg, tolerance_deg, steady_s):
+        """Wait until she has lain on a goal for a while; return the ATTITUDE messages of it."""
+        kept = []
+        while not kept or kept[-1].time_boot_ms - kept[0].time_boot_ms < 1000.0 * steady_s:
+            kept.append(self.heard("ATTITUDE"))
+            if abs(off_deg(math.degrees(kept[-1].yaw), goal_deg)) > tolerance_deg:
+                kept.clear()
+        return kept
+
+
+def yaw_deg(q):
+    return math.degrees(2.0 * math.atan2(q[3], q[0]))
+
+
+def off_deg(heading_deg, goal_deg):
+    """How far a heading is off another, -180 to 180 degrees."""
+    return math.remainder(heading_deg - goal_deg, 360.0)
