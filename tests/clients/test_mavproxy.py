@@ -68,7 +68,7 @@ def check_parameters(client):
     shown = ask(client, "param show CTL_*", rf"(?s){names[0]}.*{names[-1]} +\S+").group()
     assert [line.split()[0] for line in shown.splitlines()] == names
     set_parameter(client, "CTL_K1", "37.5")
-    client.say("param set LOOP_RATE_HZ 12")
+    set_parameter(client, "LOOP_RATE_HZ", "12")
     client.say("param set CTL_K2 1e30")  # tried again for some seconds: looked at in the end
     # Afresh from her, not from MAVProxy's memory.
     ask(client, "param fetch", f"Saved {len(TABLE)} parameters")
@@ -80,7 +80,11 @@ def check_parameters(client):
 def set_parameter(client, name, value):
     """Set it, and wait until she has confirmed it: MAVProxy remembers what she says, not what was asked for."""
     client.say(f"param set {name} {value}")
-    client.wait_for(lambda: ask(client, f"param show {name}", rf"{name} +(\S+)")[1] == value, f"{name} was not set")
+
+    def confirmed():
+        return float(ask(client, f"param show {name}", rf"{name} +(\S+)")[1]) == float(value)
+
+    client.wait_for(confirmed, f"{name} was not set")
 
 
 def check_arming_and_modes(client):
