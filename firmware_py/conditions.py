@@ -47,7 +47,7 @@ def _compass_silent(sight: Sight) -> bool:
 
 
 def _compass_frozen(sight: Sight) -> bool:
-    return any(compass.frozen(sight.now_s) for compass in sight.compasses())
+    return any(compass.frozen(sight.now_s, sight.settings.lookout.limits) for compass in sight.compasses())
 
 
 def _compass_jumping(sight: Sight) -> bool:

@@ -122,7 +122,7 @@ TABLE: tuple[FaultRow, ...] = (
     ),
     FaultRow(
         Fault.COMPASS_FROZEN,
-        "a compass that used to vary has shown one and the same number for 30 s",
+        "a compass has shown one and the same number for CMP_FROZEN_S",
         0.0,
         0.0,
         Severity.ERROR,

@@ -14,7 +14,7 @@ from firmware_py.angles import clamp, radians
 from firmware_py.estimate import declination, heading, kalman, sources, wave_filter
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.heading import HeadingState, ObserverSettings
-from firmware_py.estimate.sources import Seen, Source, SourceState
+from firmware_py.estimate.sources import Limits, Seen, Source, SourceState
 from firmware_py.estimate.wave_filter import FilterSettings, FilterState
 from firmware_py.params import ParameterSet
 from firmware_py.records import Estimate, Event, FixType, HeadingSample, PositionSample, Severity
@@ -34,6 +34,7 @@ class LookoutSettings:
     declination_by_model: bool
     position_timeout_s: float
     course_speed_m_s: float
+    limits: Limits
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> LookoutSettings:
@@ -45,6 +46,7 @@ class LookoutSettings:
             parameters["CMP_DECL_AUTO"] == 1,
             parameters["POS_TIMEOUT_S"],
             parameters["COG_SPEED_MIN"],
+            Limits(parameters["CMP_TIMEOUT_S"], parameters["CMP_FROZEN_S"]),
         )
 
 
@@ -128,7 +130,7 @@ def _chosen(
         and waves.spread(kalman.HEADING) <= WIDEST_COURSE_RAD
         and waves.x[kalman.SPEED] >= settings.course_speed_m_s
     )
-    return sources.chosen(known, now_s, settings.observer.timeout_s, course_ok=course_ok)
+    return sources.chosen(known, now_s, settings.limits, course_ok=course_ok)
 
 
 def velocities_of(positions: Sequence[PositionSample]) -> list[wave_filter.Velocity]:

@@ -160,6 +160,14 @@ TABLE: tuple[Parameter, ...] = (
         "Magnetic declination, east positive; used when the compass is magnetic and does not state its own.",
     ),
     *_deviations("CMP", "the compass"),
+    _real(
+        "CMP_FROZEN_S",
+        30.0,
+        0.0,
+        3600.0,
+        "s",
+        "A compass that shows the same number for so long has stopped measuring; 0: never, for a boat ashore.",
+    ),
     _real("CMP_OFFSET_DEG", 0.0, -180.0, 180.0, "deg", "Mounting angle of the compass, added to its reading."),
     _real("CMP_TIMEOUT_S", 1.0, 0.2, 60.0, "s", "A heading older than this is not steered by."),
     _real(

@@ -99,6 +99,8 @@ class BenchSession:
             ("compass", vehicle.compass, COMPASSES),
             ("rudder", vehicle.rudder, RUDDERS),
         ]
+        if vehicle.compass_b is not None:
+            entries.append(("compass_b", vehicle.compass_b, COMPASSES))
         shared = vehicle.position is not None and vehicle.position.port == vehicle.compass.port
         if vehicle.position is not None and not shared:
             entries.append(("position", vehicle.position, POSITIONS))

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     for check in checks:
         for passed, subject, text in check():
             failed += not passed
-            print(f"{'PASS' if passed else 'FAIL'}  {subject:<10} {text}", flush=True)
+            print(f"{'PASS' if passed else 'FAIL'}  {subject:<11} {text}", flush=True)
     return 1 if failed else 0
 
 

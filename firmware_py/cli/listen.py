@@ -73,7 +73,7 @@ def _line(record: dict[str, Any]) -> str:
         f"{name} {'-' if value is None else value}" for name, value in record.items() if name not in head
     )
     text = (
-        f"{record['device']:<9}{record['driver']:<10}{record['state']:<9}{rate} Hz  "
+        f"{record['device']:<11}{record['driver']:<10}{record['state']:<9}{rate} Hz  "
         f"{record['accepted']} good, {record['rejected']} bad  {values}"
     )
     return f"{text}  [{record['error']}]" if record["error"] else text

@@ -12,12 +12,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 from firmware_py.angles import clamp, radians, wrap_pi
 from firmware_py.records import Event, Severity
 
-FROZEN_S: Final = 30.0  # a compass at sea that shows the very same number for so long has stopped measuring
 JUMP_RAD: Final = radians(25.0)
 JUMP_S: Final = 1.5
 PROBATION_S: Final = 10.0
@@ -49,6 +48,13 @@ class Seen:
     source: int
 
 
+class Limits(NamedTuple):
+    """After how long a silent compass is lost, and one that shows the same number has stopped measuring (0: never)."""
+
+    timeout_s: float
+    frozen_s: float
+
+
 @dataclass(frozen=True, slots=True)
 class CompassState:
     """What is known of one compass.
@@ -66,9 +72,11 @@ class CompassState:
     apart_rad: float = 0.0
     offset_rad: float = 0.0
 
-    def frozen(self, now_s: float) -> bool:
+    def frozen(self, now_s: float, limits: Limits) -> bool:
         """Whether it speaks but has not changed for too long."""
-        return self.t_s is not None and self.t_s - self.changed_s > FROZEN_S and now_s - self.t_s < FROZEN_S
+        if self.t_s is None or limits.frozen_s == 0.0 or now_s - self.t_s > limits.timeout_s:
+            return False
+        return self.t_s - self.changed_s > limits.frozen_s
 
     def jumping(self) -> bool:
         """Whether it shows headings that the boat cannot have come to."""
@@ -128,18 +136,18 @@ def taken(state: SourceState, sample: Seen, expected_rad: float | None) -> Sourc
     return replace(state, compasses=(heard(a, sample, expected_rad), b))
 
 
-def _judged(state: CompassState, now_s: float, timeout_s: float) -> CompassState:
-    speaks = state.t_s is not None and now_s - state.t_s <= timeout_s
-    if not speaks or state.frozen(now_s) or state.jumping():
+def _judged(state: CompassState, now_s: float, limits: Limits) -> CompassState:
+    speaks = state.t_s is not None and now_s - state.t_s <= limits.timeout_s
+    if not speaks or state.frozen(now_s, limits) or state.jumping():
         return replace(state, sound_since_s=None)
     return state if state.sound_since_s is not None else replace(state, sound_since_s=now_s)
 
 
 def chosen(
-    state: SourceState, now_s: float, timeout_s: float, *, course_ok: bool
+    state: SourceState, now_s: float, limits: Limits, *, course_ok: bool
 ) -> tuple[SourceState, tuple[Event, ...]]:
     """Judge the compasses and choose the source; a change is told."""
-    a, b = (_judged(one, now_s, timeout_s) for one in state.compasses)
+    a, b = (_judged(one, now_s, limits) for one in state.compasses)
     in_use = _first_sound(state.in_use, (a, b), now_s, course_ok=course_ok)
     if in_use is state.in_use:
         return SourceState((a, b), in_use), ()

@@ -148,6 +148,15 @@ def test_check_has_a_line_for_each_thing_and_fails_for_silent_devices(capsys, ve
     assert any("silent; check power, wiring and baud rate" in line for line in lines)
 
 
+def test_a_second_compass_is_listened_to_and_checked_as_well(capsys, vehicle, monkeypatch, tmp_path):
+    monkeypatch.setattr("firmware_py.cli.check.LISTEN_S", 0.2)
+    path = vehicle(more='[compass_b]\ndriver = "pni_tcm"\nport = "/dev/none-c"\nbaud = 38400\n')
+    assert main(["listen", path, "--seconds", "1.05", "--json"]) == 1
+    assert '"device": "compass_b", "driver": "pni_tcm"' in capsys.readouterr().out
+    assert main(["check", path, "--state", str(tmp_path / "state")]) == 1
+    assert "FAIL  compass_b" in capsys.readouterr().out
+
+
 def test_listen_says_what_is_missing(capsys, vehicle):
     assert main(["listen", vehicle(), "--seconds", "1.05", "--json"]) == 1
     records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]

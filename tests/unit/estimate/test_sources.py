@@ -4,15 +4,16 @@ import random
 import pytest
 
 from firmware_py.angles import radians, wrap_pi
-from firmware_py.estimate.sources import FROZEN_S, PROBATION_S, Seen, Source, SourceState, chosen, slewed, taken, usable
+from firmware_py.estimate.sources import PROBATION_S, Limits, Seen, Source, SourceState, chosen, slewed, taken, usable
 
-TIMEOUT_S = 1.0
+TIMEOUT_S, FROZEN_S = 1.0, 30.0
 
 
 class Watch:
     """Two compasses around an estimate, ten times a second."""
 
-    def __init__(self):
+    def __init__(self, frozen_s=FROZEN_S):
+        self.limits = Limits(TIMEOUT_S, frozen_s)
         self.state = SourceState()
         self.t_s = 0.0
         self.rng = random.Random(3)
@@ -31,7 +32,7 @@ class Watch:
                     samples.append(Seen(self.t_s, value, value, source))
             for sample in samples:
                 self.state = taken(self.state, sample, expected)
-            self.state, told = chosen(self.state, self.t_s, TIMEOUT_S, course_ok=course_ok)
+            self.state, told = chosen(self.state, self.t_s, self.limits, course_ok=course_ok)
             self.told += [event.text for event in told]
             self.used = usable(self.state, samples)
         return self.state.in_use
@@ -100,6 +101,11 @@ def test_disagreement_of_two_sound_compasses_is_seen():
     assert not watch.state.disagree()
     watch.run(60.0, b=radians(20.0))
     assert watch.state.disagree()
+
+
+def test_ashore_a_compass_may_be_as_steady_as_it_likes():
+    watch = Watch(frozen_s=0.0)
+    assert watch.run(10.0 * FROZEN_S, a="frozen") is Source.COMPASS_A
 
 
 def test_a_compass_that_differs_by_a_number_only_now_and_then_is_not_frozen():
