@@ -12,8 +12,6 @@ from firmware_py.link.command_table import TABLE as COMMANDS
 from firmware_py.link.commands import Commands
 from firmware_py.link.dialect import Message, Packed
 from firmware_py.link.files import Files
-from firmware_py.link.ftp_area import Parts
-from firmware_py.link.ftp_tree import Sink
 from firmware_py.link.goals import Goals
 from firmware_py.link.home_setting import HomeSetting
 from firmware_py.link.identity import Version
@@ -25,6 +23,7 @@ from firmware_py.link.mission import Mission
 from firmware_py.link.outbox import Priority
 from firmware_py.link.parameters import Parameters
 from firmware_py.link.peer import Peer, Roster
+from firmware_py.link.plan_file import PlanFiles
 from firmware_py.link.refusals import refuse
 from firmware_py.link.scene import Scene
 from firmware_py.link.session import Handler, Session, Suppliers
@@ -81,7 +80,6 @@ class Endpoint:
         heard_utc: Callable[[float, float], None] | None = None,
         calibrator: Calibrator | None = None,
         storage: Storage = NO_STORAGE,
-        sinks: Mapping[Parts, Sink] | None = None,
     ) -> None:
         """Take opened transports and the loop's side.
 
@@ -89,7 +87,7 @@ class Endpoint:
         1. `vault` keeps the signing key and its timestamps over restarts. `heard_utc` takes
         the time that a ground station says, and when it came. `calibrator` is the compass,
         if it can calibrate itself. `storage` is what file transfer and log download show of
-        the disk, `sinks` the paths where an uploaded file is put in force.
+        the disk.
         """
         self._transports = tuple(transports)
         self._session = Session(authority, Suppliers(utc_s, load, heard_utc, calibrator), version)
@@ -105,8 +103,9 @@ class Endpoint:
         self._mission = Mission(self._session)
         self._commands = Commands(self._session, COMMANDS)
         self._worker = Worker(background=storage.background)
-        all_sinks = {PACKED_PARAMETERS: self._parameters.put_in_force, **(sinks or {})}
-        tree = tree_of(storage, self._session.metadata, authority, all_sinks)
+        plan_files = PlanFiles(self._session)
+        sinks = {PACKED_PARAMETERS: self._parameters.put_in_force, **plan_files.sinks()}
+        tree = tree_of(storage, self._session.metadata, authority, plan_files.made(), sinks)
         self._files = Files(self._session, tree, self._worker)
         self._logs = Logs(self._session, storage.catalogue, self._worker, logging=storage.logging)
         self._greeting = (Event(Severity.INFO, boot_text),) if boot_text else ()

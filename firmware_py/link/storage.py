@@ -36,8 +36,10 @@ class Storage:
     background: bool = False
 
 
-def tree_of(storage: Storage, metadata: Metadata, authority: Authority, sinks: Mapping[Parts, Sink]) -> Tree:
-    """Return all that file transfer shows; `sinks` are the paths where an upload is put in force."""
+def tree_of(
+    storage: Storage, metadata: Metadata, authority: Authority, more: Mapping[Parts, Make], sinks: Mapping[Parts, Sink]
+) -> Tree:
+    """Return all that file transfer shows; `more` is made when it is read, `sinks` put an upload in force."""
     areas = {}
     if storage.logs is not None:
         areas["logs"] = Area(storage.logs, writable=False)
@@ -46,7 +48,7 @@ def tree_of(storage: Storage, metadata: Metadata, authority: Authority, sinks: M
     made: dict[Parts, Make] = {path: partial(_same, content) for path, content in metadata.files.items()}
     made[PACKED_PARAMETERS] = lambda query: packed(authority.parameters(), query)
     made["parameters.param",] = lambda _: format_file(dict(authority.parameters().items())).encode()
-    return Tree(areas, made, sinks)
+    return Tree(areas, {**made, **more}, sinks)
 
 
 def _same(content: bytes, _: object) -> bytes:

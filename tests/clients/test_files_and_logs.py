@@ -71,7 +71,7 @@ def test_mavsdk_moves_files_and_logs(tmp_path, start, boat):
     if code != 0:
         client.fail(f"it ended with code {code}")
     seen = json.loads((directory / "results.json").read_text())
-    directories = ["@PARAM", "logs", "metadata", "uploads"]
+    directories = ["@MISSION", "@PARAM", "logs", "metadata", "uploads"]
     assert seen["root"] == [*(["DIRECTORY", name] for name in directories), ["FILE", "parameters.param"]]
     assert [name for _, name in seen["logs"]][:2] == ["00000001.BIN", "00000002.BIN"]
     assert seen["downloads"] == ["SUCCESS"] * 3

@@ -162,6 +162,12 @@ def test_mavproxy_loads_lists_and_saves_plans(tmp_path, start, boot):
         client.expect(rf"(?m)^{lines[-1].split()[3]} \d ")
     client.say("wp clear")
     client.wait_for(lambda: stored(tmp_path, "wp") == 0, "an empty mission")
+    # The same in one transfer.
+    client.say("wp ftpload wp.txt")
+    client.expect(f"Sent waypoint of length {len(WAYPOINTS)} in ")
+    client.wait_for(lambda: stored(tmp_path, "wp") == len(WAYPOINTS) - 1, "the mission in the store")
+    client.say("wp ftp")
+    client.expect(rf"(?m)^{WAYPOINTS[-1].split()[3]} \d ")
     client.hang_up()
     client.exit_code()
     program.send_signal(signal.SIGTERM)

@@ -154,7 +154,9 @@ def test_an_hour_of_circles_in_the_tank_s_waves(yard):
 def test_a_zigzag_in_waves_leaves_alpha_open_and_k_and_t_right(yard):
     errors, stated, verdicts, _ = study(yard, zigzag(yard), 20, wave=True, channels="hr", model="auto")
     assert np.max(np.abs(errors[:, :2]) / TRUE[:2]) < 0.025
-    assert np.all(np.abs(errors[:, :3]) <= 1.96 * stated[:, :3])
+    # Of 20 at 95 %: fewer than 16 by chance in one of 2000.
+    assert np.all(covered(errors, stated)[:3] >= 0.8)
+    assert np.all(np.abs(errors[:, :3]) <= 3.5 * stated[:, :3])
     assert "identifiable" not in verdicts
 
 

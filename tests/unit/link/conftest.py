@@ -162,7 +162,7 @@ class MemoryVault:
 class Rig:
     """An endpoint and a ground station that speaks through pymavlink."""
 
-    def __init__(self, vault=None, *, identity=3, storage=NO_STORAGE, sinks=None, **transport):
+    def __init__(self, vault=None, *, identity=3, storage=NO_STORAGE, **transport):
         self.vault = vault or MemoryVault()
         self.utc_s = 1.7e9
         self.transport = MemoryTransport(**transport)
@@ -177,7 +177,6 @@ class Rig:
             vault=self.vault,
             heard_utc=lambda utc_s, now_s: self.heard_utc.append((utc_s, now_s)),
             storage=storage,
-            sinks=sinks,
         )
         self.heard_utc = []
         self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
