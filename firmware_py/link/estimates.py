@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from firmware_py.angles import wrap_pi
-from firmware_py.estimate.wave_filter import GATE_RAD, GATE_SIGMAS
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.earth import offset_m
 from firmware_py.link.scene import INT32_MAX, Scene, boot_ms, boot_us, fresh_fix, scaled_degrees, single, whole
@@ -15,6 +14,7 @@ _NO_ROTATION = (0.0, 0.0, 0.0, 0.0)  # repr_offset_q: "not set"
 # POSITION_TARGET_TYPEMASK: of everything, only the place in the plane is meant.
 _PLACE_ONLY = 0b0000_1101_1111_1100
 _UNKNOWN = math.nan
+_ODD_SDS = 5.0
 
 _ATTITUDE = mavlink.ESTIMATOR_ATTITUDE
 _VELOCITY = mavlink.ESTIMATOR_VELOCITY_HORIZ
@@ -109,7 +109,7 @@ def position_target(scene: Scene) -> Message | None:
 def estimator_status(scene: Scene) -> Message:
     """Return ESTIMATOR_STATUS: which of heading, velocity and place can be relied on; NaN for what is not estimated.
 
-    `mag_ratio` is the last heading's innovation by the gate of the wave filter: more than 1 was refused.
+    `mag_ratio` is the last heading's innovation by five of its standard deviations: 1 and more is odd.
     """
     boat, fix = scene.snapshot, fresh_fix(scene)
     moving = fix is not None and fix.speed_over_ground_m_s is not None and fix.course_over_ground_rad is not None
@@ -129,6 +129,6 @@ def estimator_status(scene: Scene) -> Message:
 
 
 def _heading_ratio(learned: Estimate | None) -> float:
-    if learned is None:
+    if learned is None or not learned.innovation_sd_rad > 0.0:
         return _UNKNOWN
-    return single(abs(learned.innovation_rad) / max(GATE_SIGMAS * learned.innovation_sd_rad, GATE_RAD), _UNKNOWN)
+    return single(abs(learned.innovation_rad) / (_ODD_SDS * learned.innovation_sd_rad), _UNKNOWN)
