@@ -19,6 +19,7 @@ from hil.compiled import compiled
 from hil.goals import Goal
 from hil.scenarios import Scenario
 from hil.ship.drift import RudderDrift
+from hil.ship.gusts import Gusts
 from hil.ship.hull import GRID_S
 from hil.ship.noise import NormalNumbers, Stream, generator
 from hil.ship.waves import WaveYaw
@@ -87,14 +88,17 @@ def pid_loop(
 def sea_of(scenario: Scenario, seed: int, ticks: int) -> tuple[Array, Array]:
     """Return wave yaw with compass noise, and rudder bias, at each tick: those of the run of that seed."""
     numbers = NormalNumbers(generator(seed, Stream.WAVES))
+    gusts = Gusts(radians(scenario.gust_deg), GRID_S, generator(seed, Stream.GUSTS))
     waves = WaveYaw(radians(scenario.wave_yaw_deg), scenario.wave_period_s, GRID_S, numbers)
     drift = RudderDrift(radians(scenario.drift_deg), GRID_S, NormalNumbers(generator(seed, Stream.DRIFT)))
     yaw_rad, offset_rad = np.zeros(ticks), np.zeros(ticks)
     for tick in range(ticks):
-        yaw_rad[tick], offset_rad[tick] = waves.angle_rad(0.0), radians(scenario.bias_deg) + drift.angle_rad
+        yaw_rad[tick] = waves.angle_rad(0.0)
+        offset_rad[tick] = radians(scenario.bias_deg) + drift.angle_rad + gusts.angle_rad
         for _ in range(STEPS_PER_TICK):
             waves.step()
             drift.step()
+            gusts.step()
     noise_rad = COMPASS_NOISE_RAD * generator(seed, Stream.COMPASS).standard_normal(ticks)
     return yaw_rad + noise_rad, offset_rad
 

@@ -16,7 +16,8 @@ class Scenario:
     `speed_m_s` is the ship's speed through the water, `bias_deg` the rudder angle at which
     she runs straight, `drift_deg` the spread of its wandering (Gauss-Markov, 100 s).
     `current_toward_deg` is where the current sets, at the start when there is a tide: `tide_s` is
-    its period (0: none) and `tide_rotary` how it turns (hil/ship/tide.py).
+    its period (0: none) and `tide_rotary` how it turns (hil/ship/tide.py). `gust_deg` is the
+    strength of gusts, as a rudder angle (hil/ship/gusts.py).
     """
 
     name: str
@@ -30,6 +31,7 @@ class Scenario:
     current_toward_deg: float = 90.0
     tide_s: float = 0.0
     tide_rotary: float = 0.0
+    gust_deg: float = 0.0
 
 
 TABLE: tuple[Scenario, ...] = (
@@ -52,6 +54,7 @@ TABLE: tuple[Scenario, ...] = (
         7200.0,
         0.5,
     ),
+    Scenario("gusts", "a short sea and gusts on the beam", 0.6, 4.0, 6.0, 4.0, 2.0, 0.2, gust_deg=10.0),
 )
 
 

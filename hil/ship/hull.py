@@ -12,6 +12,7 @@ from firmware_py.angles import radians
 from firmware_py.model.kt import KtModel, yaw_acceleration
 from hil.scenarios import Scenario
 from hil.ship.drift import RudderDrift
+from hil.ship.gusts import Gusts
 from hil.ship.kt_plant import KtPlant
 from hil.ship.noise import NormalNumbers, Stream, generator
 from hil.ship.planar import PlanarMotion
@@ -37,6 +38,7 @@ class Hull:
         )
         self._plant = KtPlant(self._model, GRID_S)
         self._drift = RudderDrift(radians(scenario.drift_deg), GRID_S, NormalNumbers(generator(seed, Stream.DRIFT)))
+        self._gusts = Gusts(radians(scenario.gust_deg), GRID_S, generator(seed, Stream.GUSTS))
         self._waves = WaveYaw(
             radians(scenario.wave_yaw_deg),
             scenario.wave_period_s,
@@ -58,10 +60,11 @@ class Hull:
         so what that leaves out is of the second order in the grid step.
         """
         before_rad = self._plant.heading_rad
-        self._plant.step(0.5 * (self._rudder_rad + rudder_rad), self._drift.angle_rad)
+        self._plant.step(0.5 * (self._rudder_rad + rudder_rad), self._offset_rad())
         self._track.step(0.5 * (before_rad + self._plant.heading_rad), (self._steps + 0.5) * GRID_S, GRID_S)
         self._steps += 1
         self._drift.step()
+        self._gusts.step()
         self._waves.step()
         self._rudder_rad = rudder_rad
 
@@ -99,5 +102,9 @@ class Hull:
             model.turning_ability_1_s,
             model.turning_lag_s,
             model.norrbin_s2,
-            model.rudder_offset_rad + self._drift.angle_rad,
+            model.rudder_offset_rad + self._offset_rad(),
         )
+
+    def _offset_rad(self) -> float:
+        """The rudder angle that drift and gusts add now."""
+        return self._drift.angle_rad + self._gusts.angle_rad

@@ -18,6 +18,7 @@ class Stream(IntEnum):
     POSITION = 3
     RUDDER = 4
     PHASES = 5
+    GUSTS = 6
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:

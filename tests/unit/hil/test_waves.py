@@ -5,6 +5,7 @@ import pytest
 from scipy.signal import welch
 
 from hil.ship.drift import RudderDrift
+from hil.ship.gusts import PAUSE_S, Gusts
 from hil.ship.noise import NormalNumbers, Stream, generator
 from hil.ship.waves import WaveYaw
 
@@ -66,6 +67,27 @@ def test_drift_keeps_its_spread_and_its_memory():
     lag = 10  # 100 s
     correlation = np.corrcoef(angles[:-lag], angles[lag:])[0, 1]
     assert correlation == pytest.approx(np.exp(-1.0), abs=0.05)
+
+
+def test_gusts_come_and_go_and_have_their_strength():
+    gusts = Gusts(0.1, 0.1, generator(5, Stream.GUSTS))
+    angles = np.empty(2_000_000)
+    for index in range(angles.size):
+        angles[index] = gusts.angle_rad
+        gusts.step()
+    assert angles.min() == 0.0
+    calm = angles == 0.0
+    begins = np.flatnonzero(calm[:-1] & ~calm[1:])
+    peaks = [piece.max() for piece in np.split(angles, begins)[1:]]
+    assert len(peaks) == pytest.approx(200_000.0 / (PAUSE_S + 25.0), rel=0.05)
+    assert np.sqrt(np.mean(np.square(peaks))) == pytest.approx(0.1, rel=0.05)
+    assert np.max(np.abs(np.diff(angles))) < 0.1 * np.pi / 10.0 * max(peaks)  # no steps
+
+
+def test_without_gusts_nothing_is_added():
+    gusts = Gusts(0.0, 0.1, generator(5, Stream.GUSTS))
+    gusts.step()
+    assert gusts.angle_rad == 0.0
 
 
 def test_streams_are_independent_and_repeatable():
