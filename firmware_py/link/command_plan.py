@@ -47,10 +47,9 @@ def start_mission(session: Session, call: Call) -> Answer:
     """Enter AUTO, at an item when param1 names one; where it ends (param2) cannot be chosen."""
     first, last = call.parameters[:2]
     index = _item(session, first)
-    count = 0 if session.snapshot is None else session.snapshot.mission.count
-    last_items = (0.0, float(count - 1 + homes(session.autopilot, PlanKind.MISSION)))
+    last_items = (0.0, float(_count(session) - 1 + homes(session.autopilot, PlanKind.MISSION)))
     if index is None or not within(last, 0, UINT16_MAX) or last not in last_items:
-        return call.denied("the items are not a first one of the mission and its last")
+        return call.denied(f"{first:g} to {last:g} are not a first item of the mission and its last")
     answer = session.ask(call.message, SetMode(int(Mode.AUTO)), call.now_s)
     # 0 is where she stands in the mission; what is in range is not refused any more.
     if answer.verdict is not Verdict.ACCEPTED or first == 0.0:
@@ -69,18 +68,22 @@ def set_mission_item(session: Session, call: Call) -> Answer:
     return session.ask(call.message, SetMissionItem(index, restart=restart == 1.0), call.now_s)
 
 
+def _count(session: Session) -> int:
+    """Return the number of items in force now; what the last tick has reported may be from before an upload."""
+    return len(session.authority.plans().mission.items)
+
+
 def _item(session: Session, number: float) -> int | None:
     """Return the index of an item by the number that ground stations give it, None for one that is not there."""
-    boat = session.snapshot
-    if boat is None or boat.mission.count == 0:
+    if _count(session) == 0:
         return None
     if number == _PRESENT:
-        return boat.mission.index or 0
+        return 0 if session.snapshot is None else session.snapshot.mission.index or 0
     if not within(number, 0, UINT16_MAX) or number != int(number):
         return None
     # Home, where it is item 0, stands for the first.
     index = max(0, int(number) - homes(session.autopilot, PlanKind.MISSION))
-    return index if index < boat.mission.count else None
+    return index if index < _count(session) else None
 
 
 def enable_fence(session: Session, call: Call) -> Answer:

@@ -6,6 +6,7 @@ import math
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from firmware_py import __version__
@@ -14,6 +15,7 @@ from hil.truth import ROWS_PER_SECOND
 from hil.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 
 CLIENT = Path(__file__).with_name("mavsdk_client.py")
+VOYAGE = Path(__file__).with_name("mavsdk_voyage.py")
 CANNOT_BE_HAD = 77
 SESSION_S = 90.0  # at most; a quarter of a minute on an idle machine
 METRES_PER_DEGREE = 111_195.0
@@ -23,21 +25,36 @@ def test_mavsdk_reads_her_and_commands_her(tmp_path, start, start_hil):
     if importlib.util.find_spec("mavsdk") is None:
         pytest.skip("mavsdk is not installed; install the extra [dev]")
     hil = start_hil("udpout")
-    results = tmp_path / "seen.json"
-    command = [sys.executable, str(CLIENT), f"udpin://127.0.0.1:{hil.ports[0]}", str(results)]
-    client = start("mavsdk", command)
-    code = client.exit_code(SESSION_S)
-    if code == CANNOT_BE_HAD:
-        pytest.skip(client.text().strip().splitlines()[-1])
-    if code != 0:
-        client.fail(f"it ended with code {code}")
-    seen = json.loads(results.read_text())
+    seen = told(CLIENT, tmp_path, start, hil)
     truth = hil.end()
     check_identity(seen)
     check_telemetry(seen)
     check_parameters(seen)
     check_commands(seen)
     check_against_truth(seen, truth)
+
+
+def told(script, tmp_path, start, hil):
+    """Let a client do its work and return what it has seen."""
+    results = tmp_path / "seen.json"
+    client = start("mavsdk", [sys.executable, str(script), f"udpin://127.0.0.1:{hil.ports[0]}", str(results)])
+    code = client.exit_code(SESSION_S)
+    if code == CANNOT_BE_HAD:
+        pytest.skip(client.text().strip().splitlines()[-1])
+    if code != 0:
+        client.fail(f"it ended with code {code}")
+    return json.loads(results.read_text())
+
+
+def test_mavsdk_has_her_sail_a_mission(tmp_path, start, start_hil):
+    if importlib.util.find_spec("mavsdk") is None:
+        pytest.skip("mavsdk is not installed; install the extra [dev]")
+    hil = start_hil("udpout", speed="10", seconds=3600)
+    seen = told(VOYAGE, tmp_path, start, hil)
+    truth = hil.end()
+    assert [number for number in seen["progress"] if number] == [1, 2, 3]
+    for north_m, east_m in ((20.0, 0.0), (20.0, 15.0)):
+        assert np.hypot(truth.north_m - north_m, truth.east_m - east_m).min() < 6.0
 
 
 def check_identity(seen):

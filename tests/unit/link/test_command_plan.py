@@ -6,10 +6,17 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.intents import Answer, EnableFence, PauseMission, SetHome, SetMissionItem, SetMode, Verdict
+from firmware_py.plan import Plan, PlanItem, PlanKind
 from firmware_py.records import Home, MissionReport, MissionState
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
-MISSION = {"mission": MissionReport(MissionState.ACTIVE, 2, 5)}
+PLAN = Plan.of(PlanKind.MISSION, [PlanItem(16, 6, x=index, y=1) for index in range(5)])
+
+
+def with_mission(rig, *, reported=True):
+    """Put a mission of five items in force; what the last tick says of it may be older."""
+    rig.authority.plans_kept = rig.authority.plans_kept.replaced(PLAN)
+    rig.tick(mission=MissionReport(MissionState.ACTIVE, 2, 5) if reported else MissionReport())
 
 
 def results(messages):
@@ -77,23 +84,29 @@ def test_pause_and_continue(rig):
     ],
 )
 def test_a_mission_starts_at_the_item_that_the_stations_number_names(rig, first, last, intents):
-    rig.tick(**MISSION)
+    with_mission(rig)
     assert results(rig.command(300, first, last)) == [ACCEPTED]
     assert rig.authority.intents == intents
+
+
+def test_a_mission_starts_as_soon_as_it_is_there(rig):
+    """MAVSDK names the last item at once after the upload, before a tick has told of it."""
+    with_mission(rig, reported=False)
+    assert results(rig.command(300, 0, 5)) == [ACCEPTED]
 
 
 @pytest.mark.parametrize(
     "values", [(6, 0), (0, 3), (math.nan, 0), (0, math.nan), (0.5, 0), (-2, 0), (0, -1), (math.inf, 0), (0, 1e30)]
 )
 def test_a_start_that_cannot_be_changes_nothing(rig, values):
-    rig.tick(**MISSION)
+    with_mission(rig)
     assert results(rig.command(300, *values)) == [DENIED]
     assert rig.authority.intents == []
 
 
 def test_without_a_mission_nothing_starts_and_a_refused_mode_leaves_the_item(rig):
     assert results(rig.command(300)) == [DENIED]
-    rig.tick(**MISSION)
+    with_mission(rig)
     rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "AUTO refused: no position")
     assert results(rig.command(300, 3)) == [REJECTED]
     assert rig.authority.intents == [SetMode(10)]
@@ -110,7 +123,7 @@ def test_without_a_mission_nothing_starts_and_a_refused_mode_leaves_the_item(rig
     ],
 )
 def test_another_item(rig, values, intent):
-    rig.tick(**MISSION)
+    with_mission(rig)
     assert results(rig.command(224, *values)) == [ACCEPTED]
     assert rig.authority.intents == [intent]
 
@@ -121,7 +134,7 @@ def test_another_item(rig, values, intent):
 )
 def test_an_item_that_is_not_there_changes_nothing(rig, values, result):
     assert results(rig.command(224, 1, 0)) == [FAILED]  # no mission
-    rig.tick(**MISSION)
+    with_mission(rig)
     assert results(rig.command(224, *values)) == [result]
     assert rig.authority.intents == []
 
@@ -129,7 +142,7 @@ def test_an_item_that_is_not_there_changes_nothing(rig, values, result):
 def test_without_ardupilots_identity_the_first_item_is_number_zero(make_rig):
     rig = make_rig()
     rig.endpoint._session.autopilot = 0
-    rig.tick(**MISSION)
+    with_mission(rig)
     rig.command(224, 3)
     assert rig.authority.intents == [SetMissionItem(3)]
 
