@@ -4,6 +4,7 @@ The other fit shares no line with ours: the linear equation's exact answer to ra
 scipy's least_squares from many starts, no speed.
 """
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +13,11 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from hil.identify import report
 from hil.identify.identify import identify
 from hil.identify.manoeuvre_file import read
 from hil.identify.recording import Source
+from hil.identify.suggest import suggest
 
 FOLDER = Path(__file__).parents[3] / "../shared/data/manoeuvre"
 LONG, SHORT = "yacht_avnav_20160815.csv", "yacht_gpsd_bundg_zeus.csv"
@@ -90,6 +93,59 @@ def test_a_short_log_s_speed_is_not_trusted_and_a_long_one_s_is(yard):
         choice = identify([recording], model="linear").choice
         assert choice.scaled is scaled
         assert ("too few to trust" in choice.speed_why) is not scaled
+
+
+def sailed(time, rudder, speed, gain, lag, cubic):
+    """Heading and yaw rate of a ship whose K, T, alpha follow similarity from 0.4 m/s: Runge-Kutta in small steps."""
+    parts = 5
+    heading, rate = np.zeros(time.size), np.zeros(time.size)
+    for n in range(time.size - 1):
+        step = (time[n + 1] - time[n]) / parts
+        psi, r = heading[n], rate[n]
+        for part in range(parts):
+
+            def slope(x, r, n=n):
+                u = (speed[n] + x * (speed[n + 1] - speed[n])) / 0.4
+                angle = rudder[n] + x * (rudder[n + 1] - rudder[n])
+                return (gain * u * angle - r - cubic / u**2 * r**3) / (lag / u)
+
+            x = part / parts
+            half = x + 0.5 / parts
+            k1 = slope(x, r)
+            k2 = slope(half, r + 0.5 * step * k1)
+            k3 = slope(half, r + 0.5 * step * k2)
+            k4 = slope(x + 1.0 / parts, r + step * k3)
+            after = r + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+            psi += 0.5 * step * (r + after)
+            r = after
+        heading[n + 1], rate[n + 1] = psi, r
+    return heading, rate
+
+
+def test_a_log_in_which_her_speed_doubles_gives_the_model_at_its_mean_speed(yard):
+    time = np.arange(4000) * 0.1
+    speed = 0.4 + 0.4 * time / time[-1]
+    rudder = yard.steps(time, 0.35, 12.0, 0.5)
+    heading, rate = sailed(time, rudder, speed, 0.049, 4.0, 17.0)
+    noise = 0.02 * np.random.default_rng(1).standard_normal(time.size)
+    recording = replace(yard.recorded(time, rudder, heading, rate), speed_m_s=speed + noise)
+    found = identify([recording])
+    assert found.choice.scaled
+    data = json.loads(report.as_json(found, 0.0, suggest(found.fit, found.judgement)))
+    for name, true in (("K", 0.049 * 1.5), ("T", 4.0 / 1.5)):
+        assert data[name]["verdict"] == "identifiable"
+        assert abs(data[name]["value"] - true) < max(4.0 * data[name]["se"], 0.01 * true)
+
+
+def test_a_ship_that_does_not_run_straight_by_herself_is_not_given_a_k_and_a_t(yard):
+    """K, T and alpha below zero: stable in a turn only. The model wants T above zero, and says that it cannot tell."""
+    time = np.arange(4000) * 0.1
+    rudder = yard.steps(time, 0.35, 12.0, 0.5)
+    heading, rate = sailed(time, rudder, np.full(time.size, 0.4), -0.06, -6.0, -400.0)
+    found = identify([yard.recorded(time, rudder, heading, rate)])
+    data = json.loads(report.as_json(found, 0.0, suggest(found.fit, found.judgement)))
+    assert all(np.isfinite(data[name]["value"]) for name in ("K", "T", "alpha", "delta0"))
+    assert {data[name]["verdict"] for name in ("K", "T")}.isdisjoint({"identifiable"})
 
 
 @pytest.mark.parametrize(
