@@ -145,20 +145,20 @@ class World:
 
     def latitude_deg(self) -> float:
         """Geodetic latitude."""
-        return START_LATITUDE_DEG + self._hull.position_m(self._offset_s)[0] / METRES_PER_DEGREE
+        return START_LATITUDE_DEG + self._hull.position_in_waves_m(self._offset_s)[0] / METRES_PER_DEGREE
 
     def longitude_deg(self) -> float:
         """Geodetic longitude."""
         metres = METRES_PER_DEGREE * math.cos(radians(START_LATITUDE_DEG))
-        return START_LONGITUDE_DEG + self._hull.position_m(self._offset_s)[1] / metres
+        return START_LONGITUDE_DEG + self._hull.position_in_waves_m(self._offset_s)[1] / metres
 
     def speed_over_ground_m_s(self) -> float:
         """Speed over ground."""
-        return math.hypot(*self._hull.velocity_m_s(self._offset_s))
+        return math.hypot(*self._hull.velocity_in_waves_m_s(self._offset_s))
 
     def course_over_ground_rad(self) -> float:
         """Course over ground from true north, in [0, 2 pi)."""
-        north_m_s, east_m_s = self._hull.velocity_m_s(self._offset_s)
+        north_m_s, east_m_s = self._hull.velocity_in_waves_m_s(self._offset_s)
         return wrap_two_pi(math.atan2(east_m_s, north_m_s))
 
     def utc_s(self) -> float:

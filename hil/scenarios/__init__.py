@@ -17,7 +17,8 @@ class Scenario:
     she runs straight, `drift_deg` the spread of its wandering (Gauss-Markov, 100 s).
     `current_toward_deg` is where the current sets, at the start when there is a tide: `tide_s` is
     its period (0: none) and `tide_rotary` how it turns (hil/ship/tide.py). `gust_deg` is the
-    strength of gusts, as a rudder angle (hil/ship/gusts.py).
+    strength of gusts, as a rudder angle (hil/ship/gusts.py), `orbital_m_s` how fast the waves carry
+    the receiver to and fro (standard deviation), toward `waves_toward_deg` (hil/ship/orbit.py).
     """
 
     name: str
@@ -32,6 +33,8 @@ class Scenario:
     tide_s: float = 0.0
     tide_rotary: float = 0.0
     gust_deg: float = 0.0
+    orbital_m_s: float = 0.0
+    waves_toward_deg: float = 40.0
 
 
 TABLE: tuple[Scenario, ...] = (
@@ -55,6 +58,9 @@ TABLE: tuple[Scenario, ...] = (
         0.5,
     ),
     Scenario("gusts", "a short sea and gusts on the beam", 0.6, 4.0, 6.0, 4.0, 2.0, 0.2, gust_deg=10.0),
+    Scenario(
+        "surge", "the swell, its waves carry the receiver to and fro", 0.7, 8.0, 20.0, 5.0, 2.0, 0.0, orbital_m_s=0.4
+    ),
 )
 
 

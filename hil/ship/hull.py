@@ -15,6 +15,7 @@ from hil.ship.drift import RudderDrift
 from hil.ship.gusts import Gusts
 from hil.ship.kt_plant import KtPlant
 from hil.ship.noise import NormalNumbers, Stream, generator
+from hil.ship.orbit import Orbit
 from hil.ship.planar import PlanarMotion
 from hil.ship.tide import Tide
 from hil.ship.waves import WaveYaw
@@ -45,6 +46,13 @@ class Hull:
             GRID_S,
             NormalNumbers(generator(seed, Stream.WAVES)),
         )
+        self._orbit = Orbit(
+            scenario.orbital_m_s,
+            scenario.wave_period_s,
+            radians(scenario.waves_toward_deg),
+            GRID_S,
+            NormalNumbers(generator(seed, Stream.ORBIT)),
+        )
         self._track = PlanarMotion(
             scenario.speed_m_s,
             Tide(scenario.current_m_s, radians(scenario.current_toward_deg), scenario.tide_s, scenario.tide_rotary),
@@ -66,6 +74,7 @@ class Hull:
         self._drift.step()
         self._gusts.step()
         self._waves.step()
+        self._orbit.step()
         self._rudder_rad = rudder_rad
 
     def heading_low_rad(self, offset_s: float) -> float:
@@ -93,6 +102,19 @@ class Hull:
         """Return the position north and east of the start."""
         north_m_s, east_m_s = self.velocity_m_s(0.5 * offset_s)
         return self._track.north_m + north_m_s * offset_s, self._track.east_m + east_m_s * offset_s
+
+    def velocity_in_waves_m_s(self, offset_s: float) -> tuple[float, float]:
+        """Return the velocity over the ground with that of the waves, north and east."""
+        (north_m_s, east_m_s), (more_north_m_s, more_east_m_s) = (
+            self.velocity_m_s(offset_s),
+            self._orbit.velocity_m_s(offset_s),
+        )
+        return north_m_s + more_north_m_s, east_m_s + more_east_m_s
+
+    def position_in_waves_m(self, offset_s: float) -> tuple[float, float]:
+        """Return the position north and east of the start as the waves move her to and fro."""
+        (north_m, east_m), (more_north_m, more_east_m) = self.position_m(offset_s), self._orbit.position_m(offset_s)
+        return north_m + more_north_m, east_m + more_east_m
 
     def _yaw_acceleration(self) -> float:
         model = self._model

@@ -19,6 +19,7 @@ class Stream(IntEnum):
     RUDDER = 4
     PHASES = 5
     GUSTS = 6
+    ORBIT = 7
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:

@@ -1,4 +1,4 @@
-"""The yaw that waves put on the hull: a narrow-band second-order process.
+"""What waves do to the hull, in yaw or to and fro: a narrow-band second-order process.
 
     d2psi/dt2 + 2 zeta omega dpsi/dt + omega^2 psi = white noise
 

@@ -7,7 +7,7 @@ import pytest
 from hil.__main__ import main
 from hil.scenarios import TABLE, UnknownScenarioError, named
 
-# speed, wave period, wave yaw, bias, drift, current: the table of the specification, the mission area, gusts
+# speed, wave period, wave yaw, bias, drift, current: the table of the specification, the mission area, gusts, surge
 ROWS = {
     "calm": (0.4, 0.0, 0.0, 0.0, 0.0, 0.0),
     "tank": (0.4, 2.53, 1.5, 0.0, 0.0, 0.0),
@@ -17,6 +17,7 @@ ROWS = {
     "storm": (0.5, 7.0, 30.0, 8.0, 4.0, 0.6),
     "mission": (0.5, 6.0, 6.0, 3.0, 2.0, 0.25),
     "gusts": (0.6, 4.0, 6.0, 4.0, 2.0, 0.2),
+    "surge": (0.7, 8.0, 20.0, 5.0, 2.0, 0.0),
 }
 
 

@@ -1,5 +1,7 @@
 """Wave yaw and rudder drift over long seeded runs."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy.signal import welch
@@ -7,6 +9,7 @@ from scipy.signal import welch
 from hil.ship.drift import RudderDrift
 from hil.ship.gusts import PAUSE_S, Gusts
 from hil.ship.noise import NormalNumbers, Stream, generator
+from hil.ship.orbit import Orbit
 from hil.ship.waves import WaveYaw
 
 STEP_S = 0.02
@@ -82,6 +85,20 @@ def test_gusts_come_and_go_and_have_their_strength():
     assert len(peaks) == pytest.approx(200_000.0 / (PAUSE_S + 25.0), rel=0.05)
     assert np.sqrt(np.mean(np.square(peaks))) == pytest.approx(0.1, rel=0.05)
     assert np.max(np.abs(np.diff(angles))) < 0.1 * np.pi / 10.0 * max(peaks)  # no steps
+
+
+def test_the_orbit_has_its_velocity_along_its_way():
+    orbit = Orbit(0.4, 8.0, math.radians(90.0), 0.1, NormalNumbers(generator(5, Stream.ORBIT)))
+    velocities, places = np.empty((100_000, 2)), np.empty((100_000, 2))
+    for index in range(velocities.shape[0]):
+        velocities[index], places[index] = orbit.velocity_m_s(0.05), orbit.position_m(0.05)
+        orbit.step()
+    assert np.std(velocities[:, 1]) == pytest.approx(0.4, rel=0.05)
+    assert np.std(velocities[:, 0]) < 1e-9
+    passed = np.diff(places[:, 1]) / 0.1
+    assert np.corrcoef(passed, velocities[1:, 1] + velocities[:-1, 1])[0, 1] > 0.99
+    still = Orbit(0.0, 0.0, 0.0, 0.1, NormalNumbers(generator(5, Stream.ORBIT)))
+    assert still.velocity_m_s(0.0) == still.position_m(0.0) == (0.0, 0.0)
 
 
 def test_without_gusts_nothing_is_added():
