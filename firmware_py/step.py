@@ -57,6 +57,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     modes = pilotage.goal_kept(settings.pilotage, modes, situation, now_s, step_s)
     state, guided = _guided(settings, replace(state, watch=guard, modes=modes), situation, inputs)
     steering = pilotage.steering(modes, state.nav.followed, situation)
+    state = _answering(settings, state, steering.error_rad, now_s)
     state, command = _steered(settings, state, situation, steering, now_s, step_s)
     told = (*_changes_told(before, state), *sensed_told, *faults_told, *guard_told, *guided)
     return state, Output(command, _snapshot(settings, state, situation, steering, inputs), told)
@@ -127,15 +128,20 @@ def _rudder_rad(settings: Settings, state: State, servo: RudderFeedback | None) 
 
 
 def _watched(settings: Settings, state: State, inputs: Inputs, step_s: float) -> State:
-    """Let the watch look at the tick: rudder, energy, devices, and whether she answers the rudder."""
-    now_s = inputs.tick.t_s
+    """Let the watch look at the tick: rudder, energy, devices."""
     seen = watch.sensed(settings.watch, state.watch, inputs, _rudder_now(settings, state, inputs), step_s)
+    return replace(state, watch=seen)
+
+
+def _answering(settings: Settings, state: State, error_rad: float | None, now_s: float) -> State:
+    """Let the watch see whether she answers the rudder."""
     valid = state.heading.fresh(now_s, settings.observer.timeout_s)
     waves = state.lookout.waves
     speed_m_s = waves.x[kalman.SPEED] if waves.x else settings.watch.model_speed_m_s
     heading_rad = state.heading.heading_rad if valid and state.modes.armed else None
     rudder_rad = _rudder_rad(settings, state, state.servo)
-    return replace(state, watch=watch.turning(settings.watch, seen, rudder_rad, heading_rad, speed_m_s, now_s))
+    seen = watch.turning(settings.watch, state.watch, rudder_rad, heading_rad, speed_m_s, error_rad, now_s)
+    return replace(state, watch=seen)
 
 
 def _rudder_now(settings: Settings, state: State, inputs: Inputs) -> watch.RudderNow:

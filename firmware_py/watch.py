@@ -143,6 +143,7 @@ def turning(
     rudder_rad: float,
     heading_rad: float | None,
     speed_m_s: float,
+    error_rad: float | None,
     now_s: float,
 ) -> WatchState:
     """Watch whether she answers the rudder; nothing is learned without a heading.
@@ -161,7 +162,7 @@ def turning(
     yaw_rate_rad_s = wrap_pi(heading_rad - before_rad) / step_s if begun else 0.0
     ratio = clamp(speed_m_s / settings.model_speed_m_s, 0.1, 10.0)
     ability_1_s, lag_s = settings.turning_ability_1_s * ratio, settings.turning_lag_s / ratio
-    seen = authority.watched(state.authority, rudder_rad, yaw_rate_rad_s, ability_1_s, lag_s, step_s)
+    seen = authority.watched(state.authority, rudder_rad, yaw_rate_rad_s, ability_1_s, lag_s, step_s, error_rad)
     part = max(1.0 / (state.blocks + 1.0), step_s / authority.MEMORY_S)
     square = state.turn_square + part * (yaw_rate_rad_s * yaw_rate_rad_s - state.turn_square)
     return replace(

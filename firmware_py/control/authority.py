@@ -3,6 +3,10 @@
 The yaw rate that the model expects of the rudder, and the one that is estimated from compass and
 receiver, both without their slow parts (trim, wind, current), are compared by regression over the
 last minutes. No verdict is changed before the rudder has been moved enough to tell.
+
+A rudder that holds a heading against wind and current moves as well, and she does not turn: that
+she should not is what it moves for. So only a rudder far from where it was, while she is far from
+where she should be, speaks against her; wind and trim do not come to so much.
 """
 
 from __future__ import annotations
@@ -17,6 +21,8 @@ SLOW_S: Final = 60.0  # what changes slower than this is trim
 MEMORY_S: Final = 120.0
 EVIDENCE: Final = 20.0 * radians(0.3) ** 2  # [rad^2/s]: twenty seconds of 0.3 deg/s
 LOST, REGAINED = 0.25, 0.5  # of the turn that the model expects
+FAR_RUDDER_RAD: Final = radians(12.0)
+FAR_OFF_RAD: Final = radians(15.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +49,12 @@ def watched(
     turning_ability_1_s: float,
     turning_lag_s: float,
     step_s: float,
+    error_rad: float | None = None,
 ) -> AuthorityState:
-    """Take a tick's measured rudder and estimated yaw rate in; the model is that at the present speed."""
+    """Take a tick's measured rudder and estimated yaw rate in; the model is that at the present speed.
+
+    `error_rad` is how far she is off her heading, None while nobody steers for one.
+    """
     if not (math.isfinite(rudder_rad) and math.isfinite(yaw_rate_rad_s)) or step_s <= 0.0:
         return state
     if state.slow_rudder_rad is None:
@@ -57,12 +67,15 @@ def watched(
     expected_rad_s = steady_rad_s + (state.expected_rad_s - steady_rad_s) * decay
     keep = math.exp(-step_s / MEMORY_S)
     turned_rad_s = clamp(yaw_rate_rad_s - slow_rate_rad_s, -radians(20.0), radians(20.0))
+    off = error_rad is None or abs(error_rad) >= FAR_OFF_RAD
+    telling = state.lost or (off and abs(rudder_rad - slow_rudder_rad) >= FAR_RUDDER_RAD)
+    weight_s = step_s if telling else 0.0
     after = AuthorityState(
         expected_rad_s,
         slow_rudder_rad,
         slow_rate_rad_s,
-        keep * state.expected_square + step_s * expected_rad_s * expected_rad_s,
-        keep * state.product + step_s * expected_rad_s * turned_rad_s,
+        keep * state.expected_square + weight_s * expected_rad_s * expected_rad_s,
+        keep * state.product + weight_s * expected_rad_s * turned_rad_s,
         state.lost,
     )
     share = after.share

@@ -15,9 +15,11 @@ from firmware_py.records import FixType, HeadingSample, Inputs, NorthReference, 
 from firmware_py.step import State, step
 from hil.scenarios import Scenario, named
 from hil.ship.drift import RudderDrift
+from hil.ship.gusts import Gusts
 from hil.ship.hull import Hull
 from hil.ship.kt_plant import KtPlant
 from hil.ship.noise import NormalNumbers, Stream, generator
+from hil.ship.orbit import Orbit
 from hil.ship.planar import PlanarMotion
 from hil.ship.tide import Tide
 from hil.ship.waves import WaveYaw
@@ -42,6 +44,9 @@ class TickHull:
         self.drift = RudderDrift(radians(scenario.drift_deg), STEP_S, NormalNumbers(generator(seed, Stream.DRIFT)))
         numbers = NormalNumbers(generator(seed, Stream.WAVES))
         self.waves = WaveYaw(radians(scenario.wave_yaw_deg), scenario.wave_period_s, STEP_S, numbers)
+        self.gusts = Gusts(radians(scenario.gust_deg), STEP_S, generator(seed, Stream.GUSTS))
+        along_rad, orbital = radians(scenario.waves_toward_deg), NormalNumbers(generator(seed, Stream.ORBIT))
+        self.orbit = Orbit(scenario.orbital_m_s, scenario.wave_period_s, along_rad, STEP_S, orbital)
         toward_rad = radians(scenario.current_toward_deg)
         tide = Tide(scenario.current_m_s, toward_rad, scenario.tide_s, scenario.tide_rotary)
         self.track = PlanarMotion(scenario.speed_m_s, tide)
@@ -50,10 +55,12 @@ class TickHull:
 
     def step(self, rudder_rad):
         before_rad = self.plant.heading_rad
-        self.plant.step(0.5 * (self.rudder_rad + rudder_rad), self.drift.angle_rad)
+        self.plant.step(0.5 * (self.rudder_rad + rudder_rad), self.drift.angle_rad + self.gusts.angle_rad)
         self.track.step(0.5 * (before_rad + self.plant.heading_rad), self.t_s + 0.5 * STEP_S, STEP_S)
         self.drift.step()
         self.waves.step()
+        self.gusts.step()
+        self.orbit.step()
         self.rudder_rad = rudder_rad
         self.t_s += STEP_S
 
@@ -68,6 +75,12 @@ class TickHull:
 
     def position_m(self, _offset_s):
         return self.track.north_m, self.track.east_m
+
+    def velocity_in_waves_m_s(self, offset_s):
+        return tuple(np.add(self.velocity_m_s(offset_s), self.orbit.velocity_m_s(offset_s)))
+
+    def position_in_waves_m(self, offset_s):
+        return tuple(np.add(self.position_m(offset_s), self.orbit.position_m(offset_s)))
 
 
 class FineHull(Hull):
@@ -144,8 +157,8 @@ class Sailing:
     def fix(self):
         keep = math.exp(-0.1 * self.fix_every / FIX_MEMORY_S)
         self.fix_error_m = keep * self.fix_error_m + math.sqrt(1.0 - keep**2) * self.rng.normal(0.0, FIX_NOISE_M, 2)
-        north_m, east_m = self.hull.position_m(0.0)
-        v_north, v_east = np.array(self.hull.velocity_m_s(0.0)) + self.rng.normal(0.0, VELOCITY_NOISE_M_S, 2)
+        north_m, east_m = self.hull.position_in_waves_m(0.0)
+        v_north, v_east = np.array(self.hull.velocity_in_waves_m_s(0.0)) + self.rng.normal(0.0, VELOCITY_NOISE_M_S, 2)
         place = placed(north_m + self.fix_error_m[0] + self.jump_m[0], east_m + self.fix_error_m[1] + self.jump_m[1])
         return PositionSample(
             self.t_s, FixType.FIX_3D, *place, 2.0, math.hypot(v_north, v_east),

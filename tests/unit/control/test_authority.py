@@ -48,6 +48,19 @@ def test_a_rudder_at_rest_tells_nothing():
     assert not state.lost
 
 
+def test_a_rudder_that_holds_her_against_the_wind_speaks_not_against_her():
+    """She is kept on her heading, so she does not turn, however much the rudder moves."""
+    state = AuthorityState()
+    for tick in range(6000):
+        gust_rad = 0.3 * max(0.0, math.sin(0.1 * tick / 8.0)) ** 2
+        state = watched(state, 0.05 + gust_rad, 0.0, K, T, 0.1, error_rad=0.1)
+    assert not state.lost
+    # Far off her heading with the rudder over, she ought to turn.
+    for tick in range(900):
+        state = watched(state, 0.5 if tick % 600 < 300 else -0.5, 0.0, K, T, 0.1, error_rad=1.0)
+    assert state.lost
+
+
 def test_what_is_no_number_changes_nothing():
     state = sailed(20.0, 1.0)
     for odd in (math.nan, math.inf):
