@@ -31,6 +31,7 @@ _PARAM_VALUE, _COUNT, _REQUEST, _REQUEST_INT, _ITEM_INT, _ACK = 22, 44, 40, 51, 
 _LOG_ENTRY, _LOG_DATA = 118, 120
 _ITEM_SEQUENCE = 28  # its place in the payload
 _LOG_PART = 90
+_CHUNK_BYTES = 512 * _LOG_PART  # what QGroundControl and MAVSDK ask for at a time
 
 
 def measure(setting: Setting) -> Finding:
@@ -149,20 +150,27 @@ def _log(station: Requester) -> tuple[int, float]:
         return 0, math.nan
     size = min(int.from_bytes(entry.payload[4:8], "little"), LOG_BYTES) // _LOG_PART * _LOG_PART
     log = int.from_bytes(entry.payload[8:10], "little")
-    missing = set(range(0, size, _LOG_PART))
     start_s = time.monotonic()
+    for begin in range(0, size, _CHUNK_BYTES):
+        if not _chunk(station, log, begin, min(begin + _CHUNK_BYTES, size)):
+            return 0, math.nan
+    return size, time.monotonic() - start_s
+
+
+def _chunk(station: Requester, log: int, begin: int, end: int) -> bool:
+    """Load a part of a log; return whether all of it came in the end."""
+    missing = set(range(begin, end, _LOG_PART))
     while missing:
-        before = len(missing)
-        first = min(missing)
-        station.send(station.pack(dialect.MAVLink_log_request_data_message(1, 1, log, first, size - first)))
+        before, first = len(missing), min(missing)
+        station.send(station.pack(dialect.MAVLink_log_request_data_message(1, 1, log, first, end - first)))
         for heard in station.listen(QUIET_S):
             if heard.number == _LOG_DATA and heard.payload[6] == _LOG_PART:
                 missing.discard(int.from_bytes(heard.payload[:4], "little"))
                 if not missing:
                     break
         if len(missing) == before:
-            return 0, math.nan
-    return size, time.monotonic() - start_s
+            return False
+    return True
 
 
 def _carried_mb_s() -> float:
