@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 import socket
 import time
 
@@ -19,9 +20,10 @@ from hil.bench.trips import echo
 from hil.errors import HilError
 
 ITEMS = 500
+SEED = 1
 LISTS = 10
-LOG_S = 20.0  # of sailing, so that there is a log to load
-LOG_BYTES = 5_000_000  # at most
+SETTLE_S = 3.0
+LOG_BYTES = 5_000_000
 QUIET_S = 0.3
 DATAGRAM_BYTES = 1200
 DATAGRAMS = 5000
@@ -36,9 +38,11 @@ _CHUNK_BYTES = 512 * _LOG_PART  # what QGroundControl and MAVSDK ask for at a ti
 
 def measure(setting: Setting) -> Finding:
     """List the parameters again and again, load a mission up and down, load a log."""
-    port = _free_port()
-    with Sea(setting.directory / "transfers", links=(f"udpin:127.0.0.1:{port}",)) as sea:
-        sea.listen(LOG_S)
+    port, directory = _free_port(), setting.directory / "transfers"
+    with Sea(directory, links=(f"udpin:127.0.0.1:{port}",)) as sea:
+        sea.listen(SETTLE_S)
+        # Beside the log of this run, which is short.
+        (directory / "state" / "logs" / "00000002.BIN").write_bytes(random.Random(SEED).randbytes(LOG_BYTES))
         station = Requester(port)
         try:
             with steady():
@@ -145,11 +149,11 @@ def _download(station: Requester) -> float:
 def _log(station: Requester) -> tuple[int, float]:
     """Return how many bytes of a log were loaded, what was lost asked for again, and the seconds; NaN of none."""
     frame = station.pack(dialect.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))
-    entry = station.ask(frame, lambda heard: heard.number == _LOG_ENTRY and any(heard.payload[4:8]))
+    size_field = LOG_BYTES.to_bytes(4, "little")
+    entry = station.ask(frame, lambda heard: heard.number == _LOG_ENTRY and heard.payload[4:8] == size_field)
     if entry is None:
         return 0, math.nan
-    size = min(int.from_bytes(entry.payload[4:8], "little"), LOG_BYTES) // _LOG_PART * _LOG_PART
-    log = int.from_bytes(entry.payload[8:10], "little")
+    size, log = LOG_BYTES // _LOG_PART * _LOG_PART, int.from_bytes(entry.payload[8:10], "little")
     start_s = time.monotonic()
     for begin in range(0, size, _CHUNK_BYTES):
         if not _chunk(station, log, begin, min(begin + _CHUNK_BYTES, size)):
