@@ -14,7 +14,7 @@ help:
 	@echo "make lint types pages-check   what CI checks besides"
 	@echo "make pages  write the generated pages anew"
 	@echo "make bench  lateness, latency, load, memory, round trips and the speed of the tools on this machine"
-	@echo "make proof  the longer proofs: the tank task over 5 seeds, both compasses, both servos"
+	@echo "make proof  the longer proofs: seas, stations, identification, lossy links, floods; some hours"
 
 # The venv is made anew when the dependencies change. Pythons under other names are tried so
 # that a newer one serves too.
