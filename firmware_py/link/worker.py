@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 from collections import deque
@@ -50,9 +51,10 @@ class Worker:
 
     def poll(self) -> None:
         """Hand over the results that are there."""
-        if not self._results:
-            return
-        os.eventfd_read(self._wake_fd)
+        if self._wake_fd >= 0:
+            # The sign before the results: it may follow its result late, and is then seen the next time.
+            with contextlib.suppress(BlockingIOError):
+                os.eventfd_read(self._wake_fd)
         for _ in range(len(self._results)):
             done, result = self._results.popleft()
             self._under_way -= 1

@@ -1,5 +1,6 @@
 """Disk work in the background: results come on the caller's thread, and there is never too much of it."""
 
+import os
 import select
 import threading
 
@@ -55,3 +56,28 @@ def test_without_a_thread_a_job_is_done_at_once():
     assert worker.fileno() == -1
     worker.poll()
     worker.close()
+
+
+def test_a_result_may_be_there_before_its_sign(worker, monkeypatch):
+    """The loop looks between the two; that ended the autopilot under a flood."""
+    seen, going_on = [], threading.Event()
+    write = os.eventfd_write
+    signed = threading.Event()
+
+    def late(descriptor, value):
+        going_on.wait(10.0)
+        write(descriptor, value)
+        signed.set()
+
+    monkeypatch.setattr(os, "eventfd_write", late)
+    done = threading.Event()
+    worker.submit(done.set, seen.append)
+    assert done.wait(10.0)
+    while not seen:
+        worker.poll()
+    assert not select.select([worker.fileno()], [], [], 0.0)[0]
+    going_on.set()
+    assert signed.wait(10.0)
+    worker.poll()
+    assert not select.select([worker.fileno()], [], [], 0.0)[0]  # or the loop would turn without a rest
+    assert seen == [None]
