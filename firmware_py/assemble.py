@@ -16,6 +16,7 @@ from firmware_py.console import Console
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.opening import open_transport
+from firmware_py.link.shelter import Shelter
 from firmware_py.link.storage import Storage
 from firmware_py.log.disk import log_files
 from firmware_py.log.recorder import LogRecorder
@@ -282,7 +283,7 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         compass_b=devices.compass_b,
         position=devices.position,
         rudder=devices.rudder,
-        link=endpoint,
+        link=Shelter(endpoint, tell),
         recorder=recorder,
         store=store,
         lines=lines,
