@@ -14,7 +14,7 @@ from firmware_py.link.session import Handler, Session
 from firmware_py.params import INDEX, TABLE, ParameterError
 from firmware_py.records import Severity
 
-_AT_ONCE = 32  # values of a list in one call
+_AT_ONCE = 8  # values of a list in one call: half a millisecond
 _QUEUED = 8  # and at most this many waiting for a slow line
 _QUEUED_FAST = 64  # or for a network that takes nothing now
 _UNSTORED = 64  # changes under way; more are not heard until some are on disk
