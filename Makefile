@@ -30,8 +30,9 @@ sail: $(READY)
 	@$(BIN)/rambler-hil run tank --speed 15 --goal "0:0,120:60,480:-90" --seconds 840 \
 	  --link udpout:127.0.0.1:14550 --link tcpin:127.0.0.1:5760
 
+# More workers than the machine has cores: many tests wait for programs that they have started.
 test: $(READY)
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 4 --dist worksteal
 
 lint: $(READY)
 	$(BIN)/ruff check firmware_py hil tests
