@@ -16,7 +16,6 @@ from firmware_py.console import Console
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.opening import open_transport
-from firmware_py.link.shelter import Shelter
 from firmware_py.link.storage import Storage
 from firmware_py.log.disk import log_files
 from firmware_py.log.recorder import LogRecorder
@@ -35,6 +34,7 @@ from firmware_py.sensors.pni_tcm import PniCompass
 from firmware_py.sensors.second import SecondCompass
 from firmware_py.sensors.ubx import UbxPosition
 from firmware_py.serial_line import PortError, SerialLine
+from firmware_py.shelter import Shelter
 from firmware_py.step import State
 from firmware_py.store import Store
 from firmware_py.timekeeper import Timekeeper
@@ -283,11 +283,12 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         compass_b=devices.compass_b,
         position=devices.position,
         rudder=devices.rudder,
-        link=Shelter(endpoint, tell),
+        link=endpoint,
         recorder=recorder,
         store=store,
         lines=lines,
         tell=tell,
+        shelter=Shelter(console.line),
         timekeeper=timekeeper,
     )
     return Assembly(boat, endpoint, console)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from firmware_py.clock import Metronome
 from firmware_py.health import HealthWatch
@@ -23,6 +24,7 @@ from firmware_py.records import (
 )
 from firmware_py.resume import RESUME_FILE, Memory
 from firmware_py.serial_line import SerialLine
+from firmware_py.shelter import Shelter
 from firmware_py.step import State, accept, settings_of, step
 from firmware_py.step_state import state_to_text
 from firmware_py.store import Store
@@ -157,6 +159,7 @@ class Boat:
     store: Store
     lines: Sequence[SerialLine]
     tell: Callable[[Event], None]
+    shelter: Shelter
     timekeeper: Timekeeper | None = None
     compass_b: Compass | None = None
     health: HealthWatch = field(default_factory=HealthWatch)
@@ -214,12 +217,15 @@ def _turn(boat: Boat, tick: Tick) -> HeadingSample | None:
     )
     output = boat.pilot.step(inputs)
     boat.rudder.command(output.command, now_s)
+    told = boat.shelter.take_events()
     if boat.timekeeper is not None:
-        told = boat.timekeeper.consider(int(boat.pilot.state.parameters["CLK_SET"]), inputs.positions, now_s)
-        output = replace(output, events=(*output.events, told)) if told else output
+        of_clock = boat.timekeeper.consider(int(boat.pilot.state.parameters["CLK_SET"]), inputs.positions, now_s)
+        told = (*told, of_clock) if of_clock else told
+    if told:
+        output = replace(output, events=(*output.events, *told))
     if boat.recorder is not None:
         boat.recorder.offer(inputs, output, lambda: state_to_text(before))
-    boat.link.publish(output, now_s)
+    boat.shelter.call(now_s, partial(boat.link.publish, output, now_s))
     for event in output.events:
         boat.tell(event)
     for line in boat.lines:
@@ -252,10 +258,10 @@ def _serve_until(boat: Boat, metronome: Metronome) -> None:
         if now_s >= slack_end_s:
             continue
         if store_fd in ready:
-            boat.store.service()
+            boat.shelter.call(now_s, boat.store.service)  # its callbacks are the link's
         link_ready = [fd for fd in ready if fd not in device_fds and fd != store_fd]
         if link_ready or busy:
-            link.service(now_s, link_ready)
+            boat.shelter.call(now_s, partial(link.service, now_s, link_ready))
             link_s += clock.now_s() - now_s
 
 

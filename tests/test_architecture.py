@@ -38,6 +38,7 @@ LOOP = {
     "step",
     "step_state",
     "loop",
+    "shelter",
     "health",
     "pilotage",
     "state",

@@ -33,6 +33,7 @@ from firmware_py.records import (
     PositionSample,
     RudderFeedback,
 )
+from firmware_py.shelter import Shelter
 from firmware_py.step import State
 from firmware_py.timekeeper import Timekeeper
 
@@ -200,6 +201,7 @@ def boat():
         store=store,
         lines=[],
         tell=lambda _event: None,
+        shelter=Shelter(pytest.fail),  # no test but that of it makes mistakes
     )
 
 
@@ -240,6 +242,30 @@ def test_a_stall_is_skipped_in_phase_and_reported(boat):
     assert after.t_s == pytest.approx(1.2)
     assert after.late_s == pytest.approx(0.03)
     assert ticks(boat)[-1].t_s == pytest.approx(round(ticks(boat)[-1].t_s, 1))
+
+
+@pytest.mark.parametrize("where", ["service", "publish", "store"])
+def test_a_mistake_in_the_link_does_not_end_the_loop_and_is_told(boat, where):
+    explained, mistakes = [], iter([KeyError("inside")])
+    boat.shelter = Shelter(explained.append)
+
+    def mistaken(*_):
+        for mistake in mistakes:
+            raise mistake
+
+    if where == "service":
+        boat.clock.plan = [(0.15, FakeLink.DESCRIPTOR)]
+        boat.link.on_service = mistaken
+    elif where == "publish":
+        boat.link.publish = mistaken
+    else:
+        boat.clock.plan = [(0.15, boat.store.fileno())]
+        boat.store.service = lambda: (boat.clock.plan.clear(), mistaken())
+    turn(boat, 1.0)
+    told = [event.text for _, output, _ in boat.recorder.ticks for event in output.events]
+    assert told.count("Link: KeyError inside, she steers on") == 1
+    assert explained[-1] == "KeyError: 'inside'"
+    assert len(ticks(boat)) == pytest.approx(10, abs=1)
 
 
 def test_samples_are_stamped_when_they_arrive(boat):
@@ -421,6 +447,7 @@ def test_whatever_ends_the_loop_the_rudder_is_brought_amidships(boat):
         raise RuntimeError("unexpected")
 
     boat.link.publish = explode
+    boat.shelter = Shelter(lambda _line: None)  # again and again: more than it covers
     with pytest.raises(RuntimeError, match="unexpected"):
         turn(boat, 1.0)
     assert boat.rudder.commands[-1][1].shaft_rad == 0.0
