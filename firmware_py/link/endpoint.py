@@ -103,7 +103,7 @@ class Endpoint:
         self._mission = Mission(self._session)
         self._commands = Commands(self._session, COMMANDS)
         self._worker = Worker(background=storage.background)
-        plan_files = PlanFiles(self._session)
+        plan_files = PlanFiles(self._session, self._worker)
         sinks = {PACKED_PARAMETERS: self._parameters.put_in_force, **plan_files.sinks()}
         tree = tree_of(storage, self._session.metadata, authority, plan_files.made(), sinks)
         self._files = Files(self._session, tree, self._worker)
@@ -259,7 +259,9 @@ class Endpoint:
                 peer.streams.hasten(_HEARTBEAT, now_s)
                 peer.streams.hasten(_CURRENT_MODE, now_s)
         scene = self._session.scene()
-        if scene is not None and snapshot.home is not None and (before is None or before.home != snapshot.home):
+        moved = before is None or before.home != snapshot.home
+        if scene is not None and snapshot.home is not None and (moved or self._session.home_set):
+            self._session.home_set = False
             self._session.send_all(motion.home_position(scene))
             self._session.send_all(estimates.gps_global_origin(scene))
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from firmware_py.angles import radians
-from firmware_py.intents import Answer, Intent, Request, SetMode, SteerHeading, SteerPosition, Verdict
+from firmware_py.intents import Answer, Intent, Request, SetHome, SetMode, SteerHeading, SteerPosition, Verdict
 from firmware_py.link import identity
 from firmware_py.link.dialect import Codec, Message
 from firmware_py.link.identity import COMPONENT, Version
@@ -50,6 +50,7 @@ class Session:
         self.snapshot: Snapshot | None = None
         self.refused_frames = 0
         self.intended_mode: int | None = None  # custom_mode that was last asked for and entered
+        self.home_set = False  # since it was last told; whoever sets it is told also where it was there before
         self.high_latency = False  # asked for on the satellite links
         self.now_s = 0.0  # of the latest call of the loop
         self.peers: Iterable[Peer] = ()
@@ -140,6 +141,8 @@ class Session:
                 self.intended_mode = intent.mode
             elif isinstance(intent, (SteerHeading, SteerPosition)) and intent.change_mode:
                 self.intended_mode = int(Mode.GUIDED)
+            elif isinstance(intent, SetHome):
+                self.home_set = True
         return answer
 
     def steer(self, peer: Peer, message: Message, intent: Intent | str, now_s: float) -> None:

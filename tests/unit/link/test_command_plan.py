@@ -69,6 +69,15 @@ def test_the_old_message_sets_home_and_says_so(rig, of, texts):
     assert len(rig.authority.intents) == 1
 
 
+def test_home_set_to_where_it_was_is_told_too_and_once(rig, of):
+    where = {"home": Home(0.5, 0.2, 0.0)}
+    assert len(of(rig.tick(**where), "HOME_POSITION")) == 1
+    assert of(rig.tick(**where), "HOME_POSITION") == []
+    assert results(rig.command(179, 1)) == [ACCEPTED]
+    assert len(of(rig.tick(**where), "HOME_POSITION")) == 1
+    assert of(rig.tick(**where), "HOME_POSITION") == []
+
+
 def test_pause_and_continue(rig):
     assert results(rig.command(193, 0)) == results(rig.command(193, 1)) == [ACCEPTED]
     assert rig.authority.intents == [PauseMission(paused=True), PauseMission(paused=False)]
