@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -60,17 +60,27 @@ class ReadingRequests:
         self._desk.later(call, partial(self._desk.tree.listing, parts), keep)
         return None
 
-    def _open_read(self, call: Call) -> bytes:
+    def _open_read(self, call: Call) -> None:
         parts, query = parse_path(call.request.data)
-        self._desk.sessions.check_room(call.client, call.request.session, call.now_s)
         make = self._desk.tree.made.get(parts)
-        if make is not None:
-            reading = Reading(parts, make(query))
-        else:
+        if make is None:
             area, within = self._desk.tree.area(parts)
-            reading = Reading(parts, area.open_read(within))
-        self._desk.sessions.put(call.client, call.request.session, reading, call.now_s)
-        return struct.pack("<I", min(reading.size, 0xFFFFFFFF))
+            source: Callable[[], int | bytes] = partial(area.open_read, within)
+        else:
+            source = partial(make, query)
+        self._desk.sessions.check_room(call.client, call.request.session, call.now_s)
+
+        def opened(content: int | bytes) -> bytes:
+            reading = Reading(parts, content)
+            try:
+                self._desk.sessions.check_room(call.client, call.request.session, call.now_s)
+            except Refusal:
+                reading.close()  # others were quicker
+                raise
+            self._desk.sessions.put(call.client, call.request.session, reading, call.now_s)
+            return struct.pack("<I", min(reading.size, 0xFFFFFFFF))
+
+        self._desk.later(call, source, opened)
 
     def _reading(self, call: Call) -> Reading:
         handle = self._desk.sessions.find(call.client, call.request.session, call.now_s).handle
@@ -89,11 +99,15 @@ class ReadingRequests:
         if session.burst is None or session.burst.request != call.request:
             session.burst = Burst(call.request)
 
-    def _checksum(self, call: Call) -> bytes | None:
+    def _checksum(self, call: Call) -> None:
         parts, query = parse_path(call.request.data)
         make = self._desk.tree.made.get(parts)
-        if make is not None:
-            return struct.pack("<I", mavlink_crc32(make(query)))
-        area, within = self._desk.tree.area(parts)
-        self._desk.later(call, partial(area.checksum, within), lambda checksum: struct.pack("<I", checksum))
-        return None
+        if make is None:
+            area, within = self._desk.tree.area(parts)
+            self._desk.later(call, partial(area.checksum, within), _checksum_data)
+        else:
+            self._desk.later(call, lambda: mavlink_crc32(make(query)), _checksum_data)
+
+
+def _checksum_data(checksum: int) -> bytes:
+    return struct.pack("<I", checksum)

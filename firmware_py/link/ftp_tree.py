@@ -10,7 +10,9 @@ from firmware_py.link.ftp_area import DEEPEST, LONGEST_NAME, Area, Entry, Parts
 from firmware_py.link.ftp_wire import Error, Refusal
 
 Query = Mapping[str, str]  # what stands behind a question mark
-Make = Callable[[Query], bytes]  # the content of a file in memory, at the moment that it is opened
+# The content of a file in memory, at the moment that it is opened. Called on the worker's thread, because 2000 items
+# take longer than the loop has to spare: it may look at nothing but what is replaced as a whole.
+Make = Callable[[Query], bytes]
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,6 +64,7 @@ class WritingRequests:
         area, within = self._desk.tree.area(parts, write=True)
 
         def opened(content: bytes) -> bytes:
+            self._check_room(call)  # again: others may have been quicker
             self._desk.sessions.put(call.client, call.request.session, Upload(parts, content), call.now_s)
             return struct.pack("<I", len(content))
 
@@ -105,28 +106,25 @@ class WritingRequests:
     def _store(self, call: Call, upload: Upload, *, silent: bool = False) -> None:
         """Let an upload take its place, and answer when it has."""
         content = bytes(upload.content)
-        sink = self._desk.tree.sinks.get(upload.path)
-        if sink is None:
-            area, within = self._desk.tree.area(upload.path, write=True)
-            self._storing += 1
+        self._storing += 1
 
-            def stored(result: object) -> None:
-                self._storing -= 1
-                if not silent:
-                    self._desk.finish(call, result if isinstance(result, Exception) else b"")
-                    call.peer.outbox.flush(self._desk.session.now_s)
-
-            if not self._desk.worker.submit(partial(area.store, within, content), stored):
-                stored(Refusal(Error.FAIL, text="The disk has too much to do: send the file again"))
-            return
-
-        def put_in_force(reason: str) -> None:
+        def stored(result: object) -> None:
+            self._storing -= 1
             if not silent:
-                name = "/".join(upload.path)
-                self._desk.finish(call, Refusal(Error.FAIL, text=f"{name}: {reason}") if reason else b"")
+                self._desk.finish(call, result if isinstance(result, Exception) else b"")
                 call.peer.outbox.flush(self._desk.session.now_s)
 
-        sink(content, Origin(call.client.system, call.client.component, call.now_s), put_in_force)
+        def put_in_force(reason: str) -> None:
+            name = "/".join(upload.path)
+            stored(Refusal(Error.FAIL, text=f"{name}: {reason}") if reason else None)
+
+        sink = self._desk.tree.sinks.get(upload.path)
+        if sink is not None:
+            sink(content, Origin(call.client.system, call.client.component, call.now_s), put_in_force)
+            return
+        area, within = self._desk.tree.area(upload.path, write=True)
+        if not self._desk.worker.submit(partial(area.store, within, content), stored):
+            stored(Refusal(Error.FAIL, text="The disk has too much to do: send the file again"))
 
     def _remove(self, call: Call) -> None:
         parts, _ = parse_path(call.request.data)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 from firmware_py.intents import Answer, ReplacePlan, Request, Verdict
 from firmware_py.link.dialect import mavlink
@@ -17,6 +18,7 @@ from firmware_py.link.ftp_tree import Make, Origin, Query, Sink
 from firmware_py.link.mission_items import NAMES, home_item, item_message, item_of
 from firmware_py.link.mission_numbers import homes
 from firmware_py.link.session import Session
+from firmware_py.link.worker import Worker
 from firmware_py.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.plan_fault import PlanFault, PlanResult
 from firmware_py.plan_rules import fault_of, item_fault
@@ -78,11 +80,12 @@ def _fault(text: str) -> PlanFault:
 
 
 class PlanFiles:
-    """The three files."""
+    """The three files. Making and judging 2000 items is the worker's business, not the loop's."""
 
-    def __init__(self, session: Session) -> None:
-        """Take the session to ask through."""
+    def __init__(self, session: Session, worker: Worker) -> None:
+        """Take the session to ask through, and who has the time."""
         self._session = session
+        self._worker = worker
 
     def made(self) -> Mapping[Parts, Make]:
         """Return what can be read."""
@@ -102,17 +105,25 @@ class PlanFiles:
     def _sink(self, kind: PlanKind) -> Sink:
         def put_in_force(content: bytes, origin: Origin, done: Callable[[str], None]) -> None:
             home_count = homes(self._session.autopilot, kind)
-            plan = unpacked(content, kind, home_count)
-            if isinstance(plan, PlanFault):
-                done(plan.text if plan.index is None else f"item {plan.index + home_count}: {plan.text}")
-                return
 
-            def stored(answer: Answer) -> None:
-                if answer.verdict is Verdict.ACCEPTED:
-                    self._session.announce(Severity.INFO, f"New {NAMES[kind]}: {len(plan.items)} items")
-                done("" if answer.verdict is Verdict.ACCEPTED else answer.text or "refused")
+            def judged(plan: Plan | PlanFault | Exception) -> None:
+                if isinstance(plan, Plan):
+                    self._replace(plan, origin, done)
+                elif isinstance(plan, PlanFault):
+                    done(plan.text if plan.index is None else f"item {plan.index + home_count}: {plan.text}")
+                else:
+                    done(f"{type(plan).__name__}: {plan}")
 
-            request = Request(origin.now_s, ReplacePlan(plan), origin.system, origin.component)
-            self._session.authority.replace_plan(request, stored)
+            if not self._worker.submit(partial(unpacked, content, kind, home_count), judged):
+                done("too much to do: send the file again")
 
         return put_in_force
+
+    def _replace(self, plan: Plan, origin: Origin, done: Callable[[str], None]) -> None:
+        def stored(answer: Answer) -> None:
+            if answer.verdict is Verdict.ACCEPTED:
+                self._session.announce(Severity.INFO, f"New {NAMES[plan.kind]}: {len(plan.items)} items")
+            done("" if answer.verdict is Verdict.ACCEPTED else answer.text or "refused")
+
+        request = Request(origin.now_s, ReplacePlan(plan), origin.system, origin.component)
+        self._session.authority.replace_plan(request, stored)

@@ -271,7 +271,11 @@ class FtpStation:
 
     def all(self, *request, **fields):
         """The replies to a request."""
-        said = self.rig.tell(self.request(*request, **fields), address=self.address)
+        return self.replies(self.rig.tell(self.request(*request, **fields), address=self.address))
+
+    @staticmethod
+    def replies(said):
+        """What was said of file transfer."""
         return [Reply(message) for message in of_type(said, "FILE_TRANSFER_PROTOCOL")]
 
     def ask(self, *request, **fields):
@@ -313,7 +317,7 @@ class FtpStation:
 def stored(tmp_path):
     """A rig with logs and a place for uploads, and a client of its files; `stored(...)` makes more."""
 
-    def make(**more):
+    def make(*, background=False, **more):
         for name in ("logs", "uploads"):
             (tmp_path / name).mkdir(exist_ok=True)
         storage = Storage(
@@ -321,6 +325,7 @@ def stored(tmp_path):
             tmp_path / "logs",
             tmp_path / "uploads",
             logging=True,
+            background=background,
         )
         made = Rig(storage=storage, **more)
         made.tick()

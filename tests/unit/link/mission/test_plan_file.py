@@ -1,16 +1,20 @@
 """Plans in one transfer: as MAVProxy packs them, whole and judged, or refused with the reason."""
 
+import select
 import struct
+import threading
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.link import plan_file
+from firmware_py.link.ftp_area import mavlink_crc32
 from firmware_py.link.plan_file import unpacked
 from firmware_py.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.plan_fault import PlanFault, PlanResult
 from firmware_py.plan_items import Command
 
-CREATE, WRITE, TERMINATE = 6, 7, 1
+TERMINATE, OPEN_READ, READ, CREATE, WRITE, CHECKSUM = 1, 4, 5, 6, 7, 14
 MISSION = "@MISSION/mission.dat"
 
 
@@ -97,3 +101,42 @@ def test_without_home_the_first_item_counts():
     assert unpacked(content(ONE), PlanKind.MISSION, 0) == Plan.of(
         PlanKind.MISSION, [PlanItem(16, 6, True, x=1, y=1)] * 2
     )
+
+
+def test_the_loops_thread_neither_makes_nor_judges_a_plan(stored, station, monkeypatch):
+    """2000 items take longer than a tick has to spare."""
+    rig, client = stored(background=True)
+    threads = []
+
+    def noting(function):
+        def noted(*arguments):
+            threads.append(threading.current_thread() is threading.main_thread())
+            return function(*arguments)
+
+        return noted
+
+    for name in ("packed", "unpacked"):
+        monkeypatch.setattr(plan_file, name, noting(getattr(plan_file, name)))
+
+    def ask(*request, **fields):
+        said = client.all(*request, **fields)
+        while not said:  # until the worker is done
+            assert select.select(rig.endpoint.descriptors()[-1:], [], [], 20.0)[0]
+            rig.endpoint.service(rig.now_s, [])
+            said = client.replies(rig.said())
+        assert said[0].ok, said[0].error
+        return said[0]
+
+    try:
+        ask(CREATE, MISSION)
+        whole = content(station.mission(2))
+        ask(WRITE, whole)
+        ask(TERMINATE)
+        assert len(rig.authority.plans().of(PlanKind.MISSION).items) == 2
+        checksum = ask(CHECKSUM, MISSION).data
+        ask(OPEN_READ, MISSION)
+        assert read(ask(READ, offset=0, size=239).data)[0] == (0x763D, 0, 0, 0, 3)
+        assert int.from_bytes(checksum, "little") == mavlink_crc32(ask(READ, offset=0, size=239).data)
+    finally:
+        rig.endpoint.close()
+    assert threads == [False] * 3
