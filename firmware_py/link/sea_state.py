@@ -2,86 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from firmware_py.angles import degrees
 from firmware_py.link.scene import Scene
 from firmware_py.records import Estimate, Water
 
-
-def _learned(scene: Scene) -> Estimate | None:
-    return scene.snapshot.estimate
+Value = Callable[[Scene], float | None]
 
 
-def _water(scene: Scene) -> Water | None:
-    return scene.snapshot.water
+def _learned(read: Callable[[Estimate], float]) -> Value:
+    def value(scene: Scene) -> float | None:
+        return None if scene.snapshot.estimate is None else read(scene.snapshot.estimate)
+
+    return value
 
 
-def heading_sd_deg(scene: Scene) -> float | None:
-    """Return the standard deviation of the heading without waves, in degrees."""
-    learned = _learned(scene)
-    return None if learned is None else degrees(learned.heading_sd_rad)
+def _of_water(read: Callable[[Water], float | None]) -> Value:
+    def value(scene: Scene) -> float | None:
+        return None if scene.snapshot.water is None else read(scene.snapshot.water)
+
+    return value
 
 
-def innovation_deg(scene: Scene) -> float | None:
-    """Return what the last heading differed from the expected one, in degrees."""
-    learned = _learned(scene)
-    return None if learned is None else degrees(learned.innovation_rad)
-
-
-def innovation_square(scene: Scene) -> float | None:
-    """Return the average normalised innovation squared: 1 for an honest filter."""
-    learned = _learned(scene)
-    return None if learned is None else learned.innovation_square
-
-
-def heading_source(scene: Scene) -> float | None:
-    """Return what the heading is taken from: compass A 0, compass B 1, course over ground 2, nothing 3."""
-    learned = _learned(scene)
-    return None if learned is None else float(learned.source)
-
-
-def trim_deg(scene: Scene) -> float | None:
-    """Return the rudder angle at which she runs straight, in degrees."""
-    learned = _learned(scene)
-    return None if learned is None else degrees(learned.bias_rad)
-
-
-def wave_sd_deg(scene: Scene) -> float | None:
-    """Return the standard deviation of the yaw of the waves, in degrees."""
-    learned = _learned(scene)
-    return None if learned is None else degrees(learned.wave_sd_rad)
-
-
-def wave_period_s(scene: Scene) -> float | None:
-    """Return the peak period of the yaw of the waves, in seconds."""
-    learned = _learned(scene)
-    return None if learned is None else learned.wave_period_s
-
-
-def turning_factor(scene: Scene) -> float | None:
-    """Return by what she turns better than her model says."""
-    learned = _learned(scene)
-    return None if learned is None else learned.turning_factor
-
-
-def water_speed_m_s(scene: Scene) -> float | None:
-    """Return the speed through the water, in m/s."""
-    water = _water(scene)
-    return None if water is None else water.speed_m_s
-
-
-def current_north_m_s(scene: Scene) -> float | None:
-    """Return the current's northward part, in m/s."""
-    water = _water(scene)
-    return None if water is None else water.current_north_m_s
-
-
-def current_east_m_s(scene: Scene) -> float | None:
-    """Return the current's eastward part, in m/s."""
-    water = _water(scene)
-    return None if water is None else water.current_east_m_s
-
-
-def current_sd_m_s(scene: Scene) -> float | None:
-    """Return the standard deviation of the current in the worse known direction, in m/s."""
-    water = _water(scene)
-    return None if water is None else water.current_sd_m_s
+# Of the heading without waves: its standard deviation, what the last one measured differed from the expected one, and
+# the average normalised innovation squared, 1 for an honest filter.
+heading_sd_deg = _learned(lambda estimate: degrees(estimate.heading_sd_rad))
+innovation_deg = _learned(lambda estimate: degrees(estimate.innovation_rad))
+innovation_square = _learned(lambda estimate: estimate.innovation_square)
+# Compass A 0, compass B 1, course over ground 2, nothing 3.
+heading_source = _learned(lambda estimate: float(estimate.source))
+# The rudder angle at which she runs straight, and by what she turns better than her model says.
+trim_deg = _learned(lambda estimate: degrees(estimate.bias_rad))
+turning_factor = _learned(lambda estimate: estimate.turning_factor)
+# Of the yaw of the waves.
+wave_sd_deg = _learned(lambda estimate: degrees(estimate.wave_sd_rad))
+wave_period_s = _learned(lambda estimate: estimate.wave_period_s)
+# Speed through the water, and the current; its deviation in the worse known direction.
+water_speed_m_s = _of_water(lambda water: water.speed_m_s)
+current_north_m_s = _of_water(lambda water: water.current_north_m_s)
+current_east_m_s = _of_water(lambda water: water.current_east_m_s)
+current_sd_m_s = _of_water(lambda water: water.current_sd_m_s)

@@ -245,7 +245,21 @@ def start_hil(tmp_path):
 
 
 @pytest.fixture
-def lossy(tmp_path, start, free_ports, connect):
+def boot(tmp_path, start):
+    """`boot(name, url, ...)` starts `rambler run` without any device, on the same state directory each time."""
+    (tmp_path / "boat.toml").write_text(BARE_BOAT.format(directory=tmp_path))
+
+    def boot_one(name, *urls):
+        words = ["run", str(tmp_path / "boat.toml"), "--wait", "--state", str(tmp_path / "state")]
+        program = start(name, [sys.executable, "-m", "firmware_py", *words, *(f"--link={url}" for url in urls)])
+        program.expect("state in")
+        return program
+
+    return boot_one
+
+
+@pytest.fixture
+def lossy(boot, free_ports, connect):
     """Starts a boat without devices and gives a relay of a seed, and a station behind it."""
     relays = []
 
@@ -253,10 +267,7 @@ def lossy(tmp_path, start, free_ports, connect):
         (station_port,) = free_ports(["udpin"])
         relays.append(Relay(station_port, seed))
         relays[-1].__enter__()
-        (tmp_path / "boat.toml").write_text(BARE_BOAT.format(directory=tmp_path))
-        words = ["run", str(tmp_path / "boat.toml"), "--wait", "--state", str(tmp_path / "state")]
-        url = f"udpout:127.0.0.1:{relays[-1].port}"
-        start("boat", [sys.executable, "-m", "firmware_py", *words, "--link", url])
+        boot("boat", f"udpout:127.0.0.1:{relays[-1].port}")
         return relays[-1], connect(f"udpin:127.0.0.1:{station_port}")
 
     yield begin

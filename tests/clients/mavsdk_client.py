@@ -12,32 +12,16 @@ import sys
 import time
 from pathlib import Path
 
-try:
-    from mavsdk.component_type import ComponentType
-    from mavsdk.exceptions import MavsdkError
-    from mavsdk.mavsdk import Configuration, Mavsdk
-    from mavsdk.plugins.action import Action
-    from mavsdk.plugins.info import Info
-    from mavsdk.plugins.offboard import Attitude, Offboard
-    from mavsdk.plugins.param import Param
-    from mavsdk.plugins.telemetry import Telemetry
-except Exception as missing:  # noqa: BLE001 - whatever keeps the wheel and its library from loading here
-    print(f"MAVSDK cannot be had: {missing!r}")
-    sys.exit(77)
+# isort: split  (it ends the process with 77 where MAVSDK cannot be had)
+from mavsdk.exceptions import MavsdkError
+from mavsdk.plugins.action import Action
+from mavsdk.plugins.info import Info
+from mavsdk.plugins.offboard import Attitude, Offboard
+from mavsdk.plugins.param import Param
+from mavsdk.plugins.telemetry import Telemetry
+from mavsdk_system import METRES_PER_DEGREE, autopilot, wait
 
-DISCOVERY_S = 30.0
-PATIENCE_S = 30.0
-METRES_PER_DEGREE = 111_195.0
 FAR_M = 20_000.0
-
-
-def wait(look, what):
-    """Wait until look() is true, or end with the reason."""
-    give_up_s = time.monotonic() + PATIENCE_S
-    while not look():
-        if time.monotonic() > give_up_s:
-            sys.exit(f"waited in vain for {what}")
-        time.sleep(0.05)
 
 
 def refusal(call, *arguments):
@@ -163,11 +147,7 @@ class Session:
 
 def main():
     url, results = sys.argv[1:]
-    with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:
-        print(mavsdk.add_any_connection(url).name)
-        system = mavsdk.first_autopilot(DISCOVERY_S)
-        if system is None:
-            sys.exit(f"no autopilot on {url} within {DISCOVERY_S:g} s")
+    with autopilot(url) as system:
         session = Session(system)
         for step in (
             session.identify,

@@ -11,16 +11,12 @@ import sys
 import threading
 from pathlib import Path
 
-try:
-    from mavsdk.component_type import ComponentType
-    from mavsdk.exceptions import MavsdkError
-    from mavsdk.mavsdk import Configuration, Mavsdk
-    from mavsdk.plugins.component_metadata import ComponentMetadata, MetadataType
-    from mavsdk.plugins.ftp import Ftp
-    from mavsdk.plugins.log_files import LogFiles
-except Exception as missing:  # noqa: BLE001 - whatever keeps the wheel and its library from loading here
-    print(f"MAVSDK cannot be had: {missing!r}")
-    sys.exit(77)
+# isort: split  (it ends the process with 77 where MAVSDK cannot be had)
+from mavsdk.exceptions import MavsdkError
+from mavsdk.plugins.component_metadata import ComponentMetadata, MetadataType
+from mavsdk.plugins.ftp import Ftp
+from mavsdk.plugins.log_files import LogFiles
+from mavsdk_system import autopilot
 
 PATIENCE_S = 40.0
 
@@ -112,11 +108,7 @@ def read_metadata(system):
 
 def main():
     url, directory = sys.argv[1], Path(sys.argv[2])
-    with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:
-        print(mavsdk.add_any_connection(url).name)
-        system = mavsdk.first_autopilot(PATIENCE_S)
-        if system is None:
-            sys.exit(f"no autopilot on {url}")
+    with autopilot(url) as system:
         seen = {**move_files(system, directory), **fetch_logs(system, directory), **read_metadata(system)}
         (directory / "results.json").write_text(json.dumps(seen, indent=1))
 

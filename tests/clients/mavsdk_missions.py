@@ -12,27 +12,12 @@ import sys
 import time
 from pathlib import Path
 
-try:
-    from mavsdk.component_type import ComponentType
-    from mavsdk.exceptions import MavsdkError
-    from mavsdk.mavsdk import Configuration, Mavsdk
-    from mavsdk.plugins.mission_raw import MissionItem, MissionRaw
-except Exception as missing:  # noqa: BLE001 - whatever keeps the wheel and its library from loading here
-    print(f"MAVSDK cannot be had: {missing!r}")
-    sys.exit(77)
+# isort: split  (it ends the process with 77 where MAVSDK cannot be had)
+from mavsdk.exceptions import MavsdkError
+from mavsdk.plugins.mission_raw import MissionItem, MissionRaw
+from mavsdk_system import autopilot, wait
 
-DISCOVERY_S = 30.0
-PATIENCE_S = 30.0
 ITEMS = 500
-
-
-def wait(look, what):
-    """Wait until look() is true, or end with the reason."""
-    give_up_s = time.monotonic() + PATIENCE_S
-    while not look():
-        if time.monotonic() > give_up_s:
-            sys.exit(f"waited in vain for {what}")
-        time.sleep(0.05)
 
 
 def mission(count):
@@ -93,11 +78,7 @@ def move_plans(missions, plan_file, seen):
 
 def main():
     url, plan_file, results = sys.argv[1:]
-    with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:
-        print(mavsdk.add_any_connection(url).name)
-        system = mavsdk.first_autopilot(DISCOVERY_S)
-        if system is None:
-            sys.exit(f"no autopilot on {url} within {DISCOVERY_S:g} s")
+    with autopilot(url) as system:
         missions = MissionRaw(system)
         seen = {"progress": []}
         handle = missions.subscribe_mission_progress(lambda progress, _: seen["progress"].append(progress.current))

@@ -102,25 +102,9 @@ def test_in_lockstep_a_forced_restart_loses_no_time_and_boots_as_the_parameters_
         subprocess.run([sys.executable, "-m", "firmware_py", "replay", str(log)], check=True, capture_output=True)
 
 
-VEHICLE = """
-[compass]
-driver = "nmea"
-port = "{directory}/no-compass"
-baud = 38400
-[rudder]
-driver = "volz"
-port = "{directory}/no-rudder"
-baud = 115200
-id = 1
-"""
-
-
-def test_shut_down_ends_the_process_with_a_code_of_its_own(tmp_path, start, free_ports, connect):
-    (tmp_path / "boat.toml").write_text(VEHICLE.format(directory=tmp_path))
+def test_shut_down_ends_the_process_with_a_code_of_its_own(boot, free_ports, connect):
     (port,) = free_ports(["tcpin"])
-    words = ["run", str(tmp_path / "boat.toml"), "--wait", "--state", str(tmp_path / "state")]
-    program = start("boat", [sys.executable, "-m", "firmware_py", *words, "--link", f"tcpin:127.0.0.1:{port}"])
-    program.expect("state in")
+    program = boot("boat", f"tcpin:127.0.0.1:{port}")
     station = connect(f"tcp:127.0.0.1:{port}")
     assert station.command(REBOOT, 2) == ACCEPTED
     assert program.exit_code() == SHUT_DOWN

@@ -20,17 +20,6 @@ CLIENT = Path(__file__).with_name("mavsdk_files_client.py")
 CANNOT_BE_HAD = 77
 SESSION_S = 90.0
 LOGS = {1: 90 * 1500, 2: 200_001}  # a whole number of blocks, and not
-VEHICLE = """
-[compass]
-driver = "nmea"
-port = "{directory}/no-compass"
-baud = 38400
-[rudder]
-driver = "volz"
-port = "{directory}/no-rudder"
-baud = 115200
-id = 1
-"""
 
 
 def log_path(directory, number):
@@ -38,18 +27,15 @@ def log_path(directory, number):
 
 
 @pytest.fixture
-def boat(tmp_path, start, free_ports):
+def boat(tmp_path, boot, free_ports):
     """`rambler run` without any device, with two old logs; the port that it speaks to."""
-    (tmp_path / "boat.toml").write_text(VEHICLE.format(directory=tmp_path))
     log_path(tmp_path, 1).parent.mkdir(parents=True)
     noise = random.Random(5)
     for number, size in LOGS.items():
         log_path(tmp_path, number).write_bytes(noise.randbytes(size))
         os.utime(log_path(tmp_path, number), (1_700_000_000 + number, 1_700_000_000 + number))
     (port,) = free_ports(["udpout"])
-    words = ["run", str(tmp_path / "boat.toml"), "--wait", "--state", str(tmp_path / "state")]
-    program = start("boat", [sys.executable, "-m", "firmware_py", *words, "--link", f"udpout:127.0.0.1:{port}"])
-    program.expect("state in")
+    program = boot("boat", f"udpout:127.0.0.1:{port}")
     yield port
     program.send_signal(signal.SIGTERM)
     assert program.exit_code() == 0

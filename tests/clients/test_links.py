@@ -1,7 +1,6 @@
 """Several links at once, and a sudden end: seen by a third party's script."""
 
 import signal
-import sys
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -46,37 +45,19 @@ def yaws_of_two_seconds(station):
     return found
 
 
-VEHICLE = """
-[compass]
-driver = "nmea"
-port = "{directory}/no-compass"
-baud = 38400
-[rudder]
-driver = "volz"
-port = "{directory}/no-rudder"
-baud = 115200
-id = 1
-"""
-
-
-def test_parameters_survive_a_sudden_end(tmp_path, start, free_ports, connect):
+def test_parameters_survive_a_sudden_end(boot, free_ports, connect):
     """Confirmed is stored: killed the moment after, she comes back with them, and the list is complete."""
-    (tmp_path / "boat.toml").write_text(VEHICLE.format(directory=tmp_path))
 
-    def boot(name):
-        """`rambler run` itself, without any device, on the same state directory each time."""
+    def begin(name):
         (port,) = free_ports(["tcpin"])
-        words = ["run", str(tmp_path / "boat.toml"), "--wait", "--state", str(tmp_path / "state")]
-        program = start(name, [sys.executable, "-m", "firmware_py", *words, "--link", f"tcpin:127.0.0.1:{port}"])
-        program.expect("state in")
-        return program, connect(f"tcp:127.0.0.1:{port}")
+        return boot(name, f"tcpin:127.0.0.1:{port}"), connect(f"tcp:127.0.0.1:{port}")
 
-    program, station = boot("first")
+    program, station = begin("first")
     assert station.set_parameter("CTL_K2", 0.7, mavlink.MAV_PARAM_TYPE_REAL32) == pytest.approx(0.7)
     assert station.set_parameter("LOOP_RATE_HZ", 20, mavlink.MAV_PARAM_TYPE_INT32) == 20
     program.send_signal(signal.SIGKILL)
     program.exit_code()
-    program, station = boot("second")
+    program, station = begin("second")
     check_list(station, {"CTL_K2": 0.7, "LOOP_RATE_HZ": 20, "STAT_BOOTCNT": 2})
     program.send_signal(signal.SIGTERM)
     assert program.exit_code() == 0

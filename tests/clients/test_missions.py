@@ -22,17 +22,6 @@ CANNOT_BE_HAD = 77
 SESSION_S = 90.0  # at most; a few seconds on an idle machine
 ITEMS = 500
 
-VEHICLE = """
-[compass]
-driver = "nmea"
-port = "{directory}/no-compass"
-baud = 38400
-[rudder]
-driver = "volz"
-port = "{directory}/no-rudder"
-baud = 115200
-id = 1
-"""
 CORNERS = [[36.0, 121.0], [36.0, 121.2], [36.2, 121.1]]
 PLAN = {
     "fileType": "Plan",
@@ -66,25 +55,21 @@ PLAN = {
 
 
 @pytest.fixture
-def boot(tmp_path, start, free_ports):
-    """Starts `rambler run` itself, without any device, on the same state directory each time."""
-    (tmp_path / "boat.toml").write_text(VEHICLE.format(directory=tmp_path))
+def begin(boot, free_ports):
+    """Starts the boat on a link of a kind, and tells its port."""
 
-    def boot_it(name, kind="udpout"):
+    def begin_one(name, kind="udpout"):
         (port,) = free_ports([kind])
-        words = ["run", str(tmp_path / "boat.toml"), "--wait", "--state", str(tmp_path / "state")]
-        program = start(name, [sys.executable, "-m", "firmware_py", *words, "--link", f"{kind}:127.0.0.1:{port}"])
-        program.expect("state in")
-        return program, port
+        return boot(name, f"{kind}:127.0.0.1:{port}"), port
 
-    return boot_it
+    return begin_one
 
 
-def test_mavsdk_moves_plans_to_and_fro(tmp_path, start, boot):
+def test_mavsdk_moves_plans_to_and_fro(tmp_path, start, begin):
     if importlib.util.find_spec("mavsdk") is None:
         pytest.skip("mavsdk is not installed; install the extra [dev]")
     (tmp_path / "a.plan").write_text(json.dumps(PLAN))
-    program, port = boot("autopilot")
+    program, port = begin("autopilot")
     results = tmp_path / "seen.json"
     words = [sys.executable, str(CLIENT), f"udpin://127.0.0.1:{port}", str(tmp_path / "a.plan"), str(results)]
     client = start("mavsdk", words)
@@ -133,13 +118,13 @@ FENCE = [line(index, 0, 5001, [3.0, 0.0, 0.0, 0.0], *corner) for index, corner i
 RALLY = [line(index, 3, 5100, [0.0] * 4, 36.01 + index, 121.0, 2.0) for index in range(2)]
 
 
-def test_mavproxy_loads_lists_and_saves_plans(tmp_path, start, boot):
+def test_mavproxy_loads_lists_and_saves_plans(tmp_path, start, begin):
     script = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
     if script is None:
         pytest.skip("mavproxy.py is not beside this Python; install the extra [dev]")
     home = tmp_path / "home"
     home.mkdir()
-    program, port = boot("autopilot")
+    program, port = begin("autopilot")
     command = [sys.executable, script, f"--master=udpin:127.0.0.1:{port}", f"--state-basedir={home}"]
     env = {**os.environ, "HOME": str(home), "PYTHONUNBUFFERED": "1"}
     client = start("mavproxy", command, cwd=home, env=env)
@@ -215,9 +200,9 @@ def expected(count, start):
     return [360_000_000 + start + sequence for sequence in range(1, count)]
 
 
-def test_a_mission_is_the_old_one_or_the_new_one_whatever_happens(boot, connect):
+def test_a_mission_is_the_old_one_or_the_new_one_whatever_happens(begin, connect):
     def reboot(name):
-        program, port = boot(name, "tcpin")
+        program, port = begin(name, "tcpin")
         return program, connect(f"tcp:127.0.0.1:{port}")
 
     program, station = reboot("first")

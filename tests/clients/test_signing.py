@@ -10,35 +10,9 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-VEHICLE = """
-[compass]
-driver = "nmea"
-port = "{directory}/no-compass"
-baud = 38400
-[rudder]
-driver = "volz"
-port = "{directory}/no-rudder"
-baud = 115200
-id = 1
-"""
 PASSPHRASE = "seaworthy"
 KEY = sha256(PASSPHRASE.encode()).digest()
 HOLD, DENIED, ACCEPTED = 4, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_ACCEPTED
-
-
-@pytest.fixture
-def boot(tmp_path, start):
-    """Starts `rambler run`, without any device, on the same state directory each time."""
-    (tmp_path / "boat.toml").write_text(VEHICLE.format(directory=tmp_path))
-
-    def boot_one(name, *urls):
-        links = [word for url in urls for word in ("--link", url)]
-        words = ["run", str(tmp_path / "boat.toml"), "--wait", "--state", str(tmp_path / "state")]
-        program = start(name, [sys.executable, "-m", "firmware_py", *words, *links])
-        program.expect("state in")
-        return program
-
-    return boot_one
 
 
 def key_files(tmp_path):
