@@ -62,25 +62,27 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _limits(rows: list[Row]) -> list[tuple[float, float]]:
-    """Return for each row the least rms at its travel, with compass alone and with a receiver."""
-    from hil.compare.limit import at_travel, limits  # noqa: PLC0415 - scipy is slow to import, and not always needed
+def _limits(rows: list[Row]) -> list[tuple[float, float] | None]:
+    """Return for each row the least rms at its travel, with compass alone and with a receiver; None where unknown."""
+    from hil.compare.limit import at_travel, known_for, limits  # noqa: PLC0415 - scipy is slow to import
 
+    seas = [scenarios.named(name) for name in {row.scenario for row in rows}]
     curves = {
-        (name, receiver): limits(scenarios.named(name), OCEAN_RAMBLER, receiver=receiver)
-        for name in {row.scenario for row in rows}
-        for receiver in (False, True)
+        sea.name: [limits(sea, OCEAN_RAMBLER, receiver=receiver) for receiver in (False, True)]
+        for sea in seas
+        if known_for(sea)
     }
-    return [
-        (
-            at_travel(curves[row.scenario, False], row.mean.travel_deg_per_h),
-            at_travel(curves[row.scenario, True], row.mean.travel_deg_per_h),
-        )
-        for row in rows
-    ]
+
+    def of(row: Row) -> tuple[float, float] | None:
+        if row.scenario not in curves:
+            return None
+        compass_alone, receiver = (at_travel(curve, row.mean.travel_deg_per_h) for curve in curves[row.scenario])
+        return compass_alone, receiver
+
+    return [of(row) for row in rows]
 
 
-def text(rows: list[Row], limits: list[tuple[float, float]] | None = None) -> str:
+def text(rows: list[Row], limits: list[tuple[float, float] | None] | None = None) -> str:
     """Return the tables as the terminal shows them; limits stand beside the rows."""
     width = max(len(row.controller.name) for row in rows)
     seeds = len(rows[0].scores)
@@ -99,8 +101,8 @@ def text(rows: list[Row], limits: list[tuple[float, float]] | None = None) -> st
             f"{mean.near_s:.1f}",
         )
         numbers = "  ".join(f"{cell:>{len(title)}}" for cell, title in zip(cells, COLUMNS, strict=True))
-        if limits is not None:
-            compass_alone, receiver = limits[number]
+        if limits is not None and (limit := limits[number]) is not None:
+            compass_alone, receiver = limit
             numbers += f"   limit {compass_alone:.2f} deg, with a receiver {receiver:.2f}"
         by = "" if row.controller.sailed_by == AUTOPILOT else f"   ({row.controller.sailed_by})"
         lines.append(f"{row.controller.name:{width}}  {numbers}{by}")

@@ -37,6 +37,11 @@ class Limit:
     travel_deg_per_h: float
 
 
+def known_for(scenario: Scenario) -> bool:
+    """Return whether waves, drift and a steady current are all that there is; gusts and orbital motion are no part."""
+    return not scenario.gust_deg and not scenario.orbital_m_s
+
+
 def limits(scenario: Scenario, model: KtModel, *, receiver: bool) -> list[Limit]:
     """Return the trade-off from much rudder to little; scenarios without drift have none to make."""
     transition, push, noise = _plant(scenario, model)

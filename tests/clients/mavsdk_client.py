@@ -12,14 +12,16 @@ import sys
 import time
 from pathlib import Path
 
-# isort: split  (it ends the process with 77 where MAVSDK cannot be had)
+# First: it ends the process with 77 where MAVSDK cannot be had.
+from mavsdk_system import METRES_PER_DEGREE, autopilot, wait
+
+# isort: split
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.info import Info
 from mavsdk.plugins.offboard import Attitude, Offboard
 from mavsdk.plugins.param import Param
 from mavsdk.plugins.telemetry import Telemetry
-from mavsdk_system import METRES_PER_DEGREE, autopilot, wait
 
 FAR_M = 20_000.0
 

@@ -11,12 +11,14 @@ import sys
 import threading
 from pathlib import Path
 
-# isort: split  (it ends the process with 77 where MAVSDK cannot be had)
+# First: it ends the process with 77 where MAVSDK cannot be had.
+from mavsdk_system import autopilot
+
+# isort: split
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.component_metadata import ComponentMetadata, MetadataType
 from mavsdk.plugins.ftp import Ftp
 from mavsdk.plugins.log_files import LogFiles
-from mavsdk_system import autopilot
 
 PATIENCE_S = 40.0
 

@@ -12,10 +12,12 @@ import sys
 import time
 from pathlib import Path
 
-# isort: split  (it ends the process with 77 where MAVSDK cannot be had)
+# First: it ends the process with 77 where MAVSDK cannot be had.
+from mavsdk_system import autopilot, wait
+
+# isort: split
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.mission_raw import MissionItem, MissionRaw
-from mavsdk_system import autopilot, wait
 
 ITEMS = 500
 

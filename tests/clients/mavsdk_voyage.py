@@ -11,11 +11,13 @@ import math
 import sys
 from pathlib import Path
 
-# isort: split  (it ends the process with 77 where MAVSDK cannot be had)
+# First: it ends the process with 77 where MAVSDK cannot be had.
+from mavsdk_system import METRES_PER_DEGREE, autopilot, wait
+
+# isort: split
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.mission_raw import MissionItem, MissionRaw
 from mavsdk.plugins.telemetry import Telemetry
-from mavsdk_system import METRES_PER_DEGREE, autopilot, wait
 
 CORNERS = ((20.0, 0.0), (20.0, 15.0))  # metres north and east of home
 WAYPOINT, RETURN = 16, 20

@@ -127,3 +127,8 @@ def test_the_limit_is_that_of_a_separate_computation():
 def test_the_command_shows_the_limit(capsys):
     assert main(["compare", "sea", "--only", "pid", "--seeds", "1", "--limit", "--goal", "0:60"]) == 0
     assert "with a receiver" in capsys.readouterr().out
+
+
+def test_a_sea_that_the_limit_knows_too_little_of_has_none(capsys):
+    assert main(["compare", "sea", "gusts", "--only", "pid", "--seeds", "1", "--limit", "--goal", "0:60"]) == 0
+    assert capsys.readouterr().out.count("with a receiver") == 1
