@@ -63,4 +63,4 @@ lock: $(READY)
 	$(BIN)/python -m pip freeze --exclude-editable | grep -v '^-e' > .ci/constraints.txt
 
 clean:
-	rm -rf $(VENV) runs .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) runs .mypy_cache .ruff_cache .hypothesis
