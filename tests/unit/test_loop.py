@@ -335,6 +335,25 @@ def test_a_flood_gets_part_of_the_time_and_the_tick_is_punctual(boat):
     assert all(inputs.tick.late_s < 1e-9 for inputs, _, _ in boat.recorder.ticks)
 
 
+def test_at_a_high_rate_a_flood_is_left_alone_well_before_the_tick(boat):
+    """What slows the machine down for a moment while the link is served is over when the tick comes."""
+    boat.pilot.decide(Request(0.0, SetParameter("LOOP_RATE_HZ", 50)))
+    turn(boat, 0.5)
+    boat.link.left_over = 10**6
+
+    def on_service(now_s):
+        calls.append(now_s)
+        boat.clock.t_s += 0.001
+
+    calls = []
+    boat.link.on_service = on_service
+    turn(boat, 1.5)
+    deadlines_s = [tick.t_s for tick in ticks(boat)]
+    left_s = [min(deadline_s for deadline_s in deadlines_s if deadline_s > now_s) - now_s for now_s in calls[:400]]
+    assert len(calls) > 400
+    assert min(left_s) > 0.009
+
+
 def test_an_accepted_parameter_is_in_force_at_once_and_stored(boat):
     answer = boat.pilot.decide(Request(0.0, SetParameter("CTL_K1", 44.4)))
     assert answer.verdict is Verdict.ACCEPTED
