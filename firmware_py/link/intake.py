@@ -46,6 +46,12 @@ class Intake:
         self._waiting.setdefault(source, deque()).append((index, address, data))
         self._bytes[source] = held + len(data)
 
+    def put_back(self, index: int, address: Address, data: bytes) -> None:
+        """Queue the rest of a piece of a known correspondent before all else of his."""
+        source = (index, address)
+        self._waiting.setdefault(source, deque()).appendleft((index, address, data))
+        self._bytes[source] = self._bytes.get(source, 0) + len(data)
+
     def take(self) -> tuple[int, Address, bytes]:
         """Return the next piece, of another correspondent than the last one if there is one; KeyError of none."""
         source, queue = self._waiting.popitem(last=False)

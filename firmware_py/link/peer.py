@@ -134,13 +134,16 @@ class Roster:
                 peer.heard_s = now_s
             return peer, found
         late_before = self._gate.late
-        found = self._gate.admit(Splitter().feed(data, now_s), options)
+        splitter = Splitter()
+        found = self._gate.admit(splitter.feed(data, now_s), options)
         if not found and self._gate.late > late_before and self._hints.take(now_s):
             self._hint(self._made(index, address, now_s), now_s)
         if not found or not self._make_room(index, now_s):
             self.rejected += 1
             return None
-        return self._add(index, address, now_s), found
+        peer = self._add(index, address, now_s)
+        peer.splitter = splitter  # it may hold the beginning of a frame whose rest follows
+        return peer, found
 
     def _add(self, index: int, address: Address, now_s: float) -> Peer:
         peer = self._made(index, address, now_s)

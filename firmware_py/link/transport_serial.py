@@ -10,7 +10,6 @@ from firmware_py.ports import ByteLine
 
 _BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 _FAR_END: Address = "line"
-_PIECE_BYTES = 512  # looked at in one call of the link
 
 
 class SerialTransport:
@@ -32,9 +31,9 @@ class SerialTransport:
         return () if descriptor < 0 else (descriptor,)
 
     def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:  # noqa: ARG002 - it has one only
-        """Read what is there, at most the 4096 bytes of a ByteLine, in pieces."""
+        """Read what is there, at most the 4096 bytes of a ByteLine."""
         data = self._line.read()
-        return tuple((_FAR_END, data[start : start + _PIECE_BYTES]) for start in range(0, len(data), _PIECE_BYTES))
+        return ((_FAR_END, data),) if data else ()
 
     def send(self, address: Address, data: bytes) -> bool:  # noqa: ARG002 - it has one only
         """Hand data to the line, all or nothing."""

@@ -46,6 +46,43 @@ def test_what_exceeds_a_share_is_dropped_and_takes_nothing_from_others(intake):
     assert len(taken(intake)) == 1
 
 
+def test_the_rest_of_a_piece_comes_before_what_was_sent_later(intake):
+    intake.offer(0, "one", b"whole")
+    intake.offer(0, "one", b"later")
+    index, address, data = intake.take()
+    intake.put_back(index, address, data[2:])
+    assert taken(intake) == [(0, "one", b"ole"), (0, "one", b"later")]
+    intake.put_back(0, "two", b"alone")
+    assert taken(intake) == [(0, "two", b"alone")]
+
+
+@pytest.mark.parametrize("address", ["station", "a stranger"])
+def test_a_long_datagram_is_looked_at_in_pieces_and_none_of_it_is_lost(make_rig, of, address):
+    rig = make_rig(addresses=("station",))
+    rig.endpoint.service(0.0, [])
+    pings = b"".join(rig.frame(mavlink.MAVLink_ping_message(0, number, 0, 0)) for number in range(60))
+    assert 1000 < len(pings) < 2048
+    rig.transport.inbox.append((address, pings))
+    calls, heard = 0, []
+    rig.endpoint.service(rig.now_s, [100])
+    while rig.endpoint.busy:
+        calls += 1
+        heard += [message.seq for message in of(rig.said(address), "PING")]
+        rig.endpoint.service(rig.now_s, [])
+    heard += [message.seq for message in of(rig.said(address), "PING")]
+    assert heard == list(range(60))
+    assert calls >= 60 // 4 - 1
+
+
+def test_what_follows_a_strangers_noise_is_not_looked_at(make_rig, of):
+    rig = make_rig(addresses=("station",))
+    rig.endpoint.service(0.0, [])
+    rig.transport.inbox.append(("a stranger", bytes(400) + rig.frame(mavlink.MAVLink_ping_message(0, 1, 0, 0))))
+    rig.endpoint.service(rig.now_s, [100])
+    assert not rig.endpoint.busy
+    assert of(rig.said("a stranger"), "PING") == []
+
+
 def test_strangers_share_one_share(intake):
     for number in range(1000):
         intake.offer(0, number, bytes(1000))
