@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from hil.bench.helper import answer_of
 from hil.bench.onboard import logged
 from hil.bench.process import memory_of
 from hil.bench.sea import Sea
@@ -156,16 +157,30 @@ def test_a_flood_does_not_move_the_loop(make, rate_hz, tmp_path):
     quiet = spread(
         [tick.late_s for tick in ticks if before_s <= tick.t_s < flood_from_s or flood_to_s + 1.0 < tick.t_s <= after_s]
     )
+    bare = as_busy_and_bare(rate_hz)
     print(
         f"\n{make.__name__} at {rate_hz} Hz: {taken / SECONDS / 1e6:.1f} MB/s taken; lateness p99.9 quiet "
-        f"{quiet.p999 * 1e6:.0f} us, flooded {flooded.p999 * 1e6:.0f} us; memory {before_mib:.1f}, {early_mib:.1f}, "
-        f"{after_mib:.1f} MiB; answered after {answered_s} s"
+        f"{quiet.p999 * 1e6:.0f} us, flooded {flooded.p999 * 1e6:.0f} us, bare {bare.p999 * 1e6:.0f} us; "
+        f"memory {before_mib:.1f}, {early_mib:.1f}, {after_mib:.1f} MiB; answered after {answered_s} s"
     )
     assert answered_s is not None
     assert answered_s < 1.0
     assert after_mib - before_mib < MOST_GROWTH_MIB
     assert flooded.count > 0.99 * rate_hz * (flood_to_s - flood_from_s) - 1
-    assert flooded.p999 < MOST_RATIO * max(quiet.p999, RESOLUTION_S)
+    assert flooded.p999 < MOST_RATIO * max(quiet.p999, bare.p999, RESOLUTION_S)
+
+
+def as_busy_and_bare(rate_hz):
+    """How late a process is that only computes for half of each period, while a flood goes to nobody.
+
+    A shared machine takes its processor from those who use it, for milliseconds: that is no doing of the autopilot's.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nobody:
+        nobody.bind(("127.0.0.1", 0))
+        words = [sys.executable, str(FLOOD), "udp", str(nobody.getsockname()[1]), str(SECONDS)]
+        with subprocess.Popen(words, stdout=subprocess.DEVNULL):
+            ticks = str(round(SECONDS * rate_hz))
+            return spread(answer_of(["-m", "hil.bench.bare_sleep", str(rate_hz), ticks, "0.5"], SECONDS))
 
 
 def boat_time(sea):

@@ -21,6 +21,7 @@ def test_the_sleeper_counts_every_tick_and_is_never_early():
 
 def test_the_sleeper_tells_its_lateness_as_json():
     assert len(answer_of(["-m", "hil.bench.bare_sleep", "500", "3"], 1.0)) == 3
+    assert len(answer_of(["-m", "hil.bench.bare_sleep", "500", "3", "0.5"], 1.0)) == 3
 
 
 def test_datagrams_come_back():
