@@ -7,11 +7,15 @@ import gc
 import os
 import signal
 import sys
+import threading
 from typing import NoReturn
 
 from firmware_py.ports import Clock
 
 PRIORITY = 40
+# Of the other threads of this process: the loop waits for whoever of them holds the interpreter, and that one must not
+# have to wait for other programs.
+BACKGROUND_PRIORITY = 10
 _MCL_CURRENT = 1
 _MCL_ONFAULT = 4  # only what is touched, so that whole libraries are not drawn into memory
 _PR_SET_PDEATHSIG = 1
@@ -22,12 +26,18 @@ SWITCH_INTERVAL_S = 0.0005
 
 
 def prepare() -> tuple[str, ...]:
-    """Set real-time priority, lock memory, tighten timers, freeze the collector; return what failed."""
+    """Set real-time priorities, lock memory, tighten timers, freeze the collector; return what failed.
+
+    To be called when all threads are there.
+    """
     refused = []
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        for thread in threading.enumerate():
+            if thread is not threading.current_thread() and thread.native_id is not None:
+                os.sched_setscheduler(thread.native_id, os.SCHED_FIFO, os.sched_param(BACKGROUND_PRIORITY))
     except OSError as error:
         refused.append(f"SCHED_FIFO not allowed ({error.strerror}): ticks may come late under load")
     if libc.mlockall(_MCL_CURRENT | _MCL_ONFAULT) != 0:

@@ -19,6 +19,7 @@ from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
 
 SLOTS = (0, 1)
 SLOT_BYTES = 4096  # a slot is made this large at once, and grows by as much
@@ -57,14 +58,14 @@ class Store:
                 raise StoreError(f"state directory {directory} is in use by another autopilot; end that one") from None
             raise StoreError(f"state directory {directory} cannot be locked: {error.strerror}") from None
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        self._condition = threading.Condition()
+        self._lock = threading.Lock()
+        self._wake: SimpleQueue[None] = SimpleQueue()  # of the writer: half the cost of a condition
         self._jobs: dict[str, bytes] = {}
         self._asked = 0  # saves asked for
         self._done = 0  # saves finished, well or badly
         self._failed_text = ""
         self._waiting: deque[tuple[int, Callable[[bool], None]]] = deque()
         self._due: deque[tuple[Callable[[bool], None], bool]] = deque()
-        self._closing = False
         self._places: dict[str, tuple[int, int]] = {}  # the writer's: slot and sequence of the newest versions
         self._thread = threading.Thread(target=self._write_jobs, name="store", daemon=True)
         self._thread.start()
@@ -84,14 +85,16 @@ class Store:
 
     def save(self, name: str, content: bytes) -> None:
         """Queue a new version; a newer one of the same name replaces one not yet begun."""
-        with self._condition:
+        with self._lock:
+            first = not self._jobs
             self._jobs[name] = content
             self._asked += 1
-            self._condition.notify()
+        if first:
+            self._wake.put(None)
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Run call(True) from `service` once all saves so far are on disk, call(False) if they cannot be."""
-        with self._condition:
+        with self._lock:
             settled = self._done >= self._asked
             if settled:
                 self._due.append((call, not self._failed_text))
@@ -106,29 +109,26 @@ class Store:
             os.eventfd_read(self._wake_fd)
         except BlockingIOError:
             return
-        with self._condition:
+        with self._lock:
             due, self._due = self._due, deque()
         for call, well in due:
             call(well)
 
     def close(self) -> None:
         """Finish the queued saves and release the directory."""
-        with self._condition:
-            self._closing = True
-            self._condition.notify()
+        self._wake.put(None)
         self._thread.join(timeout=10.0)
         os.close(self._wake_fd)
         os.close(self._lock_fd)
 
     def _write_jobs(self) -> None:
         while True:
-            with self._condition:
-                while not self._jobs and not self._closing:
-                    self._condition.wait()
-                if not self._jobs:
-                    return
+            self._wake.get()
+            with self._lock:
                 jobs, asked = self._jobs, self._asked
                 self._jobs = {}
+            if not jobs:
+                return  # woken by close
             failed = ""
             for name, content in jobs.items():
                 try:
@@ -137,7 +137,7 @@ class Store:
                 except OSError as error:
                     self._places.pop(name, None)
                     failed = f"{name} cannot be stored: {error.strerror}"
-            with self._condition:
+            with self._lock:
                 self._failed_text = failed
                 self._done = asked
                 # Judged by this round of writing, not by one that may follow before anybody looks.
@@ -200,8 +200,10 @@ def _write(directory: Path, name: str, content: bytes, place: tuple[int, int] | 
     data = b"# rambler state %s %d %s\n" % (sequence, len(content), _checksum(sequence, content)) + content
     path = _slot_path(directory, name, slot)
     size = -(-len(data) // SLOT_BYTES) * SLOT_BYTES
-    made = not path.exists()
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, mode)
+    try:
+        descriptor, made = os.open(path, os.O_RDWR | os.O_CLOEXEC), False
+    except FileNotFoundError:
+        descriptor, made = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, mode), True
     try:
         present = os.fstat(descriptor).st_size
         if mode == PRIVATE_MODE:

@@ -76,7 +76,7 @@ def _steer(assembly: Assembly) -> int:
 
     signal.signal(signal.SIGTERM, stop)
     signal.signal(signal.SIGINT, stop)
-    # After all threads are there: they keep the ordinary priority.
+    # After all threads are there: theirs is lower than the loop's.
     for refusal in realtime.prepare():
         assembly.console.line(refusal)
     try:

@@ -7,6 +7,7 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable
+from queue import SimpleQueue
 from typing import Any
 
 _MOST_JOBS = 32
@@ -22,10 +23,9 @@ class Worker:
     """
 
     def __init__(self, *, background: bool) -> None:
-        """Start the thread, if there is to be one: before real-time priority is taken, which it would inherit."""
-        self._jobs: deque[tuple[Job, Done] | None] = deque()
+        """Start the thread, if there is to be one: before the loop takes its priority, or it inherits that."""
+        self._jobs: SimpleQueue[tuple[Job, Done] | None] = SimpleQueue()
         self._results: deque[tuple[Done, Any]] = deque()
-        self._wanted = threading.Semaphore(0)
         self._under_way = 0
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC) if background else -1
         self._thread: threading.Thread | None = None
@@ -45,8 +45,7 @@ class Worker:
         if self._under_way >= _MOST_JOBS:
             return False
         self._under_way += 1
-        self._jobs.append((job, done))
-        self._wanted.release()
+        self._jobs.put((job, done))
         return True
 
     def poll(self) -> None:
@@ -64,8 +63,7 @@ class Worker:
         """Finish what is queued and end the thread; gives up on a disk that hangs."""
         if self._thread is None:
             return
-        self._jobs.append(None)
-        self._wanted.release()
+        self._jobs.put(None)
         self._thread.join(timeout=10.0)
         self._thread = None
         os.close(self._wake_fd)
@@ -73,8 +71,7 @@ class Worker:
 
     def _work(self) -> None:
         while True:
-            self._wanted.acquire()
-            entry = self._jobs.popleft()
+            entry = self._jobs.get()
             if entry is None:
                 return
             job, done = entry

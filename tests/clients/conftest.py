@@ -80,6 +80,10 @@ class Program:
                 command, cwd=cwd, env=env, stdin=subprocess.PIPE, stdout=log, stderr=subprocess.STDOUT
             )
 
+    @property
+    def pid(self):
+        return self._process.pid
+
     def text(self):
         return self._log_path.read_text(errors="replace")
 

@@ -1,11 +1,14 @@
 """Several links at once, and a sudden end: seen by a third party's script."""
 
+import os
 import signal
+from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from firmware_py.params import TABLE, Kind
+from firmware_py.realtime import BACKGROUND_PRIORITY
 
 HOLD = 4
 
@@ -59,6 +62,23 @@ def test_parameters_survive_a_sudden_end(boot, free_ports, connect):
     program.exit_code()
     program, station = begin("second")
     check_list(station, {"CTL_K2": 0.7, "LOOP_RATE_HZ": 20, "STAT_BOOTCNT": 2})
+    program.send_signal(signal.SIGTERM)
+    assert program.exit_code() == 0
+
+
+def test_no_other_program_holds_up_a_thread_that_the_loop_may_wait_for(boot, free_ports, connect):
+    """Whoever holds the interpreter does so at a real-time priority, the loop's being the highest."""
+    (port,) = free_ports(["tcpin"])
+    program = boot("boat", f"tcpin:127.0.0.1:{port}")
+    connect(f"tcp:127.0.0.1:{port}")  # and wait for her heartbeat
+    if "SCHED_FIFO not allowed" in program.text():
+        pytest.skip("real-time priority is not allowed here")
+    threads = [int(path.name) for path in Path(f"/proc/{program.pid}/task").iterdir()]
+    assert {os.sched_getscheduler(thread) for thread in threads} == {os.SCHED_FIFO}
+    loop, *others = sorted((os.sched_getparam(thread).sched_priority for thread in threads), reverse=True)
+    assert len(others) >= 3
+    assert set(others) == {BACKGROUND_PRIORITY}
+    assert loop > BACKGROUND_PRIORITY
     program.send_signal(signal.SIGTERM)
     assert program.exit_code() == 0
 
