@@ -156,7 +156,8 @@ class Endpoint:
     def service(self, now_s: float, ready: Sequence[int]) -> None:
         """Read a bounded piece from each ready transport, unless the last one of a stream still waits; answer some."""
         self._session.now_s = now_s
-        self._worker.poll()
+        if self._worker.fileno() in ready:
+            self._worker.poll()
         for index, transport in enumerate(self._transports):
             if not transport.datagrams and self._intake.waits(index):
                 continue
@@ -165,8 +166,10 @@ class Endpoint:
                     for address, data in transport.receive(descriptor):
                         self._intake.offer(index, address, data)
         self._answer(now_s)
+        self._flush(now_s)  # acknowledgements first
         self._roster.update(now_s)
-        self._send(now_s)
+        self._pump(now_s)
+        self._flush(now_s)
 
     def publish(self, output: Output, now_s: float) -> None:
         """Send the telemetry that is due and what the tick has to say."""
@@ -182,7 +185,8 @@ class Endpoint:
         self._roster.update(now_s)
         self._announce(output.events)
         self._send_telemetry(1.0 / max(output.snapshot.rate_hz, 1.0), now_s)
-        self._send(now_s)
+        self._pump(now_s)
+        self._flush(now_s)
 
     def close(self) -> None:
         """Send what waits and close the transports."""
@@ -303,8 +307,7 @@ class Endpoint:
         message = telemetry.TABLE[row].build(scene)
         return None if message is None else self._session.codec.pack(message)
 
-    def _send(self, now_s: float) -> None:
-        self._pump(now_s)
+    def _flush(self, now_s: float) -> None:
         for peer in self._roster:
             peer.outbox.flush(now_s)
 

@@ -89,6 +89,7 @@ ONE = [mavlink.MAVLink_mission_item_int_message(0, 0, number, 6, 16, 0, 1, 0, 0,
         (content(ONE, head={"count": MOST_ITEMS + 2}), "at most"),
         (content([ONE[0], ONE[0]]), "is numbered 0"),
     ],
+    ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_a_file_that_is_none_is_refused(whole, complaint):
     fault = unpacked(whole, PlanKind.MISSION, 1)
@@ -122,7 +123,7 @@ def test_the_loops_thread_neither_makes_nor_judges_a_plan(stored, station, monke
         said = client.all(*request, **fields)
         while not said:  # until the worker is done
             assert select.select(rig.endpoint.descriptors()[-1:], [], [], 20.0)[0]
-            rig.endpoint.service(rig.now_s, [])
+            rig.endpoint.service(rig.now_s, rig.endpoint.descriptors()[-1:])
             said = client.replies(rig.said())
         assert said[0].ok, said[0].error
         return said[0]
