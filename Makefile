@@ -56,7 +56,7 @@ bench: $(READY)
 	@$(BIN)/rambler-hil bench
 
 proof: $(READY)
-	$(BIN)/python -m pytest -m proof -n 2 --timeout 3600
+	$(BIN)/python -m pytest -m proof -n 2
 
 # After a change of dependencies: writes what is installed as the constraints of all installs.
 lock: $(READY)

@@ -157,9 +157,7 @@ def turning(
     step_s = now_s - begun_s
     if step_s < BLOCK_S:
         return state
-    # The slow part begins at no turn, so that one noisy block is not taken for it.
-    begun = state.authority.slow_rudder_rad is not None
-    yaw_rate_rad_s = wrap_pi(heading_rad - before_rad) / step_s if begun else 0.0
+    yaw_rate_rad_s = wrap_pi(heading_rad - before_rad) / step_s
     ratio = clamp(speed_m_s / settings.model_speed_m_s, 0.1, 10.0)
     ability_1_s, lag_s = settings.turning_ability_1_s * ratio, settings.turning_lag_s / ratio
     seen = authority.watched(state.authority, rudder_rad, yaw_rate_rad_s, ability_1_s, lag_s, step_s, error_rad)

@@ -1,12 +1,15 @@
-"""Settings for all tests: property tests draw the same examples every time and leave no files behind."""
+"""Settings for all tests: examples drawn the same every time, no files left behind, and time for the long proofs."""
 
 from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.configuration import set_hypothesis_home_dir
 
+PROOF_S = 3600.0
+
 # What it keeps goes where pytest keeps its own, out of the sight of git.
-set_hypothesis_home_dir(Path(__file__).parents[1] / ".pytest_cache" / "hypothesis")
+set_hypothesis_home_dir(Path(__file__).parents[1] / ".venv" / ".pytest_cache" / "hypothesis")
 
 settings.register_profile(
     "rambler",
@@ -16,3 +19,10 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("rambler")
+
+
+def pytest_collection_modifyitems(items):
+    """A proof that names no time of its own has an hour, however it is run."""
+    for item in items:
+        if item.get_closest_marker("proof") and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(PROOF_S))

@@ -27,10 +27,13 @@ FAR_OFF_RAD: Final = radians(15.0)
 
 @dataclass(frozen=True, slots=True)
 class AuthorityState:
-    """The expected yaw rate, the slow parts of rudder and turn, the sums of the regression, and the verdict."""
+    """The expected yaw rate, the slow parts of rudder and turn, the sums of the regression, and the verdict.
+
+    The slow parts begin amidships and without a turn: at the start she may be in the middle of one.
+    """
 
     expected_rad_s: float = 0.0
-    slow_rudder_rad: float | None = None
+    slow_rudder_rad: float = 0.0
     slow_rate_rad_s: float = 0.0
     expected_square: float = 0.0
     product: float = 0.0
@@ -57,8 +60,6 @@ def watched(
     """
     if not (math.isfinite(rudder_rad) and math.isfinite(yaw_rate_rad_s)) or step_s <= 0.0:
         return state
-    if state.slow_rudder_rad is None:
-        return replace(state, slow_rudder_rad=rudder_rad, slow_rate_rad_s=yaw_rate_rad_s)
     part = 1.0 - math.exp(-step_s / SLOW_S)
     slow_rudder_rad = state.slow_rudder_rad + part * (rudder_rad - state.slow_rudder_rad)
     slow_rate_rad_s = state.slow_rate_rad_s + part * (yaw_rate_rad_s - state.slow_rate_rad_s)

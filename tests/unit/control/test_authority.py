@@ -67,3 +67,14 @@ def test_what_is_no_number_changes_nothing():
         assert watched(state, odd, 0.0, K, T, 0.1) is state
         assert watched(state, 0.0, odd, K, T, 0.1) is state
     assert watched(state, 0.1, 0.0, K, T, 0.0) is state
+
+
+def test_a_turn_that_is_under_way_at_the_start_is_not_taken_for_the_trim():
+    """Its rudder is far from the one that follows it, and then she does not turn: rightly."""
+    state, heading, rate = AuthorityState(), 0.0, 0.0
+    for tick in range(1800):
+        rudder = -0.5 if tick < 350 else 0.08
+        heading, rate = rk4_step(heading, rate, rudder, 0.1, K, T, 17.0, 0.08)
+        state = watched(state, rudder, rate, K, T, 0.1, error_rad=-1.0 if tick < 350 else 0.0)
+        assert not state.lost
+    assert state.share == pytest.approx(1.1, abs=0.2)
