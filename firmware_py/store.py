@@ -66,7 +66,6 @@ class Store:
         self._failed_text = ""
         self._waiting: deque[tuple[int, Callable[[bool], None]]] = deque()
         self._due: deque[tuple[Callable[[bool], None], bool]] = deque()
-        self._places: dict[str, tuple[int, int]] = {}  # the writer's: slot and sequence of the newest versions
         self._thread = threading.Thread(target=self._write_jobs, name="store", daemon=True)
         self._thread.start()
 
@@ -122,20 +121,20 @@ class Store:
         os.close(self._lock_fd)
 
     def _write_jobs(self) -> None:
+        writer = _Writer(self._directory, self._private)
         while True:
             self._wake.get()
             with self._lock:
                 jobs, asked = self._jobs, self._asked
                 self._jobs = {}
-            if not jobs:
-                return  # woken by close
+            if not jobs:  # woken by close
+                writer.close()
+                return
             failed = ""
             for name, content in jobs.items():
                 try:
-                    mode = PRIVATE_MODE if name in self._private else MODE
-                    self._places[name] = _write(self._directory, name, content, self._places.get(name), mode)
+                    writer.write(name, content)
                 except OSError as error:
-                    self._places.pop(name, None)
                     failed = f"{name} cannot be stored: {error.strerror}"
             with self._lock:
                 self._failed_text = failed
@@ -186,28 +185,46 @@ def _checksum(sequence: bytes, content: bytes) -> bytes:
     return f"{zlib.crc32(content, zlib.crc32(sequence)):08x}".encode()
 
 
-def _write(directory: Path, name: str, content: bytes, place: tuple[int, int] | None, mode: int) -> tuple[int, int]:
-    """Write a new version into the slot that does not hold the newest one, and force it to disk.
+class _Writer:
+    """The writer's side: where the newest versions lie, and the files, which stay open.
 
-    `place` is the slot and sequence of the newest version when they are known; those of the
-    new one are returned. After a failure they must be looked up again.
+    Opening one again costs more than half of what the disk takes.
     """
-    if place is None:
-        newest = _newest(directory, name)
-        place = (SLOTS[1], 0) if newest is None else (newest.slot, newest.sequence)
-    slot, number = 1 - place[0], place[1] + 1
-    sequence = b"%d" % number
-    data = b"# rambler state %s %d %s\n" % (sequence, len(content), _checksum(sequence, content)) + content
-    path = _slot_path(directory, name, slot)
-    size = -(-len(data) // SLOT_BYTES) * SLOT_BYTES
-    try:
-        descriptor, made = os.open(path, os.O_RDWR | os.O_CLOEXEC), False
-    except FileNotFoundError:
-        descriptor, made = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, mode), True
-    try:
-        present = os.fstat(descriptor).st_size
-        if mode == PRIVATE_MODE:
-            os.fchmod(descriptor, mode)  # of a file that somebody has copied here, too
+
+    def __init__(self, directory: Path, private: frozenset[str]) -> None:
+        self._directory = directory
+        self._private = private
+        self._places: dict[str, tuple[int, int]] = {}  # slot and sequence of the newest version
+        self._files: dict[tuple[str, int], int] = {}
+
+    def close(self) -> None:
+        """Close the files."""
+        for descriptor in self._files.values():
+            os.close(descriptor)
+        self._files.clear()
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a new version into the slot that does not hold the newest one, and force it to disk; or OSError."""
+        try:
+            self._places[name] = self._written(name, content)
+        except OSError:
+            # What is there now must be looked up again.
+            self._places.pop(name, None)
+            for slot in SLOTS:
+                self._forget(name, slot)
+            raise
+
+    def _written(self, name: str, content: bytes) -> tuple[int, int]:
+        place = self._places.get(name)
+        if place is None:
+            newest = _newest(self._directory, name)
+            place = (SLOTS[1], 0) if newest is None else (newest.slot, newest.sequence)
+        slot, number = 1 - place[0], place[1] + 1
+        sequence = b"%d" % number
+        data = b"# rambler state %s %d %s\n" % (sequence, len(content), _checksum(sequence, content)) + content
+        size = -(-len(data) // SLOT_BYTES) * SLOT_BYTES
+        descriptor, present, made = self._opened(name, slot)
+        if name in self._private:
             data = data.ljust(max(size, present), b"\0")  # nothing of a longer secret is to stay behind this one
         if present < size:
             # Real zeros, so that the space is there before it is needed.
@@ -216,12 +233,31 @@ def _write(directory: Path, name: str, content: bytes, place: tuple[int, int] | 
         if written < len(data):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         os.fdatasync(descriptor)
-    finally:
-        os.close(descriptor)
-    if made:
-        directory_fd = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(directory_fd)
-        finally:
-            os.close(directory_fd)
-    return slot, number
+        if made:
+            directory_fd = os.open(self._directory, os.O_RDONLY | os.O_DIRECTORY)
+            try:
+                os.fsync(directory_fd)
+            finally:
+                os.close(directory_fd)
+        return slot, number
+
+    def _opened(self, name: str, slot: int) -> tuple[int, int, bool]:
+        """Return the descriptor of a slot, its size, and whether it was made just now."""
+        kept = self._files.get((name, slot))
+        if kept is not None:
+            found = os.fstat(kept)
+            if found.st_nlink:
+                return kept, found.st_size, False
+            self._forget(name, slot)  # removed, or another put in its place
+        path, mode = _slot_path(self._directory, name, slot), PRIVATE_MODE if name in self._private else MODE
+        made = not path.exists()
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, mode)
+        self._files[name, slot] = descriptor
+        if name in self._private:
+            os.fchmod(descriptor, mode)  # of a file that somebody has copied here, too
+        return descriptor, os.fstat(descriptor).st_size, made
+
+    def _forget(self, name: str, slot: int) -> None:
+        descriptor = self._files.pop((name, slot), None)
+        if descriptor is not None:
+            os.close(descriptor)

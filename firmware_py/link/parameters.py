@@ -112,11 +112,12 @@ class Parameters:
         self._unstored -= 1
         names = ", ".join(TABLE[row].name for row in rows[:3])
         if stored:
-            for peer in self._session.peers:
+            for peer in sorted(self._session.peers, key=lambda peer: peer is not asker):
                 if peer is asker or not peer.quiet:
                     for row in rows:
                         self._owe(peer, row)
                     self.pump(peer)
+                    peer.outbox.flush(self._session.now_s)  # who asked need not wait for the others
             later = [TABLE[row].name for row in rows if TABLE[row].reboot] if changed else []
             if later:
                 self._session.announce(Severity.NOTICE, f"{', '.join(later[:3])}: takes effect at the next start")

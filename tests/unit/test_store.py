@@ -1,5 +1,6 @@
 import os
 import select
+from pathlib import Path
 
 import pytest
 
@@ -164,3 +165,34 @@ def test_a_failure_is_not_hidden_by_a_later_success(tmp_path):
     store.service()
     store.close()
     assert answers == [("broken", False), ("whole", True)]
+
+
+def test_files_that_were_taken_away_or_replaced_under_way_are_written_anew(store, tmp_path):
+    """They stay open, so what is written to one that has no name any more would be lost."""
+    directory = tmp_path / "state"
+    for content in (b"first", b"second"):
+        store.save("a", content)
+        settle(store)
+    for slot in (0, 1):
+        (directory / f"a.{slot}").unlink()
+    for content in (b"third", b"fourth"):
+        store.save("a", content)
+        assert settle(store) == [True]
+        assert store.load("a") == content
+    for slot in (0, 1):
+        (directory / "copy").write_bytes((directory / f"a.{slot}").read_bytes())
+        (directory / "copy").replace(directory / f"a.{slot}")
+    for content in (b"fifth", b"sixth"):
+        store.save("a", content)
+        assert settle(store) == [True]
+        assert store.load("a") == content
+
+
+def test_all_its_files_are_closed_in_the_end(tmp_path):
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    made = Store(tmp_path / "state", private=("b",))
+    for name in ("a", "b") * 3:
+        made.save(name, b"content")
+        assert settle(made) == [True]
+    made.close()
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
