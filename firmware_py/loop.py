@@ -33,8 +33,9 @@ from firmware_py.timekeeper import Timekeeper
 # Before a deadline the link is left alone for this long, or for this part of a short period.
 GUARD_S = 0.003
 GUARD_PART = 0.15
-# A link that has had this part of a period is left alone earlier. Virtual machines, and boards that are hot, become ten
-# times slower for some milliseconds at any moment: a call that is under way must be at its end by the tick even then.
+# A link that has had this part of a period, or of the one before, is left alone earlier. Virtual machines, and boards
+# that are hot, become ten times slower for some milliseconds at any moment: a call that is under way must be at its end
+# by the tick even then.
 MUCH_PART = 0.1
 BUSY_GUARD_S = 0.012
 BUSY_GUARD_PART = 0.5
@@ -181,10 +182,11 @@ def run(boat: Boat, stopped: Callable[[], bool]) -> None:
     clock = boat.clock
     metronome = Metronome(clock.now_s(), boat.pilot.parameters()["LOOP_RATE_HZ"])
     index = skipped = 0
+    crowded = False
     collect_s = clock.now_s() + COLLECT_INTERVAL_S
     try:
         while not stopped() and boat.pilot.restart is None:
-            _serve_until(boat, metronome)
+            crowded = _serve_until(boat, metronome, crowded)
             if stopped():
                 break
             late_s = max(0.0, clock.now_s() - metronome.deadline_s)
@@ -240,15 +242,18 @@ def _turn(boat: Boat, tick: Tick) -> HeadingSample | None:
     return headings[-1] if headings else None
 
 
-def _serve_until(boat: Boat, metronome: Metronome) -> None:
-    """Sleep until the deadline; meanwhile take bytes as they arrive and serve the link in the slack."""
+def _serve_until(boat: Boat, metronome: Metronome, crowded: bool) -> bool:  # noqa: FBT001 - its own answer of before
+    """Sleep until the deadline; meanwhile take bytes as they arrive and serve the link in the slack.
+
+    Takes and returns whether the link had much to do, in the period before and in this one.
+    """
     clock, link, deadline_s = boat.clock, boat.link, metronome.deadline_s
     period_s = 1.0 / metronome.rate_hz
     guard_s, busy_guard_s = min(GUARD_S, GUARD_PART * period_s), min(BUSY_GUARD_S, BUSY_GUARD_PART * period_s)
     link_s = 0.0
     store_fd = boat.store.fileno()
     while (now_s := clock.now_s()) < deadline_s:
-        slack_end_s = deadline_s - (guard_s if link_s < MUCH_PART * period_s else busy_guard_s)
+        slack_end_s = deadline_s - (busy_guard_s if crowded or link_s >= MUCH_PART * period_s else guard_s)
         in_slack = now_s < slack_end_s and link_s < LINK_PART * period_s
         busy = in_slack and link.busy
         device_fds = {device.fileno(): device for device in boat.devices}
@@ -270,6 +275,7 @@ def _serve_until(boat: Boat, metronome: Metronome) -> None:
         if link_ready or busy:
             boat.shelter.call(now_s, partial(link.service, now_s, link_ready))
             link_s += clock.now_s() - now_s
+    return link_s >= MUCH_PART * period_s
 
 
 def make_safe(boat: Boat) -> None:

@@ -345,12 +345,16 @@ def test_at_a_high_rate_a_flood_is_left_alone_well_before_the_tick(boat):
         calls.append(now_s)
         boat.clock.t_s += 0.001
 
-    calls = []
-    boat.link.on_service = on_service
+    def publish(output, now_s):
+        outputs.append(output)
+        boat.clock.t_s += 0.014 if len(outputs) % 10 == 0 else 0.0  # a slow tick leaves little of its period
+
+    calls, outputs = [], []
+    boat.link.on_service, boat.link.publish = on_service, publish
     turn(boat, 1.5)
     deadlines_s = [tick.t_s for tick in ticks(boat)]
     left_s = [min(deadline_s for deadline_s in deadlines_s if deadline_s > now_s) - now_s for now_s in calls[:400]]
-    assert len(calls) > 400
+    assert len(calls) >= 400
     assert min(left_s) > 0.009
 
 
