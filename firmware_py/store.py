@@ -196,6 +196,7 @@ class _Writer:
         self._private = private
         self._places: dict[str, tuple[int, int]] = {}  # slot and sequence of the newest version
         self._files: dict[tuple[str, int], int] = {}
+        self._named = False  # a file was made whose name may not be on disk yet, whatever became of its content
 
     def close(self) -> None:
         """Close the files."""
@@ -223,7 +224,7 @@ class _Writer:
         sequence = b"%d" % number
         data = b"# rambler state %s %d %s\n" % (sequence, len(content), _checksum(sequence, content)) + content
         size = -(-len(data) // SLOT_BYTES) * SLOT_BYTES
-        descriptor, present, made = self._opened(name, slot)
+        descriptor, present = self._opened(name, slot)
         if name in self._private:
             data = data.ljust(max(size, present), b"\0")  # nothing of a longer secret is to stay behind this one
         if present < size:
@@ -233,29 +234,30 @@ class _Writer:
         if written < len(data):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         os.fdatasync(descriptor)
-        if made:
+        if self._named:
             directory_fd = os.open(self._directory, os.O_RDONLY | os.O_DIRECTORY)
             try:
                 os.fsync(directory_fd)
             finally:
                 os.close(directory_fd)
+            self._named = False
         return slot, number
 
-    def _opened(self, name: str, slot: int) -> tuple[int, int, bool]:
-        """Return the descriptor of a slot, its size, and whether it was made just now."""
+    def _opened(self, name: str, slot: int) -> tuple[int, int]:
+        """Return the descriptor of a slot and its size."""
         kept = self._files.get((name, slot))
         if kept is not None:
             found = os.fstat(kept)
             if found.st_nlink:
-                return kept, found.st_size, False
+                return kept, found.st_size
             self._forget(name, slot)  # removed, or another put in its place
         path, mode = _slot_path(self._directory, name, slot), PRIVATE_MODE if name in self._private else MODE
-        made = not path.exists()
+        self._named |= not path.exists()
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, mode)
         self._files[name, slot] = descriptor
         if name in self._private:
             os.fchmod(descriptor, mode)  # of a file that somebody has copied here, too
-        return descriptor, os.fstat(descriptor).st_size, made
+        return descriptor, os.fstat(descriptor).st_size
 
     def _forget(self, name: str, slot: int) -> None:
         descriptor = self._files.pop((name, slot), None)

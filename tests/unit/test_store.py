@@ -196,3 +196,23 @@ def test_all_its_files_are_closed_in_the_end(tmp_path):
         assert settle(made) == [True]
     made.close()
     assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_the_name_of_a_new_file_reaches_the_disk_though_its_first_content_did_not(store, tmp_path, monkeypatch):
+    """The disk was full: once there is room, what is said to be stored is found after a power cut, too."""
+    synced, write, sync = [], os.pwrite, os.fsync
+
+    def noted(descriptor):
+        synced.append(Path(f"/proc/self/fd/{descriptor}").readlink())
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    monkeypatch.setattr(os, "pwrite", lambda *_: 0)
+    store.save("a", b"first")
+    assert settle(store) == [False]
+    assert (tmp_path / "state" / "a.0").exists()
+    assert synced == []
+    monkeypatch.setattr(os, "pwrite", write)
+    store.save("a", b"second")
+    assert settle(store) == [True]
+    assert synced == [tmp_path / "state"]
