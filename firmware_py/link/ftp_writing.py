@@ -106,7 +106,6 @@ class WritingRequests:
     def _store(self, call: Call, upload: Upload, *, silent: bool = False) -> None:
         """Let an upload take its place, and answer when it has."""
         content = bytes(upload.content)
-        self._storing += 1
 
         def stored(result: object) -> None:
             self._storing -= 1
@@ -120,9 +119,11 @@ class WritingRequests:
 
         sink = self._desk.tree.sinks.get(upload.path)
         if sink is not None:
+            self._storing += 1
             sink(content, Origin(call.client.system, call.client.component, call.now_s), put_in_force)
             return
         area, within = self._desk.tree.area(upload.path, write=True)
+        self._storing += 1
         if not self._desk.worker.submit(partial(area.store, within, content), stored):
             stored(Refusal(Error.FAIL, text="The disk has too much to do: send the file again"))
 
