@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Collection
 from typing import NoReturn
 
 from firmware_py.ports import Clock
@@ -25,10 +26,11 @@ _TIME_ERROR = 5  # adjtimex: the clock is not synchronised
 SWITCH_INTERVAL_S = 0.0005
 
 
-def prepare() -> tuple[str, ...]:
+def prepare(ordinary: Collection[str] = ()) -> tuple[str, ...]:
     """Set real-time priorities, lock memory, tighten timers, freeze the collector; return what failed.
 
-    To be called when all threads are there.
+    To be called when all threads are there. The `ordinary` ones, by name, keep the priority of other programs: those
+    whose work others decide on, for Linux takes a processor from real-time work for 50 ms in a second full of it.
     """
     refused = []
     libc = ctypes.CDLL(None, use_errno=True)
@@ -36,7 +38,9 @@ def prepare() -> tuple[str, ...]:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
         for thread in threading.enumerate():
-            if thread is not threading.current_thread() and thread.native_id is not None:
+            if thread is threading.current_thread() or thread.name in ordinary:
+                continue
+            if thread.native_id is not None:
                 os.sched_setscheduler(thread.native_id, os.SCHED_FIFO, os.sched_param(BACKGROUND_PRIORITY))
     except OSError as error:
         refused.append(f"SCHED_FIFO not allowed ({error.strerror}): ticks may come late under load")

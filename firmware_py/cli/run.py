@@ -12,6 +12,7 @@ from firmware_py import __version__, realtime
 from firmware_py.assemble import Assembly, Options, assemble
 from firmware_py.clock import ClockError
 from firmware_py.link.transport import LinkError
+from firmware_py.link.worker import THREAD as FILES_THREAD
 from firmware_py.loop import run as run_loop
 from firmware_py.serial_line import PortError
 from firmware_py.store import StoreError
@@ -76,8 +77,8 @@ def _steer(assembly: Assembly) -> int:
 
     signal.signal(signal.SIGTERM, stop)
     signal.signal(signal.SIGINT, stop)
-    # After all threads are there: theirs is lower than the loop's.
-    for refusal in realtime.prepare():
+    # After all threads are there: theirs is lower than the loop's, and that of the files is for stations to load.
+    for refusal in realtime.prepare(ordinary=(FILES_THREAD,)):
         assembly.console.line(refusal)
     try:
         run_loop(assembly.boat, lambda: bool(stopping))

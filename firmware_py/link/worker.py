@@ -10,6 +10,7 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any
 
+THREAD = "link files"
 _MOST_JOBS = 32
 
 Job = Callable[[], Any]
@@ -30,7 +31,7 @@ class Worker:
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC) if background else -1
         self._thread: threading.Thread | None = None
         if background:
-            self._thread = threading.Thread(target=self._work, name="link files", daemon=True)
+            self._thread = threading.Thread(target=self._work, name=THREAD, daemon=True)
             self._thread.start()
 
     def fileno(self) -> int:

@@ -74,8 +74,11 @@ def test_no_other_program_holds_up_a_thread_that_the_loop_may_wait_for(boot, fre
     if "SCHED_FIFO not allowed" in program.text():
         pytest.skip("real-time priority is not allowed here")
     threads = [int(path.name) for path in Path(f"/proc/{program.pid}/task").iterdir()]
-    assert {os.sched_getscheduler(thread) for thread in threads} == {os.SCHED_FIFO}
-    loop, *others = sorted((os.sched_getparam(thread).sched_priority for thread in threads), reverse=True)
+    # One is for stations to load as they like, with file transfers: Linux stops real-time work beyond 95 %.
+    policies = [os.sched_getscheduler(thread) for thread in threads]
+    assert sorted(policies) == [os.SCHED_OTHER, *[os.SCHED_FIFO] * (len(threads) - 1)]
+    steady = [thread for thread, policy in zip(threads, policies, strict=True) if policy == os.SCHED_FIFO]
+    loop, *others = sorted((os.sched_getparam(thread).sched_priority for thread in steady), reverse=True)
     assert len(others) >= 3
     assert set(others) == {BACKGROUND_PRIORITY}
     assert loop > BACKGROUND_PRIORITY
