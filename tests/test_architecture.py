@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 FIRMWARE = ROOT / "firmware_py"
 
 # Rooms of the firmware, innermost first. A room imports only what stands in its row.
-PLAIN = {"records", "intents", "plan", "angles", "plain"}
+PLAIN = {"records", "intents", "plan", "angles", "plain", "plain_history", "plain_notes"}
 BASE = {
     "clock",
     "params",
