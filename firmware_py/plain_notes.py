@@ -18,7 +18,7 @@ class Spot:
     """Where in a record the reading is, and what is said of it so far."""
 
     path: str
-    _said: dict[str, None]  # in order, each sentence once
+    said: dict[str, None]  # in order, each sentence once
 
     def note(self, text: str) -> None:
         """Report something of this place."""
@@ -26,14 +26,14 @@ class Spot:
 
     def add(self, sentence: str) -> None:
         """Report a sentence that says its place itself."""
-        if len(self._said) < MOST_NOTES:
-            self._said[sentence] = None
-        elif sentence not in self._said:
-            self._said["and more of the kind"] = None
+        if len(self.said) < MOST_NOTES:
+            self.said[sentence] = None
+        elif sentence not in self.said:
+            self.said["and more of the kind"] = None
 
     def below(self, name: str) -> Spot:
         """Return the place of a field."""
-        return Spot(f"{self.path}.{name}", self._said)
+        return Spot(f"{self.path}.{name}", self.said)
 
 
 def number(data: Any, _spot: Spot | None = None) -> Any:

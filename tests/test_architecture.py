@@ -49,7 +49,7 @@ LOOP = {
     "watch",
     "conditions",
 }
-TOP = {"assemble", "cli", "__main__"}
+TOP = {"assemble", "stored", "cli", "__main__"}
 ALL = PLAIN | BASE | PURE | EDGE | LOOP | TOP
 
 THIRD_PARTY_PLAIN = {"numpy"}

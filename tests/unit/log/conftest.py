@@ -148,7 +148,7 @@ def pretend():
     return types.SimpleNamespace(
         State=PretendState,
         step=step,
-        restore=CODEC.from_text,
+        restore=CODEC.read,
         to_text=CODEC.to_text,
         inputs_of=inputs_of,
         sail=sail,
