@@ -210,7 +210,9 @@ def _value(reader: Read, data: Any, spot: Spot, substitute: Substitute) -> Any:
         located = error if isinstance(error, LocatedError) else LocatedError(f"{spot.path}: {error}")
         if substitute is None:
             raise located from None
-        spot.add(f"{located}; {spot.path} takes its default")
+        spot.add(
+            f"{located}; " + ("its default is taken" if located is not error else f"{spot.path} takes its default")
+        )
         return substitute()
 
 

@@ -149,6 +149,7 @@ def pretend():
         State=PretendState,
         step=step,
         restore=CODEC.read,
+        state_from=lambda text: CODEC.read(text)[0],
         to_text=CODEC.to_text,
         inputs_of=inputs_of,
         sail=sail,
