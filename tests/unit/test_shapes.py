@@ -302,9 +302,19 @@ def test_a_plan_written_before_there_were_versions_is_read():
     assert (plan.kind, plan.identity, notes) == (PlanKind.MISSION, 3441694929, ())
 
 
-def test_a_boat_whose_checkpoint_is_read_goes_on():
+def without_lookout(data):
+    del data["lookout"]
+
+
+def with_a_fix_and_no_filter(data):
+    del data["lookout"]["waves"]["x"], data["lookout"]["waves"]["p"]
+    assert data["lookout"]["waves"]["fix_t_s"] is not None
+
+
+@pytest.mark.parametrize("change", [without_lookout, with_a_fix_and_no_filter])
+def test_a_boat_whose_checkpoint_lacks_something_goes_on(change):
     ticks = list(read_log(DATA / "mid_run_checkpoint.BIN"))[:5]
-    state, _ = state_from_text(edited(first_checkpoint(), lambda data: data.pop("lookout")))
+    state, _ = state_from_text(edited(first_checkpoint(), change))
     for tick in ticks:
         state, _ = step(state, tick.inputs)
     assert state.t_s == ticks[-1].inputs.tick.t_s
