@@ -12,6 +12,9 @@ from firmware_py import __version__
 from firmware_py.actuator.dynamixel import DynamixelRudder
 from firmware_py.actuator.volz import VolzRudder
 from firmware_py.clock import LockstepClock, RealClock, set_utc_s
+from firmware_py.common.interfaces import ByteLine, Clock, Compass, Position, Rudder
+from firmware_py.common.parameters import INDEX, TABLE, ParameterSet, format_file
+from firmware_py.common.records import Event
 from firmware_py.console import Console
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
@@ -20,10 +23,7 @@ from firmware_py.link.storage import Storage
 from firmware_py.log.disk import log_files
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.loop import PARAMETER_FILE, Boat, Pilot
-from firmware_py.params import INDEX, TABLE, ParameterSet, format_file
-from firmware_py.ports import ByteLine, Clock, Compass, Position, Rudder
 from firmware_py.realtime import LoadMeter, clock_is_kept
-from firmware_py.records import Event
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
 from firmware_py.sensors.pni_tcm import PniCompass

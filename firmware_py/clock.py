@@ -12,7 +12,7 @@ import struct
 import time
 from collections.abc import Callable, Sequence
 
-from firmware_py.angles import clamp
+from firmware_py.common.angles import clamp
 
 # A tick should come this long after the arrival of the compass sample it steers by: long
 # enough for the jitter of a real compass, short against the boat's response.

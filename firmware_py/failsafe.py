@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from firmware_py.common.records import Event, Mode, Severity
 from firmware_py.fault_kinds import LADDERS, Action, Fault
 from firmware_py.fault_table import TABLE
-from firmware_py.records import Event, Mode, Severity
 
 LEFT_ALONE = (Mode.MANUAL, Mode.HOLD)
 

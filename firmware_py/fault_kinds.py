@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
-from firmware_py.records import Mode, Severity
+from firmware_py.common.records import Mode, Severity
 
 
 class Fault(IntEnum):

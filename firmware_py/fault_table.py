@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from firmware_py.common.records import Severity
 from firmware_py.fault_kinds import Action, Fault, FaultRow
-from firmware_py.records import Severity
 
 TABLE: tuple[FaultRow, ...] = (
     FaultRow(

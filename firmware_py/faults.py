@@ -6,10 +6,10 @@ judges it over time, `failsafe` and the parts named by the action do what follow
 
 from __future__ import annotations
 
+from firmware_py.common.parameters import TABLE as PARAMETERS
+from firmware_py.common.parameters import index_of
 from firmware_py.fault_kinds import DONE, Action, Fault, FaultRow
 from firmware_py.fault_table import TABLE
-from firmware_py.params import TABLE as PARAMETERS
-from firmware_py.params import index_of
 
 __all__ = ["TABLE", "Action", "Fault", "FaultRow", "arming_obstacle", "markdown"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from firmware_py.ports import Clock, Device, Link, Recorder
-from firmware_py.records import DeviceHealth, DeviceRole, DeviceState
+from firmware_py.common.interfaces import Clock, Device, Link, Recorder
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState
 from firmware_py.store import Store
 
 INTERVAL_S = 0.5

@@ -10,14 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from firmware_py.angles import clamp, radians
+from firmware_py.common.angles import clamp, radians
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import Estimate, Event, FixType, HeadingSample, PositionSample, Severity
 from firmware_py.estimate import declination, heading, kalman, sources, wave_filter
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.heading import HeadingState, ObserverSettings
 from firmware_py.estimate.sources import Limits, Seen, Source, SourceState
 from firmware_py.estimate.wave_filter import FilterSettings, FilterState
-from firmware_py.params import ParameterSet
-from firmware_py.records import Estimate, Event, FixType, HeadingSample, PositionSample, Severity
 
 SLOWEST_COURSE_M_S: Final = 0.02  # below it a receiver gives no course worth the name
 WIDEST_COURSE_RAD: Final = radians(20.0)  # a heading less certain than this is not steered by without a compass

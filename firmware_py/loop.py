@@ -8,20 +8,13 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from firmware_py.clock import Metronome
+from firmware_py.common.intents import Answer, ForgetParameters, ReplacePlan, Request, Restart, SetParameter, Verdict
+from firmware_py.common.interfaces import Clock, Compass, Device, Link, Position, Recorder, Rudder
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import PlanKind, Plans
+from firmware_py.common.plan import to_text as plan_to_text
+from firmware_py.common.records import Event, HeadingSample, Inputs, Output, RudderCommand, Tick
 from firmware_py.health import HealthWatch
-from firmware_py.intents import Answer, ForgetParameters, ReplacePlan, Request, Restart, SetParameter, Verdict
-from firmware_py.params import ParameterSet
-from firmware_py.plan import PlanKind, Plans
-from firmware_py.plan import to_text as plan_to_text
-from firmware_py.ports import Clock, Compass, Device, Link, Position, Recorder, Rudder
-from firmware_py.records import (
-    Event,
-    HeadingSample,
-    Inputs,
-    Output,
-    RudderCommand,
-    Tick,
-)
 from firmware_py.resume import RESUME_FILE, Memory
 from firmware_py.serial_line import SerialLine
 from firmware_py.shelter import Shelter

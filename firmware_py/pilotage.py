@@ -9,7 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from firmware_py.angles import wrap_pi, wrap_two_pi
+from firmware_py.common.angles import wrap_pi, wrap_two_pi
+from firmware_py.common.geodesy import Place
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
+from firmware_py.common.records import Activity, Event, Home, MissionReport, Mode, Navigation, Severity, Water
 from firmware_py.guidance import fence, follower, mission
 from firmware_py.guidance.fence import FenceWatch
 from firmware_py.guidance.follower import Followed, FollowState
@@ -17,12 +21,8 @@ from firmware_py.guidance.harbour import way_back
 from firmware_py.guidance.item import steps_of
 from firmware_py.guidance.mission import MissionProgress, Voyage
 from firmware_py.guidance.orders import Go, GuidanceSettings, Keep, Motion, Order
-from firmware_py.guidance.sphere import Place
-from firmware_py.model.set_and_drift import heading_for_course
+from firmware_py.model.crab import heading_for_course
 from firmware_py.modes import HeadingGoal, ModeState, PositionGoal, Situation, heading_to_steer, live_stick
-from firmware_py.params import ParameterSet
-from firmware_py.plan import Plans
-from firmware_py.records import Activity, Event, Home, MissionReport, Mode, Navigation, Severity, Water
 
 INTERVAL_S = 0.5
 LONGEST_STEP_S = 5.0

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from firmware_py.plan import PlanItem
+from firmware_py.common.plan import PlanItem
 from firmware_py.plan_fault import PlanFault, PlanResult
 from firmware_py.plan_items import Command
 

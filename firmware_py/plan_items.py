@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
-from firmware_py.plan import MOST_ITEMS, PlanKind
+from firmware_py.common.plan import MOST_ITEMS, PlanKind
 
 LONGEST_S = 1e8  # three years
 FARTHEST_M = 1e7

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from firmware_py.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.plan_area import polygons_fault
 from firmware_py.plan_fault import PlanFault, PlanResult
 from firmware_py.plan_items import MISSION_FRAME, PLACE_FRAMES, ROWS, Command, ItemRow

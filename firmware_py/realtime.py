@@ -11,7 +11,7 @@ import threading
 from collections.abc import Collection
 from typing import NoReturn
 
-from firmware_py.ports import Clock
+from firmware_py.common.interfaces import Clock
 
 PRIORITY = 40
 # Of the other threads of this process: the loop waits for whoever of them holds the interpreter, and that one must not

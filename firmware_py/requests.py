@@ -6,9 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from firmware_py.guidance import mission
-from firmware_py.guidance.item import steps_of
-from firmware_py.intents import (
+from firmware_py.common.intents import (
     Answer,
     EnableFence,
     PauseMission,
@@ -19,10 +17,12 @@ from firmware_py.intents import (
     SetParameter,
     Verdict,
 )
+from firmware_py.common.parameters import TABLE, ParameterError, index_of
+from firmware_py.common.records import Home, Mode
+from firmware_py.guidance import mission
+from firmware_py.guidance.item import steps_of
 from firmware_py.modes import ACCEPTED, decide
-from firmware_py.params import TABLE, ParameterError, index_of
 from firmware_py.plan_rules import fault_of
-from firmware_py.records import Home, Mode
 from firmware_py.state import State, situation_of
 
 

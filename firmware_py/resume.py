@@ -10,16 +10,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from firmware_py.common.json_codec import Codec
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import Home
 from firmware_py.guidance.follower import FollowState
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.mission import MissionProgress
 from firmware_py.guidance.orbit import OrbitState
 from firmware_py.guidance.orders import Order
 from firmware_py.modes import ModeState
-from firmware_py.params import ParameterSet
 from firmware_py.pilotage import NavState
-from firmware_py.plain import Codec
-from firmware_py.records import Home
 from firmware_py.state import State
 from firmware_py.step_state import CHANGES
 

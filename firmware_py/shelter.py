@@ -10,7 +10,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable
 
-from firmware_py.records import Event, Severity
+from firmware_py.common.records import Event, Severity
 
 MOST, WITHIN_S = 5, 600.0
 

@@ -6,15 +6,15 @@ import functools
 from dataclasses import dataclass
 
 from firmware_py import helm, lookout, pilotage, watch
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
+from firmware_py.common.records import DeviceHealth, Home, PositionSample, RudderFeedback
 from firmware_py.control.reference import Reference
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
 from firmware_py.estimate import current, heading, position
 from firmware_py.faults import arming_obstacle
 from firmware_py.modes import ModeState, Situation
 from firmware_py.monitor.judge import MonitorState
-from firmware_py.params import ParameterSet
-from firmware_py.plan import Plans
-from firmware_py.records import DeviceHealth, Home, PositionSample, RudderFeedback
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,14 +17,14 @@ from collections.abc import Iterable
 from enum import IntEnum
 from typing import Any
 
+from firmware_py.common.json_codec import Codec, FieldHook, Hook
+from firmware_py.common.parameters import INDEX, ParameterError, ParameterSet
+from firmware_py.common.plan import HOOK as PLAN_HOOK
+from firmware_py.common.reading_notes import Spot, number, shown
+from firmware_py.common.record_history import Change, Record
 from firmware_py.failsafe import FailsafeState
 from firmware_py.faults import Fault
 from firmware_py.monitor.judge import MonitorState
-from firmware_py.params import INDEX, ParameterError, ParameterSet
-from firmware_py.plain import Codec, FieldHook, Hook
-from firmware_py.plain_history import Change, Record
-from firmware_py.plain_notes import Spot, number, shown
-from firmware_py.plan import HOOK as PLAN_HOOK
 from firmware_py.step import State
 
 # The faults of version 1 in their order; it does not follow the table of today.

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from firmware_py.records import Event, PositionSample, Severity
+from firmware_py.common.records import Event, PositionSample, Severity
 
 NEVER, WHEN_WRONG, WHEN_UNKEPT = range(3)  # CLK_SET
 

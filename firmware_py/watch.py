@@ -7,19 +7,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
-from firmware_py.angles import clamp, radians, wrap_pi
+from firmware_py.common.angles import clamp, radians, wrap_pi
+from firmware_py.common.intents import Arm, Intent, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import DeviceHealth, DeviceRole, Event, Inputs, Mode, RudderFeedback, Severity
 from firmware_py.control import authority, rest
 from firmware_py.control.authority import AuthorityState
 from firmware_py.control.rest import RestState, ServoSight
 from firmware_py.failsafe import FailsafeState, Scene, decide
 from firmware_py.faults import TABLE, Action, Fault
-from firmware_py.intents import Arm, Intent, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition
 from firmware_py.modes import ModeState, Situation, enter, obstacle_to
 from firmware_py.monitor import energy, rudder
 from firmware_py.monitor.energy import EnergyState
 from firmware_py.monitor.rudder import RudderSight, RudderWatch
-from firmware_py.params import ParameterSet
-from firmware_py.records import DeviceHealth, DeviceRole, Event, Inputs, Mode, RudderFeedback, Severity
 
 HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind can ask for
 HARD_OVER_S: Final = 30.0

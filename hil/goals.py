@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
 
 MOST_GOALS = 1000
 MOST_SECONDS = 1e7

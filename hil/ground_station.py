@@ -10,7 +10,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as dialect
 
-from firmware_py.angles import compass_degrees
+from firmware_py.common.angles import compass_degrees
 from hil.goals import Goal
 from hil.mavlink_tap import MavlinkTap
 

@@ -16,7 +16,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from firmware_py.angles import compass_degrees, degrees, wrap_pi
+from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
 from hil.ground_station import GroundStation
 from hil.world import World
 

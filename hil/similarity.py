@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
 from firmware_py.model.kt import KtModel, steady_yaw_rate
 from hil.ship.manoeuvring import steady_turn
 from hil.ship.regressions import HullForm, sway_model

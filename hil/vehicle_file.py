@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
+from firmware_py.common.parameters import TABLE, ParameterError, index_of, parse_file
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
-from firmware_py.params import TABLE, ParameterError, index_of, parse_file
 from hil.errors import UsageError
 from hil.world import Mounting
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from firmware_py.angles import TWO_PI, radians, wrap_two_pi
+from firmware_py.common.angles import TWO_PI, radians, wrap_two_pi
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.goals import Goal
 from hil.scenarios import Scenario

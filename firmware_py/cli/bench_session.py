@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from firmware_py.angles import compass_degrees, degrees
 from firmware_py.assemble import COMPASSES, POSITIONS, RUDDERS, make_driver
 from firmware_py.clock import RealClock
-from firmware_py.ports import Compass, Position, Rudder
-from firmware_py.records import DeviceHealth, HeadingSample, PositionSample, RudderCommand, RudderFeedback
+from firmware_py.common.angles import compass_degrees, degrees
+from firmware_py.common.interfaces import Compass, Position, Rudder
+from firmware_py.common.records import DeviceHealth, HeadingSample, PositionSample, RudderCommand, RudderFeedback
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.serial_line import PortError, SerialLine
 from firmware_py.vehicle import Vehicle

@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from firmware_py import link
-from firmware_py.intents import Answer, Request, Verdict
+from firmware_py.common.intents import Answer, Request, Verdict
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
 from firmware_py.link.command_table import TABLE as COMMANDS
 from firmware_py.link.dialect import mavlink
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import MODES, Version
 from firmware_py.link.telemetry import TABLE as TELEMETRY
 from firmware_py.link.telemetry import Row
-from firmware_py.params import ParameterSet
-from firmware_py.plan import Plans
 
 _STREAMS = {
     value: name.removeprefix("MAV_DATA_STREAM_")

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
 from firmware_py.loop import PLAN_FILES
-from firmware_py.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
 from firmware_py.plan_items import ROWS, has_place, markdown
 from firmware_py.planfiles.numbers import PlanFileError
 from firmware_py.planfiles.qgc_plan import write_plan

@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final
 
-from firmware_py.angles import clamp, radians
+from firmware_py.common.angles import clamp, radians
 
 SLOW_S: Final = 60.0  # what changes slower than this is trim
 MEMORY_S: Final = 120.0

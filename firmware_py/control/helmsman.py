@@ -14,11 +14,11 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_py.angles import clamp, degrees, radians, wrap_pi
+from firmware_py.common.angles import clamp, degrees, radians, wrap_pi
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.control.reference import Reference, Ship, advanced
 from firmware_py.control.s_surface import Gains, rudder_demand
 from firmware_py.model.kt import steady_yaw_rate
-from firmware_py.params import ParameterSet
 
 # Found by search over tank, sea, swell, weak, storm and seas between them, with and without a satellite
 # receiver, with K and T up to 30 % off; the optimum is flat. At MDL_SPEED and 1 deg of spread:

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_py.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
 
 EASING_RAD: Final = radians(5.6)  # the last of the way is made in proportion
 BRAKING_SHARE: Final = 0.8  # of the full rudder that braking counts on

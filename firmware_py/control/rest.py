@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
 
 STEADY_RAD: Final = radians(0.05)
 THERE_RAD: Final = radians(1.0)

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.angles import radians
-from firmware_py.params import ParameterSet
+from firmware_py.common.angles import radians
+from firmware_py.common.parameters import ParameterSet
 
 Deviation = tuple[float, float, float, float, float]
 

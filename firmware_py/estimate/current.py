@@ -19,9 +19,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from firmware_py.angles import clamp
-from firmware_py.params import ParameterSet
-from firmware_py.records import PositionSample, Water
+from firmware_py.common.angles import clamp
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import PositionSample, Water
 
 BLOCK_S = 10.0
 MOST_BLOCKS = 6  # that are joined while she goes straight

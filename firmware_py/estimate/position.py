@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from firmware_py.angles import clamp
-from firmware_py.records import FixType, PositionSample
+from firmware_py.common.angles import clamp
+from firmware_py.common.records import FixType, PositionSample
 
 EARTH_RADIUS_M = 6371008.8  # mean radius, IUGG
 FASTEST_M_S = 4.0  # over the ground, current and gusts of speed included

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Final, NamedTuple
 
-from firmware_py.angles import clamp, radians, wrap_pi
-from firmware_py.records import Event, Severity
+from firmware_py.common.angles import clamp, radians, wrap_pi
+from firmware_py.common.records import Event, Severity
 
 JUMP_RAD: Final = radians(25.0)
 JUMP_S: Final = 1.5

@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from firmware_py.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.estimate import kalman, learning
 from firmware_py.estimate.kalman import Numbers
 from firmware_py.estimate.learning import Learned
-from firmware_py.params import ParameterSet
 
 LONGEST_STEP_S: Final = 1.0  # one carry of the covariance; a longer way takes several
 LONGEST_SILENCE_S: Final = 600.0  # after this the filter starts anew

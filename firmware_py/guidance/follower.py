@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from firmware_py.common.geodesy import Place
+from firmware_py.common.records import Activity
 from firmware_py.guidance import line, orbit, station
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.orbit import OrbitState
 from firmware_py.guidance.orders import Go, GuidanceSettings, Head, Keep, Motion, Orbit, Order, Wanted
-from firmware_py.guidance.sphere import Place
 from firmware_py.guidance.station import StationState
-from firmware_py.records import Activity
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
+from firmware_py.common.geodesy import Place
+from firmware_py.common.plan import Plan
+from firmware_py.common.records import Home
 from firmware_py.guidance.item import place_of
 from firmware_py.guidance.orders import Go, GuidanceSettings, Motion
-from firmware_py.guidance.sphere import Place
-from firmware_py.model.set_and_drift import speed_made_good
-from firmware_py.plan import Plan
-from firmware_py.records import Home
+from firmware_py.model.crab import speed_made_good
 
 RALLY_POINT = 5100  # MAV_CMD_NAV_RALLY_POINT
 UNREACHABLE_M_S = 0.02

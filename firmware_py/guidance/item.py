@@ -26,9 +26,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
-from firmware_py.angles import radians, wrap_two_pi
-from firmware_py.guidance.sphere import Place
-from firmware_py.plan import Plan, PlanItem
+from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.geodesy import Place
+from firmware_py.common.plan import Plan, PlanItem
 
 LONGEST_S = 1e8
 MOST_TURNS = 10_000.0

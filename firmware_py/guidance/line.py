@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from firmware_py.angles import clamp, wrap_two_pi
+from firmware_py.common.angles import clamp, wrap_two_pi
+from firmware_py.common.geodesy import Place, Track, track
 from firmware_py.guidance.orders import Go, GuidanceSettings, Motion
-from firmware_py.guidance.sphere import Place, Track, track
 
 LONGEST_LOOK_M = 500.0
 # The integral works with this part of her speed (sigma in the literature), critically damped at four times it.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from firmware_py.angles import wrap_pi, wrap_two_pi
+from firmware_py.common.angles import wrap_pi, wrap_two_pi
 from firmware_py.guidance.orders import GuidanceSettings, Motion, Orbit
 
 LEAD_S = 8.0  # she lags behind a course that turns all the time

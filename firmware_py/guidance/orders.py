@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from firmware_py.angles import radians
-from firmware_py.guidance.sphere import Place
-from firmware_py.params import ParameterSet
+from firmware_py.common.angles import radians
+from firmware_py.common.geodesy import Place
+from firmware_py.common.parameters import ParameterSet
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from firmware_py.angles import TWO_PI, wrap_pi, wrap_two_pi
+from firmware_py.common.angles import TWO_PI, wrap_pi, wrap_two_pi
 from firmware_py.guidance.orders import GuidanceSettings, Keep, Motion, Wanted
-from firmware_py.model.set_and_drift import against_current, heading_for_course
+from firmware_py.model.crab import against_current, heading_for_course
 
 HEADINGS = 36
 MARGIN_PART, MARGIN_M, LARGEST_MARGIN = 0.1, 6.0, 0.25  # of the radius, at least, at most of the radius

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from firmware_py.angles import radians
-from firmware_py.intents import Answer, SteerHeading
+from firmware_py.common.angles import radians
+from firmware_py.common.intents import Answer, SteerHeading
 from firmware_py.link.commands import Call
 from firmware_py.link.geo import GLOBAL_FRAMES, position_goal
 from firmware_py.link.session import Session, within

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from firmware_py.intents import (
-    Answer,
-    EnableFence,
-    PauseMission,
-    SetHome,
-    SetMissionItem,
-    SetMode,
-    Verdict,
-)
+from firmware_py.common.intents import Answer, EnableFence, PauseMission, SetHome, SetMissionItem, SetMode, Verdict
+from firmware_py.common.plan import PlanKind
+from firmware_py.common.records import Mode
 from firmware_py.link.commands import NEITHER, Call
 from firmware_py.link.geo import GLOBAL_FRAMES, home_of
 from firmware_py.link.mission_numbers import homes
 from firmware_py.link.scene import UINT16_MAX
 from firmware_py.link.session import Session, within
-from firmware_py.plan import PlanKind
-from firmware_py.records import Mode
 
 _PRESENT = -1.0  # the current item
 

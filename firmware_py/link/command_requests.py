@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from firmware_py.intents import Answer, Verdict
+from firmware_py.common.intents import Answer, Verdict
 from firmware_py.link import identity
 from firmware_py.link.commands import ACCEPTED, NEITHER, Call
 from firmware_py.link.dialect import Message, mavlink

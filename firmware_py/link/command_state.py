@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.intents import Answer, Arm, Restart, SetMode, Verdict
+from firmware_py.common.intents import Answer, Arm, Restart, SetMode, Verdict
+from firmware_py.common.records import Mode, Severity
 from firmware_py.link import identity
 from firmware_py.link.commands import ACCEPTED, NEITHER, Action, Call
 from firmware_py.link.dialect import mavlink
 from firmware_py.link.scene import UINT32_MAX
 from firmware_py.link.session import Session, within
-from firmware_py.records import Mode, Severity
 
 _FORCE = 21196  # MAVLink's number for arming or disarming whatever the checks say
 _FORCE_RESTART = 20190226  # REBOOT_SHUTDOWN_CONDITIONS_FORCE, in param6

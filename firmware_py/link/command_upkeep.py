@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.angles import degrees, radians, wrap_pi
-from firmware_py.intents import Answer, BenchRudder, ForgetParameters, SetParameter, Verdict
+from firmware_py.common.angles import degrees, radians, wrap_pi
+from firmware_py.common.intents import Answer, BenchRudder, ForgetParameters, SetParameter, Verdict
+from firmware_py.common.interfaces import Calibrator
+from firmware_py.common.records import CalibrationState, Severity
 from firmware_py.link.commands import ACCEPTED, Call
 from firmware_py.link.pending import Pending
 from firmware_py.link.session import Session, within
-from firmware_py.ports import Calibrator
-from firmware_py.records import CalibrationState, Severity
 
 BENCH_S = 10.0  # a rudder on the bench goes back amidships unless it is told again
 STORE_PATIENCE_S = 30.0

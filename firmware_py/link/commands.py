@@ -6,14 +6,14 @@ import struct
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from firmware_py.intents import Answer, Verdict
+from firmware_py.common.intents import Answer, Verdict
+from firmware_py.common.records import Severity
 from firmware_py.link.command_memory import CommandMemory, Done
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
 from firmware_py.link.pending import CANCELLED, IN_PROGRESS, UNKNOWN_PROGRESS, Pending
 from firmware_py.link.session import Handler, Session
-from firmware_py.records import Severity
 
 ACCEPTED = Answer(Verdict.ACCEPTED)
 NEITHER = "param1 is neither 0 nor 1"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_py.angles import degrees
+from firmware_py.common.angles import degrees
 from firmware_py.link.scene import Scene
 
 _JOULES_PER_WATT_HOUR = 3600.0

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
+from firmware_py.common.interfaces import Authority, Calibrator, Vault
+from firmware_py.common.records import Event, Output, Severity, Snapshot
 from firmware_py.link import estimates, motion, telemetry
 from firmware_py.link.access import Admitted, Gate, Standing, reads_only
 from firmware_py.link.command_requests import request_data_stream
@@ -32,8 +34,6 @@ from firmware_py.link.storage import PACKED_PARAMETERS, Storage, tree_of
 from firmware_py.link.timing import Timing
 from firmware_py.link.transport import Address, Transport
 from firmware_py.link.worker import Worker
-from firmware_py.ports import Authority, Calibrator, Vault
-from firmware_py.records import Event, Output, Severity, Snapshot
 
 _HEARTBEAT, _CURRENT_MODE, _DATA_STREAM = 0, 436, 66
 _GROUND_STATION = 6  # MAV_TYPE_GCS

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.angles import wrap_pi
+from firmware_py.common.angles import wrap_pi
+from firmware_py.common.records import Estimate
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.earth import offset_m
 from firmware_py.link.scene import INT32_MAX, Scene, boot_ms, boot_us, fresh_fix, scaled_degrees, single, whole
-from firmware_py.records import Estimate
 
 _NO_ROTATION = (0.0, 0.0, 0.0, 0.0)  # repr_offset_q: "not set"
 # POSITION_TARGET_TYPEMASK: of everything, only the place in the plane is meant.

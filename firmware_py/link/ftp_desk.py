@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from firmware_py.common.records import Severity
 from firmware_py.link.ftp_handles import Client, Reading, Sessions
 from firmware_py.link.ftp_tree import Tree
 from firmware_py.link.ftp_wire import Opcode, Refusal, Request, answer, refusal_of, refused
@@ -13,7 +14,6 @@ from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Session
 from firmware_py.link.worker import Worker
-from firmware_py.records import Severity
 
 FILE_TRANSFER = 110
 _REMEMBERED = 64  # answers

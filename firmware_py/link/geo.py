@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.angles import radians
-from firmware_py.intents import SetHome, SteerPosition
+from firmware_py.common.angles import radians
+from firmware_py.common.intents import SetHome, SteerPosition
 from firmware_py.link.earth import EARTH_M
 from firmware_py.link.session import within
 

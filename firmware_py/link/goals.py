@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from firmware_py.angles import wrap_two_pi
-from firmware_py.intents import SteerHeading, SteerPosition
+from firmware_py.common.angles import wrap_two_pi
+from firmware_py.common.intents import SteerHeading, SteerPosition
 from firmware_py.link.dialect import Message
 from firmware_py.link.geo import GLOBAL_FRAMES, offset_goal, position_goal
 from firmware_py.link.peer import Peer

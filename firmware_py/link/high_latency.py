@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.angles import compass_degrees
+from firmware_py.common.angles import compass_degrees
+from firmware_py.common.plan import PlanKind
 from firmware_py.faults import Fault
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.mission_numbers import homes
@@ -19,7 +20,6 @@ from firmware_py.link.scene import (
     scaled_degrees,
     whole,
 )
-from firmware_py.plan import PlanKind
 
 _COMPASS = mavlink.HL_FAILURE_FLAG_3D_MAG | mavlink.HL_FAILURE_FLAG_ESTIMATOR
 _FAILURES = (

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from firmware_py import faults
+from firmware_py.common.records import Mode, Severity, Snapshot
 from firmware_py.link.dialect import Message, mavlink, text_of
 from firmware_py.link.scene import Scene
-from firmware_py.records import Mode, Severity, Snapshot
 
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
 INITIALISING = 16  # ArduRover's custom_mode before the first tick

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from firmware_py.common.records import Severity
 from firmware_py.link.access import SETUP_SIGNING
 from firmware_py.link.dialect import Message
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Handler, Session
 from firmware_py.link.signing import Signing
-from firmware_py.records import Severity
 
 
 class KeySetup:

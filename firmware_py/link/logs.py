@@ -14,12 +14,12 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from firmware_py.common.records import Severity
 from firmware_py.link.dialect import Message, Packed
 from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Handler, Session
 from firmware_py.link.worker import Worker
-from firmware_py.records import Severity
 
 _LOG_DATA, _LOG_ENTRY = 120, 118
 _BLOCK = 90

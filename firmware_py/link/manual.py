@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from firmware_py.intents import ManualRudder
+from firmware_py.common.intents import ManualRudder
 from firmware_py.link.dialect import Message
 from firmware_py.link.peer import Peer
 from firmware_py.link.scene import INT16_MAX, UINT16_MAX

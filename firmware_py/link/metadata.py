@@ -12,11 +12,11 @@ import lzma
 from collections.abc import Mapping
 from typing import Any
 
+from firmware_py.common.parameters import TABLE, Kind, Parameter
 from firmware_py.link.dialect import Message, mavlink, text_of
 from firmware_py.link.ftp_area import Parts, mavlink_crc32
 from firmware_py.link.identity import Version
 from firmware_py.link.scene import boot_ms
-from firmware_py.params import TABLE, Kind, Parameter
 
 DIRECTORY = "metadata"
 _PARAMETER_TYPE = 1  # COMP_METADATA_TYPE_PARAMETER

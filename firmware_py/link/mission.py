@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from firmware_py.intents import Answer, ReplacePlan, Request, SetMissionItem, Verdict
+from firmware_py.common.intents import Answer, ReplacePlan, Request, SetMissionItem, Verdict
+from firmware_py.common.plan import Plan, PlanKind
+from firmware_py.common.records import Severity, Snapshot
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.mission_download import Downloads
 from firmware_py.link.mission_guided import GUIDED, take_guided
@@ -13,9 +15,7 @@ from firmware_py.link.mission_numbers import homes
 from firmware_py.link.mission_upload import Uploads
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Handler, Session
-from firmware_py.plan import Plan, PlanKind
 from firmware_py.plan_fault import PlanResult
-from firmware_py.records import Severity, Snapshot
 
 _ALL = 255  # MAV_MISSION_TYPE_ALL, of MISSION_CLEAR_ALL only
 _CURRENT = 42

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import dataclass
 
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.mission_items import Sender, acknowledge, home_item, item_message, sender_of
 from firmware_py.link.mission_numbers import homes, wire_count
 from firmware_py.link.patience import patience_of
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Session
-from firmware_py.plan import Plan, PlanItem, PlanKind
 from firmware_py.plan_fault import PlanResult
 
 _COUNT = mavlink.mavlink_map[44]

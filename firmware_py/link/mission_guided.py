@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from firmware_py.intents import Verdict
+from firmware_py.common.intents import Verdict
+from firmware_py.common.records import Severity
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.geo import GLOBAL_FRAMES, position_goal
 from firmware_py.link.mission_items import acknowledge, sender_of
@@ -10,7 +11,6 @@ from firmware_py.link.peer import Peer
 from firmware_py.link.session import Session
 from firmware_py.plan_fault import PlanResult
 from firmware_py.plan_items import Command
-from firmware_py.records import Severity
 
 GUIDED = 2  # `current` of such an item
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 
+from firmware_py.common.plan import PlanItem, PlanKind
+from firmware_py.common.records import Home
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
 from firmware_py.link.scene import scaled_degrees
 from firmware_py.link.session import Session
-from firmware_py.plan import PlanItem, PlanKind
 from firmware_py.plan_fault import PlanFault, PlanResult
 from firmware_py.plan_items import Command, has_place
-from firmware_py.records import Home
 
 KINDS = {int(kind): kind for kind in PlanKind}
 NAMES = {PlanKind.MISSION: "mission", PlanKind.FENCE: "fence", PlanKind.RALLY: "rally points"}

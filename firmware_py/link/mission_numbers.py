@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.link.dialect import mavlink
-from firmware_py.plan import Plan, PlanKind
 
 
 def homes(autopilot: int, kind: PlanKind) -> int:

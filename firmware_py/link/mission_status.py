@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from firmware_py.common.plan import PlanKind
+from firmware_py.common.records import Mode
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.mission_numbers import homes
 from firmware_py.link.scene import UINT16_MAX, Scene, whole
-from firmware_py.plan import PlanKind
-from firmware_py.records import Mode
 
 _CURRENT = mavlink.mavlink_map[42]
 _IN_MISSION_MODE, _SUSPENDED = 1, 2

@@ -11,17 +11,17 @@ import math
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 
-from firmware_py.intents import Answer, ReplacePlan, Request, Verdict
+from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.common.records import Severity
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.mission_items import NAMES, Sender, acknowledge, item_of, sender_of
 from firmware_py.link.mission_numbers import homes
 from firmware_py.link.patience import Patience, Waiting, patience_of
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Session
-from firmware_py.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.plan_fault import PlanFault, PlanResult
 from firmware_py.plan_rules import fault_of, item_fault
-from firmware_py.records import Severity
 
 _REMEMBERED = 8
 _DOUBLED_S = 10.0  # what a line doubles comes within this; who asks again does so with another number

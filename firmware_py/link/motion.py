@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.angles import compass_degrees, degrees, wrap_pi
+from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
+from firmware_py.common.records import FixType
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.scene import (
     INT16_MAX,
@@ -20,7 +21,6 @@ from firmware_py.link.scene import (
     single,
     whole,
 )
-from firmware_py.records import FixType
 
 _UNUSED_ATTITUDE = 0b0100_0111  # ATTITUDE_TARGET: rates and thrust mean nothing, the quaternion does
 _DOP_MAX = UINT16_MAX - 1

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from firmware_py.common.interfaces import ByteLine
 from firmware_py.link.transport import LinkUrl, Transport, parse_url
 from firmware_py.link.transport_serial import SerialTransport
 from firmware_py.link.transport_tcp import TcpClient, TcpServer
 from firmware_py.link.transport_udp import UdpTransport
-from firmware_py.ports import ByteLine
 
 _SOCKETS: dict[str, Callable[[LinkUrl], Transport]] = {
     "udpout": UdpTransport,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Mapping
 
-from firmware_py.params import INDEX, TABLE, Kind, ParameterError, ParameterSet
+from firmware_py.common.parameters import INDEX, TABLE, Kind, ParameterError, ParameterSet
 
 PLAIN, WITH_DEFAULTS = 0x671B, 0x671C
 _HEAD = struct.Struct("<HHH")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from firmware_py.intents import Request, SetParameter, Verdict
+from firmware_py.common.intents import Request, SetParameter, Verdict
+from firmware_py.common.parameters import INDEX, TABLE, ParameterError
+from firmware_py.common.records import Severity
 from firmware_py.link.dialect import Message, mavlink, text_of
 from firmware_py.link.ftp_tree import Origin
 from firmware_py.link.outbox import Priority
 from firmware_py.link.param_pack import unpacked
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Handler, Session
-from firmware_py.params import INDEX, TABLE, ParameterError
-from firmware_py.records import Severity
 
 _AT_ONCE = 8  # values of a list in one call: half a millisecond
 _QUEUED = 8  # and at most this many waiting for a slow line

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from firmware_py.intents import Answer
+from firmware_py.common.intents import Answer
 
 IN_PROGRESS, CANCELLED = 5, 6  # MAV_RESULT
 UNKNOWN_PROGRESS = 255

@@ -11,7 +11,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
-from firmware_py.intents import Answer, ReplacePlan, Request, Verdict
+from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.common.records import Home, Severity
 from firmware_py.link.dialect import mavlink
 from firmware_py.link.ftp_area import Parts
 from firmware_py.link.ftp_tree import Make, Origin, Query, Sink
@@ -19,10 +21,8 @@ from firmware_py.link.mission_items import NAMES, home_item, item_message, item_
 from firmware_py.link.mission_numbers import homes
 from firmware_py.link.session import Session
 from firmware_py.link.worker import Worker
-from firmware_py.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.plan_fault import PlanFault, PlanResult
 from firmware_py.plan_rules import fault_of, item_fault
-from firmware_py.records import Home, Severity
 
 PATHS: Mapping[PlanKind, Parts] = {
     PlanKind.MISSION: ("@MISSION", "mission.dat"),

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from firmware_py.common.records import Severity
 from firmware_py.link.dialect import Message, mavlink, text_of
 from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Session
-from firmware_py.records import Severity
 
 _DENIED = mavlink.MAV_RESULT_DENIED
 _NAK, _FAIL_PROTECTED = 129, 9

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from firmware_py.angles import degrees
-from firmware_py.records import PositionSample, Snapshot
+from firmware_py.common.angles import degrees
+from firmware_py.common.records import PositionSample, Snapshot
 
 INT8_MAX = 0x7F
 UINT8_MAX = 0xFF

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from firmware_py.angles import degrees
+from firmware_py.common.angles import degrees
+from firmware_py.common.records import Estimate, Water
 from firmware_py.link.scene import Scene
-from firmware_py.records import Estimate, Water
 
 Value = Callable[[Scene], float | None]
 

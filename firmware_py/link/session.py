@@ -6,8 +6,10 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from firmware_py.angles import radians
-from firmware_py.intents import Answer, Intent, Request, SetHome, SetMode, SteerHeading, SteerPosition, Verdict
+from firmware_py.common.angles import radians
+from firmware_py.common.intents import Answer, Intent, Request, SetHome, SetMode, SteerHeading, SteerPosition, Verdict
+from firmware_py.common.interfaces import Authority, Calibrator
+from firmware_py.common.records import Home, Mode, Severity, Snapshot
 from firmware_py.link import identity
 from firmware_py.link.dialect import Codec, Message
 from firmware_py.link.identity import COMPONENT, Version
@@ -16,8 +18,6 @@ from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
 from firmware_py.link.scene import Scene
 from firmware_py.link.statustext import text_messages
-from firmware_py.ports import Authority, Calibrator
-from firmware_py.records import Home, Mode, Severity, Snapshot
 
 Handler = Callable[[Peer, Message, float], None]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import OrderedDict
 
+from firmware_py.common.records import Severity
 from firmware_py.link.allowance import Allowance
 from firmware_py.link.dialect import Message, mavlink, text_of
-from firmware_py.records import Severity
 
 _CHUNK = 50
 _LONGEST = 250

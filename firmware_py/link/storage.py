@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from firmware_py.common.interfaces import Authority
+from firmware_py.common.parameters import format_file
 from firmware_py.link.ftp_area import Area, Parts
 from firmware_py.link.ftp_tree import Make, Sink, Tree
 from firmware_py.link.metadata import Metadata
 from firmware_py.link.param_pack import packed
-from firmware_py.params import format_file
-from firmware_py.ports import Authority
 
 PACKED_PARAMETERS: Parts = ("@PARAM", "param.pck")
 

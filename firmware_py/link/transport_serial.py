@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from firmware_py.common.interfaces import ByteLine
 from firmware_py.link.options import PLAIN, LinkOptions
 from firmware_py.link.transport import RADIO_BAUD, Address
-from firmware_py.ports import ByteLine
 
 _BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 _FAR_END: Address = "line"

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_py.angles import radians
-from firmware_py.records import Energy
+from firmware_py.common.angles import radians
+from firmware_py.common.records import Energy
 
 WINDOW_S: Final = 3600.0  # what is told per hour is that of about the last hour
 TURNED_RAD: Final = radians(0.5)  # less than this the other way is no reversal

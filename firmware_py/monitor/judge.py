@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from firmware_py.common.records import Event, Severity
 from firmware_py.faults import TABLE, Fault
-from firmware_py.records import Event, Severity
 
 
 @dataclass(frozen=True, slots=True)

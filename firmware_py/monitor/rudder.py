@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
 
 AWAY_RAD: Final = radians(3.0)  # nearer than this to the command it is where it shall be
 MOVED_RAD: Final = radians(0.5)  # six counts of a coarse encoder

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from firmware_py.params import SINGLE_MAX
-from firmware_py.plan import PlanItem
+from firmware_py.common.parameters import SINGLE_MAX
+from firmware_py.common.plan import PlanItem
 from firmware_py.plan_items import has_place
 
 _INT32 = 1 << 31

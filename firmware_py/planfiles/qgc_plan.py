@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from firmware_py.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans
 from firmware_py.plan_area import polygons_of
 from firmware_py.plan_items import Command, has_place
 from firmware_py.planfiles.numbers import PlanFileError, item_of, named, place, shown

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from firmware_py.plan import Plan
+from firmware_py.common.plan import Plan
 from firmware_py.plan_rules import fault_of
 from firmware_py.planfiles.numbers import PlanFileError
 from firmware_py.planfiles.qgc_plan import read_plan

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
-from firmware_py.params import format_value
-from firmware_py.plan import Plan, PlanItem, PlanKind
+from firmware_py.common.parameters import format_value
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.plan_items import ROWS, Command, has_place
 from firmware_py.planfiles.numbers import PlanFileError, item_of, named, number_of, place, whole_of
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from firmware_py.ports import ByteLine
-from firmware_py.records import DeviceHealth, DeviceRole, DeviceState
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState
 
 SILENT_AFTER_S = 2.0
 ERROR_KEPT_S = 10.0  # an old error would hide that all is well again

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
-from firmware_py.angles import radians, wrap_two_pi
-from firmware_py.ports import ByteLine
-from firmware_py.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
+from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
 from firmware_py.sensors.condition import Condition
 from firmware_py.sensors.nmea_reader import NmeaReader
 from firmware_py.sensors.nmea_sentences import Decoded, Numbers

@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from firmware_py.angles import radians, wrap_two_pi
-from firmware_py.ports import ByteLine
-from firmware_py.records import DeviceHealth, DeviceRole, FixType, PositionSample
+from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
 from firmware_py.sensors.condition import Condition
 from firmware_py.sensors.nmea_fields import SECONDS_PER_DAY
 from firmware_py.sensors.nmea_reader import NmeaReader

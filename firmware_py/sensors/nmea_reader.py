@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from firmware_py.ports import ByteLine
+from firmware_py.common.interfaces import ByteLine
 from firmware_py.sensors.condition import Condition
 from firmware_py.sensors.nmea_framing import NmeaFramer, Sentence
 from firmware_py.sensors.nmea_sentences import Decoded, decode_sentence

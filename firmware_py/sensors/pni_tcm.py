@@ -6,9 +6,9 @@ import struct
 from collections import deque
 from collections.abc import Sequence
 
-from firmware_py.angles import radians, wrap_two_pi
-from firmware_py.ports import ByteLine
-from firmware_py.records import (
+from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.records import (
     Calibration,
     CalibrationState,
     DeviceHealth,

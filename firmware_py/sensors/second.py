@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from firmware_py.ports import Compass
-from firmware_py.records import DeviceHealth, DeviceRole, HeadingSample
+from firmware_py.common.interfaces import Compass
+from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample
 
 
 class SecondCompass:

@@ -11,7 +11,7 @@ import re
 import struct
 from dataclasses import dataclass
 
-from firmware_py.records import FixType
+from firmware_py.common.records import FixType
 from firmware_py.sensors.binary_framing import PacketFramer
 from firmware_py.sensors.refusal import MALFORMED, RANGE, MessageError, within
 

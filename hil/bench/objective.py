@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.bench.figure import Figure, Finding
 from hil.bench.setting import Setting

@@ -9,7 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-from firmware_py.params import ParameterSet
+from firmware_py.common.parameters import ParameterSet
 from hil import scenarios
 from hil.cli import outputs
 from hil.errors import UsageError

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
 
-from firmware_py.angles import degrees, radians
+from firmware_py.common.angles import degrees, radians
 from firmware_py.model.kt import KtModel
 from hil.scenarios import Scenario
 from hil.ship.drift import TIME_CONSTANT_S

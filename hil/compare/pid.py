@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from firmware_py.angles import TWO_PI, radians
+from firmware_py.common.angles import TWO_PI, radians
 from firmware_py.model.kt import KtModel, rk4_step
 from hil.compiled import compiled
 from hil.goals import Goal

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_py.angles import degrees, radians
+from firmware_py.common.angles import degrees, radians
 from hil.report.figures import STEADY_AFTER_S, goal_spans, overshoot_rad, rudder_travel_deg_per_h
 from hil.truth import Truth
 

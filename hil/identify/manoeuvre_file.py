@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from firmware_py.angles import degrees, radians
+from firmware_py.common.angles import degrees, radians
 from hil.errors import UsageError
 from hil.identify.recording import Floats, Recording
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
+from firmware_py.common.records import HeadingSample, NorthReference
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.reader import LoggedTick, LogReader
-from firmware_py.records import HeadingSample, NorthReference
 from hil.errors import UsageError
 from hil.identify.recording import LEAST_ROWS, Floats, Recording
 

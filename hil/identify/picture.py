@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from firmware_py.angles import DEGREES_PER_RADIAN
+from firmware_py.common.angles import DEGREES_PER_RADIAN
 from hil.identify.held_out import HeldOut, Prediction
 from hil.identify.recording import Floats
 from hil.identify.stretch import Stretch

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from firmware_py.angles import degrees
-from firmware_py.params import TABLE, ParameterError, format_value, index_of, parse_file
+from firmware_py.common.angles import degrees
+from firmware_py.common.parameters import TABLE, ParameterError, format_value, index_of, parse_file
 from hil.errors import UsageError
 from hil.identify.held_out import HeldOut
 from hil.identify.identify import Identification

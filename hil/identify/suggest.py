@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from firmware_py.angles import degrees, radians
+from firmware_py.common.angles import degrees, radians
 from hil.identify.accuracy import Information
 from hil.identify.fit import CUBIC, Fit
 from hil.identify.noise import score_covariances

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
 from firmware_py.model.kt import KtModel
 from hil.identify.kernel import simulate
 from hil.identify.recording import Floats, Recording

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from firmware_py.angles import degrees, radians
+from firmware_py.common.angles import degrees, radians
 from hil.truth import Array, Truth
 
 SETTLED_RAD = radians(3.0)

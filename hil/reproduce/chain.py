@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from firmware_py.angles import DEGREES_PER_RADIAN, radians
+from firmware_py.common.angles import DEGREES_PER_RADIAN, radians
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
-from firmware_py.params import ParameterSet
 from hil import scenarios
 from hil.goals import parse_goals
 from hil.identify.identify import Identification, identify

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.angles import clamp, radians
+from firmware_py.common.angles import clamp, radians
 from firmware_py.model.kt import KtModel
 from hil.scenarios import Scenario
 from hil.ship.hull import GRID_S, STEPS_PER_SECOND, Hull

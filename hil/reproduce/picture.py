@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from firmware_py.angles import DEGREES_PER_RADIAN
+from firmware_py.common.angles import DEGREES_PER_RADIAN
 from hil.report.picture import BAND, COMMAND, COMPASS, GOAL, GRID, HULL, INK
 from hil.reproduce.chain import Chain, Voyage
 from hil.reproduce.rows import WITHIN_DEG

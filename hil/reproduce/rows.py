@@ -7,7 +7,7 @@ from enum import Enum
 
 import numpy as np
 
-from firmware_py.angles import DEGREES_PER_RADIAN, radians
+from firmware_py.common.angles import DEGREES_PER_RADIAN, radians
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel, steady_yaw_rate
 from hil.identify.identify import Identification
 from hil.identify.verdict import Estimate

@@ -8,7 +8,7 @@ at any speed and with any traffic on the lines.
 
 from __future__ import annotations
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
 from firmware_py.model.kt import KtModel, yaw_acceleration
 from hil.scenarios import Scenario
 from hil.ship.drift import RudderDrift

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from firmware_py.angles import clamp, degrees, radians
+from firmware_py.common.angles import clamp, degrees, radians
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import KtModel, steady_yaw_rate
-from firmware_py.params import ParameterSet
 from hil import scenarios
 from hil.scenarios import Scenario
 from hil.ship.drift import RudderDrift

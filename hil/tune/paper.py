@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_py.angles import DEGREES_PER_RADIAN, radians
+from firmware_py.common.angles import DEGREES_PER_RADIAN, radians
 from firmware_py.model.kt import KtModel, rk4_step
 from hil.compiled import compiled, compiling
 from hil.swarm import SwarmResult, SwarmSettings, minimise

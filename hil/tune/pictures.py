@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from firmware_py.angles import DEGREES_PER_RADIAN
+from firmware_py.common.angles import DEGREES_PER_RADIAN
 from hil.report.picture import COMPASS, GOAL, GRID, HULL, INK
 from hil.tune import paper
 from hil.tune.paper import StepStudy

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from firmware_py.angles import DEGREES_PER_RADIAN
-from firmware_py.params import format_file
+from firmware_py.common.angles import DEGREES_PER_RADIAN
+from firmware_py.common.parameters import format_file
 from hil.tune.loop_kernel import ITAE, MEAN, OVERSHOOT, RMS, TRAVEL, Floats, closed_loop
 from hil.tune.paper import StepStudy
 from hil.tune.search import Tuned

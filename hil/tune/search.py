@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from firmware_py.angles import clamp
-from firmware_py.params import TABLE, index_of
+from firmware_py.common.angles import clamp
+from firmware_py.common.parameters import TABLE, index_of
 from hil.swarm import SwarmProgress, SwarmSettings, minimise
 from hil.tune import paper
 from hil.tune.loop_kernel import Floats

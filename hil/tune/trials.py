@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_py.angles import DEGREES_PER_RADIAN, radians
+from firmware_py.common.angles import DEGREES_PER_RADIAN, radians
+from firmware_py.common.parameters import TABLE, ParameterSet, index_of, to_single
 from firmware_py.model.kt import KtModel
-from firmware_py.params import TABLE, ParameterSet, index_of, to_single
 from hil.compiled import compiling
 from hil.tune import cases as trial_cases
 from hil.tune import paper

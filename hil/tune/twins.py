@@ -3,7 +3,7 @@
     firmware_py/estimate/heading.py        observer_predict, observer_correct
     firmware_py/control/s_surface.py       rudder_demand
     firmware_py/control/rudder_limit.py    limited_command
-    firmware_py/angles.py                  clamp, wrap_pi, wrap_two_pi (numba has no math.fmod)
+    firmware_py/common/angles.py                  clamp, wrap_pi, wrap_two_pi (numba has no math.fmod)
 
 The bench may not import the first three; tests/unit/hil_tune/test_loop_kernel.py holds each twin
 against its original, bit for bit. What the twins leave out is what a trial run never has:
@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from firmware_py.angles import TWO_PI
+from firmware_py.common.angles import TWO_PI
 from hil.compiled import compiled
 
 # Columns of a setting, and of what the autopilot keeps from tick to tick.

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from firmware_py.cli.params import _qgc_file
+from firmware_py.common.parameters import TABLE, format_file, parse_file
 from firmware_py.link.metadata import parameter_json
-from firmware_py.params import TABLE, format_file, parse_file
 
 CLIENT = Path(__file__).with_name("mavsdk_files_client.py")
 CANNOT_BE_HAD = 77

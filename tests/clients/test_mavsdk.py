@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from firmware_py import __version__
-from firmware_py.params import TABLE, Kind
+from firmware_py.common.parameters import TABLE, Kind
 from hil.truth import ROWS_PER_SECOND
 from hil.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 

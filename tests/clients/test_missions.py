@@ -13,8 +13,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from firmware_py.__main__ import main
+from firmware_py.common.plan import PlanKind, from_text
 from firmware_py.loop import PLAN_FILES
-from firmware_py.plan import PlanKind, from_text
 from firmware_py.store import stored_content
 
 CLIENT = Path(__file__).with_name("mavsdk_missions.py")

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.loop import PLAN_FILES
-from firmware_py.plan import Plan, PlanItem, PlanKind
-from firmware_py.plan import to_text as plan_to_text
 from firmware_py.store import Store
 from hil import scenarios
 from hil.board import Board

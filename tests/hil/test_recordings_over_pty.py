@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.records import DeviceState, NorthReference
+from firmware_py.common.records import DeviceState, NorthReference
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
 from firmware_py.serial_line import SerialLine
 

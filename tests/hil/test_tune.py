@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER
-from firmware_py.params import ParameterSet
 from hil import scenarios
 from hil.goals import parse_goals
 from hil.report.figures import rudder_travel_deg_per_h

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import Answer, Verdict
+from firmware_py.common.intents import Answer, Verdict
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.options import PLAIN
 from firmware_py.link.storage import Storage
-from firmware_py.params import ParameterSet
-from firmware_py.plan import Plans
 
 
 class Authority:

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import from_text as plan_from_text
+from firmware_py.common.reading_notes import MOST_NOTES
 from firmware_py.log.reader import read_log
-from firmware_py.params import ParameterSet
-from firmware_py.plain_notes import MOST_NOTES
-from firmware_py.plan import from_text as plan_from_text
 from firmware_py.resume import resumed
 from firmware_py.state import State
 from firmware_py.step import step

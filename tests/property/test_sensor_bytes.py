@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from firmware_py.records import DeviceHealth
+from firmware_py.common.records import DeviceHealth
 from firmware_py.sensors import pni_protocol, ubx_protocol
 from firmware_py.sensors.decode import KINDS, decode, format_text
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition

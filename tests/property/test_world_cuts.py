@@ -3,7 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
 from hil import scenarios
 from hil.world import World
 

@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from firmware_py.__main__ import main
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import PlanKind
+from firmware_py.common.records import Mode
 from firmware_py.control import helmsman
-from firmware_py.params import ParameterSet
-from firmware_py.plan import PlanKind
-from firmware_py.records import Mode
 from firmware_py.step import State
 from firmware_py.store import Store
 from firmware_py.stored import stored_parameters, stored_plans, with_resume

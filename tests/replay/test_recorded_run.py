@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.intents import SteerHeading
+from firmware_py.common.intents import SteerHeading
 from firmware_py.log.reader import read_log
 
 LOG = Path(__file__).parent / "data" / "tank_pni_volz.BIN"

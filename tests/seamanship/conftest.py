@@ -6,12 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from firmware_py.angles import TWO_PI, radians
-from firmware_py.intents import Arm, Request, SetMode
+from firmware_py.common.angles import TWO_PI, radians
+from firmware_py.common.intents import Arm, Request, SetMode
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
+from firmware_py.common.records import (
+    FixType,
+    HeadingSample,
+    Inputs,
+    NorthReference,
+    PositionSample,
+    RudderFeedback,
+    Tick,
+)
 from firmware_py.model.kt import OCEAN_RAMBLER
-from firmware_py.params import ParameterSet
-from firmware_py.plan import Plan, PlanItem, PlanKind, Plans
-from firmware_py.records import FixType, HeadingSample, Inputs, NorthReference, PositionSample, RudderFeedback, Tick
 from firmware_py.step import State, step
 from hil.scenarios import Scenario, named
 from hil.ship.drift import RudderDrift

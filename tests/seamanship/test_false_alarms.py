@@ -5,9 +5,9 @@ import random
 
 import pytest
 
+from firmware_py.common.intents import SteerHeading
+from firmware_py.common.records import Mode
 from firmware_py.faults import Fault
-from firmware_py.intents import SteerHeading
-from firmware_py.records import Mode
 
 LEG_S = 600.0
 ALLOWED = {Fault.CURRENT_STRONG}  # of a storm, it is true

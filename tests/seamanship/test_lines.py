@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from firmware_py.intents import SteerPosition
-from firmware_py.records import MissionState, Mode
+from firmware_py.common.intents import SteerPosition
+from firmware_py.common.records import MissionState, Mode
 
 
 def cross_tracks(boat, seconds):

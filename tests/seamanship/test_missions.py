@@ -4,10 +4,18 @@ import math
 
 import pytest
 
-from firmware_py.intents import PauseMission, ReplacePlan, Request, SetMissionItem, SetMode, SetParameter, Verdict
-from firmware_py.params import ParameterSet
-from firmware_py.plan import Plan, PlanKind
-from firmware_py.records import Activity, MissionState, Mode
+from firmware_py.common.intents import (
+    PauseMission,
+    ReplacePlan,
+    Request,
+    SetMissionItem,
+    SetMode,
+    SetParameter,
+    Verdict,
+)
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan, PlanKind
+from firmware_py.common.records import Activity, MissionState, Mode
 from firmware_py.step import State, accept, step
 from firmware_py.step_state import state_from_text, state_to_text
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from firmware_py.records import Mode
+from firmware_py.common.records import Mode
 
 CASES = [
     (0.4, 0.0, {}),

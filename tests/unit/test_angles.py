@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.angles import clamp, compass_degrees, wrap_pi, wrap_two_pi
+from firmware_py.common.angles import clamp, compass_degrees, wrap_pi, wrap_two_pi
 
 ANGLES = st.floats(-1e6, 1e6)
 

@@ -5,8 +5,7 @@ import math
 
 import pytest
 
-from firmware_py.faults import Fault
-from firmware_py.intents import (
+from firmware_py.common.intents import (
     Arm,
     ForgetParameters,
     ManualRudder,
@@ -18,11 +17,10 @@ from firmware_py.intents import (
     SteerHeading,
     Verdict,
 )
-from firmware_py.loop import LINK_PART, PARAMETER_FILE, PENDING_LIMIT, PLAN_FILES, Boat, Pilot, run
-from firmware_py.params import ParameterSet, format_file, parse_file
-from firmware_py.plan import Plan, PlanItem, PlanKind, Plans
-from firmware_py.plan import from_text as plan_from_text
-from firmware_py.records import (
+from firmware_py.common.parameters import ParameterSet, format_file, parse_file
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
+from firmware_py.common.plan import from_text as plan_from_text
+from firmware_py.common.records import (
     DeviceHealth,
     DeviceRole,
     DeviceState,
@@ -33,6 +31,8 @@ from firmware_py.records import (
     PositionSample,
     RudderFeedback,
 )
+from firmware_py.faults import Fault
+from firmware_py.loop import LINK_PART, PARAMETER_FILE, PENDING_LIMIT, PLAN_FILES, Boat, Pilot, run
 from firmware_py.shelter import Shelter
 from firmware_py.step import State
 from firmware_py.timekeeper import Timekeeper

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.intents import (
+from firmware_py.common.intents import (
     Arm,
     BenchRudder,
     ForgetParameters,
@@ -16,6 +16,8 @@ from firmware_py.intents import (
     SteerPosition,
     Verdict,
 )
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import Mode, Water
 from firmware_py.modes import (
     HeadingGoal,
     ModeState,
@@ -26,8 +28,6 @@ from firmware_py.modes import (
     live_bench,
     live_stick,
 )
-from firmware_py.params import ParameterSet
-from firmware_py.records import Mode, Water
 
 SETTING_EAST = Water(1.0, 0.1, 0.0, 0.3, 0.1)
 WELL = Situation(heading_rad=1.0, water=SETTING_EAST, position_ok=True, rudder_ok=True, mission_ok=True, home_ok=True)

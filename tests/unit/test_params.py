@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from firmware_py.params import (
+from firmware_py.common.parameters import (
     TABLE,
     Kind,
     ParameterError,

@@ -6,11 +6,11 @@ from enum import IntEnum
 
 import pytest
 
-from firmware_py.intents import Arm, ManualRudder, Request, SetMode, SetParameter, SteerHeading, SteerPosition
-from firmware_py.params import ParameterError, ParameterSet
-from firmware_py.plain import Codec, Hook
-from firmware_py.plain_notes import MOST_NOTES
-from firmware_py.records import Mode
+from firmware_py.common.intents import Arm, ManualRudder, Request, SetMode, SetParameter, SteerHeading, SteerPosition
+from firmware_py.common.json_codec import Codec, Hook
+from firmware_py.common.parameters import ParameterError, ParameterSet
+from firmware_py.common.reading_notes import MOST_NOTES
+from firmware_py.common.records import Mode
 
 
 class Colour(IntEnum):

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from firmware_py.plain import Codec
-from firmware_py.plain_history import Change, bring_up_to_date
+from firmware_py.common.json_codec import Codec
+from firmware_py.common.record_history import Change, bring_up_to_date
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
 
 singles = st.floats(width=32)
 ints = st.integers(-(2**31), 2**31 - 1)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.plan_area import polygons_of
 from firmware_py.plan_items import PLACE_FRAMES, ROWS, TABLE, Command
 from firmware_py.plan_rules import PlanResult, fault_of

@@ -8,18 +8,18 @@ from pathlib import Path
 
 import pytest
 
+from firmware_py.common.json_codec import Codec
+from firmware_py.common.parameters import ParameterSet, format_file
+from firmware_py.common.plan import HOOK as PLAN_HOOK
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.common.plan import from_text as plan_from_text
+from firmware_py.common.plan import to_text as plan_to_text
+from firmware_py.common.records import Mode
 from firmware_py.failsafe import FailsafeState
 from firmware_py.faults import Fault
 from firmware_py.log.reader import read_log
 from firmware_py.loop import PARAMETER_FILE, PLAN_FILES
 from firmware_py.monitor.judge import MonitorState
-from firmware_py.params import ParameterSet, format_file
-from firmware_py.plain import Codec
-from firmware_py.plan import HOOK as PLAN_HOOK
-from firmware_py.plan import Plan, PlanItem, PlanKind
-from firmware_py.plan import from_text as plan_from_text
-from firmware_py.plan import to_text as plan_to_text
-from firmware_py.records import Mode
 from firmware_py.resume import resumed
 from firmware_py.state import State
 from firmware_py.step import step

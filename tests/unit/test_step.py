@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_py.faults import Fault
-from firmware_py.intents import (
+from firmware_py.common.intents import (
     Arm,
     BenchRudder,
     ManualRudder,
@@ -21,9 +20,8 @@ from firmware_py.intents import (
     SteerPosition,
     Verdict,
 )
-from firmware_py.model.kt import rk4_step
-from firmware_py.params import ParameterSet
-from firmware_py.records import (
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import (
     Activity,
     DeviceHealth,
     DeviceRole,
@@ -38,6 +36,8 @@ from firmware_py.records import (
     RudderFeedback,
     Tick,
 )
+from firmware_py.faults import Fault
+from firmware_py.model.kt import rk4_step
 from firmware_py.step import State, accept, step
 from firmware_py.step_state import state_from_text, state_to_text
 

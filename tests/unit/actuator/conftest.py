@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from firmware_py.records import RudderCommand
+from firmware_py.common.records import RudderCommand
 
 VOLZ_REPLIES = {0xDC: 0x2C, 0xB0: 0x30, 0xB1: 0x31, 0xC0: 0x10}
 INSTRUCTION_HEADER = bytes.fromhex("FFFFFD00")

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_py.actuator import dynamixel_frames as frames
 from firmware_py.actuator.dynamixel import DynamixelRudder
-from firmware_py.records import DeviceRole, DeviceState, RudderCommand
+from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
 
 COUNT_RAD = 2.0 * math.pi / 4096
 

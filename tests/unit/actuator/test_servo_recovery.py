@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from firmware_py.actuator.dynamixel import DynamixelRudder
 from firmware_py.actuator.volz import VolzRudder
-from firmware_py.records import DeviceState
+from firmware_py.common.records import DeviceState
 
 TROUBLES = ["ticks", "lose", "power off", "power on", "blink", "unplug", "plug in", "noise", "quiet", "full", "release"]
 

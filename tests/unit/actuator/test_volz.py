@@ -5,7 +5,7 @@ import math
 import pytest
 
 from firmware_py.actuator.volz import VolzRudder
-from firmware_py.records import DeviceRole, DeviceState, RudderCommand
+from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
 
 COUNT_RAD = math.radians(100.0) / 1920
 

@@ -8,7 +8,7 @@ import socket
 import pytest
 
 from firmware_py.__main__ import COMMANDS, main
-from firmware_py.params import TABLE
+from firmware_py.common.parameters import TABLE
 
 VEHICLE = """
 [compass]

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.params import TABLE, parse_file
+from firmware_py.common.parameters import TABLE, parse_file
 
 SETTINGS = [row for row in TABLE if not row.read_only]
 

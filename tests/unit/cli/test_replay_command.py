@@ -8,9 +8,9 @@ import pytest
 from firmware_py import step_state
 from firmware_py.__main__ import main
 from firmware_py.cli import replay as command
+from firmware_py.common.records import Tick
 from firmware_py.log import schema
 from firmware_py.log.dataflash import Parser
-from firmware_py.records import Tick
 
 LOG = Path(__file__).parents[2] / "replay" / "data" / "first_layout" / "mid_run_checkpoint.BIN"
 

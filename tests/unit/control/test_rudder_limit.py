@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.control.rudder_limit import Linkage, RudderLimits, limited_command
-from firmware_py.params import ParameterSet
 
 LIMITS = RudderLimits(limit_rad=0.5, slew_rad_s=0.5, deadband_rad=0.02)
 

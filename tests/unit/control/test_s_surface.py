@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.control.s_surface import Gains, rudder_demand
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
-from firmware_py.params import ParameterSet
 
 PAPER = Gains.of(ParameterSet())
 LIMIT_RAD = math.radians(30.0)

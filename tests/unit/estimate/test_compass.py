@@ -2,10 +2,10 @@ import math
 
 import pytest
 
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import HeadingSample, NorthReference
 from firmware_py.estimate.compass import deviation_of, deviation_rad
 from firmware_py.estimate.heading import ObserverSettings, true_heading_rad
-from firmware_py.params import ParameterSet
-from firmware_py.records import HeadingSample, NorthReference
 
 
 def parameters(**values):

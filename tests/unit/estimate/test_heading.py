@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from firmware_py.angles import wrap_pi
+from firmware_py.common.angles import wrap_pi
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import HeadingSample, NorthReference
 from firmware_py.estimate.heading import HeadingState, ObserverSettings, correct, predict, update
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
-from firmware_py.params import ParameterSet
-from firmware_py.records import HeadingSample, NorthReference
 
 SETTINGS = ObserverSettings.of(ParameterSet())
 

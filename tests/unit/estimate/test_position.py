@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.common.records import FixType, PositionSample
 from firmware_py.estimate.position import EARTH_RADIUS_M, PositionState, carried, update
-from firmware_py.records import FixType, PositionSample
 
 
 def fix(t_s, north_m=0.0, kind=FixType.FIX_3D):

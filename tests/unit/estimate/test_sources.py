@@ -3,7 +3,7 @@ import random
 
 import pytest
 
-from firmware_py.angles import radians, wrap_pi
+from firmware_py.common.angles import radians, wrap_pi
 from firmware_py.estimate.sources import PROBATION_S, Limits, Seen, Source, SourceState, chosen, slewed, taken, usable
 
 TIMEOUT_S, FROZEN_S = 1.0, 30.0

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from firmware_py.angles import radians, wrap_pi
+from firmware_py.common.angles import radians, wrap_pi
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.estimate import kalman
 from firmware_py.estimate.wave_filter import (
     FilterSettings,
@@ -19,7 +20,6 @@ from firmware_py.estimate.wave_filter import (
     update,
 )
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
-from firmware_py.params import ParameterSet
 from firmware_py.sensors.decode import decode
 from hil.ship.drift import RudderDrift
 from hil.ship.noise import NormalNumbers

@@ -4,12 +4,12 @@ import math
 
 import pytest
 
-from firmware_py.angles import wrap_pi
+from firmware_py.common.angles import wrap_pi
+from firmware_py.common.geodesy import Place
 from firmware_py.guidance import follower
 from firmware_py.guidance.follower import FollowState
 from firmware_py.guidance.orders import GuidanceSettings, Motion
-from firmware_py.guidance.sphere import Place
-from firmware_py.model.set_and_drift import heading_for_course
+from firmware_py.model.crab import heading_for_course
 
 ORIGIN = Place(0.6, 2.0)
 SETTINGS = GuidanceSettings(20.0, 100.0, 60.0, 15.6)

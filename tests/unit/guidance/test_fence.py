@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.common.geodesy import Place
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.guidance.fence import FARTHEST_M, FenceWatch, fence_of, margin_m, watched
-from firmware_py.guidance.sphere import Place
-from firmware_py.plan import Plan, PlanItem, PlanKind
 
 CENTRE = Place(0.6, 2.0)
 

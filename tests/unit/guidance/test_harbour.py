@@ -1,10 +1,10 @@
 import math
 
+from firmware_py.common.geodesy import Place
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.common.records import Home
 from firmware_py.guidance.harbour import best_place, way_back
 from firmware_py.guidance.orders import Motion
-from firmware_py.guidance.sphere import Place
-from firmware_py.plan import Plan, PlanItem, PlanKind
-from firmware_py.records import Home
 
 HERE = Place(0.6, 2.0)
 HOME = Home(HERE.latitude_rad, HERE.longitude_rad, 0.0)

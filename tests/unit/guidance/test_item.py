@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.guidance.item import MissionStep, StepKind, step_of, steps_of
-from firmware_py.plan import Plan, PlanItem, PlanKind
 
 NAN = math.nan
 

@@ -2,8 +2,8 @@ import math
 
 import pytest
 
+from firmware_py.common.records import Activity
 from firmware_py.guidance.orders import Orbit
-from firmware_py.records import Activity
 
 
 @pytest.mark.parametrize("clockwise", [True, False])

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.guidance.sphere import Place, track
+from firmware_py.common.geodesy import Place, track
 
 latitudes, longitudes = st.floats(-math.pi / 2, math.pi / 2), st.floats(-math.pi, math.pi)
 places = st.builds(Place, latitudes, longitudes)

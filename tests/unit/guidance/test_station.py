@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.common.geodesy import Place
+from firmware_py.common.records import Activity
 from firmware_py.guidance import station
 from firmware_py.guidance.orders import Keep, Motion
-from firmware_py.guidance.sphere import Place
 from firmware_py.guidance.station import StationState
-from firmware_py.records import Activity
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.3, 0.7, 0.85])

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
 from hil.report.figures import (
     goal_figures,
     goal_spans,

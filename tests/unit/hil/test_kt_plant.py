@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from firmware_py.angles import degrees, radians
+from firmware_py.common.angles import degrees, radians
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.ship.kt_plant import KtPlant, inner_steps
 

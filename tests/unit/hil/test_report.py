@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
 from hil import scenarios
 from hil.goals import parse_goals
 from hil.ground_station import GroundStation

@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.errors import UsageError
 from hil.vehicle_file import VehicleFile, load, parse_settings

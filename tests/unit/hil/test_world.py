@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from firmware_py.angles import degrees, radians
+from firmware_py.common.angles import degrees, radians
 from hil import scenarios
 from hil.goals import parse_goals
 from hil.scenarios import Scenario

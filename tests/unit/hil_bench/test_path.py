@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from firmware_py.records import HeadingSample, Inputs, NorthReference, Tick
+from firmware_py.common.records import HeadingSample, Inputs, NorthReference, Tick
 from hil.bench.path import Passage, passages
 
 AHEAD_S = 100.0  # the bench's clock is this much ahead of the autopilot's

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from firmware_py.params import parse_file
+from firmware_py.common.parameters import parse_file
 from hil.__main__ import main
 
 HEADER = "time_s,rudder_rad,heading_rad,yaw_rate_rad_s,speed_m_s"

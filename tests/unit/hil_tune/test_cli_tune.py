@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.params import parse_file
+from firmware_py.common.parameters import parse_file
 from hil.__main__ import main
 from hil.cli import outputs
 from hil.errors import HilError

@@ -7,15 +7,15 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from firmware_py import angles
+from firmware_py.common import angles
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import HeadingSample, NorthReference
 from firmware_py.control.rudder_limit import RudderLimits
 from firmware_py.control.rudder_limit import limited_command as limited
 from firmware_py.control.s_surface import Gains
 from firmware_py.control.s_surface import rudder_demand as demanded
 from firmware_py.estimate import heading as observer
 from firmware_py.model.kt import rk4_step
-from firmware_py.params import ParameterSet
-from firmware_py.records import HeadingSample, NorthReference
 from hil.tune import loop_kernel, twins
 from hil.tune.cases import pilot_of
 

@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.control.s_surface import Gains
 from firmware_py.estimate.heading import ObserverSettings
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
-from firmware_py.params import ParameterSet
 from hil.scenarios import UnknownScenarioError
 from hil.tune.cases import cases_of, pilot_of, seas_of, steps_within, the_task
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER
-from firmware_py.params import ParameterSet
 from hil.tune import paper
 from hil.tune.cases import pilot_of
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER
-from firmware_py.params import ParameterSet
 from hil.tune import search
 from hil.tune.loop_kernel import ITAE, TRAVEL
 from hil.tune.search import BOUNDS, Box, tune

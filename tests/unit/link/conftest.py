@@ -6,14 +6,14 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import Answer, SetParameter, Verdict
+from firmware_py.common.intents import Answer, SetParameter, Verdict
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
+from firmware_py.common.records import Mode, Output, RudderCommand, Snapshot
 from firmware_py.link.endpoint import NO_STORAGE, Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.options import PLAIN
 from firmware_py.link.storage import Storage
-from firmware_py.params import ParameterSet
-from firmware_py.plan import Plans
-from firmware_py.records import Mode, Output, RudderCommand, Snapshot
 
 SNAPSHOT = Snapshot(
     t_s=12.5,

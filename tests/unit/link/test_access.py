@@ -4,7 +4,7 @@ import pytest
 from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import Arm, SetParameter
+from firmware_py.common.intents import Arm, SetParameter
 from firmware_py.link.options import parse_options
 from firmware_py.link.peer import HINTS, REFUSALS
 from firmware_py.link.signing import timestamp_of

@@ -6,8 +6,17 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.common.records import (
+    Activity,
+    Event,
+    FixType,
+    Home,
+    Navigation,
+    PositionSample,
+    RudderFeedback,
+    Severity,
+)
 from firmware_py.link.telemetry import TABLE
-from firmware_py.records import Activity, Event, FixType, Home, Navigation, PositionSample, RudderFeedback, Severity
 
 BITS_PER_BYTE = 10
 SECONDS = 60.0

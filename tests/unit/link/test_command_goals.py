@@ -5,7 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import SteerHeading, SteerPosition
+from firmware_py.common.intents import SteerHeading, SteerPosition
 
 NAN = math.nan
 DENIED = 2

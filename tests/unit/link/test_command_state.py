@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from firmware_py.intents import Answer, Arm, Restart, SetMode, Verdict
-from firmware_py.records import Mode
+from firmware_py.common.intents import Answer, Arm, Restart, SetMode, Verdict
+from firmware_py.common.records import Mode
 
 DENIED, UNSUPPORTED, FAILED = 2, 3, 4
 

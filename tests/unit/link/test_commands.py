@@ -5,7 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import Answer, Arm, SetMode, Verdict
+from firmware_py.common.intents import Answer, Arm, SetMode, Verdict
 from firmware_py.link.options import LinkClass, LinkOptions
 
 ARM, SET_MODE = 400, 176

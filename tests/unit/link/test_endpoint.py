@@ -9,12 +9,12 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.common.interfaces import Link
+from firmware_py.common.records import Event, Mode, Output, RudderCommand, Severity
 from firmware_py.faults import Fault
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.opening import open_transport
-from firmware_py.ports import Link
-from firmware_py.records import Event, Mode, Output, RudderCommand, Severity
 
 
 def test_the_first_heartbeat_goes_out_at_once_and_says_initialising(make_rig, of):

@@ -5,8 +5,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import Answer, SteerHeading, SteerPosition, Verdict
-from firmware_py.records import FixType, Home, PositionSample
+from firmware_py.common.intents import Answer, SteerHeading, SteerPosition, Verdict
+from firmware_py.common.records import FixType, Home, PositionSample
 
 NAN, INF = math.nan, math.inf
 YAW_ONLY = 0b1001_1111_1111 | 0x200  # everything but yaw ignored

@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import ManualRudder
+from firmware_py.common.intents import ManualRudder
 
 INVALID = 32767
 

@@ -5,8 +5,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import SetParameter
-from firmware_py.params import INDEX, TABLE, Kind
+from firmware_py.common.intents import SetParameter
+from firmware_py.common.parameters import INDEX, TABLE, Kind
 
 UNKNOWN, OUT_OF_RANGE = 1, 2
 

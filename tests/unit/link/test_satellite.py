@@ -5,11 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.faults import Fault
-from firmware_py.link.endpoint import Endpoint
-from firmware_py.link.identity import Version
-from firmware_py.link.options import LinkClass, LinkOptions
-from firmware_py.records import (
+from firmware_py.common.records import (
     Event,
     FixType,
     Home,
@@ -20,6 +16,10 @@ from firmware_py.records import (
     RudderFeedback,
     Severity,
 )
+from firmware_py.faults import Fault
+from firmware_py.link.endpoint import Endpoint
+from firmware_py.link.identity import Version
+from firmware_py.link.options import LinkClass, LinkOptions
 
 SATELLITE = LinkOptions(link_class=LinkClass.SATELLITE)
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)

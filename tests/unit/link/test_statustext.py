@@ -2,8 +2,8 @@
 
 import pytest
 
+from firmware_py.common.records import Severity
 from firmware_py.link.statustext import Notices, text_messages
-from firmware_py.records import Severity
 
 
 def joined(messages):

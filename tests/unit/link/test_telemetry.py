@@ -7,11 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.faults import Fault
-from firmware_py.link.dialect import Codec, mavlink
-from firmware_py.link.scene import Scene
-from firmware_py.link.telemetry import ROWS_OF, TABLE
-from firmware_py.records import (
+from firmware_py.common.records import (
     Activity,
     Estimate,
     FixType,
@@ -24,6 +20,10 @@ from firmware_py.records import (
     Snapshot,
     Water,
 )
+from firmware_py.faults import Fault
+from firmware_py.link.dialect import Codec, mavlink
+from firmware_py.link.scene import Scene
+from firmware_py.link.telemetry import ROWS_OF, TABLE
 
 CODEC = Codec(1, 1)
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)

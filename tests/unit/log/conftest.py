@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import pytest
 
-from firmware_py.angles import wrap_pi
-from firmware_py.intents import Arm, Request, SetParameter, SteerHeading
-from firmware_py.log.recorder import LogRecorder
-from firmware_py.params import ParameterSet
-from firmware_py.plain import Codec
-from firmware_py.records import (
+from firmware_py.common.angles import wrap_pi
+from firmware_py.common.intents import Arm, Request, SetParameter, SteerHeading
+from firmware_py.common.json_codec import Codec
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import (
     DeviceHealth,
     DeviceRole,
     DeviceState,
@@ -29,6 +28,7 @@ from firmware_py.records import (
     Snapshot,
     Tick,
 )
+from firmware_py.log.recorder import LogRecorder
 
 
 @dataclass(frozen=True, slots=True)

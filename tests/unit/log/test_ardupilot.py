@@ -2,10 +2,10 @@ import math
 
 import pytest
 
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import Event, FixType, PositionSample, Severity
 from firmware_py.log import ardupilot
 from firmware_py.log.dataflash import Format
-from firmware_py.params import ParameterSet
-from firmware_py.records import Event, FixType, PositionSample, Severity
 
 FIX = PositionSample(
     1.0, FixType.FIX_3D, math.radians(41.25), math.radians(-70.5), 2.0, 0.5, math.radians(350.0), 9, 0.8

@@ -5,9 +5,9 @@ import threading
 import pytest
 from pymavlink.DFReader import DFReader_binary
 
+from firmware_py.common.records import DeviceRole, DeviceState, HeadingSample, Inputs, NorthReference, RudderFeedback
 from firmware_py.log.disk import LocalDisk, log_files
 from firmware_py.log.reader import LogReader
-from firmware_py.records import DeviceRole, DeviceState, HeadingSample, Inputs, NorthReference, RudderFeedback
 
 
 def read_with_pymavlink(path):

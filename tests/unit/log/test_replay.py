@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
+from firmware_py.common.records import Output, RudderCommand
 from firmware_py.log.dataflash import LogError, Parser
 from firmware_py.log.reader import LogReader
 from firmware_py.log.replay import replay, replay_log
-from firmware_py.records import Output, RudderCommand
 
 
 def replayed(ticks, pretend):

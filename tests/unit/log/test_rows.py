@@ -3,9 +3,9 @@ from dataclasses import dataclass
 
 import pytest
 
+from firmware_py.common.records import FixType
 from firmware_py.log.dataflash import Format, MessageType
 from firmware_py.log.rows import Row, RowReader, choice, flag, maybe, maybe_flag, microseconds, real, whole
-from firmware_py.records import FixType
 
 
 @dataclass(frozen=True, slots=True)

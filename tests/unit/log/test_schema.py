@@ -2,8 +2,16 @@ import dataclasses
 
 import pytest
 
+from firmware_py.common.records import (
+    DeviceHealth,
+    HeadingSample,
+    Inputs,
+    PositionSample,
+    RudderCommand,
+    RudderFeedback,
+    Tick,
+)
 from firmware_py.log import ardupilot, schema
-from firmware_py.records import DeviceHealth, HeadingSample, Inputs, PositionSample, RudderCommand, RudderFeedback, Tick
 
 
 @pytest.mark.parametrize(

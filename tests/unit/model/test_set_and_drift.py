@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.model.set_and_drift import against_current, heading_for_course, speed_made_good
+from firmware_py.model.crab import against_current, heading_for_course, speed_made_good
 
 angles, currents = st.floats(0.0, 6.28), st.floats(-0.6, 0.6)
 

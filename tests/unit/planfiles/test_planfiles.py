@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.plan import Plan, PlanItem, PlanKind, Plans
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.plan_items import TABLE
 from firmware_py.planfiles.numbers import PlanFileError
 from firmware_py.planfiles.qgc_plan import read_plan, write_plan

@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.records import DeviceRole, DeviceState
+from firmware_py.common.records import DeviceRole, DeviceState
 from firmware_py.sensors.condition import LONGEST_TEXT, SILENT_AFTER_S, Condition
 
 

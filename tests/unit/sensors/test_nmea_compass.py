@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from firmware_py.records import DeviceRole, DeviceState, NorthReference
+from firmware_py.common.records import DeviceRole, DeviceState, NorthReference
 from firmware_py.sensors.nmea_compass import NmeaCompass
 
 

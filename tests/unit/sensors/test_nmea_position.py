@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from firmware_py.records import DeviceRole, DeviceState, FixType
+from firmware_py.common.records import DeviceRole, DeviceState, FixType
 from firmware_py.sensors.nmea_position import EPOCH_ENDS_AFTER_S, NmeaPosition
 
 NORTH_SEA = "5327.03942,N,00214.42462,W"

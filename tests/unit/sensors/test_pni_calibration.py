@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.records import CalibrationState
+from firmware_py.common.records import CalibrationState
 from firmware_py.sensors.pni_calibration import POINTS, PniCalibration
 from firmware_py.sensors.pni_tcm import PniCompass
 from hil.devices.pni_tcm import PniTcmEmulator

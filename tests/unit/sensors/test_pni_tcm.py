@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from firmware_py.records import DeviceState, NorthReference
+from firmware_py.common.records import DeviceState, NorthReference
 from firmware_py.sensors.pni_tcm import PATIENCE_S, STEP_S, PniCompass
 from hil.devices.pni_tcm import PniTcmEmulator
 

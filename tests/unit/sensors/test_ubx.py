@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from firmware_py.records import DeviceState, FixType
+from firmware_py.common.records import DeviceState, FixType
 from firmware_py.sensors.ubx import UbxPosition
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.records import FixType
+from firmware_py.common.records import FixType
 from firmware_py.sensors import ubx_protocol
 from firmware_py.sensors.refusal import MALFORMED, MessageError
 

@@ -8,11 +8,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import Answer, SetMissionItem, Verdict
-from firmware_py.plan import Plan, PlanKind
+from firmware_py.common.intents import Answer, SetMissionItem, Verdict
+from firmware_py.common.plan import Plan, PlanKind
+from firmware_py.common.records import MissionReport, MissionState, Mode
 from firmware_py.plan_items import TABLE
 from firmware_py.plan_rules import PlanResult
-from firmware_py.records import MissionReport, MissionState, Mode
 
 GOING = MissionReport(MissionState.ACTIVE, 1, 3, (), (11, 22, 33))
 

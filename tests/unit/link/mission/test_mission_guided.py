@@ -5,7 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import Answer, SteerPosition, Verdict
+from firmware_py.common.intents import Answer, SteerPosition, Verdict
 
 
 def item(x, y, *, frame=6, command=16, current=2):

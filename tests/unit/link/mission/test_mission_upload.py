@@ -5,8 +5,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import Answer, ReplacePlan, Verdict
-from firmware_py.plan import MOST_ITEMS, PlanItem, PlanKind
+from firmware_py.common.intents import Answer, ReplacePlan, Verdict
+from firmware_py.common.plan import MOST_ITEMS, PlanItem, PlanKind
 from firmware_py.plan_rules import PlanResult
 
 OTHER = mavlink.MAVLink(None, srcSystem=254, srcComponent=190)

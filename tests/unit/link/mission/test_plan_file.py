@@ -7,10 +7,10 @@ import threading
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.link import plan_file
 from firmware_py.link.ftp_area import mavlink_crc32
 from firmware_py.link.plan_file import unpacked
-from firmware_py.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.plan_fault import PlanFault, PlanResult
 from firmware_py.plan_items import Command
 

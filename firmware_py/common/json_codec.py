@@ -24,8 +24,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from firmware_py.plain_history import TAG, VERSION, Change, bring_up_to_date, latest_version
-from firmware_py.plain_notes import LocatedError, Spot, number, shown
+from firmware_py.common.reading_notes import LocatedError, Spot, number, shown
+from firmware_py.common.record_history import TAG, VERSION, Change, bring_up_to_date, latest_version
 
 Read = Callable[[Any, Spot], Any]
 

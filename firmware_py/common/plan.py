@@ -18,8 +18,8 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any
 
-from firmware_py.plain import Codec, Hook
-from firmware_py.plain_notes import Spot, shown
+from firmware_py.common.json_codec import Codec, Hook
+from firmware_py.common.reading_notes import Spot, shown
 
 MOST_ITEMS = 2000
 _ITEM = struct.Struct("<BHB4fiif")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from firmware_py.angles import clamp, wrap_two_pi
+from firmware_py.common.angles import clamp, wrap_two_pi
 from firmware_py.guidance.bearing import EARTH_RADIUS_M, distance_and_bearing
 
 Vector = tuple[float, float, float]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from firmware_py.intents import Request
+from firmware_py.common.intents import Request
 
 
 class Mode(IntEnum):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.angles import clamp, wrap_two_pi
+from firmware_py.common.angles import clamp, wrap_two_pi
 
 # She never steers further off a course than this, to make good headway against the rest of the current.
 LARGEST_CRAB = 0.95  # sine of the angle

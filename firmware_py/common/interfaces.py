@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from firmware_py.intents import Answer, Request
-from firmware_py.params import ParameterSet
-from firmware_py.plan import Plans
-from firmware_py.records import (
+from firmware_py.common.intents import Answer, Request
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
+from firmware_py.common.records import (
     Calibration,
     DeviceHealth,
     HeadingSample,

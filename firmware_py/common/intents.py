@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from firmware_py.plan import Plan
+from firmware_py.common.plan import Plan
 
 
 @dataclass(frozen=True, slots=True)
