@@ -22,7 +22,7 @@ from firmware_py.common.records import Home, Mode
 from firmware_py.guidance import mission
 from firmware_py.guidance.item import steps_of
 from firmware_py.modes import ACCEPTED, decide
-from firmware_py.plan_rules import fault_of
+from firmware_py.plans.validation import fault_of
 from firmware_py.state import State, situation_of
 
 

@@ -15,7 +15,7 @@ from firmware_py.link.mission_numbers import homes
 from firmware_py.link.mission_upload import Uploads
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Handler, Session
-from firmware_py.plan_fault import PlanResult
+from firmware_py.plans.problem import PlanResult
 
 _ALL = 255  # MAV_MISSION_TYPE_ALL, of MISSION_CLEAR_ALL only
 _CURRENT = 42

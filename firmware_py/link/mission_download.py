@@ -12,7 +12,7 @@ from firmware_py.link.mission_numbers import homes, wire_count
 from firmware_py.link.patience import patience_of
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Session
-from firmware_py.plan_fault import PlanResult
+from firmware_py.plans.problem import PlanResult
 
 _COUNT = mavlink.mavlink_map[44]
 _REQUEST_INT = mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT

@@ -9,8 +9,8 @@ from firmware_py.link.geo import GLOBAL_FRAMES, position_goal
 from firmware_py.link.mission_items import acknowledge, sender_of
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Session
-from firmware_py.plan_fault import PlanResult
-from firmware_py.plan_items import Command
+from firmware_py.plans.items import Command
+from firmware_py.plans.problem import PlanResult
 
 GUIDED = 2  # `current` of such an item
 

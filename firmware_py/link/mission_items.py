@@ -11,8 +11,8 @@ from firmware_py.link.outbox import Priority
 from firmware_py.link.peer import Peer
 from firmware_py.link.scene import scaled_degrees
 from firmware_py.link.session import Session
-from firmware_py.plan_fault import PlanFault, PlanResult
-from firmware_py.plan_items import Command, has_place
+from firmware_py.plans.items import Command, has_place
+from firmware_py.plans.problem import PlanFault, PlanResult
 
 KINDS = {int(kind): kind for kind in PlanKind}
 NAMES = {PlanKind.MISSION: "mission", PlanKind.FENCE: "fence", PlanKind.RALLY: "rally points"}

@@ -20,8 +20,8 @@ from firmware_py.link.mission_numbers import homes
 from firmware_py.link.patience import Patience, Waiting, patience_of
 from firmware_py.link.peer import Peer
 from firmware_py.link.session import Session
-from firmware_py.plan_fault import PlanFault, PlanResult
-from firmware_py.plan_rules import fault_of, item_fault
+from firmware_py.plans.problem import PlanFault, PlanResult
+from firmware_py.plans.validation import fault_of, item_fault
 
 _REMEMBERED = 8
 _DOUBLED_S = 10.0  # what a line doubles comes within this; who asks again does so with another number

@@ -21,8 +21,8 @@ from firmware_py.link.mission_items import NAMES, home_item, item_message, item_
 from firmware_py.link.mission_numbers import homes
 from firmware_py.link.session import Session
 from firmware_py.link.worker import Worker
-from firmware_py.plan_fault import PlanFault, PlanResult
-from firmware_py.plan_rules import fault_of, item_fault
+from firmware_py.plans.problem import PlanFault, PlanResult
+from firmware_py.plans.validation import fault_of, item_fault
 
 PATHS: Mapping[PlanKind, Parts] = {
     PlanKind.MISSION: ("@MISSION", "mission.dat"),

@@ -52,7 +52,7 @@ from firmware_py.link.identity import Version
 from firmware_py.link.options import PLAIN
 from firmware_py.link.streams import FASTEST_S, SLOWEST_S
 from firmware_py.link.telemetry import TABLE
-from firmware_py.plan_rules import fault_of
+from firmware_py.plans.validation import fault_of
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2)
 SERVO = RudderFeedback(0.0, 0.3)

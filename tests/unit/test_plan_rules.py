@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
-from firmware_py.plan_area import polygons_of
-from firmware_py.plan_items import PLACE_FRAMES, ROWS, TABLE, Command
-from firmware_py.plan_rules import PlanResult, fault_of
+from firmware_py.plans.items import PLACE_FRAMES, ROWS, TABLE, Command
+from firmware_py.plans.polygons import polygons_of
+from firmware_py.plans.validation import PlanResult, fault_of
 
 NAN, INF = math.nan, math.inf
 MISSION, FENCE, RALLY = PlanKind

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.plan_items import TABLE
+from firmware_py.plans.items import TABLE
 from firmware_py.store import Store
 
 WAYPOINTS = (

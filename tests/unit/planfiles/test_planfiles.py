@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
-from firmware_py.plan_items import TABLE
-from firmware_py.planfiles.numbers import PlanFileError
-from firmware_py.planfiles.qgc_plan import read_plan, write_plan
-from firmware_py.planfiles.reading import read_file
-from firmware_py.planfiles.text_files import read_text, write_text
+from firmware_py.plans.items import TABLE
+from firmware_py.plans.numbers import PlanFileError
+from firmware_py.plans.qgc_file import read_plan, write_plan
+from firmware_py.plans.read_file import read_file
+from firmware_py.plans.text_files import read_text, write_text
 
 HOME_LINE = "0\t1\t0\t16\t0\t0\t0\t0\t36.0\t121.0\t5.0\t1\n"
 WPL = "QGC WPL 110\n" + HOME_LINE

@@ -11,8 +11,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.intents import Answer, SetMissionItem, Verdict
 from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.common.records import MissionReport, MissionState, Mode
-from firmware_py.plan_items import TABLE
-from firmware_py.plan_rules import PlanResult
+from firmware_py.plans.items import TABLE
+from firmware_py.plans.validation import PlanResult
 
 GOING = MissionReport(MissionState.ACTIVE, 1, 3, (), (11, 22, 33))
 

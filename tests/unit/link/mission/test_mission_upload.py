@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, ReplacePlan, Verdict
 from firmware_py.common.plan import MOST_ITEMS, PlanItem, PlanKind
-from firmware_py.plan_rules import PlanResult
+from firmware_py.plans.validation import PlanResult
 
 OTHER = mavlink.MAVLink(None, srcSystem=254, srcComponent=190)
 

@@ -11,8 +11,8 @@ from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.link import plan_file
 from firmware_py.link.ftp_area import mavlink_crc32
 from firmware_py.link.plan_file import unpacked
-from firmware_py.plan_fault import PlanFault, PlanResult
-from firmware_py.plan_items import Command
+from firmware_py.plans.items import Command
+from firmware_py.plans.problem import PlanFault, PlanResult
 
 TERMINATE, OPEN_READ, READ, CREATE, WRITE, CHECKSUM = 1, 4, 5, 6, 7, 14
 MISSION = "@MISSION/mission.dat"

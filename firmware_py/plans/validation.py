@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
-from firmware_py.plan_area import polygons_fault
-from firmware_py.plan_fault import PlanFault, PlanResult
-from firmware_py.plan_items import MISSION_FRAME, PLACE_FRAMES, ROWS, Command, ItemRow
+from firmware_py.plans.items import MISSION_FRAME, PLACE_FRAMES, ROWS, Command, ItemRow
+from firmware_py.plans.polygons import polygons_fault
+from firmware_py.plans.problem import PlanFault, PlanResult
 
 __all__ = ["PlanFault", "PlanResult", "fault_of", "item_fault"]
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from firmware_py.common.plan import Plan
-from firmware_py.plan_rules import fault_of
-from firmware_py.planfiles.numbers import PlanFileError
-from firmware_py.planfiles.qgc_plan import read_plan
-from firmware_py.planfiles.text_files import read_text
+from firmware_py.plans.numbers import PlanFileError
+from firmware_py.plans.qgc_file import read_plan
+from firmware_py.plans.text_files import read_text
+from firmware_py.plans.validation import fault_of
 
 _MOST_BYTES = 8 << 20
 

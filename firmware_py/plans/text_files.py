@@ -8,8 +8,8 @@ from dataclasses import replace
 
 from firmware_py.common.parameters import format_value
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
-from firmware_py.plan_items import ROWS, Command, has_place
-from firmware_py.planfiles.numbers import PlanFileError, item_of, named, number_of, place, whole_of
+from firmware_py.plans.items import ROWS, Command, has_place
+from firmware_py.plans.numbers import PlanFileError, item_of, named, number_of, place, whole_of
 
 HEADER = "QGC WPL 110"
 _COLUMNS = 12

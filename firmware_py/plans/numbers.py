@@ -7,7 +7,7 @@ from typing import Any
 
 from firmware_py.common.parameters import SINGLE_MAX
 from firmware_py.common.plan import PlanItem
-from firmware_py.plan_items import has_place
+from firmware_py.plans.items import has_place
 
 _INT32 = 1 << 31
 

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.plan import PlanItem
-from firmware_py.plan_fault import PlanFault, PlanResult
-from firmware_py.plan_items import Command
+from firmware_py.plans.items import Command
+from firmware_py.plans.problem import PlanFault, PlanResult
 
 _VERTICES = (Command.INCLUDED_VERTEX, Command.EXCLUDED_VERTEX)
 _TURN = 3_600_000_000

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans
-from firmware_py.plan_area import polygons_of
-from firmware_py.plan_items import Command, has_place
-from firmware_py.planfiles.numbers import PlanFileError, item_of, named, place, shown
+from firmware_py.plans.items import Command, has_place
+from firmware_py.plans.numbers import PlanFileError, item_of, named, place, shown
+from firmware_py.plans.polygons import polygons_of
 
 _GLOBAL, _RELATIVE = 0, 3  # MAV_FRAME
 _ARDUPILOT, _SURFACE_BOAT = 3, 11
