@@ -9,7 +9,7 @@ from typing import Final
 from firmware_py import pilotage, watch
 from firmware_py.common.records import DeviceState, Mode
 from firmware_py.estimate.sources import CompassState
-from firmware_py.faults import TABLE, Fault
+from firmware_py.faults.page import TABLE, Fault
 from firmware_py.state import Settings, State, fence_enabled, fresh
 
 LATE_MEMORY_S: Final = 2.0

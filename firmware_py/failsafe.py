@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from firmware_py.common.records import Event, Mode, Severity
-from firmware_py.fault_kinds import LADDERS, Action, Fault
-from firmware_py.fault_table import TABLE
+from firmware_py.faults.kinds import LADDERS, Action, Fault
+from firmware_py.faults.table import TABLE
 
 LEFT_ALONE = (Mode.MANUAL, Mode.HOLD)
 

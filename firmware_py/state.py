@@ -12,9 +12,9 @@ from firmware_py.common.records import DeviceHealth, Home, PositionSample, Rudde
 from firmware_py.control.reference import Reference
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
 from firmware_py.estimate import current, heading, position
-from firmware_py.faults import arming_obstacle
+from firmware_py.faults.latch import MonitorState
+from firmware_py.faults.page import arming_obstacle
 from firmware_py.modes import ModeState, Situation
-from firmware_py.monitor.judge import MonitorState
 
 
 @dataclass(frozen=True, slots=True)

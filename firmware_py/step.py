@@ -28,10 +28,10 @@ from firmware_py.common.records import (
 from firmware_py.control.reference import Reference
 from firmware_py.control.rudder_limit import limited_command
 from firmware_py.estimate import current, kalman, position
-from firmware_py.faults import Fault
+from firmware_py.faults.latch import update as update_monitor
+from firmware_py.faults.page import Fault
 from firmware_py.modes import ModeState, Situation, arming_obstacle, live_bench, live_stick
 from firmware_py.monitor import energy, rudder
-from firmware_py.monitor.judge import update as update_monitor
 from firmware_py.requests import accept
 from firmware_py.state import Settings, State, fence_enabled, settings_of, situation_of
 

@@ -15,7 +15,7 @@ from firmware_py.control import authority, rest
 from firmware_py.control.authority import AuthorityState
 from firmware_py.control.rest import RestState, ServoSight
 from firmware_py.failsafe import FailsafeState, Scene, decide
-from firmware_py.faults import TABLE, Action, Fault
+from firmware_py.faults.page import TABLE, Action, Fault
 from firmware_py.modes import ModeState, Situation, enter, obstacle_to
 from firmware_py.monitor import energy, rudder
 from firmware_py.monitor.energy import EnergyState

@@ -7,8 +7,8 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from firmware_py import faults
 from firmware_py.common.parameters import INDEX, TABLE, ParameterError, format_file, format_value, markdown, parse_file
+from firmware_py.faults import page as faults
 from firmware_py.link.metadata import parameter_json
 
 

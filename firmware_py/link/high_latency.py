@@ -6,7 +6,7 @@ import math
 
 from firmware_py.common.angles import compass_degrees
 from firmware_py.common.plan import PlanKind
-from firmware_py.faults import Fault
+from firmware_py.faults.page import Fault
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.mission_numbers import homes
 from firmware_py.link.scene import (

@@ -6,8 +6,8 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from firmware_py import faults
 from firmware_py.common.records import Mode, Severity, Snapshot
+from firmware_py.faults import page
 from firmware_py.link.dialect import Message, mavlink, text_of
 from firmware_py.link.scene import Scene
 
@@ -39,7 +39,7 @@ _CAPABILITIES = (
     | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
 )
 
-_CRITICAL_FAULTS = sum(1 << row.fault for row in faults.TABLE if row.severity <= Severity.CRITICAL)
+_CRITICAL_FAULTS = sum(1 << row.fault for row in page.TABLE if row.severity <= Severity.CRITICAL)
 
 
 @dataclass(frozen=True, slots=True)

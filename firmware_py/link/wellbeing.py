@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_py.faults import Fault
+from firmware_py.faults.page import Fault
 from firmware_py.link.dialect import Message, mavlink
 from firmware_py.link.scene import INT16_MAX, UINT16_MAX, Scene, boot_ms, whole
 

@@ -16,10 +16,10 @@ from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.common.records import Mode
 from firmware_py.failsafe import FailsafeState
-from firmware_py.faults import Fault
+from firmware_py.faults.latch import MonitorState
+from firmware_py.faults.page import Fault
 from firmware_py.log.reader import read_log
 from firmware_py.loop import PARAMETER_FILE, PLAN_FILES
-from firmware_py.monitor.judge import MonitorState
 from firmware_py.resume import resumed
 from firmware_py.state import State
 from firmware_py.step import step

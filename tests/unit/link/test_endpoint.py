@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.interfaces import Link
 from firmware_py.common.records import Event, Mode, Output, RudderCommand, Severity
-from firmware_py.faults import Fault
+from firmware_py.faults.page import Fault
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.opening import open_transport

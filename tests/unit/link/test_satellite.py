@@ -16,7 +16,7 @@ from firmware_py.common.records import (
     RudderFeedback,
     Severity,
 )
-from firmware_py.faults import Fault
+from firmware_py.faults.page import Fault
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.options import LinkClass, LinkOptions

@@ -20,7 +20,7 @@ from firmware_py.common.records import (
     Snapshot,
     Water,
 )
-from firmware_py.faults import Fault
+from firmware_py.faults.page import Fault
 from firmware_py.link.dialect import Codec, mavlink
 from firmware_py.link.scene import Scene
 from firmware_py.link.telemetry import ROWS_OF, TABLE

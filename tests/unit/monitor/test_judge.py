@@ -1,6 +1,6 @@
 from firmware_py.common.records import Severity
-from firmware_py.faults import TABLE, Fault, markdown
-from firmware_py.monitor.judge import MonitorState, update
+from firmware_py.faults.latch import MonitorState, update
+from firmware_py.faults.page import TABLE, Fault, markdown
 
 
 def run(conditions_at):

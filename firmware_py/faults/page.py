@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from firmware_py.common.parameters import TABLE as PARAMETERS
 from firmware_py.common.parameters import index_of
-from firmware_py.fault_kinds import DONE, Action, Fault, FaultRow
-from firmware_py.fault_table import TABLE
+from firmware_py.faults.kinds import DONE, Action, Fault, FaultRow
+from firmware_py.faults.table import TABLE
 
 __all__ = ["TABLE", "Action", "Fault", "FaultRow", "arming_obstacle", "markdown"]
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.records import Event, Severity
-from firmware_py.faults import TABLE, Fault
+from firmware_py.faults.page import TABLE, Fault
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from firmware_py.common.records import Severity
-from firmware_py.fault_kinds import Action, Fault, FaultRow
+from firmware_py.faults.kinds import Action, Fault, FaultRow
 
 TABLE: tuple[FaultRow, ...] = (
     FaultRow(
