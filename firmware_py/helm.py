@@ -9,7 +9,7 @@ from firmware_py.control.helmsman import HelmSettings, Known, followed, steered
 from firmware_py.control.reference import Reference
 from firmware_py.control.s_surface import Gains, rudder_demand
 from firmware_py.estimate import kalman
-from firmware_py.estimate.heading import HeadingState
+from firmware_py.estimate.observer import HeadingState
 from firmware_py.estimate.wave_filter import FilterState
 
 

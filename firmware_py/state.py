@@ -5,13 +5,14 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 
-from firmware_py import helm, lookout, pilotage, watch
+from firmware_py import helm, pilotage, watch
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import DeviceHealth, Home, PositionSample, RudderFeedback
 from firmware_py.control.reference import Reference
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
-from firmware_py.estimate import current, heading, position
+from firmware_py.estimate import heading_estimator, position, water
+from firmware_py.estimate import observer as heading
 from firmware_py.faults.latch import MonitorState
 from firmware_py.faults.page import arming_obstacle
 from firmware_py.modes import ModeState, Situation
@@ -22,7 +23,7 @@ class Settings:
     """The parameters in the units and groups that the parts compute with."""
 
     helm: helm.Settings
-    lookout: lookout.LookoutSettings
+    lookout: heading_estimator.LookoutSettings
     limits: RudderLimits
     linkage: Linkage
     observer: heading.ObserverSettings
@@ -41,7 +42,7 @@ def settings_of(parameters: ParameterSet) -> Settings:
     """Convert the parameters, once for each set of values."""
     return Settings(
         helm.Settings.of(parameters),
-        lookout.LookoutSettings.of(parameters),
+        heading_estimator.LookoutSettings.of(parameters),
         RudderLimits.of(parameters),
         Linkage.of(parameters),
         heading.ObserverSettings.of(parameters),
@@ -65,9 +66,9 @@ class State:
     started_s: float | None = None
     t_s: float = 0.0
     heading: heading.HeadingState = heading.HeadingState()  # noqa: RUF009 - frozen
-    lookout: lookout.LookoutState = lookout.LookoutState()  # noqa: RUF009 - frozen
+    lookout: heading_estimator.LookoutState = heading_estimator.LookoutState()  # noqa: RUF009 - frozen
     reference: Reference | None = None
-    current: current.CurrentState = current.CurrentState()  # noqa: RUF009 - frozen
+    current: water.CurrentState = water.CurrentState()  # noqa: RUF009 - frozen
     place: position.PositionState = position.PositionState()  # noqa: RUF009 - frozen
     nav: pilotage.NavState = pilotage.NavState()  # noqa: RUF009 - frozen
     monitor: MonitorState = MonitorState()  # noqa: RUF009 - frozen
@@ -88,7 +89,7 @@ class State:
         return cls(
             parameters,
             ModeState.at_start(parameters),
-            current=current.CurrentState.at_start(parameters),
+            current=water.CurrentState.at_start(parameters),
             plans=plans or Plans(),
         )
 
@@ -105,7 +106,7 @@ def situation_of(state: State, now_s: float) -> Situation:
     margin_m = pilotage.fence_margin_m(state.nav, state.plans, enabled=fence_enabled(settings, state))
     return Situation(
         state.heading.heading_rad if valid else None,
-        current.water_of(state.current),
+        water.water_of(state.current),
         state.position is not None and fresh(state.position.t_s, now_s, settings.position_timeout_s),
         # A released servo of some makes gives no angle, but it answers.
         state.servo is not None and fresh(state.servo.t_s, now_s, settings.rudder_timeout_s),

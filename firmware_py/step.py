@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from firmware_py import conditions, helm, lookout, pilotage, watch
+from firmware_py import conditions, helm, pilotage, watch
 from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import Verdict
 from firmware_py.common.records import (
@@ -27,7 +27,7 @@ from firmware_py.common.records import (
 )
 from firmware_py.control.reference import Reference
 from firmware_py.control.rudder_limit import limited_command
-from firmware_py.estimate import current, kalman, position
+from firmware_py.estimate import heading_estimator, kalman, position, water
 from firmware_py.faults.latch import update as update_monitor
 from firmware_py.faults.page import Fault
 from firmware_py.modes import ModeState, Situation, arming_obstacle, live_bench, live_stick
@@ -76,7 +76,7 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> tuple[State, tu
             storage = device
     skipped = inputs.tick.skipped
     rudder_rad = _rudder_rad(settings, state, servo)
-    lookout_state, heading_state, told = lookout.looked_out(
+    lookout_state, heading_state, told = heading_estimator.looked_out(
         settings.lookout, state.lookout, state.heading, inputs.headings, inputs.positions, rudder_rad, now_s
     )
     valid = heading_state.fresh(now_s, settings.observer.timeout_s)
@@ -93,7 +93,7 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> tuple[State, tu
         started_s=now_s if state.started_s is None else state.started_s,
         heading=heading_state,
         lookout=lookout_state,
-        current=current.update(state.current, heading_rad, believed, now_s),
+        current=water.update(state.current, heading_rad, believed, now_s),
         place=place,
         position=place.fix,
         home=home,
@@ -283,6 +283,6 @@ def _snapshot(
         mission=pilotage.mission_report(state.nav, state.plans, state.modes),
         water=situation.water,
         navigation=pilotage.navigation_of(state.nav, state.plans, fence_enabled=fence_enabled(settings, state)),
-        estimate=lookout.estimate_of(state.lookout, state.heading),
+        estimate=heading_estimator.estimate_of(state.lookout, state.heading),
         energy=energy.told(state.watch.energy, resting=state.watch.rest.resting_s is not None),
     )

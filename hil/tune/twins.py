@@ -1,6 +1,6 @@
 """Twins of the firmware's heading control, for compiled code: all that the tuner knows of it.
 
-    firmware_py/estimate/heading.py        observer_predict, observer_correct
+    firmware_py/estimate/observer.py        observer_predict, observer_correct
     firmware_py/control/s_surface.py       rudder_demand
     firmware_py/control/rudder_limit.py    limited_command
     firmware_py/common/angles.py                  clamp, wrap_pi, wrap_two_pi (numba has no math.fmod)
@@ -127,7 +127,7 @@ def observer_predict(
     turning_ability_1_s: float,
     turning_lag_s: float,
 ) -> tuple[float, float]:
-    """Carry heading and yaw rate on (firmware_py.estimate.heading.predict); decay is exp(-step / T)."""
+    """Carry heading and yaw rate on (firmware_py.estimate.observer.predict); decay is exp(-step / T)."""
     steady_rad_s = turning_ability_1_s * rudder_rad
     excess_rad_s = yaw_rate_rad_s - steady_rad_s
     turned_rad = steady_rad_s * step_s + excess_rad_s * turning_lag_s * (1.0 - decay)
@@ -143,7 +143,7 @@ def observer_correct(
     theta: float,
     rate_limit_rad_s: float,
 ) -> tuple[float, float]:
-    """Take a sample in (firmware_py.estimate.heading.correct); theta is exp(-step / tau)."""
+    """Take a sample in (firmware_py.estimate.observer.correct); theta is exp(-step / tau)."""
     innovation_rad = wrap_pi(measured_rad - heading_rad)
     yaw_rate_rad_s += (1.0 - theta) ** 2 * innovation_rad / step_s
     return (

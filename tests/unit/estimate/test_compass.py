@@ -4,8 +4,8 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import HeadingSample, NorthReference
-from firmware_py.estimate.compass import deviation_of, deviation_rad
-from firmware_py.estimate.heading import ObserverSettings, true_heading_rad
+from firmware_py.estimate.deviation import deviation_of, deviation_rad
+from firmware_py.estimate.observer import ObserverSettings, true_heading_rad
 
 
 def parameters(**values):

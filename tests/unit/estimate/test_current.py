@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.estimate.current import CurrentState, update, water_of
+from firmware_py.estimate.water import CurrentState, update, water_of
 
 EARTH_M = 6371008.8
 

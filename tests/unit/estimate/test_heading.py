@@ -7,7 +7,7 @@ import pytest
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import HeadingSample, NorthReference
-from firmware_py.estimate.heading import HeadingState, ObserverSettings, correct, predict, update
+from firmware_py.estimate.observer import HeadingState, ObserverSettings, correct, predict, update
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
 
 SETTINGS = ObserverSettings.of(ParameterSet())

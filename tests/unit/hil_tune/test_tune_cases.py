@@ -5,7 +5,7 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.control.s_surface import Gains
-from firmware_py.estimate.heading import ObserverSettings
+from firmware_py.estimate.observer import ObserverSettings
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.scenarios import UnknownScenarioError
 from hil.tune.cases import cases_of, pilot_of, seas_of, steps_within, the_task

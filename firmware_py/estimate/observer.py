@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import HeadingSample, NorthReference
-from firmware_py.estimate.compass import Deviation, deviation_of, deviation_rad
+from firmware_py.estimate.deviation import Deviation, deviation_of, deviation_rad
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,10 @@ from typing import Final
 from firmware_py.common.angles import clamp, radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Estimate, Event, FixType, HeadingSample, PositionSample, Severity
-from firmware_py.estimate import declination, heading, kalman, sources, wave_filter
+from firmware_py.estimate import declination, kalman, sources, wave_filter
+from firmware_py.estimate import observer as heading
 from firmware_py.estimate.declination import Declination
-from firmware_py.estimate.heading import HeadingState, ObserverSettings
+from firmware_py.estimate.observer import HeadingState, ObserverSettings
 from firmware_py.estimate.sources import Limits, Seen, Source, SourceState
 from firmware_py.estimate.wave_filter import FilterSettings, FilterState
 
