@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_py import pilotage, watch
+from firmware_py import watch
 from firmware_py.common.records import DeviceState, Mode
 from firmware_py.estimate.sources import CompassState
 from firmware_py.faults.page import TABLE, Fault
+from firmware_py.guidance import guidance
 from firmware_py.state import Settings, State, fence_enabled, fresh
 
 LATE_MEMORY_S: Final = 2.0
@@ -95,7 +96,7 @@ def _supply_low(sight: Sight) -> bool:
 def _fence_breached(sight: Sight) -> bool:
     state = sight.state
     enabled = fence_enabled(sight.settings, state)
-    margin_m = pilotage.fence_margin_m(state.nav, state.plans, enabled=enabled)
+    margin_m = guidance.fence_margin_m(state.nav, state.plans, enabled=enabled)
     return margin_m is not None and margin_m < 0.0
 
 

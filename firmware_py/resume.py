@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from firmware_py.common.json_codec import Codec
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Home
-from firmware_py.guidance.follower import FollowState
+from firmware_py.guidance.guidance import NavState
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.mission import MissionProgress
 from firmware_py.guidance.orbit import OrbitState
-from firmware_py.guidance.orders import Order
+from firmware_py.guidance.task_follower import FollowState
+from firmware_py.guidance.tasks import Order
 from firmware_py.modes import ModeState
-from firmware_py.pilotage import NavState
 from firmware_py.state import State
 from firmware_py.step_state import CHANGES
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 
-from firmware_py import helm, pilotage, watch
+from firmware_py import helm, watch
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import DeviceHealth, Home, PositionSample, RudderFeedback
@@ -15,6 +15,7 @@ from firmware_py.estimate import heading_estimator, position, water
 from firmware_py.estimate import observer as heading
 from firmware_py.faults.latch import MonitorState
 from firmware_py.faults.page import arming_obstacle
+from firmware_py.guidance import guidance
 from firmware_py.modes import ModeState, Situation
 
 
@@ -27,7 +28,7 @@ class Settings:
     limits: RudderLimits
     linkage: Linkage
     observer: heading.ObserverSettings
-    pilotage: pilotage.Settings
+    pilotage: guidance.Settings
     watch: watch.Settings
     position_timeout_s: float
     position_jump_s: float
@@ -46,7 +47,7 @@ def settings_of(parameters: ParameterSet) -> Settings:
         RudderLimits.of(parameters),
         Linkage.of(parameters),
         heading.ObserverSettings.of(parameters),
-        pilotage.Settings.of(parameters),
+        guidance.Settings.of(parameters),
         watch.Settings.of(parameters),
         parameters["POS_TIMEOUT_S"],
         parameters["POS_JUMP_S"],
@@ -70,7 +71,7 @@ class State:
     reference: Reference | None = None
     current: water.CurrentState = water.CurrentState()  # noqa: RUF009 - frozen
     place: position.PositionState = position.PositionState()  # noqa: RUF009 - frozen
-    nav: pilotage.NavState = pilotage.NavState()  # noqa: RUF009 - frozen
+    nav: guidance.NavState = guidance.NavState()  # noqa: RUF009 - frozen
     monitor: MonitorState = MonitorState()  # noqa: RUF009 - frozen
     watch: watch.WatchState = watch.WatchState()  # noqa: RUF009 - frozen
     position: PositionSample | None = None
@@ -103,7 +104,7 @@ def situation_of(state: State, now_s: float) -> Situation:
     """What a decision at now_s may depend on."""
     settings = settings_of(state.parameters)
     valid = state.heading.fresh(now_s, settings.observer.timeout_s)
-    margin_m = pilotage.fence_margin_m(state.nav, state.plans, enabled=fence_enabled(settings, state))
+    margin_m = guidance.fence_margin_m(state.nav, state.plans, enabled=fence_enabled(settings, state))
     return Situation(
         state.heading.heading_rad if valid else None,
         water.water_of(state.current),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from firmware_py import conditions, helm, pilotage, watch
+from firmware_py import conditions, helm, watch
 from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import Verdict
 from firmware_py.common.records import (
@@ -30,6 +30,7 @@ from firmware_py.control.rudder_limit import limited_command
 from firmware_py.estimate import heading_estimator, kalman, position, water
 from firmware_py.faults.latch import update as update_monitor
 from firmware_py.faults.page import Fault
+from firmware_py.guidance import guidance
 from firmware_py.modes import ModeState, Situation, arming_obstacle, live_bench, live_stick
 from firmware_py.monitor import energy, rudder
 from firmware_py.requests import accept
@@ -54,9 +55,9 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     guard, modes, guard_told = watch.guarded(
         settings.watch, state.watch, state.modes, monitor.active, situation, ordered=ordered
     )
-    modes = pilotage.goal_kept(settings.pilotage, modes, situation, now_s, step_s)
+    modes = guidance.goal_kept(settings.pilotage, modes, situation, now_s, step_s)
     state, guided = _guided(settings, replace(state, watch=guard, modes=modes), situation, inputs)
-    steering = pilotage.steering(modes, state.nav.followed, situation)
+    steering = guidance.steering(modes, state.nav.followed, situation)
     state = _answering(settings, state, steering.error_rad, now_s)
     state, command = _steered(settings, state, situation, steering, now_s, step_s)
     told = (*_changes_told(before, state), *sensed_told, *faults_told, *guard_told, *guided)
@@ -162,7 +163,7 @@ def _steered(
     settings: Settings,
     state: State,
     situation: Situation,
-    steering: pilotage.Steering,
+    steering: guidance.Steering,
     now_s: float,
     step_s: float,
 ) -> tuple[State, RudderCommand]:
@@ -192,9 +193,9 @@ def _guided(settings: Settings, state: State, situation: Situation, inputs: Inpu
     motion = None
     if situation.position_ok and situation.water is not None:
         place = Place(state.place.latitude_rad, state.place.longitude_rad)
-        motion = pilotage.motion_of(place, state.heading.heading_rad, situation.water)
+        motion = guidance.motion_of(place, state.heading.heading_rad, situation.water)
     fix = state.position
-    scene = pilotage.Scene(
+    scene = guidance.Scene(
         inputs.tick.t_s,
         motion,
         bool(inputs.positions),
@@ -203,7 +204,7 @@ def _guided(settings: Settings, state: State, situation: Situation, inputs: Inpu
         state.home,
         fix.utc_s if fix else None,
     )
-    done = pilotage.piloted(settings.pilotage, state.nav, scene)
+    done = guidance.piloted(settings.pilotage, state.nav, scene)
     return replace(state, nav=done.nav, home=done.home or state.home), done.events
 
 
@@ -211,7 +212,7 @@ def _demand_rad(
     settings: Settings,
     state: State,
     modes: ModeState,
-    steering: pilotage.Steering,
+    steering: guidance.Steering,
     now_s: float,
     heading_lost_s: float | None,
     step_s: float,
@@ -250,7 +251,7 @@ def _changes_told(before: State, after: State) -> tuple[Event, ...]:
 
 
 def _snapshot(
-    settings: Settings, state: State, situation: Situation, steering: pilotage.Steering, inputs: Inputs
+    settings: Settings, state: State, situation: Situation, steering: guidance.Steering, inputs: Inputs
 ) -> Snapshot:
     valid = situation.heading_rad is not None
     measured = state.servo is not None and state.servo.shaft_rad is not None
@@ -280,9 +281,9 @@ def _snapshot(
         late_s=inputs.tick.late_s,
         home=state.home,
         prearm_refusal=arming_obstacle(situation),
-        mission=pilotage.mission_report(state.nav, state.plans, state.modes),
+        mission=guidance.mission_report(state.nav, state.plans, state.modes),
         water=situation.water,
-        navigation=pilotage.navigation_of(state.nav, state.plans, fence_enabled=fence_enabled(settings, state)),
+        navigation=guidance.navigation_of(state.nav, state.plans, fence_enabled=fence_enabled(settings, state)),
         estimate=heading_estimator.estimate_of(state.lookout, state.heading),
         energy=energy.told(state.watch.energy, resting=state.watch.rest.resting_s is not None),
     )

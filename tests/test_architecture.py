@@ -132,4 +132,4 @@ def test_the_hil_knows_only_the_firmware_seam(path):
 
 def test_the_law_reads_something():
     assert len(_files(FIRMWARE)) > 30
-    assert "firmware_py.pilotage" in set(_imports(FIRMWARE / "step.py"))
+    assert "firmware_py.guidance.guidance" in set(_imports(FIRMWARE / "step.py"))

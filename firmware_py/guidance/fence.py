@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem
-from firmware_py.guidance.item import number, place_of
+from firmware_py.guidance.mission_step import number, place_of
 
 # MAV_CMD
 _POLYGON_IN, _POLYGON_OUT, _CIRCLE_IN, _CIRCLE_OUT = 5001, 5002, 5003, 5004

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from firmware_py.common.angles import clamp, wrap_two_pi
 from firmware_py.common.geodesy import Place, Track, track
-from firmware_py.guidance.orders import Go, GuidanceSettings, Motion
+from firmware_py.guidance.tasks import Go, GuidanceSettings, Motion
 
 LONGEST_LOOK_M = 500.0
 # The integral works with this part of her speed (sigma in the literature), critically damped at four times it.

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from firmware_py.common.angles import radians, wrap_pi, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.records import MissionState
-from firmware_py.guidance.follower import FollowState
-from firmware_py.guidance.item import SECONDS_PER_DAY, MissionStep, StepKind
-from firmware_py.guidance.orders import Go, GuidanceSettings, Head, Keep, Motion, Orbit, Order
+from firmware_py.guidance.mission_step import SECONDS_PER_DAY, MissionStep, StepKind
+from firmware_py.guidance.task_follower import FollowState
+from firmware_py.guidance.tasks import Go, GuidanceSettings, Head, Keep, Motion, Orbit, Order
 
 ITEMS_PER_STEP = 16  # that may be done with at once; the rest in the next step
 IDLE_ITEMS = 100  # done with at once, beyond those there are: then the jumps lead nowhere

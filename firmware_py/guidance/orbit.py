@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from firmware_py.common.angles import wrap_pi, wrap_two_pi
-from firmware_py.guidance.orders import GuidanceSettings, Motion, Orbit
+from firmware_py.guidance.tasks import GuidanceSettings, Motion, Orbit
 
 LEAD_S = 8.0  # she lags behind a course that turns all the time
 SMALLEST_RADII = 1.5  # of her turning circle: what she can go round at all, with some rudder to spare

@@ -8,12 +8,12 @@ import pytest
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Home, Mode
-from firmware_py.guidance.follower import FollowState
+from firmware_py.guidance.guidance import NavState
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.mission import MissionProgress
-from firmware_py.guidance.orders import Go
+from firmware_py.guidance.task_follower import FollowState
+from firmware_py.guidance.tasks import Go
 from firmware_py.modes import HeadingGoal, ModeState, PositionGoal
-from firmware_py.pilotage import NavState
 from firmware_py.resume import INTERVAL_S, REFRESH_S, Memory, from_text, resume_of, resumed, to_text
 from firmware_py.step import State
 

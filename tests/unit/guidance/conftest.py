@@ -6,9 +6,9 @@ import pytest
 
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.geodesy import Place
-from firmware_py.guidance import follower
-from firmware_py.guidance.follower import FollowState
-from firmware_py.guidance.orders import GuidanceSettings, Motion
+from firmware_py.guidance import task_follower
+from firmware_py.guidance.task_follower import FollowState
+from firmware_py.guidance.tasks import GuidanceSettings, Motion
 from firmware_py.model.crab import heading_for_course
 
 ORIGIN = Place(0.6, 2.0)
@@ -34,7 +34,7 @@ class Float:
 
     def step(self, order, settings=SETTINGS):
         motion = self.motion
-        self.follow, self.followed = follower.step(settings, self.follow, order, motion, 1.0)
+        self.follow, self.followed = task_follower.step(settings, self.follow, order, motion, 1.0)
         wanted = self.followed.wanted
         steer_rad = wanted.angle_rad
         if wanted.over_ground:

@@ -3,8 +3,8 @@ import math
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.records import Home
-from firmware_py.guidance.harbour import best_place, way_back
-from firmware_py.guidance.orders import Motion
+from firmware_py.guidance.return_point import best_place, way_back
+from firmware_py.guidance.tasks import Motion
 
 HERE = Place(0.6, 2.0)
 HOME = Home(HERE.latitude_rad, HERE.longitude_rad, 0.0)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
-from firmware_py.guidance.item import MissionStep, StepKind, step_of, steps_of
+from firmware_py.guidance.mission_step import MissionStep, StepKind, step_of, steps_of
 
 NAN = math.nan
 

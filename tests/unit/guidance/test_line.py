@@ -10,7 +10,7 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.records import Activity
 from firmware_py.guidance import line
 from firmware_py.guidance.line import LineState, look_ahead_m
-from firmware_py.guidance.orders import Go, GuidanceSettings, Motion
+from firmware_py.guidance.tasks import Go, GuidanceSettings, Motion
 
 
 def go(origin, north_m, east_m, start=(0.0, 0.0), accept_m=20.0):

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from firmware_py.common.geodesy import Place
 from firmware_py.common.records import MissionState
 from firmware_py.guidance import mission
-from firmware_py.guidance.follower import FollowState
-from firmware_py.guidance.item import MissionStep, StepKind
 from firmware_py.guidance.mission import MissionProgress, Voyage
+from firmware_py.guidance.mission_step import MissionStep, StepKind
 from firmware_py.guidance.orbit import OrbitState
-from firmware_py.guidance.orders import Go, GuidanceSettings, Head, Keep, Motion, Orbit
+from firmware_py.guidance.task_follower import FollowState
+from firmware_py.guidance.tasks import Go, GuidanceSettings, Head, Keep, Motion, Orbit
 
 SETTINGS = GuidanceSettings(20.0, 100.0, 60.0, 15.6)
 HERE = Place(0.6, 2.0)

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from firmware_py.common.records import Activity
-from firmware_py.guidance.orders import Orbit
+from firmware_py.guidance.tasks import Orbit
 
 
 @pytest.mark.parametrize("clockwise", [True, False])

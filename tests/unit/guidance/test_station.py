@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.records import Activity
-from firmware_py.guidance import station
-from firmware_py.guidance.orders import Keep, Motion
-from firmware_py.guidance.station import StationState
+from firmware_py.guidance import station_keeping
+from firmware_py.guidance.station_keeping import StationState
+from firmware_py.guidance.tasks import Keep, Motion
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.3, 0.7, 0.85])
@@ -85,5 +85,5 @@ def test_whatever_comes_she_is_told_an_angle(here, centre, heading_rad, speed, n
 
     motion = Motion(here, heading_rad, speed, north, east)
     distance_m, _ = here.distance_and_bearing(centre)
-    _, wanted = station.keep(SETTINGS, StationState(leg_rad), Keep(centre, radius_m), motion, distance_m)
+    _, wanted = station_keeping.keep(SETTINGS, StationState(leg_rad), Keep(centre, radius_m), motion, distance_m)
     assert math.isfinite(wanted.angle_rad)

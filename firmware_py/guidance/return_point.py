@@ -7,8 +7,8 @@ import math
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan
 from firmware_py.common.records import Home
-from firmware_py.guidance.item import place_of
-from firmware_py.guidance.orders import Go, GuidanceSettings, Motion
+from firmware_py.guidance.mission_step import place_of
+from firmware_py.guidance.tasks import Go, GuidanceSettings, Motion
 from firmware_py.model.crab import speed_made_good
 
 RALLY_POINT = 5100  # MAV_CMD_NAV_RALLY_POINT

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.records import Activity
-from firmware_py.guidance import line, orbit, station
+from firmware_py.guidance import line, orbit, station_keeping
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.orbit import OrbitState
-from firmware_py.guidance.orders import Go, GuidanceSettings, Head, Keep, Motion, Orbit, Order, Wanted
-from firmware_py.guidance.station import StationState
+from firmware_py.guidance.station_keeping import StationState
+from firmware_py.guidance.tasks import Go, GuidanceSettings, Head, Keep, Motion, Orbit, Order, Wanted
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ def _go(
 
 def _keep(settings: GuidanceSettings, state: FollowState, order: Keep, motion: Motion) -> tuple[FollowState, Followed]:
     distance_m, bearing_rad = motion.place.distance_and_bearing(order.centre)
-    after, wanted = station.keep(settings, state.station, order, motion, distance_m)
+    after, wanted = station_keeping.keep(settings, state.station, order, motion, distance_m)
     state = replace(state, station=after, arrived=state.arrived or distance_m <= order.keep_m)
     return state, Followed(wanted, Activity.STATION, order.centre, order.keep_m, bearing_rad, distance_m)
 

@@ -14,13 +14,13 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import Activity, Event, Home, MissionReport, Mode, Navigation, Severity, Water
-from firmware_py.guidance import fence, follower, mission
+from firmware_py.guidance import fence, mission, task_follower
 from firmware_py.guidance.fence import FenceWatch
-from firmware_py.guidance.follower import Followed, FollowState
-from firmware_py.guidance.harbour import way_back
-from firmware_py.guidance.item import steps_of
 from firmware_py.guidance.mission import MissionProgress, Voyage
-from firmware_py.guidance.orders import Go, GuidanceSettings, Keep, Motion, Order
+from firmware_py.guidance.mission_step import steps_of
+from firmware_py.guidance.return_point import way_back
+from firmware_py.guidance.task_follower import Followed, FollowState
+from firmware_py.guidance.tasks import Go, GuidanceSettings, Keep, Motion, Order
 from firmware_py.model.crab import heading_for_course
 from firmware_py.modes import HeadingGoal, ModeState, PositionGoal, Situation, heading_to_steer, live_stick
 
@@ -131,7 +131,7 @@ def piloted(settings: Settings, nav: NavState, scene: Scene) -> Piloted:
     if modes.mode is Mode.AUTO:
         return _sailed(settings, nav, scene, motion, step_s)
     order = _order(settings, nav, scene, motion)
-    follow, followed = follower.step(settings.guidance, nav.follow, order, motion, step_s)
+    follow, followed = task_follower.step(settings.guidance, nav.follow, order, motion, step_s)
     return Piloted(replace(nav, order=order, follow=follow, followed=followed))
 
 
@@ -184,7 +184,7 @@ def _sailed(settings: Settings, nav: NavState, scene: Scene, motion: Motion, ste
     done = mission.advance(nav.mission, voyage)
     progress = done.progress
     order = progress.halt if progress.paused else progress.order
-    follow, followed = follower.step(settings.guidance, nav.follow, order, motion, step_s)
+    follow, followed = task_follower.step(settings.guidance, nav.follow, order, motion, step_s)
     home = None
     if done.home is not None:
         altitude_m = 0.0 if scene.home is None else scene.home.altitude_m

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 
 from firmware_py.common.angles import TWO_PI, wrap_pi, wrap_two_pi
-from firmware_py.guidance.orders import GuidanceSettings, Keep, Motion, Wanted
+from firmware_py.guidance.tasks import GuidanceSettings, Keep, Motion, Wanted
 from firmware_py.model.crab import against_current, heading_for_course
 
 HEADINGS = 36
