@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_py import watch
 from firmware_py.common.records import DeviceState, Mode
 from firmware_py.estimate.sources import CompassState
 from firmware_py.faults.page import TABLE, Fault
 from firmware_py.guidance import guidance
+from firmware_py.safety import supervisor
 from firmware_py.state import Settings, State, fence_enabled, fresh
 
 LATE_MEMORY_S: Final = 2.0
@@ -143,7 +143,7 @@ PROVIDERS: Final[Mapping[Fault, Callable[[Sight], bool]]] = {
         sight.state.watch.clock is not None and sight.state.watch.clock.state is DeviceState.FAULTY
     ),
     Fault.STATION_SILENT: _station_silent,
-    Fault.STEERING_LOST: lambda sight: watch.steering_lost(sight.state.watch),
+    Fault.STEERING_LOST: lambda sight: supervisor.steering_lost(sight.state.watch),
 }
 _IN_ORDER: Final = tuple(PROVIDERS[row.fault] for row in TABLE)
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass
 
-from firmware_py import helm, watch
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import DeviceHealth, Home, PositionSample, RudderFeedback
-from firmware_py.control.reference import Reference
+from firmware_py.control import heading_controller
+from firmware_py.control.reference_model import Reference
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
 from firmware_py.estimate import heading_estimator, position, water
 from firmware_py.estimate import observer as heading
@@ -17,19 +17,20 @@ from firmware_py.faults.latch import MonitorState
 from firmware_py.faults.page import arming_obstacle
 from firmware_py.guidance import guidance
 from firmware_py.modes import ModeState, Situation
+from firmware_py.safety import supervisor
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
     """The parameters in the units and groups that the parts compute with."""
 
-    helm: helm.Settings
+    helm: heading_controller.Settings
     lookout: heading_estimator.LookoutSettings
     limits: RudderLimits
     linkage: Linkage
     observer: heading.ObserverSettings
     pilotage: guidance.Settings
-    watch: watch.Settings
+    watch: supervisor.Settings
     position_timeout_s: float
     position_jump_s: float
     rudder_timeout_s: float
@@ -42,13 +43,13 @@ class Settings:
 def settings_of(parameters: ParameterSet) -> Settings:
     """Convert the parameters, once for each set of values."""
     return Settings(
-        helm.Settings.of(parameters),
+        heading_controller.Settings.of(parameters),
         heading_estimator.LookoutSettings.of(parameters),
         RudderLimits.of(parameters),
         Linkage.of(parameters),
         heading.ObserverSettings.of(parameters),
         guidance.Settings.of(parameters),
-        watch.Settings.of(parameters),
+        supervisor.Settings.of(parameters),
         parameters["POS_TIMEOUT_S"],
         parameters["POS_JUMP_S"],
         parameters["RUD_TIMEOUT_S"],
@@ -73,7 +74,7 @@ class State:
     place: position.PositionState = position.PositionState()  # noqa: RUF009 - frozen
     nav: guidance.NavState = guidance.NavState()  # noqa: RUF009 - frozen
     monitor: MonitorState = MonitorState()  # noqa: RUF009 - frozen
-    watch: watch.WatchState = watch.WatchState()  # noqa: RUF009 - frozen
+    watch: supervisor.WatchState = supervisor.WatchState()  # noqa: RUF009 - frozen
     position: PositionSample | None = None
     servo: RudderFeedback | None = None
     storage: DeviceHealth | None = None

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from firmware_py import conditions, helm, watch
+from firmware_py import conditions
 from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import Verdict
 from firmware_py.common.records import (
@@ -25,15 +25,16 @@ from firmware_py.common.records import (
     Severity,
     Snapshot,
 )
-from firmware_py.control.reference import Reference
+from firmware_py.control import heading_controller
+from firmware_py.control.reference_model import Reference
 from firmware_py.control.rudder_limit import limited_command
 from firmware_py.estimate import heading_estimator, kalman, position, water
 from firmware_py.faults.latch import update as update_monitor
 from firmware_py.faults.page import Fault
 from firmware_py.guidance import guidance
 from firmware_py.modes import ModeState, Situation, arming_obstacle, live_bench, live_stick
-from firmware_py.monitor import energy, rudder
 from firmware_py.requests import accept
+from firmware_py.safety import energy_meter, rudder_monitor, supervisor
 from firmware_py.state import Settings, State, fence_enabled, settings_of, situation_of
 
 __all__ = ["State", "accept", "settings_of", "step"]
@@ -44,7 +45,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     before, now_s, ordered = state, inputs.tick.t_s, False
     for request in inputs.requests:
         state, answer = accept(state, request)
-        ordered |= answer.verdict is Verdict.ACCEPTED and isinstance(request.intent, watch.ORDERS)
+        ordered |= answer.verdict is Verdict.ACCEPTED and isinstance(request.intent, supervisor.ORDERS)
     settings = settings_of(state.parameters)
     step_s = min(max(0.0, now_s - before.t_s), 1.0) if before.started_s is not None else 0.0
     state, sensed_told = _sensed(settings, state, inputs)
@@ -52,7 +53,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     monitor, faults_told = update_monitor(state.monitor, conditions.standing(settings, state, now_s), now_s)
     state = replace(state, monitor=monitor)
     situation = situation_of(state, now_s)
-    guard, modes, guard_told = watch.guarded(
+    guard, modes, guard_told = supervisor.guarded(
         settings.watch, state.watch, state.modes, monitor.active, situation, ordered=ordered
     )
     modes = guidance.goal_kept(settings.pilotage, modes, situation, now_s, step_s)
@@ -130,7 +131,7 @@ def _rudder_rad(settings: Settings, state: State, servo: RudderFeedback | None) 
 
 def _watched(settings: Settings, state: State, inputs: Inputs, step_s: float) -> State:
     """Let the watch look at the tick: rudder, energy, devices."""
-    seen = watch.sensed(settings.watch, state.watch, inputs, _rudder_now(settings, state, inputs), step_s)
+    seen = supervisor.sensed(settings.watch, state.watch, inputs, _rudder_now(settings, state, inputs), step_s)
     return replace(state, watch=seen)
 
 
@@ -141,17 +142,19 @@ def _answering(settings: Settings, state: State, error_rad: float | None, now_s:
     speed_m_s = waves.x[kalman.SPEED] if waves.x else settings.watch.model_speed_m_s
     heading_rad = state.heading.heading_rad if valid and state.modes.armed else None
     rudder_rad = _rudder_rad(settings, state, state.servo)
-    seen = watch.turning(settings.watch, state.watch, rudder_rad, heading_rad, speed_m_s, error_rad, now_s)
+    seen = supervisor.turning(settings.watch, state.watch, rudder_rad, heading_rad, speed_m_s, error_rad, now_s)
     return replace(state, watch=seen)
 
 
-def _rudder_now(settings: Settings, state: State, inputs: Inputs) -> watch.RudderNow:
+def _rudder_now(settings: Settings, state: State, inputs: Inputs) -> supervisor.RudderNow:
     """What is known of the rudder in this tick."""
     newest = inputs.rudder[-1].shaft_rad if inputs.rudder else None
     measured = newest is not None and math.isfinite(newest)
     angle_rad = _rudder_rad(settings, state, state.servo)
     wanted = _held(settings, state.modes, inputs.tick.t_s)
-    return watch.RudderNow(state.rudder_command_rad, angle_rad, angle_rad if measured else None, wanted, state.servo)
+    return supervisor.RudderNow(
+        state.rudder_command_rad, angle_rad, angle_rad if measured else None, wanted, state.servo
+    )
 
 
 def _held(settings: Settings, modes: ModeState, now_s: float) -> bool:
@@ -170,7 +173,7 @@ def _steered(
     """From what guidance asks for to what the servo is told; the watch has the last word."""
     modes, lost_s = state.modes, state.monitor.since_s[Fault.COMPASS_LOST]
     demand_rad, reference = _demand_rad(settings, state, modes, steering, now_s, lost_s, step_s)
-    guard, demand_rad = watch.supervised(
+    guard, demand_rad = supervisor.supervised(
         state.watch,
         demand_rad,
         state.rudder_command_rad,
@@ -179,10 +182,10 @@ def _steered(
         heading_ok=situation.heading_rad is not None,
     )
     command_rad = limited_command(settings.limits, state.rudder_command_rad, demand_rad, step_s)
-    command_rad = rudder.eased(guard.rudder, command_rad, now_s)
+    command_rad = rudder_monitor.eased(guard.rudder, command_rad, now_s)
     angle_rad = _rudder_rad(settings, state, state.servo)
-    seen = watch.RudderNow(command_rad, angle_rad, None, True, state.servo)
-    guard, pulls = watch.torque(settings.watch, guard, command_rad, seen, now_s)
+    seen = supervisor.RudderNow(command_rad, angle_rad, None, True, state.servo)
+    guard, pulls = supervisor.torque(settings.watch, guard, command_rad, seen, now_s)
     torque_on = pulls and _held(settings, modes, now_s)
     state = replace(state, watch=guard, reference=reference, rudder_command_rad=command_rad, t_s=now_s)
     return state, RudderCommand(settings.linkage.to_shaft(command_rad), torque_on)
@@ -226,7 +229,7 @@ def _demand_rad(
         stick = live_stick(modes, now_s, settings.pilotage.stick_timeout_s)
         return (0.0 if stick is None else stick * settings.limits.limit_rad), None
     if steering.error_rad is not None:
-        return helm.ordered(
+        return heading_controller.ordered(
             settings.helm,
             state.heading,
             state.lookout.waves,
@@ -285,5 +288,5 @@ def _snapshot(
         water=situation.water,
         navigation=guidance.navigation_of(state.nav, state.plans, fence_enabled=fence_enabled(settings, state)),
         estimate=heading_estimator.estimate_of(state.lookout, state.heading),
-        energy=energy.told(state.watch.energy, resting=state.watch.rest.resting_s is not None),
+        energy=energy_meter.told(state.watch.energy, resting=state.watch.rest.resting_s is not None),
     )

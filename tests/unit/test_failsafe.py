@@ -4,9 +4,9 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Mode
-from firmware_py.failsafe import FailsafeState, Scene, decide
 from firmware_py.faults.page import TABLE, Action, Fault, arming_obstacle
-from firmware_py.watch import Settings
+from firmware_py.safety.failsafe import FailsafeState, Scene, decide
+from firmware_py.safety.supervisor import Settings
 
 GCS, FENCE, VOLT = Fault.STATION_SILENT, Fault.FENCE_BREACHED, Fault.SUPPLY_LOW
 

@@ -3,8 +3,8 @@ import random
 
 import pytest
 
-from firmware_py.control.authority import AuthorityState, watched
 from firmware_py.model.kt import rk4_step
+from firmware_py.safety.steering_monitor import AuthorityState, watched
 
 K, T = 0.049, 4.0
 

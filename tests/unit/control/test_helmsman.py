@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.control.helmsman import (
+from firmware_py.control.s_surface import rudder_demand
+from firmware_py.control.scheduled import (
     HelmSettings,
     Known,
     Order,
@@ -17,7 +18,6 @@ from firmware_py.control.helmsman import (
     steered,
     stiffness_of,
 )
-from firmware_py.control.s_surface import rudder_demand
 
 SETTINGS = HelmSettings.of(ParameterSet())
 KNOWN = Known(1.0, math.radians(1.0), 0.0, 0.05, 0.4, 0.02, 1.0)

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from firmware_py.common.angles import wrap_pi
-from firmware_py.control.reference import LEAD_RAD, Reference, Ship, advanced, running_on_rad
+from firmware_py.control.reference_model import LEAD_RAD, Reference, Ship, advanced, running_on_rad
 from firmware_py.model.kt import OCEAN_RAMBLER
 
 LIMIT_RAD = math.radians(30.0)

@@ -1,6 +1,6 @@
 import pytest
 
-from firmware_py.control.rest import AFTER_PUSH_S, RestState, ServoSight, rested
+from firmware_py.safety.torque_release import AFTER_PUSH_S, RestState, ServoSight, rested
 
 ENGAGED = ServoSight(0.0, 0.02, torque_on=True)
 RELEASED = ServoSight(0.0, 0.0, torque_on=False)

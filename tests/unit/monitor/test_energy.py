@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from firmware_py.monitor.energy import EnergyState, metered, told
+from firmware_py.safety.energy_meter import EnergyState, metered, told
 
 
 def run(state, angles_rad, power_w=None, step_s=0.1, start_s=0.0):

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from firmware_py.monitor.rudder import REST_S, TRIAL_S, RudderSight, RudderWatch, eased, watched
+from firmware_py.safety.rudder_monitor import REST_S, TRIAL_S, RudderSight, RudderWatch, eased, watched
 
 
 class Servo:

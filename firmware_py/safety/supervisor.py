@@ -11,15 +11,14 @@ from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.common.intents import Arm, Intent, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import DeviceHealth, DeviceRole, Event, Inputs, Mode, RudderFeedback, Severity
-from firmware_py.control import authority, rest
-from firmware_py.control.authority import AuthorityState
-from firmware_py.control.rest import RestState, ServoSight
-from firmware_py.failsafe import FailsafeState, Scene, decide
 from firmware_py.faults.page import TABLE, Action, Fault
 from firmware_py.modes import ModeState, Situation, enter, obstacle_to
-from firmware_py.monitor import energy, rudder
-from firmware_py.monitor.energy import EnergyState
-from firmware_py.monitor.rudder import RudderSight, RudderWatch
+from firmware_py.safety import energy_meter, rudder_monitor, steering_monitor, torque_release
+from firmware_py.safety.energy_meter import EnergyState
+from firmware_py.safety.failsafe import FailsafeState, Scene, decide
+from firmware_py.safety.rudder_monitor import RudderSight, RudderWatch
+from firmware_py.safety.steering_monitor import AuthorityState
+from firmware_py.safety.torque_release import RestState, ServoSight
 
 HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind can ask for
 HARD_OVER_S: Final = 30.0
@@ -120,8 +119,8 @@ def sensed(settings: Settings, state: WatchState, inputs: Inputs, seen: RudderNo
     sight = RudderSight(now_s, seen.sent_rad, seen.measured_rad, current_a, engaged)
     return replace(
         state,
-        rudder=rudder.watched(state.rudder, sight, settings.most_a),
-        energy=energy.metered(state.energy, seen.angle_rad, _power(inputs.rudder), step_s),
+        rudder=rudder_monitor.watched(state.rudder, sight, settings.most_a),
+        energy=energy_meter.metered(state.energy, seen.angle_rad, _power(inputs.rudder), step_s),
         heard_s=(a_s, b_s),
         restarts=restarts,
         restarted_s=now_s if restarts > state.restarts else state.restarted_s,
@@ -160,8 +159,8 @@ def turning(
     yaw_rate_rad_s = wrap_pi(heading_rad - before_rad) / step_s
     ratio = clamp(speed_m_s / settings.model_speed_m_s, 0.1, 10.0)
     ability_1_s, lag_s = settings.turning_ability_1_s * ratio, settings.turning_lag_s / ratio
-    seen = authority.watched(state.authority, rudder_rad, yaw_rate_rad_s, ability_1_s, lag_s, step_s, error_rad)
-    part = max(1.0 / (state.blocks + 1.0), step_s / authority.MEMORY_S)
+    seen = steering_monitor.watched(state.authority, rudder_rad, yaw_rate_rad_s, ability_1_s, lag_s, step_s, error_rad)
+    part = max(1.0 / (state.blocks + 1.0), step_s / steering_monitor.MEMORY_S)
     square = state.turn_square + part * (yaw_rate_rad_s * yaw_rate_rad_s - state.turn_square)
     return replace(
         state,
@@ -245,5 +244,5 @@ def torque(
     sight = ServoSight(seen.angle_rad, None, None)
     if servo is not None and servo.shaft_rad is not None:
         sight = ServoSight(seen.angle_rad, servo.current_a, servo.torque_on)
-    rested = rest.rested(state.rest, command_rad, sight, now_s, settings.rest_s)
+    rested = torque_release.rested(state.rest, command_rad, sight, now_s, settings.rest_s)
     return replace(state, rest=rested), rested.resting_s is None

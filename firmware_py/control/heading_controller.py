@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.control.helmsman import HelmSettings, Known, followed, steered
-from firmware_py.control.reference import Reference
+from firmware_py.control.reference_model import Reference
 from firmware_py.control.s_surface import Gains, rudder_demand
+from firmware_py.control.scheduled import HelmSettings, Known, followed, steered
 from firmware_py.estimate import kalman
 from firmware_py.estimate.observer import HeadingState
 from firmware_py.estimate.wave_filter import FilterState

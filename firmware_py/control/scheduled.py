@@ -16,7 +16,7 @@ from typing import Final
 
 from firmware_py.common.angles import clamp, degrees, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.control.reference import Reference, Ship, advanced
+from firmware_py.control.reference_model import Reference, Ship, advanced
 from firmware_py.control.s_surface import Gains, rudder_demand
 from firmware_py.model.kt import steady_yaw_rate
 
