@@ -16,6 +16,7 @@ from firmware_py.common.interfaces import ByteLine, Clock, Compass, Position, Ru
 from firmware_py.common.parameters import INDEX, TABLE, ParameterSet, format_file
 from firmware_py.common.records import Event
 from firmware_py.console import Console
+from firmware_py.core.step import State
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
 from firmware_py.link.opening import open_transport
@@ -31,7 +32,6 @@ from firmware_py.sensors.second import SecondCompass
 from firmware_py.sensors.ubx import UbxPosition
 from firmware_py.serial_line import PortError, SerialLine
 from firmware_py.shelter import Shelter
-from firmware_py.step import State
 from firmware_py.store import Store
 from firmware_py.stored import stored_parameters, stored_plans, with_resume
 from firmware_py.timekeeper import Timekeeper

@@ -14,12 +14,12 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind, Plans
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.common.records import Event, HeadingSample, Inputs, Output, RudderCommand, Tick
+from firmware_py.core.resume import RESUME_FILE, Memory
+from firmware_py.core.state_codec import state_to_text
+from firmware_py.core.step import State, accept, settings_of, step
 from firmware_py.health import HealthWatch
-from firmware_py.resume import RESUME_FILE, Memory
 from firmware_py.serial_line import SerialLine
 from firmware_py.shelter import Shelter
-from firmware_py.step import State, accept, settings_of, step
-from firmware_py.step_state import state_to_text
 from firmware_py.store import Store
 from firmware_py.timekeeper import Timekeeper
 

@@ -11,10 +11,10 @@ from firmware_py.common.interfaces import Clock
 from firmware_py.common.parameters import ParameterError, parse_file
 from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.common.plan import from_text as plan_from_text
+from firmware_py.core.resume import RESUME_FILE, resumed
+from firmware_py.core.step import State
 from firmware_py.loop import PARAMETER_FILE, PLAN_FILES
 from firmware_py.plans.validation import fault_of
-from firmware_py.resume import RESUME_FILE, resumed
-from firmware_py.step import State
 from firmware_py.store import Store
 
 _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)")

@@ -18,7 +18,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
 from firmware_py.common.records import Mode
 from firmware_py.control import scheduled
-from firmware_py.step import State
+from firmware_py.core.step import State
 from firmware_py.store import Store
 from firmware_py.stored import stored_parameters, stored_plans, with_resume
 

@@ -19,8 +19,8 @@ from firmware_py.common.records import (
     RudderFeedback,
     Tick,
 )
+from firmware_py.core.step import State, step
 from firmware_py.model.kt import OCEAN_RAMBLER
-from firmware_py.step import State, step
 from hil.scenarios import Scenario, named
 from hil.ship.drift import RudderDrift
 from hil.ship.gusts import Gusts

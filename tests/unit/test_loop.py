@@ -31,10 +31,10 @@ from firmware_py.common.records import (
     PositionSample,
     RudderFeedback,
 )
+from firmware_py.core.step import State
 from firmware_py.faults.page import Fault
 from firmware_py.loop import LINK_PART, PARAMETER_FILE, PENDING_LIMIT, PLAN_FILES, Boat, Pilot, run
 from firmware_py.shelter import Shelter
-from firmware_py.step import State
 from firmware_py.timekeeper import Timekeeper
 
 

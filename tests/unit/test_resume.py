@@ -8,14 +8,14 @@ import pytest
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Home, Mode
+from firmware_py.core.resume import INTERVAL_S, REFRESH_S, Memory, from_text, resume_of, resumed, to_text
+from firmware_py.core.step import State
 from firmware_py.guidance.guidance import NavState
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.mission import MissionProgress
 from firmware_py.guidance.task_follower import FollowState
 from firmware_py.guidance.tasks import Go
 from firmware_py.modes import HeadingGoal, ModeState, PositionGoal
-from firmware_py.resume import INTERVAL_S, REFRESH_S, Memory, from_text, resume_of, resumed, to_text
-from firmware_py.step import State
 
 UTC_S = 1.8e9
 A, B = Place(0.6, 2.0), Place(0.61, 2.01)

@@ -15,15 +15,15 @@ from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.common.records import Mode
+from firmware_py.core.resume import resumed
+from firmware_py.core.state import State
+from firmware_py.core.state_codec import CHANGES, PARAMETER_HOOK, fault_fields, state_from_text, state_to_text
+from firmware_py.core.step import step
 from firmware_py.faults.latch import MonitorState
 from firmware_py.faults.page import Fault
 from firmware_py.log.reader import read_log
 from firmware_py.loop import PARAMETER_FILE, PLAN_FILES
-from firmware_py.resume import resumed
 from firmware_py.safety.failsafe import FailsafeState
-from firmware_py.state import State
-from firmware_py.step import step
-from firmware_py.step_state import CHANGES, PARAMETER_HOOK, fault_fields, state_from_text, state_to_text
 from firmware_py.store import Store, stored_content
 from firmware_py.stored import stored_parameters, stored_plans, with_resume
 

@@ -36,10 +36,10 @@ from firmware_py.common.records import (
     RudderFeedback,
     Tick,
 )
+from firmware_py.core.state_codec import state_from_text, state_to_text
+from firmware_py.core.step import State, accept, step
 from firmware_py.faults.page import Fault
 from firmware_py.model.kt import rk4_step
-from firmware_py.step import State, accept, step
-from firmware_py.step_state import state_from_text, state_to_text
 
 
 class Boat:

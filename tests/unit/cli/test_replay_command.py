@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py import step_state
 from firmware_py.__main__ import main
 from firmware_py.cli import replay as command
 from firmware_py.common.records import Tick
+from firmware_py.core import state_codec
 from firmware_py.log import schema
 from firmware_py.log.dataflash import Parser
 
@@ -55,13 +55,13 @@ def refused(capsys, path):
 
 
 def test_a_log_with_its_checkpoint_written_again_is_identical(tmp_path, capsys):
-    path = with_checkpoint(tmp_path / "again.BIN", lambda text: step_state.state_to_text(_state(text)))
+    path = with_checkpoint(tmp_path / "again.BIN", lambda text: state_codec.state_to_text(_state(text)))
     assert main(["replay", path]) == 0
     assert "note" not in capsys.readouterr().out
 
 
 def _state(text):
-    state, notes = step_state.state_from_text(text)
+    state, notes = state_codec.state_from_text(text)
     assert notes == ()
     return state
 

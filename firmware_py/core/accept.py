@@ -19,11 +19,11 @@ from firmware_py.common.intents import (
 )
 from firmware_py.common.parameters import TABLE, ParameterError, index_of
 from firmware_py.common.records import Home, Mode
+from firmware_py.core.state import State, situation_of
 from firmware_py.guidance import mission
 from firmware_py.guidance.mission_step import steps_of
 from firmware_py.modes import ACCEPTED, decide
 from firmware_py.plans.validation import fault_of
-from firmware_py.state import State, situation_of
 
 
 def accept(state: State, request: Request) -> tuple[State, Answer]:

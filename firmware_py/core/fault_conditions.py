@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.records import DeviceState, Mode
+from firmware_py.core.state import Settings, State, fence_enabled, fresh
 from firmware_py.estimate.sources import CompassState
 from firmware_py.faults.page import TABLE, Fault
 from firmware_py.guidance import guidance
 from firmware_py.safety import supervisor
-from firmware_py.state import Settings, State, fence_enabled, fresh
 
 LATE_MEMORY_S: Final = 2.0
 RESTART_MEMORY_S: Final = 5.0

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from firmware_py import conditions
 from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import Verdict
 from firmware_py.common.records import (
@@ -28,14 +27,15 @@ from firmware_py.common.records import (
 from firmware_py.control import heading_controller
 from firmware_py.control.reference_model import Reference
 from firmware_py.control.rudder_limit import limited_command
+from firmware_py.core import fault_conditions
+from firmware_py.core.accept import accept
+from firmware_py.core.state import Settings, State, fence_enabled, settings_of, situation_of
 from firmware_py.estimate import heading_estimator, kalman, position, water
 from firmware_py.faults.latch import update as update_monitor
 from firmware_py.faults.page import Fault
 from firmware_py.guidance import guidance
 from firmware_py.modes import ModeState, Situation, arming_obstacle, live_bench, live_stick
-from firmware_py.requests import accept
 from firmware_py.safety import energy_meter, rudder_monitor, supervisor
-from firmware_py.state import Settings, State, fence_enabled, settings_of, situation_of
 
 __all__ = ["State", "accept", "settings_of", "step"]
 
@@ -50,7 +50,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     step_s = min(max(0.0, now_s - before.t_s), 1.0) if before.started_s is not None else 0.0
     state, sensed_told = _sensed(settings, state, inputs)
     state = _watched(settings, state, inputs, step_s)
-    monitor, faults_told = update_monitor(state.monitor, conditions.standing(settings, state, now_s), now_s)
+    monitor, faults_told = update_monitor(state.monitor, fault_conditions.standing(settings, state, now_s), now_s)
     state = replace(state, monitor=monitor)
     situation = situation_of(state, now_s)
     guard, modes, guard_told = supervisor.guarded(

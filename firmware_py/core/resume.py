@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 from firmware_py.common.json_codec import Codec
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Home
+from firmware_py.core.state import State
+from firmware_py.core.state_codec import CHANGES
 from firmware_py.guidance.guidance import NavState
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.mission import MissionProgress
@@ -20,8 +22,6 @@ from firmware_py.guidance.orbit import OrbitState
 from firmware_py.guidance.task_follower import FollowState
 from firmware_py.guidance.tasks import Order
 from firmware_py.modes import ModeState
-from firmware_py.state import State
-from firmware_py.step_state import CHANGES
 
 RESUME_FILE = "resume.state"
 INTERVAL_S = 5.0

@@ -22,10 +22,10 @@ from firmware_py.common.parameters import INDEX, ParameterError, ParameterSet
 from firmware_py.common.plan import HOOK as PLAN_HOOK
 from firmware_py.common.reading_notes import Spot, number, shown
 from firmware_py.common.record_history import Change, Record
+from firmware_py.core.step import State
 from firmware_py.faults.latch import MonitorState
 from firmware_py.faults.page import Fault
 from firmware_py.safety.failsafe import FailsafeState
-from firmware_py.step import State
 
 # The faults of version 1 in their order; it does not follow the table of today.
 FAULTS_OF_VERSION_1 = (
