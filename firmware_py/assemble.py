@@ -11,11 +11,9 @@ from typing import Any
 from firmware_py import __version__
 from firmware_py.actuator.dynamixel import DynamixelRudder
 from firmware_py.actuator.volz import VolzRudder
-from firmware_py.clock import LockstepClock, RealClock, set_utc_s
 from firmware_py.common.interfaces import ByteLine, Clock, Compass, Position, Rudder
 from firmware_py.common.parameters import INDEX, TABLE, ParameterSet, format_file
 from firmware_py.common.records import Event
-from firmware_py.console import Console
 from firmware_py.core.step import State
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.identity import Version
@@ -24,17 +22,19 @@ from firmware_py.link.storage import Storage
 from firmware_py.log.disk import log_files
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.loop import PARAMETER_FILE, Boat, Pilot
-from firmware_py.realtime import LoadMeter, clock_is_kept
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
 from firmware_py.sensors.pni_tcm import PniCompass
-from firmware_py.sensors.second import SecondCompass
+from firmware_py.sensors.relabelled import SecondCompass
 from firmware_py.sensors.ubx import UbxPosition
-from firmware_py.serial_line import PortError, SerialLine
-from firmware_py.shelter import Shelter
-from firmware_py.store import Store
-from firmware_py.stored import stored_parameters, stored_plans, with_resume
-from firmware_py.timekeeper import Timekeeper
+from firmware_py.system.clock import LockstepClock, RealClock, set_utc_s
+from firmware_py.system.clock_setter import Timekeeper
+from firmware_py.system.console import Console
+from firmware_py.system.fault_barrier import Shelter
+from firmware_py.system.realtime import LoadMeter, clock_is_kept
+from firmware_py.system.serial_port import PortError, SerialLine
+from firmware_py.system.state_directory import stored_parameters, stored_plans, with_resume
+from firmware_py.system.store import Store
 from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle, VehicleError
 
 LOG_DIRECTORY = "logs"

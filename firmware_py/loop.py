@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from firmware_py.clock import Metronome
 from firmware_py.common.intents import Answer, ForgetParameters, ReplacePlan, Request, Restart, SetParameter, Verdict
 from firmware_py.common.interfaces import Clock, Compass, Device, Link, Position, Recorder, Rudder
 from firmware_py.common.parameters import ParameterSet
@@ -17,11 +16,12 @@ from firmware_py.common.records import Event, HeadingSample, Inputs, Output, Rud
 from firmware_py.core.resume import RESUME_FILE, Memory
 from firmware_py.core.state_codec import state_to_text
 from firmware_py.core.step import State, accept, settings_of, step
-from firmware_py.health import HealthWatch
-from firmware_py.serial_line import SerialLine
-from firmware_py.shelter import Shelter
-from firmware_py.store import Store
-from firmware_py.timekeeper import Timekeeper
+from firmware_py.system.clock import Metronome
+from firmware_py.system.clock_setter import Timekeeper
+from firmware_py.system.fault_barrier import Shelter
+from firmware_py.system.health import HealthWatch
+from firmware_py.system.serial_port import SerialLine
+from firmware_py.system.store import Store
 
 # Before a deadline the link is left alone for this long, or for this part of a short period.
 GUARD_S = 0.003

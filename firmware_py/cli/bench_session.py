@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from firmware_py.assemble import COMPASSES, POSITIONS, RUDDERS, make_driver
-from firmware_py.clock import RealClock
 from firmware_py.common.angles import compass_degrees, degrees
 from firmware_py.common.interfaces import Compass, Position, Rudder
 from firmware_py.common.records import DeviceHealth, HeadingSample, PositionSample, RudderCommand, RudderFeedback
 from firmware_py.sensors.line_tee import LineTee
-from firmware_py.serial_line import PortError, SerialLine
+from firmware_py.system.clock import RealClock
+from firmware_py.system.serial_port import PortError, SerialLine
 from firmware_py.vehicle import Vehicle
 
 POLL_INTERVAL_S = 0.1

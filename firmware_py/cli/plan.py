@@ -17,7 +17,7 @@ from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import write_plan
 from firmware_py.plans.read_file import read_file
 from firmware_py.plans.text_files import write_text
-from firmware_py.store import Store, StoreError, stored_content
+from firmware_py.system.store import Store, StoreError, stored_content
 
 KINDS: Mapping[str, PlanKind] = {kind.name.lower(): kind for kind in PlanKind}
 

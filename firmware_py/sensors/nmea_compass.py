@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
-from firmware_py.sensors.condition import Condition
+from firmware_py.sensors.device_monitor import Condition
 from firmware_py.sensors.nmea_reader import NmeaReader
 from firmware_py.sensors.nmea_sentences import Decoded, Numbers
 

@@ -18,11 +18,11 @@ from firmware_py.common.records import (
 )
 from firmware_py.sensors import pni_protocol as pni
 from firmware_py.sensors.binary_framing import Packet
-from firmware_py.sensors.condition import SILENT_AFTER_S, Condition
+from firmware_py.sensors.device_monitor import SILENT_AFTER_S, Condition
+from firmware_py.sensors.message_error import CHECKSUM, MessageError
 from firmware_py.sensors.pni_calibration import PniCalibration
 from firmware_py.sensors.pni_protocol import Component, Frame
 from firmware_py.sensors.pni_reading import Reading, read_data
-from firmware_py.sensors.refusal import CHECKSUM, MessageError
 
 STEP_S = 0.05  # between two commands; the module confirms within milliseconds and has no error reply
 PATIENCE_S = 1.0  # without a heading for this long the module is set up again

@@ -10,8 +10,8 @@ from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
 from firmware_py.sensors import ubx_protocol as ubx
 from firmware_py.sensors.binary_framing import Packet
-from firmware_py.sensors.condition import Condition
-from firmware_py.sensors.refusal import CHECKSUM, MessageError
+from firmware_py.sensors.device_monitor import Condition
+from firmware_py.sensors.message_error import CHECKSUM, MessageError
 
 SAMPLES_KEPT = 64  # one read of 4096 bytes holds 40
 

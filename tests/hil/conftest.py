@@ -9,7 +9,7 @@ from collections import deque
 import numpy as np
 import pytest
 
-from firmware_py.store import Store
+from firmware_py.system.store import Store
 from hil.board import Board
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.impairment import Impaired

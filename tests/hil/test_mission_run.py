@@ -14,7 +14,7 @@ import pytest
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.loop import PLAN_FILES
-from firmware_py.store import Store
+from firmware_py.system.store import Store
 from hil import scenarios
 from hil.board import Board
 from hil.devices.pty_line import PtyLine

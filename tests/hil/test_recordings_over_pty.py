@@ -10,7 +10,7 @@ import pytest
 
 from firmware_py.common.records import DeviceState, NorthReference
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
-from firmware_py.serial_line import SerialLine
+from firmware_py.system.serial_port import SerialLine
 
 SHARED = Path(__file__).parents[2] / "../shared/data"
 FILES = sorted(path.name for path in (SHARED / "nmea").glob("*.*")) or ["../shared/data/nmea is not here"]

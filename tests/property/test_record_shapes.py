@@ -17,7 +17,7 @@ from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
 from firmware_py.log.reader import read_log
-from firmware_py.store import stored_content
+from firmware_py.system.store import stored_content
 
 DATA = Path(__file__).parents[1] / "replay" / "data" / "first_layout"
 START = State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))

@@ -19,8 +19,8 @@ from firmware_py.common.plan import PlanKind
 from firmware_py.common.records import Mode
 from firmware_py.control import scheduled
 from firmware_py.core.step import State
-from firmware_py.store import Store
-from firmware_py.stored import stored_parameters, stored_plans, with_resume
+from firmware_py.system.state_directory import stored_parameters, stored_plans, with_resume
+from firmware_py.system.store import Store
 
 DATA = Path(__file__).parent / "data"
 LOGS = {path.name: path for path in sorted(DATA.rglob("*.BIN"))}

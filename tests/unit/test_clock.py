@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from firmware_py.clock import LOCK_MARGIN_S, LOCK_SLEW, ClockError, LockstepClock, Metronome, RealClock
+from firmware_py.system.clock import LOCK_MARGIN_S, LOCK_SLEW, ClockError, LockstepClock, Metronome, RealClock
 
 
 def test_deadlines_are_absolute():

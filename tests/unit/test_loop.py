@@ -34,8 +34,8 @@ from firmware_py.common.records import (
 from firmware_py.core.step import State
 from firmware_py.faults.page import Fault
 from firmware_py.loop import LINK_PART, PARAMETER_FILE, PENDING_LIMIT, PLAN_FILES, Boat, Pilot, run
-from firmware_py.shelter import Shelter
-from firmware_py.timekeeper import Timekeeper
+from firmware_py.system.clock_setter import Timekeeper
+from firmware_py.system.fault_barrier import Shelter
 
 
 class FakeClock:

@@ -3,7 +3,7 @@ import pty
 
 import pytest
 
-from firmware_py.serial_line import EMPTY_READS_LIMIT, UNSENT_LIMIT, PortError, SerialLine
+from firmware_py.system.serial_port import EMPTY_READS_LIMIT, UNSENT_LIMIT, PortError, SerialLine
 
 
 class Cable:

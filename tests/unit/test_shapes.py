@@ -24,8 +24,8 @@ from firmware_py.faults.page import Fault
 from firmware_py.log.reader import read_log
 from firmware_py.loop import PARAMETER_FILE, PLAN_FILES
 from firmware_py.safety.failsafe import FailsafeState
-from firmware_py.store import Store, stored_content
-from firmware_py.stored import stored_parameters, stored_plans, with_resume
+from firmware_py.system.state_directory import stored_parameters, stored_plans, with_resume
+from firmware_py.system.store import Store, stored_content
 
 DATA = Path(__file__).parents[1] / "replay" / "data" / "first_layout"
 UTC_S = 1767225600.0

@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.shelter import MOST, WITHIN_S, Shelter
+from firmware_py.system.fault_barrier import MOST, WITHIN_S, Shelter
 
 
 def faulty():

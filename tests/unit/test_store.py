@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.store import Store, StoreError
+from firmware_py.system.store import Store, StoreError
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.timekeeper import FIRST_UTC_S, NEVER, WHEN_UNKEPT, WHEN_WRONG, Timekeeper
+from firmware_py.system.clock_setter import FIRST_UTC_S, NEVER, WHEN_UNKEPT, WHEN_WRONG, Timekeeper
 
 TRUE_S = FIRST_UTC_S + 1e7
 

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.plans.items import TABLE
-from firmware_py.store import Store
+from firmware_py.system.store import Store
 
 WAYPOINTS = (
     "QGC WPL 110\n"

@@ -3,7 +3,7 @@
 import pytest
 
 from firmware_py.common.records import DeviceRole, DeviceState
-from firmware_py.sensors.condition import LONGEST_TEXT, SILENT_AFTER_S, Condition
+from firmware_py.sensors.device_monitor import LONGEST_TEXT, SILENT_AFTER_S, Condition
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import datetime as dt
 import pytest
 
 from firmware_py.sensors import nmea_fields
-from firmware_py.sensors.refusal import MessageError
+from firmware_py.sensors.message_error import MessageError
 
 SIGNS = {"E": 1.0, "W": -1.0}
 

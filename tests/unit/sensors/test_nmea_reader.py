@@ -3,7 +3,7 @@
 import pytest
 
 from firmware_py.common.records import DeviceRole
-from firmware_py.sensors.condition import Condition
+from firmware_py.sensors.device_monitor import Condition
 from firmware_py.sensors.nmea_reader import NmeaReader
 
 

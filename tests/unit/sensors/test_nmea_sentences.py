@@ -3,9 +3,9 @@
 import pytest
 from pynmeagps import NMEAReader
 
+from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.nmea_framing import NmeaFramer
 from firmware_py.sensors.nmea_sentences import TABLE, decode_sentence
-from firmware_py.sensors.refusal import MessageError
 
 
 def decode(raw):

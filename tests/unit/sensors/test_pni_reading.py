@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.pni_reading import read_data
-from firmware_py.sensors.refusal import MessageError
 
 
 def payload_of(frame):

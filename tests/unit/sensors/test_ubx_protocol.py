@@ -4,7 +4,7 @@ import pytest
 
 from firmware_py.common.records import FixType
 from firmware_py.sensors import ubx_protocol
-from firmware_py.sensors.refusal import MALFORMED, MessageError
+from firmware_py.sensors.message_error import MALFORMED, MessageError
 
 
 def test_a_packet_and_its_parts(ubx):

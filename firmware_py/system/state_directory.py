@@ -15,7 +15,7 @@ from firmware_py.core.resume import RESUME_FILE, resumed
 from firmware_py.core.step import State
 from firmware_py.loop import PARAMETER_FILE, PLAN_FILES
 from firmware_py.plans.validation import fault_of
-from firmware_py.store import Store
+from firmware_py.system.store import Store
 
 _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)")
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from firmware_py.common.interfaces import Clock, Device, Link, Recorder
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState
-from firmware_py.store import Store
+from firmware_py.system.store import Store
 
 INTERVAL_S = 0.5
 STATION_S = 5.0  # a ground station says something every second
