@@ -16,9 +16,9 @@ from firmware_py.common.parameters import INDEX, TABLE, ParameterSet, format_fil
 from firmware_py.common.records import Event
 from firmware_py.core.step import State
 from firmware_py.link.endpoint import Endpoint
-from firmware_py.link.identity import Version
-from firmware_py.link.opening import open_transport
-from firmware_py.link.storage import Storage
+from firmware_py.link.files.root import Storage
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.wire.open_transport import open_transport
 from firmware_py.log.disk import log_files
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.loop import PARAMETER_FILE, Boat, Pilot

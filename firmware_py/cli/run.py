@@ -10,8 +10,8 @@ from pathlib import Path
 
 from firmware_py import __version__
 from firmware_py.assemble import Assembly, Options, assemble
-from firmware_py.link.transport import LinkError
-from firmware_py.link.worker import THREAD as FILES_THREAD
+from firmware_py.link.wire.transport import LinkError
+from firmware_py.link.wire.worker import THREAD as FILES_THREAD
 from firmware_py.loop import run as run_loop
 from firmware_py.system import realtime
 from firmware_py.system.clock import ClockError

@@ -7,33 +7,33 @@ from collections.abc import Callable, Mapping, Sequence
 
 from firmware_py.common.interfaces import Authority, Calibrator, Vault
 from firmware_py.common.records import Event, Output, Severity, Snapshot
-from firmware_py.link import estimates, motion, telemetry
-from firmware_py.link.access import Admitted, Gate, Standing, reads_only
-from firmware_py.link.command_requests import request_data_stream
-from firmware_py.link.command_table import TABLE as COMMANDS
-from firmware_py.link.commands import Commands
-from firmware_py.link.dialect import Message, Packed
-from firmware_py.link.files import Files
-from firmware_py.link.goals import Goals
-from firmware_py.link.home_setting import HomeSetting
-from firmware_py.link.identity import Version
-from firmware_py.link.intake import Intake
-from firmware_py.link.key_setup import KeySetup
+from firmware_py.link.commands.requests import request_data_stream
+from firmware_py.link.commands.server import Commands
+from firmware_py.link.commands.table import TABLE as COMMANDS
+from firmware_py.link.context import Handler, Session, Suppliers
+from firmware_py.link.files.root import PACKED_PARAMETERS, Storage, tree_of
+from firmware_py.link.files.server import Files
 from firmware_py.link.logs import Logs
-from firmware_py.link.manual import Manual
-from firmware_py.link.mission import Mission
-from firmware_py.link.outbox import Priority
-from firmware_py.link.parameters import Parameters
+from firmware_py.link.manual_control import Manual
+from firmware_py.link.mission.home_setting import HomeSetting
+from firmware_py.link.mission.plan_file import PlanFiles
+from firmware_py.link.mission.server import Mission
+from firmware_py.link.parameters.server import Parameters
 from firmware_py.link.peer import Peer, Roster
-from firmware_py.link.plan_file import PlanFiles
-from firmware_py.link.refusals import refuse
-from firmware_py.link.scene import Scene
-from firmware_py.link.session import Handler, Session, Suppliers
-from firmware_py.link.signing import LinkSealer, Signing
-from firmware_py.link.storage import PACKED_PARAMETERS, Storage, tree_of
-from firmware_py.link.timing import Timing
-from firmware_py.link.transport import Address, Transport
-from firmware_py.link.worker import Worker
+from firmware_py.link.security.access import Admitted, Gate, Standing, reads_only
+from firmware_py.link.security.denials import refuse
+from firmware_py.link.security.key_setup import KeySetup
+from firmware_py.link.security.signing import LinkSealer, Signing
+from firmware_py.link.setpoints import Goals
+from firmware_py.link.telemetry import estimates, motion, table
+from firmware_py.link.telemetry.context_fields import Scene
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.timesync import Timing
+from firmware_py.link.wire.dialect import Message, Packed
+from firmware_py.link.wire.outbox import Priority
+from firmware_py.link.wire.receive_queue import Intake
+from firmware_py.link.wire.transport import Address, Transport
+from firmware_py.link.wire.worker import Worker
 
 _HEARTBEAT, _CURRENT_MODE, _DATA_STREAM = 0, 436, 66
 _GROUND_STATION = 6  # MAV_TYPE_GCS
@@ -248,7 +248,7 @@ class Endpoint:
             return
         self._session.send(peer, self._session.heartbeat(), Priority.URGENT)
         if self._session.snapshot is not None:
-            peer.streams.sent(telemetry.ROWS_OF[_HEARTBEAT][0], now_s)
+            peer.streams.sent(table.ROWS_OF[_HEARTBEAT][0], now_s)
         for event in (*self._greeting, *self._recent):
             self._session.tell(peer, event.severity, event.text)
 
@@ -293,18 +293,18 @@ class Endpoint:
                 if row not in packed:
                     packed[row] = self._packed(row, scene)
                 found = packed[row]
-                urgent = telemetry.TABLE[row].priority is Priority.URGENT
+                urgent = table.TABLE[row].priority is Priority.URGENT
                 if found is not None and not urgent:
                     room_bytes -= peer.outbox.size_of(found)
                     if room_bytes < 0.0:
                         # The rest stays due, and the longest due goes first next time.
                         continue
                 if found is not None:
-                    peer.outbox.push(found, telemetry.TABLE[row].priority)
+                    peer.outbox.push(found, table.TABLE[row].priority)
                 peer.streams.sent(row, now_s)
 
     def _packed(self, row: int, scene: Scene) -> Packed | None:
-        message = telemetry.TABLE[row].build(scene)
+        message = table.TABLE[row].build(scene)
         return None if message is None else self._session.codec.pack(message)
 
     def _flush(self, now_s: float) -> None:

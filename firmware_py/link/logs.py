@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_py.common.records import Severity
-from firmware_py.link.dialect import Message, Packed
-from firmware_py.link.outbox import Priority
+from firmware_py.link.context import Handler, Session
 from firmware_py.link.peer import Peer
-from firmware_py.link.session import Handler, Session
-from firmware_py.link.worker import Worker
+from firmware_py.link.wire.dialect import Message, Packed
+from firmware_py.link.wire.outbox import Priority
+from firmware_py.link.wire.worker import Worker
 
 _LOG_DATA, _LOG_ENTRY = 120, 118
 _BLOCK = 90

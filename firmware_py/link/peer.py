@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from firmware_py.link.access import Admitted, Gate
-from firmware_py.link.allowance import Allowance
-from firmware_py.link.bulk import BulkShare
-from firmware_py.link.framing import Splitter
-from firmware_py.link.options import LinkClass
-from firmware_py.link.outbox import Outbox, Sealer
-from firmware_py.link.statustext import Notices
-from firmware_py.link.streams import Streams
-from firmware_py.link.transport import Address, Transport
+from firmware_py.link.security.access import Admitted, Gate
+from firmware_py.link.telemetry.statustext import Notices
+from firmware_py.link.telemetry.streams import Streams
+from firmware_py.link.wire.bulk import BulkShare
+from firmware_py.link.wire.framing import Splitter
+from firmware_py.link.wire.outbox import Outbox, Sealer
+from firmware_py.link.wire.token_bucket import Allowance
+from firmware_py.link.wire.transport import Address, Transport
+from firmware_py.link.wire.url_options import LinkClass
 
 MAX_PEERS = 8  # that have spoken on a datagram transport
 QUIET_S = 10.0  # a datagram peer silent for this long makes room for a new one

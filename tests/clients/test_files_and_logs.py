@@ -14,7 +14,7 @@ import pytest
 
 from firmware_py.cli.params import _qgc_file
 from firmware_py.common.parameters import TABLE, format_file, parse_file
-from firmware_py.link.metadata import parameter_json
+from firmware_py.link.parameters.metadata import parameter_json
 
 CLIENT = Path(__file__).with_name("mavsdk_files_client.py")
 CANNOT_BE_HAD = 77

@@ -12,9 +12,9 @@ from firmware_py.common.intents import Answer, Verdict
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.link.endpoint import Endpoint
-from firmware_py.link.identity import Version
-from firmware_py.link.options import PLAIN
-from firmware_py.link.storage import Storage
+from firmware_py.link.files.root import Storage
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.wire.url_options import PLAIN
 
 
 class Authority:

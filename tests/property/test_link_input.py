@@ -46,12 +46,12 @@ from firmware_py.common.records import (
     RudderFeedback,
     Snapshot,
 )
-from firmware_py.link.command_table import TABLE as COMMAND_TABLE
+from firmware_py.link.commands.table import TABLE as COMMAND_TABLE
 from firmware_py.link.endpoint import Endpoint
-from firmware_py.link.identity import Version
-from firmware_py.link.options import PLAIN
-from firmware_py.link.streams import FASTEST_S, SLOWEST_S
-from firmware_py.link.telemetry import TABLE
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.telemetry.streams import FASTEST_S, SLOWEST_S
+from firmware_py.link.telemetry.table import TABLE
+from firmware_py.link.wire.url_options import PLAIN
 from firmware_py.plans.validation import fault_of
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2)

@@ -1,8 +1,8 @@
 """The page of messages and commands knows every one of them."""
 
 from firmware_py.__main__ import main
-from firmware_py.link.command_table import TABLE as COMMANDS
-from firmware_py.link.telemetry import TABLE as TELEMETRY
+from firmware_py.link.commands.table import TABLE as COMMANDS
+from firmware_py.link.telemetry.table import TABLE as TELEMETRY
 
 
 def test_the_page_has_every_row_and_every_message_that_is_heard(capsys):

@@ -5,9 +5,9 @@ from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SetParameter
-from firmware_py.link.options import parse_options
 from firmware_py.link.peer import HINTS, REFUSALS
-from firmware_py.link.signing import timestamp_of
+from firmware_py.link.security.signing import timestamp_of
+from firmware_py.link.wire.url_options import parse_options
 
 KEY = bytes(range(100, 132))
 NOW = timestamp_of(1.7e9)

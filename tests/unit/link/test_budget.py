@@ -16,7 +16,7 @@ from firmware_py.common.records import (
     RudderFeedback,
     Severity,
 )
-from firmware_py.link.telemetry import TABLE
+from firmware_py.link.telemetry.table import TABLE
 
 BITS_PER_BYTE = 10
 SECONDS = 60.0

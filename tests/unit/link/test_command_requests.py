@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.records import Activity, FixType, Home, Navigation, PositionSample, RudderFeedback
-from firmware_py.link.telemetry import TABLE
+from firmware_py.link.telemetry.table import TABLE
 
 FIX = {"position": PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2), "position_ok": True}
 SERVO = {"servo": RudderFeedback(0.0, 0.1, 30.0, 12.0, 0.2)}

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from firmware_py.link.dialect import ADDITIONS, Codec, mavlink, stamp, text_of
+from firmware_py.link.wire.dialect import ADDITIONS, Codec, mavlink, stamp, text_of
 
 DEFINITIONS = pathlib.Path(__file__).parents[3] / "../shared/data/mavlink/definitions"
 

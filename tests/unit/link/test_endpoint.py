@@ -13,8 +13,8 @@ from firmware_py.common.interfaces import Link
 from firmware_py.common.records import Event, Mode, Output, RudderCommand, Severity
 from firmware_py.faults.page import Fault
 from firmware_py.link.endpoint import Endpoint
-from firmware_py.link.identity import Version
-from firmware_py.link.opening import open_transport
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.wire.open_transport import open_transport
 
 
 def test_the_first_heartbeat_goes_out_at_once_and_says_initialising(make_rig, of):

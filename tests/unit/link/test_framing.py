@@ -4,8 +4,8 @@ import random
 
 import pytest
 
-from firmware_py.link.dialect import mavlink
-from firmware_py.link.framing import STALE_S, Splitter
+from firmware_py.link.wire.dialect import mavlink
+from firmware_py.link.wire.framing import STALE_S, Splitter
 
 
 def frame(sequence=0, *, text=b"hello", v1=False):

@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.link.intake import _SHARE_BYTES, Intake
+from firmware_py.link.wire.receive_queue import _SHARE_BYTES, Intake
 
 
 @pytest.fixture

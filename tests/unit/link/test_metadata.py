@@ -7,9 +7,9 @@ import pathlib
 import pytest
 
 from firmware_py.common.parameters import TABLE
-from firmware_py.link.ftp_area import mavlink_crc32
-from firmware_py.link.identity import Version
-from firmware_py.link.metadata import Metadata, parameter_json
+from firmware_py.link.files.area import mavlink_crc32
+from firmware_py.link.parameters.metadata import Metadata, parameter_json
+from firmware_py.link.telemetry.identity import Version
 
 DEFINITIONS = pathlib.Path(__file__).parents[3] / "../shared/data/mavlink/definitions"
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from firmware_py.link.options import PLAIN, LinkClass, LinkOptions, OptionError, Policy, parse_options
-from firmware_py.link.transport import LinkError, parse_url
+from firmware_py.link.wire.transport import LinkError, parse_url
+from firmware_py.link.wire.url_options import PLAIN, LinkClass, LinkOptions, OptionError, Policy, parse_options
 
 
 def test_all_options():

@@ -2,8 +2,8 @@
 
 import random
 
-from firmware_py.link.dialect import Codec, mavlink
-from firmware_py.link.outbox import Outbox, Priority
+from firmware_py.link.wire.dialect import Codec, mavlink
+from firmware_py.link.wire.outbox import Outbox, Priority
 
 CODEC = Codec(1, 1)
 

@@ -5,7 +5,7 @@ import struct
 import pytest
 
 from firmware_py.common.parameters import TABLE, Kind, ParameterError, ParameterSet
-from firmware_py.link.param_pack import packed, unpacked
+from firmware_py.link.parameters.pack import packed, unpacked
 
 param_ftp = pytest.importorskip("MAVProxy.modules.lib.param_ftp")
 CHANGED = ParameterSet().replaced("CTL_K1", 33.25).replaced("LOOP_RATE_HZ", 20)

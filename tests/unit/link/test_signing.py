@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.link.dialect import Codec
-from firmware_py.link.signing import (
+from firmware_py.link.security.signing import (
     AHEAD,
     LATEST,
     MAX_STREAMS,
@@ -19,6 +18,7 @@ from firmware_py.link.signing import (
     Signing,
     timestamp_of,
 )
+from firmware_py.link.wire.dialect import Codec
 
 KEY = bytes(range(1, 33))
 OTHER_KEY = bytes(32 * [7])

@@ -3,7 +3,7 @@
 import pytest
 
 from firmware_py.common.records import Severity
-from firmware_py.link.statustext import Notices, text_messages
+from firmware_py.link.telemetry.statustext import Notices, text_messages
 
 
 def joined(messages):

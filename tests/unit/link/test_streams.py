@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from firmware_py.link.options import LinkClass
-from firmware_py.link.streams import Streams
-from firmware_py.link.telemetry import ROWS_OF, TABLE
+from firmware_py.link.telemetry.streams import Streams
+from firmware_py.link.telemetry.table import ROWS_OF, TABLE
+from firmware_py.link.wire.url_options import LinkClass
 
 ATTITUDE, NAMED = 30, 251
 

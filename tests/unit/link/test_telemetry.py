@@ -21,9 +21,9 @@ from firmware_py.common.records import (
     Water,
 )
 from firmware_py.faults.page import Fault
-from firmware_py.link.dialect import Codec, mavlink
-from firmware_py.link.scene import Scene
-from firmware_py.link.telemetry import ROWS_OF, TABLE
+from firmware_py.link.telemetry.context_fields import Scene
+from firmware_py.link.telemetry.table import ROWS_OF, TABLE
+from firmware_py.link.wire.dialect import Codec, mavlink
 
 CODEC = Codec(1, 1)
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.link.opening import open_transport
+from firmware_py.link.wire.open_transport import open_transport
 
 
 class Line:

@@ -6,9 +6,9 @@ import time
 
 import pytest
 
-from firmware_py.link.opening import open_transport
-from firmware_py.link.transport import LinkError
-from firmware_py.link.transport_tcp import MAX_CLIENTS
+from firmware_py.link.wire.open_transport import open_transport
+from firmware_py.link.wire.transport import LinkError
+from firmware_py.link.wire.transport_tcp import MAX_CLIENTS
 
 
 def free_port():

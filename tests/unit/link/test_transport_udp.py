@@ -5,8 +5,8 @@ import socket
 
 import pytest
 
-from firmware_py.link.opening import open_transport
-from firmware_py.link.transport import LinkError
+from firmware_py.link.wire.open_transport import open_transport
+from firmware_py.link.wire.transport import LinkError
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from firmware_py.link.worker import Worker
+from firmware_py.link.wire.worker import Worker
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
-from firmware_py.link import plan_file
-from firmware_py.link.ftp_area import mavlink_crc32
-from firmware_py.link.plan_file import unpacked
+from firmware_py.link.files.area import mavlink_crc32
+from firmware_py.link.mission import plan_file
+from firmware_py.link.mission.plan_file import unpacked
 from firmware_py.plans.items import Command
 from firmware_py.plans.problem import PlanFault, PlanResult
 
