@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil import scenarios
 from hil.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
 from hil.errors import UsageError
-from hil.goals import GoalError, parse_goals
+from hil.sim import scenarios
+from hil.sim.goals import GoalError, parse_goals
 
 DEFAULT_SEAS = ("tank", "sea", "swell", "weak")
 DEFAULT_GOALS = "0:0,120:60,720:-30"

@@ -10,14 +10,14 @@ import time
 from pathlib import Path
 
 from firmware_py.common.parameters import ParameterSet
-from hil import scenarios
 from hil.cli import outputs
 from hil.errors import UsageError
+from hil.sim import scenarios
+from hil.sim.vehicle_file import VehicleFile, load
 from hil.tune import cases, paper
 from hil.tune.report import Report, as_json, parameter_file, text
 from hil.tune.search import tune
 from hil.tune.trials import Setting, Trials
-from hil.vehicle_file import VehicleFile, load
 
 EVALUATIONS = 400
 EPILOG = """\

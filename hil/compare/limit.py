@@ -17,10 +17,10 @@ from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
 
 from firmware_py.common.angles import degrees, radians
 from firmware_py.model.kt import KtModel
-from hil.scenarios import Scenario
 from hil.ship.drift import TIME_CONSTANT_S
 from hil.ship.waves import DAMPING
-from hil.truth import Array
+from hil.sim.scenarios import Scenario
+from hil.sim.truth import Array
 
 STEP_S = 0.1
 COMPASS_VARIANCE = radians(0.3) ** 2 + radians(0.1) ** 2 / 12.0

@@ -16,14 +16,14 @@ import numpy as np
 from firmware_py.common.angles import TWO_PI, radians
 from firmware_py.model.kt import KtModel, rk4_step
 from hil.compiled import compiled
-from hil.goals import Goal
-from hil.scenarios import Scenario
 from hil.ship.drift import RudderDrift
 from hil.ship.gusts import Gusts
 from hil.ship.hull import GRID_S
 from hil.ship.noise import NormalNumbers, Stream, generator
 from hil.ship.waves import WaveYaw
-from hil.truth import Array, Truth
+from hil.sim.goals import Goal
+from hil.sim.scenarios import Scenario
+from hil.sim.truth import Array, Truth
 from hil.tune.loop_kernel import compass_reading, counted
 from hil.tune.twins import clamp, wrap_pi
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from firmware_py.common.angles import degrees, radians
 from hil.report.figures import STEADY_AFTER_S, goal_spans, overshoot_rad, rudder_travel_deg_per_h
-from hil.truth import Truth
+from hil.sim.truth import Truth
 
 NEAR_RAD = radians(5.0)
 SHORT_S = STEADY_AFTER_S + 100.0  # a goal held for less has no steady part worth the name

@@ -11,9 +11,9 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil import scenarios
 from hil.compare.score import Score, mean_of, score_of
-from hil.goals import Goal
+from hil.sim import scenarios
+from hil.sim.goals import Goal
 
 AUTOPILOT, TWIN = "autopilot", "compiled twin"
 FIXED = {"CTL_MODE": 0.0, "EST_MODE": 0.0}
@@ -92,7 +92,7 @@ def sail_one(task: Task, scenario_name: str, controller: Controller, seed: int) 
         from hil.compare import pid  # noqa: PLC0415 - compiles, which the other rows need not wait for
 
         return score_of(pid.sail(scenario, seed, task.goals, task.seconds, OCEAN_RAMBLER, pid.TUNED))
-    from hil.runner import RunOptions, sail  # noqa: PLC0415 - not needed by the twin
+    from hil.sim.runner import RunOptions, sail  # noqa: PLC0415 - not needed by the twin
 
     with tempfile.TemporaryDirectory(prefix="rambler-compare-") as directory:
         options = RunOptions(

@@ -12,15 +12,15 @@ import numpy as np
 from firmware_py.common.angles import DEGREES_PER_RADIAN, radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
-from hil import scenarios
-from hil.goals import parse_goals
 from hil.identify.identify import Identification, identify
 from hil.identify.manoeuvre_file import read
 from hil.report.figures import GoalFigures, goal_figures, goal_spans
 from hil.reproduce.manoeuvre import Floats, Manoeuvre, circles, predicted, sail, zigzag
-from hil.runner import RunOptions
-from hil.runner import sail as sail_autopilot
-from hil.truth import Truth
+from hil.sim import scenarios
+from hil.sim.goals import parse_goals
+from hil.sim.runner import RunOptions
+from hil.sim.runner import sail as sail_autopilot
+from hil.sim.truth import Truth
 from hil.tune import paper
 from hil.tune.cases import pilot_of
 from hil.tune.paper import StepStudy

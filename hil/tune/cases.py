@@ -16,13 +16,13 @@ import numpy as np
 from firmware_py.common.angles import clamp, degrees, radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import KtModel, steady_yaw_rate
-from hil import scenarios
-from hil.scenarios import Scenario
 from hil.ship.drift import RudderDrift
 from hil.ship.kt_plant import LARGEST_STEP_S, inner_steps
 from hil.ship.noise import NormalNumbers
 from hil.ship.servo import DEFAULT_SLEW_RAD_S
 from hil.ship.waves import WaveYaw
+from hil.sim import scenarios
+from hil.sim.scenarios import Scenario
 from hil.tune.loop_kernel import Seas, Task
 from hil.tune.twins import Pilot
 

@@ -11,8 +11,8 @@ import pytest
 
 from firmware_py import __version__
 from firmware_py.common.parameters import TABLE, Kind
-from hil.truth import ROWS_PER_SECOND
-from hil.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
+from hil.sim.truth import ROWS_PER_SECOND
+from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 
 CLIENT = Path(__file__).with_name("mavsdk_client.py")
 VOYAGE = Path(__file__).with_name("mavsdk_voyage.py")

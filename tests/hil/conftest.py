@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from firmware_py.system.store import Store
-from hil.board import Board
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.impairment import Impaired
 from hil.devices.nmea_compass import NmeaCompassEmulator
@@ -19,13 +18,14 @@ from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.pty_line import PtyLine
 from hil.devices.spoiled import SpoiledAttitude, SpoiledWhereabouts
 from hil.devices.volz import VolzEmulator
-from hil.firmware import Firmware
-from hil.goals import parse_goals
-from hil.ground_station import MODE_NAMES, GroundStation, Order
-from hil.lockstep import LockstepServer
-from hil.pace import Pacer
-from hil.scenarios import named
-from hil.world import START_UTC_S, World
+from hil.sim.board import Board
+from hil.sim.goals import parse_goals
+from hil.sim.ground_station import MODE_NAMES, GroundStation, Order
+from hil.sim.lockstep import LockstepServer
+from hil.sim.pace import Pacer
+from hil.sim.process import Firmware
+from hil.sim.scenarios import named
+from hil.sim.world import START_UTC_S, World
 
 SERVOS = {"dynamixel": (DynamixelEmulator, 57600), "volz": (VolzEmulator, 115200)}
 COMPASSES = {"nmea": (NmeaCompassEmulator, "nmea"), "pni": (PniTcmEmulator, "pni_tcm")}

@@ -12,16 +12,16 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.log.reader import read_log
-from hil.board import Board
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.impairment import Impaired
 from hil.devices.nmea_compass import NmeaCompassEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.pty_line import PtyLine
 from hil.devices.volz import VolzEmulator
-from hil.firmware import Firmware
-from hil.scenarios import named
-from hil.world import World
+from hil.sim.board import Board
+from hil.sim.process import Firmware
+from hil.sim.scenarios import named
+from hil.sim.world import World
 
 VEHICLE = """
 [compass]

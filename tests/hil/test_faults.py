@@ -13,7 +13,7 @@ from firmware_py.__main__ import main
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.faults.page import TABLE, Fault
-from hil.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
+from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 
 LOITER, AUTO, GUIDED = 5, 10, 15
 SET_MODE, CHANGE_HEADING = 176, 43002

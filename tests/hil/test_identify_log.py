@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from hil import scenarios
-from hil.goals import parse_goals
-from hil.runner import RunOptions, sail
+from hil.sim import scenarios
+from hil.sim.goals import parse_goals
+from hil.sim.runner import RunOptions, sail
 
 ROOT = Path(__file__).parents[2]
 LOG = "state/logs/00000001.BIN"

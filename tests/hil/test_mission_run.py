@@ -15,17 +15,17 @@ from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.loop import PLAN_FILES
 from firmware_py.system.store import Store
-from hil import scenarios
-from hil.board import Board
 from hil.devices.pty_line import PtyLine
-from hil.firmware import Firmware
-from hil.ground_station import GroundStation
-from hil.lockstep import LockstepServer
-from hil.outfit import emulators
-from hil.pace import Pacer
-from hil.truth import read
-from hil.vehicle_file import VehicleFile
-from hil.world import METRES_PER_DEGREE, START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
+from hil.sim import scenarios
+from hil.sim.board import Board
+from hil.sim.device_factory import emulators
+from hil.sim.ground_station import GroundStation
+from hil.sim.lockstep import LockstepServer
+from hil.sim.pace import Pacer
+from hil.sim.process import Firmware
+from hil.sim.truth import read
+from hil.sim.vehicle_file import VehicleFile
+from hil.sim.world import METRES_PER_DEGREE, START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
 ROOT = Path(__file__).parents[2]
 AUTO = 10

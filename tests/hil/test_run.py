@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.truth import COLUMNS, read
+from hil.sim.truth import COLUMNS, read
 
 ROOT = Path(__file__).parents[2]
 # Tank, paper gains: five seeds, and both compasses with both servos among them.

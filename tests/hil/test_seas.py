@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from hil import scenarios
 from hil.compare.score import mean_of, score_of
 from hil.compare.voyages import OURS, Task, compare
-from hil.goals import parse_goals
-from hil.runner import RunOptions, sail
+from hil.sim import scenarios
+from hil.sim.goals import parse_goals
+from hil.sim.runner import RunOptions, sail
 
 ROOT = Path(__file__).parents[2]
 # What is asked for: rms [deg], rudder travel [deg/h].

@@ -21,7 +21,6 @@ from firmware_py.common.records import (
 )
 from firmware_py.core.step import State, step
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil.scenarios import Scenario, named
 from hil.ship.drift import RudderDrift
 from hil.ship.gusts import Gusts
 from hil.ship.hull import Hull
@@ -31,6 +30,7 @@ from hil.ship.orbit import Orbit
 from hil.ship.planar import PlanarMotion
 from hil.ship.tide import Tide
 from hil.ship.waves import WaveYaw
+from hil.sim.scenarios import Scenario, named
 
 EARTH_M = 6371008.8
 START_RAD = (radians(36.0), radians(121.0))

@@ -8,8 +8,8 @@ import pytest
 from hil.__main__ import main
 from hil.cli import run as command
 from hil.errors import UsageError
-from hil.goals import Goal
-from hil.runner import prepare_directory
+from hil.sim.goals import Goal
+from hil.sim.runner import prepare_directory
 
 
 def options(*words):

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil import scenarios
 from hil.__main__ import main
 from hil.compare import pid
 from hil.compare.score import Score, mean_of, score_of
-from hil.goals import parse_goals
-from hil.truth import Truth
+from hil.sim import scenarios
+from hil.sim.goals import parse_goals
+from hil.sim.truth import Truth
 
 
 def truth_of(error_rad, rudder_rad, goal_rad=None):

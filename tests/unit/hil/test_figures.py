@@ -14,7 +14,7 @@ from hil.report.figures import (
     steady_rudder_travel_deg_per_h,
 )
 from hil.report.loop_health import from_logs, loop_health
-from hil.truth import Truth
+from hil.sim.truth import Truth
 
 
 def truth(heading_deg, goal_deg, rudder_deg=None) -> Truth:

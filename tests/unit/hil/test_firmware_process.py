@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
-from hil import firmware as module
-from hil.firmware import Firmware
+from hil.sim import process as module
+from hil.sim.process import Firmware
 
 
 @pytest.fixture

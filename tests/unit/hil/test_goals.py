@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil.goals import MOST_GOALS, Goal, GoalError, parse_goals
+from hil.sim.goals import MOST_GOALS, Goal, GoalError, parse_goals
 
 
 def test_goals_are_read_in_order():

@@ -5,9 +5,9 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from hil.goals import parse_goals
-from hil.ground_station import PATIENCE_S, GroundStation
-from hil.mavlink_tap import MavlinkTap
+from hil.sim.goals import parse_goals
+from hil.sim.ground_station import PATIENCE_S, GroundStation
+from hil.sim.mavlink_tap import MavlinkTap
 
 ACCEPTED, TEMPORARILY, DENIED = 0, 1, 2
 

@@ -5,11 +5,12 @@ import io
 import pytest
 from rich.console import Console
 
-from hil import live, scenarios
-from hil.goals import parse_goals
-from hil.ground_station import GroundStation
-from hil.live import Banner, LiveDisplay, Silence, make_display, rose
-from hil.world import World
+from hil.sim import display as live
+from hil.sim import scenarios
+from hil.sim.display import Banner, LiveDisplay, Silence, make_display, rose
+from hil.sim.goals import parse_goals
+from hil.sim.ground_station import GroundStation
+from hil.sim.world import World
 
 
 @pytest.fixture

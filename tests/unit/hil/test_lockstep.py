@@ -9,12 +9,12 @@ import threading
 
 import pytest
 
-from hil import scenarios
-from hil.board import Board
 from hil.devices.pty_line import PtyLine
-from hil.lockstep import LockstepError, LockstepServer
-from hil.pace import Pacer
-from hil.world import World
+from hil.sim import scenarios
+from hil.sim.board import Board
+from hil.sim.lockstep import LockstepError, LockstepServer
+from hil.sim.pace import Pacer
+from hil.sim.world import World
 
 
 class Beacon:

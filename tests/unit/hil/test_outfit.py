@@ -4,11 +4,11 @@ import math
 
 import pytest
 
-from hil import scenarios
 from hil.errors import UsageError
-from hil.outfit import emulators
-from hil.vehicle_file import COMPASS_DRIVERS, SERVO_DRIVERS, VehicleFile
-from hil.world import World
+from hil.sim import scenarios
+from hil.sim.device_factory import emulators
+from hil.sim.vehicle_file import COMPASS_DRIVERS, SERVO_DRIVERS, VehicleFile
+from hil.sim.world import World
 
 
 def said(vehicle: VehicleFile, seed: int, seconds: float = 3.0) -> dict[str, bytes]:

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from hil import pace
-from hil.pace import Pacer
+from hil.sim import pace
+from hil.sim.pace import Pacer
 
 
 class Wall:

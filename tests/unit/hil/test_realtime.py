@@ -5,11 +5,11 @@ import os
 
 import pytest
 
-from hil import realtime, scenarios
-from hil.board import Board
 from hil.devices.pty_line import PtyLine
-from hil.realtime import RealTimeServer
-from hil.world import World
+from hil.sim import realtime, scenarios
+from hil.sim.board import Board
+from hil.sim.realtime import RealTimeServer
+from hil.sim.world import World
 
 
 class Wall:

@@ -8,13 +8,13 @@ from dataclasses import replace
 import pytest
 
 from firmware_py.common.angles import radians
-from hil import scenarios
-from hil.goals import parse_goals
-from hil.ground_station import GroundStation
 from hil.report import page, summary
 from hil.report.text import figures_text
-from hil.runner import Run, RunOptions
-from hil.world import World
+from hil.sim import scenarios
+from hil.sim.goals import parse_goals
+from hil.sim.ground_station import GroundStation
+from hil.sim.runner import Run, RunOptions
+from hil.sim.world import World
 
 
 @pytest.fixture

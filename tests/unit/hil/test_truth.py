@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hil.truth import COLUMNS, TruthRecorder, read
+from hil.sim.truth import COLUMNS, TruthRecorder, read
 
 
 def test_a_file_reads_back_and_an_absent_goal_is_an_empty_field(tmp_path):

@@ -7,8 +7,8 @@ import pytest
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.errors import UsageError
-from hil.vehicle_file import VehicleFile, load, parse_settings
-from hil.world import Mounting
+from hil.sim.vehicle_file import VehicleFile, load, parse_settings
+from hil.sim.world import Mounting
 
 PORTS = {"compass": '/tmp/a "b"/compass', "position": "/p", "rudder": "/r", "link": "/l"}
 GIVEN = """

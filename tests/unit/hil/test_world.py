@@ -5,10 +5,10 @@ import math
 import pytest
 
 from firmware_py.common.angles import degrees, radians
-from hil import scenarios
-from hil.goals import parse_goals
-from hil.scenarios import Scenario
-from hil.world import START_UTC_S, Mounting, World
+from hil.sim import scenarios
+from hil.sim.goals import parse_goals
+from hil.sim.scenarios import Scenario
+from hil.sim.world import START_UTC_S, Mounting, World
 
 CALM = scenarios.named("calm")
 

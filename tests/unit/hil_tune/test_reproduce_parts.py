@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
-from hil import scenarios
 from hil.__main__ import main
 from hil.cli.reproduce import text
 from hil.identify.identify import identify
@@ -17,7 +16,8 @@ from hil.reproduce import rows as table
 from hil.reproduce.chain import Voyage
 from hil.reproduce.manoeuvre import circles, predicted, sail, zigzag
 from hil.reproduce.rows import Row, Verdict, all_match
-from hil.truth import Truth
+from hil.sim import scenarios
+from hil.sim.truth import Truth
 
 DEG = math.pi / 180.0
 TANK = scenarios.named("tank")

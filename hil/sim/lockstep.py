@@ -21,9 +21,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from hil.board import Board, Station
 from hil.errors import HilError
-from hil.pace import Pacer
+from hil.sim.board import Board, Station
+from hil.sim.pace import Pacer
 
 PROTOCOL = 1
 HELLO_BYTES = 65536

@@ -11,8 +11,8 @@ from typing import Any
 from pymavlink.dialects.v20 import common as dialect
 
 from firmware_py.common.angles import compass_degrees
-from hil.goals import Goal
-from hil.mavlink_tap import MavlinkTap
+from hil.sim.goals import Goal
+from hil.sim.mavlink_tap import MavlinkTap
 
 SYSTEM = 255
 COMPONENT = dialect.MAV_COMP_ID_MISSIONPLANNER

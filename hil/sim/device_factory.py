@@ -16,8 +16,8 @@ from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.volz import VolzEmulator
 from hil.errors import UsageError
 from hil.ship.noise import Stream, generator
-from hil.vehicle_file import POSITION_DRIVER, VehicleFile
-from hil.world import World
+from hil.sim.vehicle_file import POSITION_DRIVER, VehicleFile
+from hil.sim.world import World
 
 FREQUENCY_ERROR_PPM = 20.0  # spread of ordinary crystal oscillators
 COMPASS_RATE_HZ = 10.0

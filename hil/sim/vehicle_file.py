@@ -14,7 +14,7 @@ from firmware_py.common.angles import radians
 from firmware_py.common.parameters import TABLE, ParameterError, index_of, parse_file
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.errors import UsageError
-from hil.world import Mounting
+from hil.sim.world import Mounting
 
 Section = dict[str, Any]
 

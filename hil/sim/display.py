@@ -17,8 +17,8 @@ from rich.table import Table
 from rich.text import Text
 
 from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
-from hil.ground_station import GroundStation
-from hil.world import World
+from hil.sim.ground_station import GroundStation
+from hil.sim.world import World
 
 REFRESH_S = 0.2
 ROSE_WIDTH = 61

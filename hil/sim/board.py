@@ -10,7 +10,7 @@ from typing import Self
 
 from hil.devices.emulator import Emulator
 from hil.devices.pty_line import PtyLine
-from hil.world import World
+from hil.sim.world import World
 
 Send = Callable[[PtyLine, bytes], object]
 

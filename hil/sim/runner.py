@@ -12,21 +12,21 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hil.board import Board
 from hil.devices.pty_line import PtyLine
 from hil.errors import HilError, UsageError
-from hil.firmware import Firmware
-from hil.goals import Goal
-from hil.ground_station import GUIDED, GroundStation, Order
-from hil.live import Banner, Display, make_display
-from hil.lockstep import LockstepError, LockstepServer
-from hil.outfit import emulators
-from hil.pace import Pacer
-from hil.realtime import RealTimeServer
-from hil.scenarios import Scenario
-from hil.truth import TruthRecorder
-from hil.vehicle_file import VehicleFile
-from hil.world import START_UTC_S, World
+from hil.sim.board import Board
+from hil.sim.device_factory import emulators
+from hil.sim.display import Banner, Display, make_display
+from hil.sim.goals import Goal
+from hil.sim.ground_station import GUIDED, GroundStation, Order
+from hil.sim.lockstep import LockstepError, LockstepServer
+from hil.sim.pace import Pacer
+from hil.sim.process import Firmware
+from hil.sim.realtime import RealTimeServer
+from hil.sim.scenarios import Scenario
+from hil.sim.truth import TruthRecorder
+from hil.sim.vehicle_file import VehicleFile
+from hil.sim.world import START_UTC_S, World
 
 END_S = 15.0  # the rudder goes amidships, the log is written out
 LOOK_S = 0.03  # in real time: a pause this long means that tick and servo exchange are over, and there is time to draw

@@ -5,7 +5,7 @@ from __future__ import annotations
 import select
 import time
 
-from hil.board import Board
+from hil.sim.board import Board
 
 
 class RealTimeServer:
