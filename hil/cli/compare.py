@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
 from hil.errors import UsageError
+from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
 from hil.sim import scenarios
 from hil.sim.goals import GoalError, parse_goals
 
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _limits(rows: list[Row]) -> list[tuple[float, float] | None]:
     """Return for each row the least rms at its travel, with compass alone and with a receiver; None where unknown."""
-    from hil.compare.limit import at_travel, known_for, limits  # noqa: PLC0415 - scipy is slow to import
+    from hil.lab.compare.limit import at_travel, known_for, limits  # noqa: PLC0415 - scipy is slow to import
 
     seas = [scenarios.named(name) for name in {row.scenario for row in rows}]
     curves = {

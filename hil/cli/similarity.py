@@ -9,8 +9,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from firmware_py.model.kt import KtModel
-from hil import similarity
 from hil.errors import UsageError
+from hil.lab import similarity
 from hil.ship.regressions import FLOAT, HullForm, sway_model
 from hil.sim.vehicle_file import Section, VehicleFile, load
 

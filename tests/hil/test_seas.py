@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from hil.compare.score import mean_of, score_of
-from hil.compare.voyages import OURS, Task, compare
+from hil.lab.compare.score import mean_of, score_of
+from hil.lab.compare.voyages import OURS, Task, compare
 from hil.sim import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, sail

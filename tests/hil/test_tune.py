@@ -10,13 +10,13 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER
+from hil.lab.tune.cases import COMPASS_NOISE_DEG, pilot_of, steps_within
+from hil.lab.tune.loop_kernel import Task, closed_loop
+from hil.lab.tune.trials import FIXED_GAINS, Setting, Trials
 from hil.report.figures import rudder_travel_deg_per_h
 from hil.sim import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, sail
-from hil.tune.cases import COMPASS_NOISE_DEG, pilot_of, steps_within
-from hil.tune.loop_kernel import Task, closed_loop
-from hil.tune.trials import FIXED_GAINS, Setting, Trials
 
 ROOT = Path(__file__).parents[2]
 SECONDS = 200

@@ -8,8 +8,8 @@ import pytest
 
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.__main__ import main
-from hil.compare import pid
-from hil.compare.score import Score, mean_of, score_of
+from hil.lab.compare import pid
+from hil.lab.compare.score import Score, mean_of, score_of
 from hil.sim import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.truth import Truth
@@ -105,7 +105,7 @@ def test_bad_usage_is_one_line(words, capsys):
 
 
 def test_the_limit_falls_with_travel_and_with_a_receiver():
-    from hil.compare.limit import at_travel, limits  # noqa: PLC0415
+    from hil.lab.compare.limit import at_travel, limits  # noqa: PLC0415
 
     for name in ("sea", "swell", "weak", "storm"):
         curves = [limits(scenarios.named(name), OCEAN_RAMBLER, receiver=receiver) for receiver in (False, True)]
@@ -117,7 +117,7 @@ def test_the_limit_falls_with_travel_and_with_a_receiver():
 
 def test_the_limit_is_that_of_a_separate_computation():
     """Figures of the same regulator from a program of its own."""
-    from hil.compare.limit import at_travel, limits  # noqa: PLC0415
+    from hil.lab.compare.limit import at_travel, limits  # noqa: PLC0415
 
     sea = limits(scenarios.named("sea"), OCEAN_RAMBLER, receiver=False)
     assert at_travel(sea, 1607.0) == pytest.approx(1.32, abs=0.02)

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete, lfilter
 
-from hil.identify.recording import Recording
+from hil.lab.identify.recording import Recording
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from hil.identify.identify import identify
+from hil.lab.identify.identify import identify
 
 TRUE = np.array([0.049, 4.0, 17.0, 0.0])
 STEP = 0.1

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hil.identify import report
-from hil.identify.identify import identify
-from hil.identify.suggest import suggest
+from hil.lab.identify import report
+from hil.lab.identify.identify import identify
+from hil.lab.identify.suggest import suggest
 
 FEW = 4.0  # standard errors
 

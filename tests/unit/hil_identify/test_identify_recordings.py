@@ -13,11 +13,11 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from hil.identify import report
-from hil.identify.identify import identify
-from hil.identify.manoeuvre_file import read
-from hil.identify.recording import Source
-from hil.identify.suggest import suggest
+from hil.lab.identify import report
+from hil.lab.identify.identify import identify
+from hil.lab.identify.manoeuvre_file import read
+from hil.lab.identify.recording import Source
+from hil.lab.identify.suggest import suggest
 
 FOLDER = Path(__file__).parents[3] / "../shared/data/manoeuvre"
 LONG, SHORT = "yacht_avnav_20160815.csv", "yacht_gpsd_bundg_zeus.csv"

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from numba.core import event
 
 from firmware_py.model import kt
-from hil import compiled as compiled_module
-from hil.compiled import cache_folder, compiled, compiled_here, compiling, inner, sources_digest
+from hil.lab import compiled as compiled_module
+from hil.lab.compiled import cache_folder, compiled, compiled_here, compiling, inner, sources_digest
 from hil.ship import manoeuvring
 
 ROOT = compiled_module.PACKAGE.parent
@@ -133,7 +133,7 @@ def test_a_changed_equation_gets_a_cache_of_its_own(monkeypatch, tmp_path):
 def test_a_second_process_compiles_nothing(tmp_path):
     script = (
         "from firmware_py.model import kt\n"
-        "from hil.compiled import compiled\n"
+        "from hil.lab.compiled import compiled\n"
         "f = compiled(kt.rk4_step)\n"
         "f(0.0, 0.0, 0.1, 0.1, 0.05, 4.0, 17.0, 0.0)\n"
         "print(sum(f.stats.cache_hits.values()), sum(f.stats.cache_misses.values()))\n"

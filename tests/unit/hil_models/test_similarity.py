@@ -7,8 +7,8 @@ import pytest
 
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.__main__ import main
+from hil.lab.similarity import dimensionless, table
 from hil.ship.regressions import FLOAT
-from hil.similarity import dimensionless, table
 
 
 def test_the_table_names_every_speed_and_warns(capsys):

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.swarm import SwarmSettings, behaviour
-from hil.swarm.shoal import (
+from hil.lab.swarm import SwarmSettings, behaviour
+from hil.lab.swarm.shoal import (
     CENTRE,
     FOLLOW_MOVE,
     NONE,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hil.__main__ import main
-from hil.swarm.comparison import SEARCHES, Budget, Row, _SpentError, compare, error, text
-from hil.swarm.functions import TABLE, sphere
+from hil.lab.swarm.comparison import SEARCHES, Budget, Row, _SpentError, compare, error, text
+from hil.lab.swarm.functions import TABLE, sphere
 
 needs_cma = pytest.mark.skipif(importlib.util.find_spec("cma") is None, reason="cma is in the extra dev")
 LOW, HIGH = np.full(2, -5.12), np.full(2, 5.12)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hil.swarm import SwarmSettings, minimise
-from hil.swarm.functions import TABLE, optimum
+from hil.lab.swarm import SwarmSettings, minimise
+from hil.lab.swarm.functions import TABLE, optimum
 
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.compiled import compiled
-from hil.swarm import CompiledObjective, SettingsError, SwarmSettings, minimise
+from hil.lab.compiled import compiled
+from hil.lab.swarm import CompiledObjective, SettingsError, SwarmSettings, minimise
 
 ROOT = Path(__file__).parents[3]
 QUICK = SwarmSettings(fish=8, iterations=12, tries=3, seed=5)
@@ -104,7 +104,7 @@ PLAIN = """
 import sys, pickle, numpy as np
 sys.path.insert(0, {folder!r})
 from test_swarm_search import LOW, HIGH, VARIANTS, bowl
-from hil.swarm import minimise
+from hil.lab.swarm import minimise
 sys.stdout.buffer.write(pickle.dumps([minimise(bowl, LOW, HIGH, variant) for variant in VARIANTS]))
 """
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hil.swarm import SettingsError, SwarmSettings
+from hil.lab.swarm import SettingsError, SwarmSettings
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from firmware_py.common.parameters import parse_file
 from hil.__main__ import main
 from hil.cli import outputs
 from hil.errors import HilError
-from hil.tune import search
+from hil.lab.tune import search
 
 VEHICLE = """
 [vehicle]

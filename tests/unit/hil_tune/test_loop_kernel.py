@@ -16,8 +16,8 @@ from firmware_py.control.s_surface import Gains
 from firmware_py.control.s_surface import rudder_demand as demanded
 from firmware_py.estimate import observer as observer
 from firmware_py.model.kt import rk4_step
-from hil.tune import loop_kernel, twins
-from hil.tune.cases import pilot_of
+from hil.lab.tune import loop_kernel, twins
+from hil.lab.tune.cases import pilot_of
 
 DEG = math.pi / 180.0
 angle = st.floats(-1e3, 1e3)

@@ -9,13 +9,13 @@ import pytest
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.__main__ import main
 from hil.cli.reproduce import text
-from hil.identify.identify import identify
-from hil.identify.manoeuvre_file import read
+from hil.lab.identify.identify import identify
+from hil.lab.identify.manoeuvre_file import read
+from hil.lab.reproduce import rows as table
+from hil.lab.reproduce.chain import Voyage
+from hil.lab.reproduce.manoeuvre import circles, predicted, sail, zigzag
+from hil.lab.reproduce.rows import Row, Verdict, all_match
 from hil.report.figures import goal_figures
-from hil.reproduce import rows as table
-from hil.reproduce.chain import Voyage
-from hil.reproduce.manoeuvre import circles, predicted, sail, zigzag
-from hil.reproduce.rows import Row, Verdict, all_match
 from hil.sim import scenarios
 from hil.sim.truth import Truth
 

@@ -5,8 +5,8 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil.tune import paper
-from hil.tune.cases import pilot_of
+from hil.lab.tune import paper
+from hil.lab.tune.cases import pilot_of
 
 PILOT = pilot_of(ParameterSet())
 

@@ -7,10 +7,10 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil.tune import search
-from hil.tune.loop_kernel import ITAE, TRAVEL
-from hil.tune.search import BOUNDS, Box, tune
-from hil.tune.trials import DEG_PER_H, PAPER, Score, Setting, Trials, front, knee
+from hil.lab.tune import search
+from hil.lab.tune.loop_kernel import ITAE, TRAVEL
+from hil.lab.tune.search import BOUNDS, Box, tune
+from hil.lab.tune.trials import DEG_PER_H, PAPER, Score, Setting, Trials, front, knee
 
 
 @pytest.fixture(scope="module", autouse=True)
