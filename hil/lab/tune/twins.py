@@ -5,7 +5,7 @@
     firmware_py/control/rudder_limit.py    limited_command
     firmware_py/common/angles.py                  clamp, wrap_pi, wrap_two_pi (numba has no math.fmod)
 
-The bench may not import the first three; tests/unit/hil_tune/test_loop_kernel.py holds each twin
+The bench may not import the first three; tests/unit/hil/lab/tune/test_loop_kernel.py holds each twin
 against its original, bit for bit. What the twins leave out is what a trial run never has:
 samples that are late, missing or not numbers.
 

@@ -98,7 +98,7 @@ def test_whatever_comes_the_course_is_an_angle(motion, start, to, accept_m, inte
     st.floats(0.0, 6.28),
 )
 def test_acceptance_always_progresses(north_m, east_m, heading_rad, accept_m, drift, toward_rad):
-    from tests.unit.guidance.conftest import ORIGIN, Float  # noqa: PLC0415
+    from tests.unit.firmware_py.guidance.conftest import ORIGIN, Float  # noqa: PLC0415
 
     current = (0.4 * drift * math.cos(toward_rad), 0.4 * drift * math.sin(toward_rad))
     boat = Float(heading_rad=heading_rad, current=current)

@@ -81,7 +81,7 @@ angles = st.floats(-math.pi, math.pi)
     st.floats(10.0, 1e4),
 )
 def test_whatever_comes_she_is_told_an_angle(here, centre, heading_rad, speed, north, east, leg_rad, radius_m):
-    from tests.unit.guidance.conftest import SETTINGS  # noqa: PLC0415
+    from tests.unit.firmware_py.guidance.conftest import SETTINGS  # noqa: PLC0415
 
     motion = Motion(here, heading_rad, speed, north, east)
     distance_m, _ = here.distance_and_bearing(centre)
