@@ -2,7 +2,7 @@
 
 The ship is the K-T equation of firmware_py/model/kt.py; the autopilot is made of the twins in
 hil/lab/tune/twins.py. The whole loop is held against the firmware's own parts, to the last bit, by
-tests/unit/hil/lab/tune/test_loop_kernel.py, and against the real autopilot on ptys by tests/hil/test_tune.py.
+tests/unit/hil/lab/tune/test_loop_kernel.py, and against the real autopilot on ptys by tests/process/test_tune.py.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a comparison is made of; the runs themselves are in tests/hil/test_seas.py."""
+"""What a comparison is made of; the runs themselves are in tests/process/test_seas.py."""
 
 import json
 import math
