@@ -9,10 +9,10 @@ import sys
 import time
 import tty
 from contextlib import ExitStack
-from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
+from support.paths import ROOT
 
 from hil.bench.helper import answer_of
 from hil.bench.onboard import logged
@@ -20,7 +20,7 @@ from hil.bench.process import memory_of
 from hil.bench.sea import Sea
 from hil.bench.spread import spread
 
-FLOOD = Path(__file__).parents[1] / "clients" / "flood.py"
+FLOOD = ROOT / "tests" / "clients" / "flood.py"
 SECONDS = float(os.environ.get("FLOOD_S", "60"))
 SETTLE_S = 3.0
 MOST_GROWTH_MIB = 4.0

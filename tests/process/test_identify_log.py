@@ -3,15 +3,14 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from support.paths import ROOT
 
 from hil.sim import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, sail
 
-ROOT = Path(__file__).parents[2]
 LOG = "state/logs/00000001.BIN"
 TRUE = {"K": 0.049, "T": 4.0}
 

@@ -6,10 +6,10 @@ import signal
 import subprocess
 import sys
 from itertools import count
-from pathlib import Path
 
 import numpy as np
 import pytest
+from support.paths import ROOT
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
@@ -27,7 +27,6 @@ from hil.sim.truth import read
 from hil.sim.vehicle_file import VehicleFile
 from hil.sim.world import METRES_PER_DEGREE, START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
-ROOT = Path(__file__).parents[2]
 AUTO = 10
 SHRINK = math.cos(math.radians(START_LATITUDE_DEG))
 

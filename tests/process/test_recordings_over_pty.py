@@ -4,16 +4,15 @@ import json
 import math
 import os
 import tty
-from pathlib import Path
 
 import pytest
+from support.paths import DATA
 
 from firmware_py.common.records import DeviceState, NorthReference
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
 from firmware_py.system.serial_port import SerialLine
 
-SHARED = Path(__file__).parents[2] / "../shared/data"
-FILES = sorted(path.name for path in (SHARED / "nmea").glob("*.*")) or ["../shared/data/nmea is not here"]
+FILES = sorted(path.name for path in (DATA / "nmea").glob("*.*")) or ["tests/data/nmea is not here"]
 PIECE = 997  # a prime, so that the pieces end anywhere in a sentence
 PATIENCE = 100_000
 
@@ -33,10 +32,10 @@ def recording():
     """Read a recording and its expected values, or skip."""
 
     def read(name):
-        if not SHARED.is_dir():
-            pytest.skip("the recordings of ../shared/data are not here")
-        expected = json.loads((SHARED / "nmea" / "expected" / f"{name}.json").read_text())
-        return (SHARED / "nmea" / name).read_bytes(), expected["values"]
+        if not DATA.is_dir():
+            pytest.skip("the recordings of tests/data are not here")
+        expected = json.loads((DATA / "nmea" / "expected" / f"{name}.json").read_text())
+        return (DATA / "nmea" / name).read_bytes(), expected["values"]
 
     return read
 

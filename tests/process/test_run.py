@@ -9,10 +9,10 @@ import time
 from pathlib import Path
 
 import pytest
+from support.paths import ROOT
 
 from hil.sim.truth import COLUMNS, read
 
-ROOT = Path(__file__).parents[2]
 # Tank, paper gains: five seeds, and both compasses with both servos among them.
 TANK_RUNS = [
     (1, "nmea", "dynamixel"),

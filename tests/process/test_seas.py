@@ -3,9 +3,9 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from support.paths import ROOT
 
 from hil.lab.compare.score import mean_of, score_of
 from hil.lab.compare.voyages import OURS, Task, compare
@@ -13,7 +13,6 @@ from hil.sim import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, sail
 
-ROOT = Path(__file__).parents[2]
 # What is asked for: rms [deg], rudder travel [deg/h].
 MUST = {"tank": (0.22, 500.0), "sea": (1.45, 1500.0), "swell": (3.6, 3500.0), "weak": (1.3, 1450.0)}
 

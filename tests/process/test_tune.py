@@ -3,10 +3,10 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from support.paths import ROOT
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER
@@ -18,7 +18,6 @@ from hil.sim import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, sail
 
-ROOT = Path(__file__).parents[2]
 SECONDS = 200
 
 

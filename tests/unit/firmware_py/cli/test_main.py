@@ -6,6 +6,7 @@ import pty
 import socket
 
 import pytest
+from support.paths import ROOT
 
 from firmware_py.__main__ import COMMANDS, main
 from firmware_py.common.parameters import TABLE
@@ -114,9 +115,8 @@ def test_params_prints_the_table_and_checks_files(capsys, tmp_path):
 
 
 def test_generated_pages_are_the_repository_s(capsys):
-    from pathlib import Path  # noqa: PLC0415 - only here
 
-    params = Path(__file__).parents[3] / "params"
+    params = ROOT / "params"
     for option, name in (("--markdown", "REFERENCE.md"), ("--faults", "FAULTS.md")):
         assert main(["params", option]) == 0
         assert capsys.readouterr().out == (params / name).read_text(), "make pages writes them anew"

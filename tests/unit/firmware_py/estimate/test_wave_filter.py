@@ -2,10 +2,10 @@
 
 import math
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import pytest
+from support.paths import DATA
 
 from firmware_py.common.angles import radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
@@ -26,7 +26,6 @@ from hil.ship.noise import NormalNumbers
 from hil.ship.waves import WaveYaw
 
 SETTINGS = FilterSettings.of(ParameterSet())
-DATA = Path(__file__).parents[3] / "../shared/data"
 
 
 @dataclass
@@ -146,7 +145,7 @@ def test_without_a_receiver_how_she_turns_tells_the_product_of_speed_and_factor(
 def test_it_is_honest_about_real_headings(name):
     path = DATA / "nmea" / name
     if not path.exists():
-        pytest.skip("the recordings of ../shared/data are not here")
+        pytest.skip("the recordings of tests/data are not here")
     # Yachts of which only the order of magnitude is known: some 2 to 3 m/s, turning as such yachts do.
     parameters = ParameterSet()
     for parameter, value in (("MDL_K", 0.3), ("MDL_T_S", 1.5), ("MDL_SPEED", 2.2), ("MDL_ALPHA_S2", 0.0)):

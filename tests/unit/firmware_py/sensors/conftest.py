@@ -2,11 +2,9 @@
 
 import math
 import struct
-from pathlib import Path
 
 import pytest
-
-DATA = Path(__file__).parents[3] / "../shared/data"
+from support.paths import DATA
 
 
 class FakeLine:
@@ -135,7 +133,7 @@ def solution():
 def recordings():
     """The folder of real recordings, or skip."""
     if not DATA.is_dir():
-        pytest.skip("the recordings of ../shared/data are not here")
+        pytest.skip("the recordings of tests/data are not here")
     return DATA
 
 

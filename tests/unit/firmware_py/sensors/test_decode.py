@@ -3,14 +3,13 @@
 import json
 import math
 import re
-from pathlib import Path
 
 import pytest
+from support.paths import DATA
 
 from firmware_py.sensors.decode import decode, format_text
 
-SHARED = Path(__file__).parents[3] / "../shared/data"
-NMEA_FILES = sorted(path.name for path in (SHARED / "nmea").glob("*.*")) or ["../shared/data/nmea is not here"]
+NMEA_FILES = sorted(path.name for path in (DATA / "nmea").glob("*.*")) or ["tests/data/nmea is not here"]
 METRES_PER_SECOND = {"N": 1852 / 3600, "K": 1 / 3.6, "M": 1.0}
 
 # Names of the expected files: our name, and the factor to it.

@@ -2,16 +2,16 @@
 
 import json
 import lzma
-import pathlib
 
 import pytest
+from support.paths import DATA
 
 from firmware_py.common.parameters import TABLE
 from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.parameters.metadata import Metadata, parameter_json
 from firmware_py.link.telemetry.identity import Version
 
-DEFINITIONS = pathlib.Path(__file__).parents[3] / "../shared/data/mavlink/definitions"
+DEFINITIONS = DATA / "mavlink" / "definitions"
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,6 @@ def files():
     return Metadata(Version(1, 2, 3)).files
 
 
-@pytest.mark.skipif(not DEFINITIONS.is_dir(), reason="the published schemas (../shared) are not here")
 @pytest.mark.parametrize("name", ["general", "parameter"])
 def test_the_files_are_valid_by_the_published_schema(files, name):
     jsonschema = pytest.importorskip("jsonschema")

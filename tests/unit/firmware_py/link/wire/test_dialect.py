@@ -1,15 +1,15 @@
 """The codec against pymavlink, and the added messages against the published definitions."""
 
-import pathlib
 import struct
 import subprocess
 import sys
 
 import pytest
+from support.paths import DATA
 
 from firmware_py.link.wire.dialect import ADDITIONS, Codec, mavlink, stamp, text_of
 
-DEFINITIONS = pathlib.Path(__file__).parents[3] / "../shared/data/mavlink/definitions"
+DEFINITIONS = DATA / "mavlink" / "definitions"
 
 
 @pytest.mark.parametrize("sequence", [0, 1, 77, 255])

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
+from support.paths import DATA
 
 from hil.lab.identify import report
 from hil.lab.identify.identify import identify
@@ -19,7 +20,7 @@ from hil.lab.identify.manoeuvre_file import read
 from hil.lab.identify.recording import Source
 from hil.lab.identify.suggest import suggest
 
-FOLDER = Path(__file__).parents[3] / "../shared/data/manoeuvre"
+FOLDER = DATA / "manoeuvre"
 LONG, SHORT = "yacht_avnav_20160815.csv", "yacht_gpsd_bundg_zeus.csv"
 MOST = 1.02  # times the error of the converged fit
 # file, train, validate
@@ -154,7 +155,7 @@ def test_a_ship_that_does_not_run_straight_by_herself_is_not_given_a_k_and_a_t(y
 def test_what_was_not_seen_is_predicted_as_well_as_by_a_converged_fit(split):
     name, train, validate = split
     if not (FOLDER / name).exists():
-        pytest.skip("the recordings of ../shared/data are not here")
+        pytest.skip("the recordings of tests/data are not here")
     whole = read(FOLDER / name)
     seen, unseen = (whole.part(Source(Path(name), *map(float, ends))) for ends in (train, validate))
     reference = held_out_error(unseen, output_error_fit(seen))

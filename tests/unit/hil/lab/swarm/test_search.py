@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.paths import ROOT
 
 from hil.lab.compiled import compiled
 from hil.lab.swarm import CompiledObjective, SettingsError, SwarmSettings, minimise
 
-ROOT = Path(__file__).parents[3]
 QUICK = SwarmSettings(fish=8, iterations=12, tries=3, seed=5)
 LOW, HIGH = (-2.0, 0.0, 10.0), (3.0, 1e-3, 1e4)
 VARIANTS = [
@@ -103,7 +103,7 @@ def test_a_callback_ends_the_search(objective):
 PLAIN = """
 import sys, pickle, numpy as np
 sys.path.insert(0, {folder!r})
-from test_swarm_search import LOW, HIGH, VARIANTS, bowl
+from test_search import LOW, HIGH, VARIANTS, bowl
 from hil.lab.swarm import minimise
 sys.stdout.buffer.write(pickle.dumps([minimise(bowl, LOW, HIGH, variant) for variant in VARIANTS]))
 """
