@@ -112,7 +112,7 @@ class Clock(Protocol):
         """Sleep until the deadline or until a descriptor is readable; return those that are."""
 
 
-class Authority(Protocol):
+class RequestHandler(Protocol):
     """The side of the loop that the link talks to, on the loop's own thread."""
 
     def decide(self, request: Request) -> Answer:

@@ -7,32 +7,32 @@ from dataclasses import dataclass
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.control.reference_model import Reference
 from firmware_py.control.s_surface import Gains, rudder_demand
-from firmware_py.control.scheduled import HelmSettings, Known, followed, steered
+from firmware_py.control.scheduled import HeadingEstimate, ScheduledSettings, apply_deadband, scheduled_demand
 from firmware_py.estimate import kalman
 from firmware_py.estimate.observer import HeadingState
 from firmware_py.estimate.wave_filter import FilterState
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class HeadingControllerSettings:
     """How the heading is steered: with fixed gains or scheduled."""
 
     gains: Gains
-    scheduled: HelmSettings
+    scheduled: ScheduledSettings
     plain: bool
 
     @classmethod
-    def of(cls, parameters: ParameterSet) -> Settings:
+    def of(cls, parameters: ParameterSet) -> HeadingControllerSettings:
         """Read the settings from the parameters."""
         return cls(
             Gains.of(parameters),
-            HelmSettings.of(parameters),
+            ScheduledSettings.of(parameters),
             parameters["CTL_MODE"] == 0 or parameters["EST_MODE"] == 0,
         )
 
 
-def ordered(
-    settings: Settings,
+def demand(
+    settings: HeadingControllerSettings,
     known: HeadingState,
     waves: FilterState,
     reference: Reference | None,
@@ -43,7 +43,7 @@ def ordered(
     """Return the rudder demand for a heading error, and the reference of the turn."""
     if settings.plain or not waves.x:
         return rudder_demand(settings.gains, error_rad, known.yaw_rate_rad_s), None
-    seen = Known(
+    seen = HeadingEstimate(
         known.heading_rad,
         waves.spread(kalman.HEADING),
         known.yaw_rate_rad_s,
@@ -52,5 +52,5 @@ def ordered(
         waves.spread(kalman.SPEED),
         waves.x[kalman.FACTOR],
     )
-    reference, order = steered(settings.scheduled, reference, seen, error_rad, step_s)
-    return (command_rad if order is None else followed(command_rad, order)), reference
+    reference, order = scheduled_demand(settings.scheduled, reference, seen, error_rad, step_s)
+    return (command_rad if order is None else apply_deadband(command_rad, order)), reference

@@ -48,7 +48,7 @@ def running_on_rad(ship: Ship, yaw_rate_rad_s: float, brake_rad: float) -> float
     return math.copysign(angle_rad, yaw_rate_rad_s)
 
 
-def advanced(ship: Ship, reference: Reference, error_rad: float, heading_rad: float, step_s: float) -> Reference:
+def update(ship: Ship, reference: Reference, error_rad: float, heading_rad: float, step_s: float) -> Reference:
     """Carry the reference over a step toward a goal that lies error_rad from it; it keeps near heading_rad."""
     high_rad = max(ship.limit_rad - ship.bias_rad, LEAST_PUSH_RAD)
     low_rad = min(-ship.limit_rad - ship.bias_rad, -LEAST_PUSH_RAD)

@@ -16,7 +16,7 @@ from typing import Final
 
 from firmware_py.common.angles import clamp, degrees, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.control.reference_model import Reference, Ship, advanced
+from firmware_py.control.reference_model import Reference, Ship, update
 from firmware_py.control.s_surface import Gains, rudder_demand
 from firmware_py.model.kt import steady_yaw_rate
 
@@ -34,7 +34,7 @@ TURNING_SHARE: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class HelmSettings:
+class ScheduledSettings:
     """The model of the vehicle file, the rudder limit, the price of rudder travel, and the least speed to steer at."""
 
     turning_ability_1_s: float
@@ -47,7 +47,7 @@ class HelmSettings:
     least_speed_m_s: float
 
     @classmethod
-    def of(cls, parameters: ParameterSet) -> HelmSettings:
+    def of(cls, parameters: ParameterSet) -> ScheduledSettings:
         """Read the settings from the parameters."""
         return cls(
             parameters["MDL_K"],
@@ -62,7 +62,7 @@ class HelmSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class HeadingEstimate:
     """What the estimate says: low-frequency heading and yaw rate, rudder bias, speed, and how well she turns."""
 
     heading_rad: float
@@ -75,14 +75,14 @@ class Known:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class RudderDemand:
     """The rudder asked for, and how far the command may be from it before it follows."""
 
     demand_rad: float
     band_rad: float
 
 
-def ship_now(settings: HelmSettings, known: Known) -> Ship:
+def ship_now(settings: ScheduledSettings, known: HeadingEstimate) -> Ship:
     """Return the model at the estimated speed (similarity, paper eq. 7), turning as well as she is found to."""
     ratio = known.speed_m_s / settings.speed_m_s
     return Ship(
@@ -94,21 +94,21 @@ def ship_now(settings: HelmSettings, known: Known) -> Ship:
     )
 
 
-def stiffness_of(settings: HelmSettings, known: Known) -> float:
+def stiffness_of(settings: ScheduledSettings, known: HeadingEstimate) -> float:
     """Return the rudder angle per angle of heading error."""
     ratio = known.speed_m_s / settings.speed_m_s
     by_spread = math.pow(_spread_deg(known), STIFFNESS_BY_SPREAD)
     return STIFFNESS / settings.price * by_spread * math.pow(ratio, STIFFNESS_BY_SPEED)
 
 
-def band_of(settings: HelmSettings, known: Known, stiffness: float) -> float:
+def band_of(settings: ScheduledSettings, known: HeadingEstimate, stiffness: float) -> float:
     """Return how far the demand may leave the command: by what the estimate's noise does to the demand, and a rest."""
     ratio = known.speed_m_s / settings.speed_m_s
     band_deg = BAND_DEG + BAND_BY_SPREAD * stiffness * _spread_deg(known)
     return radians(settings.price * band_deg * math.pow(ratio, BAND_BY_SPEED))
 
 
-def _spread_deg(known: Known) -> float:
+def _spread_deg(known: HeadingEstimate) -> float:
     return clamp(degrees(known.heading_spread_rad), *SPREADS_DEG)
 
 
@@ -127,9 +127,9 @@ def gains_of(ship: Ship, stiffness: float) -> Gains:
     )
 
 
-def steered(
-    settings: HelmSettings, reference: Reference | None, known: Known, error_rad: float, step_s: float
-) -> tuple[Reference, Order | None]:
+def scheduled_demand(
+    settings: ScheduledSettings, reference: Reference | None, known: HeadingEstimate, error_rad: float, step_s: float
+) -> tuple[Reference, RudderDemand | None]:
     """Advance the reference and return it with the order; error_rad is the goal less the estimated heading.
 
     Without steerage way there is no order: a rudder that turns nothing is left where it is.
@@ -143,7 +143,7 @@ def steered(
     left_rad = error_rad - wrap_pi(reference.heading_rad - known.heading_rad)
     if abs(error_rad) < math.pi:
         left_rad = wrap_pi(left_rad)
-    reference = advanced(ship, reference, left_rad, known.heading_rad, step_s)
+    reference = update(ship, reference, left_rad, known.heading_rad, step_s)
     stiffness = stiffness_of(settings, known)
     off_rad = wrap_pi(reference.heading_rad - known.heading_rad)
     feedback_rad = rudder_demand(gains_of(ship, stiffness), off_rad, known.yaw_rate_rad_s - reference.yaw_rate_rad_s)
@@ -151,9 +151,9 @@ def steered(
     band_rad = band_of(settings, known, stiffness)
     if abs(left_rad) > TURNING_RAD:
         band_rad *= TURNING_SHARE
-    return reference, Order(clamp(demand_rad, -settings.limit_rad, settings.limit_rad), band_rad)
+    return reference, RudderDemand(clamp(demand_rad, -settings.limit_rad, settings.limit_rad), band_rad)
 
 
-def followed(command_rad: float, order: Order) -> float:
+def apply_deadband(command_rad: float, order: RudderDemand) -> float:
     """Return the command drawn along by the demand: unmoved within the band, on its edge otherwise."""
     return clamp(command_rad, order.demand_rad - order.band_rad, order.demand_rad + order.band_rad)

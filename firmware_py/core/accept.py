@@ -23,7 +23,7 @@ from firmware_py.core.state import State, situation_of
 from firmware_py.guidance import mission
 from firmware_py.guidance.mission_step import steps_of
 from firmware_py.modes import ACCEPTED, decide
-from firmware_py.plans.validation import fault_of
+from firmware_py.plans.validation import problem_of
 
 
 def accept(state: State, request: Request) -> tuple[State, Answer]:
@@ -50,7 +50,7 @@ def _set_parameter(state: State, intent: SetParameter, _t_s: float) -> tuple[Sta
 
 
 def _replace_plan(state: State, intent: ReplacePlan, _t_s: float) -> tuple[State, Answer]:
-    if fault := fault_of(intent.plan):
+    if fault := problem_of(intent.plan):
         return state, Answer(Verdict.DENIED, str(fault))
     return replace(state, plans=state.plans.replaced(intent.plan)), ACCEPTED
 

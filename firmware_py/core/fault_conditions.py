@@ -20,7 +20,7 @@ FULLER: Final = 1.03  # of BAT_LOW_VOLT
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class FaultInput:
     """What a condition looks at."""
 
     settings: Settings
@@ -42,43 +42,43 @@ class Sight:
         return self.state.lookout.sources.compasses
 
 
-def _compass_silent(sight: Sight) -> bool:
+def _compass_silent(sight: FaultInput) -> bool:
     timeout_s = sight.settings.observer.timeout_s
     return any(t_s is not None and sight.now_s - t_s > timeout_s for t_s in sight.state.watch.heard_s)
 
 
-def _compass_frozen(sight: Sight) -> bool:
+def _compass_frozen(sight: FaultInput) -> bool:
     return any(compass.frozen(sight.now_s, sight.settings.lookout.limits) for compass in sight.compasses())
 
 
-def _compass_jumping(sight: Sight) -> bool:
+def _compass_jumping(sight: FaultInput) -> bool:
     return any(
         compass.jumping() and fresh(compass.t_s, sight.now_s, sight.settings.observer.timeout_s)
         for compass in sight.compasses()
     )
 
 
-def _position_lost(sight: Sight) -> bool:
+def _position_lost(sight: FaultInput) -> bool:
     fix = sight.state.position
     return fix is not None and sight.lost(fix.t_s, sight.settings.position_timeout_s)
 
 
-def _position_jumping(sight: Sight) -> bool:
+def _position_jumping(sight: FaultInput) -> bool:
     place = sight.state.place
     return place.doubted is not None and place.fix is not None and place.doubted.t_s > place.fix.t_s
 
 
-def _rudder_silent(sight: Sight) -> bool:
+def _rudder_silent(sight: FaultInput) -> bool:
     servo = sight.state.servo
     return sight.lost(servo.t_s if servo else None, sight.settings.rudder_timeout_s)
 
 
-def _rudder_error(sight: Sight) -> bool:
+def _rudder_error(sight: FaultInput) -> bool:
     servo = sight.state.servo
     return servo is not None and servo.hardware_error != 0
 
 
-def _rudder_hot(sight: Sight) -> bool:
+def _rudder_hot(sight: FaultInput) -> bool:
     servo = sight.state.servo
     if servo is None or servo.temperature_c is None:
         return False
@@ -86,38 +86,38 @@ def _rudder_hot(sight: Sight) -> bool:
     return servo.temperature_c > sight.settings.watch.hot_c - margin_c
 
 
-def _supply_low(sight: Sight) -> bool:
+def _supply_low(sight: FaultInput) -> bool:
     servo = sight.state.servo
     if servo is None or servo.voltage_v is None:
         return False
     return servo.voltage_v < sight.settings.watch.low_v * (FULLER if sight.is_set(Fault.SUPPLY_LOW) else 1.0)
 
 
-def _fence_breached(sight: Sight) -> bool:
+def _fence_breached(sight: FaultInput) -> bool:
     state = sight.state
     enabled = fence_enabled(sight.settings, state)
     margin_m = guidance.fence_margin_m(state.nav, state.plans, enabled=enabled)
     return margin_m is not None and margin_m < 0.0
 
 
-def _mission_unusable(sight: Sight) -> bool:
+def _mission_unusable(sight: FaultInput) -> bool:
     state = sight.state
     return state.modes.armed and state.modes.mode is Mode.AUTO and state.nav.mission.unusable
 
 
-def _station_silent(sight: Sight) -> bool:
+def _station_silent(sight: FaultInput) -> bool:
     link = sight.state.watch.link
     return (
         link is not None and link.state is DeviceState.SILENT and sight.lost(link.t_s, sight.settings.watch.station_s)
     )
 
 
-def _storage(state: DeviceState) -> Callable[[Sight], bool]:
+def _storage(state: DeviceState) -> Callable[[FaultInput], bool]:
     return lambda sight: sight.state.storage is not None and sight.state.storage.state is state
 
 
 # Whoever has a new flag plugs it in here.
-PROVIDERS: Final[Mapping[Fault, Callable[[Sight], bool]]] = {
+PROVIDERS: Final[Mapping[Fault, Callable[[FaultInput], bool]]] = {
     Fault.COMPASS_LOST: lambda sight: sight.lost(sight.state.heading.sample_t_s, sight.settings.observer.timeout_s),
     Fault.POSITION_LOST: _position_lost,
     Fault.RUDDER_SILENT: _rudder_silent,
@@ -150,5 +150,5 @@ _IN_ORDER: Final = tuple(PROVIDERS[row.fault] for row in TABLE)
 
 def standing(settings: Settings, state: State, now_s: float) -> tuple[bool, ...]:
     """Whether the condition of each fault stands, in the order of faults.TABLE."""
-    sight = Sight(settings, state, now_s)
+    sight = FaultInput(settings, state, now_s)
     return tuple(stands(sight) for stands in _IN_ORDER)

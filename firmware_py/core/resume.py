@@ -15,12 +15,12 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Home
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import CHANGES
-from firmware_py.guidance.guidance import NavState
+from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.mission import MissionProgress
 from firmware_py.guidance.orbit import OrbitState
-from firmware_py.guidance.task_follower import FollowState
-from firmware_py.guidance.tasks import Order
+from firmware_py.guidance.task_follower import TaskFollowerState
+from firmware_py.guidance.tasks import Task
 from firmware_py.modes import ModeState
 
 RESUME_FILE = "resume.state"
@@ -38,7 +38,7 @@ class Resume:
     utc_s: float
     modes: ModeState
     mission: MissionProgress
-    order: Order | None = None
+    order: Task | None = None
     arrived: bool = False
     line: LineState | None = None
     orbit: OrbitState = OrbitState()  # noqa: RUF009 - frozen
@@ -97,7 +97,7 @@ def age_s(resume: Resume, utc_s: float) -> float | None:
     return age if 0.0 <= age < 3.2e8 else None
 
 
-def resumed(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ...]]:
+def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ...]]:
     """Return the state at start that goes on with what was kept, and what is to be said of the text.
 
     The greeting of the state says when something of the text was lost. ValueError for a text that is no record.
@@ -110,8 +110,8 @@ def resumed(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ..
     if age is not None and age > 3600.0 * state.parameters["BOOT_RESUME_H"]:
         return replace(state, greeting=f"Not resumed: {_ago(age)} old"), notes
     armed = resume.modes.armed if level == ALL else state.modes.armed
-    follow = FollowState(resume.order, resume.arrived, resume.line, orbit=resume.orbit)
-    nav = NavState(
+    follow = TaskFollowerState(resume.order, resume.arrived, resume.line, orbit=resume.orbit)
+    nav = GuidanceState(
         resume.modes.mode,
         resume.modes.armed and armed,
         resume.mission,
@@ -135,7 +135,7 @@ def _ago(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.0f} h"
 
 
-class Memory:
+class ResumeKeeper:
     """Decides when the record is written anew; it knows what was written last."""
 
     def __init__(self) -> None:

@@ -13,7 +13,7 @@ from firmware_py.control.reference_model import Reference
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
 from firmware_py.estimate import heading_estimator, position, water
 from firmware_py.estimate import observer as heading
-from firmware_py.faults.latch import MonitorState
+from firmware_py.faults.latch import LatchState
 from firmware_py.faults.page import arming_obstacle
 from firmware_py.guidance import guidance
 from firmware_py.modes import ModeState, Situation
@@ -24,13 +24,13 @@ from firmware_py.safety import supervisor
 class Settings:
     """The parameters in the units and groups that the parts compute with."""
 
-    helm: heading_controller.Settings
-    lookout: heading_estimator.LookoutSettings
+    helm: heading_controller.HeadingControllerSettings
+    lookout: heading_estimator.HeadingEstimatorSettings
     limits: RudderLimits
     linkage: Linkage
     observer: heading.ObserverSettings
-    pilotage: guidance.Settings
-    watch: supervisor.Settings
+    pilotage: guidance.GuidanceSettings
+    watch: supervisor.SupervisorSettings
     position_timeout_s: float
     position_jump_s: float
     rudder_timeout_s: float
@@ -43,13 +43,13 @@ class Settings:
 def settings_of(parameters: ParameterSet) -> Settings:
     """Convert the parameters, once for each set of values."""
     return Settings(
-        heading_controller.Settings.of(parameters),
-        heading_estimator.LookoutSettings.of(parameters),
+        heading_controller.HeadingControllerSettings.of(parameters),
+        heading_estimator.HeadingEstimatorSettings.of(parameters),
         RudderLimits.of(parameters),
         Linkage.of(parameters),
         heading.ObserverSettings.of(parameters),
-        guidance.Settings.of(parameters),
-        supervisor.Settings.of(parameters),
+        guidance.GuidanceSettings.of(parameters),
+        supervisor.SupervisorSettings.of(parameters),
         parameters["POS_TIMEOUT_S"],
         parameters["POS_JUMP_S"],
         parameters["RUD_TIMEOUT_S"],
@@ -68,13 +68,13 @@ class State:
     started_s: float | None = None
     t_s: float = 0.0
     heading: heading.HeadingState = heading.HeadingState()  # noqa: RUF009 - frozen
-    lookout: heading_estimator.LookoutState = heading_estimator.LookoutState()  # noqa: RUF009 - frozen
+    lookout: heading_estimator.HeadingEstimatorState = heading_estimator.HeadingEstimatorState()  # noqa: RUF009 - frozen
     reference: Reference | None = None
-    current: water.CurrentState = water.CurrentState()  # noqa: RUF009 - frozen
+    current: water.WaterState = water.WaterState()  # noqa: RUF009 - frozen
     place: position.PositionState = position.PositionState()  # noqa: RUF009 - frozen
-    nav: guidance.NavState = guidance.NavState()  # noqa: RUF009 - frozen
-    monitor: MonitorState = MonitorState()  # noqa: RUF009 - frozen
-    watch: supervisor.WatchState = supervisor.WatchState()  # noqa: RUF009 - frozen
+    nav: guidance.GuidanceState = guidance.GuidanceState()  # noqa: RUF009 - frozen
+    monitor: LatchState = LatchState()  # noqa: RUF009 - frozen
+    watch: supervisor.SupervisorState = supervisor.SupervisorState()  # noqa: RUF009 - frozen
     position: PositionSample | None = None
     servo: RudderFeedback | None = None
     storage: DeviceHealth | None = None
@@ -91,7 +91,7 @@ class State:
         return cls(
             parameters,
             ModeState.at_start(parameters),
-            current=water.CurrentState.at_start(parameters),
+            current=water.WaterState.at_start(parameters),
             plans=plans or Plans(),
         )
 
@@ -108,7 +108,7 @@ def situation_of(state: State, now_s: float) -> Situation:
     margin_m = guidance.fence_margin_m(state.nav, state.plans, enabled=fence_enabled(settings, state))
     return Situation(
         state.heading.heading_rad if valid else None,
-        water.water_of(state.current),
+        water.report(state.current),
         state.position is not None and fresh(state.position.t_s, now_s, settings.position_timeout_s),
         # A released servo of some makes gives no angle, but it answers.
         state.servo is not None and fresh(state.servo.t_s, now_s, settings.rudder_timeout_s),

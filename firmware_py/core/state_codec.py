@@ -23,7 +23,7 @@ from firmware_py.common.plan import HOOK as PLAN_HOOK
 from firmware_py.common.reading_notes import Spot, number, shown
 from firmware_py.common.record_history import Change, Record
 from firmware_py.core.step import State
-from firmware_py.faults.latch import MonitorState
+from firmware_py.faults.latch import LatchState
 from firmware_py.faults.page import Fault
 from firmware_py.safety.failsafe import FailsafeState
 
@@ -79,7 +79,11 @@ def _bits_by_name(record: Record, name: str) -> None:
 
 
 CHANGES: tuple[Change, ...] = (
-    Change(2, converted={"MonitorState": _monitor_by_name, "FailsafeState": _failsafe_by_name}),
+    Change(
+        2,
+        renamed={"Head": "HoldHeading", "Go": "GoTo", "Keep": "HoldStation"},
+        converted={"MonitorState": _monitor_by_name, "FailsafeState": _failsafe_by_name},
+    ),
 )
 
 
@@ -141,9 +145,9 @@ def fault_fields(faults: type[IntEnum] = Fault) -> tuple[FieldHook, ...]:
         return found[0] if found else None
 
     return (
-        FieldHook(MonitorState, "since_s", times_by_name, times_from),
-        FieldHook(MonitorState, "stood_s", times_by_name, times_from),
-        FieldHook(MonitorState, "active", bits_by_name, bits_from),
+        FieldHook(LatchState, "since_s", times_by_name, times_from),
+        FieldHook(LatchState, "stood_s", times_by_name, times_from),
+        FieldHook(LatchState, "active", bits_by_name, bits_from),
         FieldHook(FailsafeState, "known", bits_by_name, bits_from),
         FieldHook(FailsafeState, "calling", bits_by_name, bits_from),
         FieldHook(FailsafeState, "fault", lambda fault: None if fault is None else faults(fault).name, fault_from),

@@ -48,27 +48,27 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
         ordered |= answer.verdict is Verdict.ACCEPTED and isinstance(request.intent, supervisor.ORDERS)
     settings = settings_of(state.parameters)
     step_s = min(max(0.0, now_s - before.t_s), 1.0) if before.started_s is not None else 0.0
-    state, sensed_told = _sensed(settings, state, inputs)
-    state = _watched(settings, state, inputs, step_s)
+    state, sensed_told = _estimate(settings, state, inputs)
+    state = _monitor(settings, state, inputs, step_s)
     monitor, faults_told = update_monitor(state.monitor, fault_conditions.standing(settings, state, now_s), now_s)
     state = replace(state, monitor=monitor)
     situation = situation_of(state, now_s)
-    guard, modes, guard_told = supervisor.guarded(
+    guard, modes, guard_told = supervisor.apply_failsafe(
         settings.watch, state.watch, state.modes, monitor.active, situation, ordered=ordered
     )
-    modes = guidance.goal_kept(settings.pilotage, modes, situation, now_s, step_s)
-    state, guided = _guided(settings, replace(state, watch=guard, modes=modes), situation, inputs)
-    steering = guidance.steering(modes, state.nav.followed, situation)
-    state = _answering(settings, state, steering.error_rad, now_s)
-    state, command = _steered(settings, state, situation, steering, now_s, step_s)
-    told = (*_changes_told(before, state), *sensed_told, *faults_told, *guard_told, *guided)
+    modes = guidance.update_goal(settings.pilotage, modes, situation, now_s, step_s)
+    state, guided = _guide(settings, replace(state, watch=guard, modes=modes), situation, inputs)
+    steering = guidance.steering_target(modes, state.nav.followed, situation)
+    state = _monitor_steering(settings, state, steering.error_rad, now_s)
+    state, command = _steer(settings, state, situation, steering, now_s, step_s)
+    told = (*_change_events(before, state), *sensed_told, *faults_told, *guard_told, *guided)
     return state, Output(command, _snapshot(settings, state, situation, steering, inputs), told)
 
 
 # ------------------------------------------------------------------------------ parts
 
 
-def _sensed(settings: Settings, state: State, inputs: Inputs) -> tuple[State, tuple[Event, ...]]:
+def _estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, tuple[Event, ...]]:
     """Take samples, feedback, device states and the tick's own health in; return what is to be told of them too."""
     now_s = inputs.tick.t_s
     servo = inputs.rudder[-1] if inputs.rudder else state.servo
@@ -78,12 +78,12 @@ def _sensed(settings: Settings, state: State, inputs: Inputs) -> tuple[State, tu
             storage = device
     skipped = inputs.tick.skipped
     rudder_rad = _rudder_rad(settings, state, servo)
-    lookout_state, heading_state, told = heading_estimator.looked_out(
+    lookout_state, heading_state, told = heading_estimator.update(
         settings.lookout, state.lookout, state.heading, inputs.headings, inputs.positions, rudder_rad, now_s
     )
     valid = heading_state.fresh(now_s, settings.observer.timeout_s)
     heading_rad = heading_state.heading_rad if valid else None
-    place, home = position.carried(state.place, now_s, _over_ground_m_s(state, heading_rad)), state.home
+    place, home = position.predict(state.place, now_s, _over_ground_m_s(state, heading_rad)), state.home
     believed = []
     for sample in inputs.positions:
         place, good = position.update(place, sample, settings.position_jump_s)
@@ -129,20 +129,20 @@ def _rudder_rad(settings: Settings, state: State, servo: RudderFeedback | None) 
     return settings.linkage.to_rudder(servo.shaft_rad)
 
 
-def _watched(settings: Settings, state: State, inputs: Inputs, step_s: float) -> State:
+def _monitor(settings: Settings, state: State, inputs: Inputs, step_s: float) -> State:
     """Let the watch look at the tick: rudder, energy, devices."""
-    seen = supervisor.sensed(settings.watch, state.watch, inputs, _rudder_now(settings, state, inputs), step_s)
+    seen = supervisor.update(settings.watch, state.watch, inputs, _rudder_now(settings, state, inputs), step_s)
     return replace(state, watch=seen)
 
 
-def _answering(settings: Settings, state: State, error_rad: float | None, now_s: float) -> State:
+def _monitor_steering(settings: Settings, state: State, error_rad: float | None, now_s: float) -> State:
     """Let the watch see whether she answers the rudder."""
     valid = state.heading.fresh(now_s, settings.observer.timeout_s)
     waves = state.lookout.waves
     speed_m_s = waves.x[kalman.SPEED] if waves.x else settings.watch.model_speed_m_s
     heading_rad = state.heading.heading_rad if valid and state.modes.armed else None
     rudder_rad = _rudder_rad(settings, state, state.servo)
-    seen = supervisor.turning(settings.watch, state.watch, rudder_rad, heading_rad, speed_m_s, error_rad, now_s)
+    seen = supervisor.update_steering(settings.watch, state.watch, rudder_rad, heading_rad, speed_m_s, error_rad, now_s)
     return replace(state, watch=seen)
 
 
@@ -162,18 +162,18 @@ def _held(settings: Settings, modes: ModeState, now_s: float) -> bool:
     return modes.armed or not settings.release_disarmed or live_bench(modes, now_s) is not None
 
 
-def _steered(
+def _steer(
     settings: Settings,
     state: State,
     situation: Situation,
-    steering: guidance.Steering,
+    steering: guidance.SteeringTarget,
     now_s: float,
     step_s: float,
 ) -> tuple[State, RudderCommand]:
     """From what guidance asks for to what the servo is told; the watch has the last word."""
     modes, lost_s = state.modes, state.monitor.since_s[Fault.COMPASS_LOST]
     demand_rad, reference = _demand_rad(settings, state, modes, steering, now_s, lost_s, step_s)
-    guard, demand_rad = supervisor.supervised(
+    guard, demand_rad = supervisor.limit_without_heading(
         state.watch,
         demand_rad,
         state.rudder_command_rad,
@@ -182,23 +182,23 @@ def _steered(
         heading_ok=situation.heading_rad is not None,
     )
     command_rad = limited_command(settings.limits, state.rudder_command_rad, demand_rad, step_s)
-    command_rad = rudder_monitor.eased(guard.rudder, command_rad, now_s)
+    command_rad = rudder_monitor.release_command(guard.rudder, command_rad, now_s)
     angle_rad = _rudder_rad(settings, state, state.servo)
     seen = supervisor.RudderNow(command_rad, angle_rad, None, True, state.servo)
-    guard, pulls = supervisor.torque(settings.watch, guard, command_rad, seen, now_s)
+    guard, pulls = supervisor.torque_enable(settings.watch, guard, command_rad, seen, now_s)
     torque_on = pulls and _held(settings, modes, now_s)
     state = replace(state, watch=guard, reference=reference, rudder_command_rad=command_rad, t_s=now_s)
     return state, RudderCommand(settings.linkage.to_shaft(command_rad), torque_on)
 
 
-def _guided(settings: Settings, state: State, situation: Situation, inputs: Inputs) -> tuple[State, tuple[Event, ...]]:
+def _guide(settings: Settings, state: State, situation: Situation, inputs: Inputs) -> tuple[State, tuple[Event, ...]]:
     """Let guidance look at the tick."""
     motion = None
     if situation.position_ok and situation.water is not None:
         place = Place(state.place.latitude_rad, state.place.longitude_rad)
-        motion = guidance.motion_of(place, state.heading.heading_rad, situation.water)
+        motion = guidance.vessel_motion(place, state.heading.heading_rad, situation.water)
     fix = state.position
-    scene = guidance.Scene(
+    scene = guidance.GuidanceInput(
         inputs.tick.t_s,
         motion,
         bool(inputs.positions),
@@ -207,7 +207,7 @@ def _guided(settings: Settings, state: State, situation: Situation, inputs: Inpu
         state.home,
         fix.utc_s if fix else None,
     )
-    done = guidance.piloted(settings.pilotage, state.nav, scene)
+    done = guidance.update(settings.pilotage, state.nav, scene)
     return replace(state, nav=done.nav, home=done.home or state.home), done.events
 
 
@@ -215,7 +215,7 @@ def _demand_rad(
     settings: Settings,
     state: State,
     modes: ModeState,
-    steering: guidance.Steering,
+    steering: guidance.SteeringTarget,
     now_s: float,
     heading_lost_s: float | None,
     step_s: float,
@@ -229,7 +229,7 @@ def _demand_rad(
         stick = live_stick(modes, now_s, settings.pilotage.stick_timeout_s)
         return (0.0 if stick is None else stick * settings.limits.limit_rad), None
     if steering.error_rad is not None:
-        return heading_controller.ordered(
+        return heading_controller.demand(
             settings.helm,
             state.heading,
             state.lookout.waves,
@@ -242,7 +242,7 @@ def _demand_rad(
     return (state.rudder_command_rad if held else 0.0), None
 
 
-def _changes_told(before: State, after: State) -> tuple[Event, ...]:
+def _change_events(before: State, after: State) -> tuple[Event, ...]:
     told: list[Event] = []
     if before.started_s is None or before.modes.mode is not after.modes.mode:
         told.append(Event(Severity.INFO, f"Mode {after.modes.mode.name}"))
@@ -254,7 +254,7 @@ def _changes_told(before: State, after: State) -> tuple[Event, ...]:
 
 
 def _snapshot(
-    settings: Settings, state: State, situation: Situation, steering: guidance.Steering, inputs: Inputs
+    settings: Settings, state: State, situation: Situation, steering: guidance.SteeringTarget, inputs: Inputs
 ) -> Snapshot:
     valid = situation.heading_rad is not None
     measured = state.servo is not None and state.servo.shaft_rad is not None
@@ -286,7 +286,7 @@ def _snapshot(
         prearm_refusal=arming_obstacle(situation),
         mission=guidance.mission_report(state.nav, state.plans, state.modes),
         water=situation.water,
-        navigation=guidance.navigation_of(state.nav, state.plans, fence_enabled=fence_enabled(settings, state)),
-        estimate=heading_estimator.estimate_of(state.lookout, state.heading),
-        energy=energy_meter.told(state.watch.energy, resting=state.watch.rest.resting_s is not None),
+        navigation=guidance.report(state.nav, state.plans, fence_enabled=fence_enabled(settings, state)),
+        estimate=heading_estimator.report(state.lookout, state.heading),
+        energy=energy_meter.report(state.watch.energy, resting=state.watch.rest.resting_s is not None),
     )

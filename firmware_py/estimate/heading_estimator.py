@@ -17,7 +17,7 @@ from firmware_py.estimate import declination, kalman, sources, wave_filter
 from firmware_py.estimate import observer as heading
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.observer import HeadingState, ObserverSettings
-from firmware_py.estimate.sources import Limits, Seen, Source, SourceState
+from firmware_py.estimate.sources import Limits, Source, SourceState, TrueHeadingSample
 from firmware_py.estimate.wave_filter import FilterSettings, FilterState
 
 SLOWEST_COURSE_M_S: Final = 0.02  # below it a receiver gives no course worth the name
@@ -26,7 +26,7 @@ COMPASSES: Final = (Source.COMPASS_A, Source.COMPASS_B)
 
 
 @dataclass(frozen=True, slots=True)
-class LookoutSettings:
+class HeadingEstimatorSettings:
     """How the heading is estimated."""
 
     observer: ObserverSettings
@@ -38,7 +38,7 @@ class LookoutSettings:
     limits: Limits
 
     @classmethod
-    def of(cls, parameters: ParameterSet) -> LookoutSettings:
+    def of(cls, parameters: ParameterSet) -> HeadingEstimatorSettings:
         """Read the settings from the parameters."""
         return cls(
             ObserverSettings.of(parameters),
@@ -52,7 +52,7 @@ class LookoutSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class LookoutState:
+class HeadingEstimatorState:
     """The wave filter, the heading sources and the declination of the place."""
 
     waves: FilterState = FilterState()  # noqa: RUF009 - frozen
@@ -60,19 +60,19 @@ class LookoutState:
     declination: Declination = Declination()  # noqa: RUF009 - frozen
 
 
-def looked_out(
-    settings: LookoutSettings,
-    state: LookoutState,
+def update(
+    settings: HeadingEstimatorSettings,
+    state: HeadingEstimatorState,
     before: HeadingState,
     headings: Sequence[HeadingSample],
     positions: Sequence[PositionSample],
     rudder_rad: float,
     now_s: float,
-) -> tuple[LookoutState, HeadingState, tuple[Event, ...]]:
+) -> tuple[HeadingEstimatorState, HeadingState, tuple[Event, ...]]:
     """Take a tick's samples in; return what is remembered, what is steered by, and what is to be told."""
     observer = settings.observer
     if settings.declination_by_model:
-        state = _placed(state, positions)
+        state = _with_declination(state, positions)
         if state.declination.declination_rad is not None:
             observer = replace(observer, declination_rad=state.declination.declination_rad)
     if settings.plain:
@@ -80,21 +80,21 @@ def looked_out(
         known = heading.update(observer, before, first, rudder_rad, now_s)
         return replace(state, waves=FilterState(), sources=SourceState()), known, ()
     seen = [
-        Seen(sample.t_s, heading.true_heading_rad(observer, sample), sample.heading_rad, sample.source)
+        TrueHeadingSample(sample.t_s, heading.true_heading_rad(observer, sample), sample.heading_rad, sample.source)
         for sample in headings
         if math.isfinite(sample.heading_rad) and math.isfinite(sample.t_s) and sample.source in COMPASSES
     ]
     anew: tuple[Event, ...] = ()
     if sources.estranged(state.sources, now_s, settings.observer.timeout_s):
-        state = LookoutState(declination=state.declination)
+        state = HeadingEstimatorState(declination=state.declination)
         anew = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
-    chosen, told = _chosen(settings, state, seen, before, now_s)
+    chosen, told = _select_source(settings, state, seen, before, now_s)
     used = sources.usable(chosen, seen)
     waves = wave_filter.update(settings.filter, state.waves, used, velocities_of(positions), rudder_rad)
-    state = LookoutState(waves, chosen, state.declination)
+    state = HeadingEstimatorState(waves, chosen, state.declination)
     if not waves.x:
         return state, before, anew + told
-    heading_rad, yaw_rate_rad_s = wave_filter.ahead(settings.filter, waves, now_s)
+    heading_rad, yaw_rate_rad_s = wave_filter.predict_heading(settings.filter, waves, now_s)
     # Fixes come rarely; whether they still come has been judged by their own timeout.
     heard_s = now_s if chosen.in_use is Source.COURSE else waves.sample_t_s
     newest = headings[-1] if headings else before
@@ -105,7 +105,7 @@ def looked_out(
     )
 
 
-def _placed(state: LookoutState, positions: Sequence[PositionSample]) -> LookoutState:
+def _with_declination(state: HeadingEstimatorState, positions: Sequence[PositionSample]) -> HeadingEstimatorState:
     """Know the declination of where she is."""
     known = state.declination
     for sample in positions:
@@ -113,18 +113,22 @@ def _placed(state: LookoutState, positions: Sequence[PositionSample]) -> Lookout
         if sample.fix is FixType.NONE or latitude_rad is None or longitude_rad is None:
             continue
         if abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi:
-            known = declination.updated(known, latitude_rad, longitude_rad, sample.utc_s)
+            known = declination.update(known, latitude_rad, longitude_rad, sample.utc_s)
     return state if known is state.declination else replace(state, declination=known)
 
 
-def _chosen(
-    settings: LookoutSettings, state: LookoutState, seen: Sequence[Seen], before: HeadingState, now_s: float
+def _select_source(
+    settings: HeadingEstimatorSettings,
+    state: HeadingEstimatorState,
+    seen: Sequence[TrueHeadingSample],
+    before: HeadingState,
+    now_s: float,
 ) -> tuple[SourceState, tuple[Event, ...]]:
     """Judge the sources by what they say and choose one."""
-    waves, known = state.waves, sources.slewed(state.sources, clamp(now_s - before.t_s, 0.0, 1.0))
+    waves, known = state.waves, sources.decay_offsets(state.sources, clamp(now_s - before.t_s, 0.0, 1.0))
     expected_rad = waves.x[kalman.HEADING] + waves.x[kalman.WAVE] if waves.x else None
     for sample in seen:
-        known = sources.taken(known, sample, expected_rad)
+        known = sources.add_sample(known, sample, expected_rad)
     course_ok = (
         bool(waves.x)  # not begun, or begun anew, it may know of a fix and of nothing else
         and waves.fix_t_s is not None
@@ -132,7 +136,7 @@ def _chosen(
         and waves.spread(kalman.HEADING) <= WIDEST_COURSE_RAD
         and waves.x[kalman.SPEED] >= settings.course_speed_m_s
     )
-    return sources.chosen(known, now_s, settings.limits, course_ok=course_ok)
+    return sources.select(known, now_s, settings.limits, course_ok=course_ok)
 
 
 def velocities_of(positions: Sequence[PositionSample]) -> list[wave_filter.Velocity]:
@@ -149,7 +153,7 @@ def velocities_of(positions: Sequence[PositionSample]) -> list[wave_filter.Veloc
     return found
 
 
-def estimate_of(state: LookoutState, known: HeadingState) -> Estimate | None:
+def report(state: HeadingEstimatorState, known: HeadingState) -> Estimate | None:
     """Return what the filter knows, for the log and the link; None without a filter."""
     waves = state.waves
     if not waves.x:

@@ -40,7 +40,7 @@ def on_earth(sample: PositionSample) -> bool:
     return abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi and math.isfinite(sample.t_s)
 
 
-def carried(state: PositionState, now_s: float, velocity_m_s: tuple[float, float]) -> PositionState:
+def predict(state: PositionState, now_s: float, velocity_m_s: tuple[float, float]) -> PositionState:
     """Carry the place on to now_s by the velocity over ground, north and east; not beyond a gap of a minute."""
     step_s = now_s - state.t_s
     if state.fix is None or step_s <= 0.0:

@@ -95,7 +95,7 @@ class Average:
 
 
 @dataclass(frozen=True, slots=True)
-class CurrentState:
+class WaterState:
     """Estimate (c_north, c_east, U) at t_s with its covariance, the noise learned, and the block under way."""
 
     t_s: float | None = None
@@ -110,12 +110,12 @@ class CurrentState:
     leg: Average | None = None
 
     @classmethod
-    def at_start(cls, parameters: ParameterSet) -> CurrentState:
+    def at_start(cls, parameters: ParameterSet) -> WaterState:
         """The state before anything is seen."""
         return cls(mean=(0.0, 0.0, parameters["CRUISE_SPEED"]))
 
 
-def water_of(state: CurrentState) -> Water:
+def report(state: WaterState) -> Water:
     """Return the estimate for those who steer by it."""
     north_m_s, east_m_s, speed_m_s = state.mean
     nn, ne, _, ee, _, uu = state.covariance
@@ -131,9 +131,7 @@ def water_of(state: CurrentState) -> Water:
     )
 
 
-def update(
-    state: CurrentState, heading_rad: float | None, fixes: Sequence[PositionSample], now_s: float
-) -> CurrentState:
+def update(state: WaterState, heading_rad: float | None, fixes: Sequence[PositionSample], now_s: float) -> WaterState:
     """Take the heading of a tick (None: not known) and the fixes that came with it."""
     block = state.block
     if heading_rad is None:
@@ -154,7 +152,7 @@ def update(
     return _averaged(replace(state, block=Block(now_s, first=block.last, last=block.last)), found, now_s)
 
 
-def _averaged(state: CurrentState, found: Average, now_s: float) -> CurrentState:
+def _averaged(state: WaterState, found: Average, now_s: float) -> WaterState:
     """Join a block to the average under way while she goes straight on, and take a whole one in."""
     before = state.average
     if before is not None and not before.straight_on(found):
@@ -210,7 +208,7 @@ def _velocity(block: Block) -> tuple[float, float] | None:
     return (north_m_s, east_m_s) if math.hypot(north_m_s, east_m_s) <= FASTEST_M_S else None
 
 
-def _predicted(state: CurrentState, now_s: float) -> CurrentState:
+def _predicted(state: WaterState, now_s: float) -> WaterState:
     """Carry the estimate on: all wanders, and slowly returns to what was known beforehand."""
     if state.t_s is None or now_s <= state.t_s:
         return replace(state, t_s=now_s)
@@ -235,7 +233,7 @@ def _predicted(state: CurrentState, now_s: float) -> CurrentState:
     )
 
 
-def _corrected(state: CurrentState, average: Average, now_s: float) -> CurrentState:
+def _corrected(state: WaterState, average: Average, now_s: float) -> WaterState:
     """Take an average in; outliers are left out unless there is nothing else."""
     leg = average
     if state.leg is not None and state.leg.straight_on(average):
@@ -256,13 +254,13 @@ def _corrected(state: CurrentState, average: Average, now_s: float) -> CurrentSt
     s_ee = e_east + sine * u_east + state.noise
     determinant = s_nn * s_ee - s_ne * s_ne
     if not determinant > 0.0:
-        return replace(state, covariance=CurrentState().covariance)
+        return replace(state, covariance=WaterState().covariance)
     i_nn, i_ne, i_ee = s_ee / determinant, -s_ne / determinant, s_nn / determinant
     if n * n * i_nn + 2.0 * n * e * i_ne + e * e * i_ee > GATE and state.outliers < MOST_OUTLIERS:
         return replace(state, outliers=state.outliers + 1)
     if state.outliers >= MOST_OUTLIERS:
         # They bear each other out: the sea has changed.
-        state = replace(state, outliers=0, covariance=CurrentState().covariance)
+        state = replace(state, outliers=0, covariance=WaterState().covariance)
         return _corrected(state, average, now_s)
     k = [
         (north_part * i_nn + east_part * i_ne, north_part * i_ne + east_part * i_ee)
@@ -298,7 +296,7 @@ def _bounded(mean: Vector, covariance: Matrix) -> Vector:
     return north + nu * moved, east + eu * moved, bounded
 
 
-def _judged(state: CurrentState, step_s: float) -> CurrentState:
+def _judged(state: WaterState, step_s: float) -> WaterState:
     """Judge, with patience both ways, whether the current is stronger than she is."""
     north, east, speed = state.mean
     current = math.hypot(north, east)

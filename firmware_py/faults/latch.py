@@ -10,7 +10,7 @@ from firmware_py.faults.page import TABLE, Fault
 
 
 @dataclass(frozen=True, slots=True)
-class MonitorState:
+class LatchState:
     """Since when each condition stands (None: it does not), when it last stood, and the faults set, as bits."""
 
     since_s: tuple[float | None, ...] = (None,) * len(TABLE)
@@ -22,10 +22,10 @@ class MonitorState:
         return bool(self.active >> fault & 1)
 
 
-WELL = MonitorState()
+WELL = LatchState()
 
 
-def update(state: MonitorState, conditions: Sequence[bool], now_s: float) -> tuple[MonitorState, tuple[Event, ...]]:
+def update(state: LatchState, conditions: Sequence[bool], now_s: float) -> tuple[LatchState, tuple[Event, ...]]:
     """Advance all rows by their conditions, in the table's order; an event for each fault set or cleared now."""
     if not state.active and not any(conditions):
         return WELL, ()
@@ -46,4 +46,4 @@ def update(state: MonitorState, conditions: Sequence[bool], now_s: float) -> tup
             events.append(Event(row.severity, row.text))
         elif was_set and not is_set:
             events.append(Event(Severity.NOTICE, row.recovery))
-    return MonitorState(tuple(since), tuple(stood), active), tuple(events)
+    return LatchState(tuple(since), tuple(stood), active), tuple(events)

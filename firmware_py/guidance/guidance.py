@@ -15,12 +15,12 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import Activity, Event, Home, MissionReport, Mode, Navigation, Severity, Water
 from firmware_py.guidance import fence, mission, task_follower
-from firmware_py.guidance.fence import FenceWatch
-from firmware_py.guidance.mission import MissionProgress, Voyage
+from firmware_py.guidance.fence import FenceState
+from firmware_py.guidance.mission import MissionInput, MissionProgress
 from firmware_py.guidance.mission_step import steps_of
 from firmware_py.guidance.return_point import way_back
-from firmware_py.guidance.task_follower import Followed, FollowState
-from firmware_py.guidance.tasks import Go, GuidanceSettings, Keep, Motion, Order
+from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
+from firmware_py.guidance.tasks import GoTo, HoldStation, Task, TaskSettings, VesselMotion
 from firmware_py.model.crab import heading_for_course
 from firmware_py.modes import HeadingGoal, ModeState, PositionGoal, Situation, heading_to_steer, live_stick
 
@@ -30,19 +30,19 @@ _GOING_MODES = (Mode.GUIDED, Mode.LOITER, Mode.AUTO, Mode.RTL)
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class GuidanceSettings:
     """What guidance is set to."""
 
-    guidance: GuidanceSettings
+    guidance: TaskSettings
     rally_includes_home: bool
     stick_timeout_s: float
     stick_rate_rad_s: float
 
     @classmethod
-    def of(cls, parameters: ParameterSet) -> Settings:
+    def of(cls, parameters: ParameterSet) -> GuidanceSettings:
         """Read the settings from the parameters."""
         return cls(
-            GuidanceSettings.of(parameters),
+            TaskSettings.of(parameters),
             bool(parameters["RALLY_INCL_HOME"]),
             parameters["MAN_TIMEOUT_S"],
             math.radians(parameters["STK_RATE_DEG_S"]),
@@ -50,27 +50,27 @@ class Settings:
 
 
 @dataclass(frozen=True, slots=True)
-class NavState:
+class GuidanceState:
     """What guidance remembers: mode and arming that it knows of, mission, order, and what came of it."""
 
     mode: Mode | None = None
     armed: bool = False
     mission: MissionProgress = MissionProgress()  # noqa: RUF009 - frozen
-    order: Order | None = None
-    follow: FollowState = FollowState()  # noqa: RUF009 - frozen
-    followed: Followed = Followed()  # noqa: RUF009 - frozen
+    order: Task | None = None
+    follow: TaskFollowerState = TaskFollowerState()  # noqa: RUF009 - frozen
+    followed: TaskStatus = TaskStatus()  # noqa: RUF009 - frozen
     reached: tuple[int, ...] = ()
     done_s: float | None = None
-    fence: FenceWatch = FenceWatch()  # noqa: RUF009 - frozen
+    fence: FenceState = FenceState()  # noqa: RUF009 - frozen
     fence_enabled: bool | None = None  # None: as FENCE_ENABLE says
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class GuidanceInput:
     """What guidance looks at in a tick; `motion` is None without a position."""
 
     t_s: float
-    motion: Motion | None
+    motion: VesselMotion | None
     new_fix: bool
     modes: ModeState
     plans: Plans
@@ -79,25 +79,25 @@ class Scene:
 
 
 @dataclass(frozen=True, slots=True)
-class Piloted:
+class GuidanceOutput:
     """What came of it: the state, what to tell, and home where the mission sets it."""
 
-    nav: NavState
+    nav: GuidanceState
     events: tuple[Event, ...] = ()
     home: Home | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Steering:
+class SteeringTarget:
     """What guidance asks for: the heading to steer and the error that the controller sees."""
 
     heading_rad: float | None = None
     error_rad: float | None = None
 
 
-def motion_of(place: Place, heading_rad: float, water: Water) -> Motion:
+def vessel_motion(place: Place, heading_rad: float, water: Water) -> VesselMotion:
     """Return how she moves, for guidance."""
-    return Motion(
+    return VesselMotion(
         place,
         heading_rad,
         water.speed_m_s,
@@ -107,72 +107,74 @@ def motion_of(place: Place, heading_rad: float, water: Water) -> Motion:
     )
 
 
-def piloted(settings: Settings, nav: NavState, scene: Scene) -> Piloted:
+def update(settings: GuidanceSettings, nav: GuidanceState, scene: GuidanceInput) -> GuidanceOutput:
     """Carry mode, goal and mission on by a tick."""
     modes, motion = scene.modes, scene.motion
     before = nav
     if (modes.mode, modes.armed) != (nav.mode, nav.armed):
-        nav = _entered(nav, modes)
+        nav = _enter_mode(nav, modes)
     if nav.mission.identity != scene.plans.mission.identity:
         nav = replace(nav, mission=mission.for_plan(nav.mission, scene.plans.mission.identity))
         if modes.mode is Mode.AUTO and before.mission.started:
-            nav = replace(nav, mission=mission.entered(nav.mission))
+            nav = replace(nav, mission=mission.enter(nav.mission))
     if nav.reached:
         nav = replace(nav, reached=())
     changed = nav is not before or scene.new_fix
     if not changed and nav.done_s is not None and scene.t_s - nav.done_s < INTERVAL_S:
-        return Piloted(nav)
+        return GuidanceOutput(nav)
     step_s = 0.0 if nav.done_s is None else min(max(0.0, scene.t_s - nav.done_s), LONGEST_STEP_S)
     nav = replace(nav, done_s=scene.t_s)
     if motion is None:
         # Without a position what was wanted last stands; a goal without any is none.
-        return Piloted(nav if _going(modes) else replace(nav, followed=Followed()))
-    nav = replace(nav, fence=fence.watched(nav.fence, scene.plans.fence, motion.place))
+        return GuidanceOutput(nav if _going(modes) else replace(nav, followed=TaskStatus()))
+    nav = replace(nav, fence=fence.update(nav.fence, scene.plans.fence, motion.place))
     if modes.mode is Mode.AUTO:
-        return _sailed(settings, nav, scene, motion, step_s)
-    order = _order(settings, nav, scene, motion)
-    follow, followed = task_follower.step(settings.guidance, nav.follow, order, motion, step_s)
-    return Piloted(replace(nav, order=order, follow=follow, followed=followed))
+        return _update_mission(settings, nav, scene, motion, step_s)
+    order = _task(settings, nav, scene, motion)
+    follow, followed = task_follower.update(settings.guidance, nav.follow, order, motion, step_s)
+    return GuidanceOutput(replace(nav, order=order, follow=follow, followed=followed))
 
 
 def _going(modes: ModeState) -> bool:
     return modes.mode in _GOING_MODES and not isinstance(modes.goal, HeadingGoal)
 
 
-def _entered(nav: NavState, modes: ModeState) -> NavState:
+def _enter_mode(nav: GuidanceState, modes: ModeState) -> GuidanceState:
     """Begin anew in a mode; AUTO goes on with its item, from where she is."""
     progress = nav.mission
     if modes.mode is Mode.AUTO and modes.armed:
-        progress = mission.entered(progress)
-    return NavState(
+        progress = mission.enter(progress)
+    return GuidanceState(
         modes.mode, modes.armed, progress, done_s=nav.done_s, fence=nav.fence, fence_enabled=nav.fence_enabled
     )
 
 
-def _order(settings: Settings, nav: NavState, scene: Scene, motion: Motion) -> Order | None:
+def _task(settings: GuidanceSettings, nav: GuidanceState, scene: GuidanceInput, motion: VesselMotion) -> Task | None:
     """Return the order of a mode other than AUTO; LOITER and RTL choose their place once."""
     modes, guidance = scene.modes, settings.guidance
     if modes.mode is Mode.GUIDED and isinstance(modes.goal, PositionGoal):
         to = Place(modes.goal.latitude_rad, modes.goal.longitude_rad)
-        return Go(to, None, guidance.accept_m, guidance.keep_m)
+        return GoTo(to, None, guidance.accept_m, guidance.keep_m)
     if modes.mode is Mode.LOITER:
-        centre = nav.order.centre if isinstance(nav.order, Keep) else motion.place
-        return Keep(centre, guidance.keep_m)
+        centre = nav.order.centre if isinstance(nav.order, HoldStation) else motion.place
+        return HoldStation(centre, guidance.keep_m)
     if modes.mode is Mode.RTL:
         return nav.order or _way_back(settings, scene, motion)
     return None
 
 
-def _way_back(settings: Settings, scene: Scene, motion: Motion) -> Go | None:
+def _way_back(settings: GuidanceSettings, scene: GuidanceInput, motion: VesselMotion) -> GoTo | None:
     with_home = settings.rally_includes_home
     return way_back(settings.guidance, motion, scene.home, scene.plans.rally, with_home=with_home)
 
 
-def _sailed(settings: Settings, nav: NavState, scene: Scene, motion: Motion, step_s: float) -> Piloted:
+def _update_mission(
+    settings: GuidanceSettings, nav: GuidanceState, scene: GuidanceInput, motion: VesselMotion, step_s: float
+) -> GuidanceOutput:
     """Carry the mission on; disarmed she is where she is, and so is the mission."""
     if not scene.modes.armed:
-        return Piloted(nav)
-    voyage = Voyage(
+        return GuidanceOutput(nav)
+    voyage = MissionInput(
         settings.guidance,
         steps_of(scene.plans.mission),
         motion,
@@ -181,20 +183,20 @@ def _sailed(settings: Settings, nav: NavState, scene: Scene, motion: Motion, ste
         scene.utc_s,
         lambda: _way_back(settings, scene, motion),
     )
-    done = mission.advance(nav.mission, voyage)
+    done = mission.update(nav.mission, voyage)
     progress = done.progress
     order = progress.halt if progress.paused else progress.order
-    follow, followed = task_follower.step(settings.guidance, nav.follow, order, motion, step_s)
+    follow, followed = task_follower.update(settings.guidance, nav.follow, order, motion, step_s)
     home = None
     if done.home is not None:
         altitude_m = 0.0 if scene.home is None else scene.home.altitude_m
         home = Home(done.home.latitude_rad, done.home.longitude_rad, altitude_m)
-    events = _told(nav.mission, progress)
+    events = _events(nav.mission, progress)
     nav = replace(nav, mission=progress, order=order, follow=follow, followed=followed, reached=done.reached)
-    return Piloted(nav, events, home)
+    return GuidanceOutput(nav, events, home)
 
 
-def _told(before: MissionProgress, after: MissionProgress) -> tuple[Event, ...]:
+def _events(before: MissionProgress, after: MissionProgress) -> tuple[Event, ...]:
     if after.unusable and not before.unusable:
         return ()  # a fault of its own
     if after.complete and not before.complete:
@@ -209,7 +211,9 @@ def _told(before: MissionProgress, after: MissionProgress) -> tuple[Event, ...]:
 # ---------------------------------------------------------------------------- steering
 
 
-def goal_kept(settings: Settings, modes: ModeState, situation: Situation, now_s: float, step_s: float) -> ModeState:
+def update_goal(
+    settings: GuidanceSettings, modes: ModeState, situation: Situation, now_s: float, step_s: float
+) -> ModeState:
     """Give a goal to a mode that has none yet, turn it by the stick, end a turn the long way."""
     if modes.mode not in (Mode.STEERING, Mode.GUIDED) or situation.heading_rad is None:
         return modes
@@ -228,13 +232,13 @@ def goal_kept(settings: Settings, modes: ModeState, situation: Situation, now_s:
     return modes
 
 
-def steering(modes: ModeState, followed: Followed, situation: Situation) -> Steering:
+def steering_target(modes: ModeState, followed: TaskStatus, situation: Situation) -> SteeringTarget:
     """Return what the helm is to do."""
     goal, turn = modes.goal, 0
     if isinstance(goal, HeadingGoal):
         steer_rad, turn = heading_to_steer(goal, situation.water), goal.turn
     elif followed.wanted is None:
-        return Steering()
+        return SteeringTarget()
     elif followed.wanted.over_ground and (water := situation.water) is not None:
         steer_rad = heading_for_course(
             followed.wanted.angle_rad, water.speed_m_s, water.current_north_m_s, water.current_east_m_s
@@ -242,23 +246,23 @@ def steering(modes: ModeState, followed: Followed, situation: Situation) -> Stee
     else:
         steer_rad = followed.wanted.angle_rad
     if situation.heading_rad is None:
-        return Steering(steer_rad, None)
+        return SteeringTarget(steer_rad, None)
     # On a turn the long way the error stays at half a turn until the shorter way is the right one.
     error_rad = turn * math.pi if turn else wrap_pi(steer_rad - situation.heading_rad)
-    return Steering(steer_rad, error_rad)
+    return SteeringTarget(steer_rad, error_rad)
 
 
 # ----------------------------------------------------------------------------- reports
 
 
-def fence_margin_m(nav: NavState, plans: Plans, *, enabled: bool) -> float | None:
+def fence_margin_m(nav: GuidanceState, plans: Plans, *, enabled: bool) -> float | None:
     """Return the margin of a fence that is heeded and known."""
     if not enabled or not plans.fence.items or nav.fence.identity != plans.fence.identity or nav.fence.place is None:
         return None
     return nav.fence.margin_m
 
 
-def navigation_of(nav: NavState, plans: Plans, *, fence_enabled: bool) -> Navigation:
+def report(nav: GuidanceState, plans: Plans, *, fence_enabled: bool) -> Navigation:
     """Return where guidance takes her, for the log and the link."""
     followed = nav.followed
     return Navigation(
@@ -273,7 +277,7 @@ def navigation_of(nav: NavState, plans: Plans, *, fence_enabled: bool) -> Naviga
     )
 
 
-def mission_report(nav: NavState, plans: Plans, modes: ModeState) -> MissionReport:
+def mission_report(nav: GuidanceState, plans: Plans, modes: ModeState) -> MissionReport:
     """Return the mission as the operator follows it."""
     count = len(plans.mission.items)
     progress = mission.for_plan(nav.mission, plans.mission.identity)

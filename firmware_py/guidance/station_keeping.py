@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 
 from firmware_py.common.angles import TWO_PI, wrap_pi, wrap_two_pi
-from firmware_py.guidance.tasks import GuidanceSettings, Keep, Motion, Wanted
+from firmware_py.guidance.tasks import HeadingTarget, HoldStation, TaskSettings, VesselMotion
 from firmware_py.model.crab import against_current, heading_for_course
 
 HEADINGS = 36
@@ -42,24 +42,24 @@ class _Turn:
 
 
 def keep(
-    settings: GuidanceSettings, state: StationState, order: Keep, motion: Motion, distance_m: float
-) -> tuple[StationState, Wanted]:
+    settings: TaskSettings, state: StationState, order: HoldStation, motion: VesselMotion, distance_m: float
+) -> tuple[StationState, HeadingTarget]:
     """Return the state and what to steer, with distance_m from the centre."""
     if distance_m > order.keep_m:
         if motion.too_strong:
-            return StationState(), Wanted(against_current(motion.north_m_s, motion.east_m_s), over_ground=False)
+            return StationState(), HeadingTarget(against_current(motion.north_m_s, motion.east_m_s), over_ground=False)
         _, bearing_rad = motion.place.distance_and_bearing(order.centre)
-        return StationState(), Wanted(bearing_rad, over_ground=True)
+        return StationState(), HeadingTarget(bearing_rad, over_ground=True)
     north_m, east_m = order.centre.offset_m(motion.place)
     limit_m = order.keep_m - min(max(MARGIN_M, MARGIN_PART * order.keep_m), LARGEST_MARGIN * order.keep_m)
     heading_rad = state.heading_rad
     if heading_rad is None or _ends(settings, motion, heading_rad, north_m, east_m, limit_m):
         heading_rad = _next_leg(settings, motion, north_m, east_m, limit_m)
-    return StationState(heading_rad), Wanted(heading_rad, over_ground=False)
+    return StationState(heading_rad), HeadingTarget(heading_rad, over_ground=False)
 
 
 def _ends(
-    settings: GuidanceSettings, motion: Motion, heading_rad: float, north_m: float, east_m: float, limit_m: float
+    settings: TaskSettings, motion: VesselMotion, heading_rad: float, north_m: float, east_m: float, limit_m: float
 ) -> bool:
     """Whether the leg must end now for a turn back to stay within the limit."""
     if abs(wrap_pi(heading_rad - motion.heading_rad)) > TURNED_RAD:
@@ -72,7 +72,7 @@ def _ends(
     return _turn(settings, motion, back_rad, north_m, east_m).farthest_m >= limit_m
 
 
-def _next_leg(settings: GuidanceSettings, motion: Motion, north_m: float, east_m: float, limit_m: float) -> float:
+def _next_leg(settings: TaskSettings, motion: VesselMotion, north_m: float, east_m: float, limit_m: float) -> float:
     """Return the heading that keeps her inside the longest, or leads least far out when none does."""
     best_rad, best = motion.heading_rad, (-math.inf, -math.inf)
     for index in range(HEADINGS):
@@ -87,14 +87,14 @@ def _next_leg(settings: GuidanceSettings, motion: Motion, north_m: float, east_m
     return best_rad
 
 
-def _over_ground(motion: Motion, heading_rad: float) -> tuple[float, float]:
+def _over_ground(motion: VesselMotion, heading_rad: float) -> tuple[float, float]:
     return (
         motion.speed_m_s * math.cos(heading_rad) + motion.north_m_s,
         motion.speed_m_s * math.sin(heading_rad) + motion.east_m_s,
     )
 
 
-def _turn(settings: GuidanceSettings, motion: Motion, to_rad: float, north_m: float, east_m: float) -> _Turn:
+def _turn(settings: TaskSettings, motion: VesselMotion, to_rad: float, north_m: float, east_m: float) -> _Turn:
     """Return the turn from here to a heading, along an arc through the water that drifts with it."""
     angle_rad = wrap_pi(to_rad - motion.heading_rad)
     radius_m = settings.turning_radius_m / TURN_PART

@@ -10,14 +10,23 @@ from firmware_py.guidance import line, orbit, station_keeping
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.orbit import OrbitState
 from firmware_py.guidance.station_keeping import StationState
-from firmware_py.guidance.tasks import Go, GuidanceSettings, Head, Keep, Motion, Orbit, Order, Wanted
+from firmware_py.guidance.tasks import (
+    GoTo,
+    HeadingTarget,
+    HoldHeading,
+    HoldStation,
+    Orbit,
+    Task,
+    TaskSettings,
+    VesselMotion,
+)
 
 
 @dataclass(frozen=True, slots=True)
-class FollowState:
+class TaskFollowerState:
     """How far the order has come: `arrived` at its place once, and the turns made round it."""
 
-    order: Order | None = None
+    order: Task | None = None
     arrived: bool = False
     line: LineState | None = None
     station: StationState = StationState()  # noqa: RUF009 - frozen
@@ -25,10 +34,10 @@ class FollowState:
 
 
 @dataclass(frozen=True, slots=True)
-class Followed:
+class TaskStatus:
     """What came of a step, for the helm and for those who look on."""
 
-    wanted: Wanted | None = None
+    wanted: HeadingTarget | None = None
     activity: Activity = Activity.NOTHING
     target: Place | None = None
     radius_m: float | None = None
@@ -37,38 +46,38 @@ class Followed:
     cross_track_m: float | None = None
 
 
-def step(
-    settings: GuidanceSettings, state: FollowState, order: Order | None, motion: Motion | None, step_s: float
-) -> tuple[FollowState, Followed]:
+def update(
+    settings: TaskSettings, state: TaskFollowerState, order: Task | None, motion: VesselMotion | None, step_s: float
+) -> tuple[TaskFollowerState, TaskStatus]:
     """Carry an order out for step_s; a new one begins from where she is."""
     if order != state.order:
-        state = FollowState(order)
+        state = TaskFollowerState(order)
     if order is None:
-        return state, Followed()
-    if isinstance(order, Head):
-        return state, Followed(Wanted(order.heading_rad, over_ground=False), Activity.HEADING)
+        return state, TaskStatus()
+    if isinstance(order, HoldHeading):
+        return state, TaskStatus(HeadingTarget(order.heading_rad, over_ground=False), Activity.HEADING)
     if motion is None:
-        return state, Followed()
+        return state, TaskStatus()
     if isinstance(order, Orbit):
         return _orbit(settings, state, order, motion)
-    if isinstance(order, Go) and not state.arrived:
+    if isinstance(order, GoTo) and not state.arrived:
         return _go(settings, state, order, motion, step_s)
-    kept = order if isinstance(order, Keep) else Keep(order.to, order.keep_m)
+    kept = order if isinstance(order, HoldStation) else HoldStation(order.to, order.keep_m)
     return _keep(settings, state, kept, motion)
 
 
 def _go(
-    settings: GuidanceSettings, state: FollowState, order: Go, motion: Motion, step_s: float
-) -> tuple[FollowState, Followed]:
+    settings: TaskSettings, state: TaskFollowerState, order: GoTo, motion: VesselMotion, step_s: float
+) -> tuple[TaskFollowerState, TaskStatus]:
     begun = state.line or LineState(order.start or motion.place)
     after, course_rad, on = line.follow(settings, begun, order, motion, step_s)
     after, arrived = line.approach(settings, after, order, motion, on)
     state = replace(state, line=after, arrived=arrived)
     if arrived:
-        return _keep(settings, state, Keep(order.to, order.keep_m), motion)
+        return _keep(settings, state, HoldStation(order.to, order.keep_m), motion)
     distance_m, bearing_rad = motion.place.distance_and_bearing(order.to)
-    return state, Followed(
-        Wanted(course_rad, over_ground=True),
+    return state, TaskStatus(
+        HeadingTarget(course_rad, over_ground=True),
         Activity.LINE,
         order.to,
         order.accept_m,
@@ -78,23 +87,25 @@ def _go(
     )
 
 
-def _keep(settings: GuidanceSettings, state: FollowState, order: Keep, motion: Motion) -> tuple[FollowState, Followed]:
+def _keep(
+    settings: TaskSettings, state: TaskFollowerState, order: HoldStation, motion: VesselMotion
+) -> tuple[TaskFollowerState, TaskStatus]:
     distance_m, bearing_rad = motion.place.distance_and_bearing(order.centre)
     after, wanted = station_keeping.keep(settings, state.station, order, motion, distance_m)
     state = replace(state, station=after, arrived=state.arrived or distance_m <= order.keep_m)
-    return state, Followed(wanted, Activity.STATION, order.centre, order.keep_m, bearing_rad, distance_m)
+    return state, TaskStatus(wanted, Activity.STATION, order.centre, order.keep_m, bearing_rad, distance_m)
 
 
 def _orbit(
-    settings: GuidanceSettings, state: FollowState, order: Orbit, motion: Motion
-) -> tuple[FollowState, Followed]:
+    settings: TaskSettings, state: TaskFollowerState, order: Orbit, motion: VesselMotion
+) -> tuple[TaskFollowerState, TaskStatus]:
     after, course_rad = orbit.circle(settings, state.orbit, order, motion)
     distance_m, bearing_rad = motion.place.distance_and_bearing(order.centre)
     radius_m = orbit.radius_m(settings, order)
     near = abs(distance_m - radius_m) <= orbit.NEAR_PART * radius_m
     state = replace(state, orbit=after, arrived=state.arrived or near)
-    return state, Followed(
-        Wanted(course_rad, over_ground=True),
+    return state, TaskStatus(
+        HeadingTarget(course_rad, over_ground=True),
         Activity.CIRCLE,
         order.centre,
         radius_m,

@@ -10,14 +10,14 @@ from firmware_py.common.parameters import ParameterSet
 
 
 @dataclass(frozen=True, slots=True)
-class Head:
+class HoldHeading:
     """Steer a heading."""
 
     heading_rad: float
 
 
 @dataclass(frozen=True, slots=True)
-class Go:
+class GoTo:
     """Go to a place, on the line from `start` (None: from where she is), and keep station there."""
 
     to: Place
@@ -27,7 +27,7 @@ class Go:
 
 
 @dataclass(frozen=True, slots=True)
-class Keep:
+class HoldStation:
     """Keep station within a watch circle."""
 
     centre: Place
@@ -44,11 +44,11 @@ class Orbit:
     number: int = 0
 
 
-Order = Head | Go | Keep | Orbit
+Task = HoldHeading | GoTo | HoldStation | Orbit
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class VesselMotion:
     """Where she is and how she moves: `heading_rad` and the water's motion as estimated.
 
     `speed_m_s` is through the water; the current sets north and east.
@@ -63,7 +63,7 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class HeadingTarget:
     """What to steer: a heading, or a course over ground."""
 
     angle_rad: float
@@ -71,7 +71,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
-class GuidanceSettings:
+class TaskSettings:
     """Radii, look-ahead, and how tight she turns."""
 
     accept_m: float
@@ -80,7 +80,7 @@ class GuidanceSettings:
     turning_radius_m: float  # at full rudder; by similarity the same at any speed
 
     @classmethod
-    def of(cls, parameters: ParameterSet) -> GuidanceSettings:
+    def of(cls, parameters: ParameterSet) -> TaskSettings:
         """Read the settings from the parameters."""
         turning_1_s = parameters["MDL_K"] * radians(parameters["RUD_LIMIT_DEG"])
         radius_m = parameters["MDL_SPEED"] / turning_1_s

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 from firmware_py.common.angles import radians
 from firmware_py.common.intents import Answer, Intent, Request, SetHome, SetMode, SteerHeading, SteerPosition, Verdict
-from firmware_py.common.interfaces import Authority, Calibrator
+from firmware_py.common.interfaces import Calibrator, RequestHandler
 from firmware_py.common.records import Home, Mode, Severity, Snapshot
 from firmware_py.link.parameters.metadata import Metadata
 from firmware_py.link.peer import Peer
 from firmware_py.link.telemetry import identity
-from firmware_py.link.telemetry.context_fields import Scene
+from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.telemetry.identity import COMPONENT, Version
 from firmware_py.link.telemetry.statustext import text_messages
 from firmware_py.link.wire.dialect import Codec, Message
@@ -32,10 +32,10 @@ class Suppliers:
     calibrator: Calibrator | None = None  # a compass that calibrates itself
 
 
-class Session:
+class LinkContext:
     """The link's own state, on the loop's thread."""
 
-    def __init__(self, authority: Authority, suppliers: Suppliers, version: Version) -> None:
+    def __init__(self, authority: RequestHandler, suppliers: Suppliers, version: Version) -> None:
         """Take the loop's side; the system id and the identity hold until the next start."""
         values = authority.parameters()
         self.authority = authority
@@ -66,11 +66,11 @@ class Session:
         """Where local coordinates begin, None before the first fix."""
         return None if self.snapshot is None else self.snapshot.home
 
-    def scene(self) -> Scene | None:
+    def scene(self) -> TelemetryContext | None:
         """Return what the telemetry builders look at; None before the first tick."""
         if self.snapshot is None:
             return None
-        return Scene(
+        return TelemetryContext(
             snapshot=self.snapshot,
             utc_s=self.suppliers.utc_s(),
             rudder_limit_rad=radians(self.authority.parameters()["RUD_LIMIT_DEG"]),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from firmware_py.common.intents import ManualRudder
-from firmware_py.link.context import Handler, Session, within
+from firmware_py.link.context import Handler, LinkContext, within
 from firmware_py.link.peer import Peer
 from firmware_py.link.telemetry.context_fields import INT16_MAX, UINT16_MAX
 from firmware_py.link.wire.dialect import Message
@@ -15,10 +15,10 @@ _CENTRE_US, _FULL_US = 1500, 500
 _RELEASE, _IGNORE = 0, UINT16_MAX
 
 
-class Manual:
+class ManualControl:
     """Turns stick messages into rudder deflections."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: LinkContext) -> None:
         """Take the session to ask and to answer through."""
         self._session = session
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from firmware_py.common.angles import wrap_two_pi
 from firmware_py.common.intents import SteerHeading, SteerPosition
-from firmware_py.link.context import Handler, Session, within
+from firmware_py.link.context import Handler, LinkContext, within
 from firmware_py.link.peer import Peer
 from firmware_py.link.telemetry.geo import GLOBAL_FRAMES, offset_goal, position_goal
 from firmware_py.link.wire.dialect import Message
@@ -30,10 +30,10 @@ _SLOWEST_M_S = 1e-3
 _FASTEST_M_S = 1e3
 
 
-class Goals:
+class Setpoints:
     """SET_ATTITUDE_TARGET and SET_POSITION_TARGET_GLOBAL_INT, _LOCAL_NED."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: LinkContext) -> None:
         """Take the session to ask and to answer through."""
         self._session = session
 

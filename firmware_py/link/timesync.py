@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Mapping
 
-from firmware_py.link.context import Handler, Session
+from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority
@@ -14,10 +14,10 @@ _REMEMBERED = 32
 _FARTHEST_S = 1e11
 
 
-class Timing:
+class Timesync:
     """Answers questions about time, and hears what stations say of it."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: LinkContext) -> None:
         """Take the session to answer through."""
         self._session = session
         self._answered: OrderedDict[tuple[int, int], tuple[int, int]] = OrderedDict()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from firmware_py.common.plan import PlanItem
 from firmware_py.plans.items import Command
-from firmware_py.plans.problem import PlanFault, PlanResult
+from firmware_py.plans.problem import PlanProblem, PlanResult
 
 _VERTICES = (Command.INCLUDED_VERTEX, Command.EXCLUDED_VERTEX)
 _TURN = 3_600_000_000
@@ -41,11 +41,11 @@ def polygons_of(items: Sequence[PlanItem]) -> Iterator[Polygon]:
         index += count
 
 
-def polygons_fault(items: Sequence[PlanItem]) -> PlanFault | None:
+def polygons_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
     """Return the first polygon that is incomplete or crosses itself, or a second return point."""
     returns = [index for index, item in enumerate(items) if item.command == Command.FENCE_RETURN]
     if len(returns) > 1:
-        return PlanFault(returns[1], PlanResult.INVALID, "a second fence return point")
+        return PlanProblem(returns[1], PlanResult.INVALID, "a second fence return point")
     pairs_left = _MOST_PAIRS
     index = 0
     while index < len(items):
@@ -58,20 +58,20 @@ def polygons_fault(items: Sequence[PlanItem]) -> PlanFault | None:
         for offset, vertex in enumerate(vertices):
             if vertex.command != item.command or vertex.params[0] != item.params[0]:
                 text = f"vertex {offset + 1} of {count} is not one of its polygon"
-                return PlanFault(index + offset, PlanResult.INVALID_PARAM1, text)
+                return PlanProblem(index + offset, PlanResult.INVALID_PARAM1, text)
         if len(vertices) < count:
             text = f"the polygon ends after {len(vertices)} of {count} vertices"
-            return PlanFault(len(items) - 1, PlanResult.INVALID_PARAM1, text)
+            return PlanProblem(len(items) - 1, PlanResult.INVALID_PARAM1, text)
         edges = _edges(vertices)
         if len(edges) < _FEWEST:
-            return PlanFault(index, PlanResult.INVALID, "the polygon has fewer than 3 different vertices")
+            return PlanProblem(index, PlanResult.INVALID, "the polygon has fewer than 3 different vertices")
         crossing, pairs_left = _crossing(edges, pairs_left)
         if pairs_left < 0:
-            return PlanFault(
+            return PlanProblem(
                 index, PlanResult.INVALID, "the polygon is too intricate to be checked; use fewer vertices"
             )
         if crossing:
-            return PlanFault(index, PlanResult.INVALID, "the polygon crosses itself")
+            return PlanProblem(index, PlanResult.INVALID, "the polygon crosses itself")
         index += count
     return None
 

@@ -28,7 +28,7 @@ class PlanResult(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class PlanFault:
+class PlanProblem:
     """The first thing that is wrong with a plan: the item, counted from 0 (None: the whole), how, and in words.
 
     The words do not number the item, since links and files number items each in their own way.

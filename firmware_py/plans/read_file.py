@@ -8,7 +8,7 @@ from firmware_py.common.plan import Plan
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import read_plan
 from firmware_py.plans.text_files import read_text
-from firmware_py.plans.validation import fault_of
+from firmware_py.plans.validation import problem_of
 
 _MOST_BYTES = 8 << 20
 
@@ -29,6 +29,6 @@ def read_file(path: Path, *, home: bool = True) -> tuple[Plan, ...]:
     found = text.lstrip()[:1]
     plans = read_plan(text, str(path)) if found == "{" else (read_text(text, str(path), home=home),)
     for plan in plans:
-        if fault := fault_of(plan):
+        if fault := problem_of(plan):
             raise PlanFileError(f"{path}: {plan.kind.name.lower()}: {fault}; mend it (items are counted from 0 here)")
     return plans

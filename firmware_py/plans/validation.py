@@ -7,89 +7,89 @@ from collections.abc import Sequence
 
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.plans.items import MISSION_FRAME, PLACE_FRAMES, ROWS, Command, ItemRow
-from firmware_py.plans.polygons import polygons_fault
-from firmware_py.plans.problem import PlanFault, PlanResult
+from firmware_py.plans.polygons import polygons_problem
+from firmware_py.plans.problem import PlanProblem, PlanResult
 
-__all__ = ["PlanFault", "PlanResult", "fault_of", "item_fault"]
+__all__ = ["PlanProblem", "PlanResult", "item_problem", "problem_of"]
 
 _LATITUDE_MAX, _LONGITUDE_MAX = 900_000_000, 1_800_000_000
 _BY_NUMBER = {number: PlanResult(5 + number) for number in (1, 2, 3, 4)}  # INVALID_PARAM1 and on
 _TIME_OF_DAY = -1.0
 _REMEMBERED = 4
 
-_judged: list[tuple[Plan, PlanFault | None]] = []
+_judged: list[tuple[Plan, PlanProblem | None]] = []
 
 
-def fault_of(plan: Plan) -> PlanFault | None:
+def problem_of(plan: Plan) -> PlanProblem | None:
     """Return the first thing that is wrong with a plan, or None; asked again of the same plan it costs nothing."""
     # By identity and not by checksum: who can make two plans with one checksum shall gain nothing.
     for known, fault in _judged:
         if known is plan:
             return fault
-    fault = _fault_of(plan)
+    fault = _problem_of(plan)
     _judged.insert(0, (plan, fault))
     del _judged[_REMEMBERED:]
     return fault
 
 
-def _fault_of(plan: Plan) -> PlanFault | None:
+def _problem_of(plan: Plan) -> PlanProblem | None:
     if len(plan.items) > MOST_ITEMS:
-        return PlanFault(None, PlanResult.NO_SPACE, f"{len(plan.items)} items; at most {MOST_ITEMS} are kept")
+        return PlanProblem(None, PlanResult.NO_SPACE, f"{len(plan.items)} items; at most {MOST_ITEMS} are kept")
     for index, item in enumerate(plan.items):
-        if fault := item_fault(plan.kind, index, item):
+        if fault := item_problem(plan.kind, index, item):
             return fault
     if plan.kind is PlanKind.MISSION:
-        return _jumps_fault(plan.items)
-    return polygons_fault(plan.items) if plan.kind is PlanKind.FENCE else None
+        return _jumps_problem(plan.items)
+    return polygons_problem(plan.items) if plan.kind is PlanKind.FENCE else None
 
 
-def item_fault(kind: PlanKind, index: int, item: PlanItem) -> PlanFault | None:
+def item_problem(kind: PlanKind, index: int, item: PlanItem) -> PlanProblem | None:
     """Return what is wrong with an item as such, whatever stands beside it."""
     row = ROWS.get(item.command)
     if row is None or row.kind is not kind:
         what = f"command {item.command}" if row is None else row.name
-        return PlanFault(index, PlanResult.UNSUPPORTED, f"{what} is not known in a {kind.name.lower()} plan")
+        return PlanProblem(index, PlanResult.UNSUPPORTED, f"{what} is not known in a {kind.name.lower()} plan")
     if item.frame not in PLACE_FRAMES and (row.place or item.frame != MISSION_FRAME):
-        return PlanFault(index, PlanResult.UNSUPPORTED_FRAME, f"{row.name}: frame {item.frame} is not supported")
+        return PlanProblem(index, PlanResult.UNSUPPORTED_FRAME, f"{row.name}: frame {item.frame} is not supported")
     for number, value in enumerate(item.params, start=1):
         if math.isinf(value):
-            return PlanFault(index, _BY_NUMBER[number], f"{row.name}: param{number} is infinite")
+            return PlanProblem(index, _BY_NUMBER[number], f"{row.name}: param{number} is infinite")
     for meaning in row.meanings:
         value = item.params[meaning.number - 1]
         if not meaning.admits(value):
             text = f"{row.name}: param{meaning.number} is {value:g}; allowed: {meaning.allowed()}"
-            return PlanFault(index, _BY_NUMBER[meaning.number], text)
-    return _place_fault(row, index, item) or _special_fault(row, index, item)
+            return PlanProblem(index, _BY_NUMBER[meaning.number], text)
+    return _place_problem(row, index, item) or _special_problem(row, index, item)
 
 
-def _place_fault(row: ItemRow, index: int, item: PlanItem) -> PlanFault | None:
+def _place_problem(row: ItemRow, index: int, item: PlanItem) -> PlanProblem | None:
     if row.place and not -_LATITUDE_MAX <= item.x <= _LATITUDE_MAX:
-        return PlanFault(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: the latitude is not on this planet")
+        return PlanProblem(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: the latitude is not on this planet")
     if row.place and not -_LONGITUDE_MAX <= item.y <= _LONGITUDE_MAX:
-        return PlanFault(index, PlanResult.INVALID_PARAM6_Y, f"{row.name}: the longitude is not on this planet")
+        return PlanProblem(index, PlanResult.INVALID_PARAM6_Y, f"{row.name}: the longitude is not on this planet")
     if math.isinf(item.z):
-        return PlanFault(index, PlanResult.INVALID_PARAM7, f"{row.name}: the altitude is infinite")
+        return PlanProblem(index, PlanResult.INVALID_PARAM7, f"{row.name}: the altitude is infinite")
     return None
 
 
-def _special_fault(row: ItemRow, index: int, item: PlanItem) -> PlanFault | None:
+def _special_problem(row: ItemRow, index: int, item: PlanItem) -> PlanProblem | None:
     """Return what one parameter makes wrong with another."""
     if row.command is Command.SET_HOME and not item.params[0] and math.isnan(item.z):
-        return PlanFault(index, PlanResult.INVALID_PARAM7, f"{row.name}: the altitude is not a number")
+        return PlanProblem(index, PlanResult.INVALID_PARAM7, f"{row.name}: the altitude is not a number")
     if row.command is Command.DELAY and item.params[0] < 0.0:
         if item.params[0] != _TIME_OF_DAY:
-            return PlanFault(index, PlanResult.INVALID_PARAM1, f"{row.name}: a time is not negative, unless -1")
+            return PlanProblem(index, PlanResult.INVALID_PARAM1, f"{row.name}: a time is not negative, unless -1")
         if not item.params[1] >= 0.0:
-            return PlanFault(index, PlanResult.INVALID_PARAM2, f"{row.name}: a time of day needs an hour")
+            return PlanProblem(index, PlanResult.INVALID_PARAM2, f"{row.name}: a time of day needs an hour")
     return None
 
 
-def _jumps_fault(items: Sequence[PlanItem]) -> PlanFault | None:
+def _jumps_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
     """Return the first jump that leads nowhere, or that can go round without an item that takes time."""
     for index, item in enumerate(items):
         if item.command == Command.JUMP and item.params[0] >= len(items):
             text = f"DO_JUMP: there is no item {item.params[0]:.0f}"
-            return PlanFault(index, PlanResult.INVALID_PARAM1, text)
+            return PlanProblem(index, PlanResult.INVALID_PARAM1, text)
     settled = bytearray(len(items))  # 1: being followed, 2: leads on
     for start, item in enumerate(items):
         if item.command != Command.JUMP or settled[start]:
@@ -97,7 +97,7 @@ def _jumps_fault(items: Sequence[PlanItem]) -> PlanFault | None:
         closing = _circle(items, start, settled)
         if closing is not None:
             text = "DO_JUMP: goes round without an item that takes time"
-            return PlanFault(closing, PlanResult.INVALID_PARAM1, text)
+            return PlanProblem(closing, PlanResult.INVALID_PARAM1, text)
     return None
 
 

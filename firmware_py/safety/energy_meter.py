@@ -15,7 +15,7 @@ LONGEST_GAP_S: Final = 2.0  # without word from the servo for longer nothing is 
 
 
 @dataclass(frozen=True, slots=True)
-class EnergyState:
+class EnergyMeterState:
     """The sums since start, those of about the last hour, and the last turning point of the rudder."""
 
     travel_rad: float = 0.0
@@ -31,12 +31,12 @@ class EnergyState:
     power_s: float | None = None
 
 
-def metered(
-    state: EnergyState,
+def update(
+    state: EnergyMeterState,
     angle_rad: float,
     power: tuple[float, float] | None,
     step_s: float,
-) -> EnergyState:
+) -> EnergyMeterState:
     """Take a tick's rudder angle in, and the time and power of a new word from the servo."""
     before_rad = angle_rad if state.angle_rad is None else state.angle_rad
     moved_rad = abs(angle_rad - before_rad)
@@ -48,7 +48,7 @@ def metered(
         if power_s is not None and 0.0 < told_s - power_s <= LONGEST_GAP_S:
             energy_j += told_w * (told_s - power_s)
         power_s, power_w = told_s, told_w
-    return EnergyState(
+    return EnergyMeterState(
         state.travel_rad + moved_rad,
         state.reversals + turned,
         energy_j,
@@ -63,7 +63,7 @@ def metered(
     )
 
 
-def _turning(state: EnergyState, angle_rad: float) -> tuple[float, int, int]:
+def _turning(state: EnergyMeterState, angle_rad: float) -> tuple[float, int, int]:
     """Return the farthest angle on the present way, its direction, and 1 when it has just been reversed."""
     if state.angle_rad is None:
         return angle_rad, 0, 0
@@ -75,7 +75,7 @@ def _turning(state: EnergyState, angle_rad: float) -> tuple[float, int, int]:
     return angle_rad, 1 if angle_rad > from_rad else -1, int(direction != 0)
 
 
-def told(state: EnergyState, *, resting: bool) -> Energy:
+def report(state: EnergyMeterState, *, resting: bool) -> Energy:
     """Return what is told to log and link."""
     per_hour = WINDOW_S / state.recent_s if state.recent_s > 0.0 else 0.0
     return Energy(

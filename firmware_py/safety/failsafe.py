@@ -29,7 +29,7 @@ class FailsafeState:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class FailsafeInput:
     """What a decision depends on; `ordered`: the operator has given an order in this tick."""
 
     active: int
@@ -53,7 +53,7 @@ class Decision:
 NOTHING = Decision()
 
 
-def decide(state: FailsafeState, scene: Scene) -> tuple[FailsafeState, Decision]:
+def decide(state: FailsafeState, scene: FailsafeInput) -> tuple[FailsafeState, Decision]:
     """Judge a tick."""
     if not scene.active and not state.known:
         return state, NOTHING
@@ -79,7 +79,7 @@ def decide(state: FailsafeState, scene: Scene) -> tuple[FailsafeState, Decision]
     return state, Decision(enter=mode, events=(event,))
 
 
-def _ended(state: FailsafeState, scene: Scene) -> tuple[FailsafeState, Decision]:
+def _ended(state: FailsafeState, scene: FailsafeInput) -> tuple[FailsafeState, Decision]:
     """Go on with what was interrupted, or stay, once nothing calls for a mode any more."""
     if state.fault is None:
         return state, NOTHING
@@ -89,6 +89,6 @@ def _ended(state: FailsafeState, scene: Scene) -> tuple[FailsafeState, Decision]
     return state, Decision(events=(Event(Severity.NOTICE, f"Failsafe over: {scene.mode.name} stays"),))
 
 
-def _modal(scene: Scene) -> int:
+def _modal(scene: FailsafeInput) -> int:
     """Return the faults whose chosen action is a mode, as bits."""
     return sum(1 << fault for fault, action in scene.actions.items() if action in LADDERS)

@@ -36,7 +36,7 @@ class RudderSight:
 
 
 @dataclass(frozen=True, slots=True)
-class RudderWatch:
+class RudderMonitorState:
     """The angle and time of the last progress toward the command and of the last motion, and what follows.
 
     `side` is to which side the command lies. `stuck_rad` is where it jammed, `high_s` since
@@ -66,7 +66,7 @@ class RudderWatch:
         return self.eased_s is not None and now_s - self.eased_s >= REST_S
 
 
-def watched(state: RudderWatch, sight: RudderSight, most_a: float) -> RudderWatch:
+def update(state: RudderMonitorState, sight: RudderSight, most_a: float) -> RudderMonitorState:
     """Take a tick in; most_a is the current that may flow, 0 for any."""
     state = _current_judged(state, sight, most_a)
     if sight.measured_rad is not None and math.isfinite(sight.measured_rad):
@@ -83,14 +83,14 @@ def watched(state: RudderWatch, sight: RudderSight, most_a: float) -> RudderWatc
     return replace(state, eased_s=sight.t_s if state.jammed or state.overloaded else None)
 
 
-def _current_judged(state: RudderWatch, sight: RudderSight, most_a: float) -> RudderWatch:
+def _current_judged(state: RudderMonitorState, sight: RudderSight, most_a: float) -> RudderMonitorState:
     if sight.current_a is None or not abs(sight.current_a) > most_a > 0.0:
         return state if state.high_s is None else replace(state, high_s=None)
     since_s = sight.t_s if state.high_s is None else state.high_s
     return replace(state, high_s=since_s, overloaded=state.overloaded or sight.t_s - since_s >= OVERLOAD_S)
 
 
-def _motion_judged(state: RudderWatch, sight: RudderSight, measured_rad: float) -> RudderWatch:
+def _motion_judged(state: RudderMonitorState, sight: RudderSight, measured_rad: float) -> RudderMonitorState:
     stuck_rad = state.stuck_rad
     if stuck_rad is not None and abs(measured_rad - stuck_rad) > FREE_RAD:
         stuck_rad = None
@@ -111,7 +111,7 @@ def _motion_judged(state: RudderWatch, sight: RudderSight, measured_rad: float) 
     return replace(state, astray=overdue and not still, stuck_rad=stuck_rad)
 
 
-def eased(state: RudderWatch, command_rad: float, now_s: float) -> float:
+def release_command(state: RudderMonitorState, command_rad: float, now_s: float) -> float:
     """Return the command that does not pull while the rudder is eased; a trial goes where she wants it, or wiggles."""
     held_rad = state.measured_rad
     if state.eased_s is None or held_rad is None:

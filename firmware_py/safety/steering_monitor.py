@@ -26,7 +26,7 @@ FAR_OFF_RAD: Final = radians(15.0)
 
 
 @dataclass(frozen=True, slots=True)
-class AuthorityState:
+class SteeringMonitorState:
     """The expected yaw rate, the slow parts of rudder and turn, the sums of the regression, and the verdict.
 
     The slow parts begin amidships and without a turn: at the start she may be in the middle of one.
@@ -45,15 +45,15 @@ class AuthorityState:
         return self.product / self.expected_square if self.expected_square >= EVIDENCE else None
 
 
-def watched(
-    state: AuthorityState,
+def update(
+    state: SteeringMonitorState,
     rudder_rad: float,
     yaw_rate_rad_s: float,
     turning_ability_1_s: float,
     turning_lag_s: float,
     step_s: float,
     error_rad: float | None = None,
-) -> AuthorityState:
+) -> SteeringMonitorState:
     """Take a tick's measured rudder and estimated yaw rate in; the model is that at the present speed.
 
     `error_rad` is how far she is off her heading, None while nobody steers for one.
@@ -71,7 +71,7 @@ def watched(
     off = error_rad is None or abs(error_rad) >= FAR_OFF_RAD
     telling = state.lost or (off and abs(rudder_rad - slow_rudder_rad) >= FAR_RUDDER_RAD)
     weight_s = step_s if telling else 0.0
-    after = AuthorityState(
+    after = SteeringMonitorState(
         expected_rad_s,
         slow_rudder_rad,
         slow_rate_rad_s,

@@ -14,11 +14,11 @@ from firmware_py.common.records import DeviceHealth, DeviceRole, Event, Inputs, 
 from firmware_py.faults.page import TABLE, Action, Fault
 from firmware_py.modes import ModeState, Situation, enter, obstacle_to
 from firmware_py.safety import energy_meter, rudder_monitor, steering_monitor, torque_release
-from firmware_py.safety.energy_meter import EnergyState
-from firmware_py.safety.failsafe import FailsafeState, Scene, decide
-from firmware_py.safety.rudder_monitor import RudderSight, RudderWatch
-from firmware_py.safety.steering_monitor import AuthorityState
-from firmware_py.safety.torque_release import RestState, ServoSight
+from firmware_py.safety.energy_meter import EnergyMeterState
+from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
+from firmware_py.safety.rudder_monitor import RudderMonitorState, RudderSight
+from firmware_py.safety.steering_monitor import SteeringMonitorState
+from firmware_py.safety.torque_release import ServoSight, TorqueReleaseState
 
 HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind can ask for
 HARD_OVER_S: Final = 30.0
@@ -29,7 +29,7 @@ ORDERS: Final[tuple[type[Intent], ...]] = (Arm, PauseMission, SetMissionItem, Se
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class SupervisorSettings:
     """What the watch is set to."""
 
     actions: Mapping[Fault, Action]
@@ -44,7 +44,7 @@ class Settings:
     model_speed_m_s: float
 
     @classmethod
-    def of(cls, parameters: ParameterSet) -> Settings:
+    def of(cls, parameters: ParameterSet) -> SupervisorSettings:
         """Read the settings from the parameters."""
         return cls(
             {row.fault: Action(int(parameters[row.parameter])) for row in TABLE if row.parameter},
@@ -61,7 +61,7 @@ class Settings:
 
 
 @dataclass(frozen=True, slots=True)
-class WatchState:
+class SupervisorState:
     """What the watch remembers.
 
     `heard_s`: when each compass last spoke. `restarted_s`: when the servo was last seen to
@@ -71,10 +71,10 @@ class WatchState:
     `blocks` how many there were. `interrupted`: what a failsafe broke off.
     """
 
-    rudder: RudderWatch = RudderWatch()  # noqa: RUF009 - frozen
-    energy: EnergyState = EnergyState()  # noqa: RUF009 - frozen
-    rest: RestState = RestState()  # noqa: RUF009 - frozen
-    authority: AuthorityState = AuthorityState()  # noqa: RUF009 - frozen
+    rudder: RudderMonitorState = RudderMonitorState()  # noqa: RUF009 - frozen
+    energy: EnergyMeterState = EnergyMeterState()  # noqa: RUF009 - frozen
+    rest: TorqueReleaseState = TorqueReleaseState()  # noqa: RUF009 - frozen
+    authority: SteeringMonitorState = SteeringMonitorState()  # noqa: RUF009 - frozen
     failsafe: FailsafeState = FailsafeState()  # noqa: RUF009 - frozen
     interrupted: ModeState | None = None
     heard_s: tuple[float | None, float | None] = (None, None)
@@ -100,7 +100,9 @@ class RudderNow:
     servo: RudderFeedback | None
 
 
-def sensed(settings: Settings, state: WatchState, inputs: Inputs, seen: RudderNow, step_s: float) -> WatchState:
+def update(
+    settings: SupervisorSettings, state: SupervisorState, inputs: Inputs, seen: RudderNow, step_s: float
+) -> SupervisorState:
     """Take the inputs of a tick in."""
     now_s, servo = inputs.tick.t_s, seen.servo
     a_s, b_s = state.heard_s
@@ -119,8 +121,8 @@ def sensed(settings: Settings, state: WatchState, inputs: Inputs, seen: RudderNo
     sight = RudderSight(now_s, seen.sent_rad, seen.measured_rad, current_a, engaged)
     return replace(
         state,
-        rudder=rudder_monitor.watched(state.rudder, sight, settings.most_a),
-        energy=energy_meter.metered(state.energy, seen.angle_rad, _power(inputs.rudder), step_s),
+        rudder=rudder_monitor.update(state.rudder, sight, settings.most_a),
+        energy=energy_meter.update(state.energy, seen.angle_rad, _power(inputs.rudder), step_s),
         heard_s=(a_s, b_s),
         restarts=restarts,
         restarted_s=now_s if restarts > state.restarts else state.restarted_s,
@@ -136,15 +138,15 @@ def _power(feedback: tuple[RudderFeedback, ...]) -> tuple[float, float] | None:
     return (feedback[-1].t_s, power_w) if math.isfinite(power_w) else None
 
 
-def turning(
-    settings: Settings,
-    state: WatchState,
+def update_steering(
+    settings: SupervisorSettings,
+    state: SupervisorState,
     rudder_rad: float,
     heading_rad: float | None,
     speed_m_s: float,
     error_rad: float | None,
     now_s: float,
-) -> WatchState:
+) -> SupervisorState:
     """Watch whether she answers the rudder; nothing is learned without a heading.
 
     The turn is that of the heading over a block: the estimated yaw rate expects a turn of the
@@ -159,7 +161,7 @@ def turning(
     yaw_rate_rad_s = wrap_pi(heading_rad - before_rad) / step_s
     ratio = clamp(speed_m_s / settings.model_speed_m_s, 0.1, 10.0)
     ability_1_s, lag_s = settings.turning_ability_1_s * ratio, settings.turning_lag_s / ratio
-    seen = steering_monitor.watched(state.authority, rudder_rad, yaw_rate_rad_s, ability_1_s, lag_s, step_s, error_rad)
+    seen = steering_monitor.update(state.authority, rudder_rad, yaw_rate_rad_s, ability_1_s, lag_s, step_s, error_rad)
     part = max(1.0 / (state.blocks + 1.0), step_s / steering_monitor.MEMORY_S)
     square = state.turn_square + part * (yaw_rate_rad_s * yaw_rate_rad_s - state.turn_square)
     return replace(
@@ -171,17 +173,23 @@ def turning(
     )
 
 
-def steering_lost(state: WatchState) -> bool:
+def steering_lost(state: SupervisorState) -> bool:
     """Whether she does not answer the rudder, once the sea lets that be told: to a sixth of the turn."""
     evidence = state.authority.expected_square >= 36.0 * BLOCK_S * state.turn_square
     return state.authority.lost and evidence and state.blocks >= ENOUGH_BLOCKS
 
 
-def guarded(
-    settings: Settings, state: WatchState, modes: ModeState, active: int, situation: Situation, *, ordered: bool
-) -> tuple[WatchState, ModeState, tuple[Event, ...]]:
+def apply_failsafe(
+    settings: SupervisorSettings,
+    state: SupervisorState,
+    modes: ModeState,
+    active: int,
+    situation: Situation,
+    *,
+    ordered: bool,
+) -> tuple[SupervisorState, ModeState, tuple[Event, ...]]:
     """Let the failsafes decide about the mode."""
-    scene = Scene(
+    scene = FailsafeInput(
         active,
         modes.mode,
         modes.armed,
@@ -216,9 +224,9 @@ def _resumed(modes: ModeState, before: ModeState, situation: Situation) -> tuple
     return resumed, (Event(Severity.NOTICE, f"Failsafe over: {before.mode.name} goes on"),)
 
 
-def supervised(
-    state: WatchState, demand_rad: float, command_rad: float, modes: ModeState, now_s: float, *, heading_ok: bool
-) -> tuple[WatchState, float]:
+def limit_without_heading(
+    state: SupervisorState, demand_rad: float, command_rad: float, modes: ModeState, now_s: float, *, heading_ok: bool
+) -> tuple[SupervisorState, float]:
     """Never let the rudder stay far over without a heading: after a while she goes amidships until one is back."""
     if heading_ok or modes.mode is Mode.MANUAL or not modes.armed:
         if state.bent_s is None and not state.straightened:
@@ -234,9 +242,9 @@ def supervised(
     return replace(state, bent_s=since_s), demand_rad
 
 
-def torque(
-    settings: Settings, state: WatchState, command_rad: float, seen: RudderNow, now_s: float
-) -> tuple[WatchState, bool]:
+def torque_enable(
+    settings: SupervisorSettings, state: SupervisorState, command_rad: float, seen: RudderNow, now_s: float
+) -> tuple[SupervisorState, bool]:
     """Return whether the servo may rest now."""
     if settings.rest_s <= 0.0 and state.rest.resting_s is None:
         return state, True
@@ -244,5 +252,5 @@ def torque(
     sight = ServoSight(seen.angle_rad, None, None)
     if servo is not None and servo.shaft_rad is not None:
         sight = ServoSight(seen.angle_rad, servo.current_a, servo.torque_on)
-    rested = torque_release.rested(state.rest, command_rad, sight, now_s, settings.rest_s)
+    rested = torque_release.update(state.rest, command_rad, sight, now_s, settings.rest_s)
     return replace(state, rest=rested), rested.resting_s is None

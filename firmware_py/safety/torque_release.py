@@ -21,7 +21,7 @@ AFTER_PUSH_S: Final = 300.0
 
 
 @dataclass(frozen=True, slots=True)
-class RestState:
+class TorqueReleaseState:
     """The command that stands and since when; since when the servo rests, and until when it must not."""
 
     command_rad: float = 0.0
@@ -39,17 +39,19 @@ class ServoSight:
     torque_on: bool | None = None
 
 
-def rested(state: RestState, command_rad: float, servo: ServoSight, now_s: float, rest_s: float) -> RestState:
+def update(
+    state: TorqueReleaseState, command_rad: float, servo: ServoSight, now_s: float, rest_s: float
+) -> TorqueReleaseState:
     """Decide whether the servo rests from now on; rest_s is how long the command must have stood, 0 for never."""
     if rest_s <= 0.0 or abs(command_rad - state.command_rad) > STEADY_RAD:
-        return RestState(command_rad, now_s, None, state.awake_until_s)
+        return TorqueReleaseState(command_rad, now_s, None, state.awake_until_s)
     if servo.angle_rad is None or servo.current_a is None:
         return replace(state, resting_s=None, since_s=now_s)
     if state.resting_s is not None:
         pushed = abs(servo.angle_rad - command_rad) > PUSHED_RAD
         released = servo.torque_on is False or now_s - state.resting_s < WAKE_S
         if pushed or not released:
-            return RestState(command_rad, now_s, None, now_s + AFTER_PUSH_S)
+            return TorqueReleaseState(command_rad, now_s, None, now_s + AFTER_PUSH_S)
         return state
     idle = (
         servo.torque_on is True and abs(servo.current_a) <= IDLE_A and abs(servo.angle_rad - command_rad) <= THERE_RAD

@@ -10,7 +10,7 @@ ERROR_KEPT_S = 10.0  # an old error would hide that all is well again
 LONGEST_TEXT = 60
 
 
-class Condition:
+class DeviceMonitor:
     """Judges a device by what its driver reports: it is RUNNING while something good is fresh."""
 
     def __init__(self, line: ByteLine, role: DeviceRole, silent_after_s: float = SILENT_AFTER_S) -> None:

@@ -9,7 +9,7 @@ from firmware_py.common.interfaces import Compass
 from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample
 
 
-class SecondCompass:
+class RelabelledCompass:
     """A ports.Compass around another."""
 
     def __init__(self, compass: Compass) -> None:

@@ -18,7 +18,7 @@ TOLERANCE_S = 2.0  # a receiver's sentence may come a second after its time
 AGAIN_S = 3600.0
 
 
-class Timekeeper:
+class ClockSetter:
     """Compares the times that GPS and ground stations say with the computer's, and sets that once they agree.
 
     A source's time counts as its difference to the loop's clock, which never jumps.

@@ -15,7 +15,7 @@ from firmware_py.common.records import Event, Severity
 MOST, WITHIN_S = 5, 600.0
 
 
-class Shelter:
+class FaultBarrier:
     """Makes the calls whose mistakes the rudder does not depend on."""
 
     def __init__(self, explain: Callable[[str], None]) -> None:

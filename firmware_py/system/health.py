@@ -15,7 +15,7 @@ STEP_S = 2.0
 STEP_TOLD_S = 10.0
 
 
-class ClockWatch:
+class ClockMonitor:
     """Compares the computer's clock with the loop's, which never jumps."""
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class ClockWatch:
         return DeviceHealth(now_s, DeviceRole.CLOCK, DeviceState.RUNNING, 0, 0)
 
 
-class HealthWatch:
+class HealthMonitor:
     """Remembers what has been told of each, so that only news are."""
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class HealthWatch:
         }
         self._news: tuple[DeviceHealth, ...] = ()
         self._due_s = -math.inf
-        self._clock = ClockWatch()
+        self._clock = ClockMonitor()
 
     def look(
         self,

@@ -18,7 +18,7 @@ class PortError(RuntimeError):
     """A port cannot be opened; the text names it and the remedy."""
 
 
-class SerialLine:
+class SerialPort:
     """A serial port as a ports.ByteLine."""
 
     def __init__(self, path: str, baud: int) -> None:

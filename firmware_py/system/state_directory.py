@@ -11,10 +11,10 @@ from firmware_py.common.interfaces import Clock
 from firmware_py.common.parameters import ParameterError, parse_file
 from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.common.plan import from_text as plan_from_text
-from firmware_py.core.resume import RESUME_FILE, resumed
+from firmware_py.core.resume import RESUME_FILE, restore
 from firmware_py.core.step import State
 from firmware_py.loop import PARAMETER_FILE, PLAN_FILES
-from firmware_py.plans.validation import fault_of
+from firmware_py.plans.validation import problem_of
 from firmware_py.system.store import Store
 
 _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)")
@@ -53,7 +53,7 @@ def _checked_plan(kind: PlanKind, text: str) -> tuple[Plan, tuple[str, ...]]:
     plan, notes = plan_from_text(text)
     if plan.kind is not kind:
         raise ValueError(f"it is a {plan.kind.name.lower()}")
-    if fault := fault_of(plan):
+    if fault := problem_of(plan):
         raise ValueError(str(fault))
     return plan, notes
 
@@ -82,7 +82,7 @@ def with_resume(state: State, store: Store, clock: Clock, say: Callable[[str], N
     if content is None:
         return state
     try:
-        state, notes = resumed(state, content.decode("ascii", "replace"), clock.utc_s())
+        state, notes = restore(state, content.decode("ascii", "replace"), clock.utc_s())
     except ValueError as error:
         say(f"stored {RESUME_FILE} left out: {error}")
         return replace(state, greeting="Not resumed: the record is no good")

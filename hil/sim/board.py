@@ -16,7 +16,7 @@ Send = Callable[[PtyLine, bytes], object]
 
 
 @dataclass(frozen=True, slots=True)
-class Station:
+class Port:
     """A line, the path that the autopilot opens it by, and the device behind it."""
 
     path: Path
@@ -39,7 +39,7 @@ class Board:
         self.world = world
         self._send = send
         self.stations = tuple(
-            Station(directory / name, PtyLine(directory / name), emulator) for name, emulator in emulators.items()
+            Port(directory / name, PtyLine(directory / name), emulator) for name, emulator in emulators.items()
         )
         self._emulators = tuple(emulators.values())
 
@@ -62,7 +62,7 @@ class Board:
         """Return the path of each line by its name."""
         return {station.path.name: str(station.path) for station in self.stations}
 
-    def station_at(self, path: str) -> Station:
+    def station_at(self, path: str) -> Port:
         """Return the station whose line has this path; KeyError when there is none."""
         for station in self.stations:
             if str(station.path) == path:
@@ -73,7 +73,7 @@ class Board:
         """When the next device has something to do or to say."""
         return min(emulator.next_output_s() for emulator in self._emulators)
 
-    def hear(self, station: Station, data: bytes) -> None:
+    def hear(self, station: Port, data: bytes) -> None:
         """Give a device the bytes that the autopilot has written, now."""
         station.emulator.receive(self.world.now_s, data)
 

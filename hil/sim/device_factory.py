@@ -25,7 +25,7 @@ POSITION_RATE_HZ = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Fitting:
+class DeviceContext:
     """What an emulator is built from: its section of the vehicle file and the chances of this run."""
 
     world: World
@@ -36,7 +36,7 @@ class Fitting:
     declination_deg: float
 
 
-def _nmea(fitting: Fitting) -> Emulator:
+def _nmea(fitting: DeviceContext) -> Emulator:
     section = fitting.section
     known = [kind for kind in section.get("sentences", ()) if kind in get_args(Kind)]
     return NmeaCompassEmulator(
@@ -51,7 +51,7 @@ def _nmea(fitting: Fitting) -> Emulator:
     )
 
 
-def _pni(fitting: Fitting) -> Emulator:
+def _pni(fitting: DeviceContext) -> Emulator:
     return PniTcmEmulator(
         fitting.world,
         fitting.numbers,
@@ -61,21 +61,21 @@ def _pni(fitting: Fitting) -> Emulator:
     )
 
 
-def _dynamixel(fitting: Fitting) -> Emulator:
+def _dynamixel(fitting: DeviceContext) -> Emulator:
     section = fitting.section
     return DynamixelEmulator(
         fitting.world.shaft, fitting.numbers, device_id=int(section.get("id", 1)), baud=int(section["baud"])
     )
 
 
-def _volz(fitting: Fitting) -> Emulator:
+def _volz(fitting: DeviceContext) -> Emulator:
     section = fitting.section
     return VolzEmulator(
         fitting.world.shaft, fitting.numbers, device_id=int(section.get("id", 1)), baud=int(section["baud"])
     )
 
 
-def _gps(fitting: Fitting) -> Emulator:
+def _gps(fitting: DeviceContext) -> Emulator:
     return NmeaGpsEmulator(
         fitting.world,
         fitting.numbers,
@@ -86,7 +86,7 @@ def _gps(fitting: Fitting) -> Emulator:
     )
 
 
-MAKERS: Mapping[str, Callable[[Fitting], Emulator]] = {
+MAKERS: Mapping[str, Callable[[DeviceContext], Emulator]] = {
     "nmea": _nmea,
     "pni_tcm": _pni,
     "dynamixel": _dynamixel,
@@ -98,8 +98,8 @@ def emulators(world: World, vehicle: VehicleFile, seed: int) -> dict[str, Emulat
     """Build compass, position and rudder as the vehicle file names them, or raise UsageError."""
     chances = generator(seed, Stream.PHASES)
 
-    def fitting(section: Mapping[str, Any], stream: Stream, period_s: float) -> Fitting:
-        return Fitting(
+    def fitting(section: Mapping[str, Any], stream: Stream, period_s: float) -> DeviceContext:
+        return DeviceContext(
             world,
             section,
             generator(seed, stream),

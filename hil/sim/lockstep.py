@@ -22,7 +22,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from hil.errors import HilError
-from hil.sim.board import Board, Station
+from hil.sim.board import Board, Port
 from hil.sim.pace import Pacer
 
 PROTOCOL = 1
@@ -46,7 +46,7 @@ class LockstepServer:
         self._board = board
         self._pacer = pacer
         self._stall_s = stall_s
-        self._stations: tuple[Station, ...] = ()
+        self._stations: tuple[Port, ...] = ()
         self._packet = NEW_TIME
         self._heard: list[int] = []
         self._before: list[int] = []  # what earlier processes wrote on each line
@@ -151,7 +151,7 @@ class LockstepServer:
                 self._heard[index] = total
                 self._board.hear(station, data)
 
-    def _lines_of(self, hello: bytes) -> tuple[Station, ...]:
+    def _lines_of(self, hello: bytes) -> tuple[Port, ...]:
         try:
             content: Any = json.loads(hello)
             protocol, lines = content["protocol"], [str(path) for path in content["lines"]]

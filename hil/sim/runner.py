@@ -71,7 +71,7 @@ class Run:
         return self.truth.rows[-1][0] / self.wall_s if self.wall_s > 0.0 else math.nan
 
 
-def sail(options: RunOptions) -> Run:
+def run(options: RunOptions) -> Run:
     """Make a run and write its truth.csv; HilError when it fails, the truth so far is written then too."""
     prepare_directory(options.out)
     _remember(options)
@@ -95,7 +95,7 @@ def sail(options: RunOptions) -> Run:
             tempfile.TemporaryDirectory(prefix="rambler-") as directory,
             Board(world, devices, Path(directory), send) as board,
         ):
-            wall_s = _Voyage(options, board, station, Path(directory)).make()
+            wall_s = _Run(options, board, station, Path(directory)).make()
     finally:
         world.truth.write(options.out / TRUTH_FILE)
     if complaint := station.verdict():
@@ -129,7 +129,7 @@ def _remember(options: RunOptions) -> None:
         raise UsageError(f"state directory {options.state} cannot be copied: {error}") from None
 
 
-class _Voyage:
+class _Run:
     """The parts of a run while it goes."""
 
     def __init__(self, options: RunOptions, board: Board, station: GroundStation, directory: Path) -> None:

@@ -9,7 +9,7 @@ from support.paths import ROOT
 
 from hil.sim import scenarios
 from hil.sim.goals import parse_goals
-from hil.sim.runner import RunOptions, sail
+from hil.sim.runner import RunOptions, run
 
 LOG = "state/logs/00000001.BIN"
 TRUE = {"K": 0.049, "T": 4.0}
@@ -23,7 +23,7 @@ def identified(*words):
 @pytest.mark.timeout(300)
 def test_a_zigzag_of_goals_tells_the_ship(tmp_path):
     goals = ",".join(f"{40 * number}:{30 if number % 2 == 0 else -30}" for number in range(7))
-    sail(RunOptions(scenarios.named("tank"), 300.0, tmp_path, goals=parse_goals(goals)))
+    run(RunOptions(scenarios.named("tank"), 300.0, tmp_path, goals=parse_goals(goals)))
     done = identified(tmp_path / LOG, "--json", "-")
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
@@ -38,7 +38,7 @@ def test_a_zigzag_of_goals_tells_the_ship(tmp_path):
 
 @pytest.mark.timeout(300)
 def test_a_log_without_motion_is_told_as_such(tmp_path):
-    sail(
+    run(
         RunOptions(
             scenarios.named("calm"), 60.0, tmp_path, goals=parse_goals("0:0"), settings={"EST_MODE": 0, "CTL_MODE": 0}
         )

@@ -10,7 +10,7 @@ from support.paths import DATA
 
 from firmware_py.common.records import DeviceState, NorthReference
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
-from firmware_py.system.serial_port import SerialLine
+from firmware_py.system.serial_port import SerialPort
 
 FILES = sorted(path.name for path in (DATA / "nmea").glob("*.*")) or ["tests/data/nmea is not here"]
 PIECE = 997  # a prime, so that the pieces end anywhere in a sentence
@@ -44,7 +44,7 @@ class CountingLine:
     """A SerialLine that says how many bytes have come out of it, so that the test need not sleep."""
 
     def __init__(self, path):
-        self._line = SerialLine(path, 115200)
+        self._line = SerialPort(path, 115200)
         self._line.open()
         self.count = 0
 

@@ -11,7 +11,7 @@ from hil.lab.compare.score import mean_of, score_of
 from hil.lab.compare.voyages import OURS, Task, compare
 from hil.sim import scenarios
 from hil.sim.goals import parse_goals
-from hil.sim.runner import RunOptions, sail
+from hil.sim.runner import RunOptions, run
 
 # What is asked for: rms [deg], rudder travel [deg/h].
 MUST = {"tank": (0.22, 500.0), "sea": (1.45, 1500.0), "swell": (3.6, 3500.0), "weak": (1.3, 1450.0)}
@@ -21,7 +21,7 @@ MUST = {"tank": (0.22, 500.0), "sea": (1.45, 1500.0), "swell": (3.6, 3500.0), "w
 def test_she_sees_through_the_waves(tmp_path, name, limits):
     """One short run: the limits leave room for chance, the proof below leaves none."""
     options = RunOptions(scenarios.named(name), 340.0, tmp_path, seed=11, goals=parse_goals("0:60"))
-    score = score_of(sail(options).truth.table())
+    score = score_of(run(options).truth.table())
     assert score.rms_deg <= limits[0]
     assert score.travel_deg_per_h <= limits[1]
     assert score.overshoot_deg <= 8.0
@@ -72,7 +72,7 @@ def test_other_seas_and_other_ships(tmp_path, name, sea, k, t, limit_deg):
         options = RunOptions(scenario, 900.0, tmp_path / str(seed), seed=seed, goals=parse_goals("0:0,120:60,480:-30"))
         options.vehicle.parameters.update({"MDL_K": 0.049 * k, "MDL_T_S": 4.0 * t})
         options.settings.update({"MDL_K": 0.049, "MDL_T_S": 4.0})
-        scores.append(score_of(sail(options).truth.table()))
+        scores.append(score_of(run(options).truth.table()))
     mean = mean_of(scores)
     print(name, mean)
     assert mean.rms_deg <= limit_deg

@@ -16,7 +16,7 @@ from hil.lab.tune.trials import FIXED_GAINS, Setting, Trials
 from hil.report.figures import rudder_travel_deg_per_h
 from hil.sim import scenarios
 from hil.sim.goals import parse_goals
-from hil.sim.runner import RunOptions, sail
+from hil.sim.runner import RunOptions, run
 
 SECONDS = 200
 
@@ -28,7 +28,7 @@ def test_a_trial_run_is_the_real_autopilot_s_in_the_same_waves(tmp_path, scenari
     parameters = ParameterSet().replaced("EST_TAU_S", tau_s)
     settings = {**FIXED_GAINS, "EST_TAU_S": tau_s}
     options = RunOptions(sea, float(SECONDS), tmp_path, goals=parse_goals("0:60"), settings=settings)
-    truth = sail(options).truth.table()
+    truth = run(options).truth.table()
     ticks = truth.time_s.size
     noise = np.radians(COMPASS_NOISE_DEG) * np.random.default_rng(1).standard_normal(ticks)
     waves = truth.heading_rad - truth.heading_low_rad

@@ -52,7 +52,7 @@ from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.telemetry.streams import FASTEST_S, SLOWEST_S
 from firmware_py.link.telemetry.table import TABLE
 from firmware_py.link.wire.url_options import PLAIN
-from firmware_py.plans.validation import fault_of
+from firmware_py.plans.validation import problem_of
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2)
 SERVO = RudderFeedback(0.0, 0.3)
@@ -171,7 +171,7 @@ def is_sound(intent):
     if isinstance(intent, SetMissionItem):
         return isinstance(intent.index, int) and 0 <= intent.index <= 0xFFFF
     if isinstance(intent, ReplacePlan):
-        return fault_of(intent.plan) is None
+        return problem_of(intent.plan) is None
     if isinstance(intent, SetHome):
         place = (intent.latitude_rad, intent.longitude_rad)
         if place == (None, None):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from firmware_py.common.angles import radians
 from firmware_py.common.intents import Answer, SteerHeading
 from firmware_py.link.commands.server import Call
-from firmware_py.link.context import Session, within
+from firmware_py.link.context import LinkContext, within
 from firmware_py.link.telemetry.geo import GLOBAL_FRAMES, position_goal
 
 _CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
@@ -13,7 +13,7 @@ _COURSE_OVER_GROUND, _HEADING = 0.0, 1.0  # HEADING_TYPE
 _HOW_RELATIVE = "param{} says neither absolute (0) nor relative (1)"
 
 
-def condition_yaw(session: Session, call: Call) -> Answer:
+def condition_yaw(session: LinkContext, call: Call) -> Answer:
     """Steer to an angle: absolute, or relative with the direction in param3.
 
     A negative relative angle without a direction means to port. The rate of turn
@@ -34,7 +34,7 @@ def condition_yaw(session: Session, call: Call) -> Answer:
     return session.ask(call.message, SteerHeading(radians(angle_deg), turn=turn), call.now_s)
 
 
-def change_heading(session: Session, call: Call) -> Answer:
+def change_heading(session: LinkContext, call: Call) -> Answer:
     """Steer to a heading or to a course over ground."""
     kind, angle_deg = call.parameters[:2]
     if kind not in (_COURSE_OVER_GROUND, _HEADING):
@@ -45,7 +45,7 @@ def change_heading(session: Session, call: Call) -> Answer:
     return session.ask(call.message, goal, call.now_s)
 
 
-def set_yaw_speed(session: Session, call: Call) -> Answer:
+def set_yaw_speed(session: LinkContext, call: Call) -> Answer:
     """Steer to an angle, absolute (param3 = 0) or relative (1); a wave glider's speed is the sea's to choose."""
     angle_deg, _, relative, _ = call.parameters
     if relative not in (0.0, 1.0):
@@ -55,7 +55,7 @@ def set_yaw_speed(session: Session, call: Call) -> Answer:
     return session.ask(call.message, SteerHeading(radians(angle_deg), relative=relative == 1.0), call.now_s)
 
 
-def reposition(session: Session, call: Call) -> Answer:
+def reposition(session: LinkContext, call: Call) -> Answer:
     """Go to a position; speed, radius and yaw are ignored."""
     flags = call.parameters[1]
     if not within(flags, 0, 0xFFFF):

@@ -6,7 +6,7 @@ from firmware_py.common.intents import Answer, EnableFence, PauseMission, SetHom
 from firmware_py.common.plan import PlanKind
 from firmware_py.common.records import Mode
 from firmware_py.link.commands.server import NEITHER, Call
-from firmware_py.link.context import Session, within
+from firmware_py.link.context import LinkContext, within
 from firmware_py.link.mission.numbers import homes
 from firmware_py.link.telemetry.context_fields import UINT16_MAX
 from firmware_py.link.telemetry.geo import GLOBAL_FRAMES, home_of
@@ -14,7 +14,7 @@ from firmware_py.link.telemetry.geo import GLOBAL_FRAMES, home_of
 _PRESENT = -1.0  # the current item
 
 
-def set_home(session: Session, call: Call) -> Answer:
+def set_home(session: LinkContext, call: Call) -> Answer:
     """Set home to where she is (param1 = 1) or to a position."""
     use_present = call.parameters[0]
     if use_present not in (0.0, 1.0):
@@ -27,7 +27,7 @@ def set_home(session: Session, call: Call) -> Answer:
     return call.denied(home) if isinstance(home, str) else session.ask(call.message, home, call.now_s)
 
 
-def pause_or_continue(session: Session, call: Call) -> Answer:
+def pause_or_continue(session: LinkContext, call: Call) -> Answer:
     """Halt the mission (param1 = 0) or go on with it (1)."""
     wanted = call.parameters[0]
     if wanted not in (0.0, 1.0):
@@ -35,7 +35,7 @@ def pause_or_continue(session: Session, call: Call) -> Answer:
     return session.ask(call.message, PauseMission(paused=wanted == 0.0), call.now_s)
 
 
-def start_mission(session: Session, call: Call) -> Answer:
+def start_mission(session: LinkContext, call: Call) -> Answer:
     """Enter AUTO, at an item when param1 names one; where it ends (param2) cannot be chosen."""
     first, last = call.parameters[:2]
     index = _item(session, first)
@@ -49,7 +49,7 @@ def start_mission(session: Session, call: Call) -> Answer:
     return session.ask(call.message, SetMissionItem(index), call.now_s)
 
 
-def set_mission_item(session: Session, call: Call) -> Answer:
+def set_mission_item(session: LinkContext, call: Call) -> Answer:
     """Go on with another item of the mission; param2 = 1 also begins it anew."""
     number, restart = call.parameters[:2]
     if restart not in (0.0, 1.0):
@@ -60,12 +60,12 @@ def set_mission_item(session: Session, call: Call) -> Answer:
     return session.ask(call.message, SetMissionItem(index, restart=restart == 1.0), call.now_s)
 
 
-def _count(session: Session) -> int:
+def _count(session: LinkContext) -> int:
     """Return the number of items in force now; what the last tick has reported may be from before an upload."""
     return len(session.authority.plans().mission.items)
 
 
-def _item(session: Session, number: float) -> int | None:
+def _item(session: LinkContext, number: float) -> int | None:
     """Return the index of an item by the number that ground stations give it, None for one that is not there."""
     if _count(session) == 0:
         return None
@@ -78,7 +78,7 @@ def _item(session: Session, number: float) -> int | None:
     return index if index < _count(session) else None
 
 
-def enable_fence(session: Session, call: Call) -> Answer:
+def enable_fence(session: LinkContext, call: Call) -> Answer:
     """Heed the fence (param1 = 1) or not (0), the whole of it."""
     wanted, kinds = call.parameters[:2]
     if wanted not in (0.0, 1.0):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from firmware_py.common.intents import Answer, Verdict
 from firmware_py.link.commands.server import ACCEPTED, NEITHER, Call
-from firmware_py.link.context import Session, within
+from firmware_py.link.context import LinkContext, within
 from firmware_py.link.peer import Peer
 from firmware_py.link.telemetry import identity
 from firmware_py.link.telemetry.context_fields import INT32_MAX, UINT16_MAX
@@ -26,7 +26,7 @@ def _number(value: float) -> int:
 
 # Messages that do not depend on the state of the boat, by the session and the index asked for.
 # An index that is not given (NaN) asks for all, as 0 does.
-FIXED: Mapping[int, Callable[[Session, float], Sequence[Message]]] = {
+FIXED: Mapping[int, Callable[[LinkContext, float], Sequence[Message]]] = {
     148: lambda session, _index: (identity.autopilot_version(session.version),),
     300: lambda _session, _index: (identity.protocol_version(),),
     395: lambda session, _index: (session.metadata.old_message(session.now_s),),
@@ -35,7 +35,7 @@ FIXED: Mapping[int, Callable[[Session, float], Sequence[Message]]] = {
 }
 
 
-def _current(session: Session, number: int) -> Sequence[Message] | None:
+def _current(session: LinkContext, number: int) -> Sequence[Message] | None:
     """Return the messages of telemetry, as far as they have something to say."""
     if number not in ROWS_OF:
         return None
@@ -46,7 +46,7 @@ def _current(session: Session, number: int) -> Sequence[Message] | None:
     return tuple(message for message in built if message is not None)
 
 
-def _deliver(session: Session, call: Call, number: int, index: float = 0.0) -> Answer:
+def _deliver(session: LinkContext, call: Call, number: int, index: float = 0.0) -> Answer:
     messages = FIXED[number](session, index) if number in FIXED else _current(session, number)
     if messages is None:
         return _UNKNOWN_MESSAGE
@@ -55,27 +55,27 @@ def _deliver(session: Session, call: Call, number: int, index: float = 0.0) -> A
     return ACCEPTED if messages else _NOT_NOW
 
 
-def request_message(session: Session, call: Call) -> Answer:
+def request_message(session: LinkContext, call: Call) -> Answer:
     """Send one message now; param2 is the index of AVAILABLE_MODES."""
     return _deliver(session, call, _number(call.parameters[0]), call.parameters[1])
 
 
-def home_position(session: Session, call: Call) -> Answer:
+def home_position(session: LinkContext, call: Call) -> Answer:
     """Send HOME_POSITION now."""
     return _deliver(session, call, _HOME_POSITION)
 
 
-def capabilities(session: Session, call: Call) -> Answer:
+def capabilities(session: LinkContext, call: Call) -> Answer:
     """Send AUTOPILOT_VERSION now."""
     return _deliver(session, call, 148)
 
 
-def protocol_version(session: Session, call: Call) -> Answer:
+def protocol_version(session: LinkContext, call: Call) -> Answer:
     """Send PROTOCOL_VERSION now."""
     return _deliver(session, call, 300)
 
 
-def set_message_interval(session: Session, call: Call) -> Answer:  # noqa: ARG001 - an action like the others
+def set_message_interval(session: LinkContext, call: Call) -> Answer:  # noqa: ARG001 - an action like the others
     """Set the interval of a message to this peer: microseconds, -1 off, 0 default."""
     number = _number(call.parameters[0])
     if number not in ROWS_OF:
@@ -85,7 +85,7 @@ def set_message_interval(session: Session, call: Call) -> Answer:  # noqa: ARG00
     return ACCEPTED
 
 
-def control_high_latency(session: Session, call: Call) -> Answer:
+def control_high_latency(session: LinkContext, call: Call) -> Answer:
     """Start or stop HIGH_LATENCY2 on every satellite link, from whichever link it is asked."""
     wanted = call.parameters[0]
     if wanted not in (0.0, 1.0):
@@ -98,7 +98,7 @@ def control_high_latency(session: Session, call: Call) -> Answer:
     return ACCEPTED
 
 
-def get_message_interval(session: Session, call: Call) -> Answer:
+def get_message_interval(session: LinkContext, call: Call) -> Answer:
     """Send MESSAGE_INTERVAL: microseconds, -1 off, 0 for a message that is not ours."""
     number = _number(call.parameters[0])
     interval_us = call.peer.streams.interval_us(number)

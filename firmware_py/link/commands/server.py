@@ -10,7 +10,7 @@ from firmware_py.common.intents import Answer, Verdict
 from firmware_py.common.records import Severity
 from firmware_py.link.commands.memory import CommandMemory, Done
 from firmware_py.link.commands.pending import CANCELLED, IN_PROGRESS, UNKNOWN_PROGRESS, Pending
-from firmware_py.link.context import Handler, Session
+from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority
@@ -52,7 +52,7 @@ class Call:
         return self.message.get_srcSystem(), self.message.get_srcComponent()
 
 
-Action = Callable[[Session, Call], Answer | Pending]
+Action = Callable[[LinkContext, Call], Answer | Pending]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class CommandRow:
 class Commands:
     """Finds the row of a command, carries it out and acknowledges it."""
 
-    def __init__(self, session: Session, rows: Iterable[CommandRow]) -> None:
+    def __init__(self, session: LinkContext, rows: Iterable[CommandRow]) -> None:
         """Take the rows that are known here."""
         self._session = session
         self._rows: Mapping[int, CommandRow] = {row.command: row for row in rows}

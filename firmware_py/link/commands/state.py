@@ -7,7 +7,7 @@ import math
 from firmware_py.common.intents import Answer, Arm, Restart, SetMode, Verdict
 from firmware_py.common.records import Mode, Severity
 from firmware_py.link.commands.server import ACCEPTED, NEITHER, Action, Call
-from firmware_py.link.context import Session, within
+from firmware_py.link.context import LinkContext, within
 from firmware_py.link.telemetry import identity
 from firmware_py.link.telemetry.context_fields import UINT32_MAX
 from firmware_py.link.wire.dialect import mavlink
@@ -17,7 +17,7 @@ _FORCE_RESTART = 20190226  # REBOOT_SHUTDOWN_CONDITIONS_FORCE, in param6
 _CUSTOM = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
-def set_mode(session: Session, call: Call) -> Answer:
+def set_mode(session: LinkContext, call: Call) -> Answer:
     """Enter a mode. Only custom modes: the flags of base_mode say nothing definite. The number is taken whole."""
     base_mode, custom_mode = call.parameters[:2]
     if not within(base_mode, 0, 255) or not int(base_mode) & _CUSTOM:
@@ -27,7 +27,7 @@ def set_mode(session: Session, call: Call) -> Answer:
     return session.ask(call.message, SetMode(int(custom_mode)), call.now_s)
 
 
-def set_standard_mode(session: Session, call: Call) -> Answer:
+def set_standard_mode(session: LinkContext, call: Call) -> Answer:
     """Enter the mode that is a MAV_STANDARD_MODE here."""
     standard = call.parameters[0]
     mode = identity.mode_of_standard(int(standard)) if within(standard, 0, 255) and standard == int(standard) else None
@@ -37,7 +37,7 @@ def set_standard_mode(session: Session, call: Call) -> Answer:
 
 
 def _enter(mode: Mode) -> Action:
-    def enter(session: Session, call: Call) -> Answer:
+    def enter(session: LinkContext, call: Call) -> Answer:
         return session.ask(call.message, SetMode(int(mode)), call.now_s)
 
     return enter
@@ -47,7 +47,7 @@ return_to_launch = _enter(Mode.RTL)
 loiter = _enter(Mode.LOITER)
 
 
-def restart(session: Session, call: Call) -> Answer:
+def restart(session: LinkContext, call: Call) -> Answer:
     """Start the autopilot anew (param1 = 1) or end it (2), the rudder made safe first.
 
     Only the autopilot: the computer (param2) and other components (param3) are not its to restart.
@@ -63,7 +63,7 @@ def restart(session: Session, call: Call) -> Answer:
     return session.ask(call.message, Restart(shutdown=action == 2.0, force=call.y == _FORCE_RESTART), call.now_s)
 
 
-def arm_disarm(session: Session, call: Call) -> Answer:
+def arm_disarm(session: LinkContext, call: Call) -> Answer:
     """Arm or disarm."""
     wanted, force = call.parameters[:2]
     if wanted not in (0.0, 1.0):
@@ -71,7 +71,7 @@ def arm_disarm(session: Session, call: Call) -> Answer:
     return session.ask(call.message, Arm(wanted == 1.0, force == _FORCE), call.now_s)
 
 
-def run_prearm_checks(session: Session, call: Call) -> Answer:
+def run_prearm_checks(session: LinkContext, call: Call) -> Answer:
     """Say whether arming would be accepted, and why not."""
     if session.snapshot is None:
         return Answer(Verdict.TEMPORARILY_REJECTED, "PreArm: starting")

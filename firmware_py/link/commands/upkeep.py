@@ -10,7 +10,7 @@ from firmware_py.common.interfaces import Calibrator
 from firmware_py.common.records import CalibrationState, Severity
 from firmware_py.link.commands.pending import Pending
 from firmware_py.link.commands.server import ACCEPTED, Call
-from firmware_py.link.context import Session, within
+from firmware_py.link.context import LinkContext, within
 
 BENCH_S = 10.0  # a rudder on the bench goes back amidships unless it is told again
 STORE_PATIENCE_S = 30.0
@@ -27,7 +27,7 @@ _NOT_CALIBRATED_HERE = (
 CIRCLE_PATIENCE_S = 900.0
 
 
-def set_servo(session: Session, call: Call) -> Answer:
+def set_servo(session: LinkContext, call: Call) -> Answer:
     """Hold the rudder somewhere for a while, on the bench: servo 1, 1000 to 2000 us as in SERVO_OUTPUT_RAW."""
     servo, pulse_us = call.parameters[:2]
     if servo != _RUDDER_SERVO:
@@ -37,7 +37,7 @@ def set_servo(session: Session, call: Call) -> Answer:
     return session.ask(call.message, BenchRudder((pulse_us - _CENTRE_US) / _FULL_US, BENCH_S), call.now_s)
 
 
-def calibrate(session: Session, call: Call) -> Answer | Pending:
+def calibrate(session: LinkContext, call: Call) -> Answer | Pending:
     """Take the rudder as it stands for amidships (param4 = 2), or have the compass calibrate itself (param2 = 1).
 
     The rest is refused with what to do instead.
@@ -63,7 +63,7 @@ def calibrate(session: Session, call: Call) -> Answer | Pending:
     return answer
 
 
-def _calibrate_compass(session: Session, call: Call, compass: Calibrator) -> Answer | Pending:
+def _calibrate_compass(session: LinkContext, call: Call, compass: Calibrator) -> Answer | Pending:
     """Have the compass sample while she is turned slowly through a full circle; it may be cancelled."""
     if session.snapshot is None or session.snapshot.armed:
         return _ARMED
@@ -88,7 +88,7 @@ def _calibrate_compass(session: Session, call: Call, compass: Calibrator) -> Ans
     )
 
 
-def align_compass(session: Session, call: Call) -> Answer | Pending:
+def align_compass(session: LinkContext, call: Call) -> Answer | Pending:
     """Mount the compass so that its heading now is the one that is known: from true north, in degrees."""
     yaw_deg, compasses = call.parameters[:2]
     if not within(yaw_deg, -360.0, 360.0):
@@ -105,7 +105,7 @@ def align_compass(session: Session, call: Call) -> Answer | Pending:
     return _set(session, call, "CMP_OFFSET_DEG", degrees(aligned_rad))
 
 
-def _set(session: Session, call: Call, name: str, value: float) -> Answer | Pending:
+def _set(session: LinkContext, call: Call, name: str, value: float) -> Answer | Pending:
     """Set a parameter, and be done once it is on disk."""
     answer = session.ask(call.message, SetParameter(name, value), call.now_s)
     if answer.verdict is not Verdict.ACCEPTED:
@@ -113,7 +113,7 @@ def _set(session: Session, call: Call, name: str, value: float) -> Answer | Pend
     return _once_stored(session, call, f"{name} is now {session.authority.parameters()[name]:.2f}")
 
 
-def _once_stored(session: Session, call: Call, text: str) -> Pending:
+def _once_stored(session: LinkContext, call: Call, text: str) -> Pending:
     pending = Pending(patience_s=STORE_PATIENCE_S)
 
     def stored(well: bool) -> None:  # noqa: FBT001 - the authority's callback
@@ -125,7 +125,7 @@ def _once_stored(session: Session, call: Call, text: str) -> Pending:
     return pending
 
 
-def storage(session: Session, call: Call) -> Answer | Pending:
+def storage(session: LinkContext, call: Call) -> Answer | Pending:
     """Read or write what is stored, which is always what is in force; or (param1 = 2) forget what links have set."""
     parameters, plans = call.parameters[:2]
     if parameters not in (_READ, _WRITE, _RESET):

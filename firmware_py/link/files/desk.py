@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from firmware_py.common.records import Severity
-from firmware_py.link.context import Session
+from firmware_py.link.context import LinkContext
 from firmware_py.link.files.payload import Opcode, Refusal, Request, answer, refusal_of, refused
 from firmware_py.link.files.sessions import Client, Reading, Sessions
 from firmware_py.link.files.tree import Tree
@@ -47,7 +47,7 @@ Action = Callable[[Call], bytes | None]
 class Desk:
     """What all requests share."""
 
-    def __init__(self, session: Session, tree: Tree, worker: Worker) -> None:
+    def __init__(self, session: LinkContext, tree: Tree, worker: Worker) -> None:
         """Take the session to answer through, what is to be seen, and who waits for the disk."""
         self.session = session
         self.tree = tree

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from firmware_py.common.interfaces import Authority
+from firmware_py.common.interfaces import RequestHandler
 from firmware_py.common.parameters import format_file
 from firmware_py.link.files.area import Area, Parts
 from firmware_py.link.files.tree import Make, Sink, Tree
@@ -22,7 +22,7 @@ def _no_logs() -> Mapping[int, Path]:
 
 
 @dataclass(frozen=True, slots=True)
-class Storage:
+class FileRoot:
     """The parts of the disk that ground stations may see.
 
     `catalogue` finds the logs by number, the newest highest; with `logging` that one is being written. `uploads`
@@ -37,7 +37,11 @@ class Storage:
 
 
 def tree_of(
-    storage: Storage, metadata: Metadata, authority: Authority, more: Mapping[Parts, Make], sinks: Mapping[Parts, Sink]
+    storage: FileRoot,
+    metadata: Metadata,
+    authority: RequestHandler,
+    more: Mapping[Parts, Make],
+    sinks: Mapping[Parts, Sink],
 ) -> Tree:
     """Return all that file transfer shows; `more` is made when it is read, `sinks` put an upload in force."""
     areas = {}

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from firmware_py.link.context import Handler, Session
+from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.files.desk import FILE_TRANSFER, PENDING, Action, Call, Desk
 from firmware_py.link.files.payload import (
     PAYLOAD,
@@ -37,7 +37,7 @@ _FRAME_BYTES = 12 + 3 + PAYLOAD.size
 class Files:
     """Answers FILE_TRANSFER_PROTOCOL."""
 
-    def __init__(self, session: Session, tree: Tree, worker: Worker) -> None:
+    def __init__(self, session: LinkContext, tree: Tree, worker: Worker) -> None:
         """Take the session to answer through, what is to be seen, and who waits for the disk."""
         self._desk = Desk(session, tree, worker)
         self._actions: Mapping[int, Action] = {

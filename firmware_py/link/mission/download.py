@@ -6,12 +6,12 @@ from collections import OrderedDict
 from dataclasses import dataclass
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
-from firmware_py.link.context import Session
+from firmware_py.link.context import LinkContext
 from firmware_py.link.mission.items import Sender, acknowledge, home_item, item_message, sender_of
 from firmware_py.link.mission.numbers import homes, wire_count
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
-from firmware_py.link.wire.timeouts import patience_of
+from firmware_py.link.wire.timeouts import timeouts_of
 from firmware_py.plans.problem import PlanResult
 
 _COUNT = mavlink.mavlink_map[44]
@@ -31,7 +31,7 @@ class Reading:
 class Downloads:
     """Answers requests for lists and items."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: LinkContext) -> None:
         """Take the session to answer through."""
         self._session = session
         self._readings: OrderedDict[tuple[Sender, PlanKind], Reading] = OrderedDict()
@@ -73,7 +73,7 @@ class Downloads:
     def _plan(self, peer: Peer, reader: Sender, kind: PlanKind, now_s: float) -> Plan:
         """Return the plan that a station is reading, or the one in force."""
         reading = self._readings.get((reader, kind))
-        if reading is None or now_s - reading.used_s >= patience_of(peer.transport).give_up_s:
+        if reading is None or now_s - reading.used_s >= timeouts_of(peer.transport).give_up_s:
             return self._session.authority.plans().of(kind)
         reading.used_s = now_s
         return reading.plan

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from firmware_py.common.intents import Verdict
 from firmware_py.common.records import Severity
-from firmware_py.link.context import Session
+from firmware_py.link.context import LinkContext
 from firmware_py.link.mission.items import acknowledge, sender_of
 from firmware_py.link.peer import Peer
 from firmware_py.link.telemetry.geo import GLOBAL_FRAMES, position_goal
@@ -15,7 +15,7 @@ from firmware_py.plans.problem import PlanResult
 GUIDED = 2  # `current` of such an item
 
 
-def take_guided(session: Session, peer: Peer, message: Message, now_s: float) -> None:
+def take_guided(session: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
     """Go to the place of a waypoint, and acknowledge it."""
     result, text = _judge(session, message, now_s)
     acknowledge(session, peer, sender_of(message), message.mission_type, result)
@@ -23,7 +23,7 @@ def take_guided(session: Session, peer: Peer, message: Message, now_s: float) ->
         session.say(peer, Severity.WARNING, text, now_s)
 
 
-def _judge(session: Session, message: Message, now_s: float) -> tuple[PlanResult, str]:
+def _judge(session: LinkContext, message: Message, now_s: float) -> tuple[PlanResult, str]:
     if message.command != Command.WAYPOINT:
         return PlanResult.UNSUPPORTED, ""
     if message.frame not in GLOBAL_FRAMES:

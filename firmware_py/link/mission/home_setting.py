@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from firmware_py.link.context import Handler, Session
+from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.peer import Peer
 from firmware_py.link.telemetry.geo import home_of
 from firmware_py.link.wire.dialect import Message
@@ -13,7 +13,7 @@ from firmware_py.link.wire.dialect import Message
 class HomeSetting:
     """Sets home; what has come of it is told by HOME_POSITION."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: LinkContext) -> None:
         """Take the session to ask through."""
         self._session = session
 

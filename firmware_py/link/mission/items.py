@@ -6,13 +6,13 @@ import math
 
 from firmware_py.common.plan import PlanItem, PlanKind
 from firmware_py.common.records import Home
-from firmware_py.link.context import Session
+from firmware_py.link.context import LinkContext
 from firmware_py.link.peer import Peer
 from firmware_py.link.telemetry.context_fields import scaled_degrees
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.plans.items import Command, has_place
-from firmware_py.plans.problem import PlanFault, PlanResult
+from firmware_py.plans.problem import PlanProblem, PlanResult
 
 KINDS = {int(kind): kind for kind in PlanKind}
 NAMES = {PlanKind.MISSION: "mission", PlanKind.FENCE: "fence", PlanKind.RALLY: "rally points"}
@@ -30,16 +30,16 @@ def sender_of(message: Message) -> Sender:
     return message.get_srcSystem(), message.get_srcComponent()
 
 
-def item_of(message: Message, home_count: int) -> PlanItem | PlanFault:
+def item_of(message: Message, home_count: int) -> PlanItem | PlanProblem:
     """Return the item of a MISSION_ITEM or MISSION_ITEM_INT, jumps counted as in the plan; or why it is none."""
     x, y = message.x, message.y
     if type(message).id == _ITEM.id:
         place = has_place(message.command)
         x, y = _whole(x, scaled=place), _whole(y, scaled=place)
         if x is None:
-            return PlanFault(None, PlanResult.INVALID_PARAM5_X, "x is out of range")
+            return PlanProblem(None, PlanResult.INVALID_PARAM5_X, "x is out of range")
         if y is None:
-            return PlanFault(None, PlanResult.INVALID_PARAM6_Y, "y is out of range")
+            return PlanProblem(None, PlanResult.INVALID_PARAM6_Y, "y is out of range")
     first = message.param1 - home_count if message.command == Command.JUMP else message.param1
     parameters = (first, message.param2, message.param3, message.param4)
     return PlanItem(message.command, message.frame, bool(message.autocontinue), parameters, x, y, message.z)
@@ -79,6 +79,6 @@ def item_message(
     return make(*head, first, second, third, fourth, x, y, item.z, int(kind))
 
 
-def acknowledge(session: Session, peer: Peer, to: Sender, kind: int, result: PlanResult, identity: int = 0) -> None:
+def acknowledge(session: LinkContext, peer: Peer, to: Sender, kind: int, result: PlanResult, identity: int = 0) -> None:
     """Send a MISSION_ACK; `identity` is the opaque id of a plan that was taken."""
     session.send(peer, _ACK(*to, int(result), kind, identity), Priority.URGENT)

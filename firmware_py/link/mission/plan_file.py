@@ -14,15 +14,15 @@ from functools import partial
 from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.common.records import Home, Severity
-from firmware_py.link.context import Session
+from firmware_py.link.context import LinkContext
 from firmware_py.link.files.area import Parts
 from firmware_py.link.files.tree import Make, Origin, Query, Sink
 from firmware_py.link.mission.items import NAMES, home_item, item_message, item_of
 from firmware_py.link.mission.numbers import homes
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.worker import Worker
-from firmware_py.plans.problem import PlanFault, PlanResult
-from firmware_py.plans.validation import fault_of, item_fault
+from firmware_py.plans.problem import PlanProblem, PlanResult
+from firmware_py.plans.validation import item_problem, problem_of
 
 PATHS: Mapping[PlanKind, Parts] = {
     PlanKind.MISSION: ("@MISSION", "mission.dat"),
@@ -44,7 +44,7 @@ def packed(plan: Plan, home: Home | None, home_count: int) -> bytes:
     return b"".join(rows)
 
 
-def unpacked(content: bytes, kind: PlanKind, home_count: int) -> Plan | PlanFault:
+def unpacked(content: bytes, kind: PlanKind, home_count: int) -> Plan | PlanProblem:
     """Return the plan of an uploaded file, judged as a whole, or what is wrong with it."""
     if len(content) < _HEAD.size:
         return _fault("shorter than its head")
@@ -56,7 +56,7 @@ def unpacked(content: bytes, kind: PlanKind, home_count: int) -> Plan | PlanFaul
     if options or first:
         return _fault("only whole plans are taken")
     if count > MOST_ITEMS + home_count:
-        return PlanFault(None, PlanResult.NO_SPACE, f"{count} items; at most {MOST_ITEMS} are kept")
+        return PlanProblem(None, PlanResult.NO_SPACE, f"{count} items; at most {MOST_ITEMS} are kept")
     if len(content) != _HEAD.size + count * _ITEM.unpacker.size:
         return _fault(f"{len(content)} bytes do not hold {count} items")
     items: list[PlanItem] = []
@@ -64,25 +64,25 @@ def unpacked(content: bytes, kind: PlanKind, home_count: int) -> Plan | PlanFaul
         fields = _ITEM.unpacker.unpack_from(content, _HEAD.size + sequence * _ITEM.unpacker.size)
         message = _ITEM(**dict(zip(_ITEM.ordered_fieldnames, fields, strict=True)))
         if message.seq != sequence:
-            return PlanFault(sequence - home_count, PlanResult.INVALID_SEQUENCE, f"is numbered {message.seq}")
+            return PlanProblem(sequence - home_count, PlanResult.INVALID_SEQUENCE, f"is numbered {message.seq}")
         item = item_of(message, home_count)
-        if not isinstance(item, PlanFault):
+        if not isinstance(item, PlanProblem):
             items.append(item)
-            item = item_fault(kind, sequence - home_count, item) or item
-        if isinstance(item, PlanFault):
+            item = item_problem(kind, sequence - home_count, item) or item
+        if isinstance(item, PlanProblem):
             return replace(item, index=sequence - home_count)
     plan = Plan.of(kind, items)
-    return fault_of(plan) or plan
+    return problem_of(plan) or plan
 
 
-def _fault(text: str) -> PlanFault:
-    return PlanFault(None, PlanResult.INVALID, text)
+def _fault(text: str) -> PlanProblem:
+    return PlanProblem(None, PlanResult.INVALID, text)
 
 
 class PlanFiles:
     """The three files. Making and judging 2000 items is the worker's business, not the loop's."""
 
-    def __init__(self, session: Session, worker: Worker) -> None:
+    def __init__(self, session: LinkContext, worker: Worker) -> None:
         """Take the session to ask through, and who has the time."""
         self._session = session
         self._worker = worker
@@ -106,10 +106,10 @@ class PlanFiles:
         def put_in_force(content: bytes, origin: Origin, done: Callable[[str], None]) -> None:
             home_count = homes(self._session.autopilot, kind)
 
-            def judged(plan: Plan | PlanFault | Exception) -> None:
+            def judged(plan: Plan | PlanProblem | Exception) -> None:
                 if isinstance(plan, Plan):
                     self._replace(plan, origin, done)
-                elif isinstance(plan, PlanFault):
+                elif isinstance(plan, PlanProblem):
                     done(plan.text if plan.index is None else f"item {plan.index + home_count}: {plan.text}")
                 else:
                     done(f"{type(plan).__name__}: {plan}")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from firmware_py.common.intents import Answer, ReplacePlan, Request, SetMissionItem, Verdict
 from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.common.records import Severity, Snapshot
-from firmware_py.link.context import Handler, Session
+from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.mission.download import Downloads
 from firmware_py.link.mission.guided import GUIDED, take_guided
 from firmware_py.link.mission.items import KINDS, NAMES, Sender, acknowledge, sender_of
@@ -24,10 +24,10 @@ _REACHED = mavlink.MAVLink_mission_item_reached_message
 OfKind = Callable[[Peer, Message, PlanKind, float], None]
 
 
-class Mission:
+class MissionServer:
     """Answers every message of the mission protocol, so that no ground station waits."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: LinkContext) -> None:
         """Take the session to ask and to answer through."""
         self._session = session
         self._uploads = Uploads(session)
@@ -140,7 +140,7 @@ class _Clear:
     """Acknowledges once all plans that are to be cleared have been."""
 
     def __init__(
-        self, session: Session, peer: Peer, to: Sender, shown: int, left: int, done: Callable[[], None]
+        self, session: LinkContext, peer: Peer, to: Sender, shown: int, left: int, done: Callable[[], None]
     ) -> None:
         self._session = session
         self._peer = peer

@@ -14,14 +14,14 @@ from dataclasses import dataclass, field, replace
 from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.common.records import Severity
-from firmware_py.link.context import Session
+from firmware_py.link.context import LinkContext
 from firmware_py.link.mission.items import NAMES, Sender, acknowledge, item_of, sender_of
 from firmware_py.link.mission.numbers import homes
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
-from firmware_py.link.wire.timeouts import Patience, Waiting, patience_of
-from firmware_py.plans.problem import PlanFault, PlanResult
-from firmware_py.plans.validation import fault_of, item_fault
+from firmware_py.link.wire.timeouts import Timeouts, Waiting, timeouts_of
+from firmware_py.plans.problem import PlanProblem, PlanResult
+from firmware_py.plans.validation import item_problem, problem_of
 
 _REMEMBERED = 8
 _DOUBLED_S = 10.0  # what a line doubles comes within this; who asks again does so with another number
@@ -41,7 +41,7 @@ class Upload:
     end: int
     home_count: int
     base: Plan | None
-    patience: Patience
+    patience: Timeouts
     waiting: Waiting
     heard_s: float
     items: list[PlanItem] = field(default_factory=list)
@@ -73,7 +73,7 @@ class Ended:
 class Uploads:
     """The uploads of the three kinds of plan."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: LinkContext) -> None:
         """Take the session to ask and to answer through."""
         self._session = session
         self._active: dict[PlanKind, Upload] = {}
@@ -88,7 +88,7 @@ class Uploads:
             return
         if message.count > MOST_ITEMS + home_count:
             text = f"{message.count} items; at most {MOST_ITEMS} are kept"
-            self._refuse(peer, sender_of(message), PlanFault(None, PlanResult.NO_SPACE, text), kind, now_s)
+            self._refuse(peer, sender_of(message), PlanProblem(None, PlanResult.NO_SPACE, text), kind, now_s)
             return
         self._start(peer, message, kind, (0, message.count), None, now_s)
 
@@ -100,7 +100,7 @@ class Uploads:
         last = len(base.items) + homes(self._session.autopilot, kind) - 1
         first, end = message.start_index, min(message.end_index, last) + 1
         if not base.items or not 0 <= first < end:
-            fault = PlanFault(None, PlanResult.INVALID_SEQUENCE, "there are no such items to be written anew")
+            fault = PlanProblem(None, PlanResult.INVALID_SEQUENCE, "there are no such items to be written anew")
             self._refuse(peer, sender_of(message), fault, kind, now_s)
             return
         self._start(peer, message, kind, (first, end), base, now_s)
@@ -118,7 +118,7 @@ class Uploads:
         upload.waiting.answered(now_s)
         upload.whole = type(message).id == _ITEM_INT
         found = self._judged(upload, message)
-        if isinstance(found, PlanFault):
+        if isinstance(found, PlanProblem):
             self._end(upload, message.seq, found, now_s)
             return
         upload.items.append(found)
@@ -139,7 +139,7 @@ class Uploads:
                 continue
             if now_s - upload.heard_s >= upload.patience.give_up_s:
                 text = f"the station fell silent at item {upload.next}"
-                self._end(upload, upload.next, PlanFault(None, PlanResult.OPERATION_CANCELLED, text), now_s)
+                self._end(upload, upload.next, PlanProblem(None, PlanResult.OPERATION_CANCELLED, text), now_s)
             elif upload.waiting.due(now_s):
                 upload.waiting.asked_again(now_s)
                 if upload.waiting.tries % _BY_TURNS == 0:
@@ -153,10 +153,10 @@ class Uploads:
             return True
         if now_s - upload.heard_s < upload.patience.yield_s:
             text = f"system {upload.owner[0]} is uploading one now"
-            self._refuse(peer, owner, PlanFault(None, PlanResult.DENIED, text), kind, now_s, message.mission_type)
+            self._refuse(peer, owner, PlanProblem(None, PlanResult.DENIED, text), kind, now_s, message.mission_type)
             return False
         text = f"system {owner[0]} takes its turn"
-        self._end(upload, upload.next, PlanFault(None, PlanResult.OPERATION_CANCELLED, text), now_s)
+        self._end(upload, upload.next, PlanProblem(None, PlanResult.OPERATION_CANCELLED, text), now_s)
         return True
 
     # ------------------------------------------------------------------ parts
@@ -177,7 +177,7 @@ class Uploads:
     def _start(
         self, peer: Peer, message: Message, kind: PlanKind, span: tuple[int, int], base: Plan | None, now_s: float
     ) -> None:
-        patience = patience_of(peer.transport)
+        patience = timeouts_of(peer.transport)
         home_count = homes(self._session.autopilot, kind)
         owner = sender_of(message)
         upload = Upload(kind, owner, peer, *span, home_count, base, patience, Waiting(patience), now_s)
@@ -193,9 +193,9 @@ class Uploads:
             return
         upload.storing = True
         plan = upload.plan()
-        fault = fault_of(plan)
+        fault = problem_of(plan)
         if upload.base is not None and self._session.authority.plans().of(upload.kind) != upload.base:
-            fault = PlanFault(None, PlanResult.ERROR, "the plan has been changed meanwhile")
+            fault = PlanProblem(None, PlanResult.ERROR, "the plan has been changed meanwhile")
         if fault is not None:
             self._end(upload, upload.end - 1, fault, now_s)
             return
@@ -205,15 +205,15 @@ class Uploads:
         request = Request(now_s, ReplacePlan(plan), *upload.owner)
         self._session.authority.replace_plan(request, lambda answer: self._stored(upload, plan, answer))
 
-    def _judged(self, upload: Upload, message: Message) -> PlanItem | PlanFault:
+    def _judged(self, upload: Upload, message: Message) -> PlanItem | PlanProblem:
         index = message.seq - upload.home_count
         if index < 0:
             # What an ArduPilot is sent as item 0 is the station's idea of home: no item of the plan, and not judged.
             return _HOME
         item = item_of(message, upload.home_count)
-        if isinstance(item, PlanFault):
+        if isinstance(item, PlanProblem):
             return replace(item, index=index)
-        return item_fault(upload.kind, index, item) or item
+        return item_problem(upload.kind, index, item) or item
 
     def _request(self, upload: Upload) -> None:
         make = mavlink.MAVLink_mission_request_int_message if upload.whole else mavlink.MAVLink_mission_request_message
@@ -226,11 +226,11 @@ class Uploads:
         if self._active.get(upload.kind) is upload:
             fault = None
             if answer.verdict is not Verdict.ACCEPTED:
-                fault = PlanFault(None, PlanResult.ERROR, answer.text or "it was refused")
+                fault = PlanProblem(None, PlanResult.ERROR, answer.text or "it was refused")
             self._end(upload, upload.end - 1, fault, self._session.now_s, plan.identity)
         self._session.flush_all()
 
-    def _end(self, upload: Upload, sequence: int, fault: PlanFault | None, now_s: float, identity: int = 0) -> None:
+    def _end(self, upload: Upload, sequence: int, fault: PlanProblem | None, now_s: float, identity: int = 0) -> None:
         """End an upload, well without a fault."""
         del self._active[upload.kind]
         ended = Ended(sequence, PlanResult.ACCEPTED if fault is None else fault.result, 0 if fault else identity)
@@ -244,7 +244,7 @@ class Uploads:
         self._refuse(upload.peer, upload.owner, fault, upload.kind, now_s)
 
     def _refuse(
-        self, peer: Peer, to: Sender, fault: PlanFault, kind: PlanKind, now_s: float, shown: int | None = None
+        self, peer: Peer, to: Sender, fault: PlanProblem, kind: PlanKind, now_s: float, shown: int | None = None
     ) -> None:
         acknowledge(self._session, peer, to, int(kind) if shown is None else shown, fault.result)
         where = "" if fault.index is None else f"item {fault.index + homes(self._session.autopilot, kind)}: "

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from firmware_py.common.intents import Request, SetParameter, Verdict
 from firmware_py.common.parameters import INDEX, TABLE, ParameterError
 from firmware_py.common.records import Severity
-from firmware_py.link.context import Handler, Session
+from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.files.tree import Origin
 from firmware_py.link.parameters.pack import unpacked
 from firmware_py.link.peer import Peer
@@ -28,14 +28,14 @@ _REFUSED = {
 }
 
 
-class Parameters:
+class ParameterServer:
     """Lists, reads and sets the rows of params.TABLE.
 
     A value that a station is to be told is owed to it as a row, not queued as a message: it is sent when its line has
     room, as it is then, so that none is lost however slow the line.
     """
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: LinkContext) -> None:
         """Take the session to ask and to answer through."""
         self._session = session
         self._unstored = 0

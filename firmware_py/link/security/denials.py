@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from firmware_py.common.records import Severity
-from firmware_py.link.context import Session
+from firmware_py.link.context import LinkContext
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
@@ -15,7 +15,7 @@ _NAK, _FAIL_PROTECTED = 129, 9
 _PAYLOAD_BYTES = 251
 
 
-def refuse(session: Session, peer: Peer, message: Message, now_s: float) -> None:
+def refuse(session: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
     """Answer a message that its sender has no right to, unless too many were answered just now."""
     if not peer.refusals.take(now_s):
         return

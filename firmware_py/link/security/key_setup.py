@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from firmware_py.common.records import Severity
-from firmware_py.link.context import Handler, Session
+from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.peer import Peer
 from firmware_py.link.security.access import SETUP_SIGNING
 from firmware_py.link.security.signing import Signing
@@ -15,7 +15,7 @@ from firmware_py.link.wire.dialect import Message
 class KeySetup:
     """Sets the key that frames are signed with, or removes it (a key of zeros and a timestamp of zero)."""
 
-    def __init__(self, session: Session, signing: Signing) -> None:
+    def __init__(self, session: LinkContext, signing: Signing) -> None:
         """Take the session to answer through, and what keeps the key."""
         self._session = session
         self._signing = signing

@@ -18,7 +18,7 @@ _SINGLE_MAX = 3.4028234663852886e38
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class TelemetryContext:
     """The boat after a tick, and what the link knows beside it."""
 
     snapshot: Snapshot
@@ -30,7 +30,7 @@ class Scene:
     intended_mode: int | None = None  # custom_mode that was last asked for, None when none was
 
 
-def fresh_fix(scene: Scene) -> PositionSample | None:
+def fresh_fix(scene: TelemetryContext) -> PositionSample | None:
     """Return the position while it is fresh and one."""
     fix = scene.snapshot.position
     usable = scene.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)

@@ -8,7 +8,7 @@ from firmware_py.common.angles import wrap_pi
 from firmware_py.common.records import Estimate
 from firmware_py.link.telemetry.context_fields import (
     INT32_MAX,
-    Scene,
+    TelemetryContext,
     boot_ms,
     boot_us,
     fresh_fix,
@@ -35,7 +35,7 @@ _PLACE = (
 )
 
 
-def attitude_quaternion(scene: Scene) -> Message | None:
+def attitude_quaternion(scene: TelemetryContext) -> Message | None:
     """Return ATTITUDE_QUATERNION while the heading is fresh; the angles of ATTITUDE as a rotation."""
     boat = scene.snapshot
     if boat.heading_rad is None or not boat.heading_ok or not math.isfinite(boat.heading_rad):
@@ -61,7 +61,7 @@ def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float
     )
 
 
-def local_position_ned(scene: Scene) -> Message | None:
+def local_position_ned(scene: TelemetryContext) -> Message | None:
     """Return LOCAL_POSITION_NED, counted from home, while the position is fresh."""
     fix, home = fresh_fix(scene), scene.snapshot.home
     if fix is None or home is None or fix.latitude_rad is None or fix.longitude_rad is None:
@@ -85,7 +85,7 @@ def local_position_ned(scene: Scene) -> Message | None:
     )
 
 
-def gps_global_origin(scene: Scene) -> Message | None:
+def gps_global_origin(scene: TelemetryContext) -> Message | None:
     """Return GPS_GLOBAL_ORIGIN: home, where local coordinates begin."""
     home = scene.snapshot.home
     if home is None:
@@ -98,7 +98,7 @@ def gps_global_origin(scene: Scene) -> Message | None:
     )
 
 
-def position_target(scene: Scene) -> Message | None:
+def position_target(scene: TelemetryContext) -> Message | None:
     """Return POSITION_TARGET_GLOBAL_INT while she goes to a place, or keeps near one."""
     boat = scene.snapshot
     latitude_rad, longitude_rad = boat.navigation.target_latitude_rad, boat.navigation.target_longitude_rad
@@ -115,7 +115,7 @@ def position_target(scene: Scene) -> Message | None:
     )
 
 
-def estimator_status(scene: Scene) -> Message:
+def estimator_status(scene: TelemetryContext) -> Message:
     """Return ESTIMATOR_STATUS: which of heading, velocity and place can be relied on; NaN for what is not estimated.
 
     `mag_ratio` is the last heading's innovation by five of its standard deviations: 1 and more is odd.

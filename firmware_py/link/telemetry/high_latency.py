@@ -13,7 +13,7 @@ from firmware_py.link.telemetry.context_fields import (
     INT16_MAX,
     UINT8_MAX,
     UINT16_MAX,
-    Scene,
+    TelemetryContext,
     boot_ms,
     fresh_fix,
     scaled_degrees,
@@ -39,7 +39,7 @@ _NO_BATTERY = -1
 _ARMED, _HEADING_OK = 1, 2  # in custom2
 
 
-def high_latency2(scene: Scene) -> Message:
+def high_latency2(scene: TelemetryContext) -> Message:
     """Return HIGH_LATENCY2; what is not known is 0, as the message has no number for it.
 
     custom0 is the measured rudder angle in degrees, -128 without one; custom1 the voltage at
@@ -83,7 +83,7 @@ def high_latency2(scene: Scene) -> Message:
     )
 
 
-def _item(scene: Scene) -> float | None:
+def _item(scene: TelemetryContext) -> float | None:
     """Return the current item as ground stations number it."""
     index = scene.snapshot.mission.index
     return None if index is None else index + homes(scene.autopilot, PlanKind.MISSION)

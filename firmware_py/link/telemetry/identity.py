@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from firmware_py.common.records import Mode, Severity, Snapshot
 from firmware_py.faults import page
-from firmware_py.link.telemetry.context_fields import Scene
+from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
@@ -80,7 +80,7 @@ _STANDARD_MODES: Mapping[int, int] = {row.mode: row.standard for row in MODES}
 _BASE_MODES: Mapping[int, int] = {row.mode: row.base_mode for row in MODES}
 
 
-def heartbeat(scene: Scene) -> Message:
+def heartbeat(scene: TelemetryContext) -> Message:
     """Return the HEARTBEAT of a scene."""
     snapshot = scene.snapshot
     base_mode = _CUSTOM | _BASE_MODES.get(snapshot.mode, 0) | (_ARMED if snapshot.armed else 0)
@@ -101,7 +101,7 @@ def _state(snapshot: Snapshot) -> int:
     return int(mavlink.MAV_STATE_ACTIVE if snapshot.armed else mavlink.MAV_STATE_STANDBY)
 
 
-def current_mode(scene: Scene) -> Message:
+def current_mode(scene: TelemetryContext) -> Message:
     """Return the CURRENT_MODE of a scene; intended is what was asked for, until something else took her out of it."""
     mode = int(scene.snapshot.mode)
     intended = mode if scene.intended_mode is None else scene.intended_mode
@@ -115,7 +115,7 @@ def mode_of_standard(standard: int) -> int | None:
     return next((row.mode for row in MODES if row.standard == standard), None)
 
 
-def available_modes_monitor(_scene: Scene) -> Message:
+def available_modes_monitor(_scene: TelemetryContext) -> Message:
     """Return AVAILABLE_MODES_MONITOR."""
     return mavlink.mavlink_map[437](MODES_SEQUENCE)
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from firmware_py.common.plan import PlanKind
 from firmware_py.common.records import Mode
 from firmware_py.link.mission.numbers import homes
-from firmware_py.link.telemetry.context_fields import UINT16_MAX, Scene, whole
+from firmware_py.link.telemetry.context_fields import UINT16_MAX, TelemetryContext, whole
 from firmware_py.link.wire.dialect import Message, mavlink
 
 _CURRENT = mavlink.mavlink_map[42]
 _IN_MISSION_MODE, _SUSPENDED = 1, 2
 
 
-def mission_current(scene: Scene) -> Message:
+def mission_current(scene: TelemetryContext) -> Message:
     """Return MISSION_CURRENT: item, total without home, state, and the opaque ids of the three plans."""
     boat = scene.snapshot
     report = boat.mission

@@ -12,7 +12,7 @@ from firmware_py.link.telemetry.context_fields import (
     UINT8_MAX,
     UINT16_MAX,
     UINT32_MAX,
-    Scene,
+    TelemetryContext,
     boot_ms,
     boot_us,
     fresh_fix,
@@ -38,7 +38,7 @@ def _whole_degrees(heading_rad: float | None) -> int:
     return 0 if number == UINT16_MAX else round(number / 100.0) % 360
 
 
-def attitude(scene: Scene) -> Message | None:
+def attitude(scene: TelemetryContext) -> Message | None:
     """Return ATTITUDE while the heading is fresh; roll and pitch are 0 where the compass gives none."""
     boat = scene.snapshot
     if boat.heading_rad is None or not boat.heading_ok:
@@ -54,7 +54,7 @@ def attitude(scene: Scene) -> Message | None:
     )
 
 
-def vfr_hud(scene: Scene) -> Message | None:
+def vfr_hud(scene: TelemetryContext) -> Message | None:
     """Return VFR_HUD while the heading is fresh: its heading has no number for unknown. Water is its air."""
     boat = scene.snapshot
     if boat.heading_rad is None or not boat.heading_ok:
@@ -68,7 +68,7 @@ def vfr_hud(scene: Scene) -> Message | None:
     )
 
 
-def gps_raw_int(scene: Scene) -> Message:
+def gps_raw_int(scene: TelemetryContext) -> Message:
     """Return GPS_RAW_INT: NO_GPS without a receiver's word, NO_FIX when its fix is old."""
     heard = scene.snapshot.position
     fix = fresh_fix(scene)
@@ -89,7 +89,7 @@ def gps_raw_int(scene: Scene) -> Message:
     )
 
 
-def global_position_int(scene: Scene) -> Message | None:
+def global_position_int(scene: TelemetryContext) -> Message | None:
     """Return GLOBAL_POSITION_INT while the position is fresh."""
     fix = fresh_fix(scene)
     if fix is None:
@@ -116,7 +116,7 @@ def _cosine(angle_rad: float) -> float:
     return math.cos(angle_rad) if math.isfinite(angle_rad) else 0.0
 
 
-def nav_controller_output(scene: Scene) -> Message | None:
+def nav_controller_output(scene: TelemetryContext) -> Message | None:
     """Return NAV_CONTROLLER_OUTPUT while there is a heading goal: with a position goal its bearing and distance too.
 
     `xtrack_error` is positive to starboard of the line.
@@ -137,7 +137,7 @@ def nav_controller_output(scene: Scene) -> Message | None:
     )
 
 
-def attitude_target(scene: Scene) -> Message | None:
+def attitude_target(scene: TelemetryContext) -> Message | None:
     """Return ATTITUDE_TARGET while there is a heading goal."""
     goal_rad = scene.snapshot.goal_heading_rad
     if goal_rad is None or not math.isfinite(goal_rad):
@@ -148,7 +148,7 @@ def attitude_target(scene: Scene) -> Message | None:
     return mavlink.MAVLink_attitude_target_message(stamp_ms, _UNUSED_ATTITUDE, quaternion, 0.0, 0.0, 0.0, 0.0)
 
 
-def servo_output_raw(scene: Scene) -> Message:
+def servo_output_raw(scene: TelemetryContext) -> Message:
     """Return SERVO_OUTPUT_RAW with the command on servo 1, 1500 us +-500 at the rudder limit.
 
     It is an output by name, so it shows the command; the measured angle is the
@@ -160,7 +160,7 @@ def servo_output_raw(scene: Scene) -> Message:
     return mavlink.MAVLink_servo_output_raw_message(stamp_us, 0, pulse_us, 0, 0, 0, 0, 0, 0, 0)
 
 
-def home_position(scene: Scene) -> Message | None:
+def home_position(scene: TelemetryContext) -> Message | None:
     """Return HOME_POSITION once there was a fix."""
     home = scene.snapshot.home
     if home is None:
@@ -180,12 +180,12 @@ def home_position(scene: Scene) -> Message | None:
     )
 
 
-def rudder_degrees(scene: Scene) -> float | None:
+def rudder_degrees(scene: TelemetryContext) -> float | None:
     """Return the measured rudder angle in degrees, starboard positive."""
     rudder_rad = scene.snapshot.rudder_rad
     return None if rudder_rad is None else degrees(rudder_rad)
 
 
-def rudder_command_degrees(scene: Scene) -> float | None:
+def rudder_command_degrees(scene: TelemetryContext) -> float | None:
     """Return the commanded rudder angle in degrees, starboard positive."""
     return degrees(scene.snapshot.rudder_command_rad)

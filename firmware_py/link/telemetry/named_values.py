@@ -6,20 +6,20 @@ from collections.abc import Callable
 
 from firmware_py.common.angles import degrees
 from firmware_py.common.records import Estimate, Water
-from firmware_py.link.telemetry.context_fields import Scene
+from firmware_py.link.telemetry.context_fields import TelemetryContext
 
-Value = Callable[[Scene], float | None]
+Value = Callable[[TelemetryContext], float | None]
 
 
 def _learned(read: Callable[[Estimate], float]) -> Value:
-    def value(scene: Scene) -> float | None:
+    def value(scene: TelemetryContext) -> float | None:
         return None if scene.snapshot.estimate is None else read(scene.snapshot.estimate)
 
     return value
 
 
 def _of_water(read: Callable[[Water], float | None]) -> Value:
-    def value(scene: Scene) -> float | None:
+    def value(scene: TelemetryContext) -> float | None:
         return None if scene.snapshot.water is None else read(scene.snapshot.water)
 
     return value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from firmware_py.faults.page import Fault
-from firmware_py.link.telemetry.context_fields import INT16_MAX, UINT16_MAX, Scene, boot_ms, whole
+from firmware_py.link.telemetry.context_fields import INT16_MAX, UINT16_MAX, TelemetryContext, boot_ms, whole
 from firmware_py.link.wire.dialect import Message, mavlink
 
 _COMPASS = (
@@ -21,7 +21,7 @@ _MISSING_CELL = UINT16_MAX
 _RUDDER_FAULTS = 1 << Fault.RUDDER_SILENT | 1 << Fault.RUDDER_ERROR
 
 
-def sys_status(scene: Scene) -> Message:
+def sys_status(scene: TelemetryContext) -> Message:
     """Return SYS_STATUS.
 
     Ground stations look for gyro, accelerometer and magnetometer; here all three are
@@ -48,7 +48,7 @@ def sys_status(scene: Scene) -> Message:
     )
 
 
-def _supply(scene: Scene) -> tuple[int, int]:
+def _supply(scene: TelemetryContext) -> tuple[int, int]:
     """Return the voltage (mV) and current (cA) at the rudder servo, the one place where they are measured."""
     servo = scene.snapshot.servo
     voltage_v = servo.voltage_v if servo else None
@@ -59,7 +59,7 @@ def _supply(scene: Scene) -> tuple[int, int]:
     )
 
 
-def battery_status(scene: Scene) -> Message | None:
+def battery_status(scene: TelemetryContext) -> Message | None:
     """Return BATTERY_STATUS while the servo tells the voltage of its supply."""
     millivolts, centiamperes = _supply(scene)
     if millivolts == UINT16_MAX:
@@ -69,28 +69,28 @@ def battery_status(scene: Scene) -> Message | None:
     return mavlink.MAVLink_battery_status_message(0, function, chemistry, INT16_MAX, voltages, centiamperes, -1, -1, -1)
 
 
-def system_time(scene: Scene) -> Message:
+def system_time(scene: TelemetryContext) -> Message:
     """Return SYSTEM_TIME."""
     return mavlink.MAVLink_system_time_message(whole(scene.utc_s * 1e6, 0, 1 << 62, 0), boot_ms(scene.snapshot.t_s))
 
 
-def extended_sys_state(scene: Scene) -> Message:  # noqa: ARG001 - a builder like the others
+def extended_sys_state(scene: TelemetryContext) -> Message:  # noqa: ARG001 - a builder like the others
     """Return EXTENDED_SYS_STATE: a boat neither flies nor stands on the ground."""
     return mavlink.MAVLink_extended_sys_state_message(
         mavlink.MAV_VTOL_STATE_UNDEFINED, mavlink.MAV_LANDED_STATE_UNDEFINED
     )
 
 
-def servo_temperature(scene: Scene) -> float | None:
+def servo_temperature(scene: TelemetryContext) -> float | None:
     """Return the temperature of the rudder servo in degrees Celsius."""
     return scene.snapshot.servo.temperature_c if scene.snapshot.servo else None
 
 
-def lateness_ms(scene: Scene) -> float | None:
+def lateness_ms(scene: TelemetryContext) -> float | None:
     """Return how late the tick began, in milliseconds."""
     return scene.snapshot.late_s * 1e3
 
 
-def skipped_ticks(scene: Scene) -> float | None:
+def skipped_ticks(scene: TelemetryContext) -> float | None:
     """Return the number of deadlines that passed unserved since start."""
     return float(scene.snapshot.skipped_total)

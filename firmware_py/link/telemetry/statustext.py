@@ -6,7 +6,7 @@ from collections import OrderedDict
 
 from firmware_py.common.records import Severity
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
-from firmware_py.link.wire.token_bucket import Allowance
+from firmware_py.link.wire.token_bucket import TokenBucket
 
 _CHUNK = 50
 _LONGEST = 250
@@ -35,7 +35,7 @@ class Notices:
     def __init__(self) -> None:
         """Start with a full allowance."""
         self._said_s: OrderedDict[str, float] = OrderedDict()
-        self._allowance = Allowance(_BURST, _RATE_HZ)
+        self._allowance = TokenBucket(_BURST, _RATE_HZ)
 
     def allowed(self, text: str, now_s: float) -> bool:
         """Return whether a text may be said now, and count it if so."""

@@ -21,11 +21,11 @@ from firmware_py.link.telemetry import (
     named_values,
     status,
 )
-from firmware_py.link.telemetry.context_fields import Scene, boot_ms, single
+from firmware_py.link.telemetry.context_fields import TelemetryContext, boot_ms, single
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
 
-Builder = Callable[[Scene], Message | None]
+Builder = Callable[[TelemetryContext], Message | None]
 
 _STATUS = mavlink.MAV_DATA_STREAM_EXTENDED_STATUS
 _RC = mavlink.MAV_DATA_STREAM_RC_CHANNELS
@@ -47,10 +47,10 @@ class Row(NamedTuple):
     priority: Priority = Priority.TELEMETRY
 
 
-def _named(name: str, value: Callable[[Scene], float | None], fast_hz: float, radio_hz: float) -> Row:
+def _named(name: str, value: Callable[[TelemetryContext], float | None], fast_hz: float, radio_hz: float) -> Row:
     label = text_of(name, 10)
 
-    def build(scene: Scene) -> Message | None:
+    def build(scene: TelemetryContext) -> Message | None:
         found = single(value(scene), math.nan)
         if math.isnan(found):
             return None

@@ -18,7 +18,7 @@ _SHARE_BYTES = 16_384  # may wait for one correspondent; one datagram may always
 _STRANGERS: Source = (-1, None)  # who are not on the roster share one share
 
 
-class Intake:
+class ReceiveQueue:
     """Queues of pieces by correspondent, emptied in turn."""
 
     def __init__(self, known: Callable[[int, Address], bool]) -> None:

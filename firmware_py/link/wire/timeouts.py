@@ -10,7 +10,7 @@ _RADIO_BYTES_S = 1000.0  # a slower line is a satellite's
 
 
 @dataclass(frozen=True, slots=True)
-class Patience:
+class Timeouts:
     """A question is asked again after `shortest_s` to `longest_s`, as the answers come; `give_up_s` of silence end it.
 
     After `yield_s` of silence another may have its turn.
@@ -23,13 +23,13 @@ class Patience:
     give_up_s: float
 
 
-FAST = Patience(0.15, 0.5, 1.5, 5.0, 15.0)
-RADIO = Patience(0.7, 1.5, 5.0, 15.0, 60.0)
+FAST = Timeouts(0.15, 0.5, 1.5, 5.0, 15.0)
+RADIO = Timeouts(0.7, 1.5, 5.0, 15.0, 60.0)
 # An answer by satellite may take two minutes.
-SATELLITE = Patience(30.0, 120.0, 240.0, 600.0, 1200.0)
+SATELLITE = Timeouts(30.0, 120.0, 240.0, 600.0, 1200.0)
 
 
-def patience_of(transport: Transport) -> Patience:
+def timeouts_of(transport: Transport) -> Timeouts:
     """Return the patience for a transport."""
     if transport.byte_rate is None:
         return FAST
@@ -41,7 +41,7 @@ class Waiting:
 
     __slots__ = ("_asked_s", "_patience", "_tries", "_typical_s", "_wait_s")
 
-    def __init__(self, patience: Patience) -> None:
+    def __init__(self, patience: Timeouts) -> None:
         """Start without a question."""
         self._patience = patience
         self._typical_s: float | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class Allowance:
+class TokenBucket:
     """A bucket of tokens that fills again with time."""
 
     __slots__ = ("_burst", "_left", "_rate_hz", "_updated_s")

@@ -92,7 +92,7 @@ def sail_one(task: Task, scenario_name: str, controller: Controller, seed: int) 
         from hil.lab.compare import pid  # noqa: PLC0415 - compiles, which the other rows need not wait for
 
         return score_of(pid.sail(scenario, seed, task.goals, task.seconds, OCEAN_RAMBLER, pid.TUNED))
-    from hil.sim.runner import RunOptions, sail  # noqa: PLC0415 - not needed by the twin
+    from hil.sim.runner import RunOptions, run  # noqa: PLC0415 - not needed by the twin
 
     with tempfile.TemporaryDirectory(prefix="rambler-compare-") as directory:
         options = RunOptions(
@@ -103,4 +103,4 @@ def sail_one(task: Task, scenario_name: str, controller: Controller, seed: int) 
             goals=task.goals,
             settings=dict(controller.settings),
         )
-        return score_of(sail(options).truth.table())
+        return score_of(run(options).truth.table())

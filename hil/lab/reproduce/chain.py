@@ -24,7 +24,7 @@ from hil.report.figures import GoalFigures, goal_figures, goal_spans
 from hil.sim import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions
-from hil.sim.runner import sail as sail_autopilot
+from hil.sim.runner import run as sail_autopilot
 from hil.sim.truth import Truth
 
 ZIGZAG_RAD = radians(20.0)

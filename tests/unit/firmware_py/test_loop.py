@@ -33,9 +33,9 @@ from firmware_py.common.records import (
 )
 from firmware_py.core.step import State
 from firmware_py.faults.page import Fault
-from firmware_py.loop import LINK_PART, PARAMETER_FILE, PENDING_LIMIT, PLAN_FILES, Boat, Pilot, run
-from firmware_py.system.clock_setter import Timekeeper
-from firmware_py.system.fault_barrier import Shelter
+from firmware_py.loop import LINK_PART, PARAMETER_FILE, PENDING_LIMIT, PLAN_FILES, Autopilot, LoopParts, run
+from firmware_py.system.clock_setter import ClockSetter
+from firmware_py.system.fault_barrier import FaultBarrier
 
 
 class FakeClock:
@@ -189,8 +189,8 @@ def boat():
     store = FakeStore()
     link, clock = FakeLink(log), FakeClock()
     link.clock = clock
-    pilot = Pilot(State.at_start(ParameterSet()), store, {}, format_file)
-    return Boat(
+    pilot = Autopilot(State.at_start(ParameterSet()), store, {}, format_file)
+    return LoopParts(
         clock=clock,
         pilot=pilot,
         compass=FakeCompass(log),
@@ -201,7 +201,7 @@ def boat():
         store=store,
         lines=[],
         tell=lambda _event: None,
-        shelter=Shelter(pytest.fail),  # no test but that of it makes mistakes
+        shelter=FaultBarrier(pytest.fail),  # no test but that of it makes mistakes
     )
 
 
@@ -247,7 +247,7 @@ def test_a_stall_is_skipped_in_phase_and_reported(boat):
 @pytest.mark.parametrize("where", ["service", "publish", "store"])
 def test_a_mistake_in_the_link_does_not_end_the_loop_and_is_told(boat, where):
     explained, mistakes = [], iter([KeyError("inside")])
-    boat.shelter = Shelter(explained.append)
+    boat.shelter = FaultBarrier(explained.append)
 
     def mistaken(*_):
         for mistake in mistakes:
@@ -397,7 +397,7 @@ def test_parameters_set_over_links_are_forgotten_in_the_store_and_stay_in_force(
 
 def test_a_clock_that_steps_moves_no_deadline_and_is_told_and_logged(boat):
     calendar = [1000.0]
-    boat.timekeeper = Timekeeper(lambda: calendar[0], lambda utc_s: calendar.append(utc_s) or True, lambda: False)
+    boat.timekeeper = ClockSetter(lambda: calendar[0], lambda utc_s: calendar.append(utc_s) or True, lambda: False)
     boat.position = FakePosition()
     turn(boat, 2.0)
     boat.pilot.decide(Request(boat.clock.t_s, SetParameter("LOOP_LOCK", 0)))
@@ -470,7 +470,7 @@ def test_whatever_ends_the_loop_the_rudder_is_brought_amidships(boat):
         raise RuntimeError("unexpected")
 
     boat.link.publish = explode
-    boat.shelter = Shelter(lambda _line: None)  # again and again: more than it covers
+    boat.shelter = FaultBarrier(lambda _line: None)  # again and again: more than it covers
     with pytest.raises(RuntimeError, match="unexpected"):
         turn(boat, 1.0)
     assert boat.rudder.commands[-1][1].shaft_rad == 0.0

@@ -83,9 +83,9 @@ def test_run_refuses_what_a_driver_refuses(capsys, vehicle, ports, tmp_path):
 def test_run_refuses_a_missing_port_and_one_in_use(capsys, vehicle, ports, tmp_path):
     state = ["--state", str(tmp_path / "state")]
     assert "no such port" in one_line_error(capsys, ["run", vehicle(), *state])
-    from firmware_py.system.serial_port import SerialLine  # noqa: PLC0415 - the one that has it first
+    from firmware_py.system.serial_port import SerialPort  # noqa: PLC0415 - the one that has it first
 
-    other = SerialLine(ports[1], 115200)
+    other = SerialPort(ports[1], 115200)
     other.open()
     try:
         assert "in use" in one_line_error(capsys, ["run", vehicle(*ports), *state])

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from firmware_py.common.angles import wrap_pi
-from firmware_py.control.reference_model import LEAD_RAD, Reference, Ship, advanced, running_on_rad
+from firmware_py.control.reference_model import LEAD_RAD, Reference, Ship, running_on_rad, update
 from firmware_py.model.kt import OCEAN_RAMBLER
 
 LIMIT_RAD = math.radians(30.0)
@@ -20,7 +20,7 @@ def turned(ship, step_deg, seconds, step_s=0.1):
     headings, rudders, unwrapped = [], [], 0.0
     for _ in range(round(seconds / step_s)):
         before = reference.heading_rad
-        reference = advanced(ship, reference, goal - unwrapped, reference.heading_rad, step_s)
+        reference = update(ship, reference, goal - unwrapped, reference.heading_rad, step_s)
         unwrapped += wrap_pi(reference.heading_rad - before)
         headings.append(unwrapped)
         rudders.append(reference.push_rad + ship.bias_rad)
@@ -65,5 +65,5 @@ def test_the_angle_run_on_is_that_of_the_equation():
 def test_it_waits_for_a_boat_that_does_not_follow():
     ship, reference = ship_at(0.4), Reference(0.0, 0.0)
     for _ in range(600):
-        reference = advanced(ship, reference, 1.0 - reference.heading_rad, 0.0, 0.1)
+        reference = update(ship, reference, 1.0 - reference.heading_rad, 0.0, 0.1)
     assert reference.heading_rad == pytest.approx(LEAD_RAD)

@@ -8,24 +8,24 @@ from hypothesis import strategies as st
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.control.s_surface import rudder_demand
 from firmware_py.control.scheduled import (
-    HelmSettings,
-    Known,
-    Order,
+    HeadingEstimate,
+    RudderDemand,
+    ScheduledSettings,
+    apply_deadband,
     band_of,
-    followed,
     gains_of,
+    scheduled_demand,
     ship_now,
-    steered,
     stiffness_of,
 )
 
-SETTINGS = HelmSettings.of(ParameterSet())
-KNOWN = Known(1.0, math.radians(1.0), 0.0, 0.05, 0.4, 0.02, 1.0)
+SETTINGS = ScheduledSettings.of(ParameterSet())
+KNOWN = HeadingEstimate(1.0, math.radians(1.0), 0.0, 0.05, 0.4, 0.02, 1.0)
 LIMIT_RAD = math.radians(30.0)
 
 
 def test_on_the_goal_the_rudder_asks_for_the_bias_alone():
-    _, order = steered(SETTINGS, None, KNOWN, 0.0, 0.1)
+    _, order = scheduled_demand(SETTINGS, None, KNOWN, 0.0, 0.1)
     assert order.demand_rad == pytest.approx(0.05, abs=1e-9)
 
 
@@ -53,16 +53,16 @@ def test_the_band_and_the_stiffness_follow_speed_price_and_knowledge():
 
 def test_without_steerage_way_nothing_is_ordered():
     drifting = replace(KNOWN, speed_m_s=0.05, speed_spread_m_s=0.02)
-    assert steered(SETTINGS, None, drifting, 1.0, 0.1)[1] is None
+    assert scheduled_demand(SETTINGS, None, drifting, 1.0, 0.1)[1] is None
     # Unless that is only not known.
-    assert steered(SETTINGS, None, replace(drifting, speed_spread_m_s=0.3), 1.0, 0.1)[1] is not None
+    assert scheduled_demand(SETTINGS, None, replace(drifting, speed_spread_m_s=0.3), 1.0, 0.1)[1] is not None
 
 
 def test_a_turn_ordered_the_long_way_goes_that_way():
     for sign in (1.0, -1.0):
-        reference, order = steered(SETTINGS, None, KNOWN, sign * math.pi, 0.1)
+        reference, order = scheduled_demand(SETTINGS, None, KNOWN, sign * math.pi, 0.1)
         for _ in range(50):
-            reference, order = steered(SETTINGS, reference, KNOWN, sign * math.pi, 0.1)
+            reference, order = scheduled_demand(SETTINGS, reference, KNOWN, sign * math.pi, 0.1)
         assert math.copysign(1.0, order.demand_rad) == sign
         assert abs(order.demand_rad) == pytest.approx(LIMIT_RAD, abs=0.01)
 
@@ -72,7 +72,7 @@ angle = st.floats(-0.6, 0.6)
 
 @given(angle, angle, st.floats(0.0, 0.3))
 def test_the_command_moves_only_at_the_edge_of_the_band(command, demand, band):
-    after = followed(command, Order(demand, band))
+    after = apply_deadband(command, RudderDemand(demand, band))
     assert abs(after - demand) <= band + 1e-12
     if abs(command - demand) <= band:
         assert after == pytest.approx(command, abs=1e-12)
@@ -91,10 +91,10 @@ def test_the_command_moves_only_at_the_edge_of_the_band(command, demand, band):
     st.floats(0.0, 1.0),
 )
 def test_any_knowledge_gives_a_rudder_within_its_limits(error, rate, bias, speed, spread, factor, step):
-    known = Known(2.0, spread, rate, bias, speed, 0.1, factor)
-    reference, order = steered(SETTINGS, None, known, error, step)
+    known = HeadingEstimate(2.0, spread, rate, bias, speed, 0.1, factor)
+    reference, order = scheduled_demand(SETTINGS, None, known, error, step)
     for _ in range(3):
-        reference, order = steered(SETTINGS, reference, known, error, step)
+        reference, order = scheduled_demand(SETTINGS, reference, known, error, step)
         assert order is None or (abs(order.demand_rad) <= LIMIT_RAD and 0.0 < order.band_rad < math.pi)
         assert math.isfinite(reference.heading_rad)
         assert math.isfinite(reference.yaw_rate_rad_s)

@@ -8,18 +8,18 @@ import pytest
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Home, Mode
-from firmware_py.core.resume import INTERVAL_S, REFRESH_S, Memory, from_text, resume_of, resumed, to_text
+from firmware_py.core.resume import INTERVAL_S, REFRESH_S, ResumeKeeper, from_text, restore, resume_of, to_text
 from firmware_py.core.step import State
-from firmware_py.guidance.guidance import NavState
+from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.mission import MissionProgress
-from firmware_py.guidance.task_follower import FollowState
-from firmware_py.guidance.tasks import Go
+from firmware_py.guidance.task_follower import TaskFollowerState
+from firmware_py.guidance.tasks import GoTo
 from firmware_py.modes import HeadingGoal, ModeState, PositionGoal
 
 UTC_S = 1.8e9
 A, B = Place(0.6, 2.0), Place(0.61, 2.01)
-ORDER = Go(B, A, 20.0, 100.0)
+ORDER = GoTo(B, A, 20.0, 100.0)
 PROGRESS = MissionProgress(7, 3, started=True, begun=True, elapsed_s=95.0, jumps=((2, 1),), place=B, order=ORDER)
 
 
@@ -34,8 +34,8 @@ def at_sea(level=2):
     return replace(
         State.at_start(parameters(level)),
         modes=ModeState(Mode.AUTO, armed=True, stick=0.3, stick_t_s=55.0),
-        nav=NavState(
-            Mode.AUTO, True, PROGRESS, ORDER, FollowState(ORDER, line=LineState(A, 12.0, 88.0, 1)), done_s=1234.0
+        nav=GuidanceState(
+            Mode.AUTO, True, PROGRESS, ORDER, TaskFollowerState(ORDER, line=LineState(A, 12.0, 88.0, 1)), done_s=1234.0
         ),
         home=Home(0.6, 2.0, 1.0),
     )
@@ -43,7 +43,7 @@ def at_sea(level=2):
 
 def again(state, level=2, age_s=100.0, **more):
     text = to_text(resume_of(state, UTC_S))
-    state, notes = resumed(State.at_start(parameters(level, **more)), text, UTC_S + age_s)
+    state, notes = restore(State.at_start(parameters(level, **more)), text, UTC_S + age_s)
     assert notes == ()
     return state
 
@@ -83,7 +83,7 @@ def test_what_is_too_old_is_left_and_an_impossible_age_is_called_unknown():
 @pytest.mark.parametrize("text", ["", "{}", '{"$":"Resume"}', "[[[", "null"])
 def test_what_is_no_record_is_refused(text):
     with pytest.raises(ValueError):
-        resumed(State.at_start(parameters(2)), text, UTC_S)
+        restore(State.at_start(parameters(2)), text, UTC_S)
 
 
 def test_numbers_that_are_none_are_refused():
@@ -98,7 +98,7 @@ def test_numbers_that_are_none_are_refused():
 
 
 def test_it_is_written_on_change_and_now_and_then():
-    memory, state = Memory(), at_sea()
+    memory, state = ResumeKeeper(), at_sea()
 
     def written(t_s, state):
         return memory.news(state, state.parameters, t_s, UTC_S + t_s) is not None

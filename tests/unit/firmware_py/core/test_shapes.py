@@ -15,11 +15,11 @@ from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.common.records import Mode
-from firmware_py.core.resume import resumed
+from firmware_py.core.resume import restore
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import CHANGES, PARAMETER_HOOK, fault_fields, state_from_text, state_to_text
 from firmware_py.core.step import step
-from firmware_py.faults.latch import MonitorState
+from firmware_py.faults.latch import LatchState
 from firmware_py.faults.page import Fault
 from firmware_py.log.reader import read_log
 from firmware_py.loop import PARAMETER_FILE, PLAN_FILES
@@ -55,7 +55,7 @@ def edited(text, change):
 
 
 def woken(text):
-    return resumed(State.at_start(ParameterSet().replaced("BOOT_RESUME", 2)), text, UTC_S + 60.0)
+    return restore(State.at_start(ParameterSet().replaced("BOOT_RESUME", 2)), text, UTC_S + 60.0)
 
 
 def stored(directory, name, content):
@@ -164,7 +164,7 @@ def troubled():
     since = tuple(0.1 * fault if SET >> fault & 1 else None for fault in Fault)
     failsafe = FailsafeState(SET, 1 << Fault.STEERING_LOST, Fault.STEERING_LOST, Mode.LOITER)
     state = under_way()
-    return replace(state, monitor=MonitorState(since, since, SET), watch=replace(state.watch, failsafe=failsafe))
+    return replace(state, monitor=LatchState(since, since, SET), watch=replace(state.watch, failsafe=failsafe))
 
 
 def test_faults_are_written_by_name():

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from firmware_py.estimate.declination import Declination, declination_rad, horizontal_field_nt, updated
+from firmware_py.estimate.declination import Declination, declination_rad, horizontal_field_nt, update
 
 YEAR_S = 365.25 * 86400.0
 EPOCH_S = 1_735_689_600.0
@@ -37,13 +37,13 @@ def test_the_poles_of_the_earth_are_no_exception(latitude):
 
 
 def test_it_is_computed_anew_only_far_away_or_much_later():
-    here = updated(Declination(), 0.6, 2.1, EPOCH_S)
+    here = update(Declination(), 0.6, 2.1, EPOCH_S)
     assert here.declination_rad is not None
-    assert updated(here, 0.6 + 1e-4, 2.1, EPOCH_S + 86400.0) is here
-    assert updated(here, 0.6, 2.1, None) is here
-    assert updated(here, 0.603, 2.1, EPOCH_S) is not here
-    assert updated(here, 0.6, 2.1, EPOCH_S + 40.0 * 86400.0) is not here
+    assert update(here, 0.6 + 1e-4, 2.1, EPOCH_S + 86400.0) is here
+    assert update(here, 0.6, 2.1, None) is here
+    assert update(here, 0.603, 2.1, EPOCH_S) is not here
+    assert update(here, 0.6, 2.1, EPOCH_S + 40.0 * 86400.0) is not here
 
 
 def test_without_a_date_it_is_that_of_the_model_s_beginning():
-    assert updated(Declination(), 0.6, 2.1, None).declination_rad == declination_rad(0.6, 2.1, EPOCH_S)
+    assert update(Declination(), 0.6, 2.1, None).declination_rad == declination_rad(0.6, 2.1, EPOCH_S)

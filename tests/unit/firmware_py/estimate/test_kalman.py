@@ -84,7 +84,7 @@ def test_the_covariance_is_carried_as_matrices_carry_it(step_s):
     noise = (0.1, 0.2, 0.3, 0.04, 0.5, 0.6, 0.7, 0.8)
     q = np.diag([0.0, 0.1, 0.2, 0.3, 0.5, 0.6, 0.6, 0.7, 0.8])
     q[3, 4] = q[4, 3] = 0.04
-    got = unpacked(kalman.carried(packed(p), turning, wave, noise))
+    got = unpacked(kalman.predict(packed(p), turning, wave, noise))
     np.testing.assert_allclose(got, f @ p @ f.T + q, rtol=1e-12, atol=1e-14)
 
 
@@ -94,7 +94,7 @@ def test_a_measurement_is_absorbed_as_matrices_absorb_it():
         h = np.array([rng.gauss(0.0, 1.0) for _ in range(9)])
         shown = p @ h
         variance = float(h @ shown) + 0.3
-        x, after = kalman.absorbed(X, packed(p), tuple(shown), 0.7, variance)
+        x, after = kalman.correct(X, packed(p), tuple(shown), 0.7, variance)
         np.testing.assert_allclose(x, np.array(X) + shown / variance * 0.7, rtol=1e-12)
         np.testing.assert_allclose(unpacked(after), p - np.outer(shown, shown) / variance, rtol=1e-10, atol=1e-14)
         p = unpacked(after)

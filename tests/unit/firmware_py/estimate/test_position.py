@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.estimate.position import EARTH_RADIUS_M, PositionState, carried, update
+from firmware_py.estimate.position import EARTH_RADIUS_M, PositionState, predict, update
 
 
 def fix(t_s, north_m=0.0, kind=FixType.FIX_3D):
@@ -19,7 +19,7 @@ def north_m(state):
 def told(*fixes, jump_s=60.0):
     state, believed = PositionState(), []
     for sample in fixes:
-        state, good = update(carried(state, sample.t_s, (0.0, 0.0)), sample, jump_s)
+        state, good = update(predict(state, sample.t_s, (0.0, 0.0)), sample, jump_s)
         believed.append(good)
     return state, believed
 
@@ -33,8 +33,8 @@ def test_the_first_fix_is_taken_whole_and_others_pull_gently():
 
 def test_between_fixes_it_goes_with_her_and_stops_after_a_minute_without():
     state, _ = told(fix(0.0))
-    assert north_m(carried(state, 10.0, (0.5, 0.0))) == pytest.approx(5.0, abs=1e-6)
-    assert carried(state, 61.0, (0.5, 0.0)).latitude_rad == state.latitude_rad
+    assert north_m(predict(state, 10.0, (0.5, 0.0))) == pytest.approx(5.0, abs=1e-6)
+    assert predict(state, 61.0, (0.5, 0.0)).latitude_rad == state.latitude_rad
 
 
 def test_a_jump_is_held_back_and_forgotten_when_it_goes():

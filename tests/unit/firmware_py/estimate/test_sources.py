@@ -4,7 +4,17 @@ import random
 import pytest
 
 from firmware_py.common.angles import radians, wrap_pi
-from firmware_py.estimate.sources import PROBATION_S, Limits, Seen, Source, SourceState, chosen, slewed, taken, usable
+from firmware_py.estimate.sources import (
+    PROBATION_S,
+    Limits,
+    Source,
+    SourceState,
+    TrueHeadingSample,
+    add_sample,
+    decay_offsets,
+    select,
+    usable,
+)
 
 TIMEOUT_S, FROZEN_S = 1.0, 30.0
 
@@ -24,15 +34,15 @@ class Watch:
         """Each compass shows the estimate plus what is given here; None is silent, a text is frozen."""
         for _ in range(round(10 * seconds)):
             self.t_s += 0.1
-            self.state = slewed(self.state, 0.1)
+            self.state = decay_offsets(self.state, 0.1)
             samples = []
             for source, off in ((0, a), (1, b)):
                 if off is not None:
                     value = 1.0 if off == "frozen" else (expected + off + self.rng.gauss(0.0, 0.005)) % (2 * math.pi)
-                    samples.append(Seen(self.t_s, value, value, source))
+                    samples.append(TrueHeadingSample(self.t_s, value, value, source))
             for sample in samples:
-                self.state = taken(self.state, sample, expected)
-            self.state, told = chosen(self.state, self.t_s, self.limits, course_ok=course_ok)
+                self.state = add_sample(self.state, sample, expected)
+            self.state, told = select(self.state, self.t_s, self.limits, course_ok=course_ok)
             self.told += [event.text for event in told]
             self.used = usable(self.state, samples)
         return self.state.in_use

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.estimate.water import CurrentState, update, water_of
+from firmware_py.estimate.water import WaterState, report, update
 
 EARTH_M = 6371008.8
 
@@ -22,7 +22,7 @@ class Passage:
         self.rng = random.Random(seed)
         self.t_s = 0.0
         self.north_m = self.east_m = 0.0
-        self.state = CurrentState()
+        self.state = WaterState()
         self.velocities = True
         self.odd = None
 
@@ -35,7 +35,7 @@ class Passage:
             fixes = (self.fix(v_north, v_east),) if self.t_s % fix_s == 0 else ()
             seen_rad = (psi + math.radians(self.rng.gauss(0.0, wave_deg))) % (2 * math.pi)
             self.state = update(self.state, seen_rad, fixes, self.t_s)
-        return water_of(self.state)
+        return report(self.state)
 
     def fix(self, v_north, v_east):
         v_north, v_east = self.odd or (v_north + self.rng.gauss(0.0, 0.03), v_east + self.rng.gauss(0.0, 0.03))
@@ -164,10 +164,10 @@ fixes = st.builds(
 @settings(max_examples=60)
 @given(st.lists(st.tuples(st.none() | st.floats(0.0, 6.28), st.lists(fixes, max_size=3)), max_size=60))
 def test_whatever_comes_the_estimate_stays_one(ticks):
-    state = CurrentState()
+    state = WaterState()
     for index, (heading_rad, found) in enumerate(ticks):
         state = update(state, heading_rad, found, 3.0 * index)
-    water = water_of(state)
+    water = report(state)
     for value in (water.speed_m_s, water.speed_sd_m_s, water.current_north_m_s, water.current_sd_m_s):
         assert math.isfinite(value)
     assert 0.0 < water.speed_m_s <= 5.0

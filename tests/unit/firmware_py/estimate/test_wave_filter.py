@@ -13,7 +13,7 @@ from firmware_py.estimate import kalman
 from firmware_py.estimate.wave_filter import (
     FilterSettings,
     FilterState,
-    ahead,
+    predict_heading,
     started,
     take_heading,
     take_velocity,
@@ -196,7 +196,7 @@ def test_a_jump_is_refused_and_counted():
     for tick in range(300, 310):
         state = take_heading(SETTINGS, state, 0.1 * tick, 1.0 + math.pi)
     assert state.refused == 10
-    assert wrap_pi(ahead(SETTINGS, state, 31.0)[0] - 1.0) == pytest.approx(0.0, abs=0.1)
+    assert wrap_pi(predict_heading(SETTINGS, state, 31.0)[0] - 1.0) == pytest.approx(0.0, abs=0.1)
     assert take_heading(SETTINGS, state, 31.0, 1.0).refused == 0
 
 

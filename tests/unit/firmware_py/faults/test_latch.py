@@ -1,11 +1,11 @@
 from firmware_py.common.records import Severity
-from firmware_py.faults.latch import MonitorState, update
+from firmware_py.faults.latch import LatchState, update
 from firmware_py.faults.page import TABLE, Fault, markdown
 
 
 def run(conditions_at):
     """Yield (time, set faults, events) while the conditions of Fault.RUDDER_ERROR follow a script."""
-    state = MonitorState()
+    state = LatchState()
     for t_s, stands in conditions_at:
         state, events = update(state, [row.fault is Fault.RUDDER_ERROR and stands for row in TABLE], t_s)
         yield t_s, state.is_set(Fault.RUDDER_ERROR), events

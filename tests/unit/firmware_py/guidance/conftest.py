@@ -7,12 +7,12 @@ import pytest
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.guidance import task_follower
-from firmware_py.guidance.task_follower import FollowState
-from firmware_py.guidance.tasks import GuidanceSettings, Motion
+from firmware_py.guidance.task_follower import TaskFollowerState
+from firmware_py.guidance.tasks import TaskSettings, VesselMotion
 from firmware_py.model.crab import heading_for_course
 
 ORIGIN = Place(0.6, 2.0)
-SETTINGS = GuidanceSettings(20.0, 100.0, 60.0, 15.6)
+SETTINGS = TaskSettings(20.0, 100.0, 60.0, 15.6)
 
 
 class Float:
@@ -21,7 +21,7 @@ class Float:
     def __init__(self, north_m=0.0, east_m=0.0, heading_rad=0.0, speed_m_s=0.4, current=(0.0, 0.0)):
         self.north_m, self.east_m, self.heading_rad = north_m, east_m, heading_rad
         self.speed_m_s, self.current = speed_m_s, current
-        self.follow = FollowState()
+        self.follow = TaskFollowerState()
         self.followed = None
         self.t_s = 0.0
         self.turned_rad = 0.0
@@ -30,11 +30,11 @@ class Float:
     def motion(self):
         place = ORIGIN.moved(self.north_m, self.east_m)
         strong = math.hypot(*self.current) > self.speed_m_s
-        return Motion(place, self.heading_rad, self.speed_m_s, *self.current, strong)
+        return VesselMotion(place, self.heading_rad, self.speed_m_s, *self.current, strong)
 
     def step(self, order, settings=SETTINGS):
         motion = self.motion
-        self.follow, self.followed = task_follower.step(settings, self.follow, order, motion, 1.0)
+        self.follow, self.followed = task_follower.update(settings, self.follow, order, motion, 1.0)
         wanted = self.followed.wanted
         steer_rad = wanted.angle_rad
         if wanted.over_ground:

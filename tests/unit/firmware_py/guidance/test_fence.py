@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
-from firmware_py.guidance.fence import FARTHEST_M, FenceWatch, fence_of, margin_m, watched
+from firmware_py.guidance.fence import FARTHEST_M, FenceState, fence_of, margin_m, update
 
 CENTRE = Place(0.6, 2.0)
 
@@ -56,13 +56,11 @@ def test_nothing_bounds_her_without_a_fence_or_with_half_a_polygon():
 
 def test_the_watch_computes_anew_when_she_has_moved_or_the_fence_is_another():
     plan = fence(*square(5001, 500.0))
-    watch = watched(FenceWatch(), plan, CENTRE)
-    assert watched(watch, plan, CENTRE.moved(40.0, 0.0)) is watch
-    moved = watched(watch, plan, CENTRE.moved(60.0, 0.0))
+    watch = update(FenceState(), plan, CENTRE)
+    assert update(watch, plan, CENTRE.moved(40.0, 0.0)) is watch
+    moved = update(watch, plan, CENTRE.moved(60.0, 0.0))
     assert moved.margin_m == pytest.approx(440.0, abs=0.5)
-    assert watched(moved, fence(*square(5001, 400.0)), CENTRE.moved(60.0, 0.0)).margin_m == pytest.approx(
-        340.0, abs=0.5
-    )
+    assert update(moved, fence(*square(5001, 400.0)), CENTRE.moved(60.0, 0.0)).margin_m == pytest.approx(340.0, abs=0.5)
 
 
 items = st.builds(

@@ -10,11 +10,11 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.records import Activity
 from firmware_py.guidance import line
 from firmware_py.guidance.line import LineState, look_ahead_m
-from firmware_py.guidance.tasks import Go, GuidanceSettings, Motion
+from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion
 
 
 def go(origin, north_m, east_m, start=(0.0, 0.0), accept_m=20.0):
-    return Go(origin.moved(north_m, east_m), None if start is None else origin.moved(*start), accept_m, 100.0)
+    return GoTo(origin.moved(north_m, east_m), None if start is None else origin.moved(*start), accept_m, 100.0)
 
 
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.0, 0.2), (-0.2, 0.1), (0.3, 0.0)])
@@ -40,7 +40,7 @@ def test_a_current_that_is_not_known_is_taken_up_by_the_integral(afloat, origin)
 
 def test_the_look_ahead_grows_with_speed_within_bounds(origin, tight):
     def at(speed_m_s):
-        return look_ahead_m(tight, Motion(origin, 0.0, speed_m_s, 0.0, 0.0))
+        return look_ahead_m(tight, VesselMotion(origin, 0.0, speed_m_s, 0.0, 0.0))
 
     assert at(0.05) == pytest.approx(2 * 15.6)
     assert at(1.0) == 60.0
@@ -63,7 +63,7 @@ def test_a_place_beside_her_is_reached_whatever_her_turning_circle(afloat, origi
 def test_passed_far_off_it_is_sailed_for_anew(origin, tight):
     order = go(origin, 500.0, 0.0)
     here = origin.moved(510.0, 300.0)
-    motion = Motion(here, 0.0, 0.4, 0.0, 0.0)
+    motion = VesselMotion(here, 0.0, 0.4, 0.0, 0.0)
     state, _, on = line.follow(tight, LineState(origin), order, motion, 1.0)
     state, reached = line.approach(tight, state, order, motion, on)
     assert not reached
@@ -74,13 +74,13 @@ numbers = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e6, max_v
 angles = st.floats(-math.pi, math.pi)
 anywhere = st.builds(Place, st.floats(-math.pi / 2, math.pi / 2), angles)
 speeds = st.floats(0.0, 5.0)
-motions = st.builds(Motion, anywhere, angles, speeds, st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.booleans())
+motions = st.builds(VesselMotion, anywhere, angles, speeds, st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.booleans())
 
 
 @given(motions, anywhere, anywhere, st.floats(0.1, 1e4), st.floats(-1e9, 1e9), st.floats(0.0, 5.0))
 def test_whatever_comes_the_course_is_an_angle(motion, start, to, accept_m, integral_s, step_s):
-    order = Go(to, start, accept_m, 100.0)
-    limits = GuidanceSettings(20.0, 100.0, 60.0, 15.6)
+    order = GoTo(to, start, accept_m, 100.0)
+    limits = TaskSettings(20.0, 100.0, 60.0, 15.6)
     state, course_rad, on = line.follow(limits, LineState(start, integral_s), order, motion, step_s)
     assert 0.0 <= course_rad < 2 * math.pi
     assert math.isfinite(state.integral_s)

@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from firmware_py.common.geodesy import Place
 from firmware_py.common.records import MissionState
 from firmware_py.guidance import mission
-from firmware_py.guidance.mission import MissionProgress, Voyage
+from firmware_py.guidance.mission import MissionInput, MissionProgress
 from firmware_py.guidance.mission_step import MissionStep, StepKind
 from firmware_py.guidance.orbit import OrbitState
-from firmware_py.guidance.task_follower import FollowState
-from firmware_py.guidance.tasks import Go, GuidanceSettings, Head, Keep, Motion, Orbit
+from firmware_py.guidance.task_follower import TaskFollowerState
+from firmware_py.guidance.tasks import GoTo, HoldHeading, HoldStation, Orbit, TaskSettings, VesselMotion
 
-SETTINGS = GuidanceSettings(20.0, 100.0, 60.0, 15.6)
+SETTINGS = TaskSettings(20.0, 100.0, 60.0, 15.6)
 HERE = Place(0.6, 2.0)
 A, B, C = HERE.moved(500.0, 0.0), HERE.moved(500.0, 500.0), HERE.moved(0.0, 500.0)
 
@@ -34,17 +34,17 @@ class Crew:
 
     def __init__(self, *steps, place=HERE, heading_rad=0.0):
         self.steps = steps
-        self.progress = mission.entered(MissionProgress(identity=1))
-        self.motion = Motion(place, heading_rad, 0.4, 0.0, 0.0)
-        self.back = Go(HERE, None, 20.0, 100.0)
+        self.progress = mission.enter(MissionProgress(identity=1))
+        self.motion = VesselMotion(place, heading_rad, 0.4, 0.0, 0.0)
+        self.back = GoTo(HERE, None, 20.0, 100.0)
         self.utc_s = None
         self.reached = []
         self.home = None
 
     def go_on(self, *, arrived=False, turned_rad=0.0, step_s=1.0):
-        follow = FollowState(self.progress.order, arrived, orbit=OrbitState(0.0, turned_rad))
-        voyage = Voyage(SETTINGS, self.steps, self.motion, follow, step_s, self.utc_s, lambda: self.back)
-        done = mission.advance(self.progress, voyage)
+        follow = TaskFollowerState(self.progress.order, arrived, orbit=OrbitState(0.0, turned_rad))
+        voyage = MissionInput(SETTINGS, self.steps, self.motion, follow, step_s, self.utc_s, lambda: self.back)
+        done = mission.update(self.progress, voyage)
         self.progress = done.progress
         self.reached += done.reached
         self.home = done.home or self.home
@@ -53,10 +53,10 @@ class Crew:
 
 def test_waypoints_are_joined_by_lines_and_the_end_is_kept():
     crew = Crew(waypoint(A), waypoint(B, radius_m=5.0))
-    assert crew.go_on() == Go(A, None, 20.0, 100.0)
-    assert crew.go_on() == Go(A, None, 20.0, 100.0)
-    assert crew.go_on(arrived=True) == Go(B, A, 5.0, 100.0)
-    assert crew.go_on(arrived=True) == Go(B, A, 5.0, 100.0)  # and there she keeps station
+    assert crew.go_on() == GoTo(A, None, 20.0, 100.0)
+    assert crew.go_on() == GoTo(A, None, 20.0, 100.0)
+    assert crew.go_on(arrived=True) == GoTo(B, A, 5.0, 100.0)
+    assert crew.go_on(arrived=True) == GoTo(B, A, 5.0, 100.0)  # and there she keeps station
     assert crew.progress.complete
     assert crew.reached == [0, 1]
     assert mission.state_of(crew.progress, 2, running=True) is MissionState.COMPLETE
@@ -86,7 +86,7 @@ def test_loiter_for_a_time_for_turns_and_for_ever():
         MissionStep(StepKind.LOITER_UNLIMITED, C),
         waypoint(A),
     )
-    assert crew.go_on() == Go(A, None, 20.0, 40.0)
+    assert crew.go_on() == GoTo(A, None, 20.0, 40.0)
     for _ in range(4):
         assert crew.go_on(arrived=True).keep_m == 40.0
     first = crew.go_on(arrived=True)
@@ -94,7 +94,7 @@ def test_loiter_for_a_time_for_turns_and_for_ever():
     assert crew.go_on(arrived=True, turned_rad=12.5) == first
     second = crew.go_on(arrived=True, turned_rad=4 * math.pi + 0.01)
     assert second != first  # counted anew
-    assert crew.go_on(arrived=True, turned_rad=13.0) == Go(C, B, 20.0, 100.0)
+    assert crew.go_on(arrived=True, turned_rad=13.0) == GoTo(C, B, 20.0, 100.0)
     for _ in range(100):
         assert crew.go_on(arrived=True, step_s=1e6).to == C
 
@@ -102,28 +102,28 @@ def test_loiter_for_a_time_for_turns_and_for_ever():
 def test_return_goes_back_and_then_on():
     crew = Crew(MissionStep(StepKind.RETURN), waypoint(A))
     assert crew.go_on() == crew.back
-    assert crew.go_on(arrived=True) == Go(A, HERE, 20.0, 100.0)
+    assert crew.go_on(arrived=True) == GoTo(A, HERE, 20.0, 100.0)
 
 
 def test_return_without_a_place_keeps_station():
     crew = Crew(MissionStep(StepKind.RETURN))
     crew.back = None
-    assert crew.go_on() == Keep(HERE, 100.0)
+    assert crew.go_on() == HoldStation(HERE, 100.0)
 
 
 @pytest.mark.parametrize("kind", [StepKind.YAW, StepKind.YAW_SPEED])
 def test_a_heading_is_turned_to_and_held_by_a_delay(kind):
     crew = Crew(MissionStep(kind, angle_rad=1.0, relative=True), MissionStep(StepKind.DELAY, seconds=30.0), waypoint(A))
     crew.motion = replace(crew.motion, heading_rad=6.0)
-    assert crew.go_on() == Head((1.0 + 6.0) % (2 * math.pi))
+    assert crew.go_on() == HoldHeading((1.0 + 6.0) % (2 * math.pi))
     assert crew.go_on().heading_rad == pytest.approx(7.0 - 2 * math.pi)
     crew.motion = replace(crew.motion, heading_rad=0.75)
     for _ in range(29):
-        assert isinstance(crew.go_on(), Head)
+        assert isinstance(crew.go_on(), HoldHeading)
     assert crew.progress.index == 1
     # From where she is, because a heading leads to no place.
     crew.go_on()
-    assert crew.go_on() == Go(A, None, 20.0, 100.0)
+    assert crew.go_on() == GoTo(A, None, 20.0, 100.0)
 
 
 def test_a_heading_that_is_not_reached_is_left_after_ten_minutes():
@@ -137,13 +137,13 @@ def test_a_delay_elsewhere_keeps_station_and_a_time_of_day_is_waited_for():
     crew = Crew(waypoint(A), MissionStep(StepKind.DELAY, time_of_day_s=100.0), waypoint(B))
     crew.utc_s = 86400.0 * 20000 + 90.0
     crew.go_on()
-    assert crew.go_on(arrived=True) == Go(A, None, 20.0, 100.0)
+    assert crew.go_on(arrived=True) == GoTo(A, None, 20.0, 100.0)
     for _ in range(9):
         crew.utc_s += 1.0
         crew.go_on(arrived=True)
         assert crew.progress.index == 1
     crew.utc_s += 1.0
-    assert crew.go_on(arrived=True) == Go(B, A, 20.0, 100.0)
+    assert crew.go_on(arrived=True) == GoTo(B, A, 20.0, 100.0)
 
 
 def test_jumps_are_counted():
@@ -165,12 +165,12 @@ def test_jumps_that_lead_nowhere_make_the_mission_unusable_and_she_keeps_station
     for _ in range(20):
         crew.go_on()
     assert crew.progress.unusable
-    assert crew.progress.order == Keep(HERE, 100.0)
+    assert crew.progress.order == HoldStation(HERE, 100.0)
 
 
 def test_an_empty_mission_is_unusable_and_station_is_kept():
     crew = Crew()
-    assert crew.go_on() == Keep(HERE, 100.0)
+    assert crew.go_on() == HoldStation(HERE, 100.0)
     assert crew.progress.unusable
     assert mission.state_of(crew.progress, 0, running=True) is MissionState.NO_MISSION
 
@@ -202,7 +202,7 @@ def test_a_pause_is_kept_where_she_is_and_the_item_goes_on():
     crew.go_on()
     crew.motion = replace(crew.motion, place=A)
     crew.go_on()
-    assert crew.progress.halt == Keep(C, 100.0)
+    assert crew.progress.halt == HoldStation(C, 100.0)
     assert mission.state_of(crew.progress, 2, running=True) is MissionState.PAUSED
     crew.progress = mission.paused(crew.progress, crew.steps, halted=False)
     assert crew.go_on() == order
@@ -214,7 +214,7 @@ def test_another_item_begins_from_where_she_is_and_a_restart_forgets_jumps():
     crew.go_on(arrived=True)
     assert crew.progress.jumps == ((1, 1),)
     crew.progress = mission.at_item(crew.progress, 2, restart=False)
-    assert crew.go_on() == Go(B, None, 20.0, 100.0)
+    assert crew.go_on() == GoTo(B, None, 20.0, 100.0)
     assert crew.progress.jumps
     assert mission.at_item(crew.progress, 0, restart=True).jumps == ()
 
@@ -223,12 +223,12 @@ def test_auto_again_goes_on_with_the_item_and_after_the_end_from_the_first():
     crew = Crew(waypoint(A), waypoint(B))
     crew.go_on()
     crew.go_on(arrived=True)
-    crew.progress = mission.entered(crew.progress)
-    assert crew.go_on() == Go(B, None, 20.0, 100.0)
+    crew.progress = mission.enter(crew.progress)
+    assert crew.go_on() == GoTo(B, None, 20.0, 100.0)
     crew.go_on(arrived=True)
     assert crew.progress.complete
-    crew.progress = mission.entered(crew.progress)
-    assert crew.go_on() == Go(A, None, 20.0, 100.0)
+    crew.progress = mission.enter(crew.progress)
+    assert crew.go_on() == GoTo(A, None, 20.0, 100.0)
 
 
 def test_a_new_mission_begins_at_its_first_item():

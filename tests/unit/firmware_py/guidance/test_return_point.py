@@ -4,7 +4,7 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.records import Home
 from firmware_py.guidance.return_point import best_place, way_back
-from firmware_py.guidance.tasks import Motion
+from firmware_py.guidance.tasks import VesselMotion
 
 HERE = Place(0.6, 2.0)
 HOME = Home(HERE.latitude_rad, HERE.longitude_rad, 0.0)
@@ -17,7 +17,7 @@ def rally(*offsets_m):
 
 
 def at(north_m, east_m, north=0.0, east=0.0):
-    return Motion(HERE.moved(north_m, east_m), 0.0, 0.5, north, east)
+    return VesselMotion(HERE.moved(north_m, east_m), 0.0, 0.5, north, east)
 
 
 def chosen(motion, points, *, with_home=True):

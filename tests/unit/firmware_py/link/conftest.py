@@ -11,7 +11,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import Mode, Output, RudderCommand, Snapshot
 from firmware_py.link.endpoint import NO_STORAGE, Endpoint
-from firmware_py.link.files.root import Storage
+from firmware_py.link.files.root import FileRoot
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.url_options import PLAIN
 
@@ -320,7 +320,7 @@ def stored(tmp_path):
     def make(*, background=False, **more):
         for name in ("logs", "uploads"):
             (tmp_path / name).mkdir(exist_ok=True)
-        storage = Storage(
+        storage = FileRoot(
             lambda: {int(path.stem): path for path in (tmp_path / "logs").glob("*.BIN")},
             tmp_path / "logs",
             tmp_path / "uploads",

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.plans.items import PLACE_FRAMES, ROWS, TABLE, Command
 from firmware_py.plans.polygons import polygons_of
-from firmware_py.plans.validation import PlanResult, fault_of
+from firmware_py.plans.validation import PlanResult, problem_of
 
 NAN, INF = math.nan, math.inf
 MISSION, FENCE, RALLY = PlanKind
@@ -18,7 +18,7 @@ RETURN = PlanItem(20, 2)
 
 
 def fault(kind, *items):
-    found = fault_of(Plan.of(kind, items))
+    found = problem_of(Plan.of(kind, items))
     return None if found is None else (found.index, found.result)
 
 
@@ -134,7 +134,7 @@ ints = st.integers(-(2**31), 2**31 - 1)
     ),
 )
 def test_what_is_accepted_is_finite_and_in_range_where_it_means_something(kind, one):
-    found = fault_of(Plan.of(kind, (one,)))
+    found = problem_of(Plan.of(kind, (one,)))
     assert found is None or (found.result is not PlanResult.ACCEPTED and found.text)
     if found is None:
         row = ROWS[one.command]
@@ -155,7 +155,7 @@ def test_too_many_items():
 
 
 def test_the_first_bad_item_is_named():
-    found = fault_of(Plan.of(MISSION, (HERE, item(16, frame=1), item(21))))
+    found = problem_of(Plan.of(MISSION, (HERE, item(16, frame=1), item(21))))
     assert str(found) == "item 1: NAV_WAYPOINT: frame 1 is not supported"
 
 
@@ -200,7 +200,7 @@ SQUARE = ((0, 0), (0, 100), (100, 100), (100, 0))
 def test_polygons_are_put_together():
     items = [*ring(*SQUARE), item(5003, 5.0), *ring((0, 0), (0, 9), (9, 0), command=5002)]
     plan = Plan.of(FENCE, items)
-    assert fault_of(plan) is None
+    assert problem_of(plan) is None
     assert [(one.first, one.count, one.inclusion) for one in polygons_of(plan.items)] == [(0, 4, True), (5, 3, False)]
 
 
@@ -244,7 +244,7 @@ def test_bad_polygons(items, expected):
 
 def test_a_polygon_that_would_take_long_to_judge_is_refused():
     zigzag = [(100_000 * (index % 2) + index, 100_000 * (index // 2 % 2) - index) for index in range(900)]
-    found = fault_of(Plan.of(FENCE, ring(*zigzag)))
+    found = problem_of(Plan.of(FENCE, ring(*zigzag)))
     assert found is not None
 
 
@@ -259,7 +259,7 @@ def test_crossings_are_those_found_by_comparing_all_pairs(points):
 
     edges = list(zip(points, [*points[1:], points[0]], strict=True))
     crossing = any(cross(one, other) for one in edges for other in edges)
-    found = fault_of(Plan.of(FENCE, ring(*points)))
+    found = problem_of(Plan.of(FENCE, ring(*points)))
     assert (found is not None and found.text == "the polygon crosses itself") == (
         crossing and (found is None or "different" not in found.text)
     )
@@ -267,7 +267,7 @@ def test_crossings_are_those_found_by_comparing_all_pairs(points):
 
 def test_a_judgement_is_remembered_by_the_plan_itself():
     plan = Plan.of(MISSION, (item(21),))
-    assert fault_of(plan) is fault_of(plan)
-    assert fault_of(Plan.of(MISSION, (HERE,))) is None
-    assert fault_of(Plan(MISSION, (item(21),), Plan.of(MISSION, (HERE,)).identity)) is not None
+    assert problem_of(plan) is problem_of(plan)
+    assert problem_of(Plan.of(MISSION, (HERE,))) is None
+    assert problem_of(Plan(MISSION, (item(21),), Plan.of(MISSION, (HERE,)).identity)) is not None
     assert ROWS[int(Command.JUMP)].name == "DO_JUMP"

@@ -5,8 +5,8 @@ import pytest
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Mode
 from firmware_py.faults.page import TABLE, Action, Fault, arming_obstacle
-from firmware_py.safety.failsafe import FailsafeState, Scene, decide
-from firmware_py.safety.supervisor import Settings
+from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
+from firmware_py.safety.supervisor import SupervisorSettings
 
 GCS, FENCE, VOLT = Fault.STATION_SILENT, Fault.FENCE_BREACHED, Fault.SUPPLY_LOW
 
@@ -27,7 +27,7 @@ class Helm:
             self.mode = order
         active = sum(1 << fault for fault in faults)
         possible = lambda mode: mode not in self.impossible  # noqa: E731
-        scene = Scene(active, self.mode, self.armed, order is not None, self.actions, possible, self.resume)
+        scene = FailsafeInput(active, self.mode, self.armed, order is not None, self.actions, possible, self.resume)
         acting = self.state.fault is not None
         self.state, decision = decide(self.state, scene)
         if not acting:
@@ -123,7 +123,7 @@ def test_disarming_ends_a_failsafe():
 
 
 def test_every_row_with_a_parameter_has_its_action_and_every_default_is_one():
-    actions = Settings.of(ParameterSet()).actions
+    actions = SupervisorSettings.of(ParameterSet()).actions
     assert set(actions) == {row.fault for row in TABLE if row.parameter}
     assert actions[Fault.FENCE_BREACHED] is Action.RTL
 

@@ -4,14 +4,14 @@ import math
 
 import pytest
 
-from firmware_py.safety.rudder_monitor import REST_S, TRIAL_S, RudderSight, RudderWatch, eased, watched
+from firmware_py.safety.rudder_monitor import REST_S, TRIAL_S, RudderMonitorState, RudderSight, release_command, update
 
 
 class Servo:
     """A shaft with a slew, on a command of the test's own, ten times a second."""
 
     def __init__(self, slew_deg_s=30.0, most_a=3.0):
-        self.watch, self.t_s, self.angle_deg, self.sent_deg = RudderWatch(), 0.0, 0.0, 0.0
+        self.watch, self.t_s, self.angle_deg, self.sent_deg = RudderMonitorState(), 0.0, 0.0, 0.0
         self.slew_deg_s, self.most_a = slew_deg_s, most_a
         self.jammed = self.released = False
         self.current_a = 0.2
@@ -25,9 +25,9 @@ class Servo:
                 self.angle_deg += min(max(self.sent_deg - self.angle_deg, -reach_deg), reach_deg)
             measured_rad = None if self.silent else math.radians(self.angle_deg)
             sight = RudderSight(self.t_s, math.radians(self.sent_deg), measured_rad, self.current_a, not self.released)
-            self.watch = watched(self.watch, sight, self.most_a)
+            self.watch = update(self.watch, sight, self.most_a)
             wanted = demand_deg(self.t_s) if callable(demand_deg) else demand_deg
-            self.sent_deg = math.degrees(eased(self.watch, math.radians(wanted), self.t_s))
+            self.sent_deg = math.degrees(release_command(self.watch, math.radians(wanted), self.t_s))
             yield self.watch
 
 

@@ -3,12 +3,12 @@
 import pytest
 
 from firmware_py.common.records import DeviceRole, DeviceState
-from firmware_py.sensors.device_monitor import LONGEST_TEXT, SILENT_AFTER_S, Condition
+from firmware_py.sensors.device_monitor import LONGEST_TEXT, SILENT_AFTER_S, DeviceMonitor
 
 
 @pytest.fixture
 def condition(line):
-    condition = Condition(line, DeviceRole.COMPASS)
+    condition = DeviceMonitor(line, DeviceRole.COMPASS)
     assert condition.restarted()
     return condition
 

@@ -3,13 +3,13 @@
 import pytest
 
 from firmware_py.common.records import DeviceRole
-from firmware_py.sensors.device_monitor import Condition
+from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.nmea_reader import NmeaReader
 
 
 @pytest.fixture
 def condition(line):
-    return Condition(line, DeviceRole.COMPASS)
+    return DeviceMonitor(line, DeviceRole.COMPASS)
 
 
 def kinds(found):

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.system.clock_setter import FIRST_UTC_S, NEVER, WHEN_UNKEPT, WHEN_WRONG, Timekeeper
+from firmware_py.system.clock_setter import FIRST_UTC_S, NEVER, WHEN_UNKEPT, WHEN_WRONG, ClockSetter
 
 TRUE_S = FIRST_UTC_S + 1e7
 
@@ -18,7 +18,7 @@ class Computer:
         self.kept, self.may = kept, may
         self.now_s = 0.0
         self.sets = []
-        self.keeper = Timekeeper(lambda: self.offset_s + self.now_s, self.set, lambda: self.kept)
+        self.keeper = ClockSetter(lambda: self.offset_s + self.now_s, self.set, lambda: self.kept)
 
     def set(self, utc_s):
         self.sets.append(utc_s)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.system.fault_barrier import MOST, WITHIN_S, Shelter
+from firmware_py.system.fault_barrier import MOST, WITHIN_S, FaultBarrier
 
 
 def faulty():
@@ -11,7 +11,7 @@ def faulty():
 
 def test_a_mistake_is_told_once_and_explained_and_the_next_call_is_made():
     lines, calls = [], []
-    shelter = Shelter(lines.append)
+    shelter = FaultBarrier(lines.append)
     shelter.call(1.0, faulty)
     shelter.call(2.0, lambda: calls.append(1))
     assert calls == [1]
@@ -22,7 +22,7 @@ def test_a_mistake_is_told_once_and_explained_and_the_next_call_is_made():
 
 
 def test_too_many_mistakes_end_the_process():
-    shelter = Shelter(lambda _line: None)
+    shelter = FaultBarrier(lambda _line: None)
     for number in range(MOST):
         shelter.call(float(number), faulty)
     with pytest.raises(KeyError):
@@ -30,13 +30,13 @@ def test_too_many_mistakes_end_the_process():
 
 
 def test_rare_mistakes_do_not_add_up():
-    shelter = Shelter(lambda _line: None)
+    shelter = FaultBarrier(lambda _line: None)
     for number in range(3 * MOST):
         shelter.call(number * WITHIN_S, faulty)
     assert len(shelter.take_events()) == 3 * MOST
 
 
 def test_an_operators_interrupt_is_no_mistake():
-    shelter = Shelter(lambda _line: None)
+    shelter = FaultBarrier(lambda _line: None)
     with pytest.raises(KeyboardInterrupt):
         shelter.call(0.0, lambda: (_ for _ in ()).throw(KeyboardInterrupt))

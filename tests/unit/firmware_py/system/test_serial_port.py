@@ -3,7 +3,7 @@ import pty
 
 import pytest
 
-from firmware_py.system.serial_port import EMPTY_READS_LIMIT, UNSENT_LIMIT, PortError, SerialLine
+from firmware_py.system.serial_port import EMPTY_READS_LIMIT, UNSENT_LIMIT, PortError, SerialPort
 
 
 class Cable:
@@ -36,7 +36,7 @@ def cable(tmp_path):
 
 @pytest.fixture
 def line(cable):
-    made = SerialLine(str(cable.path), 38400)
+    made = SerialPort(str(cable.path), 38400)
     made.open()
     yield made
     made.close()
@@ -63,18 +63,18 @@ def test_bytes_go_both_ways_untouched(line, cable):
 
 def test_a_missing_port_is_told_with_its_remedy(tmp_path):
     with pytest.raises(PortError, match="no such port"):
-        SerialLine(str(tmp_path / "none"), 9600).open()
+        SerialPort(str(tmp_path / "none"), 9600).open()
 
 
 def test_a_port_in_use_is_told_with_its_remedy(line, cable):
     with pytest.raises(PortError, match="in use by another program"):
-        SerialLine(str(cable.path), 9600).open()
+        SerialPort(str(cable.path), 9600).open()
 
 
 def test_a_file_is_no_port(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(PortError, match="serial port"):
-        SerialLine(str(tmp_path / "file"), 9600).open()
+        SerialPort(str(tmp_path / "file"), 9600).open()
 
 
 def test_a_cable_pulled_and_put_back_is_taken_up_again(line, cable):

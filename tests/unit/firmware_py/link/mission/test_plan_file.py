@@ -12,7 +12,7 @@ from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.mission import plan_file
 from firmware_py.link.mission.plan_file import unpacked
 from firmware_py.plans.items import Command
-from firmware_py.plans.problem import PlanFault, PlanResult
+from firmware_py.plans.problem import PlanProblem, PlanResult
 
 TERMINATE, OPEN_READ, READ, CREATE, WRITE, CHECKSUM = 1, 4, 5, 6, 7, 14
 MISSION = "@MISSION/mission.dat"
@@ -93,7 +93,7 @@ ONE = [mavlink.MAVLink_mission_item_int_message(0, 0, number, 6, 16, 0, 1, 0, 0,
 )
 def test_a_file_that_is_none_is_refused(whole, complaint):
     fault = unpacked(whole, PlanKind.MISSION, 1)
-    assert isinstance(fault, PlanFault)
+    assert isinstance(fault, PlanProblem)
     assert complaint in fault.text
     assert fault.result is not PlanResult.ACCEPTED
 

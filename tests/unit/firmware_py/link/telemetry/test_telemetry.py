@@ -21,7 +21,7 @@ from firmware_py.common.records import (
     Water,
 )
 from firmware_py.faults.page import Fault
-from firmware_py.link.telemetry.context_fields import Scene
+from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
 from firmware_py.link.wire.dialect import Codec, mavlink
 
@@ -35,7 +35,7 @@ def build(snapshot):
     def built(name, **changes):
         outside = {key: changes.pop(key) for key in ("load", "refused_frames", "intended_mode") if key in changes}
         values = {"load": 0.0, "refused_frames": 0} | outside
-        scene = Scene(
+        scene = TelemetryContext(
             dataclasses.replace(snapshot, **changes),
             utc_s=1.7e9,
             rudder_limit_rad=0.5,
@@ -237,7 +237,7 @@ SNAPSHOTS = st.builds(
 
 @given(SNAPSHOTS, NUMBER, NUMBER, COUNT)
 def test_no_snapshot_breaks_a_builder(snapshot, utc_s, load, refused):
-    scene = Scene(snapshot, utc_s, 0.5, 3, load, refused)
+    scene = TelemetryContext(snapshot, utc_s, 0.5, 3, load, refused)
     for row in TABLE:
         message = row.build(scene)
         assert message is None or CODEC.pack(message).frame

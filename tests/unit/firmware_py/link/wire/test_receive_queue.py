@@ -3,12 +3,12 @@
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.link.wire.receive_queue import _SHARE_BYTES, Intake
+from firmware_py.link.wire.receive_queue import _SHARE_BYTES, ReceiveQueue
 
 
 @pytest.fixture
 def intake():
-    return Intake(lambda _index, address: address in ("one", "two"))
+    return ReceiveQueue(lambda _index, address: address in ("one", "two"))
 
 
 def taken(intake):
