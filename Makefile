@@ -11,12 +11,13 @@ READY := $(VENV)/.ready-test
 # Of the many modules few are ever imported: those are compiled then, which takes a third of the time and 140 MB less.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c .ci/constraints.txt
 
-.PHONY: help sail test lint types pages pages-check bench proof lock clean
+.PHONY: help sail test lint types house pages pages-check bench proof lock clean
 
 help:
 	@echo "make sail   a heading run in the tank, live in the terminal, MAVLink on udp 14550"
 	@echo "make test   the whole test suite"
 	@echo "make lint types pages-check   what CI checks besides"
+	@echo "make house  rooms, files, long functions, import arrows: how the code is built, counted"
 	@echo "make pages  write the generated pages anew"
 	@echo "make bench  lateness, latency, load, memory, round trips and the speed of the tools on this machine"
 	@echo "make proof  the longer proofs: seas, stations, identification, lossy links, floods; some hours"
@@ -48,11 +49,14 @@ test: $(READY)
 	$(BIN)/python -m pytest -n 4 --dist worksteal
 
 lint: $(READY)
-	$(BIN)/ruff check firmware_py hil tests
-	$(BIN)/ruff format --check firmware_py hil tests
+	$(BIN)/ruff check firmware_py hil tests .ci
+	$(BIN)/ruff format --check firmware_py hil tests .ci
 
 types: $(READY)
 	$(BIN)/mypy
+
+house: $(READY)
+	@$(BIN)/python .ci/house.py
 
 # page | command that prints it
 pages: $(READY)
