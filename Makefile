@@ -26,15 +26,15 @@ help:
 $(SAIL_READY): pyproject.toml .ci/constraints.txt
 	@python=$$(.ci/find_python "$(PYTHON)") && \
 	  echo "setting up $(VENV) with $$("$$python" --version), once" && \
-	  echo "  1/2 the virtual environment: about 5 s" && \
+	  echo "  1/2 the virtual environment: about 4 s" && \
 	  "$$python" -m venv $(VENV)
 	@echo '*' > $(VENV)/.gitignore
-	@echo "  2/2 the autopilot, the harness and what they import (numpy, scipy, numba, matplotlib): about 15 s, 530 MB"
+	@echo "  2/2 the autopilot, the harness and what they import (numpy, scipy, numba, matplotlib): about 10 s, 530 MB"
 	@$(PIP) -e '.[hil]'
 	@touch $@
 
 $(READY): $(SAIL_READY)
-	@echo "adding what tests need, once: about 40 s, 1 GB (pytest, ruff, mypy; MAVSDK, and MAVProxy with OpenCV and VTK)"
+	@echo "adding what tests need, once: about 25 s, 1 GB (pytest, ruff, mypy; MAVSDK, and MAVProxy with OpenCV and VTK)"
 	@$(PIP) -e '.[dev,clients]'
 	@touch $@
 
