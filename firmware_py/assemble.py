@@ -35,6 +35,7 @@ from firmware_py.system.realtime import LoadMeter, clock_is_kept
 from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.system.state_directory import stored_parameters, stored_plans, with_resume
 from firmware_py.system.store import Store
+from firmware_py.system.version import ROOT, commit_of, version_text
 from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle, VehicleError
 
 LOG_DIRECTORY = "logs"
@@ -203,13 +204,14 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     timekeeper = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
     if options.lockstep is not None:
         clock = LockstepClock(options.lockstep, [line.name for line in lines], lambda: [line.written for line in lines])
+    commit = commit_of(ROOT)
     state = with_resume(State.at_start(parameters, stored_plans(store, console.line)), store, clock, console.line)
     pilot = Autopilot(state, store, kept, format_file)
     endpoint = Endpoint(
         transports,
         pilot,
         utc_s=clock.utc_s,
-        version=_version(),
+        version=_version(commit),
         load=LoadMeter(clock).share,
         vault=KeyVault(store),
         heard_utc=None if timekeeper is None else timekeeper.hear_station,
@@ -219,7 +221,9 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     if not endpoint.key_readable:
         console.line(f"stored {SIGNING_FILE} left out: it is not one; set the key again")
     recorder = (
-        _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock) if parameters["LOG_ENABLE"] else None
+        _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock, version_text("rambler", commit))
+        if parameters["LOG_ENABLE"]
+        else None
     )
 
     def tell(event: Event) -> None:
@@ -255,7 +259,7 @@ def _storage(directory: Path, parameters: ParameterSet) -> FileRoot:
     )
 
 
-def _recorder(directory: Path, parameters: ParameterSet, clock: Clock) -> LogRecorder:
+def _recorder(directory: Path, parameters: ParameterSet, clock: Clock, software: str) -> LogRecorder:
     return LogRecorder(
         directory,
         parameters=parameters,
@@ -263,15 +267,16 @@ def _recorder(directory: Path, parameters: ParameterSet, clock: Clock) -> LogRec
         keep_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
         least_bytes=int(parameters["LOG_FREE_MB"] * 1e6),
         utc_s=clock.utc_s(),
-        software=f"rambler {__version__}",
+        software=software,
     )
 
 
-def _version() -> Version:
-    """This program's version, and a number of this computer's own."""
+def _version(commit: str) -> Version:
+    """This program's version and commit, and a number of this computer's own."""
     major, minor, patch = (int(part) for part in __version__.split(".")[:3])
     try:
         machine = Path("/etc/machine-id").read_bytes()
     except OSError:
         machine = b""
-    return Version(major, minor, patch, uid=int.from_bytes(hashlib.sha256(machine).digest()[:8]) if machine else 0)
+    uid = int.from_bytes(hashlib.sha256(machine).digest()[:8]) if machine else 0
+    return Version(major, minor, patch, commit, uid)

@@ -19,7 +19,7 @@ def mavproxy(tmp_path, start):
     """Starts MAVProxy on a port, in a home of its own that takes all its files."""
     script = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
     if script is None:
-        pytest.skip("mavproxy.py is not beside this Python; install the extra [dev]")
+        pytest.skip("mavproxy.py is not beside this Python; install the extra [clients]")
     home = tmp_path / "home"
     home.mkdir()
 
