@@ -69,10 +69,11 @@ class MtiCompass:
     """Sets the device up, gives the headings it stands by, and sets it up again when they stop.
 
     The device is asked for Euler angles in the frame NED, where yaw is the heading,
-    clockwise from north. North is magnetic north: the device knows no declination
-    unless it was told a position or has a satellite receiver, so of a model with one
-    (MTi-7, 670, 680, G-710) CMP_DECL_DEG is the place for what is left to correct. A
-    message whose status says that the orientation is not valid gives no heading.
+    clockwise from north. North is magnetic north, where the manual says no more than
+    "local magnetic north"; whether a model with a satellite receiver corrects for the
+    declination itself it leaves open, so compare one with a known bearing, and if it
+    does, set CMP_DECL_AUTO = 0 and CMP_DECL_DEG = 0. A message whose status says that
+    the orientation is not valid gives no heading.
 
     Commands are sent one at a time, each after the acknowledgement of the one before; a
     device that does not answer hears one every half second, one that refuses is asked
