@@ -12,7 +12,7 @@ from typing import Any
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.errors import UsageError
 from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.goals import GoalError, parse_goals
 
 DEFAULT_SEAS = ("tank", "sea", "swell", "weak")

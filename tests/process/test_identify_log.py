@@ -7,7 +7,7 @@ import sys
 import pytest
 from support.paths import ROOT
 
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
 

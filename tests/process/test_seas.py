@@ -9,7 +9,7 @@ from support.paths import ROOT
 
 from hil.lab.compare.score import mean_of, score_of
 from hil.lab.compare.voyages import OURS, Task, compare
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
 

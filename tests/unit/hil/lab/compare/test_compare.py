@@ -10,7 +10,7 @@ from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.__main__ import main
 from hil.lab.compare import pid
 from hil.lab.compare.score import Score, mean_of, score_of
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.truth import Truth
 
