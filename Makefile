@@ -51,6 +51,8 @@ test: $(READY)
 lint: $(READY)
 	$(BIN)/ruff check firmware_py hil tests .ci
 	$(BIN)/ruff format --check firmware_py hil tests .ci
+	$(BIN)/lint-imports --no-cache
+	$(BIN)/python .ci/house.py --check
 
 types: $(READY)
 	$(BIN)/mypy

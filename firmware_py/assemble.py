@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from firmware_py import __version__
+from firmware_py import ROOT, __version__, commit_of, version_text
 from firmware_py.actuator.dynamixel import DynamixelRudder
 from firmware_py.actuator.volz import VolzRudder
 from firmware_py.common.interfaces import ByteLine, Clock, Compass, Position, Rudder
@@ -35,7 +35,6 @@ from firmware_py.system.realtime import LoadMeter, clock_is_kept
 from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.system.state_directory import stored_parameters, stored_plans, with_resume
 from firmware_py.system.store import Store
-from firmware_py.system.version import ROOT, commit_of, version_text
 from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle, VehicleError
 
 LOG_DIRECTORY = "logs"
