@@ -3,11 +3,11 @@
 import functools
 import itertools
 import json
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.paths import REPLAY
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import from_text as plan_from_text
@@ -19,7 +19,7 @@ from firmware_py.core.step import step
 from firmware_py.log.reader import read_log
 from firmware_py.system.store import stored_content
 
-DATA = Path(__file__).parents[1] / "replay" / "data" / "first_layout"
+DATA = REPLAY / "first_layout"
 START = State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))
 
 

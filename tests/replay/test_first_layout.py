@@ -9,9 +9,9 @@ shows and why that is right:
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from support.paths import REPLAY
 
 from firmware_py.__main__ import main
 from firmware_py.common.parameters import ParameterSet
@@ -22,7 +22,7 @@ from firmware_py.core.step import State
 from firmware_py.system.state_directory import stored_parameters, stored_plans, with_resume
 from firmware_py.system.store import Store
 
-DATA = Path(__file__).parent / "data"
+DATA = REPLAY
 LOGS = {path.name: path for path in sorted(DATA.rglob("*.BIN"))}
 ACCEPTED = json.loads((DATA / "accepted.json").read_text())
 UNCHANGED = {"first_difference": None, "notes": []}

@@ -7,15 +7,15 @@ rambler-hil run tank --speed max --seconds 20 --goal "0:0,5:60" --compass pni --
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from support.paths import REPLAY
 
 from firmware_py.__main__ import main
 from firmware_py.common.intents import SteerHeading
 from firmware_py.log.reader import read_log
 
-LOG = Path(__file__).parent / "data" / "tank_pni_volz.BIN"
+LOG = REPLAY / "tank_pni_volz.BIN"
 
 
 def test_the_recorded_run_is_recomputed_bit_for_bit(capsys):

@@ -4,4 +4,4 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "tests" / "data"  # recordings of real devices; its README says where each is from
-REPLAY = ROOT / "tests" / "replay" / "data"
+REPLAY = ROOT / "tests" / "replay" / "data"  # logs of versions before

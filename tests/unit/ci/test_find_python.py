@@ -2,11 +2,11 @@
 
 import os
 import subprocess
-from pathlib import Path
 
 import pytest
+from support.paths import ROOT
 
-FIND = Path(__file__).parents[3] / ".ci" / "find_python"
+FIND = ROOT / ".ci" / "find_python"
 
 
 @pytest.fixture

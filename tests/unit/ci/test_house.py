@@ -2,11 +2,11 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from support.paths import ROOT
 
-HOUSE = Path(__file__).parents[3] / ".ci" / "house.py"
+HOUSE = ROOT / ".ci" / "house.py"
 SOUND = {
     "firmware_py/__init__.py": "",
     "firmware_py/common/angles.py": "",

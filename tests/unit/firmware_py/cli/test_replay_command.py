@@ -1,9 +1,9 @@
 """`rambler replay`: what cannot be read is one line and exit 2, what is of another version is noted."""
 
 import json
-from pathlib import Path
 
 import pytest
+from support.paths import REPLAY
 
 from firmware_py.__main__ import main
 from firmware_py.cli import replay as command
@@ -12,7 +12,7 @@ from firmware_py.core import state_codec
 from firmware_py.log import schema
 from firmware_py.log.dataflash import Parser
 
-LOG = Path(__file__).parents[2] / "replay" / "data" / "first_layout" / "mid_run_checkpoint.BIN"
+LOG = REPLAY / "first_layout" / "mid_run_checkpoint.BIN"
 
 
 def with_checkpoint(path, change):

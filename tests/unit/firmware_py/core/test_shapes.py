@@ -4,9 +4,9 @@ import functools
 import json
 from dataclasses import replace
 from enum import IntEnum
-from pathlib import Path
 
 import pytest
+from support.paths import REPLAY
 
 from firmware_py.common.json_codec import Codec
 from firmware_py.common.parameters import ParameterSet, format_file
@@ -27,7 +27,7 @@ from firmware_py.safety.failsafe import FailsafeState
 from firmware_py.system.state_directory import stored_parameters, stored_plans, with_resume
 from firmware_py.system.store import Store, stored_content
 
-DATA = Path(__file__).parents[1] / "replay" / "data" / "first_layout"
+DATA = REPLAY / "first_layout"
 UTC_S = 1767225600.0
 
 
