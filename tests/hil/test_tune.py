@@ -12,6 +12,7 @@ from firmware_py.model.kt import OCEAN_RAMBLER
 from firmware_py.params import ParameterSet
 from hil import scenarios
 from hil.goals import parse_goals
+from hil.report.figure_file import entry, key_of
 from hil.report.figures import rudder_travel_deg_per_h
 from hil.runner import RunOptions, sail
 from hil.tune.cases import COMPASS_NOISE_DEG, pilot_of, steps_within
@@ -57,7 +58,7 @@ def test_a_trial_run_is_the_real_autopilot_s_in_the_same_waves(tmp_path, scenari
 
 
 @pytest.mark.proof
-def test_the_paper_s_chain_is_reproduced(tmp_path):
+def test_the_paper_s_chain_is_reproduced(tmp_path, figures):
     done = subprocess.run(
         [sys.executable, "-m", "hil", "reproduce", "--quick", "--out", str(tmp_path)],
         cwd=ROOT,
@@ -67,6 +68,9 @@ def test_the_paper_s_chain_is_reproduced(tmp_path):
     )
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads((tmp_path / "reproduce.json").read_text())
+    for row in found["rows"]:
+        name = key_of("reproduce", row["quantity"])
+        figures.merge({name: entry(row["ours"], "", figures.source, name=row["quantity"], others=row["paper"])})
     assert found["all_match"]
     verdicts = [row["verdict"] for row in found["rows"]]
     assert verdicts.count("matches") >= 13
