@@ -111,7 +111,7 @@ def keep(figures, label, errors, stated, limit):
     share, scatter = 100.0 * covered(errors, stated), np.sqrt(np.mean(errors**2, axis=0)) / limit
     for number, name in enumerate(("k", "t", "alpha", "delta0")):
         figures.keep(f"identify_{label}_covered_{name}", share[number], "%")
-        figures.keep(f"identify_{label}_scatter_{name}", scatter[number], "times the bound")
+        figures.keep(f"identify_{label}_scatter", scatter[number], "times the bound", name)
     for name, largest in zip("kt", 100.0 * np.max(np.abs(errors[:, :2]) / TRUE[:2], axis=0), strict=True):
         figures.keep(f"identify_{label}_largest_{name}", largest, "%")
 
