@@ -32,6 +32,5 @@ myst_substitutions = substitutions(HERE / "figures.json")
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
-autodoc_default_options = {"members": True, "show-inheritance": False}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
