@@ -17,6 +17,7 @@ version = release = __version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml", "command_help"]
 exclude_patterns = ["_build"]
 
+highlight_language = "none"
 html_theme = "furo"
 html_title = f"Rambler {release}"
 html_static_path = ["_static"]

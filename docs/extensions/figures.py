@@ -45,13 +45,12 @@ def substitutions(path: Path) -> dict[str, Any]:
 
 
 def number(value: float | str) -> str:
-    """Write a number with three digits that mean something and thin thousands; a text as it is."""
+    """Write a number with three digits that mean something and thin spaces at the thousands; a text as it is."""
     if isinstance(value, str):
         return value
-    if value == 0.0:
-        return "0"
-    digits = max(0, 2 - math.floor(math.log10(abs(value))))
-    return f"{value:,.{min(digits, 3)}f}".replace(",", "\u202f")
+    digits = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
+    whole, _, part = f"{value:,.{digits}f}".partition(".")
+    return ".".join(filter(None, (whole.replace(",", "\u202f"), part.rstrip("0"))))
 
 
 def _group(entries: Mapping[str, dict[str, Any]], prefix: str) -> list[dict[str, Any]]:
@@ -62,14 +61,14 @@ def _bench_table(entries: list[dict[str, Any]]) -> str:
     rows = []
     for entry in entries:
         unit, bare, ratio = entry["unit"], entry.get("bare"), entry.get("ratio")
-        verdict = {True: "met", False: "**missed**", None: ""}[entry.get("met")]
+        verdict = {True: ": met", False: ": **missed**", None: ""}[entry.get("met")]
         rows.append(
             (
                 entry.get("name", ""),
                 str(Shown(entry)),
                 "" if bare is None else f"{number(bare)} {unit}",
                 "" if ratio is None else number(ratio),
-                " ".join(filter(None, (entry.get("aim", ""), verdict))),
+                entry.get("aim", "").replace("<=", "≤").replace(">=", "≥") + verdict,
                 entry.get("others", ""),
             )
         )
@@ -92,5 +91,7 @@ def _source_table(entries: Mapping[str, dict[str, Any]]) -> str:
 
 
 def _table(titles: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    lines = [titles, tuple("---" for _ in titles), *rows]
+    """Return a table in Markdown, without the columns in which nothing stands."""
+    full = [place for place in range(len(titles)) if any(row[place] for row in rows)]
+    lines = [[line[place] for place in full] for line in (titles, ("---",) * len(titles), *rows)]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
