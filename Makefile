@@ -6,13 +6,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help sail test lint types pages pages-check bench proof lock clean
+.PHONY: help sail test lint types pages pages-check docs bench proof lock clean
 
 help:
 	@echo "make sail   a heading run in the tank, live in the terminal, MAVLink on udp 14550"
 	@echo "make test   the whole test suite"
 	@echo "make lint types pages-check   what CI checks besides"
 	@echo "make pages  write the generated pages anew"
+	@echo "make docs   the documentation, into docs/_build/html"
 	@echo "make bench  lateness, latency, load, memory, round trips and the speed of the tools on this machine"
 	@echo "make proof  the longer proofs: seas, stations, identification, lossy links, floods; some hours"
 
@@ -35,8 +36,8 @@ test: $(READY)
 	$(BIN)/python -m pytest -n 4 --dist worksteal
 
 lint: $(READY)
-	$(BIN)/ruff check firmware_py hil tests
-	$(BIN)/ruff format --check firmware_py hil tests
+	$(BIN)/ruff check firmware_py hil tests docs
+	$(BIN)/ruff format --check firmware_py hil tests docs
 
 types: $(READY)
 	$(BIN)/mypy
@@ -52,6 +53,14 @@ pages-check: $(READY)
 	$(BIN)/rambler params --faults | diff -u params/FAULTS.md -
 	$(BIN)/rambler params --messages | diff -u params/MESSAGES.md -
 
+$(VENV)/.docs-ready: $(READY)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c .ci/constraints.txt -e '.[docs]'
+	@touch $@
+
+docs: $(VENV)/.docs-ready
+	$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
 bench: $(READY)
 	@$(BIN)/rambler-hil bench
 
@@ -63,4 +72,4 @@ lock: $(READY)
 	$(BIN)/python -m pip freeze --exclude-editable | grep -v '^-e' > .ci/constraints.txt
 
 clean:
-	rm -rf $(VENV) runs .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) runs docs/_build .mypy_cache .ruff_cache .hypothesis

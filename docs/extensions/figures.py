@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+NO_BREAK = "\u00a0"
 BENCH = ("lateness", "sense", "load", "start", "trips", "transfers", "objective", "hour", "swarm", "first_use")
 
 
@@ -29,8 +30,9 @@ class Shown:
         return "{when}, commit {commit}, `{command}`".format(**self.entry)
 
     def __str__(self) -> str:
-        """Return the value and its unit."""
-        return f"{self.number} {self.entry['unit']}".rstrip()
+        """Return the value and its unit, which stay on one line where the unit is short."""
+        unit = self.entry["unit"]
+        return f"{self.number}{' ' if ' ' in unit else NO_BREAK}{unit}" if unit else self.number
 
 
 def substitutions(path: Path) -> dict[str, Any]:
@@ -70,9 +72,10 @@ def _bench_table(entries: list[dict[str, Any]]) -> str:
                 "" if ratio is None else number(ratio),
                 entry.get("aim", "").replace("<=", "≤").replace(">=", "≥") + verdict,
                 entry.get("others", ""),
+                entry.get("note", ""),
             )
         )
-    return _table(("figure", "measured", "bare limit", "ratio", "aim", "others"), rows)
+    return _table(("figure", "measured", "bare limit", "ratio", "aim", "others", "note"), rows)
 
 
 def _paper_table(entries: list[dict[str, Any]]) -> str:
@@ -83,8 +86,7 @@ def _source_table(entries: Mapping[str, dict[str, Any]]) -> str:
     """Return each source once: what was measured together stands in one row."""
     counts: dict[tuple[str, ...], int] = {}
     for entry in entries.values():
-        note = entry.get("note", "").rpartition("; ")[2] if "as measured" in entry.get("note", "") else ""
-        key = (f"`{entry['command']}`", entry["when"], entry["commit"], entry["machine"], note)
+        key = (f"`{entry['command']}`", entry["when"], entry["commit"], entry["machine"], entry.get("remark", ""))
         counts[key] = counts.get(key, 0) + 1
     rows = [(*key, str(count)) for key, count in counts.items()]
     return _table(("by", "when", "commit", "on", "remark", "figures"), rows)
