@@ -19,15 +19,11 @@ from firmware_py.link.opening import open_transport
 from firmware_py.link.storage import Storage
 from firmware_py.log.disk import log_files
 from firmware_py.log.recorder import LogRecorder
-from firmware_py.loop import PARAMETER_FILE, PLAN_FILES, Boat, Pilot
-from firmware_py.params import INDEX, TABLE, ParameterError, ParameterSet, format_file, parse_file
-from firmware_py.plan import Plan, PlanKind, Plans
-from firmware_py.plan import from_text as plan_from_text
-from firmware_py.plan_rules import fault_of
+from firmware_py.loop import PARAMETER_FILE, Boat, Pilot
+from firmware_py.params import INDEX, TABLE, ParameterSet, format_file
 from firmware_py.ports import ByteLine, Clock, Compass, Position, Rudder
 from firmware_py.realtime import LoadMeter, clock_is_kept
 from firmware_py.records import Event
-from firmware_py.resume import RESUME_FILE, resumed
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
 from firmware_py.sensors.pni_tcm import PniCompass
@@ -37,6 +33,7 @@ from firmware_py.serial_line import PortError, SerialLine
 from firmware_py.shelter import Shelter
 from firmware_py.step import State
 from firmware_py.store import Store
+from firmware_py.stored import stored_parameters, stored_plans, with_resume
 from firmware_py.timekeeper import Timekeeper
 from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle, VehicleError
 
@@ -136,55 +133,6 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
     return parameters
 
 
-def stored_parameters(store: Store, say: Callable[[str], None]) -> dict[str, float]:
-    """The values that ground stations have set in earlier runs; unusable ones are told and left out."""
-    content = store.load(PARAMETER_FILE)
-    kept: dict[str, float] = {}
-    if content is None:
-        return kept
-    for number, line in enumerate(content.decode("utf-8", "replace").splitlines(), start=1):
-        try:
-            kept.update(parse_file(line, f"{PARAMETER_FILE} line {number}"))
-        except ParameterError as error:
-            say(f"stored parameter left out: {error}")
-    return kept
-
-
-def _checked_plan(kind: PlanKind, text: str) -> Plan:
-    plan = plan_from_text(text)
-    if plan.kind is not kind:
-        raise ValueError(f"it is a {plan.kind.name.lower()}")
-    if fault := fault_of(plan):
-        raise ValueError(str(fault))
-    return plan
-
-
-def stored_plans(store: Store, say: Callable[[str], None]) -> Plans:
-    """The plans of earlier runs; an unusable one is told and left out."""
-    plans = Plans()
-    for kind, name in PLAN_FILES.items():
-        content = store.load(name)
-        if content is None:
-            continue
-        try:
-            plans = plans.replaced(_checked_plan(kind, content.decode("ascii", "replace")))
-        except ValueError as error:
-            say(f"stored {name} left out: {error}")
-    return plans
-
-
-def with_resume(state: State, store: Store, clock: Clock, say: Callable[[str], None]) -> State:
-    """The state at start, going on with what the store holds; an unusable record is told and left out."""
-    content = store.load(RESUME_FILE)
-    if content is None:
-        return state
-    try:
-        return resumed(state, content.decode("ascii", "replace"), clock.utc_s())
-    except ValueError as error:
-        say(f"stored {RESUME_FILE} left out: {error}")
-        return state
-
-
 @dataclass(frozen=True, slots=True)
 class Options:
     """What the command line says."""
@@ -236,11 +184,12 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     devices = open_devices(vehicle, wait=options.wait)
     store = Store(options.state_directory, private=(SIGNING_FILE,))
     parameters = base_parameters(vehicle)
-    kept = stored_parameters(store, console.line)
+    kept, unusable = stored_parameters(store, console.line)
     kept[BOOT_COUNT] = min(kept.get(BOOT_COUNT, 0.0) + 1.0, TABLE[INDEX[BOOT_COUNT]].maximum)
-    store.save(PARAMETER_FILE, format_file(kept).encode())
     for name, value in kept.items():
         parameters = parameters.replaced(name, value)
+    kept = unusable | kept
+    store.save(PARAMETER_FILE, format_file(kept).encode())
     lines = list(devices.lines)
 
     def open_line(path: str, baud: int) -> SerialLine:

@@ -125,7 +125,8 @@ def _chosen(
     for sample in seen:
         known = sources.taken(known, sample, expected_rad)
     course_ok = (
-        waves.fix_t_s is not None
+        bool(waves.x)  # not begun, or begun anew, it may know of a fix and of nothing else
+        and waves.fix_t_s is not None
         and now_s - waves.fix_t_s <= settings.position_timeout_s
         and waves.spread(kalman.HEADING) <= WIDEST_COURSE_RAD
         and waves.x[kalman.SPEED] >= settings.course_speed_m_s

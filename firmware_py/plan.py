@@ -19,6 +19,7 @@ from enum import IntEnum
 from typing import Any
 
 from firmware_py.plain import Codec, Hook
+from firmware_py.plain_notes import Spot, shown
 
 MOST_ITEMS = 2000
 _ITEM = struct.Struct("<BHB4fiif")
@@ -122,10 +123,13 @@ def _plain(plan: Plan) -> dict[str, Any]:
     return {"kind": int(plan.kind), "identity": plan.identity, "items": items}
 
 
-def _from_plain(data: Any) -> Plan:
-    """Read what `_plain` gives; ValueError for anything else, or when the checksum is wrong."""
-    if not isinstance(data, dict) or data.keys() != {"kind", "identity", "items"} or not isinstance(data["items"], str):
+def _from_plain(data: Any, spot: Spot) -> Plan:
+    """Read what `_plain` gives, ignoring more; ValueError for anything else, or when the checksum is wrong."""
+    expected = {"kind", "identity", "items"}
+    if not isinstance(data, dict) or expected - data.keys() or not isinstance(data["items"], str):
         raise ValueError("this is no plan")
+    for name in sorted(data.keys() - expected):
+        spot.note(f"field {shown(name)} is not known here, ignored")
     if type(data["kind"]) is not int or type(data["identity"]) is not int:
         raise ValueError("the kind of the plan is not a number")
     try:
@@ -153,7 +157,7 @@ def to_text(plan: Plan) -> str:
     return _CODEC.to_text(_Stored(plan))
 
 
-def from_text(text: str) -> Plan:
-    """Read a stored plan; ValueError for anything else, or one whose checksum is wrong."""
-    stored: _Stored = _CODEC.from_text(text)
-    return stored.plan
+def from_text(text: str) -> tuple[Plan, tuple[str, ...]]:
+    """Read a stored plan, and what is to be said of it; ValueError for anything else, or a wrong checksum."""
+    stored, notes = _CODEC.read(text)
+    return stored.plan, notes

@@ -21,6 +21,7 @@ from firmware_py.pilotage import NavState
 from firmware_py.plain import Codec
 from firmware_py.records import Home
 from firmware_py.state import State
+from firmware_py.step_state import CHANGES
 
 RESUME_FILE = "resume.state"
 INTERVAL_S = 5.0
@@ -37,16 +38,16 @@ class Resume:
     utc_s: float
     modes: ModeState
     mission: MissionProgress
-    order: Order | None
-    arrived: bool
-    line: LineState | None
-    orbit: OrbitState
-    fence_enabled: bool | None
-    home: Home | None
-    water: tuple[float, float, float]  # current north and east, speed
+    order: Order | None = None
+    arrived: bool = False
+    line: LineState | None = None
+    orbit: OrbitState = OrbitState()  # noqa: RUF009 - frozen
+    fence_enabled: bool | None = None
+    home: Home | None = None
+    water: tuple[float, float, float] | None = None  # current north and east, speed; None: as at start
 
 
-_CODEC = Codec([Resume])
+_CODEC = Codec([Resume], changes=CHANGES)
 
 
 def resume_of(state: State, utc_s: float) -> Resume:
@@ -75,12 +76,15 @@ def to_text(resume: Resume) -> str:
     return _CODEC.to_text(resume)
 
 
-def from_text(text: str) -> Resume:
-    """Read a record; ValueError for anything else, or numbers that no state can hold."""
-    resume: Resume = _CODEC.from_text(text)
-    if not _finite(resume.utc_s, *resume.water, resume.mission.elapsed_s, resume.orbit.turned_rad):
+def from_text(text: str) -> tuple[Resume, tuple[str, ...]]:
+    """Read a record of any version, and what is to be said of it.
+
+    ValueError for text without what a record needs, or with numbers that no state can hold.
+    """
+    resume, notes = _CODEC.read(text)
+    if not _finite(resume.utc_s, *(resume.water or ()), resume.mission.elapsed_s, resume.orbit.turned_rad):
         raise ValueError("a number of it is not one")
-    return resume
+    return resume, notes
 
 
 def _finite(*values: float) -> bool:
@@ -93,15 +97,18 @@ def age_s(resume: Resume, utc_s: float) -> float | None:
     return age if 0.0 <= age < 3.2e8 else None
 
 
-def resumed(state: State, text: str, utc_s: float) -> State:
-    """Return the state at start that goes on with what was kept; ValueError for a text that is no record."""
+def resumed(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ...]]:
+    """Return the state at start that goes on with what was kept, and what is to be said of the text.
+
+    The greeting of the state says when something of the text was lost. ValueError for a text that is no record.
+    """
     level = int(state.parameters["BOOT_RESUME"])
     if level == NOTHING:
-        return state
-    resume = from_text(text)
+        return state, ()
+    resume, notes = from_text(text)
     age = age_s(resume, utc_s)
     if age is not None and age > 3600.0 * state.parameters["BOOT_RESUME_H"]:
-        return replace(state, greeting=f"Not resumed: {_ago(age)} old")
+        return replace(state, greeting=f"Not resumed: {_ago(age)} old"), notes
     armed = resume.modes.armed if level == ALL else state.modes.armed
     follow = FollowState(resume.order, resume.arrived, resume.line, orbit=resume.orbit)
     nav = NavState(
@@ -112,14 +119,16 @@ def resumed(state: State, text: str, utc_s: float) -> State:
         follow,
         fence_enabled=resume.fence_enabled,
     )
-    return replace(
+    greeting = f"Resumed {resume.modes.mode.name}, {'age unknown' if age is None else _ago(age) + ' old'}"
+    state = replace(
         state,
         modes=replace(resume.modes, armed=armed),
         nav=nav,
         home=resume.home,
-        current=replace(state.current, mean=resume.water),
-        greeting=f"Resumed {resume.modes.mode.name}, {'age unknown' if age is None else _ago(age) + ' old'}",
+        current=state.current if resume.water is None else replace(state.current, mean=resume.water),
+        greeting=greeting + (", not whole" if notes else ""),
     )
+    return state, notes
 
 
 def _ago(seconds: float) -> str:

@@ -60,8 +60,8 @@ def settings_of(parameters: ParameterSet) -> Settings:
 class State:
     """All that the autopilot remembers from tick to tick."""
 
-    parameters: ParameterSet
-    modes: ModeState
+    parameters: ParameterSet = ParameterSet()  # noqa: RUF009 - immutable
+    modes: ModeState = ModeState()  # noqa: RUF009 - frozen
     started_s: float | None = None
     t_s: float = 0.0
     heading: heading.HeadingState = heading.HeadingState()  # noqa: RUF009 - frozen

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 FIRMWARE = ROOT / "firmware_py"
 
 # Rooms of the firmware, innermost first. A room imports only what stands in its row.
-PLAIN = {"records", "intents", "plan", "angles", "plain"}
+PLAIN = {"records", "intents", "plan", "angles", "plain", "plain_history", "plain_notes"}
 BASE = {
     "clock",
     "params",
@@ -49,7 +49,7 @@ LOOP = {
     "watch",
     "conditions",
 }
-TOP = {"assemble", "cli", "__main__"}
+TOP = {"assemble", "stored", "cli", "__main__"}
 ALL = PLAIN | BASE | PURE | EDGE | LOOP | TOP
 
 THIRD_PARTY_PLAIN = {"numpy"}

@@ -134,9 +134,12 @@ def _stored(directory: Path) -> Plans:
         if content is None:
             continue
         try:
-            plans = plans.replaced(from_text(content.decode("utf-8", "replace")))
+            plan, notes = from_text(content.decode("utf-8", "replace"))
         except ValueError as error:
             raise StoreError(f"{directory / name}: {error}; load the plan again") from None
+        plans = plans.replaced(plan)
+        for note in notes:
+            print(f"{directory / name}: {note}", file=sys.stderr)
     return plans
 
 

@@ -24,13 +24,19 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         report = replay_log(arguments.log, state_from_text, step)
     except LogError as error:
-        print(f"rambler replay: {error}", file=sys.stderr)
-        return 2
+        return _refused(str(error))
+    except Exception as error:  # noqa: BLE001 - whatever a file holds is one line
+        return _refused(f"{arguments.log}: cannot be read ({type(error).__name__}: {error})")
     if arguments.json:
         print(json.dumps(report.as_dict()))
     else:
         print(_text(report))
     return 0 if report.identical else 1
+
+
+def _refused(reason: str) -> int:
+    print(f"rambler replay: {' '.join(reason.split())}", file=sys.stderr)
+    return 2
 
 
 def _text(report: ReplayReport) -> str:
@@ -42,6 +48,7 @@ def _text(report: ReplayReport) -> str:
         lines.append(f"{reading.damaged} damaged ticks, {reading.garbage_bytes} bytes of garbage")
     if reading.tail_bytes:
         lines.append(f"the last {reading.tail_bytes} bytes are a tick cut short")
+    lines += [f"note: {note}" for note in reading.notes]
     if (first := report.first_difference) is not None:
         lines.append(
             f"{report.differences} commands differ, the first at tick {first.tick} ({first.t_s:.3f} s): "

@@ -1,9 +1,14 @@
-"""Reads a log back into the ticks that it holds, however long it is and wherever it was cut."""
+"""Reads a log back into the ticks that it holds, however long it is and wherever it was cut.
+
+A log of another version is read by name: `Reading.notes` says what of it is not known here, or was
+lacking. TICK, END and the decision in CTL are the frame that every version has.
+"""
 
 from __future__ import annotations
 
 import mmap
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +16,13 @@ from typing import Any, Final
 
 from firmware_py.log import ardupilot, schema
 from firmware_py.log.dataflash import Buffer, Format, LogError, MessageType, Parser, text_of
-from firmware_py.log.rows import Row, RowReader
+from firmware_py.log.rows import RowReader
 from firmware_py.records import Inputs, RudderCommand
 
 MAX_RECORDS: Final = 1 << 17  # of one tick: two texts of the longest kind; bounds what damage can gather
 
 
+_FRAME: Final = (schema.TICK, schema.CONTROL)
 _PASSED_OVER: Final = frozenset(one.name for one in (*schema.TYPES, *ardupilot.TYPES)) - schema.READ.keys()
 
 
@@ -39,7 +45,8 @@ class Reading:
     """How the reading of a log went, as far as it has got.
 
     `damaged` counts ticks that are not whole, `garbage_bytes` lie between records,
-    `tail_bytes` are an unfinished tick at the end and whatever follows it.
+    `tail_bytes` are an unfinished tick at the end and whatever follows it. `notes` say
+    what of a log of another version was not known, lacking or left out.
     """
 
     software: str = ""
@@ -47,6 +54,7 @@ class Reading:
     damaged: int = 0
     garbage_bytes: int = 0
     tail_bytes: int = 0
+    notes: tuple[str, ...] = ()
 
 
 class LogReader:
@@ -58,7 +66,7 @@ class LogReader:
         self.reading = Reading()
 
     def __iter__(self) -> Iterator[LoggedTick]:
-        """Yield the whole ticks in order; LogError when the file cannot be read or is of another version."""
+        """Yield the whole ticks in order; LogError when the file cannot be read or lacks the frame."""
         if isinstance(self._source, bytes):
             yield from self._ticks(self._source)
             return
@@ -81,11 +89,11 @@ class LogReader:
             tick = scan.take(found, at)
             if found.name == schema.END.name:
                 unfinished_from = None
-            self.reading = Reading(scan.software, scan.ticks, scan.damaged, parser.garbage_bytes, 0)
+            self.reading = scan.reading(parser.garbage_bytes, 0)
             if tick is not None:
                 yield tick
         tail_bytes = parser.tail_bytes if unfinished_from is None else len(buffer) - unfinished_from
-        self.reading = Reading(scan.software, scan.ticks, scan.damaged, parser.garbage_bytes, tail_bytes)
+        self.reading = scan.reading(parser.garbage_bytes, tail_bytes)
 
 
 def read_log(source: Path | bytes) -> Iterator[LoggedTick]:
@@ -105,6 +113,14 @@ class _Scan:
         self.software = ""
         self.ticks = 0
         self.damaged = 0
+        self._said: dict[str, None] = {}
+        self._unknown: Counter[str] = Counter()  # messages, by name
+
+    def reading(self, garbage_bytes: int, tail_bytes: int) -> Reading:
+        """Return how the reading has gone so far."""
+        unknown = (f"message {name}: not known here, {count} passed over" for name, count in self._unknown.items())
+        notes = (*self._said, *unknown)
+        return Reading(self.software, self.ticks, self.damaged, garbage_bytes, tail_bytes, notes)
 
     def take(self, found: Format, at: int) -> LoggedTick | None:
         """Take the next record; return the tick that it ends."""
@@ -124,9 +140,10 @@ class _Scan:
     def _end(self, found: Format, at: int) -> LoggedTick | None:
         records, self._records = self._records, None
         tick = None
-        if not _is(found, schema.END):
-            raise LogError("message END is of another kind: use the version of rambler that wrote the log")
-        _, sequence, crc = found.unpack(self._buffer, at)
+        if "Seq" not in found.labels or (found.labels[-1], found.values[-1]) != ("Crc", "I"):
+            raise LogError("message END lacks Seq, or Crc at its end: use the version of rambler that wrote the log")
+        values = found.unpack(self._buffer, at)
+        sequence, crc = values[found.labels.index("Seq")], values[-1]
         head = self._buffer[at : at + found.length - schema.CRC_BYTES]
         if records is not None and zlib.crc32(head, self._crc) == crc:
             gap = self._previous is not None and sequence != self._previous + 1
@@ -144,8 +161,17 @@ class _Scan:
         for found, at in records:
             if found.name in _PASSED_OVER:
                 continue
+            row = schema.READ.get(found.name)
+            if row is None:
+                self._unknown[found.name] += 1
+                continue
             if found not in self._readers:
-                self._readers[found] = RowReader(_row(found.name), found)
+                self._readers[found] = RowReader(row, found, self._said)
+                if row in _FRAME and (lacking := self._readers[found].lacking):
+                    raise LogError(
+                        f"message {found.name} has no column {', '.join(lacking)}: "
+                        "use the version of rambler that wrote the log"
+                    )
             try:
                 record = self._readers[found].read(self._buffer, at)
             except ValueError:
@@ -169,14 +195,6 @@ class _Scan:
             return None
         inputs = Inputs(ticks[0], headings, positions, rudder, devices, requests)
         return LoggedTick(inputs, commands[0], checkpoints[0] if checkpoints else None, gap)
-
-
-def _row(name: str) -> Row:
-    """Return the row of a message; LogError for one that may be an input nobody knows of."""
-    row = schema.READ.get(name)
-    if row is None:
-        raise LogError(f"message {name} is not known: use the version of rambler that wrote the log")
-    return row
 
 
 def _is(found: Format, expected: MessageType) -> bool:

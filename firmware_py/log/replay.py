@@ -70,27 +70,30 @@ class ReplayReport:
 
 def replay(
     ticks: Iterable[LoggedTick],
-    restore: Callable[[str], State],
+    restore: Callable[[str], tuple[State, tuple[str, ...]]],
     step: Callable[[State, Inputs], tuple[State, Output]],
 ) -> ReplayReport:
     """Recompute ticks from their checkpoints and compare the commands.
 
-    Raises LogError when there is no tick, no checkpoint, or one that `restore` refuses
-    with ValueError.
+    `restore` returns a state and what is to be said of it. Raises LogError when there is no
+    tick, no checkpoint, one that `restore` refuses with ValueError, or a tick that `step` fails at.
     """
     count = compared = gaps = differences = 0
     first: Difference | None = None
     known: tuple[State] | None = None
+    said: dict[str, None] = {}
     for tick in ticks:
         count += 1
         gaps += tick.gap
         if tick.checkpoint is not None:
-            known = (_restored(tick.checkpoint, restore),)
+            restored, notes = _restored(tick.checkpoint, restore)
+            known = (restored,)
+            said.update(dict.fromkeys(notes))
         elif tick.gap:
             known = None
         if known is None:
             continue
-        state, output = step(known[0], tick.inputs)
+        state, output = _stepped(known[0], tick.inputs, step)
         known = (state,)
         compared += 1
         if _bits(output.command) != _bits(tick.command):
@@ -101,12 +104,12 @@ def replay(
         raise LogError("no whole tick in it: give an onboard log (.BIN) that has run for a second or more")
     if compared == 0:
         raise LogError("no checkpoint in it: give the file from its first byte on, replay begins at a stored state")
-    return ReplayReport(count, compared, gaps, differences, first, Reading(ticks=count))
+    return ReplayReport(count, compared, gaps, differences, first, Reading(ticks=count, notes=tuple(said)))
 
 
 def replay_log(
     source: Path | bytes,
-    restore: Callable[[str], State],
+    restore: Callable[[str], tuple[State, tuple[str, ...]]],
     step: Callable[[State, Inputs], tuple[State, Output]],
 ) -> ReplayReport:
     """Replay one log file; LogError as `replay` and when the file cannot be read, with its name."""
@@ -115,10 +118,21 @@ def replay_log(
         report = replay(reader, restore, step)
     except LogError as error:
         raise LogError(f"{source}: {error}" if isinstance(source, Path) else str(error)) from error
-    return dataclasses.replace(report, reading=reader.reading)
+    notes = (*report.reading.notes, *reader.reading.notes)
+    return dataclasses.replace(report, reading=dataclasses.replace(reader.reading, notes=notes))
 
 
-def _restored(text: str, restore: Callable[[str], State]) -> State:
+def _stepped(
+    state: State, inputs: Inputs, step: Callable[[State, Inputs], tuple[State, Output]]
+) -> tuple[State, Output]:
+    try:
+        return step(state, inputs)
+    except Exception as error:  # a log may hold numbers that no boat has seen
+        tick = inputs.tick.index
+        raise LogError(f"tick {tick} cannot be recomputed ({type(error).__name__}: {error})") from error
+
+
+def _restored(text: str, restore: Callable[[str], tuple[State, tuple[str, ...]]]) -> tuple[State, tuple[str, ...]]:
     try:
         return restore(text)
     except ValueError as error:

@@ -2,6 +2,10 @@
 
 An absent number is stored as NaN (no driver lets a NaN in), an absent flag as -1. A text
 follows the columns in pieces of 64 bytes, one message each.
+
+A log outlives the version that wrote it, so columns are found by label. One that the file lacks,
+or whose value is not known here, leaves the field at its default; where the field has none, the
+records are left out. Columns not known here are passed over. What was lacking or left out is noted.
 """
 
 from __future__ import annotations
@@ -14,7 +18,8 @@ from enum import IntEnum
 from operator import attrgetter
 from typing import Any, Final
 
-from firmware_py.log.dataflash import TEXT_BYTES, Buffer, Format, LogError, MessageType
+from firmware_py.log.dataflash import TEXT_BYTES, Buffer, Format, MessageType
+from firmware_py.plain_notes import Spot
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,11 +80,19 @@ class Row:
     """One message: columns taken from a record, perhaps with a text behind them.
 
     `make` rebuilds the record from keyword arguments: a dataclass gets those columns that
-    are fields of it, anything else gets none; the text comes as `text`.
+    are fields of it, anything else gets none; the text comes as `text`. `noted`: it returns
+    the record and notes.
     """
 
     def __init__(
-        self, number: int, name: str, columns: Sequence[Column], make: Callable[..., Any], *, text: bool = False
+        self,
+        number: int,
+        name: str,
+        columns: Sequence[Column],
+        make: Callable[..., Any],
+        *,
+        text: bool = False,
+        noted: bool = False,
     ) -> None:
         """Describe a message of two columns or more."""
         stored = (TIME, *columns, *(TEXT if text else ()))
@@ -91,8 +104,10 @@ class Row:
         self.make = make
         self.text = text
         kind: Any = make
-        fields = {field.name for field in dataclasses.fields(kind)} if dataclasses.is_dataclass(make) else set()
+        fields = {field.name: field for field in dataclasses.fields(kind)} if dataclasses.is_dataclass(make) else {}
+        self.noted = noted
         self.kept = tuple((name, column) for column in columns if (name := column.field.rpartition(".")[2]) in fields)
+        self.defaulted = {name for name, field in fields.items() if field.default is not dataclasses.MISSING}
         self._values = attrgetter(*(column.field for column in columns))
         self._absent = tuple(column.absent for column in columns)
         self._complete = all(absent is None for absent in self._absent)
@@ -115,42 +130,85 @@ class Row:
         return [absent if value is None else value for value, absent in zip(values, self._absent, strict=True)]
 
 
+# Value characters that hold the same sort of value, more or less of it.
+_SORTS: Final = ("bBhHiIqQM", "fd", "Z")
+
+
+def _alike(one: str, other: str) -> bool:
+    return any(one in sort and other in sort for sort in _SORTS)
+
+
 class RowReader:
-    """Makes records of the messages of one row in one file."""
+    """Makes records of the messages of one row in one file; `lacking` names the columns without which it makes none."""
 
-    __slots__ = ("_columns", "_make", "_pieces", "_text", "_unpack")
+    __slots__ = ("_columns", "_defaulted", "_make", "_noted", "_pieces", "_spot", "_text", "_unpack", "lacking")
 
-    def __init__(self, row: Row, found: Format) -> None:
-        """Find the columns of the row among those of the file by label; LogError when some are not as expected."""
-        wanted = [column for _, column in row.kept] + [column for column in TEXT if row.text]
-        stored = set(zip(found.labels, found.values, strict=True))
-        missing = [column.label for column in wanted if (column.label, column.value) not in stored]
-        if missing:
-            lacking = f"message {found.name} has no column {', '.join(missing)} of the kind expected"
-            raise LogError(f"{lacking}: use the version of rambler that wrote the log")
-        self._make = row.make
+    def __init__(self, row: Row, found: Format, said: dict[str, None]) -> None:
+        """Find the columns of the row among those of the file by label; what is lacking is noted in `said`."""
+        self._spot = Spot(f"message {found.name}", said)
+        self._make, self._noted, self._defaulted = row.make, row.noted, row.defaulted
         self._unpack = found.unpack
-        self._columns = [(name, found.labels.index(c.label), c.absent is not None, c.read) for name, c in row.kept]
-        self._text = [found.labels.index(column.label) for column in TEXT if row.text]
         self._pieces: list[bytes] = []
+        lacking = []
+        self._columns: list[tuple[str, Column, int]] = []
+        for name, column in row.kept:
+            place = _place(column, found, self._spot)
+            if place is not None:
+                self._columns.append((name, column, place))
+            elif name in self._defaulted:
+                self._spot.note(f"column {column.label} is missing, its default is taken")
+            else:
+                lacking.append(column.label)
+        places = {column.label: _place(column, found, self._spot) for column in TEXT if row.text}
+        lacking += [label for label, place in places.items() if place is None]
+        self._text = [place for place in places.values() if place is not None]
+        self.lacking = tuple(lacking)
+        if lacking:
+            self._spot.note(f"column {', '.join(lacking)} is missing, its records are left out")
 
     def read(self, buffer: Buffer, at: int) -> Any:
-        """Return the record at an offset, None while its text goes on; ValueError for what cannot be one."""
+        """Return the record at an offset; None while its text goes on, and when it is left out.
+
+        ValueError when a part of a text is missing.
+        """
+        if self.lacking:
+            return None
         values = self._unpack(buffer, at)
         fields: dict[str, Any] = {}
-        for name, place, optional, read in self._columns:
-            value = values[place]
-            if optional and value != value:  # noqa: PLR0124 -- only NaN differs from itself
-                value = None
-            elif read is not None:
-                value = read(value)
-            fields[name] = value
         if self._text:
             text = self._joined(*(values[place] for place in self._text))
             if text is None:
                 return None
             fields["text"] = text
-        return self._make(**fields)
+        for name, column, place in self._columns:
+            value = values[place]
+            if column.absent is not None and value != value:  # noqa: PLR0124 -- only NaN differs from itself
+                value = None
+            elif column.read is not None:
+                try:
+                    value = column.read(value)
+                except (OverflowError, ValueError):
+                    kept = name in self._defaulted
+                    what = "its default is taken" if kept else "the record is left out"
+                    self._spot.note(f"{column.label} {value!r} is not known here, {what}")
+                    if kept:
+                        continue
+                    return None
+            fields[name] = value
+        return self._made(fields)
+
+    def _made(self, fields: dict[str, Any]) -> Any:
+        try:
+            made = self._make(**fields)
+        except ValueError as error:
+            self._spot.note(f"{error}; the record is left out")
+            return None
+        if not self._noted:
+            return made
+        record, notes = made
+        for note in notes:
+            self._spot.note(note)
+        return record
 
     def _joined(self, part: int, parts: int, length: int, piece: bytes) -> str | None:
         if part == 0:
@@ -163,3 +221,14 @@ class RowReader:
         text = b"".join(self._pieces).decode("utf-8", "surrogatepass")
         self._pieces.clear()
         return text
+
+
+def _place(column: Column, found: Format, spot: Spot) -> int | None:
+    """Return where a column of this label stands in the file, None without one of its sort."""
+    if column.label not in found.labels:
+        return None
+    place = found.labels.index(column.label)
+    value = found.values[place]
+    if value != column.value:
+        spot.note(f"column {column.label} is stored as {value!r}, here as {column.value!r}")
+    return place if _alike(value, column.value) else None

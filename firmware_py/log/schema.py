@@ -20,6 +20,7 @@ from firmware_py.intents import Request
 from firmware_py.log.dataflash import MessageType
 from firmware_py.log.rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
 from firmware_py.plain import Codec
+from firmware_py.plain_history import Change
 from firmware_py.plan import HOOK as PLAN_HOOK
 from firmware_py.records import (
     DeviceHealth,
@@ -36,15 +37,17 @@ from firmware_py.records import (
     Tick,
 )
 
-_REQUESTS: Final = Codec((Request,), (PLAN_HOOK,))
+# How requests differ from version to version; plain_history.py says what a change is.
+CHANGES: Final[tuple[Change, ...]] = ()
+_REQUESTS: Final = Codec((Request,), (PLAN_HOOK,), changes=CHANGES)
 
 
 def _text(text: str) -> str:
     return text
 
 
-def _request(text: str) -> Any:
-    return _REQUESTS.from_text(text)
+def _request(text: str) -> tuple[Any, tuple[str, ...]]:
+    return _REQUESTS.read(text)
 
 
 def _not_read() -> None:
@@ -125,7 +128,9 @@ DEVICE: Final = Row(
     DeviceHealth,
     text=True,
 )
-REQUEST: Final = Row(146, "REQ", (whole("Sys", "B", "system"), whole("Comp", "B", "component")), _request, text=True)
+REQUEST: Final = Row(
+    146, "REQ", (whole("Sys", "B", "system"), whole("Comp", "B", "component")), _request, text=True, noted=True
+)
 CONTROL: Final = Row(
     147,
     "CTL",

@@ -167,7 +167,7 @@ def stored(tmp_path, name):
     """The number of items of a plan in the state directory, None without one."""
     kind = {"wp": PlanKind.MISSION, "fence": PlanKind.FENCE, "rally": PlanKind.RALLY}[name]
     content = stored_content(tmp_path / "state", PLAN_FILES[kind])
-    return None if content is None else len(from_text(content.decode()).items)
+    return None if content is None else len(from_text(content.decode())[0].items)
 
 
 # ------------------------------------------------------------------------------ sudden ends

@@ -157,8 +157,11 @@ def test_damage_loses_ticks_but_never_invents_one(damage):
         place = at % (len(data) + 1)
         data = data[:place] + inserted + data[place + removed :]
     try:
-        read = list(LogReader(data))
-    except ValueError:  # the description of the columns is hit: another version
+        reader = LogReader(data)
+        read = list(reader)
+    except ValueError:  # the description of the frame is hit: another version
+        return
+    if reader.reading.notes:  # the description of a column is hit, which is said
         return
     assert all((tick.inputs, tick.command) == whole[tick.inputs.tick.index] for tick in read)
     order = [tick.inputs.tick.index for tick in read]

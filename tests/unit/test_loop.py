@@ -419,7 +419,7 @@ def test_a_plan_is_in_force_once_it_is_on_disk_and_an_input_of_the_next_tick(boa
     answers = []
     boat.pilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
     assert (answers, boat.pilot.plans()) == ([], Plans())
-    assert plan_from_text(boat.store.saved[PLAN_FILES[PlanKind.MISSION]].decode()) == MISSION
+    assert plan_from_text(boat.store.saved[PLAN_FILES[PlanKind.MISSION]].decode())[0] == MISSION
     boat.store.service()
     assert [answer.verdict for answer in answers] == [Verdict.ACCEPTED]
     assert boat.pilot.plans().mission is MISSION

@@ -43,7 +43,9 @@ def at_sea(level=2):
 
 def again(state, level=2, age_s=100.0, **more):
     text = to_text(resume_of(state, UTC_S))
-    return resumed(State.at_start(parameters(level, **more)), text, UTC_S + age_s)
+    state, notes = resumed(State.at_start(parameters(level, **more)), text, UTC_S + age_s)
+    assert notes == ()
+    return state
 
 
 def test_mode_mission_line_and_home_come_back():

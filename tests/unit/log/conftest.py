@@ -148,7 +148,8 @@ def pretend():
     return types.SimpleNamespace(
         State=PretendState,
         step=step,
-        restore=CODEC.from_text,
+        restore=CODEC.read,
+        state_from=lambda text: CODEC.read(text)[0],
         to_text=CODEC.to_text,
         inputs_of=inputs_of,
         sail=sail,

@@ -82,7 +82,7 @@ def test_every_input_is_read_back_and_one_checkpoint_stands_at_the_start(tmp_pat
     assert [(tick.inputs, tick.command) for tick in ticks] == [(inputs, output.command) for inputs, output in sailed]
     assert repr([tick.inputs for tick in ticks]) == repr([inputs for inputs, _ in sailed])
     assert [tick.checkpoint is not None for tick in ticks] == [True] + [False] * 5
-    assert pretend.restore(ticks[0].checkpoint) == pretend.State()
+    assert pretend.state_from(ticks[0].checkpoint) == pretend.State()
     assert not any(tick.gap for tick in ticks)
 
 
@@ -144,7 +144,7 @@ def test_the_queue_full_drops_whole_ticks_counts_them_and_goes_on_with_a_checkpo
     ticks = list(LogReader(tmp_path / "00000001.BIN"))
     assert [tick.inputs.tick.index for tick in ticks] == [0, 1, 2, 3, 4, 10, 11, 12]
     assert [tick.gap for tick in ticks] == [False] * 5 + [True, False, False]
-    assert pretend.restore(ticks[5].checkpoint) == expected
+    assert pretend.state_from(ticks[5].checkpoint) == expected
     health = recorder.health(6.0)
     assert (health.state, health.accepted, health.rejected, health.text) == (DeviceState.RUNNING, 8, 5, "")
     reader, messages = read_with_pymavlink(tmp_path / "00000001.BIN")
@@ -175,7 +175,7 @@ def test_a_full_disk_is_survived(tmp_path, pretend):
     recorder.close()
     files = [list(LogReader(path)) for path in sorted(tmp_path.glob("*.BIN"))]
     assert [[tick.inputs.tick.index for tick in ticks] for ticks in files] == [[0, 1, 2], [6, 7, 8]]
-    assert pretend.restore(files[1][0].checkpoint) == state
+    assert pretend.state_from(files[1][0].checkpoint) == state
 
 
 def test_a_directory_that_vanishes_is_made_again(tmp_path, pretend):
@@ -216,5 +216,5 @@ def test_a_tick_that_does_not_fit_the_format_is_dropped_and_the_next_has_a_check
     ticks = list(LogReader(tmp_path / "00000001.BIN"))
     assert [tick.inputs.tick.index for tick in ticks] == [0, 1, 2, 3]
     assert [tick.gap for tick in ticks] == [False, False, True, False]
-    assert pretend.restore(ticks[2].checkpoint) == state
+    assert pretend.state_from(ticks[2].checkpoint) == state
     assert (recorder.health(1.0).rejected, recorder.health(1.0).state) == (2, DeviceState.RUNNING)

@@ -80,7 +80,7 @@ def test_the_sign_of_zero_counts_and_a_nan_is_itself(ticks, pretend):
 
 def test_after_a_gap_the_next_checkpoint_goes_on(ticks, pretend):
     checkpoint = ticks[0].checkpoint
-    state = pretend.restore(checkpoint)
+    state = pretend.state_from(checkpoint)
     for tick in ticks[:8]:
         state, _ = pretend.step(state, tick.inputs)
     holed = [*ticks[:3], replace(ticks[5], gap=True), *ticks[6:8], replace(ticks[8], checkpoint=pretend.to_text(state))]
@@ -90,7 +90,7 @@ def test_after_a_gap_the_next_checkpoint_goes_on(ticks, pretend):
 
 
 def test_a_gap_with_its_checkpoint_is_whole(ticks, pretend):
-    state = pretend.restore(ticks[0].checkpoint)
+    state = pretend.state_from(ticks[0].checkpoint)
     for tick in ticks[:6]:
         state, _ = pretend.step(state, tick.inputs)
     report = replayed([*ticks[:3], replace(ticks[6], gap=True, checkpoint=pretend.to_text(state)), *ticks[7:]], pretend)

@@ -1,0 +1,49 @@
+"""What the reading of text says of it: the place of a value, and plain sentences, each once and not too many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+MOST_NOTES = 50
+LARGEST_WHOLE = 1 << 1023  # a double holds it
+
+
+class LocatedError(ValueError):
+    """A value is refused; the text begins with its path."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """Where in a record the reading is, and what is said of it so far."""
+
+    path: str
+    said: dict[str, None]  # in order, each sentence once
+
+    def note(self, text: str) -> None:
+        """Report something of this place."""
+        self.add(f"{self.path}: {text}")
+
+    def add(self, sentence: str) -> None:
+        """Report a sentence that says its place itself."""
+        if len(self.said) < MOST_NOTES:
+            self.said[sentence] = None
+        elif sentence not in self.said:
+            self.said["and more of the kind"] = None
+
+    def below(self, name: str) -> Spot:
+        """Return the place of a field."""
+        return Spot(f"{self.path}.{name}", self.said)
+
+
+def number(data: Any, _spot: Spot | None = None) -> Any:
+    """Read a number; a whole one in a field of floats stays one, so that it computes as it did."""
+    if type(data) is not float and (type(data) is not int or abs(data) > LARGEST_WHOLE):
+        raise ValueError(f"expected a number, found {shown(data)}")
+    return data
+
+
+def shown(data: Any) -> str:
+    """Return data as a message shows them, in at most 60 characters."""
+    text = ascii(data)
+    return text if len(text) <= 60 else text[:57] + "..."

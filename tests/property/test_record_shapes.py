@@ -1,0 +1,133 @@
+"""Records of any other shape are read, or refused with ValueError and nothing else."""
+
+import functools
+import itertools
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_py.log.reader import read_log
+from firmware_py.params import ParameterSet
+from firmware_py.plain_notes import MOST_NOTES
+from firmware_py.plan import from_text as plan_from_text
+from firmware_py.resume import resumed
+from firmware_py.state import State
+from firmware_py.step import step
+from firmware_py.step_state import state_from_text, state_to_text
+from firmware_py.store import stored_content
+
+DATA = Path(__file__).parents[1] / "replay" / "data" / "first_layout"
+START = State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))
+
+
+def resume_from_text(text):
+    return resumed(START, text, 1767225660.0)
+
+
+@functools.cache
+def text_of(kind):
+    first = next(iter(read_log(DATA / "mid_run_checkpoint.BIN"))).checkpoint
+    return {
+        "first checkpoint": lambda: first,
+        "checkpoint": lambda: state_to_text(state_from_text(first)[0]),
+        "resume": lambda: stored_content(DATA / "state", "resume.state").decode(),
+        "plan": lambda: stored_content(DATA / "state", "mission.plan").decode(),
+    }[kind]()
+
+
+READ = {
+    "first checkpoint": state_from_text,
+    "checkpoint": state_from_text,
+    "resume": resume_from_text,
+    "plan": plan_from_text,
+}
+scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.just(10**400)
+junk = st.recursive(
+    scalars, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+)
+kinds = st.sampled_from(sorted(READ))
+
+
+def places(data):
+    """Every key of every record, at any depth."""
+    if isinstance(data, dict):
+        for name, value in data.items():
+            yield data, name
+            yield from places(value)
+    elif isinstance(data, list):
+        for value in data:
+            yield from places(value)
+
+
+def chosen(draw, data):
+    found = list(places(data))
+    return [found[index] for index in draw(st.lists(st.integers(0, len(found) - 1), min_size=1, max_size=8))]
+
+
+@functools.cache
+def some_inputs():
+    return tuple(tick.inputs for tick in itertools.islice(read_log(DATA / "mid_run_checkpoint.BIN"), 4))
+
+
+def read(kind, data):
+    try:
+        record, notes = READ[kind](json.dumps(data))
+    except ValueError as error:
+        assert len(str(error)) < 1000  # noqa: PT017 -- both ways are right
+        return None, ()
+    assert len(notes) <= MOST_NOTES + 1
+    assert all(note and "\n" not in note for note in notes)
+    return record, notes
+
+
+@settings(deadline=None, max_examples=150)
+@given(kind=kinds, data=st.data())
+def test_any_fields_can_be_dropped(kind, data):
+    text = json.loads(text_of(kind))
+    dropped = set()
+    for record, name in chosen(data.draw, text):
+        record.pop(name, None)
+        dropped.add(name)
+    state, _ = read(kind, text)
+    if kind.endswith("checkpoint"):
+        assert state is not None or "$" in dropped
+
+
+@settings(deadline=None, max_examples=150)
+@given(kind=kinds, data=st.data())
+def test_any_fields_can_be_added(kind, data):
+    text = json.loads(text_of(kind))
+    for record, _ in chosen(data.draw, text):
+        record[data.draw(st.text(max_size=8).filter(lambda name: name not in ("$", "version")))] = data.draw(junk)
+    record, _ = read(kind, text)
+    assert record is not None or not kind.endswith("checkpoint")
+
+
+@settings(deadline=None, max_examples=100)
+@given(data=st.data())
+def test_a_boat_that_wakes_with_less_goes_on(data):
+    text = json.loads(text_of("resume"))
+    for record, name in chosen(data.draw, text):
+        record.pop(name, None)
+    state, _ = read("resume", text)
+    for inputs in some_inputs() if state is not None else ():
+        state, _ = step(state, inputs)
+
+
+@settings(deadline=None, max_examples=200)
+@given(kind=kinds, data=st.data())
+def test_any_values_can_be_anything(kind, data):
+    text = json.loads(text_of(kind))
+    for record, name in chosen(data.draw, text):
+        record[name] = data.draw(junk)
+    read(kind, text)
+
+
+@settings(deadline=None, max_examples=60)
+@given(kind=kinds, data=junk)
+def test_any_other_text_is_refused(kind, data):
+    with pytest.raises(ValueError):
+        READ[kind](json.dumps(data))

@@ -1,0 +1,91 @@
+"""Logs and state of earlier versions are read by this one, and recomputed to the bit.
+
+A change of shape alone must not show here. One of behaviour, made on purpose, does: it is looked at
+and then accepted in data/accepted.json, the name of the log with what `rambler replay LOG --json`
+shows and why that is right:
+
+    {"tank.BIN": {"first_difference": {...}, "notes": [...], "reason": "..."}}
+"""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from firmware_py.__main__ import main
+from firmware_py.control import helmsman
+from firmware_py.params import ParameterSet
+from firmware_py.plan import PlanKind
+from firmware_py.records import Mode
+from firmware_py.step import State
+from firmware_py.store import Store
+from firmware_py.stored import stored_parameters, stored_plans, with_resume
+
+DATA = Path(__file__).parent / "data"
+LOGS = {path.name: path for path in sorted(DATA.rglob("*.BIN"))}
+ACCEPTED = json.loads((DATA / "accepted.json").read_text())
+UNCHANGED = {"first_difference": None, "notes": []}
+
+
+def replayed(path, capsys):
+    code = main(["replay", str(path), "--json"])
+    report = json.loads(capsys.readouterr().out)
+    return code, report, {name: report[name] for name in UNCHANGED}
+
+
+def expected(name, accepted):
+    return {key: accepted.get(name, {}).get(key, value) for key, value in UNCHANGED.items()}
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_a_log_is_recomputed_but_for_what_was_accepted(name, capsys):
+    code, report, found = replayed(LOGS[name], capsys)
+    assert found == expected(name, ACCEPTED)
+    assert code == (found["first_difference"] is not None)
+    assert report["compared"] == report["ticks"] > 190
+    assert report["damaged"] == report["garbage_bytes"] == 0
+
+
+def test_what_is_accepted_has_its_reason_and_its_log():
+    assert ACCEPTED.keys() <= LOGS.keys()
+    assert all(entry["reason"] for entry in ACCEPTED.values())
+
+
+def test_a_change_of_behaviour_is_told_from_another(capsys, monkeypatch):
+    right, factor = helmsman.gains_of, 1.01
+    monkeypatch.setattr(
+        helmsman, "gains_of", lambda *given: (gains := right(*given)) and replace(gains, k1=gains.k1 * factor)
+    )
+    code, _, found = replayed(LOGS["tank.BIN"], capsys)
+    accepted = {"tank.BIN": found | {"reason": "a stiffer helm"}}
+    assert code == 1
+    assert found["first_difference"]["tick"] > 0
+    assert replayed(LOGS["tank.BIN"], capsys)[2] == expected("tank.BIN", accepted)
+    factor = 1.02
+    assert replayed(LOGS["tank.BIN"], capsys)[2] != expected("tank.BIN", accepted)
+
+
+class AtTen:
+    """A clock that shows ten minutes after the record was written."""
+
+    def utc_s(self):
+        return 1767225600.0 + 600.0
+
+
+def test_a_boat_of_an_earlier_version_wakes_as_she_was(tmp_path):
+    for path in (DATA / "first_layout" / "state").iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    store, said = Store(tmp_path), []
+    values, unusable = stored_parameters(store, said.append)
+    plans = stored_plans(store, said.append)
+    parameters = ParameterSet().replaced("BOOT_RESUME", 2)
+    state = with_resume(State.at_start(parameters, plans), store, AtTen(), said.append)
+    store.close()
+    assert (values, unusable) == ({"STAT_BOOTCNT": 1.0}, {})
+    assert (state.modes.mode, state.modes.armed) == (Mode.AUTO, True)
+    assert (state.nav.mission.index, state.nav.mission.begun) == (1, True)
+    assert state.nav.mission.identity == plans.of(PlanKind.MISSION).identity == 3441694929
+    assert state.home is not None
+    assert state.greeting == "Resumed AUTO, 10 min old"
+    assert said == []
