@@ -59,4 +59,5 @@ class Figures:
 def figures(request):
     """Keep the figures of a proof."""
     file = Path(request.node.path).relative_to(request.config.rootpath)
-    return Figures(request.config.getoption("--figures"), f"pytest -m proof {file.as_posix()}")
+    which = "-m proof " if request.node.get_closest_marker("proof") else ""
+    return Figures(request.config.getoption("--figures"), f"pytest {which}{file.as_posix()}")

@@ -15,6 +15,7 @@ from typing import Any
 Entries = Mapping[str, Mapping[str, Any]]
 ROOT = Path(__file__).parents[2]
 UNKNOWN = "unknown"
+DIGITS = 6
 
 
 def key_of(*words: str) -> str:
@@ -39,8 +40,8 @@ def entry(value: float | str, unit: str, source: Mapping[str, str], **more: Any)
     """
     if not _finite(value):
         raise ValueError(f"{value} is no figure to be shown")
-    kept = {name: detail for name, detail in more.items() if detail not in (None, "") and _finite(detail)}
-    return {"value": value, "unit": unit, **kept, **source}
+    kept = {name: _rounded(detail) for name, detail in more.items() if detail not in (None, "") and _finite(detail)}
+    return {"value": _rounded(value), "unit": unit, **kept, **source}
 
 
 def merge(path: Path, entries: Entries) -> None:
@@ -55,7 +56,8 @@ def merge(path: Path, entries: Entries) -> None:
         text = file.read()
         content: dict[str, Any] = json.loads(text) if text else {}
         for name, fresh in entries.items():
-            content[name] = _with_cases(content.get(name, {}), dict(fresh))
+            # What was measured together stands together, in its order: tables are made of it.
+            content[name] = _with_cases(content.pop(name, {}), dict(fresh))
         file.truncate(0)
         file.write(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
@@ -66,6 +68,11 @@ def _with_cases(old: Mapping[str, Any], fresh: dict[str, Any]) -> dict[str, Any]
         fresh["cases"] = dict(sorted({**kept, **fresh["cases"]}.items()))
         fresh["value"] = max(fresh["cases"].values())
     return fresh
+
+
+def _rounded(value: Any) -> Any:
+    """Return a number without the digits that no measurement has."""
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
 
 
 def _finite(value: object) -> bool:

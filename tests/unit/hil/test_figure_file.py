@@ -25,17 +25,21 @@ def test_an_entry_holds_where_it_comes_from_and_leaves_out_what_is_absent():
     assert "bare" not in entry(1.5, "ms", SOURCE, bare=math.nan)
 
 
+def test_digits_that_no_measurement_has_are_left_out():
+    assert entry(2.0 / 3.0, "ms", SOURCE, bare=1.0 / 3.0)["value"] == 0.666667
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_what_is_no_number_is_refused(value):
     with pytest.raises(ValueError, match="no figure"):
         entry(value, "ms", SOURCE)
 
 
-def test_a_file_is_made_and_other_figures_stay_in_their_order(tmp_path):
+def test_a_file_is_made_and_fresh_figures_stand_together_behind_the_others(tmp_path):
     path = tmp_path / "figures.json"
     merge(path, {"b": entry(1.0, "s", SOURCE), "a": entry(2.0, "s", SOURCE)})
     merge(path, {"b": entry(3.0, "s", SOURCE)})
-    assert [(name, kept["value"]) for name, kept in read(path).items()] == [("b", 3.0), ("a", 2.0)]
+    assert [(name, kept["value"]) for name, kept in read(path).items()] == [("a", 2.0), ("b", 3.0)]
 
 
 def test_of_several_cases_the_largest_is_shown(tmp_path):
