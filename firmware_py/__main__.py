@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from firmware_py import __version__
+from firmware_py.system.version import ROOT, commit_of, version_text
 
 # command -> (module, one line of help). A module is imported only when it is asked for, so
 # that the autopilot carries nothing of the bench tools.
@@ -39,7 +39,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; 0 success, 1 a finding, 2 bad usage or configuration."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     parser = _Parser(prog="rambler", description="Autopilot for wave gliders and other very slow boats.")
-    parser.add_argument("--version", action="version", version=f"rambler {__version__}")
+    commit = commit_of(ROOT) if "--version" in words else ""  # git is asked only then
+    parser.add_argument("--version", action="version", version=version_text("rambler", commit))
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     wanted = next((word for word in words if word in COMMANDS), None)
     for name, (module_name, text) in COMMANDS.items():

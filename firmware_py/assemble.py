@@ -11,30 +11,31 @@ from typing import Any
 from firmware_py import __version__
 from firmware_py.actuator.dynamixel import DynamixelRudder
 from firmware_py.actuator.volz import VolzRudder
-from firmware_py.clock import LockstepClock, RealClock, set_utc_s
-from firmware_py.console import Console
+from firmware_py.common.interfaces import ByteLine, Clock, Compass, Position, Rudder
+from firmware_py.common.parameters import INDEX, TABLE, ParameterSet, format_file
+from firmware_py.common.records import Event
+from firmware_py.core.step import State
 from firmware_py.link.endpoint import Endpoint
-from firmware_py.link.identity import Version
-from firmware_py.link.opening import open_transport
-from firmware_py.link.storage import Storage
+from firmware_py.link.files.root import FileRoot
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.wire.open_transport import open_transport
 from firmware_py.log.disk import log_files
 from firmware_py.log.recorder import LogRecorder
-from firmware_py.loop import PARAMETER_FILE, Boat, Pilot
-from firmware_py.params import INDEX, TABLE, ParameterSet, format_file
-from firmware_py.ports import ByteLine, Clock, Compass, Position, Rudder
-from firmware_py.realtime import LoadMeter, clock_is_kept
-from firmware_py.records import Event
+from firmware_py.loop import PARAMETER_FILE, Autopilot, LoopParts
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
 from firmware_py.sensors.pni_tcm import PniCompass
-from firmware_py.sensors.second import SecondCompass
+from firmware_py.sensors.relabelled import RelabelledCompass
 from firmware_py.sensors.ubx import UbxPosition
-from firmware_py.serial_line import PortError, SerialLine
-from firmware_py.shelter import Shelter
-from firmware_py.step import State
-from firmware_py.store import Store
-from firmware_py.stored import stored_parameters, stored_plans, with_resume
-from firmware_py.timekeeper import Timekeeper
+from firmware_py.system.clock import LockstepClock, RealClock, set_utc_s
+from firmware_py.system.clock_setter import ClockSetter
+from firmware_py.system.console import Console
+from firmware_py.system.fault_barrier import FaultBarrier
+from firmware_py.system.realtime import LoadMeter, clock_is_kept
+from firmware_py.system.serial_port import PortError, SerialPort
+from firmware_py.system.state_directory import stored_parameters, stored_plans, with_resume
+from firmware_py.system.store import Store
+from firmware_py.system.version import ROOT, commit_of, version_text
 from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle, VehicleError
 
 LOG_DIRECTORY = "logs"
@@ -66,7 +67,7 @@ class Devices:
     position: Position | None
     rudder: Rudder
     compass_b: Compass | None
-    lines: tuple[SerialLine, ...]
+    lines: tuple[SerialPort, ...]
 
 
 def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
@@ -75,8 +76,8 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
     Raises PortError for a port that cannot be opened, unless `wait`: then it is taken up
     when it appears.
     """
-    compass_line = SerialLine(vehicle.compass.port, vehicle.compass.baud)
-    rudder_line = SerialLine(vehicle.rudder.port, vehicle.rudder.baud)
+    compass_line = SerialPort(vehicle.compass.port, vehicle.compass.baud)
+    rudder_line = SerialPort(vehicle.rudder.port, vehicle.rudder.baud)
     lines = [compass_line, rudder_line]
     compass_view: ByteLine = compass_line
     position = None
@@ -85,16 +86,16 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
             tee = LineTee(compass_line)
             compass_view, position_view = tee.first, tee.second
         else:
-            position_line = SerialLine(entry.port, entry.baud)
+            position_line = SerialPort(entry.port, entry.baud)
             lines.append(position_line)
             position_view = position_line
         position = make_driver(POSITIONS, "position", position_view, entry)
     compass = make_driver(COMPASSES, "compass", compass_view, vehicle.compass)
     second = None
     if (entry_b := vehicle.compass_b) is not None:
-        line_b = SerialLine(entry_b.port, entry_b.baud)
+        line_b = SerialPort(entry_b.port, entry_b.baud)
         lines.append(line_b)
-        second = SecondCompass(make_driver(COMPASSES, "compass_b", line_b, entry_b))
+        second = RelabelledCompass(make_driver(COMPASSES, "compass_b", line_b, entry_b))
     rudder = make_driver(RUDDERS, "rudder", rudder_line, vehicle.rudder)
     open_lines(lines, wait=wait)
     return Devices(compass, position, rudder, second, tuple(lines))
@@ -108,7 +109,7 @@ def make_driver(makers: Mapping[str, Callable[[ByteLine, Any], Any]], section: s
         raise VehicleError(f"[{section}] of the vehicle file: {error}") from None
 
 
-def open_lines(lines: Sequence[SerialLine], *, wait: bool) -> None:
+def open_lines(lines: Sequence[SerialPort], *, wait: bool) -> None:
     """Open all lines, or close them again and raise PortError."""
     try:
         for line in lines:
@@ -163,7 +164,7 @@ class KeyVault:
 class Assembly:
     """A wired autopilot and what must be closed after it."""
 
-    boat: Boat
+    boat: LoopParts
     endpoint: Endpoint
     console: Console
 
@@ -192,24 +193,25 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     store.save(PARAMETER_FILE, format_file(kept).encode())
     lines = list(devices.lines)
 
-    def open_line(path: str, baud: int) -> SerialLine:
-        line = SerialLine(path, baud)
+    def open_line(path: str, baud: int) -> SerialPort:
+        line = SerialPort(path, baud)
         open_lines([line], wait=options.wait)
         lines.append(line)
         return line
 
     transports = [open_transport(url, open_line) for url in (*vehicle.link_urls, *options.link_urls)]
     clock: Clock = RealClock()
-    timekeeper = Timekeeper(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
+    timekeeper = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
     if options.lockstep is not None:
         clock = LockstepClock(options.lockstep, [line.name for line in lines], lambda: [line.written for line in lines])
+    commit = commit_of(ROOT)
     state = with_resume(State.at_start(parameters, stored_plans(store, console.line)), store, clock, console.line)
-    pilot = Pilot(state, store, kept, format_file)
+    pilot = Autopilot(state, store, kept, format_file)
     endpoint = Endpoint(
         transports,
         pilot,
         utc_s=clock.utc_s,
-        version=_version(),
+        version=_version(commit),
         load=LoadMeter(clock).share,
         vault=KeyVault(store),
         heard_utc=None if timekeeper is None else timekeeper.hear_station,
@@ -219,13 +221,15 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     if not endpoint.key_readable:
         console.line(f"stored {SIGNING_FILE} left out: it is not one; set the key again")
     recorder = (
-        _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock) if parameters["LOG_ENABLE"] else None
+        _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock, version_text("rambler", commit))
+        if parameters["LOG_ENABLE"]
+        else None
     )
 
     def tell(event: Event) -> None:
         console.line(f"{clock.now_s():10.3f} {event.severity.name.lower():8} {event.text}")
 
-    boat = Boat(
+    boat = LoopParts(
         clock=clock,
         pilot=pilot,
         compass=devices.compass,
@@ -237,16 +241,16 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         store=store,
         lines=lines,
         tell=tell,
-        shelter=Shelter(console.line),
+        shelter=FaultBarrier(console.line),
         timekeeper=timekeeper,
     )
     return Assembly(boat, endpoint, console)
 
 
-def _storage(directory: Path, parameters: ParameterSet) -> Storage:
+def _storage(directory: Path, parameters: ParameterSet) -> FileRoot:
     """What ground stations see of the state directory: its logs, and a place for what they upload."""
     logs = directory / LOG_DIRECTORY
-    return Storage(
+    return FileRoot(
         lambda: log_files(logs) if logs.is_dir() else {},
         logs,
         directory / UPLOAD_DIRECTORY,
@@ -255,7 +259,7 @@ def _storage(directory: Path, parameters: ParameterSet) -> Storage:
     )
 
 
-def _recorder(directory: Path, parameters: ParameterSet, clock: Clock) -> LogRecorder:
+def _recorder(directory: Path, parameters: ParameterSet, clock: Clock, software: str) -> LogRecorder:
     return LogRecorder(
         directory,
         parameters=parameters,
@@ -263,15 +267,16 @@ def _recorder(directory: Path, parameters: ParameterSet, clock: Clock) -> LogRec
         keep_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
         least_bytes=int(parameters["LOG_FREE_MB"] * 1e6),
         utc_s=clock.utc_s(),
-        software=f"rambler {__version__}",
+        software=software,
     )
 
 
-def _version() -> Version:
-    """This program's version, and a number of this computer's own."""
+def _version(commit: str) -> Version:
+    """This program's version and commit, and a number of this computer's own."""
     major, minor, patch = (int(part) for part in __version__.split(".")[:3])
     try:
         machine = Path("/etc/machine-id").read_bytes()
     except OSError:
         machine = b""
-    return Version(major, minor, patch, uid=int.from_bytes(hashlib.sha256(machine).digest()[:8]) if machine else 0)
+    uid = int.from_bytes(hashlib.sha256(machine).digest()[:8]) if machine else 0
+    return Version(major, minor, patch, commit, uid)

@@ -7,28 +7,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from firmware_py.clock import Metronome
-from firmware_py.health import HealthWatch
-from firmware_py.intents import Answer, ForgetParameters, ReplacePlan, Request, Restart, SetParameter, Verdict
-from firmware_py.params import ParameterSet
-from firmware_py.plan import PlanKind, Plans
-from firmware_py.plan import to_text as plan_to_text
-from firmware_py.ports import Clock, Compass, Device, Link, Position, Recorder, Rudder
-from firmware_py.records import (
-    Event,
-    HeadingSample,
-    Inputs,
-    Output,
-    RudderCommand,
-    Tick,
-)
-from firmware_py.resume import RESUME_FILE, Memory
-from firmware_py.serial_line import SerialLine
-from firmware_py.shelter import Shelter
-from firmware_py.step import State, accept, settings_of, step
-from firmware_py.step_state import state_to_text
-from firmware_py.store import Store
-from firmware_py.timekeeper import Timekeeper
+from firmware_py.common.intents import Answer, ForgetParameters, ReplacePlan, Request, Restart, SetParameter, Verdict
+from firmware_py.common.interfaces import Clock, Compass, Device, Link, Position, Recorder, Rudder
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import PlanKind, Plans
+from firmware_py.common.plan import to_text as plan_to_text
+from firmware_py.common.records import Event, HeadingSample, Inputs, Output, RudderCommand, Tick
+from firmware_py.core.resume import RESUME_FILE, ResumeKeeper
+from firmware_py.core.state_codec import state_to_text
+from firmware_py.core.step import State, accept, settings_of, step
+from firmware_py.system.clock import Metronome
+from firmware_py.system.clock_setter import ClockSetter
+from firmware_py.system.fault_barrier import FaultBarrier
+from firmware_py.system.health import HealthMonitor
+from firmware_py.system.serial_port import SerialPort
+from firmware_py.system.store import Store
 
 # Before a deadline the link is left alone for this long, or for this part of a short period.
 GUARD_S = 0.003
@@ -54,7 +47,7 @@ SAFE_INTERVAL_S = 0.1
 SAFE_ANGLE_RAD = 0.02
 
 
-class Pilot:
+class Autopilot:
     """Holds the state between ticks, judges requests at once and hands them to the next step.
 
     `decide` computes ahead with the same pure function that the next step will use, so
@@ -70,7 +63,7 @@ class Pilot:
         self._kept = kept
         self._format_kept = format_kept
         self.restart: Restart | None = None  # taken by a tick: the loop ends behind it
-        self._memory = Memory()
+        self._memory = ResumeKeeper()
 
     @property
     def state(self) -> State:
@@ -152,23 +145,23 @@ class Pilot:
 
 
 @dataclass(slots=True)
-class Boat:
+class LoopParts:
     """Everything the loop drives, wired by assemble."""
 
     clock: Clock
-    pilot: Pilot
+    pilot: Autopilot
     compass: Compass
     position: Position | None
     rudder: Rudder
     link: Link
     recorder: Recorder | None
     store: Store
-    lines: Sequence[SerialLine]
+    lines: Sequence[SerialPort]
     tell: Callable[[Event], None]
-    shelter: Shelter
-    timekeeper: Timekeeper | None = None
+    shelter: FaultBarrier
+    timekeeper: ClockSetter | None = None
     compass_b: Compass | None = None
-    health: HealthWatch = field(default_factory=HealthWatch)
+    health: HealthMonitor = field(default_factory=HealthMonitor)
     devices: tuple[Device, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -177,7 +170,7 @@ class Boat:
         self.devices = tuple(device for device in fitted if device is not None)
 
 
-def run(boat: Boat, stopped: Callable[[], bool]) -> None:
+def run(boat: LoopParts, stopped: Callable[[], bool]) -> None:
     """Turn the loop until stopped or asked to restart; whatever ends it, the rudder is made safe first."""
     clock = boat.clock
     metronome = Metronome(clock.now_s(), boat.pilot.parameters()["LOOP_RATE_HZ"])
@@ -186,12 +179,12 @@ def run(boat: Boat, stopped: Callable[[], bool]) -> None:
     collect_s = clock.now_s() + COLLECT_INTERVAL_S
     try:
         while not stopped() and boat.pilot.restart is None:
-            crowded = _serve_until(boat, metronome, crowded)
+            crowded = _serve_until_deadline(boat, metronome, crowded)
             if stopped():
                 break
             late_s = max(0.0, clock.now_s() - metronome.deadline_s)
             tick = Tick(index, metronome.deadline_s, late_s, skipped, metronome.rate_hz)
-            newest = _turn(boat, tick)
+            newest = _tick(boat, tick)
             parameters = boat.pilot.state.parameters
             metronome.set_rate(parameters["LOOP_RATE_HZ"])
             if newest is not None and parameters["LOOP_LOCK"]:
@@ -206,7 +199,7 @@ def run(boat: Boat, stopped: Callable[[], bool]) -> None:
         make_safe(boat)
 
 
-def _turn(boat: Boat, tick: Tick) -> HeadingSample | None:
+def _tick(boat: LoopParts, tick: Tick) -> HeadingSample | None:
     """Do one tick, the rudder before all that can wait; return the newest heading sample, if any."""
     clock, now_s = boat.clock, tick.t_s + tick.late_s
     for device in boat.devices:
@@ -242,7 +235,7 @@ def _turn(boat: Boat, tick: Tick) -> HeadingSample | None:
     return headings[-1] if headings else None
 
 
-def _serve_until(boat: Boat, metronome: Metronome, crowded: bool) -> bool:  # noqa: FBT001 - its own answer of before
+def _serve_until_deadline(boat: LoopParts, metronome: Metronome, crowded: bool) -> bool:  # noqa: FBT001 - its own answer of before
     """Sleep until the deadline; meanwhile take bytes as they arrive and serve the link in the slack.
 
     Takes and returns whether the link had much to do, in the period before and in this one.
@@ -278,7 +271,7 @@ def _serve_until(boat: Boat, metronome: Metronome, crowded: bool) -> bool:  # no
     return link_s >= MUCH_PART * period_s
 
 
-def make_safe(boat: Boat) -> None:
+def make_safe(boat: LoopParts) -> None:
     """Bring the rudder amidships and wait, within bounds, until it is there."""
     clock = boat.clock
     linkage = settings_of(boat.pilot.state.parameters).linkage

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
-from firmware_py.angles import TWO_PI, wrap_two_pi
-from firmware_py.intents import (
+from firmware_py.common.angles import TWO_PI, wrap_two_pi
+from firmware_py.common.intents import (
     Answer,
     Arm,
     BenchRudder,
@@ -21,9 +21,9 @@ from firmware_py.intents import (
     SteerPosition,
     Verdict,
 )
-from firmware_py.model.set_and_drift import heading_for_course
-from firmware_py.params import ParameterSet
-from firmware_py.records import Mode, Water
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import Mode, Water
+from firmware_py.model.crab import heading_for_course
 
 ACCEPTED = Answer(Verdict.ACCEPTED)
 # A turn "the long way" to a goal that lies this close on the other side is no turn.

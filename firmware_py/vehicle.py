@@ -10,7 +10,7 @@ from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from firmware_py.params import TABLE, ParameterError, index_of, parse_file
+from firmware_py.common.parameters import TABLE, ParameterError, index_of, parse_file
 
 
 class VehicleError(ValueError):

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import NoReturn
 
+from firmware_py.system.version import ROOT, commit_of, version_text
 from hil.errors import HilError, UsageError
 
 # command -> (module, one line of help). A module has add_arguments(parser) and run(arguments) -> exit code,
@@ -39,6 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; 0 success, 1 a finding, 2 bad usage or configuration."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     parser = _Parser(prog="rambler-hil", description="The sea in a box for the Rambler autopilot.")
+    commit = commit_of(ROOT) if "--version" in words else ""  # git is asked only then
+    parser.add_argument("--version", action="version", version=version_text("rambler-hil", commit))
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     wanted = next((word for word in words if word in COMMANDS), None)
     try:

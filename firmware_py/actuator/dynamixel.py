@@ -37,8 +37,8 @@ from firmware_py.actuator import dynamixel_registers as table
 from firmware_py.actuator.dynamixel_readings import Readings
 from firmware_py.actuator.dynamixel_upkeep import Kind, Request, Restarts, Upkeep
 from firmware_py.actuator.half_duplex import HalfDuplex
-from firmware_py.ports import ByteLine
-from firmware_py.records import DeviceHealth, DeviceRole, DeviceState, RudderCommand, RudderFeedback
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, RudderCommand, RudderFeedback
 
 REBOOT_DELAY_S, REBOOT_EVERY_S = 3.0, 30.0
 COOL_ENOUGH_C = 60.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from firmware_py.angles import TWO_PI, clamp
+from firmware_py.common.angles import TWO_PI, clamp
 
 RAM_BEGINS = 64
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Generic, TypeVar
 
-from firmware_py.ports import ByteLine
+from firmware_py.common.interfaces import ByteLine
 
 RequestT = TypeVar("RequestT")
 

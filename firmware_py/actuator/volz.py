@@ -21,8 +21,8 @@ from collections.abc import Sequence
 
 from firmware_py.actuator import volz_frames as frames
 from firmware_py.actuator.half_duplex import HalfDuplex, Pace
-from firmware_py.ports import ByteLine
-from firmware_py.records import DeviceHealth, DeviceRole, DeviceState, RudderCommand, RudderFeedback
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, RudderCommand, RudderFeedback
 
 FEEDBACK_KEPT = 8
 LARGEST_ID = 0x1E

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from fastcrc import crc16
 
-from firmware_py.angles import clamp, radians
+from firmware_py.common.angles import clamp, radians
 
 SET_POSITION, READ_CURRENT, READ_VOLTAGE, READ_TEMPERATURE = 0xDC, 0xB0, 0xB1, 0xC0
 POSITION_REPLY, CURRENT_REPLY, VOLTAGE_REPLY, TEMPERATURE_REPLY = 0x2C, 0x30, 0x31, 0x10

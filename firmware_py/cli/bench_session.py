@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from firmware_py.angles import compass_degrees, degrees
 from firmware_py.assemble import COMPASSES, POSITIONS, RUDDERS, make_driver
-from firmware_py.clock import RealClock
-from firmware_py.ports import Compass, Position, Rudder
-from firmware_py.records import DeviceHealth, HeadingSample, PositionSample, RudderCommand, RudderFeedback
+from firmware_py.common.angles import compass_degrees, degrees
+from firmware_py.common.interfaces import Compass, Position, Rudder
+from firmware_py.common.records import DeviceHealth, HeadingSample, PositionSample, RudderCommand, RudderFeedback
 from firmware_py.sensors.line_tee import LineTee
-from firmware_py.serial_line import PortError, SerialLine
+from firmware_py.system.clock import RealClock
+from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.vehicle import Vehicle
 
 POLL_INTERVAL_S = 0.1
@@ -35,7 +35,7 @@ class Heard:
     first_s: float | None = None
     last: Sample | None = None
     health: DeviceHealth | None = None
-    line: SerialLine | None = field(default=None, repr=False)
+    line: SerialPort | None = field(default=None, repr=False)
 
     def rate_hz(self) -> float | None:
         """Samples a second since the first one; None before the second."""
@@ -110,7 +110,7 @@ class BenchSession:
 
     def _open(self, role: str, entry: Any, drivers: Mapping[str, Any]) -> Heard:
         heard = Heard(role, entry.driver, entry.port)
-        line = SerialLine(entry.port, entry.baud)
+        line = SerialPort(entry.port, entry.baud)
         try:
             line.open()
         except PortError as error:

@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from firmware_py import link
-from firmware_py.intents import Answer, Request, Verdict
-from firmware_py.link.command_table import TABLE as COMMANDS
-from firmware_py.link.dialect import mavlink
+from firmware_py.common.intents import Answer, Request, Verdict
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
+from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.endpoint import Endpoint
-from firmware_py.link.identity import MODES, Version
-from firmware_py.link.telemetry import TABLE as TELEMETRY
-from firmware_py.link.telemetry import Row
-from firmware_py.params import ParameterSet
-from firmware_py.plan import Plans
+from firmware_py.link.telemetry.identity import MODES, Version
+from firmware_py.link.telemetry.table import TABLE as TELEMETRY
+from firmware_py.link.telemetry.table import Row
+from firmware_py.link.wire.dialect import mavlink
 
 _STREAMS = {
     value: name.removeprefix("MAV_DATA_STREAM_")
@@ -101,7 +101,7 @@ def _answers() -> list[str]:
     """Return the names of the messages that the link's code makes, those of telemetry left out."""
     numbers: set[int] = set()
     by_class = {kind.__name__: number for number, kind in mavlink.mavlink_map.items()}
-    for path in Path(*link.__path__).glob("*.py"):
+    for path in Path(*link.__path__).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Attribute) and node.attr.lower() in _LOWER:
                 numbers.add(by_class[_LOWER[node.attr.lower()]])

@@ -7,17 +7,9 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from firmware_py import faults
-from firmware_py.link.metadata import parameter_json
-from firmware_py.params import (
-    INDEX,
-    TABLE,
-    ParameterError,
-    format_file,
-    format_value,
-    markdown,
-    parse_file,
-)
+from firmware_py.common.parameters import INDEX, TABLE, ParameterError, format_file, format_value, markdown, parse_file
+from firmware_py.faults import page as faults
+from firmware_py.link.parameters.metadata import parameter_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,14 +10,14 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
 from firmware_py.loop import PLAN_FILES
-from firmware_py.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
-from firmware_py.plan_items import ROWS, has_place, markdown
-from firmware_py.planfiles.numbers import PlanFileError
-from firmware_py.planfiles.qgc_plan import write_plan
-from firmware_py.planfiles.reading import read_file
-from firmware_py.planfiles.text_files import write_text
-from firmware_py.store import Store, StoreError, stored_content
+from firmware_py.plans.items import ROWS, has_place, markdown
+from firmware_py.plans.numbers import PlanFileError
+from firmware_py.plans.qgc_file import write_plan
+from firmware_py.plans.read_file import read_file
+from firmware_py.plans.text_files import write_text
+from firmware_py.system.store import Store, StoreError, stored_content
 
 KINDS: Mapping[str, PlanKind] = {kind.name.lower(): kind for kind in PlanKind}
 

@@ -7,10 +7,10 @@ import json
 import sys
 from pathlib import Path
 
+from firmware_py.core.state_codec import state_from_text
+from firmware_py.core.step import step
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.replay import ReplayReport, replay_log
-from firmware_py.step import step
-from firmware_py.step_state import state_from_text
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,14 +8,15 @@ import signal
 import sys
 from pathlib import Path
 
-from firmware_py import __version__, realtime
+from firmware_py import __version__
 from firmware_py.assemble import Assembly, Options, assemble
-from firmware_py.clock import ClockError
-from firmware_py.link.transport import LinkError
-from firmware_py.link.worker import THREAD as FILES_THREAD
+from firmware_py.link.wire.transport import LinkError
+from firmware_py.link.wire.worker import THREAD as FILES_THREAD
 from firmware_py.loop import run as run_loop
-from firmware_py.serial_line import PortError
-from firmware_py.store import StoreError
+from firmware_py.system import realtime
+from firmware_py.system.clock import ClockError
+from firmware_py.system.serial_port import PortError
+from firmware_py.system.store import StoreError
 from firmware_py.vehicle import VehicleError, load
 
 SHUT_DOWN = 10  # the exit code of an autopilot that was told to shut down; a supervisor should leave it so

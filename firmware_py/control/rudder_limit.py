@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from firmware_py.angles import clamp, radians
-from firmware_py.params import ParameterSet
+from firmware_py.common.angles import clamp, radians
+from firmware_py.common.parameters import ParameterSet
 
 
 @dataclass(frozen=True, slots=True)

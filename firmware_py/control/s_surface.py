@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from firmware_py.angles import clamp, radians
+from firmware_py.common.angles import clamp, radians
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import steady_yaw_rate
-from firmware_py.params import ParameterSet
 
 
 @dataclass(frozen=True, slots=True)

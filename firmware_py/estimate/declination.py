@@ -33,7 +33,7 @@ class Declination:
     utc_s: float | None = None
 
 
-def updated(known: Declination, latitude_rad: float, longitude_rad: float, utc_s: float | None) -> Declination:
+def update(known: Declination, latitude_rad: float, longitude_rad: float, utc_s: float | None) -> Declination:
     """Return the declination at a position, the one known where that is still near."""
     at_s = utc_s if utc_s is not None else known.utc_s if known.utc_s is not None else EPOCH_S
     if known.utc_s is not None and abs(at_s - known.utc_s) < AGE_S:
@@ -105,4 +105,4 @@ def _legendre(sine: float, cosine: float) -> tuple[list[list[float]], list[list[
     return p, d
 
 
-__all__ = ["EPOCH", "Declination", "declination_rad", "horizontal_field_nt", "updated"]
+__all__ = ["EPOCH", "Declination", "declination_rad", "horizontal_field_nt", "update"]

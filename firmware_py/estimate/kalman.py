@@ -79,7 +79,7 @@ def turned(x: Numbers, rudder_rad: float, step_s: float, model: tuple[float, flo
     )
 
 
-def carried(p: Numbers, turning: Turning, wave: Transition, noise: Numbers) -> Numbers:
+def predict(p: Numbers, turning: Turning, wave: Transition, noise: Numbers) -> Numbers:
     """Return F P F' + Q; noise is what heading, rate, bias, wave (3: both variances, covariance), current ... gain."""
     (
         p00,
@@ -213,7 +213,7 @@ def wave_noise(transition: Transition, omega_rad_s: float, power: float) -> tupl
     )
 
 
-def absorbed(x: Numbers, p: Numbers, shown: Numbers, innovation: float, variance: float) -> tuple[Numbers, Numbers]:
+def correct(x: Numbers, p: Numbers, shown: Numbers, innovation: float, variance: float) -> tuple[Numbers, Numbers]:
     """Take a scalar measurement in; `shown` is P H', and variance that of the innovation."""
     g0, g1, g2, g3, g4, g5, g6, g7, g8 = [each / variance for each in shown]
     h0, h1, h2, h3, h4, h5, h6, h7, h8 = shown

@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final
 
-from firmware_py.angles import clamp, radians
+from firmware_py.common.angles import clamp, radians
 from firmware_py.estimate.kalman import DAMPING
 
 LARGEST_NORMALISED: Final = 4.0  # one slap of the sea must not teach more than this

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from firmware_py.angles import clamp
-from firmware_py.records import FixType, PositionSample
+from firmware_py.common.angles import clamp
+from firmware_py.common.records import FixType, PositionSample
 
 EARTH_RADIUS_M = 6371008.8  # mean radius, IUGG
 FASTEST_M_S = 4.0  # over the ground, current and gusts of speed included
@@ -40,7 +40,7 @@ def on_earth(sample: PositionSample) -> bool:
     return abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi and math.isfinite(sample.t_s)
 
 
-def carried(state: PositionState, now_s: float, velocity_m_s: tuple[float, float]) -> PositionState:
+def predict(state: PositionState, now_s: float, velocity_m_s: tuple[float, float]) -> PositionState:
     """Carry the place on to now_s by the velocity over ground, north and east; not beyond a gap of a minute."""
     step_s = now_s - state.t_s
     if state.fix is None or step_s <= 0.0:

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Final, NamedTuple
 
-from firmware_py.angles import clamp, radians, wrap_pi
-from firmware_py.records import Event, Severity
+from firmware_py.common.angles import clamp, radians, wrap_pi
+from firmware_py.common.records import Event, Severity
 
 JUMP_RAD: Final = radians(25.0)
 JUMP_S: Final = 1.5
@@ -39,7 +39,7 @@ NAMES: Final = ("compass A", "compass B", "course over ground", "no heading sour
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class TrueHeadingSample:
     """One heading from true north of compass A (0) or B (1), with the number that the device gave."""
 
     t_s: float
@@ -111,7 +111,7 @@ def estranged(state: SourceState, now_s: float, timeout_s: float) -> bool:
     )
 
 
-def heard(state: CompassState, sample: Seen, expected_rad: float | None) -> CompassState:
+def heard(state: CompassState, sample: TrueHeadingSample, expected_rad: float | None) -> CompassState:
     """Take a sample in; expected_rad is the estimated heading with its wave yaw, None before there is one."""
     changed = state.raw_rad is None or sample.raw_rad != state.raw_rad
     apart_rad = 0.0 if expected_rad is None else wrap_pi(sample.heading_rad - expected_rad)
@@ -128,7 +128,7 @@ def heard(state: CompassState, sample: Seen, expected_rad: float | None) -> Comp
     )
 
 
-def taken(state: SourceState, sample: Seen, expected_rad: float | None) -> SourceState:
+def add_sample(state: SourceState, sample: TrueHeadingSample, expected_rad: float | None) -> SourceState:
     """Take a sample of either compass in."""
     a, b = state.compasses
     if sample.source == Source.COMPASS_B:
@@ -143,7 +143,7 @@ def _judged(state: CompassState, now_s: float, limits: Limits) -> CompassState:
     return state if state.sound_since_s is not None else replace(state, sound_since_s=now_s)
 
 
-def chosen(
+def select(
     state: SourceState, now_s: float, limits: Limits, *, course_ok: bool
 ) -> tuple[SourceState, tuple[Event, ...]]:
     """Judge the compasses and choose the source; a change is told."""
@@ -156,7 +156,7 @@ def chosen(
         entering = (a, b)[in_use]
         entering = replace(entering, offset_rad=wrap_pi(-entering.apart_rad), near_s=now_s)
         a, b = (entering, b) if in_use is Source.COMPASS_A else (a, entering)
-    return SourceState((a, b), in_use), (_told(state.in_use, in_use),)
+    return SourceState((a, b), in_use), (_events(state.in_use, in_use),)
 
 
 def _first_sound(
@@ -172,7 +172,7 @@ def _first_sound(
     return Source.COURSE if course_ok and before is not Source.NONE else Source.NONE
 
 
-def _told(before: Source, after: Source) -> Event:
+def _events(before: Source, after: Source) -> Event:
     if after is Source.NONE:
         return Event(Severity.ERROR, f"Heading lost: {NAMES[before]} fails")
     if before is Source.NONE:
@@ -181,7 +181,7 @@ def _told(before: Source, after: Source) -> Event:
     return Event(Severity.WARNING if worse else Severity.NOTICE, f"Heading from {NAMES[after]}, not {NAMES[before]}")
 
 
-def usable(state: SourceState, samples: Sequence[Seen]) -> list[tuple[float, float]]:
+def usable(state: SourceState, samples: Sequence[TrueHeadingSample]) -> list[tuple[float, float]]:
     """Return time and heading of the samples of the source in use, its offset added."""
     if state.in_use not in (Source.COMPASS_A, Source.COMPASS_B):
         return []
@@ -189,14 +189,14 @@ def usable(state: SourceState, samples: Sequence[Seen]) -> list[tuple[float, flo
     return [(sample.t_s, sample.heading_rad + offset_rad) for sample in samples if sample.source == state.in_use]
 
 
-def slewed(state: SourceState, step_s: float) -> SourceState:
+def decay_offsets(state: SourceState, step_s: float) -> SourceState:
     """Draw the offsets toward zero."""
     if all(one.offset_rad == 0.0 for one in state.compasses):
         return state
-    a, b = (_slewed(one, SLEW_RAD_S * step_s) for one in state.compasses)
+    a, b = (_decayed(one, SLEW_RAD_S * step_s) for one in state.compasses)
     return replace(state, compasses=(a, b))
 
 
-def _slewed(state: CompassState, reach_rad: float) -> CompassState:
+def _decayed(state: CompassState, reach_rad: float) -> CompassState:
     rest_rad = max(abs(state.offset_rad) - reach_rad, 0.0)
     return replace(state, offset_rad=math.copysign(rest_rad, state.offset_rad) if rest_rad else 0.0)

@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from firmware_py.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.estimate import kalman, learning
 from firmware_py.estimate.kalman import Numbers
 from firmware_py.estimate.learning import Learned
-from firmware_py.params import ParameterSet
 
 LONGEST_STEP_S: Final = 1.0  # one carry of the covariance; a longer way takes several
 LONGEST_SILENCE_S: Final = 600.0  # after this the filter starts anew
@@ -136,7 +136,7 @@ class _Work:
             SPEED_NOISE * step_s,
             FACTOR_NOISE * step_s,
         )
-        self.p = kalman.carried(self.p, turning, transition, noise)
+        self.p = kalman.predict(self.p, turning, transition, noise)
         _, _, bias, wave, wave_rate, north, east, speed, factor = x
         self.x = _bounded(
             (
@@ -164,7 +164,7 @@ class _Work:
 
     def absorb(self, shown: Numbers, innovation: float, variance: float, sensitivity: float) -> None:
         """Take a measurement in; shown is P H', sensitivity how that of the state shows in it."""
-        x, self.p = kalman.absorbed(self.x, self.p, shown, innovation, variance)
+        x, self.p = kalman.correct(self.x, self.p, shown, innovation, variance)
         self.x = _bounded(x)
         part = sensitivity / variance
         s0, s1, s2, s3, s4 = self.s
@@ -266,7 +266,7 @@ def _ended(work: _Work, state: FilterState) -> FilterState:
     )
 
 
-def ahead(settings: FilterSettings, state: FilterState, t_s: float) -> tuple[float, float]:
+def predict_heading(settings: FilterSettings, state: FilterState, t_s: float) -> tuple[float, float]:
     """Return heading and yaw rate carried to t_s by the K-T equation alone, for a started filter."""
     step_s = clamp(t_s - state.t_s, 0.0, LONGEST_SILENCE_S)
     turning = kalman.turned(state.x, state.rudder_rad, step_s, settings.model)

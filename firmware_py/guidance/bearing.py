@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.angles import wrap_two_pi
+from firmware_py.common.angles import wrap_two_pi
 
 EARTH_RADIUS_M = 6371008.8  # mean radius, IUGG
 

@@ -12,9 +12,9 @@ import functools
 import math
 from dataclasses import dataclass
 
-from firmware_py.guidance.item import number, place_of
-from firmware_py.guidance.sphere import Place
-from firmware_py.plan import Plan, PlanItem
+from firmware_py.common.geodesy import Place
+from firmware_py.common.plan import Plan, PlanItem
+from firmware_py.guidance.mission_step import number, place_of
 
 # MAV_CMD
 _POLYGON_IN, _POLYGON_OUT, _CIRCLE_IN, _CIRCLE_OUT = 5001, 5002, 5003, 5004
@@ -45,7 +45,7 @@ class Fence:
 
 
 @dataclass(frozen=True, slots=True)
-class FenceWatch:
+class FenceState:
     """The margin found at a place, of the fence with checksum `identity`; kept until she has moved."""
 
     identity: int = 0
@@ -104,13 +104,13 @@ def margin_m(plan: Plan, place: Place) -> float:
     return min(margin, max(inside.values())) if inside else margin
 
 
-def watched(watch: FenceWatch, plan: Plan, place: Place) -> FenceWatch:
+def update(watch: FenceState, plan: Plan, place: Place) -> FenceState:
     """Return the watch with the margin at a place, computed anew when she has moved."""
     if watch.identity == plan.identity and watch.place is not None:
         moved_m, _ = watch.place.distance_and_bearing(place)
         if moved_m <= max(MOVED_M, MOVED_PART * abs(watch.margin_m)):
             return watch
-    return FenceWatch(plan.identity, place, margin_m(plan, place))
+    return FenceState(plan.identity, place, margin_m(plan, place))
 
 
 def _depth_m(area: Area, here: Point) -> float:

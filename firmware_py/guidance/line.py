@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from firmware_py.angles import clamp, wrap_two_pi
-from firmware_py.guidance.orders import Go, GuidanceSettings, Motion
-from firmware_py.guidance.sphere import Place, Track, track
+from firmware_py.common.angles import clamp, wrap_two_pi
+from firmware_py.common.geodesy import Place, Track, track
+from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion
 
 LONGEST_LOOK_M = 500.0
 # The integral works with this part of her speed (sigma in the literature), critically damped at four times it.
@@ -38,7 +38,7 @@ class LineState:
 
 
 def follow(
-    settings: GuidanceSettings, state: LineState, go: Go, motion: Motion, step_s: float
+    settings: TaskSettings, state: LineState, go: GoTo, motion: VesselMotion, step_s: float
 ) -> tuple[LineState, float, Track | None]:
     """Return the state, the course over ground to steer, and where she is on the line (None: too short for one)."""
     on = track(state.start, go.to, motion.place)
@@ -58,14 +58,14 @@ def follow(
     return LineState(state.start, integral_s, state.closest_m, state.tries), course_rad, on
 
 
-def look_ahead_m(settings: GuidanceSettings, motion: Motion) -> float:
+def look_ahead_m(settings: TaskSettings, motion: VesselMotion) -> float:
     """Return the look-ahead, from two turning radii up."""
     shortest_m = 2.0 * settings.turning_radius_m
     return clamp(settings.look_s * motion.speed_m_s, shortest_m, max(shortest_m, LONGEST_LOOK_M))
 
 
 def approach(
-    settings: GuidanceSettings, state: LineState, go: Go, motion: Motion, on: Track | None
+    settings: TaskSettings, state: LineState, go: GoTo, motion: VesselMotion, on: Track | None
 ) -> tuple[LineState, bool]:
     """Judge whether the end of the line is reached.
 
@@ -89,7 +89,7 @@ def approach(
     return LineState(state.start, state.integral_s, closest_m, state.tries), False
 
 
-def passable_m(settings: GuidanceSettings, motion: Motion) -> float:
+def passable_m(settings: TaskSettings, motion: VesselMotion) -> float:
     """Return how near she comes at worst when she turns for a place: her turning circle, drawn out by the current."""
     drift = math.hypot(motion.north_m_s, motion.east_m_s) / max(motion.speed_m_s, 0.05)
     return PASSED_RADII * settings.turning_radius_m * (1.0 + min(drift, 1.0))

@@ -10,12 +10,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from firmware_py.angles import radians, wrap_pi, wrap_two_pi
-from firmware_py.guidance.follower import FollowState
-from firmware_py.guidance.item import SECONDS_PER_DAY, MissionStep, StepKind
-from firmware_py.guidance.orders import Go, GuidanceSettings, Head, Keep, Motion, Orbit, Order
-from firmware_py.guidance.sphere import Place
-from firmware_py.records import MissionState
+from firmware_py.common.angles import radians, wrap_pi, wrap_two_pi
+from firmware_py.common.geodesy import Place
+from firmware_py.common.records import MissionState
+from firmware_py.guidance.mission_step import SECONDS_PER_DAY, MissionStep, StepKind
+from firmware_py.guidance.task_follower import TaskFollowerState
+from firmware_py.guidance.tasks import GoTo, HoldHeading, HoldStation, Orbit, Task, TaskSettings, VesselMotion
 
 ITEMS_PER_STEP = 16  # that may be done with at once; the rest in the next step
 IDLE_ITEMS = 100  # done with at once, beyond those there are: then the jumps lead nowhere
@@ -45,25 +45,25 @@ class MissionProgress:
     orbits: int = 0
     jumps: tuple[tuple[int, int], ...] = ()
     place: Place | None = None  # where the next line begins
-    order: Order | None = None
-    halt: Keep | None = None  # what she does while paused
+    order: Task | None = None
+    halt: HoldStation | None = None  # what she does while paused
 
 
 @dataclass(frozen=True, slots=True)
-class Voyage:
+class MissionInput:
     """What a mission is sailed with in one step."""
 
-    settings: GuidanceSettings
+    settings: TaskSettings
     steps: tuple[MissionStep, ...]
-    motion: Motion
-    followed: FollowState
+    motion: VesselMotion
+    followed: TaskFollowerState
     step_s: float
     utc_s: float | None
-    way_back: Callable[[], Go | None]
+    way_back: Callable[[], GoTo | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Progressed:
+class MissionOutput:
     """What came of a step of the mission: `home` where an item sets it, else None."""
 
     progress: MissionProgress
@@ -78,7 +78,7 @@ def for_plan(progress: MissionProgress, identity: int) -> MissionProgress:
     return MissionProgress(identity=identity, paused=progress.paused, halt=progress.halt)
 
 
-def entered(progress: MissionProgress) -> MissionProgress:
+def enter(progress: MissionProgress) -> MissionProgress:
     """Return the progress at the beginning of AUTO: on with the present item, anew after a complete mission."""
     if progress.complete or progress.unusable:
         progress = MissionProgress(identity=progress.identity)
@@ -119,11 +119,11 @@ def state_of(progress: MissionProgress, count: int, *, running: bool) -> Mission
     return MissionState.PAUSED if progress.started else MissionState.NOT_STARTED
 
 
-def advance(progress: MissionProgress, voyage: Voyage) -> Progressed:
+def update(progress: MissionProgress, voyage: MissionInput) -> MissionOutput:
     """Go through the items that are done with; `progress.order` is then what she is to do."""
     if progress.paused:
-        halt = progress.halt or Keep(voyage.motion.place, voyage.settings.keep_m)
-        return Progressed(replace(progress, halt=halt))
+        halt = progress.halt or HoldStation(voyage.motion.place, voyage.settings.keep_m)
+        return MissionOutput(replace(progress, halt=halt))
     reached: list[int] = []
     home: Place | None = None
     for _ in range(ITEMS_PER_STEP):
@@ -146,7 +146,7 @@ def advance(progress: MissionProgress, voyage: Voyage) -> Progressed:
     if progress.order is None:
         # No item has given one yet: she stays, and does not drift.
         progress = replace(progress, order=_staying(progress, voyage))
-    return Progressed(progress, tuple(reached), home)
+    return MissionOutput(progress, tuple(reached), home)
 
 
 def _next(progress: MissionProgress, step: MissionStep) -> MissionProgress:
@@ -167,11 +167,11 @@ def _after(progress: MissionProgress, step: MissionStep) -> MissionProgress:
     )
 
 
-def _leads_nowhere(progress: MissionProgress, voyage: Voyage) -> bool:
+def _leads_nowhere(progress: MissionProgress, voyage: MissionInput) -> bool:
     return progress.idle > len(voyage.steps) + IDLE_ITEMS
 
 
-def _ended(progress: MissionProgress, voyage: Voyage) -> MissionProgress:
+def _ended(progress: MissionProgress, voyage: MissionInput) -> MissionProgress:
     """End the mission where it led; one that leads nowhere is unusable."""
     last = max(0, len(voyage.steps) - 1)
     unusable = not voyage.steps or _leads_nowhere(progress, voyage)
@@ -185,20 +185,20 @@ def _ended(progress: MissionProgress, voyage: Voyage) -> MissionProgress:
     )
 
 
-def _staying(progress: MissionProgress, voyage: Voyage) -> Order:
+def _staying(progress: MissionProgress, voyage: MissionInput) -> Task:
     """Return the order to keep station: at the place of the last order, else where she is."""
     order = progress.order
-    if isinstance(order, Go | Keep):
+    if isinstance(order, GoTo | HoldStation):
         return order
     if isinstance(order, Orbit):
-        return Keep(order.centre, voyage.settings.keep_m)
-    return Keep(voyage.motion.place, voyage.settings.keep_m)
+        return HoldStation(order.centre, voyage.settings.keep_m)
+    return HoldStation(voyage.motion.place, voyage.settings.keep_m)
 
 
 # --------------------------------------------------------------------- the kinds of items
 
 
-def _begun(progress: MissionProgress, step: MissionStep, voyage: Voyage) -> MissionProgress:
+def _begun(progress: MissionProgress, step: MissionStep, voyage: MissionInput) -> MissionProgress:
     """Give the item's order; an item without one leaves her doing what she does."""
     begin = None if step.kind is None else _ORDERS.get(step.kind)
     if begin is None:
@@ -208,41 +208,41 @@ def _begun(progress: MissionProgress, step: MissionStep, voyage: Voyage) -> Miss
     return replace(progress, begun=True, order=order, place=place, orbits=orbits)
 
 
-Begun = tuple[Order, Place | None]
+Begun = tuple[Task, Place | None]
 
 
-def _to_place(progress: MissionProgress, step: MissionStep, voyage: Voyage) -> Begun:
+def _to_place(progress: MissionProgress, step: MissionStep, voyage: MissionInput) -> Begun:
     place = step.place or voyage.motion.place
     settings = voyage.settings
     if step.kind is StepKind.WAYPOINT:
-        order = Go(place, progress.place, step.radius_m or settings.accept_m, settings.keep_m)
+        order = GoTo(place, progress.place, step.radius_m or settings.accept_m, settings.keep_m)
     else:
-        order = Go(place, progress.place, settings.accept_m, step.radius_m or settings.keep_m)
+        order = GoTo(place, progress.place, settings.accept_m, step.radius_m or settings.keep_m)
     return order, place
 
 
-def _round(progress: MissionProgress, step: MissionStep, voyage: Voyage) -> Begun:
+def _round(progress: MissionProgress, step: MissionStep, voyage: MissionInput) -> Begun:
     place = step.place or voyage.motion.place
     return Orbit(place, step.radius_m or voyage.settings.keep_m, step.clockwise, progress.orbits), place
 
 
-def _back(progress: MissionProgress, _step: MissionStep, voyage: Voyage) -> Begun:
+def _back(progress: MissionProgress, _step: MissionStep, voyage: MissionInput) -> Begun:
     order = voyage.way_back()
     return (_staying(progress, voyage), None) if order is None else (order, order.to)
 
 
-def _to_heading(_progress: MissionProgress, step: MissionStep, voyage: Voyage) -> Begun:
+def _to_heading(_progress: MissionProgress, step: MissionStep, voyage: MissionInput) -> Begun:
     base_rad = voyage.motion.heading_rad if step.relative else 0.0
-    return Head(wrap_two_pi(base_rad + step.angle_rad)), None
+    return HoldHeading(wrap_two_pi(base_rad + step.angle_rad)), None
 
 
-def _delayed(progress: MissionProgress, _step: MissionStep, voyage: Voyage) -> Begun:
-    if isinstance(progress.order, Head):
+def _delayed(progress: MissionProgress, _step: MissionStep, voyage: MissionInput) -> Begun:
+    if isinstance(progress.order, HoldHeading):
         return progress.order, None
     return _staying(progress, voyage), progress.place
 
 
-_ORDERS: Mapping[StepKind, Callable[[MissionProgress, MissionStep, Voyage], Begun]] = {
+_ORDERS: Mapping[StepKind, Callable[[MissionProgress, MissionStep, MissionInput], Begun]] = {
     StepKind.WAYPOINT: _to_place,
     StepKind.LOITER_UNLIMITED: _to_place,
     StepKind.LOITER_TIME: _to_place,
@@ -254,7 +254,7 @@ _ORDERS: Mapping[StepKind, Callable[[MissionProgress, MissionStep, Voyage], Begu
 }
 
 
-def _judged(progress: MissionProgress, step: MissionStep, voyage: Voyage) -> tuple[bool, MissionProgress]:
+def _judged(progress: MissionProgress, step: MissionStep, voyage: MissionInput) -> tuple[bool, MissionProgress]:
     """Whether the item is done, and the progress with its time run on."""
     judge = None if step.kind is None else _JUDGES.get(step.kind)
     if judge is None:
@@ -266,30 +266,30 @@ def _judged(progress: MissionProgress, step: MissionStep, voyage: Voyage) -> tup
     return judge(progress, step, voyage, arrived), progress
 
 
-def _after_hold(progress: MissionProgress, step: MissionStep, _voyage: Voyage, arrived: bool) -> bool:  # noqa: FBT001
+def _after_hold(progress: MissionProgress, step: MissionStep, _voyage: MissionInput, arrived: bool) -> bool:  # noqa: FBT001
     return arrived and progress.elapsed_s >= step.seconds
 
 
-def _never(_progress: MissionProgress, _step: MissionStep, _voyage: Voyage, _arrived: bool) -> bool:  # noqa: FBT001
+def _never(_progress: MissionProgress, _step: MissionStep, _voyage: MissionInput, _arrived: bool) -> bool:  # noqa: FBT001
     return False
 
 
-def _turned(_progress: MissionProgress, step: MissionStep, voyage: Voyage, arrived: bool) -> bool:  # noqa: FBT001
+def _turned(_progress: MissionProgress, step: MissionStep, voyage: MissionInput, arrived: bool) -> bool:  # noqa: FBT001
     return arrived and voyage.followed.orbit.turned_rad >= 2.0 * math.pi * step.turns
 
 
-def _at_end(_progress: MissionProgress, _step: MissionStep, _voyage: Voyage, arrived: bool) -> bool:  # noqa: FBT001
+def _at_end(_progress: MissionProgress, _step: MissionStep, _voyage: MissionInput, arrived: bool) -> bool:  # noqa: FBT001
     return arrived
 
 
-def _on_heading(progress: MissionProgress, _step: MissionStep, voyage: Voyage, _arrived: bool) -> bool:  # noqa: FBT001
+def _on_heading(progress: MissionProgress, _step: MissionStep, voyage: MissionInput, _arrived: bool) -> bool:  # noqa: FBT001
     order = progress.order
-    if not isinstance(order, Head) or progress.elapsed_s >= LONGEST_TURN_S:
+    if not isinstance(order, HoldHeading) or progress.elapsed_s >= LONGEST_TURN_S:
         return True
     return abs(wrap_pi(order.heading_rad - voyage.motion.heading_rad)) <= ON_HEADING_RAD
 
 
-def _delay_over(progress: MissionProgress, step: MissionStep, voyage: Voyage, _arrived: bool) -> bool:  # noqa: FBT001
+def _delay_over(progress: MissionProgress, step: MissionStep, voyage: MissionInput, _arrived: bool) -> bool:  # noqa: FBT001
     if step.time_of_day_s is None:
         return progress.elapsed_s >= step.seconds
     if voyage.utc_s is None:
@@ -300,7 +300,7 @@ def _delay_over(progress: MissionProgress, step: MissionStep, voyage: Voyage, _a
 
 
 _COUNT_FROM_BEGINNING = frozenset({StepKind.DELAY, StepKind.YAW, StepKind.YAW_SPEED})
-_JUDGES: Mapping[StepKind, Callable[[MissionProgress, MissionStep, Voyage, bool], bool]] = {
+_JUDGES: Mapping[StepKind, Callable[[MissionProgress, MissionStep, MissionInput, bool], bool]] = {
     StepKind.WAYPOINT: _after_hold,
     StepKind.LOITER_UNLIMITED: _never,
     StepKind.LOITER_TIME: _after_hold,

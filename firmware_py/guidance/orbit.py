@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from firmware_py.angles import wrap_pi, wrap_two_pi
-from firmware_py.guidance.orders import GuidanceSettings, Motion, Orbit
+from firmware_py.common.angles import wrap_pi, wrap_two_pi
+from firmware_py.guidance.tasks import Orbit, TaskSettings, VesselMotion
 
 LEAD_S = 8.0  # she lags behind a course that turns all the time
 SMALLEST_RADII = 1.5  # of her turning circle: what she can go round at all, with some rudder to spare
@@ -21,12 +21,12 @@ class OrbitState:
     turned_rad: float = 0.0
 
 
-def radius_m(settings: GuidanceSettings, order: Orbit) -> float:
+def radius_m(settings: TaskSettings, order: Orbit) -> float:
     """Return the radius that she sails: the ordered one, or the smallest she can."""
     return max(order.radius_m, SMALLEST_RADII * settings.turning_radius_m)
 
 
-def circle(settings: GuidanceSettings, state: OrbitState, order: Orbit, motion: Motion) -> tuple[OrbitState, float]:
+def circle(settings: TaskSettings, state: OrbitState, order: Orbit, motion: VesselMotion) -> tuple[OrbitState, float]:
     """Return the state and the course over ground to steer."""
     distance_m, bearing_rad = order.centre.distance_and_bearing(motion.place)
     wanted_m = radius_m(settings, order)

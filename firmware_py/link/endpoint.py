@@ -5,35 +5,35 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
-from firmware_py.link import estimates, motion, telemetry
-from firmware_py.link.access import Admitted, Gate, Standing, reads_only
-from firmware_py.link.command_requests import request_data_stream
-from firmware_py.link.command_table import TABLE as COMMANDS
-from firmware_py.link.commands import Commands
-from firmware_py.link.dialect import Message, Packed
-from firmware_py.link.files import Files
-from firmware_py.link.goals import Goals
-from firmware_py.link.home_setting import HomeSetting
-from firmware_py.link.identity import Version
-from firmware_py.link.intake import Intake
-from firmware_py.link.key_setup import KeySetup
+from firmware_py.common.interfaces import Calibrator, RequestHandler, Vault
+from firmware_py.common.records import Event, Output, Severity, Snapshot
+from firmware_py.link.commands.requests import request_data_stream
+from firmware_py.link.commands.server import Commands
+from firmware_py.link.commands.table import TABLE as COMMANDS
+from firmware_py.link.context import Handler, LinkContext, Suppliers
+from firmware_py.link.files.root import PACKED_PARAMETERS, FileRoot, tree_of
+from firmware_py.link.files.server import Files
 from firmware_py.link.logs import Logs
-from firmware_py.link.manual import Manual
-from firmware_py.link.mission import Mission
-from firmware_py.link.outbox import Priority
-from firmware_py.link.parameters import Parameters
-from firmware_py.link.peer import Peer, Roster
-from firmware_py.link.plan_file import PlanFiles
-from firmware_py.link.refusals import refuse
-from firmware_py.link.scene import Scene
-from firmware_py.link.session import Handler, Session, Suppliers
-from firmware_py.link.signing import LinkSealer, Signing
-from firmware_py.link.storage import PACKED_PARAMETERS, Storage, tree_of
-from firmware_py.link.timing import Timing
-from firmware_py.link.transport import Address, Transport
-from firmware_py.link.worker import Worker
-from firmware_py.ports import Authority, Calibrator, Vault
-from firmware_py.records import Event, Output, Severity, Snapshot
+from firmware_py.link.manual_control import ManualControl
+from firmware_py.link.mission.home_setting import HomeSetting
+from firmware_py.link.mission.plan_file import PlanFiles
+from firmware_py.link.mission.server import MissionServer
+from firmware_py.link.parameters.server import ParameterServer
+from firmware_py.link.peer import Peer, Peers
+from firmware_py.link.security.access import Admitted, Gate, Standing, reads_only
+from firmware_py.link.security.denials import refuse
+from firmware_py.link.security.key_setup import KeySetup
+from firmware_py.link.security.signing import LinkSealer, Signing
+from firmware_py.link.setpoints import Setpoints
+from firmware_py.link.telemetry import estimates, motion, table
+from firmware_py.link.telemetry.context_fields import TelemetryContext
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.timesync import Timesync
+from firmware_py.link.wire.dialect import Message, Packed
+from firmware_py.link.wire.outbox import Priority
+from firmware_py.link.wire.receive_queue import ReceiveQueue
+from firmware_py.link.wire.transport import Address, Transport
+from firmware_py.link.wire.worker import Worker
 
 _HEARTBEAT, _CURRENT_MODE, _DATA_STREAM = 0, 436, 66
 _GROUND_STATION = 6  # MAV_TYPE_GCS
@@ -44,7 +44,7 @@ _FRAMES_AT_ONCE = 4  # answered
 _BYTES_AT_ONCE = 256  # searched for frames, and the rest of the last piece
 _PIECE_BYTES = 320
 _REMEMBERED_EVENTS = 5
-NO_STORAGE = Storage()
+NO_STORAGE = FileRoot()
 
 
 _FALSE_SIGNATURE = "Signature refused: wrong key or old timestamp"
@@ -73,7 +73,7 @@ class Endpoint:
     def __init__(
         self,
         transports: Sequence[Transport],
-        authority: Authority,
+        authority: RequestHandler,
         *,
         utc_s: Callable[[], float],
         version: Version,
@@ -82,7 +82,7 @@ class Endpoint:
         vault: Vault = _NO_VAULT,
         heard_utc: Callable[[float, float], None] | None = None,
         calibrator: Calibrator | None = None,
-        storage: Storage = NO_STORAGE,
+        storage: FileRoot = NO_STORAGE,
     ) -> None:
         """Take opened transports and the loop's side.
 
@@ -93,17 +93,17 @@ class Endpoint:
         the disk.
         """
         self._transports = tuple(transports)
-        self._session = Session(authority, Suppliers(utc_s, load, heard_utc, calibrator), version)
+        self._session = LinkContext(authority, Suppliers(utc_s, load, heard_utc, calibrator), version)
         self._signing = Signing(utc_s, vault.save)
         self.key_readable = self._signing.restore(vault.load() or b"")
         self._gate = Gate(self._signing)
         self._reads_only = reads_only(frozenset(row.command for row in COMMANDS if row.repeatable))
-        self._roster = Roster(
+        self._roster = Peers(
             self._transports, self._gate, lambda index: LinkSealer(self._signing, index), self._welcome, self._hint
         )
         self._session.peers = self._roster
-        self._parameters = Parameters(self._session)
-        self._mission = Mission(self._session)
+        self._parameters = ParameterServer(self._session)
+        self._mission = MissionServer(self._session)
         self._commands = Commands(self._session, COMMANDS)
         self._worker = Worker(background=storage.background)
         plan_files = PlanFiles(self._session, self._worker)
@@ -113,7 +113,7 @@ class Endpoint:
         self._logs = Logs(self._session, storage.catalogue, self._worker, logging=storage.logging)
         self._greeting = (Event(Severity.INFO, boot_text),) if boot_text else ()
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
-        self._intake = Intake(self._roster.knows)
+        self._intake = ReceiveQueue(self._roster.knows)
         self._unread: deque[tuple[Peer, Admitted]] = deque()  # frames not yet answered
         self._station_s: float | None = None
         self._turn = 0  # whose long answer goes on next
@@ -122,8 +122,8 @@ class Endpoint:
 
     def _collect(self) -> Mapping[int, Handler]:
         session = self._session
-        services = (self._commands, Goals(session), Manual(session), self._parameters, self._mission)
-        others = (self._files, self._logs, Timing(session), HomeSetting(session), KeySetup(session, self._signing))
+        services = (self._commands, Setpoints(session), ManualControl(session), self._parameters, self._mission)
+        others = (self._files, self._logs, Timesync(session), HomeSetting(session), KeySetup(session, self._signing))
         found: dict[int, Handler] = {_DATA_STREAM: request_data_stream, _HEARTBEAT: self._heard}
         for service in (*services, *others):
             found.update(service.handlers())
@@ -248,7 +248,7 @@ class Endpoint:
             return
         self._session.send(peer, self._session.heartbeat(), Priority.URGENT)
         if self._session.snapshot is not None:
-            peer.streams.sent(telemetry.ROWS_OF[_HEARTBEAT][0], now_s)
+            peer.streams.sent(table.ROWS_OF[_HEARTBEAT][0], now_s)
         for event in (*self._greeting, *self._recent):
             self._session.tell(peer, event.severity, event.text)
 
@@ -293,18 +293,18 @@ class Endpoint:
                 if row not in packed:
                     packed[row] = self._packed(row, scene)
                 found = packed[row]
-                urgent = telemetry.TABLE[row].priority is Priority.URGENT
+                urgent = table.TABLE[row].priority is Priority.URGENT
                 if found is not None and not urgent:
                     room_bytes -= peer.outbox.size_of(found)
                     if room_bytes < 0.0:
                         # The rest stays due, and the longest due goes first next time.
                         continue
                 if found is not None:
-                    peer.outbox.push(found, telemetry.TABLE[row].priority)
+                    peer.outbox.push(found, table.TABLE[row].priority)
                 peer.streams.sent(row, now_s)
 
-    def _packed(self, row: int, scene: Scene) -> Packed | None:
-        message = telemetry.TABLE[row].build(scene)
+    def _packed(self, row: int, scene: TelemetryContext) -> Packed | None:
+        message = table.TABLE[row].build(scene)
         return None if message is None else self._session.codec.pack(message)
 
     def _flush(self, now_s: float) -> None:

@@ -14,12 +14,12 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from firmware_py.link.dialect import Message, Packed
-from firmware_py.link.outbox import Priority
+from firmware_py.common.records import Severity
+from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.peer import Peer
-from firmware_py.link.session import Handler, Session
-from firmware_py.link.worker import Worker
-from firmware_py.records import Severity
+from firmware_py.link.wire.dialect import Message, Packed
+from firmware_py.link.wire.outbox import Priority
+from firmware_py.link.wire.worker import Worker
 
 _LOG_DATA, _LOG_ENTRY = 120, 118
 _BLOCK = 90
@@ -79,7 +79,7 @@ class Logs:
     """Lists, sends and erases what `catalogue` finds: paths by number, the newest has the highest."""
 
     def __init__(
-        self, session: Session, catalogue: Callable[[], Mapping[int, Path]], worker: Worker, *, logging: bool
+        self, session: LinkContext, catalogue: Callable[[], Mapping[int, Path]], worker: Worker, *, logging: bool
     ) -> None:
         """Take the session to answer through; with `logging` the newest log is being written and never erased."""
         self._session = session

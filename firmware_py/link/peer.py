@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from firmware_py.link.access import Admitted, Gate
-from firmware_py.link.allowance import Allowance
-from firmware_py.link.bulk import BulkShare
-from firmware_py.link.framing import Splitter
-from firmware_py.link.options import LinkClass
-from firmware_py.link.outbox import Outbox, Sealer
-from firmware_py.link.statustext import Notices
-from firmware_py.link.streams import Streams
-from firmware_py.link.transport import Address, Transport
+from firmware_py.link.security.access import Admitted, Gate
+from firmware_py.link.telemetry.statustext import Notices
+from firmware_py.link.telemetry.streams import Streams
+from firmware_py.link.wire.bulk import BulkShare
+from firmware_py.link.wire.framing import Splitter
+from firmware_py.link.wire.outbox import Outbox, Sealer
+from firmware_py.link.wire.token_bucket import TokenBucket
+from firmware_py.link.wire.transport import Address, Transport
+from firmware_py.link.wire.url_options import LinkClass
 
 MAX_PEERS = 8  # that have spoken on a datagram transport
 QUIET_S = 10.0  # a datagram peer silent for this long makes room for a new one
@@ -52,7 +52,7 @@ class Peer:
         self.link_class = transport.options.link_class or usual
         self.streams = Streams(self.link_class, now_s)
         self.notices = Notices()
-        self.refusals = Allowance(REFUSALS, REFUSALS_HZ)
+        self.refusals = TokenBucket(REFUSALS, REFUSALS_HZ)
         self.list_row: int | None = None  # the next row of the parameter list it gets
         self.owed_rows: dict[int, None] = {}  # rows of the parameter table that it is to be told, in this order
         self.bulk = BulkShare(transport.byte_rate)
@@ -65,7 +65,7 @@ class Peer:
         return self.link_class is LinkClass.SATELLITE
 
 
-class Roster:
+class Peers:
     """All peers; bounded, and nobody gets on it with noise.
 
     A stranger on a datagram transport is taken up with its first whole frame that the
@@ -88,7 +88,7 @@ class Roster:
         `hint` sends a heartbeat to one that is not taken up.
         """
         self._hint = hint
-        self._hints = Allowance(HINTS, HINTS_HZ)
+        self._hints = TokenBucket(HINTS, HINTS_HZ)
         self._gate = gate
         self._sealer = sealer
         self._transports = tuple(transports)

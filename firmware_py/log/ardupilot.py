@@ -11,11 +11,11 @@ import math
 from collections.abc import Iterable
 from typing import Final
 
-from firmware_py.angles import compass_degrees, degrees, wrap_pi
+from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
+from firmware_py.common.parameters import TABLE, ParameterSet
+from firmware_py.common.records import Event, FixType, PositionSample, Severity
 from firmware_py.log.dataflash import TEXT_BYTES, MessageType
 from firmware_py.log.rows import microseconds
-from firmware_py.params import TABLE, ParameterSet
-from firmware_py.records import Event, FixType, PositionSample, Severity
 
 GPS: Final = MessageType(
     160,

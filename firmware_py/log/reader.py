@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from firmware_py.common.records import Inputs, RudderCommand
 from firmware_py.log import ardupilot, schema
 from firmware_py.log.dataflash import Buffer, Format, LogError, MessageType, Parser, text_of
 from firmware_py.log.rows import RowReader
-from firmware_py.records import Inputs, RudderCommand
 
 MAX_RECORDS: Final = 1 << 17  # of one tick: two texts of the longest kind; bounds what damage can gather
 

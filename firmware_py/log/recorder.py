@@ -8,14 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from firmware_py.intents import SetParameter
+from firmware_py.common.intents import SetParameter
+from firmware_py.common.parameters import ParameterError, ParameterSet
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Output, Tick
 from firmware_py.log import ardupilot, schema
 from firmware_py.log.dataflash import header
 from firmware_py.log.disk import Disk, LocalDisk
 from firmware_py.log.rows import microseconds
 from firmware_py.log.writer import LogWriter
-from firmware_py.params import ParameterError, ParameterSet
-from firmware_py.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Output, Tick
 
 FLUSH_S: Final = 1.0
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from firmware_py.common.records import Inputs, Output, RudderCommand
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.reader import LoggedTick, LogReader, Reading
-from firmware_py.records import Inputs, Output, RudderCommand
 
 State = TypeVar("State")
 

@@ -18,8 +18,8 @@ from enum import IntEnum
 from operator import attrgetter
 from typing import Any, Final
 
+from firmware_py.common.reading_notes import Spot
 from firmware_py.log.dataflash import TEXT_BYTES, Buffer, Format, MessageType
-from firmware_py.plain_notes import Spot
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,13 +16,11 @@ import zlib
 from collections.abc import Mapping
 from typing import Any, Final
 
-from firmware_py.intents import Request
-from firmware_py.log.dataflash import MessageType
-from firmware_py.log.rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
-from firmware_py.plain import Codec
-from firmware_py.plain_history import Change
-from firmware_py.plan import HOOK as PLAN_HOOK
-from firmware_py.records import (
+from firmware_py.common.intents import Request
+from firmware_py.common.json_codec import Codec
+from firmware_py.common.plan import HOOK as PLAN_HOOK
+from firmware_py.common.record_history import Change
+from firmware_py.common.records import (
     DeviceHealth,
     DeviceRole,
     DeviceState,
@@ -36,6 +34,8 @@ from firmware_py.records import (
     RudderFeedback,
     Tick,
 )
+from firmware_py.log.dataflash import MessageType
+from firmware_py.log.rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
 
 # How requests differ from version to version; plain_history.py says what a change is.
 CHANGES: Final[tuple[Change, ...]] = ()

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from firmware_py.sensors.refusal import CHECKSUM, MALFORMED
+from firmware_py.sensors.message_error import CHECKSUM, MALFORMED
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,10 @@ from typing import Any
 
 from firmware_py.sensors import pni_protocol, ubx_protocol
 from firmware_py.sensors.binary_framing import Packet, PacketFramer
+from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.nmea_framing import NmeaFramer, Sentence
 from firmware_py.sensors.nmea_sentences import decode_sentence
 from firmware_py.sensors.pni_reading import read_data
-from firmware_py.sensors.refusal import MessageError
 
 Result = dict[str, Any]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_py.ports import ByteLine
+from firmware_py.common.interfaces import ByteLine
 
 READ_LIMIT = 4096
 QUEUE_LIMIT = 65536  # a second driver that is never served must not eat the memory

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
-from firmware_py.angles import radians, wrap_two_pi
-from firmware_py.ports import ByteLine
-from firmware_py.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
-from firmware_py.sensors.condition import Condition
+from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
+from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.nmea_reader import NmeaReader
 from firmware_py.sensors.nmea_sentences import Decoded, Numbers
 
@@ -48,7 +48,7 @@ class NmeaCompass:
             raise ValueError(f"no heading sentence: {', '.join(unknown)}; there are {', '.join(HEADING_SENTENCES)}")
         self._line = line
         self._source = source
-        self._condition = Condition(line, DeviceRole.COMPASS)
+        self._condition = DeviceMonitor(line, DeviceRole.COMPASS)
         self._reader = NmeaReader(
             line,
             self._condition,

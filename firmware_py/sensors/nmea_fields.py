@@ -9,8 +9,8 @@ import datetime as dt
 import re
 from collections.abc import Callable, Mapping, Sequence
 
-from firmware_py.angles import METRES_PER_SECOND_PER_KNOT
-from firmware_py.sensors.refusal import MALFORMED, RANGE, MessageError, within
+from firmware_py.common.angles import METRES_PER_SECOND_PER_KNOT
+from firmware_py.sensors.message_error import MALFORMED, RANGE, MessageError, within
 
 Fields = Sequence[str]
 Reader = Callable[[Fields], float | None]

@@ -7,7 +7,7 @@ import operator
 import re
 from dataclasses import dataclass
 
-from firmware_py.sensors.refusal import CHECKSUM, MALFORMED, NO_CHECKSUM
+from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, NO_CHECKSUM
 
 # The standard says 82 bytes, u-blox's $PUBX,03 takes 500 and more.
 LONGEST_BODY = 1024

@@ -6,10 +6,10 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from firmware_py.angles import radians, wrap_two_pi
-from firmware_py.ports import ByteLine
-from firmware_py.records import DeviceHealth, DeviceRole, FixType, PositionSample
-from firmware_py.sensors.condition import Condition
+from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
+from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.nmea_fields import SECONDS_PER_DAY
 from firmware_py.sensors.nmea_reader import NmeaReader
 from firmware_py.sensors.nmea_sentences import Decoded
@@ -82,7 +82,7 @@ class NmeaPosition:
     def __init__(self, line: ByteLine, *, require_checksum: bool = True, talker: str | None = None) -> None:
         """Read the line, and only the sentences of `talker` when it is given."""
         self._line = line
-        self._condition = Condition(line, DeviceRole.POSITION)
+        self._condition = DeviceMonitor(line, DeviceRole.POSITION)
         self._reader = NmeaReader(
             line,
             self._condition,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from firmware_py.ports import ByteLine
-from firmware_py.sensors.condition import Condition
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.sensors.device_monitor import DeviceMonitor
+from firmware_py.sensors.message_error import NO_CHECKSUM, MessageError
 from firmware_py.sensors.nmea_framing import NmeaFramer, Sentence
 from firmware_py.sensors.nmea_sentences import Decoded, decode_sentence
-from firmware_py.sensors.refusal import NO_CHECKSUM, MessageError
 
 
 class NmeaReader:
@@ -17,7 +17,7 @@ class NmeaReader:
     def __init__(
         self,
         line: ByteLine,
-        condition: Condition,
+        condition: DeviceMonitor,
         wanted: Collection[str],
         *,
         talker: str | None = None,

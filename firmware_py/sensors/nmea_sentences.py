@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from firmware_py.sensors.message_error import MALFORMED, MessageError, within
 from firmware_py.sensors.nmea_fields import (
     Fields,
     Reader,
@@ -26,7 +27,6 @@ from firmware_py.sensors.nmea_fields import (
     utc_of_short_date,
 )
 from firmware_py.sensors.nmea_framing import Sentence
-from firmware_py.sensors.refusal import MALFORMED, MessageError, within
 
 Numbers = Mapping[str, float | None]
 

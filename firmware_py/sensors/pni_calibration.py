@@ -11,7 +11,7 @@ import math
 import struct
 from collections.abc import Callable, Mapping
 
-from firmware_py.records import Calibration, CalibrationState
+from firmware_py.common.records import Calibration, CalibrationState
 from firmware_py.sensors import pni_protocol as pni
 from firmware_py.sensors.pni_protocol import Frame
 

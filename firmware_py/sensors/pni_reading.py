@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from firmware_py.sensors.message_error import MALFORMED, MessageError, within
 from firmware_py.sensors.pni_protocol import Component, parse_data
-from firmware_py.sensors.refusal import MALFORMED, MessageError, within
 
 # Component, lowest, highest value in degrees or degrees Celsius.
 _RANGES = (

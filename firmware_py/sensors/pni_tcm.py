@@ -6,9 +6,9 @@ import struct
 from collections import deque
 from collections.abc import Sequence
 
-from firmware_py.angles import radians, wrap_two_pi
-from firmware_py.ports import ByteLine
-from firmware_py.records import (
+from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.records import (
     Calibration,
     CalibrationState,
     DeviceHealth,
@@ -18,11 +18,11 @@ from firmware_py.records import (
 )
 from firmware_py.sensors import pni_protocol as pni
 from firmware_py.sensors.binary_framing import Packet
-from firmware_py.sensors.condition import SILENT_AFTER_S, Condition
+from firmware_py.sensors.device_monitor import SILENT_AFTER_S, DeviceMonitor
+from firmware_py.sensors.message_error import CHECKSUM, MessageError
 from firmware_py.sensors.pni_calibration import PniCalibration
 from firmware_py.sensors.pni_protocol import Component, Frame
 from firmware_py.sensors.pni_reading import Reading, read_data
-from firmware_py.sensors.refusal import CHECKSUM, MessageError
 
 STEP_S = 0.05  # between two commands; the module confirms within milliseconds and has no error reply
 PATIENCE_S = 1.0  # without a heading for this long the module is set up again
@@ -69,7 +69,7 @@ class PniCompass:
         self._rounds = (set_up_frames(rate_hz, 0), set_up_frames(rate_hz, 1))
         self._frames = self._rounds[0]
         self._patience_s = max(PATIENCE_S, 3.0 / rate_hz)
-        self._condition = Condition(line, DeviceRole.COMPASS, max(SILENT_AFTER_S, 3.0 / rate_hz))
+        self._condition = DeviceMonitor(line, DeviceRole.COMPASS, max(SILENT_AFTER_S, 3.0 / rate_hz))
         self._framer = pni.framer()
         self._samples: deque[HeadingSample] = deque(maxlen=SAMPLES_KEPT)
         self._step = 0  # the next of the frames; past the last one data is waited for

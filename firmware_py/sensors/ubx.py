@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 
-from firmware_py.angles import radians, wrap_two_pi
-from firmware_py.ports import ByteLine
-from firmware_py.records import DeviceHealth, DeviceRole, FixType, PositionSample
+from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
 from firmware_py.sensors import ubx_protocol as ubx
 from firmware_py.sensors.binary_framing import Packet
-from firmware_py.sensors.condition import Condition
-from firmware_py.sensors.refusal import CHECKSUM, MessageError
+from firmware_py.sensors.device_monitor import DeviceMonitor
+from firmware_py.sensors.message_error import CHECKSUM, MessageError
 
 SAMPLES_KEPT = 64  # one read of 4096 bytes holds 40
 
@@ -25,7 +25,7 @@ class UbxPosition:
     def __init__(self, line: ByteLine) -> None:
         """Read the line."""
         self._line = line
-        self._condition = Condition(line, DeviceRole.POSITION)
+        self._condition = DeviceMonitor(line, DeviceRole.POSITION)
         self._framer = ubx.framer()
         self._samples: deque[PositionSample] = deque(maxlen=SAMPLES_KEPT)
 

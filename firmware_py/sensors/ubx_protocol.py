@@ -11,9 +11,9 @@ import re
 import struct
 from dataclasses import dataclass
 
-from firmware_py.records import FixType
+from firmware_py.common.records import FixType
 from firmware_py.sensors.binary_framing import PacketFramer
-from firmware_py.sensors.refusal import MALFORMED, RANGE, MessageError, within
+from firmware_py.sensors.message_error import MALFORMED, RANGE, MessageError, within
 
 NAV_PVT = 0x0107
 _NAV_PVT_SIZE = 84  # of u-blox 7; 92 since u-blox 8

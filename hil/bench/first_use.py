@@ -17,7 +17,7 @@ from hil.bench.figure import Figure, Finding
 from hil.bench.objective import hour
 from hil.bench.setting import Setting
 from hil.errors import HilError
-from hil.identify.recording import Recording
+from hil.lab.identify.recording import Recording
 
 ROWS = 3000  # five minutes of log
 MOST_SILENCE_S = 2.0

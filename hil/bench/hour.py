@@ -8,7 +8,7 @@ import time
 from hil.bench.figure import Figure, Finding
 from hil.bench.objective import HOUR_S, STEP_S, hour
 from hil.bench.setting import Setting
-from hil.identify.identify import identify
+from hil.lab.identify.identify import identify
 
 MOST_S = 2.0
 

@@ -11,18 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.bench.figure import Figure, Finding
 from hil.bench.setting import Setting
 from hil.bench.turns import in_turns
 from hil.errors import HilError
-from hil.identify import synthetic
-from hil.identify.digest import digest
-from hil.identify.objective import output_error
-from hil.identify.recording import Floats, Recording
-from hil.identify.search import scan
-from hil.identify.stretch import prepare
+from hil.lab.identify import synthetic
+from hil.lab.identify.digest import digest
+from hil.lab.identify.objective import output_error
+from hil.lab.identify.recording import Floats, Recording
+from hil.lab.identify.search import scan
+from hil.lab.identify.stretch import prepare
 
 SOURCE = Path(__file__).with_name("output_error.c")
 COMPILERS = ("gcc", "clang", "cc")
@@ -103,7 +103,7 @@ def workspace(fish: int) -> Floats:
 def check_agreement(ours: Floats, theirs: Floats) -> None:
     """Raise HilError unless both computed the same."""
     if not np.allclose(ours, theirs, rtol=SAME, atol=0.0):
-        raise HilError(f"{SOURCE.name} no longer computes what hil/identify/objective.py does; bring it up to date")
+        raise HilError(f"{SOURCE.name} no longer computes what hil/lab/identify/objective.py does; bring it up to date")
 
 
 def taken_s(call: Call) -> float:

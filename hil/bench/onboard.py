@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from firmware_py.common.records import Inputs
 from firmware_py.log.reader import read_log
-from firmware_py.records import Inputs
 
 STATE = "state"
 

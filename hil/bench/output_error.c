@@ -1,4 +1,4 @@
-/* The arithmetic of hil/identify/objective.py, output_error, as one would write it in C: one loop over the samples,
+/* The arithmetic of hil/lab/identify/objective.py, output_error, as one would write it in C: one loop over the samples,
    one over the candidates that the compiler makes SIMD of. Built and timed by hil/bench/objective.py.
 
    candidates: rows ln K, ln T, alpha r^2 and delta0 of `count` columns each (the transpose of the points).

@@ -6,8 +6,8 @@ from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from firmware_py.angles import degrees
-from firmware_py.records import Inputs
+from firmware_py.common.angles import degrees
+from firmware_py.common.records import Inputs
 from hil.bench.rig import MILLIDEGREES
 
 EARLY_PERIODS = 0.25

@@ -18,13 +18,13 @@ from hil.devices.nmea_text import whole_sentence
 from hil.devices.pty_line import PtyLine
 from hil.devices.timing import Pace
 from hil.errors import HilError
-from hil.firmware import Firmware
-from hil.goals import Goal
-from hil.ground_station import GroundStation
-from hil.outfit import emulators
-from hil.scenarios import named
-from hil.vehicle_file import VehicleFile
-from hil.world import World
+from hil.sim.device_factory import emulators
+from hil.sim.goals import Goal
+from hil.sim.ground_station import GroundStation
+from hil.sim.process import Firmware
+from hil.sim.scenarios import named
+from hil.sim.vehicle_file import VehicleFile
+from hil.sim.world import World
 
 COMPASS_HZ = 10.0
 FREQUENCY_ERROR_PPM = 30.0  # an ordinary crystal: it runs free of our clock

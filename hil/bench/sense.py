@@ -37,7 +37,7 @@ DECODE = """
 import json, os, select, sys, time, tty
 from firmware_py import realtime
 from firmware_py.sensors.nmea import NmeaCompass
-from firmware_py.serial_line import SerialLine
+from firmware_py.system.serial_port import SerialLine
 sentence, count, gap_s = sys.argv[1].encode(), int(sys.argv[2]), float(sys.argv[3])
 master, slave = os.openpty()
 tty.setraw(slave)

@@ -10,8 +10,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as dialect
 
-from hil.ground_station import COMPONENT, SYSTEM
-from hil.mavlink_tap import MavlinkTap
+from hil.sim.ground_station import COMPONENT, SYSTEM
+from hil.sim.mavlink_tap import MavlinkTap
 
 HEARTBEAT_S = 1.0
 READ_BYTES = 4096

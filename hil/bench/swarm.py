@@ -32,8 +32,8 @@ from hil.bench.zigzag import (
     plain_one,
     zigzag,
 )
-from hil.swarm import SwarmSettings, minimise
-from hil.swarm.records import Floats
+from hil.lab.swarm import SwarmSettings, minimise
+from hil.lab.swarm.records import Floats
 
 FISH, TRIES = 50, 5  # scikit-opt's own number of fish; its own 100 tries would be all prey and no swarm
 FASTER_THAN_COMPILED = 15.0

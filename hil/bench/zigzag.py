@@ -15,8 +15,8 @@ from collections.abc import Callable
 import numpy as np
 
 from firmware_py.model.kt import rk4_step
-from hil.compiled import compiled
-from hil.swarm.records import Floats
+from hil.lab.compiled import compiled
+from hil.lab.swarm.records import Floats
 
 STEP_S = 0.1
 SECONDS = 120.0

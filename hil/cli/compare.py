@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.model.kt import OCEAN_RAMBLER
-from hil import scenarios
 from hil.bench.circumstances import circumstances, text_of
-from hil.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
 from hil.errors import UsageError
-from hil.goals import GoalError, parse_goals
+from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
 from hil.report.figure_file import entry, key_of, merge, origin
+from hil.sim import scenarios
+from hil.sim.goals import GoalError, parse_goals
 
 DEFAULT_SEAS = ("tank", "sea", "swell", "weak")
 DEFAULT_GOALS = "0:0,120:60,720:-30"
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _limits(rows: list[Row]) -> list[tuple[float, float] | None]:
     """Return for each row the least rms at its travel, with compass alone and with a receiver; None where unknown."""
-    from hil.compare.limit import at_travel, known_for, limits  # noqa: PLC0415 - scipy is slow to import
+    from hil.lab.compare.limit import at_travel, known_for, limits  # noqa: PLC0415 - scipy is slow to import
 
     seas = [scenarios.named(name) for name in {row.scenario for row in rows}]
     curves = {

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Self
 
 from hil.cli import outputs
-from hil.compiled import being_compiled
 from hil.errors import UsageError
-from hil.identify import manoeuvre_file, onboard_log, report
-from hil.identify.held_out import predictions
-from hil.identify.identify import MODELS, SPEEDS, Identification, identify
-from hil.identify.manoeuvre_file import RUDDER_UNITS
-from hil.identify.recording import Recording, Source
-from hil.identify.suggest import suggest
+from hil.lab.compiled import being_compiled
+from hil.lab.identify import manoeuvre_file, onboard_log, report
+from hil.lab.identify.held_out import predictions
+from hil.lab.identify.identify import MODELS, SPEEDS, Identification, identify
+from hil.lab.identify.manoeuvre_file import RUDDER_UNITS
+from hil.lab.identify.recording import Recording, Source
+from hil.lab.identify.suggest import suggest
 
 LARGEST_SEED = 2**63 - 1
 TOLD_EVERY_S = 0.2
@@ -117,8 +117,8 @@ def _is_page(path: Path) -> bool:
 
 
 def _plot(result: Identification, text: str, names: Sequence[str], *, html: bool) -> bytes:
-    from hil.identify.page import page  # noqa: PLC0415 - matplotlib is slow to import, and mostly not asked for
-    from hil.identify.picture import draw  # noqa: PLC0415
+    from hil.lab.identify.page import page  # noqa: PLC0415 - matplotlib is slow to import, and mostly not asked for
+    from hil.lab.identify.picture import draw  # noqa: PLC0415
 
     fit = result.fit
     train = replace(result.train, file=", ".join(names)[:60], predictions=predictions(fit.problem, fit.state))

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hil.errors import UsageError
-from hil.reproduce.chain import FULL, QUICK, run_chain
-from hil.reproduce.rows import Row, all_match, rows
+from hil.lab.reproduce.chain import FULL, QUICK, run_chain
+from hil.lab.reproduce.rows import Row, all_match, rows
 
 RUNS = Path("runs")
 COLUMNS = ("quantity", "paper", "ours", "")
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     tell("", 1.0)
     table = rows(chain)
     print(text(table))
-    from hil.reproduce import page  # noqa: PLC0415 - matplotlib is slow to import
+    from hil.lab.reproduce import page  # noqa: PLC0415 - matplotlib is slow to import
 
     print(f"report: {page.write(chain, table, out)}")
     return 0 if all_match(table) else 1

@@ -8,15 +8,16 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from hil import scenarios
 from hil.errors import UsageError
-from hil.goals import Goal, GoalError, parse_goals
-from hil.ground_station import GUIDED, MODE_NAMES
 from hil.report import page, summary
 from hil.report.text import figures_text
-from hil.runner import RunOptions, sail
-from hil.scenarios import Scenario
-from hil.vehicle_file import COMPASS_DRIVERS, SERVO_DRIVERS, VehicleFile, load, parse_settings
+from hil.sim import scenarios
+from hil.sim.goals import Goal, GoalError, parse_goals
+from hil.sim.ground_station import GUIDED, MODE_NAMES
+from hil.sim.runner import RunOptions
+from hil.sim.runner import run as sail
+from hil.sim.scenarios import Scenario
+from hil.sim.vehicle_file import COMPASS_DRIVERS, SERVO_DRIVERS, VehicleFile, load, parse_settings
 
 DEFAULT_GOALS = "0:0,120:60,720:-90"
 DEFAULT_SECONDS = 1320.0

@@ -9,10 +9,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 from firmware_py.model.kt import KtModel
-from hil import similarity
 from hil.errors import UsageError
+from hil.lab import similarity
 from hil.ship.regressions import FLOAT, HullForm, sway_model
-from hil.vehicle_file import Section, VehicleFile, load
+from hil.sim.vehicle_file import Section, VehicleFile, load
 
 DEFAULT_SPEEDS = "0.2,0.4,0.6,0.8,1.0,1.2"
 MOST_SPEEDS = 1000

@@ -7,7 +7,7 @@ import json
 from dataclasses import asdict
 
 from hil.errors import UsageError
-from hil.swarm import comparison
+from hil.lab.swarm import comparison
 
 MOST_DIMENSIONS = 50
 MOST_RUNS = 1000

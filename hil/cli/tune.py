@@ -9,15 +9,15 @@ import sys
 import time
 from pathlib import Path
 
-from firmware_py.params import ParameterSet
-from hil import scenarios
+from firmware_py.common.parameters import ParameterSet
 from hil.cli import outputs
 from hil.errors import UsageError
-from hil.tune import cases, paper
-from hil.tune.report import Report, as_json, parameter_file, text
-from hil.tune.search import tune
-from hil.tune.trials import Setting, Trials
-from hil.vehicle_file import VehicleFile, load
+from hil.lab.tune import cases, paper
+from hil.lab.tune.report import Report, as_json, parameter_file, text
+from hil.lab.tune.search import tune
+from hil.lab.tune.trials import Setting, Trials
+from hil.sim import scenarios
+from hil.sim.vehicle_file import VehicleFile, load
 
 EVALUATIONS = 400
 EPILOG = """\
@@ -30,7 +30,7 @@ The JSON holds:
   cases       for each sea, speed, K_factor and T_factor the errors of the paper's gains and of the chosen setting
   evaluations, trial_runs, seconds
 
-What is tried is a copy of the firmware's observer, S-surface and rudder limit (hil/tune/twins.py)."""
+What is tried is a copy of the firmware's observer, S-surface and rudder limit (hil/lab/tune/twins.py)."""
 FRESH_SEED = 1_000_003  # added to the seed for the seas that the choice is checked in
 
 
@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         outputs.write("--json", arguments.json, json.dumps(as_json(report), indent=2) + "\n")
     if arguments.plot is not None:
-        from hil.tune import page  # noqa: PLC0415 - matplotlib is slow to import, and not always needed
+        from hil.lab.tune import page  # noqa: PLC0415 - matplotlib is slow to import, and not always needed
 
         picture, html = page.write(report, arguments.plot)
         print(f"picture: {picture}, page: {html}")

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from firmware_py.angles import degrees
+from firmware_py.common.angles import degrees
 from hil.devices.emulator import Attitude
 from hil.devices.nmea_text import bearing, decimals_of, hemisphere, whole_sentence
 from hil.devices.timing import Pace, Transmitter

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from firmware_py.angles import KNOTS_PER_METRE_PER_SECOND, degrees
+from firmware_py.common.angles import KNOTS_PER_METRE_PER_SECOND, degrees
 from hil.devices.emulator import Whereabouts
 from hil.devices.nmea_text import bearing, clock_and_date, coordinate, whole_sentence
 from hil.devices.timing import Pace, Transmitter

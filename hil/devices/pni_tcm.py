@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from firmware_py.angles import degrees
+from firmware_py.common.angles import degrees
 from hil.devices.emulator import Attitude
 from hil.devices.nmea_text import bearing
 from hil.devices.pni_calibration import ABORTED, OPTIONS, UserCalibration

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from firmware_py.angles import RADIANS_PER_DEGREE, clamp, degrees
+from firmware_py.common.angles import RADIANS_PER_DEGREE, clamp, degrees
 from hil.devices.crc import crc16_8005
 from hil.devices.emulator import Shaft
 from hil.devices.timing import ReceiveBuffer, Transmitter

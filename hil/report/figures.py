@@ -11,8 +11,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from firmware_py.angles import degrees, radians
-from hil.truth import Array, Truth
+from firmware_py.common.angles import degrees, radians
+from hil.sim.truth import Array, Truth
 
 SETTLED_RAD = radians(3.0)
 STEADY_AFTER_S = 200.0

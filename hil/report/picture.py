@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from firmware_py.angles import DEGREES_PER_RADIAN
+from firmware_py.common.angles import DEGREES_PER_RADIAN
 from hil.report.figures import STEADY_AFTER_S, goal_figures, goal_spans
-from hil.truth import Truth
+from hil.sim.truth import Truth
 
 HULL, COMPASS, GOAL, COMMAND, BAND = "#0b4f8a", "#9cc4e4", "#d1495b", "#e8a33d", "#e9f5ec"
 INK, GRID = "#333b44", "#dde3e8"

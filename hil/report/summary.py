@@ -11,7 +11,7 @@ from typing import Any
 
 from hil.report.figures import goal_figures, rudder_travel_deg_per_h, steady_rudder_travel_deg_per_h
 from hil.report.loop_health import from_logs
-from hil.runner import STATE, Run
+from hil.sim.runner import STATE, Run
 
 PACKAGES = ("rambler-autopilot", "numpy", "pymavlink")
 DIGITS = 4

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from firmware_py.angles import TWO_PI
+from firmware_py.common.angles import TWO_PI
 
 PAUSE_S = 60.0  # between gusts, mean of an exponential distribution
 SHORTEST_S, LONGEST_S = 10.0, 40.0

@@ -8,9 +8,8 @@ at any speed and with any traffic on the lines.
 
 from __future__ import annotations
 
-from firmware_py.angles import radians
+from firmware_py.common.angles import radians
 from firmware_py.model.kt import KtModel, yaw_acceleration
-from hil.scenarios import Scenario
 from hil.ship.drift import RudderDrift
 from hil.ship.gusts import Gusts
 from hil.ship.kt_plant import KtPlant
@@ -19,6 +18,7 @@ from hil.ship.orbit import Orbit
 from hil.ship.planar import PlanarMotion
 from hil.ship.tide import Tide
 from hil.ship.waves import WaveYaw
+from hil.sim.scenarios import Scenario
 
 STEPS_PER_SECOND = 50
 GRID_S = 1.0 / STEPS_PER_SECOND

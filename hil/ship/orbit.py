@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.angles import TWO_PI
+from firmware_py.common.angles import TWO_PI
 from hil.ship.noise import NormalNumbers
 from hil.ship.waves import WaveYaw
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.angles import RADIANS_PER_DEGREE, clamp
+from firmware_py.common.angles import RADIANS_PER_DEGREE, clamp
 
 DEFAULT_SLEW_RAD_S = 30.0 * RADIANS_PER_DEGREE
 DEFAULT_STOP_RAD = 45.0 * RADIANS_PER_DEGREE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.angles import TWO_PI
+from firmware_py.common.angles import TWO_PI
 
 M2_S = 44_712.0  # the principal lunar tide: 12.42 h
 

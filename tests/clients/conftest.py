@@ -14,7 +14,7 @@ import pytest
 from relay import Relay
 from station import PATIENCE_S, Station, fail
 
-from hil.truth import read
+from hil.sim.truth import read
 
 ROOT = Path(__file__).parents[2]
 LOOK_S = 0.05

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from firmware_py.cli.params import _qgc_file
-from firmware_py.link.metadata import parameter_json
-from firmware_py.params import TABLE, format_file, parse_file
+from firmware_py.common.parameters import TABLE, format_file, parse_file
+from firmware_py.link.parameters.metadata import parameter_json
 
 CLIENT = Path(__file__).with_name("mavsdk_files_client.py")
 CANNOT_BE_HAD = 77
@@ -43,7 +43,7 @@ def boat(tmp_path, boot, free_ports):
 
 def test_mavsdk_moves_files_and_logs(tmp_path, start, boat):
     if importlib.util.find_spec("mavsdk") is None:
-        pytest.skip("mavsdk is not installed; install the extra [dev]")
+        pytest.skip("mavsdk is not installed; install the extra [clients]")
     directory = tmp_path / "client"
     directory.mkdir()
     upload = random.Random(6).randbytes(3000)
@@ -90,7 +90,7 @@ def ask(client, line, pattern):
 def test_mavproxy_moves_files_logs_and_parameters(tmp_path, start, boat):
     script = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
     if script is None:
-        pytest.skip("mavproxy.py is not beside this Python; install the extra [dev]")
+        pytest.skip("mavproxy.py is not beside this Python; install the extra [clients]")
     home = tmp_path / "home"
     home.mkdir()
     (home / "up.bin").write_bytes(random.Random(7).randbytes(2000))

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from firmware_py.params import TABLE, Kind
-from firmware_py.realtime import BACKGROUND_PRIORITY
+from firmware_py.common.parameters import TABLE, Kind
+from firmware_py.system.realtime import BACKGROUND_PRIORITY
 
 HOLD = 4
 

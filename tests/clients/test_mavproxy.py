@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.params import TABLE
-from hil.truth import ROWS_PER_SECOND
+from firmware_py.common.parameters import TABLE
+from hil.sim.truth import ROWS_PER_SECOND
 
 BOAT = {"MDL_K": 0.4, "MDL_T_S": 0.5, "MDL_ALPHA_S2": 0.0, "STAT_BOOTCNT": 1}
 
@@ -19,7 +19,7 @@ def mavproxy(tmp_path, start):
     """Starts MAVProxy on a port, in a home of its own that takes all its files."""
     script = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
     if script is None:
-        pytest.skip("mavproxy.py is not beside this Python; install the extra [dev]")
+        pytest.skip("mavproxy.py is not beside this Python; install the extra [clients]")
     home = tmp_path / "home"
     home.mkdir()
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from firmware_py import __version__
-from firmware_py.params import TABLE, Kind
-from hil.truth import ROWS_PER_SECOND
-from hil.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
+from firmware_py.common.parameters import TABLE, Kind
+from hil.sim.truth import ROWS_PER_SECOND
+from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 
 CLIENT = Path(__file__).with_name("mavsdk_client.py")
 VOYAGE = Path(__file__).with_name("mavsdk_voyage.py")
@@ -23,7 +23,7 @@ METRES_PER_DEGREE = 111_195.0
 
 def test_mavsdk_reads_her_and_commands_her(tmp_path, start, start_hil):
     if importlib.util.find_spec("mavsdk") is None:
-        pytest.skip("mavsdk is not installed; install the extra [dev]")
+        pytest.skip("mavsdk is not installed; install the extra [clients]")
     hil = start_hil("udpout")
     seen = told(CLIENT, tmp_path, start, hil)
     truth = hil.end()
@@ -48,7 +48,7 @@ def told(script, tmp_path, start, hil):
 
 def test_mavsdk_has_her_sail_a_mission(tmp_path, start, start_hil):
     if importlib.util.find_spec("mavsdk") is None:
-        pytest.skip("mavsdk is not installed; install the extra [dev]")
+        pytest.skip("mavsdk is not installed; install the extra [clients]")
     hil = start_hil("udpout", speed="10", seconds=3600)
     seen = told(VOYAGE, tmp_path, start, hil)
     truth = hil.end()

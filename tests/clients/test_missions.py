@@ -13,9 +13,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from firmware_py.__main__ import main
+from firmware_py.common.plan import PlanKind, from_text
 from firmware_py.loop import PLAN_FILES
-from firmware_py.plan import PlanKind, from_text
-from firmware_py.store import stored_content
+from firmware_py.system.store import stored_content
 
 CLIENT = Path(__file__).with_name("mavsdk_missions.py")
 CANNOT_BE_HAD = 77
@@ -67,7 +67,7 @@ def begin(boot, free_ports):
 
 def test_mavsdk_moves_plans_to_and_fro(tmp_path, start, begin):
     if importlib.util.find_spec("mavsdk") is None:
-        pytest.skip("mavsdk is not installed; install the extra [dev]")
+        pytest.skip("mavsdk is not installed; install the extra [clients]")
     (tmp_path / "a.plan").write_text(json.dumps(PLAN))
     program, port = begin("autopilot")
     results = tmp_path / "seen.json"
@@ -121,7 +121,7 @@ RALLY = [line(index, 3, 5100, [0.0] * 4, 36.01 + index, 121.0, 2.0) for index in
 def test_mavproxy_loads_lists_and_saves_plans(tmp_path, start, begin):
     script = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
     if script is None:
-        pytest.skip("mavproxy.py is not beside this Python; install the extra [dev]")
+        pytest.skip("mavproxy.py is not beside this Python; install the extra [clients]")
     home = tmp_path / "home"
     home.mkdir()
     program, port = begin("autopilot")

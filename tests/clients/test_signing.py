@@ -68,7 +68,7 @@ def shown(client, name):
 def test_mavproxy_sets_up_a_key_and_commands_with_it(tmp_path, boot, start, free_ports, connect):
     script = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
     if script is None:
-        pytest.skip("mavproxy.py is not beside this Python; install the extra [dev]")
+        pytest.skip("mavproxy.py is not beside this Python; install the extra [clients]")
     cable, radio = free_ports(["tcpin", "udpin"])
     boot("boat", f"tcpin:127.0.0.1:{cable}?trusted=1&policy=signed-commands", f"udpin:127.0.0.1:{radio}")
     home = tmp_path / "home"

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import Answer, Verdict
+from firmware_py.common.intents import Answer, Verdict
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
 from firmware_py.link.endpoint import Endpoint
-from firmware_py.link.identity import Version
-from firmware_py.link.options import PLAIN
-from firmware_py.link.storage import Storage
-from firmware_py.params import ParameterSet
-from firmware_py.plan import Plans
+from firmware_py.link.files.root import FileRoot
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.wire.url_options import PLAIN
 
 
 class Authority:
@@ -94,7 +94,7 @@ def test_hostile_requests_are_answered_and_stay_inside(requests):
         (root / "uploads" / "way").symlink_to(root)
         before = outside(root)
         pipe = Pipe()
-        storage = Storage(dict, root / "logs", root / "uploads")
+        storage = FileRoot(dict, root / "logs", root / "uploads")
         endpoint = Endpoint([pipe], Authority(), utc_s=lambda: 0.0, version=Version(), storage=storage)
         station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         endpoint.service(0.0, [])

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.intents import (
+from firmware_py.common.intents import (
     Answer,
     Arm,
     BenchRudder,
@@ -32,17 +32,10 @@ from firmware_py.intents import (
     SteerPosition,
     Verdict,
 )
-from firmware_py.link.command_table import TABLE as COMMAND_TABLE
-from firmware_py.link.endpoint import Endpoint
-from firmware_py.link.identity import Version
-from firmware_py.link.options import PLAIN
-from firmware_py.link.streams import FASTEST_S, SLOWEST_S
-from firmware_py.link.telemetry import TABLE
-from firmware_py.params import TABLE as PARAMETERS
-from firmware_py.params import ParameterSet
-from firmware_py.plan import Plans
-from firmware_py.plan_rules import fault_of
-from firmware_py.records import (
+from firmware_py.common.parameters import TABLE as PARAMETERS
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
+from firmware_py.common.records import (
     FixType,
     MissionReport,
     MissionState,
@@ -53,6 +46,13 @@ from firmware_py.records import (
     RudderFeedback,
     Snapshot,
 )
+from firmware_py.link.commands.table import TABLE as COMMAND_TABLE
+from firmware_py.link.endpoint import Endpoint
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.telemetry.streams import FASTEST_S, SLOWEST_S
+from firmware_py.link.telemetry.table import TABLE
+from firmware_py.link.wire.url_options import PLAIN
+from firmware_py.plans.validation import problem_of
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2)
 SERVO = RudderFeedback(0.0, 0.3)
@@ -171,7 +171,7 @@ def is_sound(intent):
     if isinstance(intent, SetMissionItem):
         return isinstance(intent.index, int) and 0 <= intent.index <= 0xFFFF
     if isinstance(intent, ReplacePlan):
-        return fault_of(intent.plan) is None
+        return problem_of(intent.plan) is None
     if isinstance(intent, SetHome):
         place = (intent.latitude_rad, intent.longitude_rad)
         if place == (None, None):

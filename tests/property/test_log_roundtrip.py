@@ -8,12 +8,9 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_py.intents import Arm, ManualRudder, Request, SetMode, SetParameter, SteerHeading, SteerPosition
-from firmware_py.log.dataflash import Parser
-from firmware_py.log.reader import LogReader
-from firmware_py.log.recorder import LogRecorder
-from firmware_py.params import ParameterSet
-from firmware_py.records import (
+from firmware_py.common.intents import Arm, ManualRudder, Request, SetMode, SetParameter, SteerHeading, SteerPosition
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import (
     DeviceHealth,
     DeviceRole,
     DeviceState,
@@ -31,6 +28,9 @@ from firmware_py.records import (
     Snapshot,
     Tick,
 )
+from firmware_py.log.dataflash import Parser
+from firmware_py.log.reader import LogReader
+from firmware_py.log.recorder import LogRecorder
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 anything = st.floats(allow_nan=False)  # requests are the ground's: repr tells all but NaN's payload

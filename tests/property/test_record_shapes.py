@@ -9,22 +9,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import from_text as plan_from_text
+from firmware_py.common.reading_notes import MOST_NOTES
+from firmware_py.core.resume import restore
+from firmware_py.core.state import State
+from firmware_py.core.state_codec import state_from_text, state_to_text
+from firmware_py.core.step import step
 from firmware_py.log.reader import read_log
-from firmware_py.params import ParameterSet
-from firmware_py.plain_notes import MOST_NOTES
-from firmware_py.plan import from_text as plan_from_text
-from firmware_py.resume import resumed
-from firmware_py.state import State
-from firmware_py.step import step
-from firmware_py.step_state import state_from_text, state_to_text
-from firmware_py.store import stored_content
+from firmware_py.system.store import stored_content
 
 DATA = Path(__file__).parents[1] / "replay" / "data" / "first_layout"
 START = State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))
 
 
 def resume_from_text(text):
-    return resumed(START, text, 1767225660.0)
+    return restore(START, text, 1767225660.0)
 
 
 @functools.cache

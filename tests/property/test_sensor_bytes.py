@@ -9,14 +9,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from firmware_py.records import DeviceHealth
+from firmware_py.common.records import DeviceHealth
 from firmware_py.sensors import pni_protocol, ubx_protocol
 from firmware_py.sensors.decode import KINDS, decode, format_text
+from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
 from firmware_py.sensors.nmea_fields import to_number
 from firmware_py.sensors.nmea_framing import LONGEST_BODY, NmeaFramer
 from firmware_py.sensors.pni_tcm import PniCompass
-from firmware_py.sensors.refusal import MessageError
 from firmware_py.sensors.ubx import UbxPosition
 
 HDG = b"$HCHDG,98.3,0.0,E,12.6,W*57\r\n"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from firmware_py.actuator import dynamixel_frames, volz_frames
 from firmware_py.actuator.dynamixel import DynamixelRudder
 from firmware_py.actuator.volz import VolzRudder
-from firmware_py.records import DeviceHealth, RudderCommand
+from firmware_py.common.records import DeviceHealth, RudderCommand
 
 LARGEST_LENGTH = 64
 

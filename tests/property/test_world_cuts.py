@@ -3,9 +3,9 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_py.angles import radians
-from hil import scenarios
-from hil.world import World
+from firmware_py.common.angles import radians
+from hil.sim import scenarios
+from hil.sim.world import World
 
 END_S = 4.0
 LOOK_S = END_S - 0.003

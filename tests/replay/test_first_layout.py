@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.control import helmsman
-from firmware_py.params import ParameterSet
-from firmware_py.plan import PlanKind
-from firmware_py.records import Mode
-from firmware_py.step import State
-from firmware_py.store import Store
-from firmware_py.stored import stored_parameters, stored_plans, with_resume
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import PlanKind
+from firmware_py.common.records import Mode
+from firmware_py.control import scheduled
+from firmware_py.core.step import State
+from firmware_py.system.state_directory import stored_parameters, stored_plans, with_resume
+from firmware_py.system.store import Store
 
 DATA = Path(__file__).parent / "data"
 LOGS = {path.name: path for path in sorted(DATA.rglob("*.BIN"))}
@@ -53,9 +53,9 @@ def test_what_is_accepted_has_its_reason_and_its_log():
 
 
 def test_a_change_of_behaviour_is_told_from_another(capsys, monkeypatch):
-    right, factor = helmsman.gains_of, 1.01
+    right, factor = scheduled.gains_of, 1.01
     monkeypatch.setattr(
-        helmsman, "gains_of", lambda *given: (gains := right(*given)) and replace(gains, k1=gains.k1 * factor)
+        scheduled, "gains_of", lambda *given: (gains := right(*given)) and replace(gains, k1=gains.k1 * factor)
     )
     code, _, found = replayed(LOGS["tank.BIN"], capsys)
     accepted = {"tank.BIN": found | {"reason": "a stiffer helm"}}

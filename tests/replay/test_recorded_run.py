@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.intents import SteerHeading
+from firmware_py.common.intents import SteerHeading
 from firmware_py.log.reader import read_log
 
 LOG = Path(__file__).parent / "data" / "tank_pni_volz.BIN"
@@ -44,14 +44,14 @@ def test_a_log_cut_anywhere_is_recomputed_to_its_last_whole_tick(tmp_path, capsy
 
 
 def test_one_changed_bit_of_the_gains_is_found(capsys, monkeypatch):
-    from firmware_py.control import helmsman  # noqa: PLC0415 - patched only here
+    from firmware_py.control import scheduled  # noqa: PLC0415 - patched only here
 
-    right = helmsman.gains_of
+    right = scheduled.gains_of
 
     def nearly_right(ship, stiffness):
         gains = right(ship, stiffness)
         return replace(gains, k1=math.nextafter(gains.k1, 1e9))
 
-    monkeypatch.setattr(helmsman, "gains_of", nearly_right)
+    monkeypatch.setattr(scheduled, "gains_of", nearly_right)
     assert main(["replay", str(LOG)]) == 1
     assert "NOT identical" in capsys.readouterr().out

@@ -1,0 +1,25 @@
+"""Puts the git commit into what is built, for `--version` where there is no repository."""
+
+import importlib
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+
+class CommitHook(BuildHookInterface[Any]):
+    """Adds the file that firmware_py/system/version.py reads; a source archive hands on the one it has."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Write the commit beside the build and add it; an editable install asks git itself."""
+        root = Path(self.root)
+        if version == "editable" or not (root / ".git").exists():
+            return
+        sys.path.insert(0, self.root)
+        module = importlib.import_module("firmware_py.system.version")
+        self.folder = tempfile.TemporaryDirectory()  # lives until the build has taken the file
+        file = Path(self.folder.name) / "commit.txt"
+        file.write_text(module.commit_of(root), encoding="ascii")
+        build_data["force_include"][str(file)] = module.COMMIT_FILE

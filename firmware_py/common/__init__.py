@@ -1,0 +1,1 @@
+"""What every room may use: records, parameters, plans, angles, the earth; pure."""

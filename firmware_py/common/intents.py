@@ -1,0 +1,171 @@
+"""What may be asked of the autopilot, by whom, and how it is answered.
+
+An accepted request is an input of the next tick, so that a log recomputes what came of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from firmware_py.common.plan import Plan
+
+
+@dataclass(frozen=True, slots=True)
+class SetMode:
+    """Ask for a control mode by its custom_mode number."""
+
+    mode: int
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """Ask to arm or disarm; `force` skips the pre-arm checks."""
+
+    armed: bool
+    force: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SteerHeading:
+    """Ask for a heading, clockwise from true north.
+
+    `relative`: counted from the present goal, or from the present heading when there
+    is none. `over_ground`: the angle is a course over ground. `turn` > 0 asks to turn to
+    starboard, < 0 to port, 0 the shorter way. `change_mode` enters GUIDED first.
+    """
+
+    heading_rad: float
+    relative: bool = False
+    over_ground: bool = False
+    turn: int = 0
+    change_mode: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SteerPosition:
+    """Ask to go to a position; `change_mode` enters GUIDED first."""
+
+    latitude_rad: float
+    longitude_rad: float
+    change_mode: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ManualRudder:
+    """The operator's stick: -1 full port, +1 full starboard, None = stick released."""
+
+    deflection: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class SetParameter:
+    """Change a parameter of params.TABLE."""
+
+    name: str
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class ReplacePlan:
+    """Put a whole plan in force, in place of the one of its kind."""
+
+    plan: Plan
+
+
+@dataclass(frozen=True, slots=True)
+class SetMissionItem:
+    """Go on with another item of the mission; `restart` also forgets jumps made and a completed mission."""
+
+    index: int
+    restart: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PauseMission:
+    """Halt the mission where she is (a watch circle), or go on with it."""
+
+    paused: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SetHome:
+    """Set home; without a position, to where she is."""
+
+    latitude_rad: float | None = None
+    longitude_rad: float | None = None
+    altitude_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class EnableFence:
+    """Heed the fence or not."""
+
+    enabled: bool
+
+
+@dataclass(frozen=True, slots=True)
+class BenchRudder:
+    """Move the rudder on the bench, while disarmed: -1 full port to +1 full starboard, for a while."""
+
+    deflection: float
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Restart:
+    """Make the rudder safe and start the autopilot anew, or (`shutdown`) end it; `force` does so while armed, too."""
+
+    shutdown: bool = False
+    force: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ForgetParameters:
+    """Forget, from the next start on, every parameter that was set over a link: the vehicle file's values come back."""
+
+
+Intent = (
+    SetMode
+    | Arm
+    | SteerHeading
+    | SteerPosition
+    | ManualRudder
+    | SetParameter
+    | ReplacePlan
+    | SetMissionItem
+    | PauseMission
+    | SetHome
+    | EnableFence
+    | BenchRudder
+    | Restart
+    | ForgetParameters
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """An intent, when it arrived and who sent it (MAVLink system and component)."""
+
+    t_s: float
+    intent: Intent
+    system: int = 0
+    component: int = 0
+
+
+class Verdict(IntEnum):
+    """The answer to a request, numbered as MAVLink's MAV_RESULT."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A verdict and, unless accepted, its reason in one short line."""
+
+    verdict: Verdict
+    text: str = ""

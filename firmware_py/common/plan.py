@@ -1,0 +1,163 @@
+"""Plans: a mission, a fence or the rally points, as immutable lists of items.
+
+An item carries the numbers of MAVLink (MAV_CMD, MAV_FRAME, degrees times 1e7), because plans
+come from ground stations and go back to them to the last bit; what an item means in the
+units of the boat is the business of guidance. Items are counted from 0; the home that
+ArduPilot's ground stations expect as item 0 of a mission is put there by the link alone.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import math
+import struct
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from typing import Any
+
+from firmware_py.common.json_codec import Codec, Hook
+from firmware_py.common.reading_notes import Spot, shown
+
+MOST_ITEMS = 2000
+_ITEM = struct.Struct("<BHB4fiif")
+
+
+class PlanKind(IntEnum):
+    """Which plan, numbered as MAVLink's MAV_MISSION_TYPE."""
+
+    MISSION = 0
+    FENCE = 1
+    RALLY = 2
+
+
+@dataclass(frozen=True, slots=True)
+class PlanItem:
+    """One item: `params` are param1 to param4 (NaN where unused), x and y latitude and longitude in 1e-7 deg."""
+
+    command: int  # MAV_CMD
+    frame: int = 0  # MAV_FRAME
+    autocontinue: bool = True
+    params: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # single precision
+    x: int = 0
+    y: int = 0
+    z: float = 0.0  # metres, single precision
+
+
+def _with_plain_nan(item: PlanItem) -> PlanItem:
+    """Forget sign and payload of a NaN, which text does not carry and nobody means."""
+    if not math.isnan(sum(item.params) + item.z):
+        return item
+    first, second, third, fourth, z = [math.nan if math.isnan(value) else value for value in (*item.params, item.z)]
+    return PlanItem(item.command, item.frame, item.autocontinue, (first, second, third, fourth), item.x, item.y, z)
+
+
+def _packed(items: Iterable[PlanItem]) -> bytes:
+    pack = _ITEM.pack
+    try:
+        return b"".join(
+            [pack(item.frame, item.command, item.autocontinue, *item.params, item.x, item.y, item.z) for item in items]
+        )
+    except OverflowError as error:
+        raise struct.error(str(error)) from None
+
+
+def _unpacked(data: bytes) -> tuple[PlanItem, ...]:
+    return tuple(
+        PlanItem(command, frame, bool(autocontinue), (first, second, third, fourth), x, y, z)
+        for frame, command, autocontinue, first, second, third, fourth, x, y, z in _ITEM.iter_unpack(data)
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """A whole plan. `identity` is what MAVLink calls its opaque id: a checksum over the items, 0 for none.
+
+    Plans are compared by identity: items may hold NaN, which is not equal to itself.
+    """
+
+    kind: PlanKind
+    items: tuple[PlanItem, ...] = ()
+    identity: int = field(default=0)
+
+    @classmethod
+    def of(cls, kind: PlanKind, items: Iterable[PlanItem]) -> Plan:
+        """Make a plan of items, rounded to what they can carry; struct.error for numbers that no item can."""
+        packed = _packed(_with_plain_nan(item) for item in items)
+        # The checksum of a plan that is there is never 0.
+        return cls(kind, _unpacked(packed), (zlib.crc32(packed) or 1) if packed else 0)
+
+    def __eq__(self, other: object) -> bool:
+        """Compare kind, number and checksum of the items."""
+        return isinstance(other, Plan) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        """Hash what is compared."""
+        return hash(self._key())
+
+    def _key(self) -> tuple[PlanKind, int, int]:
+        return self.kind, len(self.items), self.identity
+
+
+@dataclass(frozen=True, slots=True)
+class Plans:
+    """The plans in force, one of each kind."""
+
+    mission: Plan = Plan(PlanKind.MISSION)
+    fence: Plan = Plan(PlanKind.FENCE)
+    rally: Plan = Plan(PlanKind.RALLY)
+
+    def of(self, kind: PlanKind) -> Plan:
+        """Return the plan of a kind."""
+        return (self.mission, self.fence, self.rally)[kind]
+
+    def replaced(self, plan: Plan) -> Plans:
+        """Return the plans with one of them replaced."""
+        return replace(self, **{plan.kind.name.lower(): plan})
+
+
+def _plain(plan: Plan) -> dict[str, Any]:
+    items = base64.b64encode(_packed(plan.items)).decode()
+    return {"kind": int(plan.kind), "identity": plan.identity, "items": items}
+
+
+def _from_plain(data: Any, spot: Spot) -> Plan:
+    """Read what `_plain` gives, ignoring more; ValueError for anything else, or when the checksum is wrong."""
+    expected = {"kind", "identity", "items"}
+    if not isinstance(data, dict) or expected - data.keys() or not isinstance(data["items"], str):
+        raise ValueError("this is no plan")
+    for name in sorted(data.keys() - expected):
+        spot.note(f"field {shown(name)} is not known here, ignored")
+    if type(data["kind"]) is not int or type(data["identity"]) is not int:
+        raise ValueError("the kind of the plan is not a number")
+    try:
+        items = _unpacked(base64.b64decode(data["items"], validate=True))
+    except (binascii.Error, struct.error):
+        raise ValueError("the items of the plan are broken") from None
+    plan = Plan.of(PlanKind(data["kind"]), items)
+    if plan.identity != data["identity"]:
+        raise ValueError("the checksum of the plan is wrong")
+    return plan
+
+
+@dataclass(frozen=True, slots=True)
+class _Stored:
+    plan: Plan
+
+
+# A plan travels packed: two thousand items as records of text would hold up the loop for as long as a tick lasts.
+HOOK = Hook(Plan, _plain, _from_plain)
+_CODEC = Codec([_Stored], [HOOK])
+
+
+def to_text(plan: Plan) -> str:
+    """Write a plan as one line of text, as it is stored."""
+    return _CODEC.to_text(_Stored(plan))
+
+
+def from_text(text: str) -> tuple[Plan, tuple[str, ...]]:
+    """Read a stored plan, and what is to be said of it; ValueError for anything else, or a wrong checksum."""
+    stored, notes = _CODEC.read(text)
+    return stored.plan, notes

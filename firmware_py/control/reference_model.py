@@ -1,0 +1,65 @@
+"""The reference: how a boat that obeys her model would come to the goal, fast and without overshoot.
+
+The K-T model is steered by a rule that is nearly time-optimal: full rudder until the angle that she
+still runs on while braking is all that is left, then full rudder the other way. Feedback then only
+has to hold the real boat to it, and the rudder that the reference uses is fed forward.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
+
+EASING_RAD: Final = radians(5.6)  # the last of the way is made in proportion
+BRAKING_SHARE: Final = 0.8  # of the full rudder that braking counts on
+RATE_GAIN: Final = 0.55  # of the rudder that holds a yaw rate: damps the last of the way
+LEAST_PUSH_RAD: Final = radians(5.0)  # so that no trim, however wrong, leaves her without a turn
+LEAD_RAD: Final = radians(6.0)  # the reference waits for the boat beyond this
+
+
+@dataclass(frozen=True, slots=True)
+class Ship:
+    """The K-T model at the present speed, and the rudder: its limit and where she runs straight."""
+
+    turning_ability_1_s: float
+    turning_lag_s: float
+    norrbin_s2: float
+    limit_rad: float
+    bias_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """Heading and yaw rate that she should have now, and the rudder beyond the bias that it takes."""
+
+    heading_rad: float
+    yaw_rate_rad_s: float
+    push_rad: float = 0.0
+
+
+def running_on_rad(ship: Ship, yaw_rate_rad_s: float, brake_rad: float) -> float:
+    """Return the angle that she turns on while a rudder of brake_rad (> 0) against the turn stops it."""
+    against_rad_s = ship.turning_ability_1_s * brake_rad
+    rate_rad_s = abs(yaw_rate_rad_s)
+    angle_rad = ship.turning_lag_s * (rate_rad_s - against_rad_s * math.log1p(rate_rad_s / against_rad_s))
+    return math.copysign(angle_rad, yaw_rate_rad_s)
+
+
+def update(ship: Ship, reference: Reference, error_rad: float, heading_rad: float, step_s: float) -> Reference:
+    """Carry the reference over a step toward a goal that lies error_rad from it; it keeps near heading_rad."""
+    high_rad = max(ship.limit_rad - ship.bias_rad, LEAST_PUSH_RAD)
+    low_rad = min(-ship.limit_rad - ship.bias_rad, -LEAST_PUSH_RAD)
+    r = reference.yaw_rate_rad_s
+    brake_rad = BRAKING_SHARE * (high_rad if r < 0.0 else -low_rad)
+    left_rad = error_rad - running_on_rad(ship, r, brake_rad)
+    push_rad = ship.limit_rad * left_rad / EASING_RAD - RATE_GAIN * r / ship.turning_ability_1_s
+    push_rad = clamp(push_rad, low_rad, high_rad)
+    steady = ship.turning_ability_1_s * push_rad - ship.norrbin_s2 * r * r * r
+    decay = math.exp(-step_s / ship.turning_lag_s)
+    rate_rad_s = steady + (r - steady) * decay
+    turned_rad = steady * step_s + (r - steady) * ship.turning_lag_s * (1.0 - decay)
+    lead_rad = clamp(wrap_pi(reference.heading_rad - heading_rad) + turned_rad, -LEAD_RAD, LEAD_RAD)
+    return Reference(wrap_two_pi(heading_rad + lead_rad), rate_rad_s, push_rad)

@@ -1,0 +1,1 @@
+"""The tick: state, step, requests; pure."""

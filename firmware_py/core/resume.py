@@ -1,0 +1,155 @@
+"""What of the state outlives a restart: mode, goal, mission and where she was about to go.
+
+The record is written when something of it changes, a few seconds apart at most, and every
+ten minutes, so that its age tells how long the autopilot was away. Durations are in it and
+no moments: the clock of a process begins anew.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from firmware_py.common.json_codec import Codec
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import Home
+from firmware_py.core.state import State
+from firmware_py.core.state_codec import CHANGES
+from firmware_py.guidance.guidance import GuidanceState
+from firmware_py.guidance.line import LineState
+from firmware_py.guidance.mission import MissionProgress
+from firmware_py.guidance.orbit import OrbitState
+from firmware_py.guidance.task_follower import TaskFollowerState
+from firmware_py.guidance.tasks import Task
+from firmware_py.modes import ModeState
+
+RESUME_FILE = "resume.state"
+INTERVAL_S = 5.0
+REFRESH_S = 600.0
+# Finer changes are not worth a write.
+ELAPSED_S, TURNED_RAD, CURRENT_M_S = 30.0, 0.2, 0.1
+NOTHING, ALL_BUT_ARMING, ALL = 0, 1, 2  # BOOT_RESUME
+
+
+@dataclass(frozen=True, slots=True)
+class Resume:
+    """What is kept; `utc_s` is when, as far as the machine knew."""
+
+    utc_s: float
+    modes: ModeState
+    mission: MissionProgress
+    order: Task | None = None
+    arrived: bool = False
+    line: LineState | None = None
+    orbit: OrbitState = OrbitState()  # noqa: RUF009 - frozen
+    fence_enabled: bool | None = None
+    home: Home | None = None
+    water: tuple[float, float, float] | None = None  # current north and east, speed; None: as at start
+
+
+_CODEC = Codec([Resume], changes=CHANGES)
+
+
+def resume_of(state: State, utc_s: float) -> Resume:
+    """Return what is to be kept of a state."""
+    nav, line = state.nav, state.nav.follow.line
+    return Resume(
+        math.floor(utc_s / REFRESH_S) * REFRESH_S,
+        replace(state.modes, stick=None, stick_t_s=0.0, bench=None, bench_until_s=0.0),
+        replace(nav.mission, elapsed_s=_rounded(nav.mission.elapsed_s, ELAPSED_S), idle=0),
+        nav.order,
+        nav.follow.arrived,
+        None if line is None else LineState(line.start, tries=line.tries),
+        OrbitState(None, _rounded(nav.follow.orbit.turned_rad, TURNED_RAD)),
+        nav.fence_enabled,
+        state.home,
+        tuple(_rounded(value, CURRENT_M_S) for value in state.current.mean),  # type: ignore[arg-type]
+    )
+
+
+def _rounded(value: float, step: float) -> float:
+    return math.floor(value / step) * step
+
+
+def to_text(resume: Resume) -> str:
+    """Write the record as one line of text."""
+    return _CODEC.to_text(resume)
+
+
+def from_text(text: str) -> tuple[Resume, tuple[str, ...]]:
+    """Read a record of any version, and what is to be said of it.
+
+    ValueError for text without what a record needs, or with numbers that no state can hold.
+    """
+    resume, notes = _CODEC.read(text)
+    if not _finite(resume.utc_s, *(resume.water or ()), resume.mission.elapsed_s, resume.orbit.turned_rad):
+        raise ValueError("a number of it is not one")
+    return resume, notes
+
+
+def _finite(*values: float) -> bool:
+    return all(math.isfinite(value) for value in values)
+
+
+def age_s(resume: Resume, utc_s: float) -> float | None:
+    """Return how long ago the record was written, at most, None when the clock cannot have been right."""
+    age = utc_s - resume.utc_s
+    return age if 0.0 <= age < 3.2e8 else None
+
+
+def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ...]]:
+    """Return the state at start that goes on with what was kept, and what is to be said of the text.
+
+    The greeting of the state says when something of the text was lost. ValueError for a text that is no record.
+    """
+    level = int(state.parameters["BOOT_RESUME"])
+    if level == NOTHING:
+        return state, ()
+    resume, notes = from_text(text)
+    age = age_s(resume, utc_s)
+    if age is not None and age > 3600.0 * state.parameters["BOOT_RESUME_H"]:
+        return replace(state, greeting=f"Not resumed: {_ago(age)} old"), notes
+    armed = resume.modes.armed if level == ALL else state.modes.armed
+    follow = TaskFollowerState(resume.order, resume.arrived, resume.line, orbit=resume.orbit)
+    nav = GuidanceState(
+        resume.modes.mode,
+        resume.modes.armed and armed,
+        resume.mission,
+        resume.order,
+        follow,
+        fence_enabled=resume.fence_enabled,
+    )
+    greeting = f"Resumed {resume.modes.mode.name}, {'age unknown' if age is None else _ago(age) + ' old'}"
+    state = replace(
+        state,
+        modes=replace(resume.modes, armed=armed),
+        nav=nav,
+        home=resume.home,
+        current=state.current if resume.water is None else replace(state.current, mean=resume.water),
+        greeting=greeting + (", not whole" if notes else ""),
+    )
+    return state, notes
+
+
+def _ago(seconds: float) -> str:
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.0f} h"
+
+
+class ResumeKeeper:
+    """Decides when the record is written anew; it knows what was written last."""
+
+    def __init__(self) -> None:
+        """Start with nothing written."""
+        self._due_s = 0.0
+        self._text = ""
+
+    def news(self, state: State, parameters: ParameterSet, now_s: float, utc_s: float) -> str | None:
+        """Return the text to be stored now, or None."""
+        if now_s < self._due_s or parameters["BOOT_RESUME"] == NOTHING:
+            return None
+        self._due_s = now_s + INTERVAL_S
+        text = to_text(resume_of(state, utc_s))
+        if text == self._text:
+            return None
+        self._text = text
+        return text

@@ -1,0 +1,168 @@
+"""The state between ticks as text and back, bit for bit: the checkpoints of the log.
+
+CHANGES is the one table of how the records of the state, and of what outlives a restart
+(resume.py), are different from version to version. Whoever renames a class or a field that State
+or Resume hold, or moves a field, adds a `Change` (plain_history.py says how) or a row to the one
+that no release has written yet. Logs and boats at sea then go on as before; a row that was
+forgotten shows as a note in the replay of tests/replay/data.
+
+Faults stand by name, so that a fault more or less changes nothing for the others: a fault that is
+new was never set, one that is not known is ignored and reported. Parameters stand by name, too: one
+that is missing, or whose value is not allowed any more, has its default.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import IntEnum
+from typing import Any
+
+from firmware_py.common.json_codec import Codec, FieldHook, Hook
+from firmware_py.common.parameters import INDEX, ParameterError, ParameterSet
+from firmware_py.common.plan import HOOK as PLAN_HOOK
+from firmware_py.common.reading_notes import Spot, number, shown
+from firmware_py.common.record_history import Change, Record
+from firmware_py.core.step import State
+from firmware_py.faults.latch import LatchState
+from firmware_py.faults.page import Fault
+from firmware_py.safety.failsafe import FailsafeState
+
+# The faults of version 1 in their order; it does not follow the table of today.
+FAULTS_OF_VERSION_1 = (
+    "COMPASS_LOST",
+    "POSITION_LOST",
+    "RUDDER_SILENT",
+    "RUDDER_ERROR",
+    "LOOP_LATE",
+    "STORAGE_FAILING",
+    "CURRENT_STRONG",
+    "MISSION_UNUSABLE",
+    "FENCE_BREACHED",
+    "COMPASS_SILENT",
+    "COMPASS_FROZEN",
+    "COMPASS_JUMPING",
+    "COMPASS_DISAGREES",
+    "POSITION_JUMPING",
+    "RUDDER_ASTRAY",
+    "RUDDER_JAMMED",
+    "RUDDER_HOT",
+    "RUDDER_OVERLOADED",
+    "RUDDER_REPOWERED",
+    "SUPPLY_LOW",
+    "STORAGE_FULL",
+    "CLOCK_STEPPED",
+    "STATION_SILENT",
+    "STEERING_LOST",
+)
+
+
+def _monitor_by_name(record: Record) -> None:
+    """Name the faults of a MonitorState of version 1: tuples by index, bits."""
+    for name in ("since_s", "stood_s"):
+        if name in record:
+            pairs = zip(FAULTS_OF_VERSION_1, record[name], strict=True)
+            record[name] = {fault: value for fault, value in pairs if value is not None}
+    _bits_by_name(record, "active")
+
+
+def _failsafe_by_name(record: Record) -> None:
+    """Name the faults of a FailsafeState of version 1: bits, an index."""
+    _bits_by_name(record, "known")
+    _bits_by_name(record, "calling")
+    if record.get("fault") is not None:
+        record["fault"] = FAULTS_OF_VERSION_1[record["fault"]]
+
+
+def _bits_by_name(record: Record, name: str) -> None:
+    if name in record:
+        record[name] = [fault for bit, fault in enumerate(FAULTS_OF_VERSION_1) if record[name] >> bit & 1]
+
+
+CHANGES: tuple[Change, ...] = (
+    Change(
+        2,
+        renamed={"Head": "HoldHeading", "Go": "GoTo", "Keep": "HoldStation"},
+        converted={"MonitorState": _monitor_by_name, "FailsafeState": _failsafe_by_name},
+    ),
+)
+
+
+def _parameters_from(data: Any, spot: Spot) -> ParameterSet:
+    """Read parameters by name."""
+    if not isinstance(data, dict):
+        raise ValueError(f"expected parameters by name, found {shown(data)}")  # noqa: TRY004 -- bad data
+    parameters = ParameterSet()
+    for name, value in data.items():
+        if name not in INDEX:
+            spot.note(f"parameter {shown(name)} is not known here, ignored")
+            continue
+        try:
+            parameters = parameters.replaced(name, number(value))
+        except ParameterError as error:
+            spot.note(f"{error}; its default is taken")
+        except ValueError as error:
+            spot.note(f"{name}: {error}; its default is taken")
+    return parameters
+
+
+PARAMETER_HOOK = Hook(ParameterSet, lambda parameters: dict(parameters.items()), _parameters_from)
+
+
+def fault_fields(faults: type[IntEnum] = Fault) -> tuple[FieldHook, ...]:
+    """Return how the fields that tell of faults travel: by the names of the faults given."""
+
+    def known(names: Iterable[Any], spot: Spot) -> list[Any]:
+        found = []
+        for name in names:
+            if isinstance(name, str) and name in faults.__members__:
+                found.append(faults[name])
+            else:
+                spot.note(f"fault {shown(name)} is not known here, ignored")
+        return found
+
+    def times_by_name(times: tuple[float | None, ...]) -> dict[str, float]:
+        return {fault.name: time_s for fault in faults if (time_s := times[fault]) is not None}
+
+    def times_from(data: Any, spot: Spot) -> tuple[float | None, ...]:
+        if not isinstance(data, dict):
+            raise ValueError(f"expected times by fault, found {shown(data)}")  # noqa: TRY004 -- bad data
+        times: list[float | None] = [None] * len(faults)
+        for fault in known(data, spot):
+            value = data[fault.name]
+            times[fault] = None if value is None else number(value)
+        return tuple(times)
+
+    def bits_by_name(bits: int) -> list[str]:
+        return [fault.name for fault in faults if bits >> fault & 1]
+
+    def bits_from(data: Any, spot: Spot) -> int:
+        if not isinstance(data, list):
+            raise ValueError(f"expected a list of faults, found {shown(data)}")  # noqa: TRY004 -- bad data
+        return sum(1 << fault for fault in set(known(data, spot)))
+
+    def fault_from(data: Any, spot: Spot) -> IntEnum | None:
+        found = [] if data is None else known([data], spot)
+        return found[0] if found else None
+
+    return (
+        FieldHook(LatchState, "since_s", times_by_name, times_from),
+        FieldHook(LatchState, "stood_s", times_by_name, times_from),
+        FieldHook(LatchState, "active", bits_by_name, bits_from),
+        FieldHook(FailsafeState, "known", bits_by_name, bits_from),
+        FieldHook(FailsafeState, "calling", bits_by_name, bits_from),
+        FieldHook(FailsafeState, "fault", lambda fault: None if fault is None else faults(fault).name, fault_from),
+    )
+
+
+_CODEC = Codec([State], [PARAMETER_HOOK, PLAN_HOOK], fault_fields(), CHANGES)
+
+
+def state_to_text(state: State) -> str:
+    """Write a state as one line of text."""
+    return _CODEC.to_text(state)
+
+
+def state_from_text(text: str) -> tuple[State, tuple[str, ...]]:
+    """Read a state of any version, and what is to be said of it; ValueError for text that is no state."""
+    state, notes = _CODEC.read(text)
+    return state, notes

@@ -1,0 +1,28 @@
+"""Deviation of a compass: what the boat's own iron adds, by the classical coefficients A to E.
+
+deviation = A + B sin h + C cos h + D sin 2h + E cos 2h        h = compass heading of the hull
+"""
+
+from __future__ import annotations
+
+import math
+
+from firmware_py.common.angles import radians
+from firmware_py.common.parameters import ParameterSet
+
+Deviation = tuple[float, float, float, float, float]
+
+
+def deviation_of(parameters: ParameterSet, prefix: str) -> Deviation:
+    """Read the coefficients of the compass whose parameters begin with the prefix."""
+    a, b, c, d, e = (radians(parameters[f"{prefix}_DEV_{letter}"]) for letter in "ABCDE")
+    return a, b, c, d, e
+
+
+def deviation_rad(deviation: Deviation, heading_rad: float) -> float:
+    """Return what is to be added to a compass heading."""
+    a, b, c, d, e = deviation
+    if a == b == c == d == e == 0.0:
+        return 0.0
+    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
+    return a + b * sine + c * cosine + 2.0 * d * sine * cosine + e * (cosine * cosine - sine * sine)

@@ -1,0 +1,49 @@
+"""Judges the faults of faults.TABLE from conditions and time: debounce, set, clear, tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from firmware_py.common.records import Event, Severity
+from firmware_py.faults.page import TABLE, Fault
+
+
+@dataclass(frozen=True, slots=True)
+class LatchState:
+    """Since when each condition stands (None: it does not), when it last stood, and the faults set, as bits."""
+
+    since_s: tuple[float | None, ...] = (None,) * len(TABLE)
+    stood_s: tuple[float | None, ...] = (None,) * len(TABLE)
+    active: int = 0
+
+    def is_set(self, fault: Fault) -> bool:
+        """Whether a fault is set."""
+        return bool(self.active >> fault & 1)
+
+
+WELL = LatchState()
+
+
+def update(state: LatchState, conditions: Sequence[bool], now_s: float) -> tuple[LatchState, tuple[Event, ...]]:
+    """Advance all rows by their conditions, in the table's order; an event for each fault set or cleared now."""
+    if not state.active and not any(conditions):
+        return WELL, ()
+    since: list[float | None] = []
+    stood: list[float | None] = []
+    active = 0
+    events: list[Event] = []
+    for row, begun_s, before_s, stands in zip(TABLE, state.since_s, state.stood_s, conditions, strict=True):
+        was_set = state.is_set(row.fault)
+        last_s = now_s if stands else before_s
+        kept = stands or (was_set and last_s is not None and now_s - last_s < row.clear_s)
+        start_s = (now_s if begun_s is None else begun_s) if kept else None
+        since.append(start_s)
+        stood.append(last_s if kept else None)
+        is_set = start_s is not None and (was_set or now_s - start_s >= row.debounce_s)
+        active |= is_set << row.fault
+        if is_set and not was_set:
+            events.append(Event(row.severity, row.text))
+        elif was_set and not is_set:
+            events.append(Event(Severity.NOTICE, row.recovery))
+    return LatchState(tuple(since), tuple(stood), active), tuple(events)

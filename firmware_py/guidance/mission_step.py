@@ -1,0 +1,193 @@
+"""Mission items in the units of the boat: the one place where MAVLink's numbers are converted.
+
+What an item means for a boat that cannot stop:
+
+| item | she |
+| --- | --- |
+| NAV_WAYPOINT | sails the line from the last place to it; with a hold time (param1) keeps station there so long |
+| NAV_LOITER_UNLIM | goes there and keeps station until told otherwise (param3: radius) |
+| NAV_LOITER_TIME | goes there and keeps station for param1 seconds from her arrival (param3: radius) |
+| NAV_LOITER_TURNS | goes round it param1 times (param3: radius, negative: anticlockwise) |
+| NAV_RETURN_TO_LAUNCH | goes home or to the best rally point |
+| NAV_DELAY | goes on with what she does for param1 seconds, or until a time of day (UTC): with a heading after a heading item, otherwise keeping station |
+| CONDITION_YAW, NAV_SET_YAW_SPEED | turns to the heading; the item ends when she is within 5 deg of it, or after 10 min. A NAV_DELAY after it holds that heading; the speed is the sea's |
+| DO_JUMP | goes on with item param1 (counted from 0 here), param2 times, -1: always |
+| DO_CHANGE_SPEED | nothing: a speed for planning |
+| DO_SET_HOME | sets home, to where she is (param1 = 1) or to the place |
+
+Without a place (0, 0) a waypoint or loiter item means where she is.
+"""  # noqa: E501 - a table
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+
+from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.geodesy import Place
+from firmware_py.common.plan import Plan, PlanItem
+
+LONGEST_S = 1e8
+MOST_TURNS = 10_000.0
+LARGEST_RADIUS_M = 100_000.0
+SECONDS_PER_DAY = 86_400
+
+
+class StepKind(IntEnum):
+    """What an item has her do, numbered as MAVLink's MAV_CMD."""
+
+    WAYPOINT = 16
+    LOITER_UNLIMITED = 17
+    LOITER_TURNS = 18
+    LOITER_TIME = 19
+    RETURN = 20
+    DELAY = 93
+    YAW = 115
+    JUMP = 177
+    CHANGE_SPEED = 178
+    SET_HOME = 179
+    YAW_SPEED = 213
+
+
+@dataclass(frozen=True, slots=True)
+class MissionStep:
+    """One item in the units of the boat; what an item does not have stands at its default."""
+
+    kind: StepKind | None  # None: an item that is passed over
+    place: Place | None = None
+    radius_m: float | None = None  # None: the parameter's
+    seconds: float = 0.0
+    time_of_day_s: float | None = None
+    turns: float = 0.0
+    clockwise: bool = True
+    angle_rad: float = 0.0
+    relative: bool = False
+    target: int = 0
+    times: int = 0  # -1: always
+    autocontinue: bool = True
+
+
+@functools.lru_cache(maxsize=4)
+def steps_of(mission: Plan) -> tuple[MissionStep, ...]:
+    """Convert a mission, once."""
+    return tuple(step_of(item) for item in mission.items)
+
+
+def step_of(item: PlanItem) -> MissionStep:
+    """Convert an item; whatever numbers it holds, those of the step are finite and in range."""
+    reader = _READERS.get(item.command)
+    if reader is None:
+        return MissionStep(None, autocontinue=item.autocontinue)
+    return reader(item)
+
+
+def place_of(item: PlanItem) -> Place | None:
+    """Return the place of an item, None for 'where she is' and for what is on no globe."""
+    if (item.x == 0 and item.y == 0) or abs(item.x) > 900_000_000 or abs(item.y) > 1_800_000_000:
+        return None
+    return Place(radians(item.x * 1e-7), radians(item.y * 1e-7))
+
+
+def number(value: float, low: float, high: float) -> float:
+    """Return a parameter within its bounds; an absent one (NaN) is 0 within them."""
+    return min(max(0.0 if math.isnan(value) else value, low), high)
+
+
+def _radius(value: float) -> float | None:
+    found = number(abs(value), 0.0, LARGEST_RADIUS_M)
+    return found or None
+
+
+def _waypoint(item: PlanItem) -> MissionStep:
+    hold, radius = item.params[:2]
+    return MissionStep(
+        StepKind.WAYPOINT,
+        place_of(item),
+        _radius(radius),
+        number(hold, 0.0, LONGEST_S),
+        autocontinue=item.autocontinue,
+    )
+
+
+def _loiter(item: PlanItem) -> MissionStep:
+    amount, _, radius, _ = item.params
+    return MissionStep(
+        StepKind(item.command),
+        place_of(item),
+        _radius(radius),
+        number(amount, 0.0, LONGEST_S),
+        turns=number(amount, 0.0, MOST_TURNS),
+        clockwise=not radius < 0.0,
+        autocontinue=item.autocontinue,
+    )
+
+
+def _delay(item: PlanItem) -> MissionStep:
+    seconds, hour, minute, second = item.params
+    time_of_day_s = None
+    if seconds < 0.0 or (math.isnan(seconds) and hour >= 0.0):
+        clock_s = 3600.0 * number(hour, 0.0, 23.0) + 60.0 * number(minute, 0.0, 59.0) + number(second, 0.0, 60.0)
+        time_of_day_s = clock_s % SECONDS_PER_DAY
+    return MissionStep(
+        StepKind.DELAY,
+        seconds=number(seconds, 0.0, LONGEST_S),
+        time_of_day_s=time_of_day_s,
+        autocontinue=item.autocontinue,
+    )
+
+
+def _yaw(item: PlanItem) -> MissionStep:
+    angle_deg, _, direction, relative = item.params
+    sign = -1.0 if relative == 1.0 and direction < 0.0 else 1.0
+    return _heading(item, sign * number(angle_deg, -360.0, 360.0), relative=relative == 1.0)
+
+
+def _yaw_speed(item: PlanItem) -> MissionStep:
+    angle_deg, _, relative, _ = item.params
+    return _heading(item, number(angle_deg, -360.0, 360.0), relative=relative == 1.0)
+
+
+def _heading(item: PlanItem, angle_deg: float, *, relative: bool) -> MissionStep:
+    return MissionStep(
+        StepKind(item.command),
+        angle_rad=wrap_two_pi(radians(angle_deg)),
+        relative=relative,
+        autocontinue=item.autocontinue,
+    )
+
+
+def _jump(item: PlanItem) -> MissionStep:
+    target, times = item.params[:2]
+    return MissionStep(
+        StepKind.JUMP,
+        target=round(number(target, -1.0, 1e6)),
+        times=round(number(times, -1.0, 1e6)),
+        autocontinue=item.autocontinue,
+    )
+
+
+def _set_home(item: PlanItem) -> MissionStep:
+    here = item.params[0] == 1.0
+    return MissionStep(StepKind.SET_HOME, None if here else place_of(item), autocontinue=item.autocontinue)
+
+
+def _plain(item: PlanItem) -> MissionStep:
+    return MissionStep(StepKind(item.command), autocontinue=item.autocontinue)
+
+
+_READERS: Mapping[int, Callable[[PlanItem], MissionStep]] = {
+    StepKind.WAYPOINT: _waypoint,
+    StepKind.LOITER_UNLIMITED: _loiter,
+    StepKind.LOITER_TURNS: _loiter,
+    StepKind.LOITER_TIME: _loiter,
+    StepKind.RETURN: _plain,
+    StepKind.DELAY: _delay,
+    StepKind.YAW: _yaw,
+    StepKind.JUMP: _jump,
+    StepKind.CHANGE_SPEED: _plain,
+    StepKind.SET_HOME: _set_home,
+    StepKind.YAW_SPEED: _yaw_speed,
+}

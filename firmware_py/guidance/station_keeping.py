@@ -1,0 +1,125 @@
+"""Keeping station in a watch circle: quiet legs inside, turned in time, straight back from outside.
+
+She cannot stop, so inside she holds one heading after the other, each as long as it keeps
+her within the circle: that takes the fewest turns, and in a current it is the heading into
+it. Before a leg takes her out, counting the way that the turn itself takes, the next
+heading is the one that promises the longest stay.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from firmware_py.common.angles import TWO_PI, wrap_pi, wrap_two_pi
+from firmware_py.guidance.tasks import HeadingTarget, HoldStation, TaskSettings, VesselMotion
+from firmware_py.model.crab import against_current, heading_for_course
+
+HEADINGS = 36
+MARGIN_PART, MARGIN_M, LARGEST_MARGIN = 0.1, 6.0, 0.25  # of the radius, at least, at most of the radius
+TURN_PART = 0.7  # of the rate that full rudder gives: the helm eases off towards the end of a turn
+FORESIGHT_S = 10.0
+TURNED_RAD = 0.35  # as near to its heading she is on a leg, no longer turning to it
+LONGEST_STAY_S = 7200.0
+TURN_PRICE_S_RAD = 30.0  # seconds of stay that a radian of turning must bring
+
+
+@dataclass(frozen=True, slots=True)
+class StationState:
+    """The heading of the present leg; None on the way back from outside."""
+
+    heading_rad: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Turn:
+    """A turn at once to a heading: where it ends, how far out it leads, how long it takes."""
+
+    north_m: float
+    east_m: float
+    farthest_m: float
+    seconds: float
+
+
+def keep(
+    settings: TaskSettings, state: StationState, order: HoldStation, motion: VesselMotion, distance_m: float
+) -> tuple[StationState, HeadingTarget]:
+    """Return the state and what to steer, with distance_m from the centre."""
+    if distance_m > order.keep_m:
+        if motion.too_strong:
+            return StationState(), HeadingTarget(against_current(motion.north_m_s, motion.east_m_s), over_ground=False)
+        _, bearing_rad = motion.place.distance_and_bearing(order.centre)
+        return StationState(), HeadingTarget(bearing_rad, over_ground=True)
+    north_m, east_m = order.centre.offset_m(motion.place)
+    limit_m = order.keep_m - min(max(MARGIN_M, MARGIN_PART * order.keep_m), LARGEST_MARGIN * order.keep_m)
+    heading_rad = state.heading_rad
+    if heading_rad is None or _ends(settings, motion, heading_rad, north_m, east_m, limit_m):
+        heading_rad = _next_leg(settings, motion, north_m, east_m, limit_m)
+    return StationState(heading_rad), HeadingTarget(heading_rad, over_ground=False)
+
+
+def _ends(
+    settings: TaskSettings, motion: VesselMotion, heading_rad: float, north_m: float, east_m: float, limit_m: float
+) -> bool:
+    """Whether the leg must end now for a turn back to stay within the limit."""
+    if abs(wrap_pi(heading_rad - motion.heading_rad)) > TURNED_RAD:
+        return False  # still turning to it
+    v_north, v_east = _over_ground(motion, heading_rad)
+    if north_m * v_north + east_m * v_east <= 0.0:
+        return False  # she comes nearer
+    north_m, east_m = north_m + FORESIGHT_S * v_north, east_m + FORESIGHT_S * v_east
+    back_rad = heading_for_course(math.atan2(-east_m, -north_m), motion.speed_m_s, motion.north_m_s, motion.east_m_s)
+    return _turn(settings, motion, back_rad, north_m, east_m).farthest_m >= limit_m
+
+
+def _next_leg(settings: TaskSettings, motion: VesselMotion, north_m: float, east_m: float, limit_m: float) -> float:
+    """Return the heading that keeps her inside the longest, or leads least far out when none does."""
+    best_rad, best = motion.heading_rad, (-math.inf, -math.inf)
+    for index in range(HEADINGS):
+        heading_rad = wrap_two_pi(motion.heading_rad + index * TWO_PI / HEADINGS)
+        turn = _turn(settings, motion, heading_rad, north_m, east_m)
+        price_s = TURN_PRICE_S_RAD * abs(wrap_pi(heading_rad - motion.heading_rad))
+        stay_s = _stay_s(turn, _over_ground(motion, heading_rad), limit_m)
+        # First of all inside; then a long stay.
+        value = (min(0.0, limit_m - turn.farthest_m), turn.seconds + stay_s - price_s)
+        if value > best:
+            best_rad, best = heading_rad, value
+    return best_rad
+
+
+def _over_ground(motion: VesselMotion, heading_rad: float) -> tuple[float, float]:
+    return (
+        motion.speed_m_s * math.cos(heading_rad) + motion.north_m_s,
+        motion.speed_m_s * math.sin(heading_rad) + motion.east_m_s,
+    )
+
+
+def _turn(settings: TaskSettings, motion: VesselMotion, to_rad: float, north_m: float, east_m: float) -> _Turn:
+    """Return the turn from here to a heading, along an arc through the water that drifts with it."""
+    angle_rad = wrap_pi(to_rad - motion.heading_rad)
+    radius_m = settings.turning_radius_m / TURN_PART
+    rate_rad_s = max(motion.speed_m_s, 0.05) / radius_m
+    side_m = math.copysign(radius_m, angle_rad)
+    farthest_m, end_north_m, end_east_m, seconds = math.hypot(north_m, east_m), north_m, east_m, 0.0
+    for part in (0.5, 1.0):
+        turned_rad = motion.heading_rad + part * angle_rad
+        seconds = part * abs(angle_rad) / rate_rad_s
+        end_north_m = (
+            north_m + side_m * (math.sin(turned_rad) - math.sin(motion.heading_rad)) + seconds * motion.north_m_s
+        )
+        end_east_m = east_m + side_m * (math.cos(motion.heading_rad) - math.cos(turned_rad)) + seconds * motion.east_m_s
+        farthest_m = max(farthest_m, math.hypot(end_north_m, end_east_m))
+    return _Turn(end_north_m, end_east_m, farthest_m, seconds)
+
+
+def _stay_s(turn: _Turn, velocity_m_s: tuple[float, float], limit_m: float) -> float:
+    """Return how long a straight track from the end of a turn stays within the limit."""
+    v_north, v_east = velocity_m_s
+    square = v_north * v_north + v_east * v_east
+    spare = limit_m * limit_m - turn.north_m * turn.north_m - turn.east_m * turn.east_m
+    if spare <= 0.0:
+        return 0.0
+    along = turn.north_m * v_north + turn.east_m * v_east
+    if square < 1e-6:
+        return LONGEST_STAY_S
+    return min(LONGEST_STAY_S, (math.sqrt(along * along + square * spare) - along) / square)

@@ -1,0 +1,92 @@
+"""What she may be told to do, and how guidance answers; plain records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from firmware_py.common.angles import radians
+from firmware_py.common.geodesy import Place
+from firmware_py.common.parameters import ParameterSet
+
+
+@dataclass(frozen=True, slots=True)
+class HoldHeading:
+    """Steer a heading."""
+
+    heading_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class GoTo:
+    """Go to a place, on the line from `start` (None: from where she is), and keep station there."""
+
+    to: Place
+    start: Place | None
+    accept_m: float
+    keep_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class HoldStation:
+    """Keep station within a watch circle."""
+
+    centre: Place
+    keep_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Orbit:
+    """Go round a place; `number` tells one order from the next like it, because turns are counted anew."""
+
+    centre: Place
+    radius_m: float
+    clockwise: bool
+    number: int = 0
+
+
+Task = HoldHeading | GoTo | HoldStation | Orbit
+
+
+@dataclass(frozen=True, slots=True)
+class VesselMotion:
+    """Where she is and how she moves: `heading_rad` and the water's motion as estimated.
+
+    `speed_m_s` is through the water; the current sets north and east.
+    """
+
+    place: Place
+    heading_rad: float
+    speed_m_s: float
+    north_m_s: float
+    east_m_s: float
+    too_strong: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingTarget:
+    """What to steer: a heading, or a course over ground."""
+
+    angle_rad: float
+    over_ground: bool
+
+
+@dataclass(frozen=True, slots=True)
+class TaskSettings:
+    """Radii, look-ahead, and how tight she turns."""
+
+    accept_m: float
+    keep_m: float
+    look_s: float
+    turning_radius_m: float  # at full rudder; by similarity the same at any speed
+
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> TaskSettings:
+        """Read the settings from the parameters."""
+        turning_1_s = parameters["MDL_K"] * radians(parameters["RUD_LIMIT_DEG"])
+        radius_m = parameters["MDL_SPEED"] / turning_1_s
+        return cls(
+            parameters["WP_RADIUS"],
+            parameters["LOIT_RADIUS"],
+            parameters["NAV_LOOK_S"],
+            min(max(radius_m, 1.0), 1000.0),
+        )

@@ -1,0 +1,1 @@
+"""MAVLink commands: one table, and who carries each out."""

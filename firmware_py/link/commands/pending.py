@@ -1,0 +1,85 @@
+"""A command that takes a while: its progress, its end, and how it is cancelled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from firmware_py.common.intents import Answer
+
+IN_PROGRESS, CANCELLED = 5, 6  # MAV_RESULT
+UNKNOWN_PROGRESS = 255
+FIRST_WORD_S = 0.3  # what is done by then needs no word in between
+WORD_S = 1.0
+
+
+def _unknown() -> int:
+    return UNKNOWN_PROGRESS
+
+
+class Pending:
+    """Returned by a command's action in place of an answer; whoever works on it calls `finish`, once."""
+
+    def __init__(
+        self,
+        *,
+        patience_s: float,
+        percent: Callable[[], int] = _unknown,
+        cancel: Callable[[], None] | None = None,
+        watch: Callable[[], Answer | None] | None = None,
+    ) -> None:
+        """Take how long it may take, who knows the progress (0 to 100), who can call it off, who knows the end."""
+        self._patience_s = patience_s
+        self._cancel = cancel
+        self._watch = watch
+        self._answer: Answer | None = None
+        self._done: Callable[[Answer], None] | None = None
+        self._begun_s = self._word_s = 0.0
+        self.percent = percent
+
+    def begin(self, now_s: float, done: Callable[[Answer], None]) -> None:
+        """Say who is to be told of the end, at once if it has come already."""
+        self._begun_s, self._word_s = now_s, now_s + FIRST_WORD_S
+        self._done = done
+        if self._answer is not None:
+            done(self._answer)
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has its answer."""
+        return self._answer is not None
+
+    def finish(self, answer: Answer) -> None:
+        """End it; only the first end counts."""
+        if self._answer is None:
+            self._answer = answer
+            if self._done is not None:
+                self._done(answer)
+
+    def cancel(self) -> bool:
+        """Call it off; False when that cannot be done any more."""
+        if self._cancel is None or self._answer is not None:
+            return False
+        self.give_up()
+        return True
+
+    def give_up(self) -> None:
+        """Call it off if that can be done, and take no notice of how it ends."""
+        if self._cancel is not None:
+            self._cancel()
+        self._done = None
+
+    def look(self) -> None:
+        """End it when whoever knows the end says so."""
+        if self._watch is not None and self._answer is None and (answer := self._watch()) is not None:
+            self.finish(answer)
+
+    def due(self, now_s: float) -> bool:
+        """Return whether it is time for a word on the progress, and count it as said."""
+        if now_s < self._word_s:
+            return False
+        self._word_s = now_s + WORD_S
+        return True
+
+    def late(self, now_s: float) -> bool:
+        """Return whether it has taken too long."""
+        return now_s - self._begun_s > self._patience_s

@@ -1,0 +1,115 @@
+"""Commands that ask for messages, once or at an interval."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+from firmware_py.common.intents import Answer, Verdict
+from firmware_py.link.commands.server import ACCEPTED, NEITHER, Call
+from firmware_py.link.context import LinkContext, within
+from firmware_py.link.peer import Peer
+from firmware_py.link.telemetry import identity
+from firmware_py.link.telemetry.context_fields import INT32_MAX, UINT16_MAX
+from firmware_py.link.telemetry.table import ROWS_OF, TABLE
+from firmware_py.link.wire.dialect import Message, mavlink
+
+_HOME_POSITION = 242
+_UNKNOWN_MESSAGE = Answer(Verdict.UNSUPPORTED)
+_NOT_NOW = Answer(Verdict.TEMPORARILY_REJECTED)
+
+
+def _number(value: float) -> int:
+    """Return a message id, or -1 for what is none."""
+    return int(value) if within(value, 0, 0xFFFFFF) and value == int(value) else -1
+
+
+# Messages that do not depend on the state of the boat, by the session and the index asked for.
+# An index that is not given (NaN) asks for all, as 0 does.
+FIXED: Mapping[int, Callable[[LinkContext, float], Sequence[Message]]] = {
+    148: lambda session, _index: (identity.autopilot_version(session.version),),
+    300: lambda _session, _index: (identity.protocol_version(),),
+    395: lambda session, _index: (session.metadata.old_message(session.now_s),),
+    397: lambda session, _index: (session.metadata.message(session.now_s),),
+    435: lambda _session, index: identity.available_modes(0 if math.isnan(index) else _number(index)),
+}
+
+
+def _current(session: LinkContext, number: int) -> Sequence[Message] | None:
+    """Return the messages of telemetry, as far as they have something to say."""
+    if number not in ROWS_OF:
+        return None
+    scene = session.scene()
+    if scene is None:
+        return ()
+    built = (TABLE[row].build(scene) for row in ROWS_OF[number])
+    return tuple(message for message in built if message is not None)
+
+
+def _deliver(session: LinkContext, call: Call, number: int, index: float = 0.0) -> Answer:
+    messages = FIXED[number](session, index) if number in FIXED else _current(session, number)
+    if messages is None:
+        return _UNKNOWN_MESSAGE
+    for message in messages:
+        session.send(call.peer, message)
+    return ACCEPTED if messages else _NOT_NOW
+
+
+def request_message(session: LinkContext, call: Call) -> Answer:
+    """Send one message now; param2 is the index of AVAILABLE_MODES."""
+    return _deliver(session, call, _number(call.parameters[0]), call.parameters[1])
+
+
+def home_position(session: LinkContext, call: Call) -> Answer:
+    """Send HOME_POSITION now."""
+    return _deliver(session, call, _HOME_POSITION)
+
+
+def capabilities(session: LinkContext, call: Call) -> Answer:
+    """Send AUTOPILOT_VERSION now."""
+    return _deliver(session, call, 148)
+
+
+def protocol_version(session: LinkContext, call: Call) -> Answer:
+    """Send PROTOCOL_VERSION now."""
+    return _deliver(session, call, 300)
+
+
+def set_message_interval(session: LinkContext, call: Call) -> Answer:  # noqa: ARG001 - an action like the others
+    """Set the interval of a message to this peer: microseconds, -1 off, 0 default."""
+    number = _number(call.parameters[0])
+    if number not in ROWS_OF:
+        return _UNKNOWN_MESSAGE
+    if not call.peer.streams.set_interval(number, call.parameters[1], call.now_s):
+        return call.denied("not HEARTBEAT, and 20 ms (satellite: 10 s) to 1 h, 0 or -1")
+    return ACCEPTED
+
+
+def control_high_latency(session: LinkContext, call: Call) -> Answer:
+    """Start or stop HIGH_LATENCY2 on every satellite link, from whichever link it is asked."""
+    wanted = call.parameters[0]
+    if wanted not in (0.0, 1.0):
+        return call.denied(NEITHER)
+    session.high_latency = wanted == 1.0
+    interval_s = session.authority.parameters()["LNK_SAT_S"] if session.high_latency else None
+    for peer in session.peers:
+        if peer.quiet:
+            peer.streams.set_high_latency(interval_s, call.now_s)
+    return ACCEPTED
+
+
+def get_message_interval(session: LinkContext, call: Call) -> Answer:
+    """Send MESSAGE_INTERVAL: microseconds, -1 off, 0 for a message that is not ours."""
+    number = _number(call.parameters[0])
+    interval_us = call.peer.streams.interval_us(number)
+    if number > UINT16_MAX:
+        return _UNKNOWN_MESSAGE
+    shown = 0 if interval_us is None else min(interval_us, INT32_MAX)
+    session.send(call.peer, mavlink.MAVLink_message_interval_message(max(number, 0), shown))
+    return ACCEPTED if interval_us is not None else _UNKNOWN_MESSAGE
+
+
+def request_data_stream(peer: Peer, message: Message, now_s: float) -> None:
+    """Set the rates of a group of messages, in the old way that MAVProxy still uses."""
+    wanted = message.start_stop == 1
+    peer.streams.set_stream(message.req_stream_id, float(message.req_message_rate) if wanted else 0.0, now_s)

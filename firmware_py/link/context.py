@@ -1,0 +1,161 @@
+"""What every microservice works with: the authority, the latest state, the ways to answer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from firmware_py.common.angles import radians
+from firmware_py.common.intents import Answer, Intent, Request, SetHome, SetMode, SteerHeading, SteerPosition, Verdict
+from firmware_py.common.interfaces import Calibrator, RequestHandler
+from firmware_py.common.records import Home, Mode, Severity, Snapshot
+from firmware_py.link.parameters.metadata import Metadata
+from firmware_py.link.peer import Peer
+from firmware_py.link.telemetry import identity
+from firmware_py.link.telemetry.context_fields import TelemetryContext
+from firmware_py.link.telemetry.identity import COMPONENT, Version
+from firmware_py.link.telemetry.statustext import text_messages
+from firmware_py.link.wire.dialect import Codec, Message
+from firmware_py.link.wire.outbox import Priority
+
+Handler = Callable[[Peer, Message, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Suppliers:
+    """What the link asks of its surroundings."""
+
+    utc_s: Callable[[], float]
+    load: Callable[[], float]  # of one core, 0 to 1
+    heard_utc: Callable[[float, float], None] | None = None  # takes a ground station's time and when it came
+    calibrator: Calibrator | None = None  # a compass that calibrates itself
+
+
+class LinkContext:
+    """The link's own state, on the loop's thread."""
+
+    def __init__(self, authority: RequestHandler, suppliers: Suppliers, version: Version) -> None:
+        """Take the loop's side; the system id and the identity hold until the next start."""
+        values = authority.parameters()
+        self.authority = authority
+        self.suppliers = suppliers
+        self.version = version
+        self.metadata = Metadata(version)
+        self.system = int(values["LNK_SYSID"])
+        self.component = int(COMPONENT)
+        self.autopilot = int(values["LNK_IDENTITY"])
+        self.codec = Codec(self.system, self.component)
+        self._text_number = 0
+        self.snapshot: Snapshot | None = None
+        self.refused_frames = 0
+        self.intended_mode: int | None = None  # custom_mode that was last asked for and entered
+        self.home_set = False  # since it was last told; whoever sets it is told also where it was there before
+        self.high_latency = False  # asked for on the satellite links
+        self.now_s = 0.0  # of the latest call of the loop
+        self.peers: Iterable[Peer] = ()
+
+    # ------------------------------------------------------------------ the state
+
+    def see(self, snapshot: Snapshot) -> None:
+        """Take the state after a tick."""
+        self.snapshot = snapshot
+
+    @property
+    def home(self) -> Home | None:
+        """Where local coordinates begin, None before the first fix."""
+        return None if self.snapshot is None else self.snapshot.home
+
+    def scene(self) -> TelemetryContext | None:
+        """Return what the telemetry builders look at; None before the first tick."""
+        if self.snapshot is None:
+            return None
+        return TelemetryContext(
+            snapshot=self.snapshot,
+            utc_s=self.suppliers.utc_s(),
+            rudder_limit_rad=radians(self.authority.parameters()["RUD_LIMIT_DEG"]),
+            autopilot=self.autopilot,
+            intended_mode=self.intended_mode,
+            load=self.suppliers.load(),
+            refused_frames=self.refused_frames,
+        )
+
+    # ------------------------------------------------------------------ who is meant
+
+    def addressed(self, message: Message) -> bool:
+        """Return whether a message is for this system and component, or for all."""
+        system = getattr(message, "target_system", getattr(message, "target", 0))
+        component = getattr(message, "target_component", 0)
+        return system in (0, self.system) and component in (0, self.component)
+
+    # ------------------------------------------------------------------ answering
+
+    def send(self, peer: Peer, message: Message, priority: Priority = Priority.REPLY) -> None:
+        """Queue a message to one peer."""
+        peer.outbox.push(self.codec.pack(message), priority)
+
+    def send_all(self, message: Message, priority: Priority = Priority.REPLY, *, asker: Peer | None = None) -> None:
+        """Queue a message to every peer, to the quiet ones only when they have asked for it."""
+        packed = self.codec.pack(message)
+        for peer in self.peers:
+            if peer is asker or not peer.quiet:
+                peer.outbox.push(packed, priority)
+
+    def flush_all(self) -> None:
+        """Send what waits, outside a call of the loop."""
+        for peer in self.peers:
+            peer.outbox.flush(self.now_s)
+
+    def heartbeat(self) -> Message:
+        """Return the heartbeat that a new peer gets at once."""
+        scene = self.scene()
+        return identity.first_heartbeat(self.autopilot) if scene is None else identity.heartbeat(scene)
+
+    def say(self, peer: Peer, severity: Severity, text: str, now_s: float) -> None:
+        """Tell one peer something, unless the same was said just now or too much was said."""
+        if peer.notices.allowed(text, now_s):
+            self.tell(peer, severity, text)
+
+    def tell(self, peer: Peer, severity: Severity, text: str) -> None:
+        """Tell one peer something in any case."""
+        for message in self._text(severity, text):
+            self.send(peer, message)
+
+    def announce(self, severity: Severity, text: str) -> None:
+        """Tell every peer something, except the quiet ones."""
+        for message in self._text(severity, text):
+            self.send_all(message)
+
+    def _text(self, severity: Severity, text: str) -> list[Message]:
+        self._text_number = self._text_number % 0xFFFF + 1
+        return text_messages(severity, text, self._text_number)
+
+    # ------------------------------------------------------------------ asking the loop
+
+    def ask(self, message: Message, intent: Intent, now_s: float) -> Answer:
+        """Put an intent of a message's sender to the authority."""
+        sender, component = message.get_srcSystem(), message.get_srcComponent()
+        answer = self.authority.decide(Request(now_s, intent, sender, component))
+        if answer.verdict is Verdict.ACCEPTED:
+            if isinstance(intent, SetMode):
+                self.intended_mode = intent.mode
+            elif isinstance(intent, (SteerHeading, SteerPosition)) and intent.change_mode:
+                self.intended_mode = int(Mode.GUIDED)
+            elif isinstance(intent, SetHome):
+                self.home_set = True
+        return answer
+
+    def steer(self, peer: Peer, message: Message, intent: Intent | str, now_s: float) -> None:
+        """Put the goal of an unacknowledged message to the authority, or refuse it for a reason; refusals are told."""
+        name = type(message).msgname
+        if isinstance(intent, str):
+            self.say(peer, Severity.WARNING, f"{name}: {intent}", now_s)
+            return
+        answer = self.ask(message, intent, now_s)
+        if answer.verdict is not Verdict.ACCEPTED:
+            self.say(peer, Severity.WARNING, answer.text or f"{name} refused", now_s)
+
+
+def within(value: float, low: float, high: float) -> bool:
+    """Return whether a number from outside is finite and in [low, high]."""
+    return math.isfinite(value) and low <= value <= high

@@ -1,0 +1,113 @@
+"""File transfer: listing, reading, checksums."""
+
+from __future__ import annotations
+
+import struct
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from firmware_py.link.files.area import mavlink_crc32
+from firmware_py.link.files.desk import Action, Call, Desk
+from firmware_py.link.files.payload import DATA_BYTES, Error, Opcode, Refusal
+from firmware_py.link.files.sessions import Burst, Client, Reading, listing_data
+from firmware_py.link.files.tree import parse_path
+
+_LISTINGS = 8
+_LISTING_S = 30.0  # a listing is read on, page by page, for so long
+
+
+class ReadingRequests:
+    """The requests that change nothing."""
+
+    def __init__(self, desk: Desk) -> None:
+        """Take the desk to work at."""
+        self._desk = desk
+        self._listings: OrderedDict[tuple[Client, bytes], tuple[Any, float]] = OrderedDict()
+
+    def actions(self) -> Mapping[int, Action]:
+        """Return the opcodes carried out here."""
+        return {
+            Opcode.NONE: lambda _: b"",
+            Opcode.LIST: self._list,
+            Opcode.LIST_WITH_TIME: self._list,
+            Opcode.OPEN_READ: self._open_read,
+            Opcode.READ: self._read,
+            Opcode.BURST_READ: self._burst_read,
+            Opcode.CHECKSUM: self._checksum,
+        }
+
+    def _list(self, call: Call) -> bytes | None:
+        key = (call.client, call.request.data)
+        start, with_time = call.request.offset, call.request.opcode == Opcode.LIST_WITH_TIME
+
+        def page(entries: Any) -> bytes:
+            return listing_data(entries, start, with_time=with_time, room=DATA_BYTES)
+
+        known = self._listings.get(key)
+        if start and known is not None and call.now_s - known[1] < _LISTING_S:
+            return page(known[0])
+        parts, _ = parse_path(call.request.data)
+
+        def keep(entries: Any) -> bytes:
+            self._listings[key] = (entries, call.now_s)
+            self._listings.move_to_end(key)
+            if len(self._listings) > _LISTINGS:
+                self._listings.popitem(last=False)
+            return page(entries)
+
+        self._desk.later(call, partial(self._desk.tree.listing, parts), keep)
+        return None
+
+    def _open_read(self, call: Call) -> None:
+        parts, query = parse_path(call.request.data)
+        make = self._desk.tree.made.get(parts)
+        if make is None:
+            area, within = self._desk.tree.area(parts)
+            source: Callable[[], int | bytes] = partial(area.open_read, within)
+        else:
+            source = partial(make, query)
+        self._desk.sessions.check_room(call.client, call.request.session, call.now_s)
+
+        def opened(content: int | bytes) -> bytes:
+            reading = Reading(parts, content)
+            try:
+                self._desk.sessions.check_room(call.client, call.request.session, call.now_s)
+            except Refusal:
+                reading.close()  # others were quicker
+                raise
+            self._desk.sessions.put(call.client, call.request.session, reading, call.now_s)
+            return struct.pack("<I", min(reading.size, 0xFFFFFFFF))
+
+        self._desk.later(call, source, opened)
+
+    def _reading(self, call: Call) -> Reading:
+        handle = self._desk.sessions.find(call.client, call.request.session, call.now_s).handle
+        if not isinstance(handle, Reading):
+            raise Refusal(Error.INVALID_SESSION)
+        return handle
+
+    def _read(self, call: Call) -> bytes:
+        return self._reading(call).read(call.request.offset, call.request.size or DATA_BYTES)
+
+    def _burst_read(self, call: Call) -> None:
+        reading = self._reading(call)
+        if call.request.offset >= reading.size:
+            raise Refusal(Error.END_OF_FILE)
+        session = self._desk.sessions.find(call.client, call.request.session, call.now_s)
+        if session.burst is None or session.burst.request != call.request:
+            session.burst = Burst(call.request)
+
+    def _checksum(self, call: Call) -> None:
+        parts, query = parse_path(call.request.data)
+        make = self._desk.tree.made.get(parts)
+        if make is None:
+            area, within = self._desk.tree.area(parts)
+            self._desk.later(call, partial(area.checksum, within), _checksum_data)
+        else:
+            self._desk.later(call, lambda: mavlink_crc32(make(query)), _checksum_data)
+
+
+def _checksum_data(checksum: int) -> bytes:
+    return struct.pack("<I", checksum)

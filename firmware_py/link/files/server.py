@@ -1,0 +1,118 @@
+"""MAVLink FTP: reads whatever the tree shows, writes where the tree allows it.
+
+Sessions belong to a client (peer, system, component) and bear the number that the client gives them: MAVSDK uses 0
+whatever it is answered, MAVProxy several at once. What a request changes happens once, however often the request
+comes: the answer is remembered and given again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from firmware_py.link.context import Handler, LinkContext
+from firmware_py.link.files.desk import FILE_TRANSFER, PENDING, Action, Call, Desk
+from firmware_py.link.files.payload import (
+    PAYLOAD,
+    Error,
+    Opcode,
+    Refusal,
+    Request,
+    burst_part,
+    parse,
+    refusal_of,
+    refused,
+)
+from firmware_py.link.files.reading import ReadingRequests
+from firmware_py.link.files.sessions import Client, Open, Reading
+from firmware_py.link.files.tree import Tree
+from firmware_py.link.files.writing import WritingRequests
+from firmware_py.link.peer import Peer
+from firmware_py.link.wire.dialect import Message
+from firmware_py.link.wire.outbox import Priority
+from firmware_py.link.wire.worker import Worker
+
+_FRAME_BYTES = 12 + 3 + PAYLOAD.size
+
+
+class Files:
+    """Answers FILE_TRANSFER_PROTOCOL."""
+
+    def __init__(self, session: LinkContext, tree: Tree, worker: Worker) -> None:
+        """Take the session to answer through, what is to be seen, and who waits for the disk."""
+        self._desk = Desk(session, tree, worker)
+        self._actions: Mapping[int, Action] = {
+            **ReadingRequests(self._desk).actions(),
+            **WritingRequests(self._desk).actions(),
+        }
+
+    def handlers(self) -> Mapping[int, Handler]:
+        """Return the messages handled here."""
+        return {FILE_TRANSFER: self._asked}
+
+    def _asked(self, peer: Peer, message: Message, now_s: float) -> None:
+        raw = bytes(message.payload)
+        if raw[3] in (Opcode.ACK, Opcode.NAK):
+            return
+        client = Client(peer, message.get_srcSystem(), message.get_srcComponent())
+        try:
+            request = parse(raw)
+        except Refusal as refusal:
+            sequence, number, opcode = PAYLOAD.unpack(raw)[:3]
+            call = Call(Request(sequence, number, opcode, 0, 0, b""), raw, client, now_s)
+            self._desk.send(call, refused(call.request, refusal))
+            return
+        call = Call(request, raw, client, now_s)
+        self._desk.sessions.expire(now_s)
+        earlier = self._desk.earlier(call)
+        if earlier is None:
+            self._carry_out(call)
+        elif earlier is not PENDING:
+            self._desk.send(call, earlier)
+
+    def _carry_out(self, call: Call) -> None:
+        action = self._actions.get(call.request.opcode)
+        if action is None:
+            self._desk.finish(call, Refusal(Error.UNKNOWN_COMMAND))
+            return
+        self._desk.begin(call)
+        try:
+            data = action(call)
+        except (Refusal, OSError) as failure:
+            self._desk.finish(call, failure)
+        else:
+            if data is not None:
+                self._desk.finish(call, data)
+
+    def pump(self, peer: Peer, now_s: float) -> None:
+        """Go on with the bursts of a peer, as far as its line keeps up."""
+        waiting = [
+            (client, session)
+            for (client, _), session in self._desk.sessions.items()
+            if session.burst is not None and client.peer is peer
+        ]
+        for client, session in waiting:
+            count = peer.bulk.frames(_FRAME_BYTES, peer.outbox.waiting(Priority.REPLY), now_s)
+            if count <= 0:
+                break
+            session.used_s = now_s
+            self._send_parts(client, session, count, now_s)
+        if any(session.burst is not None for _, session in waiting):
+            peer.bulk.leave()
+
+    def _send_parts(self, client: Client, session: Open, count: int, now_s: float) -> None:
+        """Go on with one burst."""
+        if session.burst is None or not isinstance(session.handle, Reading):
+            return
+        call = Call(session.burst.request, b"", client, now_s)
+        try:
+            parts, ended = session.burst.next_parts(session.handle, count)
+        except (Refusal, OSError) as failure:
+            session.burst = None
+            self._desk.send(call, refused(call.request, refusal_of(failure)))
+            return
+        for place, (index, offset, data) in enumerate(parts):
+            last = ended and place == len(parts) - 1
+            self._desk.send(call, burst_part(call.request, index, data, offset, last=last))
+        client.peer.bulk.spend(len(parts) * _FRAME_BYTES)
+        if ended:
+            session.burst = None

@@ -1,0 +1,204 @@
+"""What a session of file transfer holds open: a file that is read, or an upload that grows in memory."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections import OrderedDict
+from typing import NamedTuple
+
+from firmware_py.link.files.area import FILE_BYTES, Entry, Parts
+from firmware_py.link.files.payload import Error, Refusal, Request
+from firmware_py.link.peer import Peer
+
+MOST_SESSIONS = 16
+MOST_OF_ONE = 6  # sessions of one client; MAVProxy uses five at once
+IDLE_S = 10.0  # a session unused for this long makes room for another
+FORGET_S = 120.0  # and unused for this long it is closed in any case
+_BURST_PARTS = 160  # then the client asks again: what a receive buffer of 208 KiB holds, with a margin
+
+
+class Reading:
+    """A file as it was when it was opened: what is appended later is not part of it."""
+
+    __slots__ = ("_content", "_descriptor", "path", "size")
+
+    def __init__(self, path: Parts, source: int | bytes) -> None:
+        """Take a descriptor, or the content of a file in memory."""
+        self.path = path
+        self._descriptor = source if isinstance(source, int) else -1
+        self._content = b"" if isinstance(source, int) else source
+        self.size = os.fstat(source).st_size if isinstance(source, int) else len(source)
+
+    def read(self, offset: int, count: int) -> bytes:
+        """Return what is there, at most count bytes; Refusal at the end."""
+        if offset >= self.size:
+            raise Refusal(Error.END_OF_FILE)
+        count = min(count, self.size - offset)
+        if self._descriptor < 0:
+            return self._content[offset : offset + count]
+        return os.pread(self._descriptor, count, offset)
+
+    def close(self) -> None:
+        """Give up the descriptor."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+
+class Upload:
+    """A file on its way in: it takes its place when the session ends, whole."""
+
+    __slots__ = ("content", "path")
+
+    def __init__(self, path: Parts, content: bytes = b"") -> None:
+        """Start with nothing, or with what the file holds already."""
+        self.path = path
+        self.content = bytearray(content)
+
+    def write(self, offset: int, data: bytes) -> None:
+        """Put data at its place; parts may come in any order."""
+        end = offset + len(data)
+        if end > FILE_BYTES:
+            raise Refusal(Error.FAIL_ERRNO, errno.EFBIG)
+        if end > len(self.content):
+            self.content.extend(bytes(end - len(self.content)))
+        self.content[offset:end] = data
+
+    def close(self) -> None:
+        """Forget it."""
+        self.content.clear()
+
+
+class Burst:
+    """The answer to a burst read, as far as it has been sent."""
+
+    __slots__ = ("_part_bytes", "index", "offset", "request")
+
+    def __init__(self, request: Request) -> None:
+        """Start at the offset asked for; the size asked for is that of each part."""
+        self.request = request
+        self.offset = request.offset
+        self.index = 0
+        self._part_bytes = request.size or 239
+
+    def next_parts(self, reading: Reading, count: int) -> tuple[list[tuple[int, int, bytes]], bool]:
+        """Return up to count parts as (index, offset, data), and whether they end the burst."""
+        count = min(count, _BURST_PARTS - self.index)
+        data = reading.read(self.offset, count * self._part_bytes)
+        parts = []
+        for start in range(0, len(data), self._part_bytes):
+            piece = data[start : start + self._part_bytes]
+            parts.append((self.index, self.offset, piece))
+            self.index += 1
+            self.offset += len(piece)
+        # A file that has become shorter meanwhile ends here, too.
+        ended = self.index >= _BURST_PARTS or self.offset >= reading.size or not data
+        return parts, ended
+
+
+class Open:
+    """One session."""
+
+    __slots__ = ("burst", "handle", "used_s")
+
+    def __init__(self, handle: Reading | Upload, now_s: float) -> None:
+        """Begin to be used."""
+        self.handle = handle
+        self.burst: Burst | None = None
+        self.used_s = now_s
+
+
+class Client(NamedTuple):
+    """Whom sessions belong to."""
+
+    peer: Peer
+    system: int
+    component: int
+
+
+class Sessions:
+    """The open sessions of all clients, bounded; a client chooses the numbers of its own."""
+
+    def __init__(self) -> None:
+        """Start with none."""
+        self._open: OrderedDict[tuple[Client, int], Open] = OrderedDict()  # the least used first
+
+    def __len__(self) -> int:
+        """Return the number of sessions."""
+        return len(self._open)
+
+    def items(self) -> tuple[tuple[tuple[Client, int], Open], ...]:
+        """Return the sessions as they are now."""
+        return tuple(self._open.items())
+
+    def find(self, client: Client, number: int, now_s: float) -> Open:
+        """Return a session and note its use; Refusal when there is none."""
+        found = self._open.get((client, number))
+        if found is None:
+            raise Refusal(Error.INVALID_SESSION)
+        found.used_s = now_s
+        self._open.move_to_end((client, number))
+        return found
+
+    def peek(self, client: Client, number: int) -> Open | None:
+        """Return a session without using it."""
+        return self._open.get((client, number))
+
+    def used_s(self, client: Client, number: int) -> float:
+        """Return when a session was used last."""
+        return self._open[(client, number)].used_s
+
+    def check_room(self, client: Client, number: int, now_s: float) -> None:
+        """Make sure that a session can be opened: what is idle makes room; Refusal when nothing is."""
+        if (client, number) in self._open:
+            return
+        own = [key for key in self._open if key[0] == client]
+        crowd = own if len(own) >= MOST_OF_ONE else list(self._open) if len(self._open) >= MOST_SESSIONS else []
+        if not crowd:
+            return
+        if now_s - self._open[crowd[0]].used_s < IDLE_S:
+            raise Refusal(Error.NO_SESSIONS_AVAILABLE)
+        self.drop(*crowd[0])
+
+    def put(self, client: Client, number: int, handle: Reading | Upload, now_s: float) -> None:
+        """Open a session, in place of one of the same number."""
+        self.drop(client, number)
+        self._open[(client, number)] = Open(handle, now_s)
+
+    def take(self, client: Client, number: int) -> Reading | Upload | None:
+        """End a session and return what it held."""
+        found = self._open.pop((client, number), None)
+        return None if found is None else found.handle
+
+    def drop(self, client: Client, number: int) -> None:
+        """End a session; an upload is forgotten."""
+        handle = self.take(client, number)
+        if handle is not None:
+            handle.close()
+
+    def numbers(self, client: Client) -> tuple[int, ...]:
+        """Return the numbers of a client's sessions."""
+        return tuple(number for owner, number in self._open if owner == client)
+
+    def expire(self, now_s: float) -> None:
+        """Close what nobody has used for long."""
+        for key, session in self.items():
+            if now_s - session.used_s > FORGET_S:
+                self.drop(*key)
+
+
+def listing_data(entries: tuple[Entry, ...], start: int, *, with_time: bool, room: int) -> bytes:
+    """Return as many lines of a listing as fit, from one on; Refusal at the end."""
+    if start >= len(entries):
+        raise Refusal(Error.END_OF_FILE)
+    data = b""
+    for entry in entries[start:]:
+        text = f"D{entry.name}" if entry.directory else f"F{entry.name}\t{entry.size}"
+        if with_time and not entry.directory:
+            text += f"\t{entry.modified_s}"
+        line = text.encode("ascii", "replace") + b"\0"
+        if len(data) + len(line) > room:
+            break
+        data += line
+    return data

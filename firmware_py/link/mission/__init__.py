@@ -1,0 +1,1 @@
+"""The mission protocol: missions, fences, rally points."""

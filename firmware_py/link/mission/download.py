@@ -1,0 +1,100 @@
+"""A plan to a ground station: the count, and each item as it is asked for."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.link.context import LinkContext
+from firmware_py.link.mission.items import Sender, acknowledge, home_item, item_message, sender_of
+from firmware_py.link.mission.numbers import homes, wire_count
+from firmware_py.link.peer import Peer
+from firmware_py.link.wire.dialect import Message, mavlink
+from firmware_py.link.wire.timeouts import timeouts_of
+from firmware_py.plans.problem import PlanResult
+
+_COUNT = mavlink.mavlink_map[44]
+_REQUEST_INT = mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT
+_REMEMBERED = 16
+_PART = 16  # items that a request for a part of the list may ask for
+
+
+@dataclass(slots=True)
+class Reading:
+    """What a station is reading: the plan as it was when it asked for the list, so that it gets the whole of one."""
+
+    plan: Plan
+    used_s: float
+
+
+class Downloads:
+    """Answers requests for lists and items."""
+
+    def __init__(self, session: LinkContext) -> None:
+        """Take the session to answer through."""
+        self._session = session
+        self._readings: OrderedDict[tuple[Sender, PlanKind], Reading] = OrderedDict()
+
+    def list(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
+        """Answer MISSION_REQUEST_LIST with the count and the opaque id."""
+        to = sender_of(message)
+        plan = self._session.authority.plans().of(kind)
+        self._readings[to, kind] = Reading(plan, now_s)
+        self._readings.move_to_end((to, kind))
+        if len(self._readings) > _REMEMBERED:
+            self._readings.popitem(last=False)
+        count = wire_count(plan, homes(self._session.autopilot, kind))
+        self._session.send(peer, _COUNT(*to, count, int(kind), plan.identity))
+
+    def item(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
+        """Answer MISSION_REQUEST_INT, or MISSION_REQUEST in kind."""
+        plan = self._plan(peer, sender_of(message), kind, now_s)
+        if not self._send(peer, message, kind, plan, message.seq, whole=type(message).id == _REQUEST_INT):
+            acknowledge(self._session, peer, sender_of(message), int(kind), PlanResult.INVALID_SEQUENCE)
+
+    def part(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
+        """Answer MISSION_REQUEST_PARTIAL_LIST with the items themselves; -1 is the end of the list."""
+        plan = self._plan(peer, sender_of(message), kind, now_s)
+        count = wire_count(plan, homes(self._session.autopilot, kind))
+        first, last = message.start_index, message.end_index if message.end_index != -1 else count - 1
+        if not 0 <= first <= last < count:
+            acknowledge(self._session, peer, sender_of(message), int(kind), PlanResult.INVALID_SEQUENCE)
+        elif last - first >= _PART:
+            acknowledge(self._session, peer, sender_of(message), int(kind), PlanResult.NO_SPACE)
+        else:
+            for sequence in range(first, last + 1):
+                self._send(peer, message, kind, plan, sequence, whole=True)
+
+    def done(self, reader: Sender, kind: PlanKind) -> None:
+        """Note that a station has read all it wanted, or has a plan of its own in force."""
+        self._readings.pop((reader, kind), None)
+
+    def _plan(self, peer: Peer, reader: Sender, kind: PlanKind, now_s: float) -> Plan:
+        """Return the plan that a station is reading, or the one in force."""
+        reading = self._readings.get((reader, kind))
+        if reading is None or now_s - reading.used_s >= timeouts_of(peer.transport).give_up_s:
+            return self._session.authority.plans().of(kind)
+        reading.used_s = now_s
+        return reading.plan
+
+    def _send(self, peer: Peer, message: Message, kind: PlanKind, plan: Plan, sequence: int, *, whole: bool) -> bool:
+        home_count = homes(self._session.autopilot, kind)
+        if not 0 <= sequence < wire_count(plan, home_count):
+            return False
+        index = sequence - home_count
+        item: PlanItem = home_item(self._session.home) if index < 0 else plan.items[index]
+        reply = item_message(
+            item,
+            sender_of(message),
+            kind,
+            sequence,
+            home_count=home_count,
+            current=kind is PlanKind.MISSION and index >= 0 and index == self._current(),
+            whole=whole,
+        )
+        self._session.send(peer, reply)
+        return True
+
+    def _current(self) -> int | None:
+        return None if self._session.snapshot is None else self._session.snapshot.mission.index

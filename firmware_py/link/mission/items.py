@@ -1,0 +1,84 @@
+"""Plan items on the wire: home as item 0 of a mission, sequence numbers, degrees and integers."""
+
+from __future__ import annotations
+
+import math
+
+from firmware_py.common.plan import PlanItem, PlanKind
+from firmware_py.common.records import Home
+from firmware_py.link.context import LinkContext
+from firmware_py.link.peer import Peer
+from firmware_py.link.telemetry.context_fields import scaled_degrees
+from firmware_py.link.wire.dialect import Message, mavlink
+from firmware_py.link.wire.outbox import Priority
+from firmware_py.plans.items import Command, has_place
+from firmware_py.plans.problem import PlanProblem, PlanResult
+
+KINDS = {int(kind): kind for kind in PlanKind}
+NAMES = {PlanKind.MISSION: "mission", PlanKind.FENCE: "fence", PlanKind.RALLY: "rally points"}
+
+_ITEM_INT = mavlink.MAVLink_mission_item_int_message
+_ITEM = mavlink.MAVLink_mission_item_message
+_ACK = mavlink.mavlink_map[47]
+_INT32 = 1 << 31
+
+Sender = tuple[int, int]  # MAVLink system and component
+
+
+def sender_of(message: Message) -> Sender:
+    """Return who sent a message."""
+    return message.get_srcSystem(), message.get_srcComponent()
+
+
+def item_of(message: Message, home_count: int) -> PlanItem | PlanProblem:
+    """Return the item of a MISSION_ITEM or MISSION_ITEM_INT, jumps counted as in the plan; or why it is none."""
+    x, y = message.x, message.y
+    if type(message).id == _ITEM.id:
+        place = has_place(message.command)
+        x, y = _whole(x, scaled=place), _whole(y, scaled=place)
+        if x is None:
+            return PlanProblem(None, PlanResult.INVALID_PARAM5_X, "x is out of range")
+        if y is None:
+            return PlanProblem(None, PlanResult.INVALID_PARAM6_Y, "y is out of range")
+    first = message.param1 - home_count if message.command == Command.JUMP else message.param1
+    parameters = (first, message.param2, message.param3, message.param4)
+    return PlanItem(message.command, message.frame, bool(message.autocontinue), parameters, x, y, message.z)
+
+
+def _whole(value: float, *, scaled: bool) -> int | None:
+    """Return a coordinate as an integer, or None; where there is no place, one that is not given (NaN) is 0."""
+    if math.isnan(value) and not scaled:
+        return 0
+    if not abs(value) < _INT32:
+        return None
+    number = round(value * 1e7) if scaled else int(value)
+    return number if -_INT32 <= number < _INT32 else None
+
+
+def home_item(home: Home | None) -> PlanItem:
+    """Return home as item 0 of a mission; the place is 0, 0 while there is none."""
+    if home is None:
+        return PlanItem(int(Command.WAYPOINT))
+    x, y = scaled_degrees(home.latitude_rad), scaled_degrees(home.longitude_rad)
+    return PlanItem(int(Command.WAYPOINT), x=x, y=y, z=home.altitude_m)
+
+
+def item_message(
+    item: PlanItem, to: Sender, kind: PlanKind, sequence: int, *, home_count: int, current: bool, whole: bool
+) -> Message:
+    """Return an item as MISSION_ITEM_INT (`whole`) or as MISSION_ITEM."""
+    first, second, third, fourth = item.params
+    if item.command == Command.JUMP:
+        first += home_count
+    x: float = item.x
+    y: float = item.y
+    if not whole and has_place(item.command):
+        x, y = x * 1e-7, y * 1e-7
+    make = _ITEM_INT if whole else _ITEM
+    head = (*to, sequence, item.frame, item.command, int(current), int(item.autocontinue))
+    return make(*head, first, second, third, fourth, x, y, item.z, int(kind))
+
+
+def acknowledge(session: LinkContext, peer: Peer, to: Sender, kind: int, result: PlanResult, identity: int = 0) -> None:
+    """Send a MISSION_ACK; `identity` is the opaque id of a plan that was taken."""
+    session.send(peer, _ACK(*to, int(result), kind, identity), Priority.URGENT)

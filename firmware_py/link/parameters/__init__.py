@@ -1,0 +1,1 @@
+"""The parameter protocol, and what parameters mean to ground stations."""

@@ -1,0 +1,148 @@
+"""Component metadata: what the parameters mean, for ground stations to show.
+
+Two files, each also compressed: general.json names the other, parameter.json tells of each row of params.TABLE.
+Stations keep them by checksum, so the same table makes the same bytes. Source: the MAVLink guide,
+services/component_information, and the published schemas.
+"""
+
+from __future__ import annotations
+
+import json
+import lzma
+from collections.abc import Mapping
+from typing import Any
+
+from firmware_py.common.parameters import TABLE, Kind, Parameter
+from firmware_py.link.files.area import Parts, mavlink_crc32
+from firmware_py.link.telemetry.context_fields import boot_ms
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.wire.dialect import Message, mavlink, text_of
+
+DIRECTORY = "metadata"
+_PARAMETER_TYPE = 1  # COMP_METADATA_TYPE_PARAMETER
+_URI = f"mftp://{DIRECTORY}/"
+_TYPES = {Kind.INTEGER: "Int32", Kind.REAL: "Float"}
+# What ground stations call the parameters that begin alike.
+_GROUPS: Mapping[str, str] = {
+    "BAT": "Energy",
+    "BOOT": "Start",
+    "CLK": "Clock",
+    "CMP": "Compass",
+    "CMPB": "Compass",
+    "COG": "Compass",
+    "CRUISE": "Navigation",
+    "CTL": "Controller",
+    "EST": "Estimator",
+    "FENCE": "Fence",
+    "FS": "Failsafe",
+    "LNK": "Link",
+    "LOG": "Log",
+    "LOIT": "Navigation",
+    "LOOP": "Loop",
+    "MAN": "Manual",
+    "MDL": "Model",
+    "NAV": "Navigation",
+    "POS": "Position",
+    "RALLY": "Navigation",
+    "RUD": "Rudder",
+    "STAT": "Statistics",
+    "STK": "Manual",
+    "WP": "Navigation",
+}
+# The stations' small decoders know this check and no other; the dictionary is kept small for this computer's sake.
+_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6, "dict_size": 1 << 16}]
+
+
+class Metadata:
+    """The files, by path, and the messages that point to them."""
+
+    def __init__(self, version: Version) -> None:
+        """Make the files of this version."""
+        parameters = _text({"version": 3, "parameters": [_parameter(row) for row in TABLE]})
+        compressed = _compressed(parameters)
+        general = _text(
+            {
+                "version": 1,
+                "vendorName": "Rambler",
+                "modelName": "Rambler",
+                "firmwareVersion": f"{version.major}.{version.minor}.{version.patch}",
+                "metadataTypes": [
+                    {
+                        "type": _PARAMETER_TYPE,
+                        "uri": f"{_URI}parameter.json.xz",
+                        "fileCrc": mavlink_crc32(compressed),
+                    }
+                ],
+            }
+        )
+        self._general = _compressed(general)
+        self.files: Mapping[Parts, bytes] = {
+            (DIRECTORY, "general.json"): general,
+            (DIRECTORY, "general.json.xz"): self._general,
+            (DIRECTORY, "parameter.json"): parameters,
+            (DIRECTORY, "parameter.json.xz"): compressed,
+        }
+
+    def message(self, t_s: float) -> Message:
+        """Return COMPONENT_METADATA."""
+        uri = text_of(f"{_URI}general.json.xz", 100)
+        return mavlink.mavlink_map[397](boot_ms(t_s), mavlink_crc32(self._general), uri)
+
+    def old_message(self, t_s: float) -> Message:
+        """Return COMPONENT_INFORMATION, which older stations ask for."""
+        uri = text_of(f"{_URI}general.json.xz", 100)
+        return mavlink.mavlink_map[395](boot_ms(t_s), mavlink_crc32(self._general), uri, 0, b"")
+
+
+def parameter_json() -> str:
+    """Return parameter.json as text."""
+    return _text({"version": 3, "parameters": [_parameter(row) for row in TABLE]}).decode()
+
+
+def _parameter(row: Parameter) -> dict[str, Any]:
+    shown: dict[str, Any] = {
+        "name": row.name,
+        "type": _TYPES[row.kind],
+        "shortDesc": row.text.split(":")[0].split(";")[0].split(". ")[0].rstrip("."),
+        "longDesc": row.text,
+        "default": _number(row, row.default),
+        "min": _number(row, row.minimum),
+        "max": _number(row, row.maximum),
+        "group": _GROUPS.get(row.name.split("_")[0], "Other"),
+        "category": "Standard",
+    }
+    if row.unit:
+        shown["units"] = row.unit
+    if row.kind is Kind.REAL:
+        shown["decimalPlaces"] = _decimal_places(row)
+    if row.choices is not None:
+        shown["values"] = [{"value": number, "description": text} for number, text in row.choices.items()]
+    if row.reboot:
+        shown["rebootRequired"] = True
+    if row.read_only:
+        shown["readOnly"] = True
+        shown["volatile"] = True
+    return shown
+
+
+def _number(row: Parameter, value: float) -> float | int:
+    # The shortest decimal of a single: 0.1, not 0.10000000149011612.
+    return int(value) if row.kind is Kind.INTEGER else float(f"{value:.7g}")
+
+
+def _decimal_places(row: Parameter) -> int:
+    """Return how many decimals a value needs: four digits of the default, or of the least value that is not 0."""
+    size = abs(row.default) or abs(row.minimum) or 1.0
+    places = 0
+    while size < 100.0 and places < 7:
+        size *= 10.0
+        places += 1
+    return max(places, 1)
+
+
+def _text(content: Mapping[str, Any]) -> bytes:
+    return json.dumps(content, indent=1).encode("ascii")
+
+
+def _compressed(content: bytes) -> bytes:
+    return lzma.compress(content, lzma.FORMAT_XZ, lzma.CHECK_CRC32, filters=_FILTERS)

@@ -1,0 +1,48 @@
+"""SETUP_SIGNING: a key is set and removed over a trusted link only, and told to nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from firmware_py.common.records import Severity
+from firmware_py.link.context import Handler, LinkContext
+from firmware_py.link.peer import Peer
+from firmware_py.link.security.access import SETUP_SIGNING
+from firmware_py.link.security.signing import Signing
+from firmware_py.link.wire.dialect import Message
+
+
+class KeySetup:
+    """Sets the key that frames are signed with, or removes it (a key of zeros and a timestamp of zero)."""
+
+    def __init__(self, session: LinkContext, signing: Signing) -> None:
+        """Take the session to answer through, and what keeps the key."""
+        self._session = session
+        self._signing = signing
+
+    def handlers(self) -> Mapping[int, Handler]:
+        """Return the messages handled here."""
+        return {SETUP_SIGNING: self._set}
+
+    def _set(self, peer: Peer, message: Message, now_s: float) -> None:
+        if not peer.transport.options.trusted:
+            self._session.say(peer, Severity.WARNING, "SETUP_SIGNING refused: the link is not trusted", now_s)
+            return
+        key, timestamp = bytes(message.secret_key), message.initial_timestamp
+        if not any(key) and timestamp == 0:
+            self._signing.remove_key()
+            done = "Signing key removed"
+        elif self._signing.set_key(key, timestamp):
+            done = "Signing key set"
+        else:
+            self._session.say(peer, Severity.WARNING, "SETUP_SIGNING refused: no key, or no timestamp", now_s)
+            return
+        self._session.authority.when_stored(lambda stored: self._stored(done, stored=stored))
+
+    def _stored(self, done: str, *, stored: bool) -> None:
+        self._signing.store_again()
+        if stored:
+            self._session.announce(Severity.NOTICE, done)
+        else:
+            self._session.announce(Severity.ERROR, f"{done}, but this could not be stored")
+        self._session.flush_all()

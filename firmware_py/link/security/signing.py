@@ -1,0 +1,196 @@
+"""MAVLink 2 signatures: the key, our own timestamps, and the timestamps heard from others.
+
+Source: https://mavlink.io/en/guide/message_signing.html. A signed frame ends with the id
+of its link, a timestamp of 48 bits in units of 10 us since 2015, and the first 48 bits of
+SHA-256 over the key and all of the frame before. A timestamp is looked at only when the
+signature holds: else one forged frame from the far future would lock out the true peer.
+
+Timestamps survive a restart, also a sudden one: what is on disk is always a little ahead of
+what was used, so that it is written only now and then.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from hashlib import sha256
+from hmac import compare_digest
+
+from firmware_py.link.wire.dialect import Packed, checksum
+
+KEY_BYTES = 32
+SIGNATURE_BYTES = 13  # link, timestamp, signature
+SIGNED_FLAG = 0x01  # of the incompatibility flags
+UNITS_HZ = 100_000  # units of the timestamp in a second
+EPOCH_S = 1_420_070_400  # 2015-01-01 UTC
+TOLERANCE = 60 * UNITS_HZ  # a new stream may begin this far behind our own timestamp
+LATEST = 80 * 365 * 86_400 * UNITS_HZ  # what shows more (2094) is not a clock
+MAX_STREAMS = 64
+AHEAD = 15 * UNITS_HZ  # so far ahead of what was used is what is on disk
+_TIMESTAMP_BYTES = 6
+_TEXT = re.compile(rb"key ([0-9a-f]{64})\ntimestamp (\d{1,15})\n((?:stream \d{1,3} \d{1,3} \d{1,3} \d{1,15}\n)*)")
+
+Stream = tuple[int, int, int]  # system, component, link
+
+
+def signature(key: bytes, covered: bytes) -> bytes:
+    """Return the signature of a frame up to and with its timestamp."""
+    return sha256(key + covered).digest()[:6]
+
+
+def timestamp_of(utc_s: float) -> int:
+    """Return a time as a timestamp; 0 for one before 2015."""
+    return max(0, int((utc_s - EPOCH_S) * UNITS_HZ))
+
+
+class LinkSealer:
+    """Signs what leaves on one link; fulfils outbox.Sealer."""
+
+    __slots__ = ("_link", "_signing")
+
+    def __init__(self, signing: Signing, link: int) -> None:
+        """Take the number that tells this link from the others."""
+        self._signing = signing
+        self._link = link & 0xFF
+
+    @property
+    def overhead_bytes(self) -> int:
+        """What a signature adds to a frame; 0 while there is no key."""
+        return SIGNATURE_BYTES if self._signing.active else 0
+
+    def sealed(self, packed: Packed, sequence: int) -> bytes:
+        """Return the frame with this sequence number, signed."""
+        return self._signing.sealed(packed, sequence, self._link)
+
+
+class Signing:
+    """Signs what leaves and judges what comes; without a key it does neither."""
+
+    def __init__(self, utc_s: Callable[[], float], save: Callable[[bytes], None]) -> None:
+        """Take the clock, and what keeps the state on disk, in the background."""
+        self._utc_s = utc_s
+        self._save = save
+        self._key: bytes | None = None
+        self._timestamp = 0  # the latest that was used or, with a right signature, heard
+        self._streams: dict[Stream, int] = {}  # the latest of each
+        self._stored = 0  # what the disk has for _timestamp
+        self._stored_streams: dict[Stream, int] = {}
+        self._content = b""  # what was given to _save last
+        self.late = 0  # frames with the right key and an old timestamp
+
+    @property
+    def active(self) -> bool:
+        """Whether there is a key."""
+        return self._key is not None
+
+    # ------------------------------------------------------------------ the key
+
+    def restore(self, content: bytes) -> bool:
+        """Take up the state of an earlier run; False for what cannot be read."""
+        if not content:
+            return True
+        found = _TEXT.fullmatch(content)
+        if found is None:
+            return False
+        self._key = bytes.fromhex(found[1].decode())
+        self._timestamp = self._stored = min(int(found[2]), LATEST)
+        for line in found[3].splitlines()[:MAX_STREAMS]:
+            system, component, link, timestamp = (int(word) for word in line.split()[1:])
+            self._streams[(system, component, link)] = timestamp
+        self._stored_streams = dict(self._streams)
+        return True
+
+    def set_key(self, key: bytes, timestamp: int) -> bool:
+        """Take a key and the timestamp to begin at; False, and nothing changed, for what is none."""
+        if len(key) != KEY_BYTES or not any(key) or not 0 <= timestamp <= LATEST:
+            return False
+        if key == self._key:
+            self._timestamp = max(self._timestamp, timestamp)
+        else:
+            # Nothing that was ever signed with this key has been heard: the past need not be guarded.
+            self._key = key
+            self._streams = {}
+            self._timestamp = timestamp
+        self._store(AHEAD)
+        return True
+
+    def remove_key(self) -> None:
+        """Forget the key."""
+        self._key = None
+        self._streams = {}
+        self._content = b""
+        self._save(b"")
+
+    def store_again(self) -> None:
+        """Write the same once more: the store keeps two versions, and an old key is to be in neither."""
+        self._save(self._content)
+
+    def store_exactly(self) -> None:
+        """Store what was used and no more, before an orderly end: the next run then need not wait for anything."""
+        if self._key is not None:
+            self._store(0)
+
+    # ------------------------------------------------------------------ out
+
+    def sealed(self, packed: Packed, sequence: int, link: int) -> bytes:
+        """Return the frame with this sequence number, signed; ValueError without a key."""
+        if self._key is None:
+            raise ValueError("there is no key to sign with")
+        self._timestamp = max(timestamp_of(self._utc_s()), self._timestamp + 1)
+        self._keep_ahead()
+        frame = packed.frame
+        body = bytes((frame[1], SIGNED_FLAG, frame[3], sequence)) + frame[5:-2]
+        block = link.to_bytes(1, "little") + self._timestamp.to_bytes(_TIMESTAMP_BYTES, "little")
+        covered = frame[:1] + body + checksum(body, packed.seed).to_bytes(2, "little") + block
+        return covered + signature(self._key, covered)
+
+    # ------------------------------------------------------------------ in
+
+    def verify(self, frame: bytes) -> bool:
+        """Return whether a signed MAVLink 2 frame holds: right key, and newer than all before it on its stream."""
+        if self._key is None or not compare_digest(signature(self._key, frame[:-6]), frame[-6:]):
+            return False
+        timestamp = int.from_bytes(frame[-12:-6], "little")
+        stream = (frame[5], frame[6], frame[-13])
+        earlier = self._streams.get(stream)
+        if timestamp > LATEST:
+            return False
+        if earlier is None:
+            if timestamp < max(timestamp_of(self._utc_s()), self._timestamp) - TOLERANCE:
+                self.late += 1
+                return False
+            self._make_room()
+        elif timestamp <= earlier:
+            self.late += 1
+            return False
+        self._streams[stream] = timestamp
+        self._timestamp = max(self._timestamp, timestamp)
+        self._keep_ahead(stream)
+        return True
+
+    def _make_room(self) -> None:
+        """Forget the stream that is furthest behind: it would be a new one again, within the tolerance."""
+        if len(self._streams) >= MAX_STREAMS:
+            oldest = min(self._streams, key=self._streams.__getitem__)
+            del self._streams[oldest]
+
+    # ------------------------------------------------------------------ on disk
+
+    def _keep_ahead(self, stream: Stream | None = None) -> None:
+        """Store anew when half of what the disk is ahead has been used up."""
+        behind = self._stored - self._timestamp
+        if stream is not None:
+            behind = min(behind, self._stored_streams.get(stream, 0) - self._streams[stream])
+        if behind < AHEAD // 2:
+            self._store(AHEAD)
+
+    def _store(self, ahead: int) -> None:
+        if self._key is None:
+            return
+        self._stored = self._timestamp + ahead
+        self._stored_streams = {stream: timestamp + ahead for stream, timestamp in self._streams.items()}
+        lines = [f"key {self._key.hex()}", f"timestamp {self._stored}"]
+        lines += [f"stream {system} {component} {link} {timestamp}"
+                  for (system, component, link), timestamp in self._stored_streams.items()]  # fmt: skip
+        self._content = ("\n".join(lines) + "\n").encode()
+        self._save(self._content)

@@ -1,0 +1,1 @@
+"""What is sent by itself: one table, its builders."""

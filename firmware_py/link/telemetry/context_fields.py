@@ -1,0 +1,66 @@
+"""What the telemetry builders look at, and how a value becomes a MAVLink field."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from firmware_py.common.angles import degrees
+from firmware_py.common.records import PositionSample, Snapshot
+
+INT8_MAX = 0x7F
+UINT8_MAX = 0xFF
+UINT16_MAX = 0xFFFF
+UINT32_MAX = 0xFFFFFFFF
+INT16_MAX = 0x7FFF
+INT32_MAX = 0x7FFFFFFF
+_SINGLE_MAX = 3.4028234663852886e38
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetryContext:
+    """The boat after a tick, and what the link knows beside it."""
+
+    snapshot: Snapshot
+    utc_s: float
+    rudder_limit_rad: float
+    autopilot: int  # MAV_AUTOPILOT
+    load: float  # of one core, 0 to 1
+    refused_frames: int  # received and broken, on all links
+    intended_mode: int | None = None  # custom_mode that was last asked for, None when none was
+
+
+def fresh_fix(scene: TelemetryContext) -> PositionSample | None:
+    """Return the position while it is fresh and one."""
+    fix = scene.snapshot.position
+    usable = scene.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)
+    return fix if usable else None
+
+
+def whole(value: float | None, low: int, high: int, unknown: int) -> int:
+    """Return a value rounded into [low, high], or the field's number for unknown."""
+    if value is None or not math.isfinite(value):
+        return unknown
+    return round(min(max(value, low), high))
+
+
+def single(value: float | None, unknown: float = 0.0) -> float:
+    """Return a value that fits a single-precision field, or the one for unknown."""
+    if value is None or not math.isfinite(value) or abs(value) > _SINGLE_MAX:
+        return unknown
+    return value
+
+
+def scaled_degrees(angle_rad: float | None, unknown: int = 0) -> int:
+    """Return a latitude or longitude in 1e-7 degrees."""
+    return whole(None if angle_rad is None else degrees(angle_rad) * 1e7, -1_800_000_000, 1_800_000_000, unknown)
+
+
+def boot_us(t_s: float) -> int:
+    """Return the time since start in microseconds."""
+    return whole(t_s * 1e6, 0, 1 << 62, 0)
+
+
+def boot_ms(t_s: float) -> int:
+    """Return the time since start as MAVLink wants it, wrapping after 49 days."""
+    return whole(t_s * 1e3, 0, 1 << 62, 0) & UINT32_MAX

@@ -1,0 +1,99 @@
+"""HIGH_LATENCY2: all of her in 42 bytes, for links that are paid by the byte."""
+
+from __future__ import annotations
+
+import math
+
+from firmware_py.common.angles import compass_degrees
+from firmware_py.common.plan import PlanKind
+from firmware_py.faults.page import Fault
+from firmware_py.link.mission.numbers import homes
+from firmware_py.link.telemetry.context_fields import (
+    INT8_MAX,
+    INT16_MAX,
+    UINT8_MAX,
+    UINT16_MAX,
+    TelemetryContext,
+    boot_ms,
+    fresh_fix,
+    scaled_degrees,
+    whole,
+)
+from firmware_py.link.wire.dialect import Message, mavlink
+
+_COMPASS = mavlink.HL_FAILURE_FLAG_3D_MAG | mavlink.HL_FAILURE_FLAG_ESTIMATOR
+_FAILURES = (
+    (Fault.COMPASS_LOST, _COMPASS),
+    (Fault.POSITION_LOST, mavlink.HL_FAILURE_FLAG_GPS),
+    # There is no flag for a rudder; the engine's is the nearest thing that moves her.
+    (Fault.RUDDER_SILENT, mavlink.HL_FAILURE_FLAG_ENGINE),
+    (Fault.RUDDER_ERROR, mavlink.HL_FAILURE_FLAG_ENGINE),
+    (Fault.RUDDER_ASTRAY, mavlink.HL_FAILURE_FLAG_ENGINE),
+    (Fault.RUDDER_JAMMED, mavlink.HL_FAILURE_FLAG_ENGINE),
+    (Fault.STEERING_LOST, mavlink.HL_FAILURE_FLAG_ENGINE),
+    (Fault.SUPPLY_LOW, mavlink.HL_FAILURE_FLAG_BATTERY),
+    (Fault.FENCE_BREACHED, mavlink.HL_FAILURE_FLAG_GEOFENCE),
+    (Fault.MISSION_UNUSABLE, mavlink.HL_FAILURE_FLAG_MISSION),
+)
+_NO_BATTERY = -1
+_ARMED, _HEADING_OK = 1, 2  # in custom2
+
+
+def high_latency2(scene: TelemetryContext) -> Message:
+    """Return HIGH_LATENCY2; what is not known is 0, as the message has no number for it.
+
+    custom0 is the measured rudder angle in degrees, -128 without one; custom1 the voltage at
+    the servo in fifths of a volt, -1 without one; custom2 says by bits whether she
+    is armed (1) and has a valid heading (2).
+    """
+    boat, fix = scene.snapshot, fresh_fix(scene)
+    failures = 0
+    for fault, flags in _FAILURES:
+        failures |= flags if boat.faults >> fault & 1 else 0
+    voltage_v = boat.servo.voltage_v if boat.servo else None
+    rudder_deg = None if boat.rudder_rad is None else math.degrees(boat.rudder_rad)
+    return mavlink.MAVLink_high_latency2_message(
+        timestamp=boot_ms(boat.t_s),
+        type=mavlink.MAV_TYPE_SURFACE_BOAT,
+        autopilot=scene.autopilot,
+        custom_mode=whole(float(boat.mode), 0, UINT16_MAX, 0),
+        latitude=scaled_degrees(fix.latitude_rad if fix else None),
+        longitude=scaled_degrees(fix.longitude_rad if fix else None),
+        altitude=whole(fix.altitude_m if fix else None, -INT16_MAX, INT16_MAX, 0),
+        target_altitude=0,
+        heading=_half_degrees(boat.heading_rad if boat.heading_ok else None),
+        target_heading=_half_degrees(boat.goal_heading_rad),
+        target_distance=whole(None if boat.distance_m is None else boat.distance_m / 10.0, 0, UINT16_MAX, 0),
+        throttle=0,
+        airspeed=_fifths(boat.water.speed_m_s if boat.water else None),
+        airspeed_sp=0,
+        groundspeed=_fifths(fix.speed_over_ground_m_s if fix else None),
+        windspeed=0,
+        wind_heading=0,
+        eph=UINT8_MAX,
+        epv=UINT8_MAX,
+        temperature_air=0,
+        climb_rate=0,
+        battery=_NO_BATTERY,
+        wp_num=whole(_item(scene), 0, UINT16_MAX, 0),
+        failure_flags=failures,
+        custom0=whole(rudder_deg, -INT8_MAX, INT8_MAX, -INT8_MAX - 1),
+        custom1=whole(None if voltage_v is None else voltage_v * 5.0, 0, INT8_MAX, -1),
+        custom2=(_ARMED if boat.armed else 0) | (_HEADING_OK if boat.heading_ok else 0),
+    )
+
+
+def _item(scene: TelemetryContext) -> float | None:
+    """Return the current item as ground stations number it."""
+    index = scene.snapshot.mission.index
+    return None if index is None else index + homes(scene.autopilot, PlanKind.MISSION)
+
+
+def _half_degrees(angle_rad: float | None) -> int:
+    if angle_rad is None or not math.isfinite(angle_rad):
+        return 0
+    return round(compass_degrees(angle_rad) / 2.0) % 180
+
+
+def _fifths(speed_m_s: float | None) -> int:
+    return whole(None if speed_m_s is None else speed_m_s * 5.0, 0, UINT8_MAX, 0)

@@ -1,0 +1,154 @@
+"""Who the autopilot says it is: heartbeat, modes, version, capabilities."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from firmware_py.common.records import Mode, Severity, Snapshot
+from firmware_py.faults import page
+from firmware_py.link.telemetry.context_fields import TelemetryContext
+from firmware_py.link.wire.dialect import Message, mavlink, text_of
+
+COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
+INITIALISING = 16  # ArduRover's custom_mode before the first tick
+
+_CUSTOM = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+_ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+_MANUAL = mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+_STABILIZE = mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+_GUIDED = mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+
+_AUTO = mavlink.MAV_MODE_FLAG_AUTO_ENABLED
+
+# MAV_MODE_PROPERTY and MAV_STANDARD_MODE, newer than pymavlink's dialect
+_HIDDEN, _AUTO_MODE = 2, 4
+_NOT_STANDARD, _SAFE_RECOVERY, _MISSION = 0, 5, 6
+
+_CAPABILITIES = (
+    mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+    | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_FTP
+    | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+)
+
+_CRITICAL_FAULTS = sum(1 << row.fault for row in page.TABLE if row.severity <= Severity.CRITICAL)
+
+
+@dataclass(frozen=True, slots=True)
+class Version:
+    """The program's version, and a number that no other boat has (0 = unknown)."""
+
+    major: int = 0
+    minor: int = 0
+    patch: int = 0
+    commit: str = ""
+    uid: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ModeRow:
+    """One mode as ground stations see it."""
+
+    mode: int  # custom_mode
+    name: str
+    base_mode: int
+    properties: int  # MAV_MODE_PROPERTY
+    standard: int = _NOT_STANDARD  # MAV_STANDARD_MODE; most are defined for aircraft alone
+
+
+MODES = (
+    ModeRow(Mode.MANUAL, "MANUAL", _MANUAL, 0),
+    ModeRow(Mode.STEERING, "STEERING (heading hold)", _MANUAL | _STABILIZE, 0),
+    ModeRow(Mode.HOLD, "HOLD (rudder amidships, no stop)", 0, _AUTO_MODE),
+    ModeRow(Mode.LOITER, "LOITER (watch circle)", _GUIDED | _STABILIZE, _AUTO_MODE),
+    ModeRow(Mode.AUTO, "AUTO (mission)", _GUIDED | _STABILIZE | _AUTO, _AUTO_MODE, _MISSION),
+    ModeRow(Mode.RTL, "RTL (home or rally point)", _GUIDED | _STABILIZE | _AUTO, _AUTO_MODE, _SAFE_RECOVERY),
+    ModeRow(Mode.GUIDED, "GUIDED", _GUIDED | _STABILIZE, _AUTO_MODE),
+    ModeRow(INITIALISING, "INITIALISING", 0, _HIDDEN),
+)
+# Changes when the modes do, so that a station that remembers them asks again.
+MODES_SEQUENCE = zlib.crc32(repr(MODES).encode()) & 0xFF
+_STANDARD_MODES: Mapping[int, int] = {row.mode: row.standard for row in MODES}
+_BASE_MODES: Mapping[int, int] = {row.mode: row.base_mode for row in MODES}
+
+
+def heartbeat(scene: TelemetryContext) -> Message:
+    """Return the HEARTBEAT of a scene."""
+    snapshot = scene.snapshot
+    base_mode = _CUSTOM | _BASE_MODES.get(snapshot.mode, 0) | (_ARMED if snapshot.armed else 0)
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_SURFACE_BOAT, scene.autopilot, base_mode, int(snapshot.mode), _state(snapshot), 3
+    )
+
+
+def first_heartbeat(autopilot: int) -> Message:
+    """Return the HEARTBEAT before the first tick."""
+    state = mavlink.MAV_STATE_BOOT
+    return mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_SURFACE_BOAT, autopilot, _CUSTOM, INITIALISING, state, 3)
+
+
+def _state(snapshot: Snapshot) -> int:
+    if snapshot.faults & _CRITICAL_FAULTS:
+        return int(mavlink.MAV_STATE_CRITICAL)
+    return int(mavlink.MAV_STATE_ACTIVE if snapshot.armed else mavlink.MAV_STATE_STANDBY)
+
+
+def current_mode(scene: TelemetryContext) -> Message:
+    """Return the CURRENT_MODE of a scene; intended is what was asked for, until something else took her out of it."""
+    mode = int(scene.snapshot.mode)
+    intended = mode if scene.intended_mode is None else scene.intended_mode
+    return mavlink.mavlink_map[436](_STANDARD_MODES.get(mode, _NOT_STANDARD), mode, intended)
+
+
+def mode_of_standard(standard: int) -> int | None:
+    """Return the custom_mode of a MAV_STANDARD_MODE, None for one that she does not have."""
+    if standard == _NOT_STANDARD:
+        return None
+    return next((row.mode for row in MODES if row.standard == standard), None)
+
+
+def available_modes_monitor(_scene: TelemetryContext) -> Message:
+    """Return AVAILABLE_MODES_MONITOR."""
+    return mavlink.mavlink_map[437](MODES_SEQUENCE)
+
+
+def available_modes(index: int) -> list[Message]:
+    """Return AVAILABLE_MODES for all modes (index 0), for one, or none for an index that is not one."""
+    chosen = range(len(MODES)) if index == 0 else range(index - 1, index) if 1 <= index <= len(MODES) else range(0)
+    return [
+        mavlink.mavlink_map[435](
+            len(MODES), number + 1, row.standard, int(row.mode), row.properties, text_of(row.name, 34)
+        )
+        for number, row in ((number, MODES[number]) for number in chosen)
+    ]
+
+
+def autopilot_version(version: Version) -> Message:
+    """Return AUTOPILOT_VERSION; the type is DEV, so that no ground station asks to update the firmware."""
+    number = version.major << 24 | version.minor << 16 | version.patch << 8 | mavlink.FIRMWARE_VERSION_TYPE_DEV
+    return mavlink.MAVLink_autopilot_version_message(
+        capabilities=_CAPABILITIES,
+        flight_sw_version=number,
+        middleware_sw_version=0,
+        os_sw_version=0,
+        board_version=0,
+        flight_custom_version=text_of(version.commit, 8).ljust(8, b"\0"),
+        middleware_custom_version=bytes(8),
+        os_custom_version=bytes(8),
+        vendor_id=0,
+        product_id=0,
+        uid=version.uid & 0xFFFFFFFFFFFFFFFF,
+    )
+
+
+def protocol_version() -> Message:
+    """Return PROTOCOL_VERSION: MAVLink 1 is understood, 2 is spoken."""
+    return mavlink.mavlink_map[300](200, 100, 200, bytes(8), bytes(8))

@@ -1,0 +1,191 @@
+"""Telemetry of how she moves and steers. A builder returns None when there is nothing to say."""
+
+from __future__ import annotations
+
+import math
+
+from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
+from firmware_py.common.records import FixType
+from firmware_py.link.telemetry.context_fields import (
+    INT16_MAX,
+    INT32_MAX,
+    UINT8_MAX,
+    UINT16_MAX,
+    UINT32_MAX,
+    TelemetryContext,
+    boot_ms,
+    boot_us,
+    fresh_fix,
+    scaled_degrees,
+    single,
+    whole,
+)
+from firmware_py.link.wire.dialect import Message, mavlink
+
+_UNUSED_ATTITUDE = 0b0100_0111  # ATTITUDE_TARGET: rates and thrust mean nothing, the quaternion does
+_DOP_MAX = UINT16_MAX - 1
+
+
+def heading_centidegrees(heading_rad: float | None) -> int:
+    """Return a heading in [0, 35999], or UINT16_MAX for none."""
+    if heading_rad is None or not math.isfinite(heading_rad):
+        return UINT16_MAX
+    return round(compass_degrees(heading_rad) * 100.0) % 36000
+
+
+def _whole_degrees(heading_rad: float | None) -> int:
+    number = heading_centidegrees(heading_rad)
+    return 0 if number == UINT16_MAX else round(number / 100.0) % 360
+
+
+def attitude(scene: TelemetryContext) -> Message | None:
+    """Return ATTITUDE while the heading is fresh; roll and pitch are 0 where the compass gives none."""
+    boat = scene.snapshot
+    if boat.heading_rad is None or not boat.heading_ok:
+        return None
+    return mavlink.MAVLink_attitude_message(
+        boot_ms(boat.t_s),
+        single(boat.roll_rad),
+        single(boat.pitch_rad),
+        single(wrap_pi(boat.heading_rad)),
+        0.0,
+        0.0,
+        single(boat.yaw_rate_rad_s),
+    )
+
+
+def vfr_hud(scene: TelemetryContext) -> Message | None:
+    """Return VFR_HUD while the heading is fresh: its heading has no number for unknown. Water is its air."""
+    boat = scene.snapshot
+    if boat.heading_rad is None or not boat.heading_ok:
+        return None
+    fix = fresh_fix(scene)
+    speed_m_s = None if fix is None else fix.speed_over_ground_m_s
+    altitude_m = None if fix is None else fix.altitude_m
+    through_water_m_s = None if boat.water is None else boat.water.speed_m_s
+    return mavlink.MAVLink_vfr_hud_message(
+        single(through_water_m_s), single(speed_m_s), _whole_degrees(boat.heading_rad), 0, single(altitude_m), 0.0
+    )
+
+
+def gps_raw_int(scene: TelemetryContext) -> Message:
+    """Return GPS_RAW_INT: NO_GPS without a receiver's word, NO_FIX when its fix is old."""
+    heard = scene.snapshot.position
+    fix = fresh_fix(scene)
+    silent = mavlink.GPS_FIX_TYPE_NO_GPS if heard is None else FixType.NONE
+    speed_m_s = fix.speed_over_ground_m_s if fix else None
+    altitude_m = fix.altitude_m if fix else None
+    return mavlink.MAVLink_gps_raw_int_message(
+        boot_us(heard.t_s if heard else scene.snapshot.t_s),
+        int(fix.fix if fix else silent),
+        scaled_degrees(fix.latitude_rad if fix else None),
+        scaled_degrees(fix.longitude_rad if fix else None),
+        whole(None if altitude_m is None else altitude_m * 1e3, -INT32_MAX, INT32_MAX, 0),
+        whole(None if fix is None or fix.hdop is None else fix.hdop * 100.0, 0, _DOP_MAX, UINT16_MAX),
+        UINT16_MAX,
+        whole(None if speed_m_s is None else speed_m_s * 100.0, 0, _DOP_MAX, UINT16_MAX),
+        heading_centidegrees(fix.course_over_ground_rad if fix else None),
+        whole(heard.satellites if heard else None, 0, UINT8_MAX - 1, UINT8_MAX),
+    )
+
+
+def global_position_int(scene: TelemetryContext) -> Message | None:
+    """Return GLOBAL_POSITION_INT while the position is fresh."""
+    fix = fresh_fix(scene)
+    if fix is None:
+        return None
+    speed_m_s = fix.speed_over_ground_m_s or 0.0
+    course_rad = fix.course_over_ground_rad or 0.0
+    altitude_m = fix.altitude_m or 0.0
+    above_home_m = altitude_m - scene.snapshot.home.altitude_m if scene.snapshot.home is not None else 0.0
+    boat = scene.snapshot
+    return mavlink.MAVLink_global_position_int_message(
+        boot_ms(boat.t_s),
+        scaled_degrees(fix.latitude_rad),
+        scaled_degrees(fix.longitude_rad),
+        whole(altitude_m * 1e3, -INT32_MAX, INT32_MAX, 0),
+        whole(above_home_m * 1e3, -INT32_MAX, INT32_MAX, 0),
+        whole(100.0 * speed_m_s * _cosine(course_rad), -INT16_MAX, INT16_MAX, 0),
+        whole(100.0 * speed_m_s * _cosine(course_rad - math.pi / 2.0), -INT16_MAX, INT16_MAX, 0),
+        0,
+        heading_centidegrees(boat.heading_rad if boat.heading_ok else None),
+    )
+
+
+def _cosine(angle_rad: float) -> float:
+    return math.cos(angle_rad) if math.isfinite(angle_rad) else 0.0
+
+
+def nav_controller_output(scene: TelemetryContext) -> Message | None:
+    """Return NAV_CONTROLLER_OUTPUT while there is a heading goal: with a position goal its bearing and distance too.
+
+    `xtrack_error` is positive to starboard of the line.
+    """
+    boat = scene.snapshot
+    if boat.goal_heading_rad is None:
+        return None
+    bearing_rad = boat.goal_heading_rad if boat.bearing_rad is None else boat.bearing_rad
+    return mavlink.MAVLink_nav_controller_output_message(
+        0.0,
+        0.0,
+        _whole_degrees(boat.goal_heading_rad),
+        _whole_degrees(bearing_rad),
+        whole(boat.distance_m, 0, UINT16_MAX, 0),
+        0.0,
+        0.0,
+        single(boat.navigation.cross_track_m),
+    )
+
+
+def attitude_target(scene: TelemetryContext) -> Message | None:
+    """Return ATTITUDE_TARGET while there is a heading goal."""
+    goal_rad = scene.snapshot.goal_heading_rad
+    if goal_rad is None or not math.isfinite(goal_rad):
+        return None
+    half_rad = wrap_pi(goal_rad) / 2.0
+    quaternion = (math.cos(half_rad), 0.0, 0.0, math.sin(half_rad))
+    stamp_ms = boot_ms(scene.snapshot.t_s)
+    return mavlink.MAVLink_attitude_target_message(stamp_ms, _UNUSED_ATTITUDE, quaternion, 0.0, 0.0, 0.0, 0.0)
+
+
+def servo_output_raw(scene: TelemetryContext) -> Message:
+    """Return SERVO_OUTPUT_RAW with the command on servo 1, 1500 us +-500 at the rudder limit.
+
+    It is an output by name, so it shows the command; the measured angle is the
+    NAMED_VALUE_FLOAT `RUDDER`.
+    """
+    deflection = scene.snapshot.rudder_command_rad / max(scene.rudder_limit_rad, 1e-3)
+    pulse_us = whole(1500.0 + 500.0 * deflection, 1000, 2000, 0)
+    stamp_us = boot_us(scene.snapshot.t_s) & UINT32_MAX
+    return mavlink.MAVLink_servo_output_raw_message(stamp_us, 0, pulse_us, 0, 0, 0, 0, 0, 0, 0)
+
+
+def home_position(scene: TelemetryContext) -> Message | None:
+    """Return HOME_POSITION once there was a fix."""
+    home = scene.snapshot.home
+    if home is None:
+        return None
+    return mavlink.MAVLink_home_position_message(
+        scaled_degrees(home.latitude_rad),
+        scaled_degrees(home.longitude_rad),
+        whole(home.altitude_m * 1e3, -INT32_MAX, INT32_MAX, 0),
+        0.0,
+        0.0,
+        0.0,
+        (1.0, 0.0, 0.0, 0.0),
+        0.0,
+        0.0,
+        0.0,
+        boot_us(scene.snapshot.t_s),
+    )
+
+
+def rudder_degrees(scene: TelemetryContext) -> float | None:
+    """Return the measured rudder angle in degrees, starboard positive."""
+    rudder_rad = scene.snapshot.rudder_rad
+    return None if rudder_rad is None else degrees(rudder_rad)
+
+
+def rudder_command_degrees(scene: TelemetryContext) -> float | None:
+    """Return the commanded rudder angle in degrees, starboard positive."""
+    return degrees(scene.snapshot.rudder_command_rad)

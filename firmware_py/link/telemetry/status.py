@@ -1,0 +1,96 @@
+"""Telemetry of how the autopilot and its devices are. A builder returns None when there is nothing to say."""
+
+from __future__ import annotations
+
+from firmware_py.faults.page import Fault
+from firmware_py.link.telemetry.context_fields import INT16_MAX, UINT16_MAX, TelemetryContext, boot_ms, whole
+from firmware_py.link.wire.dialect import Message, mavlink
+
+_COMPASS = (
+    mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
+)
+_POSITION = mavlink.MAV_SYS_STATUS_SENSOR_GPS
+_RUDDER = mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+_STORAGE = mavlink.MAV_SYS_STATUS_LOGGING
+_PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+# Healthy while not breached, also without a fence: MAVProxy cries "fence breach" when this bit is not.
+_FENCE = mavlink.MAV_SYS_STATUS_GEOFENCE
+_MISSING_CELL = UINT16_MAX
+_RUDDER_FAULTS = 1 << Fault.RUDDER_SILENT | 1 << Fault.RUDDER_ERROR
+
+
+def sys_status(scene: TelemetryContext) -> Message:
+    """Return SYS_STATUS.
+
+    Ground stations look for gyro, accelerometer and magnetometer; here all three are
+    the compass. errors_count1 counts skipped ticks.
+    """
+    boat = scene.snapshot
+    present = _COMPASS | _RUDDER | _STORAGE | _PREARM | (0 if boat.position is None else _POSITION)
+    states = (
+        (_COMPASS, boat.heading_ok),
+        (_POSITION, boat.position_ok),
+        (_RUDDER, boat.rudder_ok and not boat.faults & _RUDDER_FAULTS),
+        (_STORAGE, not boat.faults >> Fault.STORAGE_FAILING & 1),
+        (_PREARM, boat.prearm_refusal == ""),
+    )
+    breached = boat.faults >> Fault.FENCE_BREACHED & 1
+    healthy = (0 if breached else _FENCE) | present & sum(bits for bits, good in states if good)
+    heeded = _FENCE if boat.navigation.fence_enabled else 0
+    errors = whole(scene.refused_frames, 0, UINT16_MAX, 0)
+    skipped = whole(boat.skipped_total, 0, UINT16_MAX, 0)
+    millivolts, centiamperes = _supply(scene)
+    load = whole(scene.load * 1e3, 0, 1000, 0)
+    return mavlink.MAVLink_sys_status_message(
+        present | heeded, present | heeded, healthy, load, millivolts, centiamperes, -1, 0, errors, skipped, 0, 0, 0
+    )
+
+
+def _supply(scene: TelemetryContext) -> tuple[int, int]:
+    """Return the voltage (mV) and current (cA) at the rudder servo, the one place where they are measured."""
+    servo = scene.snapshot.servo
+    voltage_v = servo.voltage_v if servo else None
+    current_a = servo.current_a if servo else None
+    return (
+        whole(None if voltage_v is None else voltage_v * 1e3, 0, UINT16_MAX - 1, UINT16_MAX),
+        whole(None if current_a is None else abs(current_a) * 100.0, 0, INT16_MAX, -1),
+    )
+
+
+def battery_status(scene: TelemetryContext) -> Message | None:
+    """Return BATTERY_STATUS while the servo tells the voltage of its supply."""
+    millivolts, centiamperes = _supply(scene)
+    if millivolts == UINT16_MAX:
+        return None
+    voltages = (millivolts, *(_MISSING_CELL,) * 9)
+    function, chemistry = mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_UNKNOWN
+    return mavlink.MAVLink_battery_status_message(0, function, chemistry, INT16_MAX, voltages, centiamperes, -1, -1, -1)
+
+
+def system_time(scene: TelemetryContext) -> Message:
+    """Return SYSTEM_TIME."""
+    return mavlink.MAVLink_system_time_message(whole(scene.utc_s * 1e6, 0, 1 << 62, 0), boot_ms(scene.snapshot.t_s))
+
+
+def extended_sys_state(scene: TelemetryContext) -> Message:  # noqa: ARG001 - a builder like the others
+    """Return EXTENDED_SYS_STATE: a boat neither flies nor stands on the ground."""
+    return mavlink.MAVLink_extended_sys_state_message(
+        mavlink.MAV_VTOL_STATE_UNDEFINED, mavlink.MAV_LANDED_STATE_UNDEFINED
+    )
+
+
+def servo_temperature(scene: TelemetryContext) -> float | None:
+    """Return the temperature of the rudder servo in degrees Celsius."""
+    return scene.snapshot.servo.temperature_c if scene.snapshot.servo else None
+
+
+def lateness_ms(scene: TelemetryContext) -> float | None:
+    """Return how late the tick began, in milliseconds."""
+    return scene.snapshot.late_s * 1e3
+
+
+def skipped_ticks(scene: TelemetryContext) -> float | None:
+    """Return the number of deadlines that passed unserved since start."""
+    return float(scene.snapshot.skipped_total)

@@ -1,0 +1,49 @@
+"""STATUSTEXT: messages to the operator, in chunks, and not too many of them."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+
+from firmware_py.common.records import Severity
+from firmware_py.link.wire.dialect import Message, mavlink, text_of
+from firmware_py.link.wire.token_bucket import TokenBucket
+
+_CHUNK = 50
+_LONGEST = 250
+_SAME_S = 2.0  # the same text is not repeated within this
+_KNOWN_TEXTS = 32
+_BURST = 8  # texts at once
+_RATE_HZ = 2.0  # and in the long run
+
+
+def text_messages(severity: Severity, text: str, number: int) -> list[Message]:
+    """Return the STATUSTEXT messages of a text; `number` ties the chunks of a long one together."""
+    data = text_of(text, _LONGEST)
+    if len(data) <= _CHUNK:
+        return [mavlink.MAVLink_statustext_message(int(severity), data)]
+    # A chunk that is not full ends the text: after a last full one comes an empty one.
+    starts = range(0, len(data) + 1, _CHUNK)
+    return [
+        mavlink.MAVLink_statustext_message(int(severity), data[start : start + _CHUNK], number, index)
+        for index, start in enumerate(starts)
+    ]
+
+
+class Notices:
+    """Keeps refusals from flooding one operator."""
+
+    def __init__(self) -> None:
+        """Start with a full allowance."""
+        self._said_s: OrderedDict[str, float] = OrderedDict()
+        self._allowance = TokenBucket(_BURST, _RATE_HZ)
+
+    def allowed(self, text: str, now_s: float) -> bool:
+        """Return whether a text may be said now, and count it if so."""
+        said_s = self._said_s.get(text)
+        if (said_s is not None and now_s - said_s < _SAME_S) or not self._allowance.take(now_s):
+            return False
+        self._said_s[text] = now_s
+        self._said_s.move_to_end(text)
+        if len(self._said_s) > _KNOWN_TEXTS:
+            self._said_s.popitem(last=False)
+        return True

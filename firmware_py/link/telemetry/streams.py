@@ -1,0 +1,96 @@
+"""When each row of the telemetry table is due for one peer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+from firmware_py.link.telemetry.table import ROWS_OF, TABLE, Row
+from firmware_py.link.wire.url_options import LinkClass
+
+FASTEST_S = 0.02  # 50 Hz, the fastest loop
+FASTEST_SATELLITE_S = 10.0  # what clients ask for by habit is refused there
+SLOWEST_S = 3600.0
+HIGH_LATENCY = 235  # HIGH_LATENCY2
+_OFF = math.inf
+
+_RATES: Mapping[LinkClass, Callable[[Row], float]] = {
+    LinkClass.FAST: lambda row: row.fast_hz,
+    LinkClass.RADIO: lambda row: row.radio_hz,
+    LinkClass.SATELLITE: lambda _row: 0.0,
+}
+
+
+class Streams:
+    """The intervals one peer has asked for, or those of the class of its link."""
+
+    __slots__ = ("_defaults", "_due_s", "_fastest_s", "_interval_s")
+
+    def __init__(self, link_class: LinkClass, now_s: float) -> None:
+        """Start with the rates of the class, everything due at once; a satellite link starts with nothing at all."""
+        self._fastest_s = FASTEST_SATELLITE_S if link_class is LinkClass.SATELLITE else FASTEST_S
+        rates = [_RATES[link_class](row) for row in TABLE]
+        self._defaults = [1.0 / rate if rate else _OFF for rate in rates]
+        self._interval_s = list(self._defaults)
+        self._due_s = [now_s if rate else _OFF for rate in rates]
+
+    def due(self, now_s: float, tick_s: float) -> Sequence[int]:
+        """Return the rows that are nearer to being due now than at the next tick, the longest due first."""
+        limit_s = now_s + 0.5 * tick_s
+        rows = [row for row, due_s in enumerate(self._due_s) if due_s <= limit_s]
+        rows.sort(key=self._due_s.__getitem__)
+        return rows
+
+    def sent(self, row: int, now_s: float) -> None:
+        """Note that a row was sent, or had nothing to say: in phase, and never catching up."""
+        interval_s = self._interval_s[row]
+        next_s = self._due_s[row] + interval_s
+        self._due_s[row] = next_s if next_s > now_s else now_s + interval_s
+
+    def hasten(self, number: int, now_s: float) -> None:
+        """Make a message due now, if it is sent at all."""
+        for row in ROWS_OF.get(number, ()):
+            if self._interval_s[row] < _OFF:
+                self._due_s[row] = now_s
+
+    def interval_us(self, number: int) -> int | None:
+        """Return the interval of a message in microseconds, -1 when it is off, None when it is not ours."""
+        rows = ROWS_OF.get(number)
+        if rows is None:
+            return None
+        interval_s = self._interval_s[rows[0]]
+        return -1 if interval_s == _OFF else round(interval_s * 1e6)
+
+    def set_interval(self, number: int, interval_us: float, now_s: float) -> bool:
+        """Set an interval: -1 turns the message off, 0 restores its default. False when that may not be."""
+        rows = ROWS_OF.get(number)
+        # Without its heartbeat the boat would be gone for every ground station.
+        if rows is None or number == 0 or not math.isfinite(interval_us):
+            return False
+        if interval_us in (-1.0, 0.0):
+            for row in rows:
+                self._set(row, _OFF if interval_us else self._defaults[row], now_s)
+            return True
+        if not self._fastest_s <= interval_us * 1e-6 <= SLOWEST_S:
+            return False
+        for row in rows:
+            self._set(row, interval_us * 1e-6, now_s)
+        return True
+
+    def set_stream(self, stream: int, rate_hz: float, now_s: float) -> None:
+        """Set the rate of a MAV_DATA_STREAM, 0 for off; stream 0 is all of them. Nobody means it for a satellite."""
+        if self._fastest_s > FASTEST_S:
+            return
+        interval_s = _OFF if rate_hz <= 0.0 else max(1.0 / rate_hz, FASTEST_S)
+        for index, row in enumerate(TABLE):
+            if row.stream is not None and stream in (0, row.stream):
+                self._set(index, interval_s, now_s)
+
+    def set_high_latency(self, interval_s: float | None, now_s: float) -> None:
+        """Send HIGH_LATENCY2 from now on at an interval, or (None) no more."""
+        for row in ROWS_OF[HIGH_LATENCY]:
+            self._set(row, _OFF if interval_s is None else interval_s, now_s)
+
+    def _set(self, row: int, interval_s: float, now_s: float) -> None:
+        self._interval_s[row] = interval_s
+        self._due_s[row] = _OFF if interval_s == _OFF else now_s

@@ -1,0 +1,116 @@
+"""The one table of telemetry: what is sent, at what rates, and in which stream.
+
+Rates in hertz: `fast` on UDP and TCP, `radio` on slow serial lines; 0 = on request. On
+a satellite link everything is on request.
+`stream` is the MAV_DATA_STREAM that the old REQUEST_DATA_STREAM moves it with.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from firmware_py.link.telemetry import (
+    effort,
+    estimates,
+    high_latency,
+    identity,
+    mission_status,
+    motion,
+    named_values,
+    status,
+)
+from firmware_py.link.telemetry.context_fields import TelemetryContext, boot_ms, single
+from firmware_py.link.wire.dialect import Message, mavlink, text_of
+from firmware_py.link.wire.outbox import Priority
+
+Builder = Callable[[TelemetryContext], Message | None]
+
+_STATUS = mavlink.MAV_DATA_STREAM_EXTENDED_STATUS
+_RC = mavlink.MAV_DATA_STREAM_RC_CHANNELS
+_POSITION = mavlink.MAV_DATA_STREAM_POSITION
+_EXTRA1 = mavlink.MAV_DATA_STREAM_EXTRA1  # ATTITUDE in ArduPilot
+_EXTRA2 = mavlink.MAV_DATA_STREAM_EXTRA2  # VFR_HUD
+_EXTRA3 = mavlink.MAV_DATA_STREAM_EXTRA3  # BATTERY_STATUS, SYSTEM_TIME
+
+
+class Row(NamedTuple):
+    """One message of telemetry."""
+
+    number: int  # message id
+    name: str
+    build: Builder
+    fast_hz: float
+    radio_hz: float
+    stream: int | None
+    priority: Priority = Priority.TELEMETRY
+
+
+def _named(name: str, value: Callable[[TelemetryContext], float | None], fast_hz: float, radio_hz: float) -> Row:
+    label = text_of(name, 10)
+
+    def build(scene: TelemetryContext) -> Message | None:
+        found = single(value(scene), math.nan)
+        if math.isnan(found):
+            return None
+        return mavlink.MAVLink_named_value_float_message(boot_ms(scene.snapshot.t_s), label, found)
+
+    return Row(251, f"NAMED_VALUE_FLOAT {name}", build, fast_hz, radio_hz, _EXTRA3)
+
+
+TABLE: tuple[Row, ...] = (
+    Row(0, "HEARTBEAT", identity.heartbeat, 1.0, 1.0, None, Priority.URGENT),
+    Row(1, "SYS_STATUS", status.sys_status, 1.0, 0.5, _STATUS),
+    Row(2, "SYSTEM_TIME", status.system_time, 1.0, 0.1, _EXTRA3),
+    Row(24, "GPS_RAW_INT", motion.gps_raw_int, 2.0, 0.5, _STATUS),
+    Row(30, "ATTITUDE", motion.attitude, 10.0, 2.0, _EXTRA1),
+    Row(31, "ATTITUDE_QUATERNION", estimates.attitude_quaternion, 0.0, 0.0, None),
+    Row(32, "LOCAL_POSITION_NED", estimates.local_position_ned, 2.0, 0.0, _POSITION),
+    Row(33, "GLOBAL_POSITION_INT", motion.global_position_int, 4.0, 1.0, _POSITION),
+    Row(36, "SERVO_OUTPUT_RAW", motion.servo_output_raw, 4.0, 1.0, _RC),
+    Row(42, "MISSION_CURRENT", mission_status.mission_current, 1.0, 0.5, _STATUS),
+    Row(49, "GPS_GLOBAL_ORIGIN", estimates.gps_global_origin, 0.0, 0.0, None),
+    Row(62, "NAV_CONTROLLER_OUTPUT", motion.nav_controller_output, 2.0, 1.0, _STATUS),
+    Row(74, "VFR_HUD", motion.vfr_hud, 4.0, 1.0, _EXTRA2),
+    Row(83, "ATTITUDE_TARGET", motion.attitude_target, 2.0, 0.5, _EXTRA1),
+    Row(87, "POSITION_TARGET_GLOBAL_INT", estimates.position_target, 2.0, 0.2, _POSITION),
+    Row(147, "BATTERY_STATUS", status.battery_status, 1.0, 0.2, _EXTRA3),
+    Row(230, "ESTIMATOR_STATUS", estimates.estimator_status, 1.0, 0.2, _EXTRA3),
+    Row(235, "HIGH_LATENCY2", high_latency.high_latency2, 0.0, 0.0, None),
+    Row(242, "HOME_POSITION", motion.home_position, 0.0, 0.0, None),
+    Row(245, "EXTENDED_SYS_STATE", status.extended_sys_state, 0.0, 0.0, None),
+    Row(436, "CURRENT_MODE", identity.current_mode, 0.5, 0.5, None),
+    Row(437, "AVAILABLE_MODES_MONITOR", identity.available_modes_monitor, 0.3, 0.05, None),
+    _named("RUDDER", motion.rudder_degrees, 4.0, 1.0),
+    _named("RUD_CMD", motion.rudder_command_degrees, 4.0, 1.0),
+    _named("RUD_TEMP", status.servo_temperature, 0.5, 0.1),
+    _named("LATE_MS", status.lateness_ms, 1.0, 0.2),
+    _named("SKIPPED", status.skipped_ticks, 1.0, 0.2),
+    _named("RUD_TRAVEL", effort.travel_deg_per_h, 0.2, 0.02),
+    _named("RUD_REVERS", effort.reversals_per_h, 0.2, 0.02),
+    _named("RUD_WH", effort.servo_watt_hours, 0.2, 0.02),
+    _named("RUD_WATT", effort.servo_watts, 0.2, 0.02),
+    _named("HDG_SRC", named_values.heading_source, 0.5, 0.02),
+    _named("HDG_SD", named_values.heading_sd_deg, 0.5, 0.02),
+    _named("HDG_INNOV", named_values.innovation_deg, 1.0, 0.0),
+    _named("HDG_NIS", named_values.innovation_square, 0.2, 0.02),
+    _named("TRIM", named_values.trim_deg, 0.2, 0.02),
+    _named("TURN_FACT", named_values.turning_factor, 0.2, 0.02),
+    _named("WAVE_SD", named_values.wave_sd_deg, 0.2, 0.02),
+    _named("WAVE_T", named_values.wave_period_s, 0.2, 0.02),
+    _named("WATER_SPD", named_values.water_speed_m_s, 0.5, 0.05),
+    _named("CURR_N", named_values.current_north_m_s, 0.2, 0.02),
+    _named("CURR_E", named_values.current_east_m_s, 0.2, 0.02),
+    _named("CURR_SD", named_values.current_sd_m_s, 0.2, 0.02),
+)
+
+
+def _by_number() -> Mapping[int, tuple[int, ...]]:
+    found: dict[int, tuple[int, ...]] = {}
+    for index, row in enumerate(TABLE):
+        found[row.number] = (*found.get(row.number, ()), index)
+    return found
+
+
+ROWS_OF: Mapping[int, tuple[int, ...]] = _by_number()  # message id -> indexes of TABLE

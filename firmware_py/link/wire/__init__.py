@@ -1,0 +1,1 @@
+"""Bytes: transports, framing, queues."""

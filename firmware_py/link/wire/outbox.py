@@ -1,0 +1,162 @@
+"""What waits to be sent to one peer: by priority, within the line's speed, never without bound."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from enum import IntEnum
+from typing import Protocol
+
+from firmware_py.link.wire.dialect import Packed, stamp
+
+_BATCH_BYTES = 1200  # several frames share a datagram: one system call for all, and no fragments
+_BURST_S = 0.25  # what an idle line may save up
+_LONGEST_FRAME = 280  # with its signature
+_STALE_S = 3.0  # what could not leave for this long is of no use to anybody
+
+
+class Priority(IntEnum):
+    """What goes first when the line is too slow for everything."""
+
+    URGENT = 0  # heartbeats and acknowledgements
+    REPLY = 1  # what a ground station has asked for, messages to the operator
+    TELEMETRY = 2
+
+
+class Sealer(Protocol):
+    """Signs what leaves on one link, while there is a key."""
+
+    @property
+    def overhead_bytes(self) -> int:
+        """What a signature adds to a frame; 0 while there is no key."""
+
+    def sealed(self, packed: Packed, sequence: int) -> bytes:
+        """Return the frame with this sequence number, signed."""
+
+
+class Unsealed:
+    """Signs nothing."""
+
+    overhead_bytes = 0
+    sealed = staticmethod(stamp)
+
+
+_UNSEALED = Unsealed()
+
+_DEPTHS = {Priority.URGENT: 64, Priority.REPLY: 128, Priority.TELEMETRY: 64}
+
+
+class Outbox:
+    """Queues of packed messages and the sequence counter that stamps them.
+
+    A frame gets its sequence number when it leaves, so that what is dropped here does
+    not look like loss on the way. `dropped` counts what found a queue full.
+    """
+
+    __slots__ = (
+        "_blocked_since_s",
+        "_burst",
+        "_queues",
+        "_rate",
+        "_sealer",
+        "_send",
+        "_sequence",
+        "_tokens",
+        "_updated_s",
+        "dropped",
+        "sent_bytes",
+    )
+
+    def __init__(self, send: Callable[[bytes], bool], byte_rate: float | None, sealer: Sealer = _UNSEALED) -> None:
+        """Take the way out and, for a line, its speed in bytes a second."""
+        self._send = send
+        self._sealer = sealer
+        self._rate = byte_rate
+        self._burst = 0.0 if byte_rate is None else max(byte_rate * _BURST_S, _LONGEST_FRAME)
+        self._tokens = self._burst
+        self._updated_s: float | None = None
+        self._queues: tuple[deque[Packed], ...] = tuple(deque() for _ in Priority)
+        self._sequence = 0
+        self._blocked_since_s: float | None = None
+        self.dropped = 0
+        self.sent_bytes = 0
+
+    def push(self, packed: Packed, priority: Priority) -> None:
+        """Queue a message, or drop and count it."""
+        queue = self._queues[priority]
+        if len(queue) >= _DEPTHS[priority]:
+            self.dropped += 1
+        else:
+            queue.append(packed)
+
+    def waiting(self, priority: Priority) -> int:
+        """Return the number of messages of this and higher priorities that wait."""
+        return sum(len(queue) for queue in self._queues[: priority + 1])
+
+    def size_of(self, packed: Packed) -> int:
+        """Return how many bytes a message is on the line."""
+        return len(packed.frame) + self._sealer.overhead_bytes
+
+    def room_bytes(self, now_s: float) -> float:
+        """Return how much telemetry the line would take now, beside what waits already."""
+        if self._rate is None:
+            return float(_BATCH_BYTES * 4)
+        self._refill(now_s)
+        return self._tokens - sum(self.size_of(packed) for queue in self._queues for packed in queue)
+
+    def flush(self, now_s: float) -> None:
+        """Send what may be sent now; telemetry that does not fit is dropped, since newer will come."""
+        self._refill(now_s)
+        while True:
+            batch = self._batch()
+            if not batch:
+                break
+            finish = self._sealer.sealed if self._sealer.overhead_bytes else stamp
+            data = b"".join(finish(packed, (self._sequence + index) & 0xFF) for index, packed in enumerate(batch))
+            if not self._send(data):
+                self._blocked(now_s)
+                break
+            self._blocked_since_s = None
+            self._sequence = (self._sequence + len(batch)) & 0xFF
+            self.sent_bytes += len(data)
+            if self._rate is not None:
+                self._tokens -= len(data)
+            self._forget(len(batch))
+        self._drop(self._queues[Priority.TELEMETRY])
+
+    def _blocked(self, now_s: float) -> None:
+        """Forget what waits once a line has been away for long: old acknowledgements would mislead."""
+        if self._blocked_since_s is None:
+            self._blocked_since_s = now_s
+        elif now_s - self._blocked_since_s > _STALE_S:
+            for queue in self._queues:
+                self._drop(queue)
+
+    def _drop(self, queue: deque[Packed]) -> None:
+        self.dropped += len(queue)
+        queue.clear()
+
+    def _batch(self) -> list[Packed]:
+        allowed = _BATCH_BYTES if self._rate is None else min(_BATCH_BYTES, self._tokens)
+        batch: list[Packed] = []
+        overhead = self._sealer.overhead_bytes
+        for queue in self._queues:
+            for packed in queue:
+                allowed -= len(packed.frame) + overhead
+                if allowed < 0:
+                    return batch
+                batch.append(packed)
+        return batch
+
+    def _forget(self, count: int) -> None:
+        for queue in self._queues:
+            while count and queue:
+                queue.popleft()
+                count -= 1
+
+    def _refill(self, now_s: float) -> None:
+        if self._rate is None:
+            return
+        elapsed_s = 0.0 if self._updated_s is None else max(0.0, now_s - self._updated_s)
+        self._updated_s = now_s
+        self._tokens = min(self._burst, self._tokens + elapsed_s * self._rate)

@@ -1,0 +1,76 @@
+"""How long to wait for an answer, by the kind of line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from firmware_py.link.wire.transport import Transport
+
+_RADIO_BYTES_S = 1000.0  # a slower line is a satellite's
+
+
+@dataclass(frozen=True, slots=True)
+class Timeouts:
+    """A question is asked again after `shortest_s` to `longest_s`, as the answers come; `give_up_s` of silence end it.
+
+    After `yield_s` of silence another may have its turn.
+    """
+
+    shortest_s: float
+    first_s: float
+    longest_s: float
+    yield_s: float
+    give_up_s: float
+
+
+FAST = Timeouts(0.15, 0.5, 1.5, 5.0, 15.0)
+RADIO = Timeouts(0.7, 1.5, 5.0, 15.0, 60.0)
+# An answer by satellite may take two minutes.
+SATELLITE = Timeouts(30.0, 120.0, 240.0, 600.0, 1200.0)
+
+
+def timeouts_of(transport: Transport) -> Timeouts:
+    """Return the patience for a transport."""
+    if transport.byte_rate is None:
+        return FAST
+    return RADIO if transport.byte_rate >= _RADIO_BYTES_S else SATELLITE
+
+
+class Waiting:
+    """When a question is to be asked again: learns how long answers take, and asks less often the longer none comes."""
+
+    __slots__ = ("_asked_s", "_patience", "_tries", "_typical_s", "_wait_s")
+
+    def __init__(self, patience: Timeouts) -> None:
+        """Start without a question."""
+        self._patience = patience
+        self._typical_s: float | None = None
+        self._asked_s = 0.0
+        self._wait_s = patience.first_s
+        self._tries = 0
+
+    def asked(self, now_s: float) -> None:
+        """Note that a new question was asked."""
+        self._asked_s, self._tries = now_s, 0
+        if self._typical_s is not None:
+            self._wait_s = min(max(3.0 * self._typical_s, self._patience.shortest_s), self._patience.longest_s)
+
+    def asked_again(self, now_s: float) -> None:
+        """Note that the same question was asked again."""
+        self._asked_s, self._tries = now_s, self._tries + 1
+        self._wait_s = min(1.5 * self._wait_s, self._patience.longest_s)
+
+    def answered(self, now_s: float) -> None:
+        """Learn from an answer; that to a question asked twice teaches nothing."""
+        if self._tries == 0:
+            took_s = max(0.0, now_s - self._asked_s)
+            self._typical_s = took_s if self._typical_s is None else 0.7 * self._typical_s + 0.3 * took_s
+
+    def due(self, now_s: float) -> bool:
+        """Return whether it is time to ask again."""
+        return now_s - self._asked_s >= self._wait_s
+
+    @property
+    def tries(self) -> int:
+        """How often the present question was asked again."""
+        return self._tries

@@ -1,0 +1,103 @@
+"""What a link needs of a transport, and the URLs that name one."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+from firmware_py.link.wire.url_options import PLAIN, LinkOptions, OptionError, parse_options
+
+Address: TypeAlias = Hashable  # one correspondent on a transport
+
+RADIO_BAUD = 115_200  # a serial line no faster than this is taken for a radio modem
+READ_BYTES = 256  # one read of a stream: the rest stays with the system, and the descriptor readable
+
+_FORMS = "udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT or serial:PATH:BAUD"
+_KINDS = {
+    "udpout": "udpout",
+    "udpin": "udpin",
+    "udp": "udpin",  # as in pymavlink
+    "tcpin": "tcpin",
+    "tcpout": "tcpout",
+    "tcp": "tcpout",  # as in pymavlink
+    "serial": "serial",
+}
+
+
+class LinkError(ValueError):
+    """A link cannot be opened; the text says why and what to do."""
+
+
+class Transport(Protocol):
+    """Carries bytes to and from one or more correspondents; never blocks, never raises."""
+
+    @property
+    def name(self) -> str:
+        """The URL, for messages."""
+
+    @property
+    def options(self) -> LinkOptions:
+        """What the URL says behind its question mark."""
+
+    @property
+    def byte_rate(self) -> float | None:
+        """What the line carries at most, in bytes a second; None where that is no concern."""
+
+    @property
+    def radio(self) -> bool:
+        """Whether telemetry goes out at the lower rates."""
+
+    @property
+    def datagrams(self) -> bool:
+        """Whether anybody may send here, without a connection."""
+
+    def descriptors(self) -> Sequence[int]:
+        """The descriptors whose readability `receive` wants."""
+
+    def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:
+        """Read a bounded piece of what has arrived on a descriptor."""
+
+    def send(self, address: Address, data: bytes) -> bool:
+        """Take all of data, or none of it (False)."""
+
+    def addresses(self) -> Sequence[Address]:
+        """The correspondents that are to be served whether they have spoken or not."""
+
+    def poll(self, now_s: float) -> None:
+        """Connect again, push out what is held: whatever has to be done now and then."""
+
+    def close(self) -> None:
+        """Give up all descriptors."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkUrl:
+    """A parsed URL; `host` and `number` are a port's path and baud rate for `serial`."""
+
+    kind: str
+    host: str
+    number: int
+    text: str
+    options: LinkOptions = PLAIN
+
+
+def parse_url(text: str) -> LinkUrl:
+    """Read a link URL in pymavlink's style, perhaps with options behind a question mark, or raise LinkError."""
+    place, mark, query = text.partition("?")
+    scheme, _, rest = place.partition(":")
+    kind = _KINDS.get(scheme)
+    if kind is None:
+        raise LinkError(f"link {text!r}: {scheme!r} is not a kind of link; use {_FORMS}")
+    # From the right: the paths of /dev/serial/by-path hold colons.
+    host, _, number = rest.rpartition(":")
+    what, low, high = ("baud rate", 300, 4_000_000) if kind == "serial" else ("port", 1, 65535)
+    if not host:
+        raise LinkError(f"link {text!r}: the {what} is missing; use {_FORMS}")
+    if not (number.isascii() and number.isdigit() and low <= int(number[:9]) <= high):
+        raise LinkError(f"link {text!r}: {number!r} is not a {what}; use a whole number from {low} to {high}")
+    try:
+        options = parse_options(query) if mark else PLAIN
+    except OptionError as error:
+        raise LinkError(f"link {text!r}: {error}") from None
+    return LinkUrl(kind, host, int(number), text, options)

@@ -1,0 +1,112 @@
+"""MAVLink over UDP: to one ground station, or from whoever asks."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+from collections.abc import Sequence
+
+from firmware_py.link.wire.transport import Address, LinkError, LinkUrl
+
+_DATAGRAMS = 48  # at one call: as fast as anybody sends, since most of a flood is dropped unread
+_LONGEST = 2048  # of a datagram: what exceeds it is cut
+_SEND_BUFFER = 1 << 18
+
+
+def resolve(url: LinkUrl) -> tuple[str, int]:
+    """Return the numeric IPv4 address of a URL, or raise LinkError. May wait for a name server."""
+    try:
+        found = socket.getaddrinfo(url.host, url.number, socket.AF_INET, socket.SOCK_DGRAM)
+    except (OSError, UnicodeError) as error:
+        raise LinkError(f"link {url.text!r}: host {url.host!r} is not known ({error}); use its IPv4 address") from error
+    return str(found[0][4][0]), url.number
+
+
+def bind(listener: socket.socket, url: LinkUrl) -> None:
+    """Bind a socket to the address of a URL; LinkError, and the socket closed, when that cannot be."""
+    try:
+        listener.bind(resolve(url))
+    except (OSError, LinkError) as error:
+        listener.close()
+        if isinstance(error, LinkError):
+            raise
+        remedy = {
+            errno.EADDRINUSE: "end the program that has the port, or choose another port",
+            errno.EADDRNOTAVAIL: "use 0.0.0.0 or an address of this machine",
+            errno.EACCES: "use a port above 1023",
+        }.get(error.errno or 0, "choose another address")
+        reason = os.strerror(error.errno or 0).lower()
+        raise LinkError(f"link {url.text!r}: {reason}; {remedy}") from error
+
+
+class UdpTransport:
+    """One UDP socket.
+
+    `udpout` sends to its target from the start and hears the target's host only, from
+    whatever port: ground stations often answer from another one, and each port is a
+    correspondent of its own. `udpin` hears everybody.
+    """
+
+    byte_rate: float | None = None
+    datagrams = True
+
+    def __init__(self, url: LinkUrl) -> None:
+        """Open the socket, or raise LinkError."""
+        self.name = url.text
+        self.options = url.options
+        self.radio = url.options.at_radio_rates(usual=False)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        self._target: tuple[str, int] | None = None
+        self.failures = 0  # datagrams that the system refused to send or said were refused
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        if url.kind == "udpin":
+            bind(self._socket, url)
+            return
+        try:
+            self._target = resolve(url)
+        except LinkError:
+            self._socket.close()
+            raise
+
+    def descriptors(self) -> Sequence[int]:
+        """Return the socket's descriptor."""
+        return (self._socket.fileno(),)
+
+    def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:  # noqa: ARG002 - it has one only
+        """Read a few datagrams."""
+        heard: list[tuple[Address, bytes]] = []
+        for _ in range(_DATAGRAMS):
+            try:
+                data, address = self._socket.recvfrom(_LONGEST)
+            except BlockingIOError:
+                break
+            except OSError:
+                # An ICMP error of an earlier send, such as ECONNREFUSED: nobody listens there now.
+                self.failures += 1
+                continue
+            if self._target is None or address[0] == self._target[0]:
+                heard.append((address, data))
+        return heard
+
+    def send(self, address: Address, data: bytes) -> bool:
+        """Send one datagram; False when the system's buffer is full."""
+        try:
+            self._socket.sendto(data, address)  # type: ignore[call-overload]
+        except BlockingIOError:
+            return False
+        except OSError:
+            # Refused or unreachable: gone, as any datagram may be. Kept, it would only block later ones.
+            self.failures += 1
+        return True
+
+    def addresses(self) -> Sequence[Address]:
+        """Return the target of `udpout`."""
+        return () if self._target is None else (self._target,)
+
+    def poll(self, now_s: float) -> None:
+        """Do nothing: a datagram socket needs no care."""
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()

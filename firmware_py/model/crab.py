@@ -1,0 +1,35 @@
+"""The triangle of velocities: through the water, of the water, over the ground."""
+
+from __future__ import annotations
+
+import math
+
+from firmware_py.common.angles import clamp, wrap_two_pi
+
+# She never steers further off a course than this, to make good headway against the rest of the current.
+LARGEST_CRAB = 0.95  # sine of the angle
+
+
+def heading_for_course(course_rad: float, speed_m_s: float, north_m_s: float, east_m_s: float) -> float:
+    """Return the heading that makes a course over ground good in a current that sets north and east.
+
+    Where the current across the course is as fast as the boat no heading does; the one that is
+    returned then points mostly into the current, and all the more as she is swept along.
+    """
+    across_m_s = east_m_s * math.cos(course_rad) - north_m_s * math.sin(course_rad)
+    if speed_m_s <= 0.0:
+        return wrap_two_pi(course_rad)
+    return wrap_two_pi(course_rad - math.asin(clamp(across_m_s / speed_m_s, -LARGEST_CRAB, LARGEST_CRAB)))
+
+
+def speed_made_good(course_rad: float, speed_m_s: float, north_m_s: float, east_m_s: float) -> float:
+    """Return the speed over ground that she can make on a course; 0 or less when she cannot make it good."""
+    along_m_s = north_m_s * math.cos(course_rad) + east_m_s * math.sin(course_rad)
+    across_m_s = east_m_s * math.cos(course_rad) - north_m_s * math.sin(course_rad)
+    spare = speed_m_s * speed_m_s - across_m_s * across_m_s
+    return along_m_s + math.sqrt(spare) if spare > 0.0 else min(0.0, along_m_s)
+
+
+def against_current(north_m_s: float, east_m_s: float) -> float:
+    """Return the heading straight into a current that sets north and east."""
+    return wrap_two_pi(math.atan2(-east_m_s, -north_m_s))

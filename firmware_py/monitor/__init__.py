@@ -1,1 +1,0 @@
-"""Watches what goes wrong: pure judges of conditions, rudder and energy."""

@@ -1,0 +1,252 @@
+"""The one table of plan items: which commands a mission, a fence and the rally points may hold, and what they mean.
+
+Whoever sails a plan relies on this table: an accepted plan has only these commands, with the
+frames and the numbers that stand here. A parameter that is not in the row means nothing and may
+hold anything finite or NaN. `unset` in a row says that NaN leaves the choice to the boat, as
+does the value 0 where the text says so.
+
+Places are `x`, `y` in 1e-7 degrees. In a mission the place (0, 0) means where she is when the
+item begins, as in ArduPilot; in a fence and among rally points it is a place like any other.
+A boat has no altitude: `z` means something in DO_SET_HOME alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+
+from firmware_py.common.plan import MOST_ITEMS, PlanKind
+
+LONGEST_S = 1e8  # three years
+FARTHEST_M = 1e7
+MOST_TURNS = 10_000.0
+MOST_JUMPS = 32_767.0
+FASTEST_M_S = 100.0
+
+
+class Command(IntEnum):
+    """What an item asks for, numbered as MAVLink's MAV_CMD."""
+
+    WAYPOINT = 16
+    LOITER_UNLIMITED = 17
+    LOITER_TURNS = 18
+    LOITER_TIME = 19
+    RETURN = 20
+    DELAY = 93
+    YAW = 115
+    JUMP = 177
+    CHANGE_SPEED = 178
+    SET_HOME = 179
+    YAW_SPEED = 213
+    FENCE_RETURN = 5000
+    INCLUDED_VERTEX = 5001
+    EXCLUDED_VERTEX = 5002
+    INCLUDED_CIRCLE = 5003
+    EXCLUDED_CIRCLE = 5004
+    RALLY_POINT = 5100
+
+
+@dataclass(frozen=True, slots=True)
+class Meaning:
+    """What one parameter means: its number 1 to 4, its range, and whether it is whole or may be NaN."""
+
+    number: int
+    text: str
+    low: float
+    high: float
+    unit: str = ""
+    whole: bool = False
+    unset: bool = False
+
+    def allowed(self) -> str:
+        """Say what is allowed, for messages."""
+        kind = "a whole number, " if self.whole else ""
+        return f"{kind}{self.low:g} to {self.high:g} {self.unit}".rstrip()
+
+    def admits(self, value: float) -> bool:
+        """Return whether a value is allowed."""
+        if math.isnan(value):
+            return self.unset
+        return self.low <= value <= self.high and (not self.whole or value == math.floor(value))
+
+
+@dataclass(frozen=True, slots=True)
+class ItemRow:
+    """One command. `place`: x and y are a place. `lasts`: it takes time, so that a loop through it ends each round."""
+
+    command: Command
+    name: str
+    kind: PlanKind
+    place: bool
+    lasts: bool
+    meanings: tuple[Meaning, ...] = ()
+
+
+def _radius(text: str) -> Meaning:
+    return Meaning(
+        3, f"{text}; 0: as the parameters say; negative: anticlockwise", -FARTHEST_M, FARTHEST_M, "m", unset=True
+    )
+
+
+_ANGLE = "degrees clockwise from north, or (relative) from her heading, to starboard"
+_RELATIVE = "0: absolute, 1: relative"
+_GROUP = Meaning(2, "inclusion group: there is only group 0", 0.0, 0.0, unset=True)
+_VERTICES = Meaning(1, "vertices of this polygon, the same in each of them", 3.0, float(MOST_ITEMS), whole=True)
+_CIRCLE = Meaning(1, "radius", 1.0, FARTHEST_M, "m")
+
+_MISSION, _FENCE, _RALLY = PlanKind.MISSION, PlanKind.FENCE, PlanKind.RALLY
+
+TABLE: tuple[ItemRow, ...] = (
+    ItemRow(
+        Command.WAYPOINT,
+        "NAV_WAYPOINT",
+        _MISSION,
+        place=True,
+        lasts=True,
+        meanings=(
+            Meaning(1, "keeps station there for so long", 0.0, LONGEST_S, "s", unset=True),
+            Meaning(2, "reached within; 0: as the parameters say", 0.0, FARTHEST_M, "m", unset=True),
+        ),
+    ),
+    ItemRow(
+        Command.LOITER_UNLIMITED,
+        "NAV_LOITER_UNLIM",
+        _MISSION,
+        place=True,
+        lasts=True,
+        meanings=(_radius("keeps station within"),),
+    ),
+    ItemRow(
+        Command.LOITER_TURNS,
+        "NAV_LOITER_TURNS",
+        _MISSION,
+        place=True,
+        lasts=True,
+        meanings=(Meaning(1, "turns", 0.0, MOST_TURNS), _radius("goes round at")),
+    ),
+    ItemRow(
+        Command.LOITER_TIME,
+        "NAV_LOITER_TIME",
+        _MISSION,
+        place=True,
+        lasts=True,
+        meanings=(Meaning(1, "keeps station so long from her arrival", 0.0, LONGEST_S, "s"), _radius("within")),
+    ),
+    ItemRow(Command.RETURN, "NAV_RETURN_TO_LAUNCH", _MISSION, place=False, lasts=True),
+    ItemRow(
+        Command.DELAY,
+        "NAV_DELAY",
+        _MISSION,
+        place=False,
+        lasts=True,
+        meanings=(
+            Meaning(1, "so long; -1: until the time of day (UTC) in the others", -1.0, LONGEST_S, "s"),
+            Meaning(2, "hour; needed with -1", -1.0, 23.0, "h", whole=True, unset=True),
+            Meaning(3, "minute; -1: 0", -1.0, 59.0, "min", whole=True, unset=True),
+            Meaning(4, "second; -1: 0", -1.0, 59.0, "s", whole=True, unset=True),
+        ),
+    ),
+    ItemRow(
+        Command.YAW,
+        "CONDITION_YAW",
+        _MISSION,
+        place=False,
+        lasts=True,
+        meanings=(
+            Meaning(1, _ANGLE, -360.0, 360.0, "deg"),
+            Meaning(3, "relative: -1 turns to port; else no matter", -1.0, 1.0, whole=True, unset=True),
+            Meaning(4, _RELATIVE, 0.0, 1.0, whole=True),
+        ),
+    ),
+    ItemRow(
+        Command.JUMP,
+        "DO_JUMP",
+        _MISSION,
+        place=False,
+        lasts=False,
+        meanings=(
+            Meaning(1, "goes on with this item, counted from 0", 0.0, MOST_ITEMS - 1.0, whole=True),
+            Meaning(2, "so many times, -1: always", -1.0, MOST_JUMPS, whole=True),
+        ),
+    ),
+    ItemRow(
+        Command.CHANGE_SPEED,
+        "DO_CHANGE_SPEED",
+        _MISSION,
+        place=False,
+        lasts=False,
+        meanings=(
+            Meaning(1, "0: through the water, 1: over the ground", 0.0, 1.0, whole=True),
+            Meaning(2, "speed for planning; -1: no change, -2: back to her own", -2.0, FASTEST_M_S, "m/s"),
+        ),
+    ),
+    ItemRow(
+        Command.SET_HOME,
+        "DO_SET_HOME",
+        _MISSION,
+        place=True,
+        lasts=False,
+        meanings=(Meaning(1, "1: where she is, 0: the place", 0.0, 1.0, whole=True),),
+    ),
+    ItemRow(
+        Command.YAW_SPEED,
+        "NAV_SET_YAW_SPEED",
+        _MISSION,
+        place=False,
+        lasts=True,
+        meanings=(Meaning(1, _ANGLE, -360.0, 360.0, "deg"), Meaning(3, _RELATIVE, 0.0, 1.0, whole=True)),
+    ),
+    ItemRow(Command.FENCE_RETURN, "NAV_FENCE_RETURN_POINT", _FENCE, place=True, lasts=False),
+    ItemRow(
+        Command.INCLUDED_VERTEX,
+        "NAV_FENCE_POLYGON_VERTEX_INCLUSION",
+        _FENCE,
+        place=True,
+        lasts=False,
+        meanings=(_VERTICES, _GROUP),
+    ),
+    ItemRow(
+        Command.EXCLUDED_VERTEX,
+        "NAV_FENCE_POLYGON_VERTEX_EXCLUSION",
+        _FENCE,
+        place=True,
+        lasts=False,
+        meanings=(_VERTICES,),
+    ),
+    ItemRow(
+        Command.INCLUDED_CIRCLE,
+        "NAV_FENCE_CIRCLE_INCLUSION",
+        _FENCE,
+        place=True,
+        lasts=False,
+        meanings=(_CIRCLE, _GROUP),
+    ),
+    ItemRow(
+        Command.EXCLUDED_CIRCLE, "NAV_FENCE_CIRCLE_EXCLUSION", _FENCE, place=True, lasts=False, meanings=(_CIRCLE,)
+    ),
+    ItemRow(Command.RALLY_POINT, "NAV_RALLY_POINT", _RALLY, place=True, lasts=False),
+)
+
+ROWS: Mapping[int, ItemRow] = {int(row.command): row for row in TABLE}
+
+# MAV_FRAME: GLOBAL, GLOBAL_RELATIVE_ALT, the same two as _INT, and both over terrain.
+PLACE_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
+MISSION_FRAME = 2  # of items without a place
+
+
+def markdown() -> str:
+    """The table for people."""
+    lines = ["| plan | command | number | parameters |", "| --- | --- | --- | --- |"]
+    for row in TABLE:
+        meanings = [f"param{one.number}: {one.text} ({one.allowed()})" for one in row.meanings]
+        text = "; ".join([*meanings, *(["a place"] if row.place else [])])
+        lines.append(f"| {row.kind.name.lower()} | {row.name} | {int(row.command)} | {text} |")
+    return "\n".join(lines) + "\n"
+
+
+def has_place(command: int) -> bool:
+    """Return whether x and y of an item with this command are a place; True for an unknown one."""
+    row = ROWS.get(command)
+    return row is None or row.place

@@ -1,0 +1,73 @@
+"""Numbers from a plan file, which may hold anything."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from firmware_py.common.parameters import SINGLE_MAX
+from firmware_py.common.plan import PlanItem
+from firmware_py.plans.items import has_place
+
+_INT32 = 1 << 31
+
+
+class PlanFileError(ValueError):
+    """A plan file is refused; the text names the file, the line or item, and the remedy."""
+
+
+def number_of(text: str) -> float:
+    """Read a number of a text file; PlanFileError for anything else."""
+    try:
+        # Python would allow digits to be grouped.
+        return float(text.replace("_", "?"))
+    except ValueError:
+        raise PlanFileError(f"{text[:30]!r} is not a number") from None
+
+
+def whole_of(text: str, high: int) -> int:
+    """Read a whole number from 0 to high."""
+    value = number_of(text)
+    if not (0 <= value <= high and value == math.floor(value)):
+        raise PlanFileError(f"{text[:30]!r} is not a whole number from 0 to {high}")
+    return int(value)
+
+
+def scaled(degrees: float, what: str, limit_deg: float) -> int:
+    """Return degrees as MAVLink's integer."""
+    if not abs(degrees) <= limit_deg:
+        raise PlanFileError(f"{what} {degrees:g} is not within -{limit_deg:g} to {limit_deg:g} deg")
+    return round(degrees * 1e7)
+
+
+def place(latitude_deg: float, longitude_deg: float) -> tuple[int, int]:
+    """Return x and y of a place."""
+    return scaled(latitude_deg, "latitude", 90.0), scaled(longitude_deg, "longitude", 180.0)
+
+
+def item_of(command: int, frame: int, params: list[float], *, autocontinue: bool) -> PlanItem:
+    """Return an item of the seven parameters of a file, x and y in degrees where they are a place."""
+    for number, value in enumerate(params, start=1):
+        if math.isfinite(value) and abs(value) > SINGLE_MAX:
+            raise PlanFileError(f"param{number} is too large")
+    first, second, third, fourth, x, y, z = params
+    if has_place(command):
+        whole_x, whole_y = place(x, y)
+    else:
+        whole_x, whole_y = _unused(x), _unused(y)
+    return PlanItem(command, frame, autocontinue, (first, second, third, fourth), whole_x, whole_y, z)
+
+
+def _unused(value: float) -> int:
+    return int(value) if abs(value) < _INT32 else 0
+
+
+def named(source: str, where: str, error: PlanFileError) -> PlanFileError:
+    """Return an error with the place in the file before it."""
+    return PlanFileError(f"{source}{where}: {error}")
+
+
+def shown(value: Any) -> str:
+    """Return a value for a message, cut short."""
+    text = repr(value)
+    return text if len(text) <= 40 else text[:37] + "..."

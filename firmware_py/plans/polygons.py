@@ -1,0 +1,125 @@
+"""The polygons of a fence: put together from their vertices, and judged.
+
+Vertices are whole numbers of 1e-7 degrees, so that the judgement is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from firmware_py.common.plan import PlanItem
+from firmware_py.plans.items import Command
+from firmware_py.plans.problem import PlanProblem, PlanResult
+
+_VERTICES = (Command.INCLUDED_VERTEX, Command.EXCLUDED_VERTEX)
+_TURN = 3_600_000_000
+_MOST_PAIRS = 20_000  # of edges that are compared, about 10 ms
+_FEWEST = 3
+
+Point = tuple[int, int]
+Edge = tuple[Point, Point]
+
+
+@dataclass(frozen=True, slots=True)
+class Polygon:
+    """The items [first, first + count) of a fence."""
+
+    first: int
+    count: int
+    inclusion: bool
+
+
+def polygons_of(items: Sequence[PlanItem]) -> Iterator[Polygon]:
+    """Yield the polygons of an accepted fence."""
+    index = 0
+    while index < len(items):
+        count = 1
+        if items[index].command in _VERTICES:
+            count = int(items[index].params[0])
+            yield Polygon(index, count, items[index].command == Command.INCLUDED_VERTEX)
+        index += count
+
+
+def polygons_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
+    """Return the first polygon that is incomplete or crosses itself, or a second return point."""
+    returns = [index for index, item in enumerate(items) if item.command == Command.FENCE_RETURN]
+    if len(returns) > 1:
+        return PlanProblem(returns[1], PlanResult.INVALID, "a second fence return point")
+    pairs_left = _MOST_PAIRS
+    index = 0
+    while index < len(items):
+        item = items[index]
+        if item.command not in _VERTICES:
+            index += 1
+            continue
+        count = int(item.params[0])
+        vertices = items[index : index + count]
+        for offset, vertex in enumerate(vertices):
+            if vertex.command != item.command or vertex.params[0] != item.params[0]:
+                text = f"vertex {offset + 1} of {count} is not one of its polygon"
+                return PlanProblem(index + offset, PlanResult.INVALID_PARAM1, text)
+        if len(vertices) < count:
+            text = f"the polygon ends after {len(vertices)} of {count} vertices"
+            return PlanProblem(len(items) - 1, PlanResult.INVALID_PARAM1, text)
+        edges = _edges(vertices)
+        if len(edges) < _FEWEST:
+            return PlanProblem(index, PlanResult.INVALID, "the polygon has fewer than 3 different vertices")
+        crossing, pairs_left = _crossing(edges, pairs_left)
+        if pairs_left < 0:
+            return PlanProblem(
+                index, PlanResult.INVALID, "the polygon is too intricate to be checked; use fewer vertices"
+            )
+        if crossing:
+            return PlanProblem(index, PlanResult.INVALID, "the polygon crosses itself")
+        index += count
+    return None
+
+
+def _edges(vertices: Sequence[PlanItem]) -> list[Edge]:
+    """Return the edges that have a length, longitudes counted on across the date line."""
+    points: list[Point] = []
+    for vertex in vertices:
+        y = vertex.y
+        if points:
+            y += _TURN * round((points[-1][1] - y) / _TURN)
+        if not points or points[-1] != (vertex.x, y):
+            points.append((vertex.x, y))
+    if len(points) > 1 and points[0] == points[-1]:
+        points.pop()
+    return list(zip(points, [*points[1:], points[0]], strict=True)) if len(points) > 1 else []
+
+
+def _crossing(edges: Sequence[Edge], pairs_left: int) -> tuple[bool, int]:
+    """Return whether two edges cross, and how many pairs may be compared still; negative when they did not suffice."""
+    spans = [[(min(one[axis], other[axis]), max(one[axis], other[axis])) for one, other in edges] for axis in (0, 1)]
+    # Along the axis on which the edges are the shorter beside the whole, fewest lie side by side.
+    crowding = [
+        sum(high - low for low, high in span) / (max(s[1] for s in span) - min(s[0] for s in span) or 1)
+        for span in spans
+    ]
+    span = spans[0] if crowding[0] <= crowding[1] else spans[1]
+    active: list[int] = []
+    for index in sorted(range(len(edges)), key=lambda number: span[number][0]):
+        low = span[index][0]
+        active = [other for other in active if span[other][1] >= low]
+        pairs_left -= len(active)
+        if pairs_left < 0:
+            return False, pairs_left
+        if any(_cross(edges[index], edges[other]) for other in active):
+            return True, pairs_left
+        active.append(index)
+    return False, pairs_left
+
+
+def _cross(one: Edge, other: Edge) -> bool:
+    """Return whether two edges cross within both; touching is not crossing."""
+    return _sides(one, other) < 0 and _sides(other, one) < 0
+
+
+def _sides(line: Edge, edge: Edge) -> int:
+    """Return a negative number when the ends of an edge lie on different sides of a line."""
+    (ax, ay), (bx, by) = line
+    dx, dy = bx - ax, by - ay
+    (px, py), (qx, qy) = edge
+    return (dx * (py - ay) - dy * (px - ax)) * (dx * (qy - ay) - dy * (qx - ax))

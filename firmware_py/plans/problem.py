@@ -1,0 +1,43 @@
+"""What can be wrong with a plan, and how it is told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class PlanResult(IntEnum):
+    """Why a plan is refused, numbered as MAVLink's MAV_MISSION_RESULT."""
+
+    ACCEPTED = 0
+    ERROR = 1
+    UNSUPPORTED_FRAME = 2
+    UNSUPPORTED = 3
+    NO_SPACE = 4
+    INVALID = 5
+    INVALID_PARAM1 = 6
+    INVALID_PARAM2 = 7
+    INVALID_PARAM3 = 8
+    INVALID_PARAM4 = 9
+    INVALID_PARAM5_X = 10
+    INVALID_PARAM6_Y = 11
+    INVALID_PARAM7 = 12
+    INVALID_SEQUENCE = 13
+    DENIED = 14
+    OPERATION_CANCELLED = 15
+
+
+@dataclass(frozen=True, slots=True)
+class PlanProblem:
+    """The first thing that is wrong with a plan: the item, counted from 0 (None: the whole), how, and in words.
+
+    The words do not number the item, since links and files number items each in their own way.
+    """
+
+    index: int | None
+    result: PlanResult
+    text: str
+
+    def __str__(self) -> str:
+        """Return the words with the number of the item."""
+        return self.text if self.index is None else f"item {self.index}: {self.text}"

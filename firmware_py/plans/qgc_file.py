@@ -1,0 +1,266 @@
+"""QGroundControl's .plan files: mission, fence and rally points in one JSON document.
+
+Source: the file format of QGroundControl's developer guide (docs.qgroundcontrol.com, "Plan File Format").
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans
+from firmware_py.plans.items import Command, has_place
+from firmware_py.plans.numbers import PlanFileError, item_of, named, place, shown
+from firmware_py.plans.polygons import polygons_of
+
+_GLOBAL, _RELATIVE = 0, 3  # MAV_FRAME
+_ARDUPILOT, _SURFACE_BOAT = 3, 11
+_SLOW_M_S = 0.5
+
+
+def read_plan(text: str, source: str) -> tuple[Plan, ...]:
+    """Read a .plan file into the plans that it has sections for."""
+    document = _document(text, source)
+    plans = []
+    for section, read in (("mission", _mission), ("geoFence", _fence), ("rallyPoints", _rally)):
+        if section not in document:
+            continue
+        try:
+            plans.append(read(_object(document[section])))
+        except PlanFileError as error:
+            raise named(source, f": {section}", error) from None
+    if not plans:
+        raise PlanFileError(f"{source}: it has neither mission, geoFence nor rallyPoints; save it anew")
+    return tuple(plans)
+
+
+def _document(text: str, source: str) -> Mapping[str, Any]:
+    def constant(name: str) -> float:
+        raise ValueError(f"{name} is no JSON")
+
+    try:
+        document = json.loads(text, parse_constant=constant)
+    except RecursionError:
+        raise PlanFileError(f"{source}: it is nested too deeply; save it anew with QGroundControl") from None
+    except ValueError as error:
+        raise PlanFileError(f"{source}: this is no JSON: {error}; save it anew with QGroundControl") from None
+    if not isinstance(document, dict) or document.get("fileType") != "Plan":
+        raise PlanFileError(f"{source}: fileType is not Plan; save it with QGroundControl as a .plan")
+    return document
+
+
+def _object(value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise PlanFileError(f"expected an object, found {shown(value)}")
+    return value
+
+
+def _list(data: Mapping[str, Any], key: str) -> list[Any]:
+    value = data.get(key, [])
+    if not isinstance(value, list):
+        raise PlanFileError(f"{key}: expected a list, found {shown(value)}")
+    if len(value) > MOST_ITEMS:
+        raise PlanFileError(f"{key}: {len(value)} entries; at most {MOST_ITEMS} are kept")
+    return value
+
+
+def _number(value: Any, unset: float | None = None) -> float:
+    """Read a number; null stands for what is not set, where that may be."""
+    if value is None and unset is not None:
+        return unset
+    if type(value) not in (int, float):
+        raise PlanFileError(f"expected a number, found {shown(value)}")
+    try:
+        return float(value)
+    except OverflowError:
+        raise PlanFileError(f"{shown(value)} is too large") from None
+
+
+def _whole(value: Any, high: int) -> int:
+    number = _number(value)
+    if not (0 <= number <= high and number == math.floor(number)):
+        raise PlanFileError(f"expected a whole number from 0 to {high}, found {shown(value)}")
+    return int(number)
+
+
+def _truth(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise PlanFileError(f"expected true or false, found {shown(value)}")
+    return value
+
+
+def _coordinates(value: Any, least: int) -> list[float]:
+    if not isinstance(value, list) or not least <= len(value) <= 3:
+        raise PlanFileError(f"expected [latitude, longitude{', altitude' * (least - 2)}], found {shown(value)}")
+    return [_number(part) for part in value]
+
+
+# ------------------------------------------------------------------------------- sections
+
+
+def _mission(section: Mapping[str, Any]) -> Plan:
+    entries = [_numbered(_object, entry, number) for number, entry in enumerate(_list(section, "items"), start=1)]
+    indexes = {_jump_id(entry, index): index for index, entry in enumerate(entries)}
+    items = [_numbered(lambda one: _item(one, indexes), entry, number) for number, entry in enumerate(entries, start=1)]
+    return Plan.of(PlanKind.MISSION, items)
+
+
+def _numbered(read: Any, entry: Any, number: int) -> Any:
+    try:
+        return read(entry)
+    except PlanFileError as error:
+        raise PlanFileError(f"item {number}: {error}") from None
+
+
+def _jump_id(entry: Mapping[str, Any], index: int) -> int:
+    found = entry.get("doJumpId")
+    return found if type(found) is int else index + 1
+
+
+def _item(entry: Mapping[str, Any], indexes: Mapping[int, int]) -> PlanItem:
+    kind = entry.get("type")
+    if kind != "SimpleItem":
+        what = entry.get("complexItemType", kind)
+        raise PlanFileError(
+            f"{shown(what)} is not a simple item; only QGroundControl can unfold it: upload it from there, or save it "
+            "from the boat afterwards"
+        )
+    command = _whole(entry.get("command"), 0xFFFF)
+    listed = entry.get("params")
+    if not isinstance(listed, list) or len(listed) != 7:
+        raise PlanFileError(f"expected 7 params, found {shown(listed)}")
+    where = None if has_place(command) else 0.0
+    unset = (math.nan, math.nan, math.nan, math.nan, where, where, math.nan)
+    params = [_number(value, missing) for value, missing in zip(listed, unset, strict=True)]
+    if command == Command.JUMP:
+        if params[0] not in indexes:
+            raise PlanFileError(f"DO_JUMP: there is no item with doJumpId {params[0]:g}")
+        params[0] = float(indexes[int(params[0])])
+    frame = _whole(entry.get("frame"), 0xFF)
+    return item_of(command, frame, params, autocontinue=_truth(entry.get("autoContinue", True)))
+
+
+def _fence(section: Mapping[str, Any]) -> Plan:
+    items: list[PlanItem] = []
+    for number, polygon in enumerate(_list(section, "polygons"), start=1):
+        items += _numbered(_polygon, polygon, number)
+    for number, circle in enumerate(_list(section, "circles"), start=1):
+        items.append(_numbered(_circle, circle, number))
+    if section.get("breachReturn") is not None:
+        latitude_deg, longitude_deg, *altitude_m = _coordinates(section["breachReturn"], 2)
+        params = [0.0, 0.0, 0.0, 0.0, latitude_deg, longitude_deg, *(altitude_m or [0.0])]
+        items.append(item_of(int(Command.FENCE_RETURN), _RELATIVE, params, autocontinue=True))
+    return Plan.of(PlanKind.FENCE, items)
+
+
+def _polygon(entry: Any) -> list[PlanItem]:
+    data = _object(entry)
+    command = Command.INCLUDED_VERTEX if _truth(data.get("inclusion")) else Command.EXCLUDED_VERTEX
+    corners = [_coordinates(corner, 2) for corner in _list(data, "polygon")]
+    count = float(len(corners))
+    if not corners:
+        raise PlanFileError("the polygon has no vertices")
+    places = [place(corner[0], corner[1]) for corner in corners]
+    return [PlanItem(int(command), _GLOBAL, params=(count, 0.0, 0.0, 0.0), x=x, y=y) for x, y in places]
+
+
+def _circle(entry: Any) -> PlanItem:
+    data = _object(entry)
+    command = Command.INCLUDED_CIRCLE if _truth(data.get("inclusion")) else Command.EXCLUDED_CIRCLE
+    circle = _object(data.get("circle"))
+    latitude_deg, longitude_deg, *_ = _coordinates(circle.get("center"), 2)
+    params = [_number(circle.get("radius")), 0.0, 0.0, 0.0, latitude_deg, longitude_deg, 0.0]
+    return item_of(int(command), _GLOBAL, params, autocontinue=True)
+
+
+def _rally(section: Mapping[str, Any]) -> Plan:
+    items = []
+    for number, point in enumerate(_list(section, "points"), start=1):
+        latitude_deg, longitude_deg, altitude_m = _numbered(lambda one: _coordinates(one, 3), point, number)
+        params = [0.0, 0.0, 0.0, 0.0, latitude_deg, longitude_deg, altitude_m]
+        items.append(item_of(int(Command.RALLY_POINT), _RELATIVE, params, autocontinue=True))
+    return Plan.of(PlanKind.RALLY, items)
+
+
+# -------------------------------------------------------------------------------- writing
+
+
+def write_plan(plans: Plans) -> str:
+    """Write the three plans as a .plan file."""
+    document = {
+        "fileType": "Plan",
+        "version": 1,
+        "groundStation": "Rambler",
+        "mission": _mission_section(plans.mission),
+        "geoFence": _fence_section(plans.fence),
+        "rallyPoints": {
+            "version": 2,
+            "points": [[*_degrees(item), _or_none(item.z)] for item in plans.rally.items],
+        },
+    }
+    return json.dumps(document, indent=4, allow_nan=False) + "\n"
+
+
+def _degrees(item: PlanItem) -> list[float]:
+    return [round(item.x * 1e-7, 7), round(item.y * 1e-7, 7)]
+
+
+def _or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _mission_section(plan: Plan) -> Mapping[str, Any]:
+    items = []
+    for index, item in enumerate(plan.items):
+        first = item.params[0] + 1.0 if item.command == Command.JUMP else item.params[0]
+        where = _degrees(item) if has_place(item.command) else [item.x, item.y]
+        params = [_or_none(value) for value in (first, *item.params[1:])]
+        items.append(
+            {
+                "type": "SimpleItem",
+                "autoContinue": item.autocontinue,
+                "command": item.command,
+                "doJumpId": index + 1,
+                "frame": item.frame,
+                "params": [*params, *where, _or_none(item.z)],
+            }
+        )
+    first_place = next((item for item in plan.items if has_place(item.command)), PlanItem(0))
+    return {
+        "version": 2,
+        "firmwareType": _ARDUPILOT,
+        "vehicleType": _SURFACE_BOAT,
+        "cruiseSpeed": _SLOW_M_S,
+        "hoverSpeed": _SLOW_M_S,
+        "globalPlanAltitudeMode": 1,
+        "plannedHomePosition": [*_degrees(first_place), 0.0],
+        "items": items,
+    }
+
+
+def _fence_section(plan: Plan) -> Mapping[str, Any]:
+    items = plan.items
+    polygons = [
+        {
+            "version": 1,
+            "inclusion": one.inclusion,
+            "polygon": [_degrees(item) for item in items[one.first : one.first + one.count]],
+        }
+        for one in polygons_of(items)
+    ]
+    circles = [
+        {
+            "version": 1,
+            "inclusion": item.command == Command.INCLUDED_CIRCLE,
+            "circle": {"center": _degrees(item), "radius": item.params[0]},
+        }
+        for item in items
+        if item.command in (Command.INCLUDED_CIRCLE, Command.EXCLUDED_CIRCLE)
+    ]
+    section: dict[str, Any] = {"version": 2, "polygons": polygons, "circles": circles}
+    for item in items:
+        if item.command == Command.FENCE_RETURN:
+            section["breachReturn"] = [*_degrees(item), _or_none(item.z) or 0.0]
+    return section

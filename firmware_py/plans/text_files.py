@@ -1,0 +1,137 @@
+"""The text files: `QGC WPL 110` (.waypoints) for all kinds of plan, MAVProxy's older fences and rally points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+from firmware_py.common.parameters import format_value
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.plans.items import ROWS, Command, has_place
+from firmware_py.plans.numbers import PlanFileError, item_of, named, number_of, place, whole_of
+
+HEADER = "QGC WPL 110"
+_COLUMNS = 12
+_GLOBAL, _RELATIVE = 0, 3  # MAV_FRAME
+
+Line = tuple[int, list[str]]  # number in the file, and words
+
+
+def lines_of(text: str) -> list[Line]:
+    """Return the lines that say something."""
+    found = [(number, line.split("#", 1)[0].split()) for number, line in enumerate(text.splitlines(), start=1)]
+    return [line for line in found if line[1]]
+
+
+def read_text(text: str, source: str, *, home: bool = True) -> Plan:
+    """Read one of the text formats, known by its first line; `home`: item 0 of a mission is home."""
+    lines = lines_of(text)
+    first = " ".join(lines[0][1]) if lines else ""
+    if first == HEADER:
+        return _waypoints(lines[1:], source, home=home)
+    if first.split(" ")[0].upper() == "RALLY":
+        return Plan.of(PlanKind.RALLY, _each(lines, source, _rally_point))
+    if lines and len(lines[0][1]) == 2:
+        return _old_fence(lines, source)
+    raise PlanFileError(
+        f"{source}: this is no plan file that is known here: a .plan of QGroundControl, {HEADER} (.waypoints), "
+        "or a fence or rally file of MAVProxy"
+    )
+
+
+def _each(lines: Iterable[Line], source: str, make: Callable[[list[str]], PlanItem]) -> list[PlanItem]:
+    items = []
+    for number, words in lines:
+        try:
+            items.append(make(words))
+        except PlanFileError as error:
+            raise named(source, f":{number}", error) from None
+    return items
+
+
+def _waypoints(lines: Sequence[Line], source: str, *, home: bool) -> Plan:
+    for expected, (number, words) in enumerate(lines):
+        if len(words) != _COLUMNS:
+            raise PlanFileError(f"{source}:{number}: {len(words)} columns instead of {_COLUMNS}")
+        if words[0] != str(expected):
+            raise PlanFileError(
+                f"{source}:{number}: item {words[0][:20]!r} where {expected} is due; number them from 0"
+            )
+    kind = _kind(lines, source)
+    before = int(home and kind is PlanKind.MISSION)
+    items = _each(lines[before:], source, _waypoint)
+    return Plan.of(kind, [_jump_shifted(item, -before) for item in items])
+
+
+def _kind(lines: Sequence[Line], source: str) -> PlanKind:
+    """Return the kind of plan that the commands belong to; item 0 does not count, since it may be home."""
+    for number, words in lines[1:] or lines:
+        try:
+            row = ROWS.get(whole_of(words[3], 0xFFFF))
+        except PlanFileError as error:
+            raise named(source, f":{number}", error) from None
+        if row is not None:
+            return row.kind
+    return PlanKind.MISSION
+
+
+def _waypoint(words: list[str]) -> PlanItem:
+    frame, command = whole_of(words[2], 0xFF), whole_of(words[3], 0xFFFF)
+    params = [number_of(word) for word in words[4:11]]
+    return item_of(command, frame, params, autocontinue=bool(whole_of(words[11], 1)))
+
+
+def _jump_shifted(item: PlanItem, by: int) -> PlanItem:
+    if item.command != Command.JUMP:
+        return item
+    return replace(item, params=(item.params[0] + by, *item.params[1:]))
+
+
+def _rally_point(words: list[str]) -> PlanItem:
+    if len(words) != 7 or words[0].upper() != "RALLY":
+        raise PlanFileError("expected RALLY LATITUDE LONGITUDE ALTITUDE BREAK_ALTITUDE DIRECTION FLAGS")
+    latitude_deg, longitude_deg, altitude_m = (number_of(word) for word in words[1:4])
+    params = [0.0, 0.0, 0.0, 0.0, latitude_deg, longitude_deg, altitude_m]
+    return item_of(int(Command.RALLY_POINT), _RELATIVE, params, autocontinue=True)
+
+
+def _old_fence(lines: Sequence[Line], source: str) -> Plan:
+    """Read MAVProxy's older fence: the return point, the vertices, and the first vertex again."""
+
+    def corner(words: list[str]) -> PlanItem:
+        if len(words) != 2:
+            raise PlanFileError("expected LATITUDE LONGITUDE")
+        x, y = place(number_of(words[0]), number_of(words[1]))
+        return PlanItem(int(Command.INCLUDED_VERTEX), _GLOBAL, x=x, y=y)
+
+    back, *corners = _each(lines, source, corner)
+    if len(corners) < 4 or (corners[0].x, corners[0].y) != (corners[-1].x, corners[-1].y):
+        raise PlanFileError(
+            f"{source}: a fence is its return point, at least 3 vertices, and the first vertex again at the end"
+        )
+    count = float(len(corners) - 1)
+    vertices = [replace(one, params=(count, 0.0, 0.0, 0.0)) for one in corners[:-1]]
+    return Plan.of(PlanKind.FENCE, [replace(back, command=int(Command.FENCE_RETURN)), *vertices])
+
+
+def write_text(plan: Plan) -> str:
+    """Write a plan as `QGC WPL 110`; home of a mission is left at 0, 0, since it is the boat's to know."""
+    before = int(plan.kind is PlanKind.MISSION)
+    items = [*[PlanItem(int(Command.WAYPOINT))] * before, *(_jump_shifted(item, before) for item in plan.items)]
+    lines = [HEADER]
+    for number, item in enumerate(items):
+        x, y = str(item.x), str(item.y)
+        if has_place(item.command):
+            x, y = f"{item.x * 1e-7:.7f}", f"{item.y * 1e-7:.7f}"
+        params = [_single_text(value) for value in item.params]
+        head = [number, int(number == 0), item.frame, item.command]
+        lines.append("\t".join(map(str, [*head, *params, x, y, _single_text(item.z), int(item.autocontinue)])))
+    return "\n".join(lines) + "\n"
+
+
+def _single_text(value: float) -> str:
+    """Write a number that reads back as the same single, with the sign of a zero."""
+    if math.isnan(value):
+        return "nan"
+    return format_value(value) if value else f"{value:g}"

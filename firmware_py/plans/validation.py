@@ -1,0 +1,128 @@
+"""What a plan may hold: judged before it is accepted, from a link, a file or the store."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.plans.items import MISSION_FRAME, PLACE_FRAMES, ROWS, Command, ItemRow
+from firmware_py.plans.polygons import polygons_problem
+from firmware_py.plans.problem import PlanProblem, PlanResult
+
+__all__ = ["PlanProblem", "PlanResult", "item_problem", "problem_of"]
+
+_LATITUDE_MAX, _LONGITUDE_MAX = 900_000_000, 1_800_000_000
+_BY_NUMBER = {number: PlanResult(5 + number) for number in (1, 2, 3, 4)}  # INVALID_PARAM1 and on
+_TIME_OF_DAY = -1.0
+_REMEMBERED = 4
+
+_judged: list[tuple[Plan, PlanProblem | None]] = []
+
+
+def problem_of(plan: Plan) -> PlanProblem | None:
+    """Return the first thing that is wrong with a plan, or None; asked again of the same plan it costs nothing."""
+    # By identity and not by checksum: who can make two plans with one checksum shall gain nothing.
+    for known, fault in _judged:
+        if known is plan:
+            return fault
+    fault = _problem_of(plan)
+    _judged.insert(0, (plan, fault))
+    del _judged[_REMEMBERED:]
+    return fault
+
+
+def _problem_of(plan: Plan) -> PlanProblem | None:
+    if len(plan.items) > MOST_ITEMS:
+        return PlanProblem(None, PlanResult.NO_SPACE, f"{len(plan.items)} items; at most {MOST_ITEMS} are kept")
+    for index, item in enumerate(plan.items):
+        if fault := item_problem(plan.kind, index, item):
+            return fault
+    if plan.kind is PlanKind.MISSION:
+        return _jumps_problem(plan.items)
+    return polygons_problem(plan.items) if plan.kind is PlanKind.FENCE else None
+
+
+def item_problem(kind: PlanKind, index: int, item: PlanItem) -> PlanProblem | None:
+    """Return what is wrong with an item as such, whatever stands beside it."""
+    row = ROWS.get(item.command)
+    if row is None or row.kind is not kind:
+        what = f"command {item.command}" if row is None else row.name
+        return PlanProblem(index, PlanResult.UNSUPPORTED, f"{what} is not known in a {kind.name.lower()} plan")
+    if item.frame not in PLACE_FRAMES and (row.place or item.frame != MISSION_FRAME):
+        return PlanProblem(index, PlanResult.UNSUPPORTED_FRAME, f"{row.name}: frame {item.frame} is not supported")
+    for number, value in enumerate(item.params, start=1):
+        if math.isinf(value):
+            return PlanProblem(index, _BY_NUMBER[number], f"{row.name}: param{number} is infinite")
+    for meaning in row.meanings:
+        value = item.params[meaning.number - 1]
+        if not meaning.admits(value):
+            text = f"{row.name}: param{meaning.number} is {value:g}; allowed: {meaning.allowed()}"
+            return PlanProblem(index, _BY_NUMBER[meaning.number], text)
+    return _place_problem(row, index, item) or _special_problem(row, index, item)
+
+
+def _place_problem(row: ItemRow, index: int, item: PlanItem) -> PlanProblem | None:
+    if row.place and not -_LATITUDE_MAX <= item.x <= _LATITUDE_MAX:
+        return PlanProblem(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: the latitude is not on this planet")
+    if row.place and not -_LONGITUDE_MAX <= item.y <= _LONGITUDE_MAX:
+        return PlanProblem(index, PlanResult.INVALID_PARAM6_Y, f"{row.name}: the longitude is not on this planet")
+    if math.isinf(item.z):
+        return PlanProblem(index, PlanResult.INVALID_PARAM7, f"{row.name}: the altitude is infinite")
+    return None
+
+
+def _special_problem(row: ItemRow, index: int, item: PlanItem) -> PlanProblem | None:
+    """Return what one parameter makes wrong with another."""
+    if row.command is Command.SET_HOME and not item.params[0] and math.isnan(item.z):
+        return PlanProblem(index, PlanResult.INVALID_PARAM7, f"{row.name}: the altitude is not a number")
+    if row.command is Command.DELAY and item.params[0] < 0.0:
+        if item.params[0] != _TIME_OF_DAY:
+            return PlanProblem(index, PlanResult.INVALID_PARAM1, f"{row.name}: a time is not negative, unless -1")
+        if not item.params[1] >= 0.0:
+            return PlanProblem(index, PlanResult.INVALID_PARAM2, f"{row.name}: a time of day needs an hour")
+    return None
+
+
+def _jumps_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
+    """Return the first jump that leads nowhere, or that can go round without an item that takes time."""
+    for index, item in enumerate(items):
+        if item.command == Command.JUMP and item.params[0] >= len(items):
+            text = f"DO_JUMP: there is no item {item.params[0]:.0f}"
+            return PlanProblem(index, PlanResult.INVALID_PARAM1, text)
+    settled = bytearray(len(items))  # 1: being followed, 2: leads on
+    for start, item in enumerate(items):
+        if item.command != Command.JUMP or settled[start]:
+            continue
+        closing = _circle(items, start, settled)
+        if closing is not None:
+            text = "DO_JUMP: goes round without an item that takes time"
+            return PlanProblem(closing, PlanResult.INVALID_PARAM1, text)
+    return None
+
+
+def _circle(items: Sequence[PlanItem], start: int, settled: bytearray) -> int | None:
+    """Follow what comes after an item as far as nothing takes time; return the last jump of a circle."""
+    stack = [(start, iter(_followers(items, start)))]
+    settled[start] = 1
+    while stack:
+        index, followers = stack[-1]
+        follower = next(followers, None)
+        if follower is None:
+            settled[index] = 2
+            stack.pop()
+        elif settled[follower] == 1:
+            # Only a jump leads back, so there is one in every circle.
+            return next(jump for jump, _ in reversed(stack) if items[jump].command == Command.JUMP)
+        elif not settled[follower]:
+            settled[follower] = 1
+            stack.append((follower, iter(_followers(items, follower))))
+    return None
+
+
+def _followers(items: Sequence[PlanItem], index: int) -> tuple[int, ...]:
+    item = items[index]
+    if ROWS[item.command].lasts:
+        return ()
+    after = (index + 1,) if index + 1 < len(items) else ()
+    return (int(item.params[0]), *after) if item.command == Command.JUMP else after

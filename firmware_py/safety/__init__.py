@@ -1,0 +1,1 @@
+"""What watches over the rudder and the boat, and the failsafes; pure."""

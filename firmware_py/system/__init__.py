@@ -1,0 +1,1 @@
+"""The computer under the autopilot: clock, ports, disk, console."""

@@ -1,0 +1,178 @@
+"""The only reader of time: the machine's clock, or the HIL's in its place, and the tick metronome."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import select
+import socket
+import stat
+import struct
+import time
+from collections.abc import Callable, Sequence
+
+from firmware_py.common.angles import clamp
+
+# A tick should come this long after the arrival of the compass sample it steers by: long
+# enough for the jitter of a real compass, short against the boat's response.
+LOCK_MARGIN_S = 0.002
+# The phase moves by at most this part of a period a tick, so that the rate stays what it is.
+LOCK_SLEW = 0.005
+LOCK_GAIN = 0.1
+
+
+class ClockError(RuntimeError):
+    """The clock of the HIL is gone; there is nothing to go on by."""
+
+
+class RealClock:
+    """The machine's monotonic clock, counted from the start of the process."""
+
+    def __init__(self) -> None:
+        """Start counting."""
+        self._start_s = time.monotonic()
+
+    def now_s(self) -> float:
+        """Seconds since start."""
+        return time.monotonic() - self._start_s
+
+    def utc_s(self) -> float:
+        """Seconds since 1970-01-01 UTC, as far as the machine knows."""
+        return time.time()
+
+    def wait(self, deadline_s: float, descriptors: Sequence[int]) -> Sequence[int]:
+        """Sleep until the deadline or until a descriptor is readable; return those that are."""
+        remaining_s = deadline_s - self.now_s()
+        return select.select(descriptors, [], [], max(0.0, remaining_s))[0]
+
+
+def set_utc_s(utc_s: float) -> bool:
+    """Set the machine's calendar clock, which no deadline depends on; False when that is not allowed."""
+    try:
+        time.clock_settime(time.CLOCK_REALTIME, utc_s)
+    except OSError:
+        return False
+    return True
+
+
+class LockstepClock:
+    """The HIL's clock: time stands still while the autopilot computes.
+
+    Each wait is one packet (deadline, bytes written so far on each serial line) and one
+    packet in return (the new time, perhaps with a step of UTC). The HIL has by then taken the bytes written, moved the
+    world on to the deadline or to the first bytes for the autopilot, and put those into the
+    serial lines. Everything else is the same code on the same lines as at sea.
+    """
+
+    def __init__(self, path: str, lines: Sequence[str], written: Callable[[], Sequence[int]]) -> None:
+        """Connect to the HIL's socket and name the serial lines whose bytes `written` counts."""
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            self._socket.connect(path)
+            self._socket.sendall(json.dumps({"protocol": 1, "lines": list(lines)}).encode())
+            hello = json.loads(self._socket.recv(65536))
+        except OSError as error:
+            self._socket.close()
+            raise ClockError(f"lockstep socket {path}: {error.strerror}; is the HIL running?") from None
+        self._now_s = float(hello["start_s"])
+        self._utc_offset_s = float(hello["utc_s"]) - self._now_s
+        self._written = written
+        self._packet = struct.Struct(f"<d{len(lines)}Q")
+        self._outstanding = False
+
+    def close(self) -> None:
+        """Leave the HIL."""
+        self._socket.close()
+
+    def now_s(self) -> float:
+        """Seconds on the HIL's clock."""
+        return self._now_s
+
+    def utc_s(self) -> float:
+        """Seconds since 1970-01-01 UTC on the HIL's clock."""
+        return self._utc_offset_s + self._now_s
+
+    def wait(self, deadline_s: float, descriptors: Sequence[int]) -> Sequence[int]:
+        """Let the world move on; return the descriptors that are readable then.
+
+        Returns early, without any time gone by, for a descriptor that the HIL does not
+        feed (a socket of an outside ground station).
+        """
+        if deadline_s > self._now_s and not self._outstanding:
+            self._send(deadline_s)
+        if self._outstanding:
+            foreign = [fd for fd in descriptors if not stat.S_ISCHR(os.fstat(fd).st_mode)]
+            server = self._socket.fileno()
+            if server in select.select([server, *foreign], [], [])[0]:
+                self._receive()
+        return select.select(descriptors, [], [], 0.0)[0]
+
+    def _send(self, deadline_s: float) -> None:
+        try:
+            self._socket.sendall(self._packet.pack(deadline_s, *self._written()))
+        except OSError as error:
+            raise ClockError(f"the HIL has gone: {error.strerror}") from None
+        self._outstanding = True
+
+    def _receive(self) -> None:
+        try:
+            packet = self._socket.recv(64)
+        except OSError as error:
+            raise ClockError(f"the HIL has gone: {error.strerror}") from None
+        if len(packet) not in (8, 16):
+            raise ClockError("the HIL has ended the run")
+        self._now_s = struct.unpack_from("<d", packet)[0]
+        if len(packet) == 16:
+            self._utc_offset_s += struct.unpack_from("<d", packet, 8)[0]
+        self._outstanding = False
+
+
+class Metronome:
+    """Absolute deadlines at a fixed rate, skipped in phase and never caught up.
+
+    The phase may drift slowly towards the arrivals of an outside event (a compass
+    sample); without arrivals it runs free.
+    """
+
+    def __init__(self, start_s: float, rate_hz: float) -> None:
+        """Make the first deadline start_s."""
+        self._deadline_s = start_s
+        self._rate_hz = rate_hz
+        self._shift_s = 0.0
+
+    @property
+    def rate_hz(self) -> float:
+        """The nominal rate."""
+        return self._rate_hz
+
+    @property
+    def deadline_s(self) -> float:
+        """The deadline that is due next."""
+        return self._deadline_s
+
+    def set_rate(self, rate_hz: float) -> None:
+        """Change the rate from the deadline after the next one on."""
+        self._rate_hz = rate_hz
+
+    def lock(self, arrival_s: float) -> None:
+        """Move the next deadlines a little towards a whole number of periods after arrival_s."""
+        period_s = 1.0 / self._rate_hz
+        ahead_s = self._deadline_s - (arrival_s + LOCK_MARGIN_S)
+        error_s = ahead_s - period_s * math.floor(ahead_s / period_s + 0.5)
+        self._shift_s = clamp(-LOCK_GAIN * error_s, -LOCK_SLEW * period_s, LOCK_SLEW * period_s)
+
+    def advance(self, now_s: float) -> int:
+        """Set the next deadline after a tick done at now_s; return how many were skipped.
+
+        A deadline less than half a period gone is still served, late; older ones are skipped.
+        """
+        period_s = 1.0 / self._rate_hz
+        self._deadline_s += period_s + self._shift_s
+        self._shift_s = 0.0
+        behind_s = now_s - self._deadline_s
+        if behind_s < 0.5 * period_s:
+            return 0
+        skipped = math.floor(behind_s / period_s + 0.5)
+        self._deadline_s += skipped * period_s
+        return skipped

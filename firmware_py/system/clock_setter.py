@@ -1,0 +1,72 @@
+"""Sets the computer's clock from GPS when it has no better one; the loop runs on another clock and takes no notice."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from firmware_py.common.records import Event, PositionSample, Severity
+
+NEVER, WHEN_WRONG, WHEN_UNKEPT = range(3)  # CLK_SET
+
+FIRST_UTC_S = 1_767_225_600.0  # 2026-01-01: whatever says an earlier time is wrong
+LAST_UTC_S = 4_102_444_800.0  # 2100-01-01
+AGREEING = 5  # times in a row that must agree before one is believed
+AGREEMENT_S = 1.0
+TOLERANCE_S = 2.0  # a receiver's sentence may come a second after its time
+AGAIN_S = 3600.0
+
+
+class ClockSetter:
+    """Compares the times that GPS and ground stations say with the computer's, and sets that once they agree.
+
+    A source's time counts as its difference to the loop's clock, which never jumps.
+    """
+
+    def __init__(
+        self,
+        utc_s: Callable[[], float],
+        set_utc_s: Callable[[float], bool],
+        is_kept: Callable[[], bool],
+    ) -> None:
+        """Take the computer's clock, the way to set it, and who knows whether something keeps it."""
+        self._utc_s = utc_s
+        self._set_utc_s = set_utc_s
+        self._is_kept = is_kept
+        self._gps: deque[float] = deque(maxlen=AGREEING)
+        self._station: deque[float] = deque(maxlen=AGREEING)
+        self._due_s = -math.inf
+
+    def hear_station(self, utc_s: float, now_s: float) -> None:
+        """Take the time that a ground station says."""
+        self._station.append(utc_s - now_s)
+
+    def consider(self, policy: int, fixes: Sequence[PositionSample], now_s: float) -> Event | None:
+        """Take the fixes of a tick; set the clock if it must be and may be; return what is to be told."""
+        self._gps.extend(fix.utc_s - fix.t_s for fix in fixes if fix.utc_s is not None)
+        if policy == NEVER or now_s < self._due_s:
+            return None
+        utc_s = self._utc_s()
+        wrong = utc_s < FIRST_UTC_S
+        offset_s, source = _believed(self._gps, now_s), "GPS"
+        if offset_s is None and wrong and not self._gps:
+            offset_s, source = _believed(self._station, now_s), "a ground station"
+        if offset_s is None:
+            return None
+        self._due_s = now_s + AGAIN_S
+        error_s = utc_s - (offset_s + now_s)
+        if not wrong and (policy != WHEN_UNKEPT or abs(error_s) <= TOLERANCE_S or self._is_kept()):
+            return None
+        if not self._set_utc_s(offset_s + now_s):
+            return Event(Severity.WARNING, f"Clock is {error_s:.0f} s off and may not be set (needs CAP_SYS_TIME)")
+        return Event(Severity.NOTICE, f"Clock set from {source}: it was {error_s:.0f} s off")
+
+
+def _believed(offsets_s: deque[float], now_s: float) -> float | None:
+    """Return the latest difference, None unless enough agree and the time is a possible one; NaN never does."""
+    if len(offsets_s) < AGREEING:
+        return None
+    latest_s = offsets_s[-1]
+    agree = all(abs(offset_s - latest_s) <= AGREEMENT_S for offset_s in offsets_s)
+    return latest_s if agree and FIRST_UTC_S <= latest_s + now_s <= LAST_UTC_S else None

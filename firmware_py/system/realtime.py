@@ -1,0 +1,107 @@
+"""Asks the kernel and the interpreter for steady timing, and says what was not granted."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import signal
+import sys
+import threading
+from collections.abc import Collection
+from typing import NoReturn
+
+from firmware_py.common.interfaces import Clock
+
+PRIORITY = 40
+# Of the other threads of this process: the loop waits for whoever of them holds the interpreter, and that one must not
+# have to wait for other programs.
+BACKGROUND_PRIORITY = 10
+_MCL_CURRENT = 1
+_MCL_ONFAULT = 4  # only what is touched, so that whole libraries are not drawn into memory
+_PR_SET_PDEATHSIG = 1
+_PR_SET_TIMERSLACK = 29
+_TIME_ERROR = 5  # adjtimex: the clock is not synchronised
+# A background thread that computes gives the interpreter up after this long.
+SWITCH_INTERVAL_S = 0.0005
+
+
+def prepare(ordinary: Collection[str] = ()) -> tuple[str, ...]:
+    """Set real-time priorities, lock memory, tighten timers, freeze the collector; return what failed.
+
+    To be called when all threads are there. The `ordinary` ones, by name, keep the priority of other programs: those
+    whose work others decide on, for Linux takes a processor from real-time work for 50 ms in a second full of it.
+    """
+    refused = []
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        for thread in threading.enumerate():
+            if thread is threading.current_thread() or thread.name in ordinary:
+                continue
+            if thread.native_id is not None:
+                os.sched_setscheduler(thread.native_id, os.SCHED_FIFO, os.sched_param(BACKGROUND_PRIORITY))
+    except OSError as error:
+        refused.append(f"SCHED_FIFO not allowed ({error.strerror}): ticks may come late under load")
+    if libc.mlockall(_MCL_CURRENT | _MCL_ONFAULT) != 0:
+        reason = os.strerror(ctypes.get_errno())
+        refused.append(f"mlockall not allowed ({reason}): a page fault may delay a tick")
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    return tuple(refused)
+
+
+def relax() -> None:
+    """Give real-time priority back: a program started in place of this one, and its threads, would inherit it."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    except OSError:  # it was not granted either
+        pass
+
+
+def start_anew() -> NoReturn:
+    """Replace this process by the same program with the same words; nothing after it is run."""
+    relax()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - the words this process was started with
+
+
+def clock_is_kept() -> bool:
+    """Whether something (NTP, PTP, a GPS daemon) disciplines the machine's clock, as far as the kernel knows."""
+    # struct timex begins with `modes`, 0 = only read; all of it is smaller than this on every Linux.
+    timex = ctypes.create_string_buffer(512)
+    return int(ctypes.CDLL(None).adjtimex(timex)) not in (-1, _TIME_ERROR)
+
+
+def end_with_parent(pid: int) -> bool:
+    """Have the kernel send SIGTERM when the parent dies, however it dies; False when it is no longer `pid`."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    return os.getppid() == pid
+
+
+class LoadMeter:
+    """How much of one core this process uses."""
+
+    def __init__(self, clock: Clock) -> None:
+        """Measure from now on."""
+        self._clock = clock
+        self._share = 0.0
+        self._since_s, self._used_s = clock.now_s(), _used_s()
+
+    def share(self) -> float:
+        """Return the share, 0 to 1, averaged over the last second or more."""
+        now_s = self._clock.now_s()
+        if now_s - self._since_s >= 1.0:
+            used_s = _used_s()
+            self._share = min(1.0, (used_s - self._used_s) / (now_s - self._since_s))
+            self._since_s, self._used_s = now_s, used_s
+        return self._share
+
+
+def _used_s() -> float:
+    times = os.times()
+    return times.user + times.system

@@ -1,0 +1,1 @@
+"""The tools of the naval engineer: identification, the fish swarm, tuning, comparison."""

@@ -1,0 +1,79 @@
+"""What a voyage through the task of physics.md section 6 came to: figures from the truth alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from firmware_py.common.angles import degrees, radians
+from hil.report.figures import STEADY_AFTER_S, goal_spans, overshoot_rad, rudder_travel_deg_per_h
+from hil.sim.truth import Truth
+
+NEAR_RAD = radians(5.0)
+SHORT_S = STEADY_AFTER_S + 100.0  # a goal held for less has no steady part worth the name
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """Of one run, or the mean over several: errors in degrees, travel in degrees per hour, of the steady parts.
+
+    `overshoot_deg` and `near_s`, the time until she first is within 5 deg of the goal, are those of the
+    first turn.
+    """
+
+    rms_deg: float
+    travel_deg_per_h: float
+    mean_deg: float
+    overshoot_deg: float
+    near_s: float
+
+
+def score_of(truth: Truth) -> Score:
+    """Judge a run of goals that last for 300 s and more; ValueError when there is none."""
+    spans = [(first, last) for first, last in goal_spans(truth.goal_rad) if _length_s(truth, first, last) >= SHORT_S]
+    if not spans:
+        raise ValueError(f"no goal lasts for {SHORT_S:g} s")
+    errors, travel_deg, hours = [], 0.0, 0.0
+    for first, last in spans:
+        steady = first + int(np.searchsorted(truth.time_s[first:last], truth.time_s[first] + STEADY_AFTER_S - 1e-9))
+        errors.append(truth.heading_low_rad[steady:last] - truth.goal_rad[steady:last])
+        share_h = _length_s(truth, steady, last) / 3600.0
+        travel_deg += share_h * rudder_travel_deg_per_h(truth.time_s[steady:last], truth.rudder_rad[steady:last])
+        hours += share_h
+    error_rad = np.concatenate(errors)
+    turn = _first_turn(truth, spans)
+    return Score(
+        degrees(float(np.sqrt(np.mean(np.square(error_rad))))),
+        travel_deg / hours,
+        degrees(float(np.mean(error_rad))),
+        *turn,
+    )
+
+
+def _first_turn(truth: Truth, spans: Sequence[tuple[int, int]]) -> tuple[float, float]:
+    for first, last in spans:
+        error_rad = truth.heading_low_rad[first:last] - truth.goal_rad[first:last]
+        if abs(error_rad[0]) <= NEAR_RAD:
+            continue
+        early = int(np.searchsorted(truth.time_s[first:last], truth.time_s[first] + STEADY_AFTER_S - 1e-9))
+        inside = np.flatnonzero(np.abs(error_rad) <= NEAR_RAD)
+        near_s = float(truth.time_s[first + inside[0]] - truth.time_s[first]) if inside.size else float("inf")
+        return degrees(overshoot_rad(error_rad[:early])), near_s
+    return 0.0, 0.0
+
+
+def _length_s(truth: Truth, first: int, last: int) -> float:
+    return float(truth.time_s[last - 1] - truth.time_s[first])
+
+
+def mean_of(scores: Sequence[Score]) -> Score:
+    """Return the mean over runs; the rms is that of all steady parts together."""
+    return Score(
+        float(np.sqrt(np.mean([one.rms_deg**2 for one in scores]))),
+        float(np.mean([one.travel_deg_per_h for one in scores])),
+        float(np.mean([one.mean_deg for one in scores])),
+        float(np.mean([one.overshoot_deg for one in scores])),
+        float(np.mean([one.near_s for one in scores])),
+    )

@@ -1,0 +1,106 @@
+"""The runs of a comparison: which controllers, in which seas, on how many seeds, several at a time."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+from firmware_py.model.kt import OCEAN_RAMBLER
+from hil.lab.compare.score import Score, mean_of, score_of
+from hil.sim import scenarios
+from hil.sim.goals import Goal
+
+AUTOPILOT, TWIN = "autopilot", "compiled twin"
+FIXED = {"CTL_MODE": 0.0, "EST_MODE": 0.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """One row of each table: a name, what sails it, and the autopilot's parameters."""
+
+    name: str
+    sailed_by: str
+    settings: tuple[tuple[str, float], ...] = ()
+
+
+PAPER = Controller("S-surface, paper gains", AUTOPILOT, tuple(FIXED.items()))
+PID = Controller("PID, tuned", TWIN)
+OURS = Controller("Rambler", AUTOPILOT)
+
+
+def priced(price: float) -> Controller:
+    """Return ours with another price of rudder travel."""
+    return Controller(f"Rambler, CTL_PRICE {price:g}", AUTOPILOT, (("CTL_PRICE", price),))
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What is sailed: seas, seeds, goals and how long."""
+
+    scenarios: tuple[str, ...]
+    seeds: tuple[int, ...]
+    goals: tuple[Goal, ...]
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A controller in a sea: the figures of every seed and their mean."""
+
+    scenario: str
+    controller: Controller
+    scores: tuple[Score, ...]
+
+    @property
+    def mean(self) -> Score:
+        """The figures over all seeds."""
+        return mean_of(self.scores)
+
+
+def compare(task: Task, controllers: Sequence[Controller], tell: Callable[[int, int], None]) -> list[Row]:
+    """Sail everything and return the rows, sea by sea; tell is called with runs done and runs in all."""
+    jobs = [(name, one, seed) for name in task.scenarios for one in controllers for seed in task.seeds]
+    found: dict[tuple[str, str, int], Score] = {}
+    for number, (job, score) in enumerate(_sailed(task, jobs)):
+        found[job] = score
+        tell(number + 1, len(jobs))
+    return [
+        Row(name, one, tuple(found[name, one.name, seed] for seed in task.seeds))
+        for name in task.scenarios
+        for one in controllers
+    ]
+
+
+def _sailed(task: Task, jobs: Sequence[tuple[str, Controller, int]]) -> Iterator[tuple[tuple[str, str, int], Score]]:
+    # Each worker starts an autopilot of its own; a fresh interpreter inherits no half of this one's threads.
+    with ProcessPoolExecutor(os.cpu_count() or 1, get_context("spawn")) as pool:
+        waiting = {pool.submit(sail_one, task, *job): job for job in jobs}
+        for future in as_completed(waiting):
+            name, controller, seed = waiting[future]
+            yield (name, controller.name, seed), future.result()
+
+
+def sail_one(task: Task, scenario_name: str, controller: Controller, seed: int) -> Score:
+    """Sail one run and judge it by its truth."""
+    scenario = scenarios.named(scenario_name)
+    if controller.sailed_by == TWIN:
+        from hil.lab.compare import pid  # noqa: PLC0415 - compiles, which the other rows need not wait for
+
+        return score_of(pid.sail(scenario, seed, task.goals, task.seconds, OCEAN_RAMBLER, pid.TUNED))
+    from hil.sim.runner import RunOptions, run  # noqa: PLC0415 - not needed by the twin
+
+    with tempfile.TemporaryDirectory(prefix="rambler-compare-") as directory:
+        options = RunOptions(
+            scenario,
+            task.seconds,
+            Path(directory) / "run",
+            seed=seed,
+            goals=task.goals,
+            settings=dict(controller.settings),
+        )
+        return score_of(run(options).truth.table())

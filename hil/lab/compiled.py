@@ -1,0 +1,202 @@
+"""Compiles numerical functions with numba, once per machine, and shows the first time as progress.
+
+The K-T equation stands once, in firmware_py/model/kt.py, as plain functions. Importing this
+module makes them callable from compiled code under the names they have, so a kernel says
+
+    from firmware_py.model.kt import rk4_step
+    from hil.lab.compiled import compiled
+
+    @compiled
+    def kernel(...): ... rk4_step(...) ...
+
+and runs the same source compiled and plain (`kernel.py_func`). Compiled arithmetic is that of
+Python: no fast-math and no fused multiply-add, so sums and products agree to the last bit.
+Division by zero gives inf or NaN as in C instead of raising, for raising forbids SIMD.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, TextIO, TypeVar
+
+import numba
+from numba.core import codegen, event
+from numba.core import config as numba_config
+from numba.extending import register_jitable
+
+from firmware_py.model import kt
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+ERROR_MODEL: Final = "numpy"
+PATIENCE_S = 0.4  # what is loaded from the cache takes less, and says nothing
+TICK_S = 0.5
+KEPT_CACHES = 4
+
+PACKAGE = Path(__file__).parents[1]
+config: Any = numba_config  # numba makes its settings at run time, unseen by type checkers
+
+
+def use_whole_registers() -> None:
+    """Let loops use vector registers of 512 bits where there are some, also where they are not the compiler's choice.
+
+    A processor clocks slower with them, but the simulations run half as fast again. Which lane computes
+    a value does not change it. Asked for by NUMBA_CPU_FEATURES, other features stay as they were asked for.
+    """
+    if config.CPU_FEATURES is not None:
+        return
+    features = str(codegen.get_host_cpu_features())  # type: ignore[no-untyped-call]
+    if "+avx512f" in features.split(","):
+        config.CPU_FEATURES = f"{features},-prefer-256-bit"
+
+
+use_whole_registers()
+
+
+class _Compilations(event.Listener):
+    """Counts the compilations under way; what comes from the cache is none."""
+
+    def __init__(self) -> None:
+        self.under_way = 0
+
+    def on_start(self, event: Any) -> None:  # noqa: ARG002 - numba's signature
+        """Note one more."""
+        self.under_way += 1
+
+    def on_end(self, event: Any) -> None:  # noqa: ARG002 - numba's signature
+        """Note one less."""
+        self.under_way -= 1
+
+
+_compilations: Final = _Compilations()
+_line: Final = threading.Lock()  # who holds it writes the line of progress
+event.register("numba:compile", _compilations)  # type: ignore[no-untyped-call]
+
+
+def being_compiled() -> bool:
+    """Whether code is being compiled just now."""
+    return _compilations.under_way > 0
+
+
+def inner(function: Function) -> Function:
+    """Let compiled functions call a plain one, which stays plain for those who call it from Python."""
+    return register_jitable(error_model=ERROR_MODEL)(function)
+
+
+for _function in (kt.yaw_acceleration, kt.steady_yaw_rate, kt.rk4_step):
+    inner(_function)
+
+
+def compiled(function: Function) -> Function:
+    """Compile a function at its first call, and keep the machine code for later processes.
+
+    Without any place to keep it (no home, a read-only disk) it is compiled anew each time.
+    """
+    return _compile(function, keep=True)
+
+
+def compiled_here(function: Function) -> Function:
+    """Compile a function for this process alone, as one must that takes other functions as arguments."""
+    return _compile(function, keep=False)
+
+
+def _compile(function: Function, *, keep: bool) -> Function:
+    folder = cache_folder() if keep else None
+    if folder is None:
+        return _njit(function, keep=False)
+    usual = config.CACHE_DIR
+    config.CACHE_DIR = str(folder)
+    try:
+        return _njit(function, keep=True)
+    except RuntimeError:
+        # numba found the folder unusable after all.
+        return _njit(function, keep=False)
+    finally:
+        config.CACHE_DIR = usual
+
+
+def _njit(function: Function, *, keep: bool) -> Function:
+    # nogil: several threads may share the work, and the one that tells of progress gets its turn.
+    return numba.njit(function, cache=keep, error_model=ERROR_MODEL, nogil=True)  # type: ignore[no-any-return]
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Return where machine code is kept, or None where nothing can be.
+
+    numba renews a function's machine code when its own file changes, but not when a function
+    that it calls does: a changed K-T equation would live on in old kernels. So the folder
+    is named after the text of all files that hold compiled functions.
+    """
+    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - Path.expanduser raises without a home
+    home = Path(base) / "rambler-hil"
+    folder = home / sources_digest()
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        os.utime(folder)
+        if not os.access(folder, os.W_OK | os.X_OK):
+            return None
+        _drop_old(home)
+    except OSError:
+        return None
+    return folder
+
+
+def sources_digest() -> str:
+    """Return a digest of the model and of every file of this package that imports this module."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    for path in sorted(PACKAGE.rglob("*.py")) + sorted(Path(kt.__file__).parent.glob("*.py")):
+        text = path.read_bytes()
+        if not path.is_relative_to(PACKAGE) or b"hil.lab.compiled" in text or path == Path(__file__):
+            digest.update(path.name.encode() + b"\0" + text)
+    return digest.hexdigest()[:16]
+
+
+def _drop_old(home: Path) -> None:
+    """Forget the machine code of all but the latest few versions of the sources."""
+    folders = sorted((path for path in home.iterdir() if path.is_dir()), key=lambda path: path.stat().st_mtime)
+    for folder in folders[:-KEPT_CACHES]:
+        for path in sorted(folder.rglob("*"), reverse=True):
+            path.rmdir() if path.is_dir() else path.unlink(missing_ok=True)
+        folder.rmdir()
+
+
+@contextmanager
+def compiling(what: str, stream: TextIO | None = None) -> Iterator[None]:
+    """Say on a terminal when code is being compiled in the block; silent in a pipe, and within another such block."""
+    stream = sys.stderr if stream is None else stream
+    if not stream.isatty() or not _line.acquire(blocking=False):
+        yield
+        return
+    done = threading.Event()
+    teller = threading.Thread(target=_tell, args=(what, stream, done), daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        done.set()
+        teller.join()
+        _line.release()
+
+
+def _tell(what: str, stream: TextIO, done: threading.Event) -> None:
+    began_s, shown = time.monotonic(), False
+    while not done.wait(TICK_S if shown else PATIENCE_S):
+        if being_compiled():
+            elapsed_s = time.monotonic() - began_s
+            stream.write(f"\r\x1b[Kcompiling {what} for this machine, the first time only ... {elapsed_s:.0f} s")
+        elif shown:
+            stream.write("\r\x1b[K")
+        shown = being_compiled()
+        stream.flush()
+    if shown:
+        stream.write("\r\x1b[K")
+        stream.flush()

@@ -1,0 +1,314 @@
+"""From prepared data to a fitted model: search, refine, weigh, choose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.lab.identify.accuracy import Information, best_weights, information
+from hil.lab.identify.digest import Digest, digest
+from hil.lab.identify.noise import fit_noise
+from hil.lab.identify.predict import Point, Scales, Start, to_natural
+from hil.lab.identify.recording import Floats
+from hil.lab.identify.refine import Problem, State, Weights, refine
+from hil.lab.identify.search import Box, Found, GlobalSearch, scan, swarm_search, with_scale_of
+from hil.lab.identify.stretch import Data, Stretch, thinned, without_spikes
+
+LINEAR, CUBIC = (0, 1, 3), (0, 1, 2, 3)  # free ones of ln K, ln T, alpha, delta0
+ROUNDS, FINE_ROUNDS = 5, 2
+SETTLED = 0.05  # of a weight, relative
+NO_LAGS = np.zeros(0)
+FEW_ROWS = 3000
+PARAMETERS = 5  # K, T, alpha, delta0 and where she starts
+MOST_LAGS = 24  # of the filter that makes a heading's noise white; what colour is left the standard errors allow for
+LONGEST_ALLOWED = 0.5  # step of ln K, ln T, c and delta0 in scales
+# alpha r^2 at the yaw rates of a log in which it does not show, one sigma: what is likely sets the values,
+# what is possible sets their standard errors.
+LIKELY_CUBIC, POSSIBLE_CUBIC = 0.015, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A fitted model with what is known of its accuracy.
+
+    `covariance` is of the free coordinates of Point; `spikes` counts the readings that stood out of
+    their neighbours once the motion was taken away.
+    """
+
+    problem: Problem
+    state: State
+    cost: float
+    covariance: Floats
+    known: Information
+    spikes: int
+    evaluations: int
+    iterations: int
+    converged: bool
+
+    @property
+    def physical(self) -> Floats:
+        """K, T, alpha, delta0."""
+        return self.state.point.physical(self.problem.scales)
+
+    @property
+    def effective_rows(self) -> float:
+        """How many independent readings the coloured ones are worth."""
+        return self.known.effective_rows(self.problem.channel_weights())
+
+    def typical_rate_rad_s(self) -> float:
+        """Return the yaw rate that the model hardly ever exceeds in this log."""
+        parts = zip(self.problem.data.stretches, self.state.starts, strict=True)
+        rates = [np.abs(self.problem.motion(stretch, self.state, start)[1]) for stretch, start in parts]
+        return max(float(np.quantile(np.concatenate(rates), 0.95)), 1e-12)
+
+    @property
+    def likelihood(self) -> float:
+        """Minus twice the logarithm of the likelihood, channels apart, noise sizes eliminated."""
+        rows = self.problem.data.rows
+        return float(rows * np.sum(np.log(np.maximum(self.errors_power(), 1e-300))))
+
+    def errors_power(self) -> Floats:
+        """Return the mean square error of each channel in use."""
+        weights = np.array(self.problem.channel_weights())
+        return np.asarray(self.known.noise.spread[weights > 0.0] ** 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Searched:
+    """What the global search brought."""
+
+    record: Digest
+    box: Box
+    found: Found
+
+
+def search(
+    data: Data, seed: int, globally: GlobalSearch = swarm_search, *, cubic: bool, tell: Callable[[], None]
+) -> Searched:
+    """Search globally."""
+    record = digest(data)
+    box = scan(record)
+    record = with_scale_of(record, box)
+    return Searched(record, box, globally(record, box, seed, cubic=cubic, tell=tell))
+
+
+def fit(
+    data: Data,
+    searched: Searched,
+    free: tuple[int, ...],
+    begin: Point,
+    tell: Callable[[], None],
+    simpler: Fit | None = None,
+) -> Fit:
+    """Refine from a point: first on averages, which is quick, then on every sample.
+
+    simpler: a fit of a model that this one contains, to start the second part from if it is better.
+    """
+    scales = searched.record.scales
+    values = begin.values.copy()
+    if 2 not in free:
+        values[2] = 0.0
+    few = thinned(data, FEW_ROWS)
+    rates = [stretch.yaw_rate_rad_s for stretch in few.stretches if stretch.yaw_rate_rad_s is not None]
+    fastest = max((float(np.max(np.abs(rate))) for rate in rates), default=3.0 * scales.yaw_rate_rad_s)
+    state = State(Point(values, begin.sign), tuple(first_guess(stretch) for stretch in few.stretches))
+    roughs = [
+        _settled(Problem(few, scales, fastest, free, weights), state, tell, ROUNDS) for weights in _first_weights(data)
+    ]
+    rough = min(_no_worse_in_rate(roughs), key=_surprise)
+    if few is data:
+        if simpler is None or rough.cost <= rough.problem.cost(simpler.state):
+            return rough
+        return _settled(rough.problem, simpler.state, tell, FINE_ROUNDS)
+    every_weight = rough.problem.weights
+    if data.stretches[0].yaw_rate_rad_s is None:
+        every_weight = _weights(replace(rough.problem, data=data), rough.state, rough.known)
+    whole = replace(rough.problem, data=data, weights=every_weight)
+    state = rough.state
+    if simpler is not None and whole.cost(simpler.state) < whole.cost(state):
+        state = simpler.state
+    fine = _settled(whole, state, tell, FINE_ROUNDS)
+    return replace(
+        fine, evaluations=fine.evaluations + rough.evaluations, iterations=fine.iterations + rough.iterations
+    )
+
+
+def _first_weights(data: Data) -> tuple[Weights, ...]:
+    """Return the weights to begin with.
+
+    A heading alone is begun with as it is and by its differences: the former does well in waves,
+    the latter where a drift adds up, and neither can be told before the fit. With a yaw rate beside it,
+    each is begun with alone: what one leaves of the other looks coloured, and can stay so.
+    """
+    heading, rate = 1.0 / _power(data, 0), 1.0 / _power(data, 1)
+    if data.stretches[0].yaw_rate_rad_s is not None:
+        return (Weights(0.0, rate, NO_LAGS), Weights(heading, 0.0, NO_LAGS))
+    return (Weights(heading, 0.0, NO_LAGS), Weights(heading, 0.0, np.array([-1.0])))
+
+
+def _surprise(one: Fit) -> float:
+    """Return minus twice the logarithm of the likelihood of a fit's errors, their colour allowed for."""
+    noise = fit_noise(error_pieces(one.problem, one.state))
+    rows = one.problem.data.rows
+    return rows * float(np.linalg.slogdet(noise.covariance)[1]) + 2.0 * noise.order
+
+
+def _no_worse_in_rate(fits: list[Fit]) -> list[Fit]:
+    """Leave out fits that pay for the heading with more error of the yaw rate than chance explains.
+
+    At sea a heading drifts off for reasons that are not the rudder, and what follows it turns worse.
+    """
+    least = min(float(one.known.noise.spread[-1]) for one in fits)
+    rows = fits[0].problem.data.rows
+    both = fits[0].known.noise.spread.size > 1
+    most = least * (1.0 + PARAMETERS / rows)
+    return [one for one in fits if not both or float(one.known.noise.spread[-1]) <= most]
+
+
+def error_pieces(problem: Problem, state: State) -> list[Floats]:
+    """Return the unfiltered errors (rows, channels) of every stretch."""
+    parts = zip(problem.data.stretches, state.starts, strict=True)
+    return [np.column_stack(problem.errors(stretch, state, start)) for stretch, start in parts]
+
+
+def _settled(problem: Problem, state: State, tell: Callable[[], None], rounds: int) -> Fit:
+    """Refine, learn the noise, weigh the channels by it, and refine again until that settles."""
+    evaluations = iterations = spikes = 0
+    for round_ in range(rounds):
+        refined = refine(problem, state, tell)
+        state = refined.state
+        evaluations, iterations = evaluations + refined.evaluations, iterations + refined.iterations
+        if round_ == 0:
+            cleaned, spikes = _without_spikes(problem, state)
+            problem = replace(problem, data=cleaned)
+        known = information(problem, state)
+        weights = _weights(problem, state, known)
+        scale = float(known.noise.spread[0] / known.noise.spread[-1]) ** 2
+        settled = _same(problem.weights, weights, scale)
+        if settled and weights.heading_lags.size:
+            break
+        if settled or round_ < rounds - 1:
+            problem = replace(problem, weights=weights)
+        if settled:
+            break
+    covariance = known.covariance(problem.channel_weights())
+    return Fit(problem, state, refined.cost, covariance, known, spikes, evaluations, iterations, refined.converged)
+
+
+def _power(data: Data, channel: int) -> float:
+    """Return the mean square of a channel, 1 without one."""
+    columns = [(one.heading_rad, one.yaw_rate_rad_s)[channel] for one in data.stretches]
+    total = sum(float(column @ column) for column in columns if column is not None)
+    return max(total / data.rows, 1e-30) if columns[0] is not None else 1.0
+
+
+def first_guess(stretch: Stretch) -> Start:
+    """Guess where a stretch begins from its first few samples."""
+    first = slice(0, min(10, stretch.time_s.size))
+    time_s = stretch.time_s[first] - stretch.time_s[0]
+    heading, rate = 0.0, 0.0
+    if stretch.yaw_rate_rad_s is not None:
+        rate = float(np.median(stretch.yaw_rate_rad_s[first]))
+    if stretch.heading_rad is not None:
+        heading = float(np.median(stretch.heading_rad[first] - rate * time_s))
+    return Start(heading, rate)
+
+
+def _without_spikes(problem: Problem, state: State) -> tuple[Data, int]:
+    """Take out of the readings what stands out of its neighbours once the motion is taken away."""
+    stretches, total = [], 0
+    for stretch, start in zip(problem.data.stretches, state.starts, strict=True):
+        errors = list(problem.errors(stretch, state, start))
+        for name in ("heading_rad", "yaw_rate_rad_s"):
+            column = getattr(stretch, name)
+            if column is None:
+                continue
+            error = errors.pop(0)
+            clean, count = without_spikes(error)
+            total += count
+            if count:
+                stretch = replace(stretch, **{name: column - (error - clean)})  # noqa: PLW2901 - built up field by field
+        stretches.append(stretch)
+    return replace(problem.data, stretches=tuple(stretches)), total
+
+
+def _weights(problem: Problem, state: State, known: Information) -> Weights:
+    one = problem.data.stretches[0]
+    if one.heading_rad is None:
+        return Weights(0.0, best_weights(known)[0], NO_LAGS)
+    if one.yaw_rate_rad_s is not None:
+        heading, rate = best_weights(known)
+        return Weights(heading, rate, NO_LAGS)
+    # Alone, the heading is filtered so that its noise is white: efficient, and safe against drift,
+    # which would otherwise add up over the whole log.
+    pieces = [
+        problem.errors(stretch, state, start)[0][:, None]
+        for stretch, start in zip(problem.data.stretches, state.starts, strict=True)
+    ]
+    model = fit_noise(pieces, MOST_LAGS)
+    return Weights(1.0 / max(float(model.covariance[0, 0]), 1e-30), 0.0, model.lags[:, 0, 0].copy())
+
+
+def _same(before: Weights, after: Weights, scale: float) -> bool:
+    """Whether weights are as good as equal; scale is the heading's power over the yaw rate's."""
+    if before.heading_lags.size != after.heading_lags.size:
+        return False
+    if before.heading_lags.size and np.max(np.abs(before.heading_lags - after.heading_lags)) > SETTLED:
+        return False
+    # Only how the channels share matters for the estimate.
+    shares = [one.heading * scale / max(one.heading * scale + one.yaw_rate, 1e-300) for one in (before, after)]
+    return abs(shares[0] - shares[1]) <= SETTLED
+
+
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """Values of ln |K|, ln T, c = alpha r^2 and delta0 in scales, and the covariance of those that `free` names."""
+
+    values: Floats
+    free: tuple[int, ...]
+    covariance: Floats
+
+    def physical(self, scales: Scales, sign: float) -> tuple[float, float, float, float]:
+        """Return K [1/s], T [s], alpha [s^2], delta0 [rad]."""
+        ln_gain, ln_lag, cubic, offset = (float(value) for value in self.values)
+        return (
+            sign * math.exp(ln_gain),
+            math.exp(ln_lag),
+            cubic / scales.yaw_rate_rad_s**2,
+            scales.rudder_middle_rad + offset * scales.rudder_rad,
+        )
+
+
+def estimates_of(one: Fit) -> Estimates:
+    """Return what a fit itself says."""
+    return _natural(one.state.point.values, one.problem.free, one.covariance)
+
+
+def _natural(values: Floats, free: tuple[int, ...], covariance: Floats) -> Estimates:
+    natural, turn = to_natural(values, free)
+    return Estimates(natural, free, turn @ covariance @ turn.T)
+
+
+def allowing_for_cubic(linear: Fit) -> Estimates | None:
+    """Return K, T and delta0 as they are when alpha is not taken for zero but for unknown and small.
+
+    A linear fit to a boat with an alpha too small to show is off by more than its own standard
+    errors say, for the term acts like a smaller K. So alpha is put back, with what is believed
+    beforehand of its size, and everything moves by one Gauss-Newton step. None where that leads
+    too far for one step to be right: then so little is known that it makes no difference.
+    """
+    problem = replace(linear.problem, free=CUBIC)
+    known = information(problem, linear.state)
+    weights = problem.channel_weights()
+    normal = problem.normal(linear.state)
+    unit = (problem.scales.yaw_rate_rad_s / linear.typical_rate_rad_s()) ** 2
+    step, _ = known.step(normal, weights, CUBIC.index(2), LIKELY_CUBIC * unit)
+    _, covariance = known.step(normal, weights, CUBIC.index(2), POSSIBLE_CUBIC * unit)
+    values = linear.state.point.values.copy()
+    values[list(CUBIC)] += step
+    if not (np.all(np.isfinite(step)) and np.max(np.abs(step)) < LONGEST_ALLOWED):
+        return None
+    return _natural(values, CUBIC, covariance)

@@ -1,0 +1,128 @@
+"""How well a fitted model predicts: on what it was fitted to, and on recordings that it has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from hil.lab.identify.fit import NO_LAGS, Fit, first_guess
+from hil.lab.identify.predict import Start
+from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
+from hil.lab.identify.refine import Problem, State, Weights, refine
+from hil.lab.identify.stretch import Data, Stretch, Timing, prepare, timed
+
+HEAD_SHARE, HEAD_LAGS = 0.1, 3.0
+
+Errors = dict[str, list[Floats]]  # "heading", "yaw_rate" -> one array a stretch
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """One stretch, measured and predicted; a channel that was not measured is predicted all the same."""
+
+    stretch: Stretch
+    heading_rad: Floats
+    yaw_rate_rad_s: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Root mean square and mean errors (measured less predicted); None for a channel that was not measured."""
+
+    file: str
+    yaw_rate_rmse_rad_s: float | None
+    heading_rmse_rad: float | None
+    heading_mean_rad: float | None
+    heading_within_rad: float | None  # 95 % of the errors
+    predictions: tuple[Prediction, ...] = ()
+
+    @classmethod
+    def of(cls, file: str, errors: Errors, predictions: tuple[Prediction, ...] = ()) -> Self:
+        """Sum up errors."""
+        whole = {name: np.concatenate(pieces) for name, pieces in errors.items() if pieces}
+        heading, rate = whole.get("heading"), whole.get("yaw_rate")
+        return cls(
+            file,
+            None if rate is None else float(np.sqrt(np.mean(rate**2))),
+            None if heading is None else float(np.sqrt(np.mean(heading**2))),
+            None if heading is None else float(np.mean(heading)),
+            None if heading is None else float(np.quantile(np.abs(heading), 0.95)),
+            predictions,
+        )
+
+
+def errors_of(fit: Fit) -> Errors:
+    """Return what a fit leaves of its own data; a heading that counted for little is centred."""
+    return _errors(fit.problem, fit.state, centred=True)
+
+
+def held_out(
+    fit: Fit, recording: Recording, speed_m_s: float | None, *, scaled: bool, timing: Timing = Timing.RAMP
+) -> HeldOut:
+    """Predict a recording from its rudder alone; only where she starts is taken from its beginning.
+
+    The beginning is the first tenth, or three turning lags if they are longer.
+    """
+    data = timed(prepare((recording,), speed_m_s), timing)
+    if not scaled:
+        ones = tuple(replace(one, speed_ratio=np.ones(one.time_s.size)) for one in data.stretches)
+        data = replace(data, stretches=ones)
+    weights = _weights(fit)
+    problem = replace(fit.problem, data=data, free=(), weights=weights)
+    starts: list[Start] = []
+    for stretch in data.stretches:
+        part = replace(data, stretches=(_head(stretch, float(fit.physical[1])),))
+        begin = State(fit.state.point, (first_guess(part.stretches[0]),))
+        starts.extend(refine(replace(problem, data=part), begin).state.starts)
+    state = State(fit.state.point, tuple(starts))
+    return HeldOut.of(recording.name, _errors(problem, state, centred=False), predictions(problem, state))
+
+
+def predictions(problem: Problem, state: State) -> tuple[Prediction, ...]:
+    """Return measured and predicted motion of every stretch."""
+    return tuple(
+        Prediction(stretch, *problem.motion(stretch, state, start))
+        for stretch, start in zip(problem.data.stretches, state.starts, strict=True)
+    )
+
+
+def _errors(problem: Problem, state: State, *, centred: bool) -> Errors:
+    found: Errors = {"heading": [], "yaw_rate": []}
+    for one in predictions(problem, state):
+        if one.stretch.heading_rad is not None:
+            error = one.stretch.heading_rad - one.heading_rad
+            found["heading"].append(error - error.mean() if centred else error)
+        if one.stretch.yaw_rate_rad_s is not None:
+            found["yaw_rate"].append(one.stretch.yaw_rate_rad_s - one.yaw_rate_rad_s)
+    return {name: pieces for name, pieces in found.items() if pieces}
+
+
+def _weights(fit: Fit) -> Weights:
+    """Weigh the channels by the noise that the fit left, whatever it was fitted to."""
+    spread = dict(zip(_channels(fit.problem.data), fit.known.noise.spread.tolist(), strict=True))
+    weight = {name: 1.0 / max(spread.get(name, 1.0), 1e-12) ** 2 for name in ("heading", "yaw_rate")}
+    return Weights(weight["heading"], weight["yaw_rate"], NO_LAGS)
+
+
+def _channels(data: Data) -> list[str]:
+    one = data.stretches[0]
+    pairs = (("heading", one.heading_rad), ("yaw_rate", one.yaw_rate_rad_s))
+    return [name for name, column in pairs if column is not None]
+
+
+def _head(stretch: Stretch, lag_s: float) -> Stretch:
+    time_s = stretch.time_s
+    until_s = time_s[0] + max(HEAD_LAGS * lag_s, HEAD_SHARE * (time_s[-1] - time_s[0]))
+    rows = min(max(int(np.searchsorted(time_s, until_s)), LEAST_ROWS), time_s.size)
+    return replace(
+        stretch,
+        time_s=time_s[:rows],
+        step_s=stretch.step_s[: rows - 1],
+        rudder_rad=stretch.rudder_rad[:rows],
+        rudder_end_rad=stretch.rudder_end_rad[: rows - 1],
+        heading_rad=None if stretch.heading_rad is None else stretch.heading_rad[:rows],
+        yaw_rate_rad_s=None if stretch.yaw_rate_rad_s is None else stretch.yaw_rate_rad_s[:rows],
+        speed_ratio=stretch.speed_ratio[:rows],
+    )

@@ -1,0 +1,147 @@
+"""Reads an onboard log as a recording: headings, the rudder's encoder, the speed of the fixes."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from firmware_py.common.angles import radians
+from firmware_py.common.records import HeadingSample, NorthReference
+from firmware_py.log.dataflash import LogError
+from firmware_py.log.reader import LoggedTick, LogReader
+from hil.errors import UsageError
+from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
+
+SPEED_SMOOTHED_S = 60.0  # a fix's speed swings with the waves; what turns her is the mean
+PRESENT_SHARE = 0.95
+
+Pair = tuple[float, float]
+
+
+@dataclass(slots=True)
+class _Gathered:
+    headings: list[HeadingSample] = field(default_factory=list)
+    shaft: list[Pair] = field(default_factory=list)
+    command: list[Pair] = field(default_factory=list)
+    speed: list[Pair] = field(default_factory=list)
+    centre_rad: float = 0.0
+    sign: float = 1.0
+    linkage_known: bool = False
+    start_s: float | None = None
+
+
+def read(path: Path) -> Recording:
+    """Read a .BIN log; time is counted from its first tick. UsageError names the remedy."""
+    reader = LogReader(path)
+    try:
+        got = _gather(reader)
+    except LogError as error:
+        raise UsageError(f"{path}: {error}") from None
+    if got.start_s is None:
+        raise UsageError(f"{path}: no whole tick in it; give a log that the autopilot wrote")
+    notes = []
+    if reader.reading.damaged:
+        notes.append(f"{reader.reading.damaged} damaged ticks left out")
+    headings = _one_kind(got.headings, notes)
+    if len(headings) < LEAST_ROWS:
+        raise UsageError(f"{path}: {len(headings)} headings in it; give a log of a run with a compass")
+    rudder, time_of_rudder = _rudder(path, got, notes)
+    time_s = np.array([sample.t_s for sample in headings])
+    yaw_rates = [sample.yaw_rate_rad_s for sample in headings]
+    known = np.array([rate is not None for rate in yaw_rates])
+    rates: Floats | None = None
+    if known.mean() >= PRESENT_SHARE:
+        values = np.array([np.nan if rate is None else rate for rate in yaw_rates], dtype=np.float64)
+        rates = np.interp(time_s, time_s[known], values[known])
+    inside = (time_s >= time_of_rudder[0]) & (time_s <= time_of_rudder[-1])
+    return Recording(
+        str(path),
+        time_s[inside] - got.start_s,
+        np.interp(time_s, time_of_rudder, rudder)[inside],
+        np.array([sample.heading_rad for sample in headings])[inside],
+        None if rates is None else rates[inside],
+        _speed(got.speed, time_s[inside], notes),
+        tuple(notes),
+    )
+
+
+def _gather(ticks: Iterable[LoggedTick]) -> _Gathered:
+    got = _Gathered()
+    for tick in ticks:
+        inputs = tick.inputs
+        if got.start_s is None:
+            got.start_s = inputs.tick.t_s
+        if tick.checkpoint is not None:
+            _take_linkage(got, tick.checkpoint)
+        got.headings.extend(inputs.headings)
+        got.shaft.extend((one.t_s, one.shaft_rad) for one in inputs.rudder if one.shaft_rad is not None)
+        got.command.append((inputs.tick.t_s, tick.command.shaft_rad))
+        got.speed.extend(
+            (one.t_s, one.speed_over_ground_m_s) for one in inputs.positions if one.speed_over_ground_m_s is not None
+        )
+    return got
+
+
+def _take_linkage(got: _Gathered, checkpoint: str) -> None:
+    """Learn how the shaft moves the rudder from the parameters of a stored state."""
+    try:
+        parameters = json.loads(checkpoint)["parameters"]
+        centre_deg, reverse = float(parameters["RUD_CENTRE_DEG"]), bool(parameters["RUD_REVERSE"])
+    except (ValueError, KeyError, TypeError):
+        return
+    got.centre_rad, got.sign, got.linkage_known = radians(centre_deg), -1.0 if reverse else 1.0, True
+
+
+def _one_kind(samples: list[HeadingSample], notes: list[str]) -> list[HeadingSample]:
+    """Keep the compass and the north that most headings are of, in order of time."""
+    if not samples:
+        return []
+    kinds: Counter[tuple[int, NorthReference]] = Counter((one.source, one.reference) for one in samples)
+    (source, reference), count = kinds.most_common(1)[0]
+    if count < len(samples):
+        notes.append(f"took the {reference.name.lower()} headings of compass {source}, left out {len(samples) - count}")
+    kept: list[HeadingSample] = []
+    for one in samples:
+        if (one.source, one.reference) == (source, reference) and (not kept or one.t_s > kept[-1].t_s):
+            kept.append(one)
+    return kept
+
+
+def _rudder(path: Path, got: _Gathered, notes: list[str]) -> tuple[Floats, Floats]:
+    """Return rudder angles and their times."""
+    pairs = got.shaft
+    if len(pairs) < LEAST_ROWS:
+        pairs = got.command
+        notes.append("no rudder feedback: the command is taken for the rudder, so the servo's lag is part of T")
+    if not got.linkage_known:
+        notes.append("no stored parameters: the shaft is taken for the rudder angle")
+    table = np.array(_rising(pairs), dtype=np.float64)
+    if table.shape[0] < LEAST_ROWS:
+        raise UsageError(f"{path}: too short, {table.shape[0]} rudder angles; give a longer log")
+    return got.sign * (table[:, 1] - got.centre_rad), table[:, 0]
+
+
+def _speed(pairs: list[Pair], time_s: Floats, notes: list[str]) -> Floats | None:
+    """Return the smoothed speed over the ground at the given times, None without fixes all along."""
+    table = np.array(_rising(pairs), dtype=np.float64).reshape(-1, 2)
+    if table.shape[0] < LEAST_ROWS or table[-1, 0] - table[0, 0] < PRESENT_SHARE * (time_s[-1] - time_s[0]):
+        return None
+    total = np.concatenate(([0.0], np.cumsum(0.5 * (table[1:, 1] + table[:-1, 1]) * np.diff(table[:, 0]))))
+    low = np.clip(time_s - SPEED_SMOOTHED_S / 2, table[0, 0], table[-1, 0] - 1e-3)
+    high = np.clip(time_s + SPEED_SMOOTHED_S / 2, table[0, 0] + 1e-3, table[-1, 0])
+    mean = (np.interp(high, table[:, 0], total) - np.interp(low, table[:, 0], total)) / (high - low)
+    notes.append(f"speed is that over the ground, smoothed over {SPEED_SMOOTHED_S:g} s")
+    return np.asarray(mean, dtype=np.float64)
+
+
+def _rising(pairs: list[Pair]) -> list[Pair]:
+    kept: list[Pair] = []
+    for pair in pairs:
+        if not kept or pair[0] > kept[-1][0]:
+            kept.append(pair)
+    return kept

@@ -1,0 +1,186 @@
+"""The result as text for a reader, as JSON for a program, and as parameters for the autopilot."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from firmware_py.common.angles import degrees
+from firmware_py.common.parameters import TABLE, ParameterError, format_value, index_of, parse_file
+from hil.errors import UsageError
+from hil.lab.identify.held_out import HeldOut
+from hil.lab.identify.identify import Identification
+from hil.lab.identify.suggest import Suggestion
+from hil.lab.identify.verdict import IDENTIFIABLE, Estimate
+
+UNITS = {"K": "1/s", "T": "s", "alpha": "s^2", "delta0": "rad"}
+LARGEST_TRIM_DEG = 20.0
+
+
+def as_json(result: Identification, seconds: float, suggestion: Suggestion | None) -> str:
+    """Return the contract's JSON, with more in it."""
+    estimates = result.judgement.estimates
+    data: dict[str, Any] = {
+        "model": result.choice.model,
+        **{name: _estimate(one) for name, one in estimates.items()},
+        "K_over_T": _estimate(result.judgement.ratio),
+        "speed_m_s": result.data.speed_m_s,
+        "speed_scaled": result.choice.scaled,
+        "train": _errors(result.train),
+        "validate": [{"file": one.file, **_errors(one)} for one in result.validate],
+        "evaluations": result.evaluations,
+        "seconds": seconds,
+        "rows": result.data.rows,
+        "stretches": len(result.data.stretches),
+        "outliers": result.data.spikes + result.fit.spikes,
+        "correlations": dict(result.judgement.correlations),
+        "whiteness": {
+            name: {"lag_one": one.lag_one, "outside_band": one.outside, "white": one.white}
+            for name, one in result.whiteness.items()
+        },
+        "search": {
+            "scan_misfit": result.brought.scan,
+            "swarm_misfit": result.brought.swarm,
+            "swarm_evaluations": result.brought.swarm_evaluations,
+            "refined_misfit": result.brought.refined,
+            "refine_evaluations": result.brought.refine_evaluations,
+        },
+        "why": {"model": result.choice.why, "speed": result.choice.speed_why, "rudder": result.choice.timing.why},
+        "suggestion": None if suggestion is None else suggestion.text,
+        "warnings": list(result.judgement.warnings),
+        "notes": list(result.data.notes),
+    }
+    return json.dumps(data, indent=2, allow_nan=False) + "\n"
+
+
+def _estimate(one: Estimate) -> dict[str, Any]:
+    return {"value": one.value, "se": one.se, "verdict": one.verdict, "why": one.why}
+
+
+def _errors(one: HeldOut) -> dict[str, float | None]:
+    return {
+        "yaw_rate_rmse_rad_s": one.yaw_rate_rmse_rad_s,
+        "heading_rmse_rad": one.heading_rmse_rad,
+        "heading_mean_rad": one.heading_mean_rad,
+        "heading_within_95_rad": one.heading_within_rad,
+    }
+
+
+def as_text(result: Identification, suggestion: Suggestion | None, *, angular: bool = True) -> str:
+    """Return the report that stands on the terminal; angular: the rudder column is an angle."""
+    lines = [*_header(result), "", *_table(result, angular=angular), ""]
+    lines.append(f"model: {result.choice.model} ({result.choice.why})")
+    if result.choice.speed_why:
+        lines.append(f"speed: {result.choice.speed_why}")
+    if result.choice.timing.why:
+        lines.append(f"timing: {result.choice.timing.why}")
+    correlations = ", ".join(f"{name} {value:+.2f}" for name, value in result.judgement.correlations.items())
+    lines.append(f"correlations: {correlations}")
+    lines += ["", *(_whiteness(result)), *_predictions(result), "", _search(result)]
+    if suggestion is not None:
+        lines += ["", f"suggestion: {suggestion.text}"]
+    lines += [f"warning: {text}" for text in result.judgement.warnings]
+    lines += [f"note: {text}" for text in result.data.notes]
+    return "\n".join(lines)
+
+
+def _header(result: Identification) -> list[str]:
+    data = result.data
+    seconds = sum(float(one.time_s[-1] - one.time_s[0]) for one in data.stretches)
+    spikes = data.spikes + result.fit.spikes
+    outliers = f", {spikes} outliers replaced" if spikes else ""
+    speed = "" if data.speed_m_s is None else f"; values hold at {data.speed_m_s:.3g} m/s"
+    return [f"{data.rows} rows, {seconds:.0f} s in {len(data.stretches)} stretch(es){outliers}{speed}"]
+
+
+def _table(result: Identification, *, angular: bool) -> list[str]:
+    rows = [("", "value", "+-", "", "verdict")]
+    for name, one in result.judgement.estimates.items():
+        value, se, unit = one.value, one.se, UNITS[name] if angular or name in ("T", "alpha") else ""
+        if name == "delta0" and angular:
+            value, se, unit = degrees(value), degrees(se), "deg"
+        rows.append((name, f"{value:.5g}", f"{se:.2g}" if se < 1e9 else "unknown", unit, f"{one.verdict}; {one.why}"))
+    widths = [max(len(row[column]) for row in rows) for column in range(4)]
+    return [
+        "  ".join(
+            (row[0].ljust(widths[0]), row[1].rjust(widths[1]), row[2].rjust(widths[2]), row[3].ljust(widths[3]), row[4])
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def _whiteness(result: Identification) -> list[str]:
+    names = {"heading": "heading", "yaw_rate": "yaw rate"}
+    texts = [
+        f"{names[name]}: {'white' if one.white else 'coloured'} (correlation of neighbours {one.lag_one:+.2f})"
+        for name, one in result.whiteness.items()
+    ]
+    weights = result.fit.problem.channel_weights()
+    power = (np.array(weights) * result.fit.known.noise.spread**2).tolist()
+    named = zip(result.whiteness, power, strict=True)
+    shares = [f"{names[name]} {100.0 * one / sum(power):.0f} %" for name, one in named]
+    worth = f"worth {result.fit.effective_rows:.0f} independent rows, which the standard errors allow for"
+    return [f"residuals: {'; '.join(texts)}; {worth}", f"weight in the fit: {', '.join(shares)}"]
+
+
+def _predictions(result: Identification) -> list[str]:
+    lines = []
+    for one in (result.train, *result.validate):
+        parts = []
+        if one.yaw_rate_rmse_rad_s is not None:
+            parts.append(f"yaw rate rms {degrees(one.yaw_rate_rmse_rad_s):.4g} deg/s")
+        if one.heading_rmse_rad is not None and one.heading_mean_rad is not None and one.heading_within_rad is not None:
+            mean = "" if one is result.train else f"mean {degrees(one.heading_mean_rad):+.2g}, "
+            parts.append(
+                f"heading {mean}rms {degrees(one.heading_rmse_rad):.3g}, "
+                f"95 % within {degrees(one.heading_within_rad):.3g} deg"
+            )
+        name = "errors on the training data" if one is result.train else f"prediction of {one.file}"
+        lines.append(f"{name}: " + "; ".join(parts))
+    return lines
+
+
+def _search(result: Identification) -> str:
+    one = result.brought
+    steps = (
+        f"{one.scan:.3g} by the scan over T",
+        f"{one.swarm:.3g} by the fish swarm ({one.swarm_evaluations} evaluations)",
+        f"{one.refined:.3g} after refinement ({one.refine_evaluations} evaluations)",
+    )
+    return "search: share of the averaged motion left unexplained: " + ", ".join(steps)
+
+
+def as_parameters(result: Identification, unit: str) -> str:
+    """Return a parameter file of the model, or raise UsageError when there is none for the autopilot."""
+    if unit == "any":
+        raise UsageError("no parameter file: K is per unit of a command that is no angle; give the rudder in radians")
+    judgement = result.judgement
+    estimates = judgement.estimates
+    if not judgement.usable:
+        raise UsageError("no parameter file: neither K and T nor their ratio can be told from this log")
+    if estimates["K"].value <= 0.0:
+        raise UsageError("no parameter file: K is negative; turn the sign of the rudder column")
+    model = result.model()
+    values = {
+        "MDL_K": model.turning_ability_1_s,
+        "MDL_T_S": model.turning_lag_s,
+        "MDL_ALPHA_S2": max(model.norrbin_s2, 0.0),
+    }
+    if result.data.speed_m_s is not None:
+        values["MDL_SPEED"] = result.data.speed_m_s
+    trim_deg = degrees(estimates["delta0"].value)
+    if estimates["delta0"].verdict == IDENTIFIABLE and abs(trim_deg) <= LARGEST_TRIM_DEG:
+        values["CTL_TRIM_DEG"] = trim_deg
+    lines = [f"# Identified by rambler-hil identify, {result.choice.model} model."]
+    lines += [f"# {name}: {one.verdict}; {one.why}" for name, one in estimates.items()]
+    if result.data.speed_m_s is None:
+        lines.append("# The logs have no speed: set MDL_SPEED to what it was.")
+    try:
+        lines += [f"{name} {format_value(TABLE[index_of(name)].checked(value))}" for name, value in values.items()]
+        text = "\n".join(lines) + "\n"
+        parse_file(text, "identified parameters")
+    except ParameterError as error:
+        raise UsageError(f"no parameter file: {error}; the model lies outside of what the autopilot takes") from None
+    return text

@@ -1,0 +1,153 @@
+"""What a fit is worth, parameter by parameter, in plain words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.lab.identify.fit import Estimates, Fit
+from hil.lab.identify.recording import Floats
+
+IDENTIFIABLE = "identifiable"
+RATIO = "only the ratio K/T is identifiable"
+NOT_IDENTIFIABLE = "not identifiable"
+LOOSE = 0.25  # of a value: 95 % within a factor of about 1.6
+LOOSE_OFFSET = 0.25  # of the rudder's spread
+CERTAIN = 3.0  # standard errors that alpha must be away from zero
+LARGEST_ERROR = 1e12  # a standard error is a finite number, also where there is no knowing
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A value, its standard error, the verdict on it and the reason."""
+
+    value: float
+    se: float
+    verdict: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """The four parameters, K/T, the correlations between those estimated, and what is wrong altogether."""
+
+    estimates: Mapping[str, Estimate]  # K, T, alpha, delta0
+    ratio: Estimate
+    correlations: Mapping[str, float]
+    warnings: tuple[str, ...]
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is a model at all: K and T, or at least their ratio."""
+        return self.ratio.verdict == IDENTIFIABLE or self.estimates["K"].verdict == IDENTIFIABLE
+
+
+def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None) -> Judgement:
+    """Judge what is known of a fit.
+
+    alpha: value and standard error where the model has it held, None where the estimates tell.
+    """
+    scales = fit.problem.scales
+    gain, lag_s, cubic, offset = estimates.physical(scales, fit.state.point.sign)
+    free = list(estimates.free)
+    covariance = estimates.covariance
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    ln_gain_se, ln_lag_se = float(spread[0]), float(spread[1])
+    ratio_se = _ratio_spread(covariance)
+    offset_se = float(spread[free.index(3)]) * scales.rudder_rad
+    if alpha is None:
+        alpha = (cubic, float(spread[free.index(2)]) / scales.yaw_rate_rad_s**2)
+    explained = _explained(covariance)
+    ratio = Estimate(
+        gain / lag_s,
+        _finite(abs(gain) / lag_s * ratio_se),
+        IDENTIFIABLE if ratio_se <= LOOSE and explained else NOT_IDENTIFIABLE,
+        f"known to {_percent(ratio_se)}",
+    )
+    judged = {
+        "K": _main("K", gain, ln_gain_se, ratio, explained=explained),
+        "T": _main("T", lag_s, ln_lag_se, ratio, explained=explained),
+        "alpha": _alpha(fit, *alpha, explained=explained),
+        "delta0": _offset(fit, offset, offset_se, explained=explained),
+    }
+    warnings = []
+    if gain < 0.0 and explained:
+        warnings.append(
+            "K is negative: positive rudder turns her to port in this log; turn the sign of the rudder column, "
+            "or RUD_REVERSE on the boat"
+        )
+    if not explained:
+        warnings.append("the rudder explains next to nothing of the motion: no model can be had from this log")
+    if not fit.converged:
+        warnings.append("the refinement has not converged; take the numbers for a hint")
+    return Judgement(judged, ratio, _correlations(free, covariance), tuple(warnings))
+
+
+def _explained(covariance: Floats) -> bool:
+    """Whether the rudder acts at all: K or K/T more than three standard errors from zero (ln K's is the inverse)."""
+    return min(math.sqrt(max(float(covariance[0, 0]), 0.0)), _ratio_spread(covariance)) < 1.0 / 3.0
+
+
+def _ratio_spread(covariance: Floats) -> float:
+    return math.sqrt(max(float(covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1]), 0.0))
+
+
+def _main(name: str, value: float, relative: float, ratio: Estimate, *, explained: bool) -> Estimate:
+    se = _finite(abs(value) * relative)
+    if not explained:
+        return Estimate(value, se, NOT_IDENTIFIABLE, "the rudder explains next to nothing of the motion")
+    if relative <= LOOSE:
+        return Estimate(value, se, IDENTIFIABLE, f"known to {_percent(relative)}")
+    if ratio.verdict == IDENTIFIABLE:
+        why = f"{name} alone is known to {_percent(relative)} only, K/T = {ratio.value:.4g} {ratio.why}"
+        return Estimate(value, se, RATIO, why)
+    return Estimate(value, se, NOT_IDENTIFIABLE, f"known to {_percent(relative)} only")
+
+
+def _alpha(fit: Fit, value: float, se: float, *, explained: bool) -> Estimate:
+    rate = fit.typical_rate_rad_s()
+    share = abs(value) * rate**2
+    bound = (max(value, 0.0) + 1.96 * se) * rate**2
+    seen = f"at the yaw rates of this log ({math.degrees(rate):.2g} deg/s) its term is"
+    if explained and value > CERTAIN * se:
+        return Estimate(value, _finite(se), IDENTIFIABLE, f"{seen} {_percent(share)} of the yaw rate, and shows")
+    if explained and value > 2.0 * se:
+        why = f"{seen} {_percent(share)} of the yaw rate, but alpha is known to {_percent(se / value)} only"
+    else:
+        why = f"{seen} at most {_percent(bound)} of the yaw rate; zero is as likely"
+    return Estimate(value, _finite(se), NOT_IDENTIFIABLE, why)
+
+
+def _offset(fit: Fit, value: float, se: float, *, explained: bool) -> Estimate:
+    rudder = np.concatenate([one.rudder_rad for one in fit.problem.data.stretches])
+    spread = float(np.std(rudder))
+    if explained and se <= LOOSE_OFFSET * spread:
+        why = f"known to {_percent(se / max(spread, 1e-300))} of the rudder's spread"
+        if fit.problem.data.stretches[0].heading_rad is None:
+            why += "; it includes the gyroscope's constant error over K, for only a heading beside it tells them apart"
+        return Estimate(value, se, IDENTIFIABLE, why)
+    return Estimate(value, _finite(se), NOT_IDENTIFIABLE, "its error is as large as the rudder's own motion")
+
+
+def _correlations(free: list[int], covariance: Floats) -> dict[str, float]:
+    names = ("K", "T", "alpha", "delta0")
+    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    table = covariance / np.outer(spread, spread)
+    return {
+        f"{names[free[a]]},{names[free[b]]}": float(np.clip(table[a, b], -1.0, 1.0))
+        for a in range(len(free))
+        for b in range(a + 1, len(free))
+    }
+
+
+def _finite(value: float) -> float:
+    return min(LARGEST_ERROR, value)
+
+
+def _percent(share: float) -> str:
+    if share >= 10.0:
+        return "worse than a factor of ten"
+    return f"{100.0 * share:.2g} %"

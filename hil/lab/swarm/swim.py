@@ -1,0 +1,220 @@
+"""One way through an iteration, for an objective in Python and for a compiled one alike."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.lab.compiled import compiled, compiled_here, inner
+from hil.lab.swarm.behaviour import ask, begin, copy, look, settle, tell
+from hil.lab.swarm.records import BatchObjective, Floats
+from hil.lab.swarm.shoal import Shoal, Ways
+
+
+class Course(NamedTuple):
+    """What stays the same during a search; vision and step in lengths of the unit box at the start."""
+
+    low: Floats
+    high: Floats
+    stages: NDArray[np.int64]
+    vision: float
+    step: float
+    shrink: float
+    congestion: float
+    content: bool
+    iterations: int
+    most_evaluations: int
+    most_per_iteration: int
+
+
+class Log(NamedTuple):
+    """The rows of the history, and the buffers between the shoal and the objective."""
+
+    best_value: Floats
+    median_value: Floats
+    evaluations: NDArray[np.int64]
+    vision: Floats
+    moves: NDArray[np.int64]
+    world: Floats
+    costs: Floats
+
+
+@compiled
+def turn(shoal: Shoal, course: Course, log: Log, row: int, stage: int, answered: int) -> int:
+    """Take in the answers to the questions of the stage before, and ask those of a stage; return how many.
+
+    An iteration takes the stages from 0 to one beyond the last, which asks nothing and moves the fish.
+    Row 0 of the history is the start: it asks what there is where the fish are.
+    """
+    if row == 0:
+        return start(shoal, course, log, stage)
+    ways = ways_now(course, row - 1, log.evaluations[row - 1])
+    if stage == 0:
+        log.evaluations[row] = log.evaluations[row - 1]
+        begin(shoal)
+        look(shoal, ways.reach)
+    else:
+        log.evaluations[row] += answered
+        tell(shoal, answered, log.costs)
+    if stage == course.stages.shape[0]:
+        settle(shoal, log.moves[row])
+        note(shoal, course, log, row)
+        return 0
+    count = ask(shoal, course.stages[stage, 0], course.stages[stage, 1], course.stages[stage, 2], ways)
+    place_in_world(shoal, count, course, log)
+    return count
+
+
+@inner
+def start(shoal: Shoal, course: Course, log: Log, stage: int) -> int:
+    """Ask for the places where the fish start, or take in what they found there."""
+    fish = shoal.cost.size
+    if stage == 0:
+        for i in range(fish):
+            copy(shoal.place[i], shoal.point[i])
+        place_in_world(shoal, fish, course, log)
+        return fish
+    copy(shoal.place[0], shoal.best_place)
+    for i in range(fish):
+        cost = log.costs[i]
+        shoal.cost[i] = np.inf if math.isnan(cost) else cost
+        if shoal.cost[i] < shoal.best_cost[0]:
+            shoal.best_cost[0] = cost
+            copy(shoal.place[i], shoal.best_place)
+    log.evaluations[0] = fish
+    note(shoal, course, log, 0)
+    return 0
+
+
+@inner
+def ways_now(course: Course, iteration: int, evaluations: int) -> Ways:
+    """Return vision and step of an iteration: they shrink with what is used up of the search."""
+    used = max(iteration / course.iterations, evaluations / course.most_evaluations)
+    scale = course.shrink**used
+    return Ways(course.vision * scale, course.step * scale, course.congestion, course.content)
+
+
+@inner
+def place_in_world(shoal: Shoal, count: int, course: Course, log: Log) -> None:
+    """Turn the points asked for into the objective's own units."""
+    for number in range(count):
+        for k in range(course.low.size):
+            span = course.high[k] - course.low[k]
+            log.world[number, k] = min(course.low[k] + shoal.point[number, k] * span, course.high[k])
+
+
+@inner
+def note(shoal: Shoal, course: Course, log: Log, row: int) -> None:
+    """Write a row of the history."""
+    log.best_value[row] = shoal.best_cost[0]
+    log.median_value[row] = median(shoal.cost)
+    log.vision[row] = ways_now(course, row, log.evaluations[row]).reach / math.sqrt(course.low.size)
+
+
+@inner
+def median(values: np.ndarray) -> float:
+    """Return the middle value, of an even number the mean of both (numba takes seconds to compile numpy's)."""
+    size = values.size
+    lower = upper = values[0]
+    for i in range(size):
+        below = same = 0
+        for j in range(size):
+            below += values[j] < values[i]
+            same += values[j] == values[i]
+        if below <= (size - 1) // 2 < below + same:
+            lower = values[i]
+        if below <= size // 2 < below + same:
+            upper = values[i]
+    return 0.5 * (lower + upper)  # type: ignore[no-any-return]
+
+
+@inner
+def stages_of(course: Course, row: int) -> int:
+    """Return how many questions a row of the history takes; the start takes one."""
+    return 1 if row == 0 else course.stages.shape[0]
+
+
+@inner
+def may_go_on(course: Course, log: Log, row: int) -> bool:
+    """Say whether another iteration is within the limits, whatever it will cost."""
+    return row == 0 or bool(log.evaluations[row - 1] + course.most_per_iteration <= course.most_evaluations)
+
+
+@inner
+def draw(shoal: Shoal, rng: np.random.Generator) -> None:
+    """Draw the random numbers of an iteration, in the order in which numpy fills an array."""
+    for i in range(shoal.uniforms.shape[0]):
+        for k in range(shoal.uniforms.shape[1]):
+            shoal.uniforms[i, k] = rng.random()
+    for i in range(shoal.normals.shape[0]):
+        for number in range(shoal.normals.shape[1]):
+            for k in range(shoal.normals.shape[2]):
+                shoal.normals[i, number, k] = rng.standard_normal()
+
+
+@compiled_here
+def evaluate_each(objective: Any, data: Any, points: np.ndarray, values: np.ndarray) -> None:
+    """Evaluate a compiled objective of one point."""
+    for number in range(points.shape[0]):
+        values[number] = objective(points[number], *data)
+
+
+@compiled_here
+def evaluate_all(objective: Any, data: Any, points: np.ndarray, values: np.ndarray) -> None:
+    """Evaluate a compiled objective of many points."""
+    objective(points, values, *data)
+
+
+@compiled_here
+def swim(
+    evaluate: Any,
+    objective: Any,
+    data: Any,
+    shoal: Shoal,
+    course: Course,
+    log: Log,
+    rng: np.random.Generator,
+    row: int,
+    end_row: int,
+) -> int:
+    """Swim from one row of the history up to another, the whole of it compiled; return the row reached."""
+    while row < end_row and may_go_on(course, log, row):
+        if row > 0:
+            draw(shoal, rng)
+        count = 0
+        for stage in range(stages_of(course, row) + 1):
+            if count > 0:
+                evaluate(objective, data, log.world[:count], log.costs[:count])
+            count = turn(shoal, course, log, row, stage, count)
+        row += 1
+    return row
+
+
+class BatchSwimmer:
+    """Swims with an objective in Python, which is called once for each stage of an iteration."""
+
+    def __init__(self, evaluate: BatchObjective, shoal: Shoal, course: Course, log: Log) -> None:
+        """Take a function of points that returns their values."""
+        self._evaluate = evaluate
+        self._shoal = shoal
+        self._course = course
+        self._log = log
+
+    def __call__(self, rng: np.random.Generator, row: int, end_row: int) -> int:
+        """Swim from one row of the history up to another; return the row reached."""
+        shoal, course, log = self._shoal, self._course, self._log
+        while row < end_row and may_go_on(course, log, row):
+            if row > 0:
+                rng.random(out=shoal.uniforms)
+                rng.standard_normal(out=shoal.normals)
+            count = 0
+            for stage in range(stages_of(course, row) + 1):
+                if count > 0:
+                    # A copy: the objective may keep what it is given.
+                    log.costs[:count] = self._evaluate(log.world[:count].copy())
+                count = turn(shoal, course, log, row, stage, count)
+            row += 1
+        return row

@@ -1,0 +1,145 @@
+"""The trial runs that a setting is judged by: seas, speeds, and ships that are not quite the model.
+
+Each sea is sailed by the model as it is and by four ships whose K and T are 30 % off, and flat
+water at the slowest and the fastest speed, while the autopilot keeps the model of the vehicle
+file. Every setting meets the same waves and the same noise: what differs between two settings
+is the settings' doing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from firmware_py.common.angles import clamp, degrees, radians
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.model.kt import KtModel, steady_yaw_rate
+from hil.lab.tune.loop_kernel import Seas, Task
+from hil.lab.tune.twins import Pilot
+from hil.ship.drift import RudderDrift
+from hil.ship.kt_plant import LARGEST_STEP_S, inner_steps
+from hil.ship.noise import NormalNumbers
+from hil.ship.servo import DEFAULT_SLEW_RAD_S
+from hil.ship.waves import WaveYaw
+from hil.sim import scenarios
+from hil.sim.scenarios import Scenario
+
+STEP_S = 0.1
+SHORTEST_LEG_S, LONGEST_LEG_S = 300.0, 3000.0
+STEADY_PART = 1.0 / 3.0  # of a leg, at its end
+GOALS_DEG = (60.0, -30.0)  # steps of 60 and 90 deg, one to each side
+COMPASS_NOISE_DEG = 0.3
+DEFAULT_SCENARIOS = ("tank", "sea", "swell", "weak")
+CORNERS = ((0.7, 0.7), (0.7, 1.3), (1.3, 0.7), (1.3, 1.3))
+SPEEDS_M_S = (0.2, 1.2)
+NOMINAL = (1.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One trial run: a sea, and by what the ship's K and T differ from the model's."""
+
+    scenario: Scenario
+    ability_factor: float
+    lag_factor: float
+
+    @property
+    def nominal(self) -> bool:
+        """Whether the ship is the model."""
+        return (self.ability_factor, self.lag_factor) == NOMINAL
+
+    def ship(self, model: KtModel) -> KtModel:
+        """Return the ship of this case, at the sea's speed."""
+        scaled = model.at_speed(self.scenario.speed_m_s)
+        return KtModel(
+            scaled.turning_ability_1_s * self.ability_factor,
+            scaled.turning_lag_s * self.lag_factor,
+            scaled.norrbin_s2,
+            scaled.rudder_offset_rad,
+            scaled.speed_m_s,
+        )
+
+
+def cases_of(names: Sequence[str]) -> tuple[Case, ...]:
+    """Return the cases of these scenarios; UnknownScenarioError for a name that is none."""
+    seas = [scenarios.named(name) for name in names]
+    calm = scenarios.named("calm")
+    at_speeds = [replace(calm, name=f"calm at {speed:g} m/s", speed_m_s=speed) for speed in SPEEDS_M_S]
+    cases = [Case(sea, *factors) for sea in seas for factors in (NOMINAL, *CORNERS)]
+    return (*cases, *(Case(sea, *NOMINAL) for sea in at_speeds))
+
+
+def the_task(model: KtModel, pilot: Pilot) -> Task:
+    """Return what is steered in every case; legs last three times as long as the larger turn, at least 300 s."""
+    turn_s = max(abs(GOALS_DEG[0]), abs(GOALS_DEG[1] - GOALS_DEG[0])) / degrees(pilot.rate_max_rad_s)
+    leg_s = clamp(3.0 * (turn_s + 5.0 * model.turning_lag_s), SHORTEST_LEG_S, LONGEST_LEG_S)
+    ticks = round(leg_s / STEP_S)
+    return Task(np.array([radians(goal) for goal in GOALS_DEG]), ticks, round((1.0 - STEADY_PART) * ticks), STEP_S)
+
+
+def pilot_of(parameters: ParameterSet) -> Pilot:
+    """Return the autopilot of these parameters, computed as the firmware computes it."""
+    limit_rad = radians(parameters["RUD_LIMIT_DEG"])
+    ability_1_s = parameters["MDL_K"]
+    return Pilot(
+        turning_ability_1_s=ability_1_s,
+        turning_lag_s=parameters["MDL_T_S"],
+        rate_limit_rad_s=10.0 * ability_1_s * limit_rad + radians(5.0),
+        rate_max_rad_s=steady_yaw_rate(limit_rad, ability_1_s, parameters["MDL_ALPHA_S2"]),
+        rudder_limit_rad=limit_rad,
+        rudder_slew_rad_s=radians(parameters["RUD_SLEW_DEG_S"]),
+        trim_rad=radians(parameters["CTL_TRIM_DEG"]),
+        servo_slew_rad_s=DEFAULT_SLEW_RAD_S,
+    )
+
+
+def steps_within(ship: KtModel, step_s: float) -> int:
+    """Return how many Runge-Kutta steps a time step takes, as stiffness asks; ValueError for what is no ship.
+
+    By similarity the time step is one of LARGEST_STEP_S of a ship that is so much faster, so that
+    the plant's own bound on the step, which is for reading it in between, does not count.
+    """
+    return inner_steps(ship.at_speed(ship.speed_m_s * step_s / LARGEST_STEP_S), LARGEST_STEP_S)
+
+
+def seas_of(cases: Sequence[Case], model: KtModel, task: Task, seed: int) -> Seas:
+    """Draw the waves, the noise and the wandering of every case; ValueError for a model that is no ship."""
+    ticks = task.goals_rad.size * task.leg_ticks
+    ships = np.zeros((len(cases), 4))
+    compass_rad = np.zeros((len(cases), ticks))
+    offset_rad = np.zeros((len(cases), ticks))
+    for row, case in enumerate(cases):
+        ship = case.ship(model)
+        ships[row] = (
+            ship.turning_ability_1_s,
+            ship.turning_lag_s,
+            ship.norrbin_s2,
+            steps_within(ship, task.step_s),
+        )
+        numbers = [np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, row, k]))) for k in range(3)]
+        compass_rad[row] = radians(COMPASS_NOISE_DEG) * numbers[0].standard_normal(ticks)
+        compass_rad[row] += _wave_yaw(case.scenario, task, ticks, numbers[1])
+        offset_rad[row] = _offset(case.scenario, task, ticks, numbers[2])
+        offset_rad[row] += ship.rudder_offset_rad
+    return Seas(ships, compass_rad, offset_rad)
+
+
+def _wave_yaw(sea: Scenario, task: Task, ticks: int, numbers: np.random.Generator) -> list[float]:
+    waves = WaveYaw(radians(sea.wave_yaw_deg), sea.wave_period_s, task.step_s, NormalNumbers(numbers))
+    yaw_rad = []
+    for _ in range(ticks):
+        yaw_rad.append(waves.angle_rad(0.0))
+        waves.step()
+    return yaw_rad
+
+
+def _offset(sea: Scenario, task: Task, ticks: int, numbers: np.random.Generator) -> list[float]:
+    drift = RudderDrift(radians(sea.drift_deg), task.step_s, NormalNumbers(numbers))
+    bias_rad = radians(sea.bias_deg)
+    angle_rad = []
+    for _ in range(ticks):
+        angle_rad.append(bias_rad + drift.angle_rad)
+        drift.step()
+    return angle_rad

@@ -1,0 +1,234 @@
+"""What a tuning came to: for the terminal, for other programs, and as a parameter file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from firmware_py.common.angles import DEGREES_PER_RADIAN
+from firmware_py.common.parameters import format_file
+from hil.lab.tune.loop_kernel import ITAE, MEAN, OVERSHOOT, RMS, TRAVEL, Floats, closed_loop
+from hil.lab.tune.paper import StepStudy
+from hil.lab.tune.search import Tuned
+from hil.lab.tune.trials import DEG_PER_H, FIXED_GAINS, PAPER, Score, Setting, Trials
+
+SHOWN = "sea"  # the scenario whose runs are drawn, where it is among the cases
+COLUMNS = ("case", "rms deg", "worst mean", "travel deg/h", "rms deg", "worst mean", "travel deg/h")
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """A run of one case, for drawing; its rudder travel is that of the steady parts."""
+
+    name: str
+    time_s: Floats
+    goal_rad: Floats
+    heading_rad: Floats
+    rudder_rad: Floats
+    travel_deg_per_h: float
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A tuning: the paper's problem, the practical one, and how the choice does in seas it was not chosen in.
+
+    fresh: the same cases with other waves and noise.
+    """
+
+    vehicle: str
+    seed: int
+    present: Setting
+    studies: tuple[StepStudy, ...]
+    trials: Trials
+    fresh: Trials
+    tuned: Tuned
+    fresh_score: Score
+    seconds: float
+
+    @property
+    def traces(self) -> tuple[Trace, Trace]:
+        """The paper's gains and the chosen setting in the case that is shown."""
+        return (
+            _trace("the paper's", self.fresh, self._shown_row(), PAPER),
+            _trace("chosen", self.fresh, self._shown_row(), self.tuned.chosen.setting),
+        )
+
+    @property
+    def shown_case(self) -> str:
+        """The name of the case whose runs are drawn."""
+        return self.fresh.cases[self._shown_row()].scenario.name
+
+    def _shown_row(self) -> int:
+        names = [case.scenario.name if case.nominal else "" for case in self.fresh.cases]
+        return names.index(SHOWN) if SHOWN in names else 0
+
+
+def _trace(name: str, trials: Trials, row: int, setting: Setting) -> Trace:
+    task, seas = trials.task, trials.seas
+    ticks = task.goals_rad.size * task.leg_ticks
+    heading_rad, rudder_rad = np.zeros(ticks), np.zeros(ticks)
+    closed_loop(
+        trials.row_of(setting),
+        trials.pilot,
+        task,
+        seas.ships[row],
+        seas.compass_rad[row],
+        seas.offset_rad[row],
+        heading_rad,
+        rudder_rad,
+    )
+    travel = float(trials.results([setting])[0, row, TRAVEL]) * DEG_PER_H
+    goal_rad = np.array(np.repeat(task.goals_rad, task.leg_ticks), np.float64)
+    return Trace(name, np.arange(ticks, dtype=np.float64) * task.step_s, goal_rad, heading_rad, rudder_rad, travel)
+
+
+def parameter_file(report: Report) -> str:
+    """Write the chosen parameters as `NAME VALUE` lines; what need not change is left out."""
+    chosen = report.tuned.chosen
+    head = [
+        f"# Tuned for {report.vehicle} by rambler-hil tune, seed {report.seed}: {report.tuned.why}.",
+        (
+            f"# Error {chosen.error:.2f} and rudder travel {chosen.travel_deg_per_h / _paper_travel(report):.2f} of "
+            "what the paper's gains 40, 0.3 come to in the same trial runs."
+        ),
+    ]
+    values = chosen.setting.parameters()
+    return (
+        "\n".join(head) + "\n" + format_file({**FIXED_GAINS, **{name: values[name] for name in report.tuned.changed}})
+    )
+
+
+def _paper_travel(report: Report) -> float:
+    return max(report.trials.paper.travel_deg_per_h, 1e-9)
+
+
+def as_json(report: Report) -> dict[str, Any]:
+    """Return what was found as numbers and texts."""
+    chosen = report.tuned.chosen
+    return {
+        "vehicle": report.vehicle,
+        "seed": report.seed,
+        "paper": [_study_json(study) for study in report.studies],
+        "reference": _score_json(report.trials.paper),
+        "chosen": {
+            **_score_json(chosen),
+            "why": report.tuned.why,
+            "parameters": {name: chosen.setting.parameters()[name] for name in report.tuned.changed},
+        },
+        "fresh_seas": _score_json(report.fresh_score),
+        "front": [_score_json(score) for score in report.tuned.front],
+        "cases": _cases_json(report),
+        "evaluations": report.tuned.evaluations,
+        "trial_runs": report.tuned.evaluations * len(report.trials.cases),
+        "seconds": round(report.seconds, 3),
+    }
+
+
+def _study_json(study: StepStudy) -> dict[str, Any]:
+    return {
+        "step_deg": study.step_deg,
+        "k1": round(float(study.swarm.best[0]), 4),
+        "k2": round(float(study.swarm.best[1]), 4),
+        "itae_deg_s2": round(study.best_itae, 3),
+        "paper_itae_deg_s2": round(study.paper_itae, 3),
+        "paper_excess": round(study.excess, 5),
+        "paper_overshoot": round(study.paper_overshoot, 5),
+        "overshoot": round(study.best_overshoot, 5),
+        "evaluations": study.swarm.evaluations,
+    }
+
+
+def _score_json(score: Score) -> dict[str, Any]:
+    return {
+        "k1": round(score.setting.k1, 4),
+        "k2": round(score.setting.k2, 4),
+        "tau_s": round(score.setting.tau_s, 4),
+        "deadband_deg": round(score.setting.deadband_deg, 4),
+        "error": round(score.error, 5),
+        "worst_error": round(score.worst_error, 5),
+        "travel_deg_per_h": round(score.travel_deg_per_h, 1),
+    }
+
+
+def _cases_json(report: Report) -> list[dict[str, Any]]:
+    results = report.fresh.results([PAPER, report.tuned.chosen.setting])
+    rows = []
+    for number, case in enumerate(report.fresh.cases):
+        row: dict[str, Any] = {
+            "scenario": case.scenario.name,
+            "speed_m_s": case.scenario.speed_m_s,
+            "K_factor": case.ability_factor,
+            "T_factor": case.lag_factor,
+        }
+        for name, result in zip(("paper", "chosen"), results[:, number], strict=True):
+            row[name] = {
+                "itae_mean_error_deg": round(float(result[ITAE]) * DEGREES_PER_RADIAN, 4),
+                "rms_error_deg": round(float(result[RMS]) * DEGREES_PER_RADIAN, 4),
+                "mean_error_deg": round(float(result[MEAN]) * DEGREES_PER_RADIAN, 4),
+                "overshoot": round(float(result[OVERSHOOT]), 4),
+                "rudder_travel_deg_per_h": round(float(result[TRAVEL]) * DEG_PER_H, 1),
+            }
+        rows.append(row)
+    return rows
+
+
+def case_rows(report: Report) -> list[Sequence[str]]:
+    """Return the table of the ships that are the model, the paper's gains beside the chosen setting."""
+    results = report.fresh.results([PAPER, report.tuned.chosen.setting])
+    rows: list[Sequence[str]] = [COLUMNS]
+    for number, case in enumerate(report.fresh.cases):
+        if case.nominal:
+            cells = [case.scenario.name]
+            for result in results[:, number]:
+                cells += [
+                    f"{result[RMS] * DEGREES_PER_RADIAN:.2f}",
+                    f"{result[MEAN] * DEGREES_PER_RADIAN:+.2f}",
+                    f"{result[TRAVEL] * DEG_PER_H:.0f}",
+                ]
+            rows.append(cells)
+    return rows
+
+
+def study_line(study: StepStudy) -> str:
+    """Say what the paper's problem gives for one step."""
+    best = study.swarm.best
+    return (
+        f"ITAE of a {study.step_deg:g} deg step: least at k1 {best[0]:.1f}, k2 {best[1]:.2f}; the paper's 40, 0.3 is "
+        f"{100.0 * study.excess:.1f} % above it and overshoots {100.0 * study.paper_overshoot:.1f} %"
+    )
+
+
+def choice_lines(report: Report) -> list[str]:
+    """Say what was chosen, why, and what it brings."""
+    chosen, fresh = report.tuned.chosen, report.fresh_score
+    values = chosen.setting.parameters()
+    named = ", ".join(f"{name} {values[name]:g}" for name in report.tuned.changed)
+    lines = [
+        f"chosen: {named} ({report.tuned.why})",
+        (
+            f"error {chosen.error:.2f} x the paper's (worst case {chosen.worst_error:.2f} x), rudder travel "
+            f"{chosen.travel_deg_per_h:.0f} deg/h against {report.trials.paper.travel_deg_per_h:.0f}"
+        ),
+        (
+            f"in seas it was not chosen in: error {fresh.error:.2f} x, rudder travel "
+            f"{fresh.travel_deg_per_h:.0f} deg/h against {report.fresh.paper.travel_deg_per_h:.0f}"
+        ),
+    ]
+    edges = report.tuned.edges
+    if edges:
+        lines.append(f"at the end of what was searched: {', '.join(edges)}")
+    return lines
+
+
+def text(report: Report) -> str:
+    """Return what the terminal shows."""
+    rows = case_rows(report)
+    widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
+    margin = " " * (widths[0] + 2)
+    split = sum(widths[1:4]) + 4
+    table = [margin + "the paper's gains".ljust(split + 2) + "chosen"]
+    table += ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
+    return "\n".join([*map(study_line, report.studies), "", *choice_lines(report), "", *table])

@@ -1,0 +1,99 @@
+"""The board: the serial lines of the autopilot and the device behind each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from hil.devices.emulator import Emulator
+from hil.devices.pty_line import PtyLine
+from hil.sim.world import World
+
+Send = Callable[[PtyLine, bytes], object]
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """A line, the path that the autopilot opens it by, and the device behind it."""
+
+    path: Path
+    line: PtyLine
+    emulator: Emulator
+
+
+class Board:
+    """World and devices moved on together, bytes handed over at the moment they are due.
+
+    Close it (or use it as a context) to give the lines back.
+    """
+
+    def __init__(self, world: World, emulators: Mapping[str, Emulator], directory: Path, send: Send) -> None:
+        """Make a line named as each emulator in a directory.
+
+        `send` hands bytes to a line: PtyLine.write in real time, and in lockstep
+        PtyLine.deliver, which returns when the autopilot can read them.
+        """
+        self.world = world
+        self._send = send
+        self.stations = tuple(
+            Port(directory / name, PtyLine(directory / name), emulator) for name, emulator in emulators.items()
+        )
+        self._emulators = tuple(emulators.values())
+
+    def __enter__(self) -> Self:
+        """Return the board."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the lines."""
+        self.close()
+
+    def close(self) -> None:
+        """Close all lines."""
+        for station in self.stations:
+            station.line.close()
+
+    def ports(self) -> dict[str, str]:
+        """Return the path of each line by its name."""
+        return {station.path.name: str(station.path) for station in self.stations}
+
+    def station_at(self, path: str) -> Port:
+        """Return the station whose line has this path; KeyError when there is none."""
+        for station in self.stations:
+            if str(station.path) == path:
+                return station
+        raise KeyError(path)
+
+    def next_output_s(self) -> float:
+        """When the next device has something to do or to say."""
+        return min(emulator.next_output_s() for emulator in self._emulators)
+
+    def hear(self, station: Port, data: bytes) -> None:
+        """Give a device the bytes that the autopilot has written, now."""
+        station.emulator.receive(self.world.now_s, data)
+
+    def advance(self, limit_s: float) -> bool:
+        """Move on to limit_s or to the first bytes for the autopilot; say whether bytes were delivered."""
+        while True:
+            due_s = [emulator.next_output_s() for emulator in self._emulators]
+            next_s = min(due_s)
+            if next_s > limit_s:
+                self.world.advance_to(limit_s)
+                return False
+            self.world.advance_to(next_s)
+            if self._deliver(due_s):
+                return True
+
+    def _deliver(self, due_s: list[float]) -> bool:
+        now_s = self.world.now_s
+        delivered = False
+        for station, station_s in zip(self.stations, due_s, strict=True):
+            if station_s <= now_s and (data := station.emulator.take_output(now_s)):
+                self._send(station.line, data)
+                delivered = True
+        return delivered

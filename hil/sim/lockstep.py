@@ -1,0 +1,185 @@
+"""The lockstep server: the other end of the autopilot's clock in a run that is not in real time.
+
+The autopilot connects to a Unix SOCK_SEQPACKET socket and says in JSON which serial lines
+it has, by path and in order; it is told the time of the start. From then on each of its
+waits is one packet (`<d` deadline, then `Q` for each line: bytes written so far) and one
+packet in return (`<d` the new time, or `<dd` with a step of its UTC): by then its bytes have
+reached the devices, the world has moved on to the deadline or to the first bytes for the
+autopilot, and those lie in its serial lines. Nothing in this depends on how fast either side
+computes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+import struct
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from hil.errors import HilError
+from hil.sim.board import Board, Port
+from hil.sim.pace import Pacer
+
+PROTOCOL = 1
+HELLO_BYTES = 65536
+CONNECT_S = 20.0
+STALL_S = 30.0
+POLL_S = 0.1
+NEW_TIME = struct.Struct("<d")
+NEW_TIME_AND_STEP = struct.Struct("<dd")
+
+
+class LockstepError(HilError):
+    """The autopilot does not keep to the protocol, has stopped answering, or is gone."""
+
+
+class LockstepServer:
+    """Serves one autopilot; a context that closes its sockets."""
+
+    def __init__(self, path: Path, board: Board, pacer: Pacer, *, stall_s: float = STALL_S) -> None:
+        """Listen at path."""
+        self._board = board
+        self._pacer = pacer
+        self._stall_s = stall_s
+        self._stations: tuple[Port, ...] = ()
+        self._packet = NEW_TIME
+        self._heard: list[int] = []
+        self._before: list[int] = []  # what earlier processes wrote on each line
+        self._utc_step_s = 0.0
+        self._stall_until_s = -math.inf
+        self._connection: socket.socket | None = None
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            self._listener.bind(str(path))
+            self._listener.listen(1)
+        except OSError as error:
+            self._listener.close()
+            raise LockstepError(f"lockstep socket {path}: {error.strerror}") from None
+
+    def __enter__(self) -> Self:
+        """Return the server."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the sockets, which ends the autopilot's run."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the sockets, which ends the autopilot's run."""
+        self._listener.close()
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def accept(self, alive: Callable[[], bool], utc_s: float) -> None:
+        """Wait for the autopilot and greet it; LockstepError when it dies first, is late, or has other lines.
+
+        Called again for one that has left in order to start anew.
+        """
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+        end_s = time.monotonic() + CONNECT_S
+        self._listener.settimeout(POLL_S)
+        while self._connection is None:
+            try:
+                self._connection = self._listener.accept()[0]
+            except TimeoutError:
+                if not alive():
+                    raise LockstepError("the autopilot ended before it connected") from None
+                if time.monotonic() > end_s:
+                    raise LockstepError(f"the autopilot did not connect within {CONNECT_S:g} s") from None
+        self._connection.settimeout(self._stall_s)
+        for station in self._stations:
+            # What an earlier process wrote behind its last wait.
+            self._board.hear(station, station.line.read())
+        self._stations = self._lines_of(self._receive())
+        self._heard = [0] * len(self._stations)
+        self._before = [station.line.total_read for station in self._stations]
+        self._packet = struct.Struct(f"<d{len(self._stations)}Q")
+        self._send(json.dumps({"start_s": self._board.world.now_s, "utc_s": utc_s}).encode())
+
+    def step_utc(self, seconds: float) -> None:
+        """Step the autopilot's UTC with the next answer, as somebody who sets the computer's clock."""
+        self._utc_step_s += seconds
+
+    def stall(self, seconds: float) -> None:
+        """Let the next wait last this much longer than it was asked to, as a computer that is busy elsewhere."""
+        self._stall_until_s = self._board.world.now_s + seconds
+
+    def serve(self, limit_s: float = math.inf, *, paced: bool = True) -> bool:
+        """Answer one wait, with the world at limit_s at the latest; False when the autopilot has closed the socket."""
+        packet = self._receive()
+        if not packet:
+            return False
+        if len(packet) != self._packet.size:
+            raise LockstepError(f"a packet of {len(packet)} bytes from the autopilot; expected {self._packet.size}")
+        deadline_s, *written = self._packet.unpack(packet)
+        if not math.isfinite(deadline_s):
+            raise LockstepError("the autopilot waits for a deadline that is not a number")
+        self._hear(written)
+        self._board.advance(min(deadline_s, limit_s))
+        while self._board.world.now_s < self._stall_until_s:
+            self._board.advance(self._stall_until_s)
+        if paced:
+            self._pacer.wait(self._board.world.now_s)
+        now_s = self._board.world.now_s
+        step_s, self._utc_step_s = self._utc_step_s, 0.0
+        self._send(NEW_TIME_AND_STEP.pack(now_s, step_s) if step_s else NEW_TIME.pack(now_s))
+        return True
+
+    def _hear(self, written: list[int]) -> None:
+        for index, total in enumerate(written):
+            station = self._stations[index]
+            if not station.line.plugged:
+                self._heard[index] = total  # what was under way is lost with the cable
+                continue
+            if total < self._heard[index]:  # the port has been opened anew behind a new plug
+                self._heard[index] = self._before[index] = 0
+            if total > self._heard[index]:
+                wanted = self._before[index] + total
+                data = station.line.read_until_total(wanted)
+                if station.line.total_read < wanted:
+                    raise LockstepError(f"bytes that the autopilot wrote to {station.path.name} have not come through")
+                self._heard[index] = total
+                self._board.hear(station, data)
+
+    def _lines_of(self, hello: bytes) -> tuple[Port, ...]:
+        try:
+            content: Any = json.loads(hello)
+            protocol, lines = content["protocol"], [str(path) for path in content["lines"]]
+        except (ValueError, KeyError, TypeError):
+            raise LockstepError(f"the autopilot greets with {hello[:60]!r}; expected protocol and lines") from None
+        if protocol != PROTOCOL:
+            raise LockstepError(f"the autopilot speaks lockstep protocol {protocol}; this is {PROTOCOL}")
+        try:
+            return tuple(self._board.station_at(path) for path in lines)
+        except KeyError as error:
+            raise LockstepError(f"the autopilot has opened {error.args[0]}, which is no line of this board") from None
+
+    def _receive(self) -> bytes:
+        if self._connection is None:
+            return b""
+        try:
+            return self._connection.recv(HELLO_BYTES)
+        except TimeoutError:
+            raise LockstepError(f"nothing from the autopilot for {self._stall_s:g} s: it hangs") from None
+        except OSError:
+            return b""
+
+    def _send(self, packet: bytes) -> None:
+        if self._connection is None:
+            return
+        try:
+            self._connection.sendall(packet)
+        except OSError:
+            # It has ended in between; the next _receive says so.
+            self._connection.close()
+            self._connection = None

@@ -1,0 +1,48 @@
+"""The real-time server: the same board, driven by the machine's clock."""
+
+from __future__ import annotations
+
+import select
+import time
+
+from hil.sim.board import Board
+
+
+class RealTimeServer:
+    """Moves the board along with the wall clock and carries bytes as they come."""
+
+    def __init__(self, board: Board) -> None:
+        """Start the clock."""
+        self._board = board
+        self._stations = {station.line.fileno(): station for station in board.stations}
+        self._start_s = time.monotonic() - board.world.now_s
+
+    def now_s(self) -> float:
+        """Seconds of the run gone by."""
+        return time.monotonic() - self._start_s
+
+    def serve(self, limit_s: float) -> float:
+        """Do what is due, then wait for bytes or the next event, at most to limit_s.
+
+        Returns how long nothing will happen if the autopilot stays as quiet as it was
+        during the call; 0 when there was traffic. Events happen at their own moments even
+        when this is called a little late, so the world is the one of a lockstep run with the same commands.
+        """
+        board = self._board
+        busy = self._catch_up(limit_s)
+        wait_s = min(board.next_output_s(), limit_s) - self.now_s()
+        for fd in select.select(self._stations, [], [], max(0.0, wait_s))[0]:
+            busy = True
+            self._catch_up(limit_s)
+            station = self._stations[fd]
+            if data := station.line.read():
+                board.hear(station, data)
+        busy = self._catch_up(limit_s) or busy
+        return 0.0 if busy else board.next_output_s() - self.now_s()
+
+    def _catch_up(self, limit_s: float) -> bool:
+        now_s = min(self.now_s(), limit_s)
+        delivered = False
+        while self._board.advance(now_s):
+            delivered = True
+        return delivered

@@ -1,0 +1,255 @@
+"""One run: the autopilot as a process of its own, the sea in a box around it."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import signal
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from hil.devices.pty_line import PtyLine
+from hil.errors import HilError, UsageError
+from hil.sim.board import Board
+from hil.sim.device_factory import emulators
+from hil.sim.display import Banner, Display, make_display
+from hil.sim.goals import Goal
+from hil.sim.ground_station import GUIDED, GroundStation, Order
+from hil.sim.lockstep import LockstepError, LockstepServer
+from hil.sim.pace import Pacer
+from hil.sim.process import Firmware
+from hil.sim.realtime import RealTimeServer
+from hil.sim.scenarios import Scenario
+from hil.sim.truth import TruthRecorder
+from hil.sim.vehicle_file import VehicleFile
+from hil.sim.world import START_UTC_S, World
+
+END_S = 15.0  # the rudder goes amidships, the log is written out
+LOOK_S = 0.03  # in real time: a pause this long means that tick and servo exchange are over, and there is time to draw
+JUDGE_S = 1.0
+TRUTH_FILE, FIRMWARE_LOG, VEHICLE_NAME, STATE = "truth.csv", "firmware.log", "vehicle.toml", "state"
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """What is run; `speed` is None in real time, infinity for as fast as it goes."""
+
+    scenario: Scenario
+    seconds: float
+    out: Path
+    speed: float | None = math.inf
+    seed: int = 1
+    goals: tuple[Goal, ...] = ()
+    vehicle: VehicleFile = field(default_factory=VehicleFile)
+    settings: dict[str, float] = field(default_factory=dict)
+    links: tuple[str, ...] = ()
+    mode: int = GUIDED
+    state: Path | None = None  # what the autopilot is to remember of earlier runs: a directory that is copied
+
+    @property
+    def lockstep(self) -> bool:
+        """Whether the HIL is the autopilot's clock."""
+        return self.speed is not None
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What came of a run: the truth, the operator's orders and how long it took."""
+
+    options: RunOptions
+    truth: TruthRecorder
+    orders: tuple[Order, ...]
+    wall_s: float
+
+    @property
+    def speed_ratio(self) -> float:
+        """Simulated by real seconds."""
+        return self.truth.rows[-1][0] / self.wall_s if self.wall_s > 0.0 else math.nan
+
+
+def run(options: RunOptions) -> Run:
+    """Make a run and write its truth.csv; HilError when it fails, the truth so far is written then too."""
+    prepare_directory(options.out)
+    _remember(options)
+    try:
+        world = World(
+            options.scenario,
+            options.seed,
+            options.goals,
+            end_s=options.seconds,
+            model=options.vehicle.model(),
+            mounting=options.vehicle.mounting(),
+        )
+    except ValueError as error:
+        raise UsageError(f"the vehicle file describes no ship: {error}") from None
+    station = GroundStation(options.goals, options.mode)
+    devices = {**emulators(world, options.vehicle, options.seed), "link": station}
+    send = PtyLine.deliver if options.lockstep else PtyLine.write
+    try:
+        with (
+            _interruptible(),
+            tempfile.TemporaryDirectory(prefix="rambler-") as directory,
+            Board(world, devices, Path(directory), send) as board,
+        ):
+            wall_s = _Run(options, board, station, Path(directory)).make()
+    finally:
+        world.truth.write(options.out / TRUTH_FILE)
+    if complaint := station.verdict():
+        raise HilError(f"{complaint}; see {options.out / FIRMWARE_LOG}")
+    return Run(options, world.truth, station.orders, wall_s)
+
+
+def prepare_directory(out: Path) -> None:
+    """Make the output directory and clear an earlier run's state out of it, or raise UsageError."""
+    state = out / STATE
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if state.exists():
+            # What the autopilot remembers would change the run. But never remove what no run has made.
+            if not (out / VEHICLE_NAME).exists():
+                raise UsageError(f"{state} exists and is not of an earlier run; give another --out")
+            shutil.rmtree(state)
+        for name in (TRUTH_FILE, FIRMWARE_LOG, VEHICLE_NAME):
+            (out / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise UsageError(f"output directory {out}: {error.strerror}; give another --out") from None
+
+
+def _remember(options: RunOptions) -> None:
+    """Copy what she is to remember, the logs left out."""
+    if options.state is None:
+        return
+    try:
+        shutil.copytree(options.state, options.out / STATE, ignore=shutil.ignore_patterns("logs", "lock"))
+    except (OSError, shutil.Error) as error:
+        raise UsageError(f"state directory {options.state} cannot be copied: {error}") from None
+
+
+class _Run:
+    """The parts of a run while it goes."""
+
+    def __init__(self, options: RunOptions, board: Board, station: GroundStation, directory: Path) -> None:
+        self._options = options
+        self._board = board
+        self._station = station
+        self._socket_path = directory / "clock"
+        self._judge_s = 0.0
+
+    def make(self) -> float:
+        """Run to the end; return how many seconds it took, the start of the autopilot left out."""
+        options = self._options
+        vehicle_path = options.out / VEHICLE_NAME
+        vehicle_path.write_text(options.vehicle.text(self._board.ports(), options.settings), encoding="utf-8")
+        arguments = ["run", str(vehicle_path), "--state", str(options.out / STATE)]
+        for url in options.links:
+            arguments += ["--link", url]
+        display = make_display(self._banner(), self._board.world, self._station)
+        if options.lockstep:
+            return self._in_lockstep([*arguments, "--lockstep", str(self._socket_path)], display)
+        return self._in_real_time(arguments, display)
+
+    def _banner(self) -> Banner:
+        options = self._options
+        compass, servo = options.vehicle.compass["driver"], options.vehicle.rudder["driver"]
+        title = f"rambler-hil run {options.scenario.name}: compass {compass}, servo {servo}, seed {options.seed}"
+        return Banner(title, options.seconds, options.links, options.lockstep)
+
+    def _in_lockstep(self, arguments: list[str], display: Display) -> float:
+        speed = self._options.speed
+        pacer = Pacer(math.inf if speed is None else speed)
+        log_path = self._options.out / FIRMWARE_LOG
+        with (
+            LockstepServer(self._socket_path, self._board, pacer) as server,
+            Firmware(arguments, log_path) as firmware,
+        ):
+            try:
+                server.accept(firmware.running, START_UTC_S)
+                start_s = time.monotonic()
+                with display:
+                    while self._under_way():
+                        if not server.serve(self._options.seconds):
+                            self._await_restart(server, firmware)
+                        display.update()
+                wall_s = time.monotonic() - start_s
+                firmware.terminate()
+                patience_s = time.monotonic() + END_S
+                while time.monotonic() < patience_s and server.serve(paced=False):
+                    pass
+            except LockstepError as error:
+                raise HilError(_with_last_words(str(error), firmware)) from None
+            finally:
+                # An autopilot that waits for the time to go on ends when its clock is gone.
+                server.close()
+            _end(firmware)
+        return wall_s
+
+    def _await_restart(self, server: LockstepServer, firmware: Firmware) -> None:
+        """Go on with an autopilot that starts anew in the same process; HilError for one that has ended."""
+        try:
+            server.accept(firmware.running, self._board.world.utc_s())
+        except LockstepError:
+            if firmware.running():
+                raise
+            raise _ended_early(firmware) from None
+
+    def _in_real_time(self, arguments: list[str], display: Display) -> float:
+        with Firmware(arguments, self._options.out / FIRMWARE_LOG) as firmware, display:
+            server = RealTimeServer(self._board)
+            while self._under_way():
+                slack_s = server.serve(min(self._options.seconds, server.now_s() + LOOK_S))
+                if not firmware.running():
+                    raise _ended_early(firmware)
+                display.update(slack_s)
+            wall_s = server.now_s()
+            firmware.terminate()
+            while firmware.running() and server.now_s() < wall_s + END_S:
+                server.serve(server.now_s() + LOOK_S)
+            _end(firmware)
+        return wall_s
+
+    def _under_way(self) -> bool:
+        now_s = self._board.world.now_s
+        if now_s >= self._judge_s:
+            self._judge_s = now_s + JUDGE_S
+            if failure := self._station.failure(now_s):
+                raise HilError(f"{failure}; see {self._options.out / FIRMWARE_LOG}")
+        return now_s < self._options.seconds
+
+
+def _ended_early(firmware: Firmware) -> HilError:
+    firmware.wait(END_S)
+    return HilError(_with_last_words(f"the autopilot ended early, exit code {firmware.exit_code()}", firmware))
+
+
+def _end(firmware: Firmware) -> None:
+    if not firmware.wait(END_S):
+        raise HilError(_with_last_words(f"the autopilot did not end within {END_S:g} s of SIGTERM", firmware))
+    if firmware.exit_code() != 0:
+        raise HilError(_with_last_words(f"the autopilot ended with exit code {firmware.exit_code()}", firmware))
+
+
+def _with_last_words(text: str, firmware: Firmware) -> str:
+    words = firmware.last_words()
+    return f"{text}; its last words: {words}" if words else text
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Let SIGTERM unwind as Ctrl-C does, so that no process and no port is left behind."""
+
+    def interrupt(_number: int, _frame: object) -> None:
+        raise KeyboardInterrupt
+
+    try:
+        before = signal.signal(signal.SIGTERM, interrupt)
+    except ValueError:  # not the main thread: the caller looks after signals
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,189 @@
+"""The world: ship, sea and rudder shaft, moved on to any moment and read there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from firmware_py.common.angles import TWO_PI, radians, wrap_two_pi
+from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
+from hil.ship.hull import GRID_S, STEPS_PER_SECOND, Hull
+from hil.ship.servo import ServoShaft
+from hil.sim.goals import Goal
+from hil.sim.scenarios import Scenario
+from hil.sim.truth import ROWS_PER_SECOND, TruthRecorder
+
+START_UTC_S = 1_767_225_600.0  # 2026-01-01 00:00:00
+START_LATITUDE_DEG = 36.0
+START_LONGITUDE_DEG = 121.0
+METRES_PER_DEGREE = 111_194.93  # of latitude, on a sphere of 6371 km
+STOP_RAD = radians(45.0)  # to either side of amidships
+STEPS_PER_ROW = STEPS_PER_SECOND // ROWS_PER_SECOND
+
+
+@dataclass(frozen=True, slots=True)
+class Mounting:
+    """How compass and servo sit in the boat: what the vehicle file's corrections undo.
+
+    The rudder stands at the shaft's angle less centre_rad, negated when reversed; the
+    compass shows the true heading less compass_offset_rad.
+    """
+
+    rudder_centre_rad: float = 0.0
+    rudder_reversed: bool = False
+    compass_offset_rad: float = 0.0
+
+    def rudder_rad(self, shaft_rad: float) -> float:
+        """Return the angle of the rudder at a shaft angle."""
+        turned_rad = shaft_rad - self.rudder_centre_rad
+        return -turned_rad if self.rudder_reversed else turned_rad
+
+
+class CommandedShaft:
+    """A servo's shaft as its electronics drive it, remembering the target it was given."""
+
+    def __init__(self, shaft: ServoShaft) -> None:
+        """Take the mechanics."""
+        self._shaft = shaft
+        self.target_rad = shaft.angle_rad()
+
+    def angle_rad(self) -> float:
+        """The true angle of the shaft now."""
+        return self._shaft.angle_rad()
+
+    def set_target(self, target_rad: float) -> None:
+        """Move toward this angle from now on."""
+        if math.isfinite(target_rad):
+            self.target_rad = target_rad
+        self._shaft.set_target(target_rad)
+
+    def set_torque(self, *, on: bool) -> None:
+        """Release or engage the motor."""
+        self._shaft.set_torque(on=on)
+
+
+class World:
+    """Everything outside the electronics; fulfils Attitude and Whereabouts for the emulators.
+
+    `advance_to` moves all of it to a moment; the emulators then read and act at that
+    moment. `end_s` is where the recording of the truth stops.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        goals: Sequence[Goal] = (),
+        *,
+        end_s: float = math.inf,
+        model: KtModel = OCEAN_RAMBLER,
+        mounting: Mounting | None = None,
+    ) -> None:
+        """Lie at the start at time 0 with the rudder amidships; ValueError for a model that is no ship."""
+        self._mounting = mounting or Mounting()
+        centre_rad = self._mounting.rudder_centre_rad
+        self._mechanics = ServoShaft(
+            angle_rad=centre_rad, low_stop_rad=centre_rad - STOP_RAD, high_stop_rad=centre_rad + STOP_RAD
+        )
+        self.shaft = CommandedShaft(self._mechanics)
+        self.truth = TruthRecorder()
+        self.rudder_grip = 1.0  # how much of the rudder angle turns her: 0 when its blade is gone
+        self.jam, self.free = self._mechanics.jam, self._mechanics.free
+        self._hull = Hull(scenario, model, seed)
+        self._goals = list(reversed(goals))
+        self._goal_rad: float | None = None
+        self._last_row = math.floor(end_s * ROWS_PER_SECOND + 1e-9) if math.isfinite(end_s) else None
+        self._step = 0
+        self._now_s = 0.0
+        self._offset_s = 0.0
+        self._record()
+
+    @property
+    def now_s(self) -> float:
+        """The moment that the world stands at."""
+        return self._now_s
+
+    def advance_to(self, t_s: float) -> None:
+        """Move on to t_s; an earlier moment changes nothing."""
+        if not t_s > self._now_s:
+            return
+        while (next_s := (self._step + 1) / STEPS_PER_SECOND) <= t_s:
+            self._mechanics.advance(next_s)
+            self._hull.step(self.rudder_grip * self.rudder_rad())
+            self._step += 1
+            self._now_s, self._offset_s = next_s, 0.0
+            if self._step % STEPS_PER_ROW == 0:
+                self._record()
+        self._mechanics.advance(t_s)
+        self._now_s = t_s
+        self._offset_s = min(max(t_s - self._step / STEPS_PER_SECOND, 0.0), GRID_S)
+
+    def rudder_rad(self) -> float:
+        """The true angle of the rudder now."""
+        return self._mounting.rudder_rad(self._mechanics.angle_rad())
+
+    def heading_low_rad(self) -> float:
+        """The hull's heading without the yaw of the waves, unwrapped."""
+        return self._hull.heading_low_rad(self._offset_s)
+
+    def goal_rad(self) -> float | None:
+        """The goal in force now, on the turn nearest to the heading at which it was given."""
+        return self._goal_rad
+
+    # Attitude: what the compass in its mounting senses.
+
+    def heading_rad(self) -> float:
+        """Heading that a perfect compass in its mounting shows now."""
+        return self._hull.heading_rad(self._offset_s) - self._mounting.compass_offset_rad
+
+    def yaw_rate_rad_s(self) -> float:
+        """Rate of turn now, the yaw of the waves included."""
+        return self._hull.yaw_rate_rad_s(self._offset_s)
+
+    # Whereabouts: what the satellite receiver senses.
+
+    def latitude_deg(self) -> float:
+        """Geodetic latitude."""
+        return START_LATITUDE_DEG + self._hull.position_in_waves_m(self._offset_s)[0] / METRES_PER_DEGREE
+
+    def longitude_deg(self) -> float:
+        """Geodetic longitude."""
+        metres = METRES_PER_DEGREE * math.cos(radians(START_LATITUDE_DEG))
+        return START_LONGITUDE_DEG + self._hull.position_in_waves_m(self._offset_s)[1] / metres
+
+    def speed_over_ground_m_s(self) -> float:
+        """Speed over ground."""
+        return math.hypot(*self._hull.velocity_in_waves_m_s(self._offset_s))
+
+    def course_over_ground_rad(self) -> float:
+        """Course over ground from true north, in [0, 2 pi)."""
+        north_m_s, east_m_s = self._hull.velocity_in_waves_m_s(self._offset_s)
+        return wrap_two_pi(math.atan2(east_m_s, north_m_s))
+
+    def utc_s(self) -> float:
+        """Seconds since 1970-01-01 UTC."""
+        return START_UTC_S + self._now_s
+
+    def _record(self) -> None:
+        row = self._step // STEPS_PER_ROW
+        if self._last_row is not None and row > self._last_row:
+            return
+        time_s = row / ROWS_PER_SECOND
+        heading_low_rad = self._hull.heading_low_rad(0.0)
+        while self._goals and self._goals[-1].t_s <= time_s:
+            goal_rad = self._goals.pop().heading_rad
+            self._goal_rad = goal_rad + TWO_PI * round((heading_low_rad - goal_rad) / TWO_PI)
+        self.truth.rows.append(
+            (
+                time_s,
+                heading_low_rad,
+                self._hull.heading_rad(0.0),
+                self._hull.yaw_rate_low_rad_s(0.0),
+                self.rudder_rad(),
+                self._mounting.rudder_rad(self.shaft.target_rad),
+                self._goal_rad,
+                *self._hull.position_m(0.0),
+                self._hull.speed_m_s,
+            )
+        )

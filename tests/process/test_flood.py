@@ -1,0 +1,198 @@
+"""Floods against the real process, on every class of link: the loop does not feel them."""
+
+import json
+import os
+import pty
+import socket
+import subprocess
+import sys
+import time
+import tty
+from contextlib import ExitStack
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+from support.paths import ROOT
+
+from hil.bench.helper import answer_of
+from hil.bench.onboard import logged
+from hil.bench.process import memory_of
+from hil.bench.sea import Sea
+from hil.bench.spread import spread
+
+FLOOD = ROOT / "tests" / "clients" / "flood.py"
+SECONDS = float(os.environ.get("FLOOD_S", "60"))
+SETTLE_S = 3.0
+MOST_GROWTH_MIB = 4.0
+MOST_RATIO = 2.0
+# A busy machine makes single ticks late by about this, quiet or not; a ratio of less than that says nothing.
+RESOLUTION_S = 500e-6
+PARAMETER = b"RUD_LIMIT_DEG"
+
+
+class Line:
+    """One end of a link to the boat: asks for a parameter and waits for the answer."""
+
+    def __init__(self, read, write):
+        self._read, self._write = read, write
+        self._mav = mavlink.MAVLink(None, srcSystem=251, srcComponent=190)
+        self._mav.robust_parsing = True
+
+    def greet(self):
+        self._write(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(self._mav))
+
+    def seconds_until_answered(self, patience_s):
+        """Ask again and again, as ground stations do, until a PARAM_VALUE comes; None in vain."""
+        start_s = time.monotonic()
+        while time.monotonic() - start_s < patience_s:
+            self._write(mavlink.MAVLink_param_request_read_message(1, 1, PARAMETER, -1).pack(self._mav))
+            again_s = time.monotonic() + 0.25
+            while time.monotonic() < again_s:
+                for message in self._mav.parse_buffer(self._read()) or []:
+                    if message.get_type() == "PARAM_VALUE" and message.param_id == PARAMETER.decode():
+                        return time.monotonic() - start_s
+        return None
+
+
+def free_port(kind):
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def waiting(read):
+    """A read that waits a moment for the first bytes."""
+
+    def reader():
+        try:
+            return read()
+        except (BlockingIOError, TimeoutError, ConnectionRefusedError):
+            time.sleep(0.001)
+            return b""
+
+    return reader
+
+
+class Udp:
+    def __init__(self):
+        self.port = free_port(socket.SOCK_DGRAM)
+        self.url, self.words, self.inherited = f"udpin:127.0.0.1:{self.port}", ["udp", str(self.port)], ()
+
+    def line(self, closing):
+        end = closing.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        end.connect(("127.0.0.1", self.port))
+        end.setblocking(False)
+        return Line(waiting(lambda: end.recv(65536)), end.send)
+
+
+class Tcp:
+    def __init__(self):
+        self.port = free_port(socket.SOCK_STREAM)
+        self.url, self.words, self.inherited = f"tcpin:127.0.0.1:{self.port}", ["tcp", str(self.port)], ()
+
+    def line(self, closing):
+        end = closing.enter_context(socket.create_connection(("127.0.0.1", self.port)))
+        end.setblocking(False)
+        return Line(waiting(lambda: end.recv(65536)), end.send)
+
+
+class Serial:
+    """Flooded and asked over the same line."""
+
+    def __init__(self):
+        self.near, self.far = pty.openpty()
+        tty.setraw(self.near)
+        tty.setraw(self.far)
+        os.set_blocking(self.near, False)
+        self.url = f"serial:{os.ttyname(self.far)}:921600"
+        self.words, self.inherited = ["pty", str(self.near)], (self.near,)
+
+    def line(self, closing):
+        closing.callback(os.close, self.far)
+        closing.callback(os.close, self.near)
+        return Line(waiting(lambda: os.read(self.near, 65536)), self.write)
+
+    def write(self, data):
+        try:
+            os.write(self.near, data)
+        except BlockingIOError:
+            pass  # what the flood has left is still to be read; asked again
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize("rate_hz", [10, 50])
+@pytest.mark.parametrize("make", [Udp, Tcp, Serial])
+def test_a_flood_does_not_move_the_loop(make, rate_hz, tmp_path, figures):
+    link = make()
+    with ExitStack() as closing, Sea(tmp_path / "sea", rate_hz, links=(link.url,)) as sea:
+        line = link.line(closing)
+        sea.listen(SETTLE_S)
+        line.greet()
+        assert line.seconds_until_answered(5.0) is not None
+        sea.listen(SETTLE_S)
+        pid = sea.autopilot()
+        # Half of the quiet time before and half behind the flood: the machine has its weather, too.
+        before_s = boat_time(sea)
+        sea.listen(SECONDS / 2)
+        before_mib = memory_of(pid).now_mib
+        words = [sys.executable, str(FLOOD), *link.words, str(SECONDS)]
+        flood = closing.enter_context(subprocess.Popen(words, stdout=subprocess.PIPE, pass_fds=link.inherited))
+        flood_from_s = boat_time(sea)
+        early_mib = None
+        while flood.poll() is None:
+            sea.listen(1.0)
+            line.greet()  # a ground station goes on with its heartbeats
+            if early_mib is None and boat_time(sea) - flood_from_s > SECONDS / 4:
+                early_mib = memory_of(pid).now_mib  # every kind of flood has been seen once
+        answered_s = line.seconds_until_answered(5.0)
+        flood_to_s, after_mib = boat_time(sea), memory_of(pid).now_mib
+        sea.listen(SECONDS / 2 + 1.0)
+        after_s = boat_time(sea)
+        assert sea.autopilot() == pid
+        taken = json.loads(flood.stdout.read())
+    assert "Traceback" not in (tmp_path / "sea" / "firmware.log").read_text()
+    ticks = [inputs.tick for inputs in logged(tmp_path / "sea")]
+    flooded = spread([tick.late_s for tick in ticks if flood_from_s <= tick.t_s <= flood_to_s])
+    quiet = spread(
+        [tick.late_s for tick in ticks if before_s <= tick.t_s < flood_from_s or flood_to_s + 1.0 < tick.t_s <= after_s]
+    )
+    bare = as_busy_and_bare(rate_hz)
+    print(
+        f"\n{make.__name__} at {rate_hz} Hz: {taken / SECONDS / 1e6:.1f} MB/s taken; lateness p99.9 quiet "
+        f"{quiet.p999 * 1e6:.0f} us, flooded {flooded.p999 * 1e6:.0f} us, bare {bare.p999 * 1e6:.0f} us; "
+        f"memory {before_mib:.1f}, {early_mib:.1f}, {after_mib:.1f} MiB; answered after {answered_s} s"
+    )
+    for name, found in (("quiet", quiet), ("flooded", flooded), ("bare", bare)):
+        figures.keep(f"flood_{make.__name__.lower()}_{rate_hz}_hz_{name}", found.p999 * 1e3, "ms")
+    assert answered_s is not None
+    assert answered_s < 1.0
+    assert after_mib - before_mib < MOST_GROWTH_MIB
+    assert flooded.count > 0.99 * rate_hz * (flood_to_s - flood_from_s) - 1
+    assert flooded.p999 < MOST_RATIO * max(quiet.p999, bare.p999, RESOLUTION_S)
+
+
+def as_busy_and_bare(rate_hz):
+    """How late a process is that only computes for half of each period, while a flood goes to nobody.
+
+    A shared machine takes its processor from those who use it, for milliseconds: that is no doing of the autopilot's.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nobody:
+        nobody.bind(("127.0.0.1", 0))
+        words = [sys.executable, str(FLOOD), "udp", str(nobody.getsockname()[1]), str(SECONDS)]
+        with subprocess.Popen(words, stdout=subprocess.DEVNULL):
+            ticks = str(round(SECONDS * rate_hz))
+            return spread(answer_of(["-m", "hil.bench.bare_sleep", str(rate_hz), ticks, "0.5"], SECONDS))
+
+
+def boat_time(sea):
+    """The autopilot's clock, by its telemetry."""
+    found = []
+
+    def matches(message):
+        if message.get_type() == "SYSTEM_TIME":
+            found.append(message.time_boot_ms / 1e3)
+        return bool(found)
+
+    assert sea.station.await_message(10.0, matches) is not None
+    return found[-1]

@@ -1,0 +1,54 @@
+"""The autopilot's own log identified: the ship that it sailed is known."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from support.paths import ROOT
+
+from hil.report.figure_file import entry
+from hil.sim import scenarios
+from hil.sim.goals import parse_goals
+from hil.sim.runner import RunOptions, run
+
+LOG = "state/logs/00000001.BIN"
+TRUE = {"K": 0.049, "T": 4.0}
+UNITS = {"K": "1/s", "T": "s"}
+
+
+def identified(*words):
+    command = [sys.executable, "-m", "hil", "identify", *map(str, words)]
+    return subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
+
+
+@pytest.mark.timeout(300)
+def test_a_zigzag_of_goals_tells_the_ship(tmp_path, figures):
+    goals = ",".join(f"{40 * number}:{30 if number % 2 == 0 else -30}" for number in range(7))
+    run(RunOptions(scenarios.named("tank"), 300.0, tmp_path, goals=parse_goals(goals)))
+    done = identified(tmp_path / LOG, "--json", "-")
+    assert (done.returncode, done.stderr) == (0, "")
+    found = json.loads(done.stdout)
+    assert found["rows"] > 2500
+    for name, true in TRUE.items():
+        one = found[name]
+        assert one["verdict"] == "identifiable"
+        assert abs(one["value"] - true) <= 3.0 * one["se"], (name, one)
+        assert abs(one["value"] / true - 1.0) < 0.25, (name, one)
+        value = f"{one['value']:.3g} +-{one['se']:.2g}"
+        figures.merge({f"identify_tank_log_{name.lower()}": entry(value, UNITS[name], figures.source)})
+    assert found["alpha"]["verdict"] == "not identifiable"
+
+
+@pytest.mark.timeout(300)
+def test_a_log_without_motion_is_told_as_such(tmp_path):
+    run(
+        RunOptions(
+            scenarios.named("calm"), 60.0, tmp_path, goals=parse_goals("0:0"), settings={"EST_MODE": 0, "CTL_MODE": 0}
+        )
+    )
+    done = identified(tmp_path / LOG)
+    assert done.returncode == 1
+    assert done.stderr == "rambler-hil: no model can be told from these logs; see the verdicts\n"
+    assert "the rudder explains next to nothing of the motion" in done.stdout
+    assert "sail a zigzag" in done.stdout

@@ -1,0 +1,144 @@
+"""Every recording through the real serial line: the headings of its expected JSON, and nothing else."""
+
+import json
+import math
+import os
+import tty
+
+import pytest
+from support.paths import DATA
+
+from firmware_py.common.records import DeviceState, NorthReference
+from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
+from firmware_py.system.serial_port import SerialPort
+
+FILES = sorted(path.name for path in (DATA / "nmea").glob("*.*")) or ["tests/data/nmea is not here"]
+PIECE = 997  # a prime, so that the pieces end anywhere in a sentence
+PATIENCE = 100_000
+
+
+@pytest.fixture
+def pty():
+    """The device's end of a pseudo-terminal, and the path of the port."""
+    device, port = os.openpty()
+    tty.setraw(port)
+    yield device, os.ttyname(port)
+    os.close(device)
+    os.close(port)
+
+
+@pytest.fixture
+def recording():
+    """Read a recording and its expected values, or skip."""
+
+    def read(name):
+        if not DATA.is_dir():
+            pytest.skip("the recordings of tests/data are not here")
+        expected = json.loads((DATA / "nmea" / "expected" / f"{name}.json").read_text())
+        return (DATA / "nmea" / name).read_bytes(), expected["values"]
+
+    return read
+
+
+class CountingLine:
+    """A SerialLine that says how many bytes have come out of it, so that the test need not sleep."""
+
+    def __init__(self, path):
+        self._line = SerialPort(path, 115200)
+        self._line.open()
+        self.count = 0
+
+    def __getattr__(self, name):
+        return getattr(self._line, name)
+
+    def read(self):
+        data = self._line.read()
+        self.count += len(data)
+        return data
+
+
+@pytest.fixture
+def play(pty):
+    """Send a recording through the port to drivers made by `make`; return line, driver and all samples."""
+    device, path = pty
+    lines = []
+
+    def run(data, make):
+        line = CountingLine(path)
+        lines.append(line)
+        driver = make(line)
+        samples, now_s = [], 0.0
+        for start in range(0, len(data), PIECE):
+            piece = data[start : start + PIECE]
+            os.write(device, piece)
+            now_s += 0.1
+            wanted = start + len(piece)
+            for _ in range(PATIENCE):
+                driver.receive(now_s)
+                samples += driver.poll()
+                if line.count == wanted:
+                    break
+            assert line.count == wanted
+        return driver, samples, now_s
+
+    yield run
+    for line in lines:
+        line.close()
+
+
+def expected_headings(rows):
+    """(degrees, reference) of every heading, VHW apart: that repeats the compass for a speed log."""
+    found = []
+    for _, sentence, _, *values in rows:
+        if sentence.endswith("VHW") or not values:
+            continue
+        true_deg, magnetic_deg = values[0].get("heading_true_deg"), values[0].get("heading_mag_deg")
+        if true_deg is not None:
+            found.append((true_deg, NorthReference.TRUE))
+        elif magnetic_deg is not None:
+            found.append((magnetic_deg, NorthReference.MAGNETIC))
+    return found
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_headings_of_a_recording_and_nothing_else(play, recording, name):
+    data, rows = recording(name)
+    compass, samples, now_s = play(data, NmeaCompass)
+    expected = expected_headings(rows)
+    assert [sample.reference for sample in samples] == [reference for _, reference in expected]
+    found_deg = [math.degrees(sample.heading_rad) for sample in samples]
+    assert found_deg == pytest.approx([heading_deg % 360.0 for heading_deg, _ in expected], abs=1e-6)
+    variations = [row[3]["variation_deg"] for row in rows if len(row) > 3 and row[3].get("variation_deg") is not None]
+    stated = [math.degrees(sample.variation_rad) for sample in samples if sample.variation_rad is not None]
+    assert stated == pytest.approx(variations)
+    health = compass.health(now_s)
+    assert health.accepted == len(expected)
+    assert health.rejected == sum(row[2] == 0 for row in rows)
+    assert health.state is (DeviceState.RUNNING if expected else DeviceState.STARTING)
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if name.startswith("pynmeagps")] or FILES)
+def test_whatever_came_before_the_next_good_heading_is_taken(play, recording, name):
+    data, _ = recording(name)
+    _, samples, _ = play(data + b"$HEHDT,341.8,T*21\r\n", NmeaCompass)
+    assert math.degrees(samples[-1].heading_rad) == pytest.approx(341.8)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_positions_of_a_recording(play, recording, name):
+    data, rows = recording(name)
+    _, samples, _ = play(data, NmeaPosition)
+    allowed = {
+        (round(values["lat"], 6), round(values["lon"], 6))
+        for _, _, checksum, values in (row for row in rows if len(row) > 3)
+        if values.get("lat") is not None
+    }
+    given = {
+        (round(math.degrees(sample.latitude_rad), 6), round(math.degrees(sample.longitude_rad), 6))
+        for sample in samples
+        if sample.latitude_rad is not None
+    }
+    assert given <= allowed
+    epochs = max([sum(row[1].endswith(kind) for row in rows) for kind in ("RMC", "GGA", "GNS", "GLL")])
+    if epochs > 10:
+        assert len(samples) >= epochs - 2

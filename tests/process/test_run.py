@@ -1,0 +1,178 @@
+"""`rambler-hil run` end to end: the real autopilot as a process of its own, through ptys."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from support.paths import ROOT
+
+from hil.sim.truth import COLUMNS, read
+
+# Tank, paper gains: five seeds, and both compasses with both servos among them.
+TANK_RUNS = [
+    (1, "nmea", "dynamixel"),
+    (2, "pni", "volz"),
+    (3, "nmea", "volz"),
+    (4, "pni", "dynamixel"),
+    (5, "nmea", "dynamixel"),
+]
+
+
+def rambler_hil(*words: str, **more) -> subprocess.Popen:
+    return subprocess.Popen(
+        [sys.executable, "-m", "hil", *words],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **more,
+    )
+
+
+def finished(*words: str) -> tuple[int, str, str]:
+    process = rambler_hil(*words)
+    said, errors = process.communicate(timeout=110.0)
+    return process.returncode, said, errors
+
+
+def replays(out: Path) -> bool:
+    """Whether every rudder command of a run's log is recomputed to the same bits."""
+    logs = sorted((out / "state" / "logs").glob("*.BIN"))
+    assert logs
+    commands = [[sys.executable, "-m", "firmware_py", "replay", str(log)] for log in logs]
+    return all(
+        subprocess.run(command, cwd=ROOT, check=False, capture_output=True).returncode == 0 for command in commands
+    )
+
+
+@pytest.mark.parametrize(("seed", "compass", "servo"), TANK_RUNS)
+def test_she_holds_her_heading_in_the_tank(tmp_path, seed, compass, servo):
+    words = [
+        "run",
+        "tank",
+        "--speed",
+        "max",
+        "--goal",
+        "0:0,10:60",
+        "--seconds",
+        "190",
+        "--seed",
+        str(seed),
+        "--out",
+        str(tmp_path),
+    ]
+    words += ["--set", "CTL_MODE=0", "EST_MODE=0"]
+    code, said, errors = finished(*words, "--compass", compass, "--servo", servo)
+    assert (code, errors) == (0, "")
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    first, second = summary["goals"]
+    assert second["overshoot_deg"] <= 3.0
+    assert second["p95_error_deg"] <= 3.0
+    assert second["settling_s"] <= 100.0
+    assert first["p95_error_deg"] <= 3.0
+    assert second["accepted_s"] - 10.0 < 0.5
+    assert summary["loop"]["ticks"] >= 1890
+    assert summary["loop"]["skipped"] == 0
+    assert (tmp_path / "truth.csv").read_text().splitlines()[0] == ",".join(COLUMNS)
+    truth = read(tmp_path / "truth.csv")
+    assert truth.time_s[-1] == 190.0
+    assert abs(truth.rudder_rad).max() < 0.53
+    assert replays(tmp_path)
+    assert "overshoot" in said
+    assert str(tmp_path / "report.html") in said
+    assert (tmp_path / "report.html").stat().st_size > 50_000
+
+
+@pytest.mark.parametrize(("compass", "servo"), [("nmea", "dynamixel"), ("pni", "volz")])
+def test_two_runs_of_a_seed_are_the_same_to_the_last_byte_and_another_seed_is_not(tmp_path, compass, servo):
+    truths = []
+    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
+        words = ["run", "storm", "--speed", "max", "--seconds", "40", "--goal", "0:30", "--seed", seed]
+        code, _, errors = finished(*words, "--compass", compass, "--servo", servo, "--out", str(tmp_path / name))
+        assert (code, errors) == (0, "")
+        truths.append((tmp_path / name / "truth.csv").read_bytes())
+    assert truths[0] == truths[1]
+    assert truths[0] != truths[2]
+
+
+def test_a_paced_run_is_the_same_run(tmp_path):
+    words = ["run", "tank", "--seconds", "20", "--goal", "0:30"]
+    assert finished(*words, "--speed", "max", "--out", str(tmp_path / "a"))[0] == 0
+    assert finished(*words, "--speed", "15", "--out", str(tmp_path / "b"))[0] == 0
+    assert (tmp_path / "a" / "truth.csv").read_bytes() == (tmp_path / "b" / "truth.csv").read_bytes()
+    assert json.loads((tmp_path / "b" / "summary.json").read_text())["speed_ratio"] <= 15.01
+
+
+@pytest.mark.parametrize(("compass", "servo"), [("nmea", "volz"), ("pni", "dynamixel")])
+def test_in_real_time_she_turns_too_and_lateness_is_measured(tmp_path, compass, servo):
+    words = ["run", "tank", "--speed", "real", "--seconds", "12", "--goal", "0:60"]
+    code, said, errors = finished(*words, "--compass", compass, "--servo", servo, "--out", str(tmp_path))
+    assert (code, errors) == (0, "")
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["loop"]["ticks"] > 90
+    assert set(summary["loop"]["lateness_us"]) == {"p50", "p99", "p99.9", "max"}
+    assert summary["speed_ratio"] == pytest.approx(1.0, abs=0.05)
+    assert read(tmp_path / "truth.csv").heading_low_rad[-1] > 0.08
+    assert "ticks late by" in said
+    assert replays(tmp_path)
+
+
+def test_an_autopilot_that_cannot_start_is_told_with_its_own_words(tmp_path):
+    code, said, errors = finished("run", "calm", "--speed", "max", "--link", "udp:nowhere", "--out", str(tmp_path))
+    assert code == 1
+    assert said == ""
+    assert len(errors.splitlines()) == 1
+    assert "the autopilot ended" in errors
+    assert "udp:nowhere" in errors
+
+
+def test_a_goal_that_cannot_be_accepted_fails_the_run(tmp_path):
+    # A compass that never says the one sentence the autopilot is told to steer by: she cannot be armed.
+    vehicle = tmp_path / "boat.toml"
+    vehicle.write_text(
+        '[compass]\ndriver = "nmea"\nport = "x"\nbaud = 4800\nsentences = ["PASHR"]\n'
+        '[rudder]\ndriver = "volz"\nport = "x"\nbaud = 115200\n'
+    )
+    words = ["run", "calm", "--speed", "max", "--goal", "0:10", "--seconds", "4", "--vehicle", str(vehicle)]
+    code, said, errors = finished(*words, "--out", str(tmp_path / "out"))
+    assert (code, said) == (1, "")
+    assert len(errors.splitlines()) == 1
+    assert "arming was never accepted" in errors
+    assert (tmp_path / "out" / "truth.csv").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("speed", ["max", "real"])
+def test_an_interrupted_run_leaves_its_truth_and_nothing_else(tmp_path, number, speed):
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    process = rambler_hil(
+        *("run", "tank", "--speed", speed, "--seconds", "100000", "--out", str(tmp_path / "out")),
+        env={**os.environ, "TMPDIR": str(scratch)},
+    )
+    vehicle = tmp_path / "out" / "state" / "logs"
+    give_up_s = time.monotonic() + 30.0
+    while not vehicle.exists() and time.monotonic() < give_up_s:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    process.send_signal(number)
+    process.communicate(timeout=30.0)
+    assert process.returncode == 130
+    assert list(scratch.iterdir()) == []
+    assert read(tmp_path / "out" / "truth.csv").time_s.size > 1
+    assert str(tmp_path).encode() not in b"".join(command_lines())
+
+
+def command_lines() -> list[bytes]:
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            found.append(path.read_bytes() if b"firmware_py" in path.read_bytes() else b"")
+        except OSError:
+            continue
+    return found

@@ -1,0 +1,255 @@
+"""Small stand-ins for a line and for the two servos, written from the makers' pages and not from the drivers."""
+
+import math
+import struct
+
+import pytest
+
+from firmware_py.common.records import RudderCommand
+
+VOLZ_REPLIES = {0xDC: 0x2C, 0xB0: 0x30, 0xB1: 0x31, 0xC0: 0x10}
+INSTRUCTION_HEADER = bytes.fromhex("FFFFFD00")
+
+
+def crc_by_hand(data, initial):
+    """CRC-16, polynomial 0x8005, not reflected, bit by bit."""
+    crc = initial
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ 0x8005) & 0xFFFF if crc & 0x8000 else crc << 1
+    return crc
+
+
+def dynamixel_frame(device_id, body):
+    """Frame a body, stuffing byte by byte as the maker describes it."""
+    stuffed = bytearray()
+    for byte in body:
+        stuffed.append(byte)
+        if stuffed[-3:] == b"\xff\xff\xfd":
+            stuffed.append(0xFD)
+    head = INSTRUCTION_HEADER + bytes((device_id,)) + struct.pack("<H", len(stuffed) + 2) + bytes(stuffed)
+    return head + struct.pack("<H", crc_by_hand(head, 0))
+
+
+def status_frame(device_id, error, parameters=b""):
+    return dynamixel_frame(device_id, bytes((0x55, error)) + parameters)
+
+
+def volz_frame(code, device_id, first, second):
+    head = bytes((code, device_id, first, second))
+    return head + struct.pack(">H", crc_by_hand(head, 0xFFFF))
+
+
+class FakeLine:
+    """A ByteLine with a servo at its end."""
+
+    def __init__(self, servo=None, name="/dev/rudder"):
+        self.servo = servo
+        self.name = name
+        self.openings = 1
+        self.connected = True
+        self.full = False
+        self.echo = False
+        self.noise = b""
+        self.inbox = bytearray()
+        self.written = []
+        self.lose_replies = 0
+
+    def fileno(self):
+        return 7 if self.connected else -1
+
+    def read(self):
+        taken = bytes(self.inbox[:4096])
+        del self.inbox[:4096]
+        return taken
+
+    def write(self, data):
+        if not self.connected or self.full:
+            return False
+        self.written.append(data)
+        if self.echo:
+            self.inbox += data
+        reply = self.servo.handle(data) if self.servo is not None else b""
+        if reply and self.lose_replies > 0:
+            self.lose_replies -= 1
+            reply = b""
+        self.inbox += self.noise + reply
+        return True
+
+    def unplug(self):
+        self.connected = False
+        self.inbox.clear()
+
+    def plug_in(self):
+        self.connected = True
+        self.openings += 1
+
+
+class FakeDynamixel:
+    """An XW540 that answers at once and knows only what the driver needs."""
+
+    def __init__(self, device_id=1):
+        self.device_id = device_id
+        self.powered = True
+        self.registers = bytearray(256)
+        self.put(0, 1170, 2)
+        self.registers[6] = 47
+        self.registers[7] = device_id
+        self.registers[9] = 250
+        self.registers[11] = 3
+        self.put(48, 4095, 4)
+        self.put(52, 0, 4)
+        self.position = 2048
+        self.refuse = {}  # address -> error code of a write
+        self.ignore = set()  # addresses whose writes are answered and have no effect
+        self.eeprom_writes = []  # address, value, torque
+        self.ram_writes = []  # address, value
+        self.reads = []
+        self.reboots = 0
+        self.unheard = []  # addresses of writes that are obeyed and whose answer is lost, once each
+        self.restart()
+
+    def put(self, address, value, size):
+        self.registers[address : address + size] = value.to_bytes(size, "little")
+
+    def get(self, address, size):
+        return int.from_bytes(self.registers[address : address + size], "little")
+
+    def restart(self):
+        """Reset the RAM as at power-up."""
+        self.registers[64:147] = bytes(83)
+        self.registers[68] = 2
+        self.put(116, self.position, 4)
+        self.put(144, 121, 2)
+        self.registers[146] = 31
+        self.put(126, 0xFFF6, 2)  # -10 counts
+
+    def shut_down(self, error):
+        self.registers[70] |= error
+        self.registers[64] = 0
+
+    def trip_watchdog(self):
+        self.registers[98] = 0xFF
+
+    @property
+    def goal(self):
+        return self.get(116, 4)
+
+    def handle(self, frame):
+        assert frame[:4] == INSTRUCTION_HEADER, frame.hex()
+        assert struct.unpack("<H", frame[-2:])[0] == crc_by_hand(frame[:-2], 0)
+        assert struct.unpack("<H", frame[5:7])[0] == len(frame) - 7
+        if not self.powered or frame[4] != self.device_id:
+            return b""
+        error, answer = self.obey(frame[7], frame[8:-2])
+        if frame[7] == 3 and frame[8] in self.unheard:
+            self.unheard.remove(frame[8])
+            return b""
+        alert = 0x80 if self.registers[70] else 0
+        return status_frame(self.device_id, error | alert, answer)
+
+    def obey(self, instruction, parameters):
+        if instruction == 1:
+            return 0, bytes((*self.registers[0:2], self.registers[6]))
+        if instruction == 2:
+            address, length = struct.unpack("<HH", parameters)
+            self.reads.append(address)
+            if address in self.refuse:
+                return self.refuse[address], b""
+            self.put(132, self.position, 4)
+            return 0, bytes(self.registers[address : address + length])
+        if instruction == 8:
+            self.reboots += 1
+            self.restart()
+            return 0, b""
+        assert instruction == 3, instruction
+        return self.store(struct.unpack("<H", parameters[:2])[0], parameters[2:]), b""
+
+    def store(self, address, data):
+        value = int.from_bytes(data, "little")
+        torque = self.registers[64]
+        if address < 64:
+            self.eeprom_writes.append((address, value, torque))
+            if torque:
+                return 7
+        else:
+            self.ram_writes.append((address, value))
+        if address in self.refuse:
+            return self.refuse[address]
+        if address in self.ignore:
+            return 0
+        if address == 116:
+            low, high = self.get(52, 4), self.get(48, 4)
+            if self.registers[98] == 0xFF or not low <= value <= high:
+                return 4
+            if torque:
+                self.position = value
+        if address == 64 and value and self.registers[70]:
+            return 1
+        self.registers[address : address + len(data)] = data
+        return 0
+
+
+class FakeVolz:
+    """A DA 26 that answers at once; `values` holds the two arguments of each reading's reply."""
+
+    def __init__(self, device_id=1):
+        self.device_id = device_id
+        self.powered = True
+        self.values = {0xB0: (30, 0), 0xB1: (140, 0), 0xC0: (75, 81)}
+        self.position = 0x0800
+        self.requests = []
+
+    def handle(self, frame):
+        assert len(frame) == 6
+        assert frame == volz_frame(*frame[:4])
+        if not self.powered or frame[1] != self.device_id:
+            return b""
+        self.requests.append(frame[0])
+        if frame[0] == 0xDC:
+            self.position = frame[2] << 8 | frame[3]
+            first, second = frame[2], frame[3]
+        else:
+            first, second = self.values[frame[0]]
+        return volz_frame(VOLZ_REPLIES[frame[0]], self.device_id, first, second)
+
+
+class Sail:
+    """Ticks a driver: receive, command, then what the loop does in the slack."""
+
+    def __init__(self, rudder, *, period_s=0.1, slack=6):
+        self.rudder = rudder
+        self.period_s = period_s
+        self.slack = slack
+        self.now_s = 0.0
+
+    def ticks(self, count, shaft_deg=0.0, torque_on=True):
+        feedback = []
+        for _ in range(count):
+            self.rudder.receive(self.now_s)
+            self.rudder.command(RudderCommand(math.radians(shaft_deg), torque_on), self.now_s)
+            for step in range(1, self.slack + 1):
+                self.rudder.receive(self.now_s + 0.002 * step)
+            feedback += self.rudder.poll()
+            self.now_s += self.period_s
+        return feedback
+
+    def health(self):
+        return self.rudder.health(self.now_s)
+
+
+@pytest.fixture(scope="session")
+def fakes():
+    """The names of this module, for tests that cannot import it."""
+
+    class Names:
+        line = FakeLine
+        dynamixel = FakeDynamixel
+        volz = FakeVolz
+        sail = Sail
+
+    Names.dynamixel_frame = staticmethod(dynamixel_frame)
+    Names.status_frame = staticmethod(status_frame)
+    Names.volz_frame = staticmethod(volz_frame)
+    return Names

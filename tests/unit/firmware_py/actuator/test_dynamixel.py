@@ -1,0 +1,480 @@
+"""The Dynamixel driver against a small servo."""
+
+import math
+
+import pytest
+
+from firmware_py.actuator import dynamixel_frames as frames
+from firmware_py.actuator.dynamixel import DynamixelRudder
+from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
+
+COUNT_RAD = 2.0 * math.pi / 4096
+
+
+@pytest.fixture
+def servo(fakes):
+    return fakes.dynamixel()
+
+
+@pytest.fixture
+def line(fakes, servo):
+    return fakes.line(servo)
+
+
+@pytest.fixture
+def sail(fakes, line):
+    return fakes.sail(DynamixelRudder(line))
+
+
+def writes(line, address):
+    return [f for f in line.written if f[7] == frames.WRITE and int.from_bytes(f[8:10], "little") == address]
+
+
+def test_steers_within_a_second_of_ticks(sail, servo, line):
+    feedback = sail.ticks(5, shaft_deg=20.0)
+    expected = 2048 + round(math.radians(20.0) / COUNT_RAD)
+    assert servo.goal == expected
+    last = feedback[-1]
+    assert last.shaft_rad == pytest.approx((expected - 2048) * COUNT_RAD)
+    assert last.temperature_c == 31.0
+    assert last.voltage_v == pytest.approx(12.1)
+    assert last.current_a == pytest.approx(-0.0269)
+    assert (last.hardware_error, last.torque_on) == (0, True)
+    health = sail.health()
+    assert (health.role, health.state, health.rejected) == (DeviceRole.RUDDER, DeviceState.RUNNING, 0)
+    assert health.accepted > 10
+    assert health.text == "model 1170, firmware 47"
+
+
+def test_first_goal_comes_in_the_first_tick_when_bytes_are_served(sail, line):
+    sail.slack = 12
+    sail.ticks(1, shaft_deg=1.0)
+    assert writes(line, 116)
+    assert line.written.index(writes(line, 64)[0]) < line.written.index(writes(line, 116)[0])
+
+
+def test_shaft_angle_is_positive_with_counts(sail, servo):
+    sail.ticks(3)
+    servo.position = 2048 + 100
+    feedback = sail.ticks(1, torque_on=False)
+    assert feedback[-1].shaft_rad == pytest.approx(100 * COUNT_RAD)
+
+
+def test_eeprom_is_written_only_when_different_and_with_torque_off(sail, servo):
+    servo.registers[11] = 1  # speed mode
+    servo.registers[10] = 0x0D  # reversed, time based, torque on by goal
+    servo.registers[64] = 1
+    sail.ticks(8, shaft_deg=5.0)
+    assert sorted(servo.eeprom_writes) == [(9, 0, 0), (10, 0x01, 0), (11, 3, 0)]
+    assert servo.registers[64] == 1
+    assert sail.health().state is DeviceState.RUNNING
+
+
+def test_a_servo_already_set_up_keeps_its_torque(sail, servo, line):
+    servo.registers[9] = 0
+    servo.registers[64] = 1
+    servo.registers[98] = 100
+    sail.ticks(4)
+    assert servo.eeprom_writes == []
+    assert {address for address, _ in servo.ram_writes} == {116}
+
+
+def test_nothing_is_written_before_the_first_command(fakes, servo, line):
+    rudder = DynamixelRudder(line)
+    for tick in range(100):
+        rudder.receive(0.02 * tick)
+    assert {frame[7] for frame in line.written} == {frames.PING, frames.READ}
+    assert len(rudder.poll()) > 3
+    assert rudder.health(2.0).state is DeviceState.RUNNING
+    assert len(line.written) < 40  # and it does not read as fast as it can
+    sail = fakes.sail(rudder)
+    sail.now_s = 2.0
+    sail.ticks(3, shaft_deg=1.0)
+    assert servo.eeprom_writes == [(9, 0, 0)]
+    assert servo.goal != 2048
+
+
+@pytest.mark.parametrize("period_s", [1.0, 0.1, 0.05, 0.02])
+def test_the_goal_is_the_first_frame_of_every_tick(fakes, line, servo, period_s):
+    sail = fakes.sail(DynamixelRudder(line), period_s=period_s, slack=9)
+    sail.ticks(5)
+    servo.reads.clear()
+    for _ in range(200):
+        line.written.clear()
+        sail.ticks(1)
+        assert line.written[:1] == writes(line, 116)
+        assert len(line.written) <= 3
+    assert servo.reads.count(126) >= 199
+    assert servo.reads.count(64) >= 200 * min(period_s, 0.5)  # the state: about twice a second, or every other tick
+
+
+def test_half_duplex_never_two_frames_without_an_answer(fakes, servo):
+    line = fakes.line()  # nobody answers by itself
+    rudder = DynamixelRudder(line)
+    now_s = 0.0
+    for _ in range(200):
+        before = len(line.written)
+        rudder.command(RudderCommand(0.1, True), now_s)
+        for _ in range(3):
+            rudder.receive(now_s)
+        assert len(line.written) - before == 1
+        line.inbox += servo.handle(line.written[-1])
+        now_s += 0.02
+    assert rudder.health(now_s).state is DeviceState.RUNNING
+
+
+def test_a_bus_served_at_ticks_only_still_steers(sail, line):
+    sail.slack = 0
+    sail.ticks(30)
+    line.written.clear()
+    feedback = sail.ticks(60)
+    # Every third or fourth goal waits one tick for a reading that was overdue.
+    assert len(writes(line, 116)) >= 40
+    assert len(feedback) >= 8
+
+
+def test_goal_is_clipped_to_the_servos_limits(sail, servo):
+    servo.put(48, 2600, 4)
+    servo.put(52, 1500, 4)
+    sail.ticks(4, shaft_deg=90.0)
+    assert servo.goal == 2600
+    sail.ticks(2, shaft_deg=-90.0)
+    assert servo.goal == 1500
+
+
+@pytest.mark.parametrize(("shaft_rad", "counts"), [(1e300, 4095), (-1e300, 0), (math.pi, 4095), (-math.pi, 0)])
+def test_goal_is_never_outside_the_turn(sail, servo, shaft_rad, counts):
+    sail.ticks(3)
+    sail.rudder.command(RudderCommand(shaft_rad, True), sail.now_s)
+    assert servo.goal == counts
+
+
+@pytest.mark.parametrize("shaft_rad", [math.nan, math.inf, -math.inf])
+def test_a_goal_that_is_not_finite_keeps_the_last(sail, servo, shaft_rad):
+    sail.ticks(4, shaft_deg=10.0)
+    goal, rejected = servo.goal, sail.health().rejected
+    sail.rudder.command(RudderCommand(shaft_rad, True), sail.now_s)
+    sail.ticks(1, shaft_deg=math.nan)
+    assert servo.goal == goal
+    assert sail.health().rejected == rejected + 2
+
+
+def test_torque_follows_the_command(sail, servo, line):
+    sail.ticks(3)
+    feedback = sail.ticks(3, torque_on=False)
+    assert servo.registers[64] == 0
+    assert feedback[-1].torque_on is False
+    line.written.clear()
+    sail.ticks(3, torque_on=False, shaft_deg=30.0)
+    assert not writes(line, 116)
+    sail.ticks(3, shaft_deg=30.0)
+    assert servo.registers[64] == 1
+    assert servo.goal == 2048 + round(math.radians(30.0) / COUNT_RAD)
+
+
+def test_long_power_loss_is_configured_again(sail, servo, line):
+    sail.ticks(5)
+    servo.powered = False
+    assert sail.ticks(8) == []
+    assert sail.health().state is DeviceState.SILENT
+    assert writes(line, 116)
+    servo.restart()
+    servo.powered = True
+    feedback = sail.ticks(5, shaft_deg=-12.0)
+    assert sail.health().state is DeviceState.RUNNING
+    assert servo.registers[64] == 1
+    assert servo.registers[98] == 100
+    assert servo.goal == 2048 + round(math.radians(-12.0) / COUNT_RAD)
+    assert feedback[-1].torque_on is True
+
+
+def test_short_power_loss_between_two_exchanges_is_seen(sail, servo):
+    sail.ticks(5)
+    servo.restart()
+    sail.ticks(12, shaft_deg=7.0)
+    assert servo.registers[64] == 1
+    assert servo.registers[98] == 100
+    assert servo.goal == 2048 + round(math.radians(7.0) / COUNT_RAD)
+
+
+def test_short_power_loss_without_a_watchdog_restores_the_slew_rate(fakes, servo, line):
+    sail = fakes.sail(DynamixelRudder(line, slew_rad_s=1.0))
+    servo.refuse[98] = 7
+    sail.ticks(6)
+    servo.restart()
+    sail.ticks(12)
+    assert servo.get(112, 4) == 42
+
+
+def test_torque_can_be_switched_as_often_as_one_likes(sail, servo):
+    sail.slack = 20
+    for _ in range(6):
+        sail.ticks(1, torque_on=False)
+        assert servo.registers[64] == 0
+        sail.ticks(1)
+        assert servo.registers[64] == 1
+
+
+def test_releasing_touches_the_torque_only(sail, servo, line):
+    sail.ticks(5)
+    line.written.clear()
+    servo.reads.clear()
+    sail.ticks(1, torque_on=False)
+    assert [frame[7] for frame in line.written].count(frames.WRITE) == 1
+    assert set(servo.reads) <= {64, 98, 126}
+
+
+def test_in_silence_the_goal_still_goes_out(sail, servo, line):
+    sail.ticks(5)
+    line.lose_replies = 10**6  # the answers are lost, the servo hears
+    sail.ticks(12)
+    sail.ticks(4, shaft_deg=25.0)
+    assert servo.goal == 2048 + round(math.radians(25.0) / COUNT_RAD)
+    assert sail.health().state is DeviceState.SILENT
+    line.lose_replies = 0
+    sail.ticks(4)
+    assert sail.health().state is DeviceState.RUNNING
+
+
+def test_one_lost_reply_changes_nothing(sail, servo, line):
+    sail.ticks(5)
+    for _ in range(10):
+        line.lose_replies = 1
+        feedback = sail.ticks(2, shaft_deg=3.0)
+        assert feedback
+        assert sail.health().state is DeviceState.RUNNING
+
+
+def test_a_write_whose_answer_is_lost_is_not_repeated(sail, servo):
+    servo.unheard = [9]
+    sail.ticks(15)
+    assert sail.health().state is DeviceState.RUNNING
+    assert [address for address, *_ in servo.eeprom_writes] == [9]
+
+
+def test_cable_out_and_back(sail, servo, line):
+    sail.ticks(5)
+    line.unplug()
+    assert sail.rudder.fileno() == -1
+    sail.ticks(3)
+    assert sail.health().state is DeviceState.ABSENT
+    line.plug_in()
+    servo.powered = False
+    sail.ticks(8)
+    assert sail.health().state is DeviceState.STARTING  # it has not answered on this opening
+    servo.powered = True
+    servo.restart()
+    sail.ticks(6, shaft_deg=2.0)
+    assert sail.health().state is DeviceState.RUNNING
+    assert servo.registers[64] == 1
+
+
+def test_a_line_that_takes_nothing_is_tried_again(sail, line, servo):
+    line.full = True
+    sail.ticks(3)
+    line.full = False
+    sail.ticks(4, shaft_deg=4.0)
+    assert sail.health().state is DeviceState.RUNNING
+
+
+def test_watchdog_trip_is_cleared(sail, servo):
+    sail.ticks(5)
+    servo.trip_watchdog()
+    sail.ticks(3, shaft_deg=15.0)
+    assert servo.registers[98] == 100
+    assert servo.ram_writes.count((98, 0)) == 1
+    assert servo.goal == 2048 + round(math.radians(15.0) / COUNT_RAD)
+    assert sail.health().state is DeviceState.RUNNING
+
+
+@pytest.mark.parametrize(("error", "name"), [(0x20, "overload"), (0x01, "input voltage"), (0x10, "electrical shock")])
+def test_shutdown_is_reported_and_rebooted_at_most_every_30_s(sail, servo, error, name):
+    sail.ticks(5)
+    servo.shut_down(error)
+    feedback = sail.ticks(8, shaft_deg=9.0)
+    assert feedback[-1].hardware_error == error
+    assert feedback[-1].torque_on is False
+    assert sail.health().state is DeviceState.FAULTY
+    assert sail.health().text == f"servo error: {name}, torque cut"
+    assert servo.reboots == 0
+    assert servo.ram_writes.count((64, 1)) == 1  # the torque is not asked for while it cannot come
+    sail.ticks(30, shaft_deg=9.0)
+    assert servo.reboots == 1
+    assert sail.health().state is DeviceState.RUNNING
+    assert servo.goal == 2048 + round(math.radians(9.0) / COUNT_RAD)
+    servo.shut_down(error)
+    sail.ticks(200)
+    assert servo.reboots == 1
+    sail.ticks(150)
+    assert servo.reboots == 2
+
+
+@pytest.mark.parametrize("moment", range(6))
+def test_a_hardware_error_is_known_within_half_a_second(sail, servo, moment):
+    sail.ticks(5 + moment)
+    servo.shut_down(0x20)
+    sail.ticks(4)
+    assert sail.health().state is DeviceState.FAULTY
+
+
+def test_a_rudder_not_wanted_is_not_rebooted(sail, servo):
+    sail.ticks(5)
+    servo.shut_down(0x20)
+    sail.ticks(60, torque_on=False)
+    assert servo.reboots == 0
+
+
+def test_after_a_reboot_nothing_is_taken_for_granted(sail, servo, line):
+    sail.ticks(5)
+    servo.shut_down(0x20)
+    sail.ticks(50)
+    rebooted = [frame[7] for frame in line.written].index(frames.REBOOT)
+    assert line.written[rebooted + 1] == frames.read(1, 8, 6)  # from the first block on
+
+
+def test_encoder_error_is_never_rebooted(sail, servo):
+    sail.ticks(5)
+    servo.shut_down(0x28)
+    sail.ticks(60)
+    assert servo.reboots == 0
+    assert sail.health().text == "servo error: encoder, overload, torque cut"
+
+
+def test_overheated_servo_cools_first(sail, servo):
+    sail.ticks(5)
+    servo.shut_down(0x04)
+    servo.registers[146] = 78
+    sail.ticks(100)
+    assert servo.reboots == 0
+    servo.registers[146] = 55
+    sail.ticks(3)
+    assert servo.reboots == 1
+
+
+def test_error_that_leaves_the_torque_on_is_only_reported(sail, servo):
+    sail.ticks(5)
+    servo.registers[70] = 0x01
+    feedback = sail.ticks(60, shaft_deg=6.0)
+    assert servo.reboots == 0
+    assert sail.health().state is DeviceState.FAULTY
+    assert sail.health().text == "servo error: input voltage"
+    assert servo.goal == 2048 + round(math.radians(6.0) / COUNT_RAD)
+    assert feedback[-1].torque_on is True
+
+
+def test_a_servo_without_watchdog_is_steered(sail, servo):
+    servo.refuse[98] = 7
+    sail.ticks(6, shaft_deg=11.0)
+    assert servo.goal == 2048 + round(math.radians(11.0) / COUNT_RAD)
+    health = sail.health()
+    assert health.state is DeviceState.RUNNING
+    assert health.text == "servo refuses bus watchdog: access error"
+
+
+def test_a_servo_that_refuses_the_mode_is_faulty_until_it_does_not(sail, servo):
+    servo.registers[11] = 1
+    servo.refuse[11] = 7
+    feedback = sail.ticks(10)
+    assert sail.health().state is DeviceState.FAULTY
+    assert sail.health().text == "servo refuses operating mode: access error"
+    assert feedback
+    servo.refuse.clear()
+    sail.ticks(20)
+    assert sail.health().state is DeviceState.RUNNING
+
+
+def test_a_setting_without_effect_does_not_wear_out_the_eeprom(sail, servo):
+    servo.ignore.add(9)
+    sail.ticks(400, shaft_deg=1.0)
+    assert len(servo.eeprom_writes) == 3
+    assert (64, 0) not in servo.ram_writes  # no torque cut under way for another attempt
+    assert sail.health().text == "servo does not keep return delay"
+    assert servo.goal != 2048
+
+
+def test_a_servo_that_refuses_every_goal_is_faulty(sail, servo):
+    sail.ticks(4)
+    servo.refuse[116] = 7
+    sail.ticks(6)
+    assert sail.health().state is DeviceState.FAULTY
+    assert sail.health().text == "servo refuses goal position"
+    servo.refuse.clear()
+    sail.ticks(3)
+    assert sail.health().state is DeviceState.RUNNING
+
+
+def test_changed_limits_are_read_again(sail, servo):
+    sail.ticks(4)
+    servo.put(48, 2100, 4)
+    sail.ticks(3, shaft_deg=60.0)
+    assert servo.goal == 2100
+    assert sail.health().state is DeviceState.RUNNING
+
+
+def test_slew_rate_is_kept_by_the_servo(fakes, servo, line):
+    sail = fakes.sail(DynamixelRudder(line, slew_rad_s=math.radians(45.0)))
+    sail.ticks(5)
+    assert servo.get(112, 4) == round(45.0 / (0.229 * 6.0))
+    servo.trip_watchdog()
+    servo.put(112, 0, 4)
+    sail.ticks(3)
+    assert servo.get(112, 4) == round(45.0 / (0.229 * 6.0))
+
+
+def test_echo_and_noise_do_not_matter(sail, line, servo):
+    line.echo = True
+    line.noise = b"\xff\xff\xfd\x00\x01\x00"
+    feedback = sail.ticks(10, shaft_deg=8.0)
+    assert len(feedback) >= 7
+    assert servo.goal == 2048 + round(math.radians(8.0) / COUNT_RAD)
+    assert sail.health().state is DeviceState.RUNNING
+
+
+def test_impossible_values_are_refused_one_by_one(sail, servo):
+    sail.ticks(4)
+    rejected = sail.health().rejected
+    servo.put(144, 9000, 2)
+    feedback = sail.ticks(1)
+    assert feedback[-1].voltage_v is None
+    assert feedback[-1].shaft_rad is not None
+    servo.position = 0x7FFFFFFF
+    feedback = sail.ticks(1, torque_on=False)
+    assert feedback[-1].shaft_rad is None
+    assert sail.health().rejected == rejected + 3
+
+
+def test_answers_of_another_servo_and_late_ones_are_refused(sail, line, fakes):
+    sail.ticks(4)
+    accepted = sail.health().accepted
+    line.inbox += fakes.status_frame(2, 0) + fakes.status_frame(1, 0, bytes(21))
+    sail.rudder.receive(sail.now_s)
+    assert sail.health().accepted == accepted
+    assert sail.health().rejected == 2
+    assert sail.rudder.poll() == ()
+
+
+def test_feedback_kept_is_bounded(sail):
+    for _ in range(40):
+        sail.rudder.receive(sail.now_s)
+        sail.rudder.command(RudderCommand(0.0, True), sail.now_s)
+        for step in range(5):
+            sail.rudder.receive(sail.now_s + 0.001 * step)
+        sail.now_s += 0.1
+    assert len(sail.rudder.poll()) == 8
+
+
+@pytest.mark.parametrize("period_s", [1.0, 0.02])
+def test_slowest_and_fastest_loop(fakes, servo, line, period_s):
+    sail = fakes.sail(DynamixelRudder(line), period_s=period_s)
+    feedback = sail.ticks(30, shaft_deg=3.0)
+    assert len(feedback) >= 25
+    assert sail.health().state is DeviceState.RUNNING
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"device_id": 253}, {"device_id": -1}, {"slew_rad_s": 0.0}, {"slew_rad_s": math.nan}, {"reply_timeout_s": 0.0}],
+)
+def test_wrong_options(line, options):
+    with pytest.raises(ValueError, match="allowed"):
+        DynamixelRudder(line, **options)

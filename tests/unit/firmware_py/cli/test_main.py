@@ -1,0 +1,165 @@
+"""The command line from the outside: exit codes, one-line errors, help."""
+
+import json
+import os
+import pty
+import socket
+
+import pytest
+from support.paths import ROOT
+
+from firmware_py.__main__ import COMMANDS, main
+from firmware_py.common.parameters import TABLE
+
+VEHICLE = """
+[compass]
+driver = "nmea"
+port = "{compass}"
+baud = 4800
+[rudder]
+driver = "volz"
+port = "{rudder}"
+baud = 115200
+"""
+
+
+@pytest.fixture
+def vehicle(tmp_path):
+    """Write a vehicle file with the given ports."""
+
+    def write(compass="/dev/none-a", rudder="/dev/none-b", more=""):
+        path = tmp_path / "boat.toml"
+        path.write_text(VEHICLE.format(compass=compass, rudder=rudder) + more)
+        return str(path)
+
+    return write
+
+
+@pytest.fixture
+def ports():
+    """Two serial ports: ptys."""
+    ends = [pty.openpty() for _ in range(2)]
+    yield [os.ttyname(slave) for _, slave in ends]
+    for pair in ends:
+        for end in pair:
+            os.close(end)
+
+
+def one_line_error(capsys, arguments, code=2):
+    assert main(arguments) == code
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    lines = captured.err.splitlines()
+    assert len(lines) == 1, captured.err
+    return lines[0]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([command, "-h"])
+    assert ended.value.code == 0
+    assert COMMANDS[command][1][1:] in capsys.readouterr().out.replace("\n", " ")
+
+
+@pytest.mark.parametrize("arguments", [[], ["sink"], ["run"], ["run", "a", "--bogus"], ["decode", "morse", "x"]])
+def test_bad_usage_is_one_line_that_names_the_remedy(arguments, capsys):
+    assert "-h" in one_line_error(capsys, arguments)
+
+
+def test_run_refuses_a_wrong_vehicle_file(capsys, tmp_path, vehicle):
+    assert "no such vehicle file" in one_line_error(capsys, ["run", str(tmp_path / "none.toml")])
+    path = vehicle(more="[parameters]\nCTL_K9 = 1\n")
+    assert "unknown parameter 'CTL_K9'" in one_line_error(capsys, ["run", path])
+
+
+def test_run_refuses_what_a_driver_refuses(capsys, vehicle, ports, tmp_path):
+    path = vehicle(*ports)
+    text = (tmp_path / "boat.toml").read_text().replace("baud = 4800", 'baud = 4800\nsentences = ["HDX"]')
+    (tmp_path / "boat.toml").write_text(text)
+    assert "[compass]" in one_line_error(capsys, ["run", path, "--state", str(tmp_path / "state")])
+
+
+def test_run_refuses_a_missing_port_and_one_in_use(capsys, vehicle, ports, tmp_path):
+    state = ["--state", str(tmp_path / "state")]
+    assert "no such port" in one_line_error(capsys, ["run", vehicle(), *state])
+    from firmware_py.system.serial_port import SerialPort  # noqa: PLC0415 - the one that has it first
+
+    other = SerialPort(ports[1], 115200)
+    other.open()
+    try:
+        assert "in use" in one_line_error(capsys, ["run", vehicle(*ports), *state])
+    finally:
+        other.close()
+
+
+def test_run_refuses_a_wrong_link_and_one_in_use(capsys, vehicle, ports, tmp_path):
+    state = ["--state", str(tmp_path / "state")]
+    assert "udpout" in one_line_error(capsys, ["run", vehicle(*ports), *state, "--link", "pigeon:1"])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        url = f"udpin:127.0.0.1:{taken.getsockname()[1]}"
+        assert "in use" in one_line_error(capsys, ["run", vehicle(*ports), *state, "--link", url])
+
+
+def test_params_prints_the_table_and_checks_files(capsys, tmp_path):
+    assert main(["params"]) == 0
+    printed = capsys.readouterr().out
+    assert all(row.name in printed and row.text in printed for row in TABLE)
+    file = tmp_path / "boat.param"
+    file.write_text("CTL_K1 41\n")
+    assert main(["params", str(file)]) == 0
+    assert "CTL_K1           40 -> 41" in capsys.readouterr().out
+    file.write_text("CTL_K1 1e300\n")
+    assert "boat.param:1" in one_line_error(capsys, ["params", str(file)], code=1)
+
+
+def test_generated_pages_are_the_repository_s(capsys):
+
+    params = ROOT / "params"
+    for option, name in (("--markdown", "REFERENCE.md"), ("--faults", "FAULTS.md")):
+        assert main(["params", option]) == 0
+        assert capsys.readouterr().out == (params / name).read_text(), "make pages writes them anew"
+
+
+def test_decode_prints_json_lines(capsys, tmp_path):
+    file = tmp_path / "capture.nmea"
+    file.write_text("$HEHDT,341.8,T*21\r\n$HEHDT,341.8,T*22\r\n")
+    assert main(["decode", "nmea", str(file), "--json"]) == 0
+    first, second = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert (first["line"], first["type"], first["heading_true_deg"]) == (1, "heading", 341.8)
+    assert (second["line"], second["type"], second["error"]) == (2, "error", "checksum")
+    assert "cannot be read" in one_line_error(capsys, ["decode", "nmea", str(tmp_path / "none")])
+
+
+def test_replay_refuses_what_is_no_log(capsys, tmp_path):
+    file = tmp_path / "x.BIN"
+    file.write_bytes(b"nothing of the kind")
+    assert "x.BIN" in one_line_error(capsys, ["replay", str(file)])
+
+
+def test_check_has_a_line_for_each_thing_and_fails_for_silent_devices(capsys, vehicle, ports, tmp_path, monkeypatch):
+    monkeypatch.setattr("firmware_py.cli.check.LISTEN_S", 0.2)
+    assert main(["check", vehicle(*ports), "--state", str(tmp_path / "state")]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    found = {line.split()[1]: line.split()[0] for line in lines}
+    assert found["compass"] == found["rudder"] == "FAIL"
+    assert found["storage"] == found["clock"] == found["parameters"] == "PASS"
+    assert any("silent; check power, wiring and baud rate" in line for line in lines)
+
+
+def test_a_second_compass_is_listened_to_and_checked_as_well(capsys, vehicle, monkeypatch, tmp_path):
+    monkeypatch.setattr("firmware_py.cli.check.LISTEN_S", 0.2)
+    path = vehicle(more='[compass_b]\ndriver = "pni_tcm"\nport = "/dev/none-c"\nbaud = 38400\n')
+    assert main(["listen", path, "--seconds", "1.05", "--json"]) == 1
+    assert '"device": "compass_b", "driver": "pni_tcm"' in capsys.readouterr().out
+    assert main(["check", path, "--state", str(tmp_path / "state")]) == 1
+    assert "FAIL  compass_b" in capsys.readouterr().out
+
+
+def test_listen_says_what_is_missing(capsys, vehicle):
+    assert main(["listen", vehicle(), "--seconds", "1.05", "--json"]) == 1
+    records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert {record["device"]: record["state"] for record in records} == {"compass": "absent", "rudder": "absent"}
+    assert "no such port" in records[0]["error"]
+    assert "--seconds" in one_line_error(capsys, ["listen", vehicle(), "--seconds", "-1"])

@@ -1,0 +1,100 @@
+"""`rambler plan` from the outside."""
+
+import json
+
+import pytest
+
+from firmware_py.__main__ import main
+from firmware_py.plans.items import TABLE
+from firmware_py.system.store import Store
+
+WAYPOINTS = (
+    "QGC WPL 110\n"
+    "0\t1\t0\t16\t0\t0\t0\t0\t36\t121\t0\t1\n"
+    "1\t0\t3\t16\t0\t5.5\t0\tnan\t36.1234567\t121.1\t0\t1\n"
+    "2\t0\t2\t177\t1\t-1\t0\t0\t0\t0\t0\t1\n"
+)
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "a.waypoints"
+    path.write_text(WAYPOINTS)
+    return path
+
+
+@pytest.fixture
+def state(tmp_path):
+    directory = tmp_path / "state"
+    directory.mkdir()
+    return directory
+
+
+def said(capsys, *words, code=0):
+    assert main(["plan", *map(str, words)]) == code
+    captured = capsys.readouterr()
+    return captured.err if code else captured.out
+
+
+def shown(capsys, state):
+    return json.loads(said(capsys, "show", "--json", "--state", state))
+
+
+def test_a_plan_goes_into_a_state_and_out_again(capsys, tmp_path, file, state):
+    assert said(capsys, "check", file) == f"{file}: mission: 2 items, all valid\n"
+    assert said(capsys, "load", file, "--state", state) == f"{state}: mission: 2 items\n"
+    first, jump = shown(capsys, state)["mission"]
+    assert (first["latitude_deg"], first["params"]) == (36.1234567, [0.0, 5.5, 0.0, None])
+    assert (jump["name"], jump["params"]) == ("DO_JUMP", [0.0, -1.0, 0.0, 0.0])
+    assert "NAV_WAYPOINT" in said(capsys, "show", "--state", state)
+    before = shown(capsys, state)
+    for name in ("b.plan", "b.waypoints"):
+        said(capsys, "save", tmp_path / name, "--state", state)
+        assert json.loads(said(capsys, "check", "--json", tmp_path / name))["mission"] == before["mission"]
+        said(capsys, "load", tmp_path / name, "--state", state)
+        assert shown(capsys, state) == before
+
+
+def test_a_plan_that_is_refused_changes_nothing(capsys, file, state):
+    said(capsys, "load", file, "--state", state)
+    before = shown(capsys, state)
+    file.write_text(WAYPOINTS.replace("\t177\t1\t", "\t177\t9\t"))
+    error = said(capsys, "load", file, "--state", state, code=2)
+    remedy = "mend it (items are counted from 0 here)"
+    assert error == f"rambler plan load: {file}: mission: item 1: DO_JUMP: there is no item 8; {remedy}\n"
+    assert shown(capsys, state) == before
+
+
+def test_a_state_in_use_is_left_to_the_ground_stations_but_can_be_shown(capsys, file, state):
+    store = Store(state)
+    try:
+        error = said(capsys, "load", file, "--state", state, code=2)
+        assert "in use" in error
+        assert "ground station" in error
+        assert shown(capsys, state) == {"mission": [], "fence": [], "rally": []}
+    finally:
+        store.close()
+
+
+def test_a_disk_that_fails_is_told(capsys, file, state):
+    (state / "mission.plan.0").mkdir()
+    error = said(capsys, "load", file, "--state", state, code=2)
+    assert "cannot be stored" in error
+    assert error.count("\n") == 1
+
+
+def test_the_table_of_items_is_complete(capsys):
+    table = said(capsys, "items")
+    assert all(f"| {row.name} | {int(row.command)} |" in table for row in TABLE)
+
+
+def test_states_that_are_none(capsys, file, tmp_path, state):
+    assert "is not there" in said(capsys, "load", file, "--state", tmp_path / "none", code=2)
+    assert "is not there" in said(capsys, "show", "--state", tmp_path / "none", code=2)
+    store = Store(state)
+    store.save("mission.plan", b"nonsense")
+    store.close()
+    assert "load the plan again" in said(capsys, "show", "--state", state, code=2)
+    said(capsys, "load", file, "--state", state)
+    assert "Is a directory" in said(capsys, "save", tmp_path, "--state", state, code=2)
+    assert "see rambler plan" in said(capsys, "show", code=2)

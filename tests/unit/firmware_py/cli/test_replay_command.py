@@ -1,0 +1,135 @@
+"""`rambler replay`: what cannot be read is one line and exit 2, what is of another version is noted."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from firmware_py.__main__ import main
+from firmware_py.cli import replay as command
+from firmware_py.common.records import Tick
+from firmware_py.core import state_codec
+from firmware_py.log import schema
+from firmware_py.log.dataflash import Parser
+
+LOG = Path(__file__).parents[2] / "replay" / "data" / "first_layout" / "mid_run_checkpoint.BIN"
+
+
+def with_checkpoint(path, change):
+    """Write the first second of a log again, with its checkpoint changed."""
+    data = LOG.read_bytes()
+    records = [(found, data[at : at + found.length], at) for found, at in Parser(data)]
+    first = next(number for number, (found, _, _) in enumerate(records) if found.name == "TICK")
+    ends = [number for number, (found, _, _) in enumerate(records) if found.name == "END"]
+    text = "".join(
+        found.unpack(record, 0)[-1][: found.unpack(record, 0)[-2]].decode()
+        for found, record, _ in records[: ends[0]]
+        if found.name == "CHK"
+    )
+    tick, sequence = records[first], records[ends[0]][0].unpack(records[ends[0]][1], 0)[1]
+    state = schema.CHECKPOINT.pack_text(1.0, Tick(0, 1.0, 0.0, 0, 10.0), change(text))
+    rest = [record for found, record, _ in records[first + 1 : ends[0]] if found.name != "CHK"]
+    batch = schema.ended(tick[1] + state + b"".join(rest), 1.0, sequence)
+    after = records[ends[0]][2] + records[ends[0]][0].length
+    path.write_bytes(data[: tick[2]] + batch + data[after : records[ends[10]][2] + records[ends[10]][0].length])
+    return str(path)
+
+
+def edited(change):
+    def edit(text):
+        data = json.loads(text)
+        change(data)
+        return json.dumps(data)
+
+    return edit
+
+
+def refused(capsys, path):
+    """The one line of a refusal."""
+    assert main(["replay", str(path)]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("rambler replay: ")
+    assert said.err.count("\n") == 1
+    return said.err
+
+
+def test_a_log_with_its_checkpoint_written_again_is_identical(tmp_path, capsys):
+    path = with_checkpoint(tmp_path / "again.BIN", lambda text: state_codec.state_to_text(_state(text)))
+    assert main(["replay", path]) == 0
+    assert "note" not in capsys.readouterr().out
+
+
+def _state(text):
+    state, notes = state_codec.state_from_text(text)
+    assert notes == ()
+    return state
+
+
+def test_what_is_not_known_is_noted(tmp_path, capsys):
+    path = with_checkpoint(tmp_path / "later.BIN", edited(lambda data: data.update(version=9, tide_m=1.0, idle=None)))
+    main(["replay", path])
+    assert "note: written by a later version (9, here 2), read by name\n" in capsys.readouterr().out
+    path = with_checkpoint(tmp_path / "more.BIN", edited(lambda data: data.update(tide_m=1.0)))
+    assert main(["replay", path, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["notes"] == ["State: field 'tide_m' is not known here, ignored"]
+
+
+def test_what_behaves_otherwise_is_shown(tmp_path, capsys):
+    path = with_checkpoint(tmp_path / "less.BIN", edited(lambda data: data["parameters"].update(CTL_K1=1e9)))
+    assert main(["replay", path]) in (0, 1)
+    assert "CTL_K1: 1e+09 is out of range" in capsys.readouterr().out
+    path = with_checkpoint(tmp_path / "other.BIN", edited(lambda data: data.update(rudder_command_rad=0.2)))
+    assert main(["replay", path]) == 1
+    assert "commands differ, the first at tick" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"\0" * 5000, bytes(range(256)) * 40, b"\xa3\x95\x80" * 100, b"# no log\n" * 50, LOG.read_bytes()[:3000]],
+    ids=["empty", "zeros", "bytes", "marks", "text", "head"],
+)
+def test_what_is_no_log_is_one_line(tmp_path, capsys, content):
+    (tmp_path / "no.BIN").write_bytes(content)
+    assert "no whole tick in it" in refused(capsys, tmp_path / "no.BIN")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda _: "",
+        lambda _: "[" * 100_000,
+        lambda text: text[:-10],
+        lambda _: '{"$":"Boat"}',
+    ],
+)
+def test_a_checkpoint_that_is_none_is_one_line(tmp_path, capsys, change):
+    assert "checkpoint refused" in refused(capsys, with_checkpoint(tmp_path / "bad.BIN", change))
+
+
+def short_filter(data):
+    data["lookout"]["waves"] |= {"x": [1.0], "p": [], "sensitivity": [0.0]}
+
+
+def far_index(data):
+    data["monitor"] |= {"since_s": [], "stood_s": [0.0], "active": 1 << 40}
+    data["nav"]["mission"]["index"] = 10**300
+
+
+@pytest.mark.parametrize("change", [short_filter, far_index])
+def test_impossible_numbers_end_in_no_traceback(tmp_path, capsys, change):
+    path = with_checkpoint(tmp_path / "odd.BIN", edited(change))
+    code = main(["replay", path])
+    said = capsys.readouterr()
+    assert (code == 0) == (" every" in said.out.replace("\n", " "))
+    assert said.err.count("\n") == (code == 2)
+
+
+def test_whatever_goes_wrong_is_one_line(monkeypatch, capsys):
+    def broken(*_):
+        raise MemoryError("two\nlines")
+
+    monkeypatch.setattr(command, "step", broken)
+    assert "tick 1806 cannot be recomputed (MemoryError: two lines)" in refused(capsys, LOG)
+    monkeypatch.setattr(command, "replay_log", broken)
+    assert "cannot be read (MemoryError: two lines)" in refused(capsys, LOG)

@@ -1,0 +1,49 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.common.angles import clamp, compass_degrees, wrap_pi, wrap_two_pi
+
+ANGLES = st.floats(-1e6, 1e6)
+
+
+@pytest.mark.parametrize(
+    ("angle_rad", "expected_rad"),
+    [(0.0, 0.0), (math.pi, -math.pi), (-math.pi, -math.pi), (3.5, 3.5 - 2 * math.pi), (-3.5, 2 * math.pi - 3.5)],
+)
+def test_wrap_pi_at_the_edges(angle_rad, expected_rad):
+    assert wrap_pi(angle_rad) == pytest.approx(expected_rad, abs=1e-12)
+
+
+@given(ANGLES)
+def test_wrap_pi_is_half_open_and_keeps_the_direction(angle_rad):
+    wrapped_rad = wrap_pi(angle_rad)
+    assert -math.pi <= wrapped_rad < math.pi
+    assert math.cos(wrapped_rad) == pytest.approx(math.cos(angle_rad), abs=1e-8)
+    assert math.sin(wrapped_rad) == pytest.approx(math.sin(angle_rad), abs=1e-8)
+
+
+@given(st.floats())
+def test_wrap_two_pi_is_half_open_or_nan(angle_rad):
+    wrapped_rad = wrap_two_pi(angle_rad)
+    if math.isfinite(angle_rad):
+        assert 0.0 <= wrapped_rad < 2.0 * math.pi
+    else:
+        assert math.isnan(wrapped_rad)
+        assert math.isnan(wrap_pi(angle_rad))
+
+
+def test_values_just_below_a_turn_do_not_reach_it():
+    for angle_rad in (-1e-17, 2 * math.pi, math.nextafter(2 * math.pi, 0.0), -5e-324):
+        assert 0.0 <= wrap_two_pi(angle_rad) < 2 * math.pi
+        assert 0.0 <= compass_degrees(angle_rad) < 360.0
+
+
+def test_clamp():
+    assert [clamp(value, -1.0, 2.0) for value in (-5.0, 0.5, 7.0)] == [-1.0, 0.5, 2.0]
+
+
+def test_clamp_keeps_nan_so_that_it_is_seen_and_not_taken_for_a_limit():
+    assert math.isnan(clamp(math.nan, -1.0, 2.0))

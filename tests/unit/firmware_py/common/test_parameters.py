@@ -1,0 +1,119 @@
+import math
+import struct
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from firmware_py.common.parameters import (
+    TABLE,
+    Kind,
+    ParameterError,
+    ParameterSet,
+    format_file,
+    format_value,
+    markdown,
+    parse_file,
+    to_single,
+)
+
+
+def test_names_fit_mavlink_and_are_unique_and_sorted():
+    names = [row.name for row in TABLE]
+    assert all(1 <= len(name) <= 16 and name.isascii() for name in names)
+    assert names == sorted(set(names))
+
+
+def test_every_default_is_allowed_and_kept_as_it_is():
+    for row in TABLE:
+        assert row.checked(row.default) == row.default
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300, -1e300, 3.5e38])
+def test_absurd_values_are_refused_for_every_row(value):
+    for row in TABLE:
+        with pytest.raises(ParameterError, match=row.name):
+            row.checked(value)
+
+
+@given(st.sampled_from(TABLE), st.floats(allow_nan=False, allow_infinity=False))
+def test_what_is_kept_is_a_single_in_range(row, value):
+    try:
+        kept = row.checked(value)
+    except ParameterError:
+        return
+    assert to_single(row.minimum) <= kept <= to_single(row.maximum)
+    assert struct.unpack("<f", struct.pack("<f", kept))[0] == kept
+    if row.kind is Kind.INTEGER:
+        assert kept == int(kept)
+
+
+def test_a_set_is_immutable_and_compared_by_value():
+    base = ParameterSet()
+    changed = base.replaced("CTL_K1", 33.3)
+    assert base["CTL_K1"] == 40.0
+    assert changed["CTL_K1"] == to_single(33.3)
+    assert changed != base
+    assert changed.replaced("CTL_K1", 40.0) == base
+    assert hash(changed.replaced("CTL_K1", 40.0)) == hash(base)
+
+
+def test_an_unknown_name_is_refused_with_near_ones():
+    with pytest.raises(ParameterError, match=r"CTL_K3.*CTL_K1"):
+        ParameterSet().replaced("CTL_K3", 1.0)
+
+
+def test_integers_are_whole_and_choices_are_known():
+    with pytest.raises(ParameterError, match="whole"):
+        ParameterSet().replaced("LOOP_RATE_HZ", 10.5)
+    with pytest.raises(ParameterError, match="ArduPilot"):
+        ParameterSet().replaced("LNK_IDENTITY", 1)
+
+
+@given(st.lists(st.tuples(st.sampled_from(TABLE), st.floats(0.0, 1.0)), max_size=20))
+def test_a_file_round_trips(choices):
+    values = {}
+    for row, part in choices:
+        value = row.minimum + part * (row.maximum - row.minimum)
+        try:
+            values[row.name] = row.checked(float(round(value)) if row.kind is Kind.INTEGER else value)
+        except ParameterError:
+            continue
+    assert parse_file(format_file(values), "x") == values
+
+
+@given(st.floats(width=32, allow_nan=False, allow_infinity=False))
+@example(3.4025001647762064e38)
+def test_a_single_is_written_so_that_it_reads_back(value):
+    assert to_single(float(format_value(value))) == value
+
+
+def test_ground_station_formats_are_read():
+    text = "# from QGroundControl\n1\t1\tCTL_K1\t41\t9\nCTL_K2 0.5\nLOOP_RATE_HZ,20\n\n"
+    assert parse_file(text, "x") == {"CTL_K1": 41.0, "CTL_K2": 0.5, "LOOP_RATE_HZ": 20.0}
+
+
+@pytest.mark.parametrize(
+    ("line", "remedy"),
+    [
+        ("CTL_K1", "NAME VALUE"),
+        ("CTL_K1 forty", "not a number"),
+        ("CTL_KK 1", "unknown parameter"),
+        ("CTL_K1 1e300", "out of range"),
+        ("CTL_K1 nan", "not a number"),
+    ],
+)
+def test_a_bad_line_is_named(line, remedy):
+    with pytest.raises(ParameterError, match=rf"boat.param:2: .*{remedy}"):
+        parse_file(f"CTL_K2 0.3\n{line}\n", "boat.param")
+
+
+def test_the_reference_page_has_every_row():
+    page = markdown()
+    assert all(f"`{row.name}`" in page for row in TABLE)
+
+
+def test_what_is_counted_onboard_takes_no_part_in_settings():
+    counted = [row for row in TABLE if row.read_only]
+    assert [row.name for row in counted] == ["STAT_BOOTCNT"]
+    assert all("Read-only." in line for line in markdown().splitlines() if line.startswith("| `STAT_BOOTCNT`"))

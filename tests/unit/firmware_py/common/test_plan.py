@@ -1,0 +1,70 @@
+import json
+import math
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
+
+singles = st.floats(width=32)
+ints = st.integers(-(2**31), 2**31 - 1)
+items = st.builds(
+    PlanItem,
+    command=st.integers(0, 65535),
+    frame=st.integers(0, 255),
+    autocontinue=st.booleans(),
+    params=st.tuples(singles, singles, singles, singles),
+    x=ints,
+    y=ints,
+    z=singles,
+)
+HERE = PlanItem(16, 6, x=360_000_000, y=1_210_000_000)
+
+
+@given(st.sampled_from(PlanKind), st.lists(items, max_size=5))
+def test_a_plan_is_read_back_as_it_was_written(kind, listed):
+    plan = Plan.of(kind, listed)
+    again, notes = from_text(to_text(plan))
+    assert notes == ()
+    assert again == plan
+    assert repr(again) == repr(plan)  # NaN is not equal to itself, but looks the same
+
+
+def test_an_empty_plan_has_no_identity_and_every_change_gives_another():
+    assert Plan.of(PlanKind.RALLY, ()).identity == 0
+    plan = Plan.of(PlanKind.MISSION, (HERE, HERE))
+    assert plan.identity != 0
+    others = [(HERE,), (HERE, PlanItem(16, 6, x=360_000_001, y=1_210_000_000)), (HERE, HERE, HERE)]
+    assert all(Plan.of(PlanKind.MISSION, other) != plan for other in others)
+    unused = PlanItem(16, 6, params=(0.0, 0.0, 0.0, math.nan))
+    assert Plan.of(PlanKind.MISSION, (unused,)) == Plan.of(PlanKind.MISSION, (unused,))
+
+
+def test_a_stored_plan_that_was_touched_is_refused():
+    text = to_text(Plan.of(PlanKind.MISSION, (HERE,)))
+    items = json.loads(text)["plan"]["items"]
+    one_more = items[:-4] + ("A" if items[-4] != "A" else "B") + items[-3:]
+    changes = [(items, one_more), (items, items[:-4]), (items, "!" + items[1:]), ('"kind":0', '"kind":3')]
+    changes += [('"kind":0', '"kind":null'), ('"kind":0,', ""), ('"kind":0', '"kind":' + "[" * 100_000), (text, "")]
+    for touched in (text[:-2], "[]", *(text.replace(old, new) for old, new in changes)):
+        assert touched != text
+        with pytest.raises(ValueError):
+            from_text(touched)
+
+
+def test_replacing_one_plan_leaves_the_others():
+    fence = Plan.of(PlanKind.FENCE, (PlanItem(5003),))
+    plans = Plans().replaced(fence)
+    assert plans.of(PlanKind.FENCE) is fence
+    assert (plans.mission, plans.rally) == (Plans().mission, Plans().rally)
+
+
+def test_numbers_are_rounded_to_what_an_item_carries_and_refused_where_it_cannot():
+    (item,) = Plan.of(PlanKind.MISSION, (PlanItem(16, params=(0.1, 0.0, -math.nan, 0.0), z=1e-60),)).items
+    assert item.params[0] == struct.unpack("f", struct.pack("f", 0.1))[0]
+    assert item.z == 0.0
+    for wrong in (PlanItem(16, z=1e300), PlanItem(16, x=2**31), PlanItem(70_000), PlanItem(16, frame=-1)):
+        with pytest.raises(struct.error):
+            Plan.of(PlanKind.MISSION, (wrong,))

@@ -1,0 +1,69 @@
+import math
+
+import pytest
+
+from firmware_py.common.angles import wrap_pi
+from firmware_py.control.reference_model import LEAD_RAD, Reference, Ship, running_on_rad, update
+from firmware_py.model.kt import OCEAN_RAMBLER
+
+LIMIT_RAD = math.radians(30.0)
+
+
+def ship_at(speed_m_s, bias_rad=0.0):
+    model = OCEAN_RAMBLER.at_speed(speed_m_s)
+    return Ship(model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, LIMIT_RAD, bias_rad)
+
+
+def turned(ship, step_deg, seconds, step_s=0.1):
+    """The reference of a boat that follows it exactly: headings and rudders."""
+    reference, goal = Reference(0.0, 0.0), math.radians(step_deg)
+    headings, rudders, unwrapped = [], [], 0.0
+    for _ in range(round(seconds / step_s)):
+        before = reference.heading_rad
+        reference = update(ship, reference, goal - unwrapped, reference.heading_rad, step_s)
+        unwrapped += wrap_pi(reference.heading_rad - before)
+        headings.append(unwrapped)
+        rudders.append(reference.push_rad + ship.bias_rad)
+    return headings, rudders
+
+
+@pytest.mark.parametrize("speed_m_s", [0.2, 0.4, 0.9, 1.2])
+@pytest.mark.parametrize("step_deg", [-170.0, -90.0, 10.0, 60.0])
+@pytest.mark.parametrize("bias_deg", [0.0, 5.0])
+def test_it_comes_to_the_goal_without_overshoot(speed_m_s, step_deg, bias_deg):
+    ship = ship_at(speed_m_s, math.radians(bias_deg))
+    headings, rudders = turned(ship, step_deg, 260.0)
+    goal = math.radians(step_deg)
+    assert headings[-1] == pytest.approx(goal, abs=math.radians(0.1))
+    assert max(heading / goal for heading in headings) < 1.0 + 0.5 / abs(step_deg)
+    assert max(abs(rudder) for rudder in rudders) <= LIMIT_RAD + 1e-12
+
+
+def test_it_is_fast_enough_in_the_tank():
+    headings, _ = turned(ship_at(0.4), 60.0, 60.0)
+    near = next(index for index, heading in enumerate(headings) if heading >= math.radians(55.0))
+    assert 0.1 * near < 43.5
+
+
+@pytest.mark.parametrize("step_s", [0.02, 1.0])
+def test_it_stays_calm_at_other_rates_of_the_loop(step_s):
+    headings, _ = turned(ship_at(1.2), 60.0, 100.0, step_s)
+    assert headings[-1] == pytest.approx(math.radians(60.0), abs=math.radians(0.5))
+    assert max(headings) < math.radians(62.0)
+
+
+def test_the_angle_run_on_is_that_of_the_equation():
+    ship, rate, angle, brake = ship_at(0.4), 0.02, 0.0, 0.4
+    expected = running_on_rad(ship, rate, brake)
+    while rate > 0.0:
+        angle += rate * 0.001
+        rate += 0.001 * (-ship.turning_ability_1_s * brake - rate) / ship.turning_lag_s
+    assert angle == pytest.approx(expected, rel=1e-2)
+    assert running_on_rad(ship, -0.02, brake) == -expected
+
+
+def test_it_waits_for_a_boat_that_does_not_follow():
+    ship, reference = ship_at(0.4), Reference(0.0, 0.0)
+    for _ in range(600):
+        reference = update(ship, reference, 1.0 - reference.heading_rad, 0.0, 0.1)
+    assert reference.heading_rad == pytest.approx(LEAD_RAD)

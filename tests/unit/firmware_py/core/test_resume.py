@@ -1,0 +1,114 @@
+"""What outlives a restart."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from firmware_py.common.geodesy import Place
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import Home, Mode
+from firmware_py.core.resume import INTERVAL_S, REFRESH_S, ResumeKeeper, from_text, restore, resume_of, to_text
+from firmware_py.core.step import State
+from firmware_py.guidance.guidance import GuidanceState
+from firmware_py.guidance.line import LineState
+from firmware_py.guidance.mission import MissionProgress
+from firmware_py.guidance.task_follower import TaskFollowerState
+from firmware_py.guidance.tasks import GoTo
+from firmware_py.modes import HeadingGoal, ModeState, PositionGoal
+
+UTC_S = 1.8e9
+A, B = Place(0.6, 2.0), Place(0.61, 2.01)
+ORDER = GoTo(B, A, 20.0, 100.0)
+PROGRESS = MissionProgress(7, 3, started=True, begun=True, elapsed_s=95.0, jumps=((2, 1),), place=B, order=ORDER)
+
+
+def parameters(level, **more):
+    values = ParameterSet().replaced("BOOT_RESUME", level)
+    for name, value in more.items():
+        values = values.replaced(name, value)
+    return values
+
+
+def at_sea(level=2):
+    return replace(
+        State.at_start(parameters(level)),
+        modes=ModeState(Mode.AUTO, armed=True, stick=0.3, stick_t_s=55.0),
+        nav=GuidanceState(
+            Mode.AUTO, True, PROGRESS, ORDER, TaskFollowerState(ORDER, line=LineState(A, 12.0, 88.0, 1)), done_s=1234.0
+        ),
+        home=Home(0.6, 2.0, 1.0),
+    )
+
+
+def again(state, level=2, age_s=100.0, **more):
+    text = to_text(resume_of(state, UTC_S))
+    state, notes = restore(State.at_start(parameters(level, **more)), text, UTC_S + age_s)
+    assert notes == ()
+    return state
+
+
+def test_mode_mission_line_and_home_come_back():
+    state = again(at_sea())
+    assert state.modes == ModeState(Mode.AUTO, armed=True)
+    assert state.nav.mission == replace(PROGRESS, elapsed_s=90.0)
+    assert state.nav.follow.order == ORDER
+    assert state.nav.follow.line == LineState(A, tries=1)
+    assert state.home == Home(0.6, 2.0, 1.0)
+    assert state.nav.done_s is None
+    assert state.greeting.startswith("Resumed AUTO, ")
+
+
+@pytest.mark.parametrize("goal", [HeadingGoal(1.25, over_ground=True), PositionGoal(0.5, -1.0)])
+def test_goals_come_back_to_the_last_bit(goal):
+    state = replace(at_sea(), modes=ModeState(Mode.GUIDED, armed=True, goal=goal))
+    assert again(state).modes.goal == goal
+
+
+def test_arming_only_when_asked_for():
+    assert not again(at_sea(), 1).modes.armed
+    assert not again(at_sea(), 1).nav.armed
+    assert again(at_sea(), 1, BOOT_ARM=1).modes.armed
+    assert again(at_sea(), 0).modes == ModeState.at_start(ParameterSet())
+
+
+def test_what_is_too_old_is_left_and_an_impossible_age_is_called_unknown():
+    old = again(at_sea(), age_s=25 * 3600.0)
+    assert old.modes.mode is Mode.HOLD
+    assert "Not resumed" in old.greeting
+    assert "age unknown" in again(at_sea(), age_s=-1e6).greeting
+    assert again(at_sea(), age_s=-1e6).modes.mode is Mode.AUTO
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"$":"Resume"}', "[[[", "null"])
+def test_what_is_no_record_is_refused(text):
+    with pytest.raises(ValueError):
+        restore(State.at_start(parameters(2)), text, UTC_S)
+
+
+def test_numbers_that_are_none_are_refused():
+    resume = resume_of(at_sea(), UTC_S)
+    for broken in (
+        replace(resume, utc_s=math.nan),
+        replace(resume, water=(0.0, math.inf, 1.0)),
+        replace(resume, mission=replace(PROGRESS, elapsed_s=math.nan)),
+    ):
+        with pytest.raises(ValueError):
+            from_text(to_text(broken))
+
+
+def test_it_is_written_on_change_and_now_and_then():
+    memory, state = ResumeKeeper(), at_sea()
+
+    def written(t_s, state):
+        return memory.news(state, state.parameters, t_s, UTC_S + t_s) is not None
+
+    assert written(0.0, state)
+    changed = replace(state, modes=replace(state.modes, armed=False))
+    assert not written(INTERVAL_S - 1.0, changed)
+    assert written(INTERVAL_S, changed)
+    # What changes all the time is not worth a write.
+    finer = replace(changed, modes=replace(changed.modes, stick_t_s=66.0), nav=replace(changed.nav, done_s=5.0))
+    assert not written(2 * INTERVAL_S, finer)
+    assert written(REFRESH_S + 2 * INTERVAL_S, finer)
+    assert memory.news(at_sea(0), parameters(0), 1e4, UTC_S) is None

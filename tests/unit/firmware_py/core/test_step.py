@@ -1,0 +1,363 @@
+"""The pure tick: what she does with her rudder, from the outside."""
+
+import math
+import random
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_py.common.intents import (
+    Arm,
+    BenchRudder,
+    ManualRudder,
+    Request,
+    SetHome,
+    SetMode,
+    SetParameter,
+    SteerHeading,
+    SteerPosition,
+    Verdict,
+)
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import (
+    Activity,
+    DeviceHealth,
+    DeviceRole,
+    DeviceState,
+    FixType,
+    HeadingSample,
+    Home,
+    Inputs,
+    Mode,
+    NorthReference,
+    PositionSample,
+    RudderFeedback,
+    Tick,
+)
+from firmware_py.core.state_codec import state_from_text, state_to_text
+from firmware_py.core.step import State, accept, step
+from firmware_py.faults.page import Fault
+from firmware_py.model.kt import rk4_step
+
+
+class Boat:
+    """The K-T boat around step(): ten ticks a second, everything in radians."""
+
+    def __init__(self, parameters=None, heading_rad=0.5, noise_rad=0.0, seed=1):
+        self.state = State.at_start(parameters or ParameterSet())
+        self.heading_rad, self.rate_rad_s, self.shaft_rad = heading_rad, 0.0, 0.0
+        self.index = 0
+        self.compass = self.servo = True
+        self.position = None
+        self.noise_rad, self.rng = noise_rad, random.Random(seed)
+        self.hardware_error = 0
+        self.events = []
+        self.outputs = []
+        self.inputs = []
+
+    @property
+    def t_s(self):
+        return 0.1 * self.index
+
+    def tick(self, *intents, skipped=0, devices=()):
+        t_s = self.t_s
+        heading = HeadingSample(
+            t_s - 0.002, (self.heading_rad + self.rng.gauss(0.0, self.noise_rad)) % (2 * math.pi), NorthReference.TRUE
+        )
+        feedback = RudderFeedback(t_s - 0.05, self.shaft_rad, hardware_error=self.hardware_error)
+        inputs = Inputs(
+            Tick(self.index, t_s, 0.0001, skipped, 10.0),
+            (heading,) if self.compass else (),
+            (replace(self.position, t_s=t_s),) if self.position else (),
+            (feedback,) if self.servo else (),
+            devices,
+            tuple(Request(t_s - 0.01, intent) for intent in intents),
+        )
+        self.state, output = step(self.state, inputs)
+        self.inputs.append(inputs)
+        self.outputs.append(output)
+        self.events += [event.text for event in output.events]
+        if self.servo:
+            self.shaft_rad = output.command.shaft_rad
+        self.heading_rad, self.rate_rad_s = rk4_step(
+            self.heading_rad, self.rate_rad_s, self.shaft_rad, 0.1, 0.049, 4.0, 17.0, 0.0
+        )
+        if self.position:
+            self.sail(0.1)
+        self.index += 1
+        return output
+
+    def sail(self, step_s, speed_m_s=0.4):
+        north_rad = step_s * speed_m_s * math.cos(self.heading_rad) / 6371008.8
+        east_rad = step_s * speed_m_s * math.sin(self.heading_rad) / 6371008.8
+        self.position = replace(
+            self.position,
+            latitude_rad=self.position.latitude_rad + north_rad,
+            longitude_rad=self.position.longitude_rad + east_rad / math.cos(self.position.latitude_rad),
+            speed_over_ground_m_s=speed_m_s,
+            course_over_ground_rad=self.heading_rad % (2 * math.pi),
+        )
+
+    def run(self, seconds, **options):
+        for _ in range(round(seconds * 10)):
+            output = self.tick(**options)
+        return output
+
+    def under_way(self, mode=Mode.GUIDED):
+        self.run(0.3)
+        self.tick(Arm(armed=True), SetMode(mode))
+        assert (self.state.modes.mode, self.state.modes.armed) == (mode, True)
+        return self
+
+
+def off_deg(boat, goal_rad):
+    return abs(math.degrees(math.remainder(boat.heading_rad - goal_rad, 2 * math.pi)))
+
+
+def test_she_reaches_a_heading_goal_and_holds_it():
+    boat = Boat(noise_rad=math.radians(0.3)).under_way()
+    boat.tick(SteerHeading(5.9))
+    boat.run(120.0)
+    assert off_deg(boat, 5.9) < 0.5
+    assert boat.outputs[-1].snapshot.goal_heading_rad == pytest.approx(5.9)
+
+
+def test_disarmed_and_hold_keep_her_amidships_and_release_is_a_parameter():
+    boat = Boat()
+    boat.run(1.0)
+    boat.tick(SetMode(Mode.GUIDED), SteerHeading(3.0))
+    assert boat.run(2.0).command.shaft_rad == 0.0
+    assert boat.outputs[-1].command.torque_on
+    boat.tick(SetParameter("RUD_DISARMED", 1))
+    assert not boat.run(0.1).command.torque_on
+    boat.tick(Arm(armed=True))
+    assert boat.run(3.0).command.shaft_rad > 0.4
+    boat.tick(SetMode(Mode.HOLD))
+    assert boat.run(2.0).command.shaft_rad == 0.0
+
+
+@pytest.mark.parametrize("released", [0, 1])
+def test_on_the_bench_the_rudder_goes_where_it_is_told_for_a_while_and_arming_ends_it(released):
+    boat = Boat(ParameterSet().replaced("RUD_DISARMED", released))
+    boat.run(1.0)
+    assert boat.outputs[-1].command.torque_on is not bool(released)
+    boat.tick(BenchRudder(-0.5, 3.0))
+    boat.run(2.5)
+    assert boat.outputs[-1].snapshot.rudder_command_rad == pytest.approx(-0.5 * math.radians(30.0))
+    assert boat.outputs[-1].command.torque_on
+    boat.run(2.0)
+    assert boat.outputs[-1].snapshot.rudder_command_rad == 0.0
+    assert boat.outputs[-1].command.torque_on is not bool(released)
+    boat.tick(BenchRudder(1.0, 60.0))
+    boat.run(2.0)
+    boat.tick(Arm(True))
+    boat.run(2.0)
+    assert boat.outputs[-1].snapshot.rudder_command_rad == 0.0  # HOLD
+
+
+def test_the_snapshot_says_why_arming_would_be_refused():
+    boat = Boat()
+    boat.run(1.0)
+    assert boat.outputs[-1].snapshot.prearm_refusal == ""
+    boat.compass = False
+    boat.run(3.0)
+    assert boat.outputs[-1].snapshot.prearm_refusal == "no valid heading"
+
+
+def test_manual_follows_the_stick_within_the_slew_and_releases_a_stale_one():
+    boat = Boat().under_way(Mode.MANUAL)
+    output = boat.tick(ManualRudder(-1.0))
+    assert output.snapshot.rudder_command_rad == pytest.approx(math.radians(-3.0), rel=1e-6)
+    assert boat.run(2.0).snapshot.rudder_command_rad == pytest.approx(math.radians(-30.0), rel=1e-6)
+    assert boat.run(3.0).snapshot.rudder_command_rad == 0.0
+
+
+def test_in_steering_the_stick_turns_the_goal():
+    boat = Boat().under_way(Mode.STEERING)
+    for _ in range(10):
+        boat.tick(ManualRudder(0.5))
+    boat.tick(ManualRudder(None))
+    boat.run(60.0)
+    assert off_deg(boat, 0.5 + math.radians(1.0)) < 0.5
+
+
+def test_a_turn_the_long_way_goes_that_way():
+    boat = Boat(heading_rad=1.0).under_way()
+    boat.tick(SteerHeading(1.5, turn=-1))
+    boat.run(30.0)
+    assert boat.heading_rad < 0.8  # on her way round by port
+    boat.run(400.0)
+    assert boat.heading_rad == pytest.approx(1.5 - 2 * math.pi, abs=0.01)
+
+
+def test_a_position_goal_is_steered_for():
+    boat = Boat()
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    boat.under_way()
+    boat.tick(SteerPosition(0.5, 0.5001))
+    output = boat.run(400.0)
+    assert off_deg(boat, math.pi / 2) < 2.0
+    assert output.snapshot.distance_m == pytest.approx(559.0 - 160.0, abs=20.0)
+    assert output.snapshot.bearing_rad == pytest.approx(math.pi / 2, abs=0.03)
+    assert abs(output.snapshot.navigation.cross_track_m) < 5.0
+    assert output.snapshot.navigation.activity is Activity.LINE
+
+
+def test_without_a_heading_the_rudder_is_held_then_amidships_and_heals():
+    boat = Boat().under_way()
+    boat.tick(SteerHeading(2.5))
+    boat.run(5.0)
+    assert boat.outputs[-1].command.shaft_rad > 0.3
+    boat.compass = False
+    held_rad = boat.run(1.5).command.shaft_rad
+    assert "No heading: rudder held, then amidships" in boat.events
+    assert boat.outputs[-1].snapshot.faults >> Fault.COMPASS_LOST & 1
+    assert boat.run(8.0).command.shaft_rad == held_rad
+    assert boat.run(4.0).command.shaft_rad == 0.0
+    boat.compass = True
+    boat.run(120.0)
+    assert "Heading is back" in boat.events
+    assert off_deg(boat, 2.5) < 0.5
+
+
+def test_centre_and_direction_of_the_servo_are_taken_into_account():
+    parameters = ParameterSet().replaced("RUD_CENTRE_DEG", 10.0).replaced("RUD_REVERSE", 1)
+    boat = Boat(parameters).under_way(Mode.MANUAL)
+    boat.tick(ManualRudder(1.0))
+    output = boat.run(2.0)
+    assert output.command.shaft_rad == pytest.approx(math.radians(10.0 - 30.0), rel=1e-6)
+    assert output.snapshot.rudder_rad == pytest.approx(math.radians(30.0), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("provoke", "fault"),
+    [
+        (lambda boat: setattr(boat, "servo", False), Fault.RUDDER_SILENT),
+        (lambda boat: setattr(boat, "hardware_error", 4), Fault.RUDDER_ERROR),
+        (lambda boat: boat.tick(skipped=3), Fault.LOOP_LATE),
+        (
+            lambda boat: boat.tick(
+                devices=(DeviceHealth(boat.t_s, DeviceRole.STORAGE, DeviceState.FAULTY, 0, 1, "full"),)
+            ),
+            Fault.STORAGE_FAILING,
+        ),
+        (lambda boat: setattr(boat, "position", None), Fault.POSITION_LOST),
+    ],
+)
+def test_each_fault_is_found_and_told(provoke, fault):
+    boat = Boat()
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    boat.run(3.0)
+    assert boat.outputs[-1].snapshot.faults == 0
+    provoke(boat)
+    boat.run(1.5 if fault is Fault.LOOP_LATE else 8.0)
+    assert boat.outputs[-1].snapshot.faults == 1 << fault
+
+
+def test_a_start_without_devices_is_no_fault_before_their_time_is_up():
+    boat = Boat()
+    boat.compass = boat.servo = False
+    assert boat.run(1.0).snapshot.faults == 0
+    assert boat.run(1.0).snapshot.faults == (1 << Fault.COMPASS_LOST) | (1 << Fault.RUDDER_SILENT)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e300, -1e300])
+def test_absurd_requests_change_nothing(value):
+    boat = Boat().under_way()
+    for intent in (
+        SteerHeading(value),
+        SteerPosition(value, value),
+        ManualRudder(value),
+        SetParameter("CTL_K1", value),
+    ):
+        state, answer = accept(boat.state, Request(boat.t_s, intent))
+        assert state is boat.state
+        assert answer.verdict is Verdict.DENIED
+
+
+def test_home_is_the_first_fix_until_it_is_set():
+    state = State.at_start(ParameterSet())
+
+    def tick(index, *intents, latitude_rad=None):
+        nonlocal state
+        t_s = 0.1 * index
+        positions = () if latitude_rad is None else (PositionSample(t_s, FixType.FIX_3D, latitude_rad, 0.2, 3.0),)
+        requests = tuple(Request(t_s, intent) for intent in intents)
+        state, output = step(state, Inputs(Tick(index, t_s, 0.0, 0, 10.0), (), positions, (), (), requests))
+        return output.snapshot.home
+
+    assert tick(0, SetHome()) is None
+    assert tick(1, latitude_rad=0.5) == Home(0.5, 0.2, 3.0)
+    assert tick(2, latitude_rad=0.500001) == Home(0.5, 0.2, 3.0)
+    assert tick(3, SetHome()) == Home(0.500001, 0.2, 3.0)
+    assert tick(4, SetHome(0.1, -0.3, 2.0)) == Home(0.1, -0.3, 2.0)
+    for absurd in (SetHome(2.0, 0.0), SetHome(0.0, math.nan), SetHome(0.0, 0.0, math.inf)):
+        assert tick(5, absurd) == Home(0.1, -0.3, 2.0)
+
+
+def test_boot_arm_and_boot_mode_take_her_on_by_herself():
+    parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", 15)
+    boat = Boat(parameters, heading_rad=2.0)
+    boat.compass = False
+    boat.run(1.0)
+    boat.compass = True
+    boat.run(60.0)
+    assert off_deg(boat, 2.0) < 0.3
+    assert boat.outputs[-1].snapshot.armed
+
+
+def test_the_same_inputs_give_the_same_rudder_from_any_checkpoint():
+    boat = Boat(noise_rad=0.01, seed=7).under_way()
+    boat.tick(SteerHeading(4.0), SetParameter("CTL_K1", 35.7))
+    boat.run(30.0)
+    state = State.at_start(ParameterSet())
+    for inputs, output in zip(boat.inputs, boat.outputs, strict=True):
+        if inputs.tick.index % 50 == 0:
+            state, _ = state_from_text(state_to_text(state))
+        state, again = step(state, inputs)
+        assert again == output
+    assert state == boat.state
+
+
+ODD = st.floats() | st.sampled_from([0.0, -0.0, 1e300, -1e300, math.nan, math.inf])
+
+
+def test_a_position_that_is_none_does_not_put_the_rudder_over():
+    boat = Boat()
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    boat.under_way()
+    boat.tick(SteerPosition(0.5 + 0.001 * math.cos(0.5), 0.5 + 0.001 * math.tan(0.5)))
+    boat.run(60.0)
+    boat.position = PositionSample(0.0, FixType.FIX_3D, math.nan, math.inf)
+    assert abs(boat.run(4.0).command.shaft_rad) < 0.1
+
+
+@settings(max_examples=60)
+@given(st.lists(st.tuples(ODD, ODD, ODD), min_size=1, max_size=30), st.booleans())
+def test_whatever_the_devices_say_the_command_stays_within_limit_and_slew(rows, absolute):
+    parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", 15)
+    state = State.at_start(parameters)
+    before_rad = 0.0
+    for index, (heading_rad, position_rad, shaft_rad) in enumerate(rows):
+        t_s = 0.1 * index
+        state, output = step(
+            state,
+            Inputs(
+                Tick(index, t_s, 0.0, 0, 10.0),
+                (HeadingSample(t_s, heading_rad, NorthReference.TRUE),),
+                (PositionSample(t_s, FixType.FIX_2D, position_rad, position_rad, None, position_rad, position_rad),),
+                (RudderFeedback(t_s, shaft_rad if absolute else None),),
+            ),
+        )
+        command_rad = output.snapshot.rudder_command_rad
+        assert abs(command_rad) <= math.radians(30.0) + 1e-9
+        assert abs(command_rad - before_rad) <= math.radians(3.0) + 1e-9
+        before_rad = command_rad
+
+
+def test_a_read_only_parameter_is_refused():
+    state, answer = accept(State.at_start(ParameterSet()), Request(0.0, SetParameter("STAT_BOOTCNT", 5.0)))
+    assert (answer.verdict, answer.text) == (Verdict.DENIED, "STAT_BOOTCNT is read-only")
+    assert state.parameters == ParameterSet()

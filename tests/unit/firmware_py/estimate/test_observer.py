@@ -1,0 +1,85 @@
+import math
+import random
+from dataclasses import replace
+
+import pytest
+
+from firmware_py.common.angles import wrap_pi
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import HeadingSample, NorthReference
+from firmware_py.estimate.observer import HeadingState, ObserverSettings, correct, predict, update
+from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
+
+SETTINGS = ObserverSettings.of(ParameterSet())
+
+
+def sample(t_s, heading_rad, reference=NorthReference.TRUE):
+    return HeadingSample(t_s, heading_rad % (2 * math.pi), reference)
+
+
+def test_the_first_sample_starts_it():
+    state = update(SETTINGS, HeadingState(), [sample(1.0, 2.0)], 0.0, 1.0)
+    assert state.heading_rad == pytest.approx(2.0)
+    assert state.yaw_rate_rad_s == 0.0
+    assert state.fresh(1.9, SETTINGS.timeout_s)
+    assert not state.fresh(2.1, SETTINGS.timeout_s)
+
+
+def test_declination_only_to_magnetic_and_offset_to_both():
+    settings = replace(SETTINGS, declination_rad=0.1, offset_rad=(0.01, 0.0))
+    true = correct(settings, HeadingState(), sample(0.0, 1.0), 0.0)
+    magnetic = correct(settings, HeadingState(), sample(0.0, 1.0, NorthReference.MAGNETIC), 0.0)
+    assert true.heading_rad == pytest.approx(1.01)
+    assert magnetic.heading_rad == pytest.approx(1.11)
+
+
+def test_it_follows_a_turn_through_north_with_noise_and_irregular_samples():
+    rng = random.Random(2)
+    heading_rad, rate_rad_s, t_s = 5.5, 0.0, 0.0
+    state = HeadingState()
+    heading_errors, rate_errors = [], []
+    for _ in range(1500):
+        step_s = rng.choice([0.05, 0.1, 0.15])
+        rudder_rad = 0.4
+        t_s += step_s
+        heading_rad, rate_rad_s = rk4_step(heading_rad, rate_rad_s, rudder_rad, step_s, 0.049, 4.0, 17.0, 0.0)
+        noisy = sample(t_s, heading_rad + rng.gauss(0.0, math.radians(0.3)))
+        state = update(SETTINGS, state, [noisy], rudder_rad, t_s)
+        heading_errors.append(wrap_pi(state.heading_rad - heading_rad))
+        rate_errors.append(state.yaw_rate_rad_s - rate_rad_s)
+    settled = slice(300, None)
+    assert math.degrees(max(abs(error) for error in heading_errors[settled])) < 0.8
+    assert math.degrees(max(abs(error) for error in rate_errors[settled])) < 0.4
+
+
+def test_prediction_is_the_model_s_and_stable_at_any_interval():
+    state = HeadingState(0.0, 1.0, 0.02, 0.0)
+    exact_heading_rad, exact_rate_rad_s = 1.0, 0.02
+    for _ in range(100):
+        exact_heading_rad, exact_rate_rad_s = rk4_step(
+            exact_heading_rad, exact_rate_rad_s, 0.2, 0.01, OCEAN_RAMBLER.turning_ability_1_s, 4.0, 0.0, 0.0
+        )
+    predicted = predict(SETTINGS, state, 1.0, 0.2)
+    assert predicted.heading_rad == pytest.approx(exact_heading_rad, abs=1e-6)
+    assert predicted.yaw_rate_rad_s == pytest.approx(exact_rate_rad_s, abs=1e-6)
+    stiff = replace(SETTINGS, turning_lag_s=0.05)
+    assert abs(predict(stiff, state, 100.0, 0.2).yaw_rate_rad_s) < 0.05
+
+
+def test_a_gap_starts_anew_instead_of_jumping_the_rate():
+    state = update(SETTINGS, HeadingState(), [sample(0.0, 0.0)], 0.0, 0.0)
+    state = update(SETTINGS, state, [sample(30.0, 3.0)], 0.0, 30.0)
+    assert state.heading_rad == pytest.approx(3.0)
+    assert state.yaw_rate_rad_s == 0.0
+
+
+def test_a_hostile_sample_changes_nothing():
+    state = update(SETTINGS, HeadingState(), [sample(0.0, 1.0)], 0.0, 0.0)
+    for bad in (math.nan, math.inf):
+        assert correct(SETTINGS, state, HeadingSample(0.1, bad, NorthReference.TRUE), 0.0) == state
+    assert correct(SETTINGS, state, HeadingSample(math.nan, 1.0, NorthReference.TRUE), 0.0) == state
+
+
+def test_two_samples_of_one_instant_do_no_harm():
+    state = update(SETTINGS, HeadingState(), [sample(0.0, 1.0), sample(0.0, 1.5)], 0.0, 0.1)
+    assert math.isfinite(state.yaw_rate_rad_s)

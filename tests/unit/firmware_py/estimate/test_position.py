@@ -1,0 +1,79 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.common.records import FixType, PositionSample
+from firmware_py.estimate.position import EARTH_RADIUS_M, PositionState, predict, update
+
+
+def fix(t_s, north_m=0.0, kind=FixType.FIX_3D):
+    return PositionSample(t_s, kind, 0.6 + north_m / EARTH_RADIUS_M, 2.0)
+
+
+def north_m(state):
+    return (state.latitude_rad - 0.6) * EARTH_RADIUS_M
+
+
+def told(*fixes, jump_s=60.0):
+    state, believed = PositionState(), []
+    for sample in fixes:
+        state, good = update(predict(state, sample.t_s, (0.0, 0.0)), sample, jump_s)
+        believed.append(good)
+    return state, believed
+
+
+def test_the_first_fix_is_taken_whole_and_others_pull_gently():
+    state, _ = told(fix(0.0))
+    assert north_m(state) == pytest.approx(0.0, abs=1e-6)
+    state, _ = told(fix(0.0), fix(1.0, 10.0))
+    assert north_m(state) == pytest.approx(10.0 * (1.0 - math.exp(-0.1)), abs=1e-6)
+
+
+def test_between_fixes_it_goes_with_her_and_stops_after_a_minute_without():
+    state, _ = told(fix(0.0))
+    assert north_m(predict(state, 10.0, (0.5, 0.0))) == pytest.approx(5.0, abs=1e-6)
+    assert predict(state, 61.0, (0.5, 0.0)).latitude_rad == state.latitude_rad
+
+
+def test_a_jump_is_held_back_and_forgotten_when_it_goes():
+    state, believed = told(*(fix(t) for t in range(5)), *(fix(t, 10_000.0) for t in range(5, 20)), fix(20.0, 1.0))
+    assert believed == [True] * 5 + [False] * 15 + [True]
+    assert abs(north_m(state)) < 2.0
+    assert state.witnesses == 0
+
+
+def test_a_jump_that_lasts_is_believed_in_the_end():
+    state, believed = told(fix(0.0), *(fix(t, 10_000.0) for t in range(1, 80)))
+    assert believed.index(True, 1) == pytest.approx(61, abs=2)
+    assert north_m(state) == pytest.approx(10_000.0, abs=1.0)
+
+
+def test_positions_all_over_the_place_are_never_believed():
+    _, believed = told(fix(0.0), *(fix(t, 10_000.0 * (t % 2 + 1) * (t % 3 + 1)) for t in range(1, 200)))
+    assert not any(believed[1:])
+
+
+def test_after_a_long_silence_far_off_is_possible():
+    _, believed = told(fix(0.0), fix(5000.0, 10_000.0))
+    assert believed == [True, True]
+
+
+def test_no_fix_and_no_number_are_nothing():
+    state = told(fix(0.0))[0]
+    for sample in (fix(1.0, kind=FixType.NONE), PositionSample(1.0, FixType.FIX_3D, math.nan, 2.0), fix(1.0, math.nan)):
+        assert update(state, sample, 60.0) == (state, False)
+    assert update(state, PositionSample(1.0, FixType.FIX_3D, 9.0, 2.0), 60.0) == (state, False)
+
+
+samples = st.builds(
+    PositionSample, st.floats(), st.sampled_from(FixType), st.none() | st.floats(), st.none() | st.floats()
+)
+
+
+@given(st.lists(samples, max_size=20))
+def test_whatever_comes_the_place_is_on_earth(found):
+    state, _ = told(*found)
+    assert abs(state.latitude_rad) <= math.pi / 2
+    assert abs(state.longitude_rad) <= math.pi + 1e-9

@@ -1,0 +1,127 @@
+import math
+import random
+
+import pytest
+
+from firmware_py.common.angles import radians, wrap_pi
+from firmware_py.estimate.sources import (
+    PROBATION_S,
+    Limits,
+    Source,
+    SourceState,
+    TrueHeadingSample,
+    add_sample,
+    decay_offsets,
+    select,
+    usable,
+)
+
+TIMEOUT_S, FROZEN_S = 1.0, 30.0
+
+
+class Watch:
+    """Two compasses around an estimate, ten times a second."""
+
+    def __init__(self, frozen_s=FROZEN_S):
+        self.limits = Limits(TIMEOUT_S, frozen_s)
+        self.state = SourceState()
+        self.t_s = 0.0
+        self.rng = random.Random(3)
+        self.told = []
+        self.used = []
+
+    def run(self, seconds, a=0.0, b=None, *, course_ok=False, expected=1.0):
+        """Each compass shows the estimate plus what is given here; None is silent, a text is frozen."""
+        for _ in range(round(10 * seconds)):
+            self.t_s += 0.1
+            self.state = decay_offsets(self.state, 0.1)
+            samples = []
+            for source, off in ((0, a), (1, b)):
+                if off is not None:
+                    value = 1.0 if off == "frozen" else (expected + off + self.rng.gauss(0.0, 0.005)) % (2 * math.pi)
+                    samples.append(TrueHeadingSample(self.t_s, value, value, source))
+            for sample in samples:
+                self.state = add_sample(self.state, sample, expected)
+            self.state, told = select(self.state, self.t_s, self.limits, course_ok=course_ok)
+            self.told += [event.text for event in told]
+            self.used = usable(self.state, samples)
+        return self.state.in_use
+
+
+def test_the_first_compass_that_speaks_is_taken_at_once():
+    watch = Watch()
+    assert watch.run(0.1) is Source.COMPASS_A
+    assert watch.told == ["Heading from compass A"]
+    assert len(watch.used) == 1
+
+
+def test_b_alone_serves_too_and_a_takes_over_after_its_probation():
+    watch = Watch()
+    assert watch.run(5.0, a=None, b=0.0) is Source.COMPASS_B
+    assert watch.run(PROBATION_S - 1.0, b=0.0) is Source.COMPASS_B
+    assert watch.run(2.0, b=0.0) is Source.COMPASS_A
+    assert watch.told[-1] == "Heading from compass A, not compass B"
+
+
+@pytest.mark.parametrize(("fault", "within_s"), [(None, 1.2), ("frozen", FROZEN_S + 1.0), (math.pi, 2.0)])
+def test_a_dead_frozen_or_jumping_compass_is_left_for_the_other(fault, within_s):
+    watch = Watch()
+    watch.run(20.0, b=0.1)
+    watch.told.clear()
+    assert watch.run(within_s, a=fault, b=0.1) is Source.COMPASS_B
+    assert watch.told == ["Heading from compass B, not compass A"]
+    # Healed, it comes back, after it has proved itself; and is heard of only once.
+    assert watch.run(5.0, b=0.1) is Source.COMPASS_B
+    assert watch.run(PROBATION_S, b=0.1) is Source.COMPASS_A
+    assert len(watch.told) == 2
+
+
+def test_a_change_of_source_does_not_jump_and_is_slewed_away():
+    watch = Watch()
+    off = radians(8.0)
+    watch.run(30.0, b=off)
+    watch.run(1.3, a=None, b=off)
+    assert wrap_pi(watch.used[0][1] - 1.0) == pytest.approx(0.0, abs=radians(1.6))
+    watch.run(4.0, a=None, b=off)
+    assert radians(1.0) < wrap_pi(watch.used[0][1] - 1.0) < radians(5.0)
+    watch.run(20.0, a=None, b=off)
+    assert wrap_pi(watch.used[0][1] - 1.0) == pytest.approx(off, abs=radians(1.6))
+
+
+def test_the_course_is_the_last_resort_and_nothing_is_worse():
+    watch = Watch()
+    watch.run(5.0)
+    assert watch.run(2.0, a=None, course_ok=True) is Source.COURSE
+    assert watch.used == []
+    assert watch.run(1.0, a=None) is Source.NONE
+    assert watch.told[-2:] == [
+        "Heading from course over ground, not compass A",
+        "Heading lost: course over ground fails",
+    ]
+    assert watch.run(0.2) is Source.COMPASS_A
+
+
+def test_a_course_alone_starts_nothing():
+    assert Watch().run(5.0, a=None, course_ok=True) is Source.NONE
+
+
+def test_disagreement_of_two_sound_compasses_is_seen():
+    watch = Watch()
+    watch.run(60.0, b=radians(5.0))
+    assert not watch.state.disagree()
+    watch.run(60.0, b=radians(20.0))
+    assert watch.state.disagree()
+
+
+def test_ashore_a_compass_may_be_as_steady_as_it_likes():
+    watch = Watch(frozen_s=0.0)
+    assert watch.run(10.0 * FROZEN_S, a="frozen") is Source.COMPASS_A
+
+
+def test_a_compass_that_differs_by_a_number_only_now_and_then_is_not_frozen():
+    watch = Watch()
+    for value in range(20):
+        watch.run(FROZEN_S / 2.0, a="frozen")
+        watch.run(0.1, a=radians(0.1) * (value % 2))
+    assert watch.state.in_use is Source.COMPASS_A
+    assert len(watch.told) == 1

@@ -1,0 +1,174 @@
+"""The current and her speed through the water, told from heading and fixes."""
+
+import math
+import random
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_py.common.records import FixType, PositionSample
+from firmware_py.estimate.water import WaterState, report, update
+
+EARTH_M = 6371008.8
+
+
+class Passage:
+    """Headings every second and fixes every few, with noise."""
+
+    def __init__(self, speed_m_s, north_m_s, east_m_s, seed=1):
+        self.speed_m_s, self.current = speed_m_s, (north_m_s, east_m_s)
+        self.rng = random.Random(seed)
+        self.t_s = 0.0
+        self.north_m = self.east_m = 0.0
+        self.state = WaterState()
+        self.velocities = True
+        self.odd = None
+
+    def steer(self, heading_deg, seconds, *, wave_deg=4.0, fix_s=1):
+        for _ in range(round(seconds)):
+            psi = math.radians(heading_deg)
+            v_north = self.speed_m_s * math.cos(psi) + self.current[0]
+            v_east = self.speed_m_s * math.sin(psi) + self.current[1]
+            self.north_m, self.east_m, self.t_s = self.north_m + v_north, self.east_m + v_east, self.t_s + 1.0
+            fixes = (self.fix(v_north, v_east),) if self.t_s % fix_s == 0 else ()
+            seen_rad = (psi + math.radians(self.rng.gauss(0.0, wave_deg))) % (2 * math.pi)
+            self.state = update(self.state, seen_rad, fixes, self.t_s)
+        return report(self.state)
+
+    def fix(self, v_north, v_east):
+        v_north, v_east = self.odd or (v_north + self.rng.gauss(0.0, 0.03), v_east + self.rng.gauss(0.0, 0.03))
+        place = (0.6 + self.north_m / EARTH_M, 2.0 + self.east_m / (EARTH_M * math.cos(0.6)))
+        speed, course = math.hypot(v_north, v_east), math.atan2(v_east, v_north)
+        return PositionSample(
+            self.t_s, FixType.FIX_3D, *place,
+            speed_over_ground_m_s=speed if self.velocities else None,
+            course_over_ground_rad=course if self.velocities else None,
+        )  # fmt: skip
+
+
+def errors(water, passage):
+    return (
+        water.current_north_m_s - passage.current[0],
+        water.current_east_m_s - passage.current[1],
+        water.speed_m_s - passage.speed_m_s,
+    )
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.4, 0.9])
+@pytest.mark.parametrize("current", [(0.0, 0.0), (0.1, -0.25), (-0.5, 0.3)])
+def test_after_a_few_legs_both_are_known(speed, current):
+    passage = Passage(speed, *current)
+    for heading_deg in (0.0, 90.0, 200.0, 310.0):
+        water = passage.steer(heading_deg, 300)
+    assert errors(water, passage) == pytest.approx((0.0, 0.0, 0.0), abs=0.04)
+    assert water.speed_sd_m_s < 0.08
+
+
+def test_the_standard_deviations_are_honest():
+    squares = []
+    for seed in range(30):
+        rng = random.Random(seed)
+        passage = Passage(rng.uniform(0.2, 0.9), rng.gauss(0, 0.2), rng.gauss(0, 0.2), seed)
+        for _ in range(6):
+            water = passage.steer(rng.uniform(0, 360), rng.uniform(60, 900))
+        squares.append(((water.speed_m_s - passage.speed_m_s) / water.speed_sd_m_s) ** 2)
+    assert sum(squares) / len(squares) < 1.5
+    assert sum(square > 9.0 for square in squares) <= 1
+
+
+def test_on_one_heading_the_sum_is_known_and_the_doubt_remains():
+    passage = Passage(0.7, 0.0, 0.3)
+    water = passage.steer(0.0, 3600)
+    assert water.speed_m_s + water.current_north_m_s == pytest.approx(0.7, abs=0.03)
+    assert water.current_east_m_s == pytest.approx(0.3, abs=0.03)
+    assert water.speed_sd_m_s > 0.15
+    assert abs(water.speed_m_s - 0.7) < 0.25
+
+
+def test_small_swings_of_the_compass_do_not_make_her_slower():
+    passage = Passage(0.9, 0.0, 0.3)
+    passage.steer(0.0, 600)
+    passage.steer(120.0, 600)
+    water = passage.steer(230.0, 7200, wave_deg=15.0)
+    assert water.speed_m_s == pytest.approx(0.9, abs=0.12)
+
+
+def test_a_current_that_turns_is_followed():
+    passage = Passage(0.5, 0.0, 0.3)
+    for leg in range(40):
+        angle = leg * math.pi / 40
+        passage.current = (0.3 * math.sin(angle), 0.3 * math.cos(angle))
+        water = passage.steer(137.0 * leg, 180)
+    assert errors(water, passage) == pytest.approx((0.0, 0.0, 0.0), abs=0.08)
+
+
+def test_positions_alone_will_do():
+    passage = Passage(0.6, 0.1, -0.2)
+    passage.velocities = False
+    for heading_deg in (0.0, 90.0, 200.0, 310.0):
+        water = passage.steer(heading_deg, 400, fix_s=10)
+    assert errors(water, passage) == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
+
+
+def test_rare_fixes_will_do():
+    passage = Passage(0.6, 0.1, -0.2)
+    for heading_deg in (0.0, 90.0, 200.0, 310.0):
+        water = passage.steer(heading_deg, 900, fix_s=7)
+    assert errors(water, passage) == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
+
+
+def test_an_outlier_changes_nothing_and_a_lasting_change_is_believed():
+    passage = Passage(0.5, 0.0, 0.0)
+    for heading_deg in (0.0, 120.0, 240.0):
+        before = passage.steer(heading_deg, 400)
+    passage.odd = (3.0, 3.0)
+    after = passage.steer(240.0, 20)
+    passage.odd = None
+    assert after.speed_m_s == pytest.approx(before.speed_m_s, abs=0.01)
+    passage.current = (-0.6, 0.4)
+    for heading_deg in (60.0, 180.0, 300.0, 60.0):
+        water = passage.steer(heading_deg, 600)
+    assert errors(water, passage) == pytest.approx((0.0, 0.0, 0.0), abs=0.06)
+
+
+def test_a_current_stronger_than_she_is_is_recognised_and_a_weaker_one_is_not():
+    passage = Passage(0.4, 0.0, 0.48)
+    passage.steer(0.0, 120)
+    for _ in range(30):
+        water = passage.steer(270.0, 60)
+    assert water.too_strong
+    passage.current = (0.0, 0.2)
+    for heading_deg in (200.0, 270.0, 340.0):
+        water = passage.steer(heading_deg, 400)
+    assert not water.too_strong
+    for drift in (0.0, 0.7, 0.9):
+        weaker = Passage(0.5, 0.5 * drift, 0.0)
+        for heading_deg in (0.0, 180.0, 90.0, 180.0):
+            assert not weaker.steer(heading_deg, 400).too_strong
+
+
+odd = st.floats() | st.floats(0.0, 6.0)
+fixes = st.builds(
+    PositionSample,
+    st.floats(0.0, 1e6),
+    st.sampled_from(FixType),
+    st.none() | st.floats(-1.5, 1.5),
+    st.none() | st.floats(-3.1, 3.1),
+    speed_over_ground_m_s=st.none() | odd,
+    course_over_ground_rad=st.none() | odd,
+)
+
+
+@settings(max_examples=60)
+@given(st.lists(st.tuples(st.none() | st.floats(0.0, 6.28), st.lists(fixes, max_size=3)), max_size=60))
+def test_whatever_comes_the_estimate_stays_one(ticks):
+    state = WaterState()
+    for index, (heading_rad, found) in enumerate(ticks):
+        state = update(state, heading_rad, found, 3.0 * index)
+    water = report(state)
+    for value in (water.speed_m_s, water.speed_sd_m_s, water.current_north_m_s, water.current_sd_m_s):
+        assert math.isfinite(value)
+    assert 0.0 < water.speed_m_s <= 5.0
+    assert replace(state) == state

@@ -1,0 +1,225 @@
+"""The wave filter in simulated seas and on real recordings: what it finds, and how honest it is about it."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from support.paths import DATA
+
+from firmware_py.common.angles import radians, wrap_pi
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.estimate import kalman
+from firmware_py.estimate.wave_filter import (
+    FilterSettings,
+    FilterState,
+    predict_heading,
+    started,
+    take_heading,
+    take_velocity,
+    update,
+)
+from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
+from firmware_py.sensors.decode import decode
+from hil.ship.drift import RudderDrift
+from hil.ship.noise import NormalNumbers
+from hil.ship.waves import WaveYaw
+
+SETTINGS = FilterSettings.of(ParameterSet())
+
+
+@dataclass
+class Sea:
+    """A boat under a weaving rudder in waves, with compass and receiver."""
+
+    speed_m_s: float = 0.7
+    period_s: float = 8.0
+    spread_deg: float = 20.0
+    bias_deg: float = 5.0
+    drift_deg: float = 2.0
+    current: tuple[float, float] = (0.0, 0.3)
+    receiver: bool = True
+    orbital_m_s: float = 0.0
+    weave_rad: float = 0.1
+    factor: float = 1.0
+    seed: int = 1
+    normalised: list[float] = field(default_factory=list)
+    errors: list[float] = field(default_factory=list)
+    claimed: list[float] = field(default_factory=list)
+
+    def sail(self, seconds, state=None):
+        rng = np.random.default_rng(self.seed)
+        waves = WaveYaw(
+            radians(self.spread_deg), self.period_s, 0.1, NormalNumbers(np.random.default_rng(self.seed + 1))
+        )
+        drift = RudderDrift(radians(self.drift_deg), 0.1, NormalNumbers(np.random.default_rng(self.seed + 2)))
+        ship = OCEAN_RAMBLER.at_speed(self.speed_m_s)
+        state = state or FilterState()
+        heading = rate = 0.0
+        noise = rng.standard_normal((round(seconds * 10), 3))
+        for tick in range(round(seconds * 10)):
+            t_s = 0.1 * tick
+            reading = round(math.degrees(heading + waves.angle_rad(0.0)) + 0.3 * noise[tick, 0], 1)
+            velocities = []
+            if self.receiver and tick % 10 == 5:
+                swing = self.orbital_m_s / radians(max(self.spread_deg, 1.0))
+                north = self.speed_m_s * math.cos(heading) + self.current[0] + 0.03 * noise[tick, 1]
+                east = self.speed_m_s * math.sin(heading) + self.current[1] + 0.03 * noise[tick, 2]
+                east += swing * waves.angle_rad(0.0)
+                velocities = [(t_s, math.hypot(north, east), math.atan2(east, north))]
+            rudder = radians(self.bias_deg) + self.weave_rad * (1.0 if math.sin(t_s / 25.0) > 0.0 else -1.0)
+            state = update(SETTINGS, state, [(t_s, radians(reading) % (2.0 * math.pi))], velocities, rudder)
+            if tick > 600:
+                self.normalised.append(state.innovation_rad / state.innovation_sd_rad)
+                self.errors.append(wrap_pi(state.x[0] - heading))
+                self.claimed.append(state.spread(kalman.HEADING))
+            offset = radians(self.bias_deg) + drift.angle_rad
+            heading, rate = rk4_step(
+                heading,
+                rate,
+                rudder,
+                0.1,
+                ship.turning_ability_1_s * self.factor,
+                ship.turning_lag_s,
+                ship.norrbin_s2,
+                offset,
+            )
+            waves.step()
+            drift.step()
+        return state
+
+
+def rms_deg(values):
+    return math.degrees(float(np.sqrt(np.mean(np.square(values)))))
+
+
+SEAS = {
+    "sea": Sea(0.9, 6.0, 4.0),
+    "swell": Sea(0.7, 8.0, 20.0, current=(0.0, 0.0)),
+    "short chop": Sea(1.2, 2.5, 8.0, seed=5),
+    "long and slow": Sea(0.3, 10.0, 12.0, seed=9),
+}
+
+
+@pytest.mark.parametrize("name", SEAS)
+def test_it_finds_the_waves_and_is_honest(name):
+    sea = SEAS[name]
+    state = sea.sail(500.0)
+    assert 2.0 * math.pi / state.learned.omega_rad_s == pytest.approx(sea.period_s, rel=0.12)
+    assert math.degrees(state.learned.wave_spread_rad) == pytest.approx(sea.spread_deg, rel=0.35)
+    assert math.degrees(math.exp(0.5 * state.learned.log_noise)) == pytest.approx(0.3, abs=0.1)
+    z = np.array(sea.normalised)
+    # The 99 % band of a chi-square with so many degrees of freedom, divided by their number.
+    band = 2.58 * math.sqrt(2.0 / z.size)
+    assert abs(np.mean(z * z) - 1.0) < max(band, 0.05)
+    assert abs(np.mean(z[1:] * z[:-1])) < 0.06
+    assert abs(np.mean(z)) < 0.05
+    # What it claims of its own error is so, within the few independent errors of a short run.
+    assert 0.5 < rms_deg(sea.errors) / rms_deg(sea.claimed) < 1.7
+    assert rms_deg(sea.errors) < 0.25 * sea.spread_deg + 0.8
+    assert state.x[kalman.SPEED] == pytest.approx(sea.speed_m_s, abs=0.12)
+    assert state.x[kalman.EAST] == pytest.approx(sea.current[1], abs=0.12)
+
+
+def test_a_receiver_that_shows_the_motion_of_the_waves_is_believed_less():
+    still, swung = Sea(period_s=7.0), Sea(period_s=7.0, orbital_m_s=0.5)
+    quiet, rough = still.sail(300.0), swung.sail(300.0)
+    assert math.exp(0.5 * quiet.learned.log_velocity_noise) < 0.06
+    assert math.exp(0.5 * rough.learned.log_velocity_noise) > 0.2
+    assert rms_deg(swung.errors) < 8.0
+    assert rms_deg(still.errors) < rms_deg(swung.errors)
+
+
+def test_a_boat_that_turns_better_than_her_model_is_found_out():
+    state = Sea(0.9, 6.0, 4.0, factor=1.3, weave_rad=0.2).sail(400.0)
+    assert state.x[kalman.FACTOR] == pytest.approx(1.3, abs=0.12)
+
+
+def test_without_a_receiver_how_she_turns_tells_the_product_of_speed_and_factor():
+    sea = Sea(0.8, 5.0, 5.0, receiver=False, weave_rad=0.25)
+    state = sea.sail(500.0)
+    assert state.x[kalman.SPEED] * state.x[kalman.FACTOR] == pytest.approx(0.8, rel=0.15)
+
+
+@pytest.mark.parametrize("name", ["gpsd_bundg_zeus_9.nmea", "avnav_20160815_excerpt.nmea"])
+def test_it_is_honest_about_real_headings(name):
+    path = DATA / "nmea" / name
+    if not path.exists():
+        pytest.skip("the recordings of tests/data are not here")
+    # Yachts of which only the order of magnitude is known: some 2 to 3 m/s, turning as such yachts do.
+    parameters = ParameterSet()
+    for parameter, value in (("MDL_K", 0.3), ("MDL_T_S", 1.5), ("MDL_SPEED", 2.2), ("MDL_ALPHA_S2", 0.0)):
+        parameters = parameters.replaced(parameter, value)
+    settings, state = FilterSettings.of(parameters), FilterState()
+    rudder_rad, count, normalised = 0.0, 0, []
+    for result in decode("nmea", path.read_bytes()):
+        if result.get("rudder_deg") is not None:
+            rudder_rad = radians(result["rudder_deg"])
+        if result["type"] != "heading" or result.get("true_deg", result.get("magnetic_deg")) is None:
+            continue
+        heading_deg = result.get("true_deg") if result.get("true_deg") is not None else result["magnetic_deg"]
+        state = update(settings, state, [(0.1 * count, radians(heading_deg))], [], rudder_rad)
+        count += 1
+        if count > 600:
+            normalised.append(state.innovation_rad / state.innovation_sd_rad)
+    assert count > 1400
+    assert state.refused == 0
+    z = np.array(normalised)
+    # The 95 % band of a chi-square with so many degrees of freedom, divided by their number, once the first minute has
+    # told the sea. The rest of these compasses: they smooth and round, and one of them jumps by a degree twice.
+    assert abs(np.mean(z * z) - 1.0) < 1.96 * math.sqrt(2.0 / z.size)
+    assert abs(np.mean(z[1:] * z[:-1])) / np.mean(z * z) < 0.25
+
+
+def test_late_and_missing_samples_do_it_no_harm():
+    state = started(SETTINGS, 0.0, 1.0)
+    for tick in range(1, 300):
+        if tick % 7:
+            t_s = 0.1 * tick
+            state = take_heading(SETTINGS, state, t_s, 1.0)
+    before = state
+    # One that was overtaken by later ones still tells a little; one too old tells nothing.
+    assert take_heading(SETTINGS, state, state.t_s - 0.25, 1.0).t_s == state.t_s
+    assert take_heading(SETTINGS, state, state.t_s - 5.0, 3.0) is before
+    later = take_heading(SETTINGS, state, state.t_s + 30.0, 1.0)
+    assert later.t_s == pytest.approx(state.t_s + 30.0)
+    assert wrap_pi(later.x[0] - 1.0) == pytest.approx(0.0, abs=0.2)
+    anew = take_heading(SETTINGS, state, state.t_s + 700.0, 2.0)
+    assert anew.x[0] == pytest.approx(2.0)
+    assert anew.learned == state.learned
+
+
+def test_a_jump_is_refused_and_counted():
+    state = started(SETTINGS, 0.0, 1.0)
+    for tick in range(1, 300):
+        state = take_heading(SETTINGS, state, 0.1 * tick, 1.0)
+    for tick in range(300, 310):
+        state = take_heading(SETTINGS, state, 0.1 * tick, 1.0 + math.pi)
+    assert state.refused == 10
+    assert wrap_pi(predict_heading(SETTINGS, state, 31.0)[0] - 1.0) == pytest.approx(0.0, abs=0.1)
+    assert take_heading(SETTINGS, state, 31.0, 1.0).refused == 0
+
+
+@pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf, 1e300])
+def test_what_is_no_number_changes_nothing(odd):
+    state = started(SETTINGS, 0.0, 1.0)
+    if not abs(odd) < math.inf:
+        assert take_heading(SETTINGS, state, 0.1, odd) is state
+        assert take_heading(SETTINGS, state, odd, 1.0) is state
+        assert take_velocity(SETTINGS, state, 0.1, 0.5, odd) is state
+    assert take_velocity(SETTINGS, state, 0.1, odd, 0.5) is state
+    assert take_velocity(SETTINGS, state, odd, 0.5, 0.5) is state
+    assert take_velocity(SETTINGS, FilterState(), 0.1, 0.5, 0.5) == FilterState()
+
+
+def test_a_long_calm_leaves_the_covariance_sound():
+    state = started(SETTINGS, 0.0, 1.0)
+    for tick in range(1, 4000):
+        state = take_heading(SETTINGS, state, 0.1 * tick + (100.0 if tick > 2000 else 0.0), 1.0)
+    matrix = np.zeros((9, 9))
+    for i in range(9):
+        for j in range(i, 9):
+            matrix[i, j] = matrix[j, i] = state.p[kalman.place(i, j)]
+    scale = np.sqrt(np.diag(matrix))
+    assert np.linalg.eigvalsh(matrix / np.outer(scale, scale)).min() > -1e-9
+    assert math.isfinite(sum(state.x))

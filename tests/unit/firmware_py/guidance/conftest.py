@@ -1,0 +1,68 @@
+"""A boat that turns as tightly as she can and is otherwise perfect, in a plane with a current."""
+
+import math
+
+import pytest
+
+from firmware_py.common.angles import wrap_pi
+from firmware_py.common.geodesy import Place
+from firmware_py.guidance import task_follower
+from firmware_py.guidance.task_follower import TaskFollowerState
+from firmware_py.guidance.tasks import TaskSettings, VesselMotion
+from firmware_py.model.crab import heading_for_course
+
+ORIGIN = Place(0.6, 2.0)
+SETTINGS = TaskSettings(20.0, 100.0, 60.0, 15.6)
+
+
+class Float:
+    """Heading, place and what she follows; steps of a second."""
+
+    def __init__(self, north_m=0.0, east_m=0.0, heading_rad=0.0, speed_m_s=0.4, current=(0.0, 0.0)):
+        self.north_m, self.east_m, self.heading_rad = north_m, east_m, heading_rad
+        self.speed_m_s, self.current = speed_m_s, current
+        self.follow = TaskFollowerState()
+        self.followed = None
+        self.t_s = 0.0
+        self.turned_rad = 0.0
+
+    @property
+    def motion(self):
+        place = ORIGIN.moved(self.north_m, self.east_m)
+        strong = math.hypot(*self.current) > self.speed_m_s
+        return VesselMotion(place, self.heading_rad, self.speed_m_s, *self.current, strong)
+
+    def step(self, order, settings=SETTINGS):
+        motion = self.motion
+        self.follow, self.followed = task_follower.update(settings, self.follow, order, motion, 1.0)
+        wanted = self.followed.wanted
+        steer_rad = wanted.angle_rad
+        if wanted.over_ground:
+            steer_rad = heading_for_course(steer_rad, self.speed_m_s, *self.current)
+        error_rad = wrap_pi(steer_rad - self.heading_rad)
+        most_rad = 0.9 * self.speed_m_s / settings.turning_radius_m
+        change_rad = min(max(0.3 * error_rad, -most_rad), most_rad)
+        self.heading_rad = (self.heading_rad + change_rad) % (2 * math.pi)
+        self.turned_rad += abs(change_rad)
+        self.north_m += self.speed_m_s * math.cos(self.heading_rad) + self.current[0]
+        self.east_m += self.speed_m_s * math.sin(self.heading_rad) + self.current[1]
+        self.t_s += 1.0
+        return self.followed
+
+    def distance_m(self, north_m=0.0, east_m=0.0):
+        return math.hypot(self.north_m - north_m, self.east_m - east_m)
+
+
+@pytest.fixture
+def afloat():
+    return Float
+
+
+@pytest.fixture
+def origin():
+    return ORIGIN
+
+
+@pytest.fixture
+def tight():
+    return SETTINGS

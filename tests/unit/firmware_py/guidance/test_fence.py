@@ -1,0 +1,77 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.common.geodesy import Place
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.guidance.fence import FARTHEST_M, FenceState, fence_of, margin_m, update
+
+CENTRE = Place(0.6, 2.0)
+
+
+def corner(command, north_m, east_m, *params):
+    place = CENTRE.moved(north_m, east_m)
+    x, y = (round(math.degrees(angle) * 1e7) for angle in (place.latitude_rad, place.longitude_rad))
+    return PlanItem(command, 0, True, (*map(float, params), 0.0, 0.0, 0.0, 0.0)[:4], x, y)
+
+
+def square(command, half_m, group=0, at=(0.0, 0.0)):
+    signs = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+    return [corner(command, at[0] + n * half_m, at[1] + e * half_m, 4, group) for n, e in signs]
+
+
+def fence(*items):
+    return Plan.of(PlanKind.FENCE, items)
+
+
+def test_within_a_square_the_margin_is_the_nearest_edge():
+    plan = fence(*square(5001, 500.0))
+    assert margin_m(plan, CENTRE) == pytest.approx(500.0, abs=0.5)
+    assert margin_m(plan, CENTRE.moved(450.0, 0.0)) == pytest.approx(50.0, abs=0.5)
+    assert margin_m(plan, CENTRE.moved(0.0, -530.0)) == pytest.approx(-30.0, abs=0.5)
+    assert margin_m(plan, CENTRE.moved(530.0, 540.0)) == pytest.approx(-50.0, abs=0.5)
+
+
+def test_an_exclusion_is_to_be_stayed_out_of():
+    plan = fence(*square(5001, 500.0), *square(5002, 50.0, at=(200.0, 0.0)), corner(5004, -200.0, 0.0, 40.0))
+    assert margin_m(plan, CENTRE.moved(200.0, 0.0)) == pytest.approx(-50.0, abs=0.5)
+    assert margin_m(plan, CENTRE.moved(-190.0, 0.0)) == pytest.approx(-30.0, abs=0.5)
+    assert margin_m(plan, CENTRE) == pytest.approx(150.0, abs=0.5)
+
+
+def test_all_of_one_group_or_all_of_another():
+    both = fence(corner(5003, 0.0, 0.0, 300.0), corner(5003, 0.0, 200.0, 300.0))
+    assert margin_m(both, CENTRE.moved(0.0, 100.0)) == pytest.approx(200.0, abs=0.5)
+    assert margin_m(both, CENTRE.moved(0.0, -150.0)) == pytest.approx(-50.0, abs=0.5)
+    either = fence(corner(5003, 0.0, 0.0, 300.0, 1), corner(5003, 0.0, 200.0, 300.0, 2))
+    assert margin_m(either, CENTRE.moved(0.0, -150.0)) == pytest.approx(150.0, abs=0.5)
+
+
+def test_nothing_bounds_her_without_a_fence_or_with_half_a_polygon():
+    assert margin_m(fence(), CENTRE) == FARTHEST_M
+    assert fence_of(fence(*square(5001, 500.0)[:2])) is None
+
+
+def test_the_watch_computes_anew_when_she_has_moved_or_the_fence_is_another():
+    plan = fence(*square(5001, 500.0))
+    watch = update(FenceState(), plan, CENTRE)
+    assert update(watch, plan, CENTRE.moved(40.0, 0.0)) is watch
+    moved = update(watch, plan, CENTRE.moved(60.0, 0.0))
+    assert moved.margin_m == pytest.approx(440.0, abs=0.5)
+    assert update(moved, fence(*square(5001, 400.0)), CENTRE.moved(60.0, 0.0)).margin_m == pytest.approx(340.0, abs=0.5)
+
+
+items = st.builds(
+    PlanItem,
+    st.sampled_from([5000, 5001, 5002, 5003, 5004, 16]),
+    params=st.tuples(*[st.floats(width=32) for _ in range(4)]),
+    x=st.integers(-(2**31), 2**31 - 1),
+    y=st.integers(-(2**31), 2**31 - 1),
+)
+
+
+@given(st.lists(items, max_size=12), st.floats(-1.57, 1.57), st.floats(-3.14, 3.14))
+def test_whatever_the_fence_the_margin_is_a_number(found, latitude_rad, longitude_rad):
+    assert math.isfinite(margin_m(fence(*found), Place(latitude_rad, longitude_rad)))

@@ -1,0 +1,108 @@
+"""Lines and their ends, with a perfect boat in a plane."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_py.common.geodesy import Place
+from firmware_py.common.records import Activity
+from firmware_py.guidance import line
+from firmware_py.guidance.line import LineState, look_ahead_m
+from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion
+
+
+def go(origin, north_m, east_m, start=(0.0, 0.0), accept_m=20.0):
+    return GoTo(origin.moved(north_m, east_m), None if start is None else origin.moved(*start), accept_m, 100.0)
+
+
+@pytest.mark.parametrize("current", [(0.0, 0.0), (0.0, 0.2), (-0.2, 0.1), (0.3, 0.0)])
+def test_she_comes_onto_the_line_and_stays_on_it(afloat, origin, current):
+    boat = afloat(0.0, 80.0, 2.0, current=current)
+    order = go(origin, 5000.0, 0.0)
+    for _ in range(2000):
+        boat.step(order)
+    off = [abs(boat.step(order).cross_track_m) for _ in range(500)]
+    assert max(off) < 2.0
+    assert boat.followed.activity is Activity.LINE
+
+
+def test_a_current_that_is_not_known_is_taken_up_by_the_integral(afloat, origin):
+    boat = afloat(current=(0.0, 0.1))
+    order = go(origin, 5000.0, 0.0)
+    known, boat.current = boat.current, (0.0, 0.0)
+    for _ in range(3000):
+        boat.step(order)
+        boat.east_m += known[1]
+    assert abs(boat.followed.cross_track_m) < 1.5
+
+
+def test_the_look_ahead_grows_with_speed_within_bounds(origin, tight):
+    def at(speed_m_s):
+        return look_ahead_m(tight, VesselMotion(origin, 0.0, speed_m_s, 0.0, 0.0))
+
+    assert at(0.05) == pytest.approx(2 * 15.6)
+    assert at(1.0) == 60.0
+    assert at(50.0) == line.LONGEST_LOOK_M
+
+
+@pytest.mark.parametrize("bearing_deg", range(0, 360, 30))
+@pytest.mark.parametrize("distance_m", [3.0, 12.0, 18.0, 35.0, 70.0])
+@pytest.mark.parametrize("current", [(0.0, 0.0), (0.15, 0.2), (-0.3, 0.0)])
+def test_a_place_beside_her_is_reached_whatever_her_turning_circle(afloat, origin, bearing_deg, distance_m, current):
+    boat = afloat(current=current)
+    angle_rad = math.radians(bearing_deg)
+    order = go(origin, distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad), None, accept_m=2.0)
+    while not boat.follow.arrived:
+        boat.step(order)
+        assert boat.t_s < 5000.0
+    assert boat.distance_m(distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad)) < 60.0
+
+
+def test_passed_far_off_it_is_sailed_for_anew(origin, tight):
+    order = go(origin, 500.0, 0.0)
+    here = origin.moved(510.0, 300.0)
+    motion = VesselMotion(here, 0.0, 0.4, 0.0, 0.0)
+    state, _, on = line.follow(tight, LineState(origin), order, motion, 1.0)
+    state, reached = line.approach(tight, state, order, motion, on)
+    assert not reached
+    assert (state.start, state.tries) == (here, 1)
+
+
+numbers = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e6, max_value=1e6)
+angles = st.floats(-math.pi, math.pi)
+anywhere = st.builds(Place, st.floats(-math.pi / 2, math.pi / 2), angles)
+speeds = st.floats(0.0, 5.0)
+motions = st.builds(VesselMotion, anywhere, angles, speeds, st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.booleans())
+
+
+@given(motions, anywhere, anywhere, st.floats(0.1, 1e4), st.floats(-1e9, 1e9), st.floats(0.0, 5.0))
+def test_whatever_comes_the_course_is_an_angle(motion, start, to, accept_m, integral_s, step_s):
+    order = GoTo(to, start, accept_m, 100.0)
+    limits = TaskSettings(20.0, 100.0, 60.0, 15.6)
+    state, course_rad, on = line.follow(limits, LineState(start, integral_s), order, motion, step_s)
+    assert 0.0 <= course_rad < 2 * math.pi
+    assert math.isfinite(state.integral_s)
+    state, _ = line.approach(limits, state, order, motion, on)
+    assert state.tries <= line.MOST_TRIES
+
+
+@settings(max_examples=25)
+@given(
+    st.floats(-300.0, 300.0),
+    st.floats(-300.0, 300.0),
+    st.floats(0.0, 6.28),
+    st.floats(2.0, 40.0),
+    st.floats(0.0, 0.75),
+    st.floats(0.0, 6.28),
+)
+def test_acceptance_always_progresses(north_m, east_m, heading_rad, accept_m, drift, toward_rad):
+    from tests.unit.firmware_py.guidance.conftest import ORIGIN, Float  # noqa: PLC0415
+
+    current = (0.4 * drift * math.cos(toward_rad), 0.4 * drift * math.sin(toward_rad))
+    boat = Float(heading_rad=heading_rad, current=current)
+    order = go(ORIGIN, north_m, east_m, None, accept_m)
+    while not boat.follow.arrived:
+        boat.step(order)
+        assert boat.t_s < 300.0 + 20.0 * (boat.distance_m() + 500.0) / 0.4

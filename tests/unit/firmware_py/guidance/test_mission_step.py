@@ -1,0 +1,81 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.guidance.mission_step import MissionStep, StepKind, step_of, steps_of
+
+NAN = math.nan
+
+
+def item(command, *params, x=0, y=0, autocontinue=True):
+    return PlanItem(command, 3, autocontinue, (*map(float, params), 0.0, 0.0, 0.0, 0.0)[:4], x, y)
+
+
+def test_a_waypoint_has_hold_time_and_radius():
+    step = step_of(item(16, 30, 12.5, x=360000000, y=1210000000, autocontinue=False))
+    assert step.kind is StepKind.WAYPOINT
+    assert (step.seconds, step.radius_m, step.autocontinue) == (30.0, 12.5, False)
+    assert math.degrees(step.place.latitude_rad) == pytest.approx(36.0)
+    assert math.degrees(step.place.longitude_rad) == pytest.approx(121.0)
+    assert step_of(item(16, NAN, NAN)) == MissionStep(StepKind.WAYPOINT)
+
+
+def test_loiters_have_radius_turns_and_direction():
+    assert step_of(item(18, 3, 0, -40)) == MissionStep(
+        StepKind.LOITER_TURNS, radius_m=40.0, seconds=3.0, turns=3.0, clockwise=False
+    )
+    assert step_of(item(19, 600, 0, 70)).seconds == 600.0
+    assert step_of(item(17)).radius_m is None
+
+
+def test_headings_are_absolute_or_relative_with_a_direction():
+    assert step_of(item(115, 90, 0, 0, 0)).angle_rad == pytest.approx(math.pi / 2)
+    left = step_of(item(115, 30, 0, -1, 1))
+    assert (left.relative, math.degrees(left.angle_rad)) == (True, pytest.approx(330.0))
+    assert step_of(item(213, -45, 0, 1)).relative
+    assert math.degrees(step_of(item(213, -45, 0, 1)).angle_rad) == pytest.approx(315.0)
+
+
+def test_a_delay_is_seconds_or_a_time_of_day():
+    assert step_of(item(93, 90)).seconds == 90.0
+    assert step_of(item(93, -1, 13, 30, 5)).time_of_day_s == 48605.0
+    assert step_of(item(93, 0)).time_of_day_s is None
+
+
+def test_jumps_home_and_what_is_passed_over():
+    assert (step_of(item(177, 3, -1)).target, step_of(item(177, 3, -1)).times) == (3, -1)
+    assert step_of(item(179, 1, x=5, y=5)).place is None
+    assert step_of(item(179, 0, x=5, y=5)).place is not None
+    assert step_of(item(178, 0, 2)).kind is StepKind.CHANGE_SPEED
+    assert step_of(item(20)).kind is StepKind.RETURN
+    assert step_of(item(22)).kind is None
+
+
+def test_a_mission_is_converted_once():
+    plan = Plan.of(PlanKind.MISSION, [item(16), item(20)])
+    assert steps_of(plan) is steps_of(plan)
+    assert [step.kind for step in steps_of(plan)] == [StepKind.WAYPOINT, StepKind.RETURN]
+
+
+items = st.builds(
+    PlanItem,
+    st.sampled_from([*map(int, StepKind), 22, 0, 65535]),
+    autocontinue=st.booleans(),
+    params=st.tuples(*[st.floats(width=32) for _ in range(4)]),
+    x=st.integers(-(2**31), 2**31 - 1),
+    y=st.integers(-(2**31), 2**31 - 1),
+)
+
+
+@given(items)
+def test_whatever_an_item_holds_its_step_is_finite(found):
+    step = step_of(found)
+    for value in (step.seconds, step.turns, step.angle_rad, step.radius_m or 0.0, step.time_of_day_s or 0.0):
+        assert math.isfinite(value)
+        assert value >= 0.0
+    if step.place is not None:
+        assert abs(step.place.latitude_rad) <= math.pi / 2
+        assert abs(step.place.longitude_rad) <= math.pi

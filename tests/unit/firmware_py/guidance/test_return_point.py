@@ -1,0 +1,49 @@
+import math
+
+from firmware_py.common.geodesy import Place
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.common.records import Home
+from firmware_py.guidance.return_point import best_place, way_back
+from firmware_py.guidance.tasks import VesselMotion
+
+HERE = Place(0.6, 2.0)
+HOME = Home(HERE.latitude_rad, HERE.longitude_rad, 0.0)
+
+
+def rally(*offsets_m):
+    places = [HERE.moved(*offset) for offset in offsets_m]
+    degrees = [(round(math.degrees(p.latitude_rad) * 1e7), round(math.degrees(p.longitude_rad) * 1e7)) for p in places]
+    return Plan.of(PlanKind.RALLY, [PlanItem(5100, x=x, y=y) for x, y in degrees])
+
+
+def at(north_m, east_m, north=0.0, east=0.0):
+    return VesselMotion(HERE.moved(north_m, east_m), 0.0, 0.5, north, east)
+
+
+def chosen(motion, points, *, with_home=True):
+    place = best_place(motion, HOME, points, with_home=with_home)
+    return tuple(round(metres, -1) + 0.0 for metres in HERE.offset_m(place))
+
+
+def test_without_rally_points_it_is_home_and_without_either_nothing():
+    assert chosen(at(500.0, 0.0), rally(), with_home=False) == (0.0, 0.0)
+    assert best_place(at(0.0, 0.0), None, rally(), with_home=True) is None
+
+
+def test_the_nearest_and_home_only_when_it_counts():
+    points = rally((1000.0, 0.0), (0.0, 3000.0))
+    assert chosen(at(300.0, 0.0), points) == (0.0, 0.0)
+    assert chosen(at(300.0, 0.0), points, with_home=False) == (1000.0, 0.0)
+
+
+def test_in_a_current_the_one_she_reaches_first_not_the_nearest():
+    points = rally((0.0, -800.0), (0.0, 1000.0))
+    assert chosen(at(0.0, 0.0, east=0.4), points, with_home=False) == (0.0, 1000.0)
+    # Stronger than she is: what lies upstream is out of reach.
+    assert chosen(at(0.0, 0.0, east=0.9), points, with_home=False) == (0.0, 1000.0)
+
+
+def test_where_none_is_reached_the_nearest(tight):
+    order = way_back(tight, at(0.0, 0.0, east=0.9), HOME, rally((0.0, -800.0)), with_home=False)
+    assert order.to.distance_and_bearing(HERE)[0] - 800.0 < 1.0
+    assert (order.accept_m, order.keep_m, order.start) == (20.0, 100.0, None)

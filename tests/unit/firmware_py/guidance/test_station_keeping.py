@@ -1,0 +1,89 @@
+"""The watch circle, with a perfect boat in a plane."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.common.geodesy import Place
+from firmware_py.common.records import Activity
+from firmware_py.guidance import station_keeping
+from firmware_py.guidance.station_keeping import StationState
+from firmware_py.guidance.tasks import HoldStation, VesselMotion
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.3, 0.7, 0.85])
+@pytest.mark.parametrize("toward_rad", [0.0, 2.0])
+def test_the_circle_is_kept_with_few_turns(afloat, origin, drift, toward_rad):
+    boat = afloat(current=(0.4 * drift * math.cos(toward_rad), 0.4 * drift * math.sin(toward_rad)))
+    order = HoldStation(origin, 100.0)
+    inside = 0
+    for _ in range(8000):
+        boat.step(order)
+        inside += boat.distance_m() <= 100.0
+    assert inside >= 0.97 * 8000
+    # Quiet: going round all the time at full rudder is three times as much and more.
+    assert boat.turned_rad < 8000 * 0.4 / 15.6 / 3.0
+
+
+def test_into_a_current_she_lies_for_most_of_the_time(afloat, origin):
+    boat = afloat(current=(0.0, 0.28))
+    into = 0
+    for _ in range(8000):
+        boat.step(HoldStation(origin, 100.0))
+        into += math.cos(boat.heading_rad - 1.5 * math.pi) > 0.8
+    assert into > 0.5 * 8000
+
+
+def test_from_outside_she_comes_straight_back(afloat, origin):
+    boat = afloat(600.0, -300.0, current=(0.1, -0.1))
+    order = HoldStation(origin, 100.0)
+    followed = boat.step(order)
+    assert followed.activity is Activity.STATION
+    assert followed.wanted.over_ground
+    before_m = boat.distance_m()
+    while boat.distance_m() > 100.0:
+        boat.step(order)
+        assert boat.t_s < 3000.0
+    assert not boat.step(order).wanted.over_ground
+    assert before_m / boat.t_s > 0.2
+
+
+def test_too_strong_a_current_is_pointed_into(afloat, origin):
+    boat = afloat(current=(0.0, 0.48))
+    for _ in range(3000):
+        boat.step(HoldStation(origin, 100.0))
+    assert boat.distance_m() > 100.0
+    assert math.degrees(boat.heading_rad) == pytest.approx(270.0, abs=1.0)
+
+
+def test_a_circle_smaller_than_her_turning_circle_is_gone_round(afloat, origin):
+    boat = afloat()
+    farthest_m = 0.0
+    for second in range(6000):
+        boat.step(HoldStation(origin, 10.0))
+        farthest_m = max(farthest_m, boat.distance_m()) if second > 500 else 0.0
+    assert farthest_m < 70.0
+
+
+angles = st.floats(-math.pi, math.pi)
+
+
+@given(
+    st.builds(Place, st.floats(-math.pi / 2, math.pi / 2), angles),
+    st.builds(Place, st.floats(-math.pi / 2, math.pi / 2), angles),
+    angles,
+    st.floats(0.0, 5.0),
+    st.floats(-3.0, 3.0),
+    st.floats(-3.0, 3.0),
+    st.none() | angles,
+    st.floats(10.0, 1e4),
+)
+def test_whatever_comes_she_is_told_an_angle(here, centre, heading_rad, speed, north, east, leg_rad, radius_m):
+    from tests.unit.firmware_py.guidance.conftest import SETTINGS  # noqa: PLC0415
+
+    motion = VesselMotion(here, heading_rad, speed, north, east)
+    distance_m, _ = here.distance_and_bearing(centre)
+    _, wanted = station_keeping.keep(SETTINGS, StationState(leg_rad), HoldStation(centre, radius_m), motion, distance_m)
+    assert math.isfinite(wanted.angle_rad)

@@ -1,0 +1,106 @@
+"""Messages on request and at an interval."""
+
+import math
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.records import Activity, FixType, Home, Navigation, PositionSample, RudderFeedback
+from firmware_py.link.telemetry.table import TABLE
+
+FIX = {"position": PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2), "position_ok": True}
+SERVO = {"servo": RudderFeedback(0.0, 0.1, 30.0, 12.0, 0.2)}
+UNSUPPORTED, DENIED, NOT_NOW = 3, 2, 1
+
+
+def result(messages):
+    return next(message.result for message in messages if message.get_type() == "COMMAND_ACK")
+
+
+@pytest.mark.parametrize("number", sorted({row.number for row in TABLE} | {148, 300, 395, 397, 435, 437}))
+def test_every_message_can_be_requested(rig, number):
+    rig.tick(**FIX, **SERVO, home=Home(0.7, -0.2, 1.0), navigation=Navigation(Activity.LINE, 0.7, -0.2))
+    said = rig.command(512, number)
+    assert said[0].result == 0
+    assert {message.get_msgId() for message in said[1:]} == {number}
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -1, 0.5, 1e30, 16_777_216, 25])
+def test_a_message_that_is_not_ours_is_unsupported(rig, number):
+    assert [message.result for message in rig.command(512, number)] == [UNSUPPORTED]
+
+
+@pytest.mark.parametrize("command", [(410,), (512, 242), (512, 33)])
+def test_what_has_nothing_to_say_is_rejected_for_now(rig, command):
+    assert result(rig.command(*command)) == NOT_NOW
+
+
+def test_home_is_told_at_once_when_it_changes_and_whenever_it_is_asked_for(rig, of):
+    home = {"home": Home(0.7, -0.2, 1.0)}
+    (told,) = of(rig.tick(**home), "HOME_POSITION")
+    assert of(rig.tick(**home), "HOME_POSITION") == []
+    (asked,) = of(rig.command(410), "HOME_POSITION")
+    assert told.latitude == asked.latitude == round(math.degrees(0.7) * 1e7)
+    (moved,) = of(rig.tick(home=Home(0.8, -0.2, 1.0)), "HOME_POSITION")
+    assert moved.latitude == round(math.degrees(0.8) * 1e7)
+
+
+def test_version_and_capabilities(rig, of):
+    (version,) = of(rig.command(520, 1), "AUTOPILOT_VERSION")
+    assert version.flight_sw_version == 1 << 16
+    assert version.flight_sw_version & 0xFF == mavlink.FIRMWARE_VERSION_TYPE_DEV
+    assert bytes(version.flight_custom_version) == b"0123abcd"
+    assert version.uid == 77
+    claimed = version.capabilities
+    assert claimed & mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
+    assert claimed & mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    assert claimed & mavlink.MAV_PROTOCOL_CAPABILITY_FTP
+    assert len(of(rig.command(519, 1), "PROTOCOL_VERSION")) == 1
+
+
+ALL = list(range(1, 9))
+
+
+@pytest.mark.parametrize(("index", "numbers"), [(0, ALL), (math.nan, ALL), (3, [3]), (9, []), (-1, [])])
+def test_available_modes_all_or_one(rig, of, index, numbers):
+    assert [mode.mode_index for mode in of(rig.command(512, 435, index), "AVAILABLE_MODES")] == numbers
+
+
+def test_an_interval_is_set_kept_and_told(rig, of):
+    assert result(rig.command(511, 30, 500_000)) == 0
+    said = rig.ticks(40)
+    assert len(of(said, "ATTITUDE")) == pytest.approx(8, abs=1)
+    (told,) = of(rig.command(510, 30), "MESSAGE_INTERVAL")
+    assert (told.message_id, told.interval_us) == (30, 500_000)
+
+
+def test_intervals_are_each_peers_own(make_rig, of):
+    rig = make_rig(addresses=("one", "two"))
+    rig.tick()
+    rig.tell(mavlink.MAVLink_command_long_message(1, 1, 511, 0, 30, -1, 0, 0, 0, 0, 0), address="one")
+    for address, expected in (("one", 0), ("two", 1)):
+        rig.tick_silently()
+        assert len(of(rig.said(address), "ATTITUDE")) == expected
+
+
+@pytest.mark.parametrize("interval_us", [math.nan, math.inf, -2, 1, 1e30])
+def test_a_bad_interval_is_denied(rig, interval_us):
+    assert result(rig.command(511, 30, interval_us)) == DENIED
+
+
+def test_the_heartbeat_cannot_be_turned_off(rig, of):
+    assert result(rig.command(511, 0, -1)) == DENIED
+    assert len(of(rig.tick(seconds=1.0), "HEARTBEAT")) == 1
+
+
+@pytest.mark.parametrize("number", [math.nan, 25, 65535, 65536, -1])
+def test_the_interval_of_a_stranger_is_unsupported(rig, number):
+    assert result(rig.command(510, number)) == UNSUPPORTED
+    assert result(rig.command(511, number, 1e6)) == UNSUPPORTED
+
+
+def test_the_old_request_of_a_data_stream(rig, of):
+    rig.tell(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 2, 1))
+    assert len(of(rig.ticks(50), "ATTITUDE")) == pytest.approx(10, abs=1)
+    rig.tell(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 2, 0))
+    assert of(rig.ticks(50), "ATTITUDE") == []

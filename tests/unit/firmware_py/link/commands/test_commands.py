@@ -1,0 +1,140 @@
+"""Every command is acknowledged; retries are not repeated; others' commands are left alone."""
+
+import math
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.intents import Answer, Arm, SetMode, Verdict
+from firmware_py.link.wire.url_options import LinkClass, LinkOptions
+
+ARM, SET_MODE = 400, 176
+ACCEPTED, REJECTED, DENIED, UNSUPPORTED = range(4)
+
+
+def only_ack(messages):
+    acks = [message for message in messages if message.get_type() == "COMMAND_ACK"]
+    assert len(acks) == 1
+    return acks[0]
+
+
+def test_an_acknowledgement_names_the_command_and_its_sender(rig):
+    ack = only_ack(rig.command(ARM, 1.0))
+    assert (ack.command, ack.result, ack.target_system, ack.target_component) == (ARM, ACCEPTED, 255, 190)
+    (request,) = rig.authority.requests
+    assert (request.intent, request.system, request.component) == (Arm(True), 255, 190)
+
+
+@pytest.mark.parametrize("number", [0, 1, 16, 21, 31010, 65535])
+def test_an_unknown_command_is_unsupported(rig, number):
+    assert only_ack(rig.command(number)).result == UNSUPPORTED
+    message = mavlink.MAVLink_command_int_message(1, 1, 0, number, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    assert only_ack(rig.tell(message)).result == UNSUPPORTED
+
+
+@pytest.mark.parametrize("target", [(2, 1), (1, 2), (2, 0), (0, 154)])
+def test_a_command_for_somebody_else_is_left_alone(rig, target):
+    assert rig.command(ARM, 1.0, target=target) == []
+    assert rig.authority.requests == []
+
+
+@pytest.mark.parametrize("target", [(0, 0), (1, 0), (0, 1)])
+def test_a_broadcast_is_accepted(rig, target):
+    assert only_ack(rig.command(ARM, 1.0, target=target)).result == ACCEPTED
+
+
+@pytest.mark.parametrize("verdict", list(Verdict))
+def test_the_loops_verdict_and_reason_are_passed_on(rig, texts, verdict):
+    rig.authority.answer = Answer(verdict, "" if verdict is Verdict.ACCEPTED else "because")
+    said = rig.command(ARM, 1.0)
+    assert only_ack(said).result == verdict
+    assert texts(said) == ([] if verdict is Verdict.ACCEPTED else ["because"])
+
+
+def test_a_retry_is_acknowledged_with_the_earlier_result_and_not_repeated(rig):
+    rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "no")
+    rig.command(ARM, 1.0, 0.0, math.nan)
+    rig.authority.answer = Answer(Verdict.ACCEPTED)
+    for confirmation in (1, 2, 255):
+        assert only_ack(rig.command(ARM, 1.0, 0.0, math.nan, confirmation=confirmation)).result == REJECTED
+    assert len(rig.authority.requests) == 1
+
+
+def test_a_retry_whose_first_was_lost_is_carried_out(rig):
+    assert only_ack(rig.command(ARM, 1.0, confirmation=1)).result == ACCEPTED
+    assert len(rig.authority.requests) == 1
+
+
+def test_what_only_looks_like_a_retry_is_carried_out(rig):
+    rig.command(ARM, 1.0)
+    rig.command(ARM, 0.0, confirmation=1)  # other parameters
+    rig.command(ARM, 0.0)  # no confirmation
+    rig.station.srcSystem = 254
+    rig.command(ARM, 0.0, confirmation=1)  # another sender
+    rig.station.srcSystem = 255
+    rig.now_s += 60.0
+    rig.command(ARM, 0.0, confirmation=1)  # long after
+    assert rig.authority.intents == [Arm(True), Arm(False), Arm(False), Arm(False), Arm(False)]
+
+
+def int_frame(rig, number, *values, x=0, y=0):
+    values = (*values, *(0.0,) * (4 - len(values)))
+    return rig.frame(mavlink.MAVLink_command_int_message(1, 1, 0, number, 0, 0, *values, x, y, 0))
+
+
+def test_a_frame_that_comes_twice_is_done_once_and_acknowledged_twice(rig):
+    frame = rig.frame(mavlink.MAVLink_command_long_message(1, 1, 115, 0, 10, 0, 1, 1, 0, 0, 0))
+    assert [ack.result for ack in rig.give(frame + frame)] == [ACCEPTED, ACCEPTED]
+    assert len(rig.authority.requests) == 1
+    frame = int_frame(rig, 300)
+    assert [only_ack(rig.give(frame)).result for _ in range(2)] == [DENIED, DENIED]
+
+
+def test_a_first_try_that_its_retry_overtook_is_not_done_again(rig):
+    first = rig.frame(mavlink.MAVLink_command_long_message(1, 1, 115, 0, 10, 0, 1, 1, 0, 0, 0))
+    retry = rig.frame(mavlink.MAVLink_command_long_message(1, 1, 115, 1, 10, 0, 1, 1, 0, 0, 0))
+    rig.give(retry)
+    rig.now_s += 0.5
+    assert only_ack(rig.give(first)).result == ACCEPTED
+    assert len(rig.authority.requests) == 1
+    rig.now_s += 10.0
+    rig.give(first)  # long after it is a command of its own
+    assert len(rig.authority.requests) == 2
+
+
+def test_a_relative_command_int_that_comes_again_at_once_is_a_retry(rig):
+    for wait_s, expected in ((0.0, 1), (0.5, 1), (1.2, 2)):
+        rig.now_s += wait_s
+        assert only_ack(rig.give(int_frame(rig, 115, 10, 0, 1, 1))).result == ACCEPTED
+        assert len(rig.authority.requests) == expected
+    rig.give(int_frame(rig, 192, x=10))
+    rig.give(int_frame(rig, 192, x=10))  # the same place twice is the same place
+    assert len(rig.authority.requests) == 4
+
+
+def test_over_a_satellite_a_retry_may_come_minutes_later(make_rig):
+    rig = make_rig(options=LinkOptions(link_class=LinkClass.SATELLITE))
+    rig.tick()
+    rig.command(115, 10, 0, 1, 1)
+    rig.now_s += 240.0
+    assert only_ack(rig.command(115, 10, 0, 1, 1, confirmation=1)).result == ACCEPTED
+    assert len(rig.authority.requests) == 1
+
+
+def test_a_repeated_request_for_a_message_brings_it_again(rig, of):
+    rig.command(512, 148)
+    assert len(of(rig.command(512, 148, confirmation=1), "AUTOPILOT_VERSION")) == 1
+
+
+def test_what_is_remembered_of_commands_is_bounded(rig):
+    for number in range(1000):
+        rig.command(30_000 + number)
+    handler = rig.endpoint._handlers[76].__self__
+    assert len(handler._memory) <= 32
+
+
+def test_the_old_set_mode_message_works_and_is_acknowledged(rig):
+    ack = only_ack(rig.tell(mavlink.MAVLink_set_mode_message(1, 1, 15)))
+    assert (ack.command, ack.result) == (11, ACCEPTED)
+    assert rig.authority.intents == [SetMode(15)]
+    assert rig.tell(mavlink.MAVLink_set_mode_message(2, 1, 15)) == []

@@ -1,0 +1,405 @@
+"""Plans from a ground station: whole or not at all."""
+
+import math
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.intents import Answer, ReplacePlan, Verdict
+from firmware_py.common.plan import MOST_ITEMS, PlanItem, PlanKind
+from firmware_py.plans.validation import PlanResult
+
+OTHER = mavlink.MAVLink(None, srcSystem=254, srcComponent=190)
+
+
+def other_tells(station, message):
+    """What a second ground station is answered."""
+    return station.protocol(station.rig.give(message.pack(OTHER)))
+
+
+@pytest.mark.parametrize("identity", [0, 3])
+def test_a_mission_comes_whole_and_its_home_is_the_stations_own(make_station, identity):
+    station = make_station(identity=identity)
+    items = station.mission(3)
+    ack = station.upload(items)
+    assert (ack.type, ack.opaque_id) == (0, station.rig.authority.plans().mission.identity)
+    assert station.places() == [station.home_count + index for index in range(3)]
+    (intent,) = station.rig.authority.intents  # and home was not set
+    assert isinstance(intent, ReplacePlan)
+
+
+def test_all_fields_of_an_item_are_kept(station):
+    item = station.item(1, 17, frame=3, x=-5, y=7, z=2.5, params=(1.5, math.nan, -20.0, 4.0))
+    station.upload([station.item(0), item])
+    assert repr(station.rig.authority.plans().mission.items) == repr(
+        (PlanItem(17, 3, True, (1.5, math.nan, -20.0, 4.0), -5, 7, 2.5),)
+    )
+
+
+@pytest.mark.parametrize(("kind", "command"), [(1, 5003), (2, 5100)])
+def test_fence_and_rally_points_have_no_home(station, kind, command):
+    items = [station.item(sequence, command, kind=kind, params=(50.0, 0, 0, 0)) for sequence in range(3)]
+    assert station.upload(items, kind).type == 0
+    assert len(station.rig.authority.plans().of(PlanKind(kind)).items) == 3
+    assert station.places() == []
+
+
+def test_the_old_message_with_degrees_is_taken_too(station):
+    station.count(2)
+    old = mavlink.MAVLink_mission_item_message
+    (request,) = station.answers(old(1, 1, 0, 0, 16, 0, 1, 0, 0, 0, 0, 0, 0, 0))
+    assert request.get_type() == "MISSION_REQUEST"  # as the station seems to like it
+    (ack,) = station.answers(old(1, 1, 1, 3, 16, 0, 1, 0, 0, 0, 0, 36.25, -121.5, 0))
+    assert ack.type == 0
+    (item,) = station.rig.authority.plans().mission.items
+    assert (item.x, item.y) == (362_500_000, -1_215_000_000)
+
+
+def test_coordinates_that_are_none_are_refused(station, texts):
+    station.upload(station.mission(1))
+    for x, y, result in ((math.nan, 0, 10), (0, math.inf, 11), (1e30, 0, 10), (214.8, 0, 10)):
+        station.count(2)
+        station.answers(station.item(0))
+        said = station.rig.tell(mavlink.MAVLink_mission_item_message(1, 1, 1, 3, 16, 0, 1, 0, 0, 0, 0, x, y, 0))
+        assert station.protocol(said)[0].type == result
+    assert station.places() == [1]
+
+
+@pytest.mark.parametrize("identity", [0, 3])
+def test_an_empty_mission_clears_it(make_station, identity):
+    station = make_station(identity=identity)
+    station.upload(station.mission(2))
+    ack = station.upload([])
+    assert (ack.type, ack.opaque_id, station.places()) == (0, 0, [])
+
+
+def test_home_alone_is_an_empty_mission_as_mavsdk_clears_one(station):
+    station.upload(station.mission(2))
+    assert station.upload([station.item(0, x=0, y=0, frame=0, current=1)]).type == 0
+    assert station.places() == []
+    # Whatever a station holds for home.
+    assert station.upload([station.item(0, 0, x=2**31 - 1, z=math.nan, params=(math.nan,) * 4)]).type == 0
+
+
+@pytest.mark.parametrize("identity", [0, 3])
+def test_as_many_items_as_are_kept_and_not_one_more(make_station, identity):
+    station = make_station(identity=identity)
+    most = MOST_ITEMS + station.home_count
+    assert station.upload(station.mission(MOST_ITEMS)).type == 0
+    (ack,) = station.count(most + 1)
+    assert ack.type == PlanResult.NO_SPACE
+    assert len(station.places()) == MOST_ITEMS
+
+
+@pytest.mark.parametrize("identity", [0, 3])
+def test_jumps_are_counted_from_the_first_item_of_the_plan(make_station, identity):
+    station = make_station(identity=identity)
+    jump = station.item(2 + station.home_count, 177, frame=2, params=(float(station.home_count), -1.0, 0, 0))
+    assert station.upload([*station.mission(2), jump]).type == 0
+    assert station.rig.authority.plans().mission.items[2].params == (0.0, -1.0, 0.0, 0.0)
+
+
+def test_a_jump_to_home_is_refused(station, texts):
+    jump = station.item(2, 177, frame=2, params=(0.0, 1.0, 0, 0))
+    assert station.upload([*station.mission(1), jump]).type == PlanResult.INVALID_PARAM1
+
+
+def test_a_bad_item_ends_the_upload_at_once_and_the_old_plan_stands(station, texts):
+    station.upload(station.mission(2))
+    station.count(4)
+    station.answers(station.item(0))
+    said = station.rig.tell(station.item(1, 21))
+    (ack,) = station.protocol(said)
+    assert (ack.type, ack.opaque_id) == (PlanResult.UNSUPPORTED, 0)
+    assert texts(said) == ["Mission not taken: item 1: command 21 is not known in a mission plan"]
+    # The refusal is said again when its item comes again, and what comes late is left alone.
+    (again,) = station.answers(station.item(1, 21))
+    assert again.type == PlanResult.UNSUPPORTED
+    assert station.answers(station.item(0)) == []
+    assert station.places() == [1, 2]
+
+
+def test_what_only_the_whole_shows_is_refused_too(station, texts):
+    jump = station.item(1, 177, frame=2, params=(7.0, 1.0, 0, 0))
+    station.count(2)
+    station.answers(station.item(0))
+    said = station.rig.tell(jump)
+    assert station.protocol(said)[0].type == PlanResult.INVALID_PARAM1
+    assert texts(said) == ["Mission not taken: item 1: DO_JUMP: there is no item 6"]
+
+
+def test_duplicates_and_strangers_in_the_sequence_do_no_harm(station):
+    items = station.mission(4)
+    station.count(5)
+    assert [request.seq for request in station.answers(items[0])] == [1]
+    assert station.answers(items[0], items[3], items[0]) == []
+    assert [request.seq for request in station.answers(items[1], items[1], items[2], items[4])] == [2, 3]
+    assert [request.seq for request in station.answers(items[3])] == [4]
+    (ack,) = station.answers(items[4])
+    assert (ack.type, station.places()) == (0, [1, 2, 3, 4])
+
+
+def test_a_lost_end_is_said_again_when_the_last_item_comes_again(station):
+    items = station.mission(2)
+    first = station.upload(items)
+    (again,) = station.answers(items[2])
+    assert (again.type, again.opaque_id) == (0, first.opaque_id)
+    assert station.answers(items[1]) == []
+    assert len(station.rig.authority.intents) == 1
+
+
+def test_an_item_out_of_nowhere_is_not_wanted(station):
+    (ack,) = station.answers(station.item(3))
+    assert ack.type == PlanResult.ERROR
+
+
+def test_what_does_not_come_is_asked_for_again_and_by_turns_in_the_old_way(station):
+    station.count(3)
+    asked = station.protocol(station.rig.ticks(60))
+    assert {request.seq for request in asked} == {0}
+    kinds = [request.get_type() for request in asked]
+    assert {"MISSION_REQUEST", "MISSION_REQUEST_INT"} == set(kinds)
+    assert 4 <= len(asked) <= 12
+    (request,) = station.answers(station.item(0))
+    assert request.seq == 1
+
+
+def test_who_is_silent_for_long_is_told_that_it_is_over(station, texts):
+    station.upload(station.mission(1))
+    station.count(4)
+    said = station.rig.ticks(170)
+    ack = station.protocol(said)[-1]
+    assert (ack.get_type(), ack.type) == ("MISSION_ACK", PlanResult.OPERATION_CANCELLED)
+    assert texts(said)[-1] == "Mission not taken: the station fell silent at item 0"
+    assert station.protocol(station.rig.ticks(50)) == []
+    assert station.places() == [1]
+
+
+def test_a_quick_station_is_asked_again_sooner(station):
+    items = station.mission(30)
+    station.count(31)
+    for item in items[:20]:
+        station.answers(item)
+        station.rig.now_s += 0.01
+    assert len(station.protocol(station.rig.ticks(3))) >= 1
+
+
+def test_a_line_by_satellite_is_given_its_time(make_station):
+    station = make_station(byte_rate=30.0, radio=True, datagrams=False)
+    station.count(2)
+    asked = [len(station.protocol(station.rig.tick(seconds=10.0))) for _ in range(30)]
+    assert asked[:11] == [1] + [0] * 10
+    assert sum(asked) == 3
+    assert [message.get_type() for message in station.answers(station.item(0))] != ["MISSION_ACK"]
+
+
+def test_a_station_may_begin_anew(station):
+    station.count(3)
+    station.answers(station.item(0), station.item(1))
+    items = station.mission(3, start=100)
+    assert station.upload(items).type == 0
+    assert station.places() == [101, 102, 103]
+
+
+@pytest.mark.parametrize("result", [15, 1])
+def test_a_station_may_think_better_of_it(station, result):
+    station.upload(station.mission(1))
+    station.count(3)
+    assert station.answers(mavlink.MAVLink_mission_ack_message(1, 1, result, 0)) == []
+    assert station.protocol(station.rig.ticks(30)) == []
+    assert station.places() == [1]
+
+
+def test_a_count_that_the_line_has_doubled_begins_nothing(station):
+    frame = station.rig.frame(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
+    items = station.mission(2)
+    assert len(station.protocol(station.rig.give(frame))) == 1
+    station.answers(items[0])
+    assert station.protocol(station.rig.give(frame)) == []
+    station.answers(items[1])
+    assert [ack.type for ack in station.answers(items[2])] == [0]
+    assert station.protocol(station.rig.give(frame)) == []
+    station.rig.ticks(110)
+    assert len(station.protocol(station.rig.give(frame))) == 1
+
+
+def test_a_second_station_waits_for_its_turn(station):
+    station.count(3)
+    station.answers(station.item(0))
+    for message in (
+        mavlink.MAVLink_mission_count_message(1, 1, 3, 0),
+        mavlink.MAVLink_mission_clear_all_message(1, 1, 0),
+        mavlink.MAVLink_mission_clear_all_message(1, 1, 255),
+        mavlink.MAVLink_mission_write_partial_list_message(1, 1, 0, 1, 0),
+        station.item(1),
+    ):
+        (ack,) = other_tells(station, message)
+        assert (ack.type, ack.target_system) == (PlanResult.DENIED, 254)
+    # Its cancelling is not the other's, and other kinds are free.
+    assert other_tells(station, mavlink.MAVLink_mission_ack_message(1, 1, 15, 0)) == []
+    assert [m.get_type() for m in other_tells(station, mavlink.MAVLink_mission_count_message(1, 1, 1, 2))] == [
+        "MISSION_REQUEST_INT"
+    ]
+    station.answers(station.item(1))
+    (ack,) = station.answers(station.item(2))
+    assert (ack.type, station.places()) == (0, [1, 2])
+
+
+def test_a_second_station_takes_the_turn_of_one_that_fell_silent(station):
+    station.count(3)
+    station.rig.ticks(60)
+    said = other_tells(station, mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    assert [(message.get_type(), message.target_system) for message in said] == [
+        ("MISSION_ACK", 255),
+        ("MISSION_REQUEST_INT", 254),
+    ]
+    assert said[0].type == PlanResult.OPERATION_CANCELLED
+    (late,) = station.answers(station.item(0))
+    assert late.type == PlanResult.OPERATION_CANCELLED
+
+
+def test_the_end_is_said_when_the_plan_is_on_disk(station):
+    station.upload(station.mission(1))
+    station.rig.authority.at_once = False
+    items = station.mission(2, start=50)
+    station.count(3)
+    assert station.answers(items[0], items[1], items[2])[-1].get_type() == "MISSION_REQUEST_INT"
+    assert station.answers(items[2]) == []
+    assert station.protocol(station.rig.ticks(200)) == []
+    assert station.places() == [1]
+    (stored,) = station.rig.authority.waiting
+    stored(True)
+    (ack,) = station.protocol(station.rig.said())
+    assert (ack.type, station.places()) == (0, [51, 52])
+
+
+def test_a_disk_that_fails_leaves_the_old_plan(station, texts):
+    station.upload(station.mission(1))
+    station.rig.authority.plans_stored = False
+    station.count(1)
+    said = station.rig.tell(station.item(0))
+    assert station.protocol(said)[-1].type == PlanResult.ERROR
+    assert texts(said) == ["Mission not taken: the disk is full"]
+    assert station.places() == [1]
+
+
+def test_an_upload_begun_while_another_is_being_stored_gets_no_end_of_that(station):
+    station.rig.authority.at_once = False
+    items = station.mission(1)
+    station.count(2)
+    station.answers(*items)
+    station.count(2)
+    (stored,) = station.rig.authority.waiting
+    stored(True)
+    assert station.protocol(station.rig.said()) == []
+    assert station.places() == [1]
+
+
+def test_a_refusal_of_the_loop_is_passed_on(station, texts):
+    station.rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not now")
+    station.count(2)
+    station.answers(station.item(0))
+    said = station.rig.tell(station.item(1))
+    assert station.protocol(said)[-1].type == PlanResult.ERROR
+    assert texts(said) == ["Mission not taken: not now"]
+
+
+# ------------------------------------------------------------------------- parts of a plan
+
+
+def write_part(station, first, last, kind=0):
+    return station.answers(mavlink.MAVLink_mission_write_partial_list_message(1, 1, first, last, kind))
+
+
+@pytest.mark.parametrize("identity", [0, 3])
+def test_a_part_is_written_anew(make_station, identity):
+    station = make_station(identity=identity)
+    station.upload(station.mission(4))
+    home = station.home_count
+    (request,) = write_part(station, 1 + home, 2 + home)
+    assert request.seq == 1 + home
+    station.answers(station.item(1 + home, x=360_000_900))
+    (ack,) = station.answers(station.item(2 + home, x=360_000_901))
+    assert (ack.type, ack.opaque_id) == (0, station.rig.authority.plans().mission.identity)
+    assert station.places() == [home, 900, 901, 3 + home]
+
+
+def test_home_and_an_end_beyond_the_last_item_are_taken_as_mavproxy_means_them(station):
+    station.upload(station.mission(2))
+    (request,) = write_part(station, 0, 3)
+    assert [m.seq for m in station.answers(station.item(0), station.item(1, x=360_000_500))] == [1, 2]
+    (ack,) = station.answers(station.item(2, x=360_000_501))
+    assert (request.seq, ack.type, station.places()) == (0, 0, [500, 501])
+
+
+@pytest.mark.parametrize(("first", "last"), [(-1, 1), (2, 1), (3, 3), (-32768, 32767)])
+def test_parts_that_there_are_not(station, first, last):
+    station.upload(station.mission(2))
+    (ack,) = write_part(station, first, last)
+    assert ack.type == PlanResult.INVALID_SEQUENCE
+    assert station.places() == [1, 2]
+
+
+def test_nothing_has_no_parts(station):
+    assert write_part(station, 0, 0)[0].type == PlanResult.INVALID_SEQUENCE
+
+
+def test_a_part_of_a_plan_that_has_gone_meanwhile_is_refused(station):
+    station.upload(station.mission(2))
+    write_part(station, 1, 1)
+    kept = station.rig.authority
+    kept.plans_kept = kept.plans_kept.replaced(type(kept.plans_kept.mission)(PlanKind.MISSION))
+    (ack,) = station.answers(station.item(1))
+    assert (ack.type, station.places()) == (PlanResult.ERROR, [])
+
+
+# ----------------------------------------------------------------------------------- clear
+
+
+@pytest.mark.parametrize(("shown", "left"), [(0, [1, 2]), (1, [0, 2]), (2, [0, 1]), (255, [])])
+def test_clearing(station, shown, left):
+    station.upload(station.mission(1))
+    station.upload([station.item(0, 5003, kind=1, params=(5.0, 0, 0, 0))], 1)
+    station.upload([station.item(0, 5100, kind=2)], 2)
+    (ack,) = station.answers(mavlink.MAVLink_mission_clear_all_message(1, 1, shown))
+    assert (ack.type, ack.mission_type, ack.opaque_id) == (0, shown, 0)
+    assert [int(kind) for kind in PlanKind if station.rig.authority.plans().of(kind).items] == left
+
+
+def test_clearing_again_and_again_is_one_clearing(station):
+    station.upload(station.mission(1))
+    clear = mavlink.MAVLink_mission_clear_all_message(1, 1, 255)
+    station.rig.authority.at_once = False
+    assert station.answers(clear, clear, clear) == []
+    (stored,) = station.rig.authority.waiting
+    stored(True)
+    assert [ack.type for ack in station.protocol(station.rig.said())] == [0]
+    # And what is empty need not be stored.
+    assert [ack.type for ack in station.answers(clear, clear)] == [0, 0]
+    assert [ack.type for ack in station.count(0)] == [0]
+    assert len(station.rig.authority.intents) == 2
+
+
+def test_clearing_what_cannot_be_stored(station, texts):
+    station.upload(station.mission(1))
+    station.rig.authority.plans_stored = False
+    said = station.rig.tell(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
+    assert station.protocol(said)[-1].type == PlanResult.ERROR
+    assert texts(said) == ["Mission, fence and rally points not cleared: the disk is full"]
+    assert station.places() == [1]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda kind: mavlink.MAVLink_mission_count_message(1, 1, 2, kind),
+        lambda kind: mavlink.MAVLink_mission_clear_all_message(1, 1, kind),
+        lambda kind: mavlink.MAVLink_mission_request_list_message(1, 1, kind),
+        lambda kind: mavlink.MAVLink_mission_request_int_message(1, 1, 0, kind),
+        lambda kind: mavlink.MAVLink_mission_request_partial_list_message(1, 1, 0, 0, kind),
+        lambda kind: mavlink.MAVLink_mission_write_partial_list_message(1, 1, 0, 0, kind),
+    ],
+)
+def test_kinds_that_there_are_not(station, make):
+    (ack,) = station.answers(make(7))
+    assert (ack.type, ack.mission_type) == (PlanResult.UNSUPPORTED, 7)

@@ -1,0 +1,117 @@
+"""The packed parameter list, read by MAVProxy's own decoder, and uploads as MAVProxy writes them."""
+
+import struct
+
+import pytest
+
+from firmware_py.common.parameters import TABLE, Kind, ParameterError, ParameterSet
+from firmware_py.link.parameters.pack import packed, unpacked
+
+param_ftp = pytest.importorskip("MAVProxy.modules.lib.param_ftp")
+CHANGED = ParameterSet().replaced("CTL_K1", 33.25).replaced("LOOP_RATE_HZ", 20)
+
+
+def decoded(content):
+    return {name.decode(): (value, kind) for name, value, kind in param_ftp.ftp_param_decode(content).params}
+
+
+@pytest.mark.parametrize("query", [{}, {"withdefaults": "1"}])
+def test_mavproxy_reads_all_of_it(query):
+    found = decoded(packed(CHANGED, query))
+    assert list(found) == [row.name for row in TABLE]
+    assert [value for value, _ in found.values()] == list(CHANGED.values())
+    assert [kind for _, kind in found.values()] == [{Kind.INTEGER: 3, Kind.REAL: 4}[row.kind] for row in TABLE]
+
+
+def test_mavproxy_reads_the_defaults():
+    defaults = param_ftp.ftp_param_decode(packed(CHANGED, {"withdefaults": "1"})).defaults
+    assert [value for _, value, _ in defaults] == [row.default for row in TABLE]
+    assert param_ftp.ftp_param_decode(packed(CHANGED, {})).defaults is None
+
+
+@pytest.mark.parametrize(
+    ("query", "rows"),
+    [
+        ({"start": "3", "count": "4"}, (3, 7)),
+        ({"start": "30"}, (30, len(TABLE))),
+        ({"count": "2"}, (0, 2)),
+        ({"start": "9999"}, (0, 0)),
+        ({"start": "-1", "count": "x", "more": "1"}, (0, len(TABLE))),
+        ({"start": "³"}, (0, len(TABLE))),
+    ],
+)
+def test_a_part_of_the_list(query, rows):
+    content = packed(CHANGED, query)
+    magic, count, total = struct.unpack_from("<HHH", content)
+    assert (magic, count, total) == (0x671B, rows[1] - rows[0], len(TABLE))
+    whole = content[:4] + struct.pack("<H", count) + content[6:]  # MAVProxy reads whole lists only
+    assert list(decoded(whole)) == [row.name for row in TABLE[rows[0] : rows[1]]]
+
+
+def upload(values, kinds=None, head=None):
+    """Pack values as `param ftpload` of MAVProxy does."""
+    body, before = b"", ""
+    for name, value in values.items():
+        common = next((i for i, (a, b) in enumerate(zip(before, name, strict=False)) if a != b), 0)
+        kind, form = kinds or ((4, "f") if value != int(value) else (1, "b") if abs(value) < 128 else (3, "i"))
+        body += bytes((kind, common | (len(name) - common - 1) << 4)) + name[common:].encode()
+        body += struct.pack(f"<{form}", value if form == "f" else int(value))
+        before = name
+    return struct.pack("<HHH", *(head or (0x671B, len(values), 6 + len(body)))) + body
+
+
+def test_an_upload_of_mavproxys_kind_is_read():
+    values = {"CTL_K1": 41.5, "CTL_K2": 1.0, "LOG_KEEP_MB": 5000.0}
+    assert unpacked(upload(values)) == values
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"", "shorter"),
+        (upload({"CTL_K1": 41.5}, head=(0x671C, 1, 18)), "begins with"),
+        (upload({"CTL_K1": 41.5})[:-1], "bytes of"),
+        (upload({"CTL_K1": 41.5}, head=(0x671B, 2, 18)), "instead of 2"),
+        (upload({"CTL_K1": 41.5, "NOPE": 1.0}), "unknown parameter 'NOPE'"),
+        (upload({"CTL_K1": 1000.5}), "out of range"),
+        (upload({"CTL_K1": float("nan")}, kinds=(4, "f")), "not a number"),
+        (upload({"LOOP_RATE_HZ": 10.5}), "not a whole number"),
+        (upload({"STAT_BOOTCNT": 5.0}), "read-only"),
+        (struct.pack("<HHH", 0x671B, 1, 8) + b"\x09\x00", "begins no parameter"),
+        (struct.pack("<HHH", 0x671B, 1, 7) + b"\x04", "begins no parameter"),
+        (struct.pack("<HHH", 0x671B, 1, 9) + b"\x04\xf0A", "cut off"),
+        (struct.pack("<HHH", 0x671B, 1, 13) + b"\x04\x05A\0\0\0\0", "cut off"),
+    ],
+)
+def test_what_is_wrong_with_an_upload_is_said(content, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        unpacked(content)
+
+
+# ---------------------------------------------------------------------- over the link
+
+
+def test_an_upload_sets_all_of_it_and_tells_everybody(rig, ftp_station, of):
+    client = ftp_station(rig)
+    content = upload({"CTL_K1": 41.5, "CTL_K2": 1.0, "BOOT_MODE": 4.0})
+    client.ask(6, "@PARAM/param.pck")
+    client.ask(7, content)
+    said = rig.tell(client.request(1))
+    assert [reply.payload[3] for reply in of(said, "FILE_TRANSFER_PROTOCOL")] == [128]
+    assert {value.param_id: value.param_value for value in of(said, "PARAM_VALUE")} == {"CTL_K1": 41.5, "CTL_K2": 1.0}
+    assert (rig.authority.values["CTL_K1"], rig.authority.values["CTL_K2"]) == (41.5, 1.0)
+
+
+def test_an_upload_with_one_wrong_value_sets_nothing(rig, ftp_station, texts):
+    client = ftp_station(rig)
+    client.ask(6, "@PARAM/param.pck")
+    client.ask(7, upload({"CTL_K1": 41.5, "CTL_K2": 1000.0}))
+    said = rig.tell(client.request(1))
+    assert "CTL_K2" in texts(said)[0]
+    assert rig.authority.values == ParameterSet()
+    assert rig.authority.requests == []
+
+
+def test_the_list_comes_by_file_transfer(rig, ftp_station):
+    rig.authority.values = CHANGED
+    assert decoded(ftp_station(rig).get("@PARAM/param.pck?withdefaults=1"))["CTL_K1"] == (33.25, 4)

@@ -1,0 +1,339 @@
+"""Who may do what over a link: policies, keys, allow-lists, MAVLink 1."""
+
+import pytest
+from pymavlink.dialects.v10 import common as mavlink1
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.intents import Arm, SetParameter
+from firmware_py.link.peer import HINTS, REFUSALS
+from firmware_py.link.security.signing import timestamp_of
+from firmware_py.link.wire.url_options import parse_options
+
+KEY = bytes(range(100, 132))
+NOW = timestamp_of(1.7e9)
+BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+ARM = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+DISARM = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 0, 0, 0, 0, 0, 0, 0)
+HOME = mavlink.MAVLink_command_long_message(1, 1, 410, 0, 0, 0, 0, 0, 0, 0, 0)
+SET = mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, 9)
+READ = mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
+SETUP = mavlink.MAVLink_setup_signing_message(1, 1, KEY, NOW)
+REMOVE = mavlink.MAVLink_setup_signing_message(1, 1, bytes(32), 0)
+
+
+@pytest.fixture
+def linked(make_rig):
+    """Makes a rig with a link of the given options, and perhaps a key already there."""
+
+    def make(options="", *, key=False, **more):
+        rig = make_rig(options=parse_options(options) if options else parse_options("policy=auto"), **more)
+        rig.endpoint.service(0.0, [])
+        rig.tick()
+        if key:
+            assert rig.endpoint._signing.set_key(KEY, NOW)
+        return rig
+
+    return make
+
+
+def sign(rig, key=KEY):
+    signing = rig.station.signing
+    signing.secret_key, signing.timestamp, signing.sign_outgoing = key, NOW, True
+
+
+def kinds(messages):
+    return {message.get_type() for message in messages} - {"STATUSTEXT"}
+
+
+# --------------------------------------------------------------------------- policies
+
+
+@pytest.mark.parametrize(
+    ("options", "key", "commands", "reads"),
+    [
+        ("", False, True, True),
+        ("", True, False, True),
+        ("trusted=1", True, True, True),
+        ("policy=open", True, True, True),
+        ("policy=signed-commands", False, False, True),
+        ("policy=signed-commands", True, False, True),
+        ("policy=signed-only", False, False, False),
+        ("policy=signed-only", True, False, False),
+        ("policy=signed-only&trusted=1", True, False, False),
+    ],
+)
+def test_what_a_frame_without_a_signature_may_do(linked, options, key, commands, reads):
+    rig = linked(options, key=key)
+    rig.tell(ARM, SET, BEAT)
+    assert bool(rig.authority.intents) is commands
+    assert ("PARAM_VALUE" in kinds(rig.tell(READ))) is reads
+
+
+@pytest.mark.parametrize("options", ["", "policy=open", "policy=signed-commands", "policy=signed-only"])
+def test_what_is_signed_may_command_on_any_link(linked, options, of):
+    rig = linked(options, key=True)
+    sign(rig)
+    assert of(rig.tell(ARM), "COMMAND_ACK")[0].result == 0
+    rig.tell(SET)
+    assert rig.authority.intents == [Arm(True, False), SetParameter("CTL_K1", 33.0)]
+
+
+@pytest.mark.parametrize("options", ["", "policy=open", "policy=signed-only", "trusted=1"])
+def test_a_signature_that_does_not_hold_is_refused_everywhere(linked, options, texts):
+    rig = linked(options, key=True)
+    sign(rig)
+    frame = rig.frame(ARM)
+    rig.give(frame)
+    assert len(rig.authority.intents) == 1
+    said = rig.give(frame)  # a replay
+    assert kinds(said) == set()
+    assert "Signature refused" in texts(said)[0]
+    sign(rig, bytes(32 * [9]))
+    assert kinds(rig.tell(ARM, READ)) == set()
+    assert len(rig.authority.intents) == 1
+
+
+def test_a_signature_means_nothing_to_a_boat_without_a_key(linked):
+    rig = linked()
+    sign(rig)
+    rig.tell(ARM)
+    assert rig.authority.intents == [Arm(True, False)]
+    strict = linked("policy=signed-only")
+    sign(strict)
+    assert strict.tell(ARM) == []
+
+
+def test_what_leaves_is_signed_once_there_is_a_key(linked):
+    rig = linked("trusted=1")
+    assert all(message.get_msgbuf()[2] == 0 for message in rig.tick(seconds=1.0))
+    rig.tell(SETUP)
+    rig.tick_silently(seconds=1.0)
+    hearer = mavlink.MAVLink(None)
+    hearer.signing.secret_key, hearer.signing.timestamp = KEY, NOW
+    heard = hearer.parse_buffer(b"".join(data for _, data in rig.transport.sent))
+    assert len(heard) > 5
+    assert all(message.get_signed() for message in heard)
+
+
+def test_a_signed_line_is_not_asked_for_more_than_it_carries(linked):
+    rig = linked("policy=open", key=True, byte_rate=200.0, radio=True)
+    rig.said()
+    sent = 0
+    for _ in range(300):
+        rig.tick_silently()
+        sent += sum(len(data) for _, data in rig.transport.sent)
+        rig.said()
+    assert 0.7 * 200 * 30 < sent <= 200 * 30 + 280
+
+
+def test_a_stranger_without_a_signature_draws_nothing_on_a_signed_link(linked):
+    rig = linked("policy=signed-only", key=True, addresses=())
+    assert rig.tell(BEAT, READ, address="stranger") == []
+    rig.tick_silently(seconds=1.0)
+    assert rig.transport.sent == []
+    sign(rig)
+    assert rig.tell(BEAT, address="station") != []
+
+
+def test_a_stranger_who_is_behind_gets_a_heartbeat_to_go_by_and_no_more(linked):
+    rig = linked("policy=signed-only", key=True, addresses=())
+    sign(rig)
+    rig.tell(BEAT, address="station")
+    rig.station.signing.timestamp = NOW - 5
+    old = rig.frame(ARM)
+    before = len(rig.authority.intents)
+    said = [message for _ in range(50) for message in rig.give(old, address="stranger")]
+    assert [message.get_type() for message in said] == ["HEARTBEAT"] * HINTS
+    rig.tick_silently(seconds=1.0)
+    assert {address for address, _ in rig.transport.sent} == {"station"}
+    assert len(rig.authority.intents) == before
+
+
+def test_a_radio_modem_is_heard_without_a_signature(linked):
+    rig = linked("policy=signed-only", key=True)
+    before = rig.endpoint._gate.refused
+    rig.tell(mavlink.MAVLink_radio_status_message(1, 1, 100, 0, 0, 0, 0))
+    assert rig.endpoint._gate.refused == before
+    rig.tell(BEAT)
+    assert rig.endpoint._gate.refused == before + 1
+
+
+# --------------------------------------------------------------------------- refusals
+
+
+def test_who_may_not_command_is_told_in_the_words_of_the_protocol(linked, texts):
+    rig = linked("policy=signed-commands")
+    said = rig.tell(ARM, SET)
+    ack, error = (message for message in said if message.get_type() in ("COMMAND_ACK", "PARAM_ERROR"))
+    assert (ack.command, ack.result) == (400, mavlink.MAV_RESULT_DENIED)
+    assert (error.param_id, error.error) == ("CTL_K1", mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
+    assert texts(said) == ["COMMAND_LONG refused: it is not signed", "PARAM_SET refused: it is not signed"]
+    others = [
+        mavlink.MAVLink_command_int_message(1, 1, 3, 192, 0, 0, 0, 0, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_set_mode_message(1, 1, 4),
+        mavlink.MAVLink_mission_count_message(1, 1, 3, 0),
+        mavlink.MAVLink_mission_item_int_message(1, 1, 0, 0, 16, 2, 1, 0, 0, 0, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_mission_clear_all_message(1, 1, 0),
+        mavlink.MAVLink_manual_control_message(1, 0, 1000, 0, 0, 0),
+        mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0),
+        mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 0, 6, *[0] * 247]),  # create
+    ]
+    said = [message for other in others for message in rig.tell(other)]
+    assert rig.authority.intents == []
+    answers = [message for message in said if message.get_type() != "STATUSTEXT"]
+    assert [message.get_type() for message in answers] == [
+        "COMMAND_ACK", "COMMAND_ACK", "MISSION_ACK", "MISSION_ACK", "MISSION_ACK", "FILE_TRANSFER_PROTOCOL"
+    ]  # fmt: skip
+    assert {message.type for message in answers[2:5]} == {mavlink.MAV_MISSION_DENIED}
+    assert answers[5].payload[:6] == [6, 0, 0, 129, 1, 6]
+
+
+def test_asking_is_no_command(linked, of):
+    rig = linked("policy=signed-commands")
+    rig.tick(home=None)
+    (ack,) = of(rig.tell(HOME), "COMMAND_ACK")
+    assert ack.result != mavlink.MAV_RESULT_DENIED
+    read = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 0, 4, *[0] * 247])
+    (answer,) = of(rig.tell(read), "FILE_TRANSFER_PROTOCOL")
+    assert answer.payload[12] != 9
+    assert of(rig.tell(mavlink.MAVLink_param_request_list_message(1, 1)), "PARAM_VALUE")
+
+
+def test_a_flood_of_refused_commands_is_answered_a_few_times_only(linked):
+    rig = linked("policy=signed-commands")
+    said = [message for _ in range(50) for message in rig.tell(*[ARM] * 20)]
+    assert len([message for message in said if message.get_type() == "COMMAND_ACK"]) == REFUSALS
+    rig.now_s += 1.0
+    said = rig.tell(*[ARM] * 20)
+    assert len([message for message in said if message.get_type() == "COMMAND_ACK"]) == 5
+    assert rig.authority.intents == []
+
+
+# --------------------------------------------------------------------------- systems and MAVLink 1
+
+
+def test_only_systems_on_the_list_command(linked, texts):
+    rig = linked("systems=254,255")
+    rig.tell(ARM)
+    assert len(rig.authority.intents) == 1
+    rig.station = mavlink.MAVLink(None, srcSystem=7, srcComponent=190)
+    said = rig.tell(ARM)
+    assert "system 7 may not command here" in texts(said)[0]
+    assert "PARAM_VALUE" in kinds(rig.tell(READ))
+    assert len(rig.authority.intents) == 1
+
+
+def test_a_signature_does_not_make_up_for_a_system_that_is_not_on_the_list(linked):
+    rig = linked("systems=7&trusted=1", key=True)
+    sign(rig)
+    rig.tell(ARM, REMOVE)
+    assert rig.authority.intents == []
+    assert rig.endpoint._signing.active
+
+
+def test_mavlink_1_is_heard_or_not_by_parameter(linked):
+    rig = linked()
+    old = mavlink1.MAVLink(None, srcSystem=255, srcComponent=190)
+    arm = mavlink1.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(old)
+    assert arm[0] == 0xFE
+    rig.give(arm)
+    assert len(rig.authority.intents) == 1
+    rig.authority.values = rig.authority.values.replaced("LNK_MAVLINK1", 0)
+    rig.tick()
+    assert rig.give(arm) == []
+    assert len(rig.authority.intents) == 1
+    rig.tell(DISARM)
+    assert len(rig.authority.intents) == 2
+
+
+def test_mavlink_1_carries_no_signature_and_so_no_command_where_one_is_needed(linked):
+    rig = linked("policy=signed-commands", key=True)
+    old = mavlink1.MAVLink(None, srcSystem=255, srcComponent=190)
+    # What would be the signed flag of MAVLink 2 is the sequence number here.
+    old.seq = 1
+    rig.give(mavlink1.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(old))
+    assert rig.authority.intents == []
+
+
+# --------------------------------------------------------------------------- SETUP_SIGNING
+
+
+def test_a_key_is_set_over_a_trusted_link_only(linked, texts):
+    rig = linked()
+    assert texts(rig.tell(SETUP)) == ["SETUP_SIGNING refused: the link is not trusted"]
+    assert not rig.endpoint._signing.active
+    assert rig.vault.contents == []
+
+
+@pytest.mark.parametrize("options", ["trusted=1", "trusted=1&policy=signed-only", "trusted=1&policy=signed-commands"])
+def test_over_a_trusted_link_it_is_set_and_removed_under_any_policy(linked, options, texts):
+    rig = linked(options)
+    assert texts(rig.tell(SETUP)) == ["Signing key set"]
+    assert KEY.hex().encode() in rig.vault.contents[-1]
+    # Twice, so that neither of the store's two versions holds an older key.
+    assert rig.vault.contents[-1] == rig.vault.contents[-2]
+    assert texts(rig.tell(REMOVE)) == ["Signing key removed"]
+    assert rig.vault.contents[-2:] == [b"", b""]
+    assert not rig.endpoint._signing.active
+
+
+def test_the_key_is_told_to_nobody(linked):
+    rig = linked("trusted=1", addresses=("station", "other"))
+    rig.transport.inbox.append(("station", rig.frame(SETUP)))
+    rig.endpoint.service(0.0, [100])
+    rig.tick_silently(seconds=1.0)
+    assert KEY not in b"".join(data for _, data in rig.transport.sent)
+
+
+def test_a_key_that_could_not_be_stored_is_said_so(linked, texts):
+    rig = linked("trusted=1")
+    rig.authority.at_once = False
+    assert texts(rig.tell(SETUP)) == []
+    rig.authority.waiting.pop()(False)
+    assert texts(rig.said()) == ["Signing key set, but this could not be stored"]
+
+
+@pytest.mark.parametrize(("key", "timestamp"), [(bytes(32), 1), (KEY, 2**64 - 1), (KEY, 2**48)])
+def test_what_is_no_key_is_refused_and_the_old_one_stands(linked, key, timestamp, texts):
+    rig = linked("trusted=1", key=True)
+    before = list(rig.vault.contents)
+    said = rig.tell(mavlink.MAVLink_setup_signing_message(1, 1, key, timestamp))
+    assert texts(said) == ["SETUP_SIGNING refused: no key, or no timestamp"]
+    assert rig.vault.contents == before
+
+
+def test_a_setup_for_another_system_is_left_alone(linked):
+    rig = linked("trusted=1")
+    rig.tell(mavlink.MAVLink_setup_signing_message(2, 1, KEY, NOW))
+    assert not rig.endpoint._signing.active
+
+
+def test_a_station_with_another_key_can_set_it_over_a_trusted_link(linked):
+    rig = linked("trusted=1", key=True)
+    other = bytes(32 * [9])
+    sign(rig, other)
+    rig.tell(mavlink.MAVLink_setup_signing_message(1, 1, other, NOW))
+    rig.tell(ARM)
+    assert rig.authority.intents == [Arm(True, False)]
+
+
+def test_the_key_and_the_timestamps_survive_a_restart(linked, make_rig):
+    rig = linked("policy=signed-only&trusted=1")
+    rig.tell(SETUP)
+    sign(rig)
+    replayed = rig.frame(ARM)
+    rig.give(replayed)
+    rig.endpoint.close()
+    again = make_rig(vault=rig.vault, options=parse_options("policy=signed-only"))
+    again.station = rig.station
+    assert again.endpoint.key_readable
+    again.give(replayed)
+    assert again.authority.intents == []
+    again.tell(ARM)
+    assert again.authority.intents == [Arm(True, False)]
+
+
+def test_a_key_that_cannot_be_read_is_told(make_rig):
+    rig = make_rig()
+    rig.vault.save(b"rubbish")
+    assert not make_rig(vault=rig.vault).endpoint.key_readable

@@ -1,0 +1,262 @@
+"""Signatures, against pymavlink's own signer, and the timestamps that guard against replay."""
+
+import copy
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.link.security.signing import (
+    AHEAD,
+    LATEST,
+    MAX_STREAMS,
+    SIGNATURE_BYTES,
+    TOLERANCE,
+    UNITS_HZ,
+    LinkSealer,
+    Signing,
+    timestamp_of,
+)
+from firmware_py.link.wire.dialect import Codec
+
+KEY = bytes(range(1, 33))
+OTHER_KEY = bytes(32 * [7])
+UTC_S = 1.7e9
+NOW = timestamp_of(UTC_S)
+
+
+class Boat:
+    """A Signing with a clock and a disk of its own."""
+
+    def __init__(self, content=b"", key=KEY):
+        self.utc_s = UTC_S
+        self.saved = [content]
+        self.signing = Signing(lambda: self.utc_s, self.saved.append)
+        assert self.signing.restore(content)
+        if not content and key:
+            assert self.signing.set_key(key, 0)
+
+    def restarted(self):
+        return Boat(self.saved[-1])
+
+
+class Station:
+    """pymavlink, signing."""
+
+    def __init__(self, key=KEY, timestamp=NOW, link=3, system=255, component=190):
+        self.mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self.mav.signing.secret_key = key
+        self.mav.signing.link_id = link
+        self.mav.signing.timestamp = timestamp
+        self.mav.signing.sign_outgoing = True
+
+    def ping(self, at=None):
+        if at is not None:
+            self.mav.signing.timestamp = at
+        return mavlink.MAVLink_ping_message(1, 2, 0, 0).pack(self.mav)
+
+
+MESSAGES = st.one_of(
+    st.builds(mavlink.MAVLink_statustext_message, st.integers(0, 7), st.binary(max_size=50)),
+    st.builds(
+        mavlink.MAVLink_command_long_message,
+        st.integers(0, 255), st.integers(0, 255), st.integers(0, 65535), st.integers(0, 255),
+        *(st.floats(width=32),) * 7,
+    ),
+    st.builds(mavlink.MAVLink_ping_message, st.integers(0, 2**64 - 1), st.just(0), st.just(0), st.just(0)),
+)  # fmt: skip
+
+
+@settings(max_examples=200, deadline=None)
+@given(MESSAGES, st.binary(min_size=32, max_size=32).filter(any), st.integers(0, 255), st.integers(0, 255), st.data())
+def test_the_bytes_are_those_of_pymavlink_both_ways(message, key, link, sequence, data):
+    timestamp = data.draw(st.integers(NOW + 1, LATEST))
+    boat = Boat(key=key)
+    # Ours: one more than what was used last.
+    boat.signing.set_key(key, timestamp - 1)
+    ours = LinkSealer(boat.signing, link).sealed(Codec(1, 1).pack(copy.copy(message)), sequence)
+    theirs = Station(key, timestamp, link, 1, 1)
+    theirs.mav.seq = sequence
+    assert ours == message.pack(theirs.mav)
+    # Theirs, heard by us; ours, heard by them.
+    assert Boat(key=key).signing.verify(ours)
+    hearer = Station(key, NOW, link)
+    assert hearer.mav.decode(bytearray(ours)).get_msgbuf() == ours
+
+
+def test_any_bit_that_is_changed_breaks_it():
+    frame = Station().ping()
+    for place in range(len(frame) * 8):
+        broken = bytearray(frame)
+        broken[place // 8] ^= 1 << place % 8
+        assert not Boat().signing.verify(bytes(broken))
+
+
+def test_a_forged_frame_from_the_far_future_locks_nobody_out():
+    boat, station, forger = Boat(), Station(), Station(OTHER_KEY)
+    assert boat.signing.verify(station.ping())
+    assert not boat.signing.verify(forger.ping(at=2**48 - 1))
+    assert not boat.signing.verify(forger.ping(at=LATEST))
+    assert boat.signing.verify(station.ping())
+    # Nor on a stream that has not been heard before, nor by what the boat sends.
+    assert boat.signing.verify(Station(link=9).ping())
+    sealed = LinkSealer(boat.signing, 0).sealed(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
+    assert int.from_bytes(sealed[-12:-6], "little") < NOW + UNITS_HZ
+
+
+def test_a_replay_and_an_older_frame_are_refused():
+    boat, station = Boat(), Station()
+    first, second, third = (station.ping() for _ in range(3))
+    assert boat.signing.verify(second)
+    assert not boat.signing.verify(second)
+    assert not boat.signing.verify(first)
+    assert boat.signing.verify(third)
+
+
+def test_streams_of_system_component_and_link_are_apart():
+    boat = Boat()
+    kinds = [{}, {"system": 254}, {"component": 1}, {"link": 4}]
+    for kind in kinds:
+        assert boat.signing.verify(Station(timestamp=NOW + 5, **kind).ping())
+    for kind in kinds:
+        assert not boat.signing.verify(Station(timestamp=NOW + 5, **kind).ping())
+
+
+@pytest.mark.parametrize(
+    ("behind", "heard"), [(0, True), (TOLERANCE, True), (TOLERANCE + 1, False), (-(10**9), True), (NOW, False)]
+)
+def test_a_new_stream_may_begin_a_minute_behind(behind, heard):
+    assert Boat().signing.verify(Station().ping(at=NOW - behind)) is heard
+
+
+def test_a_timestamp_that_no_clock_shows_is_refused_even_with_the_key():
+    boat = Boat()
+    assert not boat.signing.verify(Station().ping(at=LATEST + 1))
+    assert boat.signing.verify(Station().ping())
+
+
+def test_ours_go_on_from_the_newest_and_never_back():
+    boat = Boat()
+    sealer = LinkSealer(boat.signing, 1)
+    packed = Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
+
+    def stamped():
+        return int.from_bytes(sealer.sealed(packed, 0)[-12:-6], "little")
+
+    assert [stamped(), stamped()] == [NOW, NOW + 1]
+    boat.utc_s += 1.0
+    assert stamped() == NOW + UNITS_HZ
+    boat.utc_s -= 1000.0  # the clock was set back
+    assert stamped() == NOW + UNITS_HZ + 1
+    assert boat.signing.verify(Station().ping(at=NOW + 10**8))  # somebody whose clock is ahead
+    assert stamped() == NOW + 10**8 + 1
+    boat.utc_s = 0.0
+    assert boat.restarted().signing.active
+    again = LinkSealer(boat.restarted().signing, 1)
+    assert int.from_bytes(again.sealed(packed, 0)[-12:-6], "little") > NOW + 10**8 + 1
+
+
+def test_a_sudden_restart_hears_no_replay_and_the_true_peer_soon():
+    boat, station = Boat(), Station()
+    frames = [station.ping(at=NOW + second * UNITS_HZ) for second in range(120)]
+    for frame in frames:
+        assert boat.signing.verify(frame)
+        boat.utc_s += 1.0
+    again = boat.restarted()
+    again.utc_s = boat.utc_s
+    assert not any(again.signing.verify(frame) for frame in frames)
+    assert again.signing.verify(station.ping(at=NOW + 119 * UNITS_HZ + AHEAD + 1))
+    assert again.signing.verify(Station(link=8).ping(at=NOW + 119 * UNITS_HZ))
+
+
+def test_after_a_sudden_restart_who_hears_the_boat_is_heard_at_once():
+    """Everybody's timestamp is at least the newest heard, and the boat begins ahead of all she heard before."""
+    boat, station = Boat(), Station()
+    assert boat.signing.verify(station.ping())
+    again = boat.restarted()
+    assert not again.signing.verify(station.ping())
+    packed = Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
+    station.mav.decode(bytearray(LinkSealer(again.signing, 0).sealed(packed, 0)))
+    assert again.signing.verify(station.ping())
+
+
+def test_after_an_orderly_end_the_peer_is_heard_at_once():
+    boat, station = Boat(), Station()
+    frame = station.ping()
+    assert boat.signing.verify(frame)
+    boat.signing.store_exactly()
+    again = boat.restarted()
+    assert not again.signing.verify(frame)
+    assert again.signing.verify(station.ping())
+
+
+def test_the_disk_is_written_rarely():
+    boat, station = Boat(), Station()
+    sealer, packed = LinkSealer(boat.signing, 0), Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
+    for tick in range(6000):  # ten minutes
+        boat.utc_s = UTC_S + tick * 0.1
+        sealer.sealed(packed, 0)
+        assert boat.signing.verify(station.ping(at=NOW + tick * UNITS_HZ // 10))
+    assert len(boat.saved) < 600 / 7
+
+
+def test_the_number_of_streams_is_bounded():
+    boat = Boat()
+    for number in range(200):
+        assert boat.signing.verify(Station(link=number, timestamp=NOW + number).ping())
+    assert len(boat.signing._streams) == MAX_STREAMS
+    again = boat.restarted()
+    assert len(again.signing._streams) == MAX_STREAMS
+
+
+@pytest.mark.parametrize(
+    ("key", "timestamp"),
+    [(bytes(32), 5), (bytes(31), 5), (KEY + b"x", 5), (b"", 0), (OTHER_KEY, LATEST + 1), (OTHER_KEY, 2**64 - 1)],
+)
+def test_what_is_no_key_or_no_timestamp_changes_nothing(key, timestamp):
+    boat = Boat()
+    assert not boat.signing.set_key(key, timestamp)
+    assert boat.signing.verify(Station().ping())
+
+
+def test_the_same_key_again_does_not_open_the_past():
+    boat, station = Boat(), Station()
+    frame = station.ping()
+    assert boat.signing.verify(frame)
+    assert boat.signing.set_key(KEY, 0)
+    assert not boat.signing.verify(frame)
+
+
+def test_a_new_key_starts_anew_and_the_old_one_is_worth_nothing():
+    boat = Boat()
+    assert boat.signing.verify(Station().ping(at=LATEST))  # a clock gone mad
+    assert not boat.signing.verify(Station(link=4).ping())
+    assert boat.signing.set_key(OTHER_KEY, NOW)
+    assert not boat.signing.verify(Station().ping(at=LATEST))
+    assert boat.signing.verify(Station(OTHER_KEY).ping())
+    assert KEY.hex().encode() not in boat.saved[-1]
+
+
+def test_without_a_key_nothing_is_signed_or_believed():
+    boat = Boat(key=None)
+    sealer = LinkSealer(boat.signing, 0)
+    assert (boat.signing.active, sealer.overhead_bytes) == (False, 0)
+    assert not boat.signing.verify(Station().ping())
+    with pytest.raises(ValueError, match="no key"):
+        sealer.sealed(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
+    assert boat.signing.set_key(KEY, 0)
+    assert sealer.overhead_bytes == SIGNATURE_BYTES
+    boat.signing.remove_key()
+    assert not boat.signing.active
+    assert boat.saved[-1] == b""
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.binary(min_size=1, max_size=200) | st.binary(max_size=60).map(lambda tail: b"key " + KEY.hex().encode() + tail)
+)
+def test_a_state_that_cannot_be_read_is_refused(content):
+    signing = Signing(lambda: UTC_S, lambda _: None)
+    assert not signing.restore(content)
+    assert not signing.active

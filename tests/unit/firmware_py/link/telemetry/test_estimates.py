@@ -1,0 +1,83 @@
+"""Attitude as a rotation, the local position, the goal's place, what the estimator knows."""
+
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.common.records import Activity, Estimate, FixType, Home, Navigation, PositionSample
+from firmware_py.link.telemetry.earth import offset_m
+from firmware_py.link.telemetry.estimates import quaternion
+
+FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
+ESTIMATE = Estimate(
+    source=0, heading_rad=1.0, heading_sd_rad=0.01, yaw_rate_rad_s=0.0, yaw_rate_sd_rad_s=0.001, bias_rad=0.1,
+    bias_sd_rad=0.01, wave_period_s=6.0, wave_sd_rad=0.2, compass_noise_rad=0.01, speed_m_s=0.5, speed_sd_m_s=0.05,
+    current_north_m_s=0.1, current_east_m_s=-0.1, turning_factor=1.1, innovation_rad=0.0, innovation_sd_rad=0.01,
+    innovation_square=1.0,
+)  # fmt: skip
+HOME = Home(0.7 - 100.0 / 6_378_137.0, -0.2, 1.0)
+
+
+@pytest.fixture
+def asked(rig, of):
+    def ask(number, name, **changes):
+        rig.tick(**changes)
+        said = of(rig.command(512, number), name)
+        return said[0] if said else None
+
+    return ask
+
+
+def test_the_rotation_of_the_attitude(asked):
+    attitude = asked(31, "ATTITUDE_QUATERNION", heading_rad=5.0, roll_rad=None, pitch_rad=None)
+    assert (attitude.q1, attitude.q4) == pytest.approx((math.cos(2.5 - math.pi), math.sin(2.5 - math.pi)), abs=1e-6)
+    assert (attitude.q2, attitude.q3, attitude.repr_offset_q) == (0, 0, [0, 0, 0, 0])
+    assert asked(31, "ATTITUDE_QUATERNION", heading_ok=False) is None
+
+
+@given(*(st.floats(-1.5, 1.5),) * 2, st.floats(-3.0, 3.0))
+def test_a_rotation_gives_its_angles_back(roll_rad, pitch_rad, yaw_rad):
+    w, x, y, z = quaternion(roll_rad, pitch_rad, yaw_rad)
+    assert math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)) == pytest.approx(roll_rad, abs=1e-6)
+    assert math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))) == pytest.approx(pitch_rad, abs=1e-6)
+    assert math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) == pytest.approx(yaw_rad, abs=1e-6)
+
+
+def test_the_local_position_counts_from_home(asked):
+    place = asked(32, "LOCAL_POSITION_NED", position=FIX, position_ok=True, home=HOME)
+    assert (place.x, place.y, place.z) == pytest.approx((100.0, 0.0, -2.0), abs=1e-3)
+    assert (place.vx, place.vy, place.vz) == pytest.approx((0.0, 0.5, 0.0), abs=1e-6)
+    assert asked(32, "LOCAL_POSITION_NED", position=FIX, position_ok=False, home=HOME) is None
+    assert asked(32, "LOCAL_POSITION_NED", position=FIX, position_ok=True) is None
+
+
+def test_the_place_she_goes_to(asked):
+    target = asked(87, "POSITION_TARGET_GLOBAL_INT", navigation=Navigation(Activity.LINE, 0.7, -0.2))
+    assert (target.lat_int, target.lon_int) == (round(math.degrees(0.7) * 1e7), round(math.degrees(-0.2) * 1e7))
+    assert target.type_mask & 0b11 == 0
+    assert target.type_mask & 0b1101_1111_1100 == 0b1101_1111_1100
+    assert asked(87, "POSITION_TARGET_GLOBAL_INT", navigation=Navigation(Activity.HEADING)) is None
+
+
+def test_offsets_cross_the_date_line():
+    north_m, east_m = offset_m(0.0, math.pi - 1e-6, 0.0, -math.pi + 1e-6)
+    assert (north_m, east_m) == pytest.approx((0.0, 12.756), abs=0.01)
+
+
+def test_the_estimator_says_what_can_be_relied_on(asked):
+    good = asked(230, "ESTIMATOR_STATUS", position=FIX, position_ok=True)
+    assert good.flags == 1 | 2 | 8 | 16 | 256 | 512
+    assert all(math.isnan(value) for value in (good.vel_ratio, good.mag_ratio, good.pos_horiz_accuracy))
+    assert asked(230, "ESTIMATOR_STATUS", heading_ok=False).flags == 0
+
+
+def test_the_estimator_says_how_far_off_the_last_heading_was(asked):
+    def ratio(innovation_rad, innovation_sd_rad):
+        learned = dataclasses.replace(ESTIMATE, innovation_rad=innovation_rad, innovation_sd_rad=innovation_sd_rad)
+        return asked(230, "ESTIMATOR_STATUS", estimate=learned).mag_ratio
+
+    assert ratio(-math.radians(5.0), math.radians(2.0)) == pytest.approx(0.5)
+    assert math.isnan(ratio(1.0, 0.0))

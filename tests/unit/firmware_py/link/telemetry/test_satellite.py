@@ -1,0 +1,138 @@
+"""A satellite link: silent until asked, and then no more than was asked for."""
+
+import math
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.records import (
+    Event,
+    FixType,
+    Home,
+    MissionReport,
+    MissionState,
+    Mode,
+    PositionSample,
+    RudderFeedback,
+    Severity,
+)
+from firmware_py.faults.page import Fault
+from firmware_py.link.endpoint import Endpoint
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.wire.url_options import LinkClass, LinkOptions
+
+SATELLITE = LinkOptions(link_class=LinkClass.SATELLITE)
+FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
+
+
+@pytest.fixture
+def satellite(make_rig):
+    return make_rig(options=SATELLITE)
+
+
+def results(messages):
+    return [message.result for message in messages if message.get_type() == "COMMAND_ACK"]
+
+
+def test_it_is_silent_whatever_happens_aboard(satellite):
+    satellite.endpoint.service(0.0, [])
+    for seconds in range(600):
+        mode = Mode.HOLD if seconds % 7 else Mode.GUIDED
+        events = [Event(Severity.CRITICAL, f"Something {seconds}")]
+        home = Home(0.7, -0.2, float(seconds))
+        satellite.tick_silently(seconds=1.0, events=events, mode=mode, home=home, position=FIX, position_ok=True)
+    assert satellite.transport.sent == []
+
+
+def test_asked_for_it_sends_high_latency_at_its_interval_and_nothing_else(satellite):
+    satellite.tick()
+    assert results(satellite.command(2600, 1)) == [0]
+    said = satellite.ticks(6000)  # ten minutes
+    assert {message.get_type() for message in said} == {"HIGH_LATENCY2"}
+    assert len(said) == pytest.approx(600 / 120, abs=1)
+    assert results(satellite.command(2600, 0)) == [0]
+    assert satellite.ticks(3000) == []
+
+
+def test_each_message_of_it_is_small(satellite):
+    satellite.tick()
+    satellite.command(2600, 1)
+    satellite.tick_silently()
+    ((_, data),) = satellite.transport.sent
+    assert len(data) <= 42 + 12
+
+
+def test_what_is_asked_is_answered(satellite, of, texts):
+    satellite.tick()
+    assert results(satellite.command(115, 90)) == [0]
+    assert len(of(satellite.command(512, 235), "HIGH_LATENCY2")) == 1
+    assert len(of(satellite.command(512, 0), "HEARTBEAT")) == 1
+    said = satellite.command(115, math.nan)
+    assert results(said) == [2]
+    assert len(texts(said)) == 1
+    assert of(satellite.tell(mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, 9)), "PARAM_VALUE")
+
+
+def test_another_stations_change_of_a_parameter_costs_nothing(satellite):
+    satellite.tick()
+    (peer,) = satellite.endpoint._roster
+    satellite.endpoint._session.send_all(mavlink.MAVLink_ping_message(0, 0, 0, 0))
+    satellite.endpoint._session.announce(Severity.CRITICAL, "text")
+    assert peer.outbox.waiting(2) == 0
+
+
+def test_the_habits_of_clients_do_not_wake_it(satellite):
+    satellite.tick()
+    satellite.tell(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
+    assert results(satellite.command(511, 245, 1e6)) == [2]
+    assert satellite.ticks(600) == []
+    assert results(satellite.command(511, 33, 60e6)) == [0]
+    said = [m for _ in range(600) for m in satellite.tick(seconds=1.0, position=FIX, position_ok=True)]
+    assert {message.get_type() for message in said} == {"GLOBAL_POSITION_INT"}
+    assert len(said) == pytest.approx(10, abs=1)
+
+
+def test_any_link_may_wake_it_and_one_that_comes_later_is_awake(make_rig):
+    rig = make_rig()
+    far = make_rig(options=SATELLITE, descriptor=101).transport
+    rig.endpoint = Endpoint([rig.transport, far], rig.authority, utc_s=lambda: 1.7e9, version=Version())
+    rig.tick()
+    rig.command(2600, 1)
+    rig.tick_silently()
+    assert len(far.sent) == 1
+    far.served = ("station", "another")
+    rig.tick_silently()
+    rig.tick_silently()
+    assert [address for address, _ in far.sent] == ["station", "another"]
+
+
+@pytest.mark.parametrize("wanted", [2, -1, 0.5, math.nan, math.inf])
+def test_neither_on_nor_off_is_denied(satellite, wanted):
+    satellite.tick()
+    assert results(satellite.command(2600, wanted)) == [2]
+    assert satellite.ticks(20) == []
+
+
+def test_the_message_says_where_she_is_and_how(satellite, of):
+    satellite.tick(
+        position=FIX,
+        position_ok=True,
+        mode=Mode.AUTO,
+        heading_rad=math.radians(359.5),
+        goal_heading_rad=math.radians(90.0),
+        bearing_rad=1.0,
+        distance_m=1234.0,
+        servo=RudderFeedback(0.0, 0.1, voltage_v=12.2),
+        rudder_rad=math.radians(-11.6),
+        faults=1 << Fault.RUDDER_SILENT | 1 << Fault.COMPASS_LOST,
+        mission=MissionReport(MissionState.ACTIVE, 6, 9),
+    )
+    (said,) = of(satellite.command(512, 235), "HIGH_LATENCY2")
+    assert (said.type, said.autopilot, said.custom_mode) == (11, 3, 10)
+    assert (said.latitude, said.longitude, said.altitude) == (
+        round(math.degrees(0.7) * 1e7), round(math.degrees(-0.2) * 1e7), 3,
+    )  # fmt: skip
+    assert (said.heading, said.target_heading, said.target_distance, said.groundspeed) == (0, 45, 123, 2)
+    assert (said.wp_num, said.battery, said.eph) == (7, -1, 255)
+    assert said.failure_flags == 32 | 4096 | 1024
+    assert (said.custom0, said.custom1, said.custom2) == (-12, 61, 3)

@@ -1,0 +1,243 @@
+"""What telemetry says, in MAVLink's units, and that nothing in a snapshot can break it."""
+
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.common.records import (
+    Activity,
+    Estimate,
+    FixType,
+    Home,
+    MissionReport,
+    Mode,
+    Navigation,
+    PositionSample,
+    RudderFeedback,
+    Snapshot,
+    Water,
+)
+from firmware_py.faults.page import Fault
+from firmware_py.link.telemetry.context_fields import TelemetryContext
+from firmware_py.link.telemetry.table import ROWS_OF, TABLE
+from firmware_py.link.wire.dialect import Codec, mavlink
+
+CODEC = Codec(1, 1)
+FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
+SERVO = RudderFeedback(0.0, 0.1, 31.0, 12.3, -0.25)
+
+
+@pytest.fixture
+def build(snapshot):
+    def built(name, **changes):
+        outside = {key: changes.pop(key) for key in ("load", "refused_frames", "intended_mode") if key in changes}
+        values = {"load": 0.0, "refused_frames": 0} | outside
+        scene = TelemetryContext(
+            dataclasses.replace(snapshot, **changes),
+            utc_s=1.7e9,
+            rudder_limit_rad=0.5,
+            autopilot=3,
+            **values,
+        )
+        (row,) = (row for row in TABLE if row.name == name)
+        message = row.build(scene)
+        return None if message is None else CODEC.decode(CODEC.pack(message).frame)
+
+    return built
+
+
+@pytest.mark.parametrize(
+    ("mode", "armed", "faults", "base_mode", "status"),
+    [
+        (Mode.MANUAL, False, 0, 1 | 64, mavlink.MAV_STATE_STANDBY),
+        (Mode.STEERING, True, 0, 1 | 128 | 64 | 16, mavlink.MAV_STATE_ACTIVE),
+        (Mode.HOLD, True, 1 << Fault.POSITION_LOST, 1 | 128, mavlink.MAV_STATE_ACTIVE),
+        (Mode.LOITER, True, 0, 1 | 128 | 8 | 16, mavlink.MAV_STATE_ACTIVE),
+        (Mode.AUTO, True, 0, 1 | 128 | 8 | 16 | 4, mavlink.MAV_STATE_ACTIVE),
+        (Mode.RTL, True, 0, 1 | 128 | 8 | 16 | 4, mavlink.MAV_STATE_ACTIVE),
+        (Mode.GUIDED, True, 1 << Fault.COMPASS_LOST, 1 | 128 | 8 | 16, mavlink.MAV_STATE_CRITICAL),
+    ],
+)
+def test_heartbeat(build, mode, armed, faults, base_mode, status):
+    beat = build("HEARTBEAT", mode=mode, armed=armed, faults=faults)
+    assert (beat.type, beat.autopilot, beat.mavlink_version) == (mavlink.MAV_TYPE_SURFACE_BOAT, 3, 3)
+    assert (beat.custom_mode, beat.base_mode, beat.system_status) == (mode, base_mode, status)
+
+
+def test_attitude_and_hud(build):
+    attitude = build("ATTITUDE", heading_rad=5.0)
+    assert attitude.time_boot_ms == 12_500
+    assert (attitude.roll, attitude.pitch, attitude.yaw) == pytest.approx((0.1, -0.2, 5.0 - 2 * math.pi))
+    assert attitude.yawspeed == pytest.approx(0.01)
+    hud = build("VFR_HUD", heading_rad=math.radians(359.6), position=FIX, position_ok=True)
+    assert (hud.heading, hud.groundspeed, hud.alt) == (0, 0.5, 3.0)
+
+
+@pytest.mark.parametrize("name", ["ATTITUDE", "VFR_HUD"])
+@pytest.mark.parametrize("changes", [{"heading_ok": False}, {"heading_rad": None}])
+def test_a_heading_that_is_not_fresh_is_not_told(build, name, changes):
+    assert build(name, **changes) is None
+
+
+def test_position(build):
+    place = build("GLOBAL_POSITION_INT", position=FIX, position_ok=True, home=Home(0.7, -0.2, 1.0))
+    assert (place.lat, place.lon) == (round(math.degrees(0.7) * 1e7), round(math.degrees(-0.2) * 1e7))
+    assert (place.alt, place.relative_alt, place.vx, place.vy) == (3000, 2000, 0, 50)
+    assert place.hdg == round(math.degrees(1.0) * 100)
+    assert build("GLOBAL_POSITION_INT", position=FIX, position_ok=True, heading_ok=False).hdg == 65535
+    assert build("GLOBAL_POSITION_INT", position=FIX, position_ok=False) is None
+
+
+def test_gps_raw_says_what_it_does_not_know(build):
+    known = build("GPS_RAW_INT", position=FIX, position_ok=True)
+    assert (known.fix_type, known.eph, known.epv, known.vel, known.cog) == (3, 125, 65535, 50, 9000)
+    assert (known.satellites_visible, known.lat) == (8, round(math.degrees(0.7) * 1e7))
+    stale = build("GPS_RAW_INT", position=FIX, position_ok=False)
+    assert (stale.fix_type, stale.lat, stale.vel) == (1, 0, 65535)
+    assert build("GPS_RAW_INT", position=dataclasses.replace(FIX, t_s=3.5), position_ok=True).time_usec == 3_500_000
+    none = build("GPS_RAW_INT")
+    assert (none.fix_type, none.eph, none.vel, none.cog, none.satellites_visible) == (0, 65535, 65535, 65535, 255)
+
+
+def test_the_goal_is_visible(build):
+    nav = build("NAV_CONTROLLER_OUTPUT", bearing_rad=3.0, distance_m=1e6)
+    assert (nav.nav_bearing, nav.target_bearing, nav.wp_dist) == (115, 172, 65535)
+    target = build("ATTITUDE_TARGET", goal_heading_rad=2.0)
+    assert 2 * math.atan2(target.q[3], target.q[0]) == pytest.approx(2.0)
+    assert build("NAV_CONTROLLER_OUTPUT", navigation=Navigation(cross_track_m=-12.5)).xtrack_error == -12.5
+    assert build("NAV_CONTROLLER_OUTPUT", goal_heading_rad=None) is None
+    assert build("ATTITUDE_TARGET", goal_heading_rad=None) is None
+
+
+@pytest.mark.parametrize(
+    ("command_rad", "pulse_us"), [(0.0, 1500), (0.5, 2000), (-0.5, 1000), (0.25, 1750), (9.0, 2000)]
+)
+def test_the_servo_output_is_the_command_and_the_measured_angle_has_a_name(build, command_rad, pulse_us):
+    assert build("SERVO_OUTPUT_RAW", rudder_command_rad=command_rad).servo1_raw == pulse_us
+    assert build("NAMED_VALUE_FLOAT RUDDER").value == pytest.approx(math.degrees(0.2), abs=1e-5)
+    assert build("NAMED_VALUE_FLOAT RUD_CMD").value == pytest.approx(math.degrees(0.25), abs=1e-5)
+    assert build("NAMED_VALUE_FLOAT RUDDER", rudder_rad=None) is None
+
+
+SENSORS = 1 | 2 | 4  # gyro, accelerometer, magnetometer
+
+
+def test_sys_status_is_honest(build):
+    good = build("SYS_STATUS", position=FIX, position_ok=True, servo=SERVO, load=0.015, refused_frames=70_000)
+    everything = SENSORS | 32 | mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    assert good.onboard_control_sensors_present & everything == everything
+    assert good.onboard_control_sensors_health & everything == everything
+    assert (good.voltage_battery, good.current_battery, good.battery_remaining) == (12_300, 25, -1)
+    assert (good.load, good.errors_comm) == (15, 65535)
+    blind = build("SYS_STATUS", heading_ok=False, position=FIX, prearm_refusal="no heading")
+    assert blind.onboard_control_sensors_present & everything == everything
+    assert blind.onboard_control_sensors_health & everything == 0
+    assert (blind.voltage_battery, blind.current_battery) == (65535, -1)
+    assert not build("SYS_STATUS").onboard_control_sensors_present & 32
+
+
+FENCE = mavlink.MAV_SYS_STATUS_GEOFENCE
+
+
+def test_the_fence_shows_whether_it_is_heeded_and_whether_it_is_breached(build):
+    def shown(**changes):
+        status = build("SYS_STATUS", **changes)
+        fields = ("present", "enabled", "health")
+        return [bool(getattr(status, f"onboard_control_sensors_{name}") & FENCE) for name in fields]
+
+    assert shown() == [False, False, True]
+    assert shown(navigation=Navigation(fence_enabled=True)) == [True, True, True]
+    breached = {"faults": 1 << Fault.FENCE_BREACHED}
+    assert shown(navigation=Navigation(fence_enabled=True), **breached) == [True, True, False]
+
+
+def test_what_the_estimator_has_learned_is_told_by_name(build):
+    learned = Estimate(
+        1, *(math.radians(number) for number in range(2, 7)), 0.1, 6.5, 0.2, *([0.5] * 5), 1.2, 0.3, 0, 0.9
+    )
+    water = Water(0.8, 0.05, 0.1, -0.2, 0.04)
+    values = {
+        "HDG_SRC": 1,
+        "HDG_SD": 3,
+        "TRIM": 6,
+        "WAVE_SD": math.degrees(0.2),
+        "WAVE_T": 6.5,
+        "TURN_FACT": 1.2,
+        "HDG_INNOV": math.degrees(0.3),
+        "HDG_NIS": 0.9,
+        "WATER_SPD": 0.8,
+        "CURR_N": 0.1,
+        "CURR_E": -0.2,
+        "CURR_SD": 0.04,
+    }
+    for name, value in values.items():
+        assert build(f"NAMED_VALUE_FLOAT {name}", estimate=learned, water=water).value == pytest.approx(value), name
+        assert build(f"NAMED_VALUE_FLOAT {name}") is None
+    assert build("VFR_HUD", water=water).airspeed == pytest.approx(0.8)
+    assert build("HIGH_LATENCY2", water=water).airspeed == 4
+
+
+def test_battery_status_knows_only_one_voltage(build):
+    battery = build("BATTERY_STATUS", servo=SERVO)
+    assert battery.voltages == [12_300] + [65535] * 9
+    assert (battery.temperature, battery.current_consumed, battery.battery_remaining) == (32767, -1, -1)
+    assert build("BATTERY_STATUS") is None
+
+
+def test_times(build):
+    time = build("SYSTEM_TIME", t_s=5_000_000.0)
+    assert time.time_unix_usec == 1_700_000_000_000_000
+    assert time.time_boot_ms == 5_000_000_000 % 2**32
+
+
+def test_loop_health(build):
+    assert build("NAMED_VALUE_FLOAT LATE_MS").value == pytest.approx(0.5)
+    assert build("NAMED_VALUE_FLOAT SKIPPED", skipped_total=7).value == 7
+    assert build("NAMED_VALUE_FLOAT RUD_TEMP", servo=SERVO).value == 31
+
+
+def test_current_mode(build):
+    mode = build("CURRENT_MODE", mode=Mode.STEERING)
+    assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, 3, 3)
+    mode = build("CURRENT_MODE", mode=Mode.AUTO)
+    assert (mode.standard_mode, mode.custom_mode) == (6, 10)
+    mode = build("CURRENT_MODE", mode=Mode.LOITER, intended_mode=10)  # what took her out of AUTO was not the operator
+    assert (mode.standard_mode, mode.custom_mode, mode.intended_custom_mode) == (0, 5, 10)
+
+
+def test_names_fit_and_every_row_can_be_found():
+    assert all(len(row.name.split()[-1]) <= 10 for row in TABLE if row.number == 251)
+    assert sorted(index for rows in ROWS_OF.values() for index in rows) == list(range(len(TABLE)))
+
+
+NUMBER = st.floats() | st.sampled_from([0.0, -0.0, 1e300, -1e300, 3.5e38, 1e-300])
+MAYBE = st.none() | NUMBER
+COUNT = st.integers(0, 2**70)
+POSITIONS = st.builds(
+    PositionSample, NUMBER, st.sampled_from(FixType), MAYBE, MAYBE, MAYBE, MAYBE, MAYBE, st.none() | COUNT, MAYBE
+)
+SERVOS = st.builds(RudderFeedback, NUMBER, MAYBE, MAYBE, MAYBE, MAYBE)
+SNAPSHOTS = st.builds(
+    Snapshot,
+    t_s=NUMBER, tick=COUNT, mode=st.sampled_from(Mode), armed=st.booleans(),
+    heading_rad=MAYBE, heading_ok=st.booleans(), yaw_rate_rad_s=MAYBE, roll_rad=MAYBE, pitch_rad=MAYBE,
+    goal_heading_rad=MAYBE, heading_error_rad=MAYBE, bearing_rad=MAYBE, distance_m=MAYBE,
+    rudder_rad=MAYBE, rudder_command_rad=NUMBER, rudder_ok=st.booleans(), servo=st.none() | SERVOS,
+    position=st.none() | POSITIONS, position_ok=st.booleans(), faults=st.integers(0, 63),
+    rate_hz=NUMBER, skipped_total=COUNT, late_s=NUMBER, home=st.none() | st.builds(Home, NUMBER, NUMBER, NUMBER),
+    mission=st.builds(MissionReport, index=st.none() | COUNT, count=COUNT), prearm_refusal=st.text(max_size=5),
+    estimate=st.none() | st.builds(Estimate, st.integers(0, 3), *([NUMBER] * 17)),
+    water=st.none() | st.builds(Water, *([NUMBER] * 5)),
+    navigation=st.builds(Navigation, st.sampled_from(Activity), *([MAYBE] * 4), st.booleans(), st.booleans()),
+)  # fmt: skip
+
+
+@given(SNAPSHOTS, NUMBER, NUMBER, COUNT)
+def test_no_snapshot_breaks_a_builder(snapshot, utc_s, load, refused):
+    scene = TelemetryContext(snapshot, utc_s, 0.5, 3, load, refused)
+    for row in TABLE:
+        message = row.build(scene)
+        assert message is None or CODEC.pack(message).frame

@@ -1,0 +1,255 @@
+"""The link as the loop sees it, in memory and on real sockets."""
+
+import os
+import select
+import socket
+import tty
+
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.interfaces import Link
+from firmware_py.common.records import Event, Mode, Output, RudderCommand, Severity
+from firmware_py.faults.page import Fault
+from firmware_py.link.endpoint import Endpoint
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.wire.open_transport import open_transport
+
+
+def test_the_first_heartbeat_goes_out_at_once_and_says_initialising(make_rig, of):
+    rig = make_rig()
+    rig.endpoint.service(0.0, [])
+    (beat,) = of(rig.said(), "HEARTBEAT")
+    assert (beat.custom_mode, beat.system_status, beat.get_srcSystem()) == (16, mavlink.MAV_STATE_BOOT, 1)
+    (beat,) = of(rig.tick(), "HEARTBEAT")
+    assert beat.custom_mode == Mode.GUIDED
+
+
+def test_heartbeats_come_once_a_second(rig, of):
+    beats = of(rig.ticks(100), "HEARTBEAT")
+    assert len(beats) == pytest.approx(10, abs=1)
+
+
+@pytest.mark.parametrize("change", [{"mode": Mode.HOLD}, {"armed": False}])
+def test_a_change_of_mode_or_arming_is_told_at_once(rig, of, change):
+    said = rig.tick(**change)
+    assert len(of(said, "HEARTBEAT")) == len(of(said, "CURRENT_MODE")) == 1
+
+
+def test_sequence_numbers_count_on_over_everything(rig):
+    numbers = []
+    for _ in range(30):
+        numbers += [message.get_seq() for message in rig.tick()]
+        numbers += [message.get_seq() for message in rig.command(512, 148)]
+    first = numbers[0]
+    assert numbers == [(first + index) % 256 for index in range(len(numbers))]
+
+
+def test_one_tick_is_one_datagram(rig):
+    rig.tick_silently(seconds=2.0)
+    assert len(rig.transport.sent) == 1
+    assert len(rig.transport.sent[0][1]) <= 1200
+
+
+def test_events_are_told_and_the_grave_ones_again_to_whoever_comes_later(make_rig, texts):
+    rig = make_rig(addresses=("first",))
+    events = [Event(Severity.CRITICAL, "grave"), Event(Severity.INFO, "light")]
+    assert texts(rig.tick(events=events)) == ["Rambler 0.1.0", "grave", "light"]
+    rig.transport.served = ("first", "later")
+    rig.tick_silently()
+    assert texts(rig.said("later")) == ["Rambler 0.1.0", "grave"]
+
+
+def test_a_storm_of_events_is_bounded(rig, texts):
+    assert len(texts(rig.tick(events=[Event(Severity.INFO, str(n)) for n in range(1000)]))) <= 16
+
+
+def test_our_own_words_sent_back_are_not_answered(rig):
+    rig.station.srcSystem, rig.station.srcComponent = 1, 1
+    assert rig.command(400, 1.0) == []
+    assert rig.authority.requests == []
+
+
+def test_the_work_of_one_call_is_bounded(rig, of):
+    ping = rig.frame(mavlink.MAVLink_ping_message(1, 1, 0, 0))
+    rig.transport.inbox.append(("station", ping * 500))
+    rig.endpoint.service(0.0, [100])
+    answered = len(of(rig.said(), "PING"))
+    assert 1 <= answered <= 16
+    assert rig.endpoint.busy
+    while rig.endpoint.busy:
+        rig.endpoint.service(0.0, [])
+        answered += len(of(rig.said(), "PING"))
+    assert answered == 500
+
+
+def test_what_waits_is_answered_by_publish_too(rig, of):
+    ping = rig.frame(mavlink.MAVLink_ping_message(1, 1, 0, 0))
+    rig.transport.inbox.append(("station", ping * 7))
+    rig.endpoint.service(0.0, [100])
+    answered = len(of(rig.said(), "PING"))
+    assert len(of(rig.tick(), "PING")) == 7 - answered > 0
+
+
+def test_telemetry_fits_a_slow_line_and_every_message_gets_through(make_rig):
+    rig = make_rig(byte_rate=120.0, radio=True)
+    seen, sent = set(), 0
+    for _ in range(600):
+        rig.tick_silently()
+        sent += sum(len(data) for _, data in rig.transport.sent)
+        seen |= {message.get_type() for message in rig.said()}
+    assert sent <= 120 * 60 + 280
+    assert {"HEARTBEAT", "ATTITUDE", "SYS_STATUS", "GPS_RAW_INT", "SYSTEM_TIME", "NAMED_VALUE_FLOAT"} <= seen
+
+
+def test_grave_faults_show_in_the_heartbeat(rig, of):
+    (beat,) = of(rig.tick(seconds=1.0, faults=1 << Fault.RUDDER_SILENT), "HEARTBEAT")
+    assert beat.system_status == mavlink.MAV_STATE_CRITICAL
+
+
+def test_close_closes_the_transports(rig):
+    rig.endpoint.close()
+    assert rig.transport.closed
+
+
+def test_it_is_a_link(rig):
+    link: Link = rig.endpoint
+    assert list(link.descriptors()) == [100]
+
+
+# --------------------------------------------------------------------------- on real lines
+
+
+class Boat:
+    """Serves an endpoint as the loop does, between looks at a client."""
+
+    def __init__(self, url, rig, open_line=None):
+        self.endpoint = Endpoint(
+            [open_transport(url, open_line)], rig.authority, utc_s=lambda: 0.0, version=Version(), boot_text="hello"
+        )
+        self.output = Output(RudderCommand(0.0, True), rig.endpoint._session.snapshot)
+        self.tick = 0
+
+    def serve(self, client, kind, turns=200):
+        """Let time pass until the client has a message of a kind."""
+        for _ in range(turns):
+            self.tick += 1
+            self.endpoint.publish(self.output, self.tick * 0.1)
+            ready, _, _ = select.select(self.endpoint.descriptors(), [], [], 0.01)
+            self.endpoint.service(self.tick * 0.1, ready)
+            found = client.recv_match(type=kind, blocking=False)
+            while found is None and (other := client.recv_msg()) is not None:
+                found = other if other.get_type() == kind else None
+            if found is not None:
+                return found
+        pytest.fail(f"no {kind}")
+        return None
+
+
+def free_port(kind):
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.fixture
+def closing():
+    things = []
+    yield things.append
+    for thing in things:
+        thing.close()
+
+
+def converse(boat, client):
+    """Do with an independent client what every ground station does."""
+    client.mav.heartbeat_send(6, 8, 0, 0, 0)
+    assert boat.serve(client, "HEARTBEAT").type == mavlink.MAV_TYPE_SURFACE_BOAT
+    client.mav.param_set_send(1, 1, b"CTL_K1", 42.5, 9)
+    assert boat.serve(client, "PARAM_VALUE").param_value == 42.5
+    client.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+    assert boat.serve(client, "COMMAND_ACK").result == 0
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "kind"),
+    [
+        ("udpin", "udpout", socket.SOCK_DGRAM),
+        ("udpout", "udpin", socket.SOCK_DGRAM),
+        ("tcpin", "tcp", socket.SOCK_STREAM),
+    ],
+)
+def test_an_independent_client_over_a_socket(rig, closing, ours, theirs, kind):
+    port = free_port(kind)
+    if ours == "udpout":
+        client = mavutil.mavlink_connection(f"{theirs}:127.0.0.1:{port}", dialect="common")
+        closing(client)
+        boat = Boat(f"{ours}:127.0.0.1:{port}", rig)
+        closing(boat.endpoint)
+        boat.serve(client, "HEARTBEAT")  # it must hear before it knows where to send
+    else:
+        boat = Boat(f"{ours}:127.0.0.1:{port}", rig)
+        closing(boat.endpoint)
+        client = mavutil.mavlink_connection(f"{theirs}:127.0.0.1:{port}", dialect="common")
+        closing(client)
+    converse(boat, client)
+
+
+class PtyLine:
+    """The boat's end of a pseudo-terminal."""
+
+    openings = 1
+    connected = True
+
+    def __init__(self, descriptor):
+        self.name = os.ttyname(descriptor)
+        self._descriptor = descriptor
+
+    def fileno(self):
+        return self._descriptor
+
+    def read(self):
+        try:
+            return os.read(self._descriptor, 4096)
+        except BlockingIOError:
+            return b""
+
+    def write(self, data):
+        return os.write(self._descriptor, data) == len(data)
+
+
+class PtyClient:
+    """pymavlink at the other end."""
+
+    def __init__(self, descriptor):
+        self._descriptor = descriptor
+        self._found = []
+        self.mav = mavlink.MAVLink(self, srcSystem=255, srcComponent=190)
+        self.mav.robust_parsing = True
+
+    def write(self, data):
+        os.write(self._descriptor, data)
+
+    def recv_match(self, type, blocking):  # noqa: A002
+        return None
+
+    def recv_msg(self):
+        try:
+            self._found += self.mav.parse_buffer(os.read(self._descriptor, 4096)) or []
+        except BlockingIOError:
+            pass
+        return self._found.pop(0) if self._found else None
+
+
+def test_an_independent_client_over_a_serial_line(rig):
+    boats, stations = os.openpty()
+    try:
+        for descriptor in (boats, stations):
+            tty.setraw(descriptor)
+            os.set_blocking(descriptor, False)
+        boat = Boat("serial:/dev/ttyX:57600", rig, lambda _path, _baud: PtyLine(boats))
+        converse(boat, PtyClient(stations))
+        boat.endpoint.close()
+    finally:
+        os.close(boats)
+        os.close(stations)

@@ -1,0 +1,234 @@
+"""Log download: the list, the data, gaps, and erasure."""
+
+import os
+import struct
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.records import Mode
+
+OPEN_END = 0xFFFFFFFF
+SIZES = {1: 900, 2: 50_000, 5: 777}  # the first is a whole number of blocks
+
+
+def content_of(number):
+    return bytes((number + index * 7) % 251 for index in range(SIZES[number]))
+
+
+@pytest.fixture
+def disk(tmp_path):
+    (tmp_path / "logs").mkdir()
+    for number in SIZES:
+        path = tmp_path / "logs" / f"{number:08d}.BIN"
+        path.write_bytes(content_of(number))
+        os.utime(path, (1_700_000_000 + number, 1_700_000_000 + number))
+    return tmp_path / "logs"
+
+
+@pytest.fixture
+def boat(disk, stored):
+    return stored()[0]
+
+
+def entries(rig, of, start=0, end=0xFFFF):
+    said = rig.tell(mavlink.MAVLink_log_request_list_message(1, 1, start, end))
+    return {one.id: one for one in of(said, "LOG_ENTRY")}
+
+
+def ask_data(rig, number, start=0, count=OPEN_END, address="station"):
+    return rig.tell(mavlink.MAVLink_log_request_data_message(1, 1, number, start, count), address=address)
+
+
+def blocks(said):
+    return {one.ofs: bytes(one.data[: one.count]) for one in said if one.get_type() == "LOG_DATA"}
+
+
+def joined(found):
+    content = b""
+    for start in sorted(found):
+        assert start == len(content)
+        content += found[start]
+    return content
+
+
+def download(rig, number, ticks=40):
+    """Ask for all of a log in one request, as MAVProxy does."""
+    said = ask_data(rig, number)
+    for _ in range(ticks):
+        rig.tick_silently()
+        said += rig.give(b"")
+    return said
+
+
+def test_the_list_begins_with_the_newest_and_goes_on_with_the_oldest(boat, of):
+    found = entries(boat, of)
+    assert list(found) == [0, 1, 2]  # as MAVSDK wants it
+    assert {one.num_logs for one in found.values()} == {3}
+    assert [(found[number].size, found[number].time_utc) for number in (1, 2, 0)] == [
+        (SIZES[number], 1_700_000_000 + number) for number in (1, 2, 5)
+    ]
+
+
+def test_the_list_of_qgroundcontrol_begins_with_one(boat, of):
+    entries(boat, of)
+    found = entries(boat, of, 3, 3)  # it asks for the one that has not come
+    assert [(one.id, one.size, one.num_logs) for one in found.values()] == [(3, SIZES[5], 3)]
+    assert joined(blocks(ask_data(boat, 3, 0, SIZES[5]))) == content_of(5)
+
+
+@pytest.mark.parametrize(("start", "end", "numbers"), [(1, 2, [1, 2]), (2, 0xFFFF, [2, 3]), (4, 9, []), (2, 1, [])])
+def test_a_part_of_the_list(boat, of, start, end, numbers):
+    assert list(entries(boat, of, start, end)) == numbers
+
+
+def test_no_logs_are_told_as_such(stored, of):
+    rig, _ = stored()
+    (only,) = entries(rig, of).values()
+    assert (only.num_logs, only.id, only.size) == (0, 0, 0)
+
+
+@pytest.mark.parametrize(("number", "log"), [(0, 5), (1, 1), (2, 2)])
+def test_a_log_comes_whole_in_one_request(boat, of, number, log):
+    entries(boat, of)
+    said = download(boat, number)
+    assert joined(blocks(said)) == content_of(log)
+    # No empty block at its end: MAVProxy would stop there, whatever was lost before.
+    assert all(one.count for one in of(said, "LOG_DATA"))
+
+
+def test_a_log_comes_chunk_by_chunk_at_once(boat, of):
+    entries(boat, of)
+    found = {}
+    for start in range(0, SIZES[2], 46080):
+        found.update(blocks(ask_data(boat, 2, start, min(46080, SIZES[2] - start))))
+    assert joined(found) == content_of(2)
+
+
+def test_a_stream_without_an_end_is_not_poured_out_at_once(boat, of):
+    entries(boat, of)
+    assert 0 < len(blocks(ask_data(boat, 2))) <= 256
+
+
+def test_gaps_are_sent_again_however_many_are_asked_for(boat, of):
+    entries(boat, of)
+    wanted = [(90 * number, 90 * (1 + number % 3)) for number in range(0, 100, 5)]
+    requests = [mavlink.MAVLink_log_request_data_message(1, 1, 2, start, count) for start, count in wanted]
+    found = blocks(boat.tell(*requests))
+    for start, count in wanted:
+        sent = b"".join(found[offset] for offset in range(start, start + count, 90))
+        assert sent == content_of(2)[start : start + count]
+
+
+def test_a_request_beyond_the_end_gets_an_empty_block(boat, of):
+    entries(boat, of)
+    (said,) = ask_data(boat, 1, 5000, 90)
+    assert (said.ofs, said.count) == (5000, 0)
+
+
+def test_a_log_that_does_not_exist_is_told(boat, of, texts):
+    entries(boat, of)
+    assert texts(ask_data(boat, 4)) == ["Log 4 does not exist"]
+
+
+def test_data_without_a_list_before_is_sent_as_well(boat):
+    assert joined(blocks(ask_data(boat, 0))) == content_of(5)
+
+
+def test_numbers_keep_their_meaning_while_a_new_log_is_begun(boat, disk, of):
+    entries(boat, of)
+    (disk / "00000006.BIN").write_bytes(b"new")
+    with (disk / "00000005.BIN").open("ab") as log:
+        log.write(b"more")
+    assert joined(blocks(ask_data(boat, 0))) == content_of(5)  # as large as it was listed
+
+
+def test_a_log_that_is_gone_ends_the_download(boat, disk, of):
+    entries(boat, of)
+    (disk / "00000002.BIN").unlink()
+    assert blocks(ask_data(boat, 2)) == {}
+    assert not boat.endpoint.busy
+    assert joined(blocks(ask_data(boat, 0))) == content_of(5)
+
+
+def test_the_end_of_requests_ends_the_stream(boat, of):
+    entries(boat, of)
+    ask_data(boat, 2)
+    boat.tell(mavlink.MAVLink_log_request_end_message(1, 1))
+    boat.tick_silently()
+    assert blocks(boat.give(b"")) == {}
+
+
+def test_two_stations_download_at_the_same_time_and_the_fifth_is_told_to_wait(disk, stored, of, texts):
+    rig, _ = stored(addresses=("one", "two", "three", "four", "five"))
+    for address in ("one", "two", "three", "four"):
+        rig.transport.inbox.append((address, rig.frame(mavlink.MAVLink_log_request_data_message(1, 1, 2, 0, OPEN_END))))
+    rig.give(b"")
+    said = ask_data(rig, 0, address="five")
+    assert texts(said) == ["Log download: others are being served, try again"]
+    sent = {address: {} for address in ("one", "two")}
+    for _ in range(40):
+        rig.tick_silently()
+        rig.endpoint.service(rig.now_s, [])
+        while rig.endpoint.busy:
+            rig.endpoint.service(rig.now_s, [])
+        everything, rig.transport.sent = rig.transport.sent, []
+        for address, found in sent.items():
+            rig.transport.sent = list(everything)
+            found.update(blocks(rig.said(address)))
+    # The first blocks went before anybody looked.
+    for found in sent.values():
+        assert min(found) <= 512 * 90
+        assert b"".join(found[start] for start in sorted(found)) == content_of(2)[min(found) :]
+
+
+def test_a_slow_line_is_not_overrun(disk, stored, of):
+    rig, _ = stored(byte_rate=5760.0, radio=True)
+    said = ask_data(rig, 0)
+    beats = 0
+    for _ in range(20):
+        more = rig.tick()
+        beats += len(of(more, "HEARTBEAT"))
+        said += more
+    assert joined(blocks(said)) == content_of(5)
+    assert beats == pytest.approx(2, abs=1)
+
+
+def test_frames_are_packed_as_pymavlink_packs_them(boat):
+    boat.transport.sent.clear()
+    boat.transport.inbox.append(("station", boat.frame(mavlink.MAVLink_log_request_data_message(1, 1, 1, 0, 90))))
+    boat.endpoint.service(boat.now_s, [100])
+    ((_, data),) = boat.transport.sent
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    sender.seq = data[4]
+    # The number of the log is 1 in the ring; all of the block is there.
+    expected = mavlink.MAVLink_log_data_message(1, 0, 90, list(content_of(1)[:90]))
+    assert data == expected.pack(sender)
+    assert struct.unpack_from("<IHB", data, 10) == (0, 1, 90)
+
+
+# ---------------------------------------------------------------------- erasure
+
+ERASE = mavlink.MAVLink_log_erase_message(1, 1)
+
+
+def test_logs_are_erased_but_for_the_one_being_written(boat, disk, texts):
+    boat.tick_silently(armed=False, mode=Mode.HOLD)
+    boat.said()
+    assert "2 logs erased" in texts(boat.tell(ERASE))
+    assert [path.name for path in disk.iterdir()] == ["00000005.BIN"]
+
+
+def test_logs_are_not_erased_while_she_is_armed(boat, disk, texts):
+    assert texts(boat.tell(ERASE)) == ["Logs are erased only while she is disarmed"]
+    assert len(list(disk.iterdir())) == 3
+
+
+def test_an_erasure_ends_a_download(boat, of):
+    entries(boat, of)
+    ask_data(boat, 2)
+    boat.tick_silently(armed=False)
+    boat.said()
+    boat.tell(ERASE)
+    boat.tick_silently(armed=False)
+    assert blocks(boat.give(b"")) == {}

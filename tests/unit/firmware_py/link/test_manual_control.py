@@ -1,0 +1,55 @@
+"""The stick."""
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.intents import ManualRudder
+
+INVALID = 32767
+
+
+@pytest.mark.parametrize(
+    ("y", "r", "expected"),
+    [(1000, 0, 1.0), (-1000, 0, -1.0), (250, 900, 0.25), (INVALID, -500, -0.5), (0, 1000, 0.0)],
+)
+def test_the_roll_axis_or_else_the_yaw_axis(rig, y, r, expected):
+    assert rig.tell(mavlink.MAVLink_manual_control_message(1, 0, y, 0, r, 0)) == []
+    assert rig.authority.intents == [ManualRudder(expected)]
+
+
+def test_no_valid_axis_says_nothing(rig):
+    assert rig.tell(mavlink.MAVLink_manual_control_message(1, 0, INVALID, 0, INVALID, 0)) == []
+    assert rig.authority.intents == []
+
+
+@pytest.mark.parametrize("y", [1001, -1001, -32768, 32766])
+def test_a_stick_out_of_range_is_refused(rig, texts, y):
+    (text,) = texts(rig.tell(mavlink.MAVLink_manual_control_message(1, 0, y, 0, 0, 0)))
+    assert text == "MANUAL_CONTROL: the stick is not within -1000 to 1000"
+    assert rig.authority.intents == []
+
+
+def test_another_boats_stick_is_left_alone(rig):
+    assert rig.tell(mavlink.MAVLink_manual_control_message(2, 0, 1000, 0, 0, 0)) == []
+    assert rig.authority.intents == []
+
+
+def override(pulse_us, target=(1, 1)):
+    return mavlink.MAVLink_rc_channels_override_message(*target, pulse_us, 0, 0, 0, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(("pulse_us", "expected"), [(1000, -1.0), (1500, 0.0), (1750, 0.5), (2000, 1.0), (0, None)])
+def test_channel_one_is_the_rudder(rig, pulse_us, expected):
+    assert rig.tell(override(pulse_us)) == []
+    assert rig.authority.intents == [ManualRudder(expected)]
+
+
+@pytest.mark.parametrize(("pulse_us", "said"), [(999, 1), (2001, 1), (65534, 1), (65535, 0)])
+def test_other_pulses_change_nothing(rig, texts, pulse_us, said):
+    assert len(texts(rig.tell(override(pulse_us)))) == said
+    assert rig.authority.intents == []
+
+
+def test_an_override_for_another_boat_is_left_alone(rig):
+    rig.tell(override(2000, (2, 1)))
+    assert rig.authority.intents == []

@@ -1,0 +1,157 @@
+"""Heading and position goals by message."""
+
+import math
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.intents import Answer, SteerHeading, SteerPosition, Verdict
+from firmware_py.common.records import FixType, Home, PositionSample
+
+NAN, INF = math.nan, math.inf
+YAW_ONLY = 0b1001_1111_1111 | 0x200  # everything but yaw ignored
+VELOCITY_ONLY = 0b1101_1110_0111
+POSITION_ONLY = 0b1101_1111_1000
+FIX = {"position": PositionSample(0.0, FixType.FIX_3D, math.radians(40), math.radians(10)), "position_ok": True}
+METRES_PER_DEGREE = math.radians(1.0) * 6_378_137.0
+
+
+def about(angle_rad):
+    return pytest.approx(angle_rad, abs=1e-6)
+
+
+def attitude(q, mask=0b0100_0111):
+    return mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, NAN, NAN, NAN, NAN)
+
+
+def local(mask, *, frame=1, x=0.0, y=0.0, vx=0.0, vy=0.0, yaw=0.0):
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, frame, mask, x, y, NAN, vx, vy, NAN, NAN, NAN, NAN, yaw, NAN
+    )
+
+
+def over_globe(mask, *, frame=6, lat=0, lon=0, vx=0.0, vy=0.0, yaw=0.0):
+    return mavlink.MAVLink_set_position_target_global_int_message(
+        0, 1, 1, frame, mask, lat, lon, NAN, vx, vy, NAN, NAN, NAN, NAN, yaw, NAN
+    )
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.5, math.pi / 2, 3.0, -0.1, -3.0])
+@pytest.mark.parametrize(("roll_rad", "pitch_rad"), [(0.0, 0.0), (0.3, -0.4)])
+def test_the_yaw_of_an_attitude_whatever_its_roll_and_pitch(rig, yaw_rad, roll_rad, pitch_rad):
+    cr, sr, cp, sp = (f(a / 2) for a in (roll_rad, pitch_rad) for f in (math.cos, math.sin))
+    cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
+    q = (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+    assert rig.tell(attitude(q)) == []
+    (goal,) = rig.authority.intents
+    assert 0.0 <= goal.heading_rad < 2 * math.pi
+    assert math.remainder(goal.heading_rad - yaw_rad, 2 * math.pi) == about(0.0)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        attitude((0, 0, 0, 0)),
+        attitude((NAN, 0, 0, 1)),
+        attitude((INF, 0, 0, 0)),
+        attitude((3e38, 3e38, 3e38, 3e38)),
+        attitude((1, 1, 1, 1)),
+        attitude((0.98, 0, 0, 0)),
+        attitude((math.sqrt(0.5), 0, math.sqrt(0.5), 0)),  # bow straight up
+        attitude((1, 0, 0, 0), mask=0b1000_0000),
+    ],
+)
+def test_an_attitude_without_a_heading_is_refused_and_told(rig, texts, message):
+    (text,) = texts(rig.tell(message))
+    assert text.startswith("SET_ATTITUDE_TARGET: ")
+    assert rig.authority.intents == []
+
+
+@pytest.mark.parametrize(
+    ("message", "goal"),
+    [
+        (local(YAW_ONLY, yaw=1.5), SteerHeading(about(1.5))),
+        (local(YAW_ONLY, yaw=-1.5), SteerHeading(about(2 * math.pi - 1.5))),
+        (local(YAW_ONLY, frame=9, yaw=0.5), SteerHeading(about(1.5))),  # heading is 1.0
+        (local(VELOCITY_ONLY, vx=0.0, vy=0.5), SteerHeading(about(math.pi / 2), over_ground=True)),
+        (local(VELOCITY_ONLY, frame=8, vx=0.5), SteerHeading(about(1.0), over_ground=True)),
+        (over_globe(YAW_ONLY, yaw=1.5), SteerHeading(about(1.5))),
+        (over_globe(VELOCITY_ONLY, vx=-1.0, yaw=NAN), SteerHeading(about(math.pi), over_ground=True)),
+        (over_globe(0, lat=401_000_000, lon=-15, yaw=1.0), SteerPosition(about(math.radians(40.1)), about(-2.6e-8))),
+        (over_globe(POSITION_ONLY, lat=1, lon=2, yaw=NAN, vx=NAN), SteerPosition(about(0), about(0))),
+    ],
+)
+def test_position_targets_are_taken_by_their_masks(rig, message, goal):
+    assert rig.tell(message) == []
+    assert rig.authority.intents == [goal]
+
+
+@pytest.mark.parametrize(
+    ("frame", "x", "y", "north_m", "east_m"),
+    [
+        (1, 300.0, -200.0, 300.0, -200.0),
+        (7, 300.0, 0.0, 300.0, 0.0),
+        (9, 100.0, 0.0, 54.03, 84.15),
+        (8, 0.0, 100.0, -84.15, 54.03),
+    ],
+)
+def test_local_positions_count_from_home_or_from_her(rig, frame, x, y, north_m, east_m):
+    fix = FIX["position"]
+    rig.tick(**FIX, home=Home(fix.latitude_rad, fix.longitude_rad, 0.0))
+    rig.tell(local(POSITION_ONLY, frame=frame, x=x, y=y))
+    (goal,) = rig.authority.intents
+    assert (math.degrees(goal.latitude_rad) - 40.0) * METRES_PER_DEGREE == pytest.approx(north_m, abs=0.01)
+    scale = METRES_PER_DEGREE * math.cos(math.radians(40))
+    assert (math.degrees(goal.longitude_rad) - 10.0) * scale == pytest.approx(east_m, abs=0.01)
+
+
+@pytest.mark.parametrize("frame", [1, 7, 9])
+def test_local_positions_need_a_position(rig, texts, frame):
+    assert "to count from" in texts(rig.tell(local(POSITION_ONLY, frame=frame, x=1.0, y=1.0)))[0]
+    assert rig.authority.intents == []
+
+
+def test_body_frames_need_a_heading(rig, texts):
+    rig.tick(heading_ok=False)
+    assert len(texts(rig.tell(local(YAW_ONLY, frame=9, yaw=0.5)))) == 1
+    assert rig.authority.intents == []
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        *(local(YAW_ONLY, yaw=bad) for bad in (NAN, INF, -INF, 6.4, 1e30)),
+        *(local(VELOCITY_ONLY, vx=bad) for bad in (NAN, INF, 0.0, 1e-9, 3e38)),
+        *(local(POSITION_ONLY, x=bad) for bad in (NAN, INF, 1e6, -3e38)),
+        local(YAW_ONLY, frame=2, yaw=1.0),
+        local(YAW_ONLY, frame=255, yaw=1.0),
+        local(0xFFFF, yaw=1.0),
+        over_globe(POSITION_ONLY, lat=2**31 - 1),
+        over_globe(POSITION_ONLY, lon=-(2**31)),
+        over_globe(POSITION_ONLY, frame=1),
+        over_globe(YAW_ONLY, yaw=NAN),
+        over_globe(0xFFFF),
+    ],
+)
+def test_bad_targets_are_refused_told_and_change_nothing(rig, texts, message):
+    rig.tick(**FIX)
+    assert len(texts(rig.tell(message))) == 1
+    assert rig.authority.intents == []
+
+
+def test_a_stream_of_refusals_is_told_once(rig, texts):
+    rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not in GUIDED")
+    said = [message for _ in range(50) for message in rig.tell(attitude((1, 0, 0, 0)))]
+    assert texts(said) == ["not in GUIDED"]
+    assert len(rig.authority.intents) == 50
+
+
+def test_near_the_poles_local_positions_end(rig, texts):
+    rig.tick(position=PositionSample(0.0, FixType.FIX_3D, math.pi / 2, 0.0), position_ok=True)
+    assert len(texts(rig.tell(local(POSITION_ONLY, x=1.0, y=1.0)))) == 1
+    assert rig.authority.intents == []

@@ -1,0 +1,72 @@
+"""The codec against pymavlink, and the added messages against the published definitions."""
+
+import struct
+import subprocess
+import sys
+
+import pytest
+from support.paths import DATA
+
+from firmware_py.link.wire.dialect import ADDITIONS, Codec, mavlink, stamp, text_of
+
+DEFINITIONS = DATA / "mavlink" / "definitions"
+
+
+@pytest.mark.parametrize("sequence", [0, 1, 77, 255])
+def test_a_stamped_frame_is_what_pymavlink_packs_with_that_sequence_number(sequence):
+    message = mavlink.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0)
+    sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
+    sender.seq = sequence
+    assert stamp(Codec(9, 1).pack(message), sequence) == message.pack(sender)
+
+
+@pytest.mark.parametrize("data", [bytes(90), bytes(range(1, 91)), b"\1" + bytes(89)])
+def test_a_payload_laid_out_by_hand_is_what_pymavlink_packs(data):
+    sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
+    sender.seq = 7
+    payload = struct.pack("<IHB", 180, 3, 90) + data
+    assert stamp(Codec(9, 1).pack_payload(120, payload), 7) == mavlink.MAVLink_log_data_message(3, 180, 90, data).pack(
+        sender
+    )
+
+
+def test_a_payload_of_zeros_alone_keeps_one():
+    sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
+    expected = mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0).pack(sender)
+    assert stamp(Codec(9, 1).pack_payload(118, bytes(14)), 0) == expected
+
+
+def test_a_decoded_message_has_the_fields_it_was_packed_with():
+    codec = Codec(1, 1)
+    packed = codec.pack(mavlink.mavlink_map[435](4, 2, 0, 15, 4, b"GUIDED"))
+    message = codec.decode(packed.frame)
+    assert (message.number_modes, message.mode_index, message.custom_mode) == (4, 2, 15)
+    assert (message.properties, message.mode_name) == (4, b"GUIDED")
+
+
+def test_a_broken_frame_decodes_to_nothing():
+    assert Codec(1, 1).decode(b"\xfd\x01\x00\x00\x00\x01\x01\x00\x00\x00\x00\x00\x00") is None
+
+
+@pytest.mark.skipif(not DEFINITIONS.is_dir(), reason="the published definitions (../shared) are not here")
+def test_the_added_messages_are_those_of_the_published_definitions(capsys):
+    mavparse = pytest.importorskip("pymavlink.generator.mavparse")
+    published = {}
+    for name in ("minimal.xml", "standard.xml", "common.xml"):
+        parsed = mavparse.MAVXML(str(DEFINITIONS / name), mavparse.PROTOCOL_2_0)
+        published.update({message.id: message for message in parsed.message})
+    for row in ADDITIONS:
+        message = published[row.number]
+        assert (row.name, row.seed) == (message.name, message.crc_extra)
+        assert list(row.wire) == message.ordered_fieldnames
+        assert list(row.fields) == [field.name for field in message.fields]
+        assert mavlink.mavlink_map[row.number].unpacker.size == message.wire_length
+
+
+def test_the_link_does_not_pull_in_mavutil():
+    script = "import sys, firmware_py.link.endpoint; sys.exit('pymavlink.mavutil' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
+
+
+def test_a_text_is_cut_and_made_ascii():
+    assert text_of("Höhe" * 9, 5) == b"H?heH"

@@ -1,0 +1,127 @@
+"""A fair share for everybody who sends."""
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.link.wire.receive_queue import _SHARE_BYTES, ReceiveQueue
+
+
+@pytest.fixture
+def intake():
+    return ReceiveQueue(lambda _index, address: address in ("one", "two"))
+
+
+def taken(intake):
+    found = []
+    while intake:
+        found.append(intake.take())
+    return found
+
+
+def test_everybody_has_his_turn(intake):
+    for number in range(3):
+        intake.offer(0, "one", b"a%d" % number)
+    intake.offer(0, "two", b"b")
+    intake.offer(1, "one", b"c")
+    assert taken(intake) == [
+        (0, "one", b"a0"),
+        (0, "two", b"b"),
+        (1, "one", b"c"),
+        (0, "one", b"a1"),
+        (0, "one", b"a2"),
+    ]
+    with pytest.raises(KeyError):
+        intake.take()
+
+
+def test_what_exceeds_a_share_is_dropped_and_takes_nothing_from_others(intake):
+    for _ in range(1000):
+        intake.offer(0, "one", bytes(1000))
+    intake.offer(0, "two", b"b")
+    found = taken(intake)
+    assert sum(len(data) for _, address, data in found if address == "one") <= _SHARE_BYTES
+    assert (0, "two", b"b") in found[:2]
+    assert intake.dropped == 1001 - len(found)
+    intake.offer(0, "one", bytes(3 * _SHARE_BYTES))  # one may always wait
+    assert len(taken(intake)) == 1
+
+
+def test_the_rest_of_a_piece_comes_before_what_was_sent_later(intake):
+    intake.offer(0, "one", b"whole")
+    intake.offer(0, "one", b"later")
+    index, address, data = intake.take()
+    intake.put_back(index, address, data[2:])
+    assert taken(intake) == [(0, "one", b"ole"), (0, "one", b"later")]
+    intake.put_back(0, "two", b"alone")
+    assert taken(intake) == [(0, "two", b"alone")]
+
+
+@pytest.mark.parametrize("address", ["station", "a stranger"])
+def test_a_long_datagram_is_looked_at_in_pieces_and_none_of_it_is_lost(make_rig, of, address):
+    rig = make_rig(addresses=("station",))
+    rig.endpoint.service(0.0, [])
+    pings = b"".join(rig.frame(mavlink.MAVLink_ping_message(0, number, 0, 0)) for number in range(60))
+    assert 1000 < len(pings) < 2048
+    rig.transport.inbox.append((address, pings))
+    calls, heard = 0, []
+    rig.endpoint.service(rig.now_s, [100])
+    while rig.endpoint.busy:
+        calls += 1
+        heard += [message.seq for message in of(rig.said(address), "PING")]
+        rig.endpoint.service(rig.now_s, [])
+    heard += [message.seq for message in of(rig.said(address), "PING")]
+    assert heard == list(range(60))
+    assert calls >= 60 // 4 - 1
+
+
+def test_what_follows_a_strangers_noise_is_not_looked_at(make_rig, of):
+    rig = make_rig(addresses=("station",))
+    rig.endpoint.service(0.0, [])
+    rig.transport.inbox.append(("a stranger", bytes(400) + rig.frame(mavlink.MAVLink_ping_message(0, 1, 0, 0))))
+    rig.endpoint.service(rig.now_s, [100])
+    assert not rig.endpoint.busy
+    assert of(rig.said("a stranger"), "PING") == []
+
+
+def test_strangers_share_one_share(intake):
+    for number in range(1000):
+        intake.offer(0, number, bytes(1000))
+    intake.offer(0, "one", b"a")
+    found = taken(intake)
+    assert len(found) <= _SHARE_BYTES // 1000 + 1
+    assert (0, "one", b"a") in found[:2]
+
+
+def test_a_station_is_answered_in_the_middle_of_a_flood(make_rig):
+    """Whoever floods, the other's ping is answered soon."""
+    rig = make_rig(addresses=())
+    beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+    rig.tell(beat)
+    request = rig.frame(mavlink.MAVLink_param_request_list_message(1, 1))
+    for flooder in range(7):
+        rig.tell(beat, address=flooder)
+    for turn in range(20):
+        for flooder in range(7):
+            rig.transport.inbox += [(flooder, request * 60)] * 6
+        rig.transport.inbox.append(("station", rig.frame(mavlink.MAVLink_ping_message(0, turn, 0, 0))))
+        calls = 0
+        rig.endpoint.service(rig.now_s, [100])
+        while not any(message.get_type() == "PING" and message.seq == turn for message in rig.said("station")):
+            calls += 1
+            assert calls < 200
+            rig.endpoint.service(rig.now_s, [])
+    assert len(rig.endpoint._unread) < 200
+
+
+def test_long_answers_take_turns(make_rig):
+    rig = make_rig(addresses=tuple(range(8)))
+    rig.endpoint.service(0.0, [])
+    rig.tick()
+    for address in range(8):
+        rig.transport.inbox.append((address, rig.frame(mavlink.MAVLink_param_request_list_message(1, 1))))
+    most = 0
+    rig.endpoint.service(0.0, [100])
+    while rig.endpoint.busy:
+        most = max(most, sum(message.get_type() == "PARAM_VALUE" for message in rig.said()))
+        rig.endpoint.service(0.0, [])
+    assert 0 < most <= 32

@@ -1,0 +1,157 @@
+"""TCP on real loopback sockets."""
+
+import select
+import socket
+import time
+
+import pytest
+
+from firmware_py.link.wire.open_transport import open_transport
+from firmware_py.link.wire.transport import LinkError
+from firmware_py.link.wire.transport_tcp import MAX_CLIENTS
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.fixture
+def opened():
+    made = []
+
+    def opening(thing):
+        made.append(thing)
+        return thing
+
+    yield opening
+    for thing in made:
+        thing.close()
+
+
+@pytest.fixture
+def server(opened):
+    return opened(open_transport(f"tcpin:127.0.0.1:{free_port()}", None))
+
+
+def port_of(server):
+    return server._listener.getsockname()[1]
+
+
+def take(transport, *, until):
+    """Serve a transport as the loop does until a condition holds; return what it read."""
+    heard = []
+    end_s = time.monotonic() + 10.0
+    while not until(heard):
+        assert time.monotonic() < end_s
+        ready, _, _ = select.select(transport.descriptors(), [], [], 0.01)
+        for descriptor in ready:
+            heard.extend(transport.receive(descriptor))
+        transport.poll(time.monotonic())
+    return heard
+
+
+def dial(server, opened, count=1):
+    clients = [opened(socket.create_connection(("127.0.0.1", port_of(server)), 5.0)) for _ in range(count)]
+    take(server, until=lambda _: len(server.addresses()) >= min(count, MAX_CLIENTS))
+    return clients
+
+
+def test_each_client_is_a_correspondent(server, opened):
+    one, two = dial(server, opened, 2)
+    one.sendall(b"one")
+    two.sendall(b"two")
+    heard = dict(take(server, until=lambda heard: len(heard) == 2))
+    assert sorted(heard.values()) == [b"one", b"two"]
+    for address, data in heard.items():
+        assert server.send(address, b"to " + data)
+    assert (one.recv(100), two.recv(100)) == (b"to one", b"to two")
+
+
+def test_a_client_that_goes_is_forgotten_and_its_number_is_not_used_again(server, opened):
+    (client,) = dial(server, opened)
+    (number,) = server.addresses()
+    client.close()
+    take(server, until=lambda _: not server.addresses())
+    assert not server.send(number, b"x")
+    dial(server, opened)
+    assert server.addresses() != (number,)
+
+
+def test_clients_are_bounded(server, opened):
+    clients = dial(server, opened, MAX_CLIENTS) + dial(server, opened, 3)
+    take(server, until=lambda _: not select.select([server._listener], [], [], 0.05)[0])
+    assert len(server.addresses()) == MAX_CLIENTS
+    refused = clients[MAX_CLIENTS:]
+    assert [client.recv(1) for client in refused] == [b""] * 3
+    assert not select.select(clients[:MAX_CLIENTS], [], [], 0.0)[0]
+
+
+def test_a_client_that_does_not_read_costs_bounded_memory_and_gets_whole_messages(server, opened):
+    (client,) = dial(server, opened)
+    (number,) = server.addresses()
+    message = b"m" * 1000 + b"\n"
+    accepted = sum(server.send(number, message) for _ in range(20_000))
+    assert accepted < 20_000
+    client.settimeout(5.0)
+    received = b""
+    while len(received) < accepted * len(message):
+        server.poll(0.0)
+        received += client.recv(1 << 20)
+    assert received == message * accepted
+
+
+def test_a_port_in_use_is_said(server):
+    with pytest.raises(LinkError, match=r"in use.*choose another port"):
+        open_transport(f"tcpin:127.0.0.1:{port_of(server)}", None)
+
+
+def test_a_client_connects_once_the_server_is_there_and_again_when_it_comes_back(opened):
+    port = free_port()
+    client = opened(open_transport(f"tcpout:127.0.0.1:{port}", None))
+    client.poll(0.0)
+    assert client.addresses() == ()
+    numbers = []
+    for now_s in (2.0, 4.0):
+        with socket.create_server(("127.0.0.1", port)) as listener:
+            listener.settimeout(5.0)
+            take_until_connected(client, now_s)
+            accepted, _ = listener.accept()
+            with accepted:
+                numbers.append(client.addresses()[0])
+                assert client.send(client.addresses()[0], b"hello")
+                accepted.settimeout(5.0)
+                assert accepted.recv(100) == b"hello"
+                accepted.sendall(b"answer")
+                heard = take_from(client)
+                assert heard == [(client.addresses()[0], b"answer")]
+        assert take_from(client) == []
+        assert client.addresses() == ()
+    assert numbers[0] != numbers[1]
+
+
+def take_until_connected(client, now_s):
+    for _ in range(1000):
+        client.poll(now_s)
+        if client.addresses():
+            return
+        time.sleep(0.001)
+    pytest.fail("not connected")
+
+
+def take_from(client):
+    (descriptor,) = client.descriptors()
+    assert select.select([descriptor], [], [], 5.0)[0]
+    return list(client.receive(descriptor))
+
+
+def test_a_client_tries_once_a_second(opened, monkeypatch):
+    client = opened(open_transport(f"tcpout:127.0.0.1:{free_port()}", None))
+    tries = []
+    original = client._connect
+    monkeypatch.setattr(client, "_connect", lambda now_s: (tries.append(now_s), original(now_s)))
+    for tenth in range(35):
+        client.poll(tenth * 0.1)
+    assert 3 <= len({int(now_s + 1e-9) for now_s in tries}) <= 4
+    assert len(tries) <= 8

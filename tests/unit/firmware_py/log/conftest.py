@@ -1,0 +1,158 @@
+"""A pretend autopilot, small but with a memory, whose run is logged and replayed."""
+
+import math
+import types
+from dataclasses import dataclass
+
+import pytest
+
+from firmware_py.common.angles import wrap_pi
+from firmware_py.common.intents import Arm, Request, SetParameter, SteerHeading
+from firmware_py.common.json_codec import Codec
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import (
+    DeviceHealth,
+    DeviceRole,
+    DeviceState,
+    Event,
+    FixType,
+    HeadingSample,
+    Inputs,
+    Mode,
+    NorthReference,
+    Output,
+    PositionSample,
+    RudderCommand,
+    RudderFeedback,
+    Severity,
+    Snapshot,
+    Tick,
+)
+from firmware_py.log.recorder import LogRecorder
+
+
+@dataclass(frozen=True, slots=True)
+class PretendState:
+    smoothed_rad: float = 0.0
+    goal_rad: float | None = None
+    armed: bool = False
+
+
+CODEC = Codec((PretendState,))
+
+
+def step(state, inputs):
+    smoothed_rad, goal_rad, armed = state.smoothed_rad, state.goal_rad, state.armed
+    for sample in inputs.headings:
+        smoothed_rad += 0.3 * wrap_pi(sample.heading_rad - smoothed_rad)
+    for request in inputs.requests:
+        if isinstance(request.intent, SteerHeading):
+            goal_rad = request.intent.heading_rad
+        elif isinstance(request.intent, Arm):
+            armed = request.intent.armed
+    error_rad = 0.0 if goal_rad is None else wrap_pi(goal_rad - smoothed_rad)
+    command = RudderCommand(0.7 * math.tanh(error_rad), armed)
+    tick = inputs.tick
+    snapshot = Snapshot(
+        t_s=tick.t_s,
+        tick=tick.index,
+        mode=Mode.GUIDED if goal_rad is not None else Mode.HOLD,
+        armed=armed,
+        heading_rad=smoothed_rad,
+        heading_ok=True,
+        yaw_rate_rad_s=None,
+        roll_rad=None,
+        pitch_rad=None,
+        goal_heading_rad=goal_rad,
+        heading_error_rad=error_rad,
+        bearing_rad=None,
+        distance_m=None,
+        rudder_rad=0.01,
+        rudder_command_rad=command.shaft_rad,
+        rudder_ok=True,
+        servo=None,
+        position=None,
+        position_ok=False,
+        faults=0b101,
+        rate_hz=tick.rate_hz,
+        skipped_total=tick.skipped,
+        late_s=tick.late_s,
+    )
+    events = (Event(Severity.NOTICE, "goal"),) if len(inputs.requests) > 1 else ()
+    return PretendState(smoothed_rad, goal_rad, armed), Output(command, snapshot, events)
+
+
+def inputs_of(index):
+    """Inputs of a tick of the pretend run: everything comes by, nothing repeats."""
+    t_s = 12.3 + index * 0.1
+    requests = {
+        1: (
+            Request(t_s, Arm(True), 255, 190),
+            Request(t_s, SteerHeading(math.radians(60.0), relative=True, turn=-1), 255, 190),
+        ),
+        3: (Request(t_s, SetParameter("CTL_K1", 12.5), 254, 1),),
+    }
+    return Inputs(
+        tick=Tick(index, t_s, 1e-5 / 3.0, index % 2, 10.0),
+        headings=(
+            HeadingSample(t_s - 0.01, 1.0 / (1.0 + index), NorthReference.MAGNETIC, -0.1, roll_rad=0.02),
+            HeadingSample(t_s - 0.005, 0.9, NorthReference.TRUE, source=1),
+        ),
+        positions=(PositionSample(t_s, FixType.FIX_3D, 0.8, -1.2, 3.5, 0.4, 2.0, 9, 0.9, 1.7e9 + index),)
+        if index % 2
+        else (PositionSample(t_s, FixType.NONE),),
+        rudder=(RudderFeedback(t_s, 0.1, 31.0, 12.1, None, 0x20, None), RudderFeedback(t_s, torque_on=False)),
+        devices=(DeviceHealth(t_s, DeviceRole.COMPASS, DeviceState.RUNNING, index, 2, "é" * 50),),
+        requests=requests.get(index, ()),
+    )
+
+
+def sail(recorder, indexes, state=None, *, after=None):
+    """Step through ticks and offer each to the recorder; returns the state at the end and the inputs."""
+    state = PretendState() if state is None else state
+    sailed = []
+    for index in indexes:
+        inputs = inputs_of(index)
+        after_state, output = step(state, inputs)
+        recorder.offer(inputs, output, lambda state=state: CODEC.to_text(state))
+        sailed.append((inputs, output))
+        state = after_state
+        if after is not None:
+            after()
+    return state, sailed
+
+
+def recorder_in(directory, **options):
+    settings = {
+        "parameters": ParameterSet(),
+        "file_bytes": 1 << 20,
+        "keep_bytes": 1 << 30,
+        "utc_s": 1.7e9,
+        "software": "Rambler test",
+        "background": False,
+    }
+    return LogRecorder(directory, **(settings | options))
+
+
+def logged(directory, count=6):
+    """The bytes of a log of the pretend run."""
+    recorder = recorder_in(directory)
+    sail(recorder, range(count))
+    recorder.close()
+    return (directory / "00000001.BIN").read_bytes()
+
+
+@pytest.fixture
+def pretend():
+    """The pretend autopilot."""
+    return types.SimpleNamespace(
+        State=PretendState,
+        step=step,
+        restore=CODEC.read,
+        state_from=lambda text: CODEC.read(text)[0],
+        to_text=CODEC.to_text,
+        inputs_of=inputs_of,
+        sail=sail,
+        recorder_in=recorder_in,
+        logged=logged,
+    )

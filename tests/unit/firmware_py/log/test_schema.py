@@ -1,0 +1,64 @@
+import dataclasses
+
+import pytest
+
+from firmware_py.common.records import (
+    DeviceHealth,
+    HeadingSample,
+    Inputs,
+    PositionSample,
+    RudderCommand,
+    RudderFeedback,
+    Tick,
+)
+from firmware_py.log import ardupilot, schema
+
+
+@pytest.mark.parametrize(
+    ("row", "record"),
+    [
+        (schema.TICK, Tick),
+        (schema.HEADING, HeadingSample),
+        (schema.POSITION, PositionSample),
+        (schema.FEEDBACK, RudderFeedback),
+        (schema.DEVICE, DeviceHealth),
+        (schema.CONTROL, RudderCommand),
+    ],
+)
+def test_every_field_of_a_logged_record_has_its_column(row, record):
+    kept = {name for name, _ in row.kept} | ({"text"} if row.text else set())
+    assert kept == {field.name for field in dataclasses.fields(record)}
+    assert row.make is record
+
+
+def test_every_kind_of_input_is_logged():
+    assert [field.name for field in dataclasses.fields(Inputs)] == [
+        "tick",
+        "headings",
+        "positions",
+        "rudder",
+        "devices",
+        "requests",
+    ]
+
+
+def test_numbers_and_names_are_distinct():
+    types = (*schema.TYPES, *ardupilot.TYPES)
+    assert len({one.number for one in types}) == len({one.name for one in types}) == len(types)
+
+
+def test_every_message_begins_with_the_time_of_the_tools():
+    for one in (*schema.TYPES, *ardupilot.TYPES):
+        assert one.labels.startswith("TimeUS,")
+        assert (one.values[0], one.units[0], one.multipliers[0]) == ("Q", "s", "F")
+
+
+def test_inputs_and_decisions_are_doubles():
+    for row in (schema.TICK, schema.HEADING, schema.POSITION, schema.FEEDBACK, schema.DEVICE, schema.CONTROL):
+        assert "f" not in row.type.values
+
+
+def test_the_checksum_covers_the_number_of_the_tick():
+    assert schema.ended(b"abc", 1.0, 1)[-4:] != schema.ended(b"abc", 1.0, 2)[-4:]
+    assert schema.ended(b"abc", 1.0, 1)[-4:] != schema.ended(b"abd", 1.0, 1)[-4:]
+    assert schema.END.values[-1] == "I"  # the checksum is the last, over all before it

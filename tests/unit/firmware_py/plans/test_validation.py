@@ -1,0 +1,273 @@
+"""What a plan may hold, row by row, and what it may not."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.plans.items import PLACE_FRAMES, ROWS, TABLE, Command
+from firmware_py.plans.polygons import polygons_of
+from firmware_py.plans.validation import PlanResult, problem_of
+
+NAN, INF = math.nan, math.inf
+MISSION, FENCE, RALLY = PlanKind
+HERE = PlanItem(16, 6, x=360_000_000, y=1_210_000_000)
+RETURN = PlanItem(20, 2)
+
+
+def fault(kind, *items):
+    found = problem_of(Plan.of(kind, items))
+    return None if found is None else (found.index, found.result)
+
+
+def item(command, *params, x=1, y=1, z=0.0, frame=6):
+    return PlanItem(command, frame, params=(*params, *(0.0,) * (4 - len(params))), x=x, y=y, z=z)
+
+
+def jump(target, times=1.0):
+    return item(177, target, times, frame=2)
+
+
+def test_the_numbers_of_the_commands_are_those_of_mavlink():
+    mavlink = pytest.importorskip("pymavlink.dialects.v20.common")
+    assert {row.command: getattr(mavlink, f"MAV_CMD_{row.name}") for row in TABLE} == {n: n for n in ROWS}
+
+
+GOOD = [
+    (MISSION, item(16, 0.0, NAN, NAN, NAN, z=NAN)),
+    (MISSION, item(16, 1e8, 5.0, x=0, y=0)),
+    (MISSION, item(17, NAN, NAN, -50.0, NAN)),
+    (MISSION, item(18, 2.5, 1.0, 20.0, 1.0)),
+    (MISSION, item(19, 3600.0, 0.0, NAN, NAN)),
+    (MISSION, item(20, NAN, NAN, NAN, NAN, frame=2)),
+    (MISSION, item(20, frame=3)),
+    (MISSION, item(93, 10.0, NAN, NAN, NAN, frame=2)),
+    (MISSION, item(93, -1.0, 6.0, 30.0, -1.0, frame=2)),
+    (MISSION, item(115, 90.0, NAN, 0.0, 0.0, frame=2)),
+    (MISSION, item(115, 30.0, 0.0, -1.0, 1.0, frame=2)),
+    (MISSION, item(178, 1.0, 0.5, NAN, NAN, frame=2)),
+    (MISSION, item(178, 0.0, -2.0, -1.0, frame=2)),
+    (MISSION, item(179, 1.0, NAN, NAN, NAN, z=NAN)),
+    (MISSION, item(179, 0.0, z=1.5)),
+    (MISSION, item(213, -20.0, NAN, 1.0, frame=2)),
+    (FENCE, item(5000, frame=0)),
+    (FENCE, item(5003, 100.0, NAN, frame=5)),
+    (FENCE, item(5004, 100.0, x=0, y=0, frame=0)),
+    (RALLY, item(5100, NAN, frame=3)),
+]
+
+
+@pytest.mark.parametrize(("kind", "one"), GOOD)
+def test_good_items(kind, one):
+    assert fault(kind, one) is None
+
+
+BAD = [
+    (MISSION, item(21), PlanResult.UNSUPPORTED),
+    (MISSION, item(112, frame=2), PlanResult.UNSUPPORTED),
+    (MISSION, item(5100), PlanResult.UNSUPPORTED),
+    (FENCE, item(16), PlanResult.UNSUPPORTED),
+    (RALLY, item(16), PlanResult.UNSUPPORTED),
+    (MISSION, item(16, frame=2), PlanResult.UNSUPPORTED_FRAME),
+    (MISSION, item(16, frame=1), PlanResult.UNSUPPORTED_FRAME),
+    (MISSION, item(20, frame=1), PlanResult.UNSUPPORTED_FRAME),
+    (MISSION, item(16, -1.0), PlanResult.INVALID_PARAM1),
+    (MISSION, item(16, 0.0, -0.1), PlanResult.INVALID_PARAM2),
+    (MISSION, item(16, 0.0, 0.0, INF), PlanResult.INVALID_PARAM3),
+    (MISSION, item(16, 0.0, 0.0, 0.0, -INF), PlanResult.INVALID_PARAM4),
+    (MISSION, item(16, x=900_000_001), PlanResult.INVALID_PARAM5_X),
+    (MISSION, item(16, x=-(2**31)), PlanResult.INVALID_PARAM5_X),
+    (MISSION, item(16, y=2**31 - 1), PlanResult.INVALID_PARAM6_Y),
+    (MISSION, item(16, z=INF), PlanResult.INVALID_PARAM7),
+    (MISSION, item(18, NAN), PlanResult.INVALID_PARAM1),
+    (MISSION, item(19, NAN), PlanResult.INVALID_PARAM1),
+    (MISSION, item(17, 0.0, 0.0, 1e9), PlanResult.INVALID_PARAM3),
+    (MISSION, item(93, -2.0), PlanResult.INVALID_PARAM1),
+    (MISSION, item(93, -1.0, -1.0), PlanResult.INVALID_PARAM2),
+    (MISSION, item(93, -1.0, NAN), PlanResult.INVALID_PARAM2),
+    (MISSION, item(93, -1.0, 6.5), PlanResult.INVALID_PARAM2),
+    (MISSION, item(93, -1.0, 6.0, 60.0), PlanResult.INVALID_PARAM3),
+    (MISSION, item(93, -1.0, 6.0, 0.0, 60.0), PlanResult.INVALID_PARAM4),
+    (MISSION, item(115, 361.0), PlanResult.INVALID_PARAM1),
+    (MISSION, item(115, 1.0, 0.0, 2.0), PlanResult.INVALID_PARAM3),
+    (MISSION, item(115, 1.0, 0.0, 0.0, NAN), PlanResult.INVALID_PARAM4),
+    (MISSION, item(178, 2.0, 1.0), PlanResult.INVALID_PARAM1),
+    (MISSION, item(178, 1.0, NAN), PlanResult.INVALID_PARAM2),
+    (MISSION, item(179, 2.0), PlanResult.INVALID_PARAM1),
+    (MISSION, item(179, 0.0, z=NAN), PlanResult.INVALID_PARAM7),
+    (MISSION, item(213, NAN), PlanResult.INVALID_PARAM1),
+    (MISSION, item(213, 1.0, 0.0, 2.0), PlanResult.INVALID_PARAM3),
+    (MISSION, item(177, NAN, 1.0), PlanResult.INVALID_PARAM1),
+    (MISSION, item(177, -1.0, 1.0), PlanResult.INVALID_PARAM1),
+    (MISSION, item(177, 0.5, 1.0), PlanResult.INVALID_PARAM1),
+    (MISSION, item(177, 0.0, -2.0), PlanResult.INVALID_PARAM2),
+    (FENCE, item(5003, 0.0), PlanResult.INVALID_PARAM1),
+    (FENCE, item(5004, NAN), PlanResult.INVALID_PARAM1),
+    (FENCE, item(5003, 10.0, 1.0), PlanResult.INVALID_PARAM2),
+    (FENCE, item(5001, 2.0), PlanResult.INVALID_PARAM1),
+    (FENCE, item(5005, 10.0), PlanResult.UNSUPPORTED),
+    (RALLY, item(5100, frame=2), PlanResult.UNSUPPORTED_FRAME),
+]
+
+
+@pytest.mark.parametrize(("kind", "one", "result"), BAD)
+def test_bad_items(kind, one, result):
+    assert fault(kind, one) == (0, result)
+
+
+singles = st.floats(width=32)
+ints = st.integers(-(2**31), 2**31 - 1)
+
+
+@given(
+    st.sampled_from(PlanKind),
+    st.builds(
+        PlanItem,
+        command=st.sampled_from(sorted(ROWS)) | st.integers(0, 65535),
+        frame=st.sampled_from([0, 2, 3]) | st.integers(0, 255),
+        params=st.tuples(*[singles | st.sampled_from([0.0, 1.0, 3.0])] * 4),
+        x=ints,
+        y=ints,
+        z=singles,
+    ),
+)
+def test_what_is_accepted_is_finite_and_in_range_where_it_means_something(kind, one):
+    found = problem_of(Plan.of(kind, (one,)))
+    assert found is None or (found.result is not PlanResult.ACCEPTED and found.text)
+    if found is None:
+        row = ROWS[one.command]
+        assert row.kind is kind
+        assert not any(map(math.isinf, (*one.params, one.z)))
+        assert one.frame in PLACE_FRAMES or (one.frame == 2 and not row.place)
+        for meaning in row.meanings:
+            value = one.params[meaning.number - 1]
+            assert meaning.low <= value <= meaning.high or (meaning.unset and math.isnan(value))
+        if row.place:
+            assert abs(one.x) <= 9e8
+            assert abs(one.y) <= 1.8e9
+
+
+def test_too_many_items():
+    assert fault(MISSION, *[HERE] * MOST_ITEMS) is None
+    assert fault(MISSION, *[HERE] * (MOST_ITEMS + 1)) == (None, PlanResult.NO_SPACE)
+
+
+def test_the_first_bad_item_is_named():
+    found = problem_of(Plan.of(MISSION, (HERE, item(16, frame=1), item(21))))
+    assert str(found) == "item 1: NAV_WAYPOINT: frame 1 is not supported"
+
+
+@pytest.mark.parametrize(
+    "items",
+    [
+        (HERE, jump(0, -1)),
+        (jump(1), HERE),
+        (jump(2), HERE, jump(1, -1)),
+        (HERE, RETURN, item(178, 1.0, 1.0, frame=2), jump(1, 32767)),
+    ],
+)
+def test_jumps_that_lead_on(items):
+    assert fault(MISSION, *items) is None
+
+
+@pytest.mark.parametrize(
+    ("items", "index"),
+    [
+        ((HERE, jump(2)), 1),
+        ((jump(0),), 0),
+        ((HERE, item(178, 1.0, 1.0, frame=2), jump(1)), 2),
+        ((jump(2), HERE, jump(0)), 2),
+        ((HERE, jump(2), jump(1)), 2),
+    ],
+)
+def test_jumps_that_lead_nowhere_or_round_without_end(items, index):
+    assert fault(MISSION, *items) == (index, PlanResult.INVALID_PARAM1)
+
+
+def test_two_thousand_jumps_are_followed_without_recursion():
+    assert fault(MISSION, HERE, *[jump(0)] * (MOST_ITEMS - 1)) is None
+
+
+def ring(*points, command=5001, count=None):
+    return [item(command, len(points) if count is None else count, x=x, y=y, frame=0) for x, y in points]
+
+
+SQUARE = ((0, 0), (0, 100), (100, 100), (100, 0))
+
+
+def test_polygons_are_put_together():
+    items = [*ring(*SQUARE), item(5003, 5.0), *ring((0, 0), (0, 9), (9, 0), command=5002)]
+    plan = Plan.of(FENCE, items)
+    assert problem_of(plan) is None
+    assert [(one.first, one.count, one.inclusion) for one in polygons_of(plan.items)] == [(0, 4, True), (5, 3, False)]
+
+
+WEST, EAST = -1_799_999_900, 1_799_999_900
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        SQUARE,
+        (*SQUARE, SQUARE[0]),
+        ((0, 0), (0, 0), (0, 100), (100, 100)),
+        ((0, EAST), (0, WEST), (100, WEST), (100, EAST)),
+        ((0, 0), (100, 50), (0, 100), (50, 50)),
+        tuple(
+            (round(1e6 * math.cos(a / 250 * math.tau)), round(1e6 * math.sin(a / 250 * math.tau))) for a in range(250)
+        ),
+    ],
+)
+@pytest.mark.parametrize("command", [5001, 5002])
+def test_good_polygons(points, command):
+    assert fault(FENCE, *ring(*points, command=command)) is None
+
+
+@pytest.mark.parametrize(
+    ("items", "expected"),
+    [
+        (ring(*SQUARE)[:3], (2, PlanResult.INVALID_PARAM1)),
+        ([*ring(*SQUARE)[:3], *ring(*SQUARE[:1], command=5002, count=4)], (3, PlanResult.INVALID_PARAM1)),
+        ([*ring(*SQUARE[:2], count=3), *ring(SQUARE[2], count=4)], (2, PlanResult.INVALID_PARAM1)),
+        ([*ring(*SQUARE)[:3], item(5003, 5.0)], (3, PlanResult.INVALID_PARAM1)),
+        (ring((0, 0), (0, 0), (0, 100)), (0, PlanResult.INVALID)),
+        (ring((0, 0), (100, 100), (0, 100), (100, 0)), (0, PlanResult.INVALID)),
+        (ring((0, EAST), (100, WEST), (0, WEST), (100, EAST)), (0, PlanResult.INVALID)),
+        ([item(5000), item(5003, 5.0), item(5000)], (2, PlanResult.INVALID)),
+    ],
+)
+def test_bad_polygons(items, expected):
+    assert fault(FENCE, *items) == expected
+
+
+def test_a_polygon_that_would_take_long_to_judge_is_refused():
+    zigzag = [(100_000 * (index % 2) + index, 100_000 * (index // 2 % 2) - index) for index in range(900)]
+    found = problem_of(Plan.of(FENCE, ring(*zigzag)))
+    assert found is not None
+
+
+@given(st.lists(st.tuples(st.integers(-20, 20), st.integers(-20, 20)), min_size=3, max_size=9))
+def test_crossings_are_those_found_by_comparing_all_pairs(points):
+    def side(a, b, p):
+        return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+
+    def cross(one, other):
+        (a, b), (c, d) = one, other
+        return side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
+
+    edges = list(zip(points, [*points[1:], points[0]], strict=True))
+    crossing = any(cross(one, other) for one in edges for other in edges)
+    found = problem_of(Plan.of(FENCE, ring(*points)))
+    assert (found is not None and found.text == "the polygon crosses itself") == (
+        crossing and (found is None or "different" not in found.text)
+    )
+
+
+def test_a_judgement_is_remembered_by_the_plan_itself():
+    plan = Plan.of(MISSION, (item(21),))
+    assert problem_of(plan) is problem_of(plan)
+    assert problem_of(Plan.of(MISSION, (HERE,))) is None
+    assert problem_of(Plan(MISSION, (item(21),), Plan.of(MISSION, (HERE,)).identity)) is not None
+    assert ROWS[int(Command.JUMP)].name == "DO_JUMP"

@@ -1,0 +1,134 @@
+"""Which fault decides the mode: the ladder, the gravest first, and the operator's later order."""
+
+import pytest
+
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import Mode
+from firmware_py.faults.page import TABLE, Action, Fault, arming_obstacle
+from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
+from firmware_py.safety.supervisor import SupervisorSettings
+
+GCS, FENCE, VOLT = Fault.STATION_SILENT, Fault.FENCE_BREACHED, Fault.SUPPLY_LOW
+
+
+class Helm:
+    """A mode that failsafes change, as step() does it."""
+
+    def __init__(self, mode=Mode.AUTO, armed=True, impossible=(), resume=True, **actions):
+        self.mode, self.armed, self.impossible, self.resume = mode, armed, set(impossible), resume
+        chosen = {GCS: Action.LOITER, FENCE: Action.RTL, VOLT: Action.ALERT}
+        self.actions = chosen | {Fault[name]: action for name, action in actions.items()}
+        self.before = mode
+        self.state = FailsafeState()
+        self.said = []
+
+    def tick(self, *faults, order=None):
+        if order is not None:
+            self.mode = order
+        active = sum(1 << fault for fault in faults)
+        possible = lambda mode: mode not in self.impossible  # noqa: E731
+        scene = FailsafeInput(active, self.mode, self.armed, order is not None, self.actions, possible, self.resume)
+        acting = self.state.fault is not None
+        self.state, decision = decide(self.state, scene)
+        if not acting:
+            self.before = self.mode
+        self.said += [event.text for event in decision.events]
+        if decision.enter is not None:
+            self.mode = decision.enter
+        if decision.resume:
+            self.mode = self.before
+        return self.mode
+
+
+def test_a_fault_changes_the_mode_once_and_what_was_done_goes_on_after_it():
+    helm = Helm()
+    assert helm.tick() is Mode.AUTO
+    assert helm.tick(GCS) is Mode.LOITER
+    assert helm.tick(GCS) is Mode.LOITER
+    assert helm.said == ["Failsafe: LOITER"]
+    assert helm.tick() is Mode.AUTO
+
+
+def test_without_resume_the_mode_stays_and_that_is_said():
+    helm = Helm(resume=False)
+    helm.tick(GCS)
+    assert helm.tick() is Mode.LOITER
+    assert helm.said[-1] == "Failsafe over: LOITER stays"
+
+
+@pytest.mark.parametrize("order", [Mode.GUIDED, Mode.LOITER, Mode.MANUAL])
+def test_the_operator_s_later_order_wins_as_long_as_the_fault_stands(order):
+    helm = Helm()
+    helm.tick(GCS)
+    assert helm.tick(GCS, order=order) is order
+    assert helm.tick(GCS) is order
+    assert helm.tick() is order
+    # Once it has gone and come back it acts again, unless she is in the operator's hands.
+    assert helm.tick(GCS) is (Mode.MANUAL if order is Mode.MANUAL else Mode.LOITER)
+
+
+@pytest.mark.parametrize(
+    ("impossible", "mode"),
+    [
+        ((), Mode.RTL),
+        ((Mode.RTL,), Mode.LOITER),
+        ((Mode.RTL, Mode.LOITER), Mode.STEERING),
+        (tuple(Mode), Mode.HOLD),
+    ],
+)
+def test_an_impossible_mode_gives_way_to_the_next_of_the_ladder(impossible, mode):
+    helm = Helm(impossible=impossible)
+    assert helm.tick(FENCE) is mode
+    assert helm.said == [f"Failsafe: {mode.name}" + ("" if mode is Mode.RTL else ", RTL is impossible")]
+
+
+def test_a_better_mode_is_taken_once_it_is_possible_and_a_worse_one_is_not():
+    helm = Helm(impossible=(Mode.RTL, Mode.LOITER))
+    helm.tick(FENCE)
+    helm.impossible = set()
+    assert helm.tick(FENCE) is Mode.RTL
+    helm.impossible = {Mode.RTL}
+    assert helm.tick(FENCE) is Mode.RTL
+    assert helm.tick() is Mode.AUTO
+
+
+def test_the_gravest_fault_decides_and_the_other_one_after_it():
+    helm = Helm()
+    assert helm.tick(GCS) is Mode.LOITER
+    assert helm.tick(GCS, FENCE) is Mode.RTL
+    assert helm.tick(FENCE) is Mode.RTL
+    assert helm.tick(GCS, FENCE) is Mode.RTL
+    assert helm.tick(GCS) is Mode.LOITER
+    assert helm.tick() is Mode.AUTO
+
+
+@pytest.mark.parametrize(
+    ("mode", "armed"), [(Mode.MANUAL, True), (Mode.HOLD, True), (Mode.AUTO, False), (Mode.GUIDED, False)]
+)
+def test_no_mode_is_entered_while_disarmed_or_in_manual_or_hold(mode, armed):
+    helm = Helm(mode, armed)
+    assert helm.tick(FENCE) is mode
+    helm.armed = True
+    assert helm.tick(FENCE, order=Mode.GUIDED) is Mode.GUIDED
+    assert helm.said == []
+
+
+def test_disarming_ends_a_failsafe():
+    helm = Helm()
+    helm.tick(FENCE)
+    helm.armed = False
+    helm.tick(FENCE)
+    helm.armed = True
+    assert helm.tick(FENCE, order=Mode.AUTO) is Mode.AUTO
+
+
+def test_every_row_with_a_parameter_has_its_action_and_every_default_is_one():
+    actions = SupervisorSettings.of(ParameterSet()).actions
+    assert set(actions) == {row.fault for row in TABLE if row.parameter}
+    assert actions[Fault.FENCE_BREACHED] is Action.RTL
+
+
+def test_the_table_says_what_forbids_arming():
+    assert arming_obstacle(0) == ""
+    assert arming_obstacle(1 << Fault.LOOP_LATE | 1 << Fault.RUDDER_JAMMED) == "rudder is jammed"
+    assert all(len(f"Arming refused: {row.arming}") <= 50 for row in TABLE)

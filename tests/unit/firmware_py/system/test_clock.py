@@ -1,0 +1,142 @@
+import json
+import os
+import random
+import socket
+import struct
+import threading
+
+import pytest
+
+from firmware_py.system.clock import LOCK_MARGIN_S, LOCK_SLEW, ClockError, LockstepClock, Metronome, RealClock
+
+
+def test_deadlines_are_absolute():
+    metronome = Metronome(5.0, 10.0)
+    for index in range(1, 1000):
+        assert metronome.advance(metronome.deadline_s + 0.02) == 0
+        assert metronome.deadline_s == pytest.approx(5.0 + 0.1 * index, abs=1e-9)
+
+
+def test_missed_deadlines_are_skipped_in_phase_and_counted():
+    metronome = Metronome(0.0, 10.0)
+    assert metronome.advance(0.349) == 2  # 0.1 and 0.2 are gone, 0.3 is 49 ms late and still served
+    assert metronome.deadline_s == pytest.approx(0.3)
+    assert metronome.advance(3.0) == 26
+    assert metronome.deadline_s == pytest.approx(3.0)
+
+
+def test_a_long_stall_never_makes_a_burst():
+    metronome = Metronome(0.0, 50.0)
+    skipped = metronome.advance(1000.0)
+    assert skipped + 1 == 50_000
+    assert metronome.deadline_s >= 999.98
+
+
+def test_ticks_lock_to_just_after_the_arrivals():
+    rng = random.Random(1)
+    metronome = Metronome(0.0, 10.0)
+    phase_s, period_s = 0.057, 0.1 * (1 + 50e-6)  # a compass of its own phase, 50 ppm slow
+    offsets = []
+    for _ in range(4000):
+        deadline_s = metronome.deadline_s
+        newest_s = phase_s + period_s * int((deadline_s - phase_s) / period_s) + rng.gauss(0.0, 0.0003)
+        if deadline_s > phase_s:
+            metronome.lock(newest_s)
+        metronome.advance(deadline_s + 0.001)
+        assert metronome.deadline_s - deadline_s == pytest.approx(0.1, abs=0.1 * LOCK_SLEW + 1e-9)
+        offsets.append(deadline_s - newest_s)
+    settled = sorted(offsets[2000:])
+    assert settled[len(settled) // 2] == pytest.approx(LOCK_MARGIN_S, abs=0.0005)
+    assert settled[0] > 0.0
+
+
+def test_without_arrivals_the_ticks_run_free():
+    metronome = Metronome(0.0, 10.0)
+    metronome.lock(0.05)
+    metronome.advance(0.0)
+    first_s = metronome.deadline_s
+    metronome.advance(first_s)
+    assert metronome.deadline_s == pytest.approx(first_s + 0.1, abs=1e-12)
+
+
+def test_the_rate_can_change():
+    metronome = Metronome(0.0, 10.0)
+    metronome.set_rate(50.0)
+    metronome.advance(0.0)
+    assert metronome.deadline_s == pytest.approx(0.02)
+
+
+def test_the_real_clock_wakes_for_a_descriptor_before_the_deadline():
+    clock = RealClock()
+    reader, writer = os.pipe()
+    try:
+        os.write(writer, b"x")
+        assert list(clock.wait(clock.now_s() + 30.0, [reader])) == [reader]
+        assert list(clock.wait(clock.now_s() - 1.0, [])) == []
+    finally:
+        os.close(reader)
+        os.close(writer)
+
+
+@pytest.fixture
+def lockstep(tmp_path):
+    """A lockstep clock and the HIL's end of its socket."""
+    server = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    server.bind(str(tmp_path / "socket"))
+    server.listen(1)
+    ends = []
+
+    def greet():
+        end = server.accept()[0]
+        hello = json.loads(end.recv(4096))
+        assert hello == {"protocol": 1, "lines": ["/a", "/b"]}
+        end.sendall(json.dumps({"start_s": 3.0, "utc_s": 1000.0}).encode())
+        ends.append(end)
+
+    thread = threading.Thread(target=greet)
+    thread.start()
+    clock = LockstepClock(str(tmp_path / "socket"), ["/a", "/b"], lambda: [7, 9])
+    thread.join()
+    yield clock, ends[0]
+    ends[0].close()
+    server.close()
+    clock.close()
+
+
+def test_lockstep_time_stands_still_until_the_hil_moves_it(lockstep):
+    clock, hil = lockstep
+    assert (clock.now_s(), clock.utc_s()) == (3.0, 1000.0)
+    hil.sendall(struct.pack("<d", 3.05))  # the answer may already be there
+    clock.wait(3.1, [])
+    assert struct.unpack("<dQQ", hil.recv(64)) == (3.1, 7, 9)
+    assert clock.now_s() == 3.05
+    assert clock.utc_s() == pytest.approx(1000.05)
+
+
+def test_lockstep_serves_an_outside_socket_without_time_going_by(lockstep):
+    clock, hil = lockstep
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        theirs.sendall(b"x")
+        assert list(clock.wait(3.1, [ours.fileno()])) == [ours.fileno()]
+        assert clock.now_s() == 3.0
+        ours.recv(1)
+        hil.sendall(struct.pack("<d", 3.1))
+        assert list(clock.wait(3.1, [ours.fileno()])) == []
+        assert clock.now_s() == 3.1
+        hil.recv(64)
+        hil.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            hil.recv(64)  # one packet each way, although there were two waits
+
+
+def test_a_hil_that_ends_is_an_error_in_one_line(lockstep):
+    clock, hil = lockstep
+    hil.close()
+    with pytest.raises(ClockError, match="HIL"):
+        clock.wait(4.0, [])
+
+
+def test_no_hil_at_all_is_an_error_in_one_line(tmp_path):
+    with pytest.raises(ClockError, match="is the HIL running"):
+        LockstepClock(str(tmp_path / "none"), [], list)

@@ -1,0 +1,103 @@
+"""The computer's clock is set from GPS only when it has no better time, and never by one wrong word."""
+
+import math
+
+import pytest
+
+from firmware_py.common.records import FixType, PositionSample
+from firmware_py.system.clock_setter import FIRST_UTC_S, NEVER, WHEN_UNKEPT, WHEN_WRONG, ClockSetter
+
+TRUE_S = FIRST_UTC_S + 1e7
+
+
+class Computer:
+    """A calendar clock, with or without somebody who keeps it."""
+
+    def __init__(self, utc_s, *, kept=False, may=True):
+        self.offset_s = utc_s
+        self.kept, self.may = kept, may
+        self.now_s = 0.0
+        self.sets = []
+        self.keeper = ClockSetter(lambda: self.offset_s + self.now_s, self.set, lambda: self.kept)
+
+    def set(self, utc_s):
+        self.sets.append(utc_s)
+        if self.may:
+            self.offset_s = utc_s - self.now_s
+        return self.may
+
+    def turn(self, policy, fixes=(), count=20):
+        """Turn for some seconds with a fix each; return what was told."""
+        told = []
+        for index in range(count):
+            self.now_s += 1.0
+            utc_s = fixes[index % len(fixes)] if fixes else None
+            utc_s = None if utc_s is None else utc_s + self.now_s
+            sample = PositionSample(self.now_s - 0.1, FixType.FIX_3D, utc_s=None if utc_s is None else utc_s - 0.1)
+            event = self.keeper.consider(policy, [sample], self.now_s)
+            told += [event.text] if event else []
+        return told
+
+
+@pytest.mark.parametrize("policy", [WHEN_WRONG, WHEN_UNKEPT])
+@pytest.mark.parametrize("kept", [False, True])
+def test_a_clock_that_is_plainly_wrong_is_set_once(policy, kept):
+    computer = Computer(1000.0, kept=kept)
+    told = computer.turn(policy, [TRUE_S], 7200)
+    assert len(computer.sets) == 1
+    assert computer.offset_s == pytest.approx(TRUE_S)
+    assert told == [f"Clock set from GPS: it was {1000.0 - TRUE_S:.0f} s off"]
+
+
+@pytest.mark.parametrize(
+    ("policy", "error_s", "kept", "sets"),
+    [
+        (NEVER, -TRUE_S, False, 0),
+        (WHEN_WRONG, 100.0, False, 0),  # wrong, but not plainly
+        (WHEN_UNKEPT, 100.0, False, 1),
+        (WHEN_UNKEPT, -100.0, False, 1),
+        (WHEN_UNKEPT, 1.5, False, 0),
+        (WHEN_UNKEPT, 100.0, True, 0),  # NTP knows better
+    ],
+)
+def test_a_clock_that_will_do_is_left_alone(policy, error_s, kept, sets):
+    computer = Computer(TRUE_S + error_s, kept=kept)
+    computer.turn(policy, [TRUE_S], 60)
+    assert len(computer.sets) == sets
+
+
+@pytest.mark.parametrize(
+    "fixes",
+    [
+        [TRUE_S, TRUE_S + 3.0],  # they do not agree
+        [TRUE_S, TRUE_S, TRUE_S, TRUE_S, TRUE_S + 1e6],
+        [FIRST_UTC_S - 1e8],  # a receiver whose week has rolled over
+        [math.nan], [math.inf], [1e300], [-1e300],
+        [None],
+    ],
+)  # fmt: skip
+def test_a_time_that_cannot_be_believed_is_not_taken(fixes):
+    computer = Computer(1000.0)
+    assert computer.turn(WHEN_WRONG, fixes, 300) == []
+    assert computer.sets == []
+
+
+def test_where_it_may_not_be_set_that_is_told_once_an_hour():
+    computer = Computer(1000.0, may=False)
+    told = computer.turn(WHEN_WRONG, [TRUE_S], 7000)
+    assert len(told) == len(computer.sets) == 2
+    assert "CAP_SYS_TIME" in told[0]
+
+
+def test_a_ground_stations_time_serves_where_there_is_no_gps():
+    computer = Computer(1000.0)
+    for _ in range(5):
+        computer.keeper.hear_station(TRUE_S + computer.now_s, computer.now_s)
+        told = computer.turn(WHEN_WRONG, count=1)
+    assert told == [f"Clock set from a ground station: it was {1000.0 - TRUE_S:.0f} s off"]
+    for policy, utc_s in ((WHEN_UNKEPT, TRUE_S + 100.0), (NEVER, 1000.0)):
+        computer = Computer(utc_s)
+        for _ in range(9):
+            computer.keeper.hear_station(TRUE_S + computer.now_s, computer.now_s)
+            computer.turn(policy, count=1)
+        assert computer.sets == []

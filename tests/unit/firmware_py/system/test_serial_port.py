@@ -1,0 +1,128 @@
+import os
+import pty
+
+import pytest
+
+from firmware_py.system.serial_port import EMPTY_READS_LIMIT, UNSENT_LIMIT, PortError, SerialPort
+
+
+class Cable:
+    """A pty behind a path that can be pulled and put back."""
+
+    def __init__(self, path):
+        self.path = path
+        self.master = -1
+        self.plug()
+
+    def plug(self):
+        self.master, slave = pty.openpty()
+        self.path.symlink_to(os.ttyname(slave))
+        os.set_blocking(self.master, False)
+        self._slave = slave
+
+    def pull(self):
+        os.close(self.master)
+        os.close(self._slave)
+        self.path.unlink()
+
+
+@pytest.fixture
+def cable(tmp_path):
+    made = Cable(tmp_path / "port")
+    yield made
+    if made.path.exists():
+        made.pull()
+
+
+@pytest.fixture
+def line(cable):
+    made = SerialPort(str(cable.path), 38400)
+    made.open()
+    yield made
+    made.close()
+
+
+def read_all(line, count):
+    """Read until count bytes are there; the kernel hands them over in its own time."""
+    data = b""
+    while len(data) < count:
+        data += line.read()
+    return data
+
+
+def test_bytes_go_both_ways_untouched(line, cable):
+    every = bytes(range(256))
+    os.write(cable.master, every)
+    assert read_all(line, 256) == every
+    assert line.read() == b""
+    assert line.write(every)
+    assert line.written == 256
+    os.set_blocking(cable.master, True)
+    assert os.read(cable.master, 256) == every
+
+
+def test_a_missing_port_is_told_with_its_remedy(tmp_path):
+    with pytest.raises(PortError, match="no such port"):
+        SerialPort(str(tmp_path / "none"), 9600).open()
+
+
+def test_a_port_in_use_is_told_with_its_remedy(line, cable):
+    with pytest.raises(PortError, match="in use by another program"):
+        SerialPort(str(cable.path), 9600).open()
+
+
+def test_a_file_is_no_port(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PortError, match="serial port"):
+        SerialPort(str(tmp_path / "file"), 9600).open()
+
+
+def test_a_cable_pulled_and_put_back_is_taken_up_again(line, cable):
+    cable.pull()
+    assert [line.read() for _ in range(EMPTY_READS_LIMIT)] == [b""] * EMPTY_READS_LIMIT
+    assert not line.connected
+    assert line.fileno() == -1
+    assert not line.write(b"x")
+    line.maintain(10.0)
+    assert not line.connected
+    cable.plug()
+    line.maintain(10.5)  # within a second of the last try
+    assert not line.connected
+    line.maintain(11.1)
+    assert line.connected
+    assert line.openings == 2
+    os.write(cable.master, b"again")
+    assert read_all(line, 5) == b"again"
+
+
+def test_a_line_that_takes_no_more_refuses_whole_messages_and_keeps_order(line, cable):
+    sent = b""
+    number = 0
+    while line.write(message := b"%06d." % number):
+        sent += message
+        number += 1
+        assert len(sent) < 10_000_000
+    assert 0 < len(line._unsent) <= UNSENT_LIMIT
+    os.set_blocking(cable.master, True)
+    received = os.read(cable.master, 4096)
+    while line.write(b""):
+        if not line._unsent:
+            break
+        received += os.read(cable.master, 4096)
+    while len(received) < len(sent):
+        received += os.read(cable.master, 4096)
+    assert received == sent
+
+
+def test_a_line_that_was_jammed_goes_on_by_itself(line, cable):
+    """What waits is pushed by the next write, also by one that is too large to be added to it."""
+    while line.write(b"x" * 1200):
+        pass
+    assert len(line._unsent) + 1200 > UNSENT_LIMIT
+    os.set_blocking(cable.master, False)
+    for _ in range(1000):
+        try:
+            os.read(cable.master, 65536)
+        except BlockingIOError:
+            break
+    assert line.write(b"y" * 1200)

@@ -1,0 +1,484 @@
+"""The loop around the pure tick, on a clock of the test's own."""
+
+import itertools
+import math
+
+import pytest
+
+from firmware_py.common.intents import (
+    Arm,
+    ForgetParameters,
+    ManualRudder,
+    ReplacePlan,
+    Request,
+    Restart,
+    SetMode,
+    SetParameter,
+    SteerHeading,
+    Verdict,
+)
+from firmware_py.common.parameters import ParameterSet, format_file, parse_file
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
+from firmware_py.common.plan import from_text as plan_from_text
+from firmware_py.common.records import (
+    DeviceHealth,
+    DeviceRole,
+    DeviceState,
+    FixType,
+    HeadingSample,
+    Mode,
+    NorthReference,
+    PositionSample,
+    RudderFeedback,
+)
+from firmware_py.core.step import State
+from firmware_py.faults.page import Fault
+from firmware_py.loop import LINK_PART, PARAMETER_FILE, PENDING_LIMIT, PLAN_FILES, Autopilot, LoopParts, run
+from firmware_py.system.clock_setter import ClockSetter
+from firmware_py.system.fault_barrier import FaultBarrier
+
+
+class FakeClock:
+    """Time moves only in wait; work can be made to take time; descriptors become readable by plan."""
+
+    def __init__(self):
+        self.t_s = 0.0
+        self.plan = []  # (time, descriptor)
+        self.waits = []
+
+    def now_s(self):
+        return self.t_s
+
+    def utc_s(self):
+        return 1e9 + self.t_s
+
+    def wait(self, deadline_s, descriptors):
+        self.waits.append((self.t_s, deadline_s, tuple(descriptors)))
+        due = sorted(entry for entry in self.plan if entry[0] <= deadline_s and entry[1] in descriptors)
+        if not due:
+            self.t_s = max(self.t_s, deadline_s)
+            return []
+        if due[0][1] != FakeLink.DESCRIPTOR:  # that one stays readable until it is served
+            self.plan.remove(due[0])
+        self.t_s = max(self.t_s, due[0][0])
+        return [due[0][1]]
+
+
+class FakeCompass:
+    def __init__(self, boat_log):
+        self.log, self.samples, self.heading_rad = boat_log, [], 1.0
+
+    def fileno(self):
+        return 10
+
+    def receive(self, now_s):
+        self.log.append(("receive", now_s))
+        self.samples.append(HeadingSample(now_s, self.heading_rad, NorthReference.TRUE))
+
+    def poll(self):
+        taken, self.samples = self.samples, []
+        return taken
+
+    def health(self, now_s):
+        return DeviceHealth(now_s, DeviceRole.COMPASS, DeviceState.RUNNING, len(self.log), 0)
+
+
+class FakeRudder:
+    def __init__(self, boat_log):
+        self.log, self.commands, self.feedback = boat_log, [], []
+        self.stuck = False
+
+    def fileno(self):
+        return -1
+
+    def command(self, command, now_s):
+        self.log.append(("command", now_s))
+        self.commands.append((now_s, command))
+        angle_rad = 0.3 if self.stuck else command.shaft_rad
+        self.feedback.append(RudderFeedback(now_s + 0.002, angle_rad))
+
+    def receive(self, now_s):
+        pass
+
+    def poll(self):
+        taken, self.feedback = self.feedback, []
+        return taken
+
+    def health(self, now_s):
+        return DeviceHealth(now_s, DeviceRole.RUDDER, DeviceState.RUNNING, 0, 0)
+
+
+class FakeLink:
+    DESCRIPTOR = 20
+
+    def __init__(self, boat_log):
+        self.log, self.outputs, self.on_service = boat_log, [], lambda _now_s: None
+        self.left_over = 0
+        self.station_s = None
+
+    @property
+    def busy(self):
+        return self.left_over > 0
+
+    def descriptors(self):
+        return [20]
+
+    def service(self, now_s, ready):
+        assert list(ready) == ([] if self.left_over else [20])
+        if ready:
+            self.clock.plan.remove(min(entry for entry in self.clock.plan if entry[1] == self.DESCRIPTOR))
+        self.left_over = max(0, self.left_over - 1)
+        self.log.append(("service", now_s))
+        self.on_service(now_s)
+
+    def publish(self, output, now_s):
+        self.log.append(("publish", now_s))
+        self.outputs.append(output)
+
+
+class FakeRecorder:
+    def __init__(self):
+        self.ticks = []
+
+    def offer(self, inputs, output, before):
+        self.ticks.append((inputs, output, before()))
+
+    def health(self, now_s):
+        return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.RUNNING, len(self.ticks), 0)
+
+
+class FakePosition:
+    """A fix at every poll, with the right time."""
+
+    t_s = 0.0
+
+    def fileno(self):
+        return -1
+
+    def receive(self, now_s):
+        self.t_s = now_s
+
+    def poll(self):
+        return [PositionSample(self.t_s, FixType.FIX_3D, 0.1, 0.2, utc_s=2e9 + self.t_s)]
+
+    def health(self, now_s):
+        return DeviceHealth(now_s, DeviceRole.POSITION, DeviceState.RUNNING, 0, 0)
+
+
+class FakeStore:
+    def __init__(self):
+        self.saved, self.calls, self.failure = {}, [], ""
+
+    def fileno(self):
+        return 30
+
+    def save(self, name, content):
+        self.saved[name] = content
+
+    def when_stored(self, call):
+        self.calls.append(call)
+
+    def service(self):
+        while self.calls:
+            self.calls.pop(0)(True)
+
+
+@pytest.fixture
+def boat():
+    log = []
+    store = FakeStore()
+    link, clock = FakeLink(log), FakeClock()
+    link.clock = clock
+    pilot = Autopilot(State.at_start(ParameterSet()), store, {}, format_file)
+    return LoopParts(
+        clock=clock,
+        pilot=pilot,
+        compass=FakeCompass(log),
+        position=None,
+        rudder=FakeRudder(log),
+        link=link,
+        recorder=FakeRecorder(),
+        store=store,
+        lines=[],
+        tell=lambda _event: None,
+        shelter=FaultBarrier(pytest.fail),  # no test but that of it makes mistakes
+    )
+
+
+def turn(boat, seconds):
+    end_s = boat.clock.t_s + seconds
+    run(boat, lambda: boat.clock.t_s >= end_s - 1e-9)
+
+
+def ticks(boat):
+    return [inputs.tick for inputs, _, _ in boat.recorder.ticks]
+
+
+def test_ticks_come_at_their_absolute_deadlines(boat):
+    boat.pilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    turn(boat, 2.0)
+    assert [tick.index for tick in ticks(boat)] == list(range(len(ticks(boat))))
+    assert [tick.t_s for tick in ticks(boat)] == pytest.approx([0.1 * index for index in range(len(ticks(boat)))])
+    assert all(tick.late_s == 0.0 and tick.skipped == 0 for tick in ticks(boat))
+
+
+def test_the_servo_is_commanded_before_anything_is_published(boat):
+    turn(boat, 0.25)
+    order = [what for what, _ in boat.link.log if what in ("command", "publish")]
+    assert order[:4] == ["command", "publish", "command", "publish"]
+
+
+def test_a_stall_is_skipped_in_phase_and_reported(boat):
+    boat.pilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    stall = iter([0.0] * 5 + [0.73])
+
+    def publish(output, now_s):
+        boat.clock.t_s += next(stall, 0.0)
+
+    boat.link.publish = publish
+    turn(boat, 3.0)
+    assert sum(tick.skipped for tick in ticks(boat)) == 6
+    after = next(tick for tick in ticks(boat) if tick.skipped)
+    assert after.t_s == pytest.approx(1.2)
+    assert after.late_s == pytest.approx(0.03)
+    assert ticks(boat)[-1].t_s == pytest.approx(round(ticks(boat)[-1].t_s, 1))
+
+
+@pytest.mark.parametrize("where", ["service", "publish", "store"])
+def test_a_mistake_in_the_link_does_not_end_the_loop_and_is_told(boat, where):
+    explained, mistakes = [], iter([KeyError("inside")])
+    boat.shelter = FaultBarrier(explained.append)
+
+    def mistaken(*_):
+        for mistake in mistakes:
+            raise mistake
+
+    if where == "service":
+        boat.clock.plan = [(0.15, FakeLink.DESCRIPTOR)]
+        boat.link.on_service = mistaken
+    elif where == "publish":
+        boat.link.publish = mistaken
+    else:
+        boat.clock.plan = [(0.15, boat.store.fileno())]
+        boat.store.service = lambda: (boat.clock.plan.clear(), mistaken())
+    turn(boat, 1.0)
+    told = [event.text for _, output, _ in boat.recorder.ticks for event in output.events]
+    assert told.count("Link: KeyError inside, she steers on") == 1
+    assert explained[-1] == "KeyError: 'inside'"
+    assert len(ticks(boat)) == pytest.approx(10, abs=1)
+
+
+def test_samples_are_stamped_when_they_arrive(boat):
+    boat.clock.plan = [(0.137, 10)]
+    turn(boat, 0.3)
+    assert ("receive", 0.137) in boat.link.log
+
+
+def test_the_link_is_served_in_the_slack_and_left_alone_before_a_deadline(boat):
+    boat.pilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    boat.clock.plan = [(0.15, 20), (0.1985, 20)]
+    turn(boat, 0.4)
+    served = [t_s for what, t_s in boat.link.log if what == "service"]
+    assert served[0] == pytest.approx(0.15)
+    assert served[1] >= 0.2 - 1e-9  # its bytes came within the guard time
+
+
+def test_what_a_burst_left_over_is_served_before_sleeping(boat):
+    boat.link.publish = lambda _output, now_s: setattr(boat.link, "left_over", 3 if 0.09 < now_s < 0.11 else 0)
+    turn(boat, 0.35)
+    served = [t_s for what, t_s in boat.link.log if what == "service"]
+    assert served == pytest.approx([0.1, 0.1, 0.1], abs=0.001)
+
+
+def test_the_ticks_drift_to_just_after_the_compass(boat):
+    boat.compass.receive = lambda now_s: None
+    boat.clock.plan = []
+    phase_s = 0.04
+
+    def poll():
+        newest_s = phase_s + 0.1 * math.floor((boat.clock.t_s - phase_s) / 0.1 + 1e-9)
+        return [HeadingSample(newest_s, 1.0, NorthReference.TRUE)] if newest_s > 0.0 else []
+
+    boat.compass.poll = poll
+    turn(boat, 60.0)
+    assert (ticks(boat)[-1].t_s - phase_s) % 0.1 == pytest.approx(0.002, abs=2e-4)
+
+
+def test_a_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
+    answers = []
+    boat.clock.plan = [(0.15, 20)]
+
+    def on_service(now_s):
+        intents = (Arm(armed=True), SetMode(Mode.GUIDED), SteerHeading(2.0), SteerHeading(math.nan))
+        answers.extend(boat.pilot.decide(Request(now_s, intent, 255, 190)).verdict for intent in intents)
+
+    boat.link.on_service = on_service
+    turn(boat, 0.5)
+    assert answers == [Verdict.ACCEPTED] * 3 + [Verdict.DENIED]
+    (with_requests,) = [inputs for inputs, _, _ in boat.recorder.ticks if inputs.requests]
+    assert with_requests.tick.t_s == pytest.approx(0.2, abs=0.01)
+    assert len(with_requests.requests) == 3
+    assert boat.link.outputs[-1].snapshot.goal_heading_rad == pytest.approx(2.0)
+
+
+def test_a_flood_gets_part_of_the_time_and_the_tick_is_punctual(boat):
+    """However much there is to serve: Linux would take the processor from one that uses all of it."""
+    boat.link.left_over = 10**6
+
+    def on_service(_now_s):
+        boat.clock.t_s += 0.001
+
+    boat.link.on_service = on_service
+    turn(boat, 1.0)
+    served = sum(1 for entry in boat.link.log if entry[0] == "service")
+    assert served == pytest.approx(1000 * LINK_PART, rel=0.1)
+    assert all(inputs.tick.late_s < 1e-9 for inputs, _, _ in boat.recorder.ticks)
+
+
+def test_at_a_high_rate_a_flood_is_left_alone_well_before_the_tick(boat):
+    """What slows the machine down for a moment while the link is served is over when the tick comes."""
+    boat.pilot.decide(Request(0.0, SetParameter("LOOP_RATE_HZ", 50)))
+    turn(boat, 0.5)
+    boat.link.left_over = 10**6
+
+    def on_service(now_s):
+        calls.append(now_s)
+        boat.clock.t_s += 0.001
+
+    def publish(output, now_s):
+        outputs.append(output)
+        boat.clock.t_s += 0.014 if len(outputs) % 10 == 0 else 0.0  # a slow tick leaves little of its period
+
+    calls, outputs = [], []
+    boat.link.on_service, boat.link.publish = on_service, publish
+    turn(boat, 1.5)
+    deadlines_s = [tick.t_s for tick in ticks(boat)]
+    left_s = [min(deadline_s for deadline_s in deadlines_s if deadline_s > now_s) - now_s for now_s in calls[:400]]
+    assert len(calls) >= 400
+    assert min(left_s) > 0.009
+
+
+def test_an_accepted_parameter_is_in_force_at_once_and_stored(boat):
+    answer = boat.pilot.decide(Request(0.0, SetParameter("CTL_K1", 44.4)))
+    assert answer.verdict is Verdict.ACCEPTED
+    value = boat.pilot.parameters()["CTL_K1"]
+    assert value == pytest.approx(44.4)
+    assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
+    assert boat.pilot.decide(Request(0.0, SetParameter("CTL_K1", math.inf))).verdict is Verdict.DENIED
+    assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
+
+
+def test_a_restart_ends_the_loop_behind_the_tick_that_logs_it_with_the_rudder_safe(boat):
+    assert boat.pilot.decide(Request(0.0, Restart())).verdict is Verdict.ACCEPTED
+    turn(boat, 10.0)
+    assert len(ticks(boat)) == 1
+    assert boat.recorder.ticks[0][0].requests[0].intent == Restart()
+    assert boat.pilot.restart == Restart()
+    assert boat.rudder.commands[-1][1].torque_on
+    assert boat.clock.t_s < 3.0
+
+
+def test_a_refused_restart_goes_on(boat):
+    boat.pilot.decide(Request(0.0, Arm(armed=True, force=True)))
+    assert boat.pilot.decide(Request(0.0, Restart(shutdown=True))).verdict is Verdict.TEMPORARILY_REJECTED
+    turn(boat, 1.0)
+    assert boat.pilot.restart is None
+    assert len(ticks(boat)) > 9
+
+
+def test_parameters_set_over_links_are_forgotten_in_the_store_and_stay_in_force(boat):
+    boat.pilot.decide(Request(0.0, SetParameter("CTL_K1", 44.0)))
+    boat.pilot.decide(Request(0.0, ForgetParameters()))
+    assert boat.store.saved[PARAMETER_FILE] == b""
+    assert boat.pilot.parameters()["CTL_K1"] == 44.0
+    boat.pilot.decide(Request(0.0, SetParameter("CTL_K2", 0.5)))
+    assert boat.store.saved[PARAMETER_FILE] == b"CTL_K2 0.5\n"
+
+
+def test_a_clock_that_steps_moves_no_deadline_and_is_told_and_logged(boat):
+    calendar = [1000.0]
+    boat.timekeeper = ClockSetter(lambda: calendar[0], lambda utc_s: calendar.append(utc_s) or True, lambda: False)
+    boat.position = FakePosition()
+    turn(boat, 2.0)
+    boat.pilot.decide(Request(boat.clock.t_s, SetParameter("LOOP_LOCK", 0)))
+    assert calendar[1:] == pytest.approx([2e9], abs=3.0)
+    times_s = [tick.t_s for tick in ticks(boat)]
+    assert [later - earlier for earlier, later in itertools.pairwise(times_s)] == pytest.approx(
+        [0.1] * (len(times_s) - 1), abs=1e-3
+    )
+    told = [event.text for output in boat.link.outputs for event in output.events if "Clock" in event.text]
+    logged = [event.text for _, output, _ in boat.recorder.ticks for event in output.events if "Clock" in event.text]
+    assert told == logged
+    assert len(told) == 1
+
+
+MISSION = Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=1, y=2),))
+
+
+def test_a_plan_is_in_force_once_it_is_on_disk_and_an_input_of_the_next_tick(boat):
+    answers = []
+    boat.pilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
+    assert (answers, boat.pilot.plans()) == ([], Plans())
+    assert plan_from_text(boat.store.saved[PLAN_FILES[PlanKind.MISSION]].decode())[0] == MISSION
+    boat.store.service()
+    assert [answer.verdict for answer in answers] == [Verdict.ACCEPTED]
+    assert boat.pilot.plans().mission is MISSION
+    turn(boat, 0.2)
+    assert boat.link.outputs[-1].snapshot.mission.identities == (MISSION.identity, 0, 0)
+    assert boat.recorder.ticks[0][0].requests[0].intent == ReplacePlan(MISSION)
+
+
+def test_a_plan_that_cannot_be_stored_or_is_refused_leaves_the_old_one(boat):
+    answers = []
+    boat.pilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
+    boat.store.calls.pop(0)(False)
+    boat.pilot.replace_plan(Request(0.0, ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(16)] * 2001))), answers.append)
+    assert [answer.verdict for answer in answers] == [Verdict.FAILED, Verdict.DENIED]
+    assert boat.pilot.plans() == Plans()
+
+
+def test_the_rate_changes_with_its_parameter(boat):
+    boat.pilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    boat.pilot.decide(Request(0.0, SetParameter("LOOP_RATE_HZ", 50)))
+    turn(boat, 2.0)
+    times_s = [tick.t_s for tick in ticks(boat)]
+    assert [b - a for a, b in itertools.pairwise(times_s[2:])] == pytest.approx([0.02] * (len(times_s) - 3))
+    assert ticks(boat)[-1].rate_hz == 50
+
+
+def test_a_flood_of_requests_is_turned_away(boat):
+    verdicts = {boat.pilot.decide(Request(0.0, ManualRudder(0.1))).verdict for _ in range(PENDING_LIMIT)}
+    assert verdicts == {Verdict.ACCEPTED}
+    assert boat.pilot.decide(Request(0.0, ManualRudder(0.1))).verdict is Verdict.TEMPORARILY_REJECTED
+
+
+def test_health_is_an_input_only_when_it_changes(boat):
+    turn(boat, 1.0)
+    seen = [len(inputs.devices) for inputs, _, _ in boat.recorder.ticks]
+    assert seen[1] == 3
+    assert sum(seen) == 3
+
+
+def test_a_store_that_fails_is_a_fault_of_the_storage(boat):
+    boat.store.failure = "parameters.param cannot be stored: No space left on device"
+    turn(boat, 4.0)
+    assert boat.link.outputs[-1].snapshot.faults == 1 << Fault.STORAGE_FAILING
+
+
+def test_whatever_ends_the_loop_the_rudder_is_brought_amidships(boat):
+    def explode(output, now_s):
+        raise RuntimeError("unexpected")
+
+    boat.link.publish = explode
+    boat.shelter = FaultBarrier(lambda _line: None)  # again and again: more than it covers
+    with pytest.raises(RuntimeError, match="unexpected"):
+        turn(boat, 1.0)
+    assert boat.rudder.commands[-1][1].shaft_rad == 0.0
+    assert boat.rudder.commands[-1][1].torque_on
+
+
+def test_a_rudder_that_does_not_come_amidships_does_not_hold_up_the_end(boat):
+    boat.rudder.stuck = True
+    turn(boat, 0.2)
+    assert boat.clock.t_s < 3.0
+    assert len(boat.rudder.commands) > 15

@@ -1,0 +1,75 @@
+"""Joining the bench's stamps with the onboard log."""
+
+import math
+
+import pytest
+
+from firmware_py.common.records import HeadingSample, Inputs, NorthReference, Tick
+from hil.bench.path import Passage, passages
+
+AHEAD_S = 100.0  # the bench's clock is this much ahead of the autopilot's
+
+
+def tick(due_s, *headings, late_s=0.0):
+    """A tick on the autopilot's clock that takes (arrival, n-th heading) pairs."""
+    samples = tuple(
+        HeadingSample(arrival_s, math.radians(number / 1000.0), NorthReference.TRUE) for arrival_s, number in headings
+    )
+    return Inputs(Tick(0, due_s, late_s, 0, 10.0), samples)
+
+
+def on_bench(*times_s):
+    return [AHEAD_S + t_s for t_s in times_s]
+
+
+def test_a_heading_is_followed_to_the_frame_of_its_tick():
+    log = [tick(1.002, (1.0, 1), late_s=0.0001), tick(1.102, (1.1, 2))]
+    found = passages(log, on_bench(1.0, 1.0999), on_bench(1.0026, 1.1031))
+    # The quickest arrival (the first) is taken to be no time at all.
+    assert found == [
+        Passage(pytest.approx(AHEAD_S + 1.0), pytest.approx(0.0026), pytest.approx(0.002)),
+        Passage(pytest.approx(AHEAD_S + 1.0999), pytest.approx(0.0032), pytest.approx(0.002)),
+    ]
+
+
+def test_a_frame_that_leaves_before_the_tick_is_not_the_headings():
+    # The heading comes just after a tick has begun; that tick's frame follows at once and knows nothing of it.
+    log = [tick(1.0, (0.95, 1)), tick(1.1, (1.001, 2))]
+    found = passages(log, on_bench(0.95, 1.001), on_bench(1.0015, 1.1005))
+    assert [passage.whole_s for passage in found] == pytest.approx([0.0515, 0.0995])
+
+
+def test_one_stamp_taken_too_early_does_not_move_every_heading_to_the_next_frame():
+    # The autopilot was held up between its stamp and its read: this heading seems to arrive before it was sent.
+    log = [tick(1.0, (0.995, 1)), tick(1.1, (1.095, 2)), tick(1.2, (1.195, 3))]
+    found = passages(log, on_bench(0.995, 1.1, 1.195), on_bench(1.0005, 1.1005, 1.2005))
+    assert [passage.whole_s for passage in found] == pytest.approx([0.0055, 0.0005, 0.0055])
+
+
+def test_of_two_headings_in_a_tick_the_newer_is_followed():
+    found = passages([tick(1.0, (0.85, 1), (0.95, 2))], on_bench(0.85, 0.95), on_bench(1.001))
+    assert [passage.sentence_s for passage in found] == [AHEAD_S + 0.95]
+
+
+def test_a_tick_without_a_frame_or_without_a_heading_is_left_out():
+    log = [tick(1.0), tick(1.1, (1.05, 1)), tick(1.2, (1.15, 2))]
+    found = passages(log, on_bench(1.05, 1.15), on_bench(1.2005))
+    assert [passage.sentence_s for passage in found] == [AHEAD_S + 1.15]
+    assert passages([tick(1.0)], on_bench(0.9), on_bench(1.1)) == []
+    assert passages([], [], []) == []
+
+
+def test_a_heading_that_the_bench_has_not_sent_is_left_out():
+    assert passages([tick(1.0, (0.95, 7))], on_bench(0.95), on_bench(1.0)) == []
+
+
+@pytest.mark.parametrize(
+    ("wait_s", "computing_s"),
+    [
+        (0.002, 0.0012),  # all but the wait, and the decoding that fell into it
+        (0.0001, 0.003),  # the tick was due before the decoding was done: nobody waited
+        (0.0, 0.003),
+    ],
+)
+def test_the_computing_path_leaves_out_the_wait_but_not_the_decoding(wait_s, computing_s):
+    assert Passage(1.0, 0.003, wait_s).computing_s(0.0002) == pytest.approx(computing_s)

@@ -1,0 +1,105 @@
+"""The command line of `rambler-hil run`: what it takes and what it refuses."""
+
+import argparse
+import math
+
+import pytest
+
+from hil.__main__ import main
+from hil.cli import run as command
+from hil.errors import UsageError
+from hil.sim.goals import Goal
+from hil.sim.runner import prepare_directory
+
+
+def options(*words):
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    return command.read_options(parser.parse_args([*words, "--out", "unused"]))
+
+
+def test_the_defaults_are_the_task_of_the_specification():
+    found = options("tank")
+    assert found.goals == (Goal(0.0, 0.0), Goal(120.0, 60.0), Goal(720.0, -90.0))
+    assert (found.seconds, found.seed, found.speed) == (1320.0, 1, None)
+    assert (found.vehicle.compass["driver"], found.vehicle.rudder["driver"]) == ("nmea", "dynamixel")
+    assert not found.lockstep
+
+
+def test_everything_can_be_chosen():
+    found = options(
+        *("sea", "--speed", "20", "--seed", "7", "--goal", "0:10,5:-20", "--compass", "pni", "--servo", "volz"),
+        *("--link", "udpout:127.0.0.1:1", "tcpin:127.0.0.1:2", "--link", "udpin:0.0.0.0:3", "--set", "CTL_K1=30"),
+    )
+    assert found.speed == 20.0
+    assert found.seconds == 305.0
+    assert found.links == ("udpout:127.0.0.1:1", "tcpin:127.0.0.1:2", "udpin:0.0.0.0:3")
+    assert found.settings == {"CTL_K1": 30.0}
+    assert (found.vehicle.compass["driver"], found.vehicle.rudder["driver"]) == ("pni_tcm", "volz")
+    assert options("calm", "--speed", "max").speed == math.inf
+
+
+def test_goals_after_the_end_are_left_out_and_told(capsys):
+    assert len(options("tank", "--seconds", "300").goals) == 2
+    assert "left out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["lake"],
+        ["tank", "--speed", "fast"],
+        ["tank", "--speed", "0"],
+        ["tank", "--speed", "nan"],
+        ["tank", "--seconds", "-1"],
+        ["tank", "--seconds", "nan"],
+        ["tank", "--seconds", "1e300"],
+        ["tank", "--seed", "-1"],
+        ["tank", "--seed", "x"],
+        ["tank", "--goal", "noon:north"],
+        ["tank", "--goal", "100:5", "--seconds", "50"],
+        ["tank", "--set", "NO_SUCH=1"],
+        ["tank", "--set", "CTL_K1=1e300"],
+        ["tank", "--vehicle", "/nonexistent/boat.toml"],
+        ["tank", "--compass", "astrolabe"],
+        ["tank", "--nonsense"],
+        [],
+    ],
+)
+def test_bad_usage_is_one_line_and_code_2(words, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", *words]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    errors = [line for line in said.err.splitlines() if "left out" not in line]
+    assert len(errors) == 1
+    assert errors[0].startswith("rambler-hil: ")
+
+
+def test_an_unknown_command_is_code_2(capsys):
+    assert main(["swim"]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_runs_are_hidden_from_git_and_only_an_earlier_runs_state_is_cleared(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    found = command.read_options(parser.parse_args(["calm", "--seed", "4"]))
+    assert str(found.out) == "runs/calm-4"
+    assert (tmp_path / "runs" / ".gitignore").read_text() == "*\n"
+    kept = tmp_path / "mine" / "state" / "precious"
+    kept.parent.mkdir(parents=True)
+    kept.write_text("x")
+    with pytest.raises(UsageError, match="not of an earlier run"):
+        prepare_directory(tmp_path / "mine")
+    assert kept.exists()
+    (tmp_path / "mine" / "vehicle.toml").write_text("")
+    prepare_directory(tmp_path / "mine")
+    assert not kept.exists()
+
+
+def test_an_output_directory_that_cannot_be_is_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match="give another --out"):
+        prepare_directory(tmp_path / "file" / "out")

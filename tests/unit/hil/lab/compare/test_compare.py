@@ -1,0 +1,144 @@
+"""What a comparison is made of; the runs themselves are in tests/process/test_seas.py."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from firmware_py.model.kt import OCEAN_RAMBLER
+from hil.__main__ import main
+from hil.cli.compare import as_entries
+from hil.lab.compare import pid
+from hil.lab.compare.score import Score, mean_of, score_of
+from hil.lab.compare.voyages import OURS, Row
+from hil.sim import scenarios
+from hil.sim.goals import parse_goals
+from hil.sim.truth import Truth
+
+
+def truth_of(error_rad, rudder_rad, goal_rad=None):
+    time_s = 0.1 * np.arange(error_rad.size)
+    goal = np.zeros(error_rad.size) if goal_rad is None else goal_rad
+    nothing = np.zeros(error_rad.size)
+    heading = goal + error_rad
+    return Truth(time_s, heading, heading, nothing, rudder_rad, rudder_rad, goal, nothing, nothing, nothing)
+
+
+def test_the_figures_are_those_of_the_steady_part():
+    count = 6001
+    error = np.full(count, np.radians(2.0))
+    error[:2000] = np.radians(np.linspace(-60.0, 4.0, 2000))
+    rudder = np.zeros(count)
+    rudder[2000::2] = np.radians(0.5)
+    score = score_of(truth_of(error, rudder))
+    assert score.rms_deg == pytest.approx(2.0)
+    assert score.mean_deg == pytest.approx(2.0)
+    assert score.travel_deg_per_h == pytest.approx(0.5 * 10.0 * 3600.0, rel=1e-3)
+    assert score.overshoot_deg == pytest.approx(4.0)
+    assert score.near_s == pytest.approx(171.8, abs=0.2)
+
+
+def test_a_goal_too_short_to_be_steady_counts_nowhere():
+    goal = np.where(np.arange(4101) < 1000, 0.3, 0.0)
+    error = np.where(np.arange(4101) < 1000, 1.0, np.radians(1.0))
+    assert score_of(truth_of(error, np.zeros(4101), goal)).rms_deg == pytest.approx(1.0)
+    with pytest.raises(ValueError, match="300"):
+        score_of(truth_of(np.zeros(1000), np.zeros(1000)))
+
+
+def test_the_mean_pools_the_squares():
+    mean = mean_of([Score(3.0, 100.0, 1.0, 2.0, 20.0), Score(4.0, 300.0, -1.0, 4.0, 30.0)])
+    assert mean == Score(math.sqrt(12.5), 200.0, 0.0, 3.0, 25.0)
+
+
+def test_the_twin_s_sea_is_that_of_the_run():
+    from hil.ship.hull import STEPS_PER_SECOND, Hull  # noqa: PLC0415
+
+    scenario = scenarios.named("swell")
+    hull = Hull(scenario, OCEAN_RAMBLER, 5)
+    yaw, offset = pid.sea_of(scenario, 5, 50)
+    assert np.degrees(offset[0]) != pytest.approx(scenario.bias_deg, abs=1e-6)
+    noise = yaw.copy()
+    for tick in range(50):
+        noise[tick] -= hull.heading_rad(0.0) - hull.heading_low_rad(0.0)
+        for _ in range(STEPS_PER_SECOND // 10):
+            hull.step(0.0)
+    assert np.degrees(np.std(noise)) == pytest.approx(0.3, abs=0.1)
+
+
+def test_the_tuned_pid_is_worthy_of_the_comparison():
+    goals = parse_goals("0:0,120:60,720:-30")
+    found = {
+        name: mean_of(
+            [
+                score_of(pid.sail(scenarios.named(name), seed, goals, 1320.0, OCEAN_RAMBLER, pid.TUNED))
+                for seed in (921, 922)
+            ]
+        )
+        for name in ("tank", "sea")
+    }
+    assert found["tank"].rms_deg < 0.3
+    assert found["sea"].rms_deg < 1.8
+    assert found["sea"].travel_deg_per_h < 5000.0
+    assert abs(found["sea"].mean_deg) < 0.3
+
+
+def test_the_command_prints_and_writes_what_it_found(tmp_path, capsys):
+    file = tmp_path / "found.json"
+    words = ["compare", "tank", "--only", "pid", "--seeds", "2", "--json", str(file)]
+    assert main([*words, "--goal", "0:0,10:60"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert "PID, tuned" in said.out
+    assert "compiled twin" in said.out
+    (row,) = json.loads(file.read_text())
+    assert (row["scenario"], row["sailed_by"], len(row["seeds"])) == ("tank", "compiled twin", 2)
+    assert f"{row['mean']['rms_deg']:.2f}" in said.out
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("nowhere",), ("tank", "--seeds", "0"), ("tank", "--goal", "x"), ("tank", "--prices", "nan"), ("--json", "/no/f")],
+)
+def test_bad_usage_is_one_line(words, capsys):
+    assert main(["compare", *words]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_the_limit_falls_with_travel_and_with_a_receiver():
+    from hil.lab.compare.limit import at_travel, limits  # noqa: PLC0415
+
+    for name in ("sea", "swell", "weak", "storm"):
+        curves = [limits(scenarios.named(name), OCEAN_RAMBLER, receiver=receiver) for receiver in (False, True)]
+        for curve in curves:
+            rms = [at_travel(curve, travel) for travel in (500.0, 1000.0, 2000.0, 8000.0)]
+            assert rms == sorted(rms, reverse=True)
+        assert at_travel(curves[1], 1000.0) < at_travel(curves[0], 1000.0)
+
+
+def test_the_limit_is_that_of_a_separate_computation():
+    """Figures of the same regulator from a program of its own."""
+    from hil.lab.compare.limit import at_travel, limits  # noqa: PLC0415
+
+    sea = limits(scenarios.named("sea"), OCEAN_RAMBLER, receiver=False)
+    assert at_travel(sea, 1607.0) == pytest.approx(1.32, abs=0.02)
+    assert at_travel(sea, 3512.0) == pytest.approx(1.19, abs=0.02)
+
+
+def test_the_command_shows_the_limit(capsys):
+    assert main(["compare", "sea", "--only", "pid", "--seeds", "1", "--limit", "--goal", "0:60"]) == 0
+    assert "with a receiver" in capsys.readouterr().out
+
+
+def test_a_sea_that_the_limit_knows_too_little_of_has_none(capsys):
+    assert main(["compare", "sea", "gusts", "--only", "pid", "--seeds", "1", "--limit", "--goal", "0:60"]) == 0
+    assert capsys.readouterr().out.count("with a receiver") == 1
+
+
+def test_means_become_figures_of_the_documentation_and_what_never_came_is_left_out():
+    score = Score(1.0, 700.0, 0.1, 2.0, math.inf)
+    found = as_entries([Row("sea", OURS, (score, score))], {"commit": "abc"}, [(1.5, 1.2)])
+    assert found["compare_sea_rambler_rms"] == {"value": 1.0, "unit": "deg", "note": "2 seeds", "commit": "abc"}
+    assert found["compare_sea_rambler_limit_receiver"]["value"] == 1.2
+    assert "compare_sea_rambler_near" not in found

@@ -1,0 +1,75 @@
+"""The comparison is fair: each search gets its budget and no more."""
+
+import importlib.util
+import json
+
+import numpy as np
+import pytest
+
+from hil.__main__ import main
+from hil.lab.swarm.comparison import SEARCHES, Budget, Row, _SpentError, compare, error, text
+from hil.lab.swarm.functions import TABLE, sphere
+
+needs_cma = pytest.mark.skipif(importlib.util.find_spec("cma") is None, reason="cma is in the extra dev")
+LOW, HIGH = np.full(2, -5.12), np.full(2, 5.12)
+
+
+def test_what_is_beyond_the_budget_does_not_count():
+    budget = Budget(lambda points: points[:, 0], 3)
+    budget(np.array([[5.0], [4.0]]))
+    with pytest.raises(_SpentError):
+        budget(np.array([[3.0], [-9.0]]))
+    assert budget.least == 3.0
+    with pytest.raises(_SpentError):
+        budget(np.array([[-9.0]]))
+    assert budget.least == 3.0
+
+
+@needs_cma
+@pytest.mark.parametrize("name", SEARCHES)
+def test_every_search_spends_its_budget_and_is_decided_by_its_seed(name):
+    asked = []
+
+    def counted(points):
+        asked.append(len(points))
+        return sphere(points)
+
+    first = error(SEARCHES[name], counted, LOW, HIGH, 1500, 3)
+    assert 1200 <= sum(asked) <= 1700
+    assert first == error(SEARCHES[name], sphere, LOW, HIGH, 1500, 3)
+    assert first < (0.1 if name == "chance" else 0.01)
+
+
+@needs_cma
+def test_rows_hold_an_error_of_every_search_and_seed():
+    (row,) = compare(TABLE[:1], 2, 800, (1, 2))
+    assert (row.function, row.dimensions, row.evaluations) == ("sphere", 2, 800)
+    assert {name: len(errors) for name, errors in row.errors.items()} == dict.fromkeys(SEARCHES, 2)
+
+
+def test_the_winner_is_named_even_where_it_is_not_ours():
+    lost = (1.0, 1.0, 1.0)
+    errors = {"fish": (1e-3, 1e-9, 1.0), "DE": (1e-7, 1e-9, 1.0), "CMA-ES": lost, "chance": lost}
+    row = Row("sphere", 2, 100, errors)
+    assert row.winner() == "DE"
+    assert (row.median("fish"), row.solved("DE")) == (1e-3, 2)
+    table = text([row], 3)
+    assert "1.0e-03 (1/3)" in table
+    assert table.splitlines()[-1].endswith("best of 1: fish 0, DE 1, CMA-ES 0, chance 0")
+
+
+@needs_cma
+def test_the_command_prints_the_table(capsys):
+    assert main(["swarm-table", "--dimensions", "2", "--evaluations", "200", "--runs", "1"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines[1:7]] == [row.name for row in TABLE]
+    assert main(["swarm-table", "--dimensions", "2", "--evaluations", "200", "--runs", "1", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)) == 6
+
+
+@pytest.mark.parametrize(
+    "words", [["--runs", "0"], ["--evaluations", "1"], ["--dimensions", "1"], ["--dimensions", "2,x"]]
+)
+def test_bad_numbers_are_refused(capsys, words):
+    assert main(["swarm-table", *words]) == 2
+    assert "give " in capsys.readouterr().err

@@ -1,0 +1,225 @@
+"""The compiled functions are the plain ones, bit for bit."""
+
+import io
+import os
+import struct
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numba.core import event
+
+from firmware_py.model import kt
+from hil.lab import compiled as compiled_module
+from hil.lab.compiled import cache_folder, compiled, compiled_here, compiling, inner, sources_digest
+from hil.ship import manoeuvring
+
+ROOT = compiled_module.PACKAGE.parent
+
+yaw_acceleration = compiled(kt.yaw_acceleration)
+rk4_step = compiled(kt.rk4_step)
+steady_yaw_rate = compiled(kt.steady_yaw_rate)
+
+anything = st.floats(allow_nan=False, allow_infinity=False)
+lag = anything.filter(lambda value: value != 0.0)
+
+
+def bits(value):
+    # All NaN are one: which of them an operation gives is not defined by IEEE 754.
+    return "nan" if value != value else struct.pack("<d", value)  # noqa: PLR0124
+
+
+@given(anything, anything, anything, lag, anything, anything)
+def test_the_compiled_yaw_acceleration_is_the_plain_one_to_the_last_bit(r, rudder, ability, lag_s, norrbin, offset):
+    arguments = (r, rudder, ability, lag_s, norrbin, offset)
+    assert bits(yaw_acceleration(*arguments)) == bits(kt.yaw_acceleration(*arguments))
+
+
+@given(st.tuples(anything, anything, anything, anything, anything, lag, anything, anything))
+def test_the_compiled_runge_kutta_step_is_the_plain_one_to_the_last_bit(arguments):
+    assert [bits(value) for value in rk4_step(*arguments)] == [bits(value) for value in kt.rk4_step(*arguments)]
+
+
+def test_an_hour_compiled_is_an_hour_plain_to_the_last_bit():
+    plain = fast = (0.0, 0.0)
+    for number in range(36_000):
+        rudder = 0.5 if number // 300 % 2 else -0.5
+        plain = kt.rk4_step(*plain, rudder, 0.1, 0.049, 4.0, 17.0, 0.01)
+        fast = rk4_step(*fast, rudder, 0.1, 0.049, 4.0, 17.0, 0.01)
+    assert plain == fast
+
+
+@given(st.floats(-1.6, 1.6), st.floats(1e-3, 10.0), st.floats(0.0, 1e4))
+def test_the_compiled_steady_rate_is_the_plain_one_within_four_units_of_the_last_place(rudder, ability, norrbin):
+    # Not to the last bit: Python takes r**3 with the C library's pow, the compiler multiplies.
+    plain = kt.steady_yaw_rate(rudder, ability, norrbin)
+    assert abs(steady_yaw_rate(rudder, ability, norrbin) - plain) <= 4.0 * np.spacing(abs(plain))
+
+
+def test_a_planar_step_calls_the_same_equation_compiled():
+    for function in (manoeuvring.planar_rates, manoeuvring._along):
+        inner(function)
+    step = compiled(manoeuvring.planar_step)
+    plain = fast = (0.0, 0.0, 0.3, 0.01, 0.0)
+    constants = (0.1, 0.4, 0.2, -0.1, 0.049, 4.0, 17.0, 0.01, -0.2, -0.12)
+    for _ in range(1000):
+        plain = manoeuvring.planar_step(plain, 0.5, *constants)
+        fast = step(fast, 0.5, *constants)
+    # Not to the last bit: the sine of the compiler is not everywhere the C library's.
+    np.testing.assert_allclose(fast, plain, rtol=1e-12)
+    assert fast[2:4] == plain[2:4]
+
+
+def test_no_multiplication_is_fused_with_an_addition():
+    fresh = compiled_here(kt.rk4_step)
+    fresh(0.0, 0.0, 0.1, 0.1, 0.049, 4.0, 17.0, 0.0)
+    assembler = "".join(fresh.inspect_asm().values())
+    assert "mulsd" in assembler or "fmul" in assembler
+    assert "vfmadd" not in assembler
+    assert "fmadd" not in assembler
+
+
+def test_division_by_zero_is_infinite_as_in_c():
+    assert yaw_acceleration(0.0, 1.0, 1.0, 0.0, 0.0, 0.0) == np.inf
+
+
+def double(value: float) -> float:
+    return 2.0 * value
+
+
+def test_without_a_place_for_machine_code_functions_are_compiled_all_the_same(monkeypatch):
+    monkeypatch.setattr(compiled_module, "cache_folder", lambda: None)
+    assert compiled(double)(3.0) == 6.0
+
+
+def test_a_place_that_numba_finds_unusable_is_done_without(monkeypatch, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    monkeypatch.setattr(compiled_module, "cache_folder", lambda: file)
+    assert compiled(double)(3.0) == 6.0
+
+
+def test_a_cache_that_cannot_be_made_is_none(monkeypatch, tmp_path):
+    (tmp_path / "rambler-hil").write_text("a file where the folder should be")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert cache_folder.__wrapped__() is None
+
+
+def test_the_cache_is_named_after_the_sources_and_old_ones_go(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    home = tmp_path / "rambler-hil"
+    for number in range(6):
+        old = home / f"old{number}" / "inner"
+        old.mkdir(parents=True)
+        (old / "code").write_text("")
+        os.utime(old.parent, (number, number))
+    folder = cache_folder.__wrapped__()
+    assert folder == home / sources_digest()
+    assert sorted(path.name for path in home.iterdir()) == sorted([folder.name, "old3", "old4", "old5"])
+
+
+def test_a_changed_equation_gets_a_cache_of_its_own(monkeypatch, tmp_path):
+    before = sources_digest()
+    changed = tmp_path / "kt.py"
+    changed.write_bytes(compiled_module.Path(kt.__file__).read_bytes() + b"\n# changed\n")
+    monkeypatch.setattr(kt, "__file__", str(changed))
+    assert sources_digest() != before
+
+
+def test_a_second_process_compiles_nothing(tmp_path):
+    script = (
+        "from firmware_py.model import kt\n"
+        "from hil.lab.compiled import compiled\n"
+        "f = compiled(kt.rk4_step)\n"
+        "f(0.0, 0.0, 0.1, 0.1, 0.05, 4.0, 17.0, 0.0)\n"
+        "print(sum(f.stats.cache_hits.values()), sum(f.stats.cache_misses.values()))\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    told = [
+        subprocess.run(
+            [sys.executable, "-c", script], cwd=ROOT, env=environment, check=True, capture_output=True, text=True
+        ).stdout.split()
+        for _ in range(2)
+    ]
+    assert told == [["0", "1"], ["1", "0"]]
+
+
+class Terminal(io.StringIO):
+    def __init__(self):
+        super().__init__()
+        self.told = threading.Event()
+
+    def isatty(self):
+        return True
+
+    def write(self, text):
+        self.told.set()
+        return super().write(text)
+
+
+def test_long_compilation_is_told_on_a_terminal_and_wiped(monkeypatch):
+    monkeypatch.setattr(compiled_module, "PATIENCE_S", 0.0)
+    terminal = Terminal()
+    with compiling("the test", terminal), event.trigger_event("numba:compile"), compiling("what is within", terminal):
+        assert terminal.told.wait(10.0)
+    assert "what is within" not in terminal.getvalue()
+    assert "compiling the test for this machine" in terminal.getvalue()
+    assert terminal.getvalue().endswith("\r\x1b[K")
+
+
+def test_short_compilation_says_nothing():
+    terminal = Terminal()
+    with compiling("the test", terminal):
+        pass
+    assert terminal.getvalue() == ""
+
+
+def test_long_work_that_compiles_nothing_is_not_called_compilation(monkeypatch):
+    looked = threading.Event()
+    monkeypatch.setattr(compiled_module, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(compiled_module, "being_compiled", looked.set)
+    terminal = Terminal()
+    with compiling("the test", terminal):
+        assert looked.wait(10.0)
+    assert "compiling" not in terminal.getvalue()
+
+
+def test_a_compilation_is_seen_as_such():
+    @compiled_module.compiled_here
+    def sum_of(a, b):
+        return a + b
+
+    seen = []
+
+    class Listener(event.Listener):
+        def on_start(self, event):
+            seen.append(compiled_module.being_compiled())
+
+        def on_end(self, event):
+            pass
+
+    with event.install_listener("numba:compile", Listener()):
+        assert sum_of(1.0, 2.0) == 3.0
+    assert seen == [True]
+    assert not compiled_module.being_compiled()
+
+
+def test_a_pipe_hears_nothing(monkeypatch):
+    monkeypatch.setattr(compiled_module, "PATIENCE_S", 0.0)
+    pipe = io.StringIO()
+    before = threading.active_count()
+    with compiling("the test", pipe):
+        assert threading.active_count() == before
+    assert pipe.getvalue() == ""
+
+
+def test_an_error_while_compiling_ends_the_telling(monkeypatch):
+    monkeypatch.setattr(compiled_module, "PATIENCE_S", 0.0)
+    before = threading.active_count()
+    with pytest.raises(ZeroDivisionError), compiling("the test", Terminal()):
+        raise ZeroDivisionError
+    assert threading.active_count() == before

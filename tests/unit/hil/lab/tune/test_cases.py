@@ -1,0 +1,87 @@
+import math
+
+import numpy as np
+import pytest
+
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.control.s_surface import Gains
+from firmware_py.estimate.observer import ObserverSettings
+from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
+from hil.lab.tune.cases import cases_of, pilot_of, seas_of, steps_within, the_task
+from hil.sim.scenarios import UnknownScenarioError
+
+PARAMETERS = ParameterSet()
+PILOT = pilot_of(PARAMETERS)
+TASK = the_task(OCEAN_RAMBLER, PILOT)
+
+
+def test_every_sea_is_sailed_by_five_ships_and_flat_water_at_both_ends_of_the_speeds():
+    cases = cases_of(["tank", "swell"])
+    assert [case.scenario.name for case in cases[:10]] == ["tank"] * 5 + ["swell"] * 5
+    assert {(case.ability_factor, case.lag_factor) for case in cases[:5]} == {
+        (1.0, 1.0), (0.7, 0.7), (0.7, 1.3), (1.3, 0.7), (1.3, 1.3),
+    }  # fmt: skip
+    assert [case.scenario.speed_m_s for case in cases[10:]] == [0.2, 1.2]
+    assert sum(case.nominal for case in cases) == 4
+
+
+def test_ships_are_scaled_by_similarity_and_then_made_worse():
+    case = cases_of(["sea"])[2]
+    ship = case.ship(OCEAN_RAMBLER)
+    ratio = 0.9 / 0.4
+    assert ship.turning_ability_1_s == pytest.approx(0.049 * ratio * 0.7)
+    assert ship.turning_lag_s == pytest.approx(4.0 / ratio * 1.3)
+    assert ship.norrbin_s2 == pytest.approx(17.0 / ratio**2)
+
+
+def test_an_unknown_sea_is_refused():
+    with pytest.raises(UnknownScenarioError, match="no scenario 'pond'"):
+        cases_of(["pond"])
+
+
+def test_the_pilot_is_the_firmware_s():
+    gains, known = Gains.of(PARAMETERS), ObserverSettings.of(PARAMETERS)
+    assert PILOT.rate_max_rad_s == gains.yaw_rate_max_rad_s
+    assert PILOT.rudder_limit_rad == gains.rudder_limit_rad
+    assert PILOT.rate_limit_rad_s == known.yaw_rate_limit_rad_s
+    assert (PILOT.turning_ability_1_s, PILOT.turning_lag_s) == (known.turning_ability_1_s, known.turning_lag_s)
+
+
+def test_the_seas_have_the_spread_and_the_offset_of_their_rows():
+    cases = cases_of(["swell", "weak"])
+    seas = seas_of(cases, OCEAN_RAMBLER, TASK, 4)
+    spread_deg = np.degrees(np.std(seas.compass_rad, axis=1))
+    assert np.mean(spread_deg[:5]) == pytest.approx(20.0, rel=0.2)
+    assert np.mean(spread_deg[5:10]) == pytest.approx(10.0, rel=0.2)
+    assert spread_deg[10:] == pytest.approx(0.3, rel=0.1)
+    assert math.degrees(np.mean(seas.offset_rad[:5])) == pytest.approx(5.0, abs=1.5)
+    assert np.all(seas.offset_rad[10:] == 0.0)
+
+
+def test_seas_depend_on_the_seed_and_on_nothing_else():
+    cases = cases_of(["tank"])
+    one, same, other = (seas_of(cases, OCEAN_RAMBLER, TASK, seed) for seed in (1, 1, 2))
+    assert np.array_equal(one.compass_rad, same.compass_rad)
+    assert not np.array_equal(one.compass_rad, other.compass_rad)
+
+
+def test_a_slower_ship_has_longer_legs_within_bounds():
+    slow = KtModel(0.005, 30.0, 0.0, 0.0, 1.0)
+    pilot = pilot_of(PARAMETERS.replaced("MDL_K", 0.005))
+    assert TASK.leg_ticks == 3000
+    assert 3000 < the_task(slow, pilot).leg_ticks <= 30000
+    assert the_task(KtModel(0.01, 4000.0, 0.0, 0.0, 1.0), pilot).leg_ticks == 30000
+
+
+def test_a_stiff_ship_takes_more_steps_and_an_impossible_one_is_refused():
+    stiff = KtModel(6.0, 0.2, 1e4, 0.0, 0.4)
+    assert seas_of(cases_of(["calm"]), stiff, TASK, 1).ships[0, 3] > 2
+    with pytest.raises(ValueError, match="not a ship"):
+        seas_of(cases_of(["calm"]), KtModel(1.0, -1.0, 0.0, 0.0, 0.4), TASK, 1)
+
+
+def test_steps_follow_stiffness_alone():
+    assert steps_within(OCEAN_RAMBLER, 0.1) == 1
+    assert steps_within(KtModel(0.049, 400.0, 0.0, 0.0, 0.4), 10.0) == 1
+    # A fifth of the lag a step, without a cubic term.
+    assert steps_within(KtModel(0.049, 1.0, 0.0, 0.0, 0.4), 1.0) == 5

@@ -1,0 +1,107 @@
+"""The figures of hand-made truths."""
+
+import math
+
+import numpy as np
+import pytest
+
+from firmware_py.common.angles import radians
+from hil.report.figures import (
+    goal_figures,
+    goal_spans,
+    rudder_travel_deg_per_h,
+    settling_s,
+    steady_rudder_travel_deg_per_h,
+)
+from hil.report.loop_health import from_logs, loop_health
+from hil.sim.truth import Truth
+
+
+def truth(heading_deg, goal_deg, rudder_deg=None) -> Truth:
+    heading = np.radians(np.asarray(heading_deg, dtype=float))
+    zero = np.zeros(heading.size)
+    rudder = zero if rudder_deg is None else np.radians(np.asarray(rudder_deg, dtype=float))
+    goal = np.radians(np.asarray(goal_deg, dtype=float))
+    return Truth(np.arange(heading.size) / 10.0, heading, heading, zero, rudder, rudder, goal, zero, zero, zero)
+
+
+def step_to(final_deg: float, past_deg: float, seconds: float, steady_deg: float) -> list[float]:
+    """A ramp of 10 s past the goal, back to it in 10 s, then steady_deg off it."""
+    rows = np.concatenate(
+        (
+            np.linspace(0.0, final_deg + past_deg, 101),
+            np.linspace(final_deg + past_deg, final_deg, 100),
+            np.full(int(seconds * 10) - 201, final_deg + steady_deg),
+        )
+    )
+    return rows.tolist()
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_step_with_overshoot_and_a_steady_error(sign):
+    heading = [sign * value for value in step_to(60.0, 4.0, 400.0, -1.5)]
+    (figures,) = goal_figures(truth(heading, [sign * 60.0] * 4000))
+    assert figures.step_deg == pytest.approx(sign * 60.0)
+    assert figures.overshoot_deg == pytest.approx(4.0)
+    assert figures.mean_error_deg == pytest.approx(-1.5 * sign)
+    assert figures.rms_error_deg == pytest.approx(1.5)
+    assert figures.p95_error_deg == pytest.approx(1.5)
+    assert figures.steady_from_s == 200.0
+    assert figures.steady_to_s == pytest.approx(399.9)
+    # 4 deg past at 10.0 s, inside of 3 deg a quarter of ten seconds later.
+    assert figures.settling_s == pytest.approx(12.6, abs=0.11)
+
+
+def test_no_overshoot_when_she_stays_short_and_no_settling_when_she_stays_outside():
+    (figures,) = goal_figures(truth(np.linspace(0.0, 50.0, 3000), [60.0] * 3000))
+    assert figures.overshoot_deg == 0.0
+    assert figures.settling_s is None
+
+
+def test_a_goal_without_a_step_has_no_overshoot_and_is_settled_at_once():
+    heading = 1.0 + np.sin(np.arange(3000) / 50.0)
+    (figures,) = goal_figures(truth(heading, [0.0] * 3000))
+    assert figures.overshoot_deg == 0.0
+    assert figures.settling_s == 0.0
+
+
+def test_each_goal_has_its_own_span_and_rows_before_the_first_are_left_out():
+    goal = [math.nan] * 10 + [0.0] * 20 + [60.0] * 30 + [-90.0]
+    assert goal_spans(np.radians(goal)) == [(10, 30), (30, 60), (60, 61)]
+    figures = goal_figures(truth([0.0] * 61, goal))
+    assert [round(each.goal_deg) for each in figures] == [0, 60]
+    assert [each.t_s for each in figures] == [1.0, 3.0]
+
+
+def test_a_short_goal_is_steady_in_its_last_third():
+    (figures,) = goal_figures(truth([0.0] * 901, [0.0] * 901))
+    assert figures.steady_from_s == pytest.approx(60.0)
+
+
+def test_rudder_travel_counts_both_ways_and_only_the_steady_part():
+    triangle = np.abs((np.arange(4001) % 20) - 10)  # 10 deg down and up every two seconds
+    assert rudder_travel_deg_per_h(np.arange(4001) / 10.0, np.radians(triangle)) == pytest.approx(10.0 * 3600.0)
+    moved_early = np.where(np.arange(4001) < 1000, triangle, 0.0)
+    made = truth([0.0] * 4001, [0.0] * 4001, moved_early)
+    assert steady_rudder_travel_deg_per_h(made) == 0.0
+    assert rudder_travel_deg_per_h(made.time_s, made.rudder_rad) > 0.0
+
+
+def test_nothing_gives_nothing():
+    assert goal_figures(truth([], [])) == ()
+    assert steady_rudder_travel_deg_per_h(truth([0.0], [math.nan])) is None
+    assert settling_s(np.arange(3.0), np.full(3, radians(3.1))) is None
+
+
+def test_lateness_percentiles_in_microseconds():
+    health = loop_health([k * 1e-6 for k in range(1001)], [0] * 1000 + [2], lockstep=False)
+    assert (health.ticks, health.skipped) == (1001, 2)
+    assert health.lateness_us == {"p50": 500.0, "p99": 990.0, "p99.9": 999.0, "max": 1000.0}
+
+
+def test_lockstep_has_no_lateness_and_says_why(tmp_path):
+    health = loop_health([0.0] * 5, [0] * 5, lockstep=True)
+    assert health.lateness_us is None
+    assert "lockstep" in health.note
+    assert loop_health([], [], lockstep=False).lateness_us is None
+    assert from_logs(tmp_path, lockstep=True) is None

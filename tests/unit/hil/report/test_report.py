@@ -1,0 +1,86 @@
+"""Summary, page and text of a run that was made by hand."""
+
+import json
+import math
+import re
+from dataclasses import replace
+
+import pytest
+
+from firmware_py.common.angles import radians
+from hil.report import page, summary
+from hil.report.text import figures_text
+from hil.sim import scenarios
+from hil.sim.goals import parse_goals
+from hil.sim.ground_station import GroundStation
+from hil.sim.runner import Run, RunOptions
+from hil.sim.world import World
+
+
+@pytest.fixture
+def run(tmp_path):
+    goals = parse_goals("0:0,60:30")
+    world = World(scenarios.named("tank"), 1, goals, end_s=300.0)
+    world.shaft.set_torque(on=True)
+    world.advance_to(60.0)
+    world.shaft.set_target(radians(20.0))
+    world.advance_to(95.0)
+    world.shaft.set_target(0.0)
+    world.advance_to(300.0)
+    options = RunOptions(scenarios.named("tank"), 300.0, tmp_path, goals=goals, settings={"CTL_K1": 30.0})
+    orders = GroundStation(goals).orders
+    orders[-1].accepted_s = 60.02
+    return Run(options, world.truth, orders, 3.0)
+
+
+def test_the_summary_has_what_others_read(run):
+    found = summary.summarise(run)
+    assert set(found["goals"][1]) >= {
+        "overshoot_deg",
+        "settling_s",
+        "mean_error_deg",
+        "rms_error_deg",
+        "p95_error_deg",
+        "steady_from_s",
+    }
+    assert found["goals"][1]["accepted_s"] == 60.02
+    assert found["goals"][0]["accepted_s"] is None
+    assert found["goals"][1]["step_deg"] == pytest.approx(30.0, abs=0.01)
+    assert found["speed_ratio"] == 100.0
+    assert found["loop"] is None
+    assert found["settings"] == {"CTL_K1": 30.0}
+    assert found["rudder_travel_deg_per_h"] == 0.0
+    assert found["rudder_travel_whole_deg_per_h"] == pytest.approx(40.0 * 12.0, rel=0.01)
+    summary.write(found, run.options.out / "summary.json")
+    assert json.loads((run.options.out / "summary.json").read_text()) == found
+
+
+def test_the_page_stands_alone_and_shows_the_figures(run):
+    found = summary.summarise(run)
+    path = page.write(run, found, run.options.out)
+    text = path.read_text(encoding="utf-8")
+    assert (run.options.out / "run.png").read_bytes().startswith(b"\x89PNG")
+    assert "data:image/png;base64," in text
+    assert not re.search(r'(src|href)="(?!data:)', text)
+    assert "30 deg at 60 s" in text
+    assert "CTL_K1" in text
+
+
+def test_the_text_names_units_and_the_loop(run):
+    found = summary.summarise(run)
+    found["loop"] = {"ticks": 9, "skipped": 1, "lateness_us": {"p50": 60.0, "max": 200.0}, "note": ""}
+    found["goals"][0]["settling_s"] = None
+    text = figures_text(found)
+    assert "9 ticks, 1 skipped; ticks late by p50 60 us, max 200 us; 100.0 x real time" in text
+    assert "never" in text
+
+
+def test_a_run_without_a_row_of_goals_still_makes_a_page(tmp_path):
+    world = World(scenarios.named("calm"), 1, end_s=1.0)
+    world.advance_to(1.0)
+    run = Run(RunOptions(scenarios.named("calm"), 1.0, tmp_path), world.truth, (), 0.0)
+    found = summary.summarise(replace(run, wall_s=0.5))
+    assert found["goals"] == []
+    assert found["rudder_travel_deg_per_h"] is None
+    assert page.write(run, found, tmp_path).exists()
+    assert math.isnan(run.speed_ratio)

@@ -1,0 +1,87 @@
+"""The live display, drawn into a string."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from hil.sim import display as live
+from hil.sim import scenarios
+from hil.sim.display import Banner, LiveDisplay, Silence, make_display, rose
+from hil.sim.goals import parse_goals
+from hil.sim.ground_station import GroundStation
+from hil.sim.world import World
+
+
+@pytest.fixture
+def parts():
+    goals = parse_goals("1:60")
+    world = World(scenarios.named("calm"), 1, goals)
+    banner = Banner("rambler-hil run calm", 100.0, ("udpin:[::1]:14550",), lockstep=False)
+    return banner, world, GroundStation(goals)
+
+
+def drawn(display):
+    console = Console(file=io.StringIO(), width=100)
+    console.print(display.picture())
+    return console.file.getvalue()
+
+
+def test_it_draws_before_anything_is_known_and_after(parts):
+    banner, world, station = parts
+    display = LiveDisplay(banner, world, station, Console(file=io.StringIO()))
+    text = drawn(display)
+    assert "no goal yet" in text
+    assert "no heartbeat yet" in text
+    assert "udpin:[::1]:14550" in text
+    station.texts.append((1.0, 2, "No heading [bold]"))
+    world.advance_to(50.0)
+    text = drawn(display)
+    assert "goal  60.0" in text
+    assert "error  -60.0" in text
+    assert "50 of 100 s" in text
+    assert "No heading [bold]" in text
+
+
+@pytest.mark.parametrize(
+    ("heading_deg", "goal_deg", "column"), [(0.0, 0.0, 30), (350.0, 20.0, 40), (20.0, 350.0, 20), (0.0, 170.0, 60)]
+)
+def test_the_goal_stands_on_its_side_of_the_rose(heading_deg, goal_deg, column):
+    plain = rose(heading_deg, goal_deg).plain
+    assert len(plain) == 61
+    assert plain[30] == "▲"
+    assert plain[column] == ("▲" if column == 30 else "◆")
+
+
+def test_points_of_the_rose():
+    assert rose(0.0, None).plain.count("N") == 0  # under the mark of the heading
+    assert rose(30.0, None).plain[20] == "N"
+    assert rose(360.0 + 60.0, None).plain[40] == "E"
+
+
+def test_it_draws_only_in_a_pause_and_not_too_often(parts, monkeypatch):
+    class Wall:
+        now_s = 10.0
+
+        def monotonic(self):
+            return self.now_s
+
+    wall = Wall()
+    monkeypatch.setattr(live, "time", wall)
+    display = LiveDisplay(*parts, Console(file=io.StringIO()))
+    pictures = []
+    monkeypatch.setattr(display, "picture", lambda: pictures.append(wall.now_s) or "")
+    with display:
+        display.update(0.001)
+        display.update(0.05)
+        display.update(0.05)
+        wall.now_s += 0.21
+        display.update()
+    assert pictures == [10.0, 10.21]
+
+
+def test_in_a_pipe_nothing_is_shown(parts, monkeypatch, capsys):
+    monkeypatch.setattr(live.sys, "stdout", io.StringIO())
+    with make_display(*parts) as display:
+        assert isinstance(display, Silence)
+        display.update()

@@ -1,0 +1,79 @@
+"""The real-time server with the wall clock in the test's hand."""
+
+import math
+import os
+
+import pytest
+
+from hil.devices.pty_line import PtyLine
+from hil.sim import realtime, scenarios
+from hil.sim.board import Board
+from hil.sim.realtime import RealTimeServer
+from hil.sim.world import World
+
+
+class Wall:
+    """Time passes only while the server waits, and then a little more than asked for."""
+
+    def __init__(self):
+        self.now_s = 50.0
+
+    def monotonic(self):
+        return self.now_s
+
+    def select(self, _read, _write, _exceptional, timeout_s):
+        self.now_s += timeout_s + 0.001
+        return [], [], []
+
+
+class Ticker:
+    def __init__(self):
+        self.due_s = 0.1
+        self.taken = []
+
+    def receive(self, now_s, data):
+        self.heard = (now_s, data)
+
+    def next_output_s(self):
+        return self.due_s
+
+    def take_output(self, now_s):
+        self.taken.append(now_s)
+        self.due_s = round(self.due_s + 0.1, 6)
+        return b"tick;"
+
+
+@pytest.fixture
+def wall(monkeypatch):
+    wall = Wall()
+    monkeypatch.setattr(realtime, "time", wall)
+    monkeypatch.setattr(realtime, "select", wall)
+    return wall
+
+
+def test_events_happen_at_their_own_times_however_late_the_server_is(wall, tmp_path):
+    ticker = Ticker()
+    with Board(World(scenarios.named("calm"), 1), {"a": ticker}, tmp_path, PtyLine.write) as board:
+        server = RealTimeServer(board)
+        wall.now_s += 0.35  # it was kept from running
+        slack_s = server.serve(10.0)
+        assert ticker.taken == [0.1, 0.2, 0.3, 0.4]
+        assert board.world.now_s == pytest.approx(0.401)
+        assert slack_s == 0.0  # there was traffic
+        assert server.serve(0.45) == pytest.approx(0.05, abs=0.002)
+        assert board.world.now_s == 0.45
+
+
+def test_bytes_reach_the_device(tmp_path):
+    ticker = Ticker()
+    ticker.due_s = math.inf
+    with Board(World(scenarios.named("calm"), 1), {"a": ticker}, tmp_path, PtyLine.write) as board:
+        server = RealTimeServer(board)
+        port = os.open(board.ports()["a"], os.O_RDWR | os.O_NOCTTY)
+        try:
+            os.write(port, b"hello")
+            server.serve(5.0)
+        finally:
+            os.close(port)
+        assert ticker.heard[1] == b"hello"
+        assert 0.0 < ticker.heard[0] <= board.world.now_s

@@ -1,0 +1,49 @@
+"""The table of seas and its listing."""
+
+import json
+
+import pytest
+
+from hil.__main__ import main
+from hil.sim.scenarios import TABLE, UnknownScenarioError, named
+
+# speed, wave period, wave yaw, bias, drift, current: the table of the specification, the mission area, gusts, surge
+ROWS = {
+    "calm": (0.4, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "tank": (0.4, 2.53, 1.5, 0.0, 0.0, 0.0),
+    "sea": (0.9, 6.0, 4.0, 5.0, 2.0, 0.3),
+    "swell": (0.7, 8.0, 20.0, 5.0, 2.0, 0.0),
+    "weak": (0.2, 4.0, 10.0, 3.0, 2.0, 0.0),
+    "storm": (0.5, 7.0, 30.0, 8.0, 4.0, 0.6),
+    "mission": (0.5, 6.0, 6.0, 3.0, 2.0, 0.25),
+    "gusts": (0.6, 4.0, 6.0, 4.0, 2.0, 0.2),
+    "surge": (0.7, 8.0, 20.0, 5.0, 2.0, 0.0),
+}
+
+
+def test_the_table_is_the_specified_one():
+    found = {
+        row.name: (
+            row.speed_m_s,
+            row.wave_period_s,
+            row.wave_yaw_deg,
+            row.bias_deg,
+            row.drift_deg,
+            row.current_m_s,
+        )
+        for row in TABLE
+    }
+    assert found == ROWS
+
+
+def test_an_unknown_name_lists_the_known_ones():
+    with pytest.raises(UnknownScenarioError, match="calm, tank, sea"):
+        named("lake")
+
+
+def test_the_command_lists_them(capsys):
+    assert main(["scenarios"]) == 0
+    text = capsys.readouterr().out
+    assert all(name in text for name in ROWS)
+    assert main(["scenarios", "--json"]) == 0
+    assert [row["name"] for row in json.loads(capsys.readouterr().out)] == list(ROWS)

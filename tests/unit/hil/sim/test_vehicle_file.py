@@ -1,0 +1,107 @@
+"""The vehicle file of a run."""
+
+import tomllib
+
+import pytest
+
+from firmware_py.common.angles import radians
+from firmware_py.model.kt import OCEAN_RAMBLER
+from hil.errors import UsageError
+from hil.sim.vehicle_file import VehicleFile, load, parse_settings
+from hil.sim.world import Mounting
+
+PORTS = {"compass": '/tmp/a "b"/compass', "position": "/p", "rudder": "/r", "link": "/l"}
+GIVEN = """
+[vehicle]
+name = "Test boat"
+[compass]
+driver = "pni_tcm"
+port = "/dev/ttyUSB0"
+baud = 9600
+rate_hz = 5.0
+[rudder]
+driver = "volz"
+port = "/dev/ttyUSB1"
+baud = 115200
+id = 7
+[hull]
+length_m = 3.05
+[parameters]
+file = "boat.param"
+MDL_K = 0.1
+RUD_CENTRE_DEG = 4
+RUD_REVERSE = 1
+"""
+
+
+def test_the_standard_boat_is_the_tank_boat():
+    vehicle = VehicleFile()
+    assert vehicle.model() == OCEAN_RAMBLER
+    assert vehicle.mounting() == Mounting()
+    data = tomllib.loads(vehicle.text(PORTS, {"CTL_K1": 30.0}))
+    assert data["compass"] == {"driver": "nmea", "port": PORTS["compass"], "baud": 38400}
+    assert data["rudder"] == {"driver": "dynamixel", "port": "/r", "baud": 57600, "id": 1}
+    assert data["position"] == {"driver": "nmea", "port": "/p", "baud": 9600}
+    assert data["link"] == {"urls": ["serial:/l:57600"]}
+    assert data["parameters"] == {"CTL_K1": 30.0}
+
+
+def test_a_given_file_keeps_everything_but_its_ports(tmp_path):
+    (tmp_path / "boat.vehicle").write_text(GIVEN)
+    (tmp_path / "boat.param").write_text("MDL_K 0.2\nMDL_T_S 3\n")
+    vehicle = load(tmp_path / "boat.vehicle")
+    data = tomllib.loads(vehicle.text(PORTS, {"MDL_K": 0.5}))
+    assert data["vehicle"]["name"] == "Test boat"
+    assert data["compass"] == {"driver": "pni_tcm", "port": PORTS["compass"], "baud": 9600, "rate_hz": 5.0}
+    assert data["rudder"] == {"driver": "volz", "port": "/r", "baud": 115200, "id": 7}
+    assert data["hull"] == {"length_m": 3.05}
+    assert data["parameters"]["MDL_K"] == 0.5
+    assert data["parameters"]["MDL_T_S"] == 3.0
+    # The ship is the file's, whatever the autopilot is told.
+    assert vehicle.model().turning_ability_1_s == pytest.approx(0.1)
+    assert vehicle.model().turning_lag_s == 3.0
+    assert vehicle.mounting() == Mounting(radians(4.0), rudder_reversed=True)
+
+
+def test_choosing_another_device_replaces_its_section_and_the_same_keeps_it(tmp_path):
+    (tmp_path / "boat.vehicle").write_text(GIVEN.replace('file = "boat.param"', ""))
+    vehicle = load(tmp_path / "boat.vehicle")
+    vehicle.choose("pni", "dynamixel")
+    assert vehicle.compass["baud"] == 9600
+    assert vehicle.rudder == {"driver": "dynamixel", "baud": 57600, "id": 1}
+    assert VehicleFile().rudder["driver"] == "dynamixel"
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("[compass", "not valid TOML"),
+        ("compass = 3", "must be a section"),
+        ("[compass]\ndriver = 'astrolabe'\n", "nmea, pni_tcm"),
+        (GIVEN, "boat.param cannot be read"),
+        (GIVEN.replace('file = "boat.param"', "CTL_K9 = 3"), "unknown parameter"),
+        (GIVEN.replace('file = "boat.param"', "CTL_K1 = 'x'"), "expected a number"),
+        (GIVEN.replace('file = "boat.param"', "CTL_K1 = nan"), "not a number"),
+    ],
+)
+def test_a_wrong_file_is_told_in_one_line(tmp_path, text, complaint):
+    path = tmp_path / "boat.vehicle"
+    path.write_text(text)
+    with pytest.raises(UsageError, match=complaint) as caught:
+        load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_absent_file_is_told(tmp_path):
+    with pytest.raises(UsageError, match="cannot be read"):
+        load(tmp_path / "none")
+
+
+def test_settings_are_checked_against_the_table():
+    assert parse_settings(["CTL_K1=30", "LOOP_RATE_HZ=20"]) == {"CTL_K1": 30.0, "LOOP_RATE_HZ": 20.0}
+
+
+@pytest.mark.parametrize("pair", ["CTL_K1", "CTL_K1=", "CTL_K1=x", "CTL_K1=nan", "CTL_K1=1e300", "CTL_K9=1", "=1"])
+def test_a_wrong_setting_is_refused(pair):
+    with pytest.raises(UsageError):
+        parse_settings([pair])

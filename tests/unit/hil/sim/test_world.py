@@ -1,0 +1,104 @@
+"""The world: what the devices sense and what is recorded."""
+
+import math
+
+import pytest
+
+from firmware_py.common.angles import degrees, radians
+from hil.sim import scenarios
+from hil.sim.goals import parse_goals
+from hil.sim.scenarios import Scenario
+from hil.sim.world import START_UTC_S, Mounting, World
+
+CALM = scenarios.named("calm")
+
+
+def pulled(world: World, shaft_deg: float) -> World:
+    world.shaft.set_torque(on=True)
+    world.shaft.set_target(radians(shaft_deg))
+    return world
+
+
+def test_positive_rudder_turns_her_to_starboard_and_the_track_follows():
+    world = pulled(World(CALM, 1), 20.0)
+    world.advance_to(60.0)
+    row = world.truth.rows[-1]
+    assert row[0] == 60.0
+    assert degrees(row[3]) == pytest.approx(0.9752, abs=1e-3)
+    assert 0.8 < row[1] < 1.1
+    assert row[7] > 0.0
+    assert row[8] > 0.0
+    assert world.latitude_deg() > 36.0
+    assert world.longitude_deg() > 121.0
+    assert world.utc_s() == START_UTC_S + 60.0
+
+
+def test_a_full_circle_has_the_papers_radius():
+    world = pulled(World(CALM, 1), 30.0)
+    world.advance_to(400.0)
+    rows = [row for row in world.truth.rows if row[0] > 100.0]
+    east = [row[8] for row in rows]
+    assert (max(east) - min(east)) / 2.0 == pytest.approx(15.76, abs=0.02)
+
+
+def test_the_servo_slews_and_command_and_angle_are_told_apart():
+    world = pulled(World(CALM, 1), 30.0)
+    world.advance_to(0.5)
+    row = world.truth.rows[-1]
+    assert degrees(row[4]) == pytest.approx(15.0, abs=1e-9)
+    assert degrees(row[5]) == pytest.approx(30.0, abs=1e-9)
+
+
+def test_the_current_sets_her_and_shows_in_course_and_speed_over_ground():
+    drifting = Scenario("drift", "", 0.4, 0.0, 0.0, 0.0, 0.0, current_m_s=0.3, current_toward_deg=90.0)
+    world = World(drifting, 1)
+    world.advance_to(10.0)
+    assert world.truth.rows[-1][7:] == pytest.approx((4.0, 3.0, 0.4))
+    assert world.speed_over_ground_m_s() == pytest.approx(0.5)
+    assert world.course_over_ground_rad() == pytest.approx(math.atan2(0.3, 0.4))
+
+
+def test_rows_stand_on_the_tenths_and_stop_at_the_end():
+    world = World(CALM, 1, end_s=3.05)
+    world.advance_to(100.0)
+    assert [row[0] for row in world.truth.rows] == [k / 10 for k in range(31)]
+
+
+def test_goals_appear_when_due_on_the_nearest_turn():
+    world = pulled(World(CALM, 1, parse_goals("1:0,400:10,401:-170")), 30.0)
+    world.advance_to(402.0)
+    by_time = {row[0]: row for row in world.truth.rows}
+    assert by_time[0.9][6] is None
+    assert by_time[1.0][6] == 0.0
+    turned = by_time[400.0]
+    assert turned[1] > 2.0 * math.pi
+    assert abs(turned[6] - turned[1]) <= math.pi
+    assert degrees(turned[6]) % 360.0 == pytest.approx(10.0)
+
+
+def test_wave_yaw_is_seen_by_the_compass_but_is_not_in_the_hulls_heading():
+    world = World(scenarios.named("swell"), 1)
+    world.advance_to(100.0)
+    assert any(abs(row[2] - row[1]) > radians(10.0) for row in world.truth.rows)
+    jumps = [abs(b[1] - a[1]) for a, b in zip(world.truth.rows, world.truth.rows[1:], strict=False)]
+    assert max(jumps) < radians(0.2)
+
+
+def test_a_mounting_is_seen_by_devices_and_not_by_the_truth():
+    mounting = Mounting(rudder_centre_rad=radians(5.0), rudder_reversed=True, compass_offset_rad=radians(7.0))
+    world = World(CALM, 1, mounting=mounting)
+    assert world.rudder_rad() == 0.0
+    assert degrees(world.heading_rad()) == pytest.approx(-7.0)
+    pulled(world, -5.0)
+    world.advance_to(5.0)
+    assert degrees(world.rudder_rad()) == pytest.approx(10.0)
+    assert degrees(world.truth.rows[-1][4]) == pytest.approx(10.0)
+    assert world.truth.rows[-1][1] > 0.0
+
+
+def test_time_does_not_run_back():
+    world = World(CALM, 1)
+    world.advance_to(5.0)
+    world.advance_to(1.0)
+    world.advance_to(math.nan)
+    assert world.now_s == 5.0

@@ -1,0 +1,233 @@
+"""A boat at sea in one process: the tick, the ship and its sensors without ports, thousands of times real time."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firmware_py.common.angles import TWO_PI, radians
+from firmware_py.common.intents import Arm, Request, SetMode
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
+from firmware_py.common.records import (
+    FixType,
+    HeadingSample,
+    Inputs,
+    NorthReference,
+    PositionSample,
+    RudderFeedback,
+    Tick,
+)
+from firmware_py.core.step import State, step
+from firmware_py.model.kt import OCEAN_RAMBLER
+from hil.ship.drift import RudderDrift
+from hil.ship.gusts import Gusts
+from hil.ship.hull import Hull
+from hil.ship.kt_plant import KtPlant
+from hil.ship.noise import NormalNumbers, Stream, generator
+from hil.ship.orbit import Orbit
+from hil.ship.planar import PlanarMotion
+from hil.ship.tide import Tide
+from hil.ship.waves import WaveYaw
+from hil.sim.scenarios import Scenario, named
+
+EARTH_M = 6371008.8
+START_RAD = (radians(36.0), radians(121.0))
+UTC_S = 1_767_225_600.0
+STEP_S = 0.1
+SLEW_RAD_S = radians(30.0)
+COUNT_RAD = TWO_PI / 4096.0
+RESOLUTION_RAD = radians(0.1)
+FIX_NOISE_M, FIX_MEMORY_S, VELOCITY_NOISE_M_S = 1.5, 60.0, 0.03
+
+
+class TickHull:
+    """hil.ship.hull.Hull on a grid of one tick, of the same parts; test_rig.py holds the two together."""
+
+    def __init__(self, scenario, seed):
+        scaled = OCEAN_RAMBLER.at_speed(scenario.speed_m_s)
+        bias_rad = scaled.rudder_offset_rad + radians(scenario.bias_deg)
+        self.plant = KtPlant(replace(scaled, rudder_offset_rad=bias_rad), STEP_S)
+        self.drift = RudderDrift(radians(scenario.drift_deg), STEP_S, NormalNumbers(generator(seed, Stream.DRIFT)))
+        numbers = NormalNumbers(generator(seed, Stream.WAVES))
+        self.waves = WaveYaw(radians(scenario.wave_yaw_deg), scenario.wave_period_s, STEP_S, numbers)
+        self.gusts = Gusts(radians(scenario.gust_deg), STEP_S, generator(seed, Stream.GUSTS))
+        along_rad, orbital = radians(scenario.waves_toward_deg), NormalNumbers(generator(seed, Stream.ORBIT))
+        self.orbit = Orbit(scenario.orbital_m_s, scenario.wave_period_s, along_rad, STEP_S, orbital)
+        toward_rad = radians(scenario.current_toward_deg)
+        tide = Tide(scenario.current_m_s, toward_rad, scenario.tide_s, scenario.tide_rotary)
+        self.track = PlanarMotion(scenario.speed_m_s, tide)
+        self.t_s = 0.0
+        self.rudder_rad = 0.0
+
+    def step(self, rudder_rad):
+        before_rad = self.plant.heading_rad
+        self.plant.step(0.5 * (self.rudder_rad + rudder_rad), self.drift.angle_rad + self.gusts.angle_rad)
+        self.track.step(0.5 * (before_rad + self.plant.heading_rad), self.t_s + 0.5 * STEP_S, STEP_S)
+        self.drift.step()
+        self.waves.step()
+        self.gusts.step()
+        self.orbit.step()
+        self.rudder_rad = rudder_rad
+        self.t_s += STEP_S
+
+    def heading_low_rad(self, _offset_s):
+        return self.plant.heading_rad
+
+    def heading_rad(self, offset_s):
+        return self.plant.heading_rad + self.waves.angle_rad(offset_s)
+
+    def velocity_m_s(self, _offset_s):
+        return self.track.velocity_m_s(self.plant.heading_rad, self.t_s)
+
+    def position_m(self, _offset_s):
+        return self.track.north_m, self.track.east_m
+
+    def velocity_in_waves_m_s(self, offset_s):
+        return tuple(np.add(self.velocity_m_s(offset_s), self.orbit.velocity_m_s(offset_s)))
+
+    def position_in_waves_m(self, offset_s):
+        return tuple(np.add(self.position_m(offset_s), self.orbit.position_m(offset_s)))
+
+
+class FineHull(Hull):
+    """The hull itself, five steps of its grid at a time; the rudder moves evenly in between."""
+
+    def __init__(self, scenario, seed):
+        super().__init__(scenario, OCEAN_RAMBLER, seed)
+        self.before_rad = 0.0
+
+    def step(self, rudder_rad):
+        for part in range(1, 6):
+            super().step(self.before_rad + 0.2 * part * (rudder_rad - self.before_rad))
+        self.before_rad = rudder_rad
+
+
+class Sailing:
+    """Ship, sea, compass at 10 Hz, receiver at 1 Hz and servo around step(); metres from the start."""
+
+    def __init__(self, scenario, seed=1, plans=None, hull=TickHull, **parameters):
+        values = ParameterSet()
+        for name, value in parameters.items():
+            values = values.replaced(name, value)
+        self.scenario = scenario
+        self.hull = hull(scenario, seed)
+        self.numbers = NormalNumbers(generator(seed, Stream.COMPASS))
+        self.rng = np.random.default_rng(seed)
+        self.state = State.at_start(values, plans)
+        self.index = 0
+        self.rudder_rad = self.target_rad = 0.0
+        self.fix_error_m = self.rng.normal(0.0, FIX_NOISE_M, 2)
+        self.fix_every = 10  # ticks
+        self.jump_m = (0.0, 0.0)
+        self.events = []
+        self.inputs = []
+        self.keep_inputs = False
+        self.snapshot = None
+        self.track = []  # (t_s, north_m, east_m, heading_low_rad) each second
+
+    @property
+    def t_s(self):
+        return 0.1 * self.index
+
+    @property
+    def where(self):
+        return self.hull.position_m(0.0)
+
+    def tick(self, *intents):
+        t_s = self.t_s
+        heading_rad = self.hull.heading_rad(0.0) + radians(0.3) * self.numbers.draw()
+        heading_rad = round(heading_rad / RESOLUTION_RAD) * RESOLUTION_RAD % TWO_PI
+        shaft_rad = round(self.rudder_rad / COUNT_RAD) * COUNT_RAD
+        inputs = Inputs(
+            Tick(self.index, t_s, 0.0001, 0, 10.0),
+            (HeadingSample(t_s, heading_rad, NorthReference.TRUE),),
+            (self.fix(),) if self.index % self.fix_every == 0 else (),
+            (RudderFeedback(t_s, shaft_rad),),
+            (),
+            tuple(Request(t_s, intent) for intent in intents),
+        )
+        if self.keep_inputs:
+            self.inputs.append(inputs)
+        self.state, output = step(self.state, inputs)
+        self.snapshot = output.snapshot
+        self.events += [(t_s, event.text) for event in output.events]
+        self.target_rad = output.command.shaft_rad
+        most_rad = SLEW_RAD_S * STEP_S
+        self.rudder_rad += min(max(self.target_rad - self.rudder_rad, -most_rad), most_rad)
+        self.hull.step(self.rudder_rad)
+        self.index += 1
+        if self.index % 10 == 0:
+            self.track.append((self.t_s, *self.where, self.hull.heading_low_rad(0.0)))
+        return output
+
+    def fix(self):
+        keep = math.exp(-0.1 * self.fix_every / FIX_MEMORY_S)
+        self.fix_error_m = keep * self.fix_error_m + math.sqrt(1.0 - keep**2) * self.rng.normal(0.0, FIX_NOISE_M, 2)
+        north_m, east_m = self.hull.position_in_waves_m(0.0)
+        v_north, v_east = np.array(self.hull.velocity_in_waves_m_s(0.0)) + self.rng.normal(0.0, VELOCITY_NOISE_M_S, 2)
+        place = placed(north_m + self.fix_error_m[0] + self.jump_m[0], east_m + self.fix_error_m[1] + self.jump_m[1])
+        return PositionSample(
+            self.t_s, FixType.FIX_3D, *place, 2.0, math.hypot(v_north, v_east),
+            math.atan2(v_east, v_north) % TWO_PI, 11, 0.9, UTC_S + self.t_s,
+        )  # fmt: skip
+
+    def run(self, seconds, until=lambda _boat: False):
+        for _ in range(round(seconds * 10)):
+            self.tick()
+            if until(self):
+                break
+        return self
+
+    def under_way(self, mode, *intents):
+        """Arm and enter a mode once there is a heading and a position."""
+        self.run(1.5)
+        self.tick(Arm(armed=True), SetMode(mode), *intents)
+        assert (self.state.modes.mode, self.state.modes.armed) == (mode, True), self.events
+        return self
+
+    def said(self, text):
+        return [t_s for t_s, event in self.events if text in event]
+
+
+def placed(north_m, east_m):
+    """Latitude and longitude of a place north and east of the start."""
+    latitude_rad = START_RAD[0] + north_m / EARTH_M
+    return latitude_rad, START_RAD[1] + east_m / (EARTH_M * math.cos(START_RAD[0]))
+
+
+def item(command, north_m=None, east_m=None, *params, autocontinue=True):
+    """A mission item, at metres from the start."""
+    x = y = 0
+    if north_m is not None:
+        x, y = (round(math.degrees(angle) * 1e7) for angle in placed(north_m, east_m))
+    filled = (*map(float, params), 0.0, 0.0, 0.0, 0.0)[:4]
+    return PlanItem(command, 3, autocontinue, filled, x, y)
+
+
+def mission(*items):
+    return Plans(mission=Plan.of(PlanKind.MISSION, items))
+
+
+class Yard:
+    """What the tests build boats with."""
+
+    Sailing = Sailing
+    FineHull = FineHull
+    item = staticmethod(item)
+    mission = staticmethod(mission)
+    placed = staticmethod(placed)
+
+    @staticmethod
+    def sea(name="calm", **changes):
+        return replace(named(name), **changes)
+
+    @staticmethod
+    def scenario(speed_m_s, current_m_s=0.0, toward_deg=90.0, wave_s=6.0, wave_deg=4.0, bias_deg=5.0, **more):
+        return Scenario("made", "", speed_m_s, wave_s, wave_deg, bias_deg, 2.0, current_m_s, toward_deg, **more)
+
+
+@pytest.fixture(scope="session")
+def yard():
+    return Yard

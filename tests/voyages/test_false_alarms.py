@@ -1,0 +1,38 @@
+"""Hours of turns in every sea: no fault is told where there is none."""
+
+import math
+import random
+
+import pytest
+
+from firmware_py.common.intents import SteerHeading
+from firmware_py.common.records import Mode
+from firmware_py.faults.page import Fault
+
+LEG_S = 600.0
+ALLOWED = {Fault.CURRENT_STRONG}  # of a storm, it is true
+
+
+def faults_of(yard, name, seed, legs):
+    """The faults that stood at any time, steering for a new heading every ten minutes."""
+    boat = yard.Sailing(yard.sea(name), seed).under_way(Mode.GUIDED)
+    turns, goal_rad, seen = random.Random(seed), 0.0, 0
+    for _ in range(legs):
+        goal_rad += math.radians(turns.uniform(-120.0, 120.0))
+        boat.tick(SteerHeading(goal_rad))
+        for _ in range(round(10.0 * LEG_S) - 1):
+            boat.tick()
+            seen |= boat.snapshot.faults
+    return {fault for fault in Fault if seen >> fault & 1} - ALLOWED
+
+
+def test_no_fault_is_told_in_a_swell(yard):
+    assert not faults_of(yard, "swell", 1, 1)
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("name", ["tank", "sea", "swell", "weak", "storm", "gusts", "surge"])
+def test_no_fault_is_told_in_hours_of_any_sea(yard, name, seed):
+    assert not faults_of(yard, name, seed, 12)

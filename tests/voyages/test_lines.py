@@ -1,0 +1,61 @@
+"""Line following at sea, across a current of half her speed."""
+
+import numpy as np
+import pytest
+
+from firmware_py.common.intents import SteerPosition
+from firmware_py.common.records import MissionState, Mode
+
+
+def cross_tracks(boat, seconds):
+    """The true distance to the line of each leg of a mission around corners, second by second."""
+    corners = [(0.0, 0.0), *boat.corners]
+    off = []
+    for _ in range(seconds):
+        boat.run(1.0)
+        if boat.snapshot.mission.state is MissionState.COMPLETE:
+            break
+        index = boat.snapshot.mission.index
+        start, end = np.array(corners[index]), np.array(corners[index + 1])
+        along = (end - start) / np.linalg.norm(end - start)
+        here = np.array(boat.where) - start
+        off.append(abs(along[0] * here[1] - along[1] * here[0]))
+    return np.array(off)
+
+
+def rounding(yard, corners, seed, **current):
+    plans = yard.mission(*(yard.item(16, *corner) for corner in corners))
+    boat = yard.Sailing(yard.sea("sea", current_m_s=0.45, **current), seed, plans)
+    boat.corners = corners
+    return boat.under_way(Mode.AUTO)
+
+
+def test_across_half_her_speed_of_current_she_stays_within_15_m(yard):
+    boat = rounding(yard, [(500.0, 0.0), (500.0, 400.0)], 1)
+    off = cross_tracks(boat, 1500)
+    assert boat.snapshot.mission.state is MissionState.COMPLETE
+    assert np.percentile(off, 95) <= 15.0
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("toward_deg", [0.0, 60.0, 90.0, 210.0])
+def test_around_a_square_in_any_current_of_half_her_speed(yard, figures, seed, toward_deg):
+    corners = [(1500.0, 0.0), (1500.0, 1500.0), (0.0, 1500.0), (0.0, 0.0)]
+    boat = rounding(yard, corners, seed, current_toward_deg=toward_deg)
+    off = cross_tracks(boat, 14_400)
+    figures.keep("line_p95", np.percentile(off, 95), "m", f"seed {seed} toward {toward_deg:.0f} deg")
+    figures.keep("line_largest", off.max(), "m", f"seed {seed} toward {toward_deg:.0f} deg")
+    assert boat.snapshot.mission.state is MissionState.COMPLETE
+    assert np.percentile(off, 95) <= 15.0
+
+
+def test_a_guided_position_is_sailed_to_and_kept(yard):
+    boat = yard.Sailing(yard.scenario(0.9, 0.3), 2, LOIT_RADIUS=60.0)
+    boat.under_way(Mode.GUIDED, SteerPosition(*yard.placed(200.0, -150.0)))
+    boat.run(1500.0, until=lambda boat: boat.snapshot.navigation.arrived)
+    assert boat.snapshot.navigation.arrived
+    track = len(boat.track)
+    boat.run(600.0)
+    north_m, east_m = np.array(boat.track[track:])[:, 1:3].T
+    assert np.mean(np.hypot(north_m - 200.0, east_m + 150.0) <= 62.0) > 0.95

@@ -1,0 +1,84 @@
+"""Keeping station: a watch circle of 100 m, in currents up to 0.7 of her speed and beyond."""
+
+import math
+
+import numpy as np
+import pytest
+
+from firmware_py.common.records import Mode
+
+CASES = [
+    (0.4, 0.0, {}),
+    (0.4, 0.28, {}),
+    (0.9, 0.63, {"toward_deg": 210.0}),
+    (0.2, 0.14, {"wave_deg": 10.0, "wave_s": 4.0}),
+    (0.5, 0.35, {"tide_s": 44712.0, "tide_rotary": 0.6}),
+    (0.7, 0.49, {"wave_deg": 20.0, "wave_s": 8.0}),
+]
+
+
+def kept(boat, seconds):
+    """The true distances from where LOITER was entered, second by second."""
+    north_m, east_m = boat.where
+    first = len(boat.track)
+    boat.run(seconds)
+    track = np.array(boat.track[first:])
+    return np.hypot(track[:, 1] - north_m, track[:, 2] - east_m)
+
+
+def test_for_half_an_hour(yard):
+    boat = yard.Sailing(yard.scenario(0.4, 0.28), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
+    assert np.mean(kept(boat, 1800.0) <= 100.0) >= 0.95
+    assert not boat.said("Current stronger")
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize(("speed_m_s", "current_m_s", "more"), CASES)
+def test_for_a_day(yard, figures, speed_m_s, current_m_s, more):
+    boat = yard.Sailing(yard.scenario(speed_m_s, current_m_s, **more), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
+    distance_m = kept(boat, 86_400.0)
+    inside = np.mean(distance_m <= 100.0)
+    case = f"{speed_m_s} m/s, current {current_m_s} m/s {more}"
+    figures.keep("station_day_outside", 100.0 * (1.0 - inside), "%", case)
+    figures.keep("station_day_farthest", distance_m.max(), "m", case)
+    assert inside >= 0.95
+    assert distance_m.max() < 150.0
+
+
+def stronger(yard, speed_m_s, seed, **more):
+    boat = yard.Sailing(yard.scenario(speed_m_s, 1.2 * speed_m_s, **more), seed).under_way(Mode.LOITER)
+    boat.run(1800.0)
+    said_s = boat.said("Current stronger than she is")
+    into_deg = math.degrees(boat.track[-1][3]) - (more.get("toward_deg", 90.0) + 180.0)
+    return said_s, abs(math.remainder(into_deg, 360.0))
+
+
+def test_a_current_of_1_2_times_her_speed_is_recognised_and_pointed_into(yard):
+    said_s, off_deg = stronger(yard, 0.4, 1)
+    assert said_s
+    assert said_s[0] <= 1800.0
+    assert off_deg < 15.0
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize(("speed_m_s", "toward_deg"), [(0.25, 0.0), (0.4, 180.0), (0.5, 90.0), (0.9, 300.0)])
+def test_recognised_at_any_speed_and_from_any_side(yard, figures, speed_m_s, toward_deg, seed):
+    said_s, off_deg = stronger(yard, speed_m_s, seed, toward_deg=toward_deg)
+    assert said_s
+    case = f"{speed_m_s} m/s toward {toward_deg:.0f} deg, seed {seed}"
+    figures.keep("strong_current_told", said_s[0], "s", case)
+    figures.keep("strong_current_off", off_deg, "deg", case)
+    assert off_deg < 20.0
+
+
+def test_home_is_returned_to_and_kept(yard):
+    boat = yard.Sailing(yard.scenario(0.6, 0.2), LOIT_RADIUS=60.0)
+    boat.under_way(Mode.GUIDED)
+    boat.run(250.0)
+    assert math.hypot(*boat.where) > 100.0
+    boat.under_way(Mode.RTL)
+    boat.run(2000.0, until=lambda boat: boat.snapshot.navigation.arrived)
+    first = len(boat.track)
+    boat.run(500.0)
+    assert np.mean(np.hypot(*np.array(boat.track[first:])[:, 1:3].T) <= 65.0) > 0.95
