@@ -72,7 +72,7 @@ pages-check: $(READY)
 	$(BIN)/rambler params --messages | diff -u params/MESSAGES.md -
 
 $(DOCS_READY): $(SAIL_READY)
-	@echo "adding what the documentation is built with, once: about 10 s, 60 MB (Sphinx, furo, MyST)"
+	@echo "adding what the documentation is built with, once: about 5 s, 70 MB (Sphinx, furo, MyST)"
 	@$(PIP) -e '.[docs]'
 	@touch $@
 
