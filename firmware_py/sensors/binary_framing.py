@@ -72,7 +72,7 @@ class PacketFramer:
         measure: Callable[[bytes], int],
         check: Check,
     ) -> None:
-        """Search `header`, of a fixed size; `measure` gives the bytes of a packet from its header."""
+        """Search `header`, at most `header_size` long; `measure` gives the bytes of a packet from its header."""
         self._header = header
         self._header_size = header_size
         self._measure = measure

@@ -18,11 +18,11 @@ from hil.devices.nmea_text import whole_sentence
 from hil.devices.pty_line import PtyLine
 from hil.devices.timing import Pace
 from hil.errors import HilError
+from hil.ship.scenarios import named
 from hil.sim.device_factory import emulators
 from hil.sim.goals import Goal
 from hil.sim.ground_station import GroundStation
 from hil.sim.process import Firmware
-from hil.sim.scenarios import named
 from hil.sim.vehicle_file import VehicleFile
 from hil.sim.world import World
 

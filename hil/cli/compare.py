@@ -16,7 +16,7 @@ from hil.bench.circumstances import circumstances, text_of
 from hil.errors import UsageError
 from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
 from hil.report.figure_file import entry, key_of, merge, origin
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.goals import GoalError, parse_goals
 
 DEFAULT_SEAS = ("tank", "sea", "swell", "weak")

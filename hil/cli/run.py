@@ -11,12 +11,12 @@ from pathlib import Path
 from hil.errors import UsageError
 from hil.report import page, summary
 from hil.report.text import figures_text
-from hil.sim import scenarios
+from hil.ship import scenarios
+from hil.ship.scenarios import Scenario
 from hil.sim.goals import Goal, GoalError, parse_goals
 from hil.sim.ground_station import GUIDED, MODE_NAMES
 from hil.sim.runner import RunOptions
 from hil.sim.runner import run as sail
-from hil.sim.scenarios import Scenario
 from hil.sim.vehicle_file import COMPASS_DRIVERS, SERVO_DRIVERS, VehicleFile, load, parse_settings
 
 DEFAULT_GOALS = "0:0,120:60,720:-90"

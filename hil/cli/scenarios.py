@@ -6,7 +6,7 @@ import argparse
 import json
 from dataclasses import asdict
 
-from hil.sim.scenarios import TABLE
+from hil.ship.scenarios import TABLE
 
 COLUMNS = ("name", "U m/s", "wave s", "wave yaw deg", "bias deg", "drift deg", "current m/s", "what it is")
 

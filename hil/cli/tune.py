@@ -16,7 +16,7 @@ from hil.lab.tune import cases, paper
 from hil.lab.tune.report import Report, as_json, parameter_file, text
 from hil.lab.tune.search import tune
 from hil.lab.tune.trials import Setting, Trials
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.vehicle_file import VehicleFile, load
 
 EVALUATIONS = 400

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from hil.report.summary import Summary
 from hil.report.text import COLUMNS, goal_cells, loop_line
+from hil.ship.scenarios import Scenario
 from hil.sim.runner import Run
-from hil.sim.scenarios import Scenario
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #333b44; max-width: 1180px; margin: 2rem auto; padding: 0 1rem; }

@@ -16,9 +16,9 @@ from hil.ship.kt_plant import KtPlant
 from hil.ship.noise import NormalNumbers, Stream, generator
 from hil.ship.orbit import Orbit
 from hil.ship.planar import PlanarMotion
+from hil.ship.scenarios import Scenario
 from hil.ship.tide import Tide
 from hil.ship.waves import WaveYaw
-from hil.sim.scenarios import Scenario
 
 STEPS_PER_SECOND = 50
 GRID_S = 1.0 / STEPS_PER_SECOND

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from hil.devices.pty_line import PtyLine
 from hil.errors import HilError, UsageError
+from hil.ship.scenarios import Scenario
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
 from hil.sim.display import Banner, Display, make_display
@@ -23,7 +24,6 @@ from hil.sim.lockstep import LockstepError, LockstepServer
 from hil.sim.pace import Pacer
 from hil.sim.process import Firmware
 from hil.sim.realtime import RealTimeServer
-from hil.sim.scenarios import Scenario
 from hil.sim.truth import TruthRecorder
 from hil.sim.vehicle_file import VehicleFile
 from hil.sim.world import START_UTC_S, World

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from firmware_py.common.angles import TWO_PI, radians, wrap_two_pi
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.ship.hull import GRID_S, STEPS_PER_SECOND, Hull
+from hil.ship.scenarios import Scenario
 from hil.ship.servo import ServoShaft
 from hil.sim.goals import Goal
-from hil.sim.scenarios import Scenario
 from hil.sim.truth import ROWS_PER_SECOND, TruthRecorder
 
 START_UTC_S = 1_767_225_600.0  # 2026-01-01 00:00:00

@@ -18,13 +18,13 @@ from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.pty_line import PtyLine
 from hil.devices.spoiled import SpoiledAttitude, SpoiledWhereabouts
 from hil.devices.volz import VolzEmulator
+from hil.ship.scenarios import named
 from hil.sim.board import Board
 from hil.sim.goals import parse_goals
 from hil.sim.ground_station import MODE_NAMES, GroundStation, Order
 from hil.sim.lockstep import LockstepServer
 from hil.sim.pace import Pacer
 from hil.sim.process import Firmware
-from hil.sim.scenarios import named
 from hil.sim.world import START_UTC_S, World
 
 SERVOS = {"dynamixel": (DynamixelEmulator, 57600), "volz": (VolzEmulator, 115200)}

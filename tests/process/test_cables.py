@@ -18,9 +18,9 @@ from hil.devices.nmea_compass import NmeaCompassEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.pty_line import PtyLine
 from hil.devices.volz import VolzEmulator
+from hil.ship.scenarios import named
 from hil.sim.board import Board
 from hil.sim.process import Firmware
-from hil.sim.scenarios import named
 from hil.sim.world import World
 
 VEHICLE = """

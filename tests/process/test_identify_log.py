@@ -8,7 +8,7 @@ import pytest
 from support.paths import ROOT
 
 from hil.report.figure_file import entry
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
 

@@ -16,7 +16,7 @@ from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.loop import PLAN_FILES
 from firmware_py.system.store import Store
 from hil.devices.pty_line import PtyLine
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
 from hil.sim.ground_station import GroundStation

@@ -11,7 +11,7 @@ from hil.cli.compare import as_entries
 from hil.lab.compare.score import mean_of, score_of
 from hil.lab.compare.voyages import OURS, Task, compare
 from hil.report.figure_file import key_of
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
 

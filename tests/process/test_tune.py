@@ -15,7 +15,7 @@ from hil.lab.tune.loop_kernel import Task, closed_loop
 from hil.lab.tune.trials import FIXED_GAINS, Setting, Trials
 from hil.report.figure_file import entry, key_of
 from hil.report.figures import rudder_travel_deg_per_h
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
 

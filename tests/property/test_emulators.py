@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.impairment import Impaired
+from hil.devices.mti import MtiEmulator
 from hil.devices.nmea_compass import NmeaCompassEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.volz import VolzEmulator
@@ -25,6 +26,7 @@ class StillBoat:
 
 DYNAMIXEL_PING = bytes.fromhex("FFFFFD0001030001194E")
 PNI_MOD_INFO = bytes.fromhex("000501EFD4")
+MTI_GOTO_CONFIG = bytes.fromhex("FAFF3000D1")
 VOLZ_CURRENT = bytes.fromhex("B0010000C006")
 
 DEVICES = {
@@ -34,6 +36,7 @@ DEVICES = {
         b"\xff\xff\xfd\x00\x01\x07\x00\x55",
     ),
     "pni": (lambda: PniTcmEmulator(StillBoat(), np.random.default_rng(1)), PNI_MOD_INFO, b"\x00\x0d\x02TCM5"),
+    "mti": (lambda: MtiEmulator(StillBoat(), np.random.default_rng(1)), MTI_GOTO_CONFIG, b"\xfa\xff\x31\x00\xd0"),
     "volz": (lambda: VolzEmulator(ServoShaft(), np.random.default_rng(1)), VOLZ_CURRENT, b"\x30\x01"),
 }
 # Pieces of real frames among the noise, so that the parsers are led further in than noise alone leads them.
@@ -43,6 +46,8 @@ PIECES = st.one_of(
         DYNAMIXEL_PING, PNI_MOD_INFO, VOLZ_CURRENT, b"\xff\xff\xfd\x00", b"\xff\xff\xfd\x00\x01\xff\xff",
         b"\x01\x0e\x06", b"\x00\x05", bytes.fromhex("000515BD61"), bytes.fromhex("000A030405181908DACC"),
         bytes.fromhex("000F180000000000003DCCCCCDF971"), b"\xff\xff\xfd\x00\xfe\x09\x00\x83",
+        MTI_GOTO_CONFIG, bytes.fromhex("FAFF1000F1"), bytes.fromhex("FAFFC00041"), b"\xfa\xff\xc0\x80",
+        bytes.fromhex("FAFFC00420340005E4"), bytes.fromhex("FAFFC004E020FFFF3F"), bytes.fromhex("FAFF3F00C2"),
     ]),
 )  # fmt: skip
 STREAM = st.lists(st.tuples(PIECES, st.floats(0.0, 0.05)), max_size=30)

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.common.angles import radians
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.world import World
 
 END_S = 4.0

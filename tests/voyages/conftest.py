@@ -28,9 +28,9 @@ from hil.ship.kt_plant import KtPlant
 from hil.ship.noise import NormalNumbers, Stream, generator
 from hil.ship.orbit import Orbit
 from hil.ship.planar import PlanarMotion
+from hil.ship.scenarios import Scenario, named
 from hil.ship.tide import Tide
 from hil.ship.waves import WaveYaw
-from hil.sim.scenarios import Scenario, named
 
 EARTH_M = 6371008.8
 START_RAD = (radians(36.0), radians(121.0))

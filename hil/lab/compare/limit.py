@@ -18,8 +18,8 @@ from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
 from firmware_py.common.angles import degrees, radians
 from firmware_py.model.kt import KtModel
 from hil.ship.drift import TIME_CONSTANT_S
+from hil.ship.scenarios import Scenario
 from hil.ship.waves import DAMPING
-from hil.sim.scenarios import Scenario
 from hil.sim.truth import Array
 
 STEP_S = 0.1

@@ -22,9 +22,9 @@ from hil.ship.drift import RudderDrift
 from hil.ship.gusts import Gusts
 from hil.ship.hull import GRID_S
 from hil.ship.noise import NormalNumbers, Stream, generator
+from hil.ship.scenarios import Scenario
 from hil.ship.waves import WaveYaw
 from hil.sim.goals import Goal
-from hil.sim.scenarios import Scenario
 from hil.sim.truth import Array, Truth
 
 STEP_S = 0.1

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.lab.compare.score import Score, mean_of, score_of
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.goals import Goal
 
 AUTOPILOT, TWIN = "autopilot", "compiled twin"

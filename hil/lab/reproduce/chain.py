@@ -21,7 +21,7 @@ from hil.lab.tune.paper import StepStudy
 from hil.lab.tune.search import Tuned, tune
 from hil.lab.tune.trials import FIXED_GAINS, Setting, Trials
 from hil.report.figures import GoalFigures, goal_figures, goal_spans
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions
 from hil.sim.runner import run as sail_autopilot

@@ -16,8 +16,8 @@ from firmware_py.model.kt import KtModel
 from hil.ship.hull import GRID_S, STEPS_PER_SECOND, Hull
 from hil.ship.kt_plant import KtPlant
 from hil.ship.noise import Stream, generator
+from hil.ship.scenarios import Scenario
 from hil.ship.servo import DEFAULT_SLEW_RAD_S
-from hil.sim.scenarios import Scenario
 
 Floats = NDArray[np.float64]
 Steer = Callable[[float, float], float]  # time [s], measured heading [rad] -> rudder [rad]

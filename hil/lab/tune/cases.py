@@ -18,13 +18,13 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import KtModel, steady_yaw_rate
 from hil.lab.tune.loop_kernel import Seas, Task
 from hil.lab.tune.twins import Pilot
+from hil.ship import scenarios
 from hil.ship.drift import RudderDrift
 from hil.ship.kt_plant import LARGEST_STEP_S, inner_steps
 from hil.ship.noise import NormalNumbers
+from hil.ship.scenarios import Scenario
 from hil.ship.servo import DEFAULT_SLEW_RAD_S
 from hil.ship.waves import WaveYaw
-from hil.sim import scenarios
-from hil.sim.scenarios import Scenario
 
 STEP_S = 0.1
 SHORTEST_LEG_S, LONGEST_LEG_S = 300.0, 3000.0

@@ -10,7 +10,7 @@ import pytest
 from firmware_py.common.angles import radians
 from hil.report import page, summary
 from hil.report.text import figures_text
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.ground_station import GroundStation
 from hil.sim.runner import Run, RunOptions

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from hil.errors import UsageError
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.device_factory import emulators
 from hil.sim.vehicle_file import COMPASS_DRIVERS, SERVO_DRIVERS, VehicleFile
 from hil.sim.world import World

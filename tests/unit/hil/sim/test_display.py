@@ -5,8 +5,8 @@ import io
 import pytest
 from rich.console import Console
 
+from hil.ship import scenarios
 from hil.sim import display as live
-from hil.sim import scenarios
 from hil.sim.display import Banner, LiveDisplay, Silence, make_display, rose
 from hil.sim.goals import parse_goals
 from hil.sim.ground_station import GroundStation

@@ -10,7 +10,7 @@ import threading
 import pytest
 
 from hil.devices.pty_line import PtyLine
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.board import Board
 from hil.sim.lockstep import LockstepError, LockstepServer
 from hil.sim.pace import Pacer

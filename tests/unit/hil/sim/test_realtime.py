@@ -6,7 +6,8 @@ import os
 import pytest
 
 from hil.devices.pty_line import PtyLine
-from hil.sim import realtime, scenarios
+from hil.ship import scenarios
+from hil.sim import realtime
 from hil.sim.board import Board
 from hil.sim.realtime import RealTimeServer
 from hil.sim.world import World

@@ -5,9 +5,9 @@ import math
 import pytest
 
 from firmware_py.common.angles import degrees, radians
-from hil.sim import scenarios
+from hil.ship import scenarios
+from hil.ship.scenarios import Scenario
 from hil.sim.goals import parse_goals
-from hil.sim.scenarios import Scenario
 from hil.sim.world import START_UTC_S, Mounting, World
 
 CALM = scenarios.named("calm")

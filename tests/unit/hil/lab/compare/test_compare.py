@@ -12,7 +12,7 @@ from hil.cli.compare import as_entries
 from hil.lab.compare import pid
 from hil.lab.compare.score import Score, mean_of, score_of
 from hil.lab.compare.voyages import OURS, Row
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.truth import Truth
 

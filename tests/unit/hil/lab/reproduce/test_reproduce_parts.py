@@ -16,7 +16,7 @@ from hil.lab.reproduce.chain import Voyage
 from hil.lab.reproduce.manoeuvre import circles, predicted, sail, zigzag
 from hil.lab.reproduce.rows import Row, Verdict, all_match
 from hil.report.figures import goal_figures
-from hil.sim import scenarios
+from hil.ship import scenarios
 from hil.sim.truth import Truth
 
 DEG = math.pi / 180.0

@@ -8,7 +8,7 @@ from firmware_py.control.s_surface import Gains
 from firmware_py.estimate.observer import ObserverSettings
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.lab.tune.cases import cases_of, pilot_of, seas_of, steps_within, the_task
-from hil.sim.scenarios import UnknownScenarioError
+from hil.ship.scenarios import UnknownScenarioError
 
 PARAMETERS = ParameterSet()
 PILOT = pilot_of(PARAMETERS)

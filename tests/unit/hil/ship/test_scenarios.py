@@ -5,7 +5,7 @@ import json
 import pytest
 
 from hil.__main__ import main
-from hil.sim.scenarios import TABLE, UnknownScenarioError, named
+from hil.ship.scenarios import TABLE, UnknownScenarioError, named
 
 # speed, wave period, wave yaw, bias, drift, current: the table of the specification, the mission area, gusts, surge
 ROWS = {

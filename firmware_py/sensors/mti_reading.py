@@ -1,0 +1,176 @@
+"""Judges one data message of an MTi.
+
+Sources: MT0101P (formats of the values, units), MT0605P, section 4.13 (status word) and
+its table of yaw by reference frame.
+
+Yaw is "the angle from a horizontal navigation axis to the projection of the longitudinal
+axis, right-handed about the vertical axis". In NED the first axis is north and the
+vertical one points down, so yaw is the heading, clockwise from north, and only NED is
+read as a heading. In ENU, the device's default, yaw counts from east, the other way.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from firmware_py.common.angles import degrees, radians
+from firmware_py.sensors.message_error import MALFORMED, MessageError, within
+from firmware_py.sensors.mti_protocol import FORMAT_BITS, DataId, Frame, parse_items
+
+_PRECISION_BITS, _FRAME_BITS = 0x3, 0xC
+_STEEPEST_PITCH_DEG = 80.0  # toward 90 degrees heading and roll turn about the same axis
+_FASTEST_RAD_S = 40.0  # the widest gyroscope that is sold measures 2000 degrees a second, 35 rad/s
+
+# Bits of the status word.
+_SELF_TEST_PASSED, _FILTER_VALID = 1 << 0, 1 << 1
+_CLIPPED_GYROSCOPE = 0b111 << 11
+_CLIPPED: Mapping[str, int] = {
+    "accelerometer": 0b111 << 8,
+    "gyroscope": _CLIPPED_GYROSCOPE,
+    "magnetometer": 0b111 << 14,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a data message says of the boat; None where the message does not have it.
+
+    `frame` is None without Euler angles; the angles of other frames than NED are left out.
+    """
+
+    frame: Frame | None
+    heading_magnetic_deg: float | None
+    pitch_deg: float | None
+    roll_deg: float | None
+    yaw_rate_deg_s: float | None
+    temperature_c: float | None
+    status: int | None
+
+    @property
+    def believable(self) -> bool:
+        """Whether the device itself stands by its orientation."""
+        return self.status is not None and bool(self.status & _FILTER_VALID)
+
+    @property
+    def fault(self) -> str:
+        """What the device reports against itself, empty for nothing."""
+        return "" if self.status is None else status_fault(self.status)
+
+
+def status_fault(status: int) -> str:
+    """What a status word says against the device, the worst first; empty for nothing."""
+    faults = []
+    if not status & _FILTER_VALID:
+        faults.append("orientation not valid yet or any more")
+    if not status & _SELF_TEST_PASSED:
+        faults.append("self-test failed")
+    clipped = [name for name, bits in _CLIPPED.items() if status & bits]
+    if clipped:
+        faults.append(f"out of range: {', '.join(clipped)}")
+    return "; ".join(faults)
+
+
+def read_data(data: bytes) -> Reading:
+    """Read the data of an MT_DATA2, or raise MessageError."""
+    frame: Frame | None = None
+    euler_deg: tuple[float, ...] | None = None
+    turn_rad_s: tuple[float, ...] | None = None
+    temperature_c: float | None = None
+    status: int | None = None
+    for identifier, value in parse_items(data).items():
+        kind, precision = identifier & ~FORMAT_BITS, identifier & _PRECISION_BITS
+        if kind == DataId.EULER_ANGLES:
+            frame, euler_deg = _frame(identifier), _euler_deg(value, precision)
+        elif kind == DataId.RATE_OF_TURN:
+            turn_rad_s = _numbers(value, precision, 3, "rate of turn")
+            for number in turn_rad_s:
+                within(number, -_FASTEST_RAD_S, _FASTEST_RAD_S, "rate of turn")
+        elif kind == DataId.TEMPERATURE:
+            temperature_c = within(_numbers(value, precision, 1, "temperature")[0], -100.0, 150.0, "temperature")
+        elif kind == DataId.STATUS_WORD:
+            if len(value) != 4:
+                raise MessageError(MALFORMED, "status word malformed")
+            status = int.from_bytes(value, "big")
+    if euler_deg is None or frame is not Frame.NED:
+        return Reading(frame, None, None, None, None, temperature_c, status)
+    roll_deg, pitch_deg, yaw_deg = euler_deg
+    clipped = status is not None and bool(status & _CLIPPED_GYROSCOPE)
+    yaw_rate_deg_s = None if turn_rad_s is None or clipped else _yaw_rate_deg_s(roll_deg, pitch_deg, turn_rad_s)
+    return Reading(frame, yaw_deg % 360.0, pitch_deg, _upright_deg(roll_deg), yaw_rate_deg_s, temperature_c, status)
+
+
+def _euler_deg(value: bytes, precision: int) -> tuple[float, ...]:
+    roll_deg, pitch_deg, yaw_deg = _numbers(value, precision, 3, "Euler angles")
+    within(roll_deg, -180.0, 180.0, "roll")
+    within(pitch_deg, -90.0, 90.0, "pitch")
+    within(yaw_deg, -180.0, 180.0, "yaw")
+    return roll_deg, pitch_deg, yaw_deg
+
+
+def _frame(identifier: int) -> Frame:
+    try:
+        return Frame(identifier & _FRAME_BITS)
+    except ValueError:
+        raise MessageError(MALFORMED, "frame of the Euler angles not known") from None
+
+
+def _yaw_rate_deg_s(roll_deg: float, pitch_deg: float, turn_rad_s: tuple[float, ...]) -> float | None:
+    """The rate of the heading: how fast the vertical turns under a tilted device.
+
+    The gyroscopes turn with the device, and the frame bits do not apply to them: of a
+    device with its label up the z axis points up, and z is the rate to port. The device
+    then gives a roll near 180 degrees, and the cosine turns the sign. None near the
+    vertical, where a heading means nothing.
+    """
+    if abs(pitch_deg) > _STEEPEST_PITCH_DEG:
+        return None
+    roll_rad, pitch_rad = radians(roll_deg), radians(pitch_deg)
+    _, y_rad_s, z_rad_s = turn_rad_s
+    return degrees((y_rad_s * math.sin(roll_rad) + z_rad_s * math.cos(roll_rad)) / math.cos(pitch_rad))
+
+
+def _upright_deg(roll_deg: float) -> float:
+    """The boat's roll: of a device with its label up, NED has a roll that is half a turn away.
+
+    Heading and pitch are the same either way, for roll is the last of the three turns. A
+    boat on its back cannot be told from a device that was mounted the other way up.
+    """
+    if roll_deg > 90.0:
+        return roll_deg - 180.0
+    return roll_deg + 180.0 if roll_deg < -90.0 else roll_deg
+
+
+def _numbers(value: bytes, precision: int, count: int, name: str) -> tuple[float, ...]:
+    """Unpack so many numbers of one of the four precisions, or raise MessageError."""
+    size, unpack = _PRECISIONS[precision]
+    if len(value) != size * count:
+        raise MessageError(MALFORMED, f"{name} malformed")
+    return tuple(unpack(value[place : place + size]) for place in range(0, len(value), size))
+
+
+def _float32(raw: bytes) -> float:
+    return float(struct.unpack(">f", raw)[0])
+
+
+def _fixed_12_20(raw: bytes) -> float:
+    return int.from_bytes(raw, "big", signed=True) / float(1 << 20)
+
+
+def _fixed_16_32(raw: bytes) -> float:
+    """Read six bytes: the four of the fraction come first, then the two of the whole part."""
+    return int.from_bytes(raw[4:] + raw[:4], "big", signed=True) / float(1 << 32)
+
+
+def _float64(raw: bytes) -> float:
+    return float(struct.unpack(">d", raw)[0])
+
+
+_PRECISIONS: Mapping[int, tuple[int, Callable[[bytes], float]]] = {
+    0: (4, _float32),
+    1: (4, _fixed_12_20),
+    2: (6, _fixed_16_32),
+    3: (8, _float64),
+}

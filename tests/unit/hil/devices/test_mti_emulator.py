@@ -1,0 +1,210 @@
+import math
+import struct
+
+import numpy as np
+import pytest
+
+from hil.devices.mti import MtiEmulator
+
+GOTO_CONFIG = bytes.fromhex("FAFF3000D1")
+GOTO_MEASUREMENT = bytes.fromhex("FAFF1000F1")
+REQ_DID = bytes.fromhex("FAFF000001")
+REQ_OUTPUT = bytes.fromhex("FAFFC00041")
+WAKE_UP = (0x3E, b"")
+
+
+def command(mid, data=b""):
+    counted = [0xFF, mid, len(data), *data]
+    return bytes([0xFA, *counted, 0x100 - sum(counted) % 0x100 & 0xFF])
+
+
+def outputs(*rows):
+    return command(0xC0, b"".join(struct.pack(">HH", *row) for row in rows))
+
+
+def messages(data):
+    """Split a stream into (id, data), insisting on every checksum."""
+    found = []
+    while data:
+        assert data[:2] == b"\xfa\xff"
+        length = data[3]
+        assert length < 0xFF
+        whole, data = data[: length + 5], data[length + 5 :]
+        assert sum(whole[1:]) % 256 == 0
+        found.append((whole[2], whole[4:-1]))
+    return found
+
+
+def items(content):
+    """Split the data of an MTData2 into {identifier: value}."""
+    found = {}
+    while content:
+        identifier, size = struct.unpack(">HB", content[:3])
+        found[identifier] = content[3 : 3 + size]
+        content = content[3 + size :]
+    return found
+
+
+@pytest.fixture
+def mti(boat):
+    return MtiEmulator(
+        boat, np.random.default_rng(1), noise_deg=0.0, tilt_noise_deg=0.0, turn_noise_rad_s=0.0, settle_s=0.15
+    )
+
+
+@pytest.fixture
+def ask(run):
+    def answer(device, data, now_s=1.0):
+        device.receive(now_s, data)
+        return messages(b"".join(said for _, said in run(device, now_s + 0.05)))
+
+    return answer
+
+
+@pytest.fixture
+def measure(mti, ask, run):
+    """Configure it with these outputs and return the items of what it says in a second."""
+
+    def second(*rows):
+        run(mti, 1.0)
+        assert ask(mti, GOTO_CONFIG)[-1] == (0x31, b"")
+        assert ask(mti, outputs(*rows), 1.1)[0][0] == 0xC1
+        mti.receive(1.2, GOTO_MEASUREMENT)
+        said = messages(b"".join(data for _, data in run(mti, 2.25)))
+        assert said[0] == (0x11, b"")
+        assert {mid for mid, _ in said[1:]} == {0x36}
+        return [items(content) for _, content in said[1:]]
+
+    return second
+
+
+def test_measures_unasked_in_enu_as_it_comes_from_the_factory(mti, run):
+    said = messages(b"".join(data for _, data in run(mti, 1.0)))
+    assert 98 <= len(said) <= 100
+    last = items(said[-1][1])
+    assert list(last) == [0x1020, 0x1060, 0x2030, 0xE020]
+    assert struct.unpack(">3f", last[0x2030])[2] == pytest.approx(90.0 - 98.3, abs=1e-4)
+    counters = [int.from_bytes(items(content)[0x1020], "big") for _, content in said]
+    assert counters == list(range(len(said)))
+
+
+def test_a_message_is_complete_only_with_its_last_byte(mti, run):
+    due_s, data = run(mti, 0.1)[0]
+    assert due_s == pytest.approx(0.01 + len(data) * 10 / 115200)
+
+
+def test_config_state_is_silent_and_answers(mti, run, ask):
+    run(mti, 1.0)
+    assert ask(mti, GOTO_CONFIG)[-1] == (0x31, b"")
+    assert run(mti, 5.0) == []
+    assert ask(mti, REQ_DID, 5.0) == [(0x01, bytes.fromhex("03601234"))]
+    assert ask(mti, REQ_OUTPUT, 5.1) == [(0xC1, bytes.fromhex("1020FFFF1060FFFF20300064E020FFFF"))]
+    assert ask(mti, GOTO_CONFIG, 5.2) == [(0x31, b"")]
+
+
+def test_measurement_state_hears_only_what_changes_the_state(mti, run, ask):
+    run(mti, 1.0)
+    assert {mid for mid, _ in ask(mti, REQ_DID + REQ_OUTPUT + command(0x40))} == {0x36}
+    assert (0x11, b"") in ask(mti, GOTO_MEASUREMENT, 1.1)
+
+
+def test_rates_are_answered_as_they_will_be(mti, run, ask):
+    run(mti, 1.0)
+    ask(mti, GOTO_CONFIG)
+    ((mid, content),) = ask(mti, outputs((0xE020, 7), (0x2034, 400), (0x0810, 100), (0x8020, 0)), 1.1)
+    assert (mid, content) == (0xC1, bytes.fromhex("E020FFFF203400640810000180200064"))
+    assert mti.stored == 1
+
+
+@pytest.mark.parametrize("wrong", [outputs((0x3010, 10)), outputs((0x203C, 10)), command(0xC0, b"\x20\x34\x00")])
+def test_outputs_that_it_has_not_are_refused(mti, run, ask, wrong):
+    run(mti, 1.0)
+    ask(mti, GOTO_CONFIG)
+    assert ask(mti, wrong, 1.1) == [(0x42, b"\x21")]
+    assert mti.stored == 0
+
+
+def test_unknown_commands_are_refused_and_damaged_ones_ignored(mti, run, ask):
+    run(mti, 1.0)
+    ask(mti, GOTO_CONFIG)
+    assert ask(mti, command(0x7E), 1.1) == [(0x42, b"\x04")]
+    assert ask(mti, REQ_DID[:-1] + b"\x02", 1.2) == []
+    assert ask(mti, b"\xfa\xfa\xff" + REQ_DID, 1.3) == [(0x01, bytes.fromhex("03601234"))]
+
+
+@pytest.mark.parametrize(("frame", "yaw"), [(0x0, -8.3), (0x4, 98.3), (0x8, -98.3)])
+def test_yaw_is_the_user_manual_s_in_each_frame(measure, frame, yaw):
+    """Its table: ENU counts from east and to port, NWU from north and to port, NED from north and to starboard."""
+    said = measure((0x2030 | frame, 10))
+    assert len(said) == 10
+    assert struct.unpack(">3f", said[-1][0x2030 | frame])[2] == pytest.approx(yaw, abs=1e-4)
+
+
+@pytest.mark.parametrize(("frame", "roll", "pitch"), [(0x0, -4.5, -3.0), (0x4, 175.5, 3.0), (0x8, -4.5, -3.0)])
+def test_tilt_follows_the_right_hand_with_the_label_up(mti, measure, frame, roll, pitch):
+    mti.pitch_deg, mti.roll_deg = 3.0, -4.5
+    told = struct.unpack(">3f", measure((0x2030 | frame, 10))[-1][0x2030 | frame])
+    assert told[:2] == pytest.approx((roll, pitch), abs=1e-4)
+
+
+def test_the_gyroscopes_turn_with_the_device(boat, mti, measure):
+    boat.rate = 0.1
+    mti.roll_deg = 30.0
+    turn = struct.unpack(">3f", measure((0x8020, 10))[-1][0x8020])
+    assert turn == pytest.approx((0.0, -0.05, -0.1 * math.cos(math.radians(30.0))), abs=1e-6)
+
+
+@pytest.mark.parametrize(("precision", "size"), [(0, 4), (1, 4), (2, 6), (3, 8)])
+def test_values_have_the_precision_asked_for(measure, precision, size):
+    raw = measure((0x2034 | precision, 10))[-1][0x2034 | precision]
+    assert len(raw) == 3 * size
+    yaw = raw[-size:]
+    value = {
+        0: lambda: struct.unpack(">f", yaw)[0],
+        1: lambda: int.from_bytes(yaw, "big", signed=True) / 2**20,
+        2: lambda: int.from_bytes(yaw[4:], "big", signed=True) + int.from_bytes(yaw[:4], "big") / 2**32,
+        3: lambda: struct.unpack(">d", yaw)[0],
+    }[precision]()
+    assert value == pytest.approx(98.3, abs=1e-5)
+
+
+def test_the_temperature_comes_once_a_second_in_a_message_with_others(measure):
+    said = measure((0x2034, 10), (0x0810, 10))
+    assert [0x0810 in content for content in said] == [True] + [False] * 9
+
+
+def test_the_orientation_settles_and_may_be_lost(mti, measure, run):
+    said = [int.from_bytes(content[0xE020], "big") for content in measure((0xE020, 0), (0x2034, 10))]
+    assert said == [1, 3, 3, 3, 3, 3, 3, 3, 3, 3]
+    mti.filter_valid, mti.self_test_passed, mti.clipped = False, False, 1 << 9
+    last = items(messages(b"".join(data for _, data in run(mti, 3.0)))[-1][1])
+    assert last[0xE020] == bytes.fromhex("00000200")
+
+
+def test_it_wakes_up_and_measures_when_nobody_answers(mti, run):
+    run(mti, 1.0)
+    mti.power_cycle(1.0, off_s=0.5)
+    assert run(mti, 1.79) == []
+    said = [(at_s, *messages(data)[0]) for at_s, data in run(mti, 2.5)]
+    assert said[0][0] == pytest.approx(1.8, abs=0.001)
+    assert said[0][1:] == WAKE_UP
+    assert said[1][0] > 1.8 + 0.5
+    assert [mid for _, mid, _ in said[1:3]] == [0x0D, 0x36]
+
+
+def test_an_answered_wake_up_leads_to_the_configuration_that_it_remembers(mti, run, ask):
+    run(mti, 1.0)
+    ask(mti, GOTO_CONFIG)
+    ask(mti, outputs((0x2034, 5)), 1.1)
+    mti.power_cycle(1.2, off_s=0.5)
+    run(mti, 2.1)
+    assert ask(mti, command(0x3F), 2.2) == []
+    assert run(mti, 4.0) == []
+    assert ask(mti, REQ_OUTPUT, 4.0) == [(0xC1, bytes.fromhex("20340005"))]
+
+
+def test_without_power_there_is_nothing(mti, run):
+    run(mti, 1.0)
+    mti.power_cycle(1.0, off_s=math.inf)
+    mti.receive(2.0, GOTO_CONFIG)
+    assert run(mti, 100.0) == []
