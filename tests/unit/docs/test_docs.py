@@ -6,13 +6,12 @@ import io
 import json
 import re
 from functools import cache
-from pathlib import Path
 
 import pytest
+from support.paths import ROOT
 
 from firmware_py.common.parameters import TABLE
 
-ROOT = Path(__file__).parents[3]
 DOCS = sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
 FRONT = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 PAGES = [*FRONT, *DOCS]
