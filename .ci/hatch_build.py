@@ -10,7 +10,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
 class CommitHook(BuildHookInterface[Any]):
-    """Adds the file that firmware_py/system/version.py reads; a source archive hands on the one it has."""
+    """Adds the file that firmware_py/__init__.py reads; a source archive hands on the one it has."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Write the commit beside the build and add it; an editable install asks git itself."""
@@ -18,7 +18,7 @@ class CommitHook(BuildHookInterface[Any]):
         if version == "editable" or not (root / ".git").exists():
             return
         sys.path.insert(0, self.root)
-        module = importlib.import_module("firmware_py.system.version")
+        module = importlib.import_module("firmware_py")
         self.folder = tempfile.TemporaryDirectory()  # lives until the build has taken the file
         file = Path(self.folder.name) / "commit.txt"
         file.write_text(module.commit_of(root), encoding="ascii")

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import ast
 import sys
+import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,26 +23,17 @@ MOST_FUNCTION_LINES = 60
 MOST_FILES_AT_TOP = {"firmware_py": 8}
 UNREAD = ("__pycache__", ".gitignore")
 
-# The flow of the firmware, innermost first; rooms of one row do not know each other.
-FLOW = (
-    ("common",),
-    ("model", "plans", "faults"),
-    ("modes",),
-    ("estimate", "guidance", "control", "safety"),
-    ("core",),
-    ("sensors", "actuator", "link", "log", "system"),
-    ("devices",),
-    ("vehicle",),
-    ("loop",),
-    ("assemble",),
-    ("cli",),
-    ("__main__",),
-)
-# The edges stand on these, not on all that lies below them.
-EDGES = ("sensors", "actuator", "link", "log", "system")
-UNDER_EDGES = ("common", "model", "plans", "faults", "modes")
+LAW = Path(__file__).parents[1] / "pyproject.toml"
 
 Arrows = Mapping[str, frozenset[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Flow:
+    """The order of the rooms of one program, highest first, and what some must not know although it is lower."""
+
+    rows: tuple[frozenset[str], ...]
+    forbidden: Mapping[str, frozenset[str]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,28 +136,45 @@ def floors_of(arrows: Arrows, circles: list[frozenset[str]]) -> int:
     return max(floor.values(), default=0)
 
 
-def against_the_flow(arrows: Arrows) -> tuple[list[str], list[str]]:
+def flow_of(program: str) -> Flow:
+    """Read the flow of a program from the contracts of import-linter, the one place that says it."""
+    rows: tuple[frozenset[str], ...] = ()
+    forbidden: dict[str, frozenset[str]] = {}
+    for contract in tomllib.loads(LAW.read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]:
+        if contract["type"] == "layers" and contract["containers"] == [program]:
+            rows = tuple(frozenset(room.strip(" ()") for room in row.split("|")) for row in contract["layers"])
+        if contract["type"] == "forbidden":
+            targets = frozenset(_rooms_named(contract["forbidden_modules"], program))
+            for room in _rooms_named(contract["source_modules"], program):
+                forbidden[room] = forbidden.get(room, frozenset()) | targets
+    return Flow(rows, forbidden)
+
+
+def _rooms_named(modules: list[str], program: str) -> list[str]:
+    return [name.removeprefix(f"{program}.") for name in modules if name.startswith(f"{program}.")]
+
+
+def against_the_flow(arrows: Arrows, flow: Flow) -> tuple[list[str], list[str]]:
     """Return the arrows that the flow does not allow, and the rooms that it does not place."""
-    row = {room: number for number, rooms in enumerate(FLOW) for room in rooms}
-    against = []
-    for room, targets in arrows.items():
-        for target in sorted(targets):
-            if room not in row or target not in row:
-                continue
-            allowed = target in UNDER_EDGES if room in EDGES else row[target] < row[room]
-            if not allowed:
-                against.append(f"{room} -> {target}")
-    return against, [room for room in arrows if room not in row]
+    place = {room: number for number, rooms in enumerate(flow.rows) for room in rooms}
+    against = [
+        f"{room} -> {target}"
+        for room, targets in arrows.items()
+        for target in sorted(targets)
+        if room in place and target in place
+        if place[target] <= place[room] or target in flow.forbidden.get(room, ())
+    ]
+    return against, [room for room in arrows if room not in place]
 
 
-def count(program: Path, *, with_flow: bool) -> Program:
+def count(program: Path, flow: Flow | None = None) -> Program:
     """Count one program of a checkout."""
     files = python_files(program)
     names = {path: str(path.relative_to(program.parent)) for path in files}
     lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in files}
     arrows = arrows_of(program)
     circles = circles_of(arrows)
-    against, unplaced = against_the_flow(arrows) if with_flow else ([], [])
+    against, unplaced = against_the_flow(arrows, flow) if flow is not None else ([], [])
     return Program(
         rooms=tuple(arrows),
         files_at_top=sum(path.is_file() and path.name not in UNREAD for path in program.iterdir()),
@@ -198,8 +207,8 @@ def table(counted: Mapping[str, Program], tests: Program) -> str:
         ("arrows between rooms", [sum(map(len, one.arrows.values())) for one in columns], "-"),
         ("floors", [one.floors for one in columns], "-"),
         ("circles", [len(one.circles) for one in columns], "-"),
-        ("arrows against the flow", [len(columns[0].against), *("-" for _ in columns[1:])], "-"),
-        ("rooms that the flow does not place", [len(columns[0].unplaced), *("-" for _ in columns[1:])], "-"),
+        ("arrows against the flow", [len(one.against) for one in columns], "-"),
+        ("rooms that the flow does not place", [len(one.unplaced) for one in columns], "-"),
     ]
     lines = [f"| | {' | '.join(counted)} | {TESTS} |", f"| --- |{' ---: |' * (len(columns) + 1)}"]
     lines += [f"| {name} | {' | '.join(map(str, cells))} | {last} |" for name, cells, last in rows]
@@ -230,8 +239,8 @@ def main() -> int:
     missing = [name for name in PROGRAMS if not (arguments.folder / name).is_dir()]
     if missing:
         parser.error(f"{arguments.folder} has no folder {missing[0]}; name a checkout")
-    counted = {name: count(arguments.folder / name, with_flow=name == PROGRAMS[0]) for name in PROGRAMS}
-    tests = count(arguments.folder / TESTS, with_flow=False)
+    counted = {name: count(arguments.folder / name, flow_of(name)) for name in PROGRAMS}
+    tests = count(arguments.folder / TESTS)
     found = findings(counted)
     if not arguments.check:
         print(table(counted, tests))

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from firmware_py.system.version import ROOT, commit_of, version_text
+from firmware_py import ROOT, commit_of, version_text
 
 # command -> (module, one line of help). A module is imported only when it is asked for, so
 # that the autopilot carries nothing of the bench tools.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from firmware_py import __version__
+from firmware_py import ROOT, __version__, commit_of, version_text
 from firmware_py.actuator.dynamixel import DynamixelRudder
 from firmware_py.actuator.volz import VolzRudder
 from firmware_py.common.interfaces import ByteLine, Clock, Compass, Position, Rudder
@@ -35,7 +35,6 @@ from firmware_py.system.realtime import LoadMeter, clock_is_kept
 from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.system.state_directory import stored_parameters, stored_plans, with_resume
 from firmware_py.system.store import Store
-from firmware_py.system.version import ROOT, commit_of, version_text
 from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle, VehicleError
 
 LOG_DIRECTORY = "logs"
@@ -204,14 +203,14 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     timekeeper = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
     if options.lockstep is not None:
         clock = LockstepClock(options.lockstep, [line.name for line in lines], lambda: [line.written for line in lines])
-    commit = commit_of(ROOT)
+    version = _version()
     state = with_resume(State.at_start(parameters, stored_plans(store, console.line)), store, clock, console.line)
     pilot = Autopilot(state, store, kept, format_file)
     endpoint = Endpoint(
         transports,
         pilot,
         utc_s=clock.utc_s,
-        version=_version(commit),
+        version=version,
         load=LoadMeter(clock).share,
         vault=KeyVault(store),
         heard_utc=None if timekeeper is None else timekeeper.hear_station,
@@ -220,11 +219,7 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     )
     if not endpoint.key_readable:
         console.line(f"stored {SIGNING_FILE} left out: it is not one; set the key again")
-    recorder = (
-        _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock, version_text("rambler", commit))
-        if parameters["LOG_ENABLE"]
-        else None
-    )
+    recorder = _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock, version.commit)
 
     def tell(event: Event) -> None:
         console.line(f"{clock.now_s():10.3f} {event.severity.name.lower():8} {event.text}")
@@ -259,7 +254,9 @@ def _storage(directory: Path, parameters: ParameterSet) -> FileRoot:
     )
 
 
-def _recorder(directory: Path, parameters: ParameterSet, clock: Clock, software: str) -> LogRecorder:
+def _recorder(directory: Path, parameters: ParameterSet, clock: Clock, commit: str) -> LogRecorder | None:
+    if not parameters["LOG_ENABLE"]:
+        return None
     return LogRecorder(
         directory,
         parameters=parameters,
@@ -267,11 +264,11 @@ def _recorder(directory: Path, parameters: ParameterSet, clock: Clock, software:
         keep_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
         least_bytes=int(parameters["LOG_FREE_MB"] * 1e6),
         utc_s=clock.utc_s(),
-        software=software,
+        software=version_text("rambler", commit),
     )
 
 
-def _version(commit: str) -> Version:
+def _version() -> Version:
     """This program's version and commit, and a number of this computer's own."""
     major, minor, patch = (int(part) for part in __version__.split(".")[:3])
     try:
@@ -279,4 +276,4 @@ def _version(commit: str) -> Version:
     except OSError:
         machine = b""
     uid = int.from_bytes(hashlib.sha256(machine).digest()[:8]) if machine else 0
-    return Version(major, minor, patch, commit, uid)
+    return Version(major, minor, patch, commit_of(ROOT), uid)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import NoReturn
 
-from firmware_py.system.version import ROOT, commit_of, version_text
+from firmware_py import ROOT, commit_of, version_text
 from hil.errors import HilError, UsageError
 
 # command -> (module, one line of help). A module has add_arguments(parser) and run(arguments) -> exit code,

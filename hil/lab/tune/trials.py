@@ -81,7 +81,7 @@ class Trials:
         self.paper = self.scores([PAPER])[0]
 
     def results(self, settings: Sequence[Setting]) -> Floats:
-        """Return the results (settings, cases, RESULTS) in radians, as hil.lab.tune.loop_kernel.measure defines them."""
+        """Return the results (settings, cases, RESULTS) in radians, as loop_kernel.measure defines them."""
         rows = np.array([self.row_of(setting) for setting in settings])
         results = np.zeros((len(rows), len(self.cases), RESULTS))
         sail_all(rows, self.pilot, self.task, self.seas, results)

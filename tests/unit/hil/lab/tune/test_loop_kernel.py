@@ -14,7 +14,7 @@ from firmware_py.control.rudder_limit import RudderLimits
 from firmware_py.control.rudder_limit import limited_command as limited
 from firmware_py.control.s_surface import Gains
 from firmware_py.control.s_surface import rudder_demand as demanded
-from firmware_py.estimate import observer as observer
+from firmware_py.estimate import observer
 from firmware_py.model.kt import rk4_step
 from hil.lab.tune import loop_kernel, twins
 from hil.lab.tune.cases import pilot_of

@@ -7,7 +7,7 @@ import pytest
 import firmware_py
 import firmware_py.__main__
 import hil.__main__
-from firmware_py.system.version import COMMIT_FILE, ROOT, commit_of, version_text
+from firmware_py import COMMIT_FILE, ROOT, commit_of, version_text
 
 
 def git(folder, *words):

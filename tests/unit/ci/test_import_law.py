@@ -1,0 +1,69 @@
+"""The import law bites: what it forbids is refused, also by a detour."""
+
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+from support.paths import ROOT
+
+CALL = "import sys; from importlinter.cli import lint_imports_command; sys.exit(lint_imports_command())"
+HERE = "from __future__ import annotations\n"
+
+
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory):
+    """Copy what the law is about, once for all of these tests."""
+    folder = tmp_path_factory.mktemp("checkout")
+    for program in ("firmware_py", "hil"):
+        shutil.copytree(ROOT / program, folder / program, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    return folder
+
+
+def broken(folder):
+    """The names of the contracts that do not hold."""
+    done = subprocess.run(
+        [sys.executable, "-c", CALL, "--no-cache"],
+        cwd=folder,
+        env={"PYTHONPATH": str(folder), "PATH": "", "COLUMNS": "400", "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    assert "Contracts:" in done.stdout, done.stdout + done.stderr
+    return re.findall(r"^(.+) BROKEN$", done.stdout, re.MULTILINE)
+
+
+def test_the_tree_obeys_the_law(checkout):
+    assert broken(checkout) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "line", "contract"),
+    [
+        ("firmware_py/common/angles.py", "import time", "What computes reaches no file"),
+        ("firmware_py/control/s_surface.py", "from firmware_py.estimate import kalman", "The flow of the firmware"),
+        ("firmware_py/common/angles.py", "from firmware_py.modes import decide", "The flow of the firmware"),
+        ("firmware_py/sensors/nmea_framing.py", "from firmware_py.link import peer", "The flow of the firmware"),
+        ("firmware_py/sensors/ubx.py", "import serial", "Drivers read no clock"),
+        ("firmware_py/common/records.py", "from hil import errors", "The onboard part"),
+        ("hil/devices/volz.py", "from firmware_py.actuator import volz_frames", "Emulators and ship share no codec"),
+        ("hil/sim/world.py", "from firmware_py.core import step", "The harness knows formats"),
+        ("firmware_py/newroom/__init__.py", "", "The flow of the firmware"),
+    ],
+)
+def test_a_line_against_the_law_is_refused(checkout, file, line, contract):
+    path = checkout / file
+    before = path.read_text() if path.exists() else None
+    path.parent.mkdir(exist_ok=True)
+    path.write_text((before or HERE).replace(HERE, f"{HERE}\n{line}\n", 1))
+    try:
+        assert any(name.startswith(contract) for name in broken(checkout))
+    finally:
+        if before is None:
+            shutil.rmtree(path.parent)
+        else:
+            path.write_text(before)
