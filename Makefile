@@ -5,13 +5,14 @@
 PYTHON ?=
 VENV := .venv
 BIN := $(VENV)/bin
-# What is installed: enough to sail; and the tools and clients of the tests besides.
+# What is installed: enough to sail; the tools and clients of the tests besides; what builds the documentation.
 SAIL_READY := $(VENV)/.ready-sail
 READY := $(VENV)/.ready-test
+DOCS_READY := $(VENV)/.ready-docs
 # Of the many modules few are ever imported: those are compiled then: half the time, and 140 MB less.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c .ci/constraints.txt
 
-.PHONY: help sail test lint types house pages pages-check bench proof lock clean
+.PHONY: help sail test lint types house pages pages-check docs bench proof lock clean
 
 help:
 	@echo "make sail   a heading run in the tank, live in the terminal, MAVLink on udp 14550"
@@ -19,6 +20,7 @@ help:
 	@echo "make lint types pages-check   what CI checks besides"
 	@echo "make house  rooms, files, long functions, import arrows: how the code is built, counted"
 	@echo "make pages  write the generated pages anew"
+	@echo "make docs   the documentation, into docs/_build/html"
 	@echo "make bench  lateness, latency, load, memory, round trips and the speed of the tools on this machine"
 	@echo "make proof  the longer proofs: seas, stations, identification, lossy links, floods; some hours"
 
@@ -49,8 +51,8 @@ test: $(READY)
 	$(BIN)/python -m pytest -n 4 --dist worksteal
 
 lint: $(READY)
-	$(BIN)/ruff check firmware_py hil tests .ci
-	$(BIN)/ruff format --check firmware_py hil tests .ci
+	$(BIN)/ruff check firmware_py hil tests docs .ci
+	$(BIN)/ruff format --check firmware_py hil tests docs .ci
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/python .ci/house.py --check
 
@@ -71,6 +73,15 @@ pages-check: $(READY)
 	$(BIN)/rambler params --faults | diff -u params/FAULTS.md -
 	$(BIN)/rambler params --messages | diff -u params/MESSAGES.md -
 
+$(DOCS_READY): $(SAIL_READY)
+	@echo "adding what the documentation is built with, once: about 5 s, 70 MB (Sphinx, furo, MyST)"
+	@$(PIP) -e '.[docs]'
+	@touch $@
+
+docs: $(DOCS_READY)
+	$(BIN)/python -m sphinx -b html -W --keep-going -q docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
 bench: $(READY)
 	@$(BIN)/rambler-hil bench
 
@@ -82,4 +93,4 @@ lock: $(READY)
 	$(BIN)/python -m pip freeze --exclude-editable | grep -v '^-e' > .ci/constraints.txt
 
 clean:
-	rm -rf $(VENV) runs .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) runs docs/_build .mypy_cache .ruff_cache .hypothesis

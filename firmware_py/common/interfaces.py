@@ -33,7 +33,7 @@ class ByteLine(Protocol):
 
     @property
     def openings(self) -> int:
-        """How often the line has been opened: a driver that sees it change starts its device again."""
+        """How often the line has been opened; a driver that sees it change starts its device again."""
 
     @property
     def connected(self) -> bool:

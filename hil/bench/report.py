@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 from hil.bench.figure import Figure, Finding
+from hil.report.figure_file import entry, key_of
 
 COLUMNS = ("", "ours", "bare limit", "ratio", "aim", "", "others")
 NAME, VERDICT, OTHERS = 0, 5, 6
@@ -37,6 +38,19 @@ def as_json(findings: Sequence[Finding], circumstances: dict[str, Any]) -> str:
         ],
     }
     return json.dumps(content, indent=2) + "\n"
+
+
+def as_entries(findings: Mapping[str, Finding], source: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Return the figures for docs/figures.json; findings are by the name of the measurement."""
+    return {
+        key_of(measurement, figure.name): entry(
+            figure.value, figure.unit, source, name=figure.name, bare=figure.bare, ratio=figure.ratio,
+            aim=_aim(figure), met=figure.met, others=figure.peer,
+        )
+        for measurement, finding in findings.items()
+        for figure in finding.figures
+        if math.isfinite(figure.value)
+    }  # fmt: skip
 
 
 def number(value: float | None) -> str:

@@ -13,9 +13,10 @@ from pathlib import Path
 from hil.bench.circumstances import circumstances, text_of
 from hil.bench.figure import Finding
 from hil.bench.measurements import TABLE
-from hil.bench.report import as_json, table
+from hil.bench.report import as_entries, as_json, table
 from hil.bench.setting import Setting, quick, thorough
 from hil.errors import UsageError
+from hil.report.figure_file import merge, origin
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,6 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="some four minutes instead of ten, and coarser")
     parser.add_argument("--only", choices=tuple(TABLE), metavar="NAME", help=f"one of the measurements ({names})")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there as well")
+    parser.add_argument(
+        "--figures", type=Path, metavar="FILE", help="write them over those in FILE, docs/figures.json, for the pages"
+    )
     parser.add_argument(
         "--dir",
         type=Path,
@@ -50,6 +54,9 @@ def run(arguments: argparse.Namespace) -> int:
     print(table(findings))
     if arguments.json is not None:
         arguments.json.write_text(as_json(findings, found), encoding="utf-8")
+    if arguments.figures is not None:
+        source = origin("rambler-hil bench" + (" --quick" if arguments.quick else ""), text_of(found))
+        merge(arguments.figures, as_entries(dict(zip(names, findings, strict=True)), source))
     return 0
 
 
@@ -57,11 +64,12 @@ def _check(arguments: argparse.Namespace) -> None:
     """Refuse what cannot be written to before the minutes that it takes, not after."""
     if not (arguments.dir.is_dir() and os.access(arguments.dir, os.W_OK)):
         raise UsageError(f"--dir {arguments.dir} is no directory that can be written to; give another")
-    if arguments.json is not None:
-        try:
-            arguments.json.open("a").close()
-        except OSError as error:
-            raise UsageError(f"--json {arguments.json} cannot be written: {error.strerror}; give another") from None
+    for option, path in (("--json", arguments.json), ("--figures", arguments.figures)):
+        if path is not None:
+            try:
+                path.open("a").close()
+            except OSError as error:
+                raise UsageError(f"{option} {path} cannot be written: {error.strerror}; give another") from None
 
 
 def _measured(names: Sequence[str], setting: Setting) -> list[Finding]:

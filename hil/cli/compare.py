@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from firmware_py.model.kt import OCEAN_RAMBLER
+from hil.bench.circumstances import circumstances, text_of
 from hil.errors import UsageError
 from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
+from hil.report.figure_file import entry, key_of, merge, origin
 from hil.ship import scenarios
 from hil.sim.goals import GoalError, parse_goals
 
@@ -44,21 +48,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="beside each row the error of the best linear regulator that was told everything, at the same travel",
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures, seed by seed")
+    parser.add_argument(
+        "--figures",
+        type=Path,
+        metavar="FILE",
+        help="write the means over those in FILE, docs/figures.json, for the pages",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Sail, print, and write what was asked for."""
     task = _task(arguments)
-    if arguments.json is not None and not arguments.json.absolute().parent.is_dir():
-        raise UsageError(f"--json {arguments.json}: there is no directory {arguments.json.absolute().parent}")
+    for option, path in (("--json", arguments.json), ("--figures", arguments.figures)):
+        if path is not None and not path.absolute().parent.is_dir():
+            raise UsageError(f"{option} {path}: there is no directory {path.absolute().parent}")
     if not all(0.1 <= price <= 10.0 for price in arguments.prices):
         raise UsageError("--prices: give numbers from 0.1 to 10")
     known = {"paper": PAPER, "pid": PID, "ours": OURS}
     chosen: list[Controller] = [known[name] for name in arguments.only or known]
     rows = compare(task, [*chosen, *map(priced, arguments.prices)], _tell if sys.stderr.isatty() else _silent)
-    print(text(rows, _limits(rows) if arguments.limit else None))
+    limits = _limits(rows) if arguments.limit else None
+    print(text(rows, limits))
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(as_json(rows), indent=2) + "\n", encoding="utf-8")
+    if arguments.figures is not None:
+        source = origin(f"rambler-hil compare --seeds {arguments.seeds}", text_of(circumstances()))
+        merge(arguments.figures, as_entries(rows, source, limits))
     return 0
 
 
@@ -122,6 +137,29 @@ def as_json(rows: list[Row]) -> list[dict[str, Any]]:
         }
         for row in rows
     ]
+
+
+def as_entries(
+    rows: Sequence[Row], source: Mapping[str, str], limits: Sequence[tuple[float, float] | None] | None = None
+) -> dict[str, dict[str, Any]]:
+    """Return the means for docs/figures.json, a figure for each sea, controller and column."""
+    entries = {}
+    for row, limit in zip(rows, limits or [None] * len(rows), strict=True):
+        mean = row.mean
+        values = {
+            "rms": (mean.rms_deg, "deg"),
+            "travel": (mean.travel_deg_per_h, "deg/h"),
+            "mean": (mean.mean_deg, "deg"),
+            "overshoot": (mean.overshoot_deg, "deg"),
+            "near": (mean.near_s, "s"),
+        }
+        if limit is not None:
+            values |= {"limit_compass": (limit[0], "deg"), "limit_receiver": (limit[1], "deg")}
+        for column, (value, unit) in values.items():
+            if math.isfinite(value):
+                name = key_of("compare", row.scenario, row.controller.name, column)
+                entries[name] = entry(value, unit, source, note=f"{len(row.scores)} seeds")
+    return entries
 
 
 def _task(arguments: argparse.Namespace) -> Task:

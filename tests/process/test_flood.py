@@ -123,7 +123,7 @@ class Serial:
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("rate_hz", [10, 50])
 @pytest.mark.parametrize("make", [Udp, Tcp, Serial])
-def test_a_flood_does_not_move_the_loop(make, rate_hz, tmp_path):
+def test_a_flood_does_not_move_the_loop(make, rate_hz, tmp_path, figures):
     link = make()
     with ExitStack() as closing, Sea(tmp_path / "sea", rate_hz, links=(link.url,)) as sea:
         line = link.line(closing)
@@ -163,6 +163,8 @@ def test_a_flood_does_not_move_the_loop(make, rate_hz, tmp_path):
         f"{quiet.p999 * 1e6:.0f} us, flooded {flooded.p999 * 1e6:.0f} us, bare {bare.p999 * 1e6:.0f} us; "
         f"memory {before_mib:.1f}, {early_mib:.1f}, {after_mib:.1f} MiB; answered after {answered_s} s"
     )
+    for name, found in (("quiet", quiet), ("flooded", flooded), ("bare", bare)):
+        figures.keep(f"flood_{make.__name__.lower()}_{rate_hz}_hz_{name}", found.p999 * 1e3, "ms")
     assert answered_s is not None
     assert answered_s < 1.0
     assert after_mib - before_mib < MOST_GROWTH_MIB

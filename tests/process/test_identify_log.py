@@ -7,12 +7,14 @@ import sys
 import pytest
 from support.paths import ROOT
 
+from hil.report.figure_file import entry
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
 
 LOG = "state/logs/00000001.BIN"
 TRUE = {"K": 0.049, "T": 4.0}
+UNITS = {"K": "1/s", "T": "s"}
 
 
 def identified(*words):
@@ -21,7 +23,7 @@ def identified(*words):
 
 
 @pytest.mark.timeout(300)
-def test_a_zigzag_of_goals_tells_the_ship(tmp_path):
+def test_a_zigzag_of_goals_tells_the_ship(tmp_path, figures):
     goals = ",".join(f"{40 * number}:{30 if number % 2 == 0 else -30}" for number in range(7))
     run(RunOptions(scenarios.named("tank"), 300.0, tmp_path, goals=parse_goals(goals)))
     done = identified(tmp_path / LOG, "--json", "-")
@@ -33,6 +35,8 @@ def test_a_zigzag_of_goals_tells_the_ship(tmp_path):
         assert one["verdict"] == "identifiable"
         assert abs(one["value"] - true) <= 3.0 * one["se"], (name, one)
         assert abs(one["value"] / true - 1.0) < 0.25, (name, one)
+        value = f"{one['value']:.3g} +-{one['se']:.2g}"
+        figures.merge({f"identify_tank_log_{name.lower()}": entry(value, UNITS[name], figures.source)})
     assert found["alpha"]["verdict"] == "not identifiable"
 
 

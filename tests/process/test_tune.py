@@ -13,6 +13,7 @@ from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.lab.tune.cases import COMPASS_NOISE_DEG, pilot_of, steps_within
 from hil.lab.tune.loop_kernel import Task, closed_loop
 from hil.lab.tune.trials import FIXED_GAINS, Setting, Trials
+from hil.report.figure_file import entry, key_of
 from hil.report.figures import rudder_travel_deg_per_h
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
@@ -56,7 +57,7 @@ def test_a_trial_run_is_the_real_autopilot_s_in_the_same_waves(tmp_path, scenari
 
 
 @pytest.mark.proof
-def test_the_paper_s_chain_is_reproduced(tmp_path):
+def test_the_paper_s_chain_is_reproduced(tmp_path, figures):
     done = subprocess.run(
         [sys.executable, "-m", "hil", "reproduce", "--quick", "--out", str(tmp_path)],
         cwd=ROOT,
@@ -66,6 +67,9 @@ def test_the_paper_s_chain_is_reproduced(tmp_path):
     )
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads((tmp_path / "reproduce.json").read_text())
+    for row in found["rows"]:
+        name = key_of("reproduce", row["quantity"])
+        figures.merge({name: entry(row["ours"], "", figures.source, name=row["quantity"], others=row["paper"])})
     assert found["all_match"]
     verdicts = [row["verdict"] for row in found["rows"]]
     assert verdicts.count("matches") >= 13

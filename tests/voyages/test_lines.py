@@ -40,11 +40,12 @@ def test_across_half_her_speed_of_current_she_stays_within_15_m(yard):
 @pytest.mark.proof
 @pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize("toward_deg", [0.0, 60.0, 90.0, 210.0])
-def test_around_a_square_in_any_current_of_half_her_speed(yard, seed, toward_deg):
+def test_around_a_square_in_any_current_of_half_her_speed(yard, figures, seed, toward_deg):
     corners = [(1500.0, 0.0), (1500.0, 1500.0), (0.0, 1500.0), (0.0, 0.0)]
     boat = rounding(yard, corners, seed, current_toward_deg=toward_deg)
     off = cross_tracks(boat, 14_400)
-    print(f"seed {seed} toward {toward_deg:.0f}: 95 % {np.percentile(off, 95):.1f} m, largest {off.max():.1f} m")
+    figures.keep("line_p95", np.percentile(off, 95), "m", f"seed {seed} toward {toward_deg:.0f} deg")
+    figures.keep("line_largest", off.max(), "m", f"seed {seed} toward {toward_deg:.0f} deg")
     assert boat.snapshot.mission.state is MissionState.COMPLETE
     assert np.percentile(off, 95) <= 15.0
 

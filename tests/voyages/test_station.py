@@ -34,11 +34,13 @@ def test_for_half_an_hour(yard):
 
 @pytest.mark.proof
 @pytest.mark.parametrize(("speed_m_s", "current_m_s", "more"), CASES)
-def test_for_a_day(yard, speed_m_s, current_m_s, more):
+def test_for_a_day(yard, figures, speed_m_s, current_m_s, more):
     boat = yard.Sailing(yard.scenario(speed_m_s, current_m_s, **more), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
     distance_m = kept(boat, 86_400.0)
     inside = np.mean(distance_m <= 100.0)
-    print(f"U {speed_m_s} current {current_m_s} {more}: {100 * inside:.2f} % inside, farthest {distance_m.max():.0f} m")
+    case = f"{speed_m_s} m/s, current {current_m_s} m/s {more}"
+    figures.keep("station_day_outside", 100.0 * (1.0 - inside), "%", case)
+    figures.keep("station_day_farthest", distance_m.max(), "m", case)
     assert inside >= 0.95
     assert distance_m.max() < 150.0
 
@@ -61,10 +63,12 @@ def test_a_current_of_1_2_times_her_speed_is_recognised_and_pointed_into(yard):
 @pytest.mark.proof
 @pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize(("speed_m_s", "toward_deg"), [(0.25, 0.0), (0.4, 180.0), (0.5, 90.0), (0.9, 300.0)])
-def test_recognised_at_any_speed_and_from_any_side(yard, speed_m_s, toward_deg, seed):
+def test_recognised_at_any_speed_and_from_any_side(yard, figures, speed_m_s, toward_deg, seed):
     said_s, off_deg = stronger(yard, speed_m_s, seed, toward_deg=toward_deg)
-    print(f"U {speed_m_s} toward {toward_deg:.0f} seed {seed}: told after {said_s[:1]} s, {off_deg:.1f} deg off")
     assert said_s
+    case = f"{speed_m_s} m/s toward {toward_deg:.0f} deg, seed {seed}"
+    figures.keep("strong_current_told", said_s[0], "s", case)
+    figures.keep("strong_current_off", off_deg, "deg", case)
     assert off_deg < 20.0
 
 

@@ -53,10 +53,22 @@ def test_json_is_written(asked, tmp_path):
     assert found["circumstances"]["cores"] >= 1
 
 
+def test_figures_go_over_those_of_the_documentation_and_others_stay(asked, tmp_path):
+    (tmp_path / "figures.json").write_text('{"start_start_figure": {"value": 9.0}, "of_a_proof": {"value": 2.0}}')
+    assert main(["bench", "--only", "start", "--quick", "--figures", "figures.json"]) == 0
+    found = json.loads((tmp_path / "figures.json").read_text())
+    assert found["of_a_proof"] == {"value": 2.0}
+    fresh = found["start_start_figure"]
+    assert (fresh["value"], fresh["unit"], fresh["bare"], fresh["ratio"]) == (1.0, "ms", 0.5, 2.0)
+    assert fresh["command"] == "rambler-hil bench --quick"
+    assert all(fresh[name] for name in ("when", "commit", "machine"))
+
+
 @pytest.mark.parametrize(
     "words",
     [
         ["--only", "nothing"],
+        ["--figures", "no/such/place.json"],
         ["--json", "no/such/place.json"],
         ["--json", "."],
         ["--dir", "no/such/place"],

@@ -8,8 +8,10 @@ import pytest
 
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.__main__ import main
+from hil.cli.compare import as_entries
 from hil.lab.compare import pid
 from hil.lab.compare.score import Score, mean_of, score_of
+from hil.lab.compare.voyages import OURS, Row
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.truth import Truth
@@ -132,3 +134,11 @@ def test_the_command_shows_the_limit(capsys):
 def test_a_sea_that_the_limit_knows_too_little_of_has_none(capsys):
     assert main(["compare", "sea", "gusts", "--only", "pid", "--seeds", "1", "--limit", "--goal", "0:60"]) == 0
     assert capsys.readouterr().out.count("with a receiver") == 1
+
+
+def test_means_become_figures_of_the_documentation_and_what_never_came_is_left_out():
+    score = Score(1.0, 700.0, 0.1, 2.0, math.inf)
+    found = as_entries([Row("sea", OURS, (score, score))], {"commit": "abc"}, [(1.5, 1.2)])
+    assert found["compare_sea_rambler_rms"] == {"value": 1.0, "unit": "deg", "note": "2 seeds", "commit": "abc"}
+    assert found["compare_sea_rambler_limit_receiver"]["value"] == 1.2
+    assert "compare_sea_rambler_near" not in found

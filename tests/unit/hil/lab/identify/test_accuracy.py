@@ -106,12 +106,14 @@ def covered(errors, stated):
     return np.mean(np.abs(errors) <= 1.96 * stated, axis=0)
 
 
-def shown(label, errors, stated, limit):
-    """Print what the proof measured; pytest -s shows it."""
-    print(
-        f"\n{label}: covered {covered(errors, stated)}, scatter / bound {np.sqrt(np.mean(errors**2, axis=0)) / limit}"
-    )
-    print(f"largest error, % of K and T: {100.0 * np.max(np.abs(errors[:, :2]) / TRUE[:2], axis=0)}")
+def keep(figures, label, errors, stated, limit):
+    """Keep what the proof measured; pytest -s shows it, too."""
+    share, scatter = 100.0 * covered(errors, stated), np.sqrt(np.mean(errors**2, axis=0)) / limit
+    for number, name in enumerate(("k", "t", "alpha", "delta0")):
+        figures.keep(f"identify_{label}_covered_{name}", share[number], "%")
+        figures.keep(f"identify_{label}_scatter", scatter[number], "times the bound", name)
+    for name, largest in zip("kt", 100.0 * np.max(np.abs(errors[:, :2]) / TRUE[:2], axis=0), strict=True):
+        figures.keep(f"identify_{label}_largest_{name}", largest, "%")
 
 
 def test_a_short_log_is_fitted_as_well_as_can_be(yard):
@@ -124,11 +126,11 @@ def test_a_short_log_is_fitted_as_well_as_can_be(yard):
 
 @pytest.mark.proof
 @pytest.mark.timeout(3000)
-def test_an_hour_of_zigzag(yard):
+def test_an_hour_of_zigzag(yard, figures):
     """200 seeds: K and T within 2 %, stated errors right, scatter at the Cramer-Rao bound; alpha does not show."""
     seeds = int(os.environ.get("PROOF_SEEDS", "200"))
     errors, stated, verdicts, limit = study(yard, zigzag(yard), seeds, wave=False, channels="hr")
-    shown("zigzag", errors, stated, limit)
+    keep(figures, "zigzag", errors, stated, limit)
     assert np.max(np.abs(errors[:, :2]) / TRUE[:2]) < 0.02
     share = covered(errors, stated)[[0, 1, 3]]
     assert np.all((share >= 0.9) & (share <= 0.98))
@@ -138,11 +140,11 @@ def test_an_hour_of_zigzag(yard):
 
 @pytest.mark.proof
 @pytest.mark.timeout(3000)
-def test_an_hour_of_circles_in_the_tank_s_waves(yard):
+def test_an_hour_of_circles_in_the_tank_s_waves(yard, figures):
     """200 seeds, the compass alone, in waves: alpha too."""
     seeds = int(os.environ.get("PROOF_SEEDS", "200"))
     errors, stated, verdicts, limit = study(yard, circles(yard), seeds, wave=True, channels="h")
-    shown("circles in waves", errors, stated, limit)
+    keep(figures, "circles", errors, stated, limit)
     assert np.max(np.abs(errors[:, :2]) / TRUE[:2]) < 0.02
     share = covered(errors, stated)
     assert np.all((share >= 0.9) & (share <= 0.98))

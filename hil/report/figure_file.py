@@ -1,0 +1,95 @@
+"""The file of measured figures that the documentation shows (docs/figures.json)."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import math
+import re
+import subprocess
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+Entries = Mapping[str, Mapping[str, Any]]
+ROOT = Path(__file__).parents[2]
+UNKNOWN = "unknown"
+DIGITS = 6
+
+
+def key_of(*words: str) -> str:
+    """Return the name under which pages ask for a figure: small letters, digits and underscores."""
+    return re.sub(r"[^a-z0-9]+", "_", " ".join(words).lower()).strip("_")
+
+
+def origin(command: str, machine: str) -> dict[str, str]:
+    """Return when, from which commit, where and by what command figures are measured now."""
+    return {
+        "when": datetime.now(UTC).strftime("%Y-%m-%d"),
+        "commit": _commit(),
+        "machine": machine,
+        "command": command,
+    }
+
+
+def entry(value: float | str, unit: str, source: Mapping[str, str], **more: Any) -> dict[str, Any]:
+    """Return one entry of the file; a value is a number, or a text where one number does not say it.
+
+    ValueError for a number that is none: pages could not show it.
+    """
+    if not _finite(value):
+        raise ValueError(f"{value} is no figure to be shown")
+    kept = {name: _rounded(detail) for name, detail in more.items() if detail not in (None, "") and _finite(detail)}
+    return {"value": _rounded(value), "unit": unit, **kept, **source}
+
+
+def merge(path: Path, entries: Entries) -> None:
+    """Write entries over those of their names and leave all others; several processes may do so at once.
+
+    An entry with `cases`, the values of several runs by name, keeps those of the same commit that are there already and
+    shows the largest.
+    """
+    with path.open("a+", encoding="utf-8") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        file.seek(0)
+        text = file.read()
+        content: dict[str, Any] = json.loads(text) if text else {}
+        for name, fresh in entries.items():
+            # What was measured together stands together, in its order: tables are made of it.
+            content[name] = _with_cases(content.pop(name, {}), dict(fresh))
+        file.truncate(0)
+        file.write(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+
+
+def _with_cases(old: Mapping[str, Any], fresh: dict[str, Any]) -> dict[str, Any]:
+    if "cases" in fresh:
+        kept = old.get("cases", {}) if old.get("commit") == fresh["commit"] else {}
+        fresh["cases"] = dict(sorted({**kept, **fresh["cases"]}.items()))
+        fresh["value"] = max(fresh["cases"].values())
+    return fresh
+
+
+def _rounded(value: Any) -> Any:
+    """Return a number without the digits that no measurement has."""
+    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+
+
+def _finite(value: object) -> bool:
+    return not isinstance(value, float) or math.isfinite(value)
+
+
+def _commit() -> str:
+    commit = _git("rev-parse", "--short=7", "HEAD")
+    # The file itself changes while it is written.
+    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ":/", ":(top,exclude)docs/figures.json")
+    return (commit or UNKNOWN) + ("-changed" if changed else "")
+
+
+def _git(*words: str) -> str:
+    command = ["git", "-C", str(ROOT), *words]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError:
+        return ""
+    return done.stdout.strip()

@@ -1,0 +1,143 @@
+"""What the documentation names is there: paths, modules, commands with their options, parameters, figures."""
+
+import contextlib
+import importlib
+import io
+import json
+import re
+from functools import cache
+
+import pytest
+from support.paths import ROOT
+
+from firmware_py.common.parameters import TABLE
+
+DOCS = sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
+FRONT = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+PAGES = [*FRONT, *DOCS]
+PROGRAMS = {"rambler": "firmware_py.__main__", "rambler-hil": "hil.__main__"}
+CODE = re.compile(r"```.*?```|`[^`]+`", re.DOTALL)
+FOLDERS = r"(?:firmware_py|hil|tests|params|docs|\.ci|\.github)"
+
+
+def named(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+def code_in(text):
+    """The code spans and blocks of a page, with the languages of blocks left out."""
+    return [re.sub(r"^```[^\n]*\n|`", "", span) for span in CODE.findall(text)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_every_path_that_is_named_exists(page):
+    # NAME stands for what the reader chooses; _build is made by `make docs`.
+    found = re.findall(rf"(?<![\w./-]){FOLDERS}/[\w./-]*", page.read_text())
+    paths = {path.rstrip(".") for path in found if "NAME" not in path and "_build" not in path}
+    assert [path for path in sorted(paths) if not (ROOT / path).exists()] == []
+
+
+def lacking(names):
+    """Those of some dotted names that nothing can be imported by."""
+    return [name for name in sorted(names) if not resolves(name)]
+
+
+def resolves(name):
+    *modules, last = name.split(".")
+    with contextlib.suppress(ModuleNotFoundError):
+        importlib.import_module(name)
+        return True
+    try:
+        return hasattr(importlib.import_module(".".join(modules)), last)
+    except ModuleNotFoundError:
+        return False
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_every_module_that_is_named_exists(page):
+    names = re.findall(r"(?<![\w./-])(?:firmware_py|hil)(?:\.[a-z_]\w*)+", page.read_text())
+    assert lacking(name for name in names if not name.endswith(".py")) == []
+
+
+def test_every_new_name_of_the_changelog_exists():
+    rows = re.findall(r"^ +\|.*\|(.*)\|$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    names = {name for row in rows for name in re.findall(r"`((?:firmware_py|hil)[\w.]*)`", row)}
+    assert len(names) > 10
+    assert lacking(names) == []
+
+
+@cache
+def help_of(program, *words):
+    main = importlib.import_module(PROGRAMS[program]).main
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), contextlib.suppress(SystemExit):
+        main([*words, "-h"])
+    return said.getvalue()
+
+
+def commands_in(text):
+    """Program and words of each command line in the code of a page."""
+    for span in code_in(text):
+        for program, rest in re.findall(r"(?<![\w/.-])(rambler(?:-hil)?)((?: [^\n#]*)?)", span.replace("\\\n", " ")):
+            yield program, rest.split()
+
+
+def wrong_with(program, words):
+    """Say what a command line names that its program does not know; empty when all is there."""
+    commands = importlib.import_module(PROGRAMS[program]).COMMANDS
+    if not words:
+        return ""
+    if words[0] not in commands and words[0] != "--version":
+        return f"{program} {words[0]}"
+    depth = 2 if words[0] == "plan" and len(words) > 1 and not words[1].startswith("-") else 1
+    text = help_of(program, *words[:depth])
+    if not text.startswith("usage:"):
+        return f"{program} {' '.join(words[:depth])}"
+    options = [re.match(r"--[\w-]+", word.strip("[]'\"")) for word in words]
+    unknown = [option[0] for option in options if option and not re.search(rf"{option[0]}\b(?!-)", text)]
+    return f"{program} {words[0]} {' '.join(unknown)}" if unknown else ""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_every_command_and_option_that_is_named_exists(page):
+    found = {wrong_with(program, words) for program, words in commands_in(page.read_text())}
+    assert found - {""} == set()
+
+
+def test_the_check_of_commands_sees_what_is_wrong():
+    assert wrong_with("rambler", ["run", "boat.toml", "--state", "DIR"]) == ""
+    assert wrong_with("rambler", ["sail"]) == "rambler sail"
+    assert wrong_with("rambler-hil", ["run", "tank", "--sped", "max"]) == "rambler-hil run --sped"
+    assert wrong_with("rambler", ["plan", "eat"]) == "rambler plan eat"
+
+
+def test_the_page_of_the_command_line_has_every_command():
+    text = (ROOT / "docs/reference/command-line.md").read_text()
+    for program, module in PROGRAMS.items():
+        for command in importlib.import_module(module).COMMANDS:
+            assert f"{{command-help}} {program} {command}\n" in text
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_every_parameter_that_is_named_exists(page):
+    names = {row.name for row in TABLE}
+    prefixes = "|".join(sorted({name.split("_")[0] for name in names}))
+    spans = re.findall(rf"`((?:{prefixes})_[A-Z0-9_]+)`", page.read_text())
+    assert sorted(set(spans) - names) == []
+
+
+@pytest.mark.parametrize("page", FRONT, ids=named)
+def test_every_link_of_the_front_pages_leads_somewhere(page):
+    links = re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text())
+    assert links
+    assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 120
+
+
+def test_every_figure_says_where_it_comes_from():
+    for name, entry in json.loads((ROOT / "docs/figures.json").read_text()).items():
+        assert re.fullmatch(r"[a-z0-9_]+", name)
+        assert {"value", "unit", "when", "commit", "machine", "command"} <= set(entry), name
