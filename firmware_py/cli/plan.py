@@ -15,7 +15,7 @@ from firmware_py.loop import PLAN_FILES
 from firmware_py.plans.items import ROWS, has_place, markdown
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import write_plan
-from firmware_py.plans.read_file import read_file
+from firmware_py.plans.plan_file import MOST_BYTES, read_plan_file
 from firmware_py.plans.text_files import write_text
 from firmware_py.system.store import Store, StoreError, stored_content
 
@@ -68,8 +68,18 @@ def _items(_arguments: argparse.Namespace) -> None:
     print(markdown(), end="")
 
 
+def _plans_of(path: Path, *, home: bool) -> tuple[Plan, ...]:
+    """Read a plan file, never more of it than a plan file may have."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise PlanFileError(f"{path}: {error.strerror}; name a file that can be read") from None
+    return read_plan_file(content, str(path), home=home)
+
+
 def _check(arguments: argparse.Namespace) -> None:
-    plans = read_file(arguments.file, home=not arguments.no_home)
+    plans = _plans_of(arguments.file, home=not arguments.no_home)
     if arguments.json:
         _print_json(plans)
         return
@@ -78,7 +88,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _load(arguments: argparse.Namespace) -> None:
-    plans = read_file(arguments.file, home=not arguments.no_home)
+    plans = _plans_of(arguments.file, home=not arguments.no_home)
     _must_exist(arguments.state)
     try:
         store = Store(arguments.state)

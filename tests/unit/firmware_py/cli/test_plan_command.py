@@ -98,3 +98,11 @@ def test_states_that_are_none(capsys, file, tmp_path, state):
     said(capsys, "load", file, "--state", state)
     assert "Is a directory" in said(capsys, "save", tmp_path, "--state", state, code=2)
     assert "see rambler plan" in said(capsys, "show", code=2)
+
+
+def test_a_file_that_cannot_be_read_is_named(capsys, tmp_path):
+    assert "No such file" in said(capsys, "check", tmp_path / "none", code=2)
+    assert "Is a directory" in said(capsys, "check", tmp_path, code=2)
+    huge = tmp_path / "huge"
+    huge.write_bytes(b"1 2\n" * (3 << 20))
+    assert "larger than" in said(capsys, "check", huge, code=2)

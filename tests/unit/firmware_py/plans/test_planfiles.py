@@ -12,7 +12,7 @@ from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.plans.items import TABLE
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import read_plan, write_plan
-from firmware_py.plans.read_file import read_file
+from firmware_py.plans.plan_file import read_plan_file
 from firmware_py.plans.text_files import read_text, write_text
 
 HOME_LINE = "0\t1\t0\t16\t0\t0\t0\t0\t36.0\t121.0\t5.0\t1\n"
@@ -221,7 +221,7 @@ def test_pymavlink_reads_what_is_written_and_writes_what_is_read(tmp_path, mavwp
         assert seen.z == item.z
         assert [round(seen.x * 1e7), round(seen.y * 1e7)] == [item.x, item.y]
     oracle.save(str(tmp_path / "again.txt"))
-    (again,) = read_file(tmp_path / "again.txt")
+    (again,) = read_plan_file((tmp_path / "again.txt").read_bytes(), "again.txt")
     assert [(item.command, item.params) for item in again.items] == [(item.command, item.params) for item in plan.items]
     assert all(abs(one.x - other.x) <= 5 for one, other in zip(again.items, plan.items, strict=True))  # it writes %f
 
@@ -231,13 +231,13 @@ def test_older_fences_and_rally_points_are_read_as_pymavlink_reads_them(tmp_path
     path.write_text("# a fence\n36.05 121.5\n36.0 121.0\n36.0 122.0\n37.0 121.5\n36.0 121.0\n")
     oracle = mavwp.MissionItemProtocol_Fence()
     oracle.load(str(path))
-    (fence,) = read_file(path)
+    (fence,) = read_plan_file(path.read_bytes(), "fence.txt")
     assert [(item.command, item.params[0]) for item in fence.items] == [(w.command, w.param1) for w in oracle.wpoints]
     assert all(
         abs(item.x - w.x) <= 1 and abs(item.y - w.y) <= 1 for item, w in zip(fence.items, oracle.wpoints, strict=True)
     )
     path.write_text("RALLY 36.1 121.1 1.5 0 0 0\nRALLY 36.2 -121.2 0 0 0 0\n")
-    (rally,) = read_file(path)
+    (rally,) = read_plan_file(path.read_bytes(), "rally.txt")
     assert [(item.x, item.y, item.z) for item in rally.items] == [
         (361_000_000, 1_211_000_000, 1.5),
         (362_000_000, -1_212_000_000, 0.0),
@@ -304,11 +304,9 @@ def test_files_that_cannot_be_read(tmp_path):
     binary.write_bytes(b"\xff\xfe\x00")
     wrong.write_text(wpl("3\t16\t0\t0\t0\t0\t1\t2\t0", "1\t16\t0\t0\t0\t0\t1\t2\t0"))
     for path, error in (
-        (tmp_path / "none", "No such file"),
-        (tmp_path, "Is a directory"),
         (huge, "larger than"),
         (binary, "this is no text"),
         (wrong, "mission: item 1: NAV_WAYPOINT: frame 1 is not supported"),
     ):
         with pytest.raises(PlanFileError, match=error):
-            read_file(path)
+            read_plan_file(path.read_bytes(), path.name)
