@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.plans.items import TABLE
 from firmware_py.plans.numbers import PlanFileError
-from firmware_py.plans.qgc_file import read_plan, write_plan
 from firmware_py.plans.plan_file import read_plan_file
+from firmware_py.plans.qgc_file import read_plan, write_plan
 from firmware_py.plans.text_files import read_text, write_text
 
 HOME_LINE = "0\t1\t0\t16\t0\t0\t0\t0\t36.0\t121.0\t5.0\t1\n"
