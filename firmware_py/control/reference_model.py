@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.model.kt import decay_over, exact_step
 
 EASING_RAD: Final = radians(5.6)  # the last of the way is made in proportion
 BRAKING_SHARE: Final = 0.8  # of the full rudder that braking counts on
@@ -58,8 +59,7 @@ def update(ship: Ship, reference: Reference, error_rad: float, heading_rad: floa
     push_rad = ship.limit_rad * left_rad / EASING_RAD - RATE_GAIN * r / ship.turning_ability_1_s
     push_rad = clamp(push_rad, low_rad, high_rad)
     steady = ship.turning_ability_1_s * push_rad - ship.norrbin_s2 * r * r * r
-    decay = math.exp(-step_s / ship.turning_lag_s)
-    rate_rad_s = steady + (r - steady) * decay
-    turned_rad = steady * step_s + (r - steady) * ship.turning_lag_s * (1.0 - decay)
+    decay = decay_over(step_s, ship.turning_lag_s)
+    turned_rad, rate_rad_s = exact_step(r, steady, decay, step_s, ship.turning_lag_s)
     lead_rad = clamp(wrap_pi(reference.heading_rad - heading_rad) + turned_rad, -LEAD_RAD, LEAD_RAD)
     return Reference(wrap_two_pi(heading_rad + lead_rad), rate_rad_s, push_rad)

@@ -18,7 +18,7 @@ from firmware_py.common.angles import clamp, degrees, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.control.reference_model import Reference, Ship, update
 from firmware_py.control.s_surface import Gains, rudder_demand
-from firmware_py.model.kt import steady_yaw_rate
+from firmware_py.model.kt import KtModel, steady_yaw_rate
 
 # Found by search over tank, sea, swell, weak, storm and seas between them, with and without a satellite
 # receiver, with K and T up to 30 % off; the optimum is flat. At MDL_SPEED and 1 deg of spread:
@@ -37,10 +37,7 @@ TURNING_SHARE: Final = 0.3
 class ScheduledSettings:
     """The model of the vehicle file, the rudder limit, the price of rudder travel, and the least speed to steer at."""
 
-    turning_ability_1_s: float
-    turning_lag_s: float
-    norrbin_s2: float
-    speed_m_s: float
+    model: KtModel
     limit_rad: float
     trim_rad: float
     price: float
@@ -50,10 +47,7 @@ class ScheduledSettings:
     def of(cls, parameters: ParameterSet) -> ScheduledSettings:
         """Read the settings from the parameters."""
         return cls(
-            parameters["MDL_K"],
-            parameters["MDL_T_S"],
-            parameters["MDL_ALPHA_S2"],
-            parameters["MDL_SPEED"],
+            KtModel.of(parameters),
             radians(parameters["RUD_LIMIT_DEG"]),
             radians(parameters["CTL_TRIM_DEG"]),
             parameters["CTL_PRICE"],
@@ -84,11 +78,11 @@ class RudderDemand:
 
 def ship_now(settings: ScheduledSettings, known: HeadingEstimate) -> Ship:
     """Return the model at the estimated speed (similarity, paper eq. 7), turning as well as she is found to."""
-    ratio = known.speed_m_s / settings.speed_m_s
+    ability_1_s, lag_s, norrbin_s2 = settings.model.scaled(known.speed_m_s / settings.model.speed_m_s)
     return Ship(
-        settings.turning_ability_1_s * ratio * known.turning_factor,
-        settings.turning_lag_s / ratio,
-        settings.norrbin_s2 / (ratio * ratio),
+        ability_1_s * known.turning_factor,
+        lag_s,
+        norrbin_s2,
         settings.limit_rad,
         clamp(known.bias_rad + settings.trim_rad, -settings.limit_rad, settings.limit_rad),
     )
@@ -96,14 +90,14 @@ def ship_now(settings: ScheduledSettings, known: HeadingEstimate) -> Ship:
 
 def stiffness_of(settings: ScheduledSettings, known: HeadingEstimate) -> float:
     """Return the rudder angle per angle of heading error."""
-    ratio = known.speed_m_s / settings.speed_m_s
+    ratio = known.speed_m_s / settings.model.speed_m_s
     by_spread = math.pow(_spread_deg(known), STIFFNESS_BY_SPREAD)
     return STIFFNESS / settings.price * by_spread * math.pow(ratio, STIFFNESS_BY_SPEED)
 
 
 def band_of(settings: ScheduledSettings, known: HeadingEstimate, stiffness: float) -> float:
     """Return how far the demand may leave the command: by what the estimate's noise does to the demand, and a rest."""
-    ratio = known.speed_m_s / settings.speed_m_s
+    ratio = known.speed_m_s / settings.model.speed_m_s
     band_deg = BAND_DEG + BAND_BY_SPREAD * stiffness * _spread_deg(known)
     return radians(settings.price * band_deg * math.pow(ratio, BAND_BY_SPEED))
 

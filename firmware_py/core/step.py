@@ -139,7 +139,7 @@ def _monitor_steering(settings: Settings, state: State, error_rad: float | None,
     """Let the watch see whether she answers the rudder."""
     valid = state.heading.fresh(now_s, settings.observer.timeout_s)
     waves = state.lookout.waves
-    speed_m_s = waves.x[kalman.SPEED] if waves.x else settings.watch.model_speed_m_s
+    speed_m_s = waves.x[kalman.SPEED] if waves.x else settings.watch.model.speed_m_s
     heading_rad = state.heading.heading_rad if valid and state.modes.armed else None
     rudder_rad = _rudder_rad(settings, state, state.servo)
     seen = supervisor.update_steering(settings.watch, state.watch, rudder_rad, heading_rad, speed_m_s, error_rad, now_s)

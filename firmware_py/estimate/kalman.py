@@ -15,6 +15,8 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from firmware_py.model.kt import KtModel, decay_over, settled_yaw_rate
+
 HEADING, RATE, BIAS, WAVE, WAVE_RATE, NORTH, EAST, SPEED, FACTOR = range(9)
 STATES: Final = 9
 DIAGONAL: Final = (0, 9, 17, 24, 30, 35, 39, 42, 44)
@@ -56,20 +58,19 @@ class Turning:
     by_factor: float
 
 
-def turned(x: Numbers, rudder_rad: float, step_s: float, model: tuple[float, float, float, float]) -> Turning:
-    """Return how she turns in a step at constant rudder; model is K, T, alpha and the speed that they hold at."""
-    ability_1_s, lag_s, norrbin, speed_m_s = model
-    ratio = x[SPEED] / speed_m_s
-    ability_1_s, lag_s, norrbin = ability_1_s * ratio, lag_s / ratio, norrbin / (ratio * ratio)
+def turned(x: Numbers, rudder_rad: float, step_s: float, model: KtModel) -> Turning:
+    """Return how the boat turns in a step at constant rudder, by the exact step of its model at the estimated speed."""
+    ability_1_s, lag_s, norrbin = model.scaled(x[SPEED] / model.speed_m_s)
     r, factor, push_rad = x[RATE], x[FACTOR], rudder_rad - x[BIAS]
     cubic = norrbin * r * r * r
     steady = factor * ability_1_s * push_rad - cubic
-    decay = math.exp(-step_s / lag_s)
+    decay = decay_over(step_s, lag_s)
     gone = 1.0 - decay
     reach_s = lag_s * gone
     return Turning(
+        # kt.exact_step in another order of its sums, which logs of earlier versions hold to the last bit.
         x[HEADING] + steady * step_s + (r - steady) * reach_s,
-        steady + (r - steady) * decay,
+        settled_yaw_rate(r, steady, decay),
         reach_s,
         (step_s - reach_s) / gone if gone > 1e-12 else 0.5 * step_s,
         decay - 3.0 * norrbin * r * r * gone,

@@ -16,11 +16,12 @@ from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import HeadingSample, NorthReference
 from firmware_py.estimate.deviation import Deviation, deviation_of, deviation_rad
+from firmware_py.model.kt import KtModel, decay_over, exact_step
 
 
 @dataclass(frozen=True, slots=True)
 class ObserverSettings:
-    """Time constant, compass corrections, age limit and the linear part of the model.
+    """Time constant, compass corrections, age limit and the model, of which the linear part is used.
 
     offset_rad and deviations (A to E of compass.deviation_rad) are those of compass A and B.
     """
@@ -30,24 +31,22 @@ class ObserverSettings:
     deviations: tuple[Deviation, Deviation]
     declination_rad: float
     timeout_s: float
-    turning_ability_1_s: float
-    turning_lag_s: float
+    model: KtModel
     yaw_rate_limit_rad_s: float
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> ObserverSettings:
         """Read the settings from the parameters."""
-        turning_ability_1_s = parameters["MDL_K"]
+        model = KtModel.of(parameters)
         return cls(
-            parameters["EST_TAU_S"],
-            (radians(parameters["CMP_OFFSET_DEG"]), radians(parameters["CMPB_OFFSET_DEG"])),
-            (deviation_of(parameters, "CMP"), deviation_of(parameters, "CMPB")),
-            radians(parameters["CMP_DECL_DEG"]),
-            parameters["CMP_TIMEOUT_S"],
-            turning_ability_1_s,
-            parameters["MDL_T_S"],
+            tau_s=parameters["EST_TAU_S"],
+            offset_rad=(radians(parameters["CMP_OFFSET_DEG"]), radians(parameters["CMPB_OFFSET_DEG"])),
+            deviations=(deviation_of(parameters, "CMP"), deviation_of(parameters, "CMPB")),
+            declination_rad=radians(parameters["CMP_DECL_DEG"]),
+            timeout_s=parameters["CMP_TIMEOUT_S"],
+            model=model,
             # A yaw rate beyond several times full rudder's is noise, at any speed of the boat.
-            10.0 * turning_ability_1_s * radians(parameters["RUD_LIMIT_DEG"]) + radians(5.0),
+            yaw_rate_limit_rad_s=10.0 * model.turning_ability_1_s * radians(parameters["RUD_LIMIT_DEG"]) + radians(5.0),
         )
 
 
@@ -80,14 +79,14 @@ def predict(settings: ObserverSettings, state: HeadingState, t_s: float, rudder_
     step_s = t_s - state.t_s
     if step_s <= 0.0:
         return state
-    steady_rad_s = settings.turning_ability_1_s * rudder_rad
-    excess_rad_s = state.yaw_rate_rad_s - steady_rad_s
-    decay = math.exp(-step_s / settings.turning_lag_s)
-    turned_rad = steady_rad_s * step_s + excess_rad_s * settings.turning_lag_s * (1.0 - decay)
+    lag_s = settings.model.turning_lag_s
+    steady_rad_s = settings.model.turning_ability_1_s * rudder_rad
+    decay = decay_over(step_s, lag_s)
+    turned_rad, yaw_rate_rad_s = exact_step(state.yaw_rate_rad_s, steady_rad_s, decay, step_s, lag_s)
     return HeadingState(
         t_s,
         wrap_two_pi(state.heading_rad + turned_rad),
-        steady_rad_s + excess_rad_s * decay,
+        yaw_rate_rad_s,
         state.sample_t_s,
         state.roll_rad,
         state.pitch_rad,

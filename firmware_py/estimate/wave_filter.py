@@ -18,6 +18,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.estimate import kalman, learning
 from firmware_py.estimate.kalman import Numbers
 from firmware_py.estimate.learning import Learned
+from firmware_py.model.kt import KtModel
 
 LONGEST_STEP_S: Final = 1.0  # one carry of the covariance; a longer way takes several
 LONGEST_SILENCE_S: Final = 600.0  # after this the filter starts anew
@@ -56,14 +57,14 @@ FIRST: Final = (
 
 @dataclass(frozen=True, slots=True)
 class FilterSettings:
-    """The model of the vehicle file: K [1/s], T [s], alpha [s^2] and the speed [m/s] that they hold at."""
+    """The K-T model of the vehicle file."""
 
-    model: tuple[float, float, float, float]
+    model: KtModel
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> FilterSettings:
         """Read the settings from the parameters."""
-        return cls((parameters["MDL_K"], parameters["MDL_T_S"], parameters["MDL_ALPHA_S2"], parameters["MDL_SPEED"]))
+        return cls(model=KtModel.of(parameters))
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +95,7 @@ class FilterState:
 
 def started(settings: FilterSettings, t_s: float, heading_rad: float, learned: Learned | None = None) -> FilterState:
     """Return the filter at its first heading."""
-    x = (heading_rad, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, clamp(settings.model[3], *SPEEDS_M_S), 1.0)
+    x = (heading_rad, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, clamp(settings.model.speed_m_s, *SPEEDS_M_S), 1.0)
     p = tuple(FIRST[i] ** 2 if i == j else 0.0 for i in range(kalman.STATES) for j in range(i, kalman.STATES))
     return FilterState(t_s, x, p, learned=learned or Learned(), sample_t_s=t_s)
 

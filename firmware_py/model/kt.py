@@ -4,11 +4,18 @@
 
 Source: Wang et al., J. Cent. South Univ. 25(9):2131-2142 (2018), eq. 2 and 7. Plain
 scalar functions, so that a compiler of numerical Python takes them as they are.
+
+Two steps lead from one moment to the next. The autopilot's parts take `exact_step`, which solves the
+equation with the cubic term held at its present value: stable however long the step is. The plant
+takes `rk4_step`, which shares no error with it.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+from firmware_py.common.parameters import ParameterSet
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,20 +28,31 @@ class KtModel:
     rudder_offset_rad: float
     speed_m_s: float
 
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> KtModel:
+        """Read the model from the parameters; its rudder offset is for the trim and the estimate to find."""
+        return cls(
+            turning_ability_1_s=parameters["MDL_K"],
+            turning_lag_s=parameters["MDL_T_S"],
+            norrbin_s2=parameters["MDL_ALPHA_S2"],
+            rudder_offset_rad=0.0,
+            speed_m_s=parameters["MDL_SPEED"],
+        )
+
     def at_speed(self, speed_m_s: float) -> KtModel:
         """Scale to another speed by similarity (paper eq. 7): K ~ U, T ~ 1/U, alpha ~ 1/U^2."""
-        ratio = speed_m_s / self.speed_m_s
-        return KtModel(
-            self.turning_ability_1_s * ratio,
-            self.turning_lag_s / ratio,
-            self.norrbin_s2 / (ratio * ratio),
-            self.rudder_offset_rad,
-            speed_m_s,
-        )
+        ability_1_s, lag_s, norrbin_s2 = self.scaled(speed_m_s / self.speed_m_s)
+        return KtModel(ability_1_s, lag_s, norrbin_s2, self.rudder_offset_rad, speed_m_s)
+
+    def scaled(self, ratio: float) -> tuple[float, float, float]:
+        """Return K, T and alpha at a multiple of the model's speed."""
+        return self.turning_ability_1_s * ratio, self.turning_lag_s / ratio, self.norrbin_s2 / (ratio * ratio)
 
 
 # Identified in the tank at 0.4 m/s by the paper.
-OCEAN_RAMBLER = KtModel(0.049, 4.0, 17.0, 0.0, 0.4)
+OCEAN_RAMBLER = KtModel(
+    turning_ability_1_s=0.049, turning_lag_s=4.0, norrbin_s2=17.0, rudder_offset_rad=0.0, speed_m_s=0.4
+)
 
 
 def yaw_acceleration(
@@ -70,6 +88,28 @@ def steady_yaw_rate(rudder_rad: float, turning_ability_1_s: float, norrbin_s2: f
         if abs(step) <= 1e-15 * (abs(rate_rad_s) + 1e-12):
             break
     return rate_rad_s
+
+
+def decay_over(step_s: float, turning_lag_s: float) -> float:
+    """Return what a step leaves of the difference between a yaw rate and the steady one: exp(-step / T)."""
+    return math.exp(-step_s / turning_lag_s)
+
+
+def settled_yaw_rate(yaw_rate_rad_s: float, steady_rad_s: float, decay: float) -> float:
+    """Return the yaw rate after a step in which it tends to a steady one; decay is `decay_over` the step."""
+    return steady_rad_s + (yaw_rate_rad_s - steady_rad_s) * decay
+
+
+def exact_step(
+    yaw_rate_rad_s: float, steady_rad_s: float, decay: float, step_s: float, turning_lag_s: float
+) -> tuple[float, float]:
+    """Return the angle turned in a step and the yaw rate after it, by the exact solution of the linear equation.
+
+    steady_rad_s is the yaw rate that it tends to: K (delta - delta0), less alpha r^3 where the
+    cubic term is counted in.
+    """
+    turned_rad = steady_rad_s * step_s + (yaw_rate_rad_s - steady_rad_s) * turning_lag_s * (1.0 - decay)
+    return turned_rad, settled_yaw_rate(yaw_rate_rad_s, steady_rad_s, decay)
 
 
 def rk4_step(

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_py.common.angles import clamp, radians
+from firmware_py.model.kt import decay_over, settled_yaw_rate
 
 SLOW_S: Final = 60.0  # what changes slower than this is trim
 MEMORY_S: Final = 120.0
@@ -64,8 +65,8 @@ def update(
     slow_rudder_rad = state.slow_rudder_rad + part * (rudder_rad - state.slow_rudder_rad)
     slow_rate_rad_s = state.slow_rate_rad_s + part * (yaw_rate_rad_s - state.slow_rate_rad_s)
     steady_rad_s = turning_ability_1_s * (rudder_rad - slow_rudder_rad)
-    decay = math.exp(-step_s / turning_lag_s)
-    expected_rad_s = steady_rad_s + (state.expected_rad_s - steady_rad_s) * decay
+    decay = decay_over(step_s, turning_lag_s)
+    expected_rad_s = settled_yaw_rate(state.expected_rad_s, steady_rad_s, decay)
     keep = math.exp(-step_s / MEMORY_S)
     turned_rad_s = clamp(yaw_rate_rad_s - slow_rate_rad_s, -radians(20.0), radians(20.0))
     off = error_rad is None or abs(error_rad) >= FAR_OFF_RAD

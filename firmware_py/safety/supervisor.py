@@ -12,6 +12,7 @@ from firmware_py.common.intents import Arm, Intent, PauseMission, SetMissionItem
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import DeviceHealth, DeviceRole, Event, Inputs, Mode, RudderFeedback, Severity
 from firmware_py.faults.page import TABLE, Action, Fault
+from firmware_py.model.kt import KtModel
 from firmware_py.modes import ModeState, Situation, enter, obstacle_to
 from firmware_py.safety import energy_meter, rudder_monitor, steering_monitor, torque_release
 from firmware_py.safety.energy_meter import EnergyMeterState
@@ -39,9 +40,7 @@ class SupervisorSettings:
     low_v: float
     rest_s: float
     station_s: float
-    turning_ability_1_s: float
-    turning_lag_s: float
-    model_speed_m_s: float
+    model: KtModel
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> SupervisorSettings:
@@ -54,9 +53,7 @@ class SupervisorSettings:
             parameters["BAT_LOW_VOLT"],
             parameters["RUD_REST_S"],
             parameters["FS_GCS_S"],
-            parameters["MDL_K"],
-            parameters["MDL_T_S"],
-            parameters["MDL_SPEED"],
+            KtModel.of(parameters),
         )
 
 
@@ -159,8 +156,7 @@ def update_steering(
     if step_s < BLOCK_S:
         return state
     yaw_rate_rad_s = wrap_pi(heading_rad - before_rad) / step_s
-    ratio = clamp(speed_m_s / settings.model_speed_m_s, 0.1, 10.0)
-    ability_1_s, lag_s = settings.turning_ability_1_s * ratio, settings.turning_lag_s / ratio
+    ability_1_s, lag_s, _ = settings.model.scaled(clamp(speed_m_s / settings.model.speed_m_s, 0.1, 10.0))
     seen = steering_monitor.update(state.authority, rudder_rad, yaw_rate_rad_s, ability_1_s, lag_s, step_s, error_rad)
     part = max(1.0 / (state.blocks + 1.0), step_s / steering_monitor.MEMORY_S)
     square = state.turn_square + part * (yaw_rate_rad_s * yaw_rate_rad_s - state.turn_square)

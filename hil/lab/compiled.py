@@ -91,7 +91,15 @@ def inner(function: Function) -> Function:
     return register_jitable(error_model=ERROR_MODEL)(function)
 
 
-for _function in (kt.yaw_acceleration, kt.steady_yaw_rate, kt.rk4_step):
+# In the order in which they call each other.
+for _function in (
+    kt.yaw_acceleration,
+    kt.steady_yaw_rate,
+    kt.decay_over,
+    kt.settled_yaw_rate,
+    kt.exact_step,
+    kt.rk4_step,
+):
     inner(_function)
 
 

@@ -8,6 +8,8 @@ at any speed and with any traffic on the lines.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import KtModel, yaw_acceleration
 from hil.ship.drift import RudderDrift
@@ -30,13 +32,7 @@ class Hull:
     def __init__(self, scenario: Scenario, model: KtModel, seed: int) -> None:
         """Lie at the origin heading north, under way at the scenario's speed, the rudder amidships."""
         scaled = model.at_speed(scenario.speed_m_s)
-        self._model = KtModel(
-            scaled.turning_ability_1_s,
-            scaled.turning_lag_s,
-            scaled.norrbin_s2,
-            scaled.rudder_offset_rad + radians(scenario.bias_deg),
-            scaled.speed_m_s,
-        )
+        self._model = replace(scaled, rudder_offset_rad=scaled.rudder_offset_rad + radians(scenario.bias_deg))
         self._plant = KtPlant(self._model, GRID_S)
         self._drift = RudderDrift(radians(scenario.drift_deg), GRID_S, NormalNumbers(generator(seed, Stream.DRIFT)))
         self._gusts = Gusts(radians(scenario.gust_deg), GRID_S, generator(seed, Stream.GUSTS))

@@ -53,12 +53,10 @@ class Case:
     def ship(self, model: KtModel) -> KtModel:
         """Return the ship of this case, at the sea's speed."""
         scaled = model.at_speed(self.scenario.speed_m_s)
-        return KtModel(
-            scaled.turning_ability_1_s * self.ability_factor,
-            scaled.turning_lag_s * self.lag_factor,
-            scaled.norrbin_s2,
-            scaled.rudder_offset_rad,
-            scaled.speed_m_s,
+        return replace(
+            scaled,
+            turning_ability_1_s=scaled.turning_ability_1_s * self.ability_factor,
+            turning_lag_s=scaled.turning_lag_s * self.lag_factor,
         )
 
 

@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from firmware_py.common.angles import TWO_PI
+from firmware_py.model.kt import decay_over, exact_step
 from hil.lab.compiled import compiled
 
 # Columns of a setting, and of what the autopilot keeps from tick to tick.
@@ -127,11 +128,11 @@ def observer_predict(
     turning_ability_1_s: float,
     turning_lag_s: float,
 ) -> tuple[float, float]:
-    """Carry heading and yaw rate on (firmware_py.estimate.observer.predict); decay is exp(-step / T)."""
-    steady_rad_s = turning_ability_1_s * rudder_rad
-    excess_rad_s = yaw_rate_rad_s - steady_rad_s
-    turned_rad = steady_rad_s * step_s + excess_rad_s * turning_lag_s * (1.0 - decay)
-    return wrap_two_pi(heading_rad + turned_rad), steady_rad_s + excess_rad_s * decay
+    """Carry heading and yaw rate on (firmware_py.estimate.observer.predict); decay is decay_over(step, T)."""
+    turned_rad, yaw_rate_rad_s = exact_step(
+        yaw_rate_rad_s, turning_ability_1_s * rudder_rad, decay, step_s, turning_lag_s
+    )
+    return wrap_two_pi(heading_rad + turned_rad), yaw_rate_rad_s
 
 
 @compiled
@@ -156,7 +157,7 @@ def observer_correct(
 def pilot_begins(state: np.ndarray, setting: np.ndarray, pilot: Pilot, measured_rad: float, step_s: float) -> None:
     """Fill the autopilot's state at its first sample, with the rudder amidships."""
     state[HEADING_RAD], state[YAW_RATE_RAD_S], state[COMMAND_RAD] = measured_rad, 0.0, 0.0
-    state[THETA], state[DECAY] = math.exp(-step_s / setting[TAU_S]), math.exp(-step_s / pilot.turning_lag_s)
+    state[THETA], state[DECAY] = math.exp(-step_s / setting[TAU_S]), decay_over(step_s, pilot.turning_lag_s)
 
 
 @compiled

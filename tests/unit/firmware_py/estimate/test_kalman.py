@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from firmware_py.estimate import kalman
-from firmware_py.model.kt import rk4_step
+from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
 
-MODEL = (0.049, 4.0, 17.0, 0.4)
+MODEL = OCEAN_RAMBLER
 X = (1.2, 0.01, 0.05, 0.1, -0.2, 0.1, -0.2, 0.7, 1.1)
 
 

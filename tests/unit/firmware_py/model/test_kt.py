@@ -1,10 +1,21 @@
 import math
+from dataclasses import astuple
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step, steady_yaw_rate, yaw_acceleration
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.model.kt import (
+    OCEAN_RAMBLER,
+    KtModel,
+    decay_over,
+    exact_step,
+    rk4_step,
+    settled_yaw_rate,
+    steady_yaw_rate,
+    yaw_acceleration,
+)
 
 
 @pytest.mark.parametrize(
@@ -39,6 +50,27 @@ def test_a_step_agrees_with_the_exact_linear_answer():
     decay = math.exp(-10.0 / 4.0)
     assert rate_rad_s == pytest.approx(drive_rad_s * (1.0 - decay), rel=1e-8)
     assert heading_rad == pytest.approx(drive_rad_s * (10.0 - 4.0 * (1.0 - decay)), rel=1e-8)
+
+
+def test_the_defaults_of_the_parameters_are_the_tank_s_numbers():
+    # As near as the single precision in which parameters travel.
+    assert astuple(KtModel.of(ParameterSet())) == pytest.approx(astuple(OCEAN_RAMBLER), rel=1e-7)
+
+
+def test_one_exact_step_is_as_many_small_ones():
+    steady, lag_s = 0.03, 4.0
+    turned, rate = exact_step(-0.01, steady, decay_over(20.0, lag_s), 20.0, lag_s)
+    heading, small = 0.0, -0.01
+    for _ in range(400):
+        heading, small = rk4_step(heading, small, steady / 0.049, 0.05, 0.049, lag_s, 0.0, 0.0)
+    assert (turned, rate) == pytest.approx((heading, small), rel=1e-8)
+    assert rate == settled_yaw_rate(-0.01, steady, decay_over(20.0, lag_s))
+
+
+@given(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(0.0, 1e9), st.floats(1e-3, 1e4))
+def test_an_exact_step_of_any_length_ends_between_the_rate_and_the_steady_one(rate, steady, step_s, lag_s):
+    _, after = exact_step(rate, steady, decay_over(step_s, lag_s), step_s, lag_s)
+    assert min(rate, steady) - 1e-16 <= after <= max(rate, steady) + 1e-16
 
 
 def test_the_equation_s_terms():

@@ -22,6 +22,7 @@ ROOT = compiled_module.PACKAGE.parent
 
 yaw_acceleration = compiled(kt.yaw_acceleration)
 rk4_step = compiled(kt.rk4_step)
+exact_step = compiled(kt.exact_step)
 steady_yaw_rate = compiled(kt.steady_yaw_rate)
 
 anything = st.floats(allow_nan=False, allow_infinity=False)
@@ -42,6 +43,11 @@ def test_the_compiled_yaw_acceleration_is_the_plain_one_to_the_last_bit(r, rudde
 @given(st.tuples(anything, anything, anything, anything, anything, lag, anything, anything))
 def test_the_compiled_runge_kutta_step_is_the_plain_one_to_the_last_bit(arguments):
     assert [bits(value) for value in rk4_step(*arguments)] == [bits(value) for value in kt.rk4_step(*arguments)]
+
+
+@given(st.tuples(anything, anything, anything, anything, anything))
+def test_the_compiled_exact_step_is_the_plain_one_to_the_last_bit(arguments):
+    assert [bits(value) for value in exact_step(*arguments)] == [bits(value) for value in kt.exact_step(*arguments)]
 
 
 def test_an_hour_compiled_is_an_hour_plain_to_the_last_bit():

@@ -44,7 +44,10 @@ def test_the_pilot_is_the_firmware_s():
     assert PILOT.rate_max_rad_s == gains.yaw_rate_max_rad_s
     assert PILOT.rudder_limit_rad == gains.rudder_limit_rad
     assert PILOT.rate_limit_rad_s == known.yaw_rate_limit_rad_s
-    assert (PILOT.turning_ability_1_s, PILOT.turning_lag_s) == (known.turning_ability_1_s, known.turning_lag_s)
+    assert (PILOT.turning_ability_1_s, PILOT.turning_lag_s) == (
+        known.model.turning_ability_1_s,
+        known.model.turning_lag_s,
+    )
 
 
 def test_the_seas_have_the_spread_and_the_offset_of_their_rows():

@@ -72,9 +72,9 @@ def test_the_observer_is_the_firmware_s(heading_rad, rate_rad_s, rudder_rad, ste
     state = observer.HeadingState(0.0, heading_rad, rate_rad_s, 0.0)
     sample = HeadingSample(step_s, measured_rad, NorthReference.TRUE)
     theirs = observer.correct(known, state, sample, rudder_rad)
-    decay, theta = math.exp(-step_s / known.turning_lag_s), math.exp(-step_s / known.tau_s)
+    decay, theta = math.exp(-step_s / known.model.turning_lag_s), math.exp(-step_s / known.tau_s)
     predicted = twins.observer_predict(
-        heading_rad, rate_rad_s, rudder_rad, step_s, decay, known.turning_ability_1_s, known.turning_lag_s
+        heading_rad, rate_rad_s, rudder_rad, step_s, decay, known.model.turning_ability_1_s, known.model.turning_lag_s
     )
     seen_rad = angles.wrap_two_pi(measured_rad)
     ours = twins.observer_correct(*predicted, seen_rad, step_s, theta, known.yaw_rate_limit_rad_s)
