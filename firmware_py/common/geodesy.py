@@ -1,7 +1,10 @@
-"""Great circles by unit vectors: how far along and how far off a line from one place to another.
+"""The one earth of the firmware: a sphere, and on it distances, bearings, lines and offsets.
 
-Exact on the sphere from metres to half the globe; the sphere's error against the ellipsoid
-is at most 0.6 % of a distance.
+Great circles are exact on the sphere from metres to half the globe; the sphere's error against the
+ellipsoid is at most 0.6 % of a distance. Offsets on a plane are for places near each other, and each
+has its own: on the plane that touches here (`offset_m`), with the meridians of half way
+(`nearby_offset_m`, cheap, for every fix), and the local frame of MAVLink (`local_offset_m` and
+`at_local_offset`, which undo each other).
 """
 
 from __future__ import annotations
@@ -10,9 +13,11 @@ import math
 from dataclasses import dataclass
 
 from firmware_py.common.angles import clamp, wrap_two_pi
-from firmware_py.guidance.bearing import EARTH_RADIUS_M, distance_and_bearing
 
+EARTH_RADIUS_M = 6371008.8  # mean radius, IUGG
+EQUATORIAL_RADIUS_M = 6_378_137.0  # WGS 84
 Vector = tuple[float, float, float]
+LEAST_SHRINK = 1e-3  # of a circle of latitude against the equator: 6 km from a pole
 SHORTEST_LINE = 1e-9  # in radii of the earth: a line of 6 mm has no direction
 
 
@@ -29,10 +34,51 @@ class Place:
         return distance_m * math.cos(bearing_rad), distance_m * math.sin(bearing_rad)
 
     def distance_and_bearing(self, other: Place) -> tuple[float, float]:
-        """Return distance and initial bearing of another place."""
-        return distance_and_bearing(self.latitude_rad, self.longitude_rad, other.latitude_rad, other.longitude_rad)
+        """Return the great-circle distance [m] and the initial bearing [rad, from true north] of another place.
 
-    def moved(self, north_m: float, east_m: float) -> Place:
+        Haversine formula (Sinnott, Sky and Telescope 68(2):159, 1984), accurate from metres to half the globe.
+        """
+        latitude_rad, other_rad = self.latitude_rad, other.latitude_rad
+        half_latitude_rad = 0.5 * (other_rad - latitude_rad)
+        longitude_change_rad = other.longitude_rad - self.longitude_rad
+        haversine = (
+            math.sin(half_latitude_rad) ** 2
+            + math.cos(latitude_rad) * math.cos(other_rad) * math.sin(0.5 * longitude_change_rad) ** 2
+        )
+        distance_m = 2.0 * EARTH_RADIUS_M * math.asin(math.sqrt(min(1.0, haversine)))
+        bearing_rad = math.atan2(
+            math.sin(longitude_change_rad) * math.cos(other_rad),
+            math.cos(latitude_rad) * math.sin(other_rad)
+            - math.sin(latitude_rad) * math.cos(other_rad) * math.cos(longitude_change_rad),
+        )
+        return distance_m, wrap_two_pi(bearing_rad)
+
+    def nearby_offset_m(self, other: Place) -> tuple[float, float]:
+        """Return how far north and east another place lies, the meridians taken half way; good for some kilometres."""
+        east_rad = math.remainder(other.longitude_rad - self.longitude_rad, 2.0 * math.pi)
+        return (
+            EARTH_RADIUS_M * (other.latitude_rad - self.latitude_rad),
+            EARTH_RADIUS_M * math.cos(0.5 * (self.latitude_rad + other.latitude_rad)) * east_rad,
+        )
+
+    def local_offset_m(self, other: Place) -> tuple[float, float]:
+        """Return how far north and east another place lies in the local frame of here, as `at_local_offset` counts."""
+        east_rad = math.remainder(other.longitude_rad - self.longitude_rad, 2.0 * math.pi)
+        return (
+            (other.latitude_rad - self.latitude_rad) * EQUATORIAL_RADIUS_M,
+            east_rad * EQUATORIAL_RADIUS_M * math.cos(self.latitude_rad),
+        )
+
+    def at_local_offset(self, north_m: float, east_m: float) -> Place | None:
+        """Return the place north and east of here in the local frame of here; None where that ends, at the poles."""
+        latitude_rad = self.latitude_rad + north_m / EQUATORIAL_RADIUS_M
+        shrink = math.cos(self.latitude_rad)
+        if not (abs(latitude_rad) < math.pi / 2.0 and shrink > LEAST_SHRINK):
+            return None
+        longitude_rad = self.longitude_rad + east_m / (EQUATORIAL_RADIUS_M * shrink)
+        return Place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
+
+    def at_offset(self, north_m: float, east_m: float) -> Place:
         """Return the place that lies north and east of here; good for some kilometres."""
         latitude_rad = clamp(self.latitude_rad + north_m / EARTH_RADIUS_M, -0.5 * math.pi, 0.5 * math.pi)
         shrink = max(math.cos(latitude_rad), 1e-6)
@@ -42,7 +88,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Where she is on a line: off it (positive to starboard), how far still to go, and the line's course here."""
+    """Where the boat is on a line: off it (positive to starboard), how far still to go, and the line's course here."""
 
     cross_track_m: float
     remaining_m: float  # negative beyond the end
@@ -67,7 +113,7 @@ def _dot(a: Vector, b: Vector) -> float:
 
 
 def track(start: Place, end: Place, here: Place) -> Track | None:
-    """Return where she is on the line from start to end; None when the two are one place or opposite ones."""
+    """Return where the boat is on the great circle from start to end; None when the two are one place or opposite."""
     a, b, p = _vector(start), _vector(end), _vector(here)
     normal = _cross(a, b)
     length = math.sqrt(_dot(normal, normal))

@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from firmware_py.common.angles import clamp
+from firmware_py.common.geodesy import Place
 from firmware_py.common.records import FixType, PositionSample
 
-EARTH_RADIUS_M = 6371008.8  # mean radius, IUGG
 FASTEST_M_S = 4.0  # over the ground, current and gusts of speed included
 SPREAD_M = 50.0  # what a sound receiver may be off at worst
 SMOOTHING_S = 10.0
@@ -47,54 +46,50 @@ def predict(state: PositionState, now_s: float, velocity_m_s: tuple[float, float
         return state
     if now_s - state.fix.t_s > LONGEST_GAP_S:
         return replace(state, t_s=now_s)
-    return _moved(state, velocity_m_s[0] * step_s, velocity_m_s[1] * step_s, now_s)
+    return _displace(state, velocity_m_s[0] * step_s, velocity_m_s[1] * step_s, now_s)
 
 
 def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple[PositionState, bool]:
     """Take a fix in; return whether it is believed. `jump_s` is how long a jump must last."""
     if not on_earth(sample):
         return state, False
-    latitude_rad, longitude_rad = _position(sample)
     if state.fix is None:
-        return PositionState(sample.t_s, latitude_rad, longitude_rad, sample), True
+        return _at(sample, sample.t_s), True
     gap_s = sample.t_s - state.fix.t_s
-    if _apart_m(state.fix, sample) > _reach_m(gap_s):
+    if _distance_m(state.fix, sample) > _reach_m(gap_s):
         doubted, witnesses = state.doubted, state.witnesses
-        if doubted is None or _apart_m(doubted, sample) > _reach_m(sample.t_s - doubted.t_s):
+        if doubted is None or _distance_m(doubted, sample) > _reach_m(sample.t_s - doubted.t_s):
             return replace(state, doubted=sample, witnesses=1), False
         if sample.t_s - doubted.t_s < jump_s or witnesses < LEAST_WITNESSES:
             return replace(state, witnesses=witnesses + 1), False
-        return PositionState(sample.t_s, latitude_rad, longitude_rad, sample), True
+        return _at(sample, sample.t_s), True
     if gap_s > LONGEST_GAP_S or gap_s < 0.0:
-        return PositionState(max(sample.t_s, state.t_s), latitude_rad, longitude_rad, sample), True
+        return _at(sample, max(sample.t_s, state.t_s)), True
     gain = 1.0 - math.exp(-gap_s / SMOOTHING_S)
-    north_m, east_m = _offset_m(state.latitude_rad, state.longitude_rad, latitude_rad, longitude_rad)
+    north_m, east_m = Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample))
     state = replace(state, fix=sample, doubted=None, witnesses=0)
-    return _moved(state, gain * north_m, gain * east_m, state.t_s), True
+    return _displace(state, gain * north_m, gain * east_m, state.t_s), True
 
 
 def _reach_m(gap_s: float) -> float:
     return SPREAD_M + FASTEST_M_S * max(0.0, gap_s)
 
 
-def _position(sample: PositionSample) -> tuple[float, float]:
-    return sample.latitude_rad or 0.0, sample.longitude_rad or 0.0
+def _place(sample: PositionSample) -> Place:
+    return Place(sample.latitude_rad or 0.0, sample.longitude_rad or 0.0)
 
 
-def _offset_m(latitude_rad: float, longitude_rad: float, to_rad: float, to_longitude_rad: float) -> tuple[float, float]:
-    east_rad = math.remainder(to_longitude_rad - longitude_rad, 2.0 * math.pi)
-    return (
-        EARTH_RADIUS_M * (to_rad - latitude_rad),
-        EARTH_RADIUS_M * math.cos(0.5 * (latitude_rad + to_rad)) * east_rad,
-    )
+def _at(sample: PositionSample, t_s: float) -> PositionState:
+    """Return the state that begins anew at a fix."""
+    place = _place(sample)
+    return PositionState(t_s, place.latitude_rad, place.longitude_rad, sample)
 
 
-def _apart_m(one: PositionSample, other: PositionSample) -> float:
-    return math.hypot(*_offset_m(*_position(one), *_position(other)))
+def _distance_m(fix: PositionSample, other: PositionSample) -> float:
+    return math.hypot(*_place(fix).nearby_offset_m(_place(other)))
 
 
-def _moved(state: PositionState, north_m: float, east_m: float, t_s: float) -> PositionState:
-    latitude_rad = clamp(state.latitude_rad + north_m / EARTH_RADIUS_M, -0.5 * math.pi, 0.5 * math.pi)
-    shrink = max(math.cos(latitude_rad), 1e-6)
-    longitude_rad = math.remainder(state.longitude_rad + east_m / (EARTH_RADIUS_M * shrink), 2.0 * math.pi)
-    return PositionState(t_s, latitude_rad, longitude_rad, state.fix, state.doubted, state.witnesses)
+def _displace(state: PositionState, north_m: float, east_m: float, t_s: float) -> PositionState:
+    """Return the state with the place moved north and east."""
+    place = Place(state.latitude_rad, state.longitude_rad).at_offset(north_m, east_m)
+    return PositionState(t_s, place.latitude_rad, place.longitude_rad, state.fix, state.doubted, state.witnesses)

@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from firmware_py.common.angles import clamp
+from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import PositionSample, Water
 
@@ -203,7 +204,7 @@ def _velocity(block: Block) -> tuple[float, float] | None:
     latitude_rad = last.latitude_rad or 0.0
     north_rad = latitude_rad - (first.latitude_rad or 0.0)
     east_rad = math.remainder((last.longitude_rad or 0.0) - (first.longitude_rad or 0.0), 2.0 * math.pi)
-    per_rad = 6371008.8 / (last.t_s - first.t_s)
+    per_rad = EARTH_RADIUS_M / (last.t_s - first.t_s)
     north_m_s, east_m_s = per_rad * north_rad, per_rad * math.cos(latitude_rad) * east_rad
     return (north_m_s, east_m_s) if math.hypot(north_m_s, east_m_s) <= FASTEST_M_S else None
 

@@ -7,7 +7,11 @@ Protocols that the world fulfils.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Final, Protocol
+
+# Of latitude, on a sphere of 6371 km: the earth of the harness. It is not the firmware's
+# common/geodesy on purpose, for an earth that both shared could be wrong without showing.
+METRES_PER_DEGREE: Final = 111_194.93
 
 
 class Emulator(Protocol):

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from hil.devices.emulator import Attitude, Whereabouts
-
-_METRES_PER_DEGREE = 111_194.93
+from hil.devices.emulator import METRES_PER_DEGREE, Attitude, Whereabouts
 
 
 class SpoiledAttitude:
@@ -34,7 +32,7 @@ class SpoiledWhereabouts:
 
     def latitude_deg(self) -> float:
         """Latitude with the error."""
-        return self._whereabouts.latitude_deg() + self.north_m / _METRES_PER_DEGREE
+        return self._whereabouts.latitude_deg() + self.north_m / METRES_PER_DEGREE
 
     def longitude_deg(self) -> float:
         """The true longitude."""

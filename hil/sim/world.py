@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from firmware_py.common.angles import TWO_PI, radians, wrap_two_pi
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
+from hil.devices.emulator import METRES_PER_DEGREE
 from hil.ship.hull import GRID_S, STEPS_PER_SECOND, Hull
 from hil.ship.scenarios import Scenario
 from hil.ship.servo import ServoShaft
@@ -17,7 +18,6 @@ from hil.sim.truth import ROWS_PER_SECOND, TruthRecorder
 START_UTC_S = 1_767_225_600.0  # 2026-01-01 00:00:00
 START_LATITUDE_DEG = 36.0
 START_LONGITUDE_DEG = 121.0
-METRES_PER_DEGREE = 111_194.93  # of latitude, on a sphere of 6371 km
 STOP_RAD = radians(45.0)  # to either side of amidships
 STEPS_PER_ROW = STEPS_PER_SECOND // ROWS_PER_SECOND
 

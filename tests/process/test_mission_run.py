@@ -15,6 +15,7 @@ from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.loop import PLAN_FILES
 from firmware_py.system.store import Store
+from hil.devices.emulator import METRES_PER_DEGREE
 from hil.devices.pty_line import PtyLine
 from hil.ship import scenarios
 from hil.sim.board import Board
@@ -25,7 +26,7 @@ from hil.sim.pace import Pacer
 from hil.sim.process import Firmware
 from hil.sim.truth import read
 from hil.sim.vehicle_file import VehicleFile
-from hil.sim.world import METRES_PER_DEGREE, START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
+from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
 AUTO = 10
 SHRINK = math.cos(math.radians(START_LATITUDE_DEG))

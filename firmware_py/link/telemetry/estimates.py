@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from firmware_py.common.angles import wrap_pi
+from firmware_py.common.geodesy import Place
 from firmware_py.common.records import Estimate
 from firmware_py.link.telemetry.context_fields import (
     INT32_MAX,
@@ -16,7 +17,6 @@ from firmware_py.link.telemetry.context_fields import (
     single,
     whole,
 )
-from firmware_py.link.telemetry.earth import offset_m
 from firmware_py.link.wire.dialect import Message, mavlink
 
 _NO_ROTATION = (0.0, 0.0, 0.0, 0.0)  # repr_offset_q: "not set"
@@ -68,7 +68,8 @@ def local_position_ned(scene: TelemetryContext) -> Message | None:
         return None
     if not all(map(math.isfinite, (home.latitude_rad, home.longitude_rad, fix.latitude_rad, fix.longitude_rad))):
         return None
-    north_m, east_m = offset_m(home.latitude_rad, home.longitude_rad, fix.latitude_rad, fix.longitude_rad)
+    origin = Place(home.latitude_rad, home.longitude_rad)
+    north_m, east_m = origin.local_offset_m(Place(fix.latitude_rad, fix.longitude_rad))
     above_m = 0.0 if fix.altitude_m is None else fix.altitude_m - home.altitude_m
     speed_m_s, course_rad = fix.speed_over_ground_m_s, fix.course_over_ground_rad
     north_m_s = east_m_s = 0.0

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from firmware_py.common.angles import radians
+from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import SetHome, SteerPosition
 from firmware_py.link.context import within
-from firmware_py.link.telemetry.earth import EARTH_M
 
 # MAV_FRAME: GLOBAL, GLOBAL_RELATIVE_ALT, the same two as _INT, and both over terrain. A boat has no altitude.
 GLOBAL_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
@@ -41,9 +41,7 @@ def offset_goal(latitude_rad: float, longitude_rad: float, north_m: float, east_
     """Return the goal that lies north and east of a position, or why it is none."""
     if not within(north_m, -_FARTHEST_M, _FARTHEST_M) or not within(east_m, -_FARTHEST_M, _FARTHEST_M):
         return f"the position is not within {_FARTHEST_M / 1e3:.0f} km"
-    reached_rad = latitude_rad + north_m / EARTH_M
-    shrink = math.cos(latitude_rad)
-    if not (abs(reached_rad) < math.pi / 2.0 and shrink > 1e-3):
+    goal = Place(latitude_rad, longitude_rad).at_local_offset(north_m, east_m)
+    if goal is None:
         return "local positions end at the poles"
-    longitude_rad += east_m / (EARTH_M * shrink)
-    return SteerPosition(reached_rad, math.remainder(longitude_rad, 2.0 * math.pi))
+    return SteerPosition(goal.latitude_rad, goal.longitude_rad)

@@ -4,8 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.estimate.position import EARTH_RADIUS_M, PositionState, predict, update
+from firmware_py.estimate.position import PositionState, predict, update
 
 
 def fix(t_s, north_m=0.0, kind=FixType.FIX_3D):

@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.estimate.water import WaterState, report, update
-
-EARTH_M = 6371008.8
 
 
 class Passage:
@@ -39,7 +38,7 @@ class Passage:
 
     def fix(self, v_north, v_east):
         v_north, v_east = self.odd or (v_north + self.rng.gauss(0.0, 0.03), v_east + self.rng.gauss(0.0, 0.03))
-        place = (0.6 + self.north_m / EARTH_M, 2.0 + self.east_m / (EARTH_M * math.cos(0.6)))
+        place = (0.6 + self.north_m / EARTH_RADIUS_M, 2.0 + self.east_m / (EARTH_RADIUS_M * math.cos(0.6)))
         speed, course = math.hypot(v_north, v_east), math.atan2(v_east, v_north)
         return PositionSample(
             self.t_s, FixType.FIX_3D, *place,

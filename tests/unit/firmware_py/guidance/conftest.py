@@ -28,7 +28,7 @@ class Float:
 
     @property
     def motion(self):
-        place = ORIGIN.moved(self.north_m, self.east_m)
+        place = ORIGIN.at_offset(self.north_m, self.east_m)
         strong = math.hypot(*self.current) > self.speed_m_s
         return VesselMotion(place, self.heading_rad, self.speed_m_s, *self.current, strong)
 

@@ -12,7 +12,7 @@ CENTRE = Place(0.6, 2.0)
 
 
 def corner(command, north_m, east_m, *params):
-    place = CENTRE.moved(north_m, east_m)
+    place = CENTRE.at_offset(north_m, east_m)
     x, y = (round(math.degrees(angle) * 1e7) for angle in (place.latitude_rad, place.longitude_rad))
     return PlanItem(command, 0, True, (*map(float, params), 0.0, 0.0, 0.0, 0.0)[:4], x, y)
 
@@ -29,24 +29,24 @@ def fence(*items):
 def test_within_a_square_the_margin_is_the_nearest_edge():
     plan = fence(*square(5001, 500.0))
     assert margin_m(plan, CENTRE) == pytest.approx(500.0, abs=0.5)
-    assert margin_m(plan, CENTRE.moved(450.0, 0.0)) == pytest.approx(50.0, abs=0.5)
-    assert margin_m(plan, CENTRE.moved(0.0, -530.0)) == pytest.approx(-30.0, abs=0.5)
-    assert margin_m(plan, CENTRE.moved(530.0, 540.0)) == pytest.approx(-50.0, abs=0.5)
+    assert margin_m(plan, CENTRE.at_offset(450.0, 0.0)) == pytest.approx(50.0, abs=0.5)
+    assert margin_m(plan, CENTRE.at_offset(0.0, -530.0)) == pytest.approx(-30.0, abs=0.5)
+    assert margin_m(plan, CENTRE.at_offset(530.0, 540.0)) == pytest.approx(-50.0, abs=0.5)
 
 
 def test_an_exclusion_is_to_be_stayed_out_of():
     plan = fence(*square(5001, 500.0), *square(5002, 50.0, at=(200.0, 0.0)), corner(5004, -200.0, 0.0, 40.0))
-    assert margin_m(plan, CENTRE.moved(200.0, 0.0)) == pytest.approx(-50.0, abs=0.5)
-    assert margin_m(plan, CENTRE.moved(-190.0, 0.0)) == pytest.approx(-30.0, abs=0.5)
+    assert margin_m(plan, CENTRE.at_offset(200.0, 0.0)) == pytest.approx(-50.0, abs=0.5)
+    assert margin_m(plan, CENTRE.at_offset(-190.0, 0.0)) == pytest.approx(-30.0, abs=0.5)
     assert margin_m(plan, CENTRE) == pytest.approx(150.0, abs=0.5)
 
 
 def test_all_of_one_group_or_all_of_another():
     both = fence(corner(5003, 0.0, 0.0, 300.0), corner(5003, 0.0, 200.0, 300.0))
-    assert margin_m(both, CENTRE.moved(0.0, 100.0)) == pytest.approx(200.0, abs=0.5)
-    assert margin_m(both, CENTRE.moved(0.0, -150.0)) == pytest.approx(-50.0, abs=0.5)
+    assert margin_m(both, CENTRE.at_offset(0.0, 100.0)) == pytest.approx(200.0, abs=0.5)
+    assert margin_m(both, CENTRE.at_offset(0.0, -150.0)) == pytest.approx(-50.0, abs=0.5)
     either = fence(corner(5003, 0.0, 0.0, 300.0, 1), corner(5003, 0.0, 200.0, 300.0, 2))
-    assert margin_m(either, CENTRE.moved(0.0, -150.0)) == pytest.approx(150.0, abs=0.5)
+    assert margin_m(either, CENTRE.at_offset(0.0, -150.0)) == pytest.approx(150.0, abs=0.5)
 
 
 def test_nothing_bounds_her_without_a_fence_or_with_half_a_polygon():
@@ -57,10 +57,12 @@ def test_nothing_bounds_her_without_a_fence_or_with_half_a_polygon():
 def test_the_watch_computes_anew_when_she_has_moved_or_the_fence_is_another():
     plan = fence(*square(5001, 500.0))
     watch = update(FenceState(), plan, CENTRE)
-    assert update(watch, plan, CENTRE.moved(40.0, 0.0)) is watch
-    moved = update(watch, plan, CENTRE.moved(60.0, 0.0))
+    assert update(watch, plan, CENTRE.at_offset(40.0, 0.0)) is watch
+    moved = update(watch, plan, CENTRE.at_offset(60.0, 0.0))
     assert moved.margin_m == pytest.approx(440.0, abs=0.5)
-    assert update(moved, fence(*square(5001, 400.0)), CENTRE.moved(60.0, 0.0)).margin_m == pytest.approx(340.0, abs=0.5)
+    assert update(moved, fence(*square(5001, 400.0)), CENTRE.at_offset(60.0, 0.0)).margin_m == pytest.approx(
+        340.0, abs=0.5
+    )
 
 
 items = st.builds(

@@ -14,7 +14,7 @@ from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion
 
 
 def go(origin, north_m, east_m, start=(0.0, 0.0), accept_m=20.0):
-    return GoTo(origin.moved(north_m, east_m), None if start is None else origin.moved(*start), accept_m, 100.0)
+    return GoTo(origin.at_offset(north_m, east_m), None if start is None else origin.at_offset(*start), accept_m, 100.0)
 
 
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.0, 0.2), (-0.2, 0.1), (0.3, 0.0)])
@@ -62,7 +62,7 @@ def test_a_place_beside_her_is_reached_whatever_her_turning_circle(afloat, origi
 
 def test_passed_far_off_it_is_sailed_for_anew(origin, tight):
     order = go(origin, 500.0, 0.0)
-    here = origin.moved(510.0, 300.0)
+    here = origin.at_offset(510.0, 300.0)
     motion = VesselMotion(here, 0.0, 0.4, 0.0, 0.0)
     state, _, on = line.follow(tight, LineState(origin), order, motion, 1.0)
     state, reached = line.approach(tight, state, order, motion, on)

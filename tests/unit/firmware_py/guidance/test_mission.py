@@ -18,7 +18,7 @@ from firmware_py.guidance.tasks import GoTo, HoldHeading, HoldStation, Orbit, Ta
 
 SETTINGS = TaskSettings(20.0, 100.0, 60.0, 15.6)
 HERE = Place(0.6, 2.0)
-A, B, C = HERE.moved(500.0, 0.0), HERE.moved(500.0, 500.0), HERE.moved(0.0, 500.0)
+A, B, C = HERE.at_offset(500.0, 0.0), HERE.at_offset(500.0, 500.0), HERE.at_offset(0.0, 500.0)
 
 
 def waypoint(place, **more):

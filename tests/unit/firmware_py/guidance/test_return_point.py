@@ -11,13 +11,13 @@ HOME = Home(HERE.latitude_rad, HERE.longitude_rad, 0.0)
 
 
 def rally(*offsets_m):
-    places = [HERE.moved(*offset) for offset in offsets_m]
+    places = [HERE.at_offset(*offset) for offset in offsets_m]
     degrees = [(round(math.degrees(p.latitude_rad) * 1e7), round(math.degrees(p.longitude_rad) * 1e7)) for p in places]
     return Plan.of(PlanKind.RALLY, [PlanItem(5100, x=x, y=y) for x, y in degrees])
 
 
 def at(north_m, east_m, north=0.0, east=0.0):
-    return VesselMotion(HERE.moved(north_m, east_m), 0.0, 0.5, north, east)
+    return VesselMotion(HERE.at_offset(north_m, east_m), 0.0, 0.5, north, east)
 
 
 def chosen(motion, points, *, with_home=True):

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.records import Activity, Estimate, FixType, Home, Navigation, PositionSample
-from firmware_py.link.telemetry.earth import offset_m
 from firmware_py.link.telemetry.estimates import quaternion
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
@@ -60,11 +59,6 @@ def test_the_place_she_goes_to(asked):
     assert target.type_mask & 0b11 == 0
     assert target.type_mask & 0b1101_1111_1100 == 0b1101_1111_1100
     assert asked(87, "POSITION_TARGET_GLOBAL_INT", navigation=Navigation(Activity.HEADING)) is None
-
-
-def test_offsets_cross_the_date_line():
-    north_m, east_m = offset_m(0.0, math.pi - 1e-6, 0.0, -math.pi + 1e-6)
-    assert (north_m, east_m) == pytest.approx((0.0, 12.756), abs=0.01)
 
 
 def test_the_estimator_says_what_can_be_relied_on(asked):
