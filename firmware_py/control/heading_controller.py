@@ -10,7 +10,7 @@ from firmware_py.control.s_surface import Gains, rudder_demand
 from firmware_py.control.scheduled import HeadingEstimate, ScheduledSettings, apply_deadband, scheduled_demand
 from firmware_py.estimate import kalman
 from firmware_py.estimate.observer import HeadingState
-from firmware_py.estimate.wave_filter import FilterState
+from firmware_py.estimate.wave_filter import WaveFilterState
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class HeadingControllerSettings:
 def demand(
     settings: HeadingControllerSettings,
     known: HeadingState,
-    waves: FilterState,
+    waves: WaveFilterState,
     reference: Reference | None,
     error_rad: float,
     command_rad: float,

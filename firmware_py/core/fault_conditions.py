@@ -48,7 +48,7 @@ def _compass_silent(sight: FaultInput) -> bool:
 
 
 def _compass_frozen(sight: FaultInput) -> bool:
-    return any(compass.frozen(sight.now_s, sight.settings.lookout.limits) for compass in sight.compasses())
+    return any(compass.frozen(sight.now_s, sight.settings.lookout.sources) for compass in sight.compasses())
 
 
 def _compass_jumping(sight: FaultInput) -> bool:
@@ -65,7 +65,7 @@ def _position_lost(sight: FaultInput) -> bool:
 
 def _position_jumping(sight: FaultInput) -> bool:
     place = sight.state.place
-    return place.doubted is not None and place.fix is not None and place.doubted.t_s > place.fix.t_s
+    return place.suspect is not None and place.fix is not None and place.suspect.t_s > place.fix.t_s
 
 
 def _rudder_silent(sight: FaultInput) -> bool:

@@ -81,6 +81,15 @@ def _bits_by_name(record: Record, name: str) -> None:
 CHANGES: tuple[Change, ...] = (
     Change(
         2,
+        moved=(
+            ("LookoutState.waves", "LookoutState.wave_filter"),
+            ("FilterState.refused", "FilterState.refusals"),
+            ("FilterState.learned", "FilterState.noise_model"),
+            ("Learned.last", "Learned.last_innovation"),
+            ("Learned.slow", "Learned.slow_innovation"),
+            ("CompassState.apart_rad", "CompassState.difference_rad"),
+            ("PositionState.doubted", "PositionState.suspect"),
+        ),
         renamed={"Head": "HoldHeading", "Go": "GoTo", "Keep": "HoldStation"},
         converted={"MonitorState": _monitor_by_name, "FailsafeState": _failsafe_by_name},
     ),

@@ -138,7 +138,7 @@ def _monitor(settings: Settings, state: State, inputs: Inputs, step_s: float) ->
 def _monitor_steering(settings: Settings, state: State, error_rad: float | None, now_s: float) -> State:
     """Let the watch see whether she answers the rudder."""
     valid = state.heading.fresh(now_s, settings.observer.timeout_s)
-    waves = state.lookout.waves
+    waves = state.lookout.wave_filter
     speed_m_s = waves.x[kalman.SPEED] if waves.x else settings.watch.model.speed_m_s
     heading_rad = state.heading.heading_rad if valid and state.modes.armed else None
     rudder_rad = _rudder_rad(settings, state, state.servo)
@@ -232,7 +232,7 @@ def _demand_rad(
         return heading_controller.demand(
             settings.helm,
             state.heading,
-            state.lookout.waves,
+            state.lookout.wave_filter,
             state.reference,
             steering.error_rad,
             state.rudder_command_rad,

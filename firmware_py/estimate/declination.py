@@ -1,4 +1,4 @@
-"""Magnetic declination from the World Magnetic Model, evaluated anew only when she has moved far or time has passed.
+"""Magnetic declination from the World Magnetic Model, evaluated anew after a long way or a long time.
 
 Spherical harmonics of degree 12 with Schmidt's semi-normalised Legendre functions on the WGS 84
 ellipsoid (Chulliat et al., The US/UK World Magnetic Model for 2025-2030, NOAA, section 1.2).
@@ -33,13 +33,13 @@ class Declination:
     utc_s: float | None = None
 
 
-def update(known: Declination, latitude_rad: float, longitude_rad: float, utc_s: float | None) -> Declination:
-    """Return the declination at a position, the one known where that is still near."""
-    at_s = utc_s if utc_s is not None else known.utc_s if known.utc_s is not None else EPOCH_S
-    if known.utc_s is not None and abs(at_s - known.utc_s) < AGE_S:
-        east = (longitude_rad - known.longitude_rad) * math.cos(latitude_rad)
-        if math.hypot(latitude_rad - known.latitude_rad, east) < MOVED_RAD:
-            return known
+def update(before: Declination, latitude_rad: float, longitude_rad: float, utc_s: float | None) -> Declination:
+    """Return the declination at a position, the one before where that place is still near."""
+    at_s = utc_s if utc_s is not None else before.utc_s if before.utc_s is not None else EPOCH_S
+    if before.utc_s is not None and abs(at_s - before.utc_s) < AGE_S:
+        east = (longitude_rad - before.longitude_rad) * math.cos(latitude_rad)
+        if math.hypot(latitude_rad - before.latitude_rad, east) < MOVED_RAD:
+            return before
     return Declination(declination_rad(latitude_rad, longitude_rad, at_s), latitude_rad, longitude_rad, at_s)
 
 

@@ -1,6 +1,6 @@
-"""The lookout of a tick: from the samples of compasses and receiver to what is known of her heading.
+"""The boat's heading in a tick, from the samples of compasses and receiver.
 
-Only puts together what the estimate's parts compute; `step` calls it.
+Only puts together what the estimate's parts compute; core/step calls it.
 """
 
 from __future__ import annotations
@@ -13,12 +13,11 @@ from typing import Final
 from firmware_py.common.angles import clamp, radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Estimate, Event, FixType, HeadingSample, PositionSample, Severity
-from firmware_py.estimate import declination, kalman, sources, wave_filter
-from firmware_py.estimate import observer as heading
+from firmware_py.estimate import declination, kalman, observer, sources, wave_filter
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.observer import HeadingState, ObserverSettings
-from firmware_py.estimate.sources import Limits, Source, SourceState, TrueHeadingSample
-from firmware_py.estimate.wave_filter import FilterSettings, FilterState
+from firmware_py.estimate.sources import Source, SourceSettings, SourceState, TrueHeadingSample
+from firmware_py.estimate.wave_filter import WaveFilterSettings, WaveFilterState
 
 SLOWEST_COURSE_M_S: Final = 0.02  # below it a receiver gives no course worth the name
 WIDEST_COURSE_RAD: Final = radians(20.0)  # a heading less certain than this is not steered by without a compass
@@ -30,24 +29,24 @@ class HeadingEstimatorSettings:
     """How the heading is estimated."""
 
     observer: ObserverSettings
-    filter: FilterSettings
-    plain: bool
+    wave_filter: WaveFilterSettings
+    sources: SourceSettings
+    observer_only: bool
     declination_by_model: bool
     position_timeout_s: float
     course_speed_m_s: float
-    limits: Limits
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> HeadingEstimatorSettings:
         """Read the settings from the parameters."""
         return cls(
-            ObserverSettings.of(parameters),
-            FilterSettings.of(parameters),
-            parameters["EST_MODE"] == 0,
-            parameters["CMP_DECL_AUTO"] == 1,
-            parameters["POS_TIMEOUT_S"],
-            parameters["COG_SPEED_MIN"],
-            Limits(parameters["CMP_TIMEOUT_S"], parameters["CMP_FROZEN_S"]),
+            observer=ObserverSettings.of(parameters),
+            wave_filter=WaveFilterSettings.of(parameters),
+            sources=SourceSettings.of(parameters),
+            observer_only=parameters["EST_MODE"] == 0,
+            declination_by_model=parameters["CMP_DECL_AUTO"] == 1,
+            position_timeout_s=parameters["POS_TIMEOUT_S"],
+            course_speed_m_s=parameters["COG_SPEED_MIN"],
         )
 
 
@@ -55,7 +54,7 @@ class HeadingEstimatorSettings:
 class HeadingEstimatorState:
     """The wave filter, the heading sources and the declination of the place."""
 
-    waves: FilterState = FilterState()  # noqa: RUF009 - frozen
+    wave_filter: WaveFilterState = WaveFilterState()  # noqa: RUF009 - frozen
     sources: SourceState = SourceState()  # noqa: RUF009 - frozen
     declination: Declination = Declination()  # noqa: RUF009 - frozen
 
@@ -69,66 +68,65 @@ def update(
     rudder_rad: float,
     now_s: float,
 ) -> tuple[HeadingEstimatorState, HeadingState, tuple[Event, ...]]:
-    """Take a tick's samples in; return what is remembered, what is steered by, and what is to be told."""
-    observer = settings.observer
+    """Take a tick's samples in; return what is remembered, the heading that is steered by, and the events."""
+    observer_settings = settings.observer
     if settings.declination_by_model:
         state = _with_declination(state, positions)
         if state.declination.declination_rad is not None:
-            observer = replace(observer, declination_rad=state.declination.declination_rad)
-    if settings.plain:
-        first = [sample for sample in headings if sample.source == Source.COMPASS_A]
-        known = heading.update(observer, before, first, rudder_rad, now_s)
-        return replace(state, waves=FilterState(), sources=SourceState()), known, ()
-    seen = [
-        TrueHeadingSample(sample.t_s, heading.true_heading_rad(observer, sample), sample.heading_rad, sample.source)
+            observer_settings = replace(observer_settings, declination_rad=state.declination.declination_rad)
+    if settings.observer_only:
+        of_first = [sample for sample in headings if sample.source == Source.COMPASS_A]
+        heading = observer.update(observer_settings, before, of_first, rudder_rad, now_s)
+        return replace(state, wave_filter=WaveFilterState(), sources=SourceState()), heading, ()
+    true_headings = [
+        TrueHeadingSample(
+            sample.t_s, observer.true_heading_rad(observer_settings, sample), sample.heading_rad, sample.source
+        )
         for sample in headings
         if math.isfinite(sample.heading_rad) and math.isfinite(sample.t_s) and sample.source in COMPASSES
     ]
-    anew: tuple[Event, ...] = ()
-    if sources.estranged(state.sources, now_s, settings.observer.timeout_s):
+    restart_events: tuple[Event, ...] = ()
+    if sources.needs_restart(state.sources, now_s, settings.observer.timeout_s):
         state = HeadingEstimatorState(declination=state.declination)
-        anew = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
-    chosen, told = _select_source(settings, state, seen, before, now_s)
-    used = sources.usable(chosen, seen)
-    waves = wave_filter.update(settings.filter, state.waves, used, velocities_of(positions), rudder_rad)
-    state = HeadingEstimatorState(waves, chosen, state.declination)
+        restart_events = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
+    source_state, source_events = _select_source(settings, state, true_headings, before, now_s)
+    samples = sources.samples_in_use(source_state, true_headings)
+    waves = wave_filter.update(settings.wave_filter, state.wave_filter, samples, velocities(positions), rudder_rad)
+    state = HeadingEstimatorState(waves, source_state, state.declination)
     if not waves.x:
-        return state, before, anew + told
-    heading_rad, yaw_rate_rad_s = wave_filter.predict_heading(settings.filter, waves, now_s)
+        return state, before, restart_events + source_events
+    heading_rad, yaw_rate_rad_s = wave_filter.predict_heading(settings.wave_filter, waves, now_s)
     # Fixes come rarely; whether they still come has been judged by their own timeout.
-    heard_s = now_s if chosen.in_use is Source.COURSE else waves.sample_t_s
+    sample_t_s = now_s if source_state.in_use is Source.COURSE else waves.sample_t_s
     newest = headings[-1] if headings else before
-    return (
-        state,
-        HeadingState(now_s, heading_rad, yaw_rate_rad_s, heard_s, newest.roll_rad, newest.pitch_rad),
-        anew + told,
-    )
+    heading = HeadingState(now_s, heading_rad, yaw_rate_rad_s, sample_t_s, newest.roll_rad, newest.pitch_rad)
+    return state, heading, restart_events + source_events
 
 
 def _with_declination(state: HeadingEstimatorState, positions: Sequence[PositionSample]) -> HeadingEstimatorState:
-    """Know the declination of where she is."""
-    known = state.declination
+    """Return the state with the declination of where the boat is."""
+    latest = state.declination
     for sample in positions:
         latitude_rad, longitude_rad = sample.latitude_rad, sample.longitude_rad
         if sample.fix is FixType.NONE or latitude_rad is None or longitude_rad is None:
             continue
         if abs(latitude_rad) <= 0.5 * math.pi and abs(longitude_rad) <= math.pi:
-            known = declination.update(known, latitude_rad, longitude_rad, sample.utc_s)
-    return state if known is state.declination else replace(state, declination=known)
+            latest = declination.update(latest, latitude_rad, longitude_rad, sample.utc_s)
+    return state if latest is state.declination else replace(state, declination=latest)
 
 
 def _select_source(
     settings: HeadingEstimatorSettings,
     state: HeadingEstimatorState,
-    seen: Sequence[TrueHeadingSample],
+    samples: Sequence[TrueHeadingSample],
     before: HeadingState,
     now_s: float,
 ) -> tuple[SourceState, tuple[Event, ...]]:
     """Judge the sources by what they say and choose one."""
-    waves, known = state.waves, sources.decay_offsets(state.sources, clamp(now_s - before.t_s, 0.0, 1.0))
+    waves, source_state = state.wave_filter, sources.decay_offsets(state.sources, clamp(now_s - before.t_s, 0.0, 1.0))
     expected_rad = waves.x[kalman.HEADING] + waves.x[kalman.WAVE] if waves.x else None
-    for sample in seen:
-        known = sources.add_sample(known, sample, expected_rad)
+    for sample in samples:
+        source_state = sources.add_sample(source_state, sample, expected_rad)
     course_ok = (
         bool(waves.x)  # not begun, or begun anew, it may know of a fix and of nothing else
         and waves.fix_t_s is not None
@@ -136,40 +134,40 @@ def _select_source(
         and waves.spread(kalman.HEADING) <= WIDEST_COURSE_RAD
         and waves.x[kalman.SPEED] >= settings.course_speed_m_s
     )
-    return sources.select(known, now_s, settings.limits, course_ok=course_ok)
+    return sources.select(source_state, now_s, settings.sources, course_ok=course_ok)
 
 
-def velocities_of(positions: Sequence[PositionSample]) -> list[wave_filter.Velocity]:
+def velocities(positions: Sequence[PositionSample]) -> list[wave_filter.Velocity]:
     """Return time, speed and course over the ground of the fixes that state them."""
-    found = []
+    stated = []
     for sample in positions:
         speed_m_s, course_rad = sample.speed_over_ground_m_s, sample.course_over_ground_rad
         if sample.fix is FixType.NONE or speed_m_s is None:
             continue
         if course_rad is not None:
-            found.append((sample.t_s, speed_m_s, course_rad))
+            stated.append((sample.t_s, speed_m_s, course_rad))
         elif speed_m_s < SLOWEST_COURSE_M_S:
-            found.append((sample.t_s, speed_m_s, 0.0))
-    return found
+            stated.append((sample.t_s, speed_m_s, 0.0))
+    return stated
 
 
-def report(state: HeadingEstimatorState, known: HeadingState) -> Estimate | None:
-    """Return what the filter knows, for the log and the link; None without a filter."""
-    waves = state.waves
+def report(state: HeadingEstimatorState, heading: HeadingState) -> Estimate | None:
+    """Return what the filter estimates, for the log and the link; None without a filter."""
+    waves = state.wave_filter
     if not waves.x:
         return None
-    x, learned = waves.x, waves.learned
+    x, model = waves.x, waves.noise_model
     return Estimate(
         source=int(state.sources.in_use),
-        heading_rad=known.heading_rad,
+        heading_rad=heading.heading_rad,
         heading_sd_rad=waves.spread(kalman.HEADING),
-        yaw_rate_rad_s=known.yaw_rate_rad_s,
+        yaw_rate_rad_s=heading.yaw_rate_rad_s,
         yaw_rate_sd_rad_s=waves.spread(kalman.RATE),
         bias_rad=x[kalman.BIAS],
         bias_sd_rad=waves.spread(kalman.BIAS),
-        wave_period_s=2.0 * math.pi / learned.omega_rad_s,
-        wave_sd_rad=learned.wave_spread_rad,
-        compass_noise_rad=math.exp(0.5 * learned.log_noise),
+        wave_period_s=2.0 * math.pi / model.omega_rad_s,
+        wave_sd_rad=model.wave_spread_rad,
+        compass_noise_rad=math.exp(0.5 * model.log_noise),
         speed_m_s=x[kalman.SPEED],
         speed_sd_m_s=waves.spread(kalman.SPEED),
         current_north_m_s=x[kalman.NORTH],
@@ -177,5 +175,5 @@ def report(state: HeadingEstimatorState, known: HeadingState) -> Estimate | None
         turning_factor=x[kalman.FACTOR],
         innovation_rad=waves.innovation_rad,
         innovation_sd_rad=waves.innovation_sd_rad,
-        innovation_square=learned.average_square,
+        innovation_square=model.average_square,
     )

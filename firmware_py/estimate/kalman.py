@@ -3,7 +3,7 @@
 States: low-frequency heading, yaw rate and rudder bias (K-T equation, driven by the measured
 rudder and scaled to the speed by similarity), angle and rate of the wave-frequency yaw (a
 second-order process of damping 0.1), current north and east, speed through the water, and by
-what factor she turns better than her model says.
+what factor the boat turns better than its model says.
 
 A covariance is its upper triangle, row by row: 45 numbers. Everything is written out, because that
 is ten times as fast in Python as loops over rows and columns, and the tick has little time.
@@ -20,13 +20,13 @@ from firmware_py.model.kt import KtModel, decay_over, settled_yaw_rate
 HEADING, RATE, BIAS, WAVE, WAVE_RATE, NORTH, EAST, SPEED, FACTOR = range(9)
 STATES: Final = 9
 DIAGONAL: Final = (0, 9, 17, 24, 30, 35, 39, 42, 44)
-DAMPING: Final = 0.1  # of the wave process; physics.md section 6
+DAMPING: Final = 0.1  # of the wave process; docs/explanation/physics.md, "The sea that acts on the boat"
 
 Numbers = tuple[float, ...]
 Transition = tuple[float, float, float, float]  # of the wave process over a step, row by row
 
 
-def place(row: int, column: int) -> int:
+def covariance_index(row: int, column: int) -> int:
     """Return where the covariance of two states stands."""
     low, high = min(row, column), max(row, column)
     return DIAGONAL[low] + high - low
@@ -42,7 +42,7 @@ def wave_transition(omega_rad_s: float, step_s: float) -> Transition:
 
 
 @dataclass(frozen=True, slots=True)
-class Turning:
+class Turn:
     """The K-T equation over a step: the new heading and yaw rate, and their derivatives.
 
     A disturbance that adds `d` to the new yaw rate adds `share * d` to the new heading.
@@ -58,7 +58,7 @@ class Turning:
     by_factor: float
 
 
-def turned(x: Numbers, rudder_rad: float, step_s: float, model: KtModel) -> Turning:
+def turn(x: Numbers, rudder_rad: float, step_s: float, model: KtModel) -> Turn:
     """Return how the boat turns in a step at constant rudder, by the exact step of its model at the estimated speed."""
     ability_1_s, lag_s, norrbin = model.scaled(x[SPEED] / model.speed_m_s)
     r, factor, push_rad = x[RATE], x[FACTOR], rudder_rad - x[BIAS]
@@ -67,7 +67,7 @@ def turned(x: Numbers, rudder_rad: float, step_s: float, model: KtModel) -> Turn
     decay = decay_over(step_s, lag_s)
     gone = 1.0 - decay
     reach_s = lag_s * gone
-    return Turning(
+    return Turn(
         # kt.exact_step in another order of its sums, which logs of earlier versions hold to the last bit.
         x[HEADING] + steady * step_s + (r - steady) * reach_s,
         settled_yaw_rate(r, steady, decay),
@@ -80,57 +80,23 @@ def turned(x: Numbers, rudder_rad: float, step_s: float, model: KtModel) -> Turn
     )
 
 
-def predict(p: Numbers, turning: Turning, wave: Transition, noise: Numbers) -> Numbers:
+def predict(p: Numbers, turn: Turn, wave: Transition, noise: Numbers) -> Numbers:
     """Return F P F' + Q; noise is what heading, rate, bias, wave (3: both variances, covariance), current ... gain."""
+    # fmt: off
     (
-        p00,
-        p01,
-        p02,
-        p03,
-        p04,
-        p05,
-        p06,
-        p07,
-        p08,
-        p11,
-        p12,
-        p13,
-        p14,
-        p15,
-        p16,
-        p17,
-        p18,
-        p22,
-        p23,
-        p24,
-        p25,
-        p26,
-        p27,
-        p28,
-        p33,
-        p34,
-        p35,
-        p36,
-        p37,
-        p38,
-        p44,
-        p45,
-        p46,
-        p47,
-        p48,
-        p55,
-        p56,
-        p57,
-        p58,
-        p66,
-        p67,
-        p68,
-        p77,
-        p78,
+        p00, p01, p02, p03, p04, p05, p06, p07, p08,
+        p11, p12, p13, p14, p15, p16, p17, p18,
+        p22, p23, p24, p25, p26, p27, p28,
+        p33, p34, p35, p36, p37, p38,
+        p44, p45, p46, p47, p48,
+        p55, p56, p57, p58,
+        p66, p67, p68,
+        p77, p78,
         p88,
     ) = p
-    reach, share, rr = turning.reach_s, turning.share_s, turning.by_rate
-    rb, rs, rf = turning.by_bias, turning.by_speed, turning.by_factor
+    # fmt: on
+    reach, share, rr = turn.reach_s, turn.share_s, turn.by_rate
+    rb, rs, rf = turn.by_bias, turn.by_speed, turn.by_factor
     w00, w01, w10, w11 = wave
     # What bias, speed and factor do to the yaw rate, by column of P; then the rows of F P that differ from P.
     s0 = rb * p02 + rs * p07 + rf * p08
@@ -218,100 +184,36 @@ def correct(x: Numbers, p: Numbers, shown: Numbers, innovation: float, variance:
     """Take a scalar measurement in; `shown` is P H', and variance that of the innovation."""
     g0, g1, g2, g3, g4, g5, g6, g7, g8 = [each / variance for each in shown]
     h0, h1, h2, h3, h4, h5, h6, h7, h8 = shown
+    # fmt: off
     (
-        p00,
-        p01,
-        p02,
-        p03,
-        p04,
-        p05,
-        p06,
-        p07,
-        p08,
-        p11,
-        p12,
-        p13,
-        p14,
-        p15,
-        p16,
-        p17,
-        p18,
-        p22,
-        p23,
-        p24,
-        p25,
-        p26,
-        p27,
-        p28,
-        p33,
-        p34,
-        p35,
-        p36,
-        p37,
-        p38,
-        p44,
-        p45,
-        p46,
-        p47,
-        p48,
-        p55,
-        p56,
-        p57,
-        p58,
-        p66,
-        p67,
-        p68,
-        p77,
-        p78,
+        p00, p01, p02, p03, p04, p05, p06, p07, p08,
+        p11, p12, p13, p14, p15, p16, p17, p18,
+        p22, p23, p24, p25, p26, p27, p28,
+        p33, p34, p35, p36, p37, p38,
+        p44, p45, p46, p47, p48,
+        p55, p56, p57, p58,
+        p66, p67, p68,
+        p77, p78,
         p88,
     ) = p
+    # fmt: on
+    # fmt: off
     after = (
-        p00 - g0 * h0,
-        p01 - g0 * h1,
-        p02 - g0 * h2,
-        p03 - g0 * h3,
-        p04 - g0 * h4,
-        p05 - g0 * h5,
-        p06 - g0 * h6,
-        p07 - g0 * h7,
-        p08 - g0 * h8,
-        p11 - g1 * h1,
-        p12 - g1 * h2,
-        p13 - g1 * h3,
-        p14 - g1 * h4,
-        p15 - g1 * h5,
-        p16 - g1 * h6,
-        p17 - g1 * h7,
-        p18 - g1 * h8,
-        p22 - g2 * h2,
-        p23 - g2 * h3,
-        p24 - g2 * h4,
-        p25 - g2 * h5,
-        p26 - g2 * h6,
-        p27 - g2 * h7,
-        p28 - g2 * h8,
-        p33 - g3 * h3,
-        p34 - g3 * h4,
-        p35 - g3 * h5,
-        p36 - g3 * h6,
-        p37 - g3 * h7,
+        p00 - g0 * h0, p01 - g0 * h1, p02 - g0 * h2, p03 - g0 * h3, p04 - g0 * h4,
+        p05 - g0 * h5, p06 - g0 * h6, p07 - g0 * h7, p08 - g0 * h8,
+        p11 - g1 * h1, p12 - g1 * h2, p13 - g1 * h3, p14 - g1 * h4, p15 - g1 * h5,
+        p16 - g1 * h6, p17 - g1 * h7, p18 - g1 * h8,
+        p22 - g2 * h2, p23 - g2 * h3, p24 - g2 * h4, p25 - g2 * h5, p26 - g2 * h6,
+        p27 - g2 * h7, p28 - g2 * h8,
+        p33 - g3 * h3, p34 - g3 * h4, p35 - g3 * h5, p36 - g3 * h6, p37 - g3 * h7,
         p38 - g3 * h8,
-        p44 - g4 * h4,
-        p45 - g4 * h5,
-        p46 - g4 * h6,
-        p47 - g4 * h7,
-        p48 - g4 * h8,
-        p55 - g5 * h5,
-        p56 - g5 * h6,
-        p57 - g5 * h7,
-        p58 - g5 * h8,
-        p66 - g6 * h6,
-        p67 - g6 * h7,
-        p68 - g6 * h8,
-        p77 - g7 * h7,
-        p78 - g7 * h8,
+        p44 - g4 * h4, p45 - g4 * h5, p46 - g4 * h6, p47 - g4 * h7, p48 - g4 * h8,
+        p55 - g5 * h5, p56 - g5 * h6, p57 - g5 * h7, p58 - g5 * h8,
+        p66 - g6 * h6, p67 - g6 * h7, p68 - g6 * h8,
+        p77 - g7 * h7, p78 - g7 * h8,
         p88 - g8 * h8,
     )
+    # fmt: on
     n = innovation
     x0, x1, x2, x3, x4, x5, x6, x7, x8 = x
     state = (

@@ -49,8 +49,8 @@ def power_of(spread_rad: float, omega_rad_s: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Learned:
-    """Logarithms of frequency [rad/s], powers and variances, and what their learning remembers."""
+class NoiseModel:
+    """Waves and noise as learned: logarithms of frequency [rad/s], powers, variances; and what learning remembers."""
 
     log_omega: float = math.log(2.0 * math.pi / FIRST_PERIOD_S)
     information: float = 0.0
@@ -58,14 +58,14 @@ class Learned:
     log_noise: float = math.log(FIRST_NOISE_RAD**2)
     log_bias_noise: float = math.log(BIAS_NOISE)
     log_velocity_noise: float = math.log(FIRST_VELOCITY_NOISE_M_S**2)
-    last: float = 0.0
-    slow: float = 0.0
+    last_innovation: float = 0.0
+    slow_innovation: float = 0.0
     count: int = 0
     average_square: float = 1.0
 
     @property
     def omega_rad_s(self) -> float:
-        """Frequency at which the waves swing her."""
+        """Frequency at which the waves swing the boat."""
         return math.exp(self.log_omega)
 
     @property
@@ -74,42 +74,42 @@ class Learned:
         return math.sqrt(math.exp(self.log_power - 3.0 * self.log_omega) / (4.0 * DAMPING))
 
 
-def from_heading(
-    learned: Learned, innovation_rad: float, variance: float, sensitivity: float, step_s: float
-) -> Learned:
+def learn_from_heading(
+    model: NoiseModel, innovation_rad: float, variance: float, sensitivity: float, step_s: float
+) -> NoiseModel:
     """Learn from a heading's innovation; `sensitivity` is what a change of ln omega would have added to it."""
     z = clamp(innovation_rad / math.sqrt(variance), -LARGEST_NORMALISED, LARGEST_NORMALISED)
-    information = learned.information * math.exp(-step_s / PERIOD_MEMORY_S) + sensitivity * sensitivity / variance
+    information = model.information * math.exp(-step_s / PERIOD_MEMORY_S) + sensitivity * sensitivity / variance
     shift = clamp(
         innovation_rad * sensitivity / variance / (information + PERIOD_PRIOR),
         -LARGEST_PERIOD_STEP,
         LARGEST_PERIOD_STEP,
     )
-    count = learned.count + 1
+    count = model.count + 1
     gain = max(1.0 / (count + FIRST_SAMPLES), min(step_s, LONGEST_GAP_S) / STRENGTH_TIME_S)
     excess = z * z - 1.0
-    correlation = z * learned.last if step_s <= LONGEST_GAP_S else 0.0
+    correlation = z * model.last_innovation if step_s <= LONGEST_GAP_S else 0.0
     part = min(step_s / BIAS_TIME_S, 0.5)
-    slow = learned.slow + part * (z - learned.slow)
+    slow = model.slow_innovation + part * (z - model.slow_innovation)
     slow_excess = min(slow * slow * (2.0 - part) / part - 1.0, LARGEST_NORMALISED)
-    pull = BIAS_PULL * (math.log(BIAS_NOISE) - learned.log_bias_noise)
-    bias = learned.log_bias_noise + BIAS_GAIN * part * (slow_excess + pull)
+    pull = BIAS_PULL * (math.log(BIAS_NOISE) - model.log_bias_noise)
+    bias = model.log_bias_noise + BIAS_GAIN * part * (slow_excess + pull)
     share = min(step_s / AVERAGE_S, 0.5)
     return replace(
-        learned,
-        log_omega=clamp(learned.log_omega + shift, LOW_OMEGA, HIGH_OMEGA),
+        model,
+        log_omega=clamp(model.log_omega + shift, LOW_OMEGA, HIGH_OMEGA),
         information=information,
-        log_power=clamp(learned.log_power + gain * (excess + correlation), LOW_POWER, HIGH_POWER),
-        log_noise=clamp(learned.log_noise + gain * (excess - correlation), LOW_NOISE, HIGH_NOISE),
+        log_power=clamp(model.log_power + gain * (excess + correlation), LOW_POWER, HIGH_POWER),
+        log_noise=clamp(model.log_noise + gain * (excess - correlation), LOW_NOISE, HIGH_NOISE),
         log_bias_noise=clamp(bias, LOW_BIAS, HIGH_BIAS),
-        last=z,
-        slow=slow,
+        last_innovation=z,
+        slow_innovation=slow,
         count=count,
-        average_square=learned.average_square + share * (z * z - learned.average_square),
+        average_square=model.average_square + share * (z * z - model.average_square),
     )
 
 
-def from_velocity(learned: Learned, squares: float) -> Learned:
+def learn_from_velocity(model: NoiseModel, squares: float) -> NoiseModel:
     """Learn the receiver's noise from the sum of two normalised squared innovations, each at most 9."""
-    grown = learned.log_velocity_noise + FIX_GAIN * (squares - 2.0)
-    return replace(learned, log_velocity_noise=clamp(grown, LOW_VELOCITY, HIGH_VELOCITY))
+    grown = model.log_velocity_noise + FIX_GAIN * (squares - 2.0)
+    return replace(model, log_velocity_noise=clamp(grown, LOW_VELOCITY, HIGH_VELOCITY))

@@ -1,6 +1,6 @@
-"""Where she is: fixes smoothed by her own motion, and jumps that no boat can make held back.
+"""Where the boat is: fixes smoothed by its own motion, and jumps that no boat can make held back.
 
-A fix that lies further off than she can have sailed is held back; when others keep bearing
+A fix that lies further off than the boat can have sailed is held back; when others keep bearing
 it out for long enough, the position was wrong before, and it is believed.
 """
 
@@ -27,7 +27,7 @@ class PositionState:
     latitude_rad: float = 0.0
     longitude_rad: float = 0.0
     fix: PositionSample | None = None
-    doubted: PositionSample | None = None
+    suspect: PositionSample | None = None
     witnesses: int = 0
 
 
@@ -57,17 +57,17 @@ def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple
         return _at(sample, sample.t_s), True
     gap_s = sample.t_s - state.fix.t_s
     if _distance_m(state.fix, sample) > _reach_m(gap_s):
-        doubted, witnesses = state.doubted, state.witnesses
-        if doubted is None or _distance_m(doubted, sample) > _reach_m(sample.t_s - doubted.t_s):
-            return replace(state, doubted=sample, witnesses=1), False
-        if sample.t_s - doubted.t_s < jump_s or witnesses < LEAST_WITNESSES:
+        suspect, witnesses = state.suspect, state.witnesses
+        if suspect is None or _distance_m(suspect, sample) > _reach_m(sample.t_s - suspect.t_s):
+            return replace(state, suspect=sample, witnesses=1), False
+        if sample.t_s - suspect.t_s < jump_s or witnesses < LEAST_WITNESSES:
             return replace(state, witnesses=witnesses + 1), False
         return _at(sample, sample.t_s), True
     if gap_s > LONGEST_GAP_S or gap_s < 0.0:
         return _at(sample, max(sample.t_s, state.t_s)), True
     gain = 1.0 - math.exp(-gap_s / SMOOTHING_S)
     north_m, east_m = Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample))
-    state = replace(state, fix=sample, doubted=None, witnesses=0)
+    state = replace(state, fix=sample, suspect=None, witnesses=0)
     return _displace(state, gain * north_m, gain * east_m, state.t_s), True
 
 
@@ -92,4 +92,4 @@ def _distance_m(fix: PositionSample, other: PositionSample) -> float:
 def _displace(state: PositionState, north_m: float, east_m: float, t_s: float) -> PositionState:
     """Return the state with the place moved north and east."""
     place = Place(state.latitude_rad, state.longitude_rad).at_offset(north_m, east_m)
-    return PositionState(t_s, place.latitude_rad, place.longitude_rad, state.fix, state.doubted, state.witnesses)
+    return PositionState(t_s, place.latitude_rad, place.longitude_rad, state.fix, state.suspect, state.witnesses)

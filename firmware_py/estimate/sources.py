@@ -12,15 +12,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Final, NamedTuple
+from typing import Final
 
 from firmware_py.common.angles import clamp, radians, wrap_pi
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, Severity
 
 JUMP_RAD: Final = radians(25.0)
 JUMP_S: Final = 1.5
 PROBATION_S: Final = 10.0
-ESTRANGED_S: Final = 60.0
+CONTRADICTED_S: Final = 60.0
 SLEW_RAD_S: Final = radians(0.5)
 DISAGREEMENT_RAD: Final = radians(15.0)
 SMOOTHING_S: Final = 10.0
@@ -48,19 +49,25 @@ class TrueHeadingSample:
     source: int
 
 
-class Limits(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class SourceSettings:
     """After how long a silent compass is lost, and one that shows the same number has stopped measuring (0: never)."""
 
     timeout_s: float
     frozen_s: float
 
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> SourceSettings:
+        """Read the settings from the parameters."""
+        return cls(timeout_s=parameters["CMP_TIMEOUT_S"], frozen_s=parameters["CMP_FROZEN_S"])
+
 
 @dataclass(frozen=True, slots=True)
 class CompassState:
-    """What is known of one compass.
+    """What a compass has shown.
 
     `changed_s` is when its number last changed, `near_s` when it last lay within the gate around the
-    estimate, `sound_since_s` since when it has been sound; `apart_rad` is its smoothed difference
+    estimate, `sound_since_s` since when it has been sound; `difference_rad` is its smoothed difference
     from the estimate, `offset_rad` what is still added to it after a change of source.
     """
 
@@ -69,14 +76,14 @@ class CompassState:
     changed_s: float = 0.0
     near_s: float = 0.0
     sound_since_s: float | None = None
-    apart_rad: float = 0.0
+    difference_rad: float = 0.0
     offset_rad: float = 0.0
 
-    def frozen(self, now_s: float, limits: Limits) -> bool:
+    def frozen(self, now_s: float, settings: SourceSettings) -> bool:
         """Whether it speaks but has not changed for too long."""
-        if self.t_s is None or limits.frozen_s == 0.0 or now_s - self.t_s > limits.timeout_s:
+        if self.t_s is None or settings.frozen_s == 0.0 or now_s - self.t_s > settings.timeout_s:
             return False
-        return self.t_s - self.changed_s > limits.frozen_s
+        return self.t_s - self.changed_s > settings.frozen_s
 
     def jumping(self) -> bool:
         """Whether it shows headings that the boat cannot have come to."""
@@ -85,7 +92,7 @@ class CompassState:
 
 @dataclass(frozen=True, slots=True)
 class SourceState:
-    """The compasses, the source in use and when it was last heard."""
+    """The compasses and the source in use."""
 
     compasses: tuple[CompassState, CompassState] = (CompassState(), CompassState())
     in_use: Source = Source.NONE
@@ -94,28 +101,28 @@ class SourceState:
         """Whether two sound compasses differ by more than they should."""
         a, b = self.compasses
         both = a.sound_since_s is not None and b.sound_since_s is not None
-        return both and abs(wrap_pi(a.apart_rad - b.apart_rad)) > DISAGREEMENT_RAD
+        return both and abs(wrap_pi(a.difference_rad - b.difference_rad)) > DISAGREEMENT_RAD
 
 
-def estranged(state: SourceState, now_s: float, timeout_s: float) -> bool:
+def needs_restart(state: SourceState, now_s: float, timeout_s: float) -> bool:
     """Whether there is no source but a compass that speaks, varies, and has contradicted the estimate for a minute.
 
     An estimate that nothing has corrected for so long is worth less than it.
     """
     return state.in_use is Source.NONE and any(
-        one.t_s is not None
-        and now_s - one.t_s <= timeout_s
-        and one.t_s == one.changed_s
-        and one.t_s - one.near_s > ESTRANGED_S
-        for one in state.compasses
+        compass.t_s is not None
+        and now_s - compass.t_s <= timeout_s
+        and compass.t_s == compass.changed_s
+        and compass.t_s - compass.near_s > CONTRADICTED_S
+        for compass in state.compasses
     )
 
 
 def heard(state: CompassState, sample: TrueHeadingSample, expected_rad: float | None) -> CompassState:
-    """Take a sample in; expected_rad is the estimated heading with its wave yaw, None before there is one."""
+    """Take in a sample; expected_rad is the estimated heading with its wave yaw, None before there is one."""
     changed = state.raw_rad is None or sample.raw_rad != state.raw_rad
-    apart_rad = 0.0 if expected_rad is None else wrap_pi(sample.heading_rad - expected_rad)
-    near = abs(wrap_pi(apart_rad + state.offset_rad)) <= JUMP_RAD
+    difference_rad = 0.0 if expected_rad is None else wrap_pi(sample.heading_rad - expected_rad)
+    near = abs(wrap_pi(difference_rad + state.offset_rad)) <= JUMP_RAD
     step_s = clamp(sample.t_s - state.t_s, 0.0, SMOOTHING_S) if state.t_s is not None else SMOOTHING_S
     part = step_s / SMOOTHING_S
     return replace(
@@ -124,7 +131,7 @@ def heard(state: CompassState, sample: TrueHeadingSample, expected_rad: float | 
         raw_rad=sample.raw_rad,
         changed_s=sample.t_s if changed else state.changed_s,
         near_s=sample.t_s if near or state.t_s is None else state.near_s,
-        apart_rad=wrap_pi(state.apart_rad + part * wrap_pi(apart_rad - state.apart_rad)),
+        difference_rad=wrap_pi(state.difference_rad + part * wrap_pi(difference_rad - state.difference_rad)),
     )
 
 
@@ -136,43 +143,43 @@ def add_sample(state: SourceState, sample: TrueHeadingSample, expected_rad: floa
     return replace(state, compasses=(heard(a, sample, expected_rad), b))
 
 
-def _judged(state: CompassState, now_s: float, limits: Limits) -> CompassState:
-    speaks = state.t_s is not None and now_s - state.t_s <= limits.timeout_s
-    if not speaks or state.frozen(now_s, limits) or state.jumping():
+def _judge(state: CompassState, now_s: float, settings: SourceSettings) -> CompassState:
+    speaks = state.t_s is not None and now_s - state.t_s <= settings.timeout_s
+    if not speaks or state.frozen(now_s, settings) or state.jumping():
         return replace(state, sound_since_s=None)
     return state if state.sound_since_s is not None else replace(state, sound_since_s=now_s)
 
 
 def select(
-    state: SourceState, now_s: float, limits: Limits, *, course_ok: bool
+    state: SourceState, now_s: float, settings: SourceSettings, *, course_ok: bool
 ) -> tuple[SourceState, tuple[Event, ...]]:
-    """Judge the compasses and choose the source; a change is told."""
-    a, b = (_judged(one, now_s, limits) for one in state.compasses)
-    in_use = _first_sound(state.in_use, (a, b), now_s, course_ok=course_ok)
+    """Judge the compasses and choose the source; a change is an event."""
+    a, b = (_judge(compass, now_s, settings) for compass in state.compasses)
+    in_use = _first_sound_source(state.in_use, (a, b), now_s, course_ok=course_ok)
     if in_use is state.in_use:
         return SourceState((a, b), in_use), ()
     if in_use in (Source.COMPASS_A, Source.COMPASS_B) and state.in_use is not Source.NONE:
         # It starts where the estimate is, and is drawn to its own heading slowly.
         entering = (a, b)[in_use]
-        entering = replace(entering, offset_rad=wrap_pi(-entering.apart_rad), near_s=now_s)
+        entering = replace(entering, offset_rad=wrap_pi(-entering.difference_rad), near_s=now_s)
         a, b = (entering, b) if in_use is Source.COMPASS_A else (a, entering)
-    return SourceState((a, b), in_use), (_events(state.in_use, in_use),)
+    return SourceState((a, b), in_use), (_change_event(state.in_use, in_use),)
 
 
-def _first_sound(
+def _first_sound_source(
     before: Source, compasses: tuple[CompassState, CompassState], now_s: float, *, course_ok: bool
 ) -> Source:
     for source, compass in zip((Source.COMPASS_A, Source.COMPASS_B), compasses, strict=True):
         since_s = compass.sound_since_s
         if since_s is None:
             continue
-        # The one in use stays; before the first source nobody waits; another must prove itself unless it is needed.
+        # The source in use stays; before the first source nobody waits; another must prove itself unless it is needed.
         if source is before or before is Source.NONE or now_s - since_s >= PROBATION_S:
             return source
     return Source.COURSE if course_ok and before is not Source.NONE else Source.NONE
 
 
-def _events(before: Source, after: Source) -> Event:
+def _change_event(before: Source, after: Source) -> Event:
     if after is Source.NONE:
         return Event(Severity.ERROR, f"Heading lost: {NAMES[before]} fails")
     if before is Source.NONE:
@@ -181,7 +188,7 @@ def _events(before: Source, after: Source) -> Event:
     return Event(Severity.WARNING if worse else Severity.NOTICE, f"Heading from {NAMES[after]}, not {NAMES[before]}")
 
 
-def usable(state: SourceState, samples: Sequence[TrueHeadingSample]) -> list[tuple[float, float]]:
+def samples_in_use(state: SourceState, samples: Sequence[TrueHeadingSample]) -> list[tuple[float, float]]:
     """Return time and heading of the samples of the source in use, its offset added."""
     if state.in_use not in (Source.COMPASS_A, Source.COMPASS_B):
         return []
@@ -191,12 +198,12 @@ def usable(state: SourceState, samples: Sequence[TrueHeadingSample]) -> list[tup
 
 def decay_offsets(state: SourceState, step_s: float) -> SourceState:
     """Draw the offsets toward zero."""
-    if all(one.offset_rad == 0.0 for one in state.compasses):
+    if all(compass.offset_rad == 0.0 for compass in state.compasses):
         return state
-    a, b = (_decayed(one, SLEW_RAD_S * step_s) for one in state.compasses)
+    a, b = (_decay(compass, SLEW_RAD_S * step_s) for compass in state.compasses)
     return replace(state, compasses=(a, b))
 
 
-def _decayed(state: CompassState, reach_rad: float) -> CompassState:
+def _decay(state: CompassState, reach_rad: float) -> CompassState:
     rest_rad = max(abs(state.offset_rad) - reach_rad, 0.0)
     return replace(state, offset_rad=math.copysign(rest_rad, state.offset_rad) if rest_rad else 0.0)

@@ -6,9 +6,9 @@ is linear in (c_north, c_east, U) for a known heading, so a Kalman filter of thr
 takes it in, one average after the other: of ten seconds in a turn, of a minute on a steady
 heading. Waves swing the bow to and fro within one, and a receiver's noise averages out;
 and on a straight leg the heading is that of the leg, for what the compass errs by from one
-average to the next would be taken for turns that her track did not follow, and so for a
+average to the next would be taken for turns that the track did not follow, and so for a
 slower boat. On a steady heading only the sum
-of her speed and the current along it can be seen; every turn tells the two apart. What is
+of the speed and the current along it can be seen; every turn tells the two apart. What is
 not seen stays as uncertain as the standard deviations say: they grow from turn to turn, and
 no further than to what was known of the sea beforehand.
 """
@@ -25,7 +25,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import PositionSample, Water
 
 BLOCK_S = 10.0
-MOST_BLOCKS = 6  # that are joined while she goes straight
+MOST_BLOCKS = 6  # that are joined while the boat goes straight
 LEG_MEMORY = 60.0  # blocks: the heading of a straight leg is their mean
 STRAIGHT_COSINE = math.cos(math.radians(15.0))
 LONGEST_BLOCK_S = 60.0
@@ -73,18 +73,18 @@ class Average:
     east_m_s: float
     blocks: float = 1.0
 
-    def straight_on(self, other: Average) -> bool:
+    def has_heading_of(self, other: Average) -> bool:
         """Whether another average has the same heading, near enough."""
         dot = self.cosine * other.cosine + self.sine * other.sine
         return dot >= STRAIGHT_COSINE * math.hypot(self.cosine, self.sine) * math.hypot(other.cosine, other.sine)
 
-    def faded(self, part: float) -> Average:
+    def weighted(self, part: float) -> Average:
         """Return the average with less weight."""
         return Average(
             part * self.cosine, part * self.sine, part * self.north_m_s, part * self.east_m_s, part * self.blocks
         )
 
-    def joined(self, other: Average) -> Average:
+    def plus(self, other: Average) -> Average:
         """Return the average of both."""
         return Average(
             self.cosine + other.cosine,
@@ -104,7 +104,7 @@ class WaterState:
     covariance: Matrix = (CURRENT_SPREAD_M_S**2, 0.0, 0.0, CURRENT_SPREAD_M_S**2, 0.0, SPEED_SPREAD_M_S**2)
     noise: float = NOISE_START
     outliers: int = 0
-    strong_s: float = 0.0  # how long the current has been stronger (+) or weaker (-) than she is
+    strong_s: float = 0.0  # how long the current has been stronger (+) or weaker (-) than the boat
     too_strong: bool = False
     block: Block | None = None
     average: Average | None = None
@@ -112,7 +112,7 @@ class WaterState:
 
     @classmethod
     def at_start(cls, parameters: ParameterSet) -> WaterState:
-        """The state before anything is seen."""
+        """Return the state before the first fix."""
         return cls(mean=(0.0, 0.0, parameters["CRUISE_SPEED"]))
 
 
@@ -141,30 +141,30 @@ def update(state: WaterState, heading_rad: float | None, fixes: Sequence[Positio
         if not fixes:
             return state
         block = Block(now_s, first=fixes[-1], last=fixes[-1])
-    block = _gathered(block, heading_rad, fixes)
+    block = _add_tick(block, heading_rad, fixes)
     age_s = now_s - block.start_s
     if age_s < BLOCK_S or not (fixes or age_s > LONGEST_BLOCK_S):
         return replace(state, block=block)
-    velocity = _velocity(block)
+    velocity = _mean_velocity(block)
     if velocity is None:
         return replace(state, block=None if age_s > LONGEST_BLOCK_S else block)
     size = max(math.hypot(block.cosine, block.sine), 1e-9)
-    found = Average(block.cosine / size, block.sine / size, *velocity)
-    return _averaged(replace(state, block=Block(now_s, first=block.last, last=block.last)), found, now_s)
+    latest = Average(block.cosine / size, block.sine / size, *velocity)
+    return _add_block(replace(state, block=Block(now_s, first=block.last, last=block.last)), latest, now_s)
 
 
-def _averaged(state: WaterState, found: Average, now_s: float) -> WaterState:
-    """Join a block to the average under way while she goes straight on, and take a whole one in."""
+def _add_block(state: WaterState, latest: Average, now_s: float) -> WaterState:
+    """Join a block to the average under way while the boat goes straight on, and take a whole one in."""
     before = state.average
-    if before is not None and not before.straight_on(found):
-        state, before = _corrected(_predicted(state, now_s), before, now_s), None
-    average = found if before is None else before.joined(found)
+    if before is not None and not before.has_heading_of(latest):
+        state, before = _correct(_predict(state, now_s), before, now_s), None
+    average = latest if before is None else before.plus(latest)
     if average.blocks >= MOST_BLOCKS or state.t_s is None:
-        return _corrected(_predicted(replace(state, average=None), now_s), average, now_s)
+        return _correct(_predict(replace(state, average=None), now_s), average, now_s)
     return replace(state, average=average)
 
 
-def _gathered(block: Block, heading_rad: float, fixes: Sequence[PositionSample]) -> Block:
+def _add_tick(block: Block, heading_rad: float, fixes: Sequence[PositionSample]) -> Block:
     north, east, count, last = block.north_m_s, block.east_m_s, block.velocities, block.last
     for sample in fixes:
         last = sample
@@ -192,7 +192,7 @@ def _gathered(block: Block, heading_rad: float, fixes: Sequence[PositionSample])
     )
 
 
-def _velocity(block: Block) -> tuple[float, float] | None:
+def _mean_velocity(block: Block) -> tuple[float, float] | None:
     """Return the mean velocity over ground, north and east: the receiver's, or that of its positions."""
     if block.velocities >= LEAST_VELOCITIES:
         return block.north_m_s / block.velocities, block.east_m_s / block.velocities
@@ -209,8 +209,8 @@ def _velocity(block: Block) -> tuple[float, float] | None:
     return (north_m_s, east_m_s) if math.hypot(north_m_s, east_m_s) <= FASTEST_M_S else None
 
 
-def _predicted(state: WaterState, now_s: float) -> WaterState:
-    """Carry the estimate on: all wanders, and slowly returns to what was known beforehand."""
+def _predict(state: WaterState, now_s: float) -> WaterState:
+    """Carry the estimate on: all wanders, and slowly returns to its prior."""
     if state.t_s is None or now_s <= state.t_s:
         return replace(state, t_s=now_s)
     step_s = now_s - state.t_s
@@ -234,11 +234,11 @@ def _predicted(state: WaterState, now_s: float) -> WaterState:
     )
 
 
-def _corrected(state: WaterState, average: Average, now_s: float) -> WaterState:
+def _correct(state: WaterState, average: Average, now_s: float) -> WaterState:
     """Take an average in; outliers are left out unless there is nothing else."""
     leg = average
-    if state.leg is not None and state.leg.straight_on(average):
-        leg = state.leg.faded(max(0.0, 1.0 - average.blocks / LEG_MEMORY)).joined(average)
+    if state.leg is not None and state.leg.has_heading_of(average):
+        leg = state.leg.weighted(max(0.0, 1.0 - average.blocks / LEG_MEMORY)).plus(average)
     size = max(math.hypot(leg.cosine, leg.sine), 1e-9)
     cosine, sine = leg.cosine / size, leg.sine / size
     state = replace(state, leg=leg)
@@ -262,7 +262,7 @@ def _corrected(state: WaterState, average: Average, now_s: float) -> WaterState:
     if state.outliers >= MOST_OUTLIERS:
         # They bear each other out: the sea has changed.
         state = replace(state, outliers=0, covariance=WaterState().covariance)
-        return _corrected(state, average, now_s)
+        return _correct(state, average, now_s)
     k = [
         (north_part * i_nn + east_part * i_ne, north_part * i_ne + east_part * i_ee)
         for north_part, east_part in ((n_north, n_east), (e_north, e_east), (u_north, u_east))
@@ -280,13 +280,13 @@ def _corrected(state: WaterState, average: Average, now_s: float) -> WaterState:
         eu - k[1][0] * u_north - k[1][1] * u_east,
         uu - k[2][0] * u_north - k[2][1] * u_east,
     )
-    seen = 0.5 * (n * n + e * e) - 0.5 * (s_nn + s_ee) + state.noise
-    noise = clamp(state.noise + NOISE_LEARNING * (seen - state.noise), NOISE_LEAST, NOISE_MOST)
-    state = replace(state, mean=_bounded(mean, covariance), covariance=covariance, noise=noise, outliers=0)
-    return _judged(state, BLOCK_S * average.blocks)
+    measured = 0.5 * (n * n + e * e) - 0.5 * (s_nn + s_ee) + state.noise
+    noise = clamp(state.noise + NOISE_LEARNING * (measured - state.noise), NOISE_LEAST, NOISE_MOST)
+    state = replace(state, mean=_bound_speed(mean, covariance), covariance=covariance, noise=noise, outliers=0)
+    return _judge_strength(state, BLOCK_S * average.blocks)
 
 
-def _bounded(mean: Vector, covariance: Matrix) -> Vector:
+def _bound_speed(mean: Vector, covariance: Matrix) -> Vector:
     """Keep the speed within reason, and move the current along with it as their correlation says."""
     north, east, speed = mean
     bounded = clamp(speed, SLOWEST_M_S, SPEED_MAXIMUM_M_S)
@@ -297,8 +297,8 @@ def _bounded(mean: Vector, covariance: Matrix) -> Vector:
     return north + nu * moved, east + eu * moved, bounded
 
 
-def _judged(state: WaterState, step_s: float) -> WaterState:
-    """Judge, with patience both ways, whether the current is stronger than she is."""
+def _judge_strength(state: WaterState, step_s: float) -> WaterState:
+    """Judge, with patience both ways, whether the current is stronger than the boat."""
     north, east, speed = state.mean
     current = math.hypot(north, east)
     nn, ne, nu, ee, eu, uu = state.covariance

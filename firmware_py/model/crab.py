@@ -6,7 +6,7 @@ import math
 
 from firmware_py.common.angles import clamp, wrap_two_pi
 
-# She never steers further off a course than this, to make good headway against the rest of the current.
+# The boat never steers further off a course than this, so that it keeps making way against the rest of the current.
 LARGEST_CRAB = 0.95  # sine of the angle
 
 
@@ -14,7 +14,7 @@ def heading_for_course(course_rad: float, speed_m_s: float, north_m_s: float, ea
     """Return the heading that makes a course over ground good in a current that sets north and east.
 
     Where the current across the course is as fast as the boat no heading does; the one that is
-    returned then points mostly into the current, and all the more as she is swept along.
+    returned then points mostly into the current, and all the more as the boat is swept along.
     """
     across_m_s = east_m_s * math.cos(course_rad) - north_m_s * math.sin(course_rad)
     if speed_m_s <= 0.0:
@@ -23,7 +23,7 @@ def heading_for_course(course_rad: float, speed_m_s: float, north_m_s: float, ea
 
 
 def speed_made_good(course_rad: float, speed_m_s: float, north_m_s: float, east_m_s: float) -> float:
-    """Return the speed over ground that she can make on a course; 0 or less when she cannot make it good."""
+    """Return the speed over ground that the boat can make on a course; 0 or less when it cannot make it good."""
     along_m_s = north_m_s * math.cos(course_rad) + east_m_s * math.sin(course_rad)
     across_m_s = east_m_s * math.cos(course_rad) - north_m_s * math.sin(course_rad)
     spare = speed_m_s * speed_m_s - across_m_s * across_m_s

@@ -20,7 +20,7 @@ def unpacked(numbers):
     matrix = np.zeros((9, 9))
     for i in range(9):
         for j in range(i, 9):
-            matrix[i, j] = matrix[j, i] = numbers[kalman.place(i, j)]
+            matrix[i, j] = matrix[j, i] = numbers[kalman.covariance_index(i, j)]
     return matrix
 
 
@@ -35,20 +35,20 @@ def derivative(x, index, change, rudder_rad, step_s):
     for sign in (1.0, -1.0):
         moved = list(x)
         moved[index] += sign * change
-        turning = kalman.turned(tuple(moved), rudder_rad, step_s, MODEL)
-        ends.append((turning.heading_rad, turning.yaw_rate_rad_s))
+        turn = kalman.turn(tuple(moved), rudder_rad, step_s, MODEL)
+        ends.append((turn.heading_rad, turn.yaw_rate_rad_s))
     return [(high - low) / (2.0 * change) for high, low in zip(*ends, strict=True)]
 
 
 @pytest.mark.parametrize("step_s", [0.02, 0.1, 0.5])
 @pytest.mark.parametrize("rudder_rad", [-0.4, 0.0, 0.3])
 def test_the_derivatives_are_those_of_the_model(rudder_rad, step_s):
-    turning = kalman.turned(X, rudder_rad, step_s, MODEL)
+    turn = kalman.turn(X, rudder_rad, step_s, MODEL)
     by_heading = {
-        kalman.RATE: (turning.reach_s, turning.by_rate),
-        kalman.BIAS: (turning.share_s * turning.by_bias, turning.by_bias),
-        kalman.SPEED: (turning.share_s * turning.by_speed, turning.by_speed),
-        kalman.FACTOR: (turning.share_s * turning.by_factor, turning.by_factor),
+        kalman.RATE: (turn.reach_s, turn.by_rate),
+        kalman.BIAS: (turn.share_s * turn.by_bias, turn.by_bias),
+        kalman.SPEED: (turn.share_s * turn.by_speed, turn.by_speed),
+        kalman.FACTOR: (turn.share_s * turn.by_factor, turn.by_factor),
     }
     for index, (heading, rate) in by_heading.items():
         expected = derivative(X, index, 1e-6, rudder_rad, step_s)
@@ -62,8 +62,8 @@ def test_it_turns_as_the_equation_does():
     x, heading, rate = X, X[0], X[1]
     ratio = X[kalman.SPEED] / 0.4
     for _ in range(200):
-        turning = kalman.turned(x, 0.3, 0.05, MODEL)
-        x = (turning.heading_rad, turning.yaw_rate_rad_s, *x[2:])
+        turn = kalman.turn(x, 0.3, 0.05, MODEL)
+        x = (turn.heading_rad, turn.yaw_rate_rad_s, *x[2:])
         heading, rate = rk4_step(
             heading, rate, 0.3, 0.05, 0.049 * ratio * X[kalman.FACTOR], 4.0 / ratio, 17.0 / ratio**2, X[2]
         )
@@ -74,21 +74,21 @@ def test_it_turns_as_the_equation_does():
 @pytest.mark.parametrize("step_s", [0.03, 0.1, 1.0])
 def test_the_covariance_is_carried_as_matrices_carry_it(step_s):
     p = covariance()
-    turning = kalman.turned(X, 0.2, step_s, MODEL)
+    turn = kalman.turn(X, 0.2, step_s, MODEL)
     wave = kalman.wave_transition(1.1, step_s)
     f = np.eye(9)
-    f[0, 1], f[1, 1] = turning.reach_s, turning.by_rate
-    f[1, [2, 7, 8]] = turning.by_bias, turning.by_speed, turning.by_factor
-    f[0, [2, 7, 8]] = turning.share_s * f[1, [2, 7, 8]]
+    f[0, 1], f[1, 1] = turn.reach_s, turn.by_rate
+    f[1, [2, 7, 8]] = turn.by_bias, turn.by_speed, turn.by_factor
+    f[0, [2, 7, 8]] = turn.share_s * f[1, [2, 7, 8]]
     f[3:5, 3:5] = np.reshape(wave, (2, 2))
     noise = (0.1, 0.2, 0.3, 0.04, 0.5, 0.6, 0.7, 0.8)
     q = np.diag([0.0, 0.1, 0.2, 0.3, 0.5, 0.6, 0.6, 0.7, 0.8])
     q[3, 4] = q[4, 3] = 0.04
-    got = unpacked(kalman.predict(packed(p), turning, wave, noise))
+    got = unpacked(kalman.predict(packed(p), turn, wave, noise))
     np.testing.assert_allclose(got, f @ p @ f.T + q, rtol=1e-12, atol=1e-14)
 
 
-def test_a_measurement_is_absorbed_as_matrices_absorb_it():
+def test_a_measurement_is_corrected_for_as_matrices_do_it():
     p, rng = covariance(2), random.Random(4)
     for _ in range(20):
         h = np.array([rng.gauss(0.0, 1.0) for _ in range(9)])

@@ -6,14 +6,14 @@ import pytest
 from firmware_py.common.angles import radians, wrap_pi
 from firmware_py.estimate.sources import (
     PROBATION_S,
-    Limits,
     Source,
+    SourceSettings,
     SourceState,
     TrueHeadingSample,
     add_sample,
     decay_offsets,
+    samples_in_use,
     select,
-    usable,
 )
 
 TIMEOUT_S, FROZEN_S = 1.0, 30.0
@@ -23,7 +23,7 @@ class Watch:
     """Two compasses around an estimate, ten times a second."""
 
     def __init__(self, frozen_s=FROZEN_S):
-        self.limits = Limits(TIMEOUT_S, frozen_s)
+        self.settings = SourceSettings(TIMEOUT_S, frozen_s)
         self.state = SourceState()
         self.t_s = 0.0
         self.rng = random.Random(3)
@@ -42,9 +42,9 @@ class Watch:
                     samples.append(TrueHeadingSample(self.t_s, value, value, source))
             for sample in samples:
                 self.state = add_sample(self.state, sample, expected)
-            self.state, told = select(self.state, self.t_s, self.limits, course_ok=course_ok)
+            self.state, told = select(self.state, self.t_s, self.settings, course_ok=course_ok)
             self.told += [event.text for event in told]
-            self.used = usable(self.state, samples)
+            self.used = samples_in_use(self.state, samples)
         return self.state.in_use
 
 

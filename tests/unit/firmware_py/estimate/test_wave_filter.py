@@ -11,12 +11,12 @@ from firmware_py.common.angles import radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.estimate import kalman
 from firmware_py.estimate.wave_filter import (
-    FilterSettings,
-    FilterState,
+    WaveFilterSettings,
+    WaveFilterState,
+    correct_heading,
+    correct_velocity,
     predict_heading,
-    started,
-    take_heading,
-    take_velocity,
+    start,
     update,
 )
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
@@ -25,7 +25,7 @@ from hil.ship.drift import RudderDrift
 from hil.ship.noise import NormalNumbers
 from hil.ship.waves import WaveYaw
 
-SETTINGS = FilterSettings.of(ParameterSet())
+SETTINGS = WaveFilterSettings.of(ParameterSet())
 
 
 @dataclass
@@ -54,7 +54,7 @@ class Sea:
         )
         drift = RudderDrift(radians(self.drift_deg), 0.1, NormalNumbers(np.random.default_rng(self.seed + 2)))
         ship = OCEAN_RAMBLER.at_speed(self.speed_m_s)
-        state = state or FilterState()
+        state = state or WaveFilterState()
         heading = rate = 0.0
         noise = rng.standard_normal((round(seconds * 10), 3))
         for tick in range(round(seconds * 10)):
@@ -105,9 +105,9 @@ SEAS = {
 def test_it_finds_the_waves_and_is_honest(name):
     sea = SEAS[name]
     state = sea.sail(500.0)
-    assert 2.0 * math.pi / state.learned.omega_rad_s == pytest.approx(sea.period_s, rel=0.12)
-    assert math.degrees(state.learned.wave_spread_rad) == pytest.approx(sea.spread_deg, rel=0.35)
-    assert math.degrees(math.exp(0.5 * state.learned.log_noise)) == pytest.approx(0.3, abs=0.1)
+    assert 2.0 * math.pi / state.noise_model.omega_rad_s == pytest.approx(sea.period_s, rel=0.12)
+    assert math.degrees(state.noise_model.wave_spread_rad) == pytest.approx(sea.spread_deg, rel=0.35)
+    assert math.degrees(math.exp(0.5 * state.noise_model.log_noise)) == pytest.approx(0.3, abs=0.1)
     z = np.array(sea.normalised)
     # The 99 % band of a chi-square with so many degrees of freedom, divided by their number.
     band = 2.58 * math.sqrt(2.0 / z.size)
@@ -124,8 +124,8 @@ def test_it_finds_the_waves_and_is_honest(name):
 def test_a_receiver_that_shows_the_motion_of_the_waves_is_believed_less():
     still, swung = Sea(period_s=7.0), Sea(period_s=7.0, orbital_m_s=0.5)
     quiet, rough = still.sail(300.0), swung.sail(300.0)
-    assert math.exp(0.5 * quiet.learned.log_velocity_noise) < 0.06
-    assert math.exp(0.5 * rough.learned.log_velocity_noise) > 0.2
+    assert math.exp(0.5 * quiet.noise_model.log_velocity_noise) < 0.06
+    assert math.exp(0.5 * rough.noise_model.log_velocity_noise) > 0.2
     assert rms_deg(swung.errors) < 8.0
     assert rms_deg(still.errors) < rms_deg(swung.errors)
 
@@ -146,11 +146,11 @@ def test_it_is_honest_about_real_headings(name):
     path = DATA / "nmea" / name
     if not path.exists():
         pytest.skip("the recordings of tests/data are not here")
-    # Yachts of which only the order of magnitude is known: some 2 to 3 m/s, turning as such yachts do.
+    # Yachts of which only the order of magnitude is known: some 2 to 3 m/s, turn as such yachts do.
     parameters = ParameterSet()
     for parameter, value in (("MDL_K", 0.3), ("MDL_T_S", 1.5), ("MDL_SPEED", 2.2), ("MDL_ALPHA_S2", 0.0)):
         parameters = parameters.replaced(parameter, value)
-    settings, state = FilterSettings.of(parameters), FilterState()
+    settings, state = WaveFilterSettings.of(parameters), WaveFilterState()
     rudder_rad, count, normalised = 0.0, 0, []
     for result in decode("nmea", path.read_bytes()):
         if result.get("rudder_deg") is not None:
@@ -163,7 +163,7 @@ def test_it_is_honest_about_real_headings(name):
         if count > 600:
             normalised.append(state.innovation_rad / state.innovation_sd_rad)
     assert count > 1400
-    assert state.refused == 0
+    assert state.refusals == 0
     z = np.array(normalised)
     # The 95 % band of a chi-square with so many degrees of freedom, divided by their number, once the first minute has
     # told the sea. The rest of these compasses: they smooth and round, and one of them jumps by a degree twice.
@@ -172,54 +172,54 @@ def test_it_is_honest_about_real_headings(name):
 
 
 def test_late_and_missing_samples_do_it_no_harm():
-    state = started(SETTINGS, 0.0, 1.0)
+    state = start(SETTINGS, 0.0, 1.0)
     for tick in range(1, 300):
         if tick % 7:
             t_s = 0.1 * tick
-            state = take_heading(SETTINGS, state, t_s, 1.0)
+            state = correct_heading(SETTINGS, state, t_s, 1.0)
     before = state
     # One that was overtaken by later ones still tells a little; one too old tells nothing.
-    assert take_heading(SETTINGS, state, state.t_s - 0.25, 1.0).t_s == state.t_s
-    assert take_heading(SETTINGS, state, state.t_s - 5.0, 3.0) is before
-    later = take_heading(SETTINGS, state, state.t_s + 30.0, 1.0)
+    assert correct_heading(SETTINGS, state, state.t_s - 0.25, 1.0).t_s == state.t_s
+    assert correct_heading(SETTINGS, state, state.t_s - 5.0, 3.0) is before
+    later = correct_heading(SETTINGS, state, state.t_s + 30.0, 1.0)
     assert later.t_s == pytest.approx(state.t_s + 30.0)
     assert wrap_pi(later.x[0] - 1.0) == pytest.approx(0.0, abs=0.2)
-    anew = take_heading(SETTINGS, state, state.t_s + 700.0, 2.0)
+    anew = correct_heading(SETTINGS, state, state.t_s + 700.0, 2.0)
     assert anew.x[0] == pytest.approx(2.0)
-    assert anew.learned == state.learned
+    assert anew.noise_model == state.noise_model
 
 
 def test_a_jump_is_refused_and_counted():
-    state = started(SETTINGS, 0.0, 1.0)
+    state = start(SETTINGS, 0.0, 1.0)
     for tick in range(1, 300):
-        state = take_heading(SETTINGS, state, 0.1 * tick, 1.0)
+        state = correct_heading(SETTINGS, state, 0.1 * tick, 1.0)
     for tick in range(300, 310):
-        state = take_heading(SETTINGS, state, 0.1 * tick, 1.0 + math.pi)
-    assert state.refused == 10
+        state = correct_heading(SETTINGS, state, 0.1 * tick, 1.0 + math.pi)
+    assert state.refusals == 10
     assert wrap_pi(predict_heading(SETTINGS, state, 31.0)[0] - 1.0) == pytest.approx(0.0, abs=0.1)
-    assert take_heading(SETTINGS, state, 31.0, 1.0).refused == 0
+    assert correct_heading(SETTINGS, state, 31.0, 1.0).refusals == 0
 
 
 @pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf, 1e300])
 def test_what_is_no_number_changes_nothing(odd):
-    state = started(SETTINGS, 0.0, 1.0)
+    state = start(SETTINGS, 0.0, 1.0)
     if not abs(odd) < math.inf:
-        assert take_heading(SETTINGS, state, 0.1, odd) is state
-        assert take_heading(SETTINGS, state, odd, 1.0) is state
-        assert take_velocity(SETTINGS, state, 0.1, 0.5, odd) is state
-    assert take_velocity(SETTINGS, state, 0.1, odd, 0.5) is state
-    assert take_velocity(SETTINGS, state, odd, 0.5, 0.5) is state
-    assert take_velocity(SETTINGS, FilterState(), 0.1, 0.5, 0.5) == FilterState()
+        assert correct_heading(SETTINGS, state, 0.1, odd) is state
+        assert correct_heading(SETTINGS, state, odd, 1.0) is state
+        assert correct_velocity(SETTINGS, state, 0.1, 0.5, odd) is state
+    assert correct_velocity(SETTINGS, state, 0.1, odd, 0.5) is state
+    assert correct_velocity(SETTINGS, state, odd, 0.5, 0.5) is state
+    assert correct_velocity(SETTINGS, WaveFilterState(), 0.1, 0.5, 0.5) == WaveFilterState()
 
 
 def test_a_long_calm_leaves_the_covariance_sound():
-    state = started(SETTINGS, 0.0, 1.0)
+    state = start(SETTINGS, 0.0, 1.0)
     for tick in range(1, 4000):
-        state = take_heading(SETTINGS, state, 0.1 * tick + (100.0 if tick > 2000 else 0.0), 1.0)
+        state = correct_heading(SETTINGS, state, 0.1 * tick + (100.0 if tick > 2000 else 0.0), 1.0)
     matrix = np.zeros((9, 9))
     for i in range(9):
         for j in range(i, 9):
-            matrix[i, j] = matrix[j, i] = state.p[kalman.place(i, j)]
+            matrix[i, j] = matrix[j, i] = state.p[kalman.covariance_index(i, j)]
     scale = np.sqrt(np.diag(matrix))
     assert np.linalg.eigvalsh(matrix / np.outer(scale, scale)).min() > -1e-9
     assert math.isfinite(sum(state.x))
