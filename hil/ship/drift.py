@@ -1,4 +1,4 @@
-"""The slow wandering of the rudder angle at which she runs straight (first-order Gauss-Markov)."""
+"""The slow wandering of the rudder angle at which the boat runs straight (first-order Gauss-Markov)."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ class Hull:
         return north_m_s + more_north_m_s, east_m_s + more_east_m_s
 
     def position_in_waves_m(self, offset_s: float) -> tuple[float, float]:
-        """Return the position north and east of the start as the waves move her to and fro."""
+        """Return the position north and east of the start as the waves move the boat to and fro."""
         (north_m, east_m), (more_north_m, more_east_m) = self.position_m(offset_s), self._orbit.position_m(offset_s)
         return north_m + more_north_m, east_m + more_east_m
 

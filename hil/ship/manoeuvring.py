@@ -48,7 +48,7 @@ class Manoeuvre:
         current_m_s: tuple[float, float] = (0.0, 0.0),
         start: Motion | None = None,
     ) -> None:
-        """Take the model at the speed she makes; the current is its velocity north and east."""
+        """Take the model at the speed that the boat makes; the current is a velocity north and east."""
         self.motion = Motion() if start is None else start
         self._model = model
         speed_m_s = model.speed_m_s

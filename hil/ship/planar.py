@@ -10,7 +10,7 @@ from hil.ship.tide import Tide
 class PlanarMotion:
     """Position north and east [m] of the start, from speed, heading and current.
 
-    The sway velocity is taken as zero: what the rudder's turn pushes her sideways is left
+    The sway velocity is taken as zero: what the rudder's turn pushes the boat sideways is left
     out here, so tracks are the paper's equations with v = 0.
     """
 

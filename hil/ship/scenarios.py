@@ -14,7 +14,7 @@ class Scenario:
     """One sea; in degrees, because rows are read by people and printed in reports.
 
     `speed_m_s` is the ship's speed through the water, `bias_deg` the rudder angle at which
-    she runs straight, `drift_deg` the spread of its wandering (Gauss-Markov, 100 s).
+    the boat runs straight, `drift_deg` the spread of its wandering (Gauss-Markov, 100 s).
     `current_toward_deg` is where the current sets, at the start when there is a tide: `tide_s` is
     its period (0: none) and `tide_rotary` how it turns (hil/ship/tide.py). `gust_deg` is the
     strength of gusts, as a rudder angle (hil/ship/gusts.py), `orbital_m_s` how fast the waves carry

@@ -40,7 +40,7 @@ class Seas(NamedTuple):
     """The ships and their disturbances, a row for each case.
 
     ships: K, T, alpha and how many Runge-Kutta steps a tick takes. compass_rad: what waves and noise
-    add to the compass at each tick. offset_rad: the rudder angle at which she runs straight, at each tick.
+    add to the compass at each tick. offset_rad: the rudder angle at which the boat runs straight, at each tick.
     """
 
     ships: Floats
@@ -80,15 +80,15 @@ def closed_loop(
     inner_steps = int(ship[3])
     inner_s = step_s / inner_steps
     reach_rad = pilot.servo_slew_rad_s * inner_s
-    psi = r = angle = told = 0.0
+    psi = r = angle = counted_rad = 0.0
     state = np.zeros(PILOT_STATES)
     pilot_begins(state, setting, pilot, compass_reading(compass_rad[0]), step_s)
     for tick in range(heading_rad.size):
         heading_rad[tick], rudder_rad[tick] = psi, angle
         goal_rad = task.goals_rad[tick // task.leg_ticks]
         measured_rad = compass_reading(psi + compass_rad[tick])
-        command = pilot_steers(state, setting, pilot, tick, goal_rad, measured_rad, told, step_s)
-        told = counted(angle)
+        command = pilot_steers(state, setting, pilot, tick, goal_rad, measured_rad, counted_rad, step_s)
+        counted_rad = counted(angle)
         target = counted(command)
         for _ in range(inner_steps):
             after = angle + clamp(target - angle, -reach_rad, reach_rad)

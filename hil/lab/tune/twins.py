@@ -5,7 +5,7 @@
     firmware_py/control/rudder_limit.py    limited_command
     firmware_py/common/angles.py                  clamp, wrap_pi, wrap_two_pi (numba has no math.fmod)
 
-The bench may not import the first three; tests/unit/hil/lab/tune/test_loop_kernel.py holds each twin
+The harness may not import the first three; tests/unit/hil/lab/tune/test_loop_kernel.py holds each twin
 against its original, bit for bit. What the twins leave out is what a trial run never has:
 samples that are late, missing or not numbers.
 
@@ -168,14 +168,14 @@ def pilot_steers(
     tick: int,
     goal_rad: float,
     measured_rad: float,
-    told_rad: float,
+    rudder_rad: float,
     step_s: float,
 ) -> float:
     """Return the rudder command of a tick, from what compass and servo say; the first sample is known already."""
     heading_rad, yaw_rate_rad_s = state[HEADING_RAD], state[YAW_RATE_RAD_S]
     if tick > 0:
         heading_rad, yaw_rate_rad_s = observer_predict(
-            heading_rad, yaw_rate_rad_s, told_rad, step_s, state[DECAY], pilot.turning_ability_1_s, pilot.turning_lag_s
+            heading_rad, yaw_rate_rad_s, rudder_rad, step_s, state[DECAY], pilot.turning_ability_1_s, pilot.turning_lag_s
         )
         heading_rad, yaw_rate_rad_s = observer_correct(
             heading_rad, yaw_rate_rad_s, measured_rad, step_s, state[THETA], pilot.rate_limit_rad_s
