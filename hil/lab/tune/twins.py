@@ -175,7 +175,13 @@ def pilot_steers(
     heading_rad, yaw_rate_rad_s = state[HEADING_RAD], state[YAW_RATE_RAD_S]
     if tick > 0:
         heading_rad, yaw_rate_rad_s = observer_predict(
-            heading_rad, yaw_rate_rad_s, rudder_rad, step_s, state[DECAY], pilot.turning_ability_1_s, pilot.turning_lag_s
+            heading_rad,
+            yaw_rate_rad_s,
+            rudder_rad,
+            step_s,
+            state[DECAY],
+            pilot.turning_ability_1_s,
+            pilot.turning_lag_s,
         )
         heading_rad, yaw_rate_rad_s = observer_correct(
             heading_rad, yaw_rate_rad_s, measured_rad, step_s, state[THETA], pilot.rate_limit_rad_s
