@@ -274,7 +274,7 @@ def _serve_until_deadline(boat: LoopParts, metronome: Metronome, crowded: bool) 
 def make_safe(boat: LoopParts) -> None:
     """Bring the rudder amidships and wait, within bounds, until it is there."""
     clock = boat.clock
-    linkage = settings_of(boat.pilot.state.parameters).linkage
+    linkage = settings_of(boat.pilot.state.parameters).rudder.linkage
     command = RudderCommand(linkage.to_shaft(0.0), torque_on=True)
     end_s = clock.now_s() + SAFE_TIMEOUT_S
     while (now_s := clock.now_s()) < end_s:

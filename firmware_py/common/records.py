@@ -201,6 +201,27 @@ class RudderCommand:
 
 
 @dataclass(frozen=True, slots=True)
+class RudderStatus:
+    """What a tick knows of the rudder, in the rudder's own frame; made once, before anything looks at the rudder.
+
+    `command_rad` is what the servo was last told. `angle_rad` is the angle measured last, or the one
+    commanded while the servo gives none (`measured` tells). `is_new`: the servo has answered since the
+    last tick; `feedback_s` is when it last did, None before it has. `torque_on`, `current_a` and
+    `power_w` are those of that answer, None where it does not say.
+    """
+
+    t_s: float
+    command_rad: float
+    angle_rad: float
+    measured: bool = False
+    is_new: bool = False
+    feedback_s: float | None = None
+    torque_on: bool | None = None
+    current_a: float | None = None
+    power_w: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Event:
     """A message to the operator."""
 

@@ -19,7 +19,7 @@ from firmware_py.common.intents import (
 )
 from firmware_py.common.parameters import TABLE, ParameterError, index_of
 from firmware_py.common.records import Home, Mode
-from firmware_py.core.state import State, situation_of
+from firmware_py.core.state import State, situation_at
 from firmware_py.guidance import mission
 from firmware_py.guidance.mission_step import steps_of
 from firmware_py.modes import ACCEPTED, decide
@@ -32,7 +32,7 @@ def accept(state: State, request: Request) -> tuple[State, Answer]:
     judge = _JUDGES.get(type(intent))
     if judge is not None:
         return judge(state, intent, request.t_s)
-    modes, answer = decide(state.modes, intent, situation_of(state, request.t_s), request.t_s)
+    modes, answer = decide(state.modes, intent, situation_at(state, request.t_s), request.t_s)
     return (state if modes is state.modes else replace(state, modes=modes)), answer
 
 
@@ -45,20 +45,20 @@ def _set_parameter(state: State, intent: SetParameter, _t_s: float) -> tuple[Sta
         return state, Answer(Verdict.DENIED, str(error))
     if intent.name == "FENCE_ENABLE":
         # The parameter has the last word from now on.
-        state = replace(state, nav=replace(state.nav, fence_enabled=None))
+        state = replace(state, guidance=replace(state.guidance, fence_enabled=None))
     return replace(state, parameters=parameters), ACCEPTED
 
 
 def _replace_plan(state: State, intent: ReplacePlan, _t_s: float) -> tuple[State, Answer]:
-    if fault := problem_of(intent.plan):
-        return state, Answer(Verdict.DENIED, str(fault))
+    if problem := problem_of(intent.plan):
+        return state, Answer(Verdict.DENIED, str(problem))
     return replace(state, plans=state.plans.replaced(intent.plan)), ACCEPTED
 
 
 def _set_home(state: State, intent: SetHome, t_s: float) -> tuple[State, Answer]:
     latitude_rad, longitude_rad = intent.latitude_rad, intent.longitude_rad
     if latitude_rad is None or longitude_rad is None:
-        fix = state.position if situation_of(state, t_s).position_ok else None
+        fix = state.position.fix if situation_at(state, t_s).position_ok else None
         if fix is None or fix.latitude_rad is None or fix.longitude_rad is None:
             return state, Answer(Verdict.TEMPORARILY_REJECTED, "Home not set: no position")
         home = Home(fix.latitude_rad, fix.longitude_rad, fix.altitude_m or 0.0)
@@ -75,23 +75,23 @@ def _set_mission_item(state: State, intent: SetMissionItem, _t_s: float) -> tupl
         return state, Answer(Verdict.TEMPORARILY_REJECTED, "There is no mission")
     if not 0 <= intent.index < count:
         return state, Answer(Verdict.DENIED, f"The mission has items 0 to {count - 1}, not {intent.index}")
-    progress = mission.for_plan(state.nav.mission, state.plans.mission.identity)
+    progress = mission.for_plan(state.guidance.mission, state.plans.mission.identity)
     progress = mission.at_item(progress, intent.index, restart=intent.restart)
-    return replace(state, nav=replace(state.nav, mission=progress)), ACCEPTED
+    return replace(state, guidance=replace(state.guidance, mission=progress)), ACCEPTED
 
 
 def _pause_mission(state: State, intent: PauseMission, _t_s: float) -> tuple[State, Answer]:
     if state.modes.mode is not Mode.AUTO:
         return state, Answer(Verdict.TEMPORARILY_REJECTED, f"No mission is under way in {state.modes.mode.name}")
-    progress = mission.for_plan(state.nav.mission, state.plans.mission.identity)
+    progress = mission.for_plan(state.guidance.mission, state.plans.mission.identity)
     progress = mission.paused(progress, steps_of(state.plans.mission), halted=intent.paused)
-    return replace(state, nav=replace(state.nav, mission=progress)), ACCEPTED
+    return replace(state, guidance=replace(state.guidance, mission=progress)), ACCEPTED
 
 
 def _enable_fence(state: State, intent: EnableFence, _t_s: float) -> tuple[State, Answer]:
     if intent.enabled and not state.plans.fence.items:
         return state, Answer(Verdict.TEMPORARILY_REJECTED, "There is no fence")
-    return replace(state, nav=replace(state.nav, fence_enabled=intent.enabled)), ACCEPTED
+    return replace(state, guidance=replace(state.guidance, fence_enabled=intent.enabled)), ACCEPTED
 
 
 # What is judged on the whole state; the rest is a matter of modes.

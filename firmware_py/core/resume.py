@@ -52,7 +52,7 @@ _CODEC = Codec([Resume], changes=CHANGES)
 
 def resume_of(state: State, utc_s: float) -> Resume:
     """Return what is to be kept of a state."""
-    nav, line = state.nav, state.nav.follow.line
+    nav, line = state.guidance, state.guidance.follow.line
     return Resume(
         math.floor(utc_s / REFRESH_S) * REFRESH_S,
         replace(state.modes, stick=None, stick_t_s=0.0, bench=None, bench_until_s=0.0),
@@ -63,7 +63,7 @@ def resume_of(state: State, utc_s: float) -> Resume:
         OrbitState(None, _rounded(nav.follow.orbit.turned_rad, TURNED_RAD)),
         nav.fence_enabled,
         state.home,
-        tuple(_rounded(value, CURRENT_M_S) for value in state.current.mean),  # type: ignore[arg-type]
+        tuple(_rounded(value, CURRENT_M_S) for value in state.water.mean),  # type: ignore[arg-type]
     )
 
 
@@ -123,9 +123,9 @@ def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ..
     state = replace(
         state,
         modes=replace(resume.modes, armed=armed),
-        nav=nav,
+        guidance=nav,
         home=resume.home,
-        current=state.current if resume.water is None else replace(state.current, mean=resume.water),
+        water=state.water if resume.water is None else replace(state.water, mean=resume.water),
         greeting=greeting + (", not whole" if notes else ""),
     )
     return state, notes

@@ -1,4 +1,7 @@
-"""What the autopilot remembers from tick to tick, and what its parameters mean to its parts."""
+"""What the autopilot remembers from tick to tick, and what its parameters mean to its parts.
+
+Each part owns one record of `State` and one of `Settings`, of the same name, and nobody else writes it.
+"""
 
 from __future__ import annotations
 
@@ -7,35 +10,39 @@ from dataclasses import dataclass
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
-from firmware_py.common.records import DeviceHealth, Home, PositionSample, RudderFeedback
-from firmware_py.control import heading_controller
+from firmware_py.common.records import Home
+from firmware_py.control.heading_controller import HeadingControllerSettings
 from firmware_py.control.reference_model import Reference
-from firmware_py.control.rudder_limit import Linkage, RudderLimits
-from firmware_py.estimate import heading_estimator, position, water
-from firmware_py.estimate import observer as heading
+from firmware_py.core.device_reports import DeviceReports
+from firmware_py.core.freshness import Age, Freshness, FreshnessSettings, age_of
+from firmware_py.core.rudder import RudderSettings, RudderState
+from firmware_py.core.tick_timing import TickTiming
+from firmware_py.estimate import water
+from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, HeadingEstimatorState
+from firmware_py.estimate.position import PositionSettings, PositionState
+from firmware_py.estimate.water import WaterState
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.page import arming_obstacle
 from firmware_py.guidance import guidance
+from firmware_py.guidance.guidance import GuidanceSettings, GuidanceState
 from firmware_py.modes import ModeState, Situation
-from firmware_py.safety import supervisor
+from firmware_py.safety.energy_meter import EnergyMeterState
+from firmware_py.safety.supervisor import SupervisorSettings, SupervisorState
+from firmware_py.safety.torque_release import TorqueReleaseSettings, TorqueReleaseState
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
     """The parameters in the units and groups that the parts compute with."""
 
-    helm: heading_controller.HeadingControllerSettings
-    lookout: heading_estimator.HeadingEstimatorSettings
-    limits: RudderLimits
-    linkage: Linkage
-    observer: heading.ObserverSettings
-    pilotage: guidance.GuidanceSettings
-    watch: supervisor.SupervisorSettings
-    position_timeout_s: float
-    position_jump_s: float
-    rudder_timeout_s: float
-    hold_s: float
-    release_disarmed: bool
+    heading_estimator: HeadingEstimatorSettings
+    position: PositionSettings
+    freshness: FreshnessSettings
+    supervisor: SupervisorSettings
+    guidance: GuidanceSettings
+    controller: HeadingControllerSettings
+    rudder: RudderSettings
+    torque_release: TorqueReleaseSettings
     fence_enabled: bool
 
 
@@ -43,83 +50,90 @@ class Settings:
 def settings_of(parameters: ParameterSet) -> Settings:
     """Convert the parameters, once for each set of values."""
     return Settings(
-        heading_controller.HeadingControllerSettings.of(parameters),
-        heading_estimator.HeadingEstimatorSettings.of(parameters),
-        RudderLimits.of(parameters),
-        Linkage.of(parameters),
-        heading.ObserverSettings.of(parameters),
-        guidance.GuidanceSettings.of(parameters),
-        supervisor.SupervisorSettings.of(parameters),
-        parameters["POS_TIMEOUT_S"],
-        parameters["POS_JUMP_S"],
-        parameters["RUD_TIMEOUT_S"],
-        parameters["CTL_HOLD_S"],
-        bool(parameters["RUD_DISARMED"]),
-        bool(parameters["FENCE_ENABLE"]),
+        heading_estimator=HeadingEstimatorSettings.of(parameters),
+        position=PositionSettings.of(parameters),
+        freshness=FreshnessSettings.of(parameters),
+        supervisor=SupervisorSettings.of(parameters),
+        guidance=GuidanceSettings.of(parameters),
+        controller=HeadingControllerSettings.of(parameters),
+        rudder=RudderSettings.of(parameters),
+        torque_release=TorqueReleaseSettings.of(parameters),
+        fence_enabled=bool(parameters["FENCE_ENABLE"]),
     )
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """All that the autopilot remembers from tick to tick."""
+    """All that the autopilot remembers from tick to tick.
+
+    `home` is set by requests, the first fix and the mission; `greeting` is what the first tick
+    says beside the mode.
+    """
 
     parameters: ParameterSet = ParameterSet()  # noqa: RUF009 - immutable
-    modes: ModeState = ModeState()  # noqa: RUF009 - frozen
-    started_s: float | None = None
-    t_s: float = 0.0
-    heading: heading.HeadingState = heading.HeadingState()  # noqa: RUF009 - frozen
-    lookout: heading_estimator.HeadingEstimatorState = heading_estimator.HeadingEstimatorState()  # noqa: RUF009 - frozen
-    reference: Reference | None = None
-    current: water.WaterState = water.WaterState()  # noqa: RUF009 - frozen
-    place: position.PositionState = position.PositionState()  # noqa: RUF009 - frozen
-    nav: guidance.GuidanceState = guidance.GuidanceState()  # noqa: RUF009 - frozen
-    monitor: LatchState = LatchState()  # noqa: RUF009 - frozen
-    watch: supervisor.SupervisorState = supervisor.SupervisorState()  # noqa: RUF009 - frozen
-    position: PositionSample | None = None
-    servo: RudderFeedback | None = None
-    storage: DeviceHealth | None = None
-    rudder_command_rad: float = 0.0
     plans: Plans = Plans()  # noqa: RUF009 - frozen
+    modes: ModeState = ModeState()  # noqa: RUF009 - frozen
     home: Home | None = None
-    skipped_total: int = 0
-    skipped_t_s: float | None = None
-    greeting: str = ""  # what the first tick tells beside the mode
+    greeting: str = ""
+    timing: TickTiming = TickTiming()  # noqa: RUF009 - frozen
+    devices: DeviceReports = DeviceReports()  # noqa: RUF009 - frozen
+    rudder: RudderState = RudderState()  # noqa: RUF009 - frozen
+    heading_estimator: HeadingEstimatorState = HeadingEstimatorState()  # noqa: RUF009 - frozen
+    position: PositionState = PositionState()  # noqa: RUF009 - frozen
+    water: WaterState = WaterState()  # noqa: RUF009 - frozen
+    fault_latch: LatchState = LatchState()  # noqa: RUF009 - frozen
+    supervisor: SupervisorState = SupervisorState()  # noqa: RUF009 - frozen
+    guidance: GuidanceState = GuidanceState()  # noqa: RUF009 - frozen
+    reference: Reference | None = None
+    torque_release: TorqueReleaseState = TorqueReleaseState()  # noqa: RUF009 - frozen
+    energy_meter: EnergyMeterState = EnergyMeterState()  # noqa: RUF009 - frozen
 
     @classmethod
     def at_start(cls, parameters: ParameterSet, plans: Plans | None = None) -> State:
-        """The state before the first tick."""
+        """Return the state before the first tick."""
         return cls(
-            parameters,
-            ModeState.at_start(parameters),
-            current=water.WaterState.at_start(parameters),
+            parameters=parameters,
             plans=plans or Plans(),
+            modes=ModeState.at_start(parameters),
+            water=WaterState.at_start(parameters),
         )
 
 
-def fresh(t_s: float | None, now_s: float, timeout_s: float) -> bool:
-    """Whether something of t_s is there and not too old."""
-    return t_s is not None and now_s - t_s <= timeout_s
+def freshness_of(settings: Settings, state: State, now_s: float) -> Freshness:
+    """Judge how old heading, position and the servo's feedback are at now_s."""
+    limits, started_s = settings.freshness, state.timing.started_s
+    fix = state.position.fix
+    return Freshness(
+        heading=age_of(state.heading_estimator.heading.sample_t_s, started_s, now_s, limits.heading_timeout_s),
+        position=age_of(None if fix is None else fix.t_s, started_s, now_s, limits.position_timeout_s),
+        rudder=age_of(state.rudder.feedback_s, started_s, now_s, limits.rudder_timeout_s),
+    )
 
 
-def situation_of(state: State, now_s: float) -> Situation:
-    """What a decision at now_s may depend on."""
-    settings = settings_of(state.parameters)
-    valid = state.heading.fresh(now_s, settings.observer.timeout_s)
-    margin_m = guidance.fence_margin_m(state.nav, state.plans, enabled=fence_enabled(settings, state))
+def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situation:
+    """Return what a decision may depend on."""
+    heading = state.heading_estimator.heading
+    margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
     return Situation(
-        state.heading.heading_rad if valid else None,
-        water.report(state.current),
-        state.position is not None and fresh(state.position.t_s, now_s, settings.position_timeout_s),
+        heading_rad=heading.heading_rad if freshness.heading is Age.FRESH else None,
+        water=water.report(state.water),
+        position_ok=freshness.position is Age.FRESH,
         # A released servo of some makes gives no angle, but it answers.
-        state.servo is not None and fresh(state.servo.t_s, now_s, settings.rudder_timeout_s),
+        rudder_ok=freshness.rudder is Age.FRESH,
         mission_ok=bool(state.plans.mission.items),
         home_ok=state.home is not None or bool(state.plans.rally.items),
         fence_breached=margin_m is not None and margin_m < 0.0,
-        fault=arming_obstacle(state.monitor.active),
+        fault=arming_obstacle(state.fault_latch.active),
     )
+
+
+def situation_at(state: State, now_s: float) -> Situation:
+    """Return what a decision between two ticks may depend on."""
+    settings = settings_of(state.parameters)
+    return situation_of(settings, state, freshness_of(settings, state, now_s))
 
 
 def fence_enabled(settings: Settings, state: State) -> bool:
     """Whether the fence is heeded: as was asked last, else as the parameter says."""
-    enabled = state.nav.fence_enabled
+    enabled = state.guidance.fence_enabled
     return settings.fence_enabled if enabled is None else enabled

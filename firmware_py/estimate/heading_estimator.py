@@ -52,8 +52,9 @@ class HeadingEstimatorSettings:
 
 @dataclass(frozen=True, slots=True)
 class HeadingEstimatorState:
-    """The wave filter, the heading sources and the declination of the place."""
+    """Heading and yaw rate of the tick, the wave filter, the heading sources and the declination of the place."""
 
+    heading: HeadingState = HeadingState()  # noqa: RUF009 - frozen
     wave_filter: WaveFilterState = WaveFilterState()  # noqa: RUF009 - frozen
     sources: SourceState = SourceState()  # noqa: RUF009 - frozen
     declination: Declination = Declination()  # noqa: RUF009 - frozen
@@ -62,13 +63,13 @@ class HeadingEstimatorState:
 def update(
     settings: HeadingEstimatorSettings,
     state: HeadingEstimatorState,
-    before: HeadingState,
     headings: Sequence[HeadingSample],
     positions: Sequence[PositionSample],
     rudder_rad: float,
     now_s: float,
-) -> tuple[HeadingEstimatorState, HeadingState, tuple[Event, ...]]:
-    """Take a tick's samples in; return what is remembered, the heading that is steered by, and the events."""
+) -> tuple[HeadingEstimatorState, tuple[Event, ...]]:
+    """Take a tick's samples in; return the state, with the heading that is steered by, and the events."""
+    before = state.heading
     observer_settings = settings.observer
     if settings.declination_by_model:
         state = _with_declination(state, positions)
@@ -77,7 +78,7 @@ def update(
     if settings.observer_only:
         of_first = [sample for sample in headings if sample.source == Source.COMPASS_A]
         heading = observer.update(observer_settings, before, of_first, rudder_rad, now_s)
-        return replace(state, wave_filter=WaveFilterState(), sources=SourceState()), heading, ()
+        return HeadingEstimatorState(heading, declination=state.declination), ()
     true_headings = [
         TrueHeadingSample(
             sample.t_s, observer.true_heading_rad(observer_settings, sample), sample.heading_rad, sample.source
@@ -87,20 +88,19 @@ def update(
     ]
     restart_events: tuple[Event, ...] = ()
     if sources.needs_restart(state.sources, now_s, settings.observer.timeout_s):
-        state = HeadingEstimatorState(declination=state.declination)
+        state = HeadingEstimatorState(before, declination=state.declination)
         restart_events = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
     source_state, source_events = _select_source(settings, state, true_headings, before, now_s)
     samples = sources.samples_in_use(source_state, true_headings)
     waves = wave_filter.update(settings.wave_filter, state.wave_filter, samples, velocities(positions), rudder_rad)
-    state = HeadingEstimatorState(waves, source_state, state.declination)
     if not waves.x:
-        return state, before, restart_events + source_events
+        return HeadingEstimatorState(before, waves, source_state, state.declination), restart_events + source_events
     heading_rad, yaw_rate_rad_s = wave_filter.predict_heading(settings.wave_filter, waves, now_s)
     # Fixes come rarely; whether they still come has been judged by their own timeout.
     sample_t_s = now_s if source_state.in_use is Source.COURSE else waves.sample_t_s
     newest = headings[-1] if headings else before
     heading = HeadingState(now_s, heading_rad, yaw_rate_rad_s, sample_t_s, newest.roll_rad, newest.pitch_rad)
-    return state, heading, restart_events + source_events
+    return HeadingEstimatorState(heading, waves, source_state, state.declination), restart_events + source_events
 
 
 def _with_declination(state: HeadingEstimatorState, positions: Sequence[PositionSample]) -> HeadingEstimatorState:
@@ -151,9 +151,9 @@ def velocities(positions: Sequence[PositionSample]) -> list[wave_filter.Velocity
     return stated
 
 
-def report(state: HeadingEstimatorState, heading: HeadingState) -> Estimate | None:
+def report(state: HeadingEstimatorState) -> Estimate | None:
     """Return what the filter estimates, for the log and the link; None without a filter."""
-    waves = state.wave_filter
+    heading, waves = state.heading, state.wave_filter
     if not waves.x:
         return None
     x, model = waves.x, waves.noise_model

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, replace
 
 from firmware_py.common.geodesy import Place
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample
 
 FASTEST_M_S = 4.0  # over the ground, current and gusts of speed included
@@ -17,6 +18,18 @@ SPREAD_M = 50.0  # what a sound receiver may be off at worst
 SMOOTHING_S = 10.0
 LONGEST_GAP_S = 60.0  # after which the estimate begins anew
 LEAST_WITNESSES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class PositionSettings:
+    """How long a jump must last before it is believed."""
+
+    jump_s: float
+
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> PositionSettings:
+        """Read the settings from the parameters."""
+        return cls(jump_s=parameters["POS_JUMP_S"])
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
 """Which fault decides the mode, and which mode: pure, and the only judge of failsafes.
 
-A fault whose action is a mode acts once, when it is set, and only while she is armed and not
+A fault whose action is a mode acts once, when it is set, and only while the boat is armed and not
 in MANUAL or HOLD. The gravest of those that act decides. It takes the best mode of its ladder
-that is possible, and a better one once it becomes possible. Any order of the operator after
+that is possible, and a better one once it becomes possible. Any intent of the operator after
 that wins: none of the faults that stand acts again before it has gone and come back.
 """
 
@@ -20,9 +20,9 @@ LEFT_ALONE = (Mode.MANUAL, Mode.HOLD)
 
 @dataclass(frozen=True, slots=True)
 class FailsafeState:
-    """The faults known to stand, those that call for a mode (as bits), the one that decides and the mode it took."""
+    """The faults of the last tick and those that call for a mode, as bits; the one that decides, and its mode."""
 
-    known: int = 0
+    active: int = 0
     calling: int = 0
     fault: Fault | None = None
     mode: Mode | None = None
@@ -30,12 +30,12 @@ class FailsafeState:
 
 @dataclass(frozen=True, slots=True)
 class FailsafeInput:
-    """What a decision depends on; `ordered`: the operator has given an order in this tick."""
+    """What a decision depends on; `overruled`: the operator has decided in this tick."""
 
     active: int
     mode: Mode
     armed: bool
-    ordered: bool
+    overruled: bool
     actions: Mapping[Fault, Action]  # those that parameters choose
     possible: Callable[[Mode], bool]
     resume: bool
@@ -43,7 +43,7 @@ class FailsafeInput:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The mode to enter, or that what was interrupted goes on; and what to tell."""
+    """The mode to enter, or that what was interrupted goes on; and the events."""
 
     enter: Mode | None = None
     resume: bool = False
@@ -53,42 +53,42 @@ class Decision:
 NOTHING = Decision()
 
 
-def decide(state: FailsafeState, scene: FailsafeInput) -> tuple[FailsafeState, Decision]:
+def decide(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, Decision]:
     """Judge a tick."""
-    if not scene.active and not state.known:
+    if not given.active and not state.active:
         return state, NOTHING
-    overruled = scene.ordered or not scene.armed or (state.mode is not None and scene.mode is not state.mode)
+    overruled = given.overruled or not given.armed or (state.mode is not None and given.mode is not state.mode)
     if overruled:
-        state = FailsafeState(known=state.known)
-    calling = state.calling & scene.active
-    if scene.armed and scene.mode not in LEFT_ALONE:
-        calling |= _modal(scene) & scene.active & ~state.known
-    state = replace(state, known=scene.active, calling=calling)
+        state = FailsafeState(active=state.active)
+    calling = state.calling & given.active
+    if given.armed and given.mode not in LEFT_ALONE:
+        calling |= _modal(given) & given.active & ~state.active
+    state = replace(state, active=given.active, calling=calling)
     if not calling:
-        return _ended(state, scene)
+        return _ended(state, given)
     row = min((row for row in TABLE if calling >> row.fault & 1), key=lambda row: (row.severity, row.fault))
-    ladder = LADDERS[scene.actions[row.fault]]
-    mode = next((mode for mode in ladder if mode is Mode.HOLD or scene.possible(mode)), Mode.HOLD)
+    ladder = LADDERS[given.actions[row.fault]]
+    mode = next((mode for mode in ladder if mode is Mode.HOLD or given.possible(mode)), Mode.HOLD)
     if state.fault is row.fault and state.mode in ladder and ladder.index(mode) >= ladder.index(state.mode):
         return state, NOTHING
     state = replace(state, fault=row.fault, mode=mode)
-    if mode is scene.mode:
+    if mode is given.mode:
         return state, NOTHING
     lacking = "" if mode is ladder[0] else f", {ladder[0].name} is impossible"
     event = Event(row.severity, f"Failsafe: {mode.name}{lacking}")
     return state, Decision(enter=mode, events=(event,))
 
 
-def _ended(state: FailsafeState, scene: FailsafeInput) -> tuple[FailsafeState, Decision]:
+def _ended(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, Decision]:
     """Go on with what was interrupted, or stay, once nothing calls for a mode any more."""
     if state.fault is None:
         return state, NOTHING
-    state = FailsafeState(known=state.known)
-    if scene.resume:
+    state = FailsafeState(active=state.active)
+    if given.resume:
         return state, Decision(resume=True)
-    return state, Decision(events=(Event(Severity.NOTICE, f"Failsafe over: {scene.mode.name} stays"),))
+    return state, Decision(events=(Event(Severity.NOTICE, f"Failsafe over: {given.mode.name} stays"),))
 
 
-def _modal(scene: FailsafeInput) -> int:
+def _modal(given: FailsafeInput) -> int:
     """Return the faults whose chosen action is a mode, as bits."""
-    return sum(1 << fault for fault, action in scene.actions.items() if action in LADDERS)
+    return sum(1 << fault for fault, action in given.actions.items() if action in LADDERS)

@@ -1,8 +1,8 @@
 """Whether the rudder goes where it is sent, and when to stop pulling at it.
 
 Judged by motion toward the command and not by a model of the servo: a slow one is not at
-fault, one that stands still is jammed, one that moves elsewhere is astray. A rudder that is
-jammed or draws too much is eased: the command follows the measured angle, so that nothing
+fault, one that stands still is jammed, one that moves elsewhere deviates. A rudder that is
+jammed or draws too much is relieved: the command follows the measured angle, so that nothing
 pulls, and it is tried again now and then for a moment shorter than a stall that hurts.
 """
 
@@ -13,111 +13,117 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_py.common.angles import radians
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import RudderStatus
 
-AWAY_RAD: Final = radians(3.0)  # nearer than this to the command it is where it shall be
+AT_COMMAND_RAD: Final = radians(3.0)  # nearer than this to the command it is where it shall be
 MOVED_RAD: Final = radians(0.5)  # six counts of a coarse encoder
 FREE_RAD: Final = radians(1.0)
-PATIENCE_S: Final = 1.5
+RESPONSE_S: Final = 1.5
 OVERLOAD_S: Final = 2.0
-REST_S: Final = 10.0
+RELIEF_S: Final = 10.0
 TRIAL_S: Final = 1.2
 WIGGLE_RAD: Final = radians(6.0)
 
 
 @dataclass(frozen=True, slots=True)
-class RudderSight:
-    """What is seen of the rudder in a tick; the angle is None when the servo has not told a new one."""
+class RudderMonitorSettings:
+    """The servo current that may flow, 0 for any."""
 
-    t_s: float
-    sent_rad: float  # what the servo was last told
-    measured_rad: float | None
-    current_a: float | None
-    engaged: bool  # the motor shall pull, and is not known to be without torque
+    current_limit_a: float
+
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> RudderMonitorSettings:
+        """Read the settings from the parameters."""
+        return cls(current_limit_a=parameters["RUD_AMP_MAX"])
 
 
 @dataclass(frozen=True, slots=True)
 class RudderMonitorState:
     """The angle and time of the last progress toward the command and of the last motion, and what follows.
 
-    `side` is to which side the command lies. `stuck_rad` is where it jammed, `high_s` since
-    when the current is too high, `overloaded` whether that has lasted; `eased_s` is when it
-    was last eased, None while it is not.
+    `side` is to which side the command lies. `jammed_rad` is where it jammed, `high_current_s`
+    since when the current is too high, `overloaded` whether that has lasted; `relieved_s` is when
+    it was last relieved, None while it is not.
     """
 
-    anchor_rad: float | None = None
-    anchor_s: float = 0.0
-    still_rad: float | None = None
-    still_s: float = 0.0
+    progress_rad: float | None = None
+    progress_s: float = 0.0
+    motion_rad: float | None = None
+    motion_s: float = 0.0
     side: int = 0
     measured_rad: float | None = None
-    astray: bool = False
-    stuck_rad: float | None = None
-    high_s: float | None = None
+    deviating: bool = False
+    jammed_rad: float | None = None
+    high_current_s: float | None = None
     overloaded: bool = False
-    eased_s: float | None = None
+    relieved_s: float | None = None
 
     @property
     def jammed(self) -> bool:
         """Whether it stood still when it should have moved, and has not moved since."""
-        return self.stuck_rad is not None
+        return self.jammed_rad is not None
 
-    def trying(self, now_s: float) -> bool:
-        """Whether an eased rudder is being tried at now_s."""
-        return self.eased_s is not None and now_s - self.eased_s >= REST_S
+    def trial(self, now_s: float) -> bool:
+        """Whether a relieved rudder is being tried at now_s."""
+        return self.relieved_s is not None and now_s - self.relieved_s >= RELIEF_S
 
 
-def update(state: RudderMonitorState, sight: RudderSight, most_a: float) -> RudderMonitorState:
-    """Take a tick in; most_a is the current that may flow, 0 for any."""
-    state = _current_judged(state, sight, most_a)
-    if sight.measured_rad is not None and math.isfinite(sight.measured_rad):
-        state = _motion_judged(state, sight, sight.measured_rad)
+def update(
+    settings: RudderMonitorSettings, state: RudderMonitorState, rudder: RudderStatus, *, engaged: bool
+) -> RudderMonitorState:
+    """Judge a tick; `engaged`: the motor shall pull, and is not known to be without torque."""
+    state = _judge_current(state, rudder, settings.current_limit_a)
+    if rudder.is_new and rudder.measured:
+        state = _judge_motion(state, rudder, engaged=engaged)
     if not (state.jammed or state.overloaded):
-        return state if state.eased_s is None else replace(state, eased_s=None)
-    if state.eased_s is None:
-        return replace(state, eased_s=sight.t_s)
-    if sight.t_s - state.eased_s < REST_S + TRIAL_S:
+        return state if state.relieved_s is None else replace(state, relieved_s=None)
+    if state.relieved_s is None:
+        return replace(state, relieved_s=rudder.t_s)
+    if rudder.t_s - state.relieved_s < RELIEF_S + TRIAL_S:
         return state
     # The trial is over: what did not pull too hard in it is sound again.
-    if state.high_s is None:
+    if state.high_current_s is None:
         state = replace(state, overloaded=False)
-    return replace(state, eased_s=sight.t_s if state.jammed or state.overloaded else None)
+    return replace(state, relieved_s=rudder.t_s if state.jammed or state.overloaded else None)
 
 
-def _current_judged(state: RudderMonitorState, sight: RudderSight, most_a: float) -> RudderMonitorState:
-    if sight.current_a is None or not abs(sight.current_a) > most_a > 0.0:
-        return state if state.high_s is None else replace(state, high_s=None)
-    since_s = sight.t_s if state.high_s is None else state.high_s
-    return replace(state, high_s=since_s, overloaded=state.overloaded or sight.t_s - since_s >= OVERLOAD_S)
+def _judge_current(state: RudderMonitorState, rudder: RudderStatus, limit_a: float) -> RudderMonitorState:
+    if not rudder.is_new or rudder.current_a is None or not abs(rudder.current_a) > limit_a > 0.0:
+        return state if state.high_current_s is None else replace(state, high_current_s=None)
+    since_s = rudder.t_s if state.high_current_s is None else state.high_current_s
+    overloaded = state.overloaded or rudder.t_s - since_s >= OVERLOAD_S
+    return replace(state, high_current_s=since_s, overloaded=overloaded)
 
 
-def _motion_judged(state: RudderMonitorState, sight: RudderSight, measured_rad: float) -> RudderMonitorState:
-    stuck_rad = state.stuck_rad
-    if stuck_rad is not None and abs(measured_rad - stuck_rad) > FREE_RAD:
-        stuck_rad = None
-    away_rad = sight.sent_rad - measured_rad
-    side = 0 if abs(away_rad) <= AWAY_RAD or not sight.engaged else (1 if away_rad > 0.0 else -1)
-    still_rad, still_s = state.still_rad, state.still_s
-    if still_rad is None or side != state.side or abs(measured_rad - still_rad) >= MOVED_RAD:
-        still_rad, still_s = measured_rad, sight.t_s
-    state = replace(state, still_rad=still_rad, still_s=still_s, measured_rad=measured_rad)
-    anchor_rad = state.anchor_rad
-    moved_rad = 0.0 if anchor_rad is None else measured_rad - anchor_rad
-    if anchor_rad is None or side == 0 or side != state.side or side * moved_rad >= MOVED_RAD:
-        return replace(state, anchor_rad=measured_rad, anchor_s=sight.t_s, side=side, astray=False, stuck_rad=stuck_rad)
-    overdue = sight.t_s - state.anchor_s >= PATIENCE_S
-    still = sight.t_s - still_s >= PATIENCE_S
-    if overdue and still and stuck_rad is None:
-        stuck_rad = measured_rad
-    return replace(state, astray=overdue and not still, stuck_rad=stuck_rad)
+def _judge_motion(state: RudderMonitorState, rudder: RudderStatus, *, engaged: bool) -> RudderMonitorState:
+    t_s, angle_rad, jammed_rad = rudder.t_s, rudder.angle_rad, state.jammed_rad
+    if jammed_rad is not None and abs(angle_rad - jammed_rad) > FREE_RAD:
+        jammed_rad = None
+    away_rad = rudder.command_rad - angle_rad
+    side = 0 if abs(away_rad) <= AT_COMMAND_RAD or not engaged else (1 if away_rad > 0.0 else -1)
+    motion_rad, motion_s = state.motion_rad, state.motion_s
+    if motion_rad is None or side != state.side or abs(angle_rad - motion_rad) >= MOVED_RAD:
+        motion_rad, motion_s = angle_rad, t_s
+    state = replace(state, motion_rad=motion_rad, motion_s=motion_s, measured_rad=angle_rad)
+    progress_rad = state.progress_rad
+    moved_rad = 0.0 if progress_rad is None else angle_rad - progress_rad
+    if progress_rad is None or side == 0 or side != state.side or side * moved_rad >= MOVED_RAD:
+        return replace(state, progress_rad=angle_rad, progress_s=t_s, side=side, deviating=False, jammed_rad=jammed_rad)
+    overdue = t_s - state.progress_s >= RESPONSE_S
+    still = t_s - motion_s >= RESPONSE_S
+    if overdue and still and jammed_rad is None:
+        jammed_rad = angle_rad
+    return replace(state, deviating=overdue and not still, jammed_rad=jammed_rad)
 
 
 def release_command(state: RudderMonitorState, command_rad: float, now_s: float) -> float:
-    """Return the command that does not pull while the rudder is eased; a trial goes where she wants it, or wiggles."""
-    held_rad = state.measured_rad
-    if state.eased_s is None or held_rad is None:
+    """Return the command that does not pull while the rudder is relieved; a trial goes to the command, or wiggles."""
+    measured_rad = state.measured_rad
+    if state.relieved_s is None or measured_rad is None:
         return command_rad
-    if not state.trying(now_s):
-        return held_rad
-    if abs(command_rad - held_rad) > AWAY_RAD:
+    if not state.trial(now_s):
+        return measured_rad
+    if abs(command_rad - measured_rad) > AT_COMMAND_RAD:
         return command_rad
-    return held_rad - math.copysign(WIGGLE_RAD, held_rad)
+    return measured_rad - math.copysign(WIGGLE_RAD, measured_rad)

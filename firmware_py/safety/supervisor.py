@@ -1,138 +1,83 @@
-"""The watch of a tick: rudder, energy, devices and failsafes; only puts together what its parts judge."""
+"""The supervisor of a tick: rudder, steering, failsafes, and the rudder without a heading."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
-from firmware_py.common.angles import clamp, radians, wrap_pi
+from firmware_py.common.angles import radians
 from firmware_py.common.intents import Arm, Intent, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import DeviceHealth, DeviceRole, Event, Inputs, Mode, RudderFeedback, Severity
+from firmware_py.common.records import Event, Mode, RudderStatus, Severity
 from firmware_py.faults.page import TABLE, Action, Fault
-from firmware_py.model.kt import KtModel
 from firmware_py.modes import ModeState, Situation, enter, obstacle_to
-from firmware_py.safety import energy_meter, rudder_monitor, steering_monitor, torque_release
-from firmware_py.safety.energy_meter import EnergyMeterState
+from firmware_py.safety import rudder_monitor, steering_monitor
 from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
-from firmware_py.safety.rudder_monitor import RudderMonitorState, RudderSight
-from firmware_py.safety.steering_monitor import SteeringMonitorState
-from firmware_py.safety.torque_release import ServoSight, TorqueReleaseState
+from firmware_py.safety.rudder_monitor import RudderMonitorSettings, RudderMonitorState
+from firmware_py.safety.steering_monitor import SteeringMonitorSettings, SteeringMonitorState
 
 HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind can ask for
 HARD_OVER_S: Final = 30.0
-BLOCK_S: Final = 2.0
-ENOUGH_BLOCKS: Final = 30
-# An order after which a failsafe that has acted is over.
-ORDERS: Final[tuple[type[Intent], ...]] = (Arm, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition)
+# An intent after which a failsafe that has acted is over.
+OVERRULING: Final[tuple[type[Intent], ...]] = (
+    Arm,
+    PauseMission,
+    SetMissionItem,
+    SetMode,
+    SteerHeading,
+    SteerPosition,
+)
 
 
 @dataclass(frozen=True, slots=True)
 class SupervisorSettings:
-    """What the watch is set to."""
+    """What each fault does to the mode, whether what was interrupted goes on after it, and when a fault stands."""
 
+    rudder_monitor: RudderMonitorSettings
+    steering_monitor: SteeringMonitorSettings
     actions: Mapping[Fault, Action]
     resume: bool
-    most_a: float
     hot_c: float
     low_v: float
-    rest_s: float
     station_s: float
-    model: KtModel
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> SupervisorSettings:
         """Read the settings from the parameters."""
         return cls(
-            {row.fault: Action(int(parameters[row.parameter])) for row in TABLE if row.parameter},
-            bool(parameters["FS_RESUME"]),
-            parameters["RUD_AMP_MAX"],
-            parameters["RUD_TEMP_MAX"],
-            parameters["BAT_LOW_VOLT"],
-            parameters["RUD_REST_S"],
-            parameters["FS_GCS_S"],
-            KtModel.of(parameters),
+            rudder_monitor=RudderMonitorSettings.of(parameters),
+            steering_monitor=SteeringMonitorSettings.of(parameters),
+            actions={row.fault: Action(int(parameters[row.parameter])) for row in TABLE if row.parameter},
+            resume=bool(parameters["FS_RESUME"]),
+            hot_c=parameters["RUD_TEMP_MAX"],
+            low_v=parameters["BAT_LOW_VOLT"],
+            station_s=parameters["FS_GCS_S"],
         )
 
 
 @dataclass(frozen=True, slots=True)
 class SupervisorState:
-    """What the watch remembers.
+    """What the supervisor remembers.
 
-    `heard_s`: when each compass last spoke. `restarted_s`: when the servo was last seen to
-    have come up anew. `bent_s`: since when the rudder is far over without a heading;
-    `straightened`: that has been ended. `block`: time and heading at the beginning of the
-    block over which her turn is measured, `turn_square` the mean square of such turns,
-    `blocks` how many there were. `interrupted`: what a failsafe broke off.
+    `interrupted`: what a failsafe broke off. `hard_over_s`: since when the rudder is far over
+    without a heading; `kept_amidships`: that has been ended.
     """
 
-    rudder: RudderMonitorState = RudderMonitorState()  # noqa: RUF009 - frozen
-    energy: EnergyMeterState = EnergyMeterState()  # noqa: RUF009 - frozen
-    rest: TorqueReleaseState = TorqueReleaseState()  # noqa: RUF009 - frozen
-    authority: SteeringMonitorState = SteeringMonitorState()  # noqa: RUF009 - frozen
+    rudder_monitor: RudderMonitorState = RudderMonitorState()  # noqa: RUF009 - frozen
+    steering_monitor: SteeringMonitorState = SteeringMonitorState()  # noqa: RUF009 - frozen
     failsafe: FailsafeState = FailsafeState()  # noqa: RUF009 - frozen
     interrupted: ModeState | None = None
-    heard_s: tuple[float | None, float | None] = (None, None)
-    restarts: int = 0
-    restarted_s: float | None = None
-    clock: DeviceHealth | None = None
-    link: DeviceHealth | None = None
-    block: tuple[float, float] | None = None
-    turn_square: float = 0.0
-    blocks: int = 0
-    bent_s: float | None = None
-    straightened: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class RudderNow:
-    """The rudder in a tick: what was sent last, the angle known and the one newly measured, and the servo's word."""
-
-    sent_rad: float
-    angle_rad: float
-    measured_rad: float | None
-    torque_wanted: bool
-    servo: RudderFeedback | None
+    hard_over_s: float | None = None
+    kept_amidships: bool = False
 
 
 def update(
-    settings: SupervisorSettings, state: SupervisorState, inputs: Inputs, seen: RudderNow, step_s: float
+    settings: SupervisorSettings, state: SupervisorState, rudder: RudderStatus, *, engaged: bool
 ) -> SupervisorState:
-    """Take the inputs of a tick in."""
-    now_s, servo = inputs.tick.t_s, seen.servo
-    a_s, b_s = state.heard_s
-    for sample in inputs.headings:
-        if sample.source == 0:
-            a_s = sample.t_s
-        else:
-            b_s = sample.t_s
-    clock, link = state.clock, state.link
-    for device in inputs.devices:
-        clock = device if device.role is DeviceRole.CLOCK else clock
-        link = device if device.role is DeviceRole.LINK else link
-    restarts = state.restarts if servo is None else servo.restarts
-    engaged = seen.torque_wanted and state.rest.resting_s is None and (servo is None or servo.torque_on is not False)
-    current_a = servo.current_a if servo is not None and inputs.rudder else None
-    sight = RudderSight(now_s, seen.sent_rad, seen.measured_rad, current_a, engaged)
-    return replace(
-        state,
-        rudder=rudder_monitor.update(state.rudder, sight, settings.most_a),
-        energy=energy_meter.update(state.energy, seen.angle_rad, _power(inputs.rudder), step_s),
-        heard_s=(a_s, b_s),
-        restarts=restarts,
-        restarted_s=now_s if restarts > state.restarts else state.restarted_s,
-        clock=clock,
-        link=link,
-    )
-
-
-def _power(feedback: tuple[RudderFeedback, ...]) -> tuple[float, float] | None:
-    if not feedback or feedback[-1].voltage_v is None or feedback[-1].current_a is None:
-        return None
-    power_w = feedback[-1].voltage_v * abs(feedback[-1].current_a)
-    return (feedback[-1].t_s, power_w) if math.isfinite(power_w) else None
+    """Judge a tick's rudder; `engaged`: its motor shall pull, and is not known to be without torque."""
+    monitor = rudder_monitor.update(settings.rudder_monitor, state.rudder_monitor, rudder, engaged=engaged)
+    return state if monitor is state.rudder_monitor else replace(state, rudder_monitor=monitor)
 
 
 def update_steering(
@@ -140,39 +85,22 @@ def update_steering(
     state: SupervisorState,
     rudder_rad: float,
     heading_rad: float | None,
-    speed_m_s: float,
+    speed_m_s: float | None,
     error_rad: float | None,
     now_s: float,
 ) -> SupervisorState:
-    """Watch whether she answers the rudder; nothing is learned without a heading.
-
-    The turn is that of the heading over a block: the estimated yaw rate expects a turn of the
-    rudder, and the heading is drawn back to what the compass says.
-    """
-    if heading_rad is None or state.block is None:
-        return replace(state, block=None if heading_rad is None else (now_s, heading_rad))
-    begun_s, before_rad = state.block
-    step_s = now_s - begun_s
-    if step_s < BLOCK_S:
-        return state
-    yaw_rate_rad_s = wrap_pi(heading_rad - before_rad) / step_s
-    ability_1_s, lag_s, _ = settings.model.scaled(clamp(speed_m_s / settings.model.speed_m_s, 0.1, 10.0))
-    seen = steering_monitor.update(state.authority, rudder_rad, yaw_rate_rad_s, ability_1_s, lag_s, step_s, error_rad)
-    part = max(1.0 / (state.blocks + 1.0), step_s / steering_monitor.MEMORY_S)
-    square = state.turn_square + part * (yaw_rate_rad_s * yaw_rate_rad_s - state.turn_square)
-    return replace(
-        state,
-        authority=seen,
-        block=(now_s, heading_rad),
-        turn_square=square,
-        blocks=min(state.blocks + 1, ENOUGH_BLOCKS),
+    """Judge whether the boat answers the rudder; without an estimate of the speed it is the model's."""
+    steering = settings.steering_monitor
+    monitor = steering_monitor.update(
+        steering,
+        state.steering_monitor,
+        rudder_rad,
+        heading_rad,
+        steering.model.speed_m_s if speed_m_s is None else speed_m_s,
+        error_rad,
+        now_s,
     )
-
-
-def steering_lost(state: SupervisorState) -> bool:
-    """Whether she does not answer the rudder, once the sea lets that be told: to a sixth of the turn."""
-    evidence = state.authority.expected_square >= 36.0 * BLOCK_S * state.turn_square
-    return state.authority.lost and evidence and state.blocks >= ENOUGH_BLOCKS
+    return state if monitor is state.steering_monitor else replace(state, steering_monitor=monitor)
 
 
 def apply_failsafe(
@@ -182,20 +110,20 @@ def apply_failsafe(
     active: int,
     situation: Situation,
     *,
-    ordered: bool,
+    overruled: bool,
 ) -> tuple[SupervisorState, ModeState, tuple[Event, ...]]:
     """Let the failsafes decide about the mode."""
-    scene = FailsafeInput(
+    failsafe_input = FailsafeInput(
         active,
         modes.mode,
         modes.armed,
-        ordered,
+        overruled,
         settings.actions,
         lambda mode: not obstacle_to(mode, situation),
         settings.resume,
     )
     acting = state.failsafe.fault is not None
-    failsafe, decision = decide(state.failsafe, scene)
+    failsafe, decision = decide(state.failsafe, failsafe_input)
     if failsafe is state.failsafe and decision.enter is None and not decision.resume:
         return state, modes, ()
     interrupted = state.interrupted if failsafe.fault is not None else None
@@ -223,30 +151,16 @@ def _resumed(modes: ModeState, before: ModeState, situation: Situation) -> tuple
 def limit_without_heading(
     state: SupervisorState, demand_rad: float, command_rad: float, modes: ModeState, now_s: float, *, heading_ok: bool
 ) -> tuple[SupervisorState, float]:
-    """Never let the rudder stay far over without a heading: after a while she goes amidships until one is back."""
+    """Never let the rudder stay far over without a heading: after a while it goes amidships until one is back."""
     if heading_ok or modes.mode is Mode.MANUAL or not modes.armed:
-        if state.bent_s is None and not state.straightened:
+        if state.hard_over_s is None and not state.kept_amidships:
             return state, demand_rad
-        return replace(state, bent_s=None, straightened=False), demand_rad
-    if state.straightened:
+        return replace(state, hard_over_s=None, kept_amidships=False), demand_rad
+    if state.kept_amidships:
         return state, 0.0
     if abs(command_rad) <= HARD_OVER_RAD:
-        return (state if state.bent_s is None else replace(state, bent_s=None)), demand_rad
-    since_s = now_s if state.bent_s is None else state.bent_s
+        return (state if state.hard_over_s is None else replace(state, hard_over_s=None)), demand_rad
+    since_s = now_s if state.hard_over_s is None else state.hard_over_s
     if now_s - since_s >= HARD_OVER_S:
-        return replace(state, bent_s=None, straightened=True), 0.0
-    return replace(state, bent_s=since_s), demand_rad
-
-
-def torque_enable(
-    settings: SupervisorSettings, state: SupervisorState, command_rad: float, seen: RudderNow, now_s: float
-) -> tuple[SupervisorState, bool]:
-    """Return whether the servo may rest now."""
-    if settings.rest_s <= 0.0 and state.rest.resting_s is None:
-        return state, True
-    servo = seen.servo
-    sight = ServoSight(seen.angle_rad, None, None)
-    if servo is not None and servo.shaft_rad is not None:
-        sight = ServoSight(seen.angle_rad, servo.current_a, servo.torque_on)
-    rested = torque_release.update(state.rest, command_rad, sight, now_s, settings.rest_s)
-    return replace(state, rest=rested), rested.resting_s is None
+        return replace(state, hard_over_s=None, kept_amidships=True), 0.0
+    return replace(state, hard_over_s=since_s), demand_rad

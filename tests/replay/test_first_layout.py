@@ -84,8 +84,8 @@ def test_a_boat_of_an_earlier_version_wakes_as_she_was(tmp_path):
     store.close()
     assert (values, unusable) == ({"STAT_BOOTCNT": 1.0}, {})
     assert (state.modes.mode, state.modes.armed) == (Mode.AUTO, True)
-    assert (state.nav.mission.index, state.nav.mission.begun) == (1, True)
-    assert state.nav.mission.identity == plans.of(PlanKind.MISSION).identity == 3441694929
+    assert (state.guidance.mission.index, state.guidance.mission.begun) == (1, True)
+    assert state.guidance.mission.identity == plans.of(PlanKind.MISSION).identity == 3441694929
     assert state.home is not None
     assert state.greeting == "Resumed AUTO, 10 min old"
     assert said == []

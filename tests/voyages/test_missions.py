@@ -69,7 +69,7 @@ def test_every_kind_of_item_is_sailed(yard):
 
 def test_a_mission_is_left_paused_changed_and_replaced(yard):
     boat = yard.Sailing(yard.scenario(0.6), 1, yard.mission(yard.item(16, 400, 0), yard.item(16, 400, 400)))
-    assert boat.state.nav.mission.index == 0
+    assert boat.state.guidance.mission.index == 0
     boat.run(2.0)
     assert boat.snapshot.mission.state is MissionState.NOT_STARTED
     boat.under_way(Mode.AUTO)

@@ -34,7 +34,7 @@ def at_sea(level=2):
     return replace(
         State.at_start(parameters(level)),
         modes=ModeState(Mode.AUTO, armed=True, stick=0.3, stick_t_s=55.0),
-        nav=GuidanceState(
+        guidance=GuidanceState(
             Mode.AUTO, True, PROGRESS, ORDER, TaskFollowerState(ORDER, line=LineState(A, 12.0, 88.0, 1)), done_s=1234.0
         ),
         home=Home(0.6, 2.0, 1.0),
@@ -51,11 +51,11 @@ def again(state, level=2, age_s=100.0, **more):
 def test_mode_mission_line_and_home_come_back():
     state = again(at_sea())
     assert state.modes == ModeState(Mode.AUTO, armed=True)
-    assert state.nav.mission == replace(PROGRESS, elapsed_s=90.0)
-    assert state.nav.follow.order == ORDER
-    assert state.nav.follow.line == LineState(A, tries=1)
+    assert state.guidance.mission == replace(PROGRESS, elapsed_s=90.0)
+    assert state.guidance.follow.order == ORDER
+    assert state.guidance.follow.line == LineState(A, tries=1)
     assert state.home == Home(0.6, 2.0, 1.0)
-    assert state.nav.done_s is None
+    assert state.guidance.done_s is None
     assert state.greeting.startswith("Resumed AUTO, ")
 
 
@@ -67,7 +67,7 @@ def test_goals_come_back_to_the_last_bit(goal):
 
 def test_arming_only_when_asked_for():
     assert not again(at_sea(), 1).modes.armed
-    assert not again(at_sea(), 1).nav.armed
+    assert not again(at_sea(), 1).guidance.armed
     assert again(at_sea(), 1, BOOT_ARM=1).modes.armed
     assert again(at_sea(), 0).modes == ModeState.at_start(ParameterSet())
 
@@ -108,7 +108,9 @@ def test_it_is_written_on_change_and_now_and_then():
     assert not written(INTERVAL_S - 1.0, changed)
     assert written(INTERVAL_S, changed)
     # What changes all the time is not worth a write.
-    finer = replace(changed, modes=replace(changed.modes, stick_t_s=66.0), nav=replace(changed.nav, done_s=5.0))
+    finer = replace(
+        changed, modes=replace(changed.modes, stick_t_s=66.0), guidance=replace(changed.guidance, done_s=5.0)
+    )
     assert not written(2 * INTERVAL_S, finer)
     assert written(REFRESH_S + 2 * INTERVAL_S, finer)
     assert memory.news(at_sea(0), parameters(0), 1e4, UTC_S) is None

@@ -81,22 +81,23 @@ def test_a_checkpoint_of_today_has_its_version_and_comes_back():
 def test_a_field_more_is_ignored_and_reported():
     def change(data):
         data["tide_m"] = 1.5
-        data["nav"]["mission"]["laps"] = [1, 2]
+        data["guidance"]["mission"]["laps"] = [1, 2]
 
     state, notes = state_from_text(edited(state_to_text(under_way()), change))
     assert state_to_text(state) == state_to_text(under_way())
     assert notes == (
         "State: field 'tide_m' is not known here, ignored",
-        "State.nav.mission: field 'laps' is not known here, ignored",
+        "State.guidance.mission: field 'laps' is not known here, ignored",
     )
 
 
 def test_a_field_less_takes_its_default():
     def change(data):
-        del data["skipped_total"], data["nav"]["mission"]["jumps"], data["watch"]["energy"]
+        del data["timing"]["skipped_total"], data["guidance"]["mission"]["jumps"], data["energy_meter"]
 
-    state, notes = state_from_text(edited(state_to_text(replace(under_way(), skipped_total=7)), change))
-    assert (state.skipped_total, notes) == (0, ())
+    late = replace(under_way(), timing=replace(under_way().timing, skipped_total=7))
+    state, notes = state_from_text(edited(state_to_text(late), change))
+    assert (state.timing.skipped_total, notes) == (0, ())
     assert state.modes == under_way().modes
 
 
@@ -106,20 +107,20 @@ def test_every_field_of_the_state_can_be_done_without():
 
 def test_a_record_that_lacks_what_it_needs_takes_the_default_of_its_field():
     def change(data):
-        del data["place"]["fix"]["t_s"]
+        del data["position"]["fix"]["t_s"]
 
     state, notes = state_from_text(edited(state_to_text(under_way()), change))
-    assert state.place.fix is None
-    assert notes == ("State.place.fix: field 't_s' is missing; State.place.fix takes its default",)
+    assert state.position.fix is None
+    assert notes == ("State.position.fix: field 't_s' is missing; State.position.fix takes its default",)
 
 
 @pytest.mark.parametrize(
     ("path", "value", "says"),
     [
         (("modes", "mode"), 77, "State.modes.mode: expected a number of Mode, found 77"),
-        (("position", "fix"), 77, "State.position.fix: expected a number of FixType, found 77"),
-        (("lookout", "sources", "in_use"), 77, "State.lookout.sources.in_use: expected a number of Source"),
-        (("nav", "order", "$"), "Drift", "State.nav.order: expected one of HoldHeading, GoTo, "),
+        (("position", "fix", "fix"), 77, "State.position.fix.fix: expected a number of FixType, found 77"),
+        (("heading_estimator", "sources", "in_use"), 77, "State.heading_estimator.sources.in_use: expected a number"),
+        (("guidance", "order", "$"), "Drift", "State.guidance.order: expected one of HoldHeading, GoTo, "),
     ],
 )
 def test_a_value_of_another_version_takes_a_default_and_is_reported(path, value, says):
@@ -164,14 +165,16 @@ def troubled():
     since = tuple(0.1 * fault if SET >> fault & 1 else None for fault in Fault)
     failsafe = FailsafeState(SET, 1 << Fault.STEERING_LOST, Fault.STEERING_LOST, Mode.LOITER)
     state = under_way()
-    return replace(state, monitor=LatchState(since, since, SET), watch=replace(state.watch, failsafe=failsafe))
+    supervisor = replace(state.supervisor, failsafe=failsafe)
+    return replace(state, fault_latch=LatchState(since, since, SET), supervisor=supervisor)
 
 
 def test_faults_are_written_by_name():
     data = json.loads(state_to_text(troubled()))
-    assert data["monitor"]["since_s"] == {"COMPASS_SILENT": 0.1 * 9, "STEERING_LOST": 0.1 * 23}
-    assert data["monitor"]["active"] == data["watch"]["failsafe"]["known"] == ["COMPASS_SILENT", "STEERING_LOST"]
-    assert data["watch"]["failsafe"]["fault"] == "STEERING_LOST"
+    assert data["fault_latch"]["since_s"] == {"COMPASS_SILENT": 0.1 * 9, "STEERING_LOST": 0.1 * 23}
+    assert data["fault_latch"]["active"] == ["COMPASS_SILENT", "STEERING_LOST"]
+    assert data["supervisor"]["failsafe"]["active"] == ["COMPASS_SILENT", "STEERING_LOST"]
+    assert data["supervisor"]["failsafe"]["fault"] == "STEERING_LOST"
     assert state_from_text(state_to_text(troubled())) == (troubled(), ())
 
 
@@ -183,25 +186,25 @@ def test_faults_of_the_first_version_get_their_names():
 
     state, notes = state_from_text(edited(first_checkpoint(), change))
     assert notes == ()
-    assert state.monitor == troubled().monitor
-    assert state.watch.failsafe == troubled().watch.failsafe
+    assert state.fault_latch == troubled().fault_latch
+    assert state.supervisor.failsafe == troubled().supervisor.failsafe
 
 
 def test_a_fault_more_was_never_set_and_moves_no_other():
     state, notes = codec_of(LATER).read(state_to_text(troubled()))
     assert notes == ()
-    assert state.monitor.since_s[LATER.ICE_SEEN] is None
-    assert state.monitor.since_s[LATER.COMPASS_SILENT] == 0.1 * 9
-    assert state.monitor.active == (1 << LATER.COMPASS_SILENT) | (1 << LATER.STEERING_LOST)
-    assert state.watch.failsafe.fault is LATER.STEERING_LOST
+    assert state.fault_latch.since_s[LATER.ICE_SEEN] is None
+    assert state.fault_latch.since_s[LATER.COMPASS_SILENT] == 0.1 * 9
+    assert state.fault_latch.active == (1 << LATER.COMPASS_SILENT) | (1 << LATER.STEERING_LOST)
+    assert state.supervisor.failsafe.fault is LATER.STEERING_LOST
 
 
 def test_a_fault_less_is_ignored_and_reported():
     state, notes = codec_of(EARLIER).read(state_to_text(troubled()))
-    assert state.monitor.active == state.watch.failsafe.known == 1 << EARLIER.COMPASS_SILENT
-    assert (state.watch.failsafe.calling, state.watch.failsafe.fault) == (0, None)
-    assert len(state.monitor.since_s) == len(EARLIER)
-    assert "State.monitor.active: fault 'STEERING_LOST' is not known here, ignored" in notes
+    assert state.fault_latch.active == state.supervisor.failsafe.active == 1 << EARLIER.COMPASS_SILENT
+    assert (state.supervisor.failsafe.calling, state.supervisor.failsafe.fault) == (0, None)
+    assert len(state.fault_latch.since_s) == len(EARLIER)
+    assert "State.fault_latch.active: fault 'STEERING_LOST' is not known here, ignored" in notes
 
 
 # ---------------------------------------------------------------------------------- resume
@@ -222,7 +225,8 @@ def test_a_boat_wakes_as_she_was_after_an_update(change):
     state, notes = woken(edited(first_resume(), change))
     assert state.modes == whole.modes
     assert (state.modes.mode, state.modes.armed) == (Mode.AUTO, True)
-    assert (state.nav.mission, state.nav.order, state.home) == (whole.nav.mission, whole.nav.order, whole.home)
+    assert (state.guidance.mission, state.home) == (whole.guidance.mission, whole.home)
+    assert state.guidance.order == whole.guidance.order is not None
     lost = change is add_fields
     assert bool(notes) == lost
     assert state.greeting == "Resumed AUTO, 1 min old" + (", not whole" if lost else "")
@@ -318,4 +322,4 @@ def test_a_boat_whose_checkpoint_lacks_something_goes_on(change):
     state, _ = state_from_text(edited(first_checkpoint(), change))
     for tick in ticks:
         state, _ = step(state, tick.inputs)
-    assert state.t_s == ticks[-1].inputs.tick.t_s
+    assert state.timing.t_s == ticks[-1].inputs.tick.t_s

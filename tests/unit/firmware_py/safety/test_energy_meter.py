@@ -2,27 +2,28 @@ import math
 
 import pytest
 
-from firmware_py.safety.energy_meter import EnergyMeterState, update
-from firmware_py.safety.energy_meter import report as told
+from firmware_py.common.records import RudderStatus
+from firmware_py.safety.energy_meter import EnergyMeterState, report, update
 
 
 def run(state, angles_rad, power_w=None, step_s=0.1, start_s=0.0):
     for index, angle_rad in enumerate(angles_rad):
-        power = None if power_w is None else (start_s + index * step_s, power_w)
-        state = update(state, angle_rad, power, step_s)
+        t_s = start_s + index * step_s
+        rudder = RudderStatus(t_s, 0.0, angle_rad, is_new=True, feedback_s=t_s, power_w=power_w)
+        state = update(state, rudder, step_s)
     return state
 
 
 def test_travel_reversals_and_energy_of_a_rudder_that_goes_to_and_fro():
     # 0.2 rad to either side with a period of 10 s for an hour: 0.8 rad of travel and two reversals each.
     angles = [0.2 * math.sin(math.tau * index / 100) for index in range(36000)]
-    report = told(run(EnergyMeterState(), angles, 3.0), resting=False)
-    assert report.travel_rad == pytest.approx(288.0, rel=1e-3)
-    assert report.reversals == pytest.approx(720, abs=2)
-    assert report.travel_rad_per_h == pytest.approx(288.0, rel=1e-2)
-    assert report.reversals_per_h == pytest.approx(720.0, rel=1e-2)
-    assert report.energy_j == pytest.approx(3.0 * 3600.0, rel=1e-3)
-    assert report.power_w == 3.0
+    energy = report(run(EnergyMeterState(), angles, 3.0), resting=False)
+    assert energy.travel_rad == pytest.approx(288.0, rel=1e-3)
+    assert energy.reversals == pytest.approx(720, abs=2)
+    assert energy.travel_rad_per_h == pytest.approx(288.0, rel=1e-2)
+    assert energy.reversals_per_h == pytest.approx(720.0, rel=1e-2)
+    assert energy.energy_j == pytest.approx(3.0 * 3600.0, rel=1e-3)
+    assert energy.power_w == 3.0
 
 
 def test_the_chatter_of_an_encoder_is_travel_but_no_reversal():
@@ -39,8 +40,8 @@ def test_a_gap_in_the_servo_s_word_costs_no_invented_energy():
 
 def test_what_is_told_per_hour_forgets_what_was_long_ago():
     state = run(EnergyMeterState(), [0.3 * (index % 2) for index in range(100)], step_s=1.0)
-    busy = told(state, resting=False).reversals_per_h
-    quiet = told(run(state, [0.0] * 20000, step_s=1.0), resting=True)
+    busy = report(state, resting=False).reversals_per_h
+    quiet = report(run(state, [0.0] * 20000, step_s=1.0), resting=True)
     assert busy > 3000.0
     assert quiet.reversals_per_h < 1.0
     assert quiet.resting

@@ -27,9 +27,9 @@ class Helm:
             self.mode = order
         active = sum(1 << fault for fault in faults)
         possible = lambda mode: mode not in self.impossible  # noqa: E731
-        scene = FailsafeInput(active, self.mode, self.armed, order is not None, self.actions, possible, self.resume)
+        given = FailsafeInput(active, self.mode, self.armed, order is not None, self.actions, possible, self.resume)
         acting = self.state.fault is not None
-        self.state, decision = decide(self.state, scene)
+        self.state, decision = decide(self.state, given)
         if not acting:
             self.before = self.mode
         self.said += [event.text for event in decision.events]

@@ -4,15 +4,23 @@ import math
 
 import pytest
 
-from firmware_py.safety.rudder_monitor import REST_S, TRIAL_S, RudderMonitorState, RudderSight, release_command, update
+from firmware_py.common.records import RudderStatus
+from firmware_py.safety.rudder_monitor import (
+    RELIEF_S,
+    TRIAL_S,
+    RudderMonitorSettings,
+    RudderMonitorState,
+    release_command,
+    update,
+)
 
 
 class Servo:
     """A shaft with a slew, on a command of the test's own, ten times a second."""
 
-    def __init__(self, slew_deg_s=30.0, most_a=3.0):
-        self.watch, self.t_s, self.angle_deg, self.sent_deg = RudderMonitorState(), 0.0, 0.0, 0.0
-        self.slew_deg_s, self.most_a = slew_deg_s, most_a
+    def __init__(self, slew_deg_s=30.0, limit_a=3.0):
+        self.state, self.t_s, self.angle_deg, self.sent_deg = RudderMonitorState(), 0.0, 0.0, 0.0
+        self.slew_deg_s, self.limit_a = slew_deg_s, limit_a
         self.jammed = self.released = False
         self.current_a = 0.2
         self.silent = False
@@ -23,12 +31,22 @@ class Servo:
             if not self.jammed:
                 reach_deg = 0.1 * self.slew_deg_s
                 self.angle_deg += min(max(self.sent_deg - self.angle_deg, -reach_deg), reach_deg)
-            measured_rad = None if self.silent else math.radians(self.angle_deg)
-            sight = RudderSight(self.t_s, math.radians(self.sent_deg), measured_rad, self.current_a, not self.released)
-            self.watch = update(self.watch, sight, self.most_a)
+            settings = RudderMonitorSettings(self.limit_a)
+            self.state = update(settings, self.state, self.status(), engaged=not self.released)
             wanted = demand_deg(self.t_s) if callable(demand_deg) else demand_deg
-            self.sent_deg = math.degrees(release_command(self.watch, math.radians(wanted), self.t_s))
-            yield self.watch
+            self.sent_deg = math.degrees(release_command(self.state, math.radians(wanted), self.t_s))
+            yield self.state
+
+    def status(self):
+        """What is known of it; while it is silent, what was known last."""
+        return RudderStatus(
+            self.t_s,
+            math.radians(self.sent_deg),
+            math.radians(self.angle_deg),
+            measured=math.isfinite(self.angle_deg),
+            is_new=not self.silent,
+            current_a=self.current_a,
+        )
 
 
 @pytest.mark.parametrize("slew_deg_s", [2.0, 5.0, 30.0, 300.0])
@@ -36,26 +54,26 @@ class Servo:
     "demand_deg", [30.0, lambda t_s: 25.0 * math.sin(t_s), lambda t_s: 30.0 if t_s % 8 < 4 else -30.0]
 )
 def test_a_servo_that_follows_is_not_at_fault_however_slow(slew_deg_s, demand_deg):
-    seen = list(Servo(slew_deg_s).run(60.0, demand_deg))
-    assert not any(watch.jammed or watch.astray or watch.overloaded for watch in seen)
+    states = list(Servo(slew_deg_s).run(60.0, demand_deg))
+    assert not any(state.jammed or state.deviating or state.overloaded for state in states)
 
 
-def test_one_that_stands_still_is_jammed_eased_and_tried_again_until_it_moves():
+def test_one_that_stands_still_is_jammed_relieved_and_tried_again_until_it_moves():
     servo = Servo()
     list(servo.run(3.0, 20.0))
     servo.jammed = True
     began_s = servo.t_s
     list(servo.run(1.4, -10.0))
-    assert not servo.watch.jammed
+    assert not servo.state.jammed
     list(servo.run(0.5, -10.0))
-    assert servo.watch.jammed
+    assert servo.state.jammed
     pulled_s = 0.0
     for _ in servo.run(30.0, -10.0):
         pulled_s += 0.1 * (abs(servo.sent_deg - 20.0) > 1.0)
     assert 2 * TRIAL_S - 0.3 < pulled_s < 3 * TRIAL_S
     servo.jammed = False
-    list(servo.run(REST_S + 1.0, -10.0))
-    assert not servo.watch.jammed
+    list(servo.run(RELIEF_S + 1.0, -10.0))
+    assert not servo.state.jammed
     assert servo.t_s - began_s < 50.0
     list(servo.run(3.0, -10.0))
     assert servo.angle_deg == pytest.approx(-10.0)
@@ -66,35 +84,35 @@ def test_a_jam_where_she_wants_the_rudder_is_found_gone_by_a_wiggle():
     list(servo.run(2.0, 20.0))
     servo.jammed = True
     list(servo.run(2.0, -10.0))
-    assert servo.watch.jammed
+    assert servo.state.jammed
     servo.jammed = False
-    list(servo.run(REST_S + TRIAL_S, 20.0))
-    assert not servo.watch.jammed
+    list(servo.run(RELIEF_S + TRIAL_S, 20.0))
+    assert not servo.state.jammed
 
 
-def test_one_that_moves_the_wrong_way_is_astray_and_not_jammed():
+def test_one_that_moves_the_wrong_way_deviates_and_is_not_jammed():
     servo = Servo()
     list(servo.run(1.0, 20.0))
     servo.jammed = True
     for _ in servo.run(4.0, 20.0):
         servo.angle_deg -= 0.3
-    assert servo.watch.astray
-    assert not servo.watch.jammed
+    assert servo.state.deviating
+    assert not servo.state.jammed
 
 
-def test_one_that_draws_too_much_is_eased_and_sound_again_after_a_quiet_trial():
+def test_one_that_draws_too_much_is_relieved_and_sound_again_after_a_quiet_trial():
     servo = Servo()
     servo.current_a = 4.0
     list(servo.run(1.8, 0.0))
-    assert not servo.watch.overloaded
+    assert not servo.state.overloaded
     list(servo.run(0.5, 0.0))
-    assert servo.watch.overloaded
+    assert servo.state.overloaded
     servo.current_a = 0.2
-    list(servo.run(REST_S - 1.0, 0.0))
-    assert servo.watch.overloaded
+    list(servo.run(RELIEF_S - 1.0, 0.0))
+    assert servo.state.overloaded
     list(servo.run(TRIAL_S + 2.0, 0.0))
-    assert not servo.watch.overloaded
-    assert servo.watch.eased_s is None
+    assert not servo.state.overloaded
+    assert servo.state.relieved_s is None
 
 
 @pytest.mark.parametrize("state", ["released", "silent"])
@@ -102,15 +120,15 @@ def test_nothing_is_said_of_a_released_or_silent_servo(state):
     servo = Servo()
     setattr(servo, state, True)
     servo.jammed = True
-    assert not any(watch.jammed or watch.astray for watch in servo.run(20.0, 25.0))
+    assert not any(state.jammed or state.deviating for state in servo.run(20.0, 25.0))
 
 
 def test_no_limit_means_any_current_and_nonsense_is_not_measured():
-    servo = Servo(most_a=0.0)
+    servo = Servo(limit_a=0.0)
     servo.current_a = 50.0
-    assert not any(watch.overloaded for watch in servo.run(10.0, 0.0))
+    assert not any(state.overloaded for state in servo.run(10.0, 0.0))
     servo.angle_deg = math.nan
     servo.current_a = math.nan
     servo.jammed = True
-    servo.most_a = 3.0
-    assert not any(watch.overloaded or watch.jammed for watch in servo.run(5.0, 0.0))
+    servo.limit_a = 3.0
+    assert not any(state.overloaded or state.jammed for state in servo.run(5.0, 0.0))

@@ -1,0 +1,80 @@
+"""The rudder between the ticks: what it was told, what its servo has answered, and what both mean in its own frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import Inputs, RudderFeedback, RudderStatus
+from firmware_py.control.rudder_limit import Linkage, RudderLimits
+
+
+@dataclass(frozen=True, slots=True)
+class RudderSettings:
+    """How the servo moves the rudder, and how far and how fast it may go.
+
+    `hold_s` is how long the rudder stays where it is without a heading; `released_disarmed`: its torque
+    is released while the boat is disarmed.
+    """
+
+    linkage: Linkage
+    limits: RudderLimits
+    hold_s: float
+    released_disarmed: bool
+
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> RudderSettings:
+        """Read the settings from the parameters."""
+        return cls(
+            linkage=Linkage.of(parameters),
+            limits=RudderLimits.of(parameters),
+            hold_s=parameters["CTL_HOLD_S"],
+            released_disarmed=bool(parameters["RUD_DISARMED"]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RudderState:
+    """The rudder angle commanded last, the servo's newest feedback, and when it was last seen to have come up anew."""
+
+    command_rad: float = 0.0
+    feedback: RudderFeedback | None = None
+    restarts: int = 0
+    restarted_s: float | None = None
+
+    @property
+    def feedback_s(self) -> float | None:
+        """When the servo last answered, None before it has."""
+        return None if self.feedback is None else self.feedback.t_s
+
+
+def update(settings: RudderSettings, state: RudderState, inputs: Inputs) -> tuple[RudderState, RudderStatus]:
+    """Take the feedback of a tick in; return what the tick knows of the rudder, too."""
+    now_s = inputs.tick.t_s
+    if inputs.rudder:
+        newest = inputs.rudder[-1]
+        restarted_s = now_s if newest.restarts > state.restarts else state.restarted_s
+        state = RudderState(state.command_rad, newest, newest.restarts, restarted_s)
+    return state, _status(settings.linkage, state, now_s, is_new=bool(inputs.rudder))
+
+
+def _status(linkage: Linkage, state: RudderState, now_s: float, *, is_new: bool) -> RudderStatus:
+    feedback = state.feedback
+    if feedback is None:
+        return RudderStatus(now_s, state.command_rad, state.command_rad)
+    shaft_rad, power_w = feedback.shaft_rad, None
+    measured = shaft_rad is not None and math.isfinite(shaft_rad)
+    if feedback.voltage_v is not None and feedback.current_a is not None:
+        power_w = feedback.voltage_v * abs(feedback.current_a)
+    return RudderStatus(
+        now_s,
+        state.command_rad,
+        linkage.to_rudder(shaft_rad) if shaft_rad is not None and measured else state.command_rad,
+        measured=measured,
+        is_new=is_new,
+        feedback_s=feedback.t_s,
+        torque_on=feedback.torque_on,
+        current_a=feedback.current_a,
+        power_w=power_w if power_w is not None and math.isfinite(power_w) else None,
+    )

@@ -1,0 +1,56 @@
+"""The state of the boat after a tick, put together for the log and the link."""
+
+from __future__ import annotations
+
+from firmware_py.common.records import Inputs, RudderStatus, Snapshot
+from firmware_py.core.state import Settings, State, fence_enabled
+from firmware_py.estimate import heading_estimator
+from firmware_py.guidance import guidance
+from firmware_py.guidance.guidance import SteeringTarget
+from firmware_py.modes import Situation, arming_obstacle
+from firmware_py.safety import energy_meter
+
+
+def snapshot_of(
+    settings: Settings,
+    state: State,
+    situation: Situation,
+    rudder: RudderStatus,
+    target: SteeringTarget,
+    inputs: Inputs,
+) -> Snapshot:
+    """Return the snapshot of a tick that has been computed."""
+    heading, heading_ok = state.heading_estimator.heading, situation.heading_rad is not None
+    task = state.guidance.followed
+    return Snapshot(
+        t_s=inputs.tick.t_s,
+        tick=inputs.tick.index,
+        mode=state.modes.mode,
+        armed=state.modes.armed,
+        heading_rad=heading.heading_rad if heading.sample_t_s is not None else None,
+        heading_ok=heading_ok,
+        yaw_rate_rad_s=heading.yaw_rate_rad_s if heading_ok else None,
+        roll_rad=heading.roll_rad,
+        pitch_rad=heading.pitch_rad,
+        goal_heading_rad=target.heading_rad,
+        heading_error_rad=target.error_rad,
+        bearing_rad=task.bearing_rad,
+        distance_m=task.distance_m,
+        rudder_rad=rudder.angle_rad if rudder.measured else None,
+        rudder_command_rad=state.rudder.command_rad,
+        rudder_ok=situation.rudder_ok,
+        servo=state.rudder.feedback,
+        position=state.position.fix,
+        position_ok=situation.position_ok,
+        faults=state.fault_latch.active,
+        rate_hz=inputs.tick.rate_hz,
+        skipped_total=state.timing.skipped_total,
+        late_s=inputs.tick.late_s,
+        home=state.home,
+        prearm_refusal=arming_obstacle(situation),
+        mission=guidance.mission_report(state.guidance, state.plans, state.modes),
+        water=situation.water,
+        navigation=guidance.report(state.guidance, state.plans, fence_enabled=fence_enabled(settings, state)),
+        estimate=heading_estimator.report(state.heading_estimator),
+        energy=energy_meter.report(state.energy_meter, resting=state.torque_release.released),
+    )
