@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +12,18 @@ from firmware_py import ROOT, __version__, commit_of, version_text
 from firmware_py.actuator.dynamixel import DynamixelRudder
 from firmware_py.actuator.volz import VolzRudder
 from firmware_py.common.interfaces import ByteLine, Clock, Compass, Position, Rudder
-from firmware_py.common.parameters import INDEX, TABLE, ParameterSet, format_file
+from firmware_py.common.parameters import INDEX, TABLE, ParameterSet
 from firmware_py.common.records import Event
-from firmware_py.core.step import State
+from firmware_py.core.autopilot import Autopilot
+from firmware_py.core.resume import restore
+from firmware_py.core.state import State
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.files.root import FileRoot
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import open_transport
 from firmware_py.log.disk import log_files
 from firmware_py.log.recorder import LogRecorder
-from firmware_py.loop import PARAMETER_FILE, Autopilot, LoopParts
+from firmware_py.loop import LoopParts
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
 from firmware_py.sensors.pni_tcm import PniCompass
@@ -33,14 +35,16 @@ from firmware_py.system.console import Console
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.realtime import LoadMeter, clock_is_kept
 from firmware_py.system.serial_port import PortError, SerialPort
-from firmware_py.system.state_directory import stored_parameters, stored_plans, with_resume
+from firmware_py.system.state_directory import (
+    LOG_DIRECTORY,
+    RESUME_FILE,
+    SIGNING_FILE,
+    UPLOAD_DIRECTORY,
+    KeyVault,
+    StateDirectory,
+)
 from firmware_py.system.store import Store
 from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle, VehicleError
-
-LOG_DIRECTORY = "logs"
-SIGNING_FILE = "signing.key"
-UPLOAD_DIRECTORY = "uploads"
-BOOT_COUNT = "STAT_BOOTCNT"
 
 COMPASSES: Mapping[str, Callable[[ByteLine, CompassEntry], Compass]] = {
     "nmea": lambda line, entry: NmeaCompass(
@@ -144,36 +148,21 @@ class Options:
     may_set_clock: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class KeyVault:
-    """Keeps the signing key in the store; fulfils ports.Vault."""
-
-    store: Store
-
-    def load(self) -> bytes | None:
-        """Return what was saved last, None when nothing was."""
-        return self.store.load(SIGNING_FILE)
-
-    def save(self, content: bytes) -> None:
-        """Keep this instead, in the background."""
-        self.store.save(SIGNING_FILE, content)
-
-
 @dataclass(slots=True)
 class Assembly:
     """A wired autopilot and what must be closed after it."""
 
-    boat: LoopParts
+    parts: LoopParts
     endpoint: Endpoint
     console: Console
 
     def close(self) -> None:
         """Close links, log, store and lines, in that order."""
         self.endpoint.close()
-        if self.boat.recorder is not None:
-            self.boat.recorder.close()
-        self.boat.store.close()
-        for line in self.boat.lines:
+        if self.parts.recorder is not None:
+            self.parts.recorder.close()
+        self.parts.store.close()
+        for line in self.parts.lines:
             line.close()
         self.console.close()
 
@@ -183,13 +172,9 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     console = Console()
     devices = open_devices(vehicle, wait=options.wait)
     store = Store(options.state_directory, private=(SIGNING_FILE,))
-    parameters = base_parameters(vehicle)
-    kept, unusable = stored_parameters(store, console.line)
-    kept[BOOT_COUNT] = min(kept.get(BOOT_COUNT, 0.0) + 1.0, TABLE[INDEX[BOOT_COUNT]].maximum)
-    for name, value in kept.items():
-        parameters = parameters.replaced(name, value)
-    kept = unusable | kept
-    store.save(PARAMETER_FILE, format_file(kept).encode())
+    kept = StateDirectory(store, console.line)
+    kept.count_start()
+    parameters = kept.parameters_over(base_parameters(vehicle))
     lines = list(devices.lines)
 
     def open_line(path: str, baud: int) -> SerialPort:
@@ -200,20 +185,20 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
 
     transports = [open_transport(url, open_line) for url in (*vehicle.link_urls, *options.link_urls)]
     clock: Clock = RealClock()
-    timekeeper = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
+    clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
     if options.lockstep is not None:
         clock = LockstepClock(options.lockstep, [line.name for line in lines], lambda: [line.written for line in lines])
     version = _version()
-    state = with_resume(State.at_start(parameters, stored_plans(store, console.line)), store, clock, console.line)
-    pilot = Autopilot(state, store, kept, format_file)
+    state = State.at_start(parameters, kept.plans())
+    autopilot = Autopilot(resume(state, kept.resume_record(), clock.utc_s(), console.line), kept)
     endpoint = Endpoint(
         transports,
-        pilot,
+        autopilot,
         utc_s=clock.utc_s,
         version=version,
         load=LoadMeter(clock).share,
         vault=KeyVault(store),
-        heard_utc=None if timekeeper is None else timekeeper.hear_station,
+        heard_utc=None if clock_setter is None else clock_setter.add_station_time,
         calibrator=devices.compass if isinstance(devices.compass, PniCompass) else None,
         storage=_storage(options.state_directory, parameters),
     )
@@ -221,12 +206,12 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         console.line(f"stored {SIGNING_FILE} left out: it is not one; set the key again")
     recorder = _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock, version.commit)
 
-    def tell(event: Event) -> None:
+    def show_event(event: Event) -> None:
         console.line(f"{clock.now_s():10.3f} {event.severity.name.lower():8} {event.text}")
 
-    boat = LoopParts(
+    parts = LoopParts(
         clock=clock,
-        pilot=pilot,
+        autopilot=autopilot,
         compass=devices.compass,
         compass_b=devices.compass_b,
         position=devices.position,
@@ -235,11 +220,25 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         recorder=recorder,
         store=store,
         lines=lines,
-        tell=tell,
-        shelter=FaultBarrier(console.line),
-        timekeeper=timekeeper,
+        show_event=show_event,
+        fault_barrier=FaultBarrier(console.line),
+        clock_setter=clock_setter,
     )
-    return Assembly(boat, endpoint, console)
+    return Assembly(parts, endpoint, console)
+
+
+def resume(state: State, record: bytes | None, utc_s: float, say: Callable[[str], None]) -> State:
+    """Return the state at start, going on with the stored record; an unusable one is said and left out."""
+    if record is None:
+        return state
+    try:
+        state, notes = restore(state, record.decode("ascii", "replace"), utc_s)
+    except ValueError as error:
+        say(f"stored {RESUME_FILE} left out: {error}")
+        return replace(state, greeting="Not resumed: the record is no good")
+    for note in notes:
+        say(f"stored {RESUME_FILE}: {note}")
+    return state
 
 
 def _storage(directory: Path, parameters: ParameterSet) -> FileRoot:

@@ -151,7 +151,7 @@ class BenchSession:
                 clock.wait(end_s, [fd for fd in fds if fd >= 0])
             for heard in self.heard:
                 if heard.line is not None:
-                    heard.line.maintain(clock.now_s())
+                    heard.line.reopen(clock.now_s())
             yield fresh
 
     def _take(self, heard: Heard, now_s: float) -> Sequence[Sample]:

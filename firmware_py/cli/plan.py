@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
-from firmware_py.loop import PLAN_FILES
 from firmware_py.plans.items import ROWS, has_place, markdown
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.plan_file import MOST_BYTES, read_plan_file
 from firmware_py.plans.qgc_file import write_plan
 from firmware_py.plans.text_files import write_text
+from firmware_py.system.state_directory import PLAN_FILES
 from firmware_py.system.store import Store, StoreError, stored_content
 
 KINDS: Mapping[str, PlanKind] = {kind.name.lower(): kind for kind in PlanKind}

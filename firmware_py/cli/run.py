@@ -82,13 +82,13 @@ def _steer(assembly: Assembly) -> int:
     for refusal in realtime.prepare(ordinary=(FILES_THREAD,)):
         assembly.console.line(refusal)
     try:
-        run_loop(assembly.boat, lambda: bool(stopping))
+        run_loop(assembly.parts, lambda: bool(stopping))
     except ClockError as error:
         assembly.console.line(f"rambler run: {error}")
         return 0 if stopping else 1
     finally:
         assembly.close()
-    restart = assembly.boat.pilot.restart
+    restart = assembly.parts.autopilot.restart
     if restart is None or stopping:
         return 0
     if not restart.shutdown:

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from firmware_py.common.intents import Answer, Request
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.plan import Plans
+from firmware_py.common.plan import Plan, Plans
 from firmware_py.common.records import (
     Calibration,
     DeviceHealth,
@@ -132,6 +132,25 @@ class RequestHandler(Protocol):
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Call back, on the loop's thread, once all that was accepted so far is on disk (True) or cannot be (False)."""
+
+
+class StateKeeper(Protocol):
+    """Keeps over restarts what was accepted, in the background."""
+
+    def keep_parameter(self, name: str, value: float) -> None:
+        """Keep a parameter that was set."""
+
+    def forget_parameters(self) -> None:
+        """Forget all parameters that were set."""
+
+    def keep_plan(self, plan: Plan) -> None:
+        """Keep a plan in place of the one of its kind."""
+
+    def keep_resume(self, text: str) -> None:
+        """Keep a resume record in place of the last one."""
+
+    def when_stored(self, call: Callable[[bool], None]) -> None:
+        """Call back, on the loop's thread, once all that was kept so far is on disk (True) or cannot be (False)."""
 
 
 class Vault(Protocol):

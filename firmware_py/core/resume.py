@@ -1,4 +1,4 @@
-"""What of the state outlives a restart: mode, goal, mission and where she was about to go.
+"""What of the state outlives a restart: mode, goal, mission and where the boat was about to go.
 
 The record is written when something of it changes, a few seconds apart at most, and every
 ten minutes, so that its age tells how long the autopilot was away. Durations are in it and
@@ -11,7 +11,6 @@ import math
 from dataclasses import dataclass, replace
 
 from firmware_py.common.json_codec import Codec
-from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Home
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import CHANGES
@@ -23,11 +22,10 @@ from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import Task
 from firmware_py.modes import ModeState
 
-RESUME_FILE = "resume.state"
 INTERVAL_S = 5.0
 REFRESH_S = 600.0
 # Finer changes are not worth a write.
-ELAPSED_S, TURNED_RAD, CURRENT_M_S = 30.0, 0.2, 0.1
+ELAPSED_STEP_S, TURNED_STEP_RAD, CURRENT_STEP_M_S = 30.0, 0.2, 0.1
 NOTHING, ALL_BUT_ARMING, ALL = 0, 1, 2  # BOOT_RESUME
 
 
@@ -56,14 +54,14 @@ def resume_of(state: State, utc_s: float) -> Resume:
     return Resume(
         math.floor(utc_s / REFRESH_S) * REFRESH_S,
         replace(state.modes, stick=None, stick_t_s=0.0, bench=None, bench_until_s=0.0),
-        replace(nav.mission, elapsed_s=_rounded(nav.mission.elapsed_s, ELAPSED_S), idle=0),
+        replace(nav.mission, elapsed_s=_rounded(nav.mission.elapsed_s, ELAPSED_STEP_S), idle=0),
         nav.order,
         nav.follow.arrived,
         None if line is None else LineState(line.start, tries=line.tries),
-        OrbitState(None, _rounded(nav.follow.orbit.turned_rad, TURNED_RAD)),
+        OrbitState(None, _rounded(nav.follow.orbit.turned_rad, TURNED_STEP_RAD)),
         nav.fence_enabled,
         state.home,
-        tuple(_rounded(value, CURRENT_M_S) for value in state.water.mean),  # type: ignore[arg-type]
+        tuple(_rounded(value, CURRENT_STEP_M_S) for value in state.water.mean),  # type: ignore[arg-type]
     )
 
 
@@ -77,7 +75,7 @@ def to_text(resume: Resume) -> str:
 
 
 def from_text(text: str) -> tuple[Resume, tuple[str, ...]]:
-    """Read a record of any version, and what is to be said of it.
+    """Read a record of any version; return it with notes on the text.
 
     ValueError for text without what a record needs, or with numbers that no state can hold.
     """
@@ -98,7 +96,7 @@ def age_s(resume: Resume, utc_s: float) -> float | None:
 
 
 def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ...]]:
-    """Return the state at start that goes on with what was kept, and what is to be said of the text.
+    """Return the state at start that goes on with what was kept, and notes on the text.
 
     The greeting of the state says when something of the text was lost. ValueError for a text that is no record.
     """
@@ -108,7 +106,7 @@ def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ..
     resume, notes = from_text(text)
     age = age_s(resume, utc_s)
     if age is not None and age > 3600.0 * state.parameters["BOOT_RESUME_H"]:
-        return replace(state, greeting=f"Not resumed: {_ago(age)} old"), notes
+        return replace(state, greeting=f"Not resumed: {_age_text(age)} old"), notes
     armed = resume.modes.armed if level == ALL else state.modes.armed
     follow = TaskFollowerState(resume.order, resume.arrived, resume.line, orbit=resume.orbit)
     nav = GuidanceState(
@@ -119,7 +117,7 @@ def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ..
         follow,
         fence_enabled=resume.fence_enabled,
     )
-    greeting = f"Resumed {resume.modes.mode.name}, {'age unknown' if age is None else _ago(age) + ' old'}"
+    greeting = f"Resumed {resume.modes.mode.name}, {'age unknown' if age is None else _age_text(age) + ' old'}"
     state = replace(
         state,
         modes=replace(resume.modes, armed=armed),
@@ -131,21 +129,21 @@ def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ..
     return state, notes
 
 
-def _ago(seconds: float) -> str:
+def _age_text(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.0f} h"
 
 
 class ResumeKeeper:
-    """Decides when the record is written anew; it knows what was written last."""
+    """Decides when the record is written anew, by what was written last."""
 
     def __init__(self) -> None:
         """Start with nothing written."""
         self._due_s = 0.0
         self._text = ""
 
-    def news(self, state: State, parameters: ParameterSet, now_s: float, utc_s: float) -> str | None:
-        """Return the text to be stored now, or None."""
-        if now_s < self._due_s or parameters["BOOT_RESUME"] == NOTHING:
+    def update(self, state: State, now_s: float, utc_s: float) -> str | None:
+        """Return the text to be stored now, None while there is nothing to store."""
+        if now_s < self._due_s or state.parameters["BOOT_RESUME"] == NOTHING:
             return None
         self._due_s = now_s + INTERVAL_S
         text = to_text(resume_of(state, utc_s))

@@ -38,32 +38,33 @@ class ClockSetter:
         self._station: deque[float] = deque(maxlen=AGREEING)
         self._due_s = -math.inf
 
-    def hear_station(self, utc_s: float, now_s: float) -> None:
+    def add_station_time(self, utc_s: float, now_s: float) -> None:
         """Take the time that a ground station says."""
         self._station.append(utc_s - now_s)
 
-    def consider(self, policy: int, fixes: Sequence[PositionSample], now_s: float) -> Event | None:
-        """Take the fixes of a tick; set the clock if it must be and may be; return what is to be told."""
+    def update(self, policy: int, fixes: Sequence[PositionSample], now_s: float) -> tuple[Event, ...]:
+        """Take the fixes of a tick; set the clock if it must be and may be; return the event of it."""
         self._gps.extend(fix.utc_s - fix.t_s for fix in fixes if fix.utc_s is not None)
         if policy == NEVER or now_s < self._due_s:
-            return None
+            return ()
         utc_s = self._utc_s()
         wrong = utc_s < FIRST_UTC_S
-        offset_s, source = _believed(self._gps, now_s), "GPS"
+        offset_s, source = _agreed_offset_s(self._gps, now_s), "GPS"
         if offset_s is None and wrong and not self._gps:
-            offset_s, source = _believed(self._station, now_s), "a ground station"
+            offset_s, source = _agreed_offset_s(self._station, now_s), "a ground station"
         if offset_s is None:
-            return None
+            return ()
         self._due_s = now_s + AGAIN_S
         error_s = utc_s - (offset_s + now_s)
         if not wrong and (policy != WHEN_UNKEPT or abs(error_s) <= TOLERANCE_S or self._is_kept()):
-            return None
+            return ()
         if not self._set_utc_s(offset_s + now_s):
-            return Event(Severity.WARNING, f"Clock is {error_s:.0f} s off and may not be set (needs CAP_SYS_TIME)")
-        return Event(Severity.NOTICE, f"Clock set from {source}: it was {error_s:.0f} s off")
+            text = f"Clock is {error_s:.0f} s off and may not be set (needs CAP_SYS_TIME)"
+            return (Event(Severity.WARNING, text),)
+        return (Event(Severity.NOTICE, f"Clock set from {source}: it was {error_s:.0f} s off"),)
 
 
-def _believed(offsets_s: deque[float], now_s: float) -> float | None:
+def _agreed_offset_s(offsets_s: deque[float], now_s: float) -> float | None:
     """Return the latest difference, None unless enough agree and the time is a possible one; NaN never does."""
     if len(offsets_s) < AGREEING:
         return None

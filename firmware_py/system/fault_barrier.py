@@ -1,6 +1,6 @@
-"""Keeps a mistake in the link from ending the loop: she steers on, says so, and the next call tries again.
+"""Keeps an error in the link from ending the loop: the boat steers on, says so, and the next call tries again.
 
-A link that fails again and again is no link: then the mistake goes through, the process ends with
+A link that fails again and again is no link: then the error goes through, the process ends with
 the rudder amidships, and the supervisor starts it anew.
 """
 
@@ -12,31 +12,31 @@ from collections.abc import Callable
 
 from firmware_py.common.records import Event, Severity
 
-MOST, WITHIN_S = 5, 600.0
+MOST_ERRORS, WITHIN_S = 5, 600.0
 
 
 class FaultBarrier:
-    """Makes the calls whose mistakes the rudder does not depend on."""
+    """Makes the calls whose errors the rudder does not depend on."""
 
     def __init__(self, explain: Callable[[str], None]) -> None:
         """Take what writes a line for the engineer, without waiting for anybody to read it."""
         self._explain = explain
-        self._mistakes_s: deque[float] = deque(maxlen=MOST)
-        self._untold: list[Event] = []
+        self._errors_s: deque[float] = deque(maxlen=MOST_ERRORS)
+        self._events: list[Event] = []
 
     def call(self, now_s: float, act: Callable[[], None]) -> None:
-        """Act; a mistake is noted, and the one that is too much raised."""
+        """Act; an error is noted, and the one that is too much raised."""
         try:
             act()
-        except Exception as mistake:
-            if len(self._mistakes_s) == MOST and now_s - self._mistakes_s[0] < WITHIN_S:
+        except Exception as error:
+            if len(self._errors_s) == MOST_ERRORS and now_s - self._errors_s[0] < WITHIN_S:
                 raise
-            self._mistakes_s.append(now_s)
-            for line in "".join(traceback.format_exception(mistake)).splitlines():
+            self._errors_s.append(now_s)
+            for line in "".join(traceback.format_exception(error)).splitlines():
                 self._explain(line)
-            self._untold.append(Event(Severity.CRITICAL, f"Link: {type(mistake).__name__} inside, she steers on"))
+            self._events.append(Event(Severity.CRITICAL, f"Link: {type(error).__name__} inside, she steers on"))
 
     def take_events(self) -> tuple[Event, ...]:
-        """Hand over what is to be told since the last call."""
-        events, self._untold = tuple(self._untold), []
+        """Hand over the events since the last call."""
+        events, self._events = tuple(self._events), []
         return events

@@ -1,4 +1,4 @@
-"""Looks at devices, storage, clock and ground stations now and then; what has changed is an input of the next tick."""
+"""Asks devices, storage, clock and ground stations for their health; what has changed is an input of the next tick."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from firmware_py.system.store import Store
 INTERVAL_S = 0.5
 STATION_S = 5.0  # a ground station says something every second
 STEP_S = 2.0
-STEP_TOLD_S = 10.0
+STEP_SHOWN_S = 10.0
 
 
 class ClockMonitor:
@@ -24,32 +24,32 @@ class ClockMonitor:
         self._stepped_s = -math.inf
         self._text = ""
 
-    def health(self, clock: Clock, now_s: float) -> DeviceHealth:
+    def update(self, clock: Clock, now_s: float) -> DeviceHealth:
         """Compare now; FAULTY for a while after a step."""
         offset_s = clock.utc_s() - clock.now_s()
         step_s = 0.0 if self._offset_s is None else offset_s - self._offset_s
         self._offset_s = offset_s
         if abs(step_s) > STEP_S:
             self._stepped_s, self._text = now_s, f"the clock was stepped by {step_s:+.0f} s"
-        if now_s - self._stepped_s < STEP_TOLD_S:
+        if now_s - self._stepped_s < STEP_SHOWN_S:
             return DeviceHealth(now_s, DeviceRole.CLOCK, DeviceState.FAULTY, 0, 0, self._text)
         return DeviceHealth(now_s, DeviceRole.CLOCK, DeviceState.RUNNING, 0, 0)
 
 
 class HealthMonitor:
-    """Remembers what has been told of each, so that only news are."""
+    """Remembers what each has reported, so that only changes are handed on."""
 
     def __init__(self) -> None:
         """Start with nothing known of the devices, a clock that runs and nobody heard."""
-        self._told: dict[DeviceRole, tuple[DeviceState, str]] = {
+        self._reported: dict[DeviceRole, tuple[DeviceState, str]] = {
             DeviceRole.CLOCK: (DeviceState.RUNNING, ""),
             DeviceRole.LINK: (DeviceState.STARTING, ""),
         }
-        self._news: tuple[DeviceHealth, ...] = ()
+        self._changes: tuple[DeviceHealth, ...] = ()
         self._due_s = -math.inf
         self._clock = ClockMonitor()
 
-    def look(
+    def update(
         self,
         devices: Sequence[Device],
         storage: tuple[Store, Recorder | None],
@@ -57,20 +57,20 @@ class HealthMonitor:
         link: Link,
         now_s: float,
     ) -> None:
-        """Find what has changed since the last look, at most every INTERVAL_S."""
+        """Ask each for its health, at most every INTERVAL_S."""
         if now_s < self._due_s:
             return
         self._due_s = now_s + INTERVAL_S
-        found = [device.health(now_s) for device in devices]
-        for record in (*found, _storage(*storage, now_s), self._clock.health(clock, now_s), _link(link, now_s)):
-            if self._told.get(record.role) != (record.state, record.text):
-                self._told[record.role] = (record.state, record.text)
-                self._news += (record,)
+        reports = [device.health(now_s) for device in devices]
+        for report in (*reports, _storage(*storage, now_s), self._clock.update(clock, now_s), _link(link, now_s)):
+            if self._reported.get(report.role) != (report.state, report.text):
+                self._reported[report.role] = (report.state, report.text)
+                self._changes += (report,)
 
-    def take_news(self) -> tuple[DeviceHealth, ...]:
+    def take_reports(self) -> tuple[DeviceHealth, ...]:
         """Hand over what has changed."""
-        news, self._news = self._news, ()
-        return news
+        changes, self._changes = self._changes, ()
+        return changes
 
 
 def _storage(store: Store, recorder: Recorder | None, now_s: float) -> DeviceHealth:
@@ -84,8 +84,8 @@ def _storage(store: Store, recorder: Recorder | None, now_s: float) -> DeviceHea
 
 def _link(link: Link, now_s: float) -> DeviceHealth:
     """The ground stations as one device; the record of a silent one is of when it was last heard."""
-    heard_s = link.station_s
-    if heard_s is None:
+    station_s = link.station_s
+    if station_s is None:
         return DeviceHealth(now_s, DeviceRole.LINK, DeviceState.STARTING, 0, 0)
-    state = DeviceState.RUNNING if now_s - heard_s <= STATION_S else DeviceState.SILENT
-    return DeviceHealth(heard_s, DeviceRole.LINK, state, 0, 0)
+    state = DeviceState.RUNNING if now_s - station_s <= STATION_S else DeviceState.SILENT
+    return DeviceHealth(station_s, DeviceRole.LINK, state, 0, 0)

@@ -19,10 +19,10 @@ class PortError(RuntimeError):
 
 
 class SerialPort:
-    """A serial port as a ports.ByteLine."""
+    """A serial port as a ByteLine."""
 
     def __init__(self, path: str, baud: int) -> None:
-        """Remember path and baud rate; `open` or `maintain` opens the port."""
+        """Remember path and baud rate; `open` or `reopen` opens the port."""
         self._path = path
         self._baud = baud
         self._port: serial.Serial | None = None
@@ -73,7 +73,7 @@ class SerialPort:
         except (OSError, ValueError, NotImplementedError, AttributeError):
             pass  # not such an adapter
 
-    def maintain(self, now_s: float) -> None:
+    def reopen(self, now_s: float) -> None:
         """Try once a second to open a port that is away."""
         if self._fd >= 0 or now_s < self._retry_s:
             return

@@ -1,30 +1,105 @@
-"""What earlier runs have left in the store: parameters, plans, the resume record. What cannot be used is told."""
+"""What outlives a restart, by its names in the store: parameters, plans, resume record, signing key.
+
+What cannot be used of it is said and left out.
+"""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass
+from typing import Final
 
-from firmware_py.common.interfaces import Clock
-from firmware_py.common.parameters import ParameterError, parse_file
+from firmware_py.common.parameters import INDEX, TABLE, ParameterError, ParameterSet, format_file, parse_file
 from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.common.plan import from_text as plan_from_text
-from firmware_py.core.resume import RESUME_FILE, restore
-from firmware_py.core.step import State
-from firmware_py.loop import PARAMETER_FILE, PLAN_FILES
+from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.plans.validation import problem_of
 from firmware_py.system.store import Store
 
+PARAMETER_FILE: Final = "parameters.param"
+PLAN_FILES: Final = {PlanKind.MISSION: "mission.plan", PlanKind.FENCE: "fence.plan", PlanKind.RALLY: "rally.plan"}
+RESUME_FILE: Final = "resume.state"
+SIGNING_FILE: Final = "signing.key"
+LOG_DIRECTORY: Final = "logs"
+UPLOAD_DIRECTORY: Final = "uploads"
+BOOT_COUNT: Final = "STAT_BOOTCNT"
 _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)")
 
 
-def stored_parameters(store: Store, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
-    """The values that ground stations have set in earlier runs, and those that this version cannot use.
+class StateDirectory:
+    """Reads what earlier runs have left in the store, and keeps what the next one shall find; a StateKeeper."""
 
-    The latter are told. They stay in the store for the version that knows them, until all are forgotten or
-    the parameter is set anew; a line that is no name and value is told and left out for good.
+    def __init__(self, store: Store, say: Callable[[str], None]) -> None:
+        """Read the parameters; `say` takes a line on each thing that cannot be used."""
+        self._store, self._say = store, say
+        self._usable, unusable = load_parameters(store, say)
+        self._kept = unusable | self._usable
+
+    def count_start(self) -> None:
+        """Count one start more."""
+        count = min(self._usable.get(BOOT_COUNT, 0.0) + 1.0, TABLE[INDEX[BOOT_COUNT]].maximum)
+        self._usable[BOOT_COUNT] = count
+        self.keep_parameter(BOOT_COUNT, count)
+
+    def parameters_over(self, base: ParameterSet) -> ParameterSet:
+        """Return the parameters with the kept ones over them."""
+        for name, value in self._usable.items():
+            base = base.replaced(name, value)
+        return base
+
+    def plans(self) -> Plans:
+        """Return the plans of earlier runs."""
+        return load_plans(self._store, self._say)
+
+    def resume_record(self) -> bytes | None:
+        """Return the resume record of the last run, None when there is none."""
+        return self._store.load(RESUME_FILE)
+
+    def keep_parameter(self, name: str, value: float) -> None:
+        """Keep a parameter that was set."""
+        self._kept[name] = value
+        self._store.save(PARAMETER_FILE, format_file(self._kept).encode())
+
+    def forget_parameters(self) -> None:
+        """Forget all parameters that were set."""
+        self._kept.clear()
+        self._store.save(PARAMETER_FILE, b"")
+
+    def keep_plan(self, plan: Plan) -> None:
+        """Keep a plan in place of the one of its kind."""
+        self._store.save(PLAN_FILES[plan.kind], plan_to_text(plan).encode())
+
+    def keep_resume(self, text: str) -> None:
+        """Keep a resume record in place of the last one."""
+        self._store.save(RESUME_FILE, text.encode())
+
+    def when_stored(self, call: Callable[[bool], None]) -> None:
+        """Call back, on the loop's thread, once all that was kept so far is on disk (True) or cannot be (False)."""
+        self._store.when_stored(call)
+
+
+@dataclass(frozen=True, slots=True)
+class KeyVault:
+    """Keeps the signing key in the store; a Vault."""
+
+    store: Store
+
+    def load(self) -> bytes | None:
+        """Return what was saved last, None when nothing was."""
+        return self.store.load(SIGNING_FILE)
+
+    def save(self, content: bytes) -> None:
+        """Keep this instead, in the background."""
+        self.store.save(SIGNING_FILE, content)
+
+
+def load_parameters(store: Store, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the values that ground stations have set in earlier runs, and those that this version cannot use.
+
+    The latter are said. They stay in the store for the version that knows them, until all are forgotten or
+    the parameter is set anew; a line that is no name and value is said and left out for good.
     """
     content = store.load(PARAMETER_FILE)
     values: dict[str, float] = {}
@@ -49,24 +124,15 @@ def _name_and_value(line: str) -> tuple[str, float]:
     return (match[1], value) if match and math.isfinite(value) else ("", value)
 
 
-def _checked_plan(kind: PlanKind, text: str) -> tuple[Plan, tuple[str, ...]]:
-    plan, notes = plan_from_text(text)
-    if plan.kind is not kind:
-        raise ValueError(f"it is a {plan.kind.name.lower()}")
-    if fault := problem_of(plan):
-        raise ValueError(str(fault))
-    return plan, notes
-
-
-def stored_plans(store: Store, say: Callable[[str], None]) -> Plans:
-    """The plans of earlier runs; an unusable one is told and left out."""
+def load_plans(store: Store, say: Callable[[str], None]) -> Plans:
+    """Return the plans of earlier runs; an unusable one is said and left out."""
     plans = Plans()
     for kind, name in PLAN_FILES.items():
         content = store.load(name)
         if content is None:
             continue
         try:
-            plan, notes = _checked_plan(kind, content.decode("ascii", "replace"))
+            plan, notes = _sound_plan(kind, content.decode("ascii", "replace"))
         except ValueError as error:
             say(f"stored {name} left out: {error}")
             continue
@@ -76,16 +142,10 @@ def stored_plans(store: Store, say: Callable[[str], None]) -> Plans:
     return plans
 
 
-def with_resume(state: State, store: Store, clock: Clock, say: Callable[[str], None]) -> State:
-    """The state at start, going on with what the store holds; an unusable record is told and left out."""
-    content = store.load(RESUME_FILE)
-    if content is None:
-        return state
-    try:
-        state, notes = restore(state, content.decode("ascii", "replace"), clock.utc_s())
-    except ValueError as error:
-        say(f"stored {RESUME_FILE} left out: {error}")
-        return replace(state, greeting="Not resumed: the record is no good")
-    for note in notes:
-        say(f"stored {RESUME_FILE}: {note}")
-    return state
+def _sound_plan(kind: PlanKind, text: str) -> tuple[Plan, tuple[str, ...]]:
+    plan, notes = plan_from_text(text)
+    if plan.kind is not kind:
+        raise ValueError(f"it is a {plan.kind.name.lower()}")
+    if problem := problem_of(plan):
+        raise ValueError(str(problem))
+    return plan, notes

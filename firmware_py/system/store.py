@@ -110,8 +110,8 @@ class Store:
             return
         with self._lock:
             due, self._due = self._due, deque()
-        for call, well in due:
-            call(well)
+        for call, stored in due:
+            call(stored)
 
     def close(self) -> None:
         """Finish the queued saves and release the directory."""
@@ -166,7 +166,7 @@ def _slot_path(directory: Path, name: str, slot: int) -> Path:
 
 def _newest(directory: Path, name: str) -> _Version | None:
     """Return the newest whole version of a name, or None."""
-    found = []
+    versions = []
     for slot in SLOTS:
         try:
             data = _slot_path(directory, name, slot).read_bytes()
@@ -177,8 +177,8 @@ def _newest(directory: Path, name: str) -> _Version | None:
             continue
         content = data[head.end() : head.end() + int(head[2])]
         if len(content) == int(head[2]) and _checksum(head[1], content) == head[3]:
-            found.append(_Version(slot, int(head[1]), content))
-    return max(found, key=lambda version: version.sequence, default=None)
+            versions.append(_Version(slot, int(head[1]), content))
+    return max(versions, key=lambda version: version.sequence, default=None)
 
 
 def _checksum(sequence: bytes, content: bytes) -> bytes:
@@ -207,15 +207,15 @@ class _Writer:
     def write(self, name: str, content: bytes) -> None:
         """Write a new version into the slot that does not hold the newest one, and force it to disk; or OSError."""
         try:
-            self._places[name] = self._written(name, content)
+            self._places[name] = self._write_slot(name, content)
         except OSError:
             # What is there now must be looked up again.
             self._places.pop(name, None)
             for slot in SLOTS:
-                self._forget(name, slot)
+                self._close_slot(name, slot)
             raise
 
-    def _written(self, name: str, content: bytes) -> tuple[int, int]:
+    def _write_slot(self, name: str, content: bytes) -> tuple[int, int]:
         place = self._places.get(name)
         if place is None:
             newest = _newest(self._directory, name)
@@ -224,7 +224,7 @@ class _Writer:
         sequence = b"%d" % number
         data = b"# rambler state %s %d %s\n" % (sequence, len(content), _checksum(sequence, content)) + content
         size = -(-len(data) // SLOT_BYTES) * SLOT_BYTES
-        descriptor, present = self._opened(name, slot)
+        descriptor, present = self._open_slot(name, slot)
         if name in self._private:
             data = data.ljust(max(size, present), b"\0")  # nothing of a longer secret is to stay behind this one
         if present < size:
@@ -243,14 +243,14 @@ class _Writer:
             self._named = False
         return slot, number
 
-    def _opened(self, name: str, slot: int) -> tuple[int, int]:
+    def _open_slot(self, name: str, slot: int) -> tuple[int, int]:
         """Return the descriptor of a slot and its size."""
         kept = self._files.get((name, slot))
         if kept is not None:
-            found = os.fstat(kept)
-            if found.st_nlink:
-                return kept, found.st_size
-            self._forget(name, slot)  # removed, or another put in its place
+            status = os.fstat(kept)
+            if status.st_nlink:
+                return kept, status.st_size
+            self._close_slot(name, slot)  # removed, or another put in its place
         path, mode = _slot_path(self._directory, name, slot), PRIVATE_MODE if name in self._private else MODE
         self._named |= not path.exists()
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, mode)
@@ -259,7 +259,7 @@ class _Writer:
             os.fchmod(descriptor, mode)  # of a file that somebody has copied here, too
         return descriptor, os.fstat(descriptor).st_size
 
-    def _forget(self, name: str, slot: int) -> None:
+    def _close_slot(self, name: str, slot: int) -> None:
         descriptor = self._files.pop((name, slot), None)
         if descriptor is not None:
             os.close(descriptor)

@@ -13,7 +13,7 @@ from support.paths import ROOT
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
-from firmware_py.loop import PLAN_FILES
+from firmware_py.system.state_directory import PLAN_FILES
 from firmware_py.system.store import Store
 from hil.devices.emulator import METRES_PER_DEGREE
 from hil.devices.pty_line import PtyLine

@@ -14,12 +14,13 @@ import pytest
 from support.paths import REPLAY
 
 from firmware_py.__main__ import main
+from firmware_py.assemble import resume
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
 from firmware_py.common.records import Mode
 from firmware_py.control import scheduled
-from firmware_py.core.step import State
-from firmware_py.system.state_directory import stored_parameters, stored_plans, with_resume
+from firmware_py.core.state import State
+from firmware_py.system.state_directory import RESUME_FILE, load_parameters, load_plans
 from firmware_py.system.store import Store
 
 DATA = REPLAY
@@ -66,21 +67,15 @@ def test_a_change_of_behaviour_is_told_from_another(capsys, monkeypatch):
     assert replayed(LOGS["tank.BIN"], capsys)[2] != expected("tank.BIN", accepted)
 
 
-class AtTen:
-    """A clock that shows ten minutes after the record was written."""
-
-    def utc_s(self):
-        return 1767225600.0 + 600.0
-
-
 def test_a_boat_of_an_earlier_version_wakes_as_she_was(tmp_path):
     for path in (DATA / "first_layout" / "state").iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
     store, said = Store(tmp_path), []
-    values, unusable = stored_parameters(store, said.append)
-    plans = stored_plans(store, said.append)
+    values, unusable = load_parameters(store, said.append)
+    plans = load_plans(store, said.append)
     parameters = ParameterSet().replaced("BOOT_RESUME", 2)
-    state = with_resume(State.at_start(parameters, plans), store, AtTen(), said.append)
+    ten_minutes_later_s = 1767225600.0 + 600.0
+    state = resume(State.at_start(parameters, plans), store.load(RESUME_FILE), ten_minutes_later_s, said.append)
     store.close()
     assert (values, unusable) == ({"STAT_BOOTCNT": 1.0}, {})
     assert (state.modes.mode, state.modes.armed) == (Mode.AUTO, True)

@@ -29,7 +29,7 @@ def vehicle(tmp_path):
 def start(vehicle, directory):
     """Wire an autopilot, end it, and return the parameters that it had."""
     assembly = assemble(vehicle, Options(directory / "state", wait=True))
-    values = assembly.boat.pilot.parameters()
+    values = assembly.parts.autopilot.parameters()
     assembly.close()
     return values
 

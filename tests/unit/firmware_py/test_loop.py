@@ -17,7 +17,7 @@ from firmware_py.common.intents import (
     SteerHeading,
     Verdict,
 )
-from firmware_py.common.parameters import ParameterSet, format_file, parse_file
+from firmware_py.common.parameters import ParameterSet, parse_file
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.records import (
@@ -31,11 +31,13 @@ from firmware_py.common.records import (
     PositionSample,
     RudderFeedback,
 )
-from firmware_py.core.step import State
+from firmware_py.core.autopilot import PENDING_LIMIT, Autopilot
+from firmware_py.core.state import State
 from firmware_py.faults.page import Fault
-from firmware_py.loop import LINK_PART, PARAMETER_FILE, PENDING_LIMIT, PLAN_FILES, Autopilot, LoopParts, run
+from firmware_py.loop import LINK_PART, LoopParts, run
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.fault_barrier import FaultBarrier
+from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, StateDirectory
 
 
 class FakeClock:
@@ -172,6 +174,9 @@ class FakeStore:
     def fileno(self):
         return 30
 
+    def load(self, name):
+        return self.saved.get(name)
+
     def save(self, name, content):
         self.saved[name] = content
 
@@ -189,10 +194,10 @@ def boat():
     store = FakeStore()
     link, clock = FakeLink(log), FakeClock()
     link.clock = clock
-    pilot = Autopilot(State.at_start(ParameterSet()), store, {}, format_file)
+    autopilot = Autopilot(State.at_start(ParameterSet()), StateDirectory(store, pytest.fail))
     return LoopParts(
         clock=clock,
-        pilot=pilot,
+        autopilot=autopilot,
         compass=FakeCompass(log),
         position=None,
         rudder=FakeRudder(log),
@@ -200,8 +205,8 @@ def boat():
         recorder=FakeRecorder(),
         store=store,
         lines=[],
-        tell=lambda _event: None,
-        shelter=FaultBarrier(pytest.fail),  # no test but that of it makes mistakes
+        show_event=lambda _event: None,
+        fault_barrier=FaultBarrier(pytest.fail),  # no test but that of it makes mistakes
     )
 
 
@@ -215,7 +220,7 @@ def ticks(boat):
 
 
 def test_ticks_come_at_their_absolute_deadlines(boat):
-    boat.pilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
     turn(boat, 2.0)
     assert [tick.index for tick in ticks(boat)] == list(range(len(ticks(boat))))
     assert [tick.t_s for tick in ticks(boat)] == pytest.approx([0.1 * index for index in range(len(ticks(boat)))])
@@ -229,7 +234,7 @@ def test_the_servo_is_commanded_before_anything_is_published(boat):
 
 
 def test_a_stall_is_skipped_in_phase_and_reported(boat):
-    boat.pilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
     stall = iter([0.0] * 5 + [0.73])
 
     def publish(output, now_s):
@@ -247,7 +252,7 @@ def test_a_stall_is_skipped_in_phase_and_reported(boat):
 @pytest.mark.parametrize("where", ["service", "publish", "store"])
 def test_a_mistake_in_the_link_does_not_end_the_loop_and_is_told(boat, where):
     explained, mistakes = [], iter([KeyError("inside")])
-    boat.shelter = FaultBarrier(explained.append)
+    boat.fault_barrier = FaultBarrier(explained.append)
 
     def mistaken(*_):
         for mistake in mistakes:
@@ -275,7 +280,7 @@ def test_samples_are_stamped_when_they_arrive(boat):
 
 
 def test_the_link_is_served_in_the_slack_and_left_alone_before_a_deadline(boat):
-    boat.pilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
     boat.clock.plan = [(0.15, 20), (0.1985, 20)]
     turn(boat, 0.4)
     served = [t_s for what, t_s in boat.link.log if what == "service"]
@@ -310,7 +315,7 @@ def test_a_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
 
     def on_service(now_s):
         intents = (Arm(armed=True), SetMode(Mode.GUIDED), SteerHeading(2.0), SteerHeading(math.nan))
-        answers.extend(boat.pilot.decide(Request(now_s, intent, 255, 190)).verdict for intent in intents)
+        answers.extend(boat.autopilot.decide(Request(now_s, intent, 255, 190)).verdict for intent in intents)
 
     boat.link.on_service = on_service
     turn(boat, 0.5)
@@ -337,7 +342,7 @@ def test_a_flood_gets_part_of_the_time_and_the_tick_is_punctual(boat):
 
 def test_at_a_high_rate_a_flood_is_left_alone_well_before_the_tick(boat):
     """What slows the machine down for a moment while the link is served is over when the tick comes."""
-    boat.pilot.decide(Request(0.0, SetParameter("LOOP_RATE_HZ", 50)))
+    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_RATE_HZ", 50)))
     turn(boat, 0.5)
     boat.link.left_over = 10**6
 
@@ -359,48 +364,48 @@ def test_at_a_high_rate_a_flood_is_left_alone_well_before_the_tick(boat):
 
 
 def test_an_accepted_parameter_is_in_force_at_once_and_stored(boat):
-    answer = boat.pilot.decide(Request(0.0, SetParameter("CTL_K1", 44.4)))
+    answer = boat.autopilot.decide(Request(0.0, SetParameter("CTL_K1", 44.4)))
     assert answer.verdict is Verdict.ACCEPTED
-    value = boat.pilot.parameters()["CTL_K1"]
+    value = boat.autopilot.parameters()["CTL_K1"]
     assert value == pytest.approx(44.4)
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
-    assert boat.pilot.decide(Request(0.0, SetParameter("CTL_K1", math.inf))).verdict is Verdict.DENIED
+    assert boat.autopilot.decide(Request(0.0, SetParameter("CTL_K1", math.inf))).verdict is Verdict.DENIED
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
 
 
 def test_a_restart_ends_the_loop_behind_the_tick_that_logs_it_with_the_rudder_safe(boat):
-    assert boat.pilot.decide(Request(0.0, Restart())).verdict is Verdict.ACCEPTED
+    assert boat.autopilot.decide(Request(0.0, Restart())).verdict is Verdict.ACCEPTED
     turn(boat, 10.0)
     assert len(ticks(boat)) == 1
     assert boat.recorder.ticks[0][0].requests[0].intent == Restart()
-    assert boat.pilot.restart == Restart()
+    assert boat.autopilot.restart == Restart()
     assert boat.rudder.commands[-1][1].torque_on
     assert boat.clock.t_s < 3.0
 
 
 def test_a_refused_restart_goes_on(boat):
-    boat.pilot.decide(Request(0.0, Arm(armed=True, force=True)))
-    assert boat.pilot.decide(Request(0.0, Restart(shutdown=True))).verdict is Verdict.TEMPORARILY_REJECTED
+    boat.autopilot.decide(Request(0.0, Arm(armed=True, force=True)))
+    assert boat.autopilot.decide(Request(0.0, Restart(shutdown=True))).verdict is Verdict.TEMPORARILY_REJECTED
     turn(boat, 1.0)
-    assert boat.pilot.restart is None
+    assert boat.autopilot.restart is None
     assert len(ticks(boat)) > 9
 
 
 def test_parameters_set_over_links_are_forgotten_in_the_store_and_stay_in_force(boat):
-    boat.pilot.decide(Request(0.0, SetParameter("CTL_K1", 44.0)))
-    boat.pilot.decide(Request(0.0, ForgetParameters()))
+    boat.autopilot.decide(Request(0.0, SetParameter("CTL_K1", 44.0)))
+    boat.autopilot.decide(Request(0.0, ForgetParameters()))
     assert boat.store.saved[PARAMETER_FILE] == b""
-    assert boat.pilot.parameters()["CTL_K1"] == 44.0
-    boat.pilot.decide(Request(0.0, SetParameter("CTL_K2", 0.5)))
+    assert boat.autopilot.parameters()["CTL_K1"] == 44.0
+    boat.autopilot.decide(Request(0.0, SetParameter("CTL_K2", 0.5)))
     assert boat.store.saved[PARAMETER_FILE] == b"CTL_K2 0.5\n"
 
 
 def test_a_clock_that_steps_moves_no_deadline_and_is_told_and_logged(boat):
     calendar = [1000.0]
-    boat.timekeeper = ClockSetter(lambda: calendar[0], lambda utc_s: calendar.append(utc_s) or True, lambda: False)
+    boat.clock_setter = ClockSetter(lambda: calendar[0], lambda utc_s: calendar.append(utc_s) or True, lambda: False)
     boat.position = FakePosition()
     turn(boat, 2.0)
-    boat.pilot.decide(Request(boat.clock.t_s, SetParameter("LOOP_LOCK", 0)))
+    boat.autopilot.decide(Request(boat.clock.t_s, SetParameter("LOOP_LOCK", 0)))
     assert calendar[1:] == pytest.approx([2e9], abs=3.0)
     times_s = [tick.t_s for tick in ticks(boat)]
     assert [later - earlier for earlier, later in itertools.pairwise(times_s)] == pytest.approx(
@@ -417,12 +422,12 @@ MISSION = Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=1, y=2),))
 
 def test_a_plan_is_in_force_once_it_is_on_disk_and_an_input_of_the_next_tick(boat):
     answers = []
-    boat.pilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
-    assert (answers, boat.pilot.plans()) == ([], Plans())
+    boat.autopilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
+    assert (answers, boat.autopilot.plans()) == ([], Plans())
     assert plan_from_text(boat.store.saved[PLAN_FILES[PlanKind.MISSION]].decode())[0] == MISSION
     boat.store.service()
     assert [answer.verdict for answer in answers] == [Verdict.ACCEPTED]
-    assert boat.pilot.plans().mission is MISSION
+    assert boat.autopilot.plans().mission is MISSION
     turn(boat, 0.2)
     assert boat.link.outputs[-1].snapshot.mission.identities == (MISSION.identity, 0, 0)
     assert boat.recorder.ticks[0][0].requests[0].intent == ReplacePlan(MISSION)
@@ -430,16 +435,18 @@ def test_a_plan_is_in_force_once_it_is_on_disk_and_an_input_of_the_next_tick(boa
 
 def test_a_plan_that_cannot_be_stored_or_is_refused_leaves_the_old_one(boat):
     answers = []
-    boat.pilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
+    boat.autopilot.replace_plan(Request(0.0, ReplacePlan(MISSION)), answers.append)
     boat.store.calls.pop(0)(False)
-    boat.pilot.replace_plan(Request(0.0, ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(16)] * 2001))), answers.append)
+    boat.autopilot.replace_plan(
+        Request(0.0, ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(16)] * 2001))), answers.append
+    )
     assert [answer.verdict for answer in answers] == [Verdict.FAILED, Verdict.DENIED]
-    assert boat.pilot.plans() == Plans()
+    assert boat.autopilot.plans() == Plans()
 
 
 def test_the_rate_changes_with_its_parameter(boat):
-    boat.pilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
-    boat.pilot.decide(Request(0.0, SetParameter("LOOP_RATE_HZ", 50)))
+    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_RATE_HZ", 50)))
     turn(boat, 2.0)
     times_s = [tick.t_s for tick in ticks(boat)]
     assert [b - a for a, b in itertools.pairwise(times_s[2:])] == pytest.approx([0.02] * (len(times_s) - 3))
@@ -447,9 +454,9 @@ def test_the_rate_changes_with_its_parameter(boat):
 
 
 def test_a_flood_of_requests_is_turned_away(boat):
-    verdicts = {boat.pilot.decide(Request(0.0, ManualRudder(0.1))).verdict for _ in range(PENDING_LIMIT)}
+    verdicts = {boat.autopilot.decide(Request(0.0, ManualRudder(0.1))).verdict for _ in range(PENDING_LIMIT)}
     assert verdicts == {Verdict.ACCEPTED}
-    assert boat.pilot.decide(Request(0.0, ManualRudder(0.1))).verdict is Verdict.TEMPORARILY_REJECTED
+    assert boat.autopilot.decide(Request(0.0, ManualRudder(0.1))).verdict is Verdict.TEMPORARILY_REJECTED
 
 
 def test_health_is_an_input_only_when_it_changes(boat):
@@ -470,7 +477,7 @@ def test_whatever_ends_the_loop_the_rudder_is_brought_amidships(boat):
         raise RuntimeError("unexpected")
 
     boat.link.publish = explode
-    boat.shelter = FaultBarrier(lambda _line: None)  # again and again: more than it covers
+    boat.fault_barrier = FaultBarrier(lambda _line: None)  # again and again: more than it covers
     with pytest.raises(RuntimeError, match="unexpected"):
         turn(boat, 1.0)
     assert boat.rudder.commands[-1][1].shaft_rad == 0.0

@@ -98,10 +98,10 @@ def test_numbers_that_are_none_are_refused():
 
 
 def test_it_is_written_on_change_and_now_and_then():
-    memory, state = ResumeKeeper(), at_sea()
+    keeper, state = ResumeKeeper(), at_sea()
 
     def written(t_s, state):
-        return memory.news(state, state.parameters, t_s, UTC_S + t_s) is not None
+        return keeper.update(state, t_s, UTC_S + t_s) is not None
 
     assert written(0.0, state)
     changed = replace(state, modes=replace(state.modes, armed=False))
@@ -113,4 +113,4 @@ def test_it_is_written_on_change_and_now_and_then():
     )
     assert not written(2 * INTERVAL_S, finer)
     assert written(REFRESH_S + 2 * INTERVAL_S, finer)
-    assert memory.news(at_sea(0), parameters(0), 1e4, UTC_S) is None
+    assert keeper.update(at_sea(0), 1e4, UTC_S) is None

@@ -8,6 +8,7 @@ from enum import IntEnum
 import pytest
 from support.paths import REPLAY
 
+from firmware_py.assemble import resume
 from firmware_py.common.json_codec import Codec
 from firmware_py.common.parameters import ParameterSet, format_file
 from firmware_py.common.plan import HOOK as PLAN_HOOK
@@ -22,9 +23,8 @@ from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.page import Fault
 from firmware_py.log.reader import read_log
-from firmware_py.loop import PARAMETER_FILE, PLAN_FILES
 from firmware_py.safety.failsafe import FailsafeState
-from firmware_py.system.state_directory import stored_parameters, stored_plans, with_resume
+from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, load_parameters, load_plans
 from firmware_py.system.store import Store, stored_content
 
 DATA = REPLAY / "first_layout"
@@ -238,40 +238,29 @@ def test_a_resume_record_without_what_it_needs_names_it(name):
         woken(edited(first_resume(), lambda data: data.pop(name)))
 
 
-class Noon:
-    """A clock."""
-
-    def utc_s(self):
-        return UTC_S
-
-
-def test_what_cannot_be_resumed_is_said(tmp_path):
+def test_what_cannot_be_resumed_is_said():
     said, start = [], State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))
-    store = stored(tmp_path, "resume.state", edited(first_resume(), add_fields).encode())
-    assert with_resume(start, store, Noon(), said.append).modes.mode is Mode.AUTO
-    store.close()
+    record = edited(first_resume(), add_fields).encode()
+    assert resume(start, record, UTC_S, said.append).modes.mode is Mode.AUTO
     assert said[0] == "stored resume.state: Resume: field 'tide_m' is not known here, ignored"
-    store = stored(tmp_path, "resume.state", b"{}")
-    state = with_resume(start, store, Noon(), said.append)
-    store.close()
-    assert state == replace(start, greeting="Not resumed: the record is no good")
+    assert resume(start, b"{}", UTC_S, said.append) == replace(start, greeting="Not resumed: the record is no good")
     assert said[-1].startswith("stored resume.state left out: expected one of Resume")
 
 
 # --------------------------------------------------------------------- parameters and plans
 
 
-def test_stored_parameters_of_another_version_stay_in_the_store(tmp_path):
+def test_load_parameters_of_another_version_stay_in_the_store(tmp_path):
     said = []
     text = b"CTL_K1 41\nNEW_ONE 3.5\nCTL_HOLD_S 1e+09\nno line at all\nODD_ONE nan\n"
     store = stored(tmp_path, PARAMETER_FILE, text)
-    values, unusable = stored_parameters(store, said.append)
+    values, unusable = load_parameters(store, said.append)
     assert values == {"CTL_K1": 41.0}
     assert unusable == {"NEW_ONE": 3.5, "CTL_HOLD_S": 1e9}
     assert ["kept for another version" in line for line in said] == [True, True, False, False]
     store.close()
     store = stored(tmp_path, PARAMETER_FILE, format_file(unusable | values).encode())
-    assert stored_parameters(store, said.append) == (values, unusable)
+    assert load_parameters(store, said.append) == (values, unusable)
     store.close()
 
 
@@ -286,7 +275,7 @@ def test_a_plan_with_a_field_more_is_read_and_told(tmp_path):
     text = edited(plan_to_text(MISSION), change)
     assert plan_from_text(text)[0] == MISSION
     store, said = stored(tmp_path, PLAN_FILES[PlanKind.MISSION], text.encode()), []
-    assert stored_plans(store, said.append).mission == MISSION
+    assert load_plans(store, said.append).mission == MISSION
     store.close()
     assert said == [
         "stored mission.plan: _Stored: field 'tide_m' is not known here, ignored",

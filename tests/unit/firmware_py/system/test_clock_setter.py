@@ -18,7 +18,7 @@ class Computer:
         self.kept, self.may = kept, may
         self.now_s = 0.0
         self.sets = []
-        self.keeper = ClockSetter(lambda: self.offset_s + self.now_s, self.set, lambda: self.kept)
+        self.setter = ClockSetter(lambda: self.offset_s + self.now_s, self.set, lambda: self.kept)
 
     def set(self, utc_s):
         self.sets.append(utc_s)
@@ -34,8 +34,7 @@ class Computer:
             utc_s = fixes[index % len(fixes)] if fixes else None
             utc_s = None if utc_s is None else utc_s + self.now_s
             sample = PositionSample(self.now_s - 0.1, FixType.FIX_3D, utc_s=None if utc_s is None else utc_s - 0.1)
-            event = self.keeper.consider(policy, [sample], self.now_s)
-            told += [event.text] if event else []
+            told += [event.text for event in self.setter.update(policy, [sample], self.now_s)]
         return told
 
 
@@ -92,12 +91,12 @@ def test_where_it_may_not_be_set_that_is_told_once_an_hour():
 def test_a_ground_stations_time_serves_where_there_is_no_gps():
     computer = Computer(1000.0)
     for _ in range(5):
-        computer.keeper.hear_station(TRUE_S + computer.now_s, computer.now_s)
+        computer.setter.add_station_time(TRUE_S + computer.now_s, computer.now_s)
         told = computer.turn(WHEN_WRONG, count=1)
     assert told == [f"Clock set from a ground station: it was {1000.0 - TRUE_S:.0f} s off"]
     for policy, utc_s in ((WHEN_UNKEPT, TRUE_S + 100.0), (NEVER, 1000.0)):
         computer = Computer(utc_s)
         for _ in range(9):
-            computer.keeper.hear_station(TRUE_S + computer.now_s, computer.now_s)
+            computer.setter.add_station_time(TRUE_S + computer.now_s, computer.now_s)
             computer.turn(policy, count=1)
         assert computer.sets == []

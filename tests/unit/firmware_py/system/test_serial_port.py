@@ -83,12 +83,12 @@ def test_a_cable_pulled_and_put_back_is_taken_up_again(line, cable):
     assert not line.connected
     assert line.fileno() == -1
     assert not line.write(b"x")
-    line.maintain(10.0)
+    line.reopen(10.0)
     assert not line.connected
     cable.plug()
-    line.maintain(10.5)  # within a second of the last try
+    line.reopen(10.5)  # within a second of the last try
     assert not line.connected
-    line.maintain(11.1)
+    line.reopen(11.1)
     assert line.connected
     assert line.openings == 2
     os.write(cable.master, b"again")

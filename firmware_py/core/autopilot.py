@@ -1,0 +1,112 @@
+"""The autopilot between the ticks: it answers requests at once and hands them to the next step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from firmware_py.common.intents import Answer, ForgetParameters, ReplacePlan, Request, Restart, SetParameter, Verdict
+from firmware_py.common.interfaces import StateKeeper
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
+from firmware_py.common.records import Inputs, Output
+from firmware_py.core.accept import accept
+from firmware_py.core.resume import ResumeKeeper
+from firmware_py.core.state import State
+from firmware_py.core.step import step
+
+# More requests than this between two ticks are turned away.
+PENDING_LIMIT: Final = 256
+
+
+class Autopilot:
+    """Holds the state between ticks, judges requests at once and hands them to the next step.
+
+    `decide` computes ahead with the same pure function that the next step will use, so
+    that an answer need not wait for the tick and still cannot differ from what is done.
+    """
+
+    def __init__(self, state: State, keeper: StateKeeper) -> None:
+        """Start from a state; `keeper` takes what must outlive a restart."""
+        self._state = state
+        self._ahead = state
+        self._pending: list[Request] = []
+        self._keeper = keeper
+        self._resume = ResumeKeeper()
+        self.restart: Restart | None = None  # accepted in a tick: the loop ends behind it
+
+    @property
+    def state(self) -> State:
+        """The state after the last step."""
+        return self._state
+
+    def decide(self, request: Request) -> Answer:
+        """Judge a request at once; when accepted it is an input of the next tick."""
+        if len(self._pending) >= PENDING_LIMIT:
+            return Answer(Verdict.TEMPORARILY_REJECTED, "Too many requests")
+        ahead, answer = accept(self._ahead, request)
+        if answer.verdict is not Verdict.ACCEPTED:
+            return answer
+        self._ahead = ahead
+        self._pending.append(request)
+        if isinstance(request.intent, SetParameter):
+            name = request.intent.name
+            self._keeper.keep_parameter(name, ahead.parameters[name])
+        elif isinstance(request.intent, ForgetParameters):
+            self._keeper.forget_parameters()
+        return answer
+
+    def replace_plan(self, request: Request, done: Callable[[Answer], None]) -> None:
+        """Put a plan in force once it is on disk; the old one stands until then."""
+        intent = request.intent
+        if not isinstance(intent, ReplacePlan):
+            raise TypeError(f"{type(intent).__name__} is not a plan")
+        _, answer = accept(self._ahead, request)
+        if answer.verdict is not Verdict.ACCEPTED:
+            done(answer)
+            return
+
+        def finish(stored: bool) -> None:  # noqa: FBT001 - the store's callback
+            if not stored:
+                done(Answer(Verdict.FAILED, "the plan could not be stored; the old one stands"))
+                return
+            # On disk, so nothing may turn it away any more, not even a full queue.
+            self._ahead, answer = accept(self._ahead, request)
+            self._pending.append(request)
+            done(answer)
+
+        self._keeper.keep_plan(intent.plan)
+        self._keeper.when_stored(finish)
+
+    def parameters(self) -> ParameterSet:
+        """Return the values in force, accepted requests included."""
+        return self._ahead.parameters
+
+    def plans(self) -> Plans:
+        """Return the plans in force, accepted requests included."""
+        return self._ahead.plans
+
+    def when_stored(self, call: Callable[[bool], None]) -> None:
+        """Call back once all that was accepted so far is on disk, or cannot be."""
+        self._keeper.when_stored(call)
+
+    def take_requests(self) -> tuple[Request, ...]:
+        """Hand over the requests since the last tick."""
+        requests = tuple(self._pending)
+        self._pending.clear()
+        return requests
+
+    def step(self, inputs: Inputs) -> Output:
+        """Compute a tick."""
+        self._state, output = step(self._state, inputs)
+        self._ahead = self._state
+        for request in inputs.requests:
+            if isinstance(request.intent, Restart):
+                self.restart = request.intent
+        return output
+
+    def keep_resume(self, now_s: float, utc_s: float) -> None:
+        """Keep what the boat is doing for the next start, when that has changed."""
+        text = self._resume.update(self._state, now_s, utc_s)
+        if text is not None:
+            self._keeper.keep_resume(text)
