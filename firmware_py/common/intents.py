@@ -83,14 +83,14 @@ class SetMissionItem:
 
 @dataclass(frozen=True, slots=True)
 class PauseMission:
-    """Halt the mission where she is (a watch circle), or go on with it."""
+    """Halt the mission where the boat is (a watch circle), or go on with it."""
 
     paused: bool
 
 
 @dataclass(frozen=True, slots=True)
 class SetHome:
-    """Set home; without a position, to where she is."""
+    """Set home; without a position, to where the boat is."""
 
     latitude_rad: float | None = None
     longitude_rad: float | None = None

@@ -1,7 +1,7 @@
 """The frozen records that cross a boundary between two parts of the autopilot.
 
 Conventions: SI units and radians; headings clockwise from true north unless a
-reference says otherwise; positive rudder turns her to starboard; `t_s` is on the
+reference says otherwise; positive rudder turns the boat to starboard; `t_s` is on the
 monotonic clock of the process; an absent value is None, never a magic number.
 """
 
@@ -241,7 +241,7 @@ class MissionState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Home:
-    """Where she returns to, and the origin of local coordinates."""
+    """Where the boat returns to, and the origin of local coordinates."""
 
     latitude_rad: float
     longitude_rad: float
@@ -268,7 +268,7 @@ class Water:
     """Speed through the water and the current over the ground, with standard deviations.
 
     `current_sd_m_s` is that of the worse known direction. `too_strong`: the current is
-    stronger than she is, so that she cannot hold a place against it.
+    stronger than the boat, so that it cannot hold a place against it.
     """
 
     speed_m_s: float
@@ -280,7 +280,7 @@ class Water:
 
 
 class Activity(IntEnum):
-    """What guidance has her do."""
+    """What guidance has the boat do."""
 
     NOTHING = 0  # no goal of guidance: rudder by hand or amidships
     HEADING = 1  # a heading or a course
@@ -291,7 +291,7 @@ class Activity(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Navigation:
-    """Where guidance takes her: the place, the circle around it and how far she is off the line.
+    """Where guidance takes the boat: the place, the circle around it and how far off the line the boat is.
 
     `cross_track_m` is positive to starboard of the line. `fence_margin_m` is the distance to a
     breach of the fence, negative in breach, None while the fence is not heeded or not known.
@@ -312,8 +312,8 @@ class Estimate:
     """What the wave filter knows, with standard deviations; headings are without the yaw of the waves.
 
     `source` is what the heading is taken from: compass A 0, compass B 1, course over ground 2, nothing 3.
-    `bias_rad` is the rudder angle at which she runs straight, `turning_factor` by what she turns better
-    than her model says. `innovation_rad` is what the last heading differed from the expected one,
+    `bias_rad` is the rudder angle at which the boat runs straight, `turning_factor` by what it turns better
+    than its model says. `innovation_rad` is what the last heading differed from the expected one,
     `innovation_square` the average of such differences squared, by their variance: 1 for an honest filter.
     """
 

@@ -22,7 +22,7 @@ from firmware_py.common.parameters import INDEX, ParameterError, ParameterSet
 from firmware_py.common.plan import HOOK as PLAN_HOOK
 from firmware_py.common.reading_notes import Spot, number, shown
 from firmware_py.common.record_history import Change, Record
-from firmware_py.core.step import State
+from firmware_py.core.state import State
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.page import Fault
 from firmware_py.safety.failsafe import FailsafeState
@@ -162,14 +162,14 @@ PARAMETER_HOOK = Hook(ParameterSet, lambda parameters: dict(parameters.items()),
 def fault_fields(faults: type[IntEnum] = Fault) -> tuple[FieldHook, ...]:
     """Return how the fields that tell of faults travel: by the names of the faults given."""
 
-    def known(names: Iterable[Any], spot: Spot) -> list[Any]:
-        found = []
+    def faults_named(names: Iterable[Any], spot: Spot) -> list[Any]:
+        members = []
         for name in names:
             if isinstance(name, str) and name in faults.__members__:
-                found.append(faults[name])
+                members.append(faults[name])
             else:
                 spot.note(f"fault {shown(name)} is not known here, ignored")
-        return found
+        return members
 
     def times_by_name(times: tuple[float | None, ...]) -> dict[str, float]:
         return {fault.name: time_s for fault in faults if (time_s := times[fault]) is not None}
@@ -178,7 +178,7 @@ def fault_fields(faults: type[IntEnum] = Fault) -> tuple[FieldHook, ...]:
         if not isinstance(data, dict):
             raise ValueError(f"expected times by fault, found {shown(data)}")  # noqa: TRY004 -- bad data
         times: list[float | None] = [None] * len(faults)
-        for fault in known(data, spot):
+        for fault in faults_named(data, spot):
             value = data[fault.name]
             times[fault] = None if value is None else number(value)
         return tuple(times)
@@ -189,11 +189,11 @@ def fault_fields(faults: type[IntEnum] = Fault) -> tuple[FieldHook, ...]:
     def bits_from(data: Any, spot: Spot) -> int:
         if not isinstance(data, list):
             raise ValueError(f"expected a list of faults, found {shown(data)}")  # noqa: TRY004 -- bad data
-        return sum(1 << fault for fault in set(known(data, spot)))
+        return sum(1 << fault for fault in set(faults_named(data, spot)))
 
     def fault_from(data: Any, spot: Spot) -> IntEnum | None:
-        found = [] if data is None else known([data], spot)
-        return found[0] if found else None
+        members = [] if data is None else faults_named([data], spot)
+        return members[0] if members else None
 
     return (
         FieldHook(LatchState, "since_s", times_by_name, times_from),

@@ -26,8 +26,6 @@ from firmware_py.guidance.guidance import GuidanceInput, SteeringTarget
 from firmware_py.modes import Situation, live_bench
 from firmware_py.safety import energy_meter, rudder_monitor, supervisor, torque_release
 
-__all__ = ["State", "accept", "settings_of", "step"]
-
 
 def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     """Compute one tick: the next state, the rudder command, the snapshot and the events."""

@@ -19,7 +19,8 @@ from firmware_py.common.records import (
     RudderFeedback,
     Tick,
 )
-from firmware_py.core.step import State, step
+from firmware_py.core.state import State
+from firmware_py.core.step import step
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.ship.drift import RudderDrift
 from hil.ship.gusts import Gusts

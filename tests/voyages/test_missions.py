@@ -16,8 +16,10 @@ from firmware_py.common.intents import (
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.common.records import Activity, MissionState, Mode
+from firmware_py.core.accept import accept
+from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
-from firmware_py.core.step import State, accept, step
+from firmware_py.core.step import step
 
 
 def every_kind(yard):

@@ -9,7 +9,7 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Home, Mode
 from firmware_py.core.resume import INTERVAL_S, REFRESH_S, ResumeKeeper, from_text, restore, resume_of, to_text
-from firmware_py.core.step import State
+from firmware_py.core.state import State
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.mission import MissionProgress

@@ -36,8 +36,10 @@ from firmware_py.common.records import (
     RudderFeedback,
     Tick,
 )
+from firmware_py.core.accept import accept
+from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
-from firmware_py.core.step import State, accept, step
+from firmware_py.core.step import step
 from firmware_py.faults.page import Fault
 from firmware_py.model.kt import rk4_step
 
