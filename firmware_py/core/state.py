@@ -9,7 +9,6 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import DeviceHealth, Home, PositionSample, RudderFeedback
 from firmware_py.control import heading_controller
-from firmware_py.control.reference_model import Reference
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
 from firmware_py.estimate import heading_estimator, position, water
 from firmware_py.estimate import observer as heading
@@ -69,7 +68,7 @@ class State:
     t_s: float = 0.0
     heading: heading.HeadingState = heading.HeadingState()  # noqa: RUF009 - frozen
     lookout: heading_estimator.HeadingEstimatorState = heading_estimator.HeadingEstimatorState()  # noqa: RUF009 - frozen
-    reference: Reference | None = None
+    controller: heading_controller.HeadingControllerState = heading_controller.HeadingControllerState()  # noqa: RUF009 - frozen
     current: water.WaterState = water.WaterState()  # noqa: RUF009 - frozen
     place: position.PositionState = position.PositionState()  # noqa: RUF009 - frozen
     nav: guidance.GuidanceState = guidance.GuidanceState()  # noqa: RUF009 - frozen

@@ -89,6 +89,8 @@ CHANGES: tuple[Change, ...] = (
             ("Learned.slow", "Learned.slow_innovation"),
             ("CompassState.apart_rad", "CompassState.difference_rad"),
             ("PositionState.doubted", "PositionState.suspect"),
+            ("Reference.push_rad", "Reference.feedforward_rad"),
+            ("State.reference", "State.controller.reference"),
         ),
         renamed={"Head": "HoldHeading", "Go": "GoTo", "Keep": "HoldStation"},
         converted={"MonitorState": _monitor_by_name, "FailsafeState": _failsafe_by_name},

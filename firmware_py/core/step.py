@@ -25,7 +25,7 @@ from firmware_py.common.records import (
     Snapshot,
 )
 from firmware_py.control import heading_controller
-from firmware_py.control.reference_model import Reference
+from firmware_py.control.heading_controller import HeadingControllerInput, HeadingControllerState
 from firmware_py.control.rudder_limit import limited_command
 from firmware_py.core import fault_conditions
 from firmware_py.core.accept import accept
@@ -172,7 +172,7 @@ def _steer(
 ) -> tuple[State, RudderCommand]:
     """From what guidance asks for to what the servo is told; the watch has the last word."""
     modes, lost_s = state.modes, state.monitor.since_s[Fault.COMPASS_LOST]
-    demand_rad, reference = _demand_rad(settings, state, modes, steering, now_s, lost_s, step_s)
+    demand_rad, controller = _demand_rad(settings, state, modes, steering, now_s, lost_s, step_s)
     guard, demand_rad = supervisor.limit_without_heading(
         state.watch,
         demand_rad,
@@ -187,7 +187,7 @@ def _steer(
     seen = supervisor.RudderNow(command_rad, angle_rad, None, True, state.servo)
     guard, pulls = supervisor.torque_enable(settings.watch, guard, command_rad, seen, now_s)
     torque_on = pulls and _held(settings, modes, now_s)
-    state = replace(state, watch=guard, reference=reference, rudder_command_rad=command_rad, t_s=now_s)
+    state = replace(state, watch=guard, controller=controller, rudder_command_rad=command_rad, t_s=now_s)
     return state, RudderCommand(settings.linkage.to_shaft(command_rad), torque_on)
 
 
@@ -219,27 +219,28 @@ def _demand_rad(
     now_s: float,
     heading_lost_s: float | None,
     step_s: float,
-) -> tuple[float, Reference | None]:
-    """The rudder angle that mode and faults ask for, and the reference of a turn under way."""
+) -> tuple[float, HeadingControllerState]:
+    """The rudder angle that mode and faults ask for, and what the heading controller remembers if it steers."""
+    idle = HeadingControllerState()
     if (bench := live_bench(modes, now_s)) is not None:
-        return bench * settings.limits.limit_rad, None
+        return bench * settings.limits.limit_rad, idle
     if not modes.armed or modes.mode is Mode.HOLD:
-        return 0.0, None
+        return 0.0, idle
     if modes.mode is Mode.MANUAL:
         stick = live_stick(modes, now_s, settings.pilotage.stick_timeout_s)
-        return (0.0 if stick is None else stick * settings.limits.limit_rad), None
+        return (0.0 if stick is None else stick * settings.limits.limit_rad), idle
     if steering.error_rad is not None:
-        return heading_controller.demand(
-            settings.helm,
-            state.heading,
-            state.lookout.wave_filter,
-            state.reference,
-            steering.error_rad,
-            state.rudder_command_rad,
-            step_s,
+        given = HeadingControllerInput(
+            error_rad=steering.error_rad,
+            yaw_rate_rad_s=state.heading.yaw_rate_rad_s,
+            estimate=heading_estimator.heading_estimate(state.lookout, state.heading),
+            command_rad=state.rudder_command_rad,
+            step_s=step_s,
         )
+        controller, demand_rad = heading_controller.update(settings.helm, state.controller, given)
+        return demand_rad, controller
     held = heading_lost_s is None or now_s - heading_lost_s <= settings.hold_s
-    return (state.rudder_command_rad if held else 0.0), None
+    return (state.rudder_command_rad if held else 0.0), idle
 
 
 def _change_events(before: State, after: State) -> tuple[Event, ...]:
