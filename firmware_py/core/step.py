@@ -34,6 +34,7 @@ from firmware_py.estimate import heading_estimator, kalman, position, water
 from firmware_py.faults.latch import update as update_monitor
 from firmware_py.faults.page import Fault
 from firmware_py.guidance import guidance
+from firmware_py.guidance.steering import SteeringTarget, steering_target, update_goal
 from firmware_py.modes import ModeState, Situation, arming_obstacle, live_bench, live_stick
 from firmware_py.safety import energy_meter, rudder_monitor, supervisor
 
@@ -56,9 +57,9 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     guard, modes, guard_told = supervisor.apply_failsafe(
         settings.watch, state.watch, state.modes, monitor.active, situation, ordered=ordered
     )
-    modes = guidance.update_goal(settings.pilotage, modes, situation, now_s, step_s)
+    modes = update_goal(settings.pilotage, modes, situation, now_s, step_s)
     state, guided = _guide(settings, replace(state, watch=guard, modes=modes), situation, inputs)
-    steering = guidance.steering_target(modes, state.nav.followed, situation)
+    steering = steering_target(modes, state.nav.status, situation)
     state = _monitor_steering(settings, state, steering.error_rad, now_s)
     state, command = _steer(settings, state, situation, steering, now_s, step_s)
     told = (*_change_events(before, state), *sensed_told, *faults_told, *guard_told, *guided)
@@ -166,7 +167,7 @@ def _steer(
     settings: Settings,
     state: State,
     situation: Situation,
-    steering: guidance.SteeringTarget,
+    steering: SteeringTarget,
     now_s: float,
     step_s: float,
 ) -> tuple[State, RudderCommand]:
@@ -208,14 +209,14 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
         fix.utc_s if fix else None,
     )
     done = guidance.update(settings.pilotage, state.nav, scene)
-    return replace(state, nav=done.nav, home=done.home or state.home), done.events
+    return replace(state, nav=done.state, home=done.home or state.home), done.events
 
 
 def _demand_rad(
     settings: Settings,
     state: State,
     modes: ModeState,
-    steering: guidance.SteeringTarget,
+    steering: SteeringTarget,
     now_s: float,
     heading_lost_s: float | None,
     step_s: float,
@@ -255,7 +256,7 @@ def _change_events(before: State, after: State) -> tuple[Event, ...]:
 
 
 def _snapshot(
-    settings: Settings, state: State, situation: Situation, steering: guidance.SteeringTarget, inputs: Inputs
+    settings: Settings, state: State, situation: Situation, steering: SteeringTarget, inputs: Inputs
 ) -> Snapshot:
     valid = situation.heading_rad is not None
     measured = state.servo is not None and state.servo.shaft_rad is not None
@@ -271,8 +272,8 @@ def _snapshot(
         pitch_rad=state.heading.pitch_rad,
         goal_heading_rad=steering.heading_rad,
         heading_error_rad=steering.error_rad,
-        bearing_rad=state.nav.followed.bearing_rad,
-        distance_m=state.nav.followed.distance_m,
+        bearing_rad=state.nav.status.bearing_rad,
+        distance_m=state.nav.status.distance_m,
         rudder_rad=_rudder_rad(settings, state, state.servo) if measured else None,
         rudder_command_rad=state.rudder_command_rad,
         rudder_ok=situation.rudder_ok,

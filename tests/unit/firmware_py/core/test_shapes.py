@@ -119,7 +119,7 @@ def test_a_record_that_lacks_what_it_needs_takes_the_default_of_its_field():
         (("modes", "mode"), 77, "State.modes.mode: expected a number of Mode, found 77"),
         (("position", "fix"), 77, "State.position.fix: expected a number of FixType, found 77"),
         (("lookout", "sources", "in_use"), 77, "State.lookout.sources.in_use: expected a number of Source"),
-        (("nav", "order", "$"), "Drift", "State.nav.order: expected one of HoldHeading, GoTo, "),
+        (("nav", "task", "$"), "Drift", "State.nav.task: expected one of HoldHeading, GoTo, "),
     ],
 )
 def test_a_value_of_another_version_takes_a_default_and_is_reported(path, value, says):
@@ -222,7 +222,7 @@ def test_a_boat_wakes_as_she_was_after_an_update(change):
     state, notes = woken(edited(first_resume(), change))
     assert state.modes == whole.modes
     assert (state.modes.mode, state.modes.armed) == (Mode.AUTO, True)
-    assert (state.nav.mission, state.nav.order, state.home) == (whole.nav.mission, whole.nav.order, whole.home)
+    assert (state.nav.mission, state.nav.task, state.home) == (whole.nav.mission, whole.nav.task, whole.home)
     lost = change is add_fields
     assert bool(notes) == lost
     assert state.greeting == "Resumed AUTO, 1 min old" + (", not whole" if lost else "")
