@@ -308,6 +308,23 @@ class Navigation:
 
 
 @dataclass(frozen=True, slots=True)
+class HeadingEstimate:
+    """What the filter gives to steer by: heading and yaw rate without the yaw of the waves, and how the boat answers.
+
+    `bias_rad` is the rudder angle at which the boat runs straight, `speed_m_s` that through the water,
+    `turning_factor` by what the boat turns better than its model says; `_sd_`: standard deviation.
+    """
+
+    heading_rad: float
+    heading_sd_rad: float
+    yaw_rate_rad_s: float
+    bias_rad: float
+    speed_m_s: float
+    speed_sd_m_s: float
+    turning_factor: float
+
+
+@dataclass(frozen=True, slots=True)
 class Estimate:
     """What the wave filter knows, with standard deviations; headings are without the yaw of the waves.
 

@@ -1,56 +1,47 @@
-"""The helm of a tick: from what the lookout knows and what guidance asks to a rudder demand."""
+"""The heading controller that CTL_MODE chooses: from a heading error to a rudder demand.
+
+A new controller is a module beside `s_surface` and `scheduled`, one row of TABLE, and one value of
+the parameter CTL_MODE; what it remembers is a field of `HeadingControllerState`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import Final
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.control.reference_model import Reference
-from firmware_py.control.s_surface import Gains, rudder_demand
-from firmware_py.control.scheduled import HeadingEstimate, ScheduledSettings, apply_deadband, scheduled_demand
-from firmware_py.estimate import kalman
-from firmware_py.estimate.observer import HeadingState
-from firmware_py.estimate.wave_filter import WaveFilterState
+from firmware_py.control import s_surface, scheduled
+from firmware_py.control.controller import Controller, HeadingControllerInput, HeadingControllerState
+from firmware_py.control.s_surface import Gains
+from firmware_py.control.scheduled import ScheduledSettings
+
+__all__ = ["TABLE", "HeadingControllerInput", "HeadingControllerSettings", "HeadingControllerState", "update"]
+
+# By the value of CTL_MODE.
+TABLE: Final[Mapping[int, Callable[[ParameterSet], Controller]]] = {
+    0: lambda parameters: partial(s_surface.update, Gains.of(parameters)),
+    1: lambda parameters: partial(scheduled.update, ScheduledSettings.of(parameters)),
+}
 
 
 @dataclass(frozen=True, slots=True)
 class HeadingControllerSettings:
-    """How the heading is steered: with fixed gains or scheduled."""
+    """The controller that steers, and the gains of the S-surface that stands in for it."""
 
-    gains: Gains
-    scheduled: ScheduledSettings
-    plain: bool
+    controller: Controller
+    stand_in: Gains
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> HeadingControllerSettings:
         """Read the settings from the parameters."""
-        return cls(
-            Gains.of(parameters),
-            ScheduledSettings.of(parameters),
-            parameters["CTL_MODE"] == 0 or parameters["EST_MODE"] == 0,
-        )
+        return cls(controller=TABLE[int(parameters["CTL_MODE"])](parameters), stand_in=Gains.of(parameters))
 
 
-def demand(
-    settings: HeadingControllerSettings,
-    known: HeadingState,
-    waves: WaveFilterState,
-    reference: Reference | None,
-    error_rad: float,
-    command_rad: float,
-    step_s: float,
-) -> tuple[float, Reference | None]:
-    """Return the rudder demand for a heading error, and the reference of the turn."""
-    if settings.plain or not waves.x:
-        return rudder_demand(settings.gains, error_rad, known.yaw_rate_rad_s), None
-    seen = HeadingEstimate(
-        known.heading_rad,
-        waves.spread(kalman.HEADING),
-        known.yaw_rate_rad_s,
-        waves.x[kalman.BIAS],
-        waves.x[kalman.SPEED],
-        waves.spread(kalman.SPEED),
-        waves.x[kalman.FACTOR],
-    )
-    reference, order = scheduled_demand(settings.scheduled, reference, seen, error_rad, step_s)
-    return (command_rad if order is None else apply_deadband(command_rad, order)), reference
+def update(
+    settings: HeadingControllerSettings, state: HeadingControllerState, given: HeadingControllerInput
+) -> tuple[HeadingControllerState, float]:
+    """Return the state and the rudder demand [rad]; the S-surface stands in for a controller that cannot steer."""
+    state, demand_rad = settings.controller(state, given)
+    return s_surface.update(settings.stand_in, state, given) if demand_rad is None else (state, demand_rad)

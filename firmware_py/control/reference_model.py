@@ -1,7 +1,7 @@
-"""The reference: how a boat that obeys her model would come to the goal, fast and without overshoot.
+"""The reference: how a boat that obeys its model would come to the goal, fast and without overshoot.
 
-The K-T model is steered by a rule that is nearly time-optimal: full rudder until the angle that she
-still runs on while braking is all that is left, then full rudder the other way. Feedback then only
+The K-T model is steered by a rule that is nearly time-optimal: full rudder until the angle that
+it still runs on while braking is all that is left, then full rudder the other way. Feedback then only
 has to hold the real boat to it, and the rudder that the reference uses is fed forward.
 """
 
@@ -17,13 +17,13 @@ from firmware_py.model.kt import decay_over, exact_step
 EASING_RAD: Final = radians(5.6)  # the last of the way is made in proportion
 BRAKING_SHARE: Final = 0.8  # of the full rudder that braking counts on
 RATE_GAIN: Final = 0.55  # of the rudder that holds a yaw rate: damps the last of the way
-LEAST_PUSH_RAD: Final = radians(5.0)  # so that no trim, however wrong, leaves her without a turn
+LEAST_FEEDFORWARD_RAD: Final = radians(5.0)  # so that no trim, however wrong, leaves the boat without a turn
 LEAD_RAD: Final = radians(6.0)  # the reference waits for the boat beyond this
 
 
 @dataclass(frozen=True, slots=True)
 class Ship:
-    """The K-T model at the present speed, and the rudder: its limit and where she runs straight."""
+    """The K-T model at the present speed, and the rudder: its limit and where the boat runs straight."""
 
     turning_ability_1_s: float
     turning_lag_s: float
@@ -34,15 +34,15 @@ class Ship:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Heading and yaw rate that she should have now, and the rudder beyond the bias that it takes."""
+    """Heading and yaw rate that the boat should have now, and the rudder beyond the bias that it takes."""
 
     heading_rad: float
     yaw_rate_rad_s: float
-    push_rad: float = 0.0
+    feedforward_rad: float = 0.0
 
 
-def running_on_rad(ship: Ship, yaw_rate_rad_s: float, brake_rad: float) -> float:
-    """Return the angle that she turns on while a rudder of brake_rad (> 0) against the turn stops it."""
+def stopping_angle_rad(ship: Ship, yaw_rate_rad_s: float, brake_rad: float) -> float:
+    """Return the angle that the boat turns on while a rudder of brake_rad (> 0) against the turn stops it."""
     against_rad_s = ship.turning_ability_1_s * brake_rad
     rate_rad_s = abs(yaw_rate_rad_s)
     angle_rad = ship.turning_lag_s * (rate_rad_s - against_rad_s * math.log1p(rate_rad_s / against_rad_s))
@@ -51,15 +51,15 @@ def running_on_rad(ship: Ship, yaw_rate_rad_s: float, brake_rad: float) -> float
 
 def update(ship: Ship, reference: Reference, error_rad: float, heading_rad: float, step_s: float) -> Reference:
     """Carry the reference over a step toward a goal that lies error_rad from it; it keeps near heading_rad."""
-    high_rad = max(ship.limit_rad - ship.bias_rad, LEAST_PUSH_RAD)
-    low_rad = min(-ship.limit_rad - ship.bias_rad, -LEAST_PUSH_RAD)
+    high_rad = max(ship.limit_rad - ship.bias_rad, LEAST_FEEDFORWARD_RAD)
+    low_rad = min(-ship.limit_rad - ship.bias_rad, -LEAST_FEEDFORWARD_RAD)
     r = reference.yaw_rate_rad_s
     brake_rad = BRAKING_SHARE * (high_rad if r < 0.0 else -low_rad)
-    left_rad = error_rad - running_on_rad(ship, r, brake_rad)
-    push_rad = ship.limit_rad * left_rad / EASING_RAD - RATE_GAIN * r / ship.turning_ability_1_s
-    push_rad = clamp(push_rad, low_rad, high_rad)
-    steady = ship.turning_ability_1_s * push_rad - ship.norrbin_s2 * r * r * r
+    left_rad = error_rad - stopping_angle_rad(ship, r, brake_rad)
+    feedforward_rad = ship.limit_rad * left_rad / EASING_RAD - RATE_GAIN * r / ship.turning_ability_1_s
+    feedforward_rad = clamp(feedforward_rad, low_rad, high_rad)
+    steady = ship.turning_ability_1_s * feedforward_rad - ship.norrbin_s2 * r * r * r
     decay = decay_over(step_s, ship.turning_lag_s)
     turned_rad, rate_rad_s = exact_step(r, steady, decay, step_s, ship.turning_lag_s)
     lead_rad = clamp(wrap_pi(reference.heading_rad - heading_rad) + turned_rad, -LEAD_RAD, LEAD_RAD)
-    return Reference(wrap_two_pi(heading_rad + lead_rad), rate_rad_s, push_rad)
+    return Reference(wrap_two_pi(heading_rad + lead_rad), rate_rad_s, feedforward_rad)

@@ -20,9 +20,9 @@ class RudderLimits:
     def of(cls, parameters: ParameterSet) -> RudderLimits:
         """Read the limits from the parameters."""
         return cls(
-            radians(parameters["RUD_LIMIT_DEG"]),
-            radians(parameters["RUD_SLEW_DEG_S"]),
-            radians(parameters["RUD_DBAND_DEG"]),
+            limit_rad=radians(parameters["RUD_LIMIT_DEG"]),
+            slew_rad_s=radians(parameters["RUD_SLEW_DEG_S"]),
+            deadband_rad=radians(parameters["RUD_DBAND_DEG"]),
         )
 
 
@@ -52,7 +52,7 @@ class Linkage:
     @classmethod
     def of(cls, parameters: ParameterSet) -> Linkage:
         """Read the linkage from the parameters."""
-        return cls(radians(parameters["RUD_CENTRE_DEG"]), -1.0 if parameters["RUD_REVERSE"] else 1.0)
+        return cls(centre_rad=radians(parameters["RUD_CENTRE_DEG"]), sign=-1.0 if parameters["RUD_REVERSE"] else 1.0)
 
     def to_shaft(self, rudder_rad: float) -> float:
         """Convert a rudder angle to the angle of the shaft."""

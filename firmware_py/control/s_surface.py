@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from firmware_py.common.angles import clamp, radians
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState
 from firmware_py.model.kt import steady_yaw_rate
 
 
@@ -31,12 +32,19 @@ class Gains:
         """Read the gains from the parameters."""
         limit_rad = radians(parameters["RUD_LIMIT_DEG"])
         return cls(
-            parameters["CTL_K1"],
-            parameters["CTL_K2"],
-            limit_rad,
-            steady_yaw_rate(limit_rad, parameters["MDL_K"], parameters["MDL_ALPHA_S2"]),
-            radians(parameters["CTL_TRIM_DEG"]),
+            k1=parameters["CTL_K1"],
+            k2=parameters["CTL_K2"],
+            rudder_limit_rad=limit_rad,
+            yaw_rate_max_rad_s=steady_yaw_rate(limit_rad, parameters["MDL_K"], parameters["MDL_ALPHA_S2"]),
+            trim_rad=radians(parameters["CTL_TRIM_DEG"]),
         )
+
+
+def update(
+    gains: Gains, _state: HeadingControllerState, given: HeadingControllerInput
+) -> tuple[HeadingControllerState, float]:
+    """Return the rudder demand [rad] of fixed gains, which remember nothing."""
+    return HeadingControllerState(), rudder_demand(gains, given.error_rad, given.yaw_rate_rad_s)
 
 
 def rudder_demand(gains: Gains, heading_error_rad: float, yaw_rate_rad_s: float) -> float:

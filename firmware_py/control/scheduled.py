@@ -1,6 +1,6 @@
 """Holds a heading as a good helmsman does: with the trim carried, a plan for each turn, and a quiet rudder.
 
-The S-surface acts on what the estimate says that she is off the reference. Its gains follow from
+The S-surface acts on what the estimate says that the boat is off the reference. Its gains follow from
 one price: the rudder that minimises the integral of error^2 + (rudder / stiffness)^2 on the K-T
 model has a proportional gain `stiffness` and the yaw rate gain below, at any speed. The demand
 moves the command only when it leaves a band around it, and then no farther than the band's edge:
@@ -16,7 +16,10 @@ from typing import Final
 
 from firmware_py.common.angles import clamp, degrees, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.control.reference_model import Reference, Ship, update
+from firmware_py.common.records import HeadingEstimate
+from firmware_py.control import reference_model
+from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState
+from firmware_py.control.reference_model import Reference, Ship
 from firmware_py.control.s_surface import Gains, rudder_demand
 from firmware_py.model.kt import KtModel, steady_yaw_rate
 
@@ -47,25 +50,12 @@ class ScheduledSettings:
     def of(cls, parameters: ParameterSet) -> ScheduledSettings:
         """Read the settings from the parameters."""
         return cls(
-            KtModel.of(parameters),
-            radians(parameters["RUD_LIMIT_DEG"]),
-            radians(parameters["CTL_TRIM_DEG"]),
-            parameters["CTL_PRICE"],
-            parameters["CTL_WAY_MIN"],
+            model=KtModel.of(parameters),
+            limit_rad=radians(parameters["RUD_LIMIT_DEG"]),
+            trim_rad=radians(parameters["CTL_TRIM_DEG"]),
+            price=parameters["CTL_PRICE"],
+            least_speed_m_s=parameters["CTL_WAY_MIN"],
         )
-
-
-@dataclass(frozen=True, slots=True)
-class HeadingEstimate:
-    """What the estimate says: low-frequency heading and yaw rate, rudder bias, speed, and how well she turns."""
-
-    heading_rad: float
-    heading_spread_rad: float
-    yaw_rate_rad_s: float
-    bias_rad: float
-    speed_m_s: float
-    speed_spread_m_s: float
-    turning_factor: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,34 +66,45 @@ class RudderDemand:
     band_rad: float
 
 
-def ship_now(settings: ScheduledSettings, known: HeadingEstimate) -> Ship:
-    """Return the model at the estimated speed (similarity, paper eq. 7), turning as well as she is found to."""
-    ability_1_s, lag_s, norrbin_s2 = settings.model.scaled(known.speed_m_s / settings.model.speed_m_s)
+def update(
+    settings: ScheduledSettings, state: HeadingControllerState, given: HeadingControllerInput
+) -> tuple[HeadingControllerState, float | None]:
+    """Return the rudder demand [rad] with the reference of the turn; None without an estimate to steer by."""
+    if given.estimate is None:
+        return HeadingControllerState(), None
+    reference, demand = scheduled_demand(settings, state.reference, given.estimate, given.error_rad, given.step_s)
+    command_rad = given.command_rad
+    return HeadingControllerState(reference), command_rad if demand is None else apply_deadband(command_rad, demand)
+
+
+def ship_at_speed(settings: ScheduledSettings, estimate: HeadingEstimate) -> Ship:
+    """Return the model at the estimated speed (similarity, paper eq. 7), turning as well as the boat is found to."""
+    ability_1_s, lag_s, norrbin_s2 = settings.model.scaled(estimate.speed_m_s / settings.model.speed_m_s)
     return Ship(
-        ability_1_s * known.turning_factor,
+        ability_1_s * estimate.turning_factor,
         lag_s,
         norrbin_s2,
         settings.limit_rad,
-        clamp(known.bias_rad + settings.trim_rad, -settings.limit_rad, settings.limit_rad),
+        clamp(estimate.bias_rad + settings.trim_rad, -settings.limit_rad, settings.limit_rad),
     )
 
 
-def stiffness_of(settings: ScheduledSettings, known: HeadingEstimate) -> float:
+def stiffness_of(settings: ScheduledSettings, estimate: HeadingEstimate) -> float:
     """Return the rudder angle per angle of heading error."""
-    ratio = known.speed_m_s / settings.model.speed_m_s
-    by_spread = math.pow(_spread_deg(known), STIFFNESS_BY_SPREAD)
-    return STIFFNESS / settings.price * by_spread * math.pow(ratio, STIFFNESS_BY_SPEED)
+    ratio = estimate.speed_m_s / settings.model.speed_m_s
+    by_knowledge = math.pow(_heading_sd_deg(estimate), STIFFNESS_BY_SPREAD)
+    return STIFFNESS / settings.price * by_knowledge * math.pow(ratio, STIFFNESS_BY_SPEED)
 
 
-def band_of(settings: ScheduledSettings, known: HeadingEstimate, stiffness: float) -> float:
+def band_of(settings: ScheduledSettings, estimate: HeadingEstimate, stiffness: float) -> float:
     """Return how far the demand may leave the command: by what the estimate's noise does to the demand, and a rest."""
-    ratio = known.speed_m_s / settings.model.speed_m_s
-    band_deg = BAND_DEG + BAND_BY_SPREAD * stiffness * _spread_deg(known)
+    ratio = estimate.speed_m_s / settings.model.speed_m_s
+    band_deg = BAND_DEG + BAND_BY_SPREAD * stiffness * _heading_sd_deg(estimate)
     return radians(settings.price * band_deg * math.pow(ratio, BAND_BY_SPEED))
 
 
-def _spread_deg(known: HeadingEstimate) -> float:
-    return clamp(degrees(known.heading_spread_rad), *SPREADS_DEG)
+def _heading_sd_deg(estimate: HeadingEstimate) -> float:
+    return clamp(degrees(estimate.heading_sd_rad), *SPREADS_DEG)
 
 
 def gains_of(ship: Ship, stiffness: float) -> Gains:
@@ -122,32 +123,32 @@ def gains_of(ship: Ship, stiffness: float) -> Gains:
 
 
 def scheduled_demand(
-    settings: ScheduledSettings, reference: Reference | None, known: HeadingEstimate, error_rad: float, step_s: float
+    settings: ScheduledSettings, reference: Reference | None, estimate: HeadingEstimate, error_rad: float, step_s: float
 ) -> tuple[Reference, RudderDemand | None]:
-    """Advance the reference and return it with the order; error_rad is the goal less the estimated heading.
+    """Advance the reference and return it with the demand; error_rad is the goal less the estimated heading.
 
-    Without steerage way there is no order: a rudder that turns nothing is left where it is.
+    Without steerage way there is no demand: a rudder that turns nothing is left where it is.
     """
     if reference is None:
-        reference = Reference(known.heading_rad, known.yaw_rate_rad_s)
-    if known.speed_m_s + known.speed_spread_m_s < settings.least_speed_m_s:
-        return Reference(known.heading_rad, known.yaw_rate_rad_s), None
-    ship = ship_now(settings, known)
+        reference = Reference(estimate.heading_rad, estimate.yaw_rate_rad_s)
+    if estimate.speed_m_s + estimate.speed_sd_m_s < settings.least_speed_m_s:
+        return Reference(estimate.heading_rad, estimate.yaw_rate_rad_s), None
+    ship = ship_at_speed(settings, estimate)
     # An error of half a turn either way is a turn ordered the long way: it must not wrap.
-    left_rad = error_rad - wrap_pi(reference.heading_rad - known.heading_rad)
+    left_rad = error_rad - wrap_pi(reference.heading_rad - estimate.heading_rad)
     if abs(error_rad) < math.pi:
         left_rad = wrap_pi(left_rad)
-    reference = update(ship, reference, left_rad, known.heading_rad, step_s)
-    stiffness = stiffness_of(settings, known)
-    off_rad = wrap_pi(reference.heading_rad - known.heading_rad)
-    feedback_rad = rudder_demand(gains_of(ship, stiffness), off_rad, known.yaw_rate_rad_s - reference.yaw_rate_rad_s)
-    demand_rad = ship.bias_rad + reference.push_rad + feedback_rad
-    band_rad = band_of(settings, known, stiffness)
+    reference = reference_model.update(ship, reference, left_rad, estimate.heading_rad, step_s)
+    stiffness = stiffness_of(settings, estimate)
+    off_rad = wrap_pi(reference.heading_rad - estimate.heading_rad)
+    feedback_rad = rudder_demand(gains_of(ship, stiffness), off_rad, estimate.yaw_rate_rad_s - reference.yaw_rate_rad_s)
+    demand_rad = ship.bias_rad + reference.feedforward_rad + feedback_rad
+    band_rad = band_of(settings, estimate, stiffness)
     if abs(left_rad) > TURNING_RAD:
         band_rad *= TURNING_SHARE
     return reference, RudderDemand(clamp(demand_rad, -settings.limit_rad, settings.limit_rad), band_rad)
 
 
-def apply_deadband(command_rad: float, order: RudderDemand) -> float:
+def apply_deadband(command_rad: float, demand: RudderDemand) -> float:
     """Return the command drawn along by the demand: unmoved within the band, on its edge otherwise."""
-    return clamp(command_rad, order.demand_rad - order.band_rad, order.demand_rad + order.band_rad)
+    return clamp(command_rad, demand.demand_rad - demand.band_rad, demand.demand_rad + demand.band_rad)

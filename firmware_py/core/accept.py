@@ -20,7 +20,7 @@ from firmware_py.common.intents import (
 from firmware_py.common.parameters import TABLE, ParameterError, index_of
 from firmware_py.common.records import Home, Mode
 from firmware_py.core.state import State, situation_at
-from firmware_py.guidance import mission
+from firmware_py.guidance import mission_progress
 from firmware_py.guidance.mission_step import steps_of
 from firmware_py.modes import ACCEPTED, decide
 from firmware_py.plans.validation import problem_of
@@ -75,16 +75,19 @@ def _set_mission_item(state: State, intent: SetMissionItem, _t_s: float) -> tupl
         return state, Answer(Verdict.TEMPORARILY_REJECTED, "There is no mission")
     if not 0 <= intent.index < count:
         return state, Answer(Verdict.DENIED, f"The mission has items 0 to {count - 1}, not {intent.index}")
-    progress = mission.for_plan(state.guidance.mission, state.plans.mission.identity)
-    progress = mission.at_item(progress, intent.index, restart=intent.restart)
+    progress = mission_progress.for_plan(state.guidance.mission, state.plans.mission.identity)
+    progress = mission_progress.at_item(progress, intent.index, restart=intent.restart)
     return replace(state, guidance=replace(state.guidance, mission=progress)), ACCEPTED
 
 
 def _pause_mission(state: State, intent: PauseMission, _t_s: float) -> tuple[State, Answer]:
     if state.modes.mode is not Mode.AUTO:
         return state, Answer(Verdict.TEMPORARILY_REJECTED, f"No mission is under way in {state.modes.mode.name}")
-    progress = mission.for_plan(state.guidance.mission, state.plans.mission.identity)
-    progress = mission.paused(progress, steps_of(state.plans.mission), halted=intent.paused)
+    progress = mission_progress.for_plan(state.guidance.mission, state.plans.mission.identity)
+    if intent.paused:
+        progress = mission_progress.pause(progress)
+    else:
+        progress = mission_progress.proceed(progress, steps_of(state.plans.mission))
     return replace(state, guidance=replace(state.guidance, mission=progress)), ACCEPTED
 
 

@@ -16,7 +16,7 @@ from firmware_py.core.state import State
 from firmware_py.core.state_codec import CHANGES
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.line import LineState
-from firmware_py.guidance.mission import MissionProgress
+from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.guidance.orbit import OrbitState
 from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import Task
@@ -36,7 +36,7 @@ class Resume:
     utc_s: float
     modes: ModeState
     mission: MissionProgress
-    order: Task | None = None
+    task: Task | None = None
     arrived: bool = False
     line: LineState | None = None
     orbit: OrbitState = OrbitState()  # noqa: RUF009 - frozen
@@ -50,15 +50,15 @@ _CODEC = Codec([Resume], changes=CHANGES)
 
 def resume_of(state: State, utc_s: float) -> Resume:
     """Return what is to be kept of a state."""
-    nav, line = state.guidance, state.guidance.follow.line
+    nav, line = state.guidance, state.guidance.follower.line
     return Resume(
         math.floor(utc_s / REFRESH_S) * REFRESH_S,
         replace(state.modes, stick=None, stick_t_s=0.0, bench=None, bench_until_s=0.0),
-        replace(nav.mission, elapsed_s=_rounded(nav.mission.elapsed_s, ELAPSED_STEP_S), idle=0),
-        nav.order,
-        nav.follow.arrived,
+        replace(nav.mission, elapsed_s=_rounded(nav.mission.elapsed_s, ELAPSED_STEP_S), idle_items=0),
+        nav.task,
+        nav.follower.arrived,
         None if line is None else LineState(line.start, tries=line.tries),
-        OrbitState(None, _rounded(nav.follow.orbit.turned_rad, TURNED_STEP_RAD)),
+        OrbitState(None, _rounded(nav.follower.orbit.turned_rad, TURNED_STEP_RAD)),
         nav.fence_enabled,
         state.home,
         tuple(_rounded(value, CURRENT_STEP_M_S) for value in state.water.mean),  # type: ignore[arg-type]
@@ -108,13 +108,13 @@ def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ..
     if age is not None and age > 3600.0 * state.parameters["BOOT_RESUME_H"]:
         return replace(state, greeting=f"Not resumed: {_age_text(age)} old"), notes
     armed = resume.modes.armed if level == ALL else state.modes.armed
-    follow = TaskFollowerState(resume.order, resume.arrived, resume.line, orbit=resume.orbit)
+    follower = TaskFollowerState(resume.task, resume.arrived, resume.line, orbit=resume.orbit)
     nav = GuidanceState(
         resume.modes.mode,
         resume.modes.armed and armed,
         resume.mission,
-        resume.order,
-        follow,
+        resume.task,
+        follower,
         fence_enabled=resume.fence_enabled,
     )
     greeting = f"Resumed {resume.modes.mode.name}, {'age unknown' if age is None else _age_text(age) + ' old'}"

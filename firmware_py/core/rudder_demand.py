@@ -4,37 +4,38 @@ from __future__ import annotations
 
 from firmware_py.common.records import Mode
 from firmware_py.control import heading_controller
-from firmware_py.control.reference_model import Reference
+from firmware_py.control.heading_controller import HeadingControllerInput, HeadingControllerState
 from firmware_py.core.state import Settings, State
+from firmware_py.estimate.heading_estimator import heading_estimate
 from firmware_py.faults.page import Fault
-from firmware_py.guidance.guidance import SteeringTarget
+from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import live_bench, live_stick
 
 
 def rudder_demand(
     settings: Settings, state: State, target: SteeringTarget, now_s: float, step_s: float
-) -> tuple[float, Reference | None]:
-    """Return the demand, and the reference of a turn under way; without a heading the rudder stays for a while."""
+) -> tuple[float, HeadingControllerState]:
+    """Return the demand and the heading controller's state, the default while it does not steer."""
+    idle = HeadingControllerState()
     modes, command_rad = state.modes, state.rudder.command_rad
     limit_rad = settings.rudder.limits.limit_rad
     if (deflection := live_bench(modes, now_s)) is not None:
-        return deflection * limit_rad, None
+        return deflection * limit_rad, idle
     if not modes.armed or modes.mode is Mode.HOLD:
-        return 0.0, None
+        return 0.0, idle
     if modes.mode is Mode.MANUAL:
         stick = live_stick(modes, now_s, settings.guidance.stick_timeout_s)
-        return (0.0 if stick is None else stick * limit_rad), None
+        return (0.0 if stick is None else stick * limit_rad), idle
     if target.error_rad is not None:
-        estimate = state.heading_estimator
-        return heading_controller.demand(
-            settings.controller,
-            estimate.heading,
-            estimate.wave_filter,
-            state.reference,
-            target.error_rad,
-            command_rad,
-            step_s,
+        given = HeadingControllerInput(
+            error_rad=target.error_rad,
+            yaw_rate_rad_s=state.heading_estimator.heading.yaw_rate_rad_s,
+            estimate=heading_estimate(state.heading_estimator),
+            command_rad=command_rad,
+            step_s=step_s,
         )
+        controller, demand_rad = heading_controller.update(settings.controller, state.controller, given)
+        return demand_rad, controller
     lost_s = state.fault_latch.since_s[Fault.COMPASS_LOST]
     held = lost_s is None or now_s - lost_s <= settings.rudder.hold_s
-    return (command_rad if held else 0.0), None
+    return (command_rad if held else 0.0), idle

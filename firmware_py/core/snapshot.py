@@ -6,7 +6,7 @@ from firmware_py.common.records import Inputs, RudderStatus, Snapshot
 from firmware_py.core.state import Settings, State, fence_enabled
 from firmware_py.estimate import heading_estimator
 from firmware_py.guidance import guidance
-from firmware_py.guidance.guidance import SteeringTarget
+from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import Situation, arming_obstacle
 from firmware_py.safety import energy_meter
 
@@ -21,7 +21,7 @@ def snapshot_of(
 ) -> Snapshot:
     """Return the snapshot of a tick that has been computed."""
     heading, heading_ok = state.heading_estimator.heading, situation.heading_rad is not None
-    task = state.guidance.followed
+    task = state.guidance.status
     return Snapshot(
         t_s=inputs.tick.t_s,
         tick=inputs.tick.index,

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import Home
-from firmware_py.control.heading_controller import HeadingControllerSettings
-from firmware_py.control.reference_model import Reference
+from firmware_py.control.heading_controller import HeadingControllerSettings, HeadingControllerState
 from firmware_py.core.device_reports import DeviceReports
 from firmware_py.core.freshness import Age, Freshness, FreshnessSettings, age_of
 from firmware_py.core.rudder import RudderSettings, RudderState
@@ -84,7 +83,7 @@ class State:
     fault_latch: LatchState = LatchState()  # noqa: RUF009 - frozen
     supervisor: SupervisorState = SupervisorState()  # noqa: RUF009 - frozen
     guidance: GuidanceState = GuidanceState()  # noqa: RUF009 - frozen
-    reference: Reference | None = None
+    controller: HeadingControllerState = HeadingControllerState()  # noqa: RUF009 - frozen
     torque_release: TorqueReleaseState = TorqueReleaseState()  # noqa: RUF009 - frozen
     energy_meter: EnergyMeterState = EnergyMeterState()  # noqa: RUF009 - frozen
 

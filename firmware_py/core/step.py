@@ -22,7 +22,8 @@ from firmware_py.core.state import Settings, State, freshness_of, settings_of, s
 from firmware_py.estimate import kalman
 from firmware_py.faults import latch
 from firmware_py.guidance import guidance
-from firmware_py.guidance.guidance import GuidanceInput, SteeringTarget
+from firmware_py.guidance.guidance import GuidanceInput
+from firmware_py.guidance.steering import SteeringTarget, steering_target, update_goal
 from firmware_py.modes import Situation, live_bench
 from firmware_py.safety import energy_meter, rudder_monitor, supervisor, torque_release
 
@@ -46,11 +47,11 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     supervised, modes, failsafe_events = supervisor.apply_failsafe(
         settings.supervisor, state.supervisor, state.modes, faults.active, situation, overruled=overruled
     )
-    modes = guidance.update_goal(settings.guidance, modes, situation, now_s, step_s)
+    modes = update_goal(settings.guidance, modes, situation, now_s, step_s)
     state = replace(state, supervisor=supervised, modes=modes)
 
     state, guidance_events = _guide(settings, state, situation, inputs)
-    target = guidance.steering_target(modes, state.guidance.followed, situation)
+    target = steering_target(modes, state.guidance.status, situation)
     state = _monitor_steering(settings, state, rudder, target, situation, now_s)
 
     state, command = _steer(settings, state, situation, rudder, target, step_s)
@@ -95,7 +96,7 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
         fix.utc_s if fix else None,
     )
     output = guidance.update(settings.guidance, state.guidance, guidance_input)
-    return replace(state, guidance=output.nav, home=output.home or state.home), output.events
+    return replace(state, guidance=output.state, home=output.home or state.home), output.events
 
 
 def _monitor_steering(
@@ -125,7 +126,7 @@ def _steer(
 ) -> tuple[State, RudderCommand]:
     """Turn what guidance asks for into what the servo is told; the supervisor has the last word."""
     now_s = rudder.t_s
-    demand_rad, reference = rudder_demand(settings, state, target, now_s, step_s)
+    demand_rad, controller = rudder_demand(settings, state, target, now_s, step_s)
     supervised, demand_rad = supervisor.limit_without_heading(
         state.supervisor,
         demand_rad,
@@ -141,7 +142,7 @@ def _steer(
     state = replace(
         state,
         supervisor=supervised,
-        reference=reference,
+        controller=controller,
         torque_release=torque,
         rudder=replace(state.rudder, command_rad=command_rad),
     )

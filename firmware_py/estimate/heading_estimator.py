@@ -12,7 +12,15 @@ from typing import Final
 
 from firmware_py.common.angles import clamp, radians
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Estimate, Event, FixType, HeadingSample, PositionSample, Severity
+from firmware_py.common.records import (
+    Estimate,
+    Event,
+    FixType,
+    HeadingEstimate,
+    HeadingSample,
+    PositionSample,
+    Severity,
+)
 from firmware_py.estimate import declination, kalman, observer, sources, wave_filter
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.observer import HeadingState, ObserverSettings
@@ -149,6 +157,22 @@ def velocities(positions: Sequence[PositionSample]) -> list[wave_filter.Velocity
         elif speed_m_s < SLOWEST_COURSE_M_S:
             stated.append((sample.t_s, speed_m_s, 0.0))
     return stated
+
+
+def heading_estimate(state: HeadingEstimatorState) -> HeadingEstimate | None:
+    """Return what the filter gives to steer by; None without a filter."""
+    heading, waves = state.heading, state.wave_filter
+    if not waves.x:
+        return None
+    return HeadingEstimate(
+        heading_rad=heading.heading_rad,
+        heading_sd_rad=waves.spread(kalman.HEADING),
+        yaw_rate_rad_s=heading.yaw_rate_rad_s,
+        bias_rad=waves.x[kalman.BIAS],
+        speed_m_s=waves.x[kalman.SPEED],
+        speed_sd_m_s=waves.spread(kalman.SPEED),
+        turning_factor=waves.x[kalman.FACTOR],
+    )
 
 
 def report(state: HeadingEstimatorState) -> Estimate | None:

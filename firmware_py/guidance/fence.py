@@ -1,6 +1,6 @@
-"""The fence: how far she is from breaching it.
+"""The fence: how far the boat is from breaching it.
 
-Areas are polygons and circles, to stay within or to stay out of. As MAVLink has it, she
+Areas are polygons and circles, to stay within or to stay out of. As MAVLink has it, the boat
 must be inside all inclusion areas of at least one group, and outside every exclusion.
 Edges are straight on the plane that touches the fence's first corner, which is good to
 0.1 % over a hundred kilometres.
@@ -13,14 +13,11 @@ import math
 from dataclasses import dataclass
 
 from firmware_py.common.geodesy import Place
-from firmware_py.common.plan import Plan, PlanItem
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem
 from firmware_py.guidance.mission_step import number, place_of
+from firmware_py.plans.items import FARTHEST_M, Command
 
-# MAV_CMD
-_POLYGON_IN, _POLYGON_OUT, _CIRCLE_IN, _CIRCLE_OUT = 5001, 5002, 5003, 5004
-_MOST_CORNERS = 2000
-FARTHEST_M = 1e7  # the margin where nothing bounds her
-# The distance is computed anew when she has gone this part of the last one, or so far.
+# The distance is computed anew when the boat has gone this part of the last one, or so far.
 MOVED_PART, MOVED_M = 0.1, 2.0
 
 Point = tuple[float, float]
@@ -46,7 +43,7 @@ class Fence:
 
 @dataclass(frozen=True, slots=True)
 class FenceState:
-    """The margin found at a place, of the fence with checksum `identity`; kept until she has moved."""
+    """The margin at a place, of the fence with checksum `identity`; kept until the boat has moved."""
 
     identity: int = 0
     place: Place | None = None
@@ -55,24 +52,26 @@ class FenceState:
 
 @functools.lru_cache(maxsize=4)
 def fence_of(plan: Plan) -> Fence | None:
-    """Convert a fence, once; None when nothing of it bounds her."""
+    """Convert a fence, once; None when nothing of it bounds the boat."""
     anchor = next((place for item in plan.items if (place := place_of(item)) is not None), None)
     if anchor is None:
         return None
     areas = []
     items = list(plan.items)
     while items:
-        kind = items[0].command
-        if kind in (_POLYGON_IN, _POLYGON_OUT):
-            count = round(number(items[0].params[0], 1.0, _MOST_CORNERS))
-            corners = tuple(_point(anchor, item) for item in items[:count] if item.command == kind)
+        command = items[0].command
+        if command in (Command.INCLUDED_VERTEX, Command.EXCLUDED_VERTEX):
+            count = round(number(items[0].params[0], 1.0, MOST_ITEMS))
+            corners = tuple(_point(anchor, item) for item in items[:count] if item.command == command)
             if len(corners) >= 3:
-                areas.append(Area(corners, 0.0, kind == _POLYGON_IN, _group(items[0])))
+                areas.append(Area(corners, 0.0, command == Command.INCLUDED_VERTEX, _group(items[0])))
             items = items[count:]
             continue
-        if kind in (_CIRCLE_IN, _CIRCLE_OUT):
+        if command in (Command.INCLUDED_CIRCLE, Command.EXCLUDED_CIRCLE):
             radius_m = number(items[0].params[0], 0.0, FARTHEST_M)
-            areas.append(Area((_point(anchor, items[0]),), radius_m, kind == _CIRCLE_IN, _group(items[0])))
+            areas.append(
+                Area((_point(anchor, items[0]),), radius_m, command == Command.INCLUDED_CIRCLE, _group(items[0]))
+            )
         items = items[1:]
     return Fence(anchor, tuple(areas)) if areas else None
 
@@ -87,7 +86,7 @@ def _point(anchor: Place, item: PlanItem) -> Point:
 
 
 def margin_m(plan: Plan, place: Place) -> float:
-    """Return the distance to a breach, negative in breach; FARTHEST_M where no area bounds her."""
+    """Return the distance to a breach, negative in breach; FARTHEST_M where no area bounds the boat."""
     fence = fence_of(plan)
     if fence is None:
         return FARTHEST_M
@@ -104,12 +103,12 @@ def margin_m(plan: Plan, place: Place) -> float:
     return min(margin, max(inside.values())) if inside else margin
 
 
-def update(watch: FenceState, plan: Plan, place: Place) -> FenceState:
-    """Return the watch with the margin at a place, computed anew when she has moved."""
-    if watch.identity == plan.identity and watch.place is not None:
-        moved_m, _ = watch.place.distance_and_bearing(place)
-        if moved_m <= max(MOVED_M, MOVED_PART * abs(watch.margin_m)):
-            return watch
+def update(state: FenceState, plan: Plan, place: Place) -> FenceState:
+    """Return the state with the margin at a place, computed anew when the boat has moved."""
+    if state.identity == plan.identity and state.place is not None:
+        moved_m, _ = state.place.distance_and_bearing(place)
+        if moved_m <= max(MOVED_M, MOVED_PART * abs(state.margin_m)):
+            return state
     return FenceState(plan.identity, place, margin_m(plan, place))
 
 

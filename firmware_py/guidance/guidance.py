@@ -1,6 +1,6 @@
 """The guidance of a tick: from mode, goal and plans to the heading to steer.
 
-Only puts together what modes and guidance compute; `step` calls it. Orders are carried out
+Only puts together what modes and guidance compute; core/step calls it. Tasks are carried out
 twice a second and at each fix: in between the last answer stands.
 """
 
@@ -9,31 +9,30 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from firmware_py.common.angles import wrap_pi, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import Activity, Event, Home, MissionReport, Mode, Navigation, Severity, Water
-from firmware_py.guidance import fence, mission, task_follower
+from firmware_py.guidance import fence, mission, mission_progress, task_follower
 from firmware_py.guidance.fence import FenceState
-from firmware_py.guidance.mission import MissionInput, MissionProgress
+from firmware_py.guidance.mission import MissionInput
+from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.guidance.mission_step import steps_of
-from firmware_py.guidance.return_point import way_back
+from firmware_py.guidance.return_point import return_task
 from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
 from firmware_py.guidance.tasks import GoTo, HoldStation, Task, TaskSettings, VesselMotion
-from firmware_py.model.crab import heading_for_course
-from firmware_py.modes import HeadingGoal, ModeState, PositionGoal, Situation, heading_to_steer, live_stick
+from firmware_py.modes import HeadingGoal, ModeState, PositionGoal
 
 INTERVAL_S = 0.5
 LONGEST_STEP_S = 5.0
-_GOING_MODES = (Mode.GUIDED, Mode.LOITER, Mode.AUTO, Mode.RTL)
+_POSITION_MODES = (Mode.GUIDED, Mode.LOITER, Mode.AUTO, Mode.RTL)
 
 
 @dataclass(frozen=True, slots=True)
 class GuidanceSettings:
-    """What guidance is set to."""
+    """How tasks are carried out, where RTL may go, and how the stick turns a goal."""
 
-    guidance: TaskSettings
+    tasks: TaskSettings
     rally_includes_home: bool
     stick_timeout_s: float
     stick_rate_rad_s: float
@@ -42,25 +41,25 @@ class GuidanceSettings:
     def of(cls, parameters: ParameterSet) -> GuidanceSettings:
         """Read the settings from the parameters."""
         return cls(
-            TaskSettings.of(parameters),
-            bool(parameters["RALLY_INCL_HOME"]),
-            parameters["MAN_TIMEOUT_S"],
-            math.radians(parameters["STK_RATE_DEG_S"]),
+            tasks=TaskSettings.of(parameters),
+            rally_includes_home=bool(parameters["RALLY_INCL_HOME"]),
+            stick_timeout_s=parameters["MAN_TIMEOUT_S"],
+            stick_rate_rad_s=math.radians(parameters["STK_RATE_DEG_S"]),
         )
 
 
 @dataclass(frozen=True, slots=True)
 class GuidanceState:
-    """What guidance remembers: mode and arming that it knows of, mission, order, and what came of it."""
+    """What guidance remembers: mode and arming that it knows of, mission, task, and what came of it."""
 
     mode: Mode | None = None
     armed: bool = False
     mission: MissionProgress = MissionProgress()  # noqa: RUF009 - frozen
-    order: Task | None = None
-    follow: TaskFollowerState = TaskFollowerState()  # noqa: RUF009 - frozen
-    followed: TaskStatus = TaskStatus()  # noqa: RUF009 - frozen
+    task: Task | None = None
+    follower: TaskFollowerState = TaskFollowerState()  # noqa: RUF009 - frozen
+    status: TaskStatus = TaskStatus()  # noqa: RUF009 - frozen
     reached: tuple[int, ...] = ()
-    done_s: float | None = None
+    updated_s: float | None = None
     fence: FenceState = FenceState()  # noqa: RUF009 - frozen
     fence_enabled: bool | None = None  # None: as FENCE_ENABLE says
 
@@ -80,120 +79,124 @@ class GuidanceInput:
 
 @dataclass(frozen=True, slots=True)
 class GuidanceOutput:
-    """What came of it: the state, what to tell, and home where the mission sets it."""
+    """The state after a tick, its events, and home where the mission sets it."""
 
-    nav: GuidanceState
+    state: GuidanceState
     events: tuple[Event, ...] = ()
     home: Home | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class SteeringTarget:
-    """What guidance asks for: the heading to steer and the error that the controller sees."""
-
-    heading_rad: float | None = None
-    error_rad: float | None = None
-
-
 def vessel_motion(place: Place, heading_rad: float, water: Water) -> VesselMotion:
-    """Return how she moves, for guidance."""
+    """Return how the boat moves, for guidance."""
     return VesselMotion(
-        place,
-        heading_rad,
-        water.speed_m_s,
-        water.current_north_m_s,
-        water.current_east_m_s,
-        water.too_strong,
+        place=place,
+        heading_rad=heading_rad,
+        speed_m_s=water.speed_m_s,
+        current_north_m_s=water.current_north_m_s,
+        current_east_m_s=water.current_east_m_s,
+        too_strong=water.too_strong,
     )
 
 
-def update(settings: GuidanceSettings, nav: GuidanceState, scene: GuidanceInput) -> GuidanceOutput:
+def update(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput) -> GuidanceOutput:
     """Carry mode, goal and mission on by a tick."""
-    modes, motion = scene.modes, scene.motion
-    before = nav
-    if (modes.mode, modes.armed) != (nav.mode, nav.armed):
-        nav = _enter_mode(nav, modes)
-    if nav.mission.identity != scene.plans.mission.identity:
-        nav = replace(nav, mission=mission.for_plan(nav.mission, scene.plans.mission.identity))
-        if modes.mode is Mode.AUTO and before.mission.started:
-            nav = replace(nav, mission=mission.enter(nav.mission))
-    if nav.reached:
-        nav = replace(nav, reached=())
-    changed = nav is not before or scene.new_fix
-    if not changed and nav.done_s is not None and scene.t_s - nav.done_s < INTERVAL_S:
-        return GuidanceOutput(nav)
-    step_s = 0.0 if nav.done_s is None else min(max(0.0, scene.t_s - nav.done_s), LONGEST_STEP_S)
-    nav = replace(nav, done_s=scene.t_s)
+    modes, motion = given.modes, given.motion
+    before, state = state, _take_changes(state, given)
+    is_new = state is not before or given.new_fix
+    if not is_new and state.updated_s is not None and given.t_s - state.updated_s < INTERVAL_S:
+        return GuidanceOutput(state)
+    step_s = 0.0 if state.updated_s is None else min(max(0.0, given.t_s - state.updated_s), LONGEST_STEP_S)
+    state = replace(state, updated_s=given.t_s)
     if motion is None:
         # Without a position what was wanted last stands; a goal without any is none.
-        return GuidanceOutput(nav if _going(modes) else replace(nav, followed=TaskStatus()))
-    nav = replace(nav, fence=fence.update(nav.fence, scene.plans.fence, motion.place))
+        return GuidanceOutput(state if _needs_position(modes) else replace(state, status=TaskStatus()))
+    state = replace(state, fence=fence.update(state.fence, given.plans.fence, motion.place))
     if modes.mode is Mode.AUTO:
-        return _update_mission(settings, nav, scene, motion, step_s)
-    order = _task(settings, nav, scene, motion)
-    follow, followed = task_follower.update(settings.guidance, nav.follow, order, motion, step_s)
-    return GuidanceOutput(replace(nav, order=order, follow=follow, followed=followed))
+        return _update_mission(settings, state, given, motion, step_s)
+    return GuidanceOutput(_carry_out(settings, state, _task(settings, state, given, motion), motion, step_s))
 
 
-def _going(modes: ModeState) -> bool:
-    return modes.mode in _GOING_MODES and not isinstance(modes.goal, HeadingGoal)
+def _take_changes(state: GuidanceState, given: GuidanceInput) -> GuidanceState:
+    """Return the state for mode, arming and mission of this tick; the very same while nothing changes."""
+    modes, identity, sails = given.modes, given.plans.mission.identity, state.mission.started
+    if (modes.mode, modes.armed) != (state.mode, state.armed):
+        state = _enter_mode(state, modes)
+    if state.mission.identity != identity:
+        state = replace(state, mission=mission_progress.for_plan(state.mission, identity))
+        if modes.mode is Mode.AUTO and sails:
+            state = replace(state, mission=mission_progress.enter(state.mission))
+    return replace(state, reached=()) if state.reached else state
 
 
-def _enter_mode(nav: GuidanceState, modes: ModeState) -> GuidanceState:
-    """Begin anew in a mode; AUTO goes on with its item, from where she is."""
-    progress = nav.mission
+def _needs_position(modes: ModeState) -> bool:
+    return modes.mode in _POSITION_MODES and not isinstance(modes.goal, HeadingGoal)
+
+
+def _enter_mode(state: GuidanceState, modes: ModeState) -> GuidanceState:
+    """Begin anew in a mode; AUTO goes on with its item, from where the boat is."""
+    progress = state.mission
     if modes.mode is Mode.AUTO and modes.armed:
-        progress = mission.enter(progress)
+        progress = mission_progress.enter(progress)
     return GuidanceState(
-        modes.mode, modes.armed, progress, done_s=nav.done_s, fence=nav.fence, fence_enabled=nav.fence_enabled
+        modes.mode,
+        modes.armed,
+        progress,
+        updated_s=state.updated_s,
+        fence=state.fence,
+        fence_enabled=state.fence_enabled,
     )
 
 
-def _task(settings: GuidanceSettings, nav: GuidanceState, scene: GuidanceInput, motion: VesselMotion) -> Task | None:
-    """Return the order of a mode other than AUTO; LOITER and RTL choose their place once."""
-    modes, guidance = scene.modes, settings.guidance
+def _carry_out(
+    settings: GuidanceSettings, state: GuidanceState, task: Task | None, motion: VesselMotion, step_s: float
+) -> GuidanceState:
+    follower, status = task_follower.update(settings.tasks, state.follower, task, motion, step_s)
+    return replace(state, task=task, follower=follower, status=status)
+
+
+def _task(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput, motion: VesselMotion) -> Task | None:
+    """Return the task of a mode other than AUTO; LOITER and RTL choose their place once."""
+    modes, radii = given.modes, settings.tasks
     if modes.mode is Mode.GUIDED and isinstance(modes.goal, PositionGoal):
-        to = Place(modes.goal.latitude_rad, modes.goal.longitude_rad)
-        return GoTo(to, None, guidance.accept_m, guidance.keep_m)
+        place = Place(modes.goal.latitude_rad, modes.goal.longitude_rad)
+        return GoTo(place, None, radii.acceptance_radius_m, radii.station_radius_m)
     if modes.mode is Mode.LOITER:
-        centre = nav.order.centre if isinstance(nav.order, HoldStation) else motion.place
-        return HoldStation(centre, guidance.keep_m)
+        centre = state.task.centre if isinstance(state.task, HoldStation) else motion.place
+        return HoldStation(centre, radii.station_radius_m)
     if modes.mode is Mode.RTL:
-        return nav.order or _way_back(settings, scene, motion)
+        return state.task or _return_task(settings, given, motion)
     return None
 
 
-def _way_back(settings: GuidanceSettings, scene: GuidanceInput, motion: VesselMotion) -> GoTo | None:
+def _return_task(settings: GuidanceSettings, given: GuidanceInput, motion: VesselMotion) -> GoTo | None:
     with_home = settings.rally_includes_home
-    return way_back(settings.guidance, motion, scene.home, scene.plans.rally, with_home=with_home)
+    return return_task(settings.tasks, motion, given.home, given.plans.rally, with_home=with_home)
 
 
 def _update_mission(
-    settings: GuidanceSettings, nav: GuidanceState, scene: GuidanceInput, motion: VesselMotion, step_s: float
+    settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput, motion: VesselMotion, step_s: float
 ) -> GuidanceOutput:
-    """Carry the mission on; disarmed she is where she is, and so is the mission."""
-    if not scene.modes.armed:
-        return GuidanceOutput(nav)
-    voyage = MissionInput(
-        settings.guidance,
-        steps_of(scene.plans.mission),
-        motion,
-        nav.follow,
-        step_s,
-        scene.utc_s,
-        lambda: _way_back(settings, scene, motion),
+    """Carry the mission on; disarmed the boat is where it is, and so is the mission."""
+    if not given.modes.armed:
+        return GuidanceOutput(state)
+    mission_input = MissionInput(
+        settings=settings.tasks,
+        steps=steps_of(given.plans.mission),
+        motion=motion,
+        follower=state.follower,
+        step_s=step_s,
+        utc_s=given.utc_s,
+        return_task=lambda: _return_task(settings, given, motion),
     )
-    done = mission.update(nav.mission, voyage)
-    progress = done.progress
-    order = progress.halt if progress.paused else progress.order
-    follow, followed = task_follower.update(settings.guidance, nav.follow, order, motion, step_s)
-    home = None
-    if done.home is not None:
-        altitude_m = 0.0 if scene.home is None else scene.home.altitude_m
-        home = Home(done.home.latitude_rad, done.home.longitude_rad, altitude_m)
-    events = _events(nav.mission, progress)
-    nav = replace(nav, mission=progress, order=order, follow=follow, followed=followed, reached=done.reached)
-    return GuidanceOutput(nav, events, home)
+    output = mission.update(state.mission, mission_input)
+    progress, home = output.progress, None
+    if output.home is not None:
+        altitude_m = 0.0 if given.home is None else given.home.altitude_m
+        home = Home(output.home.latitude_rad, output.home.longitude_rad, altitude_m)
+    events = _events(state.mission, progress)
+    state = replace(state, mission=progress, reached=output.reached)
+    task = progress.pause_task if progress.paused else progress.task
+    return GuidanceOutput(_carry_out(settings, state, task, motion, step_s), events, home)
 
 
 def _events(before: MissionProgress, after: MissionProgress) -> tuple[Event, ...]:
@@ -208,83 +211,44 @@ def _events(before: MissionProgress, after: MissionProgress) -> tuple[Event, ...
     return ()
 
 
-# ---------------------------------------------------------------------------- steering
-
-
-def update_goal(
-    settings: GuidanceSettings, modes: ModeState, situation: Situation, now_s: float, step_s: float
-) -> ModeState:
-    """Give a goal to a mode that has none yet, turn it by the stick, end a turn the long way."""
-    if modes.mode not in (Mode.STEERING, Mode.GUIDED) or situation.heading_rad is None:
-        return modes
-    goal = modes.goal
-    if goal is None:
-        return replace(modes, goal=HeadingGoal(situation.heading_rad))
-    if isinstance(goal, PositionGoal):
-        return modes
-    if modes.mode is Mode.STEERING and (stick := live_stick(modes, now_s, settings.stick_timeout_s)):
-        turned_rad = stick * settings.stick_rate_rad_s * min(max(0.0, step_s), 1.0)
-        return replace(modes, goal=HeadingGoal(wrap_two_pi(goal.heading_rad + turned_rad), goal.over_ground))
-    if goal.turn:
-        remaining_rad = wrap_two_pi(goal.turn * (heading_to_steer(goal, situation.water) - situation.heading_rad))
-        if remaining_rad <= math.pi:
-            return replace(modes, goal=replace(goal, turn=0))
-    return modes
-
-
-def steering_target(modes: ModeState, followed: TaskStatus, situation: Situation) -> SteeringTarget:
-    """Return what the helm is to do."""
-    goal, turn = modes.goal, 0
-    if isinstance(goal, HeadingGoal):
-        steer_rad, turn = heading_to_steer(goal, situation.water), goal.turn
-    elif followed.wanted is None:
-        return SteeringTarget()
-    elif followed.wanted.over_ground and (water := situation.water) is not None:
-        steer_rad = heading_for_course(
-            followed.wanted.angle_rad, water.speed_m_s, water.current_north_m_s, water.current_east_m_s
-        )
-    else:
-        steer_rad = followed.wanted.angle_rad
-    if situation.heading_rad is None:
-        return SteeringTarget(steer_rad, None)
-    # On a turn the long way the error stays at half a turn until the shorter way is the right one.
-    error_rad = turn * math.pi if turn else wrap_pi(steer_rad - situation.heading_rad)
-    return SteeringTarget(steer_rad, error_rad)
-
-
 # ----------------------------------------------------------------------------- reports
 
 
-def fence_margin_m(nav: GuidanceState, plans: Plans, *, enabled: bool) -> float | None:
+def fence_margin_m(state: GuidanceState, plans: Plans, *, enabled: bool) -> float | None:
     """Return the margin of a fence that is heeded and known."""
-    if not enabled or not plans.fence.items or nav.fence.identity != plans.fence.identity or nav.fence.place is None:
+    if (
+        not enabled
+        or not plans.fence.items
+        or state.fence.identity != plans.fence.identity
+        or state.fence.place is None
+    ):
         return None
-    return nav.fence.margin_m
+    return state.fence.margin_m
 
 
-def report(nav: GuidanceState, plans: Plans, *, fence_enabled: bool) -> Navigation:
-    """Return where guidance takes her, for the log and the link."""
-    followed = nav.followed
+def report(state: GuidanceState, plans: Plans, *, fence_enabled: bool) -> Navigation:
+    """Return where guidance takes the boat, for the log and the link."""
+    status = state.status
     return Navigation(
-        followed.activity,
-        None if followed.target is None else followed.target.latitude_rad,
-        None if followed.target is None else followed.target.longitude_rad,
-        followed.radius_m,
-        followed.cross_track_m,
-        nav.follow.arrived and followed.activity is not Activity.NOTHING,
-        fence_enabled,
-        fence_margin_m(nav, plans, enabled=fence_enabled),
+        activity=status.activity,
+        target_latitude_rad=None if status.target is None else status.target.latitude_rad,
+        target_longitude_rad=None if status.target is None else status.target.longitude_rad,
+        radius_m=status.radius_m,
+        cross_track_m=status.cross_track_m,
+        arrived=state.follower.arrived and status.activity is not Activity.NOTHING,
+        fence_enabled=fence_enabled,
+        fence_margin_m=fence_margin_m(state, plans, enabled=fence_enabled),
     )
 
 
-def mission_report(nav: GuidanceState, plans: Plans, modes: ModeState) -> MissionReport:
+def mission_report(state: GuidanceState, plans: Plans, modes: ModeState) -> MissionReport:
     """Return the mission as the operator follows it."""
     count = len(plans.mission.items)
-    progress = mission.for_plan(nav.mission, plans.mission.identity)
+    progress = mission_progress.for_plan(state.mission, plans.mission.identity)
     return MissionReport(
-        mission.state_of(progress, count, running=modes.mode is Mode.AUTO and modes.armed),
-        min(progress.index, count - 1) if count else None,
-        count,
-        nav.reached,
-        (plans.mission.identity, plans.fence.identity, plans.rally.identity),
+        state=mission_progress.state_of(progress, count, running=modes.mode is Mode.AUTO and modes.armed),
+        index=min(progress.index, count - 1) if count else None,
+        count=count,
+        reached=state.reached,
+        identities=(plans.mission.identity, plans.fence.identity, plans.rally.identity),
     )

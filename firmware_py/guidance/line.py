@@ -16,11 +16,11 @@ from firmware_py.common.geodesy import Place, Track, track
 from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion
 
 LONGEST_LOOK_M = 500.0
-# The integral works with this part of her speed (sigma in the literature), critically damped at four times it.
+# The integral works with this part of the speed (sigma in the literature), critically damped at four times it.
 INTEGRAL_PART = 0.1
 INTEGRAL_ZONE = 0.3  # of the look-ahead, to either side of the line
 LARGEST_PULL = 0.5  # of the look-ahead: what the integral may pull sideways
-# A place passed this many turning radii off counts as reached: she could not come closer by turning again.
+# A place passed this many turning radii off counts as reached: turning again would bring the boat no closer.
 PASSED_RADII = 2.0
 RECEDING_M = 5.0
 MOST_TRIES = 3
@@ -37,48 +37,66 @@ class LineState:
     tries: int = 0
 
 
-def follow(
-    settings: TaskSettings, state: LineState, go: GoTo, motion: VesselMotion, step_s: float
-) -> tuple[LineState, float, Track | None]:
-    """Return the state, the course over ground to steer, and where she is on the line (None: too short for one)."""
-    on = track(state.start, go.to, motion.place)
-    if on is None:
-        _, bearing_rad = motion.place.distance_and_bearing(go.to)
-        return state, bearing_rad, None
+@dataclass(frozen=True, slots=True)
+class LineStatus:
+    """The course over ground to steer, how far off the line the boat is (None: too short for one), and its arrival."""
+
+    course_rad: float
+    cross_track_m: float | None
+    arrived: bool
+
+
+def update(
+    settings: TaskSettings, state: LineState, task: GoTo, motion: VesselMotion, step_s: float
+) -> tuple[LineState, LineStatus]:
+    """Follow the line for step_s and judge whether its end is reached."""
+    on_line = track(state.start, task.place, motion.place)
+    state, course_rad = _follow(settings, state, task, motion, on_line, step_s)
+    state, arrived = _approach(settings, state, task, motion, on_line)
+    return state, LineStatus(course_rad, None if on_line is None else on_line.cross_track_m, arrived)
+
+
+def _follow(
+    settings: TaskSettings, state: LineState, task: GoTo, motion: VesselMotion, on_line: Track | None, step_s: float
+) -> tuple[LineState, float]:
+    """Return the state and the course over ground to steer."""
+    if on_line is None:
+        _, bearing_rad = motion.place.distance_and_bearing(task.place)
+        return state, bearing_rad
     look_m = look_ahead_m(settings, motion)
     pull_m_s = INTEGRAL_PART * motion.speed_m_s
-    aim_m = on.cross_track_m + pull_m_s * state.integral_s
+    aim_m = on_line.cross_track_m + pull_m_s * state.integral_s
     integral_s = state.integral_s
-    if abs(on.cross_track_m) <= INTEGRAL_ZONE * look_m:
+    if abs(on_line.cross_track_m) <= INTEGRAL_ZONE * look_m:
         # Further off the way back onto the line is no error to be learned.
-        integral_s += step_s * look_m * on.cross_track_m / (look_m * look_m + aim_m * aim_m)
+        integral_s += step_s * look_m * on_line.cross_track_m / (look_m * look_m + aim_m * aim_m)
     bound_s = LARGEST_PULL * look_m / max(pull_m_s, 1e-3)
     integral_s = clamp(integral_s, -bound_s, bound_s)
-    course_rad = wrap_two_pi(on.course_rad - math.atan2(aim_m, look_m))
-    return LineState(state.start, integral_s, state.closest_m, state.tries), course_rad, on
+    course_rad = wrap_two_pi(on_line.course_rad - math.atan2(aim_m, look_m))
+    return LineState(state.start, integral_s, state.closest_m, state.tries), course_rad
 
 
 def look_ahead_m(settings: TaskSettings, motion: VesselMotion) -> float:
     """Return the look-ahead, from two turning radii up."""
     shortest_m = 2.0 * settings.turning_radius_m
-    return clamp(settings.look_s * motion.speed_m_s, shortest_m, max(shortest_m, LONGEST_LOOK_M))
+    return clamp(settings.look_ahead_s * motion.speed_m_s, shortest_m, max(shortest_m, LONGEST_LOOK_M))
 
 
-def approach(
-    settings: TaskSettings, state: LineState, go: GoTo, motion: VesselMotion, on: Track | None
+def _approach(
+    settings: TaskSettings, state: LineState, task: GoTo, motion: VesselMotion, on_line: Track | None
 ) -> tuple[LineState, bool]:
     """Judge whether the end of the line is reached.
 
-    It is within its radius; or when she passes abeam of it, or moves away from it again, no
-    further off than she could come by turning. Passed further off, she sails for it anew
-    from where she is, a few times: then passing is enough, so that no place holds her for ever.
+    It is within its radius; or when the boat passes abeam of it, or moves away from it again, no
+    further off than it could come by turning. Passed further off, the boat sails for it anew
+    from where it is, a few times: then passing is enough, so that no place holds it for ever.
     """
-    distance_m, _ = motion.place.distance_and_bearing(go.to)
-    if distance_m <= go.accept_m:
+    distance_m, _ = motion.place.distance_and_bearing(task.place)
+    if distance_m <= task.acceptance_radius_m:
         return state, True
     closest_m = min(state.closest_m, distance_m)
-    reach_m = max(go.accept_m, passable_m(settings, motion))
-    passed = on is not None and on.remaining_m <= 0.0
+    reach_m = max(task.acceptance_radius_m, _passable_m(settings, motion))
+    passed = on_line is not None and on_line.remaining_m <= 0.0
     receding = distance_m > closest_m + RECEDING_M and closest_m <= reach_m
     if receding or (passed and distance_m <= reach_m):
         return state, True
@@ -89,7 +107,7 @@ def approach(
     return LineState(state.start, state.integral_s, closest_m, state.tries), False
 
 
-def passable_m(settings: TaskSettings, motion: VesselMotion) -> float:
-    """Return how near she comes at worst when she turns for a place: her turning circle, drawn out by the current."""
-    drift = math.hypot(motion.north_m_s, motion.east_m_s) / max(motion.speed_m_s, 0.05)
+def _passable_m(settings: TaskSettings, motion: VesselMotion) -> float:
+    """Return how near a boat comes at worst that turns for a place: the turning circle, drawn out by the current."""
+    drift = math.hypot(motion.current_north_m_s, motion.current_east_m_s) / max(motion.speed_m_s, 0.05)
     return PASSED_RADII * settings.turning_radius_m * (1.0 + min(drift, 1.0))

@@ -2,20 +2,20 @@
 
 What an item means for a boat that cannot stop:
 
-| item | she |
+| item | the boat |
 | --- | --- |
 | NAV_WAYPOINT | sails the line from the last place to it; with a hold time (param1) keeps station there so long |
-| NAV_LOITER_UNLIM | goes there and keeps station until told otherwise (param3: radius) |
-| NAV_LOITER_TIME | goes there and keeps station for param1 seconds from her arrival (param3: radius) |
+| NAV_LOITER_UNLIM | goes there and keeps station until another item is asked for (param3: radius) |
+| NAV_LOITER_TIME | goes there and keeps station for param1 seconds from the arrival (param3: radius) |
 | NAV_LOITER_TURNS | goes round it param1 times (param3: radius, negative: anticlockwise) |
 | NAV_RETURN_TO_LAUNCH | goes home or to the best rally point |
-| NAV_DELAY | goes on with what she does for param1 seconds, or until a time of day (UTC): with a heading after a heading item, otherwise keeping station |
-| CONDITION_YAW, NAV_SET_YAW_SPEED | turns to the heading; the item ends when she is within 5 deg of it, or after 10 min. A NAV_DELAY after it holds that heading; the speed is the sea's |
+| NAV_DELAY | goes on with what it does for param1 seconds, or until a time of day (UTC): with a heading after a heading item, otherwise keeping station |
+| CONDITION_YAW, NAV_SET_YAW_SPEED | turns to the heading; the item ends when it is within 5 deg of that, or after 10 min. A NAV_DELAY after it holds that heading; the speed is the sea's |
 | DO_JUMP | goes on with item param1 (counted from 0 here), param2 times, -1: always |
 | DO_CHANGE_SPEED | nothing: a speed for planning |
-| DO_SET_HOME | sets home, to where she is (param1 = 1) or to the place |
+| DO_SET_HOME | sets home, to where it is (param1 = 1) or to the place |
 
-Without a place (0, 0) a waypoint or loiter item means where she is.
+Without a place (0, 0) a waypoint or loiter item means where the boat is.
 """  # noqa: E501 - a table
 
 from __future__ import annotations
@@ -24,39 +24,21 @@ import functools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem
+from firmware_py.plans.items import LONGEST_S, MOST_TURNS, Command
 
-LONGEST_S = 1e8
-MOST_TURNS = 10_000.0
 LARGEST_RADIUS_M = 100_000.0
 SECONDS_PER_DAY = 86_400
-
-
-class StepKind(IntEnum):
-    """What an item has her do, numbered as MAVLink's MAV_CMD."""
-
-    WAYPOINT = 16
-    LOITER_UNLIMITED = 17
-    LOITER_TURNS = 18
-    LOITER_TIME = 19
-    RETURN = 20
-    DELAY = 93
-    YAW = 115
-    JUMP = 177
-    CHANGE_SPEED = 178
-    SET_HOME = 179
-    YAW_SPEED = 213
 
 
 @dataclass(frozen=True, slots=True)
 class MissionStep:
     """One item in the units of the boat; what an item does not have stands at its default."""
 
-    kind: StepKind | None  # None: an item that is passed over
+    command: Command | None  # None: an item that is passed over
     place: Place | None = None
     radius_m: float | None = None  # None: the parameter's
     seconds: float = 0.0
@@ -85,7 +67,7 @@ def step_of(item: PlanItem) -> MissionStep:
 
 
 def place_of(item: PlanItem) -> Place | None:
-    """Return the place of an item, None for 'where she is' and for what is on no globe."""
+    """Return the place of an item, None for 'where the boat is' and for what is on no globe."""
     if (item.x == 0 and item.y == 0) or abs(item.x) > 900_000_000 or abs(item.y) > 1_800_000_000:
         return None
     return Place(radians(item.x * 1e-7), radians(item.y * 1e-7))
@@ -97,14 +79,13 @@ def number(value: float, low: float, high: float) -> float:
 
 
 def _radius(value: float) -> float | None:
-    found = number(abs(value), 0.0, LARGEST_RADIUS_M)
-    return found or None
+    return number(abs(value), 0.0, LARGEST_RADIUS_M) or None
 
 
 def _waypoint(item: PlanItem) -> MissionStep:
     hold, radius = item.params[:2]
     return MissionStep(
-        StepKind.WAYPOINT,
+        Command.WAYPOINT,
         place_of(item),
         _radius(radius),
         number(hold, 0.0, LONGEST_S),
@@ -115,7 +96,7 @@ def _waypoint(item: PlanItem) -> MissionStep:
 def _loiter(item: PlanItem) -> MissionStep:
     amount, _, radius, _ = item.params
     return MissionStep(
-        StepKind(item.command),
+        Command(item.command),
         place_of(item),
         _radius(radius),
         number(amount, 0.0, LONGEST_S),
@@ -132,7 +113,7 @@ def _delay(item: PlanItem) -> MissionStep:
         clock_s = 3600.0 * number(hour, 0.0, 23.0) + 60.0 * number(minute, 0.0, 59.0) + number(second, 0.0, 60.0)
         time_of_day_s = clock_s % SECONDS_PER_DAY
     return MissionStep(
-        StepKind.DELAY,
+        Command.DELAY,
         seconds=number(seconds, 0.0, LONGEST_S),
         time_of_day_s=time_of_day_s,
         autocontinue=item.autocontinue,
@@ -152,7 +133,7 @@ def _yaw_speed(item: PlanItem) -> MissionStep:
 
 def _heading(item: PlanItem, angle_deg: float, *, relative: bool) -> MissionStep:
     return MissionStep(
-        StepKind(item.command),
+        Command(item.command),
         angle_rad=wrap_two_pi(radians(angle_deg)),
         relative=relative,
         autocontinue=item.autocontinue,
@@ -162,7 +143,7 @@ def _heading(item: PlanItem, angle_deg: float, *, relative: bool) -> MissionStep
 def _jump(item: PlanItem) -> MissionStep:
     target, times = item.params[:2]
     return MissionStep(
-        StepKind.JUMP,
+        Command.JUMP,
         target=round(number(target, -1.0, 1e6)),
         times=round(number(times, -1.0, 1e6)),
         autocontinue=item.autocontinue,
@@ -171,23 +152,23 @@ def _jump(item: PlanItem) -> MissionStep:
 
 def _set_home(item: PlanItem) -> MissionStep:
     here = item.params[0] == 1.0
-    return MissionStep(StepKind.SET_HOME, None if here else place_of(item), autocontinue=item.autocontinue)
+    return MissionStep(Command.SET_HOME, None if here else place_of(item), autocontinue=item.autocontinue)
 
 
 def _plain(item: PlanItem) -> MissionStep:
-    return MissionStep(StepKind(item.command), autocontinue=item.autocontinue)
+    return MissionStep(Command(item.command), autocontinue=item.autocontinue)
 
 
 _READERS: Mapping[int, Callable[[PlanItem], MissionStep]] = {
-    StepKind.WAYPOINT: _waypoint,
-    StepKind.LOITER_UNLIMITED: _loiter,
-    StepKind.LOITER_TURNS: _loiter,
-    StepKind.LOITER_TIME: _loiter,
-    StepKind.RETURN: _plain,
-    StepKind.DELAY: _delay,
-    StepKind.YAW: _yaw,
-    StepKind.JUMP: _jump,
-    StepKind.CHANGE_SPEED: _plain,
-    StepKind.SET_HOME: _set_home,
-    StepKind.YAW_SPEED: _yaw_speed,
+    Command.WAYPOINT: _waypoint,
+    Command.LOITER_UNLIMITED: _loiter,
+    Command.LOITER_TURNS: _loiter,
+    Command.LOITER_TIME: _loiter,
+    Command.RETURN: _plain,
+    Command.DELAY: _delay,
+    Command.YAW: _yaw,
+    Command.JUMP: _jump,
+    Command.CHANGE_SPEED: _plain,
+    Command.SET_HOME: _set_home,
+    Command.YAW_SPEED: _yaw_speed,
 }

@@ -1,4 +1,4 @@
-"""Where RTL goes: home or the rally point that she reaches first in the present current."""
+"""Where RTL goes: home or the rally point that the boat reaches first in the present current."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ from firmware_py.common.records import Home
 from firmware_py.guidance.mission_step import place_of
 from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion
 from firmware_py.model.crab import speed_made_good
+from firmware_py.plans.items import Command
 
-RALLY_POINT = 5100  # MAV_CMD_NAV_RALLY_POINT
 UNREACHABLE_M_S = 0.02
 
 
-def best_place(motion: VesselMotion, home: Home | None, rally: Plan, *, with_home: bool) -> Place | None:
-    """Return the place that she reaches first, the nearest when she reaches none, None when there is none.
+def return_place(motion: VesselMotion, home: Home | None, rally: Plan, *, with_home: bool) -> Place | None:
+    """Return the place that the boat reaches first, the nearest when it reaches none, None when there is none.
 
     Home counts beside the rally points when `with_home`, and when there are none.
     """
-    places = [place for item in rally.items if item.command == RALLY_POINT and (place := place_of(item)) is not None]
+    places = [
+        place for item in rally.items if item.command == Command.RALLY_POINT and (place := place_of(item)) is not None
+    ]
     if home is not None and (with_home or not places):
         places.append(Place(home.latitude_rad, home.longitude_rad))
     return min(places, key=lambda place: _time_to(motion, place), default=None)
@@ -28,15 +30,15 @@ def best_place(motion: VesselMotion, home: Home | None, rally: Plan, *, with_hom
 
 def _time_to(motion: VesselMotion, place: Place) -> tuple[bool, float]:
     distance_m, bearing_rad = motion.place.distance_and_bearing(place)
-    speed_m_s = speed_made_good(bearing_rad, motion.speed_m_s, motion.north_m_s, motion.east_m_s)
+    speed_m_s = speed_made_good(bearing_rad, motion.speed_m_s, motion.current_north_m_s, motion.current_east_m_s)
     if not speed_m_s > UNREACHABLE_M_S or not math.isfinite(distance_m):
         return True, distance_m
     return False, distance_m / speed_m_s
 
 
-def way_back(
+def return_task(
     settings: TaskSettings, motion: VesselMotion, home: Home | None, rally: Plan, *, with_home: bool
 ) -> GoTo | None:
-    """Return the order that takes her there, None without a place to go to."""
-    place = best_place(motion, home, rally, with_home=with_home)
-    return None if place is None else GoTo(place, None, settings.accept_m, settings.keep_m)
+    """Return the task that takes the boat there, None without a place to go to."""
+    place = return_place(motion, home, rally, with_home=with_home)
+    return None if place is None else GoTo(place, None, settings.acceptance_radius_m, settings.station_radius_m)

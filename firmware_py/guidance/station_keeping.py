@@ -1,8 +1,8 @@
 """Keeping station in a watch circle: quiet legs inside, turned in time, straight back from outside.
 
-She cannot stop, so inside she holds one heading after the other, each as long as it keeps
-her within the circle: that takes the fewest turns, and in a current it is the heading into
-it. Before a leg takes her out, counting the way that the turn itself takes, the next
+The boat cannot stop, so inside it holds one heading after the other, each as long as it stays
+within the circle: that takes the fewest turns, and in a current it is the heading into
+it. Before a leg leads out, counting the way that the turn itself takes, the next
 heading is the one that promises the longest stay.
 """
 
@@ -17,15 +17,15 @@ from firmware_py.model.crab import against_current, heading_for_course
 
 HEADINGS = 36
 MARGIN_PART, MARGIN_M, LARGEST_MARGIN = 0.1, 6.0, 0.25  # of the radius, at least, at most of the radius
-TURN_PART = 0.7  # of the rate that full rudder gives: the helm eases off towards the end of a turn
+TURN_PART = 0.7  # of the rate that full rudder gives: the rudder is eased towards the end of a turn
 FORESIGHT_S = 10.0
-TURNED_RAD = 0.35  # as near to its heading she is on a leg, no longer turning to it
+TURNED_RAD = 0.35  # as near to its heading the boat is on a leg, no longer turning to it
 LONGEST_STAY_S = 7200.0
 TURN_PRICE_S_RAD = 30.0  # seconds of stay that a radian of turning must bring
 
 
 @dataclass(frozen=True, slots=True)
-class StationState:
+class StationKeepingState:
     """The heading of the present leg; None on the way back from outside."""
 
     heading_rad: float | None = None
@@ -41,24 +41,26 @@ class _Turn:
     seconds: float
 
 
-def keep(
-    settings: TaskSettings, state: StationState, order: HoldStation, motion: VesselMotion, distance_m: float
-) -> tuple[StationState, HeadingTarget]:
-    """Return the state and what to steer, with distance_m from the centre."""
-    if distance_m > order.keep_m:
+def update(
+    settings: TaskSettings, state: StationKeepingState, task: HoldStation, motion: VesselMotion, distance_m: float
+) -> tuple[StationKeepingState, HeadingTarget]:
+    """Return the state and what to steer, distance_m from the centre."""
+    if distance_m > task.radius_m:
         if motion.too_strong:
-            return StationState(), HeadingTarget(against_current(motion.north_m_s, motion.east_m_s), over_ground=False)
-        _, bearing_rad = motion.place.distance_and_bearing(order.centre)
-        return StationState(), HeadingTarget(bearing_rad, over_ground=True)
-    north_m, east_m = order.centre.offset_m(motion.place)
-    limit_m = order.keep_m - min(max(MARGIN_M, MARGIN_PART * order.keep_m), LARGEST_MARGIN * order.keep_m)
+            return StationKeepingState(), HeadingTarget(
+                against_current(motion.current_north_m_s, motion.current_east_m_s), over_ground=False
+            )
+        _, bearing_rad = motion.place.distance_and_bearing(task.centre)
+        return StationKeepingState(), HeadingTarget(bearing_rad, over_ground=True)
+    north_m, east_m = task.centre.offset_m(motion.place)
+    limit_m = task.radius_m - min(max(MARGIN_M, MARGIN_PART * task.radius_m), LARGEST_MARGIN * task.radius_m)
     heading_rad = state.heading_rad
-    if heading_rad is None or _ends(settings, motion, heading_rad, north_m, east_m, limit_m):
+    if heading_rad is None or _must_end(settings, motion, heading_rad, north_m, east_m, limit_m):
         heading_rad = _next_leg(settings, motion, north_m, east_m, limit_m)
-    return StationState(heading_rad), HeadingTarget(heading_rad, over_ground=False)
+    return StationKeepingState(heading_rad), HeadingTarget(heading_rad, over_ground=False)
 
 
-def _ends(
+def _must_end(
     settings: TaskSettings, motion: VesselMotion, heading_rad: float, north_m: float, east_m: float, limit_m: float
 ) -> bool:
     """Whether the leg must end now for a turn back to stay within the limit."""
@@ -66,14 +68,16 @@ def _ends(
         return False  # still turning to it
     v_north, v_east = _over_ground(motion, heading_rad)
     if north_m * v_north + east_m * v_east <= 0.0:
-        return False  # she comes nearer
+        return False  # the boat comes nearer
     north_m, east_m = north_m + FORESIGHT_S * v_north, east_m + FORESIGHT_S * v_east
-    back_rad = heading_for_course(math.atan2(-east_m, -north_m), motion.speed_m_s, motion.north_m_s, motion.east_m_s)
+    back_rad = heading_for_course(
+        math.atan2(-east_m, -north_m), motion.speed_m_s, motion.current_north_m_s, motion.current_east_m_s
+    )
     return _turn(settings, motion, back_rad, north_m, east_m).farthest_m >= limit_m
 
 
 def _next_leg(settings: TaskSettings, motion: VesselMotion, north_m: float, east_m: float, limit_m: float) -> float:
-    """Return the heading that keeps her inside the longest, or leads least far out when none does."""
+    """Return the heading that keeps the boat inside the longest, or leads least far out when none does."""
     best_rad, best = motion.heading_rad, (-math.inf, -math.inf)
     for index in range(HEADINGS):
         heading_rad = wrap_two_pi(motion.heading_rad + index * TWO_PI / HEADINGS)
@@ -89,8 +93,8 @@ def _next_leg(settings: TaskSettings, motion: VesselMotion, north_m: float, east
 
 def _over_ground(motion: VesselMotion, heading_rad: float) -> tuple[float, float]:
     return (
-        motion.speed_m_s * math.cos(heading_rad) + motion.north_m_s,
-        motion.speed_m_s * math.sin(heading_rad) + motion.east_m_s,
+        motion.speed_m_s * math.cos(heading_rad) + motion.current_north_m_s,
+        motion.speed_m_s * math.sin(heading_rad) + motion.current_east_m_s,
     )
 
 
@@ -105,9 +109,13 @@ def _turn(settings: TaskSettings, motion: VesselMotion, to_rad: float, north_m: 
         turned_rad = motion.heading_rad + part * angle_rad
         seconds = part * abs(angle_rad) / rate_rad_s
         end_north_m = (
-            north_m + side_m * (math.sin(turned_rad) - math.sin(motion.heading_rad)) + seconds * motion.north_m_s
+            north_m
+            + side_m * (math.sin(turned_rad) - math.sin(motion.heading_rad))
+            + seconds * motion.current_north_m_s
         )
-        end_east_m = east_m + side_m * (math.cos(motion.heading_rad) - math.cos(turned_rad)) + seconds * motion.east_m_s
+        end_east_m = (
+            east_m + side_m * (math.cos(motion.heading_rad) - math.cos(turned_rad)) + seconds * motion.current_east_m_s
+        )
         farthest_m = max(farthest_m, math.hypot(end_north_m, end_east_m))
     return _Turn(end_north_m, end_east_m, farthest_m, seconds)
 

@@ -1,4 +1,4 @@
-"""Carries an order out: line, watch circle or circle, one step after the other."""
+"""Carries a task out: line, watch circle or circle, one step after the other."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from firmware_py.common.records import Activity
 from firmware_py.guidance import line, orbit, station_keeping
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.orbit import OrbitState
-from firmware_py.guidance.station_keeping import StationState
+from firmware_py.guidance.station_keeping import StationKeepingState
 from firmware_py.guidance.tasks import (
     GoTo,
     HeadingTarget,
@@ -24,20 +24,20 @@ from firmware_py.guidance.tasks import (
 
 @dataclass(frozen=True, slots=True)
 class TaskFollowerState:
-    """How far the order has come: `arrived` at its place once, and the turns made round it."""
+    """How far the task has come: `arrived` at its place once, and the turns made round it."""
 
-    order: Task | None = None
+    task: Task | None = None
     arrived: bool = False
     line: LineState | None = None
-    station: StationState = StationState()  # noqa: RUF009 - frozen
+    station: StationKeepingState = StationKeepingState()  # noqa: RUF009 - frozen
     orbit: OrbitState = OrbitState()  # noqa: RUF009 - frozen
 
 
 @dataclass(frozen=True, slots=True)
 class TaskStatus:
-    """What came of a step, for the helm and for those who look on."""
+    """What came of a step, for the controller and for those who look on."""
 
-    wanted: HeadingTarget | None = None
+    heading_target: HeadingTarget | None = None
     activity: Activity = Activity.NOTHING
     target: Place | None = None
     radius_m: float | None = None
@@ -47,69 +47,68 @@ class TaskStatus:
 
 
 def update(
-    settings: TaskSettings, state: TaskFollowerState, order: Task | None, motion: VesselMotion | None, step_s: float
+    settings: TaskSettings, state: TaskFollowerState, task: Task | None, motion: VesselMotion | None, step_s: float
 ) -> tuple[TaskFollowerState, TaskStatus]:
-    """Carry an order out for step_s; a new one begins from where she is."""
-    if order != state.order:
-        state = TaskFollowerState(order)
-    if order is None:
+    """Carry a task out for step_s; a new one begins from where the boat is."""
+    if task != state.task:
+        state = TaskFollowerState(task)
+    if task is None:
         return state, TaskStatus()
-    if isinstance(order, HoldHeading):
-        return state, TaskStatus(HeadingTarget(order.heading_rad, over_ground=False), Activity.HEADING)
+    if isinstance(task, HoldHeading):
+        return state, TaskStatus(HeadingTarget(task.heading_rad, over_ground=False), Activity.HEADING)
     if motion is None:
         return state, TaskStatus()
-    if isinstance(order, Orbit):
-        return _orbit(settings, state, order, motion)
-    if isinstance(order, GoTo) and not state.arrived:
-        return _go(settings, state, order, motion, step_s)
-    kept = order if isinstance(order, HoldStation) else HoldStation(order.to, order.keep_m)
-    return _keep(settings, state, kept, motion)
+    if isinstance(task, Orbit):
+        return _orbit(settings, state, task, motion)
+    if isinstance(task, GoTo) and not state.arrived:
+        return _go_to(settings, state, task, motion, step_s)
+    station = task if isinstance(task, HoldStation) else HoldStation(task.place, task.station_radius_m)
+    return _hold_station(settings, state, station, motion)
 
 
-def _go(
-    settings: TaskSettings, state: TaskFollowerState, order: GoTo, motion: VesselMotion, step_s: float
+def _go_to(
+    settings: TaskSettings, state: TaskFollowerState, task: GoTo, motion: VesselMotion, step_s: float
 ) -> tuple[TaskFollowerState, TaskStatus]:
-    begun = state.line or LineState(order.start or motion.place)
-    after, course_rad, on = line.follow(settings, begun, order, motion, step_s)
-    after, arrived = line.approach(settings, after, order, motion, on)
-    state = replace(state, line=after, arrived=arrived)
-    if arrived:
-        return _keep(settings, state, HoldStation(order.to, order.keep_m), motion)
-    distance_m, bearing_rad = motion.place.distance_and_bearing(order.to)
+    line_state = state.line or LineState(task.start or motion.place)
+    line_state, status = line.update(settings, line_state, task, motion, step_s)
+    state = replace(state, line=line_state, arrived=status.arrived)
+    if status.arrived:
+        return _hold_station(settings, state, HoldStation(task.place, task.station_radius_m), motion)
+    distance_m, bearing_rad = motion.place.distance_and_bearing(task.place)
     return state, TaskStatus(
-        HeadingTarget(course_rad, over_ground=True),
+        HeadingTarget(status.course_rad, over_ground=True),
         Activity.LINE,
-        order.to,
-        order.accept_m,
+        task.place,
+        task.acceptance_radius_m,
         bearing_rad,
         distance_m,
-        None if on is None else on.cross_track_m,
+        status.cross_track_m,
     )
 
 
-def _keep(
-    settings: TaskSettings, state: TaskFollowerState, order: HoldStation, motion: VesselMotion
+def _hold_station(
+    settings: TaskSettings, state: TaskFollowerState, task: HoldStation, motion: VesselMotion
 ) -> tuple[TaskFollowerState, TaskStatus]:
-    distance_m, bearing_rad = motion.place.distance_and_bearing(order.centre)
-    after, wanted = station_keeping.keep(settings, state.station, order, motion, distance_m)
-    state = replace(state, station=after, arrived=state.arrived or distance_m <= order.keep_m)
-    return state, TaskStatus(wanted, Activity.STATION, order.centre, order.keep_m, bearing_rad, distance_m)
+    distance_m, bearing_rad = motion.place.distance_and_bearing(task.centre)
+    station, target = station_keeping.update(settings, state.station, task, motion, distance_m)
+    state = replace(state, station=station, arrived=state.arrived or distance_m <= task.radius_m)
+    return state, TaskStatus(target, Activity.STATION, task.centre, task.radius_m, bearing_rad, distance_m)
 
 
 def _orbit(
-    settings: TaskSettings, state: TaskFollowerState, order: Orbit, motion: VesselMotion
+    settings: TaskSettings, state: TaskFollowerState, task: Orbit, motion: VesselMotion
 ) -> tuple[TaskFollowerState, TaskStatus]:
-    after, course_rad = orbit.circle(settings, state.orbit, order, motion)
-    distance_m, bearing_rad = motion.place.distance_and_bearing(order.centre)
-    radius_m = orbit.radius_m(settings, order)
-    near = abs(distance_m - radius_m) <= orbit.NEAR_PART * radius_m
-    state = replace(state, orbit=after, arrived=state.arrived or near)
+    orbit_state, course_rad = orbit.update(settings, state.orbit, task, motion)
+    distance_m, bearing_rad = motion.place.distance_and_bearing(task.centre)
+    radius_m = orbit.radius_m(settings, task)
+    on_circle = abs(distance_m - radius_m) <= orbit.NEAR_PART * radius_m
+    state = replace(state, orbit=orbit_state, arrived=state.arrived or on_circle)
     return state, TaskStatus(
         HeadingTarget(course_rad, over_ground=True),
         Activity.CIRCLE,
-        order.centre,
+        task.centre,
         radius_m,
         bearing_rad,
         distance_m,
-        radius_m - distance_m if order.clockwise else distance_m - radius_m,
+        radius_m - distance_m if task.clockwise else distance_m - radius_m,
     )

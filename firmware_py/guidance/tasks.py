@@ -1,4 +1,4 @@
-"""What she may be told to do, and how guidance answers; plain records."""
+"""What the boat may be given to do, and how guidance answers; plain records."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class HoldHeading:
 
 @dataclass(frozen=True, slots=True)
 class GoTo:
-    """Go to a place, on the line from `start` (None: from where she is), and keep station there."""
+    """Go to a place, on the line from `start` (None: from where the boat is), and keep station there."""
 
-    to: Place
+    place: Place
     start: Place | None
-    accept_m: float
-    keep_m: float
+    acceptance_radius_m: float
+    station_radius_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +31,12 @@ class HoldStation:
     """Keep station within a watch circle."""
 
     centre: Place
-    keep_m: float
+    radius_m: float
 
 
 @dataclass(frozen=True, slots=True)
 class Orbit:
-    """Go round a place; `number` tells one order from the next like it, because turns are counted anew."""
+    """Go round a place; `number` tells one task from the next like it, because turns are counted anew."""
 
     centre: Place
     radius_m: float
@@ -49,16 +49,16 @@ Task = HoldHeading | GoTo | HoldStation | Orbit
 
 @dataclass(frozen=True, slots=True)
 class VesselMotion:
-    """Where she is and how she moves: `heading_rad` and the water's motion as estimated.
+    """Where the boat is and how it moves: `heading_rad` and the water's motion as estimated.
 
-    `speed_m_s` is through the water; the current sets north and east.
+    `speed_m_s` is through the water; the current sets north and east. `too_strong`: it is stronger than the boat.
     """
 
     place: Place
     heading_rad: float
     speed_m_s: float
-    north_m_s: float
-    east_m_s: float
+    current_north_m_s: float
+    current_east_m_s: float
     too_strong: bool = False
 
 
@@ -72,11 +72,11 @@ class HeadingTarget:
 
 @dataclass(frozen=True, slots=True)
 class TaskSettings:
-    """Radii, look-ahead, and how tight she turns."""
+    """Radii, look-ahead, and how tight the boat turns."""
 
-    accept_m: float
-    keep_m: float
-    look_s: float
+    acceptance_radius_m: float
+    station_radius_m: float
+    look_ahead_s: float
     turning_radius_m: float  # at full rudder; by similarity the same at any speed
 
     @classmethod
@@ -85,8 +85,8 @@ class TaskSettings:
         turning_1_s = parameters["MDL_K"] * radians(parameters["RUD_LIMIT_DEG"])
         radius_m = parameters["MDL_SPEED"] / turning_1_s
         return cls(
-            parameters["WP_RADIUS"],
-            parameters["LOIT_RADIUS"],
-            parameters["NAV_LOOK_S"],
-            min(max(radius_m, 1.0), 1000.0),
+            acceptance_radius_m=parameters["WP_RADIUS"],
+            station_radius_m=parameters["LOIT_RADIUS"],
+            look_ahead_s=parameters["NAV_LOOK_S"],
+            turning_radius_m=min(max(radius_m, 1.0), 1000.0),
         )

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from firmware_py.common.angles import wrap_pi
-from firmware_py.control.reference_model import LEAD_RAD, Reference, Ship, running_on_rad, update
+from firmware_py.control.reference_model import LEAD_RAD, Reference, Ship, stopping_angle_rad, update
 from firmware_py.model.kt import OCEAN_RAMBLER
 
 LIMIT_RAD = math.radians(30.0)
@@ -23,7 +23,7 @@ def turned(ship, step_deg, seconds, step_s=0.1):
         reference = update(ship, reference, goal - unwrapped, reference.heading_rad, step_s)
         unwrapped += wrap_pi(reference.heading_rad - before)
         headings.append(unwrapped)
-        rudders.append(reference.push_rad + ship.bias_rad)
+        rudders.append(reference.feedforward_rad + ship.bias_rad)
     return headings, rudders
 
 
@@ -54,12 +54,12 @@ def test_it_stays_calm_at_other_rates_of_the_loop(step_s):
 
 def test_the_angle_run_on_is_that_of_the_equation():
     ship, rate, angle, brake = ship_at(0.4), 0.02, 0.0, 0.4
-    expected = running_on_rad(ship, rate, brake)
+    expected = stopping_angle_rad(ship, rate, brake)
     while rate > 0.0:
         angle += rate * 0.001
         rate += 0.001 * (-ship.turning_ability_1_s * brake - rate) / ship.turning_lag_s
     assert angle == pytest.approx(expected, rel=1e-2)
-    assert running_on_rad(ship, -0.02, brake) == -expected
+    assert stopping_angle_rad(ship, -0.02, brake) == -expected
 
 
 def test_it_waits_for_a_boat_that_does_not_follow():

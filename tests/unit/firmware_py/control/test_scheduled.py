@@ -6,31 +6,31 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import HeadingEstimate
 from firmware_py.control.s_surface import rudder_demand
 from firmware_py.control.scheduled import (
-    HeadingEstimate,
     RudderDemand,
     ScheduledSettings,
     apply_deadband,
     band_of,
     gains_of,
     scheduled_demand,
-    ship_now,
+    ship_at_speed,
     stiffness_of,
 )
 
 SETTINGS = ScheduledSettings.of(ParameterSet())
-KNOWN = HeadingEstimate(1.0, math.radians(1.0), 0.0, 0.05, 0.4, 0.02, 1.0)
+ESTIMATE = HeadingEstimate(1.0, math.radians(1.0), 0.0, 0.05, 0.4, 0.02, 1.0)
 LIMIT_RAD = math.radians(30.0)
 
 
 def test_on_the_goal_the_rudder_asks_for_the_bias_alone():
-    _, order = scheduled_demand(SETTINGS, None, KNOWN, 0.0, 0.1)
+    _, order = scheduled_demand(SETTINGS, None, ESTIMATE, 0.0, 0.1)
     assert order.demand_rad == pytest.approx(0.05, abs=1e-9)
 
 
 def test_small_errors_meet_the_optimal_regulator():
-    ship, stiffness = ship_now(SETTINGS, KNOWN), 1.7
+    ship, stiffness = ship_at_speed(SETTINGS, ESTIMATE), 1.7
     gains = gains_of(ship, stiffness)
     by_error = rudder_demand(gains, 1e-5, 0.0) / 1e-5
     by_rate = -rudder_demand(gains, 0.0, 1e-6) / 1e-6
@@ -42,27 +42,27 @@ def test_small_errors_meet_the_optimal_regulator():
 
 def test_the_band_and_the_stiffness_follow_speed_price_and_knowledge():
     dear = replace(SETTINGS, price=4.0)
-    assert stiffness_of(dear, KNOWN) == pytest.approx(stiffness_of(SETTINGS, KNOWN) / 4.0)
-    assert stiffness_of(SETTINGS, replace(KNOWN, speed_m_s=0.9)) < stiffness_of(SETTINGS, KNOWN)
-    vague = replace(KNOWN, heading_spread_rad=math.radians(3.0))
-    assert band_of(SETTINGS, vague, 1.0) > band_of(SETTINGS, KNOWN, 1.0) > math.radians(0.3)
+    assert stiffness_of(dear, ESTIMATE) == pytest.approx(stiffness_of(SETTINGS, ESTIMATE) / 4.0)
+    assert stiffness_of(SETTINGS, replace(ESTIMATE, speed_m_s=0.9)) < stiffness_of(SETTINGS, ESTIMATE)
+    vague = replace(ESTIMATE, heading_sd_rad=math.radians(3.0))
+    assert band_of(SETTINGS, vague, 1.0) > band_of(SETTINGS, ESTIMATE, 1.0) > math.radians(0.3)
     # What is hardly known at all moves no bounds.
-    lost = replace(KNOWN, heading_spread_rad=2.0)
+    lost = replace(ESTIMATE, heading_sd_rad=2.0)
     assert band_of(SETTINGS, lost, 1.0) < math.radians(5.0)
 
 
 def test_without_steerage_way_nothing_is_ordered():
-    drifting = replace(KNOWN, speed_m_s=0.05, speed_spread_m_s=0.02)
+    drifting = replace(ESTIMATE, speed_m_s=0.05, speed_sd_m_s=0.02)
     assert scheduled_demand(SETTINGS, None, drifting, 1.0, 0.1)[1] is None
     # Unless that is only not known.
-    assert scheduled_demand(SETTINGS, None, replace(drifting, speed_spread_m_s=0.3), 1.0, 0.1)[1] is not None
+    assert scheduled_demand(SETTINGS, None, replace(drifting, speed_sd_m_s=0.3), 1.0, 0.1)[1] is not None
 
 
 def test_a_turn_ordered_the_long_way_goes_that_way():
     for sign in (1.0, -1.0):
-        reference, order = scheduled_demand(SETTINGS, None, KNOWN, sign * math.pi, 0.1)
+        reference, order = scheduled_demand(SETTINGS, None, ESTIMATE, sign * math.pi, 0.1)
         for _ in range(50):
-            reference, order = scheduled_demand(SETTINGS, reference, KNOWN, sign * math.pi, 0.1)
+            reference, order = scheduled_demand(SETTINGS, reference, ESTIMATE, sign * math.pi, 0.1)
         assert math.copysign(1.0, order.demand_rad) == sign
         assert abs(order.demand_rad) == pytest.approx(LIMIT_RAD, abs=0.01)
 
@@ -91,10 +91,10 @@ def test_the_command_moves_only_at_the_edge_of_the_band(command, demand, band):
     st.floats(0.0, 1.0),
 )
 def test_any_knowledge_gives_a_rudder_within_its_limits(error, rate, bias, speed, spread, factor, step):
-    known = HeadingEstimate(2.0, spread, rate, bias, speed, 0.1, factor)
-    reference, order = scheduled_demand(SETTINGS, None, known, error, step)
+    estimate = HeadingEstimate(2.0, spread, rate, bias, speed, 0.1, factor)
+    reference, order = scheduled_demand(SETTINGS, None, estimate, error, step)
     for _ in range(3):
-        reference, order = scheduled_demand(SETTINGS, reference, known, error, step)
+        reference, order = scheduled_demand(SETTINGS, reference, estimate, error, step)
         assert order is None or (abs(order.demand_rad) <= LIMIT_RAD and 0.0 < order.band_rad < math.pi)
         assert math.isfinite(reference.heading_rad)
         assert math.isfinite(reference.yaw_rate_rad_s)

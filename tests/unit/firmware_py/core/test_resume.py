@@ -12,15 +12,15 @@ from firmware_py.core.resume import INTERVAL_S, REFRESH_S, ResumeKeeper, from_te
 from firmware_py.core.state import State
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.line import LineState
-from firmware_py.guidance.mission import MissionProgress
+from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import GoTo
 from firmware_py.modes import HeadingGoal, ModeState, PositionGoal
 
 UTC_S = 1.8e9
 A, B = Place(0.6, 2.0), Place(0.61, 2.01)
-ORDER = GoTo(B, A, 20.0, 100.0)
-PROGRESS = MissionProgress(7, 3, started=True, begun=True, elapsed_s=95.0, jumps=((2, 1),), place=B, order=ORDER)
+TASK = GoTo(B, A, 20.0, 100.0)
+PROGRESS = MissionProgress(7, 3, started=True, begun=True, elapsed_s=95.0, jumps=((2, 1),), line_start=B, task=TASK)
 
 
 def parameters(level, **more):
@@ -35,7 +35,7 @@ def at_sea(level=2):
         State.at_start(parameters(level)),
         modes=ModeState(Mode.AUTO, armed=True, stick=0.3, stick_t_s=55.0),
         guidance=GuidanceState(
-            Mode.AUTO, True, PROGRESS, ORDER, TaskFollowerState(ORDER, line=LineState(A, 12.0, 88.0, 1)), done_s=1234.0
+            Mode.AUTO, True, PROGRESS, TASK, TaskFollowerState(TASK, line=LineState(A, 12.0, 88.0, 1)), updated_s=1234.0
         ),
         home=Home(0.6, 2.0, 1.0),
     )
@@ -52,10 +52,10 @@ def test_mode_mission_line_and_home_come_back():
     state = again(at_sea())
     assert state.modes == ModeState(Mode.AUTO, armed=True)
     assert state.guidance.mission == replace(PROGRESS, elapsed_s=90.0)
-    assert state.guidance.follow.order == ORDER
-    assert state.guidance.follow.line == LineState(A, tries=1)
+    assert state.guidance.follower.task == TASK
+    assert state.guidance.follower.line == LineState(A, tries=1)
     assert state.home == Home(0.6, 2.0, 1.0)
-    assert state.guidance.done_s is None
+    assert state.guidance.updated_s is None
     assert state.greeting.startswith("Resumed AUTO, ")
 
 
@@ -109,7 +109,7 @@ def test_it_is_written_on_change_and_now_and_then():
     assert written(INTERVAL_S, changed)
     # What changes all the time is not worth a write.
     finer = replace(
-        changed, modes=replace(changed.modes, stick_t_s=66.0), guidance=replace(changed.guidance, done_s=5.0)
+        changed, modes=replace(changed.modes, stick_t_s=66.0), guidance=replace(changed.guidance, updated_s=5.0)
     )
     assert not written(2 * INTERVAL_S, finer)
     assert written(REFRESH_S + 2 * INTERVAL_S, finer)

@@ -120,7 +120,7 @@ def test_a_record_that_lacks_what_it_needs_takes_the_default_of_its_field():
         (("modes", "mode"), 77, "State.modes.mode: expected a number of Mode, found 77"),
         (("position", "fix", "fix"), 77, "State.position.fix.fix: expected a number of FixType, found 77"),
         (("heading_estimator", "sources", "in_use"), 77, "State.heading_estimator.sources.in_use: expected a number"),
-        (("guidance", "order", "$"), "Drift", "State.guidance.order: expected one of HoldHeading, GoTo, "),
+        (("guidance", "task", "$"), "Drift", "State.guidance.task: expected one of HoldHeading, GoTo, "),
     ],
 )
 def test_a_value_of_another_version_takes_a_default_and_is_reported(path, value, says):
@@ -226,7 +226,7 @@ def test_a_boat_wakes_as_she_was_after_an_update(change):
     assert state.modes == whole.modes
     assert (state.modes.mode, state.modes.armed) == (Mode.AUTO, True)
     assert (state.guidance.mission, state.home) == (whole.guidance.mission, whole.home)
-    assert state.guidance.order == whole.guidance.order is not None
+    assert state.guidance.task == whole.guidance.task is not None
     lost = change is add_fields
     assert bool(notes) == lost
     assert state.greeting == "Resumed AUTO, 1 min old" + (", not whole" if lost else "")

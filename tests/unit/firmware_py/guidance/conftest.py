@@ -12,17 +12,17 @@ from firmware_py.guidance.tasks import TaskSettings, VesselMotion
 from firmware_py.model.crab import heading_for_course
 
 ORIGIN = Place(0.6, 2.0)
-SETTINGS = TaskSettings(20.0, 100.0, 60.0, 15.6)
+SETTINGS = TaskSettings(acceptance_radius_m=20.0, station_radius_m=100.0, look_ahead_s=60.0, turning_radius_m=15.6)
 
 
 class Float:
-    """Heading, place and what she follows; steps of a second."""
+    """Heading, place and the task that she follows; steps of a second."""
 
     def __init__(self, north_m=0.0, east_m=0.0, heading_rad=0.0, speed_m_s=0.4, current=(0.0, 0.0)):
         self.north_m, self.east_m, self.heading_rad = north_m, east_m, heading_rad
         self.speed_m_s, self.current = speed_m_s, current
-        self.follow = TaskFollowerState()
-        self.followed = None
+        self.follower = TaskFollowerState()
+        self.status = None
         self.t_s = 0.0
         self.turned_rad = 0.0
 
@@ -32,12 +32,12 @@ class Float:
         strong = math.hypot(*self.current) > self.speed_m_s
         return VesselMotion(place, self.heading_rad, self.speed_m_s, *self.current, strong)
 
-    def step(self, order, settings=SETTINGS):
+    def step(self, task, settings=SETTINGS):
         motion = self.motion
-        self.follow, self.followed = task_follower.update(settings, self.follow, order, motion, 1.0)
-        wanted = self.followed.wanted
-        steer_rad = wanted.angle_rad
-        if wanted.over_ground:
+        self.follower, self.status = task_follower.update(settings, self.follower, task, motion, 1.0)
+        target = self.status.heading_target
+        steer_rad = target.angle_rad
+        if target.over_ground:
             steer_rad = heading_for_course(steer_rad, self.speed_m_s, *self.current)
         error_rad = wrap_pi(steer_rad - self.heading_rad)
         most_rad = 0.9 * self.speed_m_s / settings.turning_radius_m
@@ -47,7 +47,7 @@ class Float:
         self.north_m += self.speed_m_s * math.cos(self.heading_rad) + self.current[0]
         self.east_m += self.speed_m_s * math.sin(self.heading_rad) + self.current[1]
         self.t_s += 1.0
-        return self.followed
+        return self.status
 
     def distance_m(self, north_m=0.0, east_m=0.0):
         return math.hypot(self.north_m - north_m, self.east_m - east_m)

@@ -54,11 +54,11 @@ def test_nothing_bounds_her_without_a_fence_or_with_half_a_polygon():
     assert fence_of(fence(*square(5001, 500.0)[:2])) is None
 
 
-def test_the_watch_computes_anew_when_she_has_moved_or_the_fence_is_another():
+def test_the_margin_is_computed_anew_when_she_has_moved_or_the_fence_is_another():
     plan = fence(*square(5001, 500.0))
-    watch = update(FenceState(), plan, CENTRE)
-    assert update(watch, plan, CENTRE.at_offset(40.0, 0.0)) is watch
-    moved = update(watch, plan, CENTRE.at_offset(60.0, 0.0))
+    state = update(FenceState(), plan, CENTRE)
+    assert update(state, plan, CENTRE.at_offset(40.0, 0.0)) is state
+    moved = update(state, plan, CENTRE.at_offset(60.0, 0.0))
     assert moved.margin_m == pytest.approx(440.0, abs=0.5)
     assert update(moved, fence(*square(5001, 400.0)), CENTRE.at_offset(60.0, 0.0)).margin_m == pytest.approx(
         340.0, abs=0.5

@@ -13,29 +13,34 @@ from firmware_py.guidance.line import LineState, look_ahead_m
 from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion
 
 
-def go(origin, north_m, east_m, start=(0.0, 0.0), accept_m=20.0):
-    return GoTo(origin.at_offset(north_m, east_m), None if start is None else origin.at_offset(*start), accept_m, 100.0)
+def go(origin, north_m, east_m, start=(0.0, 0.0), acceptance_radius_m=20.0):
+    return GoTo(
+        origin.at_offset(north_m, east_m),
+        None if start is None else origin.at_offset(*start),
+        acceptance_radius_m,
+        100.0,
+    )
 
 
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.0, 0.2), (-0.2, 0.1), (0.3, 0.0)])
 def test_she_comes_onto_the_line_and_stays_on_it(afloat, origin, current):
     boat = afloat(0.0, 80.0, 2.0, current=current)
-    order = go(origin, 5000.0, 0.0)
+    task = go(origin, 5000.0, 0.0)
     for _ in range(2000):
-        boat.step(order)
-    off = [abs(boat.step(order).cross_track_m) for _ in range(500)]
+        boat.step(task)
+    off = [abs(boat.step(task).cross_track_m) for _ in range(500)]
     assert max(off) < 2.0
-    assert boat.followed.activity is Activity.LINE
+    assert boat.status.activity is Activity.LINE
 
 
 def test_a_current_that_is_not_known_is_taken_up_by_the_integral(afloat, origin):
     boat = afloat(current=(0.0, 0.1))
-    order = go(origin, 5000.0, 0.0)
-    known, boat.current = boat.current, (0.0, 0.0)
+    task = go(origin, 5000.0, 0.0)
+    real, boat.current = boat.current, (0.0, 0.0)
     for _ in range(3000):
-        boat.step(order)
-        boat.east_m += known[1]
-    assert abs(boat.followed.cross_track_m) < 1.5
+        boat.step(task)
+        boat.east_m += real[1]
+    assert abs(boat.status.cross_track_m) < 1.5
 
 
 def test_the_look_ahead_grows_with_speed_within_bounds(origin, tight):
@@ -53,20 +58,19 @@ def test_the_look_ahead_grows_with_speed_within_bounds(origin, tight):
 def test_a_place_beside_her_is_reached_whatever_her_turning_circle(afloat, origin, bearing_deg, distance_m, current):
     boat = afloat(current=current)
     angle_rad = math.radians(bearing_deg)
-    order = go(origin, distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad), None, accept_m=2.0)
-    while not boat.follow.arrived:
-        boat.step(order)
+    task = go(origin, distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad), None, acceptance_radius_m=2.0)
+    while not boat.follower.arrived:
+        boat.step(task)
         assert boat.t_s < 5000.0
     assert boat.distance_m(distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad)) < 60.0
 
 
 def test_passed_far_off_it_is_sailed_for_anew(origin, tight):
-    order = go(origin, 500.0, 0.0)
+    task = go(origin, 500.0, 0.0)
     here = origin.at_offset(510.0, 300.0)
     motion = VesselMotion(here, 0.0, 0.4, 0.0, 0.0)
-    state, _, on = line.follow(tight, LineState(origin), order, motion, 1.0)
-    state, reached = line.approach(tight, state, order, motion, on)
-    assert not reached
+    state, status = line.update(tight, LineState(origin), task, motion, 1.0)
+    assert not status.arrived
     assert (state.start, state.tries) == (here, 1)
 
 
@@ -78,13 +82,12 @@ motions = st.builds(VesselMotion, anywhere, angles, speeds, st.floats(-3.0, 3.0)
 
 
 @given(motions, anywhere, anywhere, st.floats(0.1, 1e4), st.floats(-1e9, 1e9), st.floats(0.0, 5.0))
-def test_whatever_comes_the_course_is_an_angle(motion, start, to, accept_m, integral_s, step_s):
-    order = GoTo(to, start, accept_m, 100.0)
+def test_whatever_comes_the_course_is_an_angle(motion, start, to, acceptance_radius_m, integral_s, step_s):
+    task = GoTo(to, start, acceptance_radius_m, 100.0)
     limits = TaskSettings(20.0, 100.0, 60.0, 15.6)
-    state, course_rad, on = line.follow(limits, LineState(start, integral_s), order, motion, step_s)
-    assert 0.0 <= course_rad < 2 * math.pi
+    state, status = line.update(limits, LineState(start, integral_s), task, motion, step_s)
+    assert 0.0 <= status.course_rad < 2 * math.pi
     assert math.isfinite(state.integral_s)
-    state, _ = line.approach(limits, state, order, motion, on)
     assert state.tries <= line.MOST_TRIES
 
 
@@ -97,12 +100,12 @@ def test_whatever_comes_the_course_is_an_angle(motion, start, to, accept_m, inte
     st.floats(0.0, 0.75),
     st.floats(0.0, 6.28),
 )
-def test_acceptance_always_progresses(north_m, east_m, heading_rad, accept_m, drift, toward_rad):
+def test_acceptance_always_progresses(north_m, east_m, heading_rad, acceptance_radius_m, drift, toward_rad):
     from tests.unit.firmware_py.guidance.conftest import ORIGIN, Float  # noqa: PLC0415
 
     current = (0.4 * drift * math.cos(toward_rad), 0.4 * drift * math.sin(toward_rad))
     boat = Float(heading_rad=heading_rad, current=current)
-    order = go(ORIGIN, north_m, east_m, None, accept_m)
-    while not boat.follow.arrived:
-        boat.step(order)
+    task = go(ORIGIN, north_m, east_m, None, acceptance_radius_m)
+    while not boat.follower.arrived:
+        boat.step(task)
         assert boat.t_s < 300.0 + 20.0 * (boat.distance_m() + 500.0) / 0.4

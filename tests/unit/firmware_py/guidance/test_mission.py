@@ -9,24 +9,26 @@ from hypothesis import strategies as st
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.records import MissionState
-from firmware_py.guidance import mission
-from firmware_py.guidance.mission import MissionInput, MissionProgress
-from firmware_py.guidance.mission_step import MissionStep, StepKind
+from firmware_py.guidance import mission, mission_progress
+from firmware_py.guidance.mission import MissionInput
+from firmware_py.guidance.mission_progress import MissionProgress
+from firmware_py.guidance.mission_step import MissionStep
 from firmware_py.guidance.orbit import OrbitState
 from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import GoTo, HoldHeading, HoldStation, Orbit, TaskSettings, VesselMotion
+from firmware_py.plans.items import TABLE, Command
 
-SETTINGS = TaskSettings(20.0, 100.0, 60.0, 15.6)
+SETTINGS = TaskSettings(acceptance_radius_m=20.0, station_radius_m=100.0, look_ahead_s=60.0, turning_radius_m=15.6)
 HERE = Place(0.6, 2.0)
 A, B, C = HERE.at_offset(500.0, 0.0), HERE.at_offset(500.0, 500.0), HERE.at_offset(0.0, 500.0)
 
 
 def waypoint(place, **more):
-    return MissionStep(StepKind.WAYPOINT, place, **more)
+    return MissionStep(Command.WAYPOINT, place, **more)
 
 
 def jump(target, times):
-    return MissionStep(StepKind.JUMP, target=target, times=times)
+    return MissionStep(Command.JUMP, target=target, times=times)
 
 
 class Crew:
@@ -34,7 +36,7 @@ class Crew:
 
     def __init__(self, *steps, place=HERE, heading_rad=0.0):
         self.steps = steps
-        self.progress = mission.enter(MissionProgress(identity=1))
+        self.progress = mission_progress.enter(MissionProgress(identity=1))
         self.motion = VesselMotion(place, heading_rad, 0.4, 0.0, 0.0)
         self.back = GoTo(HERE, None, 20.0, 100.0)
         self.utc_s = None
@@ -42,13 +44,13 @@ class Crew:
         self.home = None
 
     def go_on(self, *, arrived=False, turned_rad=0.0, step_s=1.0):
-        follow = TaskFollowerState(self.progress.order, arrived, orbit=OrbitState(0.0, turned_rad))
-        voyage = MissionInput(SETTINGS, self.steps, self.motion, follow, step_s, self.utc_s, lambda: self.back)
-        done = mission.update(self.progress, voyage)
-        self.progress = done.progress
-        self.reached += done.reached
-        self.home = done.home or self.home
-        return self.progress.order
+        follower = TaskFollowerState(self.progress.task, arrived, orbit=OrbitState(0.0, turned_rad))
+        mission_input = MissionInput(SETTINGS, self.steps, self.motion, follower, step_s, self.utc_s, lambda: self.back)
+        output = mission.update(self.progress, mission_input)
+        self.progress = output.progress
+        self.reached += output.reached
+        self.home = output.home or self.home
+        return self.progress.task
 
 
 def test_waypoints_are_joined_by_lines_and_the_end_is_kept():
@@ -59,7 +61,7 @@ def test_waypoints_are_joined_by_lines_and_the_end_is_kept():
     assert crew.go_on(arrived=True) == GoTo(B, A, 5.0, 100.0)  # and there she keeps station
     assert crew.progress.complete
     assert crew.reached == [0, 1]
-    assert mission.state_of(crew.progress, 2, running=True) is MissionState.COMPLETE
+    assert mission_progress.state_of(crew.progress, 2, running=True) is MissionState.COMPLETE
 
 
 def test_what_was_reached_before_is_no_arrival_at_the_next():
@@ -74,21 +76,21 @@ def test_a_hold_time_counts_from_the_arrival():
     for _ in range(50):
         crew.go_on()
     for _ in range(9):
-        assert crew.go_on(arrived=True).to == A
-    assert crew.go_on(arrived=True).to == B
+        assert crew.go_on(arrived=True).place == A
+    assert crew.go_on(arrived=True).place == B
 
 
 def test_loiter_for_a_time_for_turns_and_for_ever():
     crew = Crew(
-        MissionStep(StepKind.LOITER_TIME, A, 40.0, 5.0),
-        MissionStep(StepKind.LOITER_TURNS, B, None, turns=2.0, clockwise=False),
-        MissionStep(StepKind.LOITER_TURNS, B, None, turns=2.0, clockwise=False),
-        MissionStep(StepKind.LOITER_UNLIMITED, C),
+        MissionStep(Command.LOITER_TIME, A, 40.0, 5.0),
+        MissionStep(Command.LOITER_TURNS, B, None, turns=2.0, clockwise=False),
+        MissionStep(Command.LOITER_TURNS, B, None, turns=2.0, clockwise=False),
+        MissionStep(Command.LOITER_UNLIMITED, C),
         waypoint(A),
     )
     assert crew.go_on() == GoTo(A, None, 20.0, 40.0)
     for _ in range(4):
-        assert crew.go_on(arrived=True).keep_m == 40.0
+        assert crew.go_on(arrived=True).station_radius_m == 40.0
     first = crew.go_on(arrived=True)
     assert first == replace(Orbit(B, 100.0, clockwise=False), number=first.number)
     assert crew.go_on(arrived=True, turned_rad=12.5) == first
@@ -96,24 +98,24 @@ def test_loiter_for_a_time_for_turns_and_for_ever():
     assert second != first  # counted anew
     assert crew.go_on(arrived=True, turned_rad=13.0) == GoTo(C, B, 20.0, 100.0)
     for _ in range(100):
-        assert crew.go_on(arrived=True, step_s=1e6).to == C
+        assert crew.go_on(arrived=True, step_s=1e6).place == C
 
 
 def test_return_goes_back_and_then_on():
-    crew = Crew(MissionStep(StepKind.RETURN), waypoint(A))
+    crew = Crew(MissionStep(Command.RETURN), waypoint(A))
     assert crew.go_on() == crew.back
     assert crew.go_on(arrived=True) == GoTo(A, HERE, 20.0, 100.0)
 
 
 def test_return_without_a_place_keeps_station():
-    crew = Crew(MissionStep(StepKind.RETURN))
+    crew = Crew(MissionStep(Command.RETURN))
     crew.back = None
     assert crew.go_on() == HoldStation(HERE, 100.0)
 
 
-@pytest.mark.parametrize("kind", [StepKind.YAW, StepKind.YAW_SPEED])
+@pytest.mark.parametrize("kind", [Command.YAW, Command.YAW_SPEED])
 def test_a_heading_is_turned_to_and_held_by_a_delay(kind):
-    crew = Crew(MissionStep(kind, angle_rad=1.0, relative=True), MissionStep(StepKind.DELAY, seconds=30.0), waypoint(A))
+    crew = Crew(MissionStep(kind, angle_rad=1.0, relative=True), MissionStep(Command.DELAY, seconds=30.0), waypoint(A))
     crew.motion = replace(crew.motion, heading_rad=6.0)
     assert crew.go_on() == HoldHeading((1.0 + 6.0) % (2 * math.pi))
     assert crew.go_on().heading_rad == pytest.approx(7.0 - 2 * math.pi)
@@ -127,14 +129,14 @@ def test_a_heading_is_turned_to_and_held_by_a_delay(kind):
 
 
 def test_a_heading_that_is_not_reached_is_left_after_ten_minutes():
-    crew = Crew(MissionStep(StepKind.YAW, angle_rad=1.0), waypoint(A))
+    crew = Crew(MissionStep(Command.YAW, angle_rad=1.0), waypoint(A))
     for _ in range(601):
         crew.go_on()
     assert crew.progress.index == 1
 
 
 def test_a_delay_elsewhere_keeps_station_and_a_time_of_day_is_waited_for():
-    crew = Crew(waypoint(A), MissionStep(StepKind.DELAY, time_of_day_s=100.0), waypoint(B))
+    crew = Crew(waypoint(A), MissionStep(Command.DELAY, time_of_day_s=100.0), waypoint(B))
     crew.utc_s = 86400.0 * 20000 + 90.0
     crew.go_on()
     assert crew.go_on(arrived=True) == GoTo(A, None, 20.0, 100.0)
@@ -148,7 +150,7 @@ def test_a_delay_elsewhere_keeps_station_and_a_time_of_day_is_waited_for():
 
 def test_jumps_are_counted():
     crew = Crew(waypoint(A), waypoint(B), jump(0, 2), waypoint(C))
-    places = [crew.go_on().to, *(crew.go_on(arrived=True).to for _ in range(6))]
+    places = [crew.go_on().place, *(crew.go_on(arrived=True).place for _ in range(6))]
     assert places == [A, B, A, B, A, B, C]
 
 
@@ -161,26 +163,26 @@ def test_jumping_for_ever_is_sailed_for_ever_but_never_in_one_step():
 
 
 def test_jumps_that_lead_nowhere_make_the_mission_unusable_and_she_keeps_station():
-    crew = Crew(MissionStep(StepKind.CHANGE_SPEED), jump(0, -1))
+    crew = Crew(MissionStep(Command.CHANGE_SPEED), jump(0, -1))
     for _ in range(20):
         crew.go_on()
     assert crew.progress.unusable
-    assert crew.progress.order == HoldStation(HERE, 100.0)
+    assert crew.progress.task == HoldStation(HERE, 100.0)
 
 
 def test_an_empty_mission_is_unusable_and_station_is_kept():
     crew = Crew()
     assert crew.go_on() == HoldStation(HERE, 100.0)
     assert crew.progress.unusable
-    assert mission.state_of(crew.progress, 0, running=True) is MissionState.NO_MISSION
+    assert mission_progress.state_of(crew.progress, 0, running=True) is MissionState.NO_MISSION
 
 
 def test_home_is_set_here_or_there_and_a_speed_changes_nothing():
-    crew = Crew(MissionStep(StepKind.SET_HOME, B), MissionStep(StepKind.CHANGE_SPEED), waypoint(A))
-    assert crew.go_on().to == A
+    crew = Crew(MissionStep(Command.SET_HOME, B), MissionStep(Command.CHANGE_SPEED), waypoint(A))
+    assert crew.go_on().place == A
     assert crew.home == B
     assert crew.reached == [0, 1]
-    here = Crew(MissionStep(StepKind.SET_HOME), MissionStep(None), waypoint(A))
+    here = Crew(MissionStep(Command.SET_HOME), MissionStep(None), waypoint(A))
     here.go_on()
     assert here.home == HERE
 
@@ -188,24 +190,24 @@ def test_home_is_set_here_or_there_and_a_speed_changes_nothing():
 def test_without_autocontinue_she_waits_to_be_told():
     crew = Crew(waypoint(A, autocontinue=False), waypoint(B))
     for _ in range(20):
-        assert crew.go_on(arrived=True).to == A
+        assert crew.go_on(arrived=True).place == A
     assert crew.reached == [0]
-    crew.progress = mission.paused(crew.progress, crew.steps, halted=False)
-    assert crew.go_on().to == B
+    crew.progress = mission_progress.proceed(crew.progress, crew.steps)
+    assert crew.go_on().place == B
 
 
 def test_a_pause_is_kept_where_she_is_and_the_item_goes_on():
     crew = Crew(waypoint(A), waypoint(B))
-    order = crew.go_on()
-    crew.progress = mission.paused(crew.progress, crew.steps, halted=True)
+    task = crew.go_on()
+    crew.progress = mission_progress.pause(crew.progress)
     crew.motion = replace(crew.motion, place=C)
     crew.go_on()
     crew.motion = replace(crew.motion, place=A)
     crew.go_on()
-    assert crew.progress.halt == HoldStation(C, 100.0)
-    assert mission.state_of(crew.progress, 2, running=True) is MissionState.PAUSED
-    crew.progress = mission.paused(crew.progress, crew.steps, halted=False)
-    assert crew.go_on() == order
+    assert crew.progress.pause_task == HoldStation(C, 100.0)
+    assert mission_progress.state_of(crew.progress, 2, running=True) is MissionState.PAUSED
+    crew.progress = mission_progress.proceed(crew.progress, crew.steps)
+    assert crew.go_on() == task
 
 
 def test_another_item_begins_from_where_she_is_and_a_restart_forgets_jumps():
@@ -213,35 +215,35 @@ def test_another_item_begins_from_where_she_is_and_a_restart_forgets_jumps():
     crew.go_on()
     crew.go_on(arrived=True)
     assert crew.progress.jumps == ((1, 1),)
-    crew.progress = mission.at_item(crew.progress, 2, restart=False)
+    crew.progress = mission_progress.at_item(crew.progress, 2, restart=False)
     assert crew.go_on() == GoTo(B, None, 20.0, 100.0)
     assert crew.progress.jumps
-    assert mission.at_item(crew.progress, 0, restart=True).jumps == ()
+    assert mission_progress.at_item(crew.progress, 0, restart=True).jumps == ()
 
 
 def test_auto_again_goes_on_with_the_item_and_after_the_end_from_the_first():
     crew = Crew(waypoint(A), waypoint(B))
     crew.go_on()
     crew.go_on(arrived=True)
-    crew.progress = mission.enter(crew.progress)
+    crew.progress = mission_progress.enter(crew.progress)
     assert crew.go_on() == GoTo(B, None, 20.0, 100.0)
     crew.go_on(arrived=True)
     assert crew.progress.complete
-    crew.progress = mission.enter(crew.progress)
+    crew.progress = mission_progress.enter(crew.progress)
     assert crew.go_on() == GoTo(A, None, 20.0, 100.0)
 
 
 def test_a_new_mission_begins_at_its_first_item():
     progress = MissionProgress(identity=1, index=5, jumps=((1, 1),), started=True)
-    assert mission.for_plan(progress, 1) is progress
-    assert mission.for_plan(progress, 2) == MissionProgress(identity=2)
-    assert mission.state_of(MissionProgress(), 3, running=False) is MissionState.NOT_STARTED
-    assert mission.state_of(progress, 6, running=False) is MissionState.PAUSED
+    assert mission_progress.for_plan(progress, 1) is progress
+    assert mission_progress.for_plan(progress, 2) == MissionProgress(identity=2)
+    assert mission_progress.state_of(MissionProgress(), 3, running=False) is MissionState.NOT_STARTED
+    assert mission_progress.state_of(progress, 6, running=False) is MissionState.PAUSED
 
 
 steps = st.builds(
     MissionStep,
-    st.none() | st.sampled_from(StepKind),
+    st.none() | st.sampled_from([row.command for row in TABLE]),
     st.none() | st.sampled_from([A, B, C]),
     st.none() | st.floats(1.0, 100.0),
     st.floats(0.0, 20.0),
@@ -257,7 +259,7 @@ steps = st.builds(
 
 
 @given(st.lists(steps, max_size=6), st.lists(st.booleans(), max_size=60))
-def test_whatever_the_mission_she_always_has_an_order_and_the_index_is_one(found, arrivals):
+def test_whatever_the_mission_she_always_has_a_task_and_the_index_is_one(found, arrivals):
     crew = Crew(*found)
     for arrived in arrivals:
         assert crew.go_on(arrived=arrived, turned_rad=30.0) is not None

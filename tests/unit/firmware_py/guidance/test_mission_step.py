@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
-from firmware_py.guidance.mission_step import MissionStep, StepKind, step_of, steps_of
+from firmware_py.guidance.mission_step import MissionStep, step_of, steps_of
+from firmware_py.plans.items import TABLE, Command
 
 NAN = math.nan
 
@@ -16,16 +17,16 @@ def item(command, *params, x=0, y=0, autocontinue=True):
 
 def test_a_waypoint_has_hold_time_and_radius():
     step = step_of(item(16, 30, 12.5, x=360000000, y=1210000000, autocontinue=False))
-    assert step.kind is StepKind.WAYPOINT
+    assert step.command is Command.WAYPOINT
     assert (step.seconds, step.radius_m, step.autocontinue) == (30.0, 12.5, False)
     assert math.degrees(step.place.latitude_rad) == pytest.approx(36.0)
     assert math.degrees(step.place.longitude_rad) == pytest.approx(121.0)
-    assert step_of(item(16, NAN, NAN)) == MissionStep(StepKind.WAYPOINT)
+    assert step_of(item(16, NAN, NAN)) == MissionStep(Command.WAYPOINT)
 
 
 def test_loiters_have_radius_turns_and_direction():
     assert step_of(item(18, 3, 0, -40)) == MissionStep(
-        StepKind.LOITER_TURNS, radius_m=40.0, seconds=3.0, turns=3.0, clockwise=False
+        Command.LOITER_TURNS, radius_m=40.0, seconds=3.0, turns=3.0, clockwise=False
     )
     assert step_of(item(19, 600, 0, 70)).seconds == 600.0
     assert step_of(item(17)).radius_m is None
@@ -49,20 +50,20 @@ def test_jumps_home_and_what_is_passed_over():
     assert (step_of(item(177, 3, -1)).target, step_of(item(177, 3, -1)).times) == (3, -1)
     assert step_of(item(179, 1, x=5, y=5)).place is None
     assert step_of(item(179, 0, x=5, y=5)).place is not None
-    assert step_of(item(178, 0, 2)).kind is StepKind.CHANGE_SPEED
-    assert step_of(item(20)).kind is StepKind.RETURN
-    assert step_of(item(22)).kind is None
+    assert step_of(item(178, 0, 2)).command is Command.CHANGE_SPEED
+    assert step_of(item(20)).command is Command.RETURN
+    assert step_of(item(22)).command is None
 
 
 def test_a_mission_is_converted_once():
     plan = Plan.of(PlanKind.MISSION, [item(16), item(20)])
     assert steps_of(plan) is steps_of(plan)
-    assert [step.kind for step in steps_of(plan)] == [StepKind.WAYPOINT, StepKind.RETURN]
+    assert [step.command for step in steps_of(plan)] == [Command.WAYPOINT, Command.RETURN]
 
 
 items = st.builds(
     PlanItem,
-    st.sampled_from([*map(int, StepKind), 22, 0, 65535]),
+    st.sampled_from([*(int(row.command) for row in TABLE), 22, 0, 65535]),
     autocontinue=st.booleans(),
     params=st.tuples(*[st.floats(width=32) for _ in range(4)]),
     x=st.integers(-(2**31), 2**31 - 1),

@@ -10,21 +10,21 @@ from firmware_py.guidance.tasks import Orbit
 @pytest.mark.parametrize("current", [(0.0, 0.0), (0.0, 0.2)])
 def test_she_goes_round_on_the_circle_and_the_turns_count(afloat, origin, clockwise, current):
     boat = afloat(300.0, 0.0, 3.0, current=current)
-    order = Orbit(origin, 60.0, clockwise)
+    task = Orbit(origin, 60.0, clockwise)
     off = []
-    while boat.follow.orbit.turned_rad < 4 * math.pi:
-        boat.step(order)
+    while boat.follower.orbit.turned_rad < 4 * math.pi:
+        boat.step(task)
         assert boat.t_s < 9000.0
-        if boat.follow.orbit.turned_rad > math.pi:
+        if boat.follower.orbit.turned_rad > math.pi:
             off.append(abs(boat.distance_m() - 60.0))
     assert max(off) < 15.0
-    assert boat.followed.activity is Activity.CIRCLE
-    assert boat.follow.arrived
+    assert boat.status.activity is Activity.CIRCLE
+    assert boat.follower.arrived
 
 
 def test_a_circle_tighter_than_hers_is_made_wider(afloat, origin):
     boat = afloat()
     for _ in range(600):
         boat.step(Orbit(origin, 5.0, clockwise=True))
-    assert boat.followed.radius_m == pytest.approx(1.5 * 15.6)
+    assert boat.status.radius_m == pytest.approx(1.5 * 15.6)
     assert boat.distance_m() == pytest.approx(1.5 * 15.6, abs=6.0)

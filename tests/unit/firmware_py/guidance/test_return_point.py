@@ -3,7 +3,7 @@ import math
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.records import Home
-from firmware_py.guidance.return_point import best_place, way_back
+from firmware_py.guidance.return_point import return_place, return_task
 from firmware_py.guidance.tasks import VesselMotion
 
 HERE = Place(0.6, 2.0)
@@ -21,13 +21,13 @@ def at(north_m, east_m, north=0.0, east=0.0):
 
 
 def chosen(motion, points, *, with_home=True):
-    place = best_place(motion, HOME, points, with_home=with_home)
+    place = return_place(motion, HOME, points, with_home=with_home)
     return tuple(round(metres, -1) + 0.0 for metres in HERE.offset_m(place))
 
 
 def test_without_rally_points_it_is_home_and_without_either_nothing():
     assert chosen(at(500.0, 0.0), rally(), with_home=False) == (0.0, 0.0)
-    assert best_place(at(0.0, 0.0), None, rally(), with_home=True) is None
+    assert return_place(at(0.0, 0.0), None, rally(), with_home=True) is None
 
 
 def test_the_nearest_and_home_only_when_it_counts():
@@ -44,6 +44,6 @@ def test_in_a_current_the_one_she_reaches_first_not_the_nearest():
 
 
 def test_where_none_is_reached_the_nearest(tight):
-    order = way_back(tight, at(0.0, 0.0, east=0.9), HOME, rally((0.0, -800.0)), with_home=False)
-    assert order.to.distance_and_bearing(HERE)[0] - 800.0 < 1.0
-    assert (order.accept_m, order.keep_m, order.start) == (20.0, 100.0, None)
+    task = return_task(tight, at(0.0, 0.0, east=0.9), HOME, rally((0.0, -800.0)), with_home=False)
+    assert task.place.distance_and_bearing(HERE)[0] - 800.0 < 1.0
+    assert (task.acceptance_radius_m, task.station_radius_m, task.start) == (20.0, 100.0, None)

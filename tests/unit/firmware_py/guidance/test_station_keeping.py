@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from firmware_py.common.geodesy import Place
 from firmware_py.common.records import Activity
 from firmware_py.guidance import station_keeping
-from firmware_py.guidance.station_keeping import StationState
+from firmware_py.guidance.station_keeping import StationKeepingState
 from firmware_py.guidance.tasks import HoldStation, VesselMotion
 
 
@@ -17,10 +17,10 @@ from firmware_py.guidance.tasks import HoldStation, VesselMotion
 @pytest.mark.parametrize("toward_rad", [0.0, 2.0])
 def test_the_circle_is_kept_with_few_turns(afloat, origin, drift, toward_rad):
     boat = afloat(current=(0.4 * drift * math.cos(toward_rad), 0.4 * drift * math.sin(toward_rad)))
-    order = HoldStation(origin, 100.0)
+    task = HoldStation(origin, 100.0)
     inside = 0
     for _ in range(8000):
-        boat.step(order)
+        boat.step(task)
         inside += boat.distance_m() <= 100.0
     assert inside >= 0.97 * 8000
     # Quiet: going round all the time at full rudder is three times as much and more.
@@ -38,15 +38,15 @@ def test_into_a_current_she_lies_for_most_of_the_time(afloat, origin):
 
 def test_from_outside_she_comes_straight_back(afloat, origin):
     boat = afloat(600.0, -300.0, current=(0.1, -0.1))
-    order = HoldStation(origin, 100.0)
-    followed = boat.step(order)
-    assert followed.activity is Activity.STATION
-    assert followed.wanted.over_ground
+    task = HoldStation(origin, 100.0)
+    status = boat.step(task)
+    assert status.activity is Activity.STATION
+    assert status.heading_target.over_ground
     before_m = boat.distance_m()
     while boat.distance_m() > 100.0:
-        boat.step(order)
+        boat.step(task)
         assert boat.t_s < 3000.0
-    assert not boat.step(order).wanted.over_ground
+    assert not boat.step(task).heading_target.over_ground
     assert before_m / boat.t_s > 0.2
 
 
@@ -85,5 +85,7 @@ def test_whatever_comes_she_is_told_an_angle(here, centre, heading_rad, speed, n
 
     motion = VesselMotion(here, heading_rad, speed, north, east)
     distance_m, _ = here.distance_and_bearing(centre)
-    _, wanted = station_keeping.keep(SETTINGS, StationState(leg_rad), HoldStation(centre, radius_m), motion, distance_m)
-    assert math.isfinite(wanted.angle_rad)
+    _, target = station_keeping.update(
+        SETTINGS, StationKeepingState(leg_rad), HoldStation(centre, radius_m), motion, distance_m
+    )
+    assert math.isfinite(target.angle_rad)

@@ -1,0 +1,141 @@
+"""What each command of a mission has the boat do, and when it is done: one row for each that takes time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_py.common.angles import radians, wrap_pi, wrap_two_pi
+from firmware_py.common.geodesy import Place
+from firmware_py.guidance.mission_progress import MissionProgress
+from firmware_py.guidance.mission_step import SECONDS_PER_DAY, MissionStep
+from firmware_py.guidance.task_follower import TaskFollowerState
+from firmware_py.guidance.tasks import GoTo, HoldHeading, HoldStation, Orbit, Task, TaskSettings, VesselMotion
+from firmware_py.plans.items import Command
+
+ON_HEADING_RAD: Final = radians(5.0)
+LONGEST_TURN_S: Final = 600.0
+
+
+@dataclass(frozen=True, slots=True)
+class MissionInput:
+    """What a mission is sailed with in one step; `return_task` makes the way back."""
+
+    settings: TaskSettings
+    steps: tuple[MissionStep, ...]
+    motion: VesselMotion
+    follower: TaskFollowerState
+    step_s: float
+    utc_s: float | None
+    return_task: Callable[[], GoTo | None]
+
+
+@dataclass(frozen=True, slots=True)
+class CommandRow:
+    """The task that a command begins, with the place that the next line starts from, and whether it is done.
+
+    Its time runs from the arrival, or from its beginning when `timed_from_beginning`.
+    """
+
+    begin: Callable[[MissionProgress, MissionStep, MissionInput], tuple[Task, Place | None]]
+    is_done: Callable[[MissionProgress, MissionStep, MissionInput], bool]
+    timed_from_beginning: bool = False
+
+
+def has_arrived(progress: MissionProgress, given: MissionInput) -> bool:
+    """Return whether the task of the present item has arrived; what the task before has reached says nothing of it."""
+    return given.follower.task == progress.task and given.follower.arrived
+
+
+def station_task(progress: MissionProgress, given: MissionInput) -> Task:
+    """Return the task to keep station: at the place of the last task, else where the boat is."""
+    task = progress.task
+    if isinstance(task, GoTo | HoldStation):
+        return task
+    if isinstance(task, Orbit):
+        return HoldStation(task.centre, given.settings.station_radius_m)
+    return HoldStation(given.motion.place, given.settings.station_radius_m)
+
+
+# ------------------------------------------------------------------------------- beginnings
+
+
+def _go_to(progress: MissionProgress, step: MissionStep, given: MissionInput) -> tuple[Task, Place | None]:
+    place = step.place or given.motion.place
+    settings = given.settings
+    acceptance_m, station_m = settings.acceptance_radius_m, settings.station_radius_m
+    if step.command is Command.WAYPOINT:
+        return GoTo(place, progress.line_start, step.radius_m or acceptance_m, station_m), place
+    return GoTo(place, progress.line_start, acceptance_m, step.radius_m or station_m), place
+
+
+def _orbit(progress: MissionProgress, step: MissionStep, given: MissionInput) -> tuple[Task, Place | None]:
+    place = step.place or given.motion.place
+    return Orbit(place, step.radius_m or given.settings.station_radius_m, step.clockwise, progress.orbits), place
+
+
+def _return(progress: MissionProgress, _step: MissionStep, given: MissionInput) -> tuple[Task, Place | None]:
+    task = given.return_task()
+    return (station_task(progress, given), None) if task is None else (task, task.place)
+
+
+def _hold_heading(_progress: MissionProgress, step: MissionStep, given: MissionInput) -> tuple[Task, Place | None]:
+    base_rad = given.motion.heading_rad if step.relative else 0.0
+    return HoldHeading(wrap_two_pi(base_rad + step.angle_rad)), None
+
+
+def _delay(progress: MissionProgress, _step: MissionStep, given: MissionInput) -> tuple[Task, Place | None]:
+    if isinstance(progress.task, HoldHeading):
+        return progress.task, None
+    return station_task(progress, given), progress.line_start
+
+
+# ------------------------------------------------------------------------------------- ends
+
+
+def _after_hold(progress: MissionProgress, step: MissionStep, given: MissionInput) -> bool:
+    return has_arrived(progress, given) and progress.elapsed_s >= step.seconds
+
+
+def _never(_progress: MissionProgress, _step: MissionStep, _given: MissionInput) -> bool:
+    return False
+
+
+def _turns_made(progress: MissionProgress, step: MissionStep, given: MissionInput) -> bool:
+    return has_arrived(progress, given) and given.follower.orbit.turned_rad >= 2.0 * math.pi * step.turns
+
+
+def _on_arrival(progress: MissionProgress, _step: MissionStep, given: MissionInput) -> bool:
+    return has_arrived(progress, given)
+
+
+def _on_heading(progress: MissionProgress, _step: MissionStep, given: MissionInput) -> bool:
+    task = progress.task
+    if not isinstance(task, HoldHeading) or progress.elapsed_s >= LONGEST_TURN_S:
+        return True
+    return abs(wrap_pi(task.heading_rad - given.motion.heading_rad)) <= ON_HEADING_RAD
+
+
+def _delay_over(progress: MissionProgress, step: MissionStep, given: MissionInput) -> bool:
+    if step.time_of_day_s is None:
+        return progress.elapsed_s >= step.seconds
+    if given.utc_s is None:
+        return progress.elapsed_s >= SECONDS_PER_DAY
+    # The moment has come when less than half a day has gone by since.
+    since_s = (given.utc_s - step.time_of_day_s) % SECONDS_PER_DAY
+    return since_s < min(0.5 * SECONDS_PER_DAY, progress.elapsed_s + given.step_s)
+
+
+# A command that is not here takes no time and leaves the boat doing what it does.
+TABLE: Final[Mapping[Command | None, CommandRow]] = {
+    Command.WAYPOINT: CommandRow(_go_to, _after_hold),
+    Command.LOITER_UNLIMITED: CommandRow(_go_to, _never),
+    Command.LOITER_TIME: CommandRow(_go_to, _after_hold),
+    Command.LOITER_TURNS: CommandRow(_orbit, _turns_made),
+    Command.RETURN: CommandRow(_return, _on_arrival),
+    Command.YAW: CommandRow(_hold_heading, _on_heading, timed_from_beginning=True),
+    Command.YAW_SPEED: CommandRow(_hold_heading, _on_heading, timed_from_beginning=True),
+    Command.DELAY: CommandRow(_delay, _delay_over, timed_from_beginning=True),
+}

@@ -1,0 +1,111 @@
+"""How far a mission is: all of it that must outlive a restart of the autopilot, as durations and not as moments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from firmware_py.common.geodesy import Place
+from firmware_py.common.records import MissionState
+from firmware_py.guidance.mission_step import MissionStep
+from firmware_py.guidance.tasks import HoldStation, Task
+from firmware_py.plans.items import Command
+
+
+@dataclass(frozen=True, slots=True)
+class MissionProgress:
+    """How far the mission with checksum `identity` is; `index` counts from 0.
+
+    `begun`: the item at index has its task. `elapsed_s` runs from the item's beginning, or
+    from the arrival where it counts from there. `idle_items` counts the items done with since one
+    last took time: many more than there are means a mission that leads nowhere.
+    """
+
+    identity: int = 0
+    index: int = 0
+    started: bool = False
+    begun: bool = False
+    waiting: bool = False  # at an item without autocontinue
+    complete: bool = False
+    paused: bool = False
+    unusable: bool = False
+    elapsed_s: float = 0.0
+    idle_items: int = 0
+    orbits: int = 0
+    jumps: tuple[tuple[int, int], ...] = ()
+    line_start: Place | None = None
+    task: Task | None = None
+    pause_task: HoldStation | None = None
+
+
+def for_plan(progress: MissionProgress, identity: int) -> MissionProgress:
+    """Return the progress for the mission in force: a new mission begins at its first item."""
+    if progress.identity == identity:
+        return progress
+    return MissionProgress(identity=identity, paused=progress.paused, pause_task=progress.pause_task)
+
+
+def enter(progress: MissionProgress) -> MissionProgress:
+    """Return the progress at the beginning of AUTO: on with the present item, anew after a complete mission."""
+    if progress.complete or progress.unusable:
+        progress = MissionProgress(identity=progress.identity)
+    return replace(
+        progress, started=True, begun=False, waiting=False, paused=False, line_start=None, task=None, pause_task=None
+    )
+
+
+def at_item(progress: MissionProgress, index: int, *, restart: bool) -> MissionProgress:
+    """Return the progress with another item under way."""
+    return replace(
+        progress,
+        index=index,
+        begun=False,
+        waiting=False,
+        complete=False,
+        unusable=False,
+        elapsed_s=0.0,
+        idle_items=0,
+        jumps=() if restart else progress.jumps,
+        line_start=None,
+    )
+
+
+def after_item(progress: MissionProgress, step: MissionStep) -> MissionProgress:
+    """Return the progress at the item that follows one that is done: the next one, or where a jump leads."""
+    index, jumps = progress.index + 1, progress.jumps
+    if step.command is Command.JUMP:
+        made = dict(jumps).get(progress.index, 0)
+        if step.target >= 0 and (step.times < 0 or made < step.times):
+            jumps = (*(pair for pair in jumps if pair[0] != progress.index), (progress.index, made + 1))
+            index = step.target
+    return replace(
+        progress,
+        index=index,
+        jumps=jumps,
+        begun=False,
+        waiting=False,
+        elapsed_s=0.0,
+        idle_items=progress.idle_items + 1,
+    )
+
+
+def pause(progress: MissionProgress) -> MissionProgress:
+    """Return the progress halted."""
+    return replace(progress, paused=True, pause_task=None)
+
+
+def proceed(progress: MissionProgress, steps: tuple[MissionStep, ...]) -> MissionProgress:
+    """Return the progress going on, also from an item without autocontinue that is done."""
+    if progress.waiting and progress.index < len(steps):
+        progress = after_item(progress, steps[progress.index])
+    return replace(progress, paused=False, pause_task=None)
+
+
+def state_of(progress: MissionProgress, count: int, *, running: bool) -> MissionState:
+    """Return the state of the mission; `running`: the boat is armed and in AUTO."""
+    if count == 0:
+        return MissionState.NO_MISSION
+    if progress.complete:
+        return MissionState.COMPLETE
+    if running:
+        return MissionState.PAUSED if progress.paused else MissionState.ACTIVE
+    return MissionState.PAUSED if progress.started else MissionState.NOT_STARTED

@@ -1,0 +1,62 @@
+"""From mode, goal and task to the heading to steer, and how a heading goal comes about and changes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from firmware_py.common.angles import wrap_pi, wrap_two_pi
+from firmware_py.common.records import Mode
+from firmware_py.guidance.guidance import GuidanceSettings
+from firmware_py.guidance.task_follower import TaskStatus
+from firmware_py.model.crab import heading_for_course
+from firmware_py.modes import HeadingGoal, ModeState, PositionGoal, Situation, heading_to_steer, live_stick
+
+
+@dataclass(frozen=True, slots=True)
+class SteeringTarget:
+    """What guidance asks for: the heading to steer and the error that the controller sees."""
+
+    heading_rad: float | None = None
+    error_rad: float | None = None
+
+
+def update_goal(
+    settings: GuidanceSettings, modes: ModeState, situation: Situation, now_s: float, step_s: float
+) -> ModeState:
+    """Give a goal to a mode that has none yet, turn it by the stick, end a turn the long way."""
+    if modes.mode not in (Mode.STEERING, Mode.GUIDED) or situation.heading_rad is None:
+        return modes
+    goal = modes.goal
+    if goal is None:
+        return replace(modes, goal=HeadingGoal(situation.heading_rad))
+    if isinstance(goal, PositionGoal):
+        return modes
+    if modes.mode is Mode.STEERING and (stick := live_stick(modes, now_s, settings.stick_timeout_s)):
+        turned_rad = stick * settings.stick_rate_rad_s * min(max(0.0, step_s), 1.0)
+        return replace(modes, goal=HeadingGoal(wrap_two_pi(goal.heading_rad + turned_rad), goal.over_ground))
+    if goal.turn:
+        remaining_rad = wrap_two_pi(goal.turn * (heading_to_steer(goal, situation.water) - situation.heading_rad))
+        if remaining_rad <= math.pi:
+            return replace(modes, goal=replace(goal, turn=0))
+    return modes
+
+
+def steering_target(modes: ModeState, status: TaskStatus, situation: Situation) -> SteeringTarget:
+    """Return the heading to steer, by the goal of the mode or by the task, and the error that is left."""
+    goal, turn = modes.goal, 0
+    if isinstance(goal, HeadingGoal):
+        steer_rad, turn = heading_to_steer(goal, situation.water), goal.turn
+    elif (target := status.heading_target) is None:
+        return SteeringTarget()
+    elif target.over_ground and (water := situation.water) is not None:
+        steer_rad = heading_for_course(
+            target.angle_rad, water.speed_m_s, water.current_north_m_s, water.current_east_m_s
+        )
+    else:
+        steer_rad = target.angle_rad
+    if situation.heading_rad is None:
+        return SteeringTarget(steer_rad, None)
+    # On a turn the long way the error stays at half a turn until the shorter way is the right one.
+    error_rad = turn * math.pi if turn else wrap_pi(steer_rad - situation.heading_rad)
+    return SteeringTarget(steer_rad, error_rad)
