@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py import ROOT, __version__, commit_of, version_text
-from firmware_py.actuator.dynamixel import DynamixelRudder
-from firmware_py.actuator.volz import VolzRudder
+from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
+from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.interfaces import ByteLine, Clock, Compass, Position, Rudder
 from firmware_py.common.parameters import INDEX, TABLE, ParameterSet, format_file
 from firmware_py.common.records import Event
@@ -53,8 +53,8 @@ POSITIONS: Mapping[str, Callable[[ByteLine, PositionEntry], Position]] = {
     "ubx": lambda line, _entry: UbxPosition(line),
 }
 RUDDERS: Mapping[str, Callable[[ByteLine, RudderEntry], Rudder]] = {
-    "dynamixel": lambda line, entry: DynamixelRudder(line, device_id=entry.id),
-    "volz": lambda line, entry: VolzRudder(line, device_id=entry.id),
+    "dynamixel": lambda line, entry: dynamixel_rudder(line, DynamixelOptions(id=entry.id)),
+    "volz": lambda line, entry: volz_rudder(line, VolzOptions(id=entry.id)),
 }
 
 
