@@ -48,6 +48,8 @@ def check(record: Any) -> None:
             if unknown:
                 choices = ", ".join(meaning.choices)
                 raise ValueError(f"{row.name}: {unknown[0][:30]!r} is not known; there are {choices}")
+        elif str(row.type) == "int" and not isinstance(value, int):
+            raise ValueError(f"{row.name}: {value} is not a whole number")
         elif isinstance(value, (int, float)) and not meaning.minimum <= value <= meaning.maximum:
             raise ValueError(
                 f"{row.name}: {value:g} is out of range; allowed: {meaning.minimum:g} to {meaning.maximum:g}"
