@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from firmware_py import ROOT, __version__, commit_of, version_text
-from firmware_py.actuator.dynamixel import DynamixelRudder
-from firmware_py.actuator.volz import VolzRudder
-from firmware_py.common.interfaces import ByteLine, Clock, Compass, Position, Rudder
+from firmware_py.common.interfaces import ByteLine, Calibrator, Clock, Compass, Position, Rudder
 from firmware_py.common.parameters import INDEX, TABLE, ParameterSet
 from firmware_py.common.records import Event
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.resume import restore
 from firmware_py.core.state import State
+from firmware_py.devices import COMPASSES, POSITIONS, RUDDERS, calibrator_of
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.files.root import FileRoot
 from firmware_py.link.telemetry.identity import Version
@@ -25,10 +23,7 @@ from firmware_py.log.disk import log_files
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.loop import LoopParts
 from firmware_py.sensors.line_tee import LineTee
-from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
-from firmware_py.sensors.pni_tcm import PniCompass
 from firmware_py.sensors.relabelled import RelabelledCompass
-from firmware_py.sensors.ubx import UbxPosition
 from firmware_py.system.clock import LockstepClock, RealClock, set_utc_s
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.console import Console
@@ -44,22 +39,7 @@ from firmware_py.system.state_directory import (
     StateDirectory,
 )
 from firmware_py.system.store import Store
-from firmware_py.vehicle import CompassEntry, PositionEntry, RudderEntry, Vehicle, VehicleError
-
-COMPASSES: Mapping[str, Callable[[ByteLine, CompassEntry], Compass]] = {
-    "nmea": lambda line, entry: NmeaCompass(
-        line, require_checksum=entry.require_checksum, sentences=entry.sentences or None
-    ),
-    "pni_tcm": lambda line, entry: PniCompass(line, rate_hz=entry.rate_hz),
-}
-POSITIONS: Mapping[str, Callable[[ByteLine, PositionEntry], Position]] = {
-    "nmea": lambda line, entry: NmeaPosition(line, require_checksum=entry.require_checksum),
-    "ubx": lambda line, _entry: UbxPosition(line),
-}
-RUDDERS: Mapping[str, Callable[[ByteLine, RudderEntry], Rudder]] = {
-    "dynamixel": lambda line, entry: DynamixelRudder(line, device_id=entry.id),
-    "volz": lambda line, entry: VolzRudder(line, device_id=entry.id),
-}
+from firmware_py.vehicle import Vehicle
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +50,7 @@ class Devices:
     position: Position | None
     rudder: Rudder
     compass_b: Compass | None
+    calibrator: Calibrator | None
     lines: tuple[SerialPort, ...]
 
 
@@ -92,24 +73,17 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
             position_line = SerialPort(entry.port, entry.baud)
             lines.append(position_line)
             position_view = position_line
-        position = make_driver(POSITIONS, "position", position_view, entry)
-    compass = make_driver(COMPASSES, "compass", compass_view, vehicle.compass)
+        position = POSITIONS[entry.driver].make(position_view, entry.options)
+    compass = COMPASSES[vehicle.compass.driver].make(compass_view, vehicle.compass.options)
     second = None
     if (entry_b := vehicle.compass_b) is not None:
         line_b = SerialPort(entry_b.port, entry_b.baud)
         lines.append(line_b)
-        second = RelabelledCompass(make_driver(COMPASSES, "compass_b", line_b, entry_b))
-    rudder = make_driver(RUDDERS, "rudder", rudder_line, vehicle.rudder)
+        second = RelabelledCompass(COMPASSES[entry_b.driver].make(line_b, entry_b.options))
+    rudder = RUDDERS[vehicle.rudder.driver].make(rudder_line, vehicle.rudder.options)
     open_lines(lines, wait=wait)
-    return Devices(compass, position, rudder, second, tuple(lines))
-
-
-def make_driver(makers: Mapping[str, Callable[[ByteLine, Any], Any]], section: str, line: ByteLine, entry: Any) -> Any:
-    """Make the driver that an entry of the vehicle file names; VehicleError for a value that it refuses."""
-    try:
-        return makers[entry.driver](line, entry)
-    except ValueError as error:
-        raise VehicleError(f"[{section}] of the vehicle file: {error}") from None
+    calibrator = calibrator_of(vehicle.compass.driver, compass)
+    return Devices(compass, position, rudder, second, calibrator, tuple(lines))
 
 
 def open_lines(lines: Sequence[SerialPort], *, wait: bool) -> None:
@@ -199,7 +173,7 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         load=LoadMeter(clock).share,
         vault=KeyVault(store),
         heard_utc=None if clock_setter is None else clock_setter.add_station_time,
-        calibrator=devices.compass if isinstance(devices.compass, PniCompass) else None,
+        calibrator=devices.calibrator,
         storage=_storage(options.state_directory, parameters),
     )
     if not endpoint.key_readable:

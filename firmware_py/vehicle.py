@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import difflib
-import math
 import tomllib
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+from firmware_py.common.options import check, option, record_from
 from firmware_py.common.parameters import TABLE, ParameterError, index_of, parse_file
+from firmware_py.devices import SECTIONS
+
+RecordT = TypeVar("RecordT")
 
 
 class VehicleError(ValueError):
@@ -18,79 +21,59 @@ class VehicleError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class CompassEntry:
-    """[compass], and [compass_b] for a second one: driver nmea or pni_tcm."""
+class _Connection:
+    """What every device section has, whatever its driver."""
 
-    driver: str
-    port: str
-    baud: int
-    rate_hz: float = 10.0
-    sentences: tuple[str, ...] = ()  # nmea: which sentences are the heading; empty = the driver's rule
-    require_checksum: bool = True
+    driver: str = option("what the device speaks")
+    port: str = option("the serial port that it hangs on")
+    baud: int = option("bits a second", minimum=300, maximum=12_000_000)
 
-
-@dataclass(frozen=True, slots=True)
-class PositionEntry:
-    """[position]: driver nmea or ubx; the port may be the compass's."""
-
-    driver: str
-    port: str
-    baud: int
-    require_checksum: bool = True
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check(self)
 
 
 @dataclass(frozen=True, slots=True)
-class RudderEntry:
-    """[rudder]: driver dynamixel or volz."""
+class DeviceEntry:
+    """[compass], [compass_b], [position] or [rudder]; `options` is the record of the driver's own (devices.Driver)."""
 
     driver: str
     port: str
     baud: int
-    id: int = 1
+    options: Any
 
 
 @dataclass(frozen=True, slots=True)
 class Hull:
     """[hull]: main particulars of the float, for the tools on the bench."""
 
-    length_m: float | None = None
-    beam_m: float | None = None
-    draft_m: float | None = None
-    block_coefficient: float | None = None
-    mass_kg: float | None = None
+    length_m: float | None = option("length", default=None, minimum=0.1, maximum=1000.0)
+    beam_m: float | None = option("beam", default=None, minimum=0.01, maximum=200.0)
+    draft_m: float | None = option("draft", default=None, minimum=0.01, maximum=50.0)
+    block_coefficient: float | None = option("block coefficient", default=None, minimum=0.05, maximum=1.0)
+    mass_kg: float | None = option("mass", default=None, minimum=0.1, maximum=1e9)
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check(self)
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """A vehicle file, checked."""
+    """A vehicle file, checked; the position's port may be the compass's."""
 
     name: str
-    compass: CompassEntry
-    rudder: RudderEntry
-    position: PositionEntry | None
+    compass: DeviceEntry
+    rudder: DeviceEntry
+    position: DeviceEntry | None
     hull: Hull
     link_urls: tuple[str, ...]
     parameters: Mapping[str, float]
-    compass_b: CompassEntry | None = None
+    compass_b: DeviceEntry | None = None
 
 
-DRIVERS: Mapping[str, tuple[str, ...]] = {
-    "compass": ("nmea", "pni_tcm"),
-    "compass_b": ("nmea", "pni_tcm"),
-    "position": ("nmea", "ubx"),
-    "rudder": ("dynamixel", "volz"),
-}
 _SECTIONS = ("vehicle", "compass", "compass_b", "position", "rudder", "link", "hull", "parameters")
-_RANGES: Mapping[str, tuple[float, float]] = {
-    "baud": (300, 12_000_000),
-    "rate_hz": (0.5, 100.0),
-    "id": (0, 252),
-    "length_m": (0.1, 1000.0),
-    "beam_m": (0.01, 200.0),
-    "draft_m": (0.01, 50.0),
-    "block_coefficient": (0.05, 1.0),
-    "mass_kg": (0.1, 1e9),
-}
+_CONNECTION = tuple(row.name for row in fields(_Connection))
 
 
 def load(path: Path) -> Vehicle:
@@ -118,13 +101,13 @@ def parse(data: Mapping[str, Any], path: Path) -> Vehicle:
     _only_known(link, ("urls",), f"{path}: [link]")
     return Vehicle(
         name=name,
-        compass=_entry(CompassEntry, data, "compass", path),
-        rudder=_entry(RudderEntry, data, "rudder", path),
-        position=_entry(PositionEntry, data, "position", path) if "position" in data else None,
-        hull=_record(Hull, _section(data, "hull", path), f"{path}: [hull]"),
+        compass=_entry(data, "compass", path),
+        rudder=_entry(data, "rudder", path),
+        position=_entry(data, "position", path) if "position" in data else None,
+        hull=_hull(data, path),
         link_urls=_texts(link.get("urls", []), f"{path}: [link] urls"),
         parameters=_parameters(_section(data, "parameters", path), path),
-        compass_b=_entry(CompassEntry, data, "compass_b", path) if "compass_b" in data else None,
+        compass_b=_entry(data, "compass_b", path) if "compass_b" in data else None,
     )
 
 
@@ -143,54 +126,57 @@ def _only_known(section: Mapping[str, Any], known: tuple[str, ...], place: str) 
             raise VehicleError(f"{place} {key!r} is not known; {hint}")
 
 
-def _entry(kind: type[Any], data: Mapping[str, Any], name: str, path: Path) -> Any:
+def _entry(data: Mapping[str, Any], name: str, path: Path) -> DeviceEntry:
     if name not in data:
         raise VehicleError(f"{path}: section [{name}] is missing; it names driver, port and baud of the {name}")
-    entry = _record(kind, _section(data, name, path), f"{path}: [{name}]")
-    if entry.driver not in DRIVERS[name]:
-        allowed = ", ".join(DRIVERS[name])
-        raise VehicleError(f"{path}: [{name}] driver {entry.driver!r} is not known; there are {allowed}")
-    return entry
+    return read_device(name, _section(data, name, path), f"{path}: [{name}]")
 
 
-def _record(kind: type[Any], section: Mapping[str, Any], place: str) -> Any:
-    """Build a dataclass from a section, with every value's type and range checked."""
-    known = {field.name: field for field in fields(kind)}
-    _only_known(section, tuple(known), place)
-    for name, field in known.items():
-        if name not in section and field.default is MISSING:
-            raise VehicleError(f"{place} {name} is missing")
-    return kind(
-        **{name: _CHECKS[str(known[name].type)](value, name, f"{place} {name}") for name, value in section.items()}
-    )
+def read_device(name: str, section: Mapping[str, Any], place: str) -> DeviceEntry:
+    """Check the device section of this name: what every device has, and what its driver reads.
+
+    Raises VehicleError, whose text begins with the place.
+    """
+    drivers, driver = SECTIONS[name], section.get("driver")
+    if driver is None:
+        raise VehicleError(f"{place} driver is missing; there are {', '.join(drivers)}")
+    if not isinstance(driver, str) or driver not in drivers:
+        raise VehicleError(f"{place} driver {str(driver)[:60]!r} is not known; there are {', '.join(drivers)}")
+    kind = drivers[driver].options
+    own = {key: value for key, value in section.items() if key not in _CONNECTION}
+    _only_read(own, driver, tuple(row.name for row in fields(kind)), place)
+    connection = _record(_Connection, {key: section[key] for key in _CONNECTION if key in section}, place)
+    options = _record(kind, own, place)
+    return DeviceEntry(driver, connection.port, connection.baud, options)
 
 
-def _text(value: Any, _name: str, place: str) -> str:
+def _only_read(values: Mapping[str, Any], driver: str, options: tuple[str, ...], place: str) -> None:
+    """Refuse an option that the driver does not read: whoever wrote it believes that it does something."""
+    for key in values:
+        if key not in options:
+            near = difflib.get_close_matches(key, (*_CONNECTION, *options), 1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            own = ", ".join(options) or "no option of its own"
+            raise VehicleError(f"{place} {key!r} is not read by driver {driver}, which has {own}{hint}")
+
+
+def _hull(data: Mapping[str, Any], path: Path) -> Hull:
+    section, place = _section(data, "hull", path), f"{path}: [hull]"
+    _only_known(section, tuple(row.name for row in fields(Hull)), place)
+    return _record(Hull, section, place)
+
+
+def _record(kind: type[RecordT], values: Mapping[str, Any], place: str) -> RecordT:
+    try:
+        return record_from(kind, values)
+    except ValueError as error:
+        raise VehicleError(f"{place} {error}") from None
+
+
+def _text(value: Any, place: str) -> str:
     if not isinstance(value, str) or not value:
         raise VehicleError(f"{place}: expected a text in quotes")
     return value
-
-
-def _flag(value: Any, _name: str, place: str) -> bool:
-    if not isinstance(value, bool):
-        raise VehicleError(f"{place}: expected true or false")
-    return value
-
-
-def _number(value: Any, name: str, place: str) -> float:
-    low, high = _RANGES[name]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise VehicleError(f"{place}: expected a number from {low:g} to {high:g}")
-    if not low <= value <= high:
-        raise VehicleError(f"{place}: {value:g} is out of range; allowed: {low:g} to {high:g}")
-    return float(value)
-
-
-def _whole(value: Any, name: str, place: str) -> int:
-    number = _number(value, name, place)
-    if number != int(number):
-        raise VehicleError(f"{place}: {value} is not a whole number")
-    return int(number)
 
 
 def _texts(value: Any, place: str) -> tuple[str, ...]:
@@ -199,20 +185,10 @@ def _texts(value: Any, place: str) -> tuple[str, ...]:
     return tuple(value)
 
 
-_CHECKS: Mapping[str, Callable[[Any, str, str], Any]] = {
-    "str": _text,
-    "bool": _flag,
-    "int": _whole,
-    "float": _number,
-    "float | None": _number,
-    "tuple[str, ...]": lambda value, _name, place: _texts(value, place),
-}
-
-
 def _parameters(section: Mapping[str, Any], path: Path) -> dict[str, float]:
     values: dict[str, float] = {}
     if "file" in section:
-        file = path.parent / _text(section["file"], "file", f"{path}: [parameters] file")
+        file = path.parent / _text(section["file"], f"{path}: [parameters] file")
         try:
             values.update(parse_file(file.read_text(encoding="utf-8"), str(file)))
         except (OSError, UnicodeDecodeError) as error:

@@ -10,18 +10,15 @@ Source: Robotis e-Manual, "DYNAMIXEL Protocol 2.0".
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 from fastcrc import crc16
 
 HEADER = b"\xff\xff\xfd\x00"
 STUFFED, UNSTUFFED = b"\xff\xff\xfd\xfd", b"\xff\xff\xfd"
-BROADCAST_ID = 254
 LARGEST_ID = 252
 
 PING, READ, WRITE, REBOOT = 0x01, 0x02, 0x03, 0x08
-SYNC_READ, SYNC_WRITE = 0x82, 0x83
 STATUS = 0x55
 
 ALERT_BIT = 0x80  # of a status packet's error byte: read the hardware error register
@@ -69,17 +66,6 @@ def write(device_id: int, address: int, data: bytes) -> bytes:
 def reboot(device_id: int) -> bytes:
     """Return the instruction that restarts the device."""
     return instruction(device_id, REBOOT)
-
-
-def sync_read(address: int, length: int, device_ids: Iterable[int]) -> bytes:
-    """Return the instruction that reads the same range of several devices."""
-    return instruction(BROADCAST_ID, SYNC_READ, struct.pack("<HH", address, length) + bytes(device_ids))
-
-
-def sync_write(address: int, length: int, values: Iterable[tuple[int, bytes]]) -> bytes:
-    """Return the instruction that writes the same range of several devices, each its own `length` bytes."""
-    parameters = b"".join(bytes((device_id,)) + data for device_id, data in values)
-    return instruction(BROADCAST_ID, SYNC_WRITE, struct.pack("<HH", address, length) + parameters)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,27 +24,27 @@ class Readings:
         self._slow_s = -math.inf
         self._pace = Pace()
 
-    def commanded(self, now_s: float) -> None:
+    def note_command(self, now_s: float) -> None:
         """Note that a command has come."""
-        self._pace.commanded(now_s)
+        self._pace.note_command(now_s)
         self._telemetry_due = True
 
-    def state_first(self) -> None:
+    def read_state_next(self) -> None:
         """Have the state read at the next turn of the slow readings."""
         if self._slow[0].block is not table.STATE:
             self._slow.rotate()
 
-    def due(self, now_s: float) -> Request | None:
+    def next_request(self, now_s: float) -> Request | None:
         """Return the reading to begin now."""
-        early = self._pace.early(now_s)
-        if (self._telemetry_due and early) or self._pace.overdue(now_s - self._telemetry_s):
+        early = self._pace.is_early(now_s)
+        if (self._telemetry_due and early) or self._pace.is_overdue(now_s - self._telemetry_s):
             return self._telemetry
         slow_age_s = now_s - self._slow_s
-        if slow_age_s >= SLOW_EVERY_S and (early or self._pace.overdue(slow_age_s - SLOW_EVERY_S)):
+        if slow_age_s >= SLOW_EVERY_S and (early or self._pace.is_overdue(slow_age_s - SLOW_EVERY_S)):
             return self._slow[0]
         return None
 
-    def sent(self, request: Request, now_s: float) -> None:
+    def note_sent(self, request: Request, now_s: float) -> None:
         """Note that a reading has begun."""
         if request is self._telemetry:
             self._telemetry_due = False

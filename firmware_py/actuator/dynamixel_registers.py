@@ -19,8 +19,6 @@ LARGEST_COUNTS = 4095
 RADIANS_PER_COUNT = TWO_PI / COUNTS_PER_TURN
 AMPERES_PER_COUNT = 2.69e-3
 VOLTS_PER_COUNT = 0.1
-PROFILE_RAD_S_PER_COUNT = 0.229 * TWO_PI / 60.0
-LARGEST_PROFILE = 32767
 
 POSITION_MODE = 3
 ANSWER_EVERYTHING = 2  # status return level
@@ -53,7 +51,6 @@ SETTINGS = Block("settings", 8, 6)
 LIMITS = Block("position limits", 48, 8)
 STATE = Block("state", 64, 7)
 WATCHDOG = Block("bus watchdog", 98, 1)
-PROFILE = Block("profile velocity", 112, 4)
 TELEMETRY = Block("telemetry", 126, 21)
 
 Image = Mapping[Block, bytes]
@@ -98,7 +95,6 @@ TORQUE_ENABLE = Register("torque enable", STATE, 64, 1)
 STATUS_LEVEL = Register("status return level", STATE, 68, 1)
 HARDWARE_ERROR = Register("hardware error", STATE, 70, 1)
 BUS_WATCHDOG = Register("bus watchdog", WATCHDOG, 98, 1, signed=True)
-PROFILE_VELOCITY = Register("profile velocity", PROFILE, 112, 4)
 CURRENT = Register("current", TELEMETRY, 126, 2, signed=True)
 POSITION = Register("position", TELEMETRY, 132, 4, signed=True)
 VOLTAGE = Register("voltage", TELEMETRY, 144, 2)
@@ -130,11 +126,6 @@ SETTINGS_WANTED = (
     Setting(RETURN_DELAY, 0),
     Setting(STATUS_LEVEL, ANSWER_EVERYTHING),
 )
-
-
-def profile_counts(slew_rad_s: float) -> int:
-    """Return the profile velocity of a slew rate, at least 1: 0 means unlimited."""
-    return int(clamp(round(clamp(slew_rad_s, 0.0, 1e3) / PROFILE_RAD_S_PER_COUNT), 1, LARGEST_PROFILE))
 
 
 def goal_counts(shaft_rad: float, image: Image) -> int:

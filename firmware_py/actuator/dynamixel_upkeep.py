@@ -45,7 +45,7 @@ def read_request(device_id: int, block: table.Block) -> Request:
     return Request(Kind.READ, frame, block.name, block.length, block)
 
 
-class Restarts:
+class RestartCounter:
     """Counts how often the servo has lost its power: its torque is gone, without an error and unasked.
 
     A cable out and in takes no torque away.
@@ -54,19 +54,19 @@ class Restarts:
     def __init__(self) -> None:
         """Start with none."""
         self.count = 0
-        self._torque_seen = False
+        self._had_torque = False
 
-    def sent(self, request: Request) -> None:
+    def note_sent(self, request: Request) -> None:
         """Note what takes the torque away on purpose."""
         if request.kind is Kind.REBOOT or (request.kind is Kind.CORRECT and request.name == table.TORQUE_ENABLE.name):
-            self._torque_seen = False
+            self._had_torque = False
 
-    def read(self, request: Request, data: bytes) -> None:
+    def take_result(self, request: Request, data: bytes) -> None:
         """Take the answer to a read."""
         if request.kind is Kind.READ and request.block is table.STATE:
             torque, error = table.TORQUE_ENABLE.decoded(data), table.HARDWARE_ERROR.decoded(data)
-            self.count += self._torque_seen and not torque and not error
-            self._torque_seen = bool(torque)
+            self.count += self._had_torque and not torque and not error
+            self._had_torque = bool(torque)
 
 
 class Upkeep:
@@ -77,25 +77,22 @@ class Upkeep:
     before the next attempt; the rudder is used meanwhile if it can do without.
     """
 
-    def __init__(self, device_id: int, slew_rad_s: float | None) -> None:
-        """Take the id, and the fastest turning of the shaft when the servo shall keep one."""
+    def __init__(self, device_id: int) -> None:
+        """Take the id of the servo."""
         self._id = device_id
-        settings = [*table.SETTINGS_WANTED, table.Setting(table.BUS_WATCHDOG, WATCHDOG_UNITS)]
-        blocks = [table.SETTINGS, table.LIMITS, table.STATE, table.WATCHDOG]
-        if slew_rad_s is not None:
-            settings.append(table.Setting(table.PROFILE_VELOCITY, table.profile_counts(slew_rad_s)))
-            blocks.append(table.PROFILE)
-        self._settings = tuple(settings)
+        settings = (*table.SETTINGS_WANTED, table.Setting(table.BUS_WATCHDOG, WATCHDOG_UNITS))
+        blocks = (table.SETTINGS, table.LIMITS, table.STATE, table.WATCHDOG)
+        self._settings = settings
         self._torque = {on: table.Setting(table.TORQUE_ENABLE, int(on), essential=True) for on in (False, True)}
         self._reads = tuple(read_request(device_id, block) for block in blocks)
-        self._optional_blocks = (table.WATCHDOG, table.PROFILE)
+        self._optional_blocks = (table.WATCHDOG,)
         self._essential = {table.TORQUE_ENABLE.name, *(row.register.name for row in settings if row.essential)}
         self._essential |= {block.name for block in blocks if block not in self._optional_blocks}
         self._attempts: Counter[str] = Counter()
         self._rests_until_s: dict[str, float] = {}
         self._settled_for: bool | None = None
         self.image: dict[table.Block, bytes] = {}
-        self.complete = False  # as next() last found: the rudder can be used
+        self.complete = False  # as next_request() last saw it: the rudder can be used
         self.stuck = False  # something essential has failed and rests
         self.trouble = ""  # the last refusal or failure
 
@@ -123,7 +120,7 @@ class Upkeep:
 
     # ------------------------------------------------------------------ what is next
 
-    def next(self, now_s: float, *, torque_wanted: bool | None, in_use: bool) -> Request | None:
+    def next_request(self, now_s: float, *, torque_wanted: bool | None, in_use: bool) -> Request | None:
         """Return the next request, set `complete` and `stuck`; nothing is written while torque_wanted is None."""
         if torque_wanted is not None and torque_wanted is self._settled_for:
             return None
@@ -184,12 +181,12 @@ class Upkeep:
 
     # ------------------------------------------------------------------ what became of it
 
-    def sent(self, request: Request, now_s: float) -> None:
+    def note_sent(self, request: Request, now_s: float) -> None:
         """Count an attempt at a correction."""
         if request.kind is Kind.CORRECT:
             self._count(request, now_s)
 
-    def obeyed(self, request: Request, data: bytes) -> None:
+    def take_result(self, request: Request, data: bytes) -> None:
         """Take the answer to a read, or have a correction read back."""
         if request.block is None:
             return
@@ -197,7 +194,7 @@ class Upkeep:
         if request.kind is Kind.READ:
             self.image[request.block] = data
 
-    def refused(self, request: Request, code: int, now_s: float) -> None:
+    def take_refusal(self, request: Request, code: int, now_s: float) -> None:
         """Note a refusal; what was believed of the block may be wrong."""
         self.trouble = f"servo refuses {request.name}: {frames.ERROR_TEXT.get(code, f'error {code}')}"
         if request.kind is Kind.READ:
@@ -205,7 +202,7 @@ class Upkeep:
         elif request.block is not None:
             self.forget(request.block)
 
-    def lost(self, request: Request) -> None:
+    def note_lost(self, request: Request) -> None:
         """Look before writing again: a correction without an answer may have been obeyed."""
         if request.kind is Kind.CORRECT and request.block is not None:
             self.forget(request.block)

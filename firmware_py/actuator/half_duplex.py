@@ -31,13 +31,13 @@ class HalfDuplex(Generic[RequestT]):
         self._waiting_since_s: float | None = None
         self.outstanding: RequestT | None = None
 
-    def reopened(self) -> bool:
+    def notice_reopening(self) -> bool:
         """Say whether the line is a new one since the last call, and if so forget what waited."""
         if self._line.openings == self._openings:
             return False
         self._openings = self._line.openings
         self.outstanding = None
-        self.answered()
+        self.finish()
         return True
 
     def ask(self, frame: bytes, request: RequestT, now_s: float) -> bool:
@@ -50,13 +50,13 @@ class HalfDuplex(Generic[RequestT]):
             self._waiting_since_s = now_s
         return True
 
-    def answered(self) -> None:
+    def finish(self) -> None:
         """End the exchange: the reply has come."""
         self.outstanding = None
         self._unanswered = 0
         self._waiting_since_s = None
 
-    def expired(self, now_s: float) -> RequestT | None:
+    def take_expired(self, now_s: float) -> RequestT | None:
         """Return the request whose reply is given up now, once."""
         request = self.outstanding
         if request is None or now_s - self._sent_s < self._reply_timeout_s:
@@ -65,7 +65,7 @@ class HalfDuplex(Generic[RequestT]):
         self._unanswered += 1
         return request
 
-    def silent(self, now_s: float) -> bool:
+    def is_silent(self, now_s: float) -> bool:
         """Say whether the device has stopped answering."""
         waiting_since_s = self._waiting_since_s
         if waiting_since_s is None or self._unanswered < SILENT_AFTER_REQUESTS:
@@ -87,15 +87,15 @@ class Pace:
         self._command_s = -math.inf
         self._period_s = 0.0
 
-    def commanded(self, now_s: float) -> None:
+    def note_command(self, now_s: float) -> None:
         """Note that a command has come."""
         self._period_s = min(max(now_s - self._command_s, 0.0), LONGEST_PERIOD_S)
         self._command_s = now_s
 
-    def early(self, now_s: float) -> bool:
+    def is_early(self, now_s: float) -> bool:
         """Say whether a reading begun now is over before the next command."""
         return now_s - self._command_s <= EARLY_PART * self._period_s
 
-    def overdue(self, age_s: float) -> bool:
+    def is_overdue(self, age_s: float) -> bool:
         """Say whether a reading is too old to wait for a better moment."""
         return age_s >= max(OVERDUE_S, OVERDUE_PERIODS * self._period_s)

@@ -1,4 +1,4 @@
-"""Driver of a Volz DA servo as the rudder.
+"""A Volz DA servo as the rudder.
 
 The servo keeps no settings that the driver needs and has no torque switch, no error
 report and no start-up: every tick sets the position, whose reply is the measured angle,
@@ -17,49 +17,49 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 from firmware_py.actuator import volz_frames as frames
-from firmware_py.actuator.half_duplex import HalfDuplex, Pace
+from firmware_py.actuator.half_duplex import Pace
+from firmware_py.actuator.servo_driver import Answer, ServoDriver
 from firmware_py.common.interfaces import ByteLine
-from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, RudderCommand, RudderFeedback
+from firmware_py.common.options import check, option
+from firmware_py.common.records import DeviceState, RudderFeedback
 
-FEEDBACK_KEPT = 8
-LARGEST_ID = 0x1E
+REPLY_TIMEOUT_S = 0.018  # 1.56 ms of an exchange and the 16 ms latency timer of a USB adapter
 
 
-class VolzRudder:
-    """A ports.Rudder; shaft angle 0 is 0x0800, positive is increasing counts."""
+@dataclass(frozen=True, slots=True)
+class VolzOptions:
+    """What the vehicle file may say of a Volz; ValueError for what cannot be."""
 
-    def __init__(self, line: ByteLine, *, device_id: int = 1, reply_timeout_s: float = 0.018) -> None:
-        """Take the line and the servo on it.
+    id: int = option("number of the servo on its bus", default=1, minimum=1, maximum=30)
 
-        Args:
-            line: the bus.
-            device_id: 1 to 30.
-            reply_timeout_s: the default covers the 1.56 ms of an exchange and the 16 ms latency timer of a USB adapter.
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check(self)
 
-        Raises:
-            ValueError: a value is out of range.
-        """
-        if not 1 <= device_id <= LARGEST_ID:
-            raise ValueError(f"Volz id {device_id}: allowed are 1 to {LARGEST_ID}")
-        if not 0.0 < reply_timeout_s <= 1.0:
-            raise ValueError(f"Volz reply timeout {reply_timeout_s:g} s: allowed are 0 to 1 s")
-        self._line = line
-        self._id = device_id
-        self._bus: HalfDuplex[int] = HalfDuplex(line, reply_timeout_s)
-        self._parser = frames.ReplyParser(device_id)
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A frame and its code."""
+
+    code: int
+    frame: bytes
+
+
+class VolzServo:
+    """A servo_driver.Servo; shaft angle 0 is 0x0800, positive is increasing counts."""
+
+    def __init__(self, options: VolzOptions) -> None:
+        """Begin without a command."""
+        self.device_id = options.id
+        self.parser = frames.ReplyParser(options.id)
         self._pace = Pace()
         self._readings = deque(
-            (code, frames.request(code, device_id))
+            Request(code, frames.request(code, options.id))
             for code in (frames.READ_VOLTAGE, frames.READ_CURRENT, frames.READ_TEMPERATURE)
         )
-        self._feedback: deque[RudderFeedback] = deque(maxlen=FEEDBACK_KEPT)
-        self._accepted = 0
-        self._rejected = 0
-        self._heard = False  # since the line was opened
-
         self._shaft_rad: float | None = None
         self._torque_wanted = False
         self._position_due = False
@@ -70,73 +70,33 @@ class VolzRudder:
         self._current_a: float | None = None
         self._temperature_c: float | None = None
 
-    def fileno(self) -> int:
-        """The descriptor whose bytes `receive` wants, or -1."""
-        return self._line.fileno()
-
-    def command(self, command: RudderCommand, now_s: float) -> None:
-        """Send the position, at once when the bus is free; one that is not finite is refused and the last one kept."""
-        if math.isfinite(command.shaft_rad):
-            self._shaft_rad = command.shaft_rad
-        else:
-            self._rejected += 1
-        self._torque_wanted = command.torque_on
-        self._pace.commanded(now_s)
-        self._position_due = self._reading_due = True
-        if self._bus.outstanding is not None:  # its reply may be there, not yet read
-            self._take_bytes(now_s)
-        self._advance(now_s)
-
-    def receive(self, now_s: float) -> None:
-        """Take what has arrived and send the next request, at most one a call."""
-        self._take_bytes(now_s)
-        self._advance(now_s)
-
-    def poll(self) -> Sequence[RudderFeedback]:
-        """The feedback since the last poll, oldest first, at most FEEDBACK_KEPT."""
-        taken = tuple(self._feedback)
-        self._feedback.clear()
-        return taken
-
-    def health(self, now_s: float) -> DeviceHealth:
-        """The state of the servo and its counters at now_s."""
-        state, text = self._judged(now_s)
-        rejected = self._rejected + self._parser.rejected
-        return DeviceHealth(now_s, DeviceRole.RUDDER, state, self._accepted, rejected, text)
-
-    def _judged(self, now_s: float) -> tuple[DeviceState, str]:
-        if not self._line.connected:
-            return DeviceState.ABSENT, f"{self._line.name} is away"
-        if not self._heard:
-            return DeviceState.STARTING, f"no answer from servo id {self._id}"
-        if self._bus.silent(now_s):
-            return DeviceState.SILENT, f"no answer from servo id {self._id}"
-        return DeviceState.RUNNING, "" if self._torque_wanted else "not steered; this servo cannot release its motor"
-
-    # ------------------------------------------------------------------ what arrives
-
-    def _notice_reopening(self) -> None:
-        if self._bus.reopened():
-            self._parser.clear()
-            self._heard = False
-            self._forget_readings()
-
-    def _forget_readings(self) -> None:
+    def restart(self) -> None:
+        """Forget the readings: the line is a new one."""
         self._voltage_v = self._current_a = self._temperature_c = None
 
-    def _take_bytes(self, now_s: float) -> None:
-        self._notice_reopening()
-        for reply in self._parser.feed(self._line.read()):
-            asked = self._bus.outstanding
-            if asked is None or reply.code != frames.REPLY_OF[asked]:
-                self._rejected += 1  # late
-                continue
-            self._bus.answered()
-            self._heard = True
-            self._accepted += 1
-            self._take(reply, now_s)
+    def note_silence(self) -> None:
+        """Forget the readings: they grow old."""
+        self._voltage_v = self._current_a = self._temperature_c = None
 
-    def _take(self, reply: frames.Reply, now_s: float) -> None:
+    def command(self, shaft_rad: float | None, now_s: float, *, torque_on: bool) -> None:
+        """Take the position to be set, and whether the servo shall be steered at all."""
+        self._shaft_rad = shaft_rad
+        self._torque_wanted = torque_on
+        self._pace.note_command(now_s)
+        self._position_due = self._reading_due = True
+
+    def condition(self, *, answered: bool) -> tuple[DeviceState, str]:
+        """The state: nothing but silence can be wrong."""
+        if not answered:
+            return DeviceState.STARTING, f"no answer from servo id {self.device_id}"
+        return DeviceState.RUNNING, "" if self._torque_wanted else "not steered; this servo cannot release its motor"
+
+    def answers(self, reply: frames.Reply, request: Request) -> bool:
+        """Return whether the reply has the code that belongs to the request's."""
+        return reply.code == frames.REPLY_OF[request.code]
+
+    def take_answer(self, _request: Request, reply: frames.Reply, now_s: float) -> Answer:
+        """Keep a reading; the feedback goes with each angle, or with each reading while there are no angles."""
         shaft_rad = None
         if reply.code == frames.POSITION_REPLY:
             value = shaft_rad = reply.shaft_rad()
@@ -146,39 +106,42 @@ class VolzRudder:
             value = self._current_a = reply.current_a()
         else:
             value = self._temperature_c = reply.temperature_c()
-        self._rejected += value is None
-        if reply.code == frames.POSITION_REPLY or not self._torque_wanted:
-            self._publish(shaft_rad, now_s)
+        complete = reply.code == frames.POSITION_REPLY or not self._torque_wanted
+        return Answer(impossible=value is None, feedback=self._feedback(shaft_rad, now_s) if complete else None)
 
-    def _publish(self, shaft_rad: float | None, now_s: float) -> None:
-        self._feedback.append(
-            RudderFeedback(
-                t_s=now_s,
-                shaft_rad=shaft_rad,
-                temperature_c=self._temperature_c,
-                voltage_v=self._voltage_v,
-                current_a=self._current_a,
-                torque_on=True if self._torque_wanted else None,
-            )
+    def _feedback(self, shaft_rad: float | None, now_s: float) -> RudderFeedback:
+        return RudderFeedback(
+            t_s=now_s,
+            shaft_rad=shaft_rad,
+            temperature_c=self._temperature_c,
+            voltage_v=self._voltage_v,
+            current_a=self._current_a,
+            torque_on=True if self._torque_wanted else None,
         )
 
-    # ------------------------------------------------------------------ what is sent
-
-    def _advance(self, now_s: float) -> None:
-        self._notice_reopening()
-        if not self._line.connected:
-            return
-        self._bus.expired(now_s)
-        if self._bus.silent(now_s):
-            self._forget_readings()
-        if self._bus.outstanding is not None:
-            return
+    def next_request(self, now_s: float) -> Request | None:
+        """Return the position when it is due, else a reading that does not hold up the next one."""
         if self._position_due and self._torque_wanted and self._shaft_rad is not None:
-            frame = frames.set_position(self._id, self._shaft_rad)
-            self._position_due = not self._bus.ask(frame, frames.SET_POSITION, now_s)
-        elif (self._reading_due and self._pace.early(now_s)) or self._pace.overdue(now_s - self._reading_s):
-            code, frame = self._readings[0]
-            if self._bus.ask(frame, code, now_s):
-                self._readings.rotate(-1)
-                self._reading_due = False
-                self._reading_s = now_s
+            return Request(frames.SET_POSITION, frames.set_position(self.device_id, self._shaft_rad))
+        if (self._reading_due and self._pace.is_early(now_s)) or self._pace.is_overdue(now_s - self._reading_s):
+            return self._readings[0]
+        return None
+
+    def note_sent(self, request: Request, now_s: float) -> None:
+        """Note that a request is on its way."""
+        if request.code == frames.SET_POSITION:
+            self._position_due = False
+        else:
+            self._readings.rotate(-1)
+            self._reading_due = False
+            self._reading_s = now_s
+
+    def note_lost(self, request: Request) -> None:
+        """Do nothing: the next command repeats the position, and the readings come round."""
+
+
+def volz_rudder(
+    line: ByteLine, options: VolzOptions, *, reply_timeout_s: float = REPLY_TIMEOUT_S
+) -> ServoDriver[Request, frames.Reply]:
+    """Make the driver of a Volz servo on a line."""
+    return ServoDriver(line, VolzServo(options), reply_timeout_s=reply_timeout_s)

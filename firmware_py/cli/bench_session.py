@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from firmware_py.assemble import COMPASSES, POSITIONS, RUDDERS, make_driver
 from firmware_py.common.angles import compass_degrees, degrees
 from firmware_py.common.interfaces import Compass, Position, Rudder
 from firmware_py.common.records import DeviceHealth, HeadingSample, PositionSample, RudderCommand, RudderFeedback
+from firmware_py.devices import COMPASSES, POSITIONS, SECTIONS
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.system.clock import RealClock
 from firmware_py.system.serial_port import PortError, SerialPort
-from firmware_py.vehicle import Vehicle
+from firmware_py.vehicle import DeviceEntry, Vehicle
 
 POLL_INTERVAL_S = 0.1
 # The servo is asked for its state and told to let go: listening moves nothing.
@@ -23,13 +23,13 @@ Sample = HeadingSample | PositionSample | RudderFeedback
 
 
 @dataclass(slots=True)
-class Heard:
-    """One device: its driver or why there is none, and what it has said so far."""
+class BenchDevice:
+    """One device: its driver or why there is none, and what has come from it so far."""
 
     role: str
-    driver: str
+    driver_name: str
     port: str
-    device: Compass | Position | Rudder | None = None
+    driver: Compass | Position | Rudder | None = None
     error: str = ""
     count: int = 0
     first_s: float | None = None
@@ -89,85 +89,83 @@ _VALUES: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
 }
 
 
+def _open(section: str, entry: DeviceEntry) -> BenchDevice:
+    device = BenchDevice(section, entry.driver, entry.port)
+    line = SerialPort(entry.port, entry.baud)
+    try:
+        line.open()
+    except PortError as error:
+        device.error = str(error)
+        return device
+    device.line = line
+    device.driver = SECTIONS[section][entry.driver].make(line, entry.options)
+    return device
+
+
 class BenchSession:
     """The devices of a vehicle, opened as far as they can be."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         """Open each port; a failure stands in that device's record."""
         self._clock = RealClock()
-        entries: list[tuple[str, Any, Mapping[str, Any]]] = [
-            ("compass", vehicle.compass, COMPASSES),
-            ("rudder", vehicle.rudder, RUDDERS),
-        ]
+        entries = [("compass", vehicle.compass), ("rudder", vehicle.rudder)]
         if vehicle.compass_b is not None:
-            entries.append(("compass_b", vehicle.compass_b, COMPASSES))
+            entries.append(("compass_b", vehicle.compass_b))
         shared = vehicle.position is not None and vehicle.position.port == vehicle.compass.port
         if vehicle.position is not None and not shared:
-            entries.append(("position", vehicle.position, POSITIONS))
-        self.heard = [self._open(*entry) for entry in entries]
+            entries.append(("position", vehicle.position))
+        self.devices = [_open(*entry) for entry in entries]
         if shared:
             self._share(vehicle)
 
-    def _open(self, role: str, entry: Any, drivers: Mapping[str, Any]) -> Heard:
-        heard = Heard(role, entry.driver, entry.port)
-        line = SerialPort(entry.port, entry.baud)
-        try:
-            line.open()
-        except PortError as error:
-            heard.error = str(error)
-            return heard
-        heard.line = line
-        heard.device = make_driver(drivers, role, line, entry)
-        return heard
-
     def _share(self, vehicle: Vehicle) -> None:
         """Give compass and position one view each of their common port."""
-        compass, entry = self.heard[0], vehicle.position
+        compass, entry = self.devices[0], vehicle.position
         if entry is None:
             return
-        position = Heard("position", entry.driver, entry.port, error=compass.error)
+        position = BenchDevice("position", entry.driver, entry.port, error=compass.error)
         if compass.line is not None:
             tee = LineTee(compass.line)
-            compass.device = make_driver(COMPASSES, "compass", tee.first, vehicle.compass)
-            position.device = make_driver(POSITIONS, "position", tee.second, entry)
-        self.heard.append(position)
+            compass.driver = COMPASSES[vehicle.compass.driver].make(tee.first, vehicle.compass.options)
+            position.driver = POSITIONS[entry.driver].make(tee.second, entry.options)
+        self.devices.append(position)
 
     def listen(self, seconds: float | None) -> Iterator[Sequence[Sample]]:
-        """Yield what was heard, ten times a second, for so many seconds or without end."""
+        """Yield the new samples, ten times a second, for so many seconds or without end."""
         clock = self._clock
         while seconds is None or clock.now_s() < seconds:
             end_s = clock.now_s() + POLL_INTERVAL_S
-            for heard in self.heard:
-                if heard.role == "rudder" and heard.device is not None:
-                    heard.device.command(RELEASED, clock.now_s())  # type: ignore[union-attr]
+            for device in self.devices:
+                if device.role == "rudder" and device.driver is not None:
+                    device.driver.command(RELEASED, clock.now_s())  # type: ignore[union-attr]
             fresh: list[Sample] = []
             while True:
                 now_s = clock.now_s()
-                for heard in self.heard:
-                    fresh += self._take(heard, now_s)
+                for device in self.devices:
+                    fresh += self._collect(device, now_s)
                 if now_s >= end_s:
                     break
-                fds = [heard.device.fileno() for heard in self.heard if heard.device is not None]
+                fds = [device.driver.fileno() for device in self.devices if device.driver is not None]
                 clock.wait(end_s, [fd for fd in fds if fd >= 0])
-            for heard in self.heard:
-                if heard.line is not None:
-                    heard.line.reopen(clock.now_s())
+            for device in self.devices:
+                if device.line is not None:
+                    device.line.reopen(clock.now_s())
             yield fresh
 
-    def _take(self, heard: Heard, now_s: float) -> Sequence[Sample]:
-        if heard.device is None:
+    def _collect(self, device: BenchDevice, now_s: float) -> Sequence[Sample]:
+        if device.driver is None:
             return ()
-        heard.device.receive(now_s)
-        samples: Sequence[Sample] = heard.device.poll()
-        heard.health = heard.device.health(now_s)
+        device.driver.receive(now_s)
+        samples: Sequence[Sample] = device.driver.poll()
+        device.health = device.driver.health(now_s)
         if samples:
-            heard.first_s = samples[0].t_s if heard.first_s is None else heard.first_s
-            heard.count += len(samples)
-            heard.last = samples[-1]
+            device.first_s = samples[0].t_s if device.first_s is None else device.first_s
+            device.count += len(samples)
+            device.last = samples[-1]
         return samples
 
     def close(self) -> None:
         """Close the ports."""
-        for heard in self.heard:
-            if heard.line is not None:
-                heard.line.close()
+        for device in self.devices:
+            if device.line is not None:
+                device.line.close()

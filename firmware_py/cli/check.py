@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from firmware_py.assemble import base_parameters
-from firmware_py.cli.bench_session import BenchSession, Heard
+from firmware_py.cli.bench_session import BenchDevice, BenchSession
 from firmware_py.cli.run import default_state_directory
 from firmware_py.common.parameters import ParameterError
 from firmware_py.common.records import DeviceState
@@ -114,22 +114,23 @@ def _devices(vehicle: Vehicle) -> Iterator[Finding]:
     try:
         for _ in session.listen(LISTEN_S):
             pass
-        for heard in session.heard:
-            yield _device(heard)
+        for device in session.devices:
+            yield _check_device(device)
     finally:
         session.close()
 
 
-def _device(heard: Heard) -> Finding:
-    if heard.error:
-        return False, heard.role, heard.error
-    if not heard.count or heard.health is None:
-        return False, heard.role, f"{heard.driver} on {heard.port}: silent; check power, wiring and baud rate"
-    rate_hz = heard.rate_hz()
-    values = ", ".join(f"{name} {value}" for name, value in heard.values().items() if value is not None)
-    text = f"{heard.driver} on {heard.port}: {rate_hz or 0.0:.1f} Hz, {values}"
-    if heard.health.state is DeviceState.FAULTY:
-        return False, heard.role, f"{text}; {heard.health.text}"
-    if heard.health.rejected > heard.health.accepted:
-        return False, heard.role, f"{text}; {heard.health.rejected} of its messages are bad: check wiring and baud rate"
-    return True, heard.role, text
+def _check_device(device: BenchDevice) -> Finding:
+    if device.error:
+        return False, device.role, device.error
+    if not device.count or device.health is None:
+        return False, device.role, f"{device.driver_name} on {device.port}: silent; check power, wiring and baud rate"
+    rate_hz = device.rate_hz()
+    values = ", ".join(f"{name} {value}" for name, value in device.values().items() if value is not None)
+    text = f"{device.driver_name} on {device.port}: {rate_hz or 0.0:.1f} Hz, {values}"
+    if device.health.state is DeviceState.FAULTY:
+        return False, device.role, f"{text}; {device.health.text}"
+    if device.health.rejected > device.health.accepted:
+        bad = f"{device.health.rejected} of its messages are bad: check wiring and baud rate"
+        return False, device.role, f"{text}; {bad}"
+    return True, device.role, text

@@ -7,12 +7,13 @@ import json
 import sys
 from pathlib import Path
 
-from firmware_py.sensors.decode import KINDS, decode, format_text
+from firmware_py.devices import CAPTURE_FORMATS, decode
+from firmware_py.sensors.decode import format_text
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("kind", metavar="KIND", choices=KINDS, help=" | ".join(KINDS))
+    parser.add_argument("kind", metavar="KIND", choices=CAPTURE_FORMATS, help=" | ".join(CAPTURE_FORMATS))
     parser.add_argument("file", metavar="FILE", type=Path, help="the capture, as it came over the line")
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
 

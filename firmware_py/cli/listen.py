@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from firmware_py.cli.bench_session import BenchSession, Heard
+from firmware_py.cli.bench_session import BenchDevice, BenchSession
 from firmware_py.vehicle import VehicleError, load
 
 PRINT_INTERVAL = 10  # of the session's tenths of a second
@@ -39,30 +39,30 @@ def run(arguments: argparse.Namespace) -> int:
         pass
     finally:
         session.close()
-    return 0 if all(heard.count for heard in session.heard) else 1
+    return 0 if all(device.count for device in session.devices) else 1
 
 
 def _print(session: BenchSession, *, as_json: bool) -> None:
-    for heard in session.heard:
-        record = _record(heard)
+    for device in session.devices:
+        record = _record(device)
         print(json.dumps(record) if as_json else _line(record), flush=True)
     if not as_json:
         print(flush=True)
 
 
-def _record(heard: Heard) -> dict[str, Any]:
-    rate_hz = heard.rate_hz()
-    health = heard.health
+def _record(device: BenchDevice) -> dict[str, Any]:
+    rate_hz = device.rate_hz()
+    health = device.health
     return {
-        "device": heard.role,
-        "driver": heard.driver,
-        "port": heard.port,
+        "device": device.role,
+        "driver": device.driver_name,
+        "port": device.port,
         "state": health.state.name.lower() if health else "absent",
         "rate_hz": None if rate_hz is None else round(rate_hz, 2),
         "accepted": health.accepted if health else 0,
         "rejected": health.rejected if health else 0,
-        "error": heard.error or (health.text if health else ""),
-        **heard.values(),
+        "error": device.error or (health.text if health else ""),
+        **device.values(),
     }
 
 

@@ -21,38 +21,38 @@ class DeviceMonitor:
         self._openings = -1
         self._accepted = 0
         self._rejected = 0
-        self._good_s: float | None = None
-        self._heard_s: float | None = None
+        self._accepted_s: float | None = None
+        self._bytes_s: float | None = None
         self._note = ""
         self._error = ""
         self._error_s = 0.0
 
-    def restarted(self) -> bool:
-        """Whether the line has been opened since the last call; if so the device starts anew."""
+    def notice_reopening(self) -> bool:
+        """Say whether the line has been opened since the last call; if so the device starts anew."""
         if self._line.openings == self._openings:
             return False
         self._openings = self._line.openings
-        self._good_s = self._heard_s = None
+        self._accepted_s = self._bytes_s = None
         self._note = self._error = ""
         return True
 
-    def heard(self, now_s: float) -> None:
-        """Bytes have come, of whatever kind."""
-        self._heard_s = now_s
+    def note_bytes(self, now_s: float) -> None:
+        """Note that bytes have come, of whatever kind."""
+        self._bytes_s = now_s
 
-    def good(self, now_s: float) -> None:
-        """A message was of use."""
+    def accept(self, now_s: float) -> None:
+        """Count a message that was of use."""
         self._accepted += 1
-        self._good_s = now_s
+        self._accepted_s = now_s
 
-    def bad(self, now_s: float, text: str) -> None:
-        """A message was refused, and why."""
+    def reject(self, now_s: float, text: str) -> None:
+        """Count a message that was refused, and say why."""
         self._rejected += 1
         self._error = _short(text)
         self._error_s = now_s
 
     def note(self, text: str) -> None:
-        """What there is to say without an error, such as "no fix", until it changes; empty for nothing."""
+        """Keep what there is to say without an error, such as "no fix", until it changes; empty for nothing."""
         self._note = text
 
     def health(self, now_s: float, fault: str = "") -> DeviceHealth:
@@ -64,9 +64,9 @@ class DeviceMonitor:
     def _state(self, now_s: float, fault: str) -> DeviceState:
         if not self._line.connected:
             return DeviceState.ABSENT
-        if self._good_s is None:
+        if self._accepted_s is None:
             return DeviceState.STARTING
-        if now_s - self._good_s > self._silent_after_s:
+        if now_s - self._accepted_s > self._silent_after_s:
             return DeviceState.SILENT
         return DeviceState.FAULTY if fault else DeviceState.RUNNING
 
@@ -77,8 +77,8 @@ class DeviceMonitor:
             return self._error
         if self._note:
             return _short(self._note)
-        hears = self._heard_s is not None and now_s - self._heard_s <= SILENT_AFTER_S
-        if hears and state is not DeviceState.RUNNING:
+        talks = self._bytes_s is not None and now_s - self._bytes_s <= SILENT_AFTER_S
+        if talks and state is not DeviceState.RUNNING:
             return "bytes, but nothing understood: baud rate?"
         return ""
 

@@ -9,6 +9,7 @@ from enum import IntEnum
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
 from firmware_py.sensors import mti_protocol as xbus
 from firmware_py.sensors.binary_framing import Packet
@@ -27,14 +28,14 @@ _EULER_ANGLES_NED = DataId.EULER_ANGLES | Frame.NED
 
 @dataclass(frozen=True, slots=True)
 class MtiOptions:
-    """What the vehicle file may say of an MTi; ValueError for a rate that the protocol cannot state."""
+    """What the vehicle file may say of an MTi; ValueError for what the protocol cannot state."""
 
-    rate_hz: float = 10.0
+    # The protocol has whole numbers, the smallest models give 100 a second.
+    rate_hz: int = option("headings a second, a whole number", default=10, minimum=1, maximum=100)
 
     def __post_init__(self) -> None:
-        """Check the rate: the protocol has whole numbers, the smallest models give 100 a second."""
-        if not (1.0 <= self.rate_hz <= 100.0 and self.rate_hz == int(self.rate_hz)):
-            raise ValueError(f"rate_hz of an MTi must be a whole number from 1 to 100, not {self.rate_hz:g}")
+        """Check the range."""
+        check(self)
 
 
 class _Step(IntEnum):
@@ -55,12 +56,12 @@ _ACKNOWLEDGEMENTS = {
 }
 
 
-def wanted_output(rate_hz: float) -> dict[int, int]:
+def wanted_output(rate_hz: int) -> dict[int, int]:
     """The output configuration of a compass: {data identifier: rate in Hz}."""
     return {
         int(DataId.STATUS_WORD): EACH_MESSAGE,
-        _EULER_ANGLES_NED: int(rate_hz),
-        int(DataId.RATE_OF_TURN): int(rate_hz),
+        _EULER_ANGLES_NED: rate_hz,
+        int(DataId.RATE_OF_TURN): rate_hz,
         int(DataId.TEMPERATURE): 1,
     }
 
@@ -85,7 +86,7 @@ class MtiCompass:
         self._line = line
         self._wanted = wanted_output(options.rate_hz)
         self._patience_s = max(PATIENCE_S, 3.0 / options.rate_hz)
-        self._condition = DeviceMonitor(line, DeviceRole.COMPASS, max(SILENT_AFTER_S, 3.0 / options.rate_hz))
+        self._monitor = DeviceMonitor(line, DeviceRole.COMPASS, max(SILENT_AFTER_S, 3.0 / options.rate_hz))
         self._framer = xbus.framer()
         self._samples: deque[HeadingSample] = deque(maxlen=SAMPLES_KEPT)
         self._commands = {
@@ -108,15 +109,15 @@ class MtiCompass:
 
     def receive(self, now_s: float) -> None:
         """Read what has arrived, stamped now_s, and send at most one command and one answer."""
-        if self._condition.restarted():
+        if self._monitor.notice_reopening():
             self._framer = xbus.framer()
             self._fault = ""
             self._begin(now_s)
         data = self._line.read()
         if data:
-            self._condition.heard(now_s)
+            self._monitor.note_bytes(now_s)
             for packet in self._framer.feed(data):
-                self._take(packet, now_s)
+                self._handle_packet(packet, now_s)
         self._set_up(now_s)
 
     def poll(self) -> Sequence[HeadingSample]:
@@ -127,14 +128,14 @@ class MtiCompass:
 
     def health(self, now_s: float) -> DeviceHealth:
         """The state; FAULTY while the device's status word reports something against itself."""
-        return self._condition.health(now_s, self._fault)
+        return self._monitor.health(now_s, self._fault)
 
     def _begin(self, due_s: float) -> None:
         self._step = _Step.GO_TO_CONFIG
         self._asked = False
         self._due_s = due_s
 
-    def _go_on(self, step: _Step, now_s: float) -> None:
+    def _take_step(self, step: _Step, now_s: float) -> None:
         """Take the next step: at once, or when patience with the data ends."""
         self._step = step
         self._asked = False
@@ -149,60 +150,60 @@ class MtiCompass:
         self._asked = self._line.write(self._commands[self._step])
         self._due_s = now_s + ANSWER_S
 
-    def _take(self, packet: Packet, now_s: float) -> None:
+    def _handle_packet(self, packet: Packet, now_s: float) -> None:
         if packet.fault:
             # A run without the look of a packet is noise on the line, or another protocol.
             if packet.fault == CHECKSUM:
-                self._condition.bad(now_s, CHECKSUM)
+                self._monitor.reject(now_s, CHECKSUM)
             return
         message, data = xbus.message_id(packet.data), xbus.payload(packet.data)
         try:
             if message == Message.MT_DATA2:
-                self._take_reading(read_data(data), now_s)
+                self._handle_reading(read_data(data), now_s)
             elif message == Message.WAKE_UP:
                 self._line.write(xbus.encode(Message.WAKE_UP_ACK))
                 self._begin(now_s + WAKE_UP_S)
             elif message == Message.ERROR:
-                self._take_error(xbus.error_text(data), now_s)
+                self._handle_error(xbus.error_text(data), now_s)
             elif self._asked and message == _ACKNOWLEDGEMENTS[self._step]:
-                self._take_acknowledgement(data, now_s)
-        except MessageError as refusal:
-            self._condition.bad(now_s, str(refusal))
+                self._handle_acknowledgement(data, now_s)
+        except MessageError as error:
+            self._monitor.reject(now_s, str(error))
 
-    def _take_error(self, text: str, now_s: float) -> None:
-        self._condition.bad(now_s, text)
+    def _handle_error(self, text: str, now_s: float) -> None:
+        self._monitor.reject(now_s, text)
         if self._step is not _Step.MEASURING:
             self._begin(now_s + PATIENCE_S)
 
-    def _take_acknowledgement(self, data: bytes, now_s: float) -> None:
+    def _handle_acknowledgement(self, data: bytes, now_s: float) -> None:
         if self._step is _Step.GO_TO_CONFIG:
-            self._go_on(_Step.ASK_OUTPUT, now_s)
+            self._take_step(_Step.ASK_OUTPUT, now_s)
         elif self._step is _Step.ASK_OUTPUT:
             has_it = xbus.parse_output_configuration(data) in (self._wanted, self._agreed)
-            self._go_on(_Step.GO_TO_MEASUREMENT if has_it else _Step.SET_OUTPUT, now_s)
+            self._take_step(_Step.GO_TO_MEASUREMENT if has_it else _Step.SET_OUTPUT, now_s)
         elif self._step is _Step.SET_OUTPUT:
-            self._take_configuration(xbus.parse_output_configuration(data), now_s)
+            self._handle_configuration(xbus.parse_output_configuration(data), now_s)
         else:
-            self._go_on(_Step.MEASURING, now_s)
+            self._take_step(_Step.MEASURING, now_s)
 
-    def _take_configuration(self, configuration: dict[int, int], now_s: float) -> None:
+    def _handle_configuration(self, configuration: dict[int, int], now_s: float) -> None:
         """Judge the list that the device has made of the wanted one: other rates will do, other data will not."""
         if {_EULER_ANGLES_NED, int(DataId.STATUS_WORD)} <= configuration.keys():
             self._agreed = configuration
-            self._go_on(_Step.GO_TO_MEASUREMENT, now_s)
+            self._take_step(_Step.GO_TO_MEASUREMENT, now_s)
         else:
-            self._condition.note("gives no Euler angles and status: no AHRS model?")
+            self._monitor.note("gives no Euler angles and status: no AHRS model?")
             self._begin(now_s + PATIENCE_S)
 
-    def _take_reading(self, reading: Reading, now_s: float) -> None:
+    def _handle_reading(self, reading: Reading, now_s: float) -> None:
         if reading.frame is None:
             return  # a message need not have all data
         if reading.frame is not Frame.NED:
-            self._condition.note(f"Euler angles in {reading.frame.name}, not in NED")
+            self._monitor.note(f"Euler angles in {reading.frame.name}, not in NED")
             return
         # A device whose filter still settles is measuring: to set it up again would keep it from ever settling.
-        self._condition.good(now_s)
-        self._condition.note("" if reading.status is not None else "data without status")
+        self._monitor.accept(now_s)
+        self._monitor.note("" if reading.status is not None else "data without status")
         self._fault = reading.fault
         if self._step is _Step.MEASURING:
             self._due_s = now_s + self._patience_s

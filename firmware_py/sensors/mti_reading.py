@@ -11,14 +11,26 @@ read as a heading. In ENU, the device's default, yaw counts from east, the other
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from firmware_py.common.angles import degrees, radians
+from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, values_of
 from firmware_py.sensors.message_error import MALFORMED, MessageError, within
-from firmware_py.sensors.mti_protocol import FORMAT_BITS, DataId, Frame, parse_items
+from firmware_py.sensors.mti_protocol import (
+    FORMAT_BITS,
+    DataId,
+    Frame,
+    Message,
+    error_text,
+    framer,
+    message_id,
+    parse_items,
+    payload,
+)
 
 _PRECISION_BITS, _FRAME_BITS = 0x3, 0xC
 _STEEPEST_PITCH_DEG = 80.0  # toward 90 degrees heading and roll turn about the same axis
@@ -174,3 +186,27 @@ _PRECISIONS: Mapping[int, tuple[int, Callable[[bytes], float]]] = {
     2: (6, _fixed_16_32),
     3: (8, _float64),
 }
+
+
+def _decode_capture(data: bytes) -> Iterator[Result]:
+    return decode_packets(data, framer(), _result)
+
+
+def _result(packet: bytes) -> Result:
+    message, data = message_id(packet), payload(packet)
+    head = {"message": Message(message).name}
+    if message == Message.ERROR:
+        return {"type": "other", **head, "text": error_text(data)}
+    if message != Message.MT_DATA2:
+        return {"type": "other", **head}
+    reading = read_data(data)
+    values = dataclasses.asdict(reading)
+    values["frame"] = None if reading.frame is None else reading.frame.name
+    values["status"] = None if reading.status is None else f"{reading.status:08X}"
+    if reading.heading_magnetic_deg is None:  # another frame or none: only what there is
+        return {"type": "other", **head, **{name: value for name, value in values.items() if value is not None}}
+    fault = {"fault": reading.fault} if reading.fault else {}
+    return {"type": "heading", **head, **values_of("heading", values), **fault}
+
+
+CAPTURE_FORMAT = CaptureFormat("mti", _decode_capture)

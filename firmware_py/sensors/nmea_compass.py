@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.nmea_reader import NmeaReader
@@ -22,6 +24,22 @@ SAMPLES_KEPT = 512  # more than one read of 4096 bytes can hold
 _THS_MODES = frozenset("AE")
 
 
+@dataclass(frozen=True, slots=True)
+class NmeaCompassOptions:
+    """What the vehicle file may say of an NMEA compass; ValueError for what cannot be."""
+
+    sentences: tuple[str, ...] = option(
+        "the only sentences whose heading is taken; none: all, by the driver's rule",
+        default=(),
+        choices=HEADING_SENTENCES,
+    )
+    require_checksum: bool = option("whether a sentence without a checksum is refused", default=True)
+
+    def __post_init__(self) -> None:
+        """Check the sentences."""
+        check(self)
+
+
 class NmeaCompass:
     """Gives every heading of HDG, HDT, HDM, THS and PASHR, with ROT as its yaw rate.
 
@@ -30,31 +48,17 @@ class NmeaCompass:
     sentences on a line all state the one heading and are all given; a magnetic one is
     not, once three true headings have come and while the last of them is younger than
     2 s, because the two would differ by whatever is wrong with the variation.
-    `sentences` names the only ones to take, `talker` the only talker (P for PASHR).
     """
 
-    def __init__(
-        self,
-        line: ByteLine,
-        *,
-        source: int = 0,
-        require_checksum: bool = True,
-        talker: str | None = None,
-        sentences: tuple[str, ...] | None = None,
-    ) -> None:
-        """Read the line; ValueError for a sentence that is not one of HEADING_SENTENCES."""
-        unknown = sorted(set(sentences or ()) - set(HEADING_SENTENCES))
-        if unknown:
-            raise ValueError(f"no heading sentence: {', '.join(unknown)}; there are {', '.join(HEADING_SENTENCES)}")
+    def __init__(self, line: ByteLine, options: NmeaCompassOptions) -> None:
+        """Read the line."""
         self._line = line
-        self._source = source
-        self._condition = DeviceMonitor(line, DeviceRole.COMPASS)
+        self._monitor = DeviceMonitor(line, DeviceRole.COMPASS)
         self._reader = NmeaReader(
             line,
-            self._condition,
-            {*(sentences or HEADING_SENTENCES), "ROT"},
-            talker=talker,
-            require_checksum=require_checksum,
+            self._monitor,
+            {*(options.sentences or HEADING_SENTENCES), "ROT"},
+            require_checksum=options.require_checksum,
         )
         self._samples: deque[HeadingSample] = deque(maxlen=SAMPLES_KEPT)
         self._turn: tuple[float, float] | None = None  # when, rad/s
@@ -67,17 +71,17 @@ class NmeaCompass:
 
     def receive(self, now_s: float) -> None:
         """Read what has arrived and decode it, stamped now_s."""
-        if self._condition.restarted():
+        if self._monitor.notice_reopening():
             self._reader.restart()
             self._turn = None
             self._true_count = 0
         for sentence, decoded in self._reader.read(now_s):
             if sentence.kind == "ROT":
-                self._take_turn(decoded, now_s)
+                self._handle_turn(decoded, now_s)
             elif sentence.kind == "THS" and decoded.letters["mode"] not in _THS_MODES:
-                self._condition.note(f"{sentence.address}: heading not valid")
+                self._monitor.note(f"{sentence.address}: heading not valid")
             else:
-                self._take_heading(sentence.address, decoded.numbers, now_s)
+                self._handle_heading(sentence.address, decoded.numbers, now_s)
 
     def poll(self) -> Sequence[HeadingSample]:
         """The samples since the last poll, oldest first."""
@@ -87,9 +91,9 @@ class NmeaCompass:
 
     def health(self, now_s: float) -> DeviceHealth:
         """The state; only a heading counts as accepted, a sentence without one as neither."""
-        return self._condition.health(now_s)
+        return self._monitor.health(now_s)
 
-    def _take_turn(self, decoded: Decoded, now_s: float) -> None:
+    def _handle_turn(self, decoded: Decoded, now_s: float) -> None:
         turn_rate_deg_min = decoded.numbers["turn_rate_deg_min"]
         if turn_rate_deg_min is None or decoded.letters["status"] != "A":
             self._turn = None
@@ -101,19 +105,19 @@ class NmeaCompass:
             return None
         return self._turn[1]
 
-    def _take_heading(self, address: str, numbers: Numbers, now_s: float) -> None:
+    def _handle_heading(self, address: str, numbers: Numbers, now_s: float) -> None:
         true_deg, magnetic_deg = numbers.get("heading_true_deg"), numbers.get("heading_magnetic_deg")
         heading_deg = magnetic_deg if true_deg is None else true_deg
         if heading_deg is None:
-            self._condition.note(f"{address}: no heading")
+            self._monitor.note(f"{address}: no heading")
             return
         if true_deg is not None:
             self._true_count += 1
             self._true_s = now_s
         elif self._true_count >= TRUE_ESTABLISHED and now_s - self._true_s <= TRUE_KEPT_S:
             return
-        self._condition.good(now_s)
-        self._condition.note("")
+        self._monitor.accept(now_s)
+        self._monitor.note("")
         self._samples.append(
             HeadingSample(
                 t_s=now_s,
@@ -123,7 +127,6 @@ class NmeaCompass:
                 yaw_rate_rad_s=self._yaw_rate_rad_s(now_s),
                 roll_rad=_radians(numbers.get("roll_deg")),
                 pitch_rad=_radians(numbers.get("pitch_deg")),
-                source=self._source,
             )
         )
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.options import option
 from firmware_py.common.records import DeviceHealth, DeviceRole, FixType, PositionSample
 from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.nmea_fields import SECONDS_PER_DAY
@@ -67,6 +68,13 @@ class _Epoch:
             self.fixes.append(_stated_fix(decoded))
 
 
+@dataclass(frozen=True, slots=True)
+class NmeaPositionOptions:
+    """What the vehicle file may say of an NMEA receiver."""
+
+    require_checksum: bool = option("whether a sentence without a checksum is refused", default=True)
+
+
 class NmeaPosition:
     """Gives one sample for each epoch, merged from RMC, GGA, GNS, GLL and VTG.
 
@@ -79,16 +87,15 @@ class NmeaPosition:
     an epoch without one is carried on from the last.
     """
 
-    def __init__(self, line: ByteLine, *, require_checksum: bool = True, talker: str | None = None) -> None:
-        """Read the line, and only the sentences of `talker` when it is given."""
+    def __init__(self, line: ByteLine, options: NmeaPositionOptions) -> None:
+        """Read the line."""
         self._line = line
-        self._condition = DeviceMonitor(line, DeviceRole.POSITION)
+        self._monitor = DeviceMonitor(line, DeviceRole.POSITION)
         self._reader = NmeaReader(
             line,
-            self._condition,
+            self._monitor,
             {*FIX_SENTENCES, "VTG", "ZDA"},
-            talker=talker,
-            require_checksum=require_checksum,
+            require_checksum=options.require_checksum,
         )
         self._samples: deque[PositionSample] = deque(maxlen=SAMPLES_KEPT)
         self._epoch: _Epoch | None = None
@@ -101,12 +108,12 @@ class NmeaPosition:
 
     def receive(self, now_s: float) -> None:
         """Read what has arrived and decode it, stamped now_s."""
-        if self._condition.restarted():
+        if self._monitor.notice_reopening():
             self._reader.restart()
             self._epoch = self._utc = None
             self._expected = frozenset()
         for sentence, decoded in self._reader.read(now_s):
-            self._condition.good(now_s)
+            self._monitor.accept(now_s)
             if sentence.kind == "ZDA":
                 self._note_utc(decoded.numbers["utc_s"], now_s)
             else:
@@ -122,7 +129,7 @@ class NmeaPosition:
 
     def health(self, now_s: float) -> DeviceHealth:
         """The state; every good sentence about the position counts, also one without a fix."""
-        return self._condition.health(now_s)
+        return self._monitor.health(now_s)
 
     def _join(self, kind: str, decoded: Decoded, now_s: float) -> None:
         """Add a sentence to its epoch, closing the one before."""
@@ -144,10 +151,10 @@ class NmeaPosition:
         values = epoch.values
         fix = FixType.NONE if FixType.NONE in epoch.fixes else max(epoch.fixes)
         if fix is FixType.NONE or "lat_deg" not in values or "lon_deg" not in values:
-            self._condition.note("no fix")
+            self._monitor.note("no fix")
             self._samples.append(PositionSample(epoch.t_s, FixType.NONE, satellites=_whole(values.get("satellites"))))
             return
-        self._condition.note("")
+        self._monitor.note("")
         course_deg = values.get("cog_deg")
         self._samples.append(
             PositionSample(

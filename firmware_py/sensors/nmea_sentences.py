@@ -224,8 +224,8 @@ def decode_sentence(sentence: Sentence) -> Decoded | None:
     try:
         for name, read in layout.numbers:
             numbers[name] = read(fields)
-    except MessageError as refusal:
-        raise MessageError(refusal.error, f"{sentence.address}: {name} {refusal}") from None
+    except MessageError as error:
+        raise MessageError(error.error, f"{sentence.address}: {name} {error}") from None
     for name, derive in layout.derived:
         numbers[name] = derive(numbers)
     letters = {name: fields[index] if index < len(fields) else "" for name, index in layout.letters}

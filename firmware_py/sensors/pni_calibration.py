@@ -43,9 +43,9 @@ class PniCalibration:
         self._points = 0
         self._report = Calibration(CalibrationState.RUNNING)
         self._takers: Mapping[int, Callable[[bytes, float], None]] = {
-            Frame.CAL_SAMPLE_COUNT: self._counted,
-            Frame.CAL_SCORE: self._scored,
-            Frame.SAVE_DONE: self._saved,
+            Frame.CAL_SAMPLE_COUNT: self._take_count,
+            Frame.CAL_SCORE: self._take_score,
+            Frame.SAVE_DONE: self._take_saving,
         }
 
     @property
@@ -61,7 +61,7 @@ class PniCalibration:
             return None
         return self._frames[0]
 
-    def sent(self, now_s: float) -> None:
+    def note_sent(self, now_s: float) -> None:
         """Note that the command has left."""
         self._frames.pop(0)
         self._due_s = now_s + STEP_S
@@ -72,7 +72,7 @@ class PniCalibration:
         if taker is not None and self._report.state is CalibrationState.RUNNING:
             taker(payload, now_s)
 
-    def _counted(self, payload: bytes, now_s: float) -> None:
+    def _take_count(self, payload: bytes, now_s: float) -> None:
         if len(payload) != 4:
             return
         self._points = min(POINTS, int.from_bytes(payload, "big"))
@@ -80,7 +80,7 @@ class PniCalibration:
         if self._points == POINTS:
             self._give_up_s = now_s + SCORING_S
 
-    def _scored(self, payload: bytes, now_s: float) -> None:
+    def _take_score(self, payload: bytes, now_s: float) -> None:
         if len(payload) != 24:
             return
         (score,) = struct.unpack_from(">f", payload)
@@ -96,7 +96,7 @@ class PniCalibration:
         self._frames = [pni.encode(Frame.SAVE)]
         self._due_s, self._give_up_s = now_s, now_s + SAVING_S
 
-    def _saved(self, payload: bytes, _now_s: float) -> None:
+    def _take_saving(self, payload: bytes, _now_s: float) -> None:
         if self._report.percent < 99:
             return
         if payload == b"\x00\x00":

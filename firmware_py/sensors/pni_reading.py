@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, values_of
 from firmware_py.sensors.message_error import MALFORMED, MessageError, within
-from firmware_py.sensors.pni_protocol import Component, parse_data
+from firmware_py.sensors.pni_protocol import Component, Frame, frame_id, framer, parse_data, payload
 
 # Component, lowest, highest value in degrees or degrees Celsius.
 _RANGES = (
@@ -27,9 +30,9 @@ class Reading:
     distortion: bool | None
 
 
-def read_data(payload: bytes) -> Reading:
+def read_data(data: bytes) -> Reading:
     """Read the payload of a DATA frame, or raise MessageError."""
-    values = parse_data(payload)
+    values = parse_data(data)
     if values is None:
         raise MessageError(MALFORMED, "data frame malformed")
     for component, low, high in _RANGES:
@@ -44,3 +47,24 @@ def read_data(payload: bytes) -> Reading:
         values.get(Component.TEMPERATURE),
         None if distortion is None else bool(distortion),
     )
+
+
+def _decode_capture(data: bytes) -> Iterator[Result]:
+    return decode_packets(data, framer(), _result)
+
+
+def _result(packet: bytes) -> Result:
+    frame = frame_id(packet)
+    if frame == Frame.DATA:
+        reading = read_data(payload(packet))
+        return {"type": "heading", "frame_id": frame, **values_of("heading", dataclasses.asdict(reading))}
+    if frame == Frame.MODULE_INFO:
+        return {"type": "module_info", "frame_id": frame, "module": _printable(payload(packet))}
+    return {"type": "other", "frame_id": frame}
+
+
+def _printable(data: bytes) -> str:
+    return "".join(chr(byte) if 0x20 <= byte <= 0x7E else "?" for byte in data)
+
+
+CAPTURE_FORMAT = CaptureFormat("pni", _decode_capture)

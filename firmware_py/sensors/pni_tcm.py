@@ -5,9 +5,11 @@ from __future__ import annotations
 import struct
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.options import check, option
 from firmware_py.common.records import (
     Calibration,
     CalibrationState,
@@ -32,6 +34,22 @@ _COMPONENTS = (Component.HEADING, Component.PITCH, Component.ROLL, Component.DIS
 _TRUE_NORTH, _BIG_ENDIAN = 2, 6  # configuration ids; nothing is saved, so the flash does not wear
 
 _CONFIRMATIONS = (Frame.SET_CONFIG_DONE, Frame.SET_ACQUISITION_DONE)
+
+
+@dataclass(frozen=True, slots=True)
+class PniOptions:
+    """What the vehicle file may say of a PNI compass; ValueError for what cannot be."""
+
+    rate_hz: float = option(
+        "headings a second; a module gives its own fastest when that is slower",
+        default=10.0,
+        minimum=0.5,
+        maximum=100.0,
+    )
+
+    def __post_init__(self) -> None:
+        """Check the range."""
+        check(self)
 
 
 def set_up_frames(rate_hz: float, push_mode: int) -> tuple[bytes, ...]:
@@ -60,16 +78,14 @@ class PniCompass:
     tries the other push mode. A module that says it has powered up is set up at once.
     """
 
-    def __init__(self, line: ByteLine, *, source: int = 0, rate_hz: float = 10.0) -> None:
-        """Ask for a rate of 0.1 to 100 Hz, else ValueError; a module gives its own fastest when that is slower."""
-        if not 0.1 <= rate_hz <= 100.0:
-            raise ValueError(f"rate_hz of a PNI compass must be 0.1 to 100, not {rate_hz:g}")
+    def __init__(self, line: ByteLine, options: PniOptions) -> None:
+        """Set the module up with the first `receive`."""
+        rate_hz = options.rate_hz
         self._line = line
-        self._source = source
         self._rounds = (set_up_frames(rate_hz, 0), set_up_frames(rate_hz, 1))
         self._frames = self._rounds[0]
         self._patience_s = max(PATIENCE_S, 3.0 / rate_hz)
-        self._condition = DeviceMonitor(line, DeviceRole.COMPASS, max(SILENT_AFTER_S, 3.0 / rate_hz))
+        self._monitor = DeviceMonitor(line, DeviceRole.COMPASS, max(SILENT_AFTER_S, 3.0 / rate_hz))
         self._framer = pni.framer()
         self._samples: deque[HeadingSample] = deque(maxlen=SAMPLES_KEPT)
         self._step = 0  # the next of the frames; past the last one data is waited for
@@ -85,20 +101,20 @@ class PniCompass:
 
     def receive(self, now_s: float) -> None:
         """Read what has arrived, stamped now_s, and send at most one command."""
-        if self._condition.restarted():
+        if self._monitor.notice_reopening():
             self._framer = pni.framer()
             self._distorted = self._answered = False
             self._calibration = None
             self._begin(now_s)
         data = self._line.read()
         if data:
-            self._condition.heard(now_s)
+            self._monitor.note_bytes(now_s)
             for packet in self._framer.feed(data):
-                self._take(packet, now_s)
+                self._handle_packet(packet, now_s)
         if self._calibration is None:
             self._set_up(now_s)
         else:
-            self._carry_on(self._calibration, now_s)
+            self._continue_calibration(self._calibration, now_s)
 
     def poll(self) -> Sequence[HeadingSample]:
         """The samples since the last poll, oldest first."""
@@ -108,7 +124,7 @@ class PniCompass:
 
     def health(self, now_s: float) -> DeviceHealth:
         """The state; FAULTY while the module says that the magnetic field is distorted."""
-        return self._condition.health(now_s, "magnetic field distorted" if self._distorted else "")
+        return self._monitor.health(now_s, "magnetic field distorted" if self._distorted else "")
 
     def calibrate(self, now_s: float) -> bool:
         """Begin the 2D user calibration; False when it is under way or the port is away."""
@@ -130,10 +146,10 @@ class PniCompass:
             self._last_calibration = Calibration()
             self._step = 0  # set up anew with the next call
 
-    def _carry_on(self, calibration: PniCalibration, now_s: float) -> None:
+    def _continue_calibration(self, calibration: PniCalibration, now_s: float) -> None:
         frame = calibration.next_frame(now_s)
         if frame is not None and self._line.write(frame):
-            calibration.sent(now_s)
+            calibration.note_sent(now_s)
         self._last_calibration = calibration.report
         if calibration.report.state is not CalibrationState.RUNNING:
             self._calibration = None
@@ -155,15 +171,15 @@ class PniCompass:
             self._step += 1
         self._due_s = now_s + (self._patience_s if self._step == len(self._frames) else STEP_S)
 
-    def _take(self, packet: Packet, now_s: float) -> None:
+    def _handle_packet(self, packet: Packet, now_s: float) -> None:
         if packet.fault:
             # A run without the look of a packet is noise on the line, or another protocol.
             if packet.fault == CHECKSUM:
-                self._condition.bad(now_s, CHECKSUM)
+                self._monitor.reject(now_s, CHECKSUM)
             return
         frame_id = pni.frame_id(packet.data)
         if frame_id == Frame.DATA:
-            self._take_data(pni.payload(packet.data), now_s)
+            self._handle_data(pni.payload(packet.data), now_s)
         elif frame_id == Frame.POWER_UP_DONE:
             if self._calibration is not None:
                 self._calibration = None
@@ -176,25 +192,25 @@ class PniCompass:
         elif frame_id in _CONFIRMATIONS and self._step < len(self._frames):
             self._due_s = now_s
 
-    def _take_data(self, payload: bytes, now_s: float) -> None:
+    def _handle_data(self, payload: bytes, now_s: float) -> None:
         try:
             reading = read_data(payload)
-        except MessageError as refusal:
-            self._condition.bad(now_s, str(refusal))
+        except MessageError as error:
+            self._monitor.reject(now_s, str(error))
             return
         self._distorted = bool(reading.distortion)
         if reading.heading_magnetic_deg is None:
-            self._condition.note("data without heading")
+            self._monitor.note("data without heading")
             return
-        self._condition.good(now_s)
-        self._condition.note("")
+        self._monitor.accept(now_s)
+        self._monitor.note("")
         if self._step == len(self._frames):
             self._answered = True
             self._due_s = now_s + self._patience_s
-        self._samples.append(_sample(reading, reading.heading_magnetic_deg, now_s, self._source))
+        self._samples.append(_sample(reading, reading.heading_magnetic_deg, now_s))
 
 
-def _sample(reading: Reading, heading_magnetic_deg: float, now_s: float, source: int) -> HeadingSample:
+def _sample(reading: Reading, heading_magnetic_deg: float, now_s: float) -> HeadingSample:
     return HeadingSample(
         t_s=now_s,
         heading_rad=wrap_two_pi(radians(heading_magnetic_deg)),
@@ -202,5 +218,4 @@ def _sample(reading: Reading, heading_magnetic_deg: float, now_s: float, source:
         roll_rad=None if reading.roll_deg is None else radians(reading.roll_deg),
         pitch_rad=None if reading.pitch_deg is None else radians(reading.pitch_deg),
         temperature_c=reading.temperature_c,
-        source=source,
     )

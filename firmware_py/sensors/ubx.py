@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.interfaces import ByteLine
@@ -16,6 +17,11 @@ from firmware_py.sensors.message_error import CHECKSUM, MessageError
 SAMPLES_KEPT = 64  # one read of 4096 bytes holds 40
 
 
+@dataclass(frozen=True, slots=True)
+class UbxOptions:
+    """Nothing: all there is to choose is set in the receiver."""
+
+
 class UbxPosition:
     """Gives one sample for each NAV-PVT; the receiver is set up to send them beforehand.
 
@@ -25,7 +31,7 @@ class UbxPosition:
     def __init__(self, line: ByteLine) -> None:
         """Read the line."""
         self._line = line
-        self._condition = DeviceMonitor(line, DeviceRole.POSITION)
+        self._monitor = DeviceMonitor(line, DeviceRole.POSITION)
         self._framer = ubx.framer()
         self._samples: deque[PositionSample] = deque(maxlen=SAMPLES_KEPT)
 
@@ -35,14 +41,14 @@ class UbxPosition:
 
     def receive(self, now_s: float) -> None:
         """Read what has arrived and decode it, stamped now_s."""
-        if self._condition.restarted():
+        if self._monitor.notice_reopening():
             self._framer = ubx.framer()
         data = self._line.read()
         if not data:
             return
-        self._condition.heard(now_s)
+        self._monitor.note_bytes(now_s)
         for packet in self._framer.feed(data):
-            self._take(packet, now_s)
+            self._handle_packet(packet, now_s)
 
     def poll(self) -> Sequence[PositionSample]:
         """The fixes since the last poll, oldest first."""
@@ -52,22 +58,22 @@ class UbxPosition:
 
     def health(self, now_s: float) -> DeviceHealth:
         """The state; every good NAV-PVT counts, also one without a fix."""
-        return self._condition.health(now_s)
+        return self._monitor.health(now_s)
 
-    def _take(self, packet: Packet, now_s: float) -> None:
+    def _handle_packet(self, packet: Packet, now_s: float) -> None:
         if packet.fault:
             if packet.fault == CHECKSUM:
-                self._condition.bad(now_s, CHECKSUM)
+                self._monitor.reject(now_s, CHECKSUM)
             return
         if ubx.message(packet.data) != ubx.NAV_PVT:
             return
         try:
             solution = ubx.parse_nav_pvt(ubx.payload(packet.data))
-        except MessageError as refusal:
-            self._condition.bad(now_s, str(refusal))
+        except MessageError as error:
+            self._monitor.reject(now_s, str(error))
             return
-        self._condition.good(now_s)
-        self._condition.note("no fix" if solution.fix is FixType.NONE else "")
+        self._monitor.accept(now_s)
+        self._monitor.note("no fix" if solution.fix is FixType.NONE else "")
         self._samples.append(_sample(solution, now_s))
 
 

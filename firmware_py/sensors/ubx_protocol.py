@@ -5,14 +5,17 @@ Source: u-blox 8 / M8 receiver description, UBX-13003221, sections 32.2 and 32.1
 
 from __future__ import annotations
 
+import dataclasses
 import datetime as dt
 import itertools
 import re
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from firmware_py.common.records import FixType
 from firmware_py.sensors.binary_framing import PacketFramer
+from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, values_of
 from firmware_py.sensors.message_error import MALFORMED, RANGE, MessageError, within
 
 NAV_PVT = 0x0107
@@ -123,3 +126,19 @@ def _utc_s(fields: tuple[int, ...]) -> float | None:
     except ValueError:
         raise MessageError(RANGE, "NAV-PVT date out of range") from None
     return midnight.timestamp() + hour * 3600 + minute * 60 + second + nanosecond * 1e-9
+
+
+def _decode_capture(data: bytes) -> Iterator[Result]:
+    return decode_packets(data, framer(), _result)
+
+
+def _result(packet: bytes) -> Result:
+    number = message(packet)
+    if number != NAV_PVT:
+        return {"type": "other", "message": f"{number >> 8:02X}-{number & 0xFF:02X}"}
+    solution = dataclasses.asdict(parse_nav_pvt(payload(packet)))
+    fix = {"fix": solution.pop("fix").name}
+    return {"type": "position", "message": "NAV-PVT", **fix, **values_of("position", solution)}
+
+
+CAPTURE_FORMAT = CaptureFormat("ubx", _decode_capture)

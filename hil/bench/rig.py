@@ -23,7 +23,7 @@ from hil.sim.device_factory import emulators
 from hil.sim.goals import Goal
 from hil.sim.ground_station import GroundStation
 from hil.sim.process import Firmware
-from hil.sim.vehicle_file import VehicleFile
+from hil.sim.vehicle_file import file_text, standard_vehicle
 from hil.sim.world import World
 
 COMPASS_HZ = 10.0
@@ -89,7 +89,7 @@ class Rig:
         self.sentences_s: list[float] = []
         self.heartbeat_s: float | None = None
         self._world = World(named("calm"), 1)
-        devices = emulators(self._world, VehicleFile(), 1)
+        devices = emulators(self._world, standard_vehicle(), 1)
         self._devices: dict[str, Emulator] = {
             **devices, "compass": CountingCompass(), "link": GroundStation([Goal(0.0, 0.0)])
         }  # fmt: skip
@@ -98,7 +98,8 @@ class Rig:
         self._lines = {name: PtyLine(directory / name) for name in self._devices}
         self._names = {line.fileno(): name for name, line in self._lines.items()}
         vehicle = directory / "vehicle.toml"
-        vehicle.write_text(VehicleFile().text({name: str(directory / name) for name in self._lines}, {}))
+        ports = {name: str(directory / name) for name in self._lines}
+        vehicle.write_text(file_text(standard_vehicle(), ports, {}))
         self._start_s = time.monotonic()
         arguments = ["run", str(vehicle), "--state", str(directory / STATE), "--link", self.station.url]
         self._firmware = Firmware(arguments, directory / "firmware.log")

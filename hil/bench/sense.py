@@ -35,15 +35,15 @@ DECODING_GAP_S = 0.02
 # compass on its own serial line, after pauses as between real sentences.
 DECODE = """
 import json, os, select, sys, time, tty
+from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
 from firmware_py.system import realtime
-from firmware_py.sensors.nmea import NmeaCompass
 from firmware_py.system.serial_port import SerialPort
 sentence, count, gap_s = sys.argv[1].encode(), int(sys.argv[2]), float(sys.argv[3])
 master, slave = os.openpty()
 tty.setraw(slave)
 line = SerialPort(os.ttyname(slave), 38400)
 line.open()
-compass = NmeaCompass(line)
+compass = NmeaCompass(line, NmeaCompassOptions())
 realtime.prepare()
 taken_s = []
 for _ in range(count):

@@ -13,11 +13,12 @@ from hil.report import page, summary
 from hil.report.text import figures_text
 from hil.ship import scenarios
 from hil.ship.scenarios import Scenario
+from hil.sim.device_factory import COMPASSES, SERVOS
 from hil.sim.goals import Goal, GoalError, parse_goals
 from hil.sim.ground_station import GUIDED, MODE_NAMES
 from hil.sim.runner import RunOptions
 from hil.sim.runner import run as sail
-from hil.sim.vehicle_file import COMPASS_DRIVERS, SERVO_DRIVERS, VehicleFile, load, parse_settings
+from hil.sim.vehicle_file import load, parse_settings, standard_vehicle, with_devices
 
 DEFAULT_GOALS = "0:0,120:60,720:-90"
 DEFAULT_SECONDS = 1320.0
@@ -57,8 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="another current: strength and where it sets, at the start if it turns; the hours of its tide, and how"
         " much it turns round: 0 (default) to and fro, 1 clockwise at full strength, -1 anticlockwise",
     )
-    parser.add_argument("--compass", choices=tuple(COMPASS_DRIVERS), help="default nmea, or the vehicle file's")
-    parser.add_argument("--servo", choices=tuple(SERVO_DRIVERS), help="default dynamixel, or the vehicle file's")
+    parser.add_argument("--compass", choices=tuple(COMPASSES), help="default nmea, or the vehicle file's")
+    parser.add_argument("--servo", choices=tuple(SERVOS), help="default dynamixel, or the vehicle file's")
     parser.add_argument(
         "--link",
         metavar="URL",
@@ -107,8 +108,8 @@ def read_options(arguments: argparse.Namespace) -> RunOptions:
     if not goals and arguments.seconds is None:
         raise UsageError(f"--mode {arguments.mode} has no end of its own; give --seconds")
     seconds = _seconds(arguments, goals)
-    vehicle = load(arguments.vehicle) if arguments.vehicle is not None else VehicleFile()
-    vehicle.choose(arguments.compass, arguments.servo)
+    vehicle = load(arguments.vehicle) if arguments.vehicle is not None else standard_vehicle()
+    vehicle = with_devices(vehicle, arguments.compass, arguments.servo)
     out = arguments.out
     if out is None:
         out = RUNS / f"{scenario.name}-{arguments.seed}"

@@ -9,10 +9,11 @@ from dataclasses import asdict
 from pathlib import Path
 
 from firmware_py.model.kt import KtModel
+from firmware_py.vehicle import Hull
 from hil.errors import UsageError
 from hil.lab import similarity
 from hil.ship.regressions import FLOAT, HullForm, sway_model
-from hil.sim.vehicle_file import Section, VehicleFile, load
+from hil.sim.vehicle_file import load, model_of, standard_vehicle
 
 DEFAULT_SPEEDS = "0.2,0.4,0.6,0.8,1.0,1.2"
 MOST_SPEEDS = 1000
@@ -40,8 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print the model at each speed, what is constant, and what is to be doubted."""
     speeds = read_speeds(arguments.speeds)
-    vehicle = load(arguments.vehicle) if arguments.vehicle is not None else VehicleFile()
-    model = vehicle.model()
+    vehicle = load(arguments.vehicle) if arguments.vehicle is not None else standard_vehicle()
+    model = model_of(vehicle)
     try:
         hull = read_hull(vehicle.hull)
         rows = similarity.table(model, hull, speeds)
@@ -72,21 +73,21 @@ def read_speeds(text: str) -> tuple[float, ...]:
     return tuple(speeds)
 
 
-def read_hull(section: Section) -> HullForm:
+def read_hull(hull: Hull) -> HullForm:
     """Take the hull of a vehicle file, or the float of physics; ValueError for one that cannot be."""
-    if not section:
+    if hull == Hull():
         return FLOAT
-    numbers = {name: _number(section, name) for name in ("length_m", "beam_m", "draft_m", "mass_kg")}
-    if "block_coefficient" not in section:
+    numbers = {name: _given(hull, name) for name in ("length_m", "beam_m", "draft_m", "mass_kg")}
+    if hull.block_coefficient is None:
         return HullForm.from_mass(**numbers)
-    return HullForm(**numbers, block_coefficient=_number(section, "block_coefficient"))
+    return HullForm(**numbers, block_coefficient=hull.block_coefficient)
 
 
-def _number(section: Section, name: str) -> float:
-    value = section.get(name)
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value)
-    raise ValueError(f"[hull] {name}: give a number")
+def _given(hull: Hull, name: str) -> float:
+    value: float | None = getattr(hull, name)
+    if value is None:
+        raise ValueError(f"[hull] {name}: give a number")
+    return value
 
 
 def as_json(

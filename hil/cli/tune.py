@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.vehicle import Vehicle
 from hil.cli import outputs
 from hil.errors import UsageError
 from hil.lab.tune import cases, paper
@@ -17,7 +18,7 @@ from hil.lab.tune.report import Report, as_json, parameter_file, text
 from hil.lab.tune.search import tune
 from hil.lab.tune.trials import Setting, Trials
 from hil.ship import scenarios
-from hil.sim.vehicle_file import VehicleFile, load
+from hil.sim.vehicle_file import load, model_of, standard_vehicle
 
 EVALUATIONS = 400
 EPILOG = """\
@@ -73,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Tune, print, and write what was asked for."""
     _check(arguments)
-    vehicle = load(arguments.vehicle) if arguments.vehicle is not None else VehicleFile()
+    vehicle = load(arguments.vehicle) if arguments.vehicle is not None else standard_vehicle()
     report = make_report(vehicle, arguments)
     print(text(report))
     if arguments.out_params is not None:
@@ -89,13 +90,13 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def make_report(vehicle: VehicleFile, arguments: argparse.Namespace) -> Report:
+def make_report(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
     """Solve the paper's problem and the practical one, or raise UsageError."""
     begin_s = time.monotonic()
     parameters = ParameterSet()
     for name, value in vehicle.parameters.items():
         parameters = parameters.replaced(name, value)
-    model, seed = vehicle.model(), arguments.seed
+    model, seed = model_of(vehicle), arguments.seed
     present = Setting.of(parameters)
     tell = _tell if sys.stderr.isatty() else _say_nothing
     try:

@@ -8,15 +8,16 @@ from typing import Any, get_args
 
 import numpy as np
 
+from firmware_py.vehicle import Vehicle
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.emulator import Emulator
+from hil.devices.mti import MtiEmulator
 from hil.devices.nmea_compass import Kind, NmeaCompassEmulator
 from hil.devices.nmea_gps import NmeaGpsEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.volz import VolzEmulator
 from hil.errors import UsageError
 from hil.ship.noise import Stream, generator
-from hil.sim.vehicle_file import POSITION_DRIVER, VehicleFile
 from hil.sim.world import World
 
 FREQUENCY_ERROR_PPM = 20.0  # spread of ordinary crystal oscillators
@@ -29,90 +30,123 @@ class DeviceContext:
     """What an emulator is built from: its section of the vehicle file and the chances of this run."""
 
     world: World
-    section: Mapping[str, Any]
+    baud: int
+    options: Any  # of the driver at the other end
     numbers: np.random.Generator
     phase_s: float
     frequency_error_ppm: float
     declination_deg: float
 
 
-def _nmea(fitting: DeviceContext) -> Emulator:
-    section = fitting.section
-    known = [kind for kind in section.get("sentences", ()) if kind in get_args(Kind)]
+@dataclass(frozen=True, slots=True)
+class EmulatedDevice:
+    """An emulator, the name of the driver that it answers, and the baud rate that it leaves the factory with."""
+
+    driver: str
+    baud: int
+    make: Callable[[DeviceContext], Emulator]
+
+
+def _nmea(context: DeviceContext) -> Emulator:
+    sentences = [sentence for sentence in context.options.sentences if sentence in get_args(Kind)]
     return NmeaCompassEmulator(
-        fitting.world,
-        fitting.numbers,
-        rate_hz=float(section.get("rate_hz", COMPASS_RATE_HZ)),
-        sentence=known[0] if known else "HDT",
-        phase_s=fitting.phase_s,
-        frequency_error_ppm=fitting.frequency_error_ppm,
-        declination_deg=fitting.declination_deg,
-        baud=int(section["baud"]),
+        context.world,
+        context.numbers,
+        rate_hz=COMPASS_RATE_HZ,
+        sentence=sentences[0] if sentences else "HDT",
+        phase_s=context.phase_s,
+        frequency_error_ppm=context.frequency_error_ppm,
+        declination_deg=context.declination_deg,
+        baud=context.baud,
     )
 
 
-def _pni(fitting: DeviceContext) -> Emulator:
+def _pni(context: DeviceContext) -> Emulator:
     return PniTcmEmulator(
-        fitting.world,
-        fitting.numbers,
-        declination_deg=fitting.declination_deg,
-        frequency_error_ppm=fitting.frequency_error_ppm,
-        baud=int(fitting.section["baud"]),
+        context.world,
+        context.numbers,
+        declination_deg=context.declination_deg,
+        frequency_error_ppm=context.frequency_error_ppm,
+        baud=context.baud,
     )
 
 
-def _dynamixel(fitting: DeviceContext) -> Emulator:
-    section = fitting.section
-    return DynamixelEmulator(
-        fitting.world.shaft, fitting.numbers, device_id=int(section.get("id", 1)), baud=int(section["baud"])
+def _mti(context: DeviceContext) -> Emulator:
+    return MtiEmulator(
+        context.world,
+        context.numbers,
+        declination_deg=context.declination_deg,
+        frequency_error_ppm=context.frequency_error_ppm,
+        baud=context.baud,
     )
 
 
-def _volz(fitting: DeviceContext) -> Emulator:
-    section = fitting.section
-    return VolzEmulator(
-        fitting.world.shaft, fitting.numbers, device_id=int(section.get("id", 1)), baud=int(section["baud"])
-    )
+def _dynamixel(context: DeviceContext) -> Emulator:
+    return DynamixelEmulator(context.world.shaft, context.numbers, device_id=context.options.id, baud=context.baud)
 
 
-def _gps(fitting: DeviceContext) -> Emulator:
+def _volz(context: DeviceContext) -> Emulator:
+    return VolzEmulator(context.world.shaft, context.numbers, device_id=context.options.id, baud=context.baud)
+
+
+def _gps(context: DeviceContext) -> Emulator:
     return NmeaGpsEmulator(
-        fitting.world,
-        fitting.numbers,
+        context.world,
+        context.numbers,
         rate_hz=POSITION_RATE_HZ,
-        phase_s=fitting.phase_s,
-        frequency_error_ppm=fitting.frequency_error_ppm,
-        baud=int(fitting.section["baud"]),
+        phase_s=context.phase_s,
+        frequency_error_ppm=context.frequency_error_ppm,
+        baud=context.baud,
     )
 
 
-MAKERS: Mapping[str, Callable[[DeviceContext], Emulator]] = {
-    "nmea": _nmea,
-    "pni_tcm": _pni,
-    "dynamixel": _dynamixel,
-    "volz": _volz,
+# By the names of `rambler-hil run --compass` and `--servo`.
+COMPASSES: Mapping[str, EmulatedDevice] = {
+    "nmea": EmulatedDevice("nmea", 38400, _nmea),
+    "pni": EmulatedDevice("pni_tcm", 38400, _pni),
+    "mti": EmulatedDevice("mti", 115200, _mti),
 }
+SERVOS: Mapping[str, EmulatedDevice] = {
+    "dynamixel": EmulatedDevice("dynamixel", 57600, _dynamixel),
+    "volz": EmulatedDevice("volz", 115200, _volz),
+}
+POSITION = EmulatedDevice("nmea", 9600, _gps)
 
 
-def emulators(world: World, vehicle: VehicleFile, seed: int) -> dict[str, Emulator]:
-    """Build compass, position and rudder as the vehicle file names them, or raise UsageError."""
+def _answering(devices: Mapping[str, EmulatedDevice], driver: str) -> EmulatedDevice:
+    """Return the device that answers a driver, or raise UsageError."""
+    for device in devices.values():
+        if device.driver == driver:
+            return device
+    drivers = ", ".join(device.driver for device in devices.values())
+    raise UsageError(f"no device is emulated for driver {driver!r}; there are {drivers}")
+
+
+def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Emulator]:
+    """Build compass, position and rudder as the vehicle names them, or raise UsageError.
+
+    The place's declination is the one that the vehicle steers with.
+    """
     chances = generator(seed, Stream.PHASES)
+    compass, rudder = vehicle.compass, vehicle.rudder
 
-    def fitting(section: Mapping[str, Any], stream: Stream, period_s: float) -> DeviceContext:
+    def context(baud: int, options: Any, stream: Stream, period_s: float) -> DeviceContext:
         return DeviceContext(
             world,
-            section,
+            baud,
+            options,
             generator(seed, stream),
             phase_s=float(chances.uniform(0.0, period_s)),
             frequency_error_ppm=float(chances.normal(0.0, FREQUENCY_ERROR_PPM)),
-            declination_deg=vehicle.declination_deg(),
+            declination_deg=vehicle.parameters.get("CMP_DECL_DEG", 0.0),
         )
 
+    compass_device, servo = _answering(COMPASSES, compass.driver), _answering(SERVOS, rudder.driver)
     try:
         return {
-            "compass": MAKERS[vehicle.compass["driver"]](fitting(vehicle.compass, Stream.COMPASS, 0.1)),
-            "position": _gps(fitting(POSITION_DRIVER, Stream.POSITION, 1.0)),
-            "rudder": MAKERS[vehicle.rudder["driver"]](fitting(vehicle.rudder, Stream.RUDDER, 1.0)),
+            "compass": compass_device.make(context(compass.baud, compass.options, Stream.COMPASS, 0.1)),
+            "position": POSITION.make(context(POSITION.baud, None, Stream.POSITION, 1.0)),
+            "rudder": servo.make(context(rudder.baud, rudder.options, Stream.RUDDER, 1.0)),
         }
-    except (KeyError, TypeError, ValueError) as error:
+    except ValueError as error:
         raise UsageError(f"the vehicle file describes a device that cannot be emulated: {error}") from None

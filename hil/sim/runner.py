@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from firmware_py.vehicle import Vehicle
 from hil.devices.pty_line import PtyLine
 from hil.errors import HilError, UsageError
 from hil.ship.scenarios import Scenario
@@ -25,7 +26,7 @@ from hil.sim.pace import Pacer
 from hil.sim.process import Firmware
 from hil.sim.realtime import RealTimeServer
 from hil.sim.truth import TruthRecorder
-from hil.sim.vehicle_file import VehicleFile
+from hil.sim.vehicle_file import file_text, model_of, mounting_of, standard_vehicle
 from hil.sim.world import START_UTC_S, World
 
 END_S = 15.0  # the rudder goes amidships, the log is written out
@@ -44,7 +45,7 @@ class RunOptions:
     speed: float | None = math.inf
     seed: int = 1
     goals: tuple[Goal, ...] = ()
-    vehicle: VehicleFile = field(default_factory=VehicleFile)
+    vehicle: Vehicle = field(default_factory=standard_vehicle)
     settings: dict[str, float] = field(default_factory=dict)
     links: tuple[str, ...] = ()
     mode: int = GUIDED
@@ -81,8 +82,8 @@ def run(options: RunOptions) -> Run:
             options.seed,
             options.goals,
             end_s=options.seconds,
-            model=options.vehicle.model(),
-            mounting=options.vehicle.mounting(),
+            model=model_of(options.vehicle),
+            mounting=mounting_of(options.vehicle),
         )
     except ValueError as error:
         raise UsageError(f"the vehicle file describes no ship: {error}") from None
@@ -143,7 +144,8 @@ class _Run:
         """Run to the end; return how many seconds it took, the start of the autopilot left out."""
         options = self._options
         vehicle_path = options.out / VEHICLE_NAME
-        vehicle_path.write_text(options.vehicle.text(self._board.ports(), options.settings), encoding="utf-8")
+        text = file_text(options.vehicle, self._board.ports(), options.settings)
+        vehicle_path.write_text(text, encoding="utf-8")
         arguments = ["run", str(vehicle_path), "--state", str(options.out / STATE)]
         for url in options.links:
             arguments += ["--link", url]
@@ -154,7 +156,7 @@ class _Run:
 
     def _banner(self) -> Banner:
         options = self._options
-        compass, servo = options.vehicle.compass["driver"], options.vehicle.rudder["driver"]
+        compass, servo = options.vehicle.compass.driver, options.vehicle.rudder.driver
         title = f"rambler-hil run {options.scenario.name}: compass {compass}, servo {servo}, seed {options.seed}"
         return Banner(title, options.seconds, options.links, options.lockstep)
 

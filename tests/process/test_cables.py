@@ -14,6 +14,7 @@ from firmware_py.__main__ import main
 from firmware_py.log.reader import read_log
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.impairment import Impaired
+from hil.devices.mti import MtiEmulator
 from hil.devices.nmea_compass import NmeaCompassEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.pty_line import PtyLine
@@ -40,7 +41,7 @@ EST_MODE = 0
 CTL_MODE = 0
 """
 SERVOS = {"dynamixel": (DynamixelEmulator, 57600), "volz": (VolzEmulator, 115200)}
-COMPASSES = {"nmea": NmeaCompassEmulator, "pni_tcm": PniTcmEmulator}
+COMPASSES = {"nmea": NmeaCompassEmulator, "pni_tcm": PniTcmEmulator, "mti": MtiEmulator}
 
 
 class Bench:
@@ -160,8 +161,9 @@ def test_the_servo_s_power_cut_and_back(bench):
     assert steers(bench)
 
 
-def test_the_compass_s_power_cut_and_back(tmp_path):
-    with Bench(tmp_path, "pni_tcm", "dynamixel") as bench:
+@pytest.mark.parametrize("compass", ["pni_tcm", "mti"])
+def test_the_compass_s_power_cut_and_back(tmp_path, compass):
+    with Bench(tmp_path, compass, "dynamixel") as bench:
         bench.start().until("Mode GUIDED")
         bench.run(1.5)
         bench.compass_device.power_cycle(bench.world.now_s, off_s=1.5)

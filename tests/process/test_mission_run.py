@@ -25,7 +25,7 @@ from hil.sim.lockstep import LockstepServer
 from hil.sim.pace import Pacer
 from hil.sim.process import Firmware
 from hil.sim.truth import read
-from hil.sim.vehicle_file import VehicleFile
+from hil.sim.vehicle_file import file_text, standard_vehicle
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
 AUTO = 10
@@ -52,7 +52,7 @@ class Voyage:
 
     def __init__(self, directory, scenario, settings):
         self.directory = directory
-        self.vehicle, self.settings = VehicleFile(), settings
+        self.vehicle, self.settings = standard_vehicle(), settings
         self.world = World(scenario, 1, (), end_s=math.inf)
         station = GroundStation((), AUTO)
         devices = {**emulators(self.world, self.vehicle, 1), "link": station}
@@ -64,7 +64,7 @@ class Voyage:
         """Run a new autopilot up to a moment, then kill it or end it in good order; return what it said."""
         number = next(self.number)
         vehicle, log = self.directory / "vehicle.toml", self.directory / f"firmware{number}.log"
-        vehicle.write_text(self.vehicle.text(self.board.ports(), self.settings))
+        vehicle.write_text(file_text(self.vehicle, self.board.ports(), self.settings))
         clock = self.directory / f"clock{number}"
         arguments = ["run", str(vehicle), "--state", str(self.directory / "state"), "--lockstep", str(clock)]
         with (

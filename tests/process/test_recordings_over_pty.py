@@ -9,7 +9,8 @@ import pytest
 from support.paths import DATA
 
 from firmware_py.common.records import DeviceState, NorthReference
-from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
+from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
+from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
 from firmware_py.system.serial_port import SerialPort
 
 FILES = sorted(path.name for path in (DATA / "nmea").glob("*.*")) or ["tests/data/nmea is not here"]
@@ -103,7 +104,7 @@ def expected_headings(rows):
 @pytest.mark.parametrize("name", FILES)
 def test_the_headings_of_a_recording_and_nothing_else(play, recording, name):
     data, rows = recording(name)
-    compass, samples, now_s = play(data, NmeaCompass)
+    compass, samples, now_s = play(data, lambda line: NmeaCompass(line, NmeaCompassOptions()))
     expected = expected_headings(rows)
     assert [sample.reference for sample in samples] == [reference for _, reference in expected]
     found_deg = [math.degrees(sample.heading_rad) for sample in samples]
@@ -120,14 +121,14 @@ def test_the_headings_of_a_recording_and_nothing_else(play, recording, name):
 @pytest.mark.parametrize("name", [name for name in FILES if name.startswith("pynmeagps")] or FILES)
 def test_whatever_came_before_the_next_good_heading_is_taken(play, recording, name):
     data, _ = recording(name)
-    _, samples, _ = play(data + b"$HEHDT,341.8,T*21\r\n", NmeaCompass)
+    _, samples, _ = play(data + b"$HEHDT,341.8,T*21\r\n", lambda line: NmeaCompass(line, NmeaCompassOptions()))
     assert math.degrees(samples[-1].heading_rad) == pytest.approx(341.8)
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_the_positions_of_a_recording(play, recording, name):
     data, rows = recording(name)
-    _, samples, _ = play(data, NmeaPosition)
+    _, samples, _ = play(data, lambda line: NmeaPosition(line, NmeaPositionOptions()))
     allowed = {
         (round(values["lat"], 6), round(values["lon"], 6))
         for _, _, checksum, values in (row for row in rows if len(row) > 3)

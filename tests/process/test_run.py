@@ -13,13 +13,14 @@ from support.paths import ROOT
 
 from hil.sim.truth import COLUMNS, read
 
-# Tank, paper gains: five seeds, and both compasses with both servos among them.
+# Tank, paper gains: six seeds, and all compasses and servos among them.
 TANK_RUNS = [
     (1, "nmea", "dynamixel"),
     (2, "pni", "volz"),
     (3, "nmea", "volz"),
     (4, "pni", "dynamixel"),
     (5, "nmea", "dynamixel"),
+    (6, "mti", "volz"),
 ]
 
 

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 from support.paths import ROOT
@@ -14,6 +15,7 @@ from hil.report.figure_file import key_of
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
+from hil.sim.vehicle_file import standard_vehicle
 
 # What is asked for: rms [deg], rudder travel [deg/h].
 MUST = {"tank": (0.22, 500.0), "sea": (1.45, 1500.0), "swell": (3.6, 3500.0), "weak": (1.3, 1450.0)}
@@ -73,9 +75,15 @@ def test_other_seas_and_other_ships(tmp_path, figures, name, sea, k, t, limit_de
     for seed in (501, 502, 503):
         scenario = scenarios.Scenario(sea[0], name, *sea[1:])
         # The autopilot keeps the model of the tank; the ship is another.
-        options = RunOptions(scenario, 900.0, tmp_path / str(seed), seed=seed, goals=parse_goals("0:0,120:60,480:-30"))
-        options.vehicle.parameters.update({"MDL_K": 0.049 * k, "MDL_T_S": 4.0 * t})
-        options.settings.update({"MDL_K": 0.049, "MDL_T_S": 4.0})
+        options = RunOptions(
+            scenario,
+            900.0,
+            tmp_path / str(seed),
+            seed=seed,
+            goals=parse_goals("0:0,120:60,480:-30"),
+            vehicle=replace(standard_vehicle(), parameters={"MDL_K": 0.049 * k, "MDL_T_S": 4.0 * t}),
+            settings={"MDL_K": 0.049, "MDL_T_S": 4.0},
+        )
         scores.append(score_of(run(options).truth.table()))
     mean = mean_of(scores)
     figures.keep(key_of("other seas", name, "rms"), mean.rms_deg, "deg")

@@ -10,15 +10,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from firmware_py.common.records import DeviceHealth
+from firmware_py.devices import CAPTURE_FORMATS, SECTIONS, decode
 from firmware_py.sensors import mti_protocol, pni_protocol, ubx_protocol
-from firmware_py.sensors.decode import KINDS, decode, format_text
+from firmware_py.sensors.decode import format_text
 from firmware_py.sensors.message_error import MessageError
 from firmware_py.sensors.mti import MtiCompass, MtiOptions
-from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
+from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
 from firmware_py.sensors.nmea_fields import to_number
 from firmware_py.sensors.nmea_framing import LONGEST_BODY, NmeaFramer
-from firmware_py.sensors.pni_tcm import PniCompass
-from firmware_py.sensors.ubx import UbxPosition
+from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
 
 HDG = b"$HCHDG,98.3,0.0,E,12.6,W*57\r\n"
 HDT = b"$HEHDT,341.8,T*21\r\n"
@@ -58,11 +58,11 @@ PIECES = st.sampled_from(WHOLE + HEADS + ODD) | st.binary(max_size=12)
 STREAMS = st.lists(PIECES, max_size=16).map(b"".join)
 
 
-def mti_compass(line):
-    return MtiCompass(line, MtiOptions())
-
-
-DRIVERS = (NmeaCompass, NmeaPosition, PniCompass, mti_compass, UbxPosition)
+DRIVERS = {
+    f"{section} {name}": lambda line, driver=driver: driver.make(line, driver.options())
+    for section in ("compass", "position")
+    for name, driver in SECTIONS[section].items()
+}
 FRAMERS = (NmeaFramer, pni_protocol.framer, mti_protocol.framer, ubx_protocol.framer)
 
 
@@ -84,7 +84,7 @@ def test_the_recorded_packet_is_whole():
     assert packet.fault == ""
 
 
-@pytest.mark.parametrize("make", DRIVERS)
+@pytest.mark.parametrize("make", DRIVERS.values(), ids=DRIVERS)
 @given(stream=STREAMS | st.binary(max_size=5000), size=st.integers(1, 4096))
 @settings(deadline=None, max_examples=60)
 def test_drivers_take_anything_and_give_only_sound_samples(make, stream, size):
@@ -169,7 +169,7 @@ def test_no_single_bit_flip_makes_another_heading_nmea(message):
 
 
 def headings(stream):
-    compass = NmeaCompass(a_line(stream, 4096))
+    compass = NmeaCompass(a_line(stream, 4096), NmeaCompassOptions())
     compass.receive(1.0)
     return [sample.heading_rad for sample in compass.poll()]
 
@@ -185,7 +185,7 @@ def test_no_two_bit_flips_make_another_heading_pni(heading_deg, first, second):
     bits = 8 * len(frame)
     for bit in {first % bits, second % bits}:
         frame[bit // 8] ^= 1 << bit % 8
-    compass = PniCompass(a_line(bytes(frame), 4096))
+    compass = PniCompass(a_line(bytes(frame), 4096), PniOptions())
     compass.receive(1.0)
     assert first % bits == second % bits or len(compass.poll()) == 0
 
@@ -201,7 +201,7 @@ def test_no_damage_to_one_byte_makes_another_heading_mti(yaw_deg, place, change)
 
 
 def mti_headings(stream):
-    compass = mti_compass(a_line(stream, 4096))
+    compass = MtiCompass(a_line(stream, 4096), MtiOptions())
     compass.receive(1.0)
     return [sample.heading_rad for sample in compass.poll()]
 
@@ -220,7 +220,7 @@ def test_a_number_is_what_float_says_or_refused(text):
         assert math.isfinite(value)
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS))
+@pytest.mark.parametrize("kind", sorted(CAPTURE_FORMATS))
 @given(data=STREAMS)
 @settings(deadline=None)
 def test_any_capture_can_be_decoded(kind, data):

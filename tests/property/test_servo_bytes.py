@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.actuator import dynamixel_frames, volz_frames
-from firmware_py.actuator.dynamixel import DynamixelRudder
-from firmware_py.actuator.volz import VolzRudder
+from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
+from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceHealth, RudderCommand
 
 LARGEST_LENGTH = 64
@@ -102,12 +102,18 @@ ANGLES = st.floats() | st.floats(-2.0, 2.0)
 STEPS = st.lists(st.tuples(NOISE, ANGLES, st.booleans(), st.floats(0.0, 0.6)), max_size=40)
 
 
-@pytest.mark.parametrize("driver", [DynamixelRudder, VolzRudder])
+DRIVERS = {
+    "dynamixel": lambda line: dynamixel_rudder(line, DynamixelOptions()),
+    "volz": lambda line: volz_rudder(line, VolzOptions()),
+}
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
 @given(STEPS, st.booleans())
 @settings(deadline=None, max_examples=60)
 def test_drivers_survive_anything(driver, steps, takes):
     line = HostileLine(name="x", openings=1, connected=True, pending=[], written=[], takes=takes)
-    rudder = driver(line)
+    rudder = DRIVERS[driver](line)
     now_s = 0.0
     for noise, angle_rad, torque_on, step_s in steps:
         now_s += step_s

@@ -1,6 +1,12 @@
+from pathlib import Path
+
 import pytest
 
-from firmware_py.vehicle import VehicleError, load
+from firmware_py.common.options import meanings
+from firmware_py.devices import SECTIONS
+from firmware_py.vehicle import DeviceEntry, VehicleError, load
+
+ROOT = Path(__file__).parents[3]
 
 GOOD = """
 [vehicle]
@@ -41,9 +47,9 @@ def write(tmp_path):
 def test_a_good_file_is_read_whole(write):
     vehicle = load(write(GOOD))
     assert vehicle.name == "Ocean Rambler"
-    assert (vehicle.compass.driver, vehicle.compass.baud, vehicle.compass.sentences) == ("nmea", 4800, ("HDT",))
+    assert (vehicle.compass.driver, vehicle.compass.baud, vehicle.compass.options.sentences) == ("nmea", 4800, ("HDT",))
     assert vehicle.position.driver == "ubx"
-    assert (vehicle.rudder.driver, vehicle.rudder.id) == ("volz", 3)
+    assert (vehicle.rudder.driver, vehicle.rudder.options.id) == ("volz", 3)
     assert vehicle.link_urls == ("udpout:127.0.0.1:14550",)
     assert vehicle.hull.length_m == 3.05
     assert vehicle.parameters == {"CTL_K1": 41.0}
@@ -60,13 +66,18 @@ def test_parameters_may_stand_in_a_file_of_their_own(write, tmp_path):
     [
         ("[compass]", "[compas]", r"'compas' is not known; did you mean 'compass'"),
         ("[rudder]", "[hull2]", "is not known"),
-        ('driver = "nmea"', 'driver = "nmae"', r"\[compass\] driver 'nmae' is not known; there are nmea, pni_tcm"),
+        ('driver = "nmea"', 'driver = "nmae"', r"\[compass\] driver 'nmae' is not known; there are nmea, pni_tcm, mti"),
         ("baud = 4800", "baud = 4800.5", r"\[compass\] baud: 4800.5 is not a whole number"),
         ("baud = 4800", "baud = 1", "out of range; allowed: 300 to"),
         ("baud = 4800", 'baud = "4800"', "expected a number"),
         ("baud = 4800", "", r"\[compass\] baud is missing"),
         ("baud = 4800", "boud = 4800", "did you mean 'baud'"),
-        ("id = 3", "id = 300", "out of range"),
+        ('driver = "nmea"', "", r"\[compass\] driver is missing; there are nmea, pni_tcm, mti"),
+        ('driver = "nmea"', "driver = 5", r"\[compass\] driver '5' is not known; there are nmea"),
+        ('["HDT"]', '["HDX"]', r"\[compass\] sentences: 'HDX' is not known; there are HDG, HDT, HDM"),
+        ('["HDT"]', '"HDT"', r"\[compass\] sentences: expected a list of texts"),
+        ("id = 3", "id = 300", r"\[rudder\] id: 300 is out of range; allowed: 1 to 30"),
+        ("id = 3", "id = 0", r"\[rudder\] id: 0 is out of range; allowed: 1 to 30"),
         ("id = 3", "id = true", "expected a number"),
         ("length_m = 3.05", "length_m = nan", r"\[hull\] length_m"),
         ("length_m = 3.05", "length_m = 1e300", "out of range"),
@@ -97,3 +108,47 @@ def test_missing_and_unreadable_files_are_one_clear_line(tmp_path):
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(VehicleError, match="cannot be read"):
         load(tmp_path / "binary.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('["HDT"]', '["HDT"]\nrate_hz = 20', "[compass] 'rate_hz' is not read by driver nmea, which has sentences,"),
+        ('["HDT"]', '["HDT"]\nsentence = "HDT"', "require_checksum; did you mean 'sentences'?"),
+        ('driver = "nmea"', 'driver = "pni_tcm"', "'sentences' is not read by driver pni_tcm, which has rate_hz"),
+        ("baud = 9600", "baud = 9600\nrequire_checksum = false", "driver ubx, which has no option of its own"),
+        ("id = 3", "id = 3\nslew_rad_s = 1.0", "[rudder] 'slew_rad_s' is not read by driver volz, which has id"),
+    ],
+)
+def test_an_option_that_the_driver_does_not_read_is_refused_by_its_name(write, old, new, complaint):
+    assert old in GOOD
+    with pytest.raises(VehicleError) as caught:
+        load(write(GOOD.replace(old, new, 1)))
+    assert complaint in str(caught.value)
+    assert "boat.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("section", "name"), [(section, name) for section, drivers in SECTIONS.items() for name in drivers]
+)
+def test_every_driver_of_the_registry_can_be_named_and_has_defaults(write, section, name):
+    entry = f'[{section}]\ndriver = "{name}"\nport = "/dev/x"\nbaud = 9600\n'
+    others = {
+        "compass": '[compass]\ndriver = "nmea"\nport = "/dev/c"\nbaud = 4800\n',
+        "rudder": '[rudder]\ndriver = "volz"\nport = "/dev/r"\nbaud = 115200\n',
+    }
+    vehicle = load(write("\n".join({**others, section: entry}.values())))
+    assert getattr(vehicle, section) == DeviceEntry(name, "/dev/x", 9600, SECTIONS[section][name].options())
+
+
+@pytest.mark.parametrize("name", ["ocean_rambler.toml", "shared_port_volz.toml"])
+def test_the_examples_are_valid(name):
+    assert load(ROOT / "params" / name).compass.port
+
+
+@pytest.mark.parametrize(
+    "driver", [driver for drivers in SECTIONS.values() for driver in drivers.values()], ids=lambda driver: driver.device
+)
+def test_every_option_says_what_it_is_for(driver):
+    for name, meaning in meanings(driver.options).items():
+        assert meaning.text, name

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from firmware_py.actuator import dynamixel_frames as frames
-from firmware_py.actuator.dynamixel import DynamixelRudder
+from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
 from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
 
 COUNT_RAD = 2.0 * math.pi / 4096
@@ -23,7 +23,7 @@ def line(fakes, servo):
 
 @pytest.fixture
 def sail(fakes, line):
-    return fakes.sail(DynamixelRudder(line))
+    return fakes.sail(dynamixel_rudder(line, DynamixelOptions()))
 
 
 def writes(line, address):
@@ -80,7 +80,7 @@ def test_a_servo_already_set_up_keeps_its_torque(sail, servo, line):
 
 
 def test_nothing_is_written_before_the_first_command(fakes, servo, line):
-    rudder = DynamixelRudder(line)
+    rudder = dynamixel_rudder(line, DynamixelOptions())
     for tick in range(100):
         rudder.receive(0.02 * tick)
     assert {frame[7] for frame in line.written} == {frames.PING, frames.READ}
@@ -96,7 +96,7 @@ def test_nothing_is_written_before_the_first_command(fakes, servo, line):
 
 @pytest.mark.parametrize("period_s", [1.0, 0.1, 0.05, 0.02])
 def test_the_goal_is_the_first_frame_of_every_tick(fakes, line, servo, period_s):
-    sail = fakes.sail(DynamixelRudder(line), period_s=period_s, slack=9)
+    sail = fakes.sail(dynamixel_rudder(line, DynamixelOptions()), period_s=period_s, slack=9)
     sail.ticks(5)
     servo.reads.clear()
     for _ in range(200):
@@ -110,7 +110,7 @@ def test_the_goal_is_the_first_frame_of_every_tick(fakes, line, servo, period_s)
 
 def test_half_duplex_never_two_frames_without_an_answer(fakes, servo):
     line = fakes.line()  # nobody answers by itself
-    rudder = DynamixelRudder(line)
+    rudder = dynamixel_rudder(line, DynamixelOptions())
     now_s = 0.0
     for _ in range(200):
         before = len(line.written)
@@ -195,15 +195,6 @@ def test_short_power_loss_between_two_exchanges_is_seen(sail, servo):
     assert servo.registers[64] == 1
     assert servo.registers[98] == 100
     assert servo.goal == 2048 + round(math.radians(7.0) / COUNT_RAD)
-
-
-def test_short_power_loss_without_a_watchdog_restores_the_slew_rate(fakes, servo, line):
-    sail = fakes.sail(DynamixelRudder(line, slew_rad_s=1.0))
-    servo.refuse[98] = 7
-    sail.ticks(6)
-    servo.restart()
-    sail.ticks(12)
-    assert servo.get(112, 4) == 42
 
 
 def test_torque_can_be_switched_as_often_as_one_likes(sail, servo):
@@ -411,16 +402,6 @@ def test_changed_limits_are_read_again(sail, servo):
     assert sail.health().state is DeviceState.RUNNING
 
 
-def test_slew_rate_is_kept_by_the_servo(fakes, servo, line):
-    sail = fakes.sail(DynamixelRudder(line, slew_rad_s=math.radians(45.0)))
-    sail.ticks(5)
-    assert servo.get(112, 4) == round(45.0 / (0.229 * 6.0))
-    servo.trip_watchdog()
-    servo.put(112, 0, 4)
-    sail.ticks(3)
-    assert servo.get(112, 4) == round(45.0 / (0.229 * 6.0))
-
-
 def test_echo_and_noise_do_not_matter(sail, line, servo):
     line.echo = True
     line.noise = b"\xff\xff\xfd\x00\x01\x00"
@@ -465,16 +446,13 @@ def test_feedback_kept_is_bounded(sail):
 
 @pytest.mark.parametrize("period_s", [1.0, 0.02])
 def test_slowest_and_fastest_loop(fakes, servo, line, period_s):
-    sail = fakes.sail(DynamixelRudder(line), period_s=period_s)
+    sail = fakes.sail(dynamixel_rudder(line, DynamixelOptions()), period_s=period_s)
     feedback = sail.ticks(30, shaft_deg=3.0)
     assert len(feedback) >= 25
     assert sail.health().state is DeviceState.RUNNING
 
 
-@pytest.mark.parametrize(
-    "options",
-    [{"device_id": 253}, {"device_id": -1}, {"slew_rad_s": 0.0}, {"slew_rad_s": math.nan}, {"reply_timeout_s": 0.0}],
-)
-def test_wrong_options(line, options):
-    with pytest.raises(ValueError, match="allowed"):
-        DynamixelRudder(line, **options)
+@pytest.mark.parametrize("device_id", [253, -1])
+def test_a_number_that_no_servo_has_is_refused(device_id):
+    with pytest.raises(ValueError, match=r"id: .* allowed: 0 to 252"):
+        DynamixelOptions(id=device_id)

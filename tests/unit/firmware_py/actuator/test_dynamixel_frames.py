@@ -83,17 +83,6 @@ def test_writes_of_the_sdk(device_id, address, data):
     assert frames.write(device_id, address, data) == port.written
 
 
-@given(st.lists(IDS, min_size=1, max_size=5, unique=True), st.binary(min_size=4, max_size=4))
-def test_sync_frames_of_the_sdk(device_ids, data):
-    port = FakePort()
-    SDK.syncReadTx(port, 132, 4, device_ids, len(device_ids), False)
-    assert frames.sync_read(132, 4, device_ids) == port.written
-    parameters = b"".join(bytes((device_id,)) + data for device_id in device_ids)
-    assert frames.sync_write(116, 4, [(device_id, data) for device_id in device_ids]) == sdk_frame(
-        254, 0x83, b"\x74\x00\x04\x00" + parameters
-    )
-
-
 @given(IDS, PAYLOADS)
 @example(1, HEADER)
 @example(1, HEADER + HEADER + b"\xfd\xfd" + HEADER)

@@ -10,7 +10,7 @@ COUNT_RAD = math.radians(360.0 / 4096)
 
 
 def test_lengths_tell_the_blocks_apart():
-    blocks = [table.SETTINGS, table.LIMITS, table.STATE, table.WATCHDOG, table.PROFILE, table.TELEMETRY]
+    blocks = [table.SETTINGS, table.LIMITS, table.STATE, table.WATCHDOG, table.TELEMETRY]
     lengths = [block.length for block in blocks]
     assert len(set(lengths)) == len(blocks)
     assert 3 not in lengths  # a ping
@@ -81,11 +81,6 @@ def test_impossible_telemetry(impossible):
 def test_masked_setting_leaves_the_rest():
     assert table.Setting(table.DRIVE_MODE, 0, mask=0x0C).corrected(0x0D) == 0x01
     assert table.Setting(table.RETURN_DELAY, 0).corrected(250) == 0
-
-
-@pytest.mark.parametrize(("slew_deg_s", "counts"), [(1e-6, 1), (1.374, 1), (90.0, 66), (1e9, 32767)])
-def test_profile(slew_deg_s, counts):
-    assert table.profile_counts(math.radians(slew_deg_s)) == counts
 
 
 def test_names_of_hardware_errors():

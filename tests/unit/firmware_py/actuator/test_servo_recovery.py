@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_py.actuator.dynamixel import DynamixelRudder
-from firmware_py.actuator.volz import VolzRudder
+from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
+from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceState
 
 TROUBLES = ["ticks", "lose", "power off", "power on", "blink", "unplug", "plug in", "noise", "quiet", "full", "release"]
@@ -57,7 +57,7 @@ STORY = st.lists(st.tuples(st.sampled_from(TROUBLES), st.integers(1, 9)), max_si
 @settings(max_examples=60, deadline=None)
 @given(STORY)
 def test_dynamixel_recovers(fakes, story):
-    trouble = Trouble(fakes, fakes.dynamixel(), DynamixelRudder)
+    trouble = Trouble(fakes, fakes.dynamixel(), lambda line: dynamixel_rudder(line, DynamixelOptions()))
     for name, number in story:
         trouble.apply(name, number)
     feedback = trouble.calm()
@@ -72,7 +72,7 @@ def test_dynamixel_recovers(fakes, story):
 @settings(max_examples=60, deadline=None)
 @given(STORY)
 def test_volz_recovers(fakes, story):
-    trouble = Trouble(fakes, fakes.volz(), VolzRudder)
+    trouble = Trouble(fakes, fakes.volz(), lambda line: volz_rudder(line, VolzOptions()))
     for name, number in story:
         trouble.apply(name, number)
     feedback = trouble.calm()

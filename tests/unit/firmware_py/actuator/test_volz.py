@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from firmware_py.actuator.volz import VolzRudder
+from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand
 
 COUNT_RAD = math.radians(100.0) / 1920
@@ -22,7 +22,7 @@ def line(fakes, servo):
 
 @pytest.fixture
 def sail(fakes, line):
-    return fakes.sail(VolzRudder(line))
+    return fakes.sail(volz_rudder(line, VolzOptions()))
 
 
 def test_steers_and_reads(sail, servo, line):
@@ -57,7 +57,7 @@ def test_the_position_is_the_first_frame_of_every_tick(sail, servo):
 
 def test_half_duplex_never_two_frames_without_an_answer(fakes, servo):
     line = fakes.line()
-    rudder = VolzRudder(line)
+    rudder = volz_rudder(line, VolzOptions())
     now_s = 0.0
     for _ in range(50):
         before = len(line.written)
@@ -70,7 +70,7 @@ def test_half_duplex_never_two_frames_without_an_answer(fakes, servo):
 
 
 def test_a_bus_served_at_ticks_only_delays_no_position(fakes, servo, line):
-    sail = fakes.sail(VolzRudder(line), slack=0)
+    sail = fakes.sail(volz_rudder(line, VolzOptions()), slack=0)
     sail.ticks(30)
     servo.requests.clear()
     sail.ticks(30)
@@ -127,7 +127,7 @@ def test_released_it_is_read_and_not_steered(sail, servo):
 
 
 def test_only_readings_before_the_first_command(servo, line):
-    rudder = VolzRudder(line)
+    rudder = volz_rudder(line, VolzOptions())
     for tick in range(100):
         rudder.receive(0.02 * tick)
     assert 0xDC not in servo.requests
@@ -169,7 +169,13 @@ def test_late_replies_are_refused(sail, line, fakes):
     assert sail.rudder.poll() == ()
 
 
-@pytest.mark.parametrize("options", [{"device_id": 0}, {"device_id": 31}, {"reply_timeout_s": 2.0}])
-def test_wrong_options(line, options):
+@pytest.mark.parametrize("device_id", [0, 31])
+def test_a_number_that_no_servo_has_is_refused(device_id):
+    with pytest.raises(ValueError, match=r"id: .* allowed: 1 to 30"):
+        VolzOptions(id=device_id)
+
+
+@pytest.mark.parametrize("reply_timeout_s", [0.0, 2.0, math.nan])
+def test_a_wait_for_replies_that_cannot_be_is_refused(line, reply_timeout_s):
     with pytest.raises(ValueError, match="allowed"):
-        VolzRudder(line, **options)
+        volz_rudder(line, VolzOptions(), reply_timeout_s=reply_timeout_s)

@@ -9,6 +9,7 @@ from support.paths import DATA
 
 from firmware_py.common.angles import radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.devices import decode
 from firmware_py.estimate import kalman
 from firmware_py.estimate.wave_filter import (
     WaveFilterSettings,
@@ -20,7 +21,6 @@ from firmware_py.estimate.wave_filter import (
     update,
 )
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
-from firmware_py.sensors.decode import decode
 from hil.ship.drift import RudderDrift
 from hil.ship.noise import NormalNumbers
 from hil.ship.waves import WaveYaw

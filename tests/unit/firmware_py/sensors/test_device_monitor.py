@@ -7,50 +7,50 @@ from firmware_py.sensors.device_monitor import LONGEST_TEXT, SILENT_AFTER_S, Dev
 
 
 @pytest.fixture
-def condition(line):
-    condition = DeviceMonitor(line, DeviceRole.COMPASS)
-    assert condition.restarted()
-    return condition
+def monitor(line):
+    monitor = DeviceMonitor(line, DeviceRole.COMPASS)
+    assert monitor.notice_reopening()
+    return monitor
 
 
-def test_the_states_follow_the_messages(line, condition):
-    assert condition.health(0.0).state is DeviceState.STARTING
-    condition.good(1.0)
-    assert condition.health(1.0 + SILENT_AFTER_S).state is DeviceState.RUNNING
-    assert condition.health(1.01 + SILENT_AFTER_S).state is DeviceState.SILENT
-    condition.good(9.0)
-    assert condition.health(9.0, fault="magnet").state is DeviceState.FAULTY
+def test_the_states_follow_the_messages(line, monitor):
+    assert monitor.health(0.0).state is DeviceState.STARTING
+    monitor.accept(1.0)
+    assert monitor.health(1.0 + SILENT_AFTER_S).state is DeviceState.RUNNING
+    assert monitor.health(1.01 + SILENT_AFTER_S).state is DeviceState.SILENT
+    monitor.accept(9.0)
+    assert monitor.health(9.0, fault="magnet").state is DeviceState.FAULTY
     line.unplug()
-    assert condition.health(9.0, fault="magnet").state is DeviceState.ABSENT
-    assert line.name in condition.health(9.0).text
+    assert monitor.health(9.0, fault="magnet").state is DeviceState.ABSENT
+    assert line.name in monitor.health(9.0).text
     line.plug()
-    assert condition.restarted()
-    assert not condition.restarted()
-    health = condition.health(9.0)
+    assert monitor.notice_reopening()
+    assert not monitor.notice_reopening()
+    health = monitor.health(9.0)
     assert (health.state, health.accepted, health.rejected) == (DeviceState.STARTING, 2, 0)
 
 
-def test_the_text_is_the_last_error_then_the_note_then_a_hint(condition):
-    assert condition.health(0.0).text == ""
-    condition.heard(0.0)
-    assert "baud rate" in condition.health(0.0).text
-    condition.note("no fix")
-    assert condition.health(0.0).text == "no fix"
-    condition.bad(0.0, "checksum")
-    condition.good(0.0)
-    assert condition.health(9.0).text == "checksum"
-    assert condition.health(11.0).text == "no fix"
-    condition.note("")
-    assert condition.health(1.0).rejected == 1
-    assert condition.health(12.0).text == ""
+def test_the_text_is_the_last_error_then_the_note_then_a_hint(monitor):
+    assert monitor.health(0.0).text == ""
+    monitor.note_bytes(0.0)
+    assert "baud rate" in monitor.health(0.0).text
+    monitor.note("no fix")
+    assert monitor.health(0.0).text == "no fix"
+    monitor.reject(0.0, "checksum")
+    monitor.accept(0.0)
+    assert monitor.health(9.0).text == "checksum"
+    assert monitor.health(11.0).text == "no fix"
+    monitor.note("")
+    assert monitor.health(1.0).rejected == 1
+    assert monitor.health(12.0).text == ""
 
 
-def test_texts_from_the_outside_are_bounded_and_printable(line, condition):
+def test_texts_from_the_outside_are_bounded_and_printable(line, monitor):
     line.name = "/dev/\x1b[2J\u2028" + "x" * 500
-    condition.bad(0.0, "a\nb\0c\xff" + "x" * 500)
-    texts = [condition.health(0.0).text, condition.health(0.0, fault="\n" * 500).text]
+    monitor.reject(0.0, "a\nb\0c\xff" + "x" * 500)
+    texts = [monitor.health(0.0).text, monitor.health(0.0, fault="\n" * 500).text]
     line.unplug()
-    texts.append(condition.health(0.0).text)
+    texts.append(monitor.health(0.0).text)
     for text in texts:
         assert len(text) <= LONGEST_TEXT
         assert text.isascii()

@@ -3,7 +3,8 @@
 import pytest
 
 from firmware_py.sensors.line_tee import QUEUE_LIMIT, LineTee
-from firmware_py.sensors.nmea import NmeaCompass, NmeaPosition
+from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
+from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
 
 
 @pytest.fixture
@@ -50,7 +51,7 @@ def test_a_second_view_that_nobody_reads_does_not_eat_the_memory(line, tee):
 
 
 def test_a_satellite_compass_feeds_both_drivers(line, tee, nmea):
-    compass, position = NmeaCompass(tee.first), NmeaPosition(tee.second)
+    compass, position = NmeaCompass(tee.first, NmeaCompassOptions()), NmeaPosition(tee.second, NmeaPositionOptions())
     line.inbox += nmea("GPHDT,274.07,T") + nmea("GPGGA,194100.00,4221.8235522,N,07101.9438007,W,1,04,1.4,6.9,M,,M,,")
     compass.receive(1.0)
     position.receive(1.0)

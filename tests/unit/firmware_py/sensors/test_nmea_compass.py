@@ -5,7 +5,7 @@ import math
 import pytest
 
 from firmware_py.common.records import DeviceRole, DeviceState, NorthReference
-from firmware_py.sensors.nmea_compass import NmeaCompass
+from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
 
 
 @pytest.fixture
@@ -26,11 +26,11 @@ def degrees_of(samples):
 
 
 def test_hdg_is_true_with_a_variation_and_magnetic_without(line, hear, near):
-    compass = NmeaCompass(line, source=1)
+    compass = NmeaCompass(line, NmeaCompassOptions())
     (sample,) = hear(compass, "INHDG,180,5,W,10,W", now_s=3.5)
     assert near(sample.heading_rad, 165.0)
     assert near(sample.variation_rad, -10.0)
-    assert (sample.t_s, sample.source, sample.reference) == (3.5, 1, NorthReference.TRUE)
+    assert (sample.t_s, sample.source, sample.reference) == (3.5, 0, NorthReference.TRUE)
     (sample,) = hear(compass, "HCHDG,98.3,2.0,E,,")
     assert near(sample.heading_rad, 100.3)
     assert (sample.reference, sample.variation_rad) == (NorthReference.MAGNETIC, None)
@@ -42,18 +42,19 @@ def test_hdg_is_true_with_a_variation_and_magnetic_without(line, hear, near):
      ("GPTHS,77.5,E", (77.5, "TRUE")), ("HEHDT,360.0,T", (0.0, "TRUE"))],
 )  # fmt: skip
 def test_other_sentences(line, hear, body, expected):
-    assert degrees_of(hear(NmeaCompass(line), body)) == [expected]
+    assert degrees_of(hear(NmeaCompass(line, NmeaCompassOptions()), body)) == [expected]
 
 
 def test_pashr_brings_roll_and_pitch(line, hear, near):
-    (sample,) = hear(NmeaCompass(line), "PASHR,204132.000,010.51,T,+00.39,-00.79,-00.84,0.151,0.075,0.555,1,0")
+    compass = NmeaCompass(line, NmeaCompassOptions())
+    (sample,) = hear(compass, "PASHR,204132.000,010.51,T,+00.39,-00.79,-00.84,0.151,0.075,0.555,1,0")
     assert near(sample.heading_rad, 10.51)
     assert near(sample.roll_rad, 0.39)
     assert near(sample.pitch_rad, -0.79)
 
 
 def test_turn_rate_is_attached_while_it_is_fresh_and_valid(line, hear):
-    compass = NmeaCompass(line)
+    compass = NmeaCompass(line, NmeaCompassOptions())
     (sample,) = hear(compass, "TIROT,-60.0,A", "HEHDT,1,T", now_s=1.0)
     assert sample.yaw_rate_rad_s == pytest.approx(math.radians(-1.0))
     assert hear(compass, "HEHDT,1,T", now_s=2.0)[0].yaw_rate_rad_s is not None
@@ -63,7 +64,7 @@ def test_turn_rate_is_attached_while_it_is_fresh_and_valid(line, hear):
 
 
 def test_an_empty_heading_is_unknown_and_not_north(line, hear):
-    compass = NmeaCompass(line)
+    compass = NmeaCompass(line, NmeaCompassOptions())
     assert hear(compass, "GPHDT,,", "GPHDT,,T", "HCHDG,,,,,", "PASHR,1,,T,0,0,0", "GPTHS,,V", "GPTHS,12,S") == ()
     health = compass.health(1.0)
     assert (health.role, health.state, health.accepted, health.rejected) == (
@@ -78,13 +79,13 @@ def test_an_empty_heading_is_unknown_and_not_north(line, hear):
 
 
 def test_the_slow_repeat_in_vhw_and_foreign_sentences_are_not_taken(line, hear):
-    compass = NmeaCompass(line)
+    compass = NmeaCompass(line, NmeaCompassOptions())
     assert hear(compass, "SDVHW,67.5,T,66.6,M,5.3,N,9.8,K", "GPGSV,1,1,00", "GPRMC,nonsense") == ()
     assert compass.health(1.0).rejected == 0
 
 
 def test_a_compass_that_says_400_degrees_is_refused_and_told(line, hear):
-    compass = NmeaCompass(line)
+    compass = NmeaCompass(line, NmeaCompassOptions())
     assert hear(compass, "HEHDT,400,T") == ()
     health = compass.health(1.0)
     assert (health.accepted, health.rejected) == (0, 1)
@@ -92,7 +93,8 @@ def test_a_compass_that_says_400_degrees_is_refused_and_told(line, hear):
 
 
 def test_a_missing_checksum_is_refused_unless_the_vehicle_allows_it(line, hear):
-    strict, lenient = NmeaCompass(line), NmeaCompass(line, require_checksum=False)
+    strict = NmeaCompass(line, NmeaCompassOptions())
+    lenient = NmeaCompass(line, NmeaCompassOptions(require_checksum=False))
     line.inbox += b"$HEHDT,341.8,T\r\n$PXYZ,1\r\n"
     strict.receive(1.0)
     assert strict.poll() == ()
@@ -105,7 +107,7 @@ def test_a_missing_checksum_is_refused_unless_the_vehicle_allows_it(line, hear):
 
 
 def test_a_magnetic_heading_is_dropped_once_true_ones_are_established(line, hear):
-    compass = NmeaCompass(line)
+    compass = NmeaCompass(line, NmeaCompassOptions())
     mixed = ("HEHDT,10,T", "HCHDM,8,M")
     found = [degrees_of(hear(compass, *mixed, now_s=float(second))) for second in range(4)]
     assert [len(samples) for samples in found] == [2, 2, 1, 1]
@@ -113,17 +115,16 @@ def test_a_magnetic_heading_is_dropped_once_true_ones_are_established(line, hear
     assert compass.health(5.1).rejected == 0
 
 
-def test_named_sentences_and_talkers_are_the_only_ones(line, hear):
-    compass = NmeaCompass(line, sentences=("HDG",), talker="HC")
-    found = hear(compass, "HEHDT,10,T", "HCHDT,10,T", "IIHDG,11,,,1,E", "HCHDG,12,,,1,E", "PASHR,1,9,T,0,0,0")
+def test_named_sentences_are_the_only_ones(line, hear):
+    compass = NmeaCompass(line, NmeaCompassOptions(sentences=("HDG",)))
+    found = hear(compass, "HEHDT,10,T", "HCHDT,10,T", "HCHDG,12,,,1,E", "PASHR,1,9,T,0,0,0")
     assert degrees_of(found) == [(13.0, "TRUE")]
-    assert degrees_of(hear(NmeaCompass(line, talker="P"), "HEHDT,10,T", "PASHR,1,9,T,0,0,0")) == [(9.0, "TRUE")]
-    with pytest.raises(ValueError, match="VHW; there are HDG"):
-        NmeaCompass(line, sentences=("HDG", "VHW"))
+    with pytest.raises(ValueError, match="sentences: 'VHW' is not known; there are HDG"):
+        NmeaCompassOptions(sentences=("HDG", "VHW"))
 
 
 def test_a_reopened_port_begins_anew(line, hear, nmea):
-    compass = NmeaCompass(line)
+    compass = NmeaCompass(line, NmeaCompassOptions())
     hear(compass, "HEHDT,10,T", "TIROT,60,A")
     line.inbox += nmea("HEHDT,20,T")[:9]
     compass.receive(1.0)
@@ -139,7 +140,7 @@ def test_a_reopened_port_begins_anew(line, hear, nmea):
 
 
 def test_samples_that_nobody_polls_are_bounded(line, nmea):
-    compass = NmeaCompass(line)
+    compass = NmeaCompass(line, NmeaCompassOptions())
     for _ in range(40):
         line.inbox += nmea("HEHDT,1,T") * 200
         compass.receive(1.0)

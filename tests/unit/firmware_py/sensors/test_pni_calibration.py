@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from firmware_py.common.records import CalibrationState
 from firmware_py.sensors.pni_calibration import POINTS, PniCalibration
-from firmware_py.sensors.pni_tcm import PniCompass
+from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
 from hil.devices.pni_tcm import PniTcmEmulator
 
 RUNNING, DONE, FAILED = CalibrationState.RUNNING, CalibrationState.DONE, CalibrationState.FAILED
@@ -23,7 +23,7 @@ class Bench:
     def __init__(self, line, deg_s=10.0):
         self.line, self.deg_s = line, deg_s
         self.now_s = 0.0
-        self.compass = PniCompass(line)
+        self.compass = PniCompass(line, PniOptions())
         attitude = SimpleNamespace(
             heading_rad=lambda: math.radians(self.deg_s * self.now_s % 360.0), yaw_rate_rad_s=lambda: 0.0
         )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from firmware_py.common.records import DeviceState, NorthReference
-from firmware_py.sensors.pni_tcm import PATIENCE_S, STEP_S, PniCompass
+from firmware_py.sensors.pni_tcm import PATIENCE_S, STEP_S, PniCompass, PniOptions
 from hil.devices.pni_tcm import PniTcmEmulator
 
 DATA, CONFIG_DONE, POWER_UP, ACQUISITION_DONE = 5, 19, 23, 26
@@ -21,7 +21,7 @@ def ids(written):
 
 @pytest.fixture
 def compass(line):
-    return PniCompass(line)
+    return PniCompass(line, PniOptions())
 
 
 @pytest.fixture
@@ -204,8 +204,8 @@ def test_every_bit_flip_of_a_frame_is_refused(line, compass, pni_heading, set_up
 def test_a_rate_that_cannot_be_is_refused(line):
     for rate_hz in (0.0, -1.0, math.nan, math.inf, 1e300):
         with pytest.raises(ValueError, match="rate_hz"):
-            PniCompass(line, rate_hz=rate_hz)
-    slow = PniCompass(line, rate_hz=0.5)
+            PniCompass(line, PniOptions(rate_hz=rate_hz))
+    slow = PniCompass(line, PniOptions(rate_hz=0.5))
     for step in range(7):
         slow.receive(step * STEP_S)
     assert struct.unpack(">f", line.written[4][9:13]) == (2.0,)

@@ -22,7 +22,7 @@ def test_the_defaults_are_the_task_of_the_specification():
     found = options("tank")
     assert found.goals == (Goal(0.0, 0.0), Goal(120.0, 60.0), Goal(720.0, -90.0))
     assert (found.seconds, found.seed, found.speed) == (1320.0, 1, None)
-    assert (found.vehicle.compass["driver"], found.vehicle.rudder["driver"]) == ("nmea", "dynamixel")
+    assert (found.vehicle.compass.driver, found.vehicle.rudder.driver) == ("nmea", "dynamixel")
     assert not found.lockstep
 
 
@@ -35,7 +35,7 @@ def test_everything_can_be_chosen():
     assert found.seconds == 305.0
     assert found.links == ("udpout:127.0.0.1:1", "tcpin:127.0.0.1:2", "udpin:0.0.0.0:3")
     assert found.settings == {"CTL_K1": 30.0}
-    assert (found.vehicle.compass["driver"], found.vehicle.rudder["driver"]) == ("pni_tcm", "volz")
+    assert (found.vehicle.compass.driver, found.vehicle.rudder.driver) == ("pni_tcm", "volz")
     assert options("calm", "--speed", "max").speed == math.inf
 
 

@@ -71,13 +71,19 @@ def test_the_vehicle_file_gives_model_and_hull(tmp_path, capsys):
     ("hull", "remedy"),
     [
         ("length_m = 3.05", "[hull] beam_m: give a number"),
-        ('length_m = "long"\nbeam_m = 1\ndraft_m = 1\nmass_kg = 1', "[hull] length_m: give a number"),
+        (
+            'length_m = "long"\nbeam_m = 1\ndraft_m = 1\nmass_kg = 1',
+            "[hull] length_m: expected a number from 0.1 to 1000",
+        ),
         ("length_m = 3\nbeam_m = 1\ndraft_m = 0.1\nmass_kg = 900", "check the mass and the draft"),
         (
             "length_m = 3\nbeam_m = 1\ndraft_m = 0.1\nmass_kg = 90\nblock_coefficient = true",
-            "[hull] block_coefficient: give a number",
+            "[hull] block_coefficient: expected a number from 0.05 to 1",
         ),
-        ("length_m = 0\nbeam_m = 1\ndraft_m = 0.1\nmass_kg = 90", "must be positive"),
+        (
+            "length_m = 0\nbeam_m = 1\ndraft_m = 0.1\nmass_kg = 90",
+            "[hull] length_m: 0 is out of range; allowed: 0.1 to 1000",
+        ),
     ],
 )
 def test_a_hull_that_cannot_be_is_one_line(tmp_path, capsys, hull, remedy):

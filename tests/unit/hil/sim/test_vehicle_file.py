@@ -7,7 +7,15 @@ import pytest
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.errors import UsageError
-from hil.sim.vehicle_file import VehicleFile, load, parse_settings
+from hil.sim.vehicle_file import (
+    file_text,
+    load,
+    model_of,
+    mounting_of,
+    parse_settings,
+    standard_vehicle,
+    with_devices,
+)
 from hil.sim.world import Mounting
 
 PORTS = {"compass": '/tmp/a "b"/compass', "position": "/p", "rudder": "/r", "link": "/l"}
@@ -35,12 +43,12 @@ RUD_REVERSE = 1
 
 
 def test_the_standard_boat_is_the_tank_boat():
-    vehicle = VehicleFile()
-    assert vehicle.model() == OCEAN_RAMBLER
-    assert vehicle.mounting() == Mounting()
-    data = tomllib.loads(vehicle.text(PORTS, {"CTL_K1": 30.0}))
+    vehicle = standard_vehicle()
+    assert model_of(vehicle) == OCEAN_RAMBLER
+    assert mounting_of(vehicle) == Mounting()
+    data = tomllib.loads(file_text(vehicle, PORTS, {"CTL_K1": 30.0}))
     assert data["compass"] == {"driver": "nmea", "port": PORTS["compass"], "baud": 38400}
-    assert data["rudder"] == {"driver": "dynamixel", "port": "/r", "baud": 57600, "id": 1}
+    assert data["rudder"] == {"driver": "dynamixel", "port": "/r", "baud": 57600}
     assert data["position"] == {"driver": "nmea", "port": "/p", "baud": 9600}
     assert data["link"] == {"urls": ["serial:/l:57600"]}
     assert data["parameters"] == {"CTL_K1": 30.0}
@@ -50,7 +58,7 @@ def test_a_given_file_keeps_everything_but_its_ports(tmp_path):
     (tmp_path / "boat.vehicle").write_text(GIVEN)
     (tmp_path / "boat.param").write_text("MDL_K 0.2\nMDL_T_S 3\n")
     vehicle = load(tmp_path / "boat.vehicle")
-    data = tomllib.loads(vehicle.text(PORTS, {"MDL_K": 0.5}))
+    data = tomllib.loads(file_text(vehicle, PORTS, {"MDL_K": 0.5}))
     assert data["vehicle"]["name"] == "Test boat"
     assert data["compass"] == {"driver": "pni_tcm", "port": PORTS["compass"], "baud": 9600, "rate_hz": 5.0}
     assert data["rudder"] == {"driver": "volz", "port": "/r", "baud": 115200, "id": 7}
@@ -58,18 +66,18 @@ def test_a_given_file_keeps_everything_but_its_ports(tmp_path):
     assert data["parameters"]["MDL_K"] == 0.5
     assert data["parameters"]["MDL_T_S"] == 3.0
     # The ship is the file's, whatever the autopilot is told.
-    assert vehicle.model().turning_ability_1_s == pytest.approx(0.1)
-    assert vehicle.model().turning_lag_s == 3.0
-    assert vehicle.mounting() == Mounting(radians(4.0), rudder_reversed=True)
+    assert model_of(vehicle).turning_ability_1_s == pytest.approx(0.1)
+    assert model_of(vehicle).turning_lag_s == 3.0
+    assert mounting_of(vehicle) == Mounting(radians(4.0), rudder_reversed=True)
 
 
 def test_choosing_another_device_replaces_its_section_and_the_same_keeps_it(tmp_path):
     (tmp_path / "boat.vehicle").write_text(GIVEN.replace('file = "boat.param"', ""))
     vehicle = load(tmp_path / "boat.vehicle")
-    vehicle.choose("pni", "dynamixel")
-    assert vehicle.compass["baud"] == 9600
-    assert vehicle.rudder == {"driver": "dynamixel", "baud": 57600, "id": 1}
-    assert VehicleFile().rudder["driver"] == "dynamixel"
+    chosen = with_devices(vehicle, "pni", "dynamixel")
+    assert chosen.compass == vehicle.compass
+    assert (chosen.rudder.driver, chosen.rudder.baud, chosen.rudder.options.id) == ("dynamixel", 57600, 1)
+    assert with_devices(vehicle, None, None) == vehicle
 
 
 @pytest.mark.parametrize(
@@ -78,6 +86,7 @@ def test_choosing_another_device_replaces_its_section_and_the_same_keeps_it(tmp_
         ("[compass", "not valid TOML"),
         ("compass = 3", "must be a section"),
         ("[compass]\ndriver = 'astrolabe'\n", "nmea, pni_tcm"),
+        (GIVEN.replace("id = 7", "id = 7\nrate_hz = 5"), "'rate_hz' is not read by driver volz, which has id"),
         (GIVEN, "boat.param cannot be read"),
         (GIVEN.replace('file = "boat.param"', "CTL_K9 = 3"), "unknown parameter"),
         (GIVEN.replace('file = "boat.param"', "CTL_K1 = 'x'"), "expected a number"),
@@ -93,7 +102,7 @@ def test_a_wrong_file_is_told_in_one_line(tmp_path, text, complaint):
 
 
 def test_an_absent_file_is_told(tmp_path):
-    with pytest.raises(UsageError, match="cannot be read"):
+    with pytest.raises(UsageError, match="no such vehicle file"):
         load(tmp_path / "none")
 
 

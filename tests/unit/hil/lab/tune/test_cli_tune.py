@@ -14,8 +14,12 @@ VEHICLE = """
 name = "Test boat"
 [compass]
 driver = "nmea"
+port = "/dev/x"
+baud = 38400
 [rudder]
 driver = "dynamixel"
+port = "/dev/y"
+baud = 57600
 [parameters]
 MDL_K = 0.06
 MDL_T_S = 5
@@ -44,7 +48,7 @@ def refused(capsys, *words: str) -> str:
         (["--json", "nowhere/at/all.json"], "make it first"),
         (["--json", "/"], "is a directory"),
         (["--out-params", "."], "is a directory"),
-        (["--vehicle", "no-such.toml"], "cannot be read"),
+        (["--vehicle", "no-such.toml"], "no such vehicle file"),
     ],
 )
 def test_bad_usage_is_one_line_with_a_remedy(capsys, words, told):

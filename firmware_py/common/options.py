@@ -1,0 +1,115 @@
+"""Records of options whose fields tell their range and meaning: for the checks of a file, and for its reference."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields
+from typing import Any, TypeVar
+
+RecordT = TypeVar("RecordT")
+
+_KEY = "option"
+
+
+@dataclass(frozen=True, slots=True)
+class OptionMeaning:
+    """What an option is for and what it may be; a text or a list without `choices` may be any."""
+
+    text: str
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    choices: tuple[str, ...] = ()
+
+
+def option(
+    text: str,
+    *,
+    default: Any = MISSING,
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Declare a field of an options record; without a default it must be given."""
+    return field(default=default, metadata={_KEY: OptionMeaning(text, minimum, maximum, choices)})
+
+
+def meanings(kind: type[Any]) -> dict[str, OptionMeaning]:
+    """Return the options of a record in their order, by name."""
+    return {row.name: _meaning(row) for row in fields(kind)}
+
+
+def check(record: Any) -> None:
+    """Raise ValueError, naming the option, for a value of an options record that is out of its range."""
+    for row in fields(record):
+        meaning, value = _meaning(row), getattr(record, row.name)
+        if isinstance(value, tuple):
+            unknown = [item for item in value if meaning.choices and item not in meaning.choices]
+            if unknown:
+                choices = ", ".join(meaning.choices)
+                raise ValueError(f"{row.name}: {unknown[0][:30]!r} is not known; there are {choices}")
+        elif str(row.type) == "int" and not isinstance(value, int):
+            raise ValueError(f"{row.name}: {value} is not a whole number")
+        elif isinstance(value, (int, float)) and not meaning.minimum <= value <= meaning.maximum:
+            raise ValueError(
+                f"{row.name}: {value:g} is out of range; allowed: {meaning.minimum:g} to {meaning.maximum:g}"
+            )
+
+
+def record_from(kind: type[RecordT], values: Mapping[str, Any]) -> RecordT:
+    """Build an options record from the values of a file, whose names must be options of it.
+
+    Raises ValueError, naming the option, for one that is missing, of another type or out of range.
+    """
+    rows = {row.name: row for row in fields(kind)}  # type: ignore[arg-type]
+    for name, row in rows.items():
+        if name not in values and row.default is MISSING:
+            raise ValueError(f"{name} is missing")
+    return kind(**{name: _READERS[str(rows[name].type)](value, rows[name]) for name, value in values.items()})
+
+
+def _meaning(row: Field[Any]) -> OptionMeaning:
+    meaning: OptionMeaning = row.metadata[_KEY]
+    return meaning
+
+
+def _text(value: Any, row: Field[Any]) -> str:
+    if not isinstance(value, str) or not value:
+        raise ValueError(f"{row.name}: expected a text in quotes")
+    return value
+
+
+def _flag(value: Any, row: Field[Any]) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"{row.name}: expected true or false")  # noqa: TRY004 - one family for all that is wrong
+    return value
+
+
+def _number(value: Any, row: Field[Any]) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        meaning = _meaning(row)
+        raise ValueError(f"{row.name}: expected a number from {meaning.minimum:g} to {meaning.maximum:g}")
+    return float(value)
+
+
+def _whole(value: Any, row: Field[Any]) -> int:
+    number = _number(value, row)
+    if number != int(number):
+        raise ValueError(f"{row.name}: {value} is not a whole number")
+    return int(number)
+
+
+def _texts(value: Any, row: Field[Any]) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
+        raise ValueError(f"{row.name}: expected a list of texts")
+    return tuple(value)
+
+
+_READERS: Mapping[str, Callable[[Any, Field[Any]], Any]] = {
+    "str": _text,
+    "bool": _flag,
+    "int": _whole,
+    "float": _number,
+    "float | None": _number,
+    "tuple[str, ...]": _texts,
+}

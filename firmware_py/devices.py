@@ -1,0 +1,113 @@
+"""The one registry of drivers: what a vehicle file may name in `driver`, and what stands behind the name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
+from firmware_py.actuator.volz import VolzOptions, volz_rudder
+from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Position, Rudder
+from firmware_py.sensors import mti_reading, nmea_reader, pni_reading, ubx_protocol
+from firmware_py.sensors.decode import CaptureFormat, Result
+from firmware_py.sensors.mti import MtiCompass, MtiOptions
+from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
+from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
+from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
+from firmware_py.sensors.ubx import UbxOptions, UbxPosition
+
+DeviceT = TypeVar("DeviceT")
+
+
+@dataclass(frozen=True, slots=True)
+class Driver(Generic[DeviceT]):
+    """A driver: the record of its options (common.options), and what makes it from a line and such a record.
+
+    `calibrator` gives what calibrates the device made, None when nothing does;
+    `capture` is what `rambler decode` reads of it.
+    """
+
+    device: str
+    options: type[Any]
+    make: Callable[[ByteLine, Any], DeviceT]
+    calibrator: Callable[[Any], Calibrator] | None = None
+    capture: CaptureFormat | None = None
+
+
+COMPASSES: Mapping[str, Driver[Compass]] = {
+    "nmea": Driver(
+        device="any that speaks NMEA 0183 (HDT, HDG, HDM, THS, PASHR, ROT)",
+        options=NmeaCompassOptions,
+        make=NmeaCompass,
+        capture=nmea_reader.CAPTURE_FORMAT,
+    ),
+    "pni_tcm": Driver(
+        device="PNI TCM, Prime and TRAX",
+        options=PniOptions,
+        make=PniCompass,
+        calibrator=lambda compass: compass,
+        capture=pni_reading.CAPTURE_FORMAT,
+    ),
+    "mti": Driver(
+        device="Xsens (Movella) MTi",
+        options=MtiOptions,
+        make=MtiCompass,
+        capture=mti_reading.CAPTURE_FORMAT,
+    ),
+}
+POSITIONS: Mapping[str, Driver[Position]] = {
+    "nmea": Driver(
+        device="any that speaks NMEA 0183 (RMC, GGA, GNS, GLL, VTG)",
+        options=NmeaPositionOptions,
+        make=NmeaPosition,
+        capture=nmea_reader.CAPTURE_FORMAT,
+    ),
+    "ubx": Driver(
+        device="u-blox receivers that send NAV-PVT",
+        options=UbxOptions,
+        make=lambda line, _options: UbxPosition(line),
+        capture=ubx_protocol.CAPTURE_FORMAT,
+    ),
+}
+RUDDERS: Mapping[str, Driver[Rudder]] = {
+    "dynamixel": Driver(
+        device="Robotis Dynamixel X, protocol 2.0",
+        options=DynamixelOptions,
+        make=dynamixel_rudder,
+    ),
+    "volz": Driver(
+        device="Volz DA",
+        options=VolzOptions,
+        make=volz_rudder,
+    ),
+}
+
+# The drivers that each section of a vehicle file may name.
+SECTIONS: Mapping[str, Mapping[str, Driver[Any]]] = {
+    "compass": COMPASSES,
+    "compass_b": COMPASSES,
+    "position": POSITIONS,
+    "rudder": RUDDERS,
+}
+
+# By the names of `rambler decode`.
+CAPTURE_FORMATS: Mapping[str, CaptureFormat] = {
+    driver.capture.name: driver.capture
+    for table in SECTIONS.values()
+    for driver in table.values()
+    if driver.capture is not None
+}
+
+
+def calibrator_of(name: str, compass: Compass) -> Calibrator | None:
+    """Return what calibrates a compass that the driver of this name has made, None when nothing does."""
+    calibrator = COMPASSES[name].calibrator
+    return None if calibrator is None else calibrator(compass)
+
+
+def decode(name: str, data: bytes) -> Iterator[Result]:
+    """Yield one result (sensors.decode) for each message of a capture; ValueError for a format that there is not."""
+    if name not in CAPTURE_FORMATS:
+        raise ValueError(f"no kind of capture: {name[:20]!r}; there are {', '.join(CAPTURE_FORMATS)}")
+    return CAPTURE_FORMATS[name].decode(data)
