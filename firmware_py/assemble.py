@@ -9,7 +9,8 @@ from pathlib import Path
 
 from firmware_py import ROOT, __version__, commit_of, version_text
 from firmware_py.common.interfaces import ByteLine, Calibrator, Clock, Compass, Position, Rudder
-from firmware_py.common.parameters import INDEX, TABLE, ParameterSet
+from firmware_py.common.parameter_table import INDEX, TABLE
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.resume import restore

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from firmware_py.common.options import check, option, record_from
-from firmware_py.common.parameters import TABLE, ParameterError, index_of, parse_file
+from firmware_py.common.parameter_row import ParameterError
+from firmware_py.common.parameter_table import TABLE
+from firmware_py.common.parameters import index_of, parse_file
 from firmware_py.devices import SECTIONS
 
 RecordT = TypeVar("RecordT")

@@ -14,7 +14,7 @@ from pathlib import Path
 from firmware_py.assemble import base_parameters
 from firmware_py.cli.bench_session import BenchDevice, BenchSession
 from firmware_py.cli.run import default_state_directory
-from firmware_py.common.parameters import ParameterError
+from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.records import DeviceState
 from firmware_py.vehicle import Vehicle, VehicleError, load
 

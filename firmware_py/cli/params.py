@@ -7,7 +7,10 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from firmware_py.common.parameters import INDEX, TABLE, ParameterError, format_file, format_value, markdown, parse_file
+from firmware_py.cli import parameter_page
+from firmware_py.common.parameter_row import ParameterError
+from firmware_py.common.parameter_table import INDEX, TABLE
+from firmware_py.common.parameters import format_file, format_value, parse_file
 from firmware_py.faults import page as faults
 from firmware_py.link.parameters.metadata import parameter_json
 
@@ -53,7 +56,7 @@ def _messages() -> str:
 def run(arguments: argparse.Namespace) -> int:
     """Print the table, or check a file and say what it changes, or write one."""
     for wanted, page in (
-        (arguments.markdown, markdown),
+        (arguments.markdown, parameter_page.markdown),
         (arguments.faults, faults.markdown),
         (arguments.messages, _messages),
     ):

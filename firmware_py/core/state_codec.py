@@ -18,7 +18,9 @@ from enum import IntEnum
 from typing import Any
 
 from firmware_py.common.json_codec import Codec, FieldHook, Hook
-from firmware_py.common.parameters import INDEX, ParameterError, ParameterSet
+from firmware_py.common.parameter_row import ParameterError
+from firmware_py.common.parameter_table import INDEX
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import HOOK as PLAN_HOOK
 from firmware_py.common.reading_notes import Spot, number, shown
 from firmware_py.common.record_history import Change, Record

@@ -6,7 +6,7 @@ judges it over time, `failsafe` and the parts named by the action do what follow
 
 from __future__ import annotations
 
-from firmware_py.common.parameters import TABLE as PARAMETERS
+from firmware_py.common.parameter_table import TABLE as PARAMETERS
 from firmware_py.common.parameters import index_of
 from firmware_py.faults.kinds import DONE, Action, Fault, FaultRow
 from firmware_py.faults.table import TABLE

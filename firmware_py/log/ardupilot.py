@@ -12,7 +12,8 @@ from collections.abc import Iterable
 from typing import Final
 
 from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
-from firmware_py.common.parameters import TABLE, ParameterSet
+from firmware_py.common.parameter_table import TABLE
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, FixType, PositionSample, Severity
 from firmware_py.log.dataflash import TEXT_BYTES, MessageType
 from firmware_py.log.rows import microseconds

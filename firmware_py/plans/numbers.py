@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from firmware_py.common.parameters import SINGLE_MAX
+from firmware_py.common.parameter_row import SINGLE_MAX
 from firmware_py.common.plan import PlanItem
 from firmware_py.plans.items import has_place
 

@@ -11,7 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_py.common.parameters import INDEX, TABLE, ParameterError, ParameterSet, format_file, parse_file
+from firmware_py.common.parameter_row import ParameterError
+from firmware_py.common.parameter_table import INDEX, TABLE
+from firmware_py.common.parameters import ParameterSet, format_file, parse_file
 from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text

@@ -11,7 +11,9 @@ from typing import Any
 
 from firmware_py import vehicle as vehicle_format
 from firmware_py.common.angles import radians
-from firmware_py.common.parameters import TABLE, ParameterError, index_of
+from firmware_py.common.parameter_row import ParameterError
+from firmware_py.common.parameter_table import TABLE
+from firmware_py.common.parameters import index_of
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from firmware_py.vehicle import DeviceEntry, Hull, Vehicle, VehicleError
 from hil.errors import UsageError

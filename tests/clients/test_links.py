@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from firmware_py.common.parameters import TABLE, Kind
+from firmware_py.common.parameter_row import Kind
+from firmware_py.common.parameter_table import TABLE
 from firmware_py.system.realtime import BACKGROUND_PRIORITY
 
 HOLD = 4

@@ -6,7 +6,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from relay import DELAY_S, RETRY_S, asked, check_losses
 
-from firmware_py.common.parameters import TABLE, Kind
+from firmware_py.common.parameter_row import Kind
+from firmware_py.common.parameter_table import TABLE
 
 SEEDS = [1, 2, 3, 4, 5]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.common.parameters import TABLE
+from firmware_py.common.parameter_table import TABLE
 from hil.sim.truth import ROWS_PER_SECOND
 
 BOAT = {"MDL_K": 0.4, "MDL_T_S": 0.5, "MDL_ALPHA_S2": 0.0, "STAT_BOOTCNT": 1}

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from firmware_py import __version__
-from firmware_py.common.parameters import TABLE, Kind
+from firmware_py.common.parameter_row import Kind
+from firmware_py.common.parameter_table import TABLE
 from hil.sim.truth import ROWS_PER_SECOND
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 

@@ -32,7 +32,7 @@ from firmware_py.common.intents import (
     SteerPosition,
     Verdict,
 )
-from firmware_py.common.parameters import TABLE as PARAMETERS
+from firmware_py.common.parameter_table import TABLE as PARAMETERS
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import (

@@ -12,7 +12,8 @@ import lzma
 from collections.abc import Mapping
 from typing import Any
 
-from firmware_py.common.parameters import TABLE, Kind, Parameter
+from firmware_py.common.parameter_row import Kind, Parameter
+from firmware_py.common.parameter_table import TABLE
 from firmware_py.link.files.area import Parts, mavlink_crc32
 from firmware_py.link.telemetry.context_fields import boot_ms
 from firmware_py.link.telemetry.identity import Version

@@ -9,7 +9,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Mapping
 
-from firmware_py.common.parameters import INDEX, TABLE, Kind, ParameterError, ParameterSet
+from firmware_py.common.parameter_row import Kind, ParameterError
+from firmware_py.common.parameter_table import INDEX, TABLE
+from firmware_py.common.parameters import ParameterSet
 
 PLAIN, WITH_DEFAULTS = 0x671B, 0x671C
 _HEAD = struct.Struct("<HHH")

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from firmware_py.common.intents import Request, SetParameter, Verdict
-from firmware_py.common.parameters import INDEX, TABLE, ParameterError
+from firmware_py.common.parameter_row import ParameterError
+from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.records import Severity
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.files.tree import Origin

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from firmware_py.common.angles import degrees
-from firmware_py.common.parameters import TABLE, ParameterError, format_value, index_of, parse_file
+from firmware_py.common.parameter_row import ParameterError
+from firmware_py.common.parameter_table import TABLE
+from firmware_py.common.parameters import format_value, index_of, parse_file
 from hil.errors import UsageError
 from hil.lab.identify.held_out import HeldOut
 from hil.lab.identify.identify import Identification

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from firmware_py.common.angles import clamp
-from firmware_py.common.parameters import TABLE, index_of
+from firmware_py.common.parameter_table import TABLE
+from firmware_py.common.parameters import index_of
 from hil.lab.swarm import SwarmProgress, SwarmSettings, minimise
 from hil.lab.tune import paper
 from hil.lab.tune.loop_kernel import Floats

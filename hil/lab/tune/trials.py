@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from firmware_py.common.angles import DEGREES_PER_RADIAN, radians
-from firmware_py.common.parameters import TABLE, ParameterSet, index_of, to_single
+from firmware_py.common.parameter_row import to_single
+from firmware_py.common.parameter_table import TABLE
+from firmware_py.common.parameters import ParameterSet, index_of
 from firmware_py.model.kt import KtModel
 from hil.lab.compiled import compiling
 from hil.lab.tune import cases as trial_cases

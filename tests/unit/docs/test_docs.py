@@ -10,7 +10,7 @@ from functools import cache
 import pytest
 from support.paths import ROOT
 
-from firmware_py.common.parameters import TABLE
+from firmware_py.common.parameter_table import TABLE
 
 DOCS = sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
 FRONT = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]

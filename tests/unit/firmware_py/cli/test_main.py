@@ -9,7 +9,7 @@ import pytest
 from support.paths import ROOT
 
 from firmware_py.__main__ import COMMANDS, main
-from firmware_py.common.parameters import TABLE
+from firmware_py.common.parameter_table import TABLE
 
 VEHICLE = """
 [compass]

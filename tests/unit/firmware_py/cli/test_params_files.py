@@ -5,7 +5,8 @@ import json
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.common.parameters import TABLE, parse_file
+from firmware_py.common.parameter_table import TABLE
+from firmware_py.common.parameters import parse_file
 
 SETTINGS = [row for row in TABLE if not row.read_only]
 

@@ -5,17 +5,10 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from firmware_py.common.parameters import (
-    TABLE,
-    Kind,
-    ParameterError,
-    ParameterSet,
-    format_file,
-    format_value,
-    markdown,
-    parse_file,
-    to_single,
-)
+from firmware_py.cli.parameter_page import markdown
+from firmware_py.common.parameter_row import Kind, ParameterError, to_single
+from firmware_py.common.parameter_table import TABLE
+from firmware_py.common.parameters import ParameterSet, format_file, format_value, parse_file
 
 
 def test_names_fit_mavlink_and_are_unique_and_sorted():

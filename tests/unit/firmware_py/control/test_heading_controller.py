@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from firmware_py.common.parameters import TABLE as PARAMETERS
+from firmware_py.common.parameter_table import TABLE as PARAMETERS
 from firmware_py.common.parameters import ParameterSet, index_of
 from firmware_py.common.records import HeadingEstimate
 from firmware_py.control.heading_controller import (

@@ -6,7 +6,7 @@ import lzma
 import pytest
 from support.paths import DATA
 
-from firmware_py.common.parameters import TABLE
+from firmware_py.common.parameter_table import TABLE
 from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.parameters.metadata import Metadata, parameter_json
 from firmware_py.link.telemetry.identity import Version

@@ -4,7 +4,9 @@ import struct
 
 import pytest
 
-from firmware_py.common.parameters import TABLE, Kind, ParameterError, ParameterSet
+from firmware_py.common.parameter_row import Kind, ParameterError
+from firmware_py.common.parameter_table import TABLE
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.link.parameters.pack import packed, unpacked
 
 param_ftp = pytest.importorskip("MAVProxy.modules.lib.param_ftp")

@@ -6,7 +6,8 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import SetParameter
-from firmware_py.common.parameters import INDEX, TABLE, Kind
+from firmware_py.common.parameter_row import Kind
+from firmware_py.common.parameter_table import INDEX, TABLE
 
 UNKNOWN, OUT_OF_RANGE = 1, 2
 

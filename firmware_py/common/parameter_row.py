@@ -1,0 +1,98 @@
+"""What a row of the table of parameters is made of; parameter_table.py holds the rows.
+
+Names are at most 16 characters (MAVLink). REAL values are kept rounded to single
+precision, so that what a ground station reads back is exactly what the loop uses and
+what the store keeps.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class ParameterError(ValueError):
+    """A parameter name or value is refused; the text says why and what is allowed."""
+
+
+class Kind(IntEnum):
+    """How a value travels, numbered as MAVLink's MAV_PARAM_TYPE (INT32, REAL32)."""
+
+    INTEGER = 6
+    REAL = 9
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One row of the table; `choices` names the values of an enumeration."""
+
+    name: str
+    default: float
+    minimum: float
+    maximum: float
+    unit: str
+    kind: Kind
+    text: str
+    choices: Mapping[int, str] | None = None
+    reboot: bool = False  # takes effect at the next start
+    read_only: bool = False  # counted or measured here; nobody else may set it
+
+    def checked(self, value: float) -> float:
+        """Return the value as it is kept, or raise ParameterError."""
+        allowed = self.allowed()
+        if not math.isfinite(value):
+            raise ParameterError(f"{self.name}: {value} is not a number; allowed: {allowed}")
+        kept = value
+        if self.kind is Kind.INTEGER:
+            if value != math.floor(value):
+                raise ParameterError(f"{self.name}: {value:g} is not a whole number; allowed: {allowed}")
+        elif abs(value) <= SINGLE_MAX:
+            kept = to_single(value)
+        low, high = (self.minimum, self.maximum)
+        if self.kind is Kind.REAL:
+            low, high = to_single(low), to_single(high)
+        if not low <= kept <= high:
+            raise ParameterError(f"{self.name}: {value:g} is out of range; allowed: {allowed}")
+        if self.choices is not None and int(kept) not in self.choices:
+            raise ParameterError(f"{self.name}: {value:g} is not one of its values; allowed: {allowed}")
+        return kept
+
+    def allowed(self) -> str:
+        """Say what is allowed, for messages."""
+        if self.choices is not None:
+            return ", ".join(f"{number} ({text})" for number, text in self.choices.items())
+        return f"{self.minimum:g} to {self.maximum:g} {self.unit}".rstrip()
+
+
+SINGLE_MAX = 3.4028234663852886e38
+
+
+def to_single(value: float) -> float:
+    """Round to single precision, the precision of a MAVLink parameter."""
+    return float(struct.unpack("<f", struct.pack("<f", value))[0])
+
+
+def real(
+    name: str, default: float, low: float, high: float, unit: str, text: str, *, reboot: bool = False
+) -> Parameter:
+    """Return a row of a REAL parameter."""
+    return Parameter(name, to_single(default), low, high, unit, Kind.REAL, text, None, reboot)
+
+
+def whole(name: str, default: int, low: int, high: int, unit: str, text: str, *, reboot: bool = False) -> Parameter:
+    """Return a row of a whole number."""
+    return Parameter(name, default, low, high, unit, Kind.INTEGER, text, None, reboot)
+
+
+def choice(name: str, default: int, choices: Mapping[int, str], text: str, *, reboot: bool = False) -> Parameter:
+    """Return a row whose values are those of an enumeration."""
+    return Parameter(name, default, min(choices), max(choices), "", Kind.INTEGER, text, choices, reboot)
+
+
+def count(name: str, text: str) -> Parameter:
+    """Return a row that the autopilot counts itself and nobody else sets."""
+    # Far within what a single counts exactly.
+    return Parameter(name, 0.0, 0, 1_000_000, "", Kind.INTEGER, text, None, reboot=False, read_only=True)

@@ -1,0 +1,262 @@
+"""The one table of parameters: store, MAVLink, reference page and loop all read it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from firmware_py.common.parameter_row import Parameter, choice, count, real, whole
+
+_OFF_ON = {0: "off", 1: "on"}
+
+
+def _deviations(prefix: str, compass: str) -> tuple[Parameter, ...]:
+    terms = (("A", "constant"), ("B", "sin h"), ("C", "cos h"), ("D", "sin 2h"), ("E", "cos 2h"))
+    return tuple(
+        real(f"{prefix}_DEV_{letter}", 0.0, -45.0, 45.0, "deg", f"Deviation of {compass}: coefficient of {term}.")
+        for letter, term in terms
+    )
+
+
+_FAILSAFE = {
+    0: "alert only",
+    1: "HOLD: rudder amidships",
+    2: "STEERING: keep the heading",
+    3: "LOITER",
+    4: "RTL",
+}
+
+TABLE: tuple[Parameter, ...] = (
+    real("BAT_LOW_VOLT", 0.0, 0.0, 100.0, "V", "Supply voltage below which it is low; 0: never."),
+    whole("BOOT_ARM", 0, 0, 1, "", "Arm by itself at start: 1 for a boat that must go on after a power cut."),
+    choice(
+        "BOOT_MODE",
+        4,
+        {0: "manual", 3: "steering", 4: "hold", 5: "loiter", 10: "auto", 11: "rtl", 15: "guided"},
+        "Mode at start.",
+    ),
+    choice(
+        "BOOT_RESUME",
+        0,
+        {0: "no", 1: "mode, goal and mission", 2: "mode, goal, mission and arming"},
+        "Go on at start with what she was doing when the autopilot ended; the rest is as BOOT_MODE and BOOT_ARM say.",
+    ),
+    real(
+        "BOOT_RESUME_H",
+        24.0,
+        0.0,
+        10000.0,
+        "h",
+        "What she did longer ago than this is not gone on with; without a right clock the age is not known nor asked.",
+    ),
+    choice(
+        "CLK_SET",
+        1,
+        {0: "never", 1: "when it is plainly wrong", 2: "when nothing keeps it"},
+        "The computer's clock is set from GPS. Plainly wrong: before 2026, and then a ground station's time is taken, "
+        "too, where there is no GPS. Nothing keeps it: the kernel knows of no NTP, and it is more than 2 s off.",
+    ),
+    *_deviations("CMPB", "compass B"),
+    real("CMPB_OFFSET_DEG", 0.0, -180.0, 180.0, "deg", "Mounting angle of compass B, added to its reading."),
+    choice(
+        "CMP_DECL_AUTO",
+        0,
+        {0: "CMP_DECL_DEG", 1: "world magnetic model"},
+        "Where the declination comes from; the model's needs a position, until then CMP_DECL_DEG counts.",
+    ),
+    real(
+        "CMP_DECL_DEG",
+        0.0,
+        -180.0,
+        180.0,
+        "deg",
+        "Magnetic declination, east positive; used when the compass is magnetic and does not state its own.",
+    ),
+    *_deviations("CMP", "the compass"),
+    real(
+        "CMP_FROZEN_S",
+        30.0,
+        0.0,
+        3600.0,
+        "s",
+        "A compass that shows the same number for so long has stopped measuring; 0: never, for a boat ashore.",
+    ),
+    real("CMP_OFFSET_DEG", 0.0, -180.0, 180.0, "deg", "Mounting angle of the compass, added to its reading."),
+    real("CMP_TIMEOUT_S", 1.0, 0.2, 60.0, "s", "A heading older than this is not steered by."),
+    real(
+        "COG_SPEED_MIN",
+        0.3,
+        0.05,
+        5.0,
+        "m/s",
+        "Without a compass she is steered by her course over ground when she makes at least this speed.",
+    ),
+    real(
+        "CRUISE_SPEED",
+        0.5,
+        0.05,
+        5.0,
+        "m/s",
+        "Speed through the water that is expected before any is estimated.",
+        reboot=True,
+    ),
+    real(
+        "CTL_HOLD_S",
+        10.0,
+        0.0,
+        600.0,
+        "s",
+        "Without a valid heading the last rudder is held this long, then she goes amidships.",
+    ),
+    real("CTL_K1", 40.0, 0.0, 200.0, "", "S-surface gain on the heading error (error / 180 deg), with CTL_MODE 0."),
+    real(
+        "CTL_K2",
+        0.3,
+        0.0,
+        50.0,
+        "",
+        "S-surface gain on the yaw rate (yaw rate / steady yaw rate at full rudder), with CTL_MODE 0.",
+    ),
+    choice(
+        "CTL_MODE",
+        1,
+        {0: "fixed gains", 1: "scheduled"},
+        "The S-surface with CTL_K1 and CTL_K2, or with gains, trim and turns after the estimate (needs EST_MODE 1).",
+    ),
+    real(
+        "CTL_PRICE",
+        1.0,
+        0.1,
+        10.0,
+        "",
+        "Price of rudder travel with CTL_MODE 1: more steers softer and quieter, less closer to the goal.",
+    ),
+    real("CTL_TRIM_DEG", 0.0, -20.0, 20.0, "deg", "Rudder angle added to the controller's demand."),
+    real(
+        "CTL_WAY_MIN",
+        0.1,
+        0.0,
+        1.0,
+        "m/s",
+        "Slower than this through the water she has no steerage way: the rudder stays as it is (CTL_MODE 1).",
+    ),
+    choice(
+        "EST_MODE",
+        1,
+        {0: "plain", 1: "wave filter"},
+        "How the heading is estimated: a plain observer, or a filter that sees through waves, learns speed and trim.",
+    ),
+    real("EST_TAU_S", 1.5, 0.1, 30.0, "s", "Time constant of the plain observer (EST_MODE 0)."),
+    choice("FENCE_ENABLE", 0, _OFF_ON, "Heed the fence."),
+    choice("FS_FENCE_ACT", 4, _FAILSAFE, "What is done when she is outside the fence."),
+    choice("FS_GCS_ACT", 0, _FAILSAFE, "What is done when no ground station is heard any more."),
+    real("FS_GCS_S", 600.0, 5.0, 1e7, "s", "A ground station that has said nothing for this long is silent."),
+    choice("FS_POS_ACT", 0, _FAILSAFE, "What is done without a position; with 0 she goes on as last steered."),
+    choice("FS_RESUME", 0, _OFF_ON, "When a fault goes whose failsafe changed the mode: go on with what she did."),
+    choice("FS_RUD_ACT", 0, _FAILSAFE, "What is done when the rudder or its servo fails, beside what helps it."),
+    choice("FS_STEER_ACT", 0, _FAILSAFE, "What is done when she does not answer the rudder."),
+    choice("FS_VOLT_ACT", 0, _FAILSAFE, "What is done when the supply voltage is low."),
+    choice(
+        "LNK_IDENTITY",
+        3,
+        {0: "generic", 3: "ArduPilot"},
+        "Autopilot type in the heartbeat; ArduPilot gives QGroundControl and MAVSDK modes and go-to.",
+        reboot=True,
+    ),
+    choice("LNK_MAVLINK1", 1, {0: "refused", 1: "heard"}, "MAVLink 1 frames, which cannot be signed."),
+    real("LNK_SAT_S", 120.0, 10.0, 3600.0, "s", "Interval of HIGH_LATENCY2 on a satellite link that was asked for it."),
+    whole("LNK_SYSID", 1, 1, 250, "", "MAVLink system id of the boat.", reboot=True),
+    choice("LOG_ENABLE", 1, _OFF_ON, "Write the onboard log.", reboot=True),
+    real(
+        "LOG_FILE_MB",
+        64.0,
+        1.0,
+        1024.0,
+        "MB",
+        "A log file that reaches this size is closed and the next one begun.",
+        reboot=True,
+    ),
+    real("LOG_FREE_MB", 50.0, 0.0, 1e6, "MB", "Storage with less room than this is full; no more logs are begun."),
+    real(
+        "LOG_KEEP_MB",
+        2048.0,
+        2.0,
+        1000000.0,
+        "MB",
+        "The oldest logs are removed when all together are larger than this.",
+        reboot=True,
+    ),
+    real(
+        "LOIT_RADIUS",
+        100.0,
+        10.0,
+        10000.0,
+        "m",
+        "Radius of the watch circle in which she keeps station, and of circles that a mission gives none.",
+    ),
+    choice(
+        "LOOP_LOCK",
+        1,
+        _OFF_ON,
+        "Let the ticks drift to just after the arrival of the compass samples; the rate does not change.",
+    ),
+    whole("LOOP_RATE_HZ", 10, 1, 50, "Hz", "Rate of the control loop."),
+    real("MAN_TIMEOUT_S", 3.0, 0.5, 60.0, "s", "A stick that says nothing for this long is released."),
+    real("MDL_ALPHA_S2", 17.0, 0.0, 1e6, "s^2", "Norrbin coefficient of the K-T model at MDL_SPEED."),
+    real("MDL_K", 0.049, 1e-4, 20.0, "1/s", "Turning ability of the K-T model at MDL_SPEED."),
+    real("MDL_SPEED", 0.4, 0.05, 10.0, "m/s", "Speed through the water that the K-T model was identified at."),
+    real("MDL_T_S", 4.0, 0.05, 5000.0, "s", "Turning lag of the K-T model at MDL_SPEED."),
+    real(
+        "NAV_LOOK_S",
+        60.0,
+        10.0,
+        600.0,
+        "s",
+        "On a line she steers for the point that lies this much sailing ahead, two turning radii at least.",
+    ),
+    real(
+        "POS_JUMP_S",
+        120.0,
+        1.0,
+        3600.0,
+        "s",
+        "A position that has jumped further than she can sail is believed once it stays for this long.",
+    ),
+    real("POS_TIMEOUT_S", 5.0, 0.5, 600.0, "s", "A position older than this is not steered by."),
+    choice("RALLY_INCL_HOME", 1, _OFF_ON, "RTL considers home beside the rally points, not only when there are none."),
+    real("RUD_AMP_MAX", 3.0, 0.0, 50.0, "A", "Current above which the rudder servo is eased; 0: none."),
+    real("RUD_CENTRE_DEG", 0.0, -90.0, 90.0, "deg", "Angle of the servo shaft at which the rudder is amidships."),
+    real(
+        "RUD_DBAND_DEG",
+        0.0,
+        0.0,
+        10.0,
+        "deg",
+        "A demand that differs from the present command by less than this is not sent.",
+    ),
+    choice("RUD_DISARMED", 0, {0: "held amidships", 1: "released"}, "The rudder while disarmed."),
+    real("RUD_LIMIT_DEG", 30.0, 1.0, 60.0, "deg", "Largest rudder angle to either side."),
+    real(
+        "RUD_REST_S",
+        0.0,
+        0.0,
+        3600.0,
+        "s",
+        "Torque is released when the command has stood this long and nothing pulls, if the servo can; 0: never.",
+    ),
+    choice("RUD_REVERSE", 0, {0: "no", 1: "yes"}, "The servo shaft turns against the rudder."),
+    real("RUD_SLEW_DEG_S", 30.0, 0.5, 360.0, "deg/s", "Fastest change of the rudder command."),
+    real("RUD_TEMP_MAX", 70.0, 0.0, 150.0, "degC", "Temperature above which the rudder servo is hot."),
+    real("RUD_TIMEOUT_S", 1.0, 0.2, 60.0, "s", "A servo that has not answered for this long is silent."),
+    count("STAT_BOOTCNT", "Starts of the autopilot that this state directory has seen."),
+    real("STK_RATE_DEG_S", 2.0, 0.1, 30.0, "deg/s", "In STEERING, how fast a full stick turns the goal."),
+    real(
+        "WP_RADIUS",
+        20.0,
+        2.0,
+        1000.0,
+        "m",
+        "A waypoint without a radius of its own is reached at this distance, or when she passes it.",
+    ),
+)
+
+INDEX: Mapping[str, int] = {row.name: index for index, row in enumerate(TABLE)}
