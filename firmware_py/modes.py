@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from enum import IntEnum
 
 from firmware_py.common.angles import TWO_PI, wrap_two_pi
 from firmware_py.common.intents import (
@@ -21,10 +20,13 @@ from firmware_py.common.intents import (
     SteerPosition,
     Verdict,
 )
+from firmware_py.common.mode_table import MODES, Mode, Need
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Mode, Water
+from firmware_py.common.records import Water
 from firmware_py.model.crab import heading_for_course
 
+_HEADING_MODES = " or ".join(sorted(mode.name for mode, row in MODES.items() if row.heading_goals))
+_POSITION_MODES = " or ".join(sorted(mode.name for mode, row in MODES.items() if row.position_goals))
 ACCEPTED = Answer(Verdict.ACCEPTED)
 # A turn "the long way" to a goal that lies this close on the other side is no turn.
 ALREADY_THERE_RAD = 0.1
@@ -33,7 +35,7 @@ LONGEST_BENCH_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class HeadingGoal:
-    """A heading or, over ground, a course; `turn` +-1 while she is to turn the long way."""
+    """A heading or, over ground, a course; `turn` +-1 while the boat is to turn the long way."""
 
     heading_rad: float
     over_ground: bool = False
@@ -80,25 +82,7 @@ class Situation:
     fault: str = ""  # what of the faults that are set forbids arming
 
 
-class Need(IntEnum):
-    """What a mode may need."""
-
-    HEADING = 0
-    POSITION = 1
-    MISSION = 2
-    HOME = 3
-
-
-# What each mode needs to be entered, and how the lack of it is told.
-NEEDS: Mapping[Mode, tuple[Need, ...]] = {
-    Mode.MANUAL: (),
-    Mode.HOLD: (),
-    Mode.STEERING: (Need.HEADING,),
-    Mode.GUIDED: (Need.HEADING,),
-    Mode.LOITER: (Need.HEADING, Need.POSITION),
-    Mode.AUTO: (Need.HEADING, Need.POSITION, Need.MISSION),
-    Mode.RTL: (Need.HEADING, Need.POSITION, Need.HOME),
-}
+# How the lack of what a mode needs is told.
 _LACKING: Mapping[Need, str] = {
     Need.HEADING: "no valid heading",
     Need.POSITION: "no position",
@@ -115,7 +99,7 @@ _MET: Mapping[Need, Callable[[Situation], bool]] = {
 
 def obstacle_to(mode: Mode, situation: Situation) -> str:
     """Say in a few words what forbids entering a mode; empty when nothing does."""
-    return next((_LACKING[need] for need in NEEDS[mode] if not _MET[need](situation)), "")
+    return next((_LACKING[need] for need in MODES[mode].needs if not _MET[need](situation)), "")
 
 
 def _refused(verdict: Verdict, text: str) -> Answer:
@@ -128,8 +112,8 @@ def enter(state: ModeState, mode: Mode, situation: Situation) -> tuple[ModeState
         return state, ACCEPTED
     if obstacle := obstacle_to(mode, situation):
         return state, _refused(Verdict.TEMPORARILY_REJECTED, f"{mode.name} refused: {obstacle}")
-    if mode in (Mode.STEERING, Mode.GUIDED) and situation.heading_rad is not None:
-        # She goes on as she heads: a goal from an earlier time must not turn her by surprise.
+    if MODES[mode].heading_goals and situation.heading_rad is not None:
+        # The boat goes on as it heads: a goal from an earlier time must not turn it by surprise.
         return replace(state, mode=mode, goal=HeadingGoal(situation.heading_rad)), ACCEPTED
     return replace(state, mode=mode, goal=None), ACCEPTED
 
@@ -138,8 +122,8 @@ def _set_mode(state: ModeState, intent: SetMode, situation: Situation, _t_s: flo
     try:
         mode = Mode(intent.mode)
     except ValueError:
-        known = ", ".join(f"{known.name} {known.value}" for known in Mode)
-        return state, _refused(Verdict.DENIED, f"Mode {intent.mode} is not known; there are {known}")
+        modes = ", ".join(f"{mode.name} {mode.value}" for mode in Mode)
+        return state, _refused(Verdict.DENIED, f"Mode {intent.mode} is not known; there are {modes}")
     return enter(state, mode, situation)
 
 
@@ -175,8 +159,8 @@ def _steer_heading(
     entered, answer = _guided(state, situation, change_mode=intent.change_mode)
     if answer.verdict is not Verdict.ACCEPTED:
         return state, answer
-    if entered.mode not in (Mode.GUIDED, Mode.STEERING):
-        text = f"Heading goal refused in {state.mode.name}: enter GUIDED or STEERING first"
+    if not MODES[entered.mode].heading_goals:
+        text = f"Heading goal refused in {state.mode.name}: enter {_HEADING_MODES} first"
         return state, _refused(Verdict.TEMPORARILY_REJECTED, text)
     if situation.heading_rad is None:
         return state, _refused(Verdict.TEMPORARILY_REJECTED, "Heading goal refused: no valid heading")
@@ -215,8 +199,8 @@ def _steer_position(
     entered, answer = _guided(state, situation, change_mode=intent.change_mode)
     if answer.verdict is not Verdict.ACCEPTED:
         return state, answer
-    if entered.mode is not Mode.GUIDED:
-        text = f"Position goal refused in {state.mode.name}: enter GUIDED first"
+    if not MODES[entered.mode].position_goals:
+        text = f"Position goal refused in {state.mode.name}: enter {_POSITION_MODES} first"
         return state, _refused(Verdict.TEMPORARILY_REJECTED, text)
     if not situation.position_ok:
         return state, _refused(Verdict.TEMPORARILY_REJECTED, "Position goal refused: no position")

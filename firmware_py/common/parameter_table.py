@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from firmware_py.common.mode_table import FAILSAFE_MODES, MODES, Mode
 from firmware_py.common.parameter_row import Parameter, choice, count, real, whole
 
 _OFF_ON = {0: "off", 1: "on"}
@@ -17,12 +18,9 @@ def _deviations(prefix: str, compass: str) -> tuple[Parameter, ...]:
     )
 
 
-_FAILSAFE = {
-    0: "alert only",
-    1: "HOLD: rudder amidships",
-    2: "STEERING: keep the heading",
-    3: "LOITER",
-    4: "RTL",
+_FAILSAFE = {0: "alert only"} | {
+    value: f"{mode.name}: {effect}" if (effect := MODES[mode].failsafe_effect) else mode.name
+    for value, mode in FAILSAFE_MODES.items()
 }
 
 TABLE: tuple[Parameter, ...] = (
@@ -31,7 +29,7 @@ TABLE: tuple[Parameter, ...] = (
     choice(
         "BOOT_MODE",
         4,
-        {0: "manual", 3: "steering", 4: "hold", 5: "loiter", 10: "auto", 11: "rtl", 15: "guided"},
+        {mode.value: mode.name.lower() for mode in Mode},
         "Mode at start.",
     ),
     choice(

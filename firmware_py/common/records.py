@@ -11,18 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from firmware_py.common.intents import Request
-
-
-class Mode(IntEnum):
-    """Control modes with ArduRover's custom_mode numbers."""
-
-    MANUAL = 0
-    STEERING = 3
-    HOLD = 4
-    LOITER = 5
-    AUTO = 10
-    RTL = 11
-    GUIDED = 15
+from firmware_py.common.mode_table import Mode
 
 
 class NorthReference(IntEnum):

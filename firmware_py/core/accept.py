@@ -17,10 +17,11 @@ from firmware_py.common.intents import (
     SetParameter,
     Verdict,
 )
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import index_of
-from firmware_py.common.records import Home, Mode
+from firmware_py.common.records import Home
 from firmware_py.core.state import State, situation_at
 from firmware_py.guidance import mission_progress
 from firmware_py.guidance.mission_step import steps_of

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from firmware_py.common.records import Mode
+from firmware_py.common.mode_table import MODES, RudderBy
 from firmware_py.control import heading_controller
 from firmware_py.control.heading_controller import HeadingControllerInput, HeadingControllerState
 from firmware_py.core.state import Settings, State
 from firmware_py.estimate.heading_estimator import heading_estimate
-from firmware_py.faults.page import Fault
+from firmware_py.faults.table import Fault
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import live_bench, live_stick
 
@@ -21,9 +21,10 @@ def rudder_demand(
     limit_rad = settings.rudder.limits.limit_rad
     if (deflection := live_bench(modes, now_s)) is not None:
         return deflection * limit_rad, idle
-    if not modes.armed or modes.mode is Mode.HOLD:
+    rudder_by = MODES[modes.mode].rudder_by
+    if not modes.armed or rudder_by is RudderBy.NOTHING:
         return 0.0, idle
-    if modes.mode is Mode.MANUAL:
+    if rudder_by is RudderBy.STICK:
         stick = live_stick(modes, now_s, settings.guidance.stick_timeout_s)
         return (0.0 if stick is None else stick * limit_rad), idle
     if target.error_rad is not None:

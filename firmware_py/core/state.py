@@ -20,8 +20,7 @@ from firmware_py.estimate import water
 from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, HeadingEstimatorState
 from firmware_py.estimate.position import PositionSettings, PositionState
 from firmware_py.estimate.water import WaterState
-from firmware_py.faults.latch import LatchState
-from firmware_py.faults.page import arming_obstacle
+from firmware_py.faults.latch import LatchState, arming_obstacle
 from firmware_py.guidance import guidance
 from firmware_py.guidance.guidance import GuidanceSettings, GuidanceState
 from firmware_py.modes import ModeState, Situation

@@ -26,7 +26,7 @@ from firmware_py.common.reading_notes import Spot, number, shown
 from firmware_py.common.record_history import Change, Record
 from firmware_py.core.state import State
 from firmware_py.faults.latch import LatchState
-from firmware_py.faults.page import Fault
+from firmware_py.faults.table import Fault
 from firmware_py.safety.failsafe import FailsafeState
 
 # The faults of version 1 in their order; it does not follow the table of today.

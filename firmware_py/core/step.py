@@ -13,9 +13,9 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import Request, Verdict
 from firmware_py.common.records import Event, Inputs, Output, RudderCommand, RudderStatus, Severity
 from firmware_py.control.rudder_limit import limited_command
-from firmware_py.core import fault_conditions
 from firmware_py.core.accept import accept
 from firmware_py.core.estimate_step import estimate
+from firmware_py.core.fault_conditions import fault_input
 from firmware_py.core.rudder_demand import rudder_demand
 from firmware_py.core.snapshot import snapshot_of
 from firmware_py.core.state import Settings, State, freshness_of, settings_of, situation_of
@@ -39,7 +39,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     state = _monitor_rudder(settings, state, rudder, step_s)
     freshness = freshness_of(settings, state, now_s)
 
-    conditions = fault_conditions.standing(settings, state, freshness, now_s)
+    conditions = latch.judge_conditions(fault_input(settings, state, freshness, now_s))
     faults, fault_events = latch.update(state.fault_latch, conditions, now_s)
     state = replace(state, fault_latch=faults)
     situation = situation_of(settings, state, freshness)

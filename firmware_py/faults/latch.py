@@ -1,4 +1,4 @@
-"""Judges the faults of faults.TABLE from conditions and time: debounce, set, clear, tell."""
+"""Judges the faults of the table from conditions and time: debounce, set, clear, tell."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_py.common.records import Event, Severity
-from firmware_py.faults.page import TABLE, Fault
+from firmware_py.faults.row import FaultInput
+from firmware_py.faults.table import TABLE, Fault
+
+_CONDITIONS = tuple(row.stands for row in TABLE.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +28,11 @@ class LatchState:
 WELL = LatchState()
 
 
+def judge_conditions(tick: FaultInput) -> tuple[bool, ...]:
+    """Return whether the condition of each fault stands, in the table's order."""
+    return tuple([stands(tick) for stands in _CONDITIONS])
+
+
 def update(state: LatchState, conditions: Sequence[bool], now_s: float) -> tuple[LatchState, tuple[Event, ...]]:
     """Advance all rows by their conditions, in the table's order; an event for each fault set or cleared now."""
     if not state.active and not any(conditions):
@@ -33,17 +41,25 @@ def update(state: LatchState, conditions: Sequence[bool], now_s: float) -> tuple
     stood: list[float | None] = []
     active = 0
     events: list[Event] = []
-    for row, begun_s, before_s, stands in zip(TABLE, state.since_s, state.stood_s, conditions, strict=True):
-        was_set = state.is_set(row.fault)
+    rows = zip(TABLE.items(), state.since_s, state.stood_s, conditions, strict=True)
+    for (fault, row), begun_s, before_s, stands in rows:
+        was_set = state.is_set(fault)
         last_s = now_s if stands else before_s
         kept = stands or (was_set and last_s is not None and now_s - last_s < row.clear_s)
         start_s = (now_s if begun_s is None else begun_s) if kept else None
         since.append(start_s)
         stood.append(last_s if kept else None)
         is_set = start_s is not None and (was_set or now_s - start_s >= row.debounce_s)
-        active |= is_set << row.fault
+        active |= is_set << fault
         if is_set and not was_set:
             events.append(Event(row.severity, row.text))
         elif was_set and not is_set:
             events.append(Event(Severity.NOTICE, row.recovery))
     return LatchState(tuple(since), tuple(stood), active), tuple(events)
+
+
+def arming_obstacle(active: int) -> str:
+    """Say in a few words which of the faults set (as bits) forbids arming; empty when none does."""
+    if not active:
+        return ""
+    return next((row.arming for fault, row in TABLE.items() if row.arming and active >> fault & 1), "")

@@ -1,34 +1,25 @@
-"""The one table of faults: condition, debounce, severity, action, recovery and text.
-
-A row's index is its bit in `Snapshot.faults`. `conditions` says what stands, the monitor
-judges it over time, `failsafe` and the parts named by the action do what follows.
-"""
+"""params/FAULTS.md: the table of faults as a page."""
 
 from __future__ import annotations
 
+from firmware_py.common.mode_table import FAILSAFE_MODES, failsafe_ladder
+from firmware_py.common.parameter_table import INDEX
 from firmware_py.common.parameter_table import TABLE as PARAMETERS
-from firmware_py.common.parameters import index_of
-from firmware_py.faults.kinds import DONE, Action, Fault, FaultRow
+from firmware_py.faults.row import Action, FaultRow
 from firmware_py.faults.table import TABLE
 
-__all__ = ["TABLE", "Action", "Fault", "FaultRow", "arming_obstacle", "markdown"]
 
-
-def arming_obstacle(active: int) -> str:
-    """Say in a few words which of the faults set (as bits) forbids arming; empty when none does."""
-    return next((row.arming for row in TABLE if row.arming and active >> row.fault & 1), "")
-
-
-def _done(row: FaultRow) -> str:
+def _effect(row: FaultRow) -> str:
     if not row.parameter:
-        return DONE[row.action]
-    chosen = Action(int(PARAMETERS[index_of(row.parameter)].default))
-    first = DONE[row.action] + "; " if row.action is Action.EASE else ""
-    return f"{first}`{row.parameter}`, by default {DONE[chosen]}"
+        return row.action.value
+    mode = FAILSAFE_MODES.get(int(PARAMETERS[INDEX[row.parameter]].default))
+    chosen = Action.ALERT.value if mode is None else ", else ".join(step.name for step in failsafe_ladder(mode))
+    first = "" if row.action is Action.ALERT else f"{row.action.value}; "
+    return f"{first}`{row.parameter}`, by default {chosen}"
 
 
 def markdown() -> str:
-    """The fault table as a generated page, params/FAULTS.md."""
+    """Return the page."""
     lines = [
         "# Faults",
         "",
@@ -42,8 +33,8 @@ def markdown() -> str:
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     lines += [
-        f"| {row.fault.value} | {row.fault.name} | {row.condition} | {row.debounce_s:g} / {row.clear_s:g} | "
-        f"{row.severity.name.lower()} | {_done(row)} | {row.text} | {row.recovery} | {row.arming} |"
-        for row in TABLE
+        f"| {fault.value} | {fault.name} | {row.condition} | {row.debounce_s:g} / {row.clear_s:g} | "
+        f"{row.severity.name.lower()} | {_effect(row)} | {row.text} | {row.recovery} | {row.arming} |"
+        for fault, row in TABLE.items()
     ]
     return "\n".join(lines) + "\n"

@@ -1,284 +1,285 @@
-"""The rows of the fault table; faults.py says what they mean."""
+"""The one table of faults: condition, debounce, severity, action, parameter and texts.
+
+core/fault_conditions.py fills the FaultInput of a tick, latch.py judges the conditions over time,
+safety/failsafe.py and the parts named by the action do what follows.
+"""
 
 from __future__ import annotations
 
-from firmware_py.common.records import Severity
-from firmware_py.faults.kinds import Action, Fault, FaultRow
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Final
 
-TABLE: tuple[FaultRow, ...] = (
-    FaultRow(
-        Fault.COMPASS_LOST,
-        "no valid heading from any source for CMP_TIMEOUT_S",
-        0.0,
-        0.0,
-        Severity.CRITICAL,
-        Action.HOLD_THEN_AMIDSHIPS,
-        "",
-        "No heading: rudder held, then amidships",
-        "Heading is back",
-        "no valid heading",
+from firmware_py.common.records import DeviceState, Severity
+from firmware_py.faults.row import Action, FaultInput, FaultRow, exceeds, within
+
+LATE_MEMORY_S: Final = 2.0
+RESTART_MEMORY_S: Final = 5.0
+COOLER_C: Final = 5.0
+FULLER: Final = 1.03  # of BAT_LOW_VOLT
+
+
+class Fault(IntEnum):
+    """The faults; the number of each is its bit in Snapshot.faults, logs and telemetry."""
+
+    COMPASS_LOST = 0
+    POSITION_LOST = 1
+    RUDDER_SILENT = 2
+    RUDDER_ERROR = 3
+    LOOP_LATE = 4
+    STORAGE_FAILING = 5
+    CURRENT_STRONG = 6
+    MISSION_UNUSABLE = 7
+    FENCE_BREACHED = 8
+    COMPASS_SILENT = 9
+    COMPASS_FROZEN = 10
+    COMPASS_JUMPING = 11
+    COMPASS_DISAGREES = 12
+    POSITION_JUMPING = 13
+    RUDDER_ASTRAY = 14
+    RUDDER_JAMMED = 15
+    RUDDER_HOT = 16
+    RUDDER_OVERLOADED = 17
+    RUDDER_REPOWERED = 18
+    SUPPLY_LOW = 19
+    STORAGE_FULL = 20
+    CLOCK_STEPPED = 21
+    STATION_SILENT = 22
+    STEERING_LOST = 23
+
+
+def _hot_c(tick: FaultInput) -> float:
+    margin_c = COOLER_C if tick.is_set(Fault.RUDDER_HOT) else 0.0
+    return tick.servo_hot_c - margin_c
+
+
+def _low_v(tick: FaultInput) -> float:
+    return tick.supply_low_v * (FULLER if tick.is_set(Fault.SUPPLY_LOW) else 1.0)
+
+
+# In the order of the numbers.
+TABLE: Mapping[Fault, FaultRow] = {
+    Fault.COMPASS_LOST: FaultRow(
+        condition="no valid heading from any source for CMP_TIMEOUT_S",
+        stands=lambda tick: tick.heading_old,
+        severity=Severity.CRITICAL,
+        action=Action.HOLD_THEN_AMIDSHIPS,
+        text="No heading: rudder held, then amidships",
+        recovery="Heading is back",
+        arming="no valid heading",
     ),
-    FaultRow(
-        Fault.POSITION_LOST,
-        "a fix was there and no believed one has come for POS_TIMEOUT_S",
-        2.0,
-        0.0,
-        Severity.WARNING,
-        Action.ALERT,
-        "FS_POS_ACT",
-        "Position lost",
-        "Position is back",
+    Fault.POSITION_LOST: FaultRow(
+        condition="a fix was there and no believed one has come for POS_TIMEOUT_S",
+        stands=lambda tick: tick.position_old,
+        debounce_s=2.0,
+        severity=Severity.WARNING,
+        parameter="FS_POS_ACT",
+        text="Position lost",
+        recovery="Position is back",
     ),
-    FaultRow(
-        Fault.RUDDER_SILENT,
-        "the servo has not answered for RUD_TIMEOUT_S",
-        0.0,
-        0.0,
-        Severity.CRITICAL,
-        Action.ALERT,
-        "FS_RUD_ACT",
-        "Rudder servo does not answer",
-        "Rudder servo answers again",
-        "rudder servo does not answer",
+    Fault.RUDDER_SILENT: FaultRow(
+        condition="the servo has not answered for RUD_TIMEOUT_S",
+        stands=lambda tick: tick.servo_old,
+        severity=Severity.CRITICAL,
+        parameter="FS_RUD_ACT",
+        text="Rudder servo does not answer",
+        recovery="Rudder servo answers again",
+        arming="rudder servo does not answer",
     ),
-    FaultRow(
-        Fault.RUDDER_ERROR,
-        "the servo reports a hardware error",
-        0.3,
-        0.0,
-        Severity.ERROR,
-        Action.ALERT,
-        "FS_RUD_ACT",
-        "Rudder servo reports a hardware error",
-        "Rudder servo error has cleared",
-        "rudder servo reports an error",
+    Fault.RUDDER_ERROR: FaultRow(
+        condition="the servo reports a hardware error",
+        stands=lambda tick: tick.servo_error,
+        debounce_s=0.3,
+        severity=Severity.ERROR,
+        parameter="FS_RUD_ACT",
+        text="Rudder servo reports a hardware error",
+        recovery="Rudder servo error has cleared",
+        arming="rudder servo reports an error",
     ),
-    FaultRow(
-        Fault.LOOP_LATE,
-        "deadlines were skipped within the last 2 s",
-        0.0,
-        0.0,
-        Severity.WARNING,
-        Action.ALERT,
-        "",
-        "Control loop is late",
-        "Control loop is in time again",
+    Fault.LOOP_LATE: FaultRow(
+        condition="deadlines were skipped within the last 2 s",
+        stands=lambda tick: within(tick.late_age_s, LATE_MEMORY_S),
+        severity=Severity.WARNING,
+        text="Control loop is late",
+        recovery="Control loop is in time again",
     ),
-    FaultRow(
-        Fault.STORAGE_FAILING,
-        "the log or the store cannot be written",
-        2.0,
-        0.0,
-        Severity.WARNING,
-        Action.ALERT,
-        "",
-        "Storage fails: log or settings are not kept",
-        "Storage works again",
+    Fault.STORAGE_FAILING: FaultRow(
+        condition="the log or the store cannot be written",
+        stands=lambda tick: tick.storage is DeviceState.FAULTY,
+        debounce_s=2.0,
+        severity=Severity.WARNING,
+        text="Storage fails: log or settings are not kept",
+        recovery="Storage works again",
     ),
-    FaultRow(
-        Fault.CURRENT_STRONG,
-        "the estimated current is stronger than her speed through the water by its standard deviation, for 2 min",
-        0.0,
-        0.0,
-        Severity.WARNING,
-        Action.POINT_INTO_IT,
-        "",
-        "Current stronger than she is: points into it",
-        "Current is weaker than she is again",
+    Fault.CURRENT_STRONG: FaultRow(
+        condition="the estimated current is stronger than her speed through the water by its standard deviation, "
+        "for 2 min",
+        stands=lambda tick: tick.current_too_strong,
+        severity=Severity.WARNING,
+        action=Action.POINT_INTO_IT,
+        text="Current stronger than she is: points into it",
+        recovery="Current is weaker than she is again",
     ),
-    FaultRow(
-        Fault.MISSION_UNUSABLE,
-        "armed in AUTO without a mission, or its jumps lead nowhere",
-        0.0,
-        0.0,
-        Severity.WARNING,
-        Action.KEEP_STATION,
-        "",
-        "Mission cannot be sailed: keeping station",
-        "Mission can be sailed again",
+    Fault.MISSION_UNUSABLE: FaultRow(
+        condition="armed in AUTO without a mission, or its jumps lead nowhere",
+        stands=lambda tick: tick.mission_unusable,
+        severity=Severity.WARNING,
+        action=Action.KEEP_STATION,
+        text="Mission cannot be sailed: keeping station",
+        recovery="Mission can be sailed again",
     ),
-    FaultRow(
-        Fault.FENCE_BREACHED,
-        "the fence is enabled and she is outside it",
-        1.0,
-        5.0,
-        Severity.ERROR,
-        Action.ALERT,
-        "FS_FENCE_ACT",
-        "Fence breached",
-        "Inside the fence again",
-        "outside the fence",
+    Fault.FENCE_BREACHED: FaultRow(
+        condition="the fence is enabled and she is outside it",
+        stands=lambda tick: tick.outside_fence,
+        debounce_s=1.0,
+        clear_s=5.0,
+        severity=Severity.ERROR,
+        parameter="FS_FENCE_ACT",
+        text="Fence breached",
+        recovery="Inside the fence again",
+        arming="outside the fence",
     ),
-    FaultRow(
-        Fault.COMPASS_SILENT,
-        "a compass that was heard has sent no heading for CMP_TIMEOUT_S",
-        0.5,
-        1.0,
-        Severity.ERROR,
-        Action.NEXT_SOURCE,
-        "",
-        "Compass is silent",
-        "Compass speaks again",
+    Fault.COMPASS_SILENT: FaultRow(
+        condition="a compass that was heard has sent no heading for CMP_TIMEOUT_S",
+        stands=lambda tick: tick.compass_silent,
+        debounce_s=0.5,
+        clear_s=1.0,
+        severity=Severity.ERROR,
+        action=Action.NEXT_SOURCE,
+        text="Compass is silent",
+        recovery="Compass speaks again",
     ),
-    FaultRow(
-        Fault.COMPASS_FROZEN,
-        "a compass has shown one and the same number for CMP_FROZEN_S",
-        0.0,
-        0.0,
-        Severity.ERROR,
-        Action.NEXT_SOURCE,
-        "",
-        "Compass is frozen",
-        "Compass varies again",
-        "compass is frozen",
+    Fault.COMPASS_FROZEN: FaultRow(
+        condition="a compass has shown one and the same number for CMP_FROZEN_S",
+        stands=lambda tick: tick.compass_frozen,
+        severity=Severity.ERROR,
+        action=Action.NEXT_SOURCE,
+        text="Compass is frozen",
+        recovery="Compass varies again",
+        arming="compass is frozen",
     ),
-    FaultRow(
-        Fault.COMPASS_JUMPING,
-        "a compass shows for 1.5 s headings that she cannot have come to",
-        0.0,
-        5.0,
-        Severity.ERROR,
-        Action.NEXT_SOURCE,
-        "",
-        "Compass jumps: not believed",
-        "Compass agrees again",
-        "compass jumps",
+    Fault.COMPASS_JUMPING: FaultRow(
+        condition="a compass shows for 1.5 s headings that she cannot have come to",
+        stands=lambda tick: tick.compass_jumping,
+        clear_s=5.0,
+        severity=Severity.ERROR,
+        action=Action.NEXT_SOURCE,
+        text="Compass jumps: not believed",
+        recovery="Compass agrees again",
+        arming="compass jumps",
     ),
-    FaultRow(
-        Fault.COMPASS_DISAGREES,
-        "two sound compasses differ by more than 15 deg",
-        5.0,
-        5.0,
-        Severity.WARNING,
-        Action.ALERT,
-        "",
-        "Compasses disagree",
-        "Compasses agree again",
-        "compasses disagree",
+    Fault.COMPASS_DISAGREES: FaultRow(
+        condition="two sound compasses differ by more than 15 deg",
+        stands=lambda tick: tick.compasses_disagree,
+        debounce_s=5.0,
+        clear_s=5.0,
+        severity=Severity.WARNING,
+        text="Compasses disagree",
+        recovery="Compasses agree again",
+        arming="compasses disagree",
     ),
-    FaultRow(
-        Fault.POSITION_JUMPING,
-        "fixes lie farther off than she can have sailed and are held back, for POS_JUMP_S at most",
-        2.5,
-        2.5,
-        Severity.WARNING,
-        Action.NOT_BELIEVED,
-        "",
-        "Position jumps: not believed",
-        "Position is steady again",
+    Fault.POSITION_JUMPING: FaultRow(
+        condition="fixes lie farther off than she can have sailed and are held back, for POS_JUMP_S at most",
+        stands=lambda tick: tick.position_held_back,
+        debounce_s=2.5,
+        clear_s=2.5,
+        severity=Severity.WARNING,
+        action=Action.NOT_BELIEVED,
+        text="Position jumps: not believed",
+        recovery="Position is steady again",
     ),
-    FaultRow(
-        Fault.RUDDER_ASTRAY,
-        "the rudder moves, but for 1.5 s not toward a command that is more than 3 deg away",
-        1.0,
-        1.0,
-        Severity.ERROR,
-        Action.ALERT,
-        "FS_RUD_ACT",
-        "Rudder does not follow",
-        "Rudder follows again",
-        "rudder does not follow",
+    Fault.RUDDER_ASTRAY: FaultRow(
+        condition="the rudder moves, but for 1.5 s not toward a command that is more than 3 deg away",
+        stands=lambda tick: tick.rudder_astray,
+        debounce_s=1.0,
+        clear_s=1.0,
+        severity=Severity.ERROR,
+        parameter="FS_RUD_ACT",
+        text="Rudder does not follow",
+        recovery="Rudder follows again",
+        arming="rudder does not follow",
     ),
-    FaultRow(
-        Fault.RUDDER_JAMMED,
-        "the rudder has not moved for 1.5 s though its command is more than 3 deg away",
-        0.0,
-        0.0,
-        Severity.CRITICAL,
-        Action.EASE,
-        "FS_RUD_ACT",
-        "Rudder jammed: motor eased, tried every 10 s",
-        "Rudder moves again",
-        "rudder is jammed",
+    Fault.RUDDER_JAMMED: FaultRow(
+        condition="the rudder has not moved for 1.5 s though its command is more than 3 deg away",
+        stands=lambda tick: tick.rudder_jammed,
+        severity=Severity.CRITICAL,
+        action=Action.EASE,
+        parameter="FS_RUD_ACT",
+        text="Rudder jammed: motor eased, tried every 10 s",
+        recovery="Rudder moves again",
+        arming="rudder is jammed",
     ),
-    FaultRow(
-        Fault.RUDDER_HOT,
-        "the servo is hotter than RUD_TEMP_MAX (until 5 deg below it)",
-        2.0,
-        2.0,
-        Severity.WARNING,
-        Action.ALERT,
-        "FS_RUD_ACT",
-        "Rudder servo is hot",
-        "Rudder servo has cooled down",
-        "rudder servo is hot",
+    Fault.RUDDER_HOT: FaultRow(
+        condition="the servo is hotter than RUD_TEMP_MAX (until 5 deg below it)",
+        stands=lambda tick: exceeds(tick.servo_temperature_c, _hot_c(tick)),
+        debounce_s=2.0,
+        clear_s=2.0,
+        severity=Severity.WARNING,
+        parameter="FS_RUD_ACT",
+        text="Rudder servo is hot",
+        recovery="Rudder servo has cooled down",
+        arming="rudder servo is hot",
     ),
-    FaultRow(
-        Fault.RUDDER_OVERLOADED,
-        "the servo has drawn more than RUD_AMP_MAX for 2 s",
-        0.0,
-        0.0,
-        Severity.ERROR,
-        Action.EASE,
-        "FS_RUD_ACT",
-        "Rudder servo draws too much current: eased",
-        "Rudder servo current is normal again",
+    Fault.RUDDER_OVERLOADED: FaultRow(
+        condition="the servo has drawn more than RUD_AMP_MAX for 2 s",
+        stands=lambda tick: tick.rudder_overloaded,
+        severity=Severity.ERROR,
+        action=Action.EASE,
+        parameter="FS_RUD_ACT",
+        text="Rudder servo draws too much current: eased",
+        recovery="Rudder servo current is normal again",
     ),
-    FaultRow(
-        Fault.RUDDER_REPOWERED,
-        "the servo has come up anew by itself within the last 5 s",
-        0.0,
-        0.0,
-        Severity.WARNING,
-        Action.SET_UP_AGAIN,
-        "",
-        "Rudder servo was without power: set up again",
-        "Rudder servo runs on",
+    Fault.RUDDER_REPOWERED: FaultRow(
+        condition="the servo has come up anew by itself within the last 5 s",
+        stands=lambda tick: within(tick.servo_restart_age_s, RESTART_MEMORY_S),
+        severity=Severity.WARNING,
+        action=Action.SET_UP_AGAIN,
+        text="Rudder servo was without power: set up again",
+        recovery="Rudder servo runs on",
     ),
-    FaultRow(
-        Fault.SUPPLY_LOW,
-        "the supply, as the servo measures it, is below BAT_LOW_VOLT (until 3 % above it)",
-        5.0,
-        10.0,
-        Severity.ERROR,
-        Action.ALERT,
-        "FS_VOLT_ACT",
-        "Supply voltage is low",
-        "Supply voltage is right again",
-        "supply voltage is low",
+    Fault.SUPPLY_LOW: FaultRow(
+        condition="the supply, as the servo measures it, is below BAT_LOW_VOLT (until 3 % above it)",
+        stands=lambda tick: tick.supply_v is not None and tick.supply_v < _low_v(tick),
+        debounce_s=5.0,
+        clear_s=10.0,
+        severity=Severity.ERROR,
+        parameter="FS_VOLT_ACT",
+        text="Supply voltage is low",
+        recovery="Supply voltage is right again",
+        arming="supply voltage is low",
     ),
-    FaultRow(
-        Fault.STORAGE_FULL,
-        "less than LOG_FREE_MB are free on the disk of the state directory",
-        2.0,
-        10.0,
-        Severity.WARNING,
-        Action.ALERT,
-        "",
-        "Storage is full: logs will end",
-        "Storage has room again",
+    Fault.STORAGE_FULL: FaultRow(
+        condition="less than LOG_FREE_MB are free on the disk of the state directory",
+        stands=lambda tick: tick.storage is DeviceState.FULL,
+        debounce_s=2.0,
+        clear_s=10.0,
+        severity=Severity.WARNING,
+        text="Storage is full: logs will end",
+        recovery="Storage has room again",
     ),
-    FaultRow(
-        Fault.CLOCK_STEPPED,
-        "the computer's clock has jumped by more than 2 s against the loop's within the last 10 s",
-        0.0,
-        0.0,
-        Severity.NOTICE,
-        Action.ALERT,
-        "",
-        "System clock was stepped; the loop takes no notice",
-        "System clock runs on",
+    Fault.CLOCK_STEPPED: FaultRow(
+        condition="the computer's clock has jumped by more than 2 s against the loop's within the last 10 s",
+        stands=lambda tick: tick.clock is DeviceState.FAULTY,
+        severity=Severity.NOTICE,
+        text="System clock was stepped; the loop takes no notice",
+        recovery="System clock runs on",
     ),
-    FaultRow(
-        Fault.STATION_SILENT,
-        "a ground station was heard and none has been for FS_GCS_S",
-        0.0,
-        0.0,
-        Severity.WARNING,
-        Action.ALERT,
-        "FS_GCS_ACT",
-        "Ground station silent",
-        "Ground station is back",
+    Fault.STATION_SILENT: FaultRow(
+        condition="a ground station was heard and none has been for FS_GCS_S",
+        stands=lambda tick: tick.station is DeviceState.SILENT and exceeds(tick.station_age_s, tick.station_timeout_s),
+        severity=Severity.WARNING,
+        parameter="FS_GCS_ACT",
+        text="Ground station silent",
+        recovery="Ground station is back",
     ),
-    FaultRow(
-        Fault.STEERING_LOST,
-        "she turns less than a quarter of what her rudder should turn her, and the sea lets that be told",
-        10.0,
-        10.0,
-        Severity.ERROR,
-        Action.ALERT,
-        "FS_STEER_ACT",
-        "Rudder moves and she does not turn",
-        "She answers the rudder again",
+    Fault.STEERING_LOST: FaultRow(
+        condition="she turns less than a quarter of what her rudder should turn her, and the sea lets that be told",
+        stands=lambda tick: tick.steering_lost,
+        debounce_s=10.0,
+        clear_s=10.0,
+        severity=Severity.ERROR,
+        parameter="FS_STEER_ACT",
+        text="Rudder moves and she does not turn",
+        recovery="She answers the rudder again",
     ),
-)
+}

@@ -7,12 +7,14 @@ twice a second and at each fix: in between the last answer stands.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from firmware_py.common.geodesy import Place
+from firmware_py.common.mode_table import MODES, Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
-from firmware_py.common.records import Activity, Event, Home, MissionReport, Mode, Navigation, Severity, Water
+from firmware_py.common.records import Activity, Event, Home, MissionReport, Navigation, Severity, Water
 from firmware_py.guidance import fence, mission, mission_progress, task_follower
 from firmware_py.guidance.fence import FenceState
 from firmware_py.guidance.mission import MissionInput
@@ -25,7 +27,6 @@ from firmware_py.modes import HeadingGoal, ModeState, PositionGoal
 
 INTERVAL_S = 0.5
 LONGEST_STEP_S = 5.0
-_POSITION_MODES = (Mode.GUIDED, Mode.LOITER, Mode.AUTO, Mode.RTL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +130,7 @@ def _take_changes(state: GuidanceState, given: GuidanceInput) -> GuidanceState:
 
 
 def _needs_position(modes: ModeState) -> bool:
-    return modes.mode in _POSITION_MODES and not isinstance(modes.goal, HeadingGoal)
+    return MODES[modes.mode].follows_task and not isinstance(modes.goal, HeadingGoal)
 
 
 def _enter_mode(state: GuidanceState, modes: ModeState) -> GuidanceState:
@@ -155,17 +156,40 @@ def _carry_out(
 
 
 def _task(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput, motion: VesselMotion) -> Task | None:
-    """Return the task of a mode other than AUTO; LOITER and RTL choose their place once."""
-    modes, radii = given.modes, settings.tasks
-    if modes.mode is Mode.GUIDED and isinstance(modes.goal, PositionGoal):
-        place = Place(modes.goal.latitude_rad, modes.goal.longitude_rad)
-        return GoTo(place, None, radii.acceptance_radius_m, radii.station_radius_m)
-    if modes.mode is Mode.LOITER:
-        centre = state.task.centre if isinstance(state.task, HoldStation) else motion.place
-        return HoldStation(centre, radii.station_radius_m)
-    if modes.mode is Mode.RTL:
-        return state.task or _return_task(settings, given, motion)
-    return None
+    """Return the task of a mode other than AUTO; None where it has none."""
+    task = _TASKS.get(given.modes.mode)
+    return None if task is None else task(settings, state, given, motion)
+
+
+def _guided_task(
+    settings: GuidanceSettings, _state: GuidanceState, given: GuidanceInput, _motion: VesselMotion
+) -> Task | None:
+    goal, radii = given.modes.goal, settings.tasks
+    if not isinstance(goal, PositionGoal):
+        return None
+    place = Place(goal.latitude_rad, goal.longitude_rad)
+    return GoTo(place, None, radii.acceptance_radius_m, radii.station_radius_m)
+
+
+def _loiter_task(settings: GuidanceSettings, state: GuidanceState, _given: GuidanceInput, motion: VesselMotion) -> Task:
+    """LOITER chooses its place once."""
+    centre = state.task.centre if isinstance(state.task, HoldStation) else motion.place
+    return HoldStation(centre, settings.tasks.station_radius_m)
+
+
+def _rtl_task(
+    settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput, motion: VesselMotion
+) -> Task | None:
+    """RTL chooses its place once."""
+    return state.task or _return_task(settings, given, motion)
+
+
+# What a mode does that follows a task of its own; AUTO takes its tasks from the mission.
+_TASKS: Mapping[Mode, Callable[[GuidanceSettings, GuidanceState, GuidanceInput, VesselMotion], Task | None]] = {
+    Mode.GUIDED: _guided_task,
+    Mode.LOITER: _loiter_task,
+    Mode.RTL: _rtl_task,
+}
 
 
 def _return_task(settings: GuidanceSettings, given: GuidanceInput, motion: VesselMotion) -> GoTo | None:

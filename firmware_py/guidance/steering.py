@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from firmware_py.common.angles import wrap_pi, wrap_two_pi
-from firmware_py.common.records import Mode
+from firmware_py.common.mode_table import MODES, Mode
 from firmware_py.guidance.guidance import GuidanceSettings
 from firmware_py.guidance.task_follower import TaskStatus
 from firmware_py.model.crab import heading_for_course
@@ -25,7 +25,7 @@ def update_goal(
     settings: GuidanceSettings, modes: ModeState, situation: Situation, now_s: float, step_s: float
 ) -> ModeState:
     """Give a goal to a mode that has none yet, turn it by the stick, end a turn the long way."""
-    if modes.mode not in (Mode.STEERING, Mode.GUIDED) or situation.heading_rad is None:
+    if not MODES[modes.mode].heading_goals or situation.heading_rad is None:
         return modes
     goal = modes.goal
     if goal is None:

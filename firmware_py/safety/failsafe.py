@@ -1,9 +1,9 @@
 """Which fault decides the mode, and which mode: pure, and the only judge of failsafes.
 
-A fault whose action is a mode acts once, when it is set, and only while the boat is armed and not
-in MANUAL or HOLD. The gravest of those that act decides. It takes the best mode of its ladder
-that is possible, and a better one once it becomes possible. Any intent of the operator after
-that wins: none of the faults that stand acts again before it has gone and come back.
+A fault for which a mode is chosen acts once, when it is set, and only while the boat is armed in a
+mode that steers: not in MANUAL or HOLD. The gravest of those that act decides. It takes the best mode
+of its ladder that is possible, and a better one once it becomes possible. Any intent of the operator
+after that wins: none of the faults that stand acts again before it has gone and come back.
 """
 
 from __future__ import annotations
@@ -11,11 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from firmware_py.common.records import Event, Mode, Severity
-from firmware_py.faults.kinds import LADDERS, Action, Fault
-from firmware_py.faults.table import TABLE
-
-LEFT_ALONE = (Mode.MANUAL, Mode.HOLD)
+from firmware_py.common.mode_table import MODES, Mode, RudderBy, failsafe_ladder
+from firmware_py.common.records import Event, Severity
+from firmware_py.faults.table import TABLE, Fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +34,7 @@ class FailsafeInput:
     mode: Mode
     armed: bool
     overruled: bool
-    actions: Mapping[Fault, Action]  # those that parameters choose
+    modes: Mapping[Fault, Mode | None]  # of the faults whose parameters choose; None: alert only
     possible: Callable[[Mode], bool]
     resume: bool
 
@@ -60,26 +58,29 @@ def decide(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, D
     overruled = given.overruled or not given.armed or (state.mode is not None and given.mode is not state.mode)
     if overruled:
         state = FailsafeState(active=state.active)
-    calling = state.calling & given.active
-    if given.armed and given.mode not in LEFT_ALONE:
-        calling |= _modal(given) & given.active & ~state.active
+    # A fault whose parameter has been set to "alert only" meanwhile calls for nothing any more.
+    modes = {fault: mode for fault, mode in given.modes.items() if mode is not None}
+    choosable = given.active & sum(1 << fault for fault in modes)
+    calling = state.calling & choosable
+    if given.armed and MODES[given.mode].rudder_by is RudderBy.HEADING:
+        calling |= choosable & ~state.active
     state = replace(state, active=given.active, calling=calling)
     if not calling:
-        return _ended(state, given)
-    row = min((row for row in TABLE if calling >> row.fault & 1), key=lambda row: (row.severity, row.fault))
-    ladder = LADDERS[given.actions[row.fault]]
+        return _end(state, given)
+    fault = min((fault for fault in modes if calling >> fault & 1), key=lambda fault: (TABLE[fault].severity, fault))
+    ladder = failsafe_ladder(modes[fault])
     mode = next((mode for mode in ladder if mode is Mode.HOLD or given.possible(mode)), Mode.HOLD)
-    if state.fault is row.fault and state.mode in ladder and ladder.index(mode) >= ladder.index(state.mode):
+    if state.fault is fault and state.mode in ladder and ladder.index(mode) >= ladder.index(state.mode):
         return state, NOTHING
-    state = replace(state, fault=row.fault, mode=mode)
+    state = replace(state, fault=fault, mode=mode)
     if mode is given.mode:
         return state, NOTHING
     lacking = "" if mode is ladder[0] else f", {ladder[0].name} is impossible"
-    event = Event(row.severity, f"Failsafe: {mode.name}{lacking}")
+    event = Event(TABLE[fault].severity, f"Failsafe: {mode.name}{lacking}")
     return state, Decision(enter=mode, events=(event,))
 
 
-def _ended(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, Decision]:
+def _end(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, Decision]:
     """Go on with what was interrupted, or stay, once nothing calls for a mode any more."""
     if state.fault is None:
         return state, NOTHING
@@ -87,8 +88,3 @@ def _ended(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, D
     if given.resume:
         return state, Decision(resume=True)
     return state, Decision(events=(Event(Severity.NOTICE, f"Failsafe over: {given.mode.name} stays"),))
-
-
-def _modal(given: FailsafeInput) -> int:
-    """Return the faults whose chosen action is a mode, as bits."""
-    return sum(1 << fault for fault, action in given.actions.items() if action in LADDERS)

@@ -8,9 +8,10 @@ from typing import Final
 
 from firmware_py.common.angles import radians
 from firmware_py.common.intents import Arm, Intent, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition
+from firmware_py.common.mode_table import FAILSAFE_MODES, MODES, Mode, RudderBy
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Event, Mode, RudderStatus, Severity
-from firmware_py.faults.page import TABLE, Action, Fault
+from firmware_py.common.records import Event, RudderStatus, Severity
+from firmware_py.faults.table import TABLE, Fault
 from firmware_py.modes import ModeState, Situation, enter, obstacle_to
 from firmware_py.safety import rudder_monitor, steering_monitor
 from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
@@ -32,11 +33,14 @@ OVERRULING: Final[tuple[type[Intent], ...]] = (
 
 @dataclass(frozen=True, slots=True)
 class SupervisorSettings:
-    """What each fault does to the mode, whether what was interrupted goes on after it, and when a fault stands."""
+    """What each fault does to the mode, whether what was interrupted goes on after it, and when a fault stands.
+
+    `failsafe_modes` are of the faults whose parameters choose; None: alert only.
+    """
 
     rudder_monitor: RudderMonitorSettings
     steering_monitor: SteeringMonitorSettings
-    actions: Mapping[Fault, Action]
+    failsafe_modes: Mapping[Fault, Mode | None]
     resume: bool
     hot_c: float
     low_v: float
@@ -48,7 +52,11 @@ class SupervisorSettings:
         return cls(
             rudder_monitor=RudderMonitorSettings.of(parameters),
             steering_monitor=SteeringMonitorSettings.of(parameters),
-            actions={row.fault: Action(int(parameters[row.parameter])) for row in TABLE if row.parameter},
+            failsafe_modes={
+                fault: FAILSAFE_MODES.get(int(parameters[row.parameter]))
+                for fault, row in TABLE.items()
+                if row.parameter
+            },
             resume=bool(parameters["FS_RESUME"]),
             hot_c=parameters["RUD_TEMP_MAX"],
             low_v=parameters["BAT_LOW_VOLT"],
@@ -118,7 +126,7 @@ def apply_failsafe(
         modes.mode,
         modes.armed,
         overruled,
-        settings.actions,
+        settings.failsafe_modes,
         lambda mode: not obstacle_to(mode, situation),
         settings.resume,
     )
@@ -152,7 +160,7 @@ def limit_without_heading(
     state: SupervisorState, demand_rad: float, command_rad: float, modes: ModeState, now_s: float, *, heading_ok: bool
 ) -> tuple[SupervisorState, float]:
     """Never let the rudder stay far over without a heading: after a while it goes amidships until one is back."""
-    if heading_ok or modes.mode is Mode.MANUAL or not modes.armed:
+    if heading_ok or MODES[modes.mode].rudder_by is RudderBy.STICK or not modes.armed:
         if state.hard_over_s is None and not state.kept_amidships:
             return state, demand_rad
         return replace(state, hard_over_s=None, kept_amidships=False), demand_rad

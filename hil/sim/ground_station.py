@@ -11,13 +11,14 @@ from typing import Any
 from pymavlink.dialects.v20 import common as dialect
 
 from firmware_py.common.angles import compass_degrees
+from firmware_py.common.mode_table import Mode
 from hil.sim.goals import Goal
 from hil.sim.mavlink_tap import MavlinkTap
 
 SYSTEM = 255
 COMPONENT = dialect.MAV_COMP_ID_MISSIONPLANNER
-GUIDED = 15  # ArduRover's custom_mode
-MODE_NAMES = {0: "MANUAL", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", 15: "GUIDED"}
+GUIDED = Mode.GUIDED.value
+MODE_NAMES = {mode.value: mode.name for mode in Mode}
 CHANGE_HEADING = 43002  # MAV_CMD_GUIDED_CHANGE_HEADING, of the ardupilotmega dialect
 HEADING_TYPE = 1.0
 HEARTBEAT_S = 1.0

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.__main__ import main
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
-from firmware_py.faults.page import TABLE, Fault
+from firmware_py.faults.table import TABLE, Fault
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 
 LOITER, AUTO, GUIDED = 5, 10, 15
@@ -308,7 +308,7 @@ def prepared(fault_bench, drill, tmp_path):
 
 
 def test_every_row_has_a_drill():
-    assert sorted(drill.fault for drill in DRILLS) == sorted(row.fault for row in TABLE)
+    assert sorted(drill.fault for drill in DRILLS) == sorted(TABLE)
 
 
 @pytest.mark.parametrize(

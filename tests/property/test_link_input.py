@@ -32,6 +32,7 @@ from firmware_py.common.intents import (
     SteerPosition,
     Verdict,
 )
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameter_table import TABLE as PARAMETERS
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
@@ -39,7 +40,6 @@ from firmware_py.common.records import (
     FixType,
     MissionReport,
     MissionState,
-    Mode,
     Output,
     PositionSample,
     RudderCommand,

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.common.intents import Arm, ManualRudder, Request, SetMode, SetParameter, SteerHeading, SteerPosition
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import (
     DeviceHealth,
@@ -18,7 +19,6 @@ from firmware_py.common.records import (
     FixType,
     HeadingSample,
     Inputs,
-    Mode,
     NorthReference,
     Output,
     PositionSample,

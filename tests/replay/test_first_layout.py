@@ -15,9 +15,9 @@ from support.paths import REPLAY
 
 from firmware_py.__main__ import main
 from firmware_py.assemble import resume
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
-from firmware_py.common.records import Mode
 from firmware_py.control import scheduled
 from firmware_py.core.state import State
 from firmware_py.system.state_directory import RESUME_FILE, load_parameters, load_plans

@@ -6,8 +6,8 @@ import random
 import pytest
 
 from firmware_py.common.intents import SteerHeading
-from firmware_py.common.records import Mode
-from firmware_py.faults.page import Fault
+from firmware_py.common.mode_table import Mode
+from firmware_py.faults.table import Fault
 
 LEG_S = 600.0
 ALLOWED = {Fault.CURRENT_STRONG}  # of a storm, it is true

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from firmware_py.common.intents import SteerPosition
-from firmware_py.common.records import MissionState, Mode
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.records import MissionState
 
 
 def cross_tracks(boat, seconds):

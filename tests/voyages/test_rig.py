@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from firmware_py.common.records import Mode
+from firmware_py.common.mode_table import Mode
 
 
 @pytest.mark.parametrize(("speed_m_s", "current_m_s"), [(0.4, 0.28), (0.9, 0.45)])

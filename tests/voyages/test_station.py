@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from firmware_py.common.records import Mode
+from firmware_py.common.mode_table import Mode
 
 CASES = [
     (0.4, 0.0, {}),

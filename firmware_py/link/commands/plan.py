@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from firmware_py.common.intents import Answer, EnableFence, PauseMission, SetHome, SetMissionItem, SetMode, Verdict
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import PlanKind
-from firmware_py.common.records import Mode
 from firmware_py.link.commands.server import NEITHER, Call
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.mission.numbers import homes

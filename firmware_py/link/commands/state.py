@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from firmware_py.common.intents import Answer, Arm, Restart, SetMode, Verdict
-from firmware_py.common.records import Mode, Severity
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.records import Severity
 from firmware_py.link.commands.server import ACCEPTED, NEITHER, Action, Call
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.telemetry import identity

@@ -6,7 +6,7 @@ import math
 
 from firmware_py.common.angles import compass_degrees
 from firmware_py.common.plan import PlanKind
-from firmware_py.faults.page import Fault
+from firmware_py.faults.table import Fault
 from firmware_py.link.mission.numbers import homes
 from firmware_py.link.telemetry.context_fields import (
     INT8_MAX,

@@ -6,8 +6,10 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from firmware_py.common.records import Mode, Severity, Snapshot
-from firmware_py.faults import page
+from firmware_py.common import mode_table
+from firmware_py.common.mode_table import BaseMode, Mode, ModeProperties, StandardMode
+from firmware_py.common.records import Severity, Snapshot
+from firmware_py.faults.table import TABLE as FAULTS
 from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 
@@ -16,15 +18,7 @@ INITIALISING = 16  # ArduRover's custom_mode before the first tick
 
 _CUSTOM = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 _ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-_MANUAL = mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
-_STABILIZE = mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
-_GUIDED = mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
-
-_AUTO = mavlink.MAV_MODE_FLAG_AUTO_ENABLED
-
-# MAV_MODE_PROPERTY and MAV_STANDARD_MODE, newer than pymavlink's dialect
-_HIDDEN, _AUTO_MODE = 2, 4
-_NOT_STANDARD, _SAFE_RECOVERY, _MISSION = 0, 5, 6
+_HIDDEN, _AUTO_MODE = 2, 4  # of MAV_MODE_PROPERTY, newer than pymavlink's dialect
 
 _CAPABILITIES = (
     mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
@@ -39,7 +33,7 @@ _CAPABILITIES = (
     | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
 )
 
-_CRITICAL_FAULTS = sum(1 << row.fault for row in page.TABLE if row.severity <= Severity.CRITICAL)
+_CRITICAL_FAULTS = sum(1 << fault for fault, row in FAULTS.items() if row.severity <= Severity.CRITICAL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,17 +55,17 @@ class ModeRow:
     name: str
     base_mode: int
     properties: int  # MAV_MODE_PROPERTY
-    standard: int = _NOT_STANDARD  # MAV_STANDARD_MODE; most are defined for aircraft alone
+    standard: int = int(StandardMode.NONE)  # MAV_STANDARD_MODE
+
+
+def _listed(mode: Mode, row: ModeProperties) -> ModeRow:
+    # What needs no pilot's hand is a mode that steers by itself.
+    properties = 0 if row.base_mode & BaseMode.MANUAL_INPUT else _AUTO_MODE
+    return ModeRow(mode, row.title, int(row.base_mode), properties, int(row.standard))
 
 
 MODES = (
-    ModeRow(Mode.MANUAL, "MANUAL", _MANUAL, 0),
-    ModeRow(Mode.STEERING, "STEERING (heading hold)", _MANUAL | _STABILIZE, 0),
-    ModeRow(Mode.HOLD, "HOLD (rudder amidships, no stop)", 0, _AUTO_MODE),
-    ModeRow(Mode.LOITER, "LOITER (watch circle)", _GUIDED | _STABILIZE, _AUTO_MODE),
-    ModeRow(Mode.AUTO, "AUTO (mission)", _GUIDED | _STABILIZE | _AUTO, _AUTO_MODE, _MISSION),
-    ModeRow(Mode.RTL, "RTL (home or rally point)", _GUIDED | _STABILIZE | _AUTO, _AUTO_MODE, _SAFE_RECOVERY),
-    ModeRow(Mode.GUIDED, "GUIDED", _GUIDED | _STABILIZE, _AUTO_MODE),
+    *(_listed(mode, row) for mode, row in mode_table.MODES.items()),
     ModeRow(INITIALISING, "INITIALISING", 0, _HIDDEN),
 )
 # Changes when the modes do, so that a station that remembers them asks again.
@@ -105,12 +99,12 @@ def current_mode(scene: TelemetryContext) -> Message:
     """Return the CURRENT_MODE of a scene; intended is what was asked for, until something else took her out of it."""
     mode = int(scene.snapshot.mode)
     intended = mode if scene.intended_mode is None else scene.intended_mode
-    return mavlink.mavlink_map[436](_STANDARD_MODES.get(mode, _NOT_STANDARD), mode, intended)
+    return mavlink.mavlink_map[436](_STANDARD_MODES.get(mode, StandardMode.NONE), mode, intended)
 
 
 def mode_of_standard(standard: int) -> int | None:
     """Return the custom_mode of a MAV_STANDARD_MODE, None for one that she does not have."""
-    if standard == _NOT_STANDARD:
+    if standard == StandardMode.NONE:
         return None
     return next((row.mode for row in MODES if row.standard == standard), None)
 

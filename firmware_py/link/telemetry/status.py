@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_py.faults.page import Fault
+from firmware_py.faults.table import Fault
 from firmware_py.link.telemetry.context_fields import INT16_MAX, UINT16_MAX, TelemetryContext, boot_ms, whole
 from firmware_py.link.wire.dialect import Message, mavlink
 

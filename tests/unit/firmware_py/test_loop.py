@@ -17,6 +17,7 @@ from firmware_py.common.intents import (
     SteerHeading,
     Verdict,
 )
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet, parse_file
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.plan import from_text as plan_from_text
@@ -26,14 +27,13 @@ from firmware_py.common.records import (
     DeviceState,
     FixType,
     HeadingSample,
-    Mode,
     NorthReference,
     PositionSample,
     RudderFeedback,
 )
 from firmware_py.core.autopilot import PENDING_LIMIT, Autopilot
 from firmware_py.core.state import State
-from firmware_py.faults.page import Fault
+from firmware_py.faults.table import Fault
 from firmware_py.loop import LINK_PART, LoopParts, run
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.fault_barrier import FaultBarrier

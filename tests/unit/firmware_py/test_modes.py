@@ -16,8 +16,9 @@ from firmware_py.common.intents import (
     SteerPosition,
     Verdict,
 )
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Mode, Water
+from firmware_py.common.records import Water
 from firmware_py.modes import (
     HeadingGoal,
     ModeState,

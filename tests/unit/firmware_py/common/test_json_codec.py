@@ -8,10 +8,10 @@ import pytest
 
 from firmware_py.common.intents import Arm, ManualRudder, Request, SetMode, SetParameter, SteerHeading, SteerPosition
 from firmware_py.common.json_codec import Codec, Hook
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reading_notes import MOST_NOTES
-from firmware_py.common.records import Mode
 
 
 class Colour(IntEnum):

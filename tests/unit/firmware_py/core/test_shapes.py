@@ -10,18 +10,18 @@ from support.paths import REPLAY
 
 from firmware_py.assemble import resume
 from firmware_py.common.json_codec import Codec
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet, format_file
 from firmware_py.common.plan import HOOK as PLAN_HOOK
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
-from firmware_py.common.records import Mode
 from firmware_py.core.resume import restore
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import CHANGES, PARAMETER_HOOK, fault_fields, state_from_text, state_to_text
 from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
-from firmware_py.faults.page import Fault
+from firmware_py.faults.table import Fault
 from firmware_py.log.reader import read_log
 from firmware_py.safety.failsafe import FailsafeState
 from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, load_parameters, load_plans

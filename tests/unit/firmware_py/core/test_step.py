@@ -20,6 +20,7 @@ from firmware_py.common.intents import (
     SteerPosition,
     Verdict,
 )
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import (
     Activity,
@@ -30,7 +31,6 @@ from firmware_py.common.records import (
     HeadingSample,
     Home,
     Inputs,
-    Mode,
     NorthReference,
     PositionSample,
     RudderFeedback,
@@ -40,7 +40,7 @@ from firmware_py.core.accept import accept
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
-from firmware_py.faults.page import Fault
+from firmware_py.faults.table import Fault
 from firmware_py.model.kt import rk4_step
 
 

@@ -1,13 +1,14 @@
 from firmware_py.common.records import Severity
 from firmware_py.faults.latch import LatchState, update
-from firmware_py.faults.page import TABLE, Fault, markdown
+from firmware_py.faults.page import markdown
+from firmware_py.faults.table import TABLE, Fault
 
 
 def run(conditions_at):
     """Yield (time, set faults, events) while the conditions of Fault.RUDDER_ERROR follow a script."""
     state = LatchState()
     for t_s, stands in conditions_at:
-        state, events = update(state, [row.fault is Fault.RUDDER_ERROR and stands for row in TABLE], t_s)
+        state, events = update(state, [fault is Fault.RUDDER_ERROR and stands for fault in TABLE], t_s)
         yield t_s, state.is_set(Fault.RUDDER_ERROR), events
 
 
@@ -25,8 +26,8 @@ def test_a_short_condition_is_not_a_fault():
 
 
 def test_the_table_is_in_the_order_of_its_bits_and_its_texts_fit_a_status_text():
-    for bit, row in enumerate(TABLE):
-        assert row.fault == bit
+    assert list(TABLE) == list(Fault) == list(range(len(Fault)))
+    for row in TABLE.values():
         assert len(row.text) <= 50
         assert len(row.recovery) <= 50
         assert row.condition in markdown()

@@ -10,8 +10,9 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.interfaces import Link
-from firmware_py.common.records import Event, Mode, Output, RudderCommand, Severity
-from firmware_py.faults.page import Fault
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.records import Event, Output, RudderCommand, Severity
+from firmware_py.faults.table import Fault
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import open_transport

@@ -6,7 +6,7 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.common.records import Mode
+from firmware_py.common.mode_table import Mode
 
 OPEN_END = 0xFFFFFFFF
 SIZES = {1: 900, 2: 50_000, 5: 777}  # the first is a whole number of blocks

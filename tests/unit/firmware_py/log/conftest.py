@@ -9,6 +9,7 @@ import pytest
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.intents import Arm, Request, SetParameter, SteerHeading
 from firmware_py.common.json_codec import Codec
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import (
     DeviceHealth,
@@ -18,7 +19,6 @@ from firmware_py.common.records import (
     FixType,
     HeadingSample,
     Inputs,
-    Mode,
     NorthReference,
     Output,
     PositionSample,

@@ -2,9 +2,10 @@
 
 import pytest
 
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Mode
-from firmware_py.faults.page import TABLE, Action, Fault, arming_obstacle
+from firmware_py.faults.latch import arming_obstacle
+from firmware_py.faults.table import TABLE, Fault
 from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
 from firmware_py.safety.supervisor import SupervisorSettings
 
@@ -14,10 +15,10 @@ GCS, FENCE, VOLT = Fault.STATION_SILENT, Fault.FENCE_BREACHED, Fault.SUPPLY_LOW
 class Helm:
     """A mode that failsafes change, as step() does it."""
 
-    def __init__(self, mode=Mode.AUTO, armed=True, impossible=(), resume=True, **actions):
+    def __init__(self, mode=Mode.AUTO, armed=True, impossible=(), resume=True):
         self.mode, self.armed, self.impossible, self.resume = mode, armed, set(impossible), resume
-        chosen = {GCS: Action.LOITER, FENCE: Action.RTL, VOLT: Action.ALERT}
-        self.actions = chosen | {Fault[name]: action for name, action in actions.items()}
+        chosen = {GCS: Mode.LOITER, FENCE: Mode.RTL, VOLT: None}
+        self.modes = chosen
         self.before = mode
         self.state = FailsafeState()
         self.said = []
@@ -27,7 +28,7 @@ class Helm:
             self.mode = order
         active = sum(1 << fault for fault in faults)
         possible = lambda mode: mode not in self.impossible  # noqa: E731
-        given = FailsafeInput(active, self.mode, self.armed, order is not None, self.actions, possible, self.resume)
+        given = FailsafeInput(active, self.mode, self.armed, order is not None, self.modes, possible, self.resume)
         acting = self.state.fault is not None
         self.state, decision = decide(self.state, given)
         if not acting:
@@ -122,13 +123,21 @@ def test_disarming_ends_a_failsafe():
     assert helm.tick(FENCE, order=Mode.AUTO) is Mode.AUTO
 
 
-def test_every_row_with_a_parameter_has_its_action_and_every_default_is_one():
-    actions = SupervisorSettings.of(ParameterSet()).actions
-    assert set(actions) == {row.fault for row in TABLE if row.parameter}
-    assert actions[Fault.FENCE_BREACHED] is Action.RTL
+def test_a_fault_set_to_alert_only_while_its_failsafe_acts_calls_for_nothing_any_more():
+    helm = Helm(resume=False)
+    helm.tick(GCS)
+    helm.modes[GCS] = None
+    assert helm.tick(GCS) is Mode.LOITER
+    assert helm.said[-1] == "Failsafe over: LOITER stays"
+
+
+def test_every_row_with_a_parameter_has_its_mode_and_every_default_is_one():
+    modes = SupervisorSettings.of(ParameterSet()).failsafe_modes
+    assert set(modes) == {fault for fault, row in TABLE.items() if row.parameter}
+    assert (modes[Fault.FENCE_BREACHED], modes[Fault.SUPPLY_LOW]) == (Mode.RTL, None)
 
 
 def test_the_table_says_what_forbids_arming():
     assert arming_obstacle(0) == ""
     assert arming_obstacle(1 << Fault.LOOP_LATE | 1 << Fault.RUDDER_JAMMED) == "rudder is jammed"
-    assert all(len(f"Arming refused: {row.arming}") <= 50 for row in TABLE)
+    assert all(len(f"Arming refused: {row.arming}") <= 50 for row in TABLE.values())

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from firmware_py.common.intents import Answer, Arm, Restart, SetMode, Verdict
-from firmware_py.common.records import Mode
+from firmware_py.common.mode_table import Mode
 
 DENIED, UNSUPPORTED, FAILED = 2, 3, 4
 

@@ -5,18 +5,18 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import (
     Event,
     FixType,
     Home,
     MissionReport,
     MissionState,
-    Mode,
     PositionSample,
     RudderFeedback,
     Severity,
 )
-from firmware_py.faults.page import Fault
+from firmware_py.faults.table import Fault
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.url_options import LinkClass, LinkOptions

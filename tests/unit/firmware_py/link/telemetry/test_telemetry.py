@@ -7,20 +7,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import (
     Activity,
     Estimate,
     FixType,
     Home,
     MissionReport,
-    Mode,
     Navigation,
     PositionSample,
     RudderFeedback,
     Snapshot,
     Water,
 )
-from firmware_py.faults.page import Fault
+from firmware_py.faults.table import Fault
 from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
 from firmware_py.link.wire.dialect import Codec, mavlink

@@ -1,0 +1,147 @@
+"""The one table of modes: state machine, guidance, failsafes, parameters and link all read it; pure data.
+
+The state machine is modes.py; what a mode that steers does is guidance/guidance.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+
+class Mode(IntEnum):
+    """Control modes with ArduRover's custom_mode numbers."""
+
+    MANUAL = 0
+    STEERING = 3
+    HOLD = 4
+    LOITER = 5
+    AUTO = 10
+    RTL = 11
+    GUIDED = 15
+
+
+class Need(IntEnum):
+    """What a mode may need to be entered."""
+
+    HEADING = 0
+    POSITION = 1
+    MISSION = 2
+    HOME = 3
+
+
+class RudderBy(IntEnum):
+    """What moves the rudder while armed."""
+
+    NOTHING = 0  # it stays amidships
+    STICK = 1
+    HEADING = 2  # the controller steers a heading
+
+
+class BaseMode(IntFlag):
+    """The bits of MAVLink's base_mode that tell of the mode."""
+
+    NONE = 0
+    AUTO = 4
+    GUIDED = 8
+    STABILIZE = 16
+    MANUAL_INPUT = 64
+
+
+class StandardMode(IntEnum):
+    """The modes of MAV_STANDARD_MODE that the boat has; most are defined for aircraft alone."""
+
+    NONE = 0
+    SAFE_RECOVERY = 5
+    MISSION = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeProperties:
+    """One mode.
+
+    `title` is its name in the lists of ground stations. `heading_goals` and `position_goals`:
+    which goals it takes. `follows_task`: guidance carries out a task of its own, and without a
+    position the heading wanted last stands. `failsafe` is its value in the parameters FS_..._ACT
+    (0: no failsafe enters it), `failsafe_effect` what that does beside the name, and `fallback`
+    the mode that a failsafe tries where this one is impossible.
+    """
+
+    title: str
+    needs: tuple[Need, ...] = ()
+    rudder_by: RudderBy = RudderBy.HEADING
+    heading_goals: bool = False
+    position_goals: bool = False
+    follows_task: bool = False
+    base_mode: BaseMode = BaseMode.GUIDED | BaseMode.STABILIZE
+    standard: StandardMode = StandardMode.NONE
+    failsafe: int = 0
+    failsafe_effect: str = ""
+    fallback: Mode | None = None
+
+
+MODES: Mapping[Mode, ModeProperties] = {
+    Mode.MANUAL: ModeProperties(
+        title="MANUAL",
+        rudder_by=RudderBy.STICK,
+        base_mode=BaseMode.MANUAL_INPUT,
+    ),
+    Mode.STEERING: ModeProperties(
+        title="STEERING (heading hold)",
+        needs=(Need.HEADING,),
+        heading_goals=True,
+        base_mode=BaseMode.MANUAL_INPUT | BaseMode.STABILIZE,
+        failsafe=2,
+        failsafe_effect="keep the heading",
+        fallback=Mode.HOLD,
+    ),
+    Mode.HOLD: ModeProperties(
+        title="HOLD (rudder amidships, no stop)",
+        rudder_by=RudderBy.NOTHING,
+        base_mode=BaseMode.NONE,
+        failsafe=1,
+        failsafe_effect="rudder amidships",
+    ),
+    Mode.LOITER: ModeProperties(
+        title="LOITER (watch circle)",
+        needs=(Need.HEADING, Need.POSITION),
+        follows_task=True,
+        failsafe=3,
+        fallback=Mode.STEERING,
+    ),
+    Mode.AUTO: ModeProperties(
+        title="AUTO (mission)",
+        needs=(Need.HEADING, Need.POSITION, Need.MISSION),
+        follows_task=True,
+        base_mode=BaseMode.GUIDED | BaseMode.STABILIZE | BaseMode.AUTO,
+        standard=StandardMode.MISSION,
+    ),
+    Mode.RTL: ModeProperties(
+        title="RTL (home or rally point)",
+        needs=(Need.HEADING, Need.POSITION, Need.HOME),
+        follows_task=True,
+        base_mode=BaseMode.GUIDED | BaseMode.STABILIZE | BaseMode.AUTO,
+        standard=StandardMode.SAFE_RECOVERY,
+        failsafe=4,
+        fallback=Mode.LOITER,
+    ),
+    Mode.GUIDED: ModeProperties(
+        title="GUIDED",
+        needs=(Need.HEADING,),
+        heading_goals=True,
+        position_goals=True,
+        follows_task=True,
+    ),
+}
+
+# The modes that failsafes enter, by their value in FS_..._ACT.
+FAILSAFE_MODES: Mapping[int, Mode] = {
+    row.failsafe: mode for mode, row in sorted(MODES.items(), key=lambda item: item[1].failsafe) if row.failsafe
+}
+
+
+def failsafe_ladder(mode: Mode) -> tuple[Mode, ...]:
+    """Return the modes that a failsafe tries, best first, when it is to enter a mode."""
+    fallback = MODES[mode].fallback
+    return (mode,) if fallback is None else (mode, *failsafe_ladder(fallback))

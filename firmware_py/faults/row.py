@@ -1,0 +1,96 @@
+"""What a row of the table of faults is made of: what its condition looks at, what is done, and what is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from firmware_py.common.records import DeviceState, Severity
+
+
+class Action(Enum):
+    """What is done while a fault stands, whatever mode is chosen beside it; the text is that of params/FAULTS.md."""
+
+    ALERT = "alert only"  # tells the operator, goes on
+    HOLD_THEN_AMIDSHIPS = "hold the last rudder for CTL_HOLD_S, then amidships"
+    NEXT_SOURCE = "steer by the next heading source, at last by course over ground"
+    NOT_BELIEVED = "go on from the place believed before"
+    EASE = "stop pulling, try again every 10 s"  # the command follows the measured angle
+    SET_UP_AGAIN = "set the servo up again, then steer on"  # the driver does it before it steers
+    POINT_INTO_IT = "point into the current"
+    KEEP_STATION = "keep station where she is"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaultInput:
+    """What the conditions of a tick look at; whoever adds a fault adds here what nobody looked at before.
+
+    `faults` are those that were set in the last tick, as bits. What is old is past its timeout:
+    heading and servo count from the start while none has come, a position only once one has.
+    An age is None for what has never happened.
+    """
+
+    faults: int
+    late_age_s: float | None  # since deadlines were skipped
+    heading_old: bool
+    compass_silent: bool
+    compass_frozen: bool
+    compass_jumping: bool
+    compasses_disagree: bool
+    position_old: bool
+    position_held_back: bool
+    servo_old: bool
+    servo_error: bool
+    servo_temperature_c: float | None
+    servo_hot_c: float
+    servo_restart_age_s: float | None
+    rudder_astray: bool
+    rudder_jammed: bool
+    rudder_overloaded: bool
+    steering_lost: bool
+    supply_v: float | None
+    supply_low_v: float
+    current_too_strong: bool
+    mission_unusable: bool
+    outside_fence: bool
+    storage: DeviceState | None
+    clock: DeviceState | None
+    station: DeviceState | None
+    station_age_s: float | None
+    station_timeout_s: float
+
+    def is_set(self, fault: int) -> bool:
+        """Whether a fault was set in the last tick."""
+        return bool(self.faults >> fault & 1)
+
+
+def exceeds(value: float | None, limit: float) -> bool:
+    """Whether something is there and greater than a limit."""
+    return value is not None and value > limit
+
+
+def within(age_s: float | None, memory_s: float) -> bool:
+    """Whether something has happened, and not longer ago than memory_s."""
+    return age_s is not None and age_s <= memory_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaultRow:
+    """One fault: how long the condition must stand and be gone, how grave it is, what is done and said.
+
+    `condition` says in words what `stands` judges. `action` is done in any case; `parameter` names
+    the one that chooses a mode to be entered beside. `arming` says why arming is refused while the
+    fault is set, empty where it is not.
+    """
+
+    condition: str
+    stands: Callable[[FaultInput], bool]
+    debounce_s: float = 0.0
+    clear_s: float = 0.0
+    severity: Severity
+    action: Action = Action.ALERT
+    parameter: str = ""
+    text: str
+    recovery: str
+    arming: str = ""
