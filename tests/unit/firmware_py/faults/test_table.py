@@ -1,0 +1,102 @@
+"""The conditions of the rows at their edges; tests/process/test_faults.py provokes each in the real program."""
+
+from dataclasses import replace
+
+import pytest
+
+from firmware_py.common.parameter_table import INDEX
+from firmware_py.common.records import DeviceState
+from firmware_py.faults.latch import judge_conditions
+from firmware_py.faults.row import FaultInput
+from firmware_py.faults.table import TABLE, Fault
+
+WELL = FaultInput(
+    faults=0,
+    late_age_s=None,
+    heading_age_s=0.1,
+    heading_timeout_s=1.0,
+    compass_ages_s=(0.1, None),
+    compass_frozen=False,
+    compass_jumping=False,
+    compasses_disagree=False,
+    position_age_s=0.3,
+    position_timeout_s=5.0,
+    position_held_back=False,
+    servo_age_s=0.1,
+    servo_timeout_s=1.0,
+    servo_error=False,
+    servo_temperature_c=30.0,
+    servo_hot_c=70.0,
+    servo_restart_age_s=None,
+    rudder_astray=False,
+    rudder_jammed=False,
+    rudder_overloaded=False,
+    steering_lost=False,
+    supply_v=12.0,
+    supply_low_v=11.0,
+    current_too_strong=False,
+    mission_unusable=False,
+    outside_fence=False,
+    storage=DeviceState.RUNNING,
+    clock=DeviceState.RUNNING,
+    station=DeviceState.RUNNING,
+    station_age_s=0.5,
+    station_timeout_s=600.0,
+)
+
+
+def standing(**changes):
+    return [fault for fault, stands in zip(TABLE, judge_conditions(replace(WELL, **changes)), strict=True) if stands]
+
+
+def test_nothing_stands_while_all_is_well_or_nothing_is_known():
+    assert standing() == []
+    unknown = dict.fromkeys(("position_age_s", "servo_temperature_c", "supply_v", "storage", "clock", "station"))
+    assert standing(**unknown, heading_age_s=None, servo_age_s=None, compass_ages_s=(None, None)) == []
+
+
+@pytest.mark.parametrize(
+    ("fault", "before", "at"),
+    [
+        (Fault.COMPASS_LOST, {"heading_age_s": 1.0}, {"heading_age_s": 1.01}),
+        (Fault.COMPASS_SILENT, {"compass_ages_s": (0.1, 1.0)}, {"compass_ages_s": (0.1, 1.01)}),
+        (Fault.POSITION_LOST, {"position_age_s": 5.0}, {"position_age_s": 5.01}),
+        (Fault.RUDDER_SILENT, {"servo_age_s": 1.0}, {"servo_age_s": 1.01}),
+        (Fault.LOOP_LATE, {"late_age_s": 2.01}, {"late_age_s": 2.0}),
+        (Fault.RUDDER_REPOWERED, {"servo_restart_age_s": 5.01}, {"servo_restart_age_s": 5.0}),
+        (Fault.RUDDER_HOT, {"servo_temperature_c": 70.0}, {"servo_temperature_c": 70.1}),
+        (Fault.SUPPLY_LOW, {"supply_v": 11.0}, {"supply_v": 10.9}),
+        (Fault.STORAGE_FULL, {"storage": DeviceState.RUNNING}, {"storage": DeviceState.FULL}),
+        (Fault.STORAGE_FAILING, {"storage": DeviceState.RUNNING}, {"storage": DeviceState.FAULTY}),
+        (Fault.CLOCK_STEPPED, {"clock": DeviceState.RUNNING}, {"clock": DeviceState.FAULTY}),
+        (
+            Fault.STATION_SILENT,
+            {"station": DeviceState.SILENT, "station_age_s": 600.0},
+            {"station": DeviceState.SILENT, "station_age_s": 600.1},
+        ),
+    ],
+)
+def test_a_condition_stands_from_its_limit_on_and_no_other_with_it(fault, before, at):
+    assert standing(**before) == []
+    assert standing(**at) == [fault]
+
+
+@pytest.mark.parametrize(
+    ("fault", "kept", "gone"),
+    [
+        (Fault.RUDDER_HOT, {"servo_temperature_c": 65.1}, {"servo_temperature_c": 65.0}),
+        (Fault.SUPPLY_LOW, {"supply_v": 11.32}, {"supply_v": 11.34}),
+    ],
+)
+def test_a_limit_lies_further_back_once_its_fault_is_set(fault, kept, gone):
+    assert standing(**kept) == []
+    assert standing(**kept, faults=1 << fault) == [fault]
+    assert standing(**gone, faults=1 << fault) == []
+
+
+def test_a_station_that_was_never_silent_for_its_device_is_not_silent_for_its_age():
+    assert standing(station_age_s=1e6) == []
+
+
+def test_every_parameter_that_a_row_names_is_one():
+    assert all(row.parameter in INDEX for row in TABLE.values() if row.parameter)
