@@ -102,16 +102,12 @@ def obstacle_to(mode: Mode, situation: Situation) -> str:
     return next((_LACKING[need] for need in MODES[mode].needs if not _MET[need](situation)), "")
 
 
-def _refused(verdict: Verdict, text: str) -> Answer:
-    return Answer(verdict, text)
-
-
 def enter(state: ModeState, mode: Mode, situation: Situation) -> tuple[ModeState, Answer]:
     """Enter a mode, or refuse it and stay."""
     if mode is state.mode:
         return state, ACCEPTED
     if obstacle := obstacle_to(mode, situation):
-        return state, _refused(Verdict.TEMPORARILY_REJECTED, f"{mode.name} refused: {obstacle}")
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, f"{mode.name} refused: {obstacle}")
     if MODES[mode].heading_goals and situation.heading_rad is not None:
         # The boat goes on as it heads: a goal from an earlier time must not turn it by surprise.
         return replace(state, mode=mode, goal=HeadingGoal(situation.heading_rad)), ACCEPTED
@@ -123,7 +119,7 @@ def _set_mode(state: ModeState, intent: SetMode, situation: Situation, _t_s: flo
         mode = Mode(intent.mode)
     except ValueError:
         modes = ", ".join(f"{mode.name} {mode.value}" for mode in Mode)
-        return state, _refused(Verdict.DENIED, f"Mode {intent.mode} is not known; there are {modes}")
+        return state, Answer(Verdict.DENIED, f"Mode {intent.mode} is not known; there are {modes}")
     return enter(state, mode, situation)
 
 
@@ -141,11 +137,11 @@ def arming_obstacle(situation: Situation) -> str:
 def _arm(state: ModeState, intent: Arm, situation: Situation, _t_s: float) -> tuple[ModeState, Answer]:
     obstacle = arming_obstacle(situation)
     if intent.armed and not intent.force and not state.armed and obstacle:
-        return state, _refused(Verdict.TEMPORARILY_REJECTED, f"Arming refused: {obstacle}")
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, f"Arming refused: {obstacle}")
     return replace(state, armed=intent.armed, bench=None if intent.armed else state.bench), ACCEPTED
 
 
-def _guided(state: ModeState, situation: Situation, *, change_mode: bool) -> tuple[ModeState, Answer]:
+def _enter_guided(state: ModeState, situation: Situation, *, change_mode: bool) -> tuple[ModeState, Answer]:
     if change_mode and state.mode is not Mode.GUIDED:
         return enter(state, Mode.GUIDED, situation)
     return state, ACCEPTED
@@ -155,15 +151,15 @@ def _steer_heading(
     state: ModeState, intent: SteerHeading, situation: Situation, _t_s: float
 ) -> tuple[ModeState, Answer]:
     if not math.isfinite(intent.heading_rad) or abs(intent.heading_rad) > 2.0 * TWO_PI:
-        return state, _refused(Verdict.DENIED, "Heading goal is out of range")
-    entered, answer = _guided(state, situation, change_mode=intent.change_mode)
+        return state, Answer(Verdict.DENIED, "Heading goal is out of range")
+    entered, answer = _enter_guided(state, situation, change_mode=intent.change_mode)
     if answer.verdict is not Verdict.ACCEPTED:
         return state, answer
     if not MODES[entered.mode].heading_goals:
         text = f"Heading goal refused in {state.mode.name}: enter {_HEADING_MODES} first"
-        return state, _refused(Verdict.TEMPORARILY_REJECTED, text)
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, text)
     if situation.heading_rad is None:
-        return state, _refused(Verdict.TEMPORARILY_REJECTED, "Heading goal refused: no valid heading")
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, "Heading goal refused: no valid heading")
     over_ground = intent.over_ground
     goal_rad = intent.heading_rad
     if intent.relative:
@@ -171,10 +167,10 @@ def _steer_heading(
         over_ground = base.over_ground
         goal_rad += base.heading_rad
     goal = HeadingGoal(wrap_two_pi(goal_rad), over_ground)
-    return replace(entered, goal=replace(goal, turn=_long_way(goal, intent.turn, situation))), ACCEPTED
+    return replace(entered, goal=replace(goal, turn=_forced_turn(goal, intent.turn, situation))), ACCEPTED
 
 
-def _long_way(goal: HeadingGoal, turn: int, situation: Situation) -> int:
+def _forced_turn(goal: HeadingGoal, turn: int, situation: Situation) -> int:
     """Return the turn that must be forced because the shorter way is the other one."""
     if turn == 0 or situation.heading_rad is None:
         return 0
@@ -195,46 +191,46 @@ def _steer_position(
 ) -> tuple[ModeState, Answer]:
     # Written so that NaN fails the comparison.
     if not (abs(intent.latitude_rad) <= 0.5 * math.pi and abs(intent.longitude_rad) <= math.pi):
-        return state, _refused(Verdict.DENIED, "Position goal is out of range")
-    entered, answer = _guided(state, situation, change_mode=intent.change_mode)
+        return state, Answer(Verdict.DENIED, "Position goal is out of range")
+    entered, answer = _enter_guided(state, situation, change_mode=intent.change_mode)
     if answer.verdict is not Verdict.ACCEPTED:
         return state, answer
     if not MODES[entered.mode].position_goals:
         text = f"Position goal refused in {state.mode.name}: enter {_POSITION_MODES} first"
-        return state, _refused(Verdict.TEMPORARILY_REJECTED, text)
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, text)
     if not situation.position_ok:
-        return state, _refused(Verdict.TEMPORARILY_REJECTED, "Position goal refused: no position")
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, "Position goal refused: no position")
     return replace(entered, goal=PositionGoal(intent.latitude_rad, intent.longitude_rad)), ACCEPTED
 
 
-def _stick(state: ModeState, intent: ManualRudder, _situation: Situation, t_s: float) -> tuple[ModeState, Answer]:
+def _set_stick(state: ModeState, intent: ManualRudder, _situation: Situation, t_s: float) -> tuple[ModeState, Answer]:
     if intent.deflection is not None and not abs(intent.deflection) <= 1.0:
-        return state, _refused(Verdict.DENIED, "Stick is out of range")
+        return state, Answer(Verdict.DENIED, "Stick is out of range")
     return replace(state, stick=intent.deflection, stick_t_s=t_s), ACCEPTED
 
 
-def _bench(state: ModeState, intent: BenchRudder, situation: Situation, t_s: float) -> tuple[ModeState, Answer]:
+def _set_bench(state: ModeState, intent: BenchRudder, situation: Situation, t_s: float) -> tuple[ModeState, Answer]:
     # Written so that NaN fails the comparison.
     if not (abs(intent.deflection) <= 1.0 and 0.0 <= intent.seconds <= LONGEST_BENCH_S):
-        return state, _refused(Verdict.DENIED, "Bench rudder is out of range")
+        return state, Answer(Verdict.DENIED, "Bench rudder is out of range")
     if state.armed:
-        return state, _refused(Verdict.TEMPORARILY_REJECTED, "Bench rudder refused: armed")
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, "Bench rudder refused: armed")
     if not situation.rudder_ok:
-        return state, _refused(Verdict.TEMPORARILY_REJECTED, "Bench rudder refused: rudder servo does not answer")
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, "Bench rudder refused: rudder servo does not answer")
     return replace(state, bench=intent.deflection, bench_until_s=t_s + intent.seconds), ACCEPTED
 
 
 def _restart(state: ModeState, intent: Restart, _situation: Situation, _t_s: float) -> tuple[ModeState, Answer]:
     if state.armed and not intent.force:
-        return state, _refused(Verdict.TEMPORARILY_REJECTED, "Restart refused: armed")
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, "Restart refused: armed")
     return state, ACCEPTED
 
 
-def _forget(
+def _forget_parameters(
     state: ModeState, _intent: ForgetParameters, _situation: Situation, _t_s: float
 ) -> tuple[ModeState, Answer]:
     if state.armed:
-        return state, _refused(Verdict.TEMPORARILY_REJECTED, "Reset of parameters refused: armed")
+        return state, Answer(Verdict.TEMPORARILY_REJECTED, "Reset of parameters refused: armed")
     return state, ACCEPTED
 
 
@@ -243,10 +239,10 @@ _HANDLERS: Mapping[type[Intent], Callable[..., tuple[ModeState, Answer]]] = {
     Arm: _arm,
     SteerHeading: _steer_heading,
     SteerPosition: _steer_position,
-    ManualRudder: _stick,
-    BenchRudder: _bench,
+    ManualRudder: _set_stick,
+    BenchRudder: _set_bench,
     Restart: _restart,
-    ForgetParameters: _forget,
+    ForgetParameters: _forget_parameters,
 }
 
 
@@ -254,7 +250,7 @@ def decide(state: ModeState, intent: Intent, situation: Situation, t_s: float) -
     """Judge an intent that arrived at t_s; a refusal leaves the state as it was."""
     handler = _HANDLERS.get(type(intent))
     if handler is None:
-        return state, _refused(Verdict.UNSUPPORTED, f"{type(intent).__name__} is not supported yet")
+        return state, Answer(Verdict.UNSUPPORTED, f"{type(intent).__name__} is not supported yet")
     return handler(state, intent, situation, t_s)
 
 

@@ -203,7 +203,7 @@ def _parameters(section: Mapping[str, Any], path: Path) -> dict[str, float]:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise VehicleError(f"{path}: [parameters] {name}: expected a number")
         try:
-            values[name] = TABLE[index_of(name)].checked(float(value))
+            values[name] = TABLE[index_of(name)].check(float(value))
         except ParameterError as error:
             raise VehicleError(f"{path}: [parameters] {error}") from None
     return values

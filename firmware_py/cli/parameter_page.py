@@ -17,7 +17,7 @@ def markdown() -> str:
         "| --- | --- | --- | --- | --- |",
     ]
     for row in TABLE:
-        limits = row.allowed() if row.choices else f"{row.minimum:g} to {row.maximum:g}"
+        limits = row.allowed_values() if row.choices else f"{row.minimum:g} to {row.maximum:g}"
         text = row.text + (" Takes effect at the next start." if row.reboot else "")
         text += " Read-only." if row.read_only else ""
         lines.append(f"| `{row.name}` | {format_value(row.default)} | {limits} | {row.unit} | {text} |")

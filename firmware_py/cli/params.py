@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.file is None and arguments.save is None:
         for row in TABLE:
-            print(f"{row.name:<16} {format_value(row.default):>8} {row.unit:<6} {row.text} [{row.allowed()}]")
+            print(f"{row.name:<16} {format_value(row.default):>8} {row.unit:<6} {row.text} [{row.allowed_values()}]")
         return 0
     values: dict[str, float] = {}
     if arguments.file is not None:

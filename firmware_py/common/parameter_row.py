@@ -40,9 +40,9 @@ class Parameter:
     reboot: bool = False  # takes effect at the next start
     read_only: bool = False  # counted or measured here; nobody else may set it
 
-    def checked(self, value: float) -> float:
+    def check(self, value: float) -> float:
         """Return the value as it is kept, or raise ParameterError."""
-        allowed = self.allowed()
+        allowed = self.allowed_values()
         if not math.isfinite(value):
             raise ParameterError(f"{self.name}: {value} is not a number; allowed: {allowed}")
         kept = value
@@ -60,7 +60,7 @@ class Parameter:
             raise ParameterError(f"{self.name}: {value:g} is not one of its values; allowed: {allowed}")
         return kept
 
-    def allowed(self) -> str:
+    def allowed_values(self) -> str:
         """Say what is allowed, for messages."""
         if self.choices is not None:
             return ", ".join(f"{number} ({text})" for number, text in self.choices.items())

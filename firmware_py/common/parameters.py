@@ -45,7 +45,7 @@ class ParameterSet:
     def replaced(self, name: str, value: float) -> ParameterSet:
         """Return a set with one value changed, or raise ParameterError."""
         index = index_of(name)
-        kept = TABLE[index].checked(value)
+        kept = TABLE[index].check(value)
         if kept == self._values[index]:
             return self
         return ParameterSet((*self._values[:index], kept, *self._values[index + 1 :]))
@@ -89,7 +89,7 @@ def parse_file(text: str, source: str) -> dict[str, float]:
         except ValueError:
             raise ParameterError(f"{source}:{number}: {value_text[:30]!r} is not a number") from None
         try:
-            values[name] = TABLE[index_of(name)].checked(value)
+            values[name] = TABLE[index_of(name)].check(value)
         except ParameterError as error:
             raise ParameterError(f"{source}:{number}: {error}") from None
     return values

@@ -115,7 +115,7 @@ def parse_settings(pairs: Sequence[str]) -> dict[str, float]:
         if not equals:
             raise UsageError(f"--set {pair[:60]}: write NAME=VALUE, as in CTL_K1=30")
         try:
-            settings[name] = TABLE[index_of(name)].checked(value)
+            settings[name] = TABLE[index_of(name)].check(value)
         except ParameterError as error:
             raise UsageError(f"--set {error}") from None
     return settings

@@ -35,7 +35,7 @@ def check_parameters(station):
     expected = {row.name: row.default for row in TABLE} | {"STAT_BOOTCNT": 1.0}  # her first start
     assert parameter_list(station) == pytest.approx(expected)
     for number, row in enumerate(row for row in TABLE if row.kind is Kind.REAL and row.name.startswith("CTL_")):
-        value = row.checked(min(row.default + 0.25 * (number + 1), row.maximum))
+        value = row.check(min(row.default + 0.25 * (number + 1), row.maximum))
         expected[row.name] = value
         asked(
             station,

@@ -185,7 +185,7 @@ def is_sound(intent):
 def check_sound(rig):
     assert all(is_sound(intent) for intent in rig.authority.intents)
     for row, value in zip(PARAMETERS, rig.authority.values.values(), strict=True):
-        assert row.checked(value) == value
+        assert row.check(value) == value
     for peer in rig.endpoint._roster:
         for row in TABLE:
             interval_us = peer.streams.interval_us(row.number)

@@ -65,7 +65,7 @@ def unpacked(content: bytes) -> dict[str, float]:
         row = TABLE[index]
         if row.read_only:
             raise ParameterError(f"{name} is read-only")
-        found[name] = row.checked(value)
+        found[name] = row.check(value)
         rows += 1
     if rows != count:
         raise ParameterError(f"{rows} parameters instead of {count}")

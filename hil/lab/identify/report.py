@@ -180,7 +180,7 @@ def as_parameters(result: Identification, unit: str) -> str:
     if result.data.speed_m_s is None:
         lines.append("# The logs have no speed: set MDL_SPEED to what it was.")
     try:
-        lines += [f"{name} {format_value(TABLE[index_of(name)].checked(value))}" for name, value in values.items()]
+        lines += [f"{name} {format_value(TABLE[index_of(name)].check(value))}" for name, value in values.items()]
         text = "\n".join(lines) + "\n"
         parse_file(text, "identified parameters")
     except ParameterError as error:

@@ -5,6 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import Activity, FixType, Home, Navigation, PositionSample, RudderFeedback
 from firmware_py.link.telemetry.table import TABLE
 
@@ -58,10 +59,10 @@ def test_version_and_capabilities(rig, of):
     assert len(of(rig.command(519, 1), "PROTOCOL_VERSION")) == 1
 
 
-ALL = list(range(1, 9))
+ALL = list(range(1, len(Mode) + 2))  # the one before the first tick, too
 
 
-@pytest.mark.parametrize(("index", "numbers"), [(0, ALL), (math.nan, ALL), (3, [3]), (9, []), (-1, [])])
+@pytest.mark.parametrize(("index", "numbers"), [(0, ALL), (math.nan, ALL), (3, [3]), (len(ALL) + 1, []), (-1, [])])
 def test_available_modes_all_or_one(rig, of, index, numbers):
     assert [mode.mode_index for mode in of(rig.command(512, 435, index), "AVAILABLE_MODES")] == numbers
 
