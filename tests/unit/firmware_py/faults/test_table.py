@@ -13,17 +13,14 @@ from firmware_py.faults.table import TABLE, Fault
 WELL = FaultInput(
     faults=0,
     late_age_s=None,
-    heading_age_s=0.1,
-    heading_timeout_s=1.0,
-    compass_ages_s=(0.1, None),
+    heading_old=False,
+    compass_silent=False,
     compass_frozen=False,
     compass_jumping=False,
     compasses_disagree=False,
-    position_age_s=0.3,
-    position_timeout_s=5.0,
+    position_old=False,
     position_held_back=False,
-    servo_age_s=0.1,
-    servo_timeout_s=1.0,
+    servo_old=False,
     servo_error=False,
     servo_temperature_c=30.0,
     servo_hot_c=70.0,
@@ -51,17 +48,15 @@ def standing(**changes):
 
 def test_nothing_stands_while_all_is_well_or_nothing_is_known():
     assert standing() == []
-    unknown = dict.fromkeys(("position_age_s", "servo_temperature_c", "supply_v", "storage", "clock", "station"))
-    assert standing(**unknown, heading_age_s=None, servo_age_s=None, compass_ages_s=(None, None)) == []
+    assert standing(**dict.fromkeys(("servo_temperature_c", "supply_v", "storage", "clock", "station"))) == []
 
 
 @pytest.mark.parametrize(
     ("fault", "before", "at"),
     [
-        (Fault.COMPASS_LOST, {"heading_age_s": 1.0}, {"heading_age_s": 1.01}),
-        (Fault.COMPASS_SILENT, {"compass_ages_s": (0.1, 1.0)}, {"compass_ages_s": (0.1, 1.01)}),
-        (Fault.POSITION_LOST, {"position_age_s": 5.0}, {"position_age_s": 5.01}),
-        (Fault.RUDDER_SILENT, {"servo_age_s": 1.0}, {"servo_age_s": 1.01}),
+        (Fault.COMPASS_LOST, {"heading_old": False}, {"heading_old": True}),
+        (Fault.POSITION_LOST, {"position_old": False}, {"position_old": True}),
+        (Fault.RUDDER_SILENT, {"servo_old": False}, {"servo_old": True}),
         (Fault.LOOP_LATE, {"late_age_s": 2.01}, {"late_age_s": 2.0}),
         (Fault.RUDDER_REPOWERED, {"servo_restart_age_s": 5.01}, {"servo_restart_age_s": 5.0}),
         (Fault.RUDDER_HOT, {"servo_temperature_c": 70.0}, {"servo_temperature_c": 70.1}),
