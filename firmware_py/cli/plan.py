@@ -13,8 +13,8 @@ from typing import Any
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
 from firmware_py.plans.items import ROWS, has_place, markdown
 from firmware_py.plans.numbers import PlanFileError
-from firmware_py.plans.plan_file import MOST_BYTES, read_plan_file
 from firmware_py.plans.qgc_file import write_plan
+from firmware_py.plans.read_file import MOST_BYTES, read_plan_file
 from firmware_py.plans.text_files import write_text
 from firmware_py.system.state_directory import PLAN_FILES
 from firmware_py.system.store import Store, StoreError, stored_content
@@ -30,26 +30,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     show = commands.add_parser("show", help="list the plans of a state directory")
     save = commands.add_parser("save", help="write the plans of a state directory to a file")
     commands.add_parser("items", help="the table of items that a plan may hold, as markdown")
-    for one in (check, load):
-        one.add_argument(
+    for command in (check, load):
+        command.add_argument(
             "file", metavar="FILE", type=Path, help="a .plan, .waypoints, or MAVProxy's fence or rally file"
         )
-        one.add_argument(
+        command.add_argument(
             "--no-home", action="store_true", help="item 0 of a .waypoints mission is not home but an item"
         )
     save.add_argument(
         "file", metavar="FILE", type=Path, help="a .plan takes all plans, any other name one as QGC WPL 110"
     )
     save.add_argument("--kind", choices=KINDS, default="mission", help="which plan, unless FILE is a .plan")
-    for one in (load, show, save):
-        one.add_argument("--state", metavar="DIR", type=Path, required=True, help="the state directory")
-    for one in (check, show):
-        one.add_argument("--json", action="store_true", help="print JSON")
+    for command in (load, show, save):
+        command.add_argument("--state", metavar="DIR", type=Path, required=True, help="the state directory")
+    for command in (check, show):
+        command.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Do what is asked; one line on standard error and 2 when it cannot be."""
-    act: Callable[[argparse.Namespace], None] = {
+    command: Callable[[argparse.Namespace], None] = {
         "check": _check,
         "load": _load,
         "show": _show,
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         "items": _items,
     }[arguments.plan_command]
     try:
-        act(arguments)
+        command(arguments)
     except (PlanFileError, StoreError) as error:
         print(f"rambler plan {arguments.plan_command}: {error}", file=sys.stderr)
         return 2
@@ -68,7 +68,7 @@ def _items(_arguments: argparse.Namespace) -> None:
     print(markdown(), end="")
 
 
-def _plans_of(path: Path, *, home: bool) -> tuple[Plan, ...]:
+def _read_plans(path: Path, *, home: bool) -> tuple[Plan, ...]:
     """Read a plan file, never more of it than a plan file may have."""
     try:
         with path.open("rb") as file:
@@ -79,7 +79,7 @@ def _plans_of(path: Path, *, home: bool) -> tuple[Plan, ...]:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    plans = _plans_of(arguments.file, home=not arguments.no_home)
+    plans = _read_plans(arguments.file, home=not arguments.no_home)
     if arguments.json:
         _print_json(plans)
         return
@@ -88,8 +88,8 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _load(arguments: argparse.Namespace) -> None:
-    plans = _plans_of(arguments.file, home=not arguments.no_home)
-    _must_exist(arguments.state)
+    plans = _read_plans(arguments.file, home=not arguments.no_home)
+    _check_directory(arguments.state)
     try:
         store = Store(arguments.state)
     except StoreError as error:
@@ -104,7 +104,7 @@ def _load(arguments: argparse.Namespace) -> None:
 
 
 def _show(arguments: argparse.Namespace) -> None:
-    plans = tuple(_stored(arguments.state).of(kind) for kind in PlanKind)
+    plans = tuple(_stored_plans(arguments.state).of(kind) for kind in PlanKind)
     if arguments.json:
         _print_json(plans)
         return
@@ -115,29 +115,29 @@ def _show(arguments: argparse.Namespace) -> None:
 
 
 def _save(arguments: argparse.Namespace) -> None:
-    plans = _stored(arguments.state)
-    whole = arguments.file.suffix.lower() == ".plan"
-    text = write_plan(plans) if whole else write_text(plans.of(KINDS[arguments.kind]))
+    plans = _stored_plans(arguments.state)
+    takes_all = arguments.file.suffix.lower() == ".plan"
+    text = write_plan(plans) if takes_all else write_text(plans.of(KINDS[arguments.kind]))
     try:
         arguments.file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise PlanFileError(f"{arguments.file}: {error.strerror}; name another file") from None
-    kept = [plans.of(kind) for kind in PlanKind] if whole else [plans.of(KINDS[arguments.kind])]
-    for plan in kept:
+    written = [plans.of(kind) for kind in PlanKind] if takes_all else [plans.of(KINDS[arguments.kind])]
+    for plan in written:
         print(f"{arguments.file}: {plan.kind.name.lower()}: {_count(plan)}")
 
 
 # ------------------------------------------------------------------------------------ parts
 
 
-def _must_exist(directory: Path) -> None:
+def _check_directory(directory: Path) -> None:
     if not directory.is_dir():
         raise StoreError(f"state directory {directory} is not there; name that of `rambler run --state`")
 
 
-def _stored(directory: Path) -> Plans:
+def _stored_plans(directory: Path) -> Plans:
     """Read the plans as the autopilot would, which may be running meanwhile."""
-    _must_exist(directory)
+    _check_directory(directory)
     plans = Plans()
     for name in PLAN_FILES.values():
         content = stored_content(directory, name)
@@ -164,8 +164,8 @@ def _name(item: PlanItem) -> str:
 
 def _line(index: int, item: PlanItem) -> str:
     params = " ".join(f"{value:g}" for value in item.params)
-    where = f"  {item.x * 1e-7:.7f} {item.y * 1e-7:.7f}" if has_place(item.command) else ""
-    return f"{index:>5}  {_name(item)}  {params}{where}"
+    place = f"  {item.x * 1e-7:.7f} {item.y * 1e-7:.7f}" if has_place(item.command) else ""
+    return f"{index:>5}  {_name(item)}  {params}{place}"
 
 
 def _print_json(plans: Iterable[Plan]) -> None:

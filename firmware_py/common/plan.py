@@ -46,7 +46,7 @@ class PlanItem:
     z: float = 0.0  # metres, single precision
 
 
-def _with_plain_nan(item: PlanItem) -> PlanItem:
+def _normalise_nan(item: PlanItem) -> PlanItem:
     """Forget sign and payload of a NaN, which text does not carry and nobody means."""
     if not math.isnan(sum(item.params) + item.z):
         return item
@@ -54,7 +54,7 @@ def _with_plain_nan(item: PlanItem) -> PlanItem:
     return PlanItem(item.command, item.frame, item.autocontinue, (first, second, third, fourth), item.x, item.y, z)
 
 
-def _packed(items: Iterable[PlanItem]) -> bytes:
+def _pack(items: Iterable[PlanItem]) -> bytes:
     pack = _ITEM.pack
     try:
         return b"".join(
@@ -64,7 +64,7 @@ def _packed(items: Iterable[PlanItem]) -> bytes:
         raise struct.error(str(error)) from None
 
 
-def _unpacked(data: bytes) -> tuple[PlanItem, ...]:
+def _unpack(data: bytes) -> tuple[PlanItem, ...]:
     return tuple(
         PlanItem(command, frame, bool(autocontinue), (first, second, third, fourth), x, y, z)
         for frame, command, autocontinue, first, second, third, fourth, x, y, z in _ITEM.iter_unpack(data)
@@ -85,9 +85,9 @@ class Plan:
     @classmethod
     def of(cls, kind: PlanKind, items: Iterable[PlanItem]) -> Plan:
         """Make a plan of items, rounded to what they can carry; struct.error for numbers that no item can."""
-        packed = _packed(_with_plain_nan(item) for item in items)
+        packed = _pack(_normalise_nan(item) for item in items)
         # The checksum of a plan that is there is never 0.
-        return cls(kind, _unpacked(packed), (zlib.crc32(packed) or 1) if packed else 0)
+        return cls(kind, _unpack(packed), (zlib.crc32(packed) or 1) if packed else 0)
 
     def __eq__(self, other: object) -> bool:
         """Compare kind, number and checksum of the items."""
@@ -118,13 +118,13 @@ class Plans:
         return replace(self, **{plan.kind.name.lower(): plan})
 
 
-def _plain(plan: Plan) -> dict[str, Any]:
-    items = base64.b64encode(_packed(plan.items)).decode()
+def _plan_to_record(plan: Plan) -> dict[str, Any]:
+    items = base64.b64encode(_pack(plan.items)).decode()
     return {"kind": int(plan.kind), "identity": plan.identity, "items": items}
 
 
-def _from_plain(data: Any, spot: Spot) -> Plan:
-    """Read what `_plain` gives, ignoring more; ValueError for anything else, or when the checksum is wrong."""
+def _plan_from_record(data: Any, spot: Spot) -> Plan:
+    """Read what `_plan_to_record` gives, ignoring more; ValueError for anything else, or when the checksum is wrong."""
     expected = {"kind", "identity", "items"}
     if not isinstance(data, dict) or expected - data.keys() or not isinstance(data["items"], str):
         raise ValueError("this is no plan")
@@ -133,7 +133,7 @@ def _from_plain(data: Any, spot: Spot) -> Plan:
     if type(data["kind"]) is not int or type(data["identity"]) is not int:
         raise ValueError("the kind of the plan is not a number")
     try:
-        items = _unpacked(base64.b64decode(data["items"], validate=True))
+        items = _unpack(base64.b64decode(data["items"], validate=True))
     except (binascii.Error, struct.error):
         raise ValueError("the items of the plan are broken") from None
     plan = Plan.of(PlanKind(data["kind"]), items)
@@ -148,7 +148,7 @@ class _Stored:
 
 
 # A plan travels packed: two thousand items as records of text would hold up the loop for as long as a tick lasts.
-HOOK = Hook(Plan, _plain, _from_plain)
+HOOK = Hook(Plan, _plan_to_record, _plan_from_record)
 _CODEC = Codec([_Stored], [HOOK])
 
 

@@ -5,8 +5,8 @@ frames and the numbers that stand here. A parameter that is not in the row means
 hold anything finite or NaN. `unset` in a row says that NaN leaves the choice to the boat, as
 does the value 0 where the text says so.
 
-Places are `x`, `y` in 1e-7 degrees. In a mission the place (0, 0) means where she is when the
-item begins, as in ArduPilot; in a fence and among rally points it is a place like any other.
+Places are `x`, `y` in 1e-7 degrees. In a mission the place (0, 0) means where the boat is when
+the item begins, as in ArduPilot; in a fence and among rally points it is a place like any other.
 A boat has no altitude: `z` means something in DO_SET_HOME alone.
 """
 
@@ -61,7 +61,7 @@ class Meaning:
     unset: bool = False
 
     def allowed(self) -> str:
-        """Say what is allowed, for messages."""
+        """Return what is allowed, for messages."""
         kind = "a whole number, " if self.whole else ""
         return f"{kind}{self.low:g} to {self.high:g} {self.unit}".rstrip()
 
@@ -237,10 +237,10 @@ MISSION_FRAME = 2  # of items without a place
 
 
 def markdown() -> str:
-    """The table for people."""
+    """Return the table for people."""
     lines = ["| plan | command | number | parameters |", "| --- | --- | --- | --- |"]
     for row in TABLE:
-        meanings = [f"param{one.number}: {one.text} ({one.allowed()})" for one in row.meanings]
+        meanings = [f"param{meaning.number}: {meaning.text} ({meaning.allowed()})" for meaning in row.meanings]
         text = "; ".join([*meanings, *(["a place"] if row.place else [])])
         lines.append(f"| {row.kind.name.lower()} | {row.name} | {int(row.command)} | {text} |")
     return "\n".join(lines) + "\n"

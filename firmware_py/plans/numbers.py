@@ -16,7 +16,7 @@ class PlanFileError(ValueError):
     """A plan file is refused; the text names the file, the line or item, and the remedy."""
 
 
-def number_of(text: str) -> float:
+def read_number(text: str) -> float:
     """Read a number of a text file; PlanFileError for anything else."""
     try:
         # Python would allow digits to be grouped.
@@ -25,49 +25,49 @@ def number_of(text: str) -> float:
         raise PlanFileError(f"{text[:30]!r} is not a number") from None
 
 
-def whole_of(text: str, high: int) -> int:
+def read_whole(text: str, high: int) -> int:
     """Read a whole number from 0 to high."""
-    value = number_of(text)
+    value = read_number(text)
     if not (0 <= value <= high and value == math.floor(value)):
         raise PlanFileError(f"{text[:30]!r} is not a whole number from 0 to {high}")
     return int(value)
 
 
-def scaled(degrees: float, what: str, limit_deg: float) -> int:
-    """Return degrees as MAVLink's integer."""
-    if not abs(degrees) <= limit_deg:
-        raise PlanFileError(f"{what} {degrees:g} is not within -{limit_deg:g} to {limit_deg:g} deg")
-    return round(degrees * 1e7)
+def scale_angle(angle_deg: float, name: str, limit_deg: float) -> int:
+    """Return an angle as MAVLink's integer, in 1e-7 degrees."""
+    if not abs(angle_deg) <= limit_deg:
+        raise PlanFileError(f"{name} {angle_deg:g} is not within -{limit_deg:g} to {limit_deg:g} deg")
+    return round(angle_deg * 1e7)
 
 
-def place(latitude_deg: float, longitude_deg: float) -> tuple[int, int]:
+def scale_place(latitude_deg: float, longitude_deg: float) -> tuple[int, int]:
     """Return x and y of a place."""
-    return scaled(latitude_deg, "latitude", 90.0), scaled(longitude_deg, "longitude", 180.0)
+    return scale_angle(latitude_deg, "latitude", 90.0), scale_angle(longitude_deg, "longitude", 180.0)
 
 
-def item_of(command: int, frame: int, params: list[float], *, autocontinue: bool) -> PlanItem:
-    """Return an item of the seven parameters of a file, x and y in degrees where they are a place."""
+def make_item(command: int, frame: int, params: list[float], *, autocontinue: bool) -> PlanItem:
+    """Make an item of the seven parameters of a file, x and y in degrees where they are a place."""
     for number, value in enumerate(params, start=1):
         if math.isfinite(value) and abs(value) > SINGLE_MAX:
             raise PlanFileError(f"param{number} is too large")
     first, second, third, fourth, x, y, z = params
     if has_place(command):
-        whole_x, whole_y = place(x, y)
+        whole_x, whole_y = scale_place(x, y)
     else:
-        whole_x, whole_y = _unused(x), _unused(y)
+        whole_x, whole_y = _whole_or_zero(x), _whole_or_zero(y)
     return PlanItem(command, frame, autocontinue, (first, second, third, fourth), whole_x, whole_y, z)
 
 
-def _unused(value: float) -> int:
+def _whole_or_zero(value: float) -> int:
     return int(value) if abs(value) < _INT32 else 0
 
 
-def named(source: str, where: str, error: PlanFileError) -> PlanFileError:
+def located(source: str, where: str, error: PlanFileError) -> PlanFileError:
     """Return an error with the place in the file before it."""
     return PlanFileError(f"{source}{where}: {error}")
 
 
-def shown(value: Any) -> str:
+def shorten(value: Any) -> str:
     """Return a value for a message, cut short."""
     text = repr(value)
     return text if len(text) <= 40 else text[:37] + "..."

@@ -13,7 +13,7 @@ from firmware_py.plans.items import Command
 from firmware_py.plans.problem import PlanProblem, PlanResult
 
 _VERTICES = (Command.INCLUDED_VERTEX, Command.EXCLUDED_VERTEX)
-_TURN = 3_600_000_000
+_FULL_CIRCLE = 3_600_000_000
 _MOST_PAIRS = 20_000  # of edges that are compared, about 10 ms
 _FEWEST = 3
 
@@ -82,7 +82,7 @@ def _edges(vertices: Sequence[PlanItem]) -> list[Edge]:
     for vertex in vertices:
         y = vertex.y
         if points:
-            y += _TURN * round((points[-1][1] - y) / _TURN)
+            y += _FULL_CIRCLE * round((points[-1][1] - y) / _FULL_CIRCLE)
         if not points or points[-1] != (vertex.x, y):
             points.append((vertex.x, y))
     if len(points) > 1 and points[0] == points[-1]:
@@ -92,7 +92,7 @@ def _edges(vertices: Sequence[PlanItem]) -> list[Edge]:
 
 def _crossing(edges: Sequence[Edge], pairs_left: int) -> tuple[bool, int]:
     """Return whether two edges cross, and how many pairs may be compared still; negative when they did not suffice."""
-    spans = [[(min(one[axis], other[axis]), max(one[axis], other[axis])) for one, other in edges] for axis in (0, 1)]
+    spans = [[(min(start[axis], end[axis]), max(start[axis], end[axis])) for start, end in edges] for axis in (0, 1)]
     # Along the axis on which the edges are the shorter beside the whole, fewest lie side by side.
     crowding = [
         sum(high - low for low, high in span) / (max(s[1] for s in span) - min(s[0] for s in span) or 1)
@@ -112,9 +112,9 @@ def _crossing(edges: Sequence[Edge], pairs_left: int) -> tuple[bool, int]:
     return False, pairs_left
 
 
-def _cross(one: Edge, other: Edge) -> bool:
+def _cross(edge: Edge, other: Edge) -> bool:
     """Return whether two edges cross within both; touching is not crossing."""
-    return _sides(one, other) < 0 and _sides(other, one) < 0
+    return _sides(edge, other) < 0 and _sides(other, edge) < 0
 
 
 def _sides(line: Edge, edge: Edge) -> int:

@@ -1,4 +1,4 @@
-"""What can be wrong with a plan, and how it is told."""
+"""What can be wrong with a plan, and the words for it."""
 
 from __future__ import annotations
 

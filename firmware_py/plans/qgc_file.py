@@ -12,7 +12,7 @@ from typing import Any
 
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, Plans
 from firmware_py.plans.items import Command, has_place
-from firmware_py.plans.numbers import PlanFileError, item_of, named, place, shown
+from firmware_py.plans.numbers import PlanFileError, located, make_item, scale_place, shorten
 from firmware_py.plans.polygons import polygons_of
 
 _GLOBAL, _RELATIVE = 0, 3  # MAV_FRAME
@@ -30,7 +30,7 @@ def read_plan(text: str, source: str) -> tuple[Plan, ...]:
         try:
             plans.append(read(_object(document[section])))
         except PlanFileError as error:
-            raise named(source, f": {section}", error) from None
+            raise located(source, f": {section}", error) from None
     if not plans:
         raise PlanFileError(f"{source}: it has neither mission, geoFence nor rallyPoints; save it anew")
     return tuple(plans)
@@ -53,14 +53,14 @@ def _document(text: str, source: str) -> Mapping[str, Any]:
 
 def _object(value: Any) -> Mapping[str, Any]:
     if not isinstance(value, dict):
-        raise PlanFileError(f"expected an object, found {shown(value)}")
+        raise PlanFileError(f"expected an object, found {shorten(value)}")
     return value
 
 
 def _list(data: Mapping[str, Any], key: str) -> list[Any]:
     value = data.get(key, [])
     if not isinstance(value, list):
-        raise PlanFileError(f"{key}: expected a list, found {shown(value)}")
+        raise PlanFileError(f"{key}: expected a list, found {shorten(value)}")
     if len(value) > MOST_ITEMS:
         raise PlanFileError(f"{key}: {len(value)} entries; at most {MOST_ITEMS} are kept")
     return value
@@ -71,29 +71,29 @@ def _number(value: Any, unset: float | None = None) -> float:
     if value is None and unset is not None:
         return unset
     if type(value) not in (int, float):
-        raise PlanFileError(f"expected a number, found {shown(value)}")
+        raise PlanFileError(f"expected a number, found {shorten(value)}")
     try:
         return float(value)
     except OverflowError:
-        raise PlanFileError(f"{shown(value)} is too large") from None
+        raise PlanFileError(f"{shorten(value)} is too large") from None
 
 
 def _whole(value: Any, high: int) -> int:
     number = _number(value)
     if not (0 <= number <= high and number == math.floor(number)):
-        raise PlanFileError(f"expected a whole number from 0 to {high}, found {shown(value)}")
+        raise PlanFileError(f"expected a whole number from 0 to {high}, found {shorten(value)}")
     return int(number)
 
 
 def _truth(value: Any) -> bool:
     if not isinstance(value, bool):
-        raise PlanFileError(f"expected true or false, found {shown(value)}")
+        raise PlanFileError(f"expected true or false, found {shorten(value)}")
     return value
 
 
 def _coordinates(value: Any, least: int) -> list[float]:
     if not isinstance(value, list) or not least <= len(value) <= 3:
-        raise PlanFileError(f"expected [latitude, longitude{', altitude' * (least - 2)}], found {shown(value)}")
+        raise PlanFileError(f"expected [latitude, longitude{', altitude' * (least - 2)}], found {shorten(value)}")
     return [_number(part) for part in value]
 
 
@@ -103,7 +103,9 @@ def _coordinates(value: Any, least: int) -> list[float]:
 def _mission(section: Mapping[str, Any]) -> Plan:
     entries = [_numbered(_object, entry, number) for number, entry in enumerate(_list(section, "items"), start=1)]
     indexes = {_jump_id(entry, index): index for index, entry in enumerate(entries)}
-    items = [_numbered(lambda one: _item(one, indexes), entry, number) for number, entry in enumerate(entries, start=1)]
+    items = [
+        _numbered(lambda entry: _item(entry, indexes), entry, number) for number, entry in enumerate(entries, start=1)
+    ]
     return Plan.of(PlanKind.MISSION, items)
 
 
@@ -115,31 +117,31 @@ def _numbered(read: Any, entry: Any, number: int) -> Any:
 
 
 def _jump_id(entry: Mapping[str, Any], index: int) -> int:
-    found = entry.get("doJumpId")
-    return found if type(found) is int else index + 1
+    jump_id = entry.get("doJumpId")
+    return jump_id if type(jump_id) is int else index + 1
 
 
 def _item(entry: Mapping[str, Any], indexes: Mapping[int, int]) -> PlanItem:
     kind = entry.get("type")
     if kind != "SimpleItem":
-        what = entry.get("complexItemType", kind)
+        name = entry.get("complexItemType", kind)
         raise PlanFileError(
-            f"{shown(what)} is not a simple item; only QGroundControl can unfold it: upload it from there, or save it "
-            "from the boat afterwards"
+            f"{shorten(name)} is not a simple item; only QGroundControl can unfold it: upload it from there, "
+            "or save it from the boat afterwards"
         )
     command = _whole(entry.get("command"), 0xFFFF)
-    listed = entry.get("params")
-    if not isinstance(listed, list) or len(listed) != 7:
-        raise PlanFileError(f"expected 7 params, found {shown(listed)}")
-    where = None if has_place(command) else 0.0
-    unset = (math.nan, math.nan, math.nan, math.nan, where, where, math.nan)
-    params = [_number(value, missing) for value, missing in zip(listed, unset, strict=True)]
+    values = entry.get("params")
+    if not isinstance(values, list) or len(values) != 7:
+        raise PlanFileError(f"expected 7 params, found {shorten(values)}")
+    unset_place = None if has_place(command) else 0.0
+    unset = (math.nan, math.nan, math.nan, math.nan, unset_place, unset_place, math.nan)
+    params = [_number(value, default) for value, default in zip(values, unset, strict=True)]
     if command == Command.JUMP:
         if params[0] not in indexes:
             raise PlanFileError(f"DO_JUMP: there is no item with doJumpId {params[0]:g}")
         params[0] = float(indexes[int(params[0])])
     frame = _whole(entry.get("frame"), 0xFF)
-    return item_of(command, frame, params, autocontinue=_truth(entry.get("autoContinue", True)))
+    return make_item(command, frame, params, autocontinue=_truth(entry.get("autoContinue", True)))
 
 
 def _fence(section: Mapping[str, Any]) -> Plan:
@@ -151,7 +153,7 @@ def _fence(section: Mapping[str, Any]) -> Plan:
     if section.get("breachReturn") is not None:
         latitude_deg, longitude_deg, *altitude_m = _coordinates(section["breachReturn"], 2)
         params = [0.0, 0.0, 0.0, 0.0, latitude_deg, longitude_deg, *(altitude_m or [0.0])]
-        items.append(item_of(int(Command.FENCE_RETURN), _RELATIVE, params, autocontinue=True))
+        items.append(make_item(int(Command.FENCE_RETURN), _RELATIVE, params, autocontinue=True))
     return Plan.of(PlanKind.FENCE, items)
 
 
@@ -162,7 +164,7 @@ def _polygon(entry: Any) -> list[PlanItem]:
     count = float(len(corners))
     if not corners:
         raise PlanFileError("the polygon has no vertices")
-    places = [place(corner[0], corner[1]) for corner in corners]
+    places = [scale_place(corner[0], corner[1]) for corner in corners]
     return [PlanItem(int(command), _GLOBAL, params=(count, 0.0, 0.0, 0.0), x=x, y=y) for x, y in places]
 
 
@@ -172,15 +174,15 @@ def _circle(entry: Any) -> PlanItem:
     circle = _object(data.get("circle"))
     latitude_deg, longitude_deg, *_ = _coordinates(circle.get("center"), 2)
     params = [_number(circle.get("radius")), 0.0, 0.0, 0.0, latitude_deg, longitude_deg, 0.0]
-    return item_of(int(command), _GLOBAL, params, autocontinue=True)
+    return make_item(int(command), _GLOBAL, params, autocontinue=True)
 
 
 def _rally(section: Mapping[str, Any]) -> Plan:
     items = []
     for number, point in enumerate(_list(section, "points"), start=1):
-        latitude_deg, longitude_deg, altitude_m = _numbered(lambda one: _coordinates(one, 3), point, number)
+        latitude_deg, longitude_deg, altitude_m = _numbered(lambda value: _coordinates(value, 3), point, number)
         params = [0.0, 0.0, 0.0, 0.0, latitude_deg, longitude_deg, altitude_m]
-        items.append(item_of(int(Command.RALLY_POINT), _RELATIVE, params, autocontinue=True))
+        items.append(make_item(int(Command.RALLY_POINT), _RELATIVE, params, autocontinue=True))
     return Plan.of(PlanKind.RALLY, items)
 
 
@@ -215,7 +217,7 @@ def _mission_section(plan: Plan) -> Mapping[str, Any]:
     items = []
     for index, item in enumerate(plan.items):
         first = item.params[0] + 1.0 if item.command == Command.JUMP else item.params[0]
-        where = _degrees(item) if has_place(item.command) else [item.x, item.y]
+        x_and_y = _degrees(item) if has_place(item.command) else [item.x, item.y]
         params = [_or_none(value) for value in (first, *item.params[1:])]
         items.append(
             {
@@ -224,7 +226,7 @@ def _mission_section(plan: Plan) -> Mapping[str, Any]:
                 "command": item.command,
                 "doJumpId": index + 1,
                 "frame": item.frame,
-                "params": [*params, *where, _or_none(item.z)],
+                "params": [*params, *x_and_y, _or_none(item.z)],
             }
         )
     first_place = next((item for item in plan.items if has_place(item.command)), PlanItem(0))
@@ -245,10 +247,10 @@ def _fence_section(plan: Plan) -> Mapping[str, Any]:
     polygons = [
         {
             "version": 1,
-            "inclusion": one.inclusion,
-            "polygon": [_degrees(item) for item in items[one.first : one.first + one.count]],
+            "inclusion": polygon.inclusion,
+            "polygon": [_degrees(item) for item in items[polygon.first : polygon.first + polygon.count]],
         }
-        for one in polygons_of(items)
+        for polygon in polygons_of(items)
     ]
     circles = [
         {

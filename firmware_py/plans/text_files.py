@@ -9,7 +9,7 @@ from dataclasses import replace
 from firmware_py.common.parameters import format_value
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.plans.items import ROWS, Command, has_place
-from firmware_py.plans.numbers import PlanFileError, item_of, named, number_of, place, whole_of
+from firmware_py.plans.numbers import PlanFileError, located, make_item, read_number, read_whole, scale_place
 
 HEADER = "QGC WPL 110"
 _COLUMNS = 12
@@ -20,8 +20,8 @@ Line = tuple[int, list[str]]  # number in the file, and words
 
 def lines_of(text: str) -> list[Line]:
     """Return the lines that say something."""
-    found = [(number, line.split("#", 1)[0].split()) for number, line in enumerate(text.splitlines(), start=1)]
-    return [line for line in found if line[1]]
+    lines = [(number, line.split("#", 1)[0].split()) for number, line in enumerate(text.splitlines(), start=1)]
+    return [line for line in lines if line[1]]
 
 
 def read_text(text: str, source: str, *, home: bool = True) -> Plan:
@@ -46,7 +46,7 @@ def _each(lines: Iterable[Line], source: str, make: Callable[[list[str]], PlanIt
         try:
             items.append(make(words))
         except PlanFileError as error:
-            raise named(source, f":{number}", error) from None
+            raise located(source, f":{number}", error) from None
     return items
 
 
@@ -59,30 +59,30 @@ def _waypoints(lines: Sequence[Line], source: str, *, home: bool) -> Plan:
                 f"{source}:{number}: item {words[0][:20]!r} where {expected} is due; number them from 0"
             )
     kind = _kind(lines, source)
-    before = int(home and kind is PlanKind.MISSION)
-    items = _each(lines[before:], source, _waypoint)
-    return Plan.of(kind, [_jump_shifted(item, -before) for item in items])
+    home_count = int(home and kind is PlanKind.MISSION)
+    items = _each(lines[home_count:], source, _waypoint)
+    return Plan.of(kind, [_shift_jump(item, -home_count) for item in items])
 
 
 def _kind(lines: Sequence[Line], source: str) -> PlanKind:
     """Return the kind of plan that the commands belong to; item 0 does not count, since it may be home."""
     for number, words in lines[1:] or lines:
         try:
-            row = ROWS.get(whole_of(words[3], 0xFFFF))
+            row = ROWS.get(read_whole(words[3], 0xFFFF))
         except PlanFileError as error:
-            raise named(source, f":{number}", error) from None
+            raise located(source, f":{number}", error) from None
         if row is not None:
             return row.kind
     return PlanKind.MISSION
 
 
 def _waypoint(words: list[str]) -> PlanItem:
-    frame, command = whole_of(words[2], 0xFF), whole_of(words[3], 0xFFFF)
-    params = [number_of(word) for word in words[4:11]]
-    return item_of(command, frame, params, autocontinue=bool(whole_of(words[11], 1)))
+    frame, command = read_whole(words[2], 0xFF), read_whole(words[3], 0xFFFF)
+    params = [read_number(word) for word in words[4:11]]
+    return make_item(command, frame, params, autocontinue=bool(read_whole(words[11], 1)))
 
 
-def _jump_shifted(item: PlanItem, by: int) -> PlanItem:
+def _shift_jump(item: PlanItem, by: int) -> PlanItem:
     if item.command != Command.JUMP:
         return item
     return replace(item, params=(item.params[0] + by, *item.params[1:]))
@@ -91,9 +91,9 @@ def _jump_shifted(item: PlanItem, by: int) -> PlanItem:
 def _rally_point(words: list[str]) -> PlanItem:
     if len(words) != 7 or words[0].upper() != "RALLY":
         raise PlanFileError("expected RALLY LATITUDE LONGITUDE ALTITUDE BREAK_ALTITUDE DIRECTION FLAGS")
-    latitude_deg, longitude_deg, altitude_m = (number_of(word) for word in words[1:4])
+    latitude_deg, longitude_deg, altitude_m = (read_number(word) for word in words[1:4])
     params = [0.0, 0.0, 0.0, 0.0, latitude_deg, longitude_deg, altitude_m]
-    return item_of(int(Command.RALLY_POINT), _RELATIVE, params, autocontinue=True)
+    return make_item(int(Command.RALLY_POINT), _RELATIVE, params, autocontinue=True)
 
 
 def _old_fence(lines: Sequence[Line], source: str) -> Plan:
@@ -102,23 +102,24 @@ def _old_fence(lines: Sequence[Line], source: str) -> Plan:
     def corner(words: list[str]) -> PlanItem:
         if len(words) != 2:
             raise PlanFileError("expected LATITUDE LONGITUDE")
-        x, y = place(number_of(words[0]), number_of(words[1]))
+        x, y = scale_place(read_number(words[0]), read_number(words[1]))
         return PlanItem(int(Command.INCLUDED_VERTEX), _GLOBAL, x=x, y=y)
 
-    back, *corners = _each(lines, source, corner)
+    return_point, *corners = _each(lines, source, corner)
     if len(corners) < 4 or (corners[0].x, corners[0].y) != (corners[-1].x, corners[-1].y):
         raise PlanFileError(
             f"{source}: a fence is its return point, at least 3 vertices, and the first vertex again at the end"
         )
     count = float(len(corners) - 1)
-    vertices = [replace(one, params=(count, 0.0, 0.0, 0.0)) for one in corners[:-1]]
-    return Plan.of(PlanKind.FENCE, [replace(back, command=int(Command.FENCE_RETURN)), *vertices])
+    vertices = [replace(vertex, params=(count, 0.0, 0.0, 0.0)) for vertex in corners[:-1]]
+    return Plan.of(PlanKind.FENCE, [replace(return_point, command=int(Command.FENCE_RETURN)), *vertices])
 
 
 def write_text(plan: Plan) -> str:
-    """Write a plan as `QGC WPL 110`; home of a mission is left at 0, 0, since it is the boat's to know."""
-    before = int(plan.kind is PlanKind.MISSION)
-    items = [*[PlanItem(int(Command.WAYPOINT))] * before, *(_jump_shifted(item, before) for item in plan.items)]
+    """Write a plan as `QGC WPL 110`; home of a mission is left at 0, 0, since the boat alone knows it."""
+    home_count = int(plan.kind is PlanKind.MISSION)
+    homes = [PlanItem(int(Command.WAYPOINT))] * home_count
+    items = [*homes, *(_shift_jump(item, home_count) for item in plan.items)]
     lines = [HEADER]
     for number, item in enumerate(items):
         x, y = str(item.x), str(item.y)

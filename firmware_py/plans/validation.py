@@ -17,27 +17,27 @@ _BY_NUMBER = {number: PlanResult(5 + number) for number in (1, 2, 3, 4)}  # INVA
 _TIME_OF_DAY = -1.0
 _REMEMBERED = 4
 
-_judged: list[tuple[Plan, PlanProblem | None]] = []
+_recent: list[tuple[Plan, PlanProblem | None]] = []
 
 
 def problem_of(plan: Plan) -> PlanProblem | None:
     """Return the first thing that is wrong with a plan, or None; asked again of the same plan it costs nothing."""
     # By identity and not by checksum: who can make two plans with one checksum shall gain nothing.
-    for known, fault in _judged:
-        if known is plan:
-            return fault
-    fault = _problem_of(plan)
-    _judged.insert(0, (plan, fault))
-    del _judged[_REMEMBERED:]
-    return fault
+    for recent, problem in _recent:
+        if recent is plan:
+            return problem
+    problem = _first_problem(plan)
+    _recent.insert(0, (plan, problem))
+    del _recent[_REMEMBERED:]
+    return problem
 
 
-def _problem_of(plan: Plan) -> PlanProblem | None:
+def _first_problem(plan: Plan) -> PlanProblem | None:
     if len(plan.items) > MOST_ITEMS:
         return PlanProblem(None, PlanResult.NO_SPACE, f"{len(plan.items)} items; at most {MOST_ITEMS} are kept")
     for index, item in enumerate(plan.items):
-        if fault := item_problem(plan.kind, index, item):
-            return fault
+        if problem := item_problem(plan.kind, index, item):
+            return problem
     if plan.kind is PlanKind.MISSION:
         return _jumps_problem(plan.items)
     return polygons_problem(plan.items) if plan.kind is PlanKind.FENCE else None
@@ -47,8 +47,8 @@ def item_problem(kind: PlanKind, index: int, item: PlanItem) -> PlanProblem | No
     """Return what is wrong with an item as such, whatever stands beside it."""
     row = ROWS.get(item.command)
     if row is None or row.kind is not kind:
-        what = f"command {item.command}" if row is None else row.name
-        return PlanProblem(index, PlanResult.UNSUPPORTED, f"{what} is not known in a {kind.name.lower()} plan")
+        name = f"command {item.command}" if row is None else row.name
+        return PlanProblem(index, PlanResult.UNSUPPORTED, f"{name} is not known in a {kind.name.lower()} plan")
     if item.frame not in PLACE_FRAMES and (row.place or item.frame != MISSION_FRAME):
         return PlanProblem(index, PlanResult.UNSUPPORTED_FRAME, f"{row.name}: frame {item.frame} is not supported")
     for number, value in enumerate(item.params, start=1):
@@ -90,37 +90,37 @@ def _jumps_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
         if item.command == Command.JUMP and item.params[0] >= len(items):
             text = f"DO_JUMP: there is no item {item.params[0]:.0f}"
             return PlanProblem(index, PlanResult.INVALID_PARAM1, text)
-    settled = bytearray(len(items))  # 1: being followed, 2: leads on
+    visited = bytearray(len(items))  # 1: being followed, 2: leads on
     for start, item in enumerate(items):
-        if item.command != Command.JUMP or settled[start]:
+        if item.command != Command.JUMP or visited[start]:
             continue
-        closing = _circle(items, start, settled)
-        if closing is not None:
+        last_jump = _endless_loop(items, start, visited)
+        if last_jump is not None:
             text = "DO_JUMP: goes round without an item that takes time"
-            return PlanProblem(closing, PlanResult.INVALID_PARAM1, text)
+            return PlanProblem(last_jump, PlanResult.INVALID_PARAM1, text)
     return None
 
 
-def _circle(items: Sequence[PlanItem], start: int, settled: bytearray) -> int | None:
-    """Follow what comes after an item as far as nothing takes time; return the last jump of a circle."""
-    stack = [(start, iter(_followers(items, start)))]
-    settled[start] = 1
+def _endless_loop(items: Sequence[PlanItem], start: int, visited: bytearray) -> int | None:
+    """Follow what comes after an item as far as nothing takes time; return the last jump of a loop."""
+    stack = [(start, iter(_successors(items, start)))]
+    visited[start] = 1
     while stack:
-        index, followers = stack[-1]
-        follower = next(followers, None)
-        if follower is None:
-            settled[index] = 2
+        index, successors = stack[-1]
+        successor = next(successors, None)
+        if successor is None:
+            visited[index] = 2
             stack.pop()
-        elif settled[follower] == 1:
-            # Only a jump leads back, so there is one in every circle.
+        elif visited[successor] == 1:
+            # Only a jump leads back, so there is one in every loop.
             return next(jump for jump, _ in reversed(stack) if items[jump].command == Command.JUMP)
-        elif not settled[follower]:
-            settled[follower] = 1
-            stack.append((follower, iter(_followers(items, follower))))
+        elif not visited[successor]:
+            visited[successor] = 1
+            stack.append((successor, iter(_successors(items, successor))))
     return None
 
 
-def _followers(items: Sequence[PlanItem], index: int) -> tuple[int, ...]:
+def _successors(items: Sequence[PlanItem], index: int) -> tuple[int, ...]:
     item = items[index]
     if ROWS[item.command].lasts:
         return ()

@@ -19,9 +19,10 @@ def read_plan_file(content: bytes, source: str, *, home: bool = True) -> tuple[P
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise PlanFileError(f"{source}: this is no text; name a plan file") from None
-    found = text.lstrip()[:1]
-    plans = read_plan(text, source) if found == "{" else (read_text(text, source, home=home),)
+    is_json = text.lstrip()[:1] == "{"
+    plans = read_plan(text, source) if is_json else (read_text(text, source, home=home),)
     for plan in plans:
-        if fault := problem_of(plan):
-            raise PlanFileError(f"{source}: {plan.kind.name.lower()}: {fault}; mend it (items are counted from 0 here)")
+        if problem := problem_of(plan):
+            kind = plan.kind.name.lower()
+            raise PlanFileError(f"{source}: {kind}: {problem}; mend it (items are counted from 0 here)")
     return plans

@@ -1,0 +1,100 @@
+"""Polygons of a fence: which are put together, and which are refused."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.plans.polygons import polygons_of
+from firmware_py.plans.problem import PlanResult
+from firmware_py.plans.validation import problem_of
+
+
+def problem(*items):
+    found = problem_of(Plan.of(PlanKind.FENCE, items))
+    return None if found is None else (found.index, found.result)
+
+
+def item(command, param1=0.0):
+    return PlanItem(command, 6, params=(param1, 0.0, 0.0, 0.0), x=1, y=1)
+
+
+def ring(*points, command=5001, count=None):
+    return [replace(item(command, len(points) if count is None else count), x=x, y=y, frame=0) for x, y in points]
+
+
+SQUARE = ((0, 0), (0, 100), (100, 100), (100, 0))
+
+
+def test_polygons_are_put_together():
+    items = [*ring(*SQUARE), item(5003, 5.0), *ring((0, 0), (0, 9), (9, 0), command=5002)]
+    plan = Plan.of(PlanKind.FENCE, items)
+    assert problem_of(plan) is None
+    assert [(polygon.first, polygon.count, polygon.inclusion) for polygon in polygons_of(plan.items)] == [
+        (0, 4, True),
+        (5, 3, False),
+    ]
+
+
+WEST, EAST = -1_799_999_900, 1_799_999_900
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        SQUARE,
+        (*SQUARE, SQUARE[0]),
+        ((0, 0), (0, 0), (0, 100), (100, 100)),
+        ((0, EAST), (0, WEST), (100, WEST), (100, EAST)),
+        ((0, 0), (100, 50), (0, 100), (50, 50)),
+        tuple(
+            (round(1e6 * math.cos(a / 250 * math.tau)), round(1e6 * math.sin(a / 250 * math.tau))) for a in range(250)
+        ),
+    ],
+)
+@pytest.mark.parametrize("command", [5001, 5002])
+def test_good_polygons(points, command):
+    assert problem(*ring(*points, command=command)) is None
+
+
+@pytest.mark.parametrize(
+    ("items", "expected"),
+    [
+        (ring(*SQUARE)[:3], (2, PlanResult.INVALID_PARAM1)),
+        ([*ring(*SQUARE)[:3], *ring(*SQUARE[:1], command=5002, count=4)], (3, PlanResult.INVALID_PARAM1)),
+        ([*ring(*SQUARE[:2], count=3), *ring(SQUARE[2], count=4)], (2, PlanResult.INVALID_PARAM1)),
+        ([*ring(*SQUARE)[:3], item(5003, 5.0)], (3, PlanResult.INVALID_PARAM1)),
+        (ring((0, 0), (0, 0), (0, 100)), (0, PlanResult.INVALID)),
+        (ring((0, 0), (100, 100), (0, 100), (100, 0)), (0, PlanResult.INVALID)),
+        (ring((0, EAST), (100, WEST), (0, WEST), (100, EAST)), (0, PlanResult.INVALID)),
+        ([item(5000), item(5003, 5.0), item(5000)], (2, PlanResult.INVALID)),
+    ],
+)
+def test_bad_polygons(items, expected):
+    assert problem(*items) == expected
+
+
+def test_a_polygon_that_would_take_long_to_judge_is_refused():
+    zigzag = [(100_000 * (index % 2) + index, 100_000 * (index // 2 % 2) - index) for index in range(900)]
+    found = problem_of(Plan.of(PlanKind.FENCE, ring(*zigzag)))
+    assert found is not None
+
+
+@given(st.lists(st.tuples(st.integers(-20, 20), st.integers(-20, 20)), min_size=3, max_size=9))
+def test_crossings_are_those_found_by_comparing_all_pairs(points):
+    def side(a, b, p):
+        return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+
+    def cross(one, other):
+        (a, b), (c, d) = one, other
+        return side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
+
+    edges = list(zip(points, [*points[1:], points[0]], strict=True))
+    crossing = any(cross(one, other) for one in edges for other in edges)
+    found = problem_of(Plan.of(PlanKind.FENCE, ring(*points)))
+    assert (found is not None and found.text == "the polygon crosses itself") == (
+        crossing and (found is None or "different" not in found.text)
+    )

@@ -1,0 +1,131 @@
+"""Plan files of any format, with pymavlink as the oracle, and whatever a file may hold."""
+
+import importlib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
+from firmware_py.plans.items import TABLE
+from firmware_py.plans.numbers import PlanFileError
+from firmware_py.plans.qgc_file import read_plan, write_plan
+from firmware_py.plans.read_file import read_plan_file
+from firmware_py.plans.text_files import read_text, write_text
+
+HEADER = "QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t36.0\t121.0\t5.0\t1\n"
+
+
+@pytest.fixture
+def mavwp(monkeypatch):
+    monkeypatch.setenv("MAVLINK20", "1")
+    mavutil = importlib.import_module("pymavlink.mavutil")
+    mavutil.set_dialect("ardupilotmega")
+    return importlib.import_module("pymavlink.mavwp")
+
+
+MISSION = Plan.of(
+    PlanKind.MISSION,
+    [
+        PlanItem(16, 3, True, (1.0, 2.5, 0.0, 0.0), 361_234_567, -1_211_234_567, 1.25),
+        PlanItem(18, 0, False, (3.0, 0.0, -20.0, 0.0), -1, 2, 0.0),
+        PlanItem(177, 2, True, (1.0, 5.0, 0.0, 0.0)),
+    ],
+)
+CORNERS = ((0, 0), (0, 900_000), (900_000, 450_000))
+FENCE = Plan.of(
+    PlanKind.FENCE,
+    [
+        *(PlanItem(5001, 0, True, (3.0, 0.0, 0.0, 0.0), x, y) for x, y in CORNERS),
+        PlanItem(5004, 0, True, (12.5, 0.0, 0.0, 0.0), 300_000, 450_000),
+    ],
+)
+RALLY = Plan.of(PlanKind.RALLY, [PlanItem(5100, 3, True, x=5_000_000, y=-7_000_000, z=2.0)])
+
+
+@pytest.mark.parametrize(
+    ("plan", "loader"),
+    [(MISSION, "MAVWPLoader"), (FENCE, "MissionItemProtocol_Fence"), (RALLY, "MissionItemProtocol_Rally")],
+)
+def test_pymavlink_reads_what_is_written_and_writes_what_is_read(tmp_path, mavwp, plan, loader):
+    path = tmp_path / "plan.waypoints"
+    path.write_text(write_text(plan))
+    oracle = getattr(mavwp, loader)()
+    before = int(plan.kind is PlanKind.MISSION)
+    assert oracle.load(str(path)) == len(plan.items) + before
+    for index, item in enumerate(plan.items):
+        seen = oracle.wp(index + before)
+        first = item.params[0] + (before if item.command == 177 else 0)
+        assert (seen.command, seen.frame, seen.autocontinue) == (item.command, item.frame, item.autocontinue)
+        assert (seen.param1, seen.param2, seen.param3, seen.param4) == (first, *item.params[1:])
+        assert seen.z == item.z
+        assert [round(seen.x * 1e7), round(seen.y * 1e7)] == [item.x, item.y]
+    oracle.save(str(tmp_path / "again.txt"))
+    (again,) = read_plan_file((tmp_path / "again.txt").read_bytes(), "again.txt")
+    assert [(item.command, item.params) for item in again.items] == [(item.command, item.params) for item in plan.items]
+    assert all(abs(saved.x - item.x) <= 5 for saved, item in zip(again.items, plan.items, strict=True))  # it writes %f
+
+
+def test_older_fences_and_rally_points_are_read_as_pymavlink_reads_them(tmp_path, mavwp):
+    path = tmp_path / "fence.txt"
+    path.write_text("# a fence\n36.05 121.5\n36.0 121.0\n36.0 122.0\n37.0 121.5\n36.0 121.0\n")
+    oracle = mavwp.MissionItemProtocol_Fence()
+    oracle.load(str(path))
+    (fence,) = read_plan_file(path.read_bytes(), "fence.txt")
+    assert [(item.command, item.params[0]) for item in fence.items] == [(w.command, w.param1) for w in oracle.wpoints]
+    assert all(
+        abs(item.x - w.x) <= 1 and abs(item.y - w.y) <= 1 for item, w in zip(fence.items, oracle.wpoints, strict=True)
+    )
+    path.write_text("RALLY 36.1 121.1 1.5 0 0 0\nRALLY 36.2 -121.2 0 0 0 0\n")
+    (rally,) = read_plan_file(path.read_bytes(), "rally.txt")
+    assert [(item.x, item.y, item.z) for item in rally.items] == [
+        (361_000_000, 1_211_000_000, 1.5),
+        (362_000_000, -1_212_000_000, 0.0),
+    ]
+
+
+@st.composite
+def plan_items(draw):
+    row = draw(st.sampled_from([row for row in TABLE if row.kind is PlanKind.MISSION and row.name != "DO_JUMP"]))
+    params = draw(st.tuples(*[st.floats(width=32, allow_infinity=False)] * 4))
+    x, y = draw(st.integers(-(9 * 10**8), 9 * 10**8)), draw(st.integers(-(18 * 10**8), 18 * 10**8))
+    z = draw(st.floats(width=32, allow_infinity=False))
+    return PlanItem(int(row.command), draw(st.integers(0, 255)), draw(st.booleans()), params, x, y, z)
+
+
+@given(st.lists(plan_items(), max_size=4))
+def test_every_item_survives_both_formats(items):
+    plan = Plan.of(PlanKind.MISSION, items)
+    assert read_text(write_text(plan), "a") == plan
+    through_json = read_plan(write_plan(Plans(mission=plan)), "b")[0]
+    assert through_json == plan
+
+
+@given(
+    st.binary(max_size=300)
+    | st.text(max_size=300).map(str.encode)
+    | st.text(max_size=200).map(lambda t: (HEADER + t).encode())
+)
+def test_any_bytes_are_read_or_refused(content):
+    text = content.decode("utf-8", "replace")
+    for read in (read_plan, read_text):
+        try:
+            read(text, "a")
+        except PlanFileError:
+            pass
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    huge, binary, wrong = tmp_path / "huge", tmp_path / "binary", tmp_path / "wrong.waypoints"
+    huge.write_bytes(b"1 2\n" * (3 << 20))
+    binary.write_bytes(b"\xff\xfe\x00")
+    wrong.write_text(
+        HEADER + "".join(f"{n}\t0\t{frame}\t16\t0\t0\t0\t0\t1\t2\t0\t1\n" for n, frame in ((1, 3), (2, 1)))
+    )
+    for path, error in (
+        (huge, "larger than"),
+        (binary, "this is no text"),
+        (wrong, "mission: item 1: NAV_WAYPOINT: frame 1 is not supported"),
+    ):
+        with pytest.raises(PlanFileError, match=error):
+            read_plan_file(path.read_bytes(), path.name)
