@@ -1,0 +1,46 @@
+"""How old what is steered by is."""
+
+from dataclasses import replace
+
+import pytest
+
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import FixType, PositionSample, RudderFeedback
+from firmware_py.core.freshness import Age, Freshness, age_of
+from firmware_py.core.rudder import RudderState
+from firmware_py.core.state import State, freshness_of, settings_of
+from firmware_py.core.tick_timing import TickTiming
+from firmware_py.estimate.position import PositionState
+
+
+@pytest.mark.parametrize(
+    ("t_s", "started_s", "age"),
+    [
+        (9.0, 0.0, Age.FRESH),
+        (8.99, 0.0, Age.OLD),
+        (None, None, Age.AWAITED),
+        (None, 9.0, Age.AWAITED),
+        (None, 8.99, Age.OLD),  # what has never come counts from the start
+        (10.5, 0.0, Age.FRESH),
+    ],
+)
+def test_an_age_is_judged_by_the_timeout(t_s, started_s, age):
+    assert age_of(t_s, started_s, 10.0, 1.0) is age
+
+
+def test_each_kind_has_its_own_timeout():
+    state = State.at_start(
+        ParameterSet().replaced("CMP_TIMEOUT_S", 2.0).replaced("POS_TIMEOUT_S", 9.0).replaced("RUD_TIMEOUT_S", 4.0)
+    )
+    settings = settings_of(state.parameters)
+    assert freshness_of(settings, state, 100.0) == Freshness(Age.AWAITED, Age.AWAITED, Age.AWAITED)
+    state = replace(
+        state,
+        timing=TickTiming(started_s=0.0),
+        position=PositionState(fix=PositionSample(5.0, FixType.FIX_3D, 0.5, 0.5)),
+        rudder=RudderState(feedback=RudderFeedback(5.0)),
+    )
+    assert freshness_of(settings, state, 1.0).heading is Age.AWAITED
+    assert freshness_of(settings, state, 9.0) == Freshness(Age.OLD, Age.FRESH, Age.FRESH)
+    assert freshness_of(settings, state, 10.0) == Freshness(Age.OLD, Age.FRESH, Age.OLD)
+    assert freshness_of(settings, state, 15.0) == Freshness(Age.OLD, Age.OLD, Age.OLD)
