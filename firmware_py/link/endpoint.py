@@ -146,7 +146,7 @@ class Endpoint:
         """Whether `service` has something to do even when no descriptor is ready."""
         if self._unread or self._intake or self._pumping:
             return True
-        return any(peer.bulk.hungry and not peer.outbox.waiting(Priority.REPLY) for peer in self._roster)
+        return any(peer.bulk.can_continue and not peer.outbox.waiting(Priority.REPLY) for peer in self._roster)
 
     @property
     def station_s(self) -> float | None:
@@ -318,7 +318,7 @@ class Endpoint:
         for number in range(len(peers)):
             peer = peers[(self._turn + number) % len(peers)]
             before = peer.outbox.waiting(Priority.REPLY)
-            peer.bulk.hungry = False
+            peer.bulk.can_continue = False
             self._parameters.pump(peer)
             self._files.pump(peer, now_s)
             self._logs.pump(peer, now_s)

@@ -240,7 +240,7 @@ class Logs:
             frames -= sent
             peer.bulk.spend(sent * _FRAME_BYTES)
         if download.entries is not None or (download.ranges and frames <= 0):
-            peer.bulk.leave()
+            peer.bulk.mark_unfinished()
 
     def _send_range(self, peer: Peer, download: _Download, frames: int) -> int:
         """Queue blocks of the first range; return how many."""

@@ -136,7 +136,7 @@ class Peers:
         late_before = self._gate.late
         splitter = Splitter()
         found = self._gate.admit(splitter.feed(data, now_s), options)
-        if not found and self._gate.late > late_before and self._hints.take(now_s):
+        if not found and self._gate.late > late_before and self._hints.spend_one(now_s):
             self._hint(self._made(index, address, now_s), now_s)
         if not found or not self._make_room(index, now_s):
             self.rejected += 1

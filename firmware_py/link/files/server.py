@@ -97,7 +97,7 @@ class Files:
             session.used_s = now_s
             self._send_parts(client, session, count, now_s)
         if any(session.burst is not None for _, session in waiting):
-            peer.bulk.leave()
+            peer.bulk.mark_unfinished()
 
     def _send_parts(self, client: Client, session: Open, count: int, now_s: float) -> None:
         """Go on with one burst."""

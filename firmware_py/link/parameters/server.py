@@ -62,7 +62,7 @@ class ParameterServer:
             peer.list_row = peer.list_row + 1 if peer.list_row + 1 < len(TABLE) else None
             left -= 1
         if peer.owed_rows or peer.list_row is not None:
-            peer.bulk.leave()
+            peer.bulk.mark_unfinished()
 
     def _owe(self, peer: Peer, row: int) -> None:
         peer.owed_rows[row] = None

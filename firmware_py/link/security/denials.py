@@ -17,7 +17,7 @@ _PAYLOAD_BYTES = 251
 
 def refuse(session: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
     """Answer a message that its sender has no right to, unless too many were answered just now."""
-    if not peer.refusals.take(now_s):
+    if not peer.refusals.spend_one(now_s):
         return
     build = _ANSWERS.get(type(message).id)
     if build is not None:

@@ -58,9 +58,9 @@ class LinkSealer:
         """What a signature adds to a frame; 0 while there is no key."""
         return SIGNATURE_BYTES if self._signing.active else 0
 
-    def sealed(self, packed: Packed, sequence: int) -> bytes:
+    def seal(self, packed: Packed, sequence: int) -> bytes:
         """Return the frame with this sequence number, signed."""
-        return self._signing.sealed(packed, sequence, self._link)
+        return self._signing.seal(packed, sequence, self._link)
 
 
 class Signing:
@@ -132,7 +132,7 @@ class Signing:
 
     # ------------------------------------------------------------------ out
 
-    def sealed(self, packed: Packed, sequence: int, link: int) -> bytes:
+    def seal(self, packed: Packed, sequence: int, link: int) -> bytes:
         """Return the frame with this sequence number, signed; ValueError without a key."""
         if self._key is None:
             raise ValueError("there is no key to sign with")

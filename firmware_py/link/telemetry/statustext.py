@@ -33,14 +33,14 @@ class Notices:
     """Keeps refusals from flooding one operator."""
 
     def __init__(self) -> None:
-        """Start with a full allowance."""
+        """Start with as many as may be said at once."""
         self._said_s: OrderedDict[str, float] = OrderedDict()
-        self._allowance = TokenBucket(_BURST, _RATE_HZ)
+        self._tokens = TokenBucket(_BURST, _RATE_HZ)
 
     def allowed(self, text: str, now_s: float) -> bool:
         """Return whether a text may be said now, and count it if so."""
         said_s = self._said_s.get(text)
-        if (said_s is not None and now_s - said_s < _SAME_S) or not self._allowance.take(now_s):
+        if (said_s is not None and now_s - said_s < _SAME_S) or not self._tokens.spend_one(now_s):
             return False
         self._said_s[text] = now_s
         self._said_s.move_to_end(text)
