@@ -213,7 +213,7 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         version=version,
         load=LoadMeter(clock).share,
         vault=KeyVault(store),
-        heard_utc=None if timekeeper is None else timekeeper.hear_station,
+        offer_utc=None if timekeeper is None else timekeeper.hear_station,
         calibrator=devices.compass if isinstance(devices.compass, PniCompass) else None,
         storage=_storage(options.state_directory, parameters),
     )

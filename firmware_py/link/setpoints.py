@@ -33,9 +33,9 @@ _FASTEST_M_S = 1e3
 class Setpoints:
     """SET_ATTITUDE_TARGET and SET_POSITION_TARGET_GLOBAL_INT, _LOCAL_NED."""
 
-    def __init__(self, session: LinkContext) -> None:
-        """Take the session to ask and to answer through."""
-        self._session = session
+    def __init__(self, context: LinkContext) -> None:
+        """Take the context to ask and to answer through."""
+        self._context = context
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
@@ -45,7 +45,7 @@ class Setpoints:
         """Steer the heading of the attitude."""
         ignored = message.type_mask & _IGNORE_ATTITUDE
         goal = "the attitude is masked out" if ignored else attitude_goal(message.q)
-        self._session.steer(peer, message, goal, now_s)
+        self._context.request_or_warn(peer, message, goal, now_s)
 
     def _global(self, peer: Peer, message: Message, now_s: float) -> None:
         """Go to the position, or steer where velocity or yaw point."""
@@ -57,7 +57,7 @@ class Setpoints:
             goal = position_goal(message.lat_int * 1e-7, message.lon_int * 1e-7)
         else:
             goal = direction_goal(message, 0.0)
-        self._session.steer(peer, message, goal, now_s)
+        self._context.request_or_warn(peer, message, goal, now_s)
 
     def _local(self, peer: Peer, message: Message, now_s: float) -> None:
         """Go to the position, from home or from her, or steer where velocity or yaw point."""
@@ -69,7 +69,7 @@ class Setpoints:
             goal = self._local_position(message, turned_rad)
         else:
             goal = direction_goal(message, turned_rad)
-        self._session.steer(peer, message, goal, now_s)
+        self._context.request_or_warn(peer, message, goal, now_s)
 
     def _frame_heading_rad(self, frame: int) -> float | str:
         """Return where a frame's x axis points, or why the frame cannot be used."""
@@ -77,14 +77,14 @@ class Setpoints:
             return f"frame {frame} is not a local one"
         if frame not in _BODY_FRAMES:
             return 0.0
-        boat = self._session.snapshot
+        boat = self._context.snapshot
         if boat is None or boat.heading_rad is None or not boat.heading_ok:
             return "there is no heading to count from"
         return boat.heading_rad
 
     def _local_position(self, message: Message, turned_rad: float) -> Goal:
-        boat = self._session.snapshot
-        home = self._session.home
+        boat = self._context.snapshot
+        home = self._context.home
         if message.coordinate_frame == _LOCAL_NED:
             if home is None:
                 return "there is no home to count from"

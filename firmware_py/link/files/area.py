@@ -137,7 +137,7 @@ class Area:
                 raise Refusal(Error.FAIL_ERRNO, errno.EISDIR) from None
 
     def make_directory(self, parts: Parts) -> None:
-        """Make a directory."""
+        """Generate a directory."""
         if len(parts) >= DEEPEST:
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
         self._check_room(parts, 0)

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
-from firmware_py.link.files.payload import Opcode, Refusal, Request, answer, refusal_of, refused
-from firmware_py.link.files.sessions import Client, Reading, Sessions
+from firmware_py.link.files.payload import FileRequest, Opcode, Refusal, ack_payload, nak_payload, refusal_of
+from firmware_py.link.files.sessions import Client, FileSessions, OpenFile
 from firmware_py.link.files.tree import Tree
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.outbox import Priority
@@ -26,10 +26,10 @@ _HARMLESS = frozenset(
 )
 
 
-class Call(NamedTuple):
+class FileCall(NamedTuple):
     """A request, who made it and when."""
 
-    request: Request
+    request: FileRequest
     raw: bytes
     client: Client
     now_s: float
@@ -41,7 +41,7 @@ class Call(NamedTuple):
 
 
 # Returns the data of the acknowledgement, or None when the answer comes later; raises Refusal or OSError.
-Action = Callable[[Call], bytes | None]
+FileAction = Callable[[FileCall], bytes | None]
 
 
 class Desk:
@@ -51,45 +51,45 @@ class Desk:
         """Take the session to answer through, what is to be seen, and who waits for the disk."""
         self.session = session
         self.tree = tree
-        self.sessions = Sessions()
+        self.sessions = FileSessions()
         self.worker = worker
         self._answers: OrderedDict[tuple[Client, bytes], tuple[bytes, float]] = OrderedDict()
 
-    def earlier(self, call: Call) -> bytes | None:
+    def earlier(self, call: FileCall) -> bytes | None:
         """Return the remembered answer to a request that has come before."""
         found = self._answers.get((call.client, call.raw))
         if found is None or call.now_s - found[1] > _REMEMBERED_S:
             return None
         if call.request.opcode == Opcode.OPEN_READ and found[0] is not PENDING:
             # A client that was started again may count from the same number: only an open session stays open.
-            return found[0] if self.sessions.peek(call.client, call.request.session) is not None else None
+            return found[0] if self.sessions.get(call.client, call.request.session) is not None else None
         if call.request.opcode == Opcode.TERMINATE:
             # MAVProxy counts from the same number for each file: a session opened since then is to be ended too, or the
             # next one would read the old content. Not an upload, which a stray copy must not cut short.
-            opened = self.sessions.peek(call.client, call.request.session)
-            if opened is not None and isinstance(opened.handle, Reading):
+            opened = self.sessions.get(call.client, call.request.session)
+            if opened is not None and isinstance(opened.handle, OpenFile):
                 return None
         return found[0]
 
-    def begin(self, call: Call) -> None:
+    def begin(self, call: FileCall) -> None:
         """Note that a request is being carried out, so that a copy of it is not."""
         if call.request.opcode not in _HARMLESS:
             self.remember(call, PENDING)
 
-    def finish(self, call: Call, result: bytes | Exception) -> None:
+    def finish(self, call: FileCall, result: bytes | Exception) -> None:
         """Answer a request with the data asked for, or with what stood in the way."""
         if isinstance(result, Exception):
             refusal = refusal_of(result)
             if refusal.text:
-                self.session.say(call.peer, Severity.WARNING, refusal.text, call.now_s)
-            payload = refused(call.request, refusal)
+                self.session.send_text_limited(call.peer, Severity.WARNING, refusal.text, call.now_s)
+            payload = nak_payload(call.request, refusal)
         else:
-            payload = answer(call.request, result)
+            payload = ack_payload(call.request, result)
         if call.request.opcode not in _HARMLESS:
             self.remember(call, payload)
         self.send(call, payload)
 
-    def remember(self, call: Call, payload: bytes) -> None:
+    def remember(self, call: FileCall, payload: bytes) -> None:
         """Keep an answer for those who ask again."""
         key = (call.client, call.raw)
         self._answers[key] = (payload, call.now_s)
@@ -97,13 +97,13 @@ class Desk:
         if len(self._answers) > _REMEMBERED:
             self._answers.popitem(last=False)
 
-    def send(self, call: Call, payload: bytes) -> None:
+    def send(self, call: FileCall, payload: bytes) -> None:
         """Queue a payload to whoever has asked."""
         address = bytes((0, call.client.system, call.client.component))
         packed = self.session.codec.pack_payload(FILE_TRANSFER, address + payload)
         call.peer.outbox.push(packed, Priority.REPLY)
 
-    def later(self, call: Call, job: Callable[[], Any], then: Callable[[Any], bytes] = lambda _: b"") -> None:
+    def later(self, call: FileCall, job: Callable[[], Any], then: Callable[[Any], bytes] = lambda _: b"") -> None:
         """Have a job done that waits for the disk, and answer when it is done."""
 
         def done(result: Any) -> None:

@@ -9,9 +9,9 @@ from functools import partial
 from typing import Any
 
 from firmware_py.link.files.area import mavlink_crc32
-from firmware_py.link.files.desk import Action, Call, Desk
+from firmware_py.link.files.desk import Desk, FileAction, FileCall
 from firmware_py.link.files.payload import DATA_BYTES, Error, Opcode, Refusal
-from firmware_py.link.files.sessions import Burst, Client, Reading, listing_data
+from firmware_py.link.files.sessions import Burst, Client, OpenFile, listing_data
 from firmware_py.link.files.tree import parse_path
 
 _LISTINGS = 8
@@ -26,7 +26,7 @@ class ReadingRequests:
         self._desk = desk
         self._listings: OrderedDict[tuple[Client, bytes], tuple[Any, float]] = OrderedDict()
 
-    def actions(self) -> Mapping[int, Action]:
+    def actions(self) -> Mapping[int, FileAction]:
         """Return the opcodes carried out here."""
         return {
             Opcode.NONE: lambda _: b"",
@@ -38,7 +38,7 @@ class ReadingRequests:
             Opcode.CHECKSUM: self._checksum,
         }
 
-    def _list(self, call: Call) -> bytes | None:
+    def _list(self, call: FileCall) -> bytes | None:
         key = (call.client, call.request.data)
         start, with_time = call.request.offset, call.request.opcode == Opcode.LIST_WITH_TIME
 
@@ -60,9 +60,9 @@ class ReadingRequests:
         self._desk.later(call, partial(self._desk.tree.listing, parts), keep)
         return None
 
-    def _open_read(self, call: Call) -> None:
+    def _open_read(self, call: FileCall) -> None:
         parts, query = parse_path(call.request.data)
-        make = self._desk.tree.made.get(parts)
+        make = self._desk.tree.generated.get(parts)
         if make is None:
             area, within = self._desk.tree.area(parts)
             source: Callable[[], int | bytes] = partial(area.open_read, within)
@@ -71,37 +71,37 @@ class ReadingRequests:
         self._desk.sessions.check_room(call.client, call.request.session, call.now_s)
 
         def opened(content: int | bytes) -> bytes:
-            reading = Reading(parts, content)
+            reading = OpenFile(parts, content)
             try:
                 self._desk.sessions.check_room(call.client, call.request.session, call.now_s)
             except Refusal:
                 reading.close()  # others were quicker
                 raise
-            self._desk.sessions.put(call.client, call.request.session, reading, call.now_s)
+            self._desk.sessions.open(call.client, call.request.session, reading, call.now_s)
             return struct.pack("<I", min(reading.size, 0xFFFFFFFF))
 
         self._desk.later(call, source, opened)
 
-    def _reading(self, call: Call) -> Reading:
-        handle = self._desk.sessions.find(call.client, call.request.session, call.now_s).handle
-        if not isinstance(handle, Reading):
+    def _reading(self, call: FileCall) -> OpenFile:
+        handle = self._desk.sessions.use(call.client, call.request.session, call.now_s).handle
+        if not isinstance(handle, OpenFile):
             raise Refusal(Error.INVALID_SESSION)
         return handle
 
-    def _read(self, call: Call) -> bytes:
+    def _read(self, call: FileCall) -> bytes:
         return self._reading(call).read(call.request.offset, call.request.size or DATA_BYTES)
 
-    def _burst_read(self, call: Call) -> None:
+    def _burst_read(self, call: FileCall) -> None:
         reading = self._reading(call)
         if call.request.offset >= reading.size:
             raise Refusal(Error.END_OF_FILE)
-        session = self._desk.sessions.find(call.client, call.request.session, call.now_s)
+        session = self._desk.sessions.use(call.client, call.request.session, call.now_s)
         if session.burst is None or session.burst.request != call.request:
             session.burst = Burst(call.request)
 
-    def _checksum(self, call: Call) -> None:
+    def _checksum(self, call: FileCall) -> None:
         parts, query = parse_path(call.request.data)
-        make = self._desk.tree.made.get(parts)
+        make = self._desk.tree.generated.get(parts)
         if make is None:
             area, within = self._desk.tree.area(parts)
             self._desk.later(call, partial(area.checksum, within), _checksum_data)

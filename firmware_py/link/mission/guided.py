@@ -15,15 +15,15 @@ from firmware_py.plans.problem import PlanResult
 GUIDED = 2  # `current` of such an item
 
 
-def take_guided(session: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
+def take_guided(context: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
     """Go to the place of a waypoint, and acknowledge it."""
-    result, text = _judge(session, message, now_s)
-    acknowledge(session, peer, sender_of(message), message.mission_type, result)
+    result, text = _judge(context, message, now_s)
+    acknowledge(context, peer, sender_of(message), message.mission_type, result)
     if text:
-        session.say(peer, Severity.WARNING, text, now_s)
+        context.send_text_limited(peer, Severity.WARNING, text, now_s)
 
 
-def _judge(session: LinkContext, message: Message, now_s: float) -> tuple[PlanResult, str]:
+def _judge(context: LinkContext, message: Message, now_s: float) -> tuple[PlanResult, str]:
     if message.command != Command.WAYPOINT:
         return PlanResult.UNSUPPORTED, ""
     if message.frame not in GLOBAL_FRAMES:
@@ -32,7 +32,7 @@ def _judge(session: LinkContext, message: Message, now_s: float) -> tuple[PlanRe
     goal = position_goal(message.x * scale, message.y * scale)
     if isinstance(goal, str):
         return PlanResult.INVALID, f"guided waypoint: {goal}"
-    answer = session.ask(message, goal, now_s)
+    answer = context.request(message, goal, now_s)
     if answer.verdict is not Verdict.ACCEPTED:
         return PlanResult.DENIED, answer.text or "guided waypoint refused"
     return PlanResult.ACCEPTED, ""

@@ -13,9 +13,9 @@ from firmware_py.link.wire.dialect import Message
 class HomeSetting:
     """Sets home; what has come of it is told by HOME_POSITION."""
 
-    def __init__(self, session: LinkContext) -> None:
-        """Take the session to ask through."""
-        self._session = session
+    def __init__(self, context: LinkContext) -> None:
+        """Take the context to ask through."""
+        self._context = context
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
@@ -24,4 +24,4 @@ class HomeSetting:
     def _set(self, peer: Peer, message: Message, now_s: float) -> None:
         """Set home to a position."""
         home = home_of(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
-        self._session.steer(peer, message, home, now_s)
+        self._context.request_or_warn(peer, message, home, now_s)

@@ -19,7 +19,7 @@ _HAS_DEFAULT = 0x10
 _MOST_COMMON = 15
 
 
-def packed(values: ParameterSet, query: Mapping[str, str]) -> bytes:
+def pack(values: ParameterSet, query: Mapping[str, str]) -> bytes:
     """Return the file; the query may hold start, count and withdefaults, and what it says wrong is not heeded."""
     start, count = _whole(query.get("start"), 0), _whole(query.get("count"), len(TABLE))
     with_defaults = _whole(query.get("withdefaults"), 0) != 0
@@ -42,7 +42,7 @@ def packed(values: ParameterSet, query: Mapping[str, str]) -> bytes:
     return b"".join(parts)
 
 
-def unpacked(content: bytes) -> dict[str, float]:
+def unpack(content: bytes) -> dict[str, float]:
     """Read an uploaded file into {name: checked value}, or raise ParameterError: all of it is right, or nothing.
 
     The third number of the head is the length of the file, as ArduPilot wants it of uploads.

@@ -76,7 +76,7 @@ class Signing:
         self._stored = 0  # what the disk has for _timestamp
         self._stored_streams: dict[Stream, int] = {}
         self._content = b""  # what was given to _save last
-        self.late = 0  # frames with the right key and an old timestamp
+        self.late_frames = 0  # frames with the right key and an old timestamp
 
     @property
     def active(self) -> bool:
@@ -157,11 +157,11 @@ class Signing:
             return False
         if earlier is None:
             if timestamp < max(timestamp_of(self._utc_s()), self._timestamp) - TOLERANCE:
-                self.late += 1
+                self.late_frames += 1
                 return False
             self._make_room()
         elif timestamp <= earlier:
-            self.late += 1
+            self.late_frames += 1
             return False
         self._streams[stream] = timestamp
         self._timestamp = max(self._timestamp, timestamp)

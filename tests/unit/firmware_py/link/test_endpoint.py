@@ -68,7 +68,7 @@ def test_a_storm_of_events_is_bounded(rig, texts):
 def test_our_own_words_sent_back_are_not_answered(rig):
     rig.station.srcSystem, rig.station.srcComponent = 1, 1
     assert rig.command(400, 1.0) == []
-    assert rig.authority.requests == []
+    assert rig.request_handler.requests == []
 
 
 def test_the_work_of_one_call_is_bounded(rig, of):
@@ -126,9 +126,13 @@ class Boat:
 
     def __init__(self, url, rig, open_line=None):
         self.endpoint = Endpoint(
-            [open_transport(url, open_line)], rig.authority, utc_s=lambda: 0.0, version=Version(), boot_text="hello"
+            [open_transport(url, open_line)],
+            rig.request_handler,
+            utc_s=lambda: 0.0,
+            version=Version(),
+            boot_text="hello",
         )
-        self.output = Output(RudderCommand(0.0, True), rig.endpoint._session.snapshot)
+        self.output = Output(RudderCommand(0.0, True), rig.endpoint._context.snapshot)
         self.tick = 0
 
     def serve(self, client, kind, turns=200):
