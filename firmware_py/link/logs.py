@@ -97,14 +97,14 @@ class LogServer:
     def _list(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
         start, end = message.start, message.end
 
-        def found(logs: tuple[LogFile, ...] | Exception) -> None:
+        def keep(logs: tuple[LogFile, ...] | Exception) -> None:
             download = self._download(peer)
             if download is None:
                 return
             download.logs = logs if isinstance(logs, tuple) else ()
             download.entries = self._entries(download.logs, start, end)
 
-        self._worker.submit(self._find_logs, found)
+        self._worker.submit(self._find_logs, keep)
 
     def _data(self, peer: Peer, message: Message, now_s: float) -> None:
         download = self._download(peer)
@@ -116,11 +116,11 @@ class LogServer:
             self._queue_range(peer, download, message, now_s)
         else:
             # A station that remembers the list of an earlier connection.
-            def found(logs: tuple[LogFile, ...] | Exception) -> None:
+            def keep(logs: tuple[LogFile, ...] | Exception) -> None:
                 download.logs = logs if isinstance(logs, tuple) else ()
                 self._queue_range(peer, download, message, self._context.now_s)
 
-            self._worker.submit(self._find_logs, found)
+            self._worker.submit(self._find_logs, keep)
 
     def _queue_range(self, peer: Peer, download: _Download, message: Message, now_s: float) -> None:
         count = len(download.logs)
@@ -165,14 +165,14 @@ class LogServer:
 
     def _find_logs(self) -> tuple[LogFile, ...]:
         """Return the logs, the newest first and then from the oldest on, as the ring of numbers has it."""
-        found = []
+        logs = []
         for _, path in sorted(self._catalogue().items())[-_MOST_LOGS + 1 :]:
             try:
                 status = path.stat()
             except OSError:
                 continue  # removed meanwhile to make room
-            found.append(LogFile(path, min(status.st_size, 0xFFFFFFFF), max(0, int(status.st_mtime)) & 0xFFFFFFFF))
-        return (*found[-1:], *found[:-1])
+            logs.append(LogFile(path, min(status.st_size, 0xFFFFFFFF), max(0, int(status.st_mtime)) & 0xFFFFFFFF))
+        return (*logs[-1:], *logs[:-1])
 
     def _erase_all(self) -> int:
         logs = sorted(self._catalogue().items())
@@ -184,13 +184,13 @@ class LogServer:
     # ------------------------------------------------------------------ sent
 
     def _download(self, peer: Peer) -> _Download | None:
-        found = self._downloads.get(peer)
-        if found is None:
+        download = self._downloads.get(peer)
+        if download is None:
             self._make_room()
             if len(self._downloads) >= _MOST_PEERS:
                 return None
-            found = self._downloads[peer] = _Download()
-        return found
+            download = self._downloads[peer] = _Download()
+        return download
 
     def _make_room(self) -> None:
         """Make room: those that have gone, and then those that want nothing now."""
@@ -213,7 +213,7 @@ class LogServer:
             payload = _ENTRY.pack(log.modified_s, log.size, number, count, max(last, count - 1))
             yield self._context.codec.pack_payload(_LOG_ENTRY, payload)
 
-    def new_tick(self) -> None:
+    def update(self, now_s: float) -> None:  # noqa: ARG002 - a service like the others
         """Let the downloads go on that do not ask piece by piece."""
         for download in self._downloads.values():
             download.granted_bytes = _STREAM_BYTES

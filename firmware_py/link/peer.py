@@ -54,9 +54,7 @@ class Peer:
         self.notices = TextLimiter()
         self.denial_tokens = TokenBucket(DENIALS, DENIALS_HZ)
         self.parameter_list_row: int | None = None  # the next row of the parameter list it gets
-        self.parameter_rows_due: dict[
-            int, None
-        ] = {}  # rows of the parameter table that it is to be told, in this order
+        self.parameter_rows_due: dict[int, None] = {}  # rows of the parameter table that it is owed, in order
         self.bulk = BulkShare(transport.byte_rate)
         self.last_frame_s = now_s  # a valid frame came from it, or it was taken up
         self.ground_station_s: float | None = None  # its latest heartbeat of a ground station
@@ -72,7 +70,7 @@ class Peers:
 
     A stranger on a datagram transport is taken up with its first whole frame that the
     gate admits, so that a stray or forged packet does not draw telemetry. One who has the
-    key but an old timestamp (she was restarted, and is ahead) gets a heartbeat to go by,
+    key but an old timestamp (the boat was restarted, and is ahead) gets a heartbeat to go by,
     since nobody's timestamp stays behind what he has heard; so does who replays a frame,
     and that is all he gets.
     """
@@ -131,21 +129,21 @@ class Peers:
         options = self._transports[index].options
         peer = self._peers.get((index, address))
         if peer is not None:
-            found = self._gate.admit(peer.splitter.feed(data, now_s), options)
-            if found:
+            admitted = self._gate.admit(peer.splitter.feed(data, now_s), options)
+            if admitted:
                 peer.last_frame_s = now_s
-            return peer, found
+            return peer, admitted
         late_before = self._gate.late_frames
         splitter = Splitter()
-        found = self._gate.admit(splitter.feed(data, now_s), options)
-        if not found and self._gate.late_frames > late_before and self._late_heartbeats.spend_one(now_s):
+        admitted = self._gate.admit(splitter.feed(data, now_s), options)
+        if not admitted and self._gate.late_frames > late_before and self._late_heartbeats.spend_one(now_s):
             self._send_heartbeat(self._new_peer(index, address, now_s), now_s)
-        if not found or not self._make_room(index, now_s):
+        if not admitted or not self._make_room(index, now_s):
             self.rejected += 1
             return None
         peer = self._add(index, address, now_s)
         peer.splitter = splitter  # it may hold the beginning of a frame whose rest follows
-        return peer, found
+        return peer, admitted
 
     def _add(self, index: int, address: Address, now_s: float) -> Peer:
         peer = self._new_peer(index, address, now_s)

@@ -55,6 +55,6 @@ class Timesync:
     def _system_time(self, peer: Peer, message: Message, now_s: float) -> None:
         """Hear the time of a ground station, for a clock that is plainly wrong (`CLK_SET`)."""
         utc_s = message.time_unix_usec * 1e-6
-        heard = self._context.suppliers.offer_utc
-        if heard is not None and peer.ground_station_s is not None and 0.0 < utc_s < _FARTHEST_S:
-            heard(utc_s, now_s)
+        offer = self._context.suppliers.offer_utc
+        if offer is not None and peer.ground_station_s is not None and 0.0 < utc_s < _FARTHEST_S:
+            offer(utc_s, now_s)

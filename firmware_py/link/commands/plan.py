@@ -15,7 +15,7 @@ _PRESENT = -1.0  # the current item
 
 
 def set_home(context: LinkContext, call: CommandCall) -> Answer:
-    """Set home to where she is (param1 = 1) or to a position."""
+    """Set home to where the boat is (param1 = 1) or to a position."""
     use_present = call.parameters[0]
     if use_present not in (0.0, 1.0):
         return call.denied(NEITHER)
@@ -43,7 +43,7 @@ def start_mission(context: LinkContext, call: CommandCall) -> Answer:
     if index is None or not within(last, 0, UINT16_MAX) or last not in last_items:
         return call.denied(f"{first:g} to {last:g} are not a first item of the mission and its last")
     answer = context.request(call.message, SetMode(int(Mode.AUTO)), call.now_s)
-    # 0 is where she stands in the mission; what is in range is not refused any more.
+    # 0 is where the boat stands in the mission; what is in range is not refused any more.
     if answer.verdict is not Verdict.ACCEPTED or first == 0.0:
         return answer
     return context.request(call.message, SetMissionItem(index), call.now_s)

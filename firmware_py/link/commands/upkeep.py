@@ -64,7 +64,7 @@ def calibrate(context: LinkContext, call: CommandCall) -> Answer | PendingComman
 
 
 def _calibrate_compass(context: LinkContext, call: CommandCall, compass: Calibrator) -> Answer | PendingCommand:
-    """Have the compass sample while she is turned slowly through a full circle; it may be cancelled."""
+    """Have the compass sample while the boat is turned slowly through a full circle; it may be cancelled."""
     if context.snapshot is None or context.snapshot.armed:
         return _ARMED
     if not compass.calibrate(call.now_s):

@@ -134,12 +134,12 @@ class FileSessions:
 
     def use(self, client: Client, number: int, now_s: float) -> FileSession:
         """Return a session and note its use; Refusal when there is none."""
-        found = self._open.get((client, number))
-        if found is None:
+        session = self._open.get((client, number))
+        if session is None:
             raise Refusal(Error.INVALID_SESSION)
-        found.used_s = now_s
+        session.used_s = now_s
         self._open.move_to_end((client, number))
-        return found
+        return session
 
     def get(self, client: Client, number: int) -> FileSession | None:
         """Return a session without using it."""
@@ -168,8 +168,8 @@ class FileSessions:
 
     def end(self, client: Client, number: int) -> OpenFile | FileUpload | None:
         """End a session and return what it held."""
-        found = self._open.pop((client, number), None)
-        return None if found is None else found.handle
+        session = self._open.pop((client, number), None)
+        return None if session is None else session.handle
 
     def discard(self, client: Client, number: int) -> None:
         """End a session; an upload is forgotten."""

@@ -38,15 +38,15 @@ class Tree:
 
     def area(self, parts: Parts, *, write: bool = False) -> tuple[Area, Parts]:
         """Return the area that a path lies in and the path within it; Refusal where there is none."""
-        found = self.areas.get(parts[0]) if parts else None
-        if found is None:
+        area = self.areas.get(parts[0]) if parts else None
+        if area is None:
             protected = write and (
                 not parts or parts in self.generated or len(parts) == 1 or parts[0] in self.directories()
             )
             raise Refusal(Error.FILE_PROTECTED if protected else Error.FILE_NOT_FOUND)
-        if write and not found.writable:
+        if write and not area.writable:
             raise Refusal(Error.FILE_PROTECTED)
-        return found, parts[1:]
+        return area, parts[1:]
 
     def directories(self) -> set[str]:
         """Return the names of the directories in the root."""
@@ -64,8 +64,8 @@ class Tree:
         return tuple(sorted(within))
 
     def _generated_in(self, parts: Parts) -> list[Entry]:
-        found = ((path, make) for path, make in self.generated.items() if path[:-1] == parts)
-        return [Entry(path[-1], False, len(make({})), 0) for path, make in found]
+        files = ((path, make) for path, make in self.generated.items() if path[:-1] == parts)
+        return [Entry(path[-1], False, len(make({})), 0) for path, make in files]
 
 
 def parse_path(raw: bytes) -> tuple[Parts, Query]:

@@ -9,11 +9,11 @@ from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.common.records import Severity, Snapshot
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.mission.download import PlanDownloads
-from firmware_py.link.mission.guided import GUIDED, take_guided
 from firmware_py.link.mission.items import KINDS, NAMES, Sender, acknowledge, sender_of
 from firmware_py.link.mission.numbers import homes
 from firmware_py.link.mission.upload import PlanUploads
 from firmware_py.link.peer import Peer
+from firmware_py.link.setpoints import GUIDED, go_to_waypoint
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.plans.problem import PlanResult
 
@@ -83,7 +83,7 @@ class MissionServer:
 
     def _item(self, peer: Peer, message: Message, now_s: float) -> None:
         if message.current == GUIDED:
-            take_guided(self._context, peer, message, now_s)
+            go_to_waypoint(self._context, peer, message, now_s)
         else:
             self._of_kind(self._uploads.receive_item)(peer, message, now_s)
 
@@ -113,15 +113,15 @@ class MissionServer:
             acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.UNSUPPORTED)
             return
         kinds = tuple(PlanKind) if kind is None else (kind,)
-        if not all(self._uploads.may_change(peer, message, one, now_s) for one in kinds):
+        if not all(self._uploads.may_change(peer, message, each, now_s) for each in kinds):
             return
         # Asked again before the disk has answered: the answer to the first will do.
         if self._clearing.intersection(kinds):
             return
-        for one in kinds:
-            self._uploads.cancel(sender_of(message), one)
-            self._downloads.end(sender_of(message), one)
-        left = [one for one in kinds if self._context.request_handler.plans().of(one).items]
+        for each in kinds:
+            self._uploads.cancel(sender_of(message), each)
+            self._downloads.end(sender_of(message), each)
+        left = [each for each in kinds if self._context.request_handler.plans().of(each).items]
         if not left:
             acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.ACCEPTED)
             return
@@ -131,8 +131,8 @@ class MissionServer:
             self._clearing.difference_update(kinds)
 
         clearing = _Clearing(self._context, peer, sender_of(message), message.mission_type, len(left), done)
-        for one in left:
-            request = Request(now_s, ReplacePlan(Plan(one)), *sender_of(message))
+        for each in left:
+            request = Request(now_s, ReplacePlan(Plan(each)), *sender_of(message))
             self._context.request_handler.replace_plan(request, clearing.receive_answer)
 
 

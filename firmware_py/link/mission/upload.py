@@ -117,11 +117,11 @@ class PlanUploads:
             return
         upload.retry.learn(now_s)
         upload.whole = type(message).id == _ITEM_INT
-        found = self._checked_item(upload, message)
-        if isinstance(found, PlanProblem):
-            self._end(upload, message.seq, found, now_s)
+        item = self._checked_item(upload, message)
+        if isinstance(item, PlanProblem):
+            self._end(upload, message.seq, item, now_s)
             return
-        upload.items.append(found)
+        upload.items.append(item)
         self._request_next(upload, now_s)
 
     def cancel(self, owner: Sender, kind: PlanKind) -> bool:

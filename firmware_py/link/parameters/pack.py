@@ -35,7 +35,7 @@ def pack(values: ParameterSet, query: Mapping[str, str]) -> bytes:
         if with_defaults and value != row.default:
             number |= _HAS_DEFAULT
             shown.append(row.default)
-        numbers = [int(one) if form == "i" else one for one in shown]
+        numbers = [int(number) if form == "i" else number for number in shown]
         parts.append(bytes((number, common | (len(ending) - 1) << 4)) + ending)
         parts.append(struct.pack(f"<{len(numbers)}{form}", *numbers))
         before = row.name
@@ -54,7 +54,7 @@ def unpack(content: bytes) -> dict[str, float]:
         raise ParameterError(f"begins with {magic:#06x} instead of {PLAIN:#06x}")
     if length != len(content):
         raise ParameterError(f"{len(content)} bytes of {length} have come")
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     rows = 0
     for name, value in _rows(content):
         index = INDEX.get(name)
@@ -63,11 +63,11 @@ def unpack(content: bytes) -> dict[str, float]:
         row = TABLE[index]
         if row.read_only:
             raise ParameterError(f"{name} is read-only")
-        found[name] = row.checked(value)
+        values[name] = row.checked(value)
         rows += 1
     if rows != count:
         raise ParameterError(f"{rows} parameters instead of {count}")
-    return found
+    return values
 
 
 def _rows(content: bytes) -> Iterator[tuple[str, float]]:

@@ -46,7 +46,7 @@ class ParameterServer:
 
     # ------------------------------------------------------------------ told
 
-    def pump(self, peer: Peer) -> None:
+    def pump(self, peer: Peer, now_s: float) -> None:  # noqa: ARG002 - a service like the others
         """Send a peer what it is owed and go on with its list, as far as its line keeps up."""
         if not peer.parameter_rows_due and peer.parameter_list_row is None:
             return
@@ -118,7 +118,7 @@ class ParameterServer:
                 if peer is asker or not peer.quiet:
                     for row in rows:
                         self._owe(peer, row)
-                    self.pump(peer)
+                    self.pump(peer, self._context.now_s)
                     peer.outbox.flush(self._context.now_s)  # who asked need not wait for the others
             later = [TABLE[row].name for row in rows if TABLE[row].reboot] if changed else []
             if later:
@@ -139,7 +139,7 @@ class ParameterServer:
 
     # ------------------------------------------------------------------ uploaded as a file
 
-    def put_in_force(self, content: bytes, origin: Origin, done: Callable[[str], None]) -> None:
+    def apply_file(self, content: bytes, origin: Origin, done: Callable[[str], None]) -> None:
         """Set all parameters of an uploaded param.pck, or none; a ftp_tree.Sink."""
         request_handler = self._context.request_handler
         try:

@@ -89,12 +89,12 @@ class Signing:
         """Take up the state of an earlier run; False for what cannot be read."""
         if not content:
             return True
-        found = _TEXT.fullmatch(content)
-        if found is None:
+        match = _TEXT.fullmatch(content)
+        if match is None:
             return False
-        self._key = bytes.fromhex(found[1].decode())
-        self._timestamp = self._stored = min(int(found[2]), LATEST)
-        for line in found[3].splitlines()[:MAX_STREAMS]:
+        self._key = bytes.fromhex(match[1].decode())
+        self._timestamp = self._stored = min(int(match[2]), LATEST)
+        for line in match[3].splitlines()[:MAX_STREAMS]:
             system, component, link, timestamp = (int(word) for word in line.split()[1:])
             self._streams[(system, component, link)] = timestamp
         self._stored_streams = dict(self._streams)

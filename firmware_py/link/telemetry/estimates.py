@@ -100,7 +100,7 @@ def gps_global_origin(context: TelemetryContext) -> Message | None:
 
 
 def position_target(context: TelemetryContext) -> Message | None:
-    """Return POSITION_TARGET_GLOBAL_INT while she goes to a place, or keeps near one."""
+    """Return POSITION_TARGET_GLOBAL_INT while the boat goes to a place, or keeps near one."""
     boat = context.snapshot
     latitude_rad, longitude_rad = boat.navigation.target_latitude_rad, boat.navigation.target_longitude_rad
     if latitude_rad is None or longitude_rad is None or not math.isfinite(latitude_rad + longitude_rad):

@@ -1,4 +1,4 @@
-"""HIGH_LATENCY2: all of her in 42 bytes, for links that are paid by the byte."""
+"""HIGH_LATENCY2: all of the boat in 42 bytes, for links that are paid by the byte."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _COMPASS = mavlink.HL_FAILURE_FLAG_3D_MAG | mavlink.HL_FAILURE_FLAG_ESTIMATOR
 _FAILURES = (
     (Fault.COMPASS_LOST, _COMPASS),
     (Fault.POSITION_LOST, mavlink.HL_FAILURE_FLAG_GPS),
-    # There is no flag for a rudder; the engine's is the nearest thing that moves her.
+    # There is no flag for a rudder; the engine's is the nearest thing that moves the boat.
     (Fault.RUDDER_SILENT, mavlink.HL_FAILURE_FLAG_ENGINE),
     (Fault.RUDDER_ERROR, mavlink.HL_FAILURE_FLAG_ENGINE),
     (Fault.RUDDER_ASTRAY, mavlink.HL_FAILURE_FLAG_ENGINE),
@@ -43,7 +43,7 @@ def high_latency2(context: TelemetryContext) -> Message:
     """Return HIGH_LATENCY2; what is not known is 0, as the message has no number for it.
 
     custom0 is the measured rudder angle in degrees, -128 without one; custom1 the voltage at
-    the servo in fifths of a volt, -1 without one; custom2 says by bits whether she
+    the servo in fifths of a volt, -1 without one; custom2 says by bits whether the boat
     is armed (1) and has a valid heading (2).
     """
     boat, fix = context.snapshot, fresh_fix(context)

@@ -102,14 +102,14 @@ def _state(snapshot: Snapshot) -> int:
 
 
 def current_mode(context: TelemetryContext) -> Message:
-    """Return the CURRENT_MODE of a context; intended is what was asked for, until something else took her out of it."""
+    """Return the CURRENT_MODE; intended is what was asked for, until something else took the boat out of it."""
     mode = int(context.snapshot.mode)
     intended = mode if context.intended_mode is None else context.intended_mode
     return mavlink.mavlink_map[436](_STANDARD_MODES.get(mode, _NOT_STANDARD), mode, intended)
 
 
 def mode_of_standard(standard: int) -> int | None:
-    """Return the custom_mode of a MAV_STANDARD_MODE, None for one that she does not have."""
+    """Return the custom_mode of a MAV_STANDARD_MODE, None for one that the boat does not have."""
     if standard == _NOT_STANDARD:
         return None
     return next((row.mode for row in MODES if row.standard == standard), None)

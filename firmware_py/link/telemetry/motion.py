@@ -1,10 +1,10 @@
-"""Telemetry of how she moves and steers. A builder returns None when there is nothing to say."""
+"""Telemetry of how the boat moves and steers. A builder returns None when there is nothing to say."""
 
 from __future__ import annotations
 
 import math
 
-from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
+from firmware_py.common.angles import compass_degrees, wrap_pi
 from firmware_py.common.records import FixType
 from firmware_py.link.telemetry.context_fields import (
     INT16_MAX,
@@ -70,13 +70,13 @@ def vfr_hud(context: TelemetryContext) -> Message | None:
 
 def gps_raw_int(context: TelemetryContext) -> Message:
     """Return GPS_RAW_INT: NO_GPS without a receiver's word, NO_FIX when its fix is old."""
-    heard = context.snapshot.position
+    sample = context.snapshot.position
     fix = fresh_fix(context)
-    silent = mavlink.GPS_FIX_TYPE_NO_GPS if heard is None else FixType.NONE
+    silent = mavlink.GPS_FIX_TYPE_NO_GPS if sample is None else FixType.NONE
     speed_m_s = fix.speed_over_ground_m_s if fix else None
     altitude_m = fix.altitude_m if fix else None
     return mavlink.MAVLink_gps_raw_int_message(
-        boot_us(heard.t_s if heard else context.snapshot.t_s),
+        boot_us(sample.t_s if sample else context.snapshot.t_s),
         int(fix.fix if fix else silent),
         scaled_degrees(fix.latitude_rad if fix else None),
         scaled_degrees(fix.longitude_rad if fix else None),
@@ -85,7 +85,7 @@ def gps_raw_int(context: TelemetryContext) -> Message:
         UINT16_MAX,
         whole(None if speed_m_s is None else speed_m_s * 100.0, 0, _DOP_MAX, UINT16_MAX),
         heading_centidegrees(fix.course_over_ground_rad if fix else None),
-        whole(heard.satellites if heard else None, 0, UINT8_MAX - 1, UINT8_MAX),
+        whole(sample.satellites if sample else None, 0, UINT8_MAX - 1, UINT8_MAX),
     )
 
 
@@ -178,14 +178,3 @@ def home_position(context: TelemetryContext) -> Message | None:
         0.0,
         boot_us(context.snapshot.t_s),
     )
-
-
-def rudder_degrees(context: TelemetryContext) -> float | None:
-    """Return the measured rudder angle in degrees, starboard positive."""
-    rudder_rad = context.snapshot.rudder_rad
-    return None if rudder_rad is None else degrees(rudder_rad)
-
-
-def rudder_command_degrees(context: TelemetryContext) -> float | None:
-    """Return the commanded rudder angle in degrees, starboard positive."""
-    return degrees(context.snapshot.rudder_command_rad)

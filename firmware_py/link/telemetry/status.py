@@ -79,18 +79,3 @@ def extended_sys_state(context: TelemetryContext) -> Message:  # noqa: ARG001 - 
     return mavlink.MAVLink_extended_sys_state_message(
         mavlink.MAV_VTOL_STATE_UNDEFINED, mavlink.MAV_LANDED_STATE_UNDEFINED
     )
-
-
-def servo_temperature(context: TelemetryContext) -> float | None:
-    """Return the temperature of the rudder servo in degrees Celsius."""
-    return context.snapshot.servo.temperature_c if context.snapshot.servo else None
-
-
-def lateness_ms(context: TelemetryContext) -> float | None:
-    """Return how late the tick began, in milliseconds."""
-    return context.snapshot.late_s * 1e3
-
-
-def skipped_ticks(context: TelemetryContext) -> float | None:
-    """Return the number of deadlines that passed unserved since start."""
-    return float(context.snapshot.skipped_total)

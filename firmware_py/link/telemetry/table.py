@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from firmware_py.link.telemetry import (
-    effort,
     estimates,
     high_latency,
     identity,
@@ -47,16 +46,14 @@ class TelemetryRow(NamedTuple):
     priority: Priority = Priority.TELEMETRY
 
 
-def _named(
-    name: str, value: Callable[[TelemetryContext], float | None], fast_hz: float, radio_hz: float
-) -> TelemetryRow:
+def _named(name: str, value: named_values.Value, fast_hz: float, radio_hz: float) -> TelemetryRow:
     label = text_of(name, 10)
 
     def build(context: TelemetryContext) -> Message | None:
-        found = single(value(context), math.nan)
-        if math.isnan(found):
+        number = single(value(context), math.nan)
+        if math.isnan(number):
             return None
-        return mavlink.MAVLink_named_value_float_message(boot_ms(context.snapshot.t_s), label, found)
+        return mavlink.MAVLink_named_value_float_message(boot_ms(context.snapshot.t_s), label, number)
 
     return TelemetryRow(251, f"NAMED_VALUE_FLOAT {name}", build, fast_hz, radio_hz, _EXTRA3)
 
@@ -84,15 +81,15 @@ TABLE: tuple[TelemetryRow, ...] = (
     TelemetryRow(245, "EXTENDED_SYS_STATE", status.extended_sys_state, 0.0, 0.0, None),
     TelemetryRow(436, "CURRENT_MODE", identity.current_mode, 0.5, 0.5, None),
     TelemetryRow(437, "AVAILABLE_MODES_MONITOR", identity.available_modes_monitor, 0.3, 0.05, None),
-    _named("RUDDER", motion.rudder_degrees, 4.0, 1.0),
-    _named("RUD_CMD", motion.rudder_command_degrees, 4.0, 1.0),
-    _named("RUD_TEMP", status.servo_temperature, 0.5, 0.1),
-    _named("LATE_MS", status.lateness_ms, 1.0, 0.2),
-    _named("SKIPPED", status.skipped_ticks, 1.0, 0.2),
-    _named("RUD_TRAVEL", effort.travel_deg_per_h, 0.2, 0.02),
-    _named("RUD_REVERS", effort.reversals_per_h, 0.2, 0.02),
-    _named("RUD_WH", effort.servo_watt_hours, 0.2, 0.02),
-    _named("RUD_WATT", effort.servo_watts, 0.2, 0.02),
+    _named("RUDDER", named_values.rudder_degrees, 4.0, 1.0),
+    _named("RUD_CMD", named_values.rudder_command_degrees, 4.0, 1.0),
+    _named("RUD_TEMP", named_values.servo_temperature, 0.5, 0.1),
+    _named("LATE_MS", named_values.lateness_ms, 1.0, 0.2),
+    _named("SKIPPED", named_values.skipped_ticks, 1.0, 0.2),
+    _named("RUD_TRAVEL", named_values.travel_deg_per_h, 0.2, 0.02),
+    _named("RUD_REVERS", named_values.reversals_per_h, 0.2, 0.02),
+    _named("RUD_WH", named_values.servo_watt_hours, 0.2, 0.02),
+    _named("RUD_WATT", named_values.servo_watts, 0.2, 0.02),
     _named("HDG_SRC", named_values.heading_source, 0.5, 0.02),
     _named("HDG_SD", named_values.heading_sd_deg, 0.5, 0.02),
     _named("HDG_INNOV", named_values.innovation_deg, 1.0, 0.0),
@@ -109,10 +106,10 @@ TABLE: tuple[TelemetryRow, ...] = (
 
 
 def _by_number() -> Mapping[int, tuple[int, ...]]:
-    found: dict[int, tuple[int, ...]] = {}
+    indexes: dict[int, tuple[int, ...]] = {}
     for index, row in enumerate(TABLE):
-        found[row.number] = (*found.get(row.number, ()), index)
-    return found
+        indexes[row.number] = (*indexes.get(row.number, ()), index)
+    return indexes
 
 
 ROWS_OF: Mapping[int, tuple[int, ...]] = _by_number()  # message id -> indexes of TABLE

@@ -173,7 +173,6 @@ class Rig:
             self.request_handler,
             utc_s=lambda: self.utc_s,
             version=Version(0, 1, 0, "0123abcd", 77),
-            boot_text="Rambler 0.1.0",
             vault=self.vault,
             offer_utc=lambda utc_s, now_s: self.heard_utc.append((utc_s, now_s)),
             storage=storage,

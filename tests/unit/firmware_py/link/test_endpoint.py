@@ -55,10 +55,10 @@ def test_one_tick_is_one_datagram(rig):
 def test_events_are_told_and_the_grave_ones_again_to_whoever_comes_later(make_rig, texts):
     rig = make_rig(addresses=("first",))
     events = [Event(Severity.CRITICAL, "grave"), Event(Severity.INFO, "light")]
-    assert texts(rig.tick(events=events)) == ["Rambler 0.1.0", "grave", "light"]
+    assert texts(rig.tick(events=events)) == ["grave", "light"]
     rig.transport.served = ("first", "later")
     rig.tick_silently()
-    assert texts(rig.said("later")) == ["Rambler 0.1.0", "grave"]
+    assert texts(rig.said("later")) == ["grave"]
 
 
 def test_a_storm_of_events_is_bounded(rig, texts):
@@ -130,7 +130,6 @@ class Boat:
             rig.request_handler,
             utc_s=lambda: 0.0,
             version=Version(),
-            boot_text="hello",
         )
         self.output = Output(RudderCommand(0.0, True), rig.endpoint._context.snapshot)
         self.tick = 0

@@ -22,7 +22,7 @@ def test_noise_from_a_stranger_draws_nothing(open_rig):
 
 def test_a_stranger_with_a_frame_is_greeted_and_served(open_rig):
     said = open_rig.tell(BEAT, address="station")
-    assert [message.get_type() for message in said] == ["HEARTBEAT", "STATUSTEXT"]
+    assert [message.get_type() for message in said] == ["HEARTBEAT"]
     assert open_rig.tick()
 
 
