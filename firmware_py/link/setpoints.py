@@ -11,7 +11,7 @@ from firmware_py.common.records import Severity
 from firmware_py.link.context import Handler, LinkContext, within
 from firmware_py.link.mission.items import acknowledge, sender_of
 from firmware_py.link.peer import Peer
-from firmware_py.link.telemetry.geo import GLOBAL_FRAMES, home_of, offset_goal, position_goal
+from firmware_py.link.positions import GLOBAL_FRAMES, home_of, offset_goal, position_goal
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.plans.items import Command
 from firmware_py.plans.problem import PlanResult

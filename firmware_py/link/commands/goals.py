@@ -6,7 +6,7 @@ from firmware_py.common.angles import radians
 from firmware_py.common.intents import Answer, SteerHeading
 from firmware_py.link.commands.server import CommandCall
 from firmware_py.link.context import LinkContext, within
-from firmware_py.link.telemetry.geo import GLOBAL_FRAMES, position_goal
+from firmware_py.link.positions import GLOBAL_FRAMES, position_goal
 
 _CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _COURSE_OVER_GROUND, _HEADING = 0.0, 1.0  # HEADING_TYPE

@@ -8,8 +8,8 @@ from firmware_py.common.records import Mode
 from firmware_py.link.commands.server import NEITHER, CommandCall
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.mission.numbers import homes
+from firmware_py.link.positions import GLOBAL_FRAMES, home_of
 from firmware_py.link.telemetry.context_fields import UINT16_MAX
-from firmware_py.link.telemetry.geo import GLOBAL_FRAMES, home_of
 
 _PRESENT = -1.0  # the current item
 
