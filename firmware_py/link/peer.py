@@ -1,4 +1,4 @@
-"""One correspondent on one transport, and the roster of all of them."""
+"""One correspondent on one transport, and all of them together."""
 
 from __future__ import annotations
 

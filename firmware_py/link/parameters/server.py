@@ -140,7 +140,7 @@ class ParameterServer:
     # ------------------------------------------------------------------ uploaded as a file
 
     def apply_file(self, content: bytes, origin: Origin, done: Callable[[str], None]) -> None:
-        """Set all parameters of an uploaded param.pck, or none; a ftp_tree.Sink."""
+        """Set all parameters of an uploaded param.pck, or none; a `Sink` of files/tree."""
         request_handler = self._context.request_handler
         try:
             wanted = unpack(content)

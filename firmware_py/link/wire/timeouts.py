@@ -39,11 +39,11 @@ def timeouts_of(transport: Transport) -> Timeouts:
 class RetryTimer:
     """When a question is to be asked again: learns how long answers take, and asks less often the longer none comes."""
 
-    __slots__ = ("_asked_s", "_patience", "_tries", "_typical_s", "_wait_s")
+    __slots__ = ("_asked_s", "_timeouts", "_tries", "_typical_s", "_wait_s")
 
     def __init__(self, timeouts: Timeouts) -> None:
         """Start without a question."""
-        self._patience = timeouts
+        self._timeouts = timeouts
         self._typical_s: float | None = None
         self._asked_s = 0.0
         self._wait_s = timeouts.first_s
@@ -53,12 +53,12 @@ class RetryTimer:
         """Note that a new question was asked."""
         self._asked_s, self._tries = now_s, 0
         if self._typical_s is not None:
-            self._wait_s = min(max(3.0 * self._typical_s, self._patience.shortest_s), self._patience.longest_s)
+            self._wait_s = min(max(3.0 * self._typical_s, self._timeouts.shortest_s), self._timeouts.longest_s)
 
     def repeat(self, now_s: float) -> None:
         """Note that the same question was asked again."""
         self._asked_s, self._tries = now_s, self._tries + 1
-        self._wait_s = min(1.5 * self._wait_s, self._patience.longest_s)
+        self._wait_s = min(1.5 * self._wait_s, self._timeouts.longest_s)
 
     def learn(self, now_s: float) -> None:
         """Learn from an answer; that to a question asked twice teaches nothing."""
