@@ -173,7 +173,7 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         version=version,
         load=LoadMeter(clock).share,
         vault=KeyVault(store),
-        heard_utc=None if clock_setter is None else clock_setter.add_station_time,
+        offer_utc=None if clock_setter is None else clock_setter.add_station_time,
         calibrator=devices.calibrator,
         storage=_storage(options.state_directory, parameters),
     )

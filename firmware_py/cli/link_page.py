@@ -14,7 +14,7 @@ from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import MODES, Version
 from firmware_py.link.telemetry.table import TABLE as TELEMETRY
-from firmware_py.link.telemetry.table import Row
+from firmware_py.link.telemetry.table import TelemetryRow
 from firmware_py.link.wire.dialect import mavlink
 
 _STREAMS = {
@@ -84,7 +84,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
 
 
-def _telemetry(row: Row) -> tuple[str, ...]:
+def _telemetry(row: TelemetryRow) -> tuple[str, ...]:
     stream = "" if row.stream is None else _STREAMS[row.stream]
     return (str(row.number), row.name, f"{row.fast_hz:g}", f"{row.radio_hz:g}", stream)
 

@@ -1,4 +1,4 @@
-"""What every microservice works with: the authority, the latest state, the ways to answer."""
+"""What every microservice works with: the request handler, the latest state, the ways to answer."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ class Suppliers:
 
     utc_s: Callable[[], float]
     load: Callable[[], float]  # of one core, 0 to 1
-    heard_utc: Callable[[float, float], None] | None = None  # takes a ground station's time and when it came
+    offer_utc: Callable[[float, float], None] | None = None  # takes a ground station's time and when it came
     calibrator: Calibrator | None = None  # a compass that calibrates itself
 
 
 class LinkContext:
     """The link's own state, on the loop's thread."""
 
-    def __init__(self, authority: RequestHandler, suppliers: Suppliers, version: Version) -> None:
+    def __init__(self, request_handler: RequestHandler, suppliers: Suppliers, version: Version) -> None:
         """Take the loop's side; the system id and the identity hold until the next start."""
-        values = authority.parameters()
-        self.authority = authority
+        values = request_handler.parameters()
+        self.request_handler = request_handler
         self.suppliers = suppliers
         self.version = version
         self.metadata = Metadata(version)
@@ -51,7 +51,7 @@ class LinkContext:
         self.snapshot: Snapshot | None = None
         self.refused_frames = 0
         self.intended_mode: int | None = None  # custom_mode that was last asked for and entered
-        self.home_set = False  # since it was last told; whoever sets it is told also where it was there before
+        self.home_report_due = False  # since it was last told; whoever sets it is told also where it was there before
         self.high_latency = False  # asked for on the satellite links
         self.now_s = 0.0  # of the latest call of the loop
         self.peers: Iterable[Peer] = ()
@@ -67,14 +67,14 @@ class LinkContext:
         """Where local coordinates begin, None before the first fix."""
         return None if self.snapshot is None else self.snapshot.home
 
-    def scene(self) -> TelemetryContext | None:
+    def telemetry_context(self) -> TelemetryContext | None:
         """Return what the telemetry builders look at; None before the first tick."""
         if self.snapshot is None:
             return None
         return TelemetryContext(
             snapshot=self.snapshot,
             utc_s=self.suppliers.utc_s(),
-            rudder_limit_rad=radians(self.authority.parameters()["RUD_LIMIT_DEG"]),
+            rudder_limit_rad=radians(self.request_handler.parameters()["RUD_LIMIT_DEG"]),
             autopilot=self.autopilot,
             intended_mode=self.intended_mode,
             load=self.suppliers.load(),
@@ -83,7 +83,7 @@ class LinkContext:
 
     # ------------------------------------------------------------------ who is meant
 
-    def addressed(self, message: Message) -> bool:
+    def is_addressee(self, message: Message) -> bool:
         """Return whether a message is for this system and component, or for all."""
         system = getattr(message, "target_system", getattr(message, "target", 0))
         component = getattr(message, "target_component", 0)
@@ -109,20 +109,20 @@ class LinkContext:
 
     def heartbeat(self) -> Message:
         """Return the heartbeat that a new peer gets at once."""
-        scene = self.scene()
-        return identity.first_heartbeat(self.autopilot) if scene is None else identity.heartbeat(scene)
+        telemetry = self.telemetry_context()
+        return identity.first_heartbeat(self.autopilot) if telemetry is None else identity.heartbeat(telemetry)
 
-    def say(self, peer: Peer, severity: Severity, text: str, now_s: float) -> None:
+    def send_text_limited(self, peer: Peer, severity: Severity, text: str, now_s: float) -> None:
         """Tell one peer something, unless the same was said just now or too much was said."""
-        if peer.notices.allowed(text, now_s):
-            self.tell(peer, severity, text)
+        if peer.notices.admit(text, now_s):
+            self.send_text(peer, severity, text)
 
-    def tell(self, peer: Peer, severity: Severity, text: str) -> None:
+    def send_text(self, peer: Peer, severity: Severity, text: str) -> None:
         """Tell one peer something in any case."""
         for message in self._text(severity, text):
             self.send(peer, message)
 
-    def announce(self, severity: Severity, text: str) -> None:
+    def send_text_all(self, severity: Severity, text: str) -> None:
         """Tell every peer something, except the quiet ones."""
         for message in self._text(severity, text):
             self.send_all(message)
@@ -133,28 +133,28 @@ class LinkContext:
 
     # ------------------------------------------------------------------ asking the loop
 
-    def ask(self, message: Message, intent: Intent, now_s: float) -> Answer:
-        """Put an intent of a message's sender to the authority."""
+    def request(self, message: Message, intent: Intent, now_s: float) -> Answer:
+        """Put an intent of a message's sender to the request handler."""
         sender, component = message.get_srcSystem(), message.get_srcComponent()
-        answer = self.authority.decide(Request(now_s, intent, sender, component))
+        answer = self.request_handler.decide(Request(now_s, intent, sender, component))
         if answer.verdict is Verdict.ACCEPTED:
             if isinstance(intent, SetMode):
                 self.intended_mode = intent.mode
             elif isinstance(intent, (SteerHeading, SteerPosition)) and intent.change_mode:
                 self.intended_mode = int(Mode.GUIDED)
             elif isinstance(intent, SetHome):
-                self.home_set = True
+                self.home_report_due = True
         return answer
 
-    def steer(self, peer: Peer, message: Message, intent: Intent | str, now_s: float) -> None:
-        """Put the goal of an unacknowledged message to the authority, or refuse it for a reason; refusals are told."""
+    def request_or_warn(self, peer: Peer, message: Message, intent: Intent | str, now_s: float) -> None:
+        """Put the goal of an unacknowledged message to the request handler, or warn of why not."""
         name = type(message).msgname
         if isinstance(intent, str):
-            self.say(peer, Severity.WARNING, f"{name}: {intent}", now_s)
+            self.send_text_limited(peer, Severity.WARNING, f"{name}: {intent}", now_s)
             return
-        answer = self.ask(message, intent, now_s)
+        answer = self.request(message, intent, now_s)
         if answer.verdict is not Verdict.ACCEPTED:
-            self.say(peer, Severity.WARNING, answer.text or f"{name} refused", now_s)
+            self.send_text_limited(peer, Severity.WARNING, answer.text or f"{name} refused", now_s)
 
 
 def within(value: float, low: float, high: float) -> bool:

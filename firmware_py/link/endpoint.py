@@ -7,35 +7,24 @@ from collections.abc import Callable, Mapping, Sequence
 
 from firmware_py.common.interfaces import Calibrator, RequestHandler, Vault
 from firmware_py.common.records import Event, Output, Severity, Snapshot
-from firmware_py.link.commands.requests import request_data_stream
-from firmware_py.link.commands.server import Commands
 from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.context import Handler, LinkContext, Suppliers
-from firmware_py.link.files.root import PACKED_PARAMETERS, FileRoot, tree_of
-from firmware_py.link.files.server import Files
-from firmware_py.link.logs import Logs
-from firmware_py.link.manual_control import ManualControl
-from firmware_py.link.mission.home_setting import HomeSetting
-from firmware_py.link.mission.plan_file import PlanFiles
-from firmware_py.link.mission.server import MissionServer
-from firmware_py.link.parameters.server import ParameterServer
+from firmware_py.link.files.root import FileRoot
 from firmware_py.link.peer import Peer, Peers
 from firmware_py.link.security.access import Admitted, Gate, Standing, reads_only
-from firmware_py.link.security.denials import refuse
-from firmware_py.link.security.key_setup import KeySetup
+from firmware_py.link.security.denials import deny
 from firmware_py.link.security.signing import LinkSealer, Signing
-from firmware_py.link.setpoints import Setpoints
-from firmware_py.link.telemetry import estimates, motion, table
-from firmware_py.link.telemetry.context_fields import TelemetryContext
+from firmware_py.link.services import Services
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.timesync import Timesync
-from firmware_py.link.wire.dialect import Message, Packed
+from firmware_py.link.telemetry.publisher import TelemetryPublisher
+from firmware_py.link.telemetry.table import ROWS_OF
+from firmware_py.link.wire.dialect import Message
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.link.wire.receive_queue import ReceiveQueue
 from firmware_py.link.wire.transport import Address, Transport
 from firmware_py.link.wire.worker import Worker
 
-_HEARTBEAT, _CURRENT_MODE, _DATA_STREAM = 0, 436, 66
+_HEARTBEAT = 0
 _GROUND_STATION = 6  # MAV_TYPE_GCS
 _EVENTS_PER_TICK = 16
 # In one call, which must be short even where the machine is slow for a moment: half a millisecond at the most. A piece
@@ -68,85 +57,68 @@ _NO_VAULT = _NoVault()
 
 
 class Endpoint:
-    """One MAVLink component on several transports; fulfils ports.Link."""
+    """One MAVLink component on several transports; fulfils interfaces.Link."""
 
     def __init__(
         self,
         transports: Sequence[Transport],
-        authority: RequestHandler,
+        request_handler: RequestHandler,
         *,
         utc_s: Callable[[], float],
         version: Version,
-        boot_text: str = "",
         load: Callable[[], float] = _no_load,
         vault: Vault = _NO_VAULT,
-        heard_utc: Callable[[float, float], None] | None = None,
+        offer_utc: Callable[[float, float], None] | None = None,
         calibrator: Calibrator | None = None,
         storage: FileRoot = NO_STORAGE,
     ) -> None:
         """Take opened transports and the loop's side.
 
-        `boot_text` greets every new peer. `load` gives the share of a core in use, 0 to
-        1. `vault` keeps the signing key and its timestamps over restarts. `heard_utc` takes
-        the time that a ground station says, and when it came. `calibrator` is the compass,
-        if it can calibrate itself. `storage` is what file transfer and log download show of
-        the disk.
+        `load` gives the share of a core in use, 0 to 1. `vault` keeps the signing key and its timestamps over restarts.
+        `offer_utc` takes the time that a ground station says, and when it came. `calibrator` is the compass, if it can
+        calibrate itself. `storage` is what file transfer and log download show of the disk.
         """
         self._transports = tuple(transports)
-        self._session = LinkContext(authority, Suppliers(utc_s, load, heard_utc, calibrator), version)
+        self._context = LinkContext(request_handler, Suppliers(utc_s, load, offer_utc, calibrator), version)
         self._signing = Signing(utc_s, vault.save)
         self.key_readable = self._signing.restore(vault.load() or b"")
         self._gate = Gate(self._signing)
         self._reads_only = reads_only(frozenset(row.command for row in COMMANDS if row.repeatable))
-        self._roster = Peers(
-            self._transports, self._gate, lambda index: LinkSealer(self._signing, index), self._welcome, self._hint
+        self._peers = Peers(
+            self._transports,
+            self._gate,
+            lambda index: LinkSealer(self._signing, index),
+            self._greet,
+            self._send_heartbeat,
         )
-        self._session.peers = self._roster
-        self._parameters = ParameterServer(self._session)
-        self._mission = MissionServer(self._session)
-        self._commands = Commands(self._session, COMMANDS)
+        self._context.peers = self._peers
         self._worker = Worker(background=storage.background)
-        plan_files = PlanFiles(self._session, self._worker)
-        sinks = {PACKED_PARAMETERS: self._parameters.put_in_force, **plan_files.sinks()}
-        tree = tree_of(storage, self._session.metadata, authority, plan_files.made(), sinks)
-        self._files = Files(self._session, tree, self._worker)
-        self._logs = Logs(self._session, storage.catalogue, self._worker, logging=storage.logging)
-        self._greeting = (Event(Severity.INFO, boot_text),) if boot_text else ()
+        self._services = Services(self._context, self._signing, storage, self._worker)
+        self._telemetry = TelemetryPublisher(self._context)
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
-        self._intake = ReceiveQueue(self._roster.knows)
+        self._receive_queue = ReceiveQueue(self._peers.has)
         self._unread: deque[tuple[Peer, Admitted]] = deque()  # frames not yet answered
         self._station_s: float | None = None
-        self._turn = 0  # whose long answer goes on next
-        self._pumping = False  # whether one did in the last call
-        self._handlers = self._collect()
-
-    def _collect(self) -> Mapping[int, Handler]:
-        session = self._session
-        services = (self._commands, Setpoints(session), ManualControl(session), self._parameters, self._mission)
-        others = (self._files, self._logs, Timesync(session), HomeSetting(session), KeySetup(session, self._signing))
-        found: dict[int, Handler] = {_DATA_STREAM: request_data_stream, _HEARTBEAT: self._heard}
-        for service in (*services, *others):
-            found.update(service.handlers())
-        return found
+        self._handlers = {**self._services.handlers(), _HEARTBEAT: self._note_ground_station}
 
     @property
     def handlers(self) -> Mapping[int, Handler]:
         """Who hears which message, by its number."""
         return self._handlers
 
-    # ------------------------------------------------------------------ ports.Link
+    # ------------------------------------------------------------------ interfaces.Link
 
     def descriptors(self) -> Sequence[int]:
         """Return the descriptors whose readability `service` wants."""
-        found = [descriptor for transport in self._transports for descriptor in transport.descriptors()]
-        return found if self._worker.fileno() < 0 else [*found, self._worker.fileno()]
+        descriptors = [descriptor for transport in self._transports for descriptor in transport.descriptors()]
+        return descriptors if self._worker.fileno() < 0 else [*descriptors, self._worker.fileno()]
 
     @property
     def busy(self) -> bool:
         """Whether `service` has something to do even when no descriptor is ready."""
-        if self._unread or self._intake or self._pumping:
+        if self._unread or self._receive_queue or self._services.pumping:
             return True
-        return any(peer.bulk.hungry and not peer.outbox.waiting(Priority.REPLY) for peer in self._roster)
+        return any(peer.bulk.can_continue and not peer.outbox.waiting(Priority.REPLY) for peer in self._peers)
 
     @property
     def station_s(self) -> float | None:
@@ -155,44 +127,42 @@ class Endpoint:
 
     def service(self, now_s: float, ready: Sequence[int]) -> None:
         """Read a bounded piece from each ready transport, unless the last one of a stream still waits; answer some."""
-        self._session.now_s = now_s
+        self._context.now_s = now_s
         if self._worker.fileno() in ready:
             self._worker.poll()
         for index, transport in enumerate(self._transports):
-            if not transport.datagrams and self._intake.waits(index):
+            if not transport.datagrams and self._receive_queue.holds(index):
                 continue
             for descriptor in transport.descriptors():
                 if descriptor in ready:
                     for address, data in transport.receive(descriptor):
-                        self._intake.offer(index, address, data)
+                        self._receive_queue.offer(index, address, data)
         self._answer(now_s)
         self._flush(now_s)  # acknowledgements first
-        self._roster.update(now_s)
-        self._pump(now_s)
+        self._peers.update(now_s)
+        self._services.pump(self._peers, now_s)
         self._flush(now_s)
 
     def publish(self, output: Output, now_s: float) -> None:
         """Send the telemetry that is due and what the tick has to say."""
-        self._session.now_s = now_s
+        self._context.now_s = now_s
         self._worker.poll()
-        self._logs.new_tick()
         for transport in self._transports:
             transport.poll(now_s)
-        self._note_changes(output.snapshot, now_s)
+        self._report_changes(output.snapshot, now_s)
         self._answer(now_s)
-        self._mission.update(now_s)
-        self._commands.pump(now_s)
-        self._roster.update(now_s)
-        self._announce(output.events)
-        self._send_telemetry(1.0 / max(output.snapshot.rate_hz, 1.0), now_s)
-        self._pump(now_s)
+        self._services.update(now_s)
+        self._peers.update(now_s)
+        self._send_events(output.events)
+        self._telemetry.send_due(self._peers, 1.0 / max(output.snapshot.rate_hz, 1.0), now_s)
+        self._services.pump(self._peers, now_s)
         self._flush(now_s)
 
     def close(self) -> None:
         """Send what waits and close the transports."""
         self._worker.close()
         self._signing.store_exactly()
-        self._session.flush_all()
+        self._context.flush_all()
         for transport in self._transports:
             transport.close()
 
@@ -200,20 +170,20 @@ class Endpoint:
 
     def _search(self, index: int, address: Address, data: bytes, now_s: float) -> None:
         false_before = self._gate.false_signatures
-        heard = self._roster.frames(index, address, data[:_PIECE_BYTES], now_s)
-        if heard is None:
+        received = self._peers.frames(index, address, data[:_PIECE_BYTES], now_s)
+        if received is None:
             return
         if len(data) > _PIECE_BYTES:
-            self._intake.put_back(index, address, data[_PIECE_BYTES:])
-        peer, found = heard
-        self._unread.extend((peer, admitted) for admitted in found if admitted.frame.number in self._handlers)
+            self._receive_queue.put_back(index, address, data[_PIECE_BYTES:])
+        peer, frames = received
+        self._unread.extend((peer, admitted) for admitted in frames if admitted.frame.number in self._handlers)
         if self._gate.false_signatures > false_before:
-            self._session.say(peer, Severity.WARNING, _FALSE_SIGNATURE, now_s)
+            self._context.send_text_limited(peer, Severity.WARNING, _FALSE_SIGNATURE, now_s)
 
     def _answer(self, now_s: float) -> None:
         searched = 0
-        while self._intake and searched < _BYTES_AT_ONCE and len(self._unread) < _FRAMES_AT_ONCE:
-            piece = self._intake.take()
+        while self._receive_queue and searched < _BYTES_AT_ONCE and len(self._unread) < _FRAMES_AT_ONCE:
+            piece = self._receive_queue.pop()
             self._search(*piece, now_s)
             searched += min(len(piece[2]), _PIECE_BYTES)
         for _ in range(min(_FRAMES_AT_ONCE, len(self._unread))):
@@ -221,108 +191,56 @@ class Endpoint:
 
     def _dispatch(self, peer: Peer, admitted: Admitted, now_s: float) -> None:
         frame, standing = admitted
-        message = self._session.codec.decode(frame.data)
-        if message is None or not self._session.addressed(message) or self._from_self(message):
+        message = self._context.codec.decode(frame.data)
+        if message is None or not self._context.is_addressee(message) or self._from_self(message):
             return
         if standing is Standing.COMMANDER or self._reads_only(frame.number, message):
             self._handlers[frame.number](peer, message, now_s)
         else:
-            refuse(self._session, peer, message, now_s)
+            deny(self._context, peer, message, now_s)
 
     def _from_self(self, message: Message) -> bool:
         """Return whether this is our own message, sent back by a loop in somebody's wiring."""
         sender = (message.get_srcSystem(), message.get_srcComponent())
-        return sender == (self._session.system, self._session.component)
+        return sender == (self._context.system, self._context.component)
 
-    def _heard(self, peer: Peer, message: Message, now_s: float) -> None:
+    def _note_ground_station(self, peer: Peer, message: Message, now_s: float) -> None:
         """Note that a ground station is there."""
         if message.type == _GROUND_STATION:
             peer.ground_station_s = self._station_s = now_s
 
     # ------------------------------------------------------------------ out
 
-    def _welcome(self, peer: Peer, now_s: float) -> None:
+    def _greet(self, peer: Peer, now_s: float) -> None:
         if peer.quiet:
-            if self._session.high_latency:
-                peer.streams.set_high_latency(self._session.authority.parameters()["LNK_SAT_S"], now_s)
+            if self._context.high_latency:
+                peer.streams.set_high_latency(self._context.request_handler.parameters()["LNK_SAT_S"], now_s)
             return
-        self._session.send(peer, self._session.heartbeat(), Priority.URGENT)
-        if self._session.snapshot is not None:
-            peer.streams.sent(table.ROWS_OF[_HEARTBEAT][0], now_s)
-        for event in (*self._greeting, *self._recent):
-            self._session.tell(peer, event.severity, event.text)
+        self._context.send(peer, self._context.heartbeat(), Priority.URGENT)
+        if self._context.snapshot is not None:
+            peer.streams.mark_sent(ROWS_OF[_HEARTBEAT][0], now_s)
+        for event in self._recent:
+            self._context.send_text(peer, event.severity, event.text)
 
-    def _hint(self, stranger: Peer, now_s: float) -> None:
-        self._session.send(stranger, self._session.heartbeat(), Priority.URGENT)
+    def _send_heartbeat(self, stranger: Peer, now_s: float) -> None:
+        self._context.send(stranger, self._context.heartbeat(), Priority.URGENT)
         stranger.outbox.flush(now_s)
 
-    def _note_changes(self, snapshot: Snapshot, now_s: float) -> None:
-        """Make what has changed due at once: mode, arming, home."""
-        before = self._session.snapshot
-        self._session.refused_frames = self._roster.refused_frames() + self._roster.rejected + self._gate.refused
-        self._gate.mavlink1 = bool(self._session.authority.parameters()["LNK_MAVLINK1"])
-        self._session.see(snapshot)
-        self._mission.follow(before, snapshot, now_s)
-        if before is None or (before.mode, before.armed) != (snapshot.mode, snapshot.armed):
-            for peer in self._roster:
-                peer.streams.hasten(_HEARTBEAT, now_s)
-                peer.streams.hasten(_CURRENT_MODE, now_s)
-        scene = self._session.scene()
-        moved = before is None or before.home != snapshot.home
-        if scene is not None and snapshot.home is not None and (moved or self._session.home_set):
-            self._session.home_set = False
-            self._session.send_all(motion.home_position(scene))
-            self._session.send_all(estimates.gps_global_origin(scene))
+    def _report_changes(self, snapshot: Snapshot, now_s: float) -> None:
+        """Take the state after a tick, and make what has changed due at once."""
+        before = self._context.snapshot
+        self._context.refused_frames = self._peers.refused_frames() + self._peers.rejected + self._gate.refused_frames
+        self._gate.mavlink1 = bool(self._context.request_handler.parameters()["LNK_MAVLINK1"])
+        self._context.snapshot = snapshot
+        self._services.report_changes(before, snapshot, now_s)
+        self._telemetry.report_changes(before, snapshot, self._peers, now_s)
 
-    def _announce(self, events: Sequence[Event]) -> None:
+    def _send_events(self, events: Sequence[Event]) -> None:
         for event in events[:_EVENTS_PER_TICK]:
-            self._session.announce(event.severity, event.text)
+            self._context.send_text_all(event.severity, event.text)
             if event.severity <= Severity.WARNING:
                 self._recent.append(event)
 
-    def _send_telemetry(self, tick_s: float, now_s: float) -> None:
-        if not self._roster:
-            return
-        scene = self._session.scene()
-        if scene is None:
-            return
-        packed: dict[int, Packed | None] = {}  # every row is built and packed once for all peers
-        for peer in self._roster:
-            room_bytes = peer.outbox.room_bytes(now_s)
-            for row in peer.streams.due(now_s, tick_s):
-                if row not in packed:
-                    packed[row] = self._packed(row, scene)
-                found = packed[row]
-                urgent = table.TABLE[row].priority is Priority.URGENT
-                if found is not None and not urgent:
-                    room_bytes -= peer.outbox.size_of(found)
-                    if room_bytes < 0.0:
-                        # The rest stays due, and the longest due goes first next time.
-                        continue
-                if found is not None:
-                    peer.outbox.push(found, table.TABLE[row].priority)
-                peer.streams.sent(row, now_s)
-
-    def _packed(self, row: int, scene: TelemetryContext) -> Packed | None:
-        message = table.TABLE[row].build(scene)
-        return None if message is None else self._session.codec.pack(message)
-
     def _flush(self, now_s: float) -> None:
-        for peer in self._roster:
+        for peer in self._peers:
             peer.outbox.flush(now_s)
-
-    def _pump(self, now_s: float) -> None:
-        """Go on with a long answer to one peer; the others have their turns in the next calls."""
-        peers = tuple(self._roster)
-        self._pumping = False
-        for number in range(len(peers)):
-            peer = peers[(self._turn + number) % len(peers)]
-            before = peer.outbox.waiting(Priority.REPLY)
-            peer.bulk.hungry = False
-            self._parameters.pump(peer)
-            self._files.pump(peer, now_s)
-            self._logs.pump(peer, now_s)
-            if peer.outbox.waiting(Priority.REPLY) > before:
-                self._turn = (self._turn + number + 1) % len(peers)
-                self._pumping = True
-                return

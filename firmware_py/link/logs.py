@@ -33,7 +33,7 @@ _STREAM_BYTES = 256 * _BLOCK  # in a tick, to those that ask for all: a receive 
 _MOST_LOGS = 0xFFFF
 
 
-class Log(NamedTuple):
+class LogFile(NamedTuple):
     """One log as it was when it was listed."""
 
     path: Path
@@ -55,12 +55,12 @@ class _Download:
     def __init__(self) -> None:
         self.entries: Iterator[Packed] | None = None
         self.ranges: deque[_Range] = deque()
-        self.logs: tuple[Log, ...] = ()  # as listed to this peer, so that the numbers keep their meaning
-        self.open_log: Log | None = None
+        self.logs: tuple[LogFile, ...] = ()  # as listed to this peer, so that the numbers keep their meaning
+        self.open_log: LogFile | None = None
         self.descriptor = -1
         self.granted_bytes = _STREAM_BYTES  # of ranges that are longer than a chunk, in this tick
 
-    def read(self, log: Log, offset: int, count: int) -> bytes:
+    def read(self, log: LogFile, offset: int, count: int) -> bytes:
         """Return what a log holds there; OSError when it cannot be read."""
         if self.open_log != log:
             self.close()
@@ -75,14 +75,14 @@ class _Download:
         self.descriptor, self.open_log = -1, None
 
 
-class Logs:
+class LogServer:
     """Lists, sends and erases what `catalogue` finds: paths by number, the newest has the highest."""
 
     def __init__(
-        self, session: LinkContext, catalogue: Callable[[], Mapping[int, Path]], worker: Worker, *, logging: bool
+        self, context: LinkContext, catalogue: Callable[[], Mapping[int, Path]], worker: Worker, *, logging: bool
     ) -> None:
-        """Take the session to answer through; with `logging` the newest log is being written and never erased."""
-        self._session = session
+        """Take the context to answer through; with `logging` the newest log is being written and never erased."""
+        self._context = context
         self._catalogue = catalogue
         self._worker = worker
         self._logging = logging
@@ -97,41 +97,43 @@ class Logs:
     def _list(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
         start, end = message.start, message.end
 
-        def found(logs: tuple[Log, ...] | Exception) -> None:
+        def keep(logs: tuple[LogFile, ...] | Exception) -> None:
             download = self._download(peer)
             if download is None:
                 return
             download.logs = logs if isinstance(logs, tuple) else ()
             download.entries = self._entries(download.logs, start, end)
 
-        self._worker.submit(self._look, found)
+        self._worker.submit(self._find_logs, keep)
 
     def _data(self, peer: Peer, message: Message, now_s: float) -> None:
         download = self._download(peer)
         if download is None:
-            self._session.say(peer, Severity.WARNING, "Log download: others are being served, try again", now_s)
+            self._context.send_text_limited(
+                peer, Severity.WARNING, "Log download: others are being served, try again", now_s
+            )
         elif download.logs:
-            self._want(peer, download, message, now_s)
+            self._queue_range(peer, download, message, now_s)
         else:
             # A station that remembers the list of an earlier connection.
-            def found(logs: tuple[Log, ...] | Exception) -> None:
+            def keep(logs: tuple[LogFile, ...] | Exception) -> None:
                 download.logs = logs if isinstance(logs, tuple) else ()
-                self._want(peer, download, message, self._session.now_s)
+                self._queue_range(peer, download, message, self._context.now_s)
 
-            self._worker.submit(self._look, found)
+            self._worker.submit(self._find_logs, keep)
 
-    def _want(self, peer: Peer, download: _Download, message: Message, now_s: float) -> None:
+    def _queue_range(self, peer: Peer, download: _Download, message: Message, now_s: float) -> None:
         count = len(download.logs)
         if not count or message.id > count:
-            self._session.say(peer, Severity.WARNING, f"Log {message.id} does not exist", now_s)
+            self._context.send_text_limited(peer, Severity.WARNING, f"Log {message.id} does not exist", now_s)
             return
-        wanted = _Range(message.id, message.ofs, message.ofs + message.count)
-        if download.ranges and download.ranges[0].number != wanted.number:
+        span = _Range(message.id, message.ofs, message.ofs + message.count)
+        if download.ranges and download.ranges[0].number != span.number:
             download.ranges.clear()
-        if any(one.start <= wanted.start and wanted.end <= one.end for one in download.ranges):
+        if any(queued.start <= span.start and span.end <= queued.end for queued in download.ranges):
             return  # on its way
         if len(download.ranges) < _MOST_RANGES:
-            download.ranges.append(wanted)
+            download.ranges.append(span)
 
     def _end(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002
         download = self._downloads.get(peer)
@@ -140,9 +142,9 @@ class Logs:
             download.close()
 
     def _erase(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002
-        snapshot = self._session.snapshot
+        snapshot = self._context.snapshot
         if snapshot is None or snapshot.armed:
-            self._session.say(peer, Severity.WARNING, "Logs are erased only while she is disarmed", now_s)
+            self._context.send_text_limited(peer, Severity.WARNING, "Logs are erased only while she is disarmed", now_s)
             return
         for download in self._downloads.values():
             download.ranges.clear()
@@ -152,25 +154,25 @@ class Logs:
 
         def done(erased: int | Exception) -> None:
             if isinstance(erased, Exception):
-                self._session.announce(Severity.ERROR, f"Logs could not be erased: {erased}"[:200])
+                self._context.send_text_all(Severity.ERROR, f"Logs could not be erased: {erased}"[:200])
             else:
-                self._session.announce(Severity.NOTICE, f"{erased} logs erased")
-            self._session.flush_all()
+                self._context.send_text_all(Severity.NOTICE, f"{erased} logs erased")
+            self._context.flush_all()
 
         self._worker.submit(self._erase_all, done)
 
     # ------------------------------------------------------------------ on the worker's thread
 
-    def _look(self) -> tuple[Log, ...]:
+    def _find_logs(self) -> tuple[LogFile, ...]:
         """Return the logs, the newest first and then from the oldest on, as the ring of numbers has it."""
-        found = []
+        logs = []
         for _, path in sorted(self._catalogue().items())[-_MOST_LOGS + 1 :]:
             try:
                 status = path.stat()
             except OSError:
                 continue  # removed meanwhile to make room
-            found.append(Log(path, min(status.st_size, 0xFFFFFFFF), max(0, int(status.st_mtime)) & 0xFFFFFFFF))
-        return (*found[-1:], *found[:-1])
+            logs.append(LogFile(path, min(status.st_size, 0xFFFFFFFF), max(0, int(status.st_mtime)) & 0xFFFFFFFF))
+        return (*logs[-1:], *logs[:-1])
 
     def _erase_all(self) -> int:
         logs = sorted(self._catalogue().items())
@@ -182,36 +184,36 @@ class Logs:
     # ------------------------------------------------------------------ sent
 
     def _download(self, peer: Peer) -> _Download | None:
-        found = self._downloads.get(peer)
-        if found is None:
-            self._forget()
+        download = self._downloads.get(peer)
+        if download is None:
+            self._make_room()
             if len(self._downloads) >= _MOST_PEERS:
                 return None
-            found = self._downloads[peer] = _Download()
-        return found
+            download = self._downloads[peer] = _Download()
+        return download
 
-    def _forget(self) -> None:
+    def _make_room(self) -> None:
         """Make room: those that have gone, and then those that want nothing now."""
-        present = set(self._session.peers)
+        present = set(self._context.peers)
         for peer, download in tuple(self._downloads.items()):
             idle = not download.ranges and download.entries is None
             if peer not in present or (idle and len(self._downloads) >= _MOST_PEERS):
                 download.close()
                 del self._downloads[peer]
 
-    def _entries(self, logs: tuple[Log, ...], start: int, end: int) -> Iterator[Packed]:
+    def _entries(self, logs: tuple[LogFile, ...], start: int, end: int) -> Iterator[Packed]:
         count = len(logs)
         if not count:
-            yield self._session.codec.pack_payload(_LOG_ENTRY, bytes(_ENTRY.size))
+            yield self._context.codec.pack_payload(_LOG_ENTRY, bytes(_ENTRY.size))
             return
         # The whole ring without its second name for the newest, or what is asked for by number.
         last = min(end, count if start > 0 or end <= count else count - 1)
         for number in range(start, last + 1):
             log = logs[number % count]
             payload = _ENTRY.pack(log.modified_s, log.size, number, count, max(last, count - 1))
-            yield self._session.codec.pack_payload(_LOG_ENTRY, payload)
+            yield self._context.codec.pack_payload(_LOG_ENTRY, payload)
 
-    def new_tick(self) -> None:
+    def update(self, now_s: float) -> None:  # noqa: ARG002 - a service like the others
         """Let the downloads go on that do not ask piece by piece."""
         for download in self._downloads.values():
             download.granted_bytes = _STREAM_BYTES
@@ -240,7 +242,7 @@ class Logs:
             frames -= sent
             peer.bulk.spend(sent * _FRAME_BYTES)
         if download.entries is not None or (download.ranges and frames <= 0):
-            peer.bulk.leave()
+            peer.bulk.mark_unfinished()
 
     def _send_range(self, peer: Peer, download: _Download, frames: int) -> int:
         """Queue blocks of the first range; return how many."""
@@ -258,7 +260,7 @@ class Logs:
             download.ranges.clear()
             download.close()
             return 0
-        pack, push = self._session.codec.pack_payload, peer.outbox.push
+        pack, push = self._context.codec.pack_payload, peer.outbox.push
         blocks = [data[begin : begin + _BLOCK] for begin in range(0, len(data), _BLOCK)]
         for place, block in enumerate(blocks):
             head = _DATA.pack(start + place * _BLOCK, number, len(block))

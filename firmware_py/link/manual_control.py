@@ -18,9 +18,9 @@ _RELEASE, _IGNORE = 0, UINT16_MAX
 class ManualControl:
     """Turns stick messages into rudder deflections."""
 
-    def __init__(self, session: LinkContext) -> None:
-        """Take the session to ask and to answer through."""
-        self._session = session
+    def __init__(self, context: LinkContext) -> None:
+        """Take the context to ask and to answer through."""
+        self._context = context
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
@@ -33,7 +33,7 @@ class ManualControl:
             return
         valid = within(axis, -_FULL_STICK, _FULL_STICK)
         intent = ManualRudder(axis / _FULL_STICK) if valid else "the stick is not within -1000 to 1000"
-        self._session.steer(peer, message, intent, now_s)
+        self._context.request_or_warn(peer, message, intent, now_s)
 
     def _override(self, peer: Peer, message: Message, now_s: float) -> None:
         """Take channel 1: 1000 to 2000 us, 0 releases it."""
@@ -45,4 +45,4 @@ class ManualControl:
             valid = within(pulse_us, _CENTRE_US - _FULL_US, _CENTRE_US + _FULL_US)
             deflection = (pulse_us - _CENTRE_US) / _FULL_US
             intent = ManualRudder(deflection) if valid else "channel 1 is not within 1000 to 2000"
-        self._session.steer(peer, message, intent, now_s)
+        self._context.request_or_warn(peer, message, intent, now_s)

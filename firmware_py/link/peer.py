@@ -1,11 +1,11 @@
-"""One correspondent on one transport, and the roster of all of them."""
+"""One correspondent on one transport, and all of them together."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
 from firmware_py.link.security.access import Admitted, Gate
-from firmware_py.link.telemetry.statustext import Notices
+from firmware_py.link.telemetry.statustext import TextLimiter
 from firmware_py.link.telemetry.streams import Streams
 from firmware_py.link.wire.bulk import BulkShare
 from firmware_py.link.wire.framing import Splitter
@@ -17,10 +17,10 @@ from firmware_py.link.wire.url_options import LinkClass
 MAX_PEERS = 8  # that have spoken on a datagram transport
 QUIET_S = 10.0  # a datagram peer silent for this long makes room for a new one
 FORGET_S = 300.0  # and silent for this long it is forgotten in any case
-REFUSALS = 20  # answered at once to who has no right to what he asks
-REFUSALS_HZ = 5.0  # and in the long run
-HINTS = 4  # signed heartbeats at once to strangers whose timestamps are behind
-HINTS_HZ = 1.0  # and in the long run
+DENIALS = 20  # answered at once to who has no right to what he asks
+DENIALS_HZ = 5.0  # and in the long run
+LATE_HEARTBEATS = 4  # signed heartbeats at once to strangers whose timestamps are behind
+LATE_HEARTBEATS_HZ = 1.0  # and in the long run
 
 
 class Peer:
@@ -29,14 +29,14 @@ class Peer:
     __slots__ = (
         "address",
         "bulk",
+        "denial_tokens",
         "ground_station_s",
-        "heard_s",
+        "last_frame_s",
         "link_class",
-        "list_row",
         "notices",
         "outbox",
-        "owed_rows",
-        "refusals",
+        "parameter_list_row",
+        "parameter_rows_due",
         "splitter",
         "streams",
         "transport",
@@ -51,12 +51,12 @@ class Peer:
         usual = LinkClass.RADIO if transport.radio else LinkClass.FAST
         self.link_class = transport.options.link_class or usual
         self.streams = Streams(self.link_class, now_s)
-        self.notices = Notices()
-        self.refusals = TokenBucket(REFUSALS, REFUSALS_HZ)
-        self.list_row: int | None = None  # the next row of the parameter list it gets
-        self.owed_rows: dict[int, None] = {}  # rows of the parameter table that it is to be told, in this order
+        self.notices = TextLimiter()
+        self.denial_tokens = TokenBucket(DENIALS, DENIALS_HZ)
+        self.parameter_list_row: int | None = None  # the next row of the parameter list it gets
+        self.parameter_rows_due: dict[int, None] = {}  # rows of the parameter table that it is owed, in order
         self.bulk = BulkShare(transport.byte_rate)
-        self.heard_s = now_s  # a valid frame came from it, or it was taken up
+        self.last_frame_s = now_s  # a valid frame came from it, or it was taken up
         self.ground_station_s: float | None = None  # its latest heartbeat of a ground station
 
     @property
@@ -70,7 +70,7 @@ class Peers:
 
     A stranger on a datagram transport is taken up with its first whole frame that the
     gate admits, so that a stray or forged packet does not draw telemetry. One who has the
-    key but an old timestamp (she was restarted, and is ahead) gets a heartbeat to go by,
+    key but an old timestamp (the boat was restarted, and is ahead) gets a heartbeat to go by,
     since nobody's timestamp stays behind what he has heard; so does who replays a frame,
     and that is all he gets.
     """
@@ -80,19 +80,19 @@ class Peers:
         transports: Sequence[Transport],
         gate: Gate,
         sealer: Callable[[int], Sealer],
-        welcome: Callable[[Peer, float], None],
-        hint: Callable[[Peer, float], None],
+        greet: Callable[[Peer, float], None],
+        send_heartbeat: Callable[[Peer, float], None],
     ) -> None:
         """Take the transports, who judges their frames, who signs for each, what is to be done with a new peer.
 
-        `hint` sends a heartbeat to one that is not taken up.
+        `send_heartbeat` sends a heartbeat to one that is not taken up.
         """
-        self._hint = hint
-        self._hints = TokenBucket(HINTS, HINTS_HZ)
+        self._send_heartbeat = send_heartbeat
+        self._late_heartbeats = TokenBucket(LATE_HEARTBEATS, LATE_HEARTBEATS_HZ)
         self._gate = gate
         self._sealer = sealer
         self._transports = tuple(transports)
-        self._welcome = welcome
+        self._greet = greet
         self._peers: dict[tuple[int, Address], Peer] = {}  # by index of the transport and address
         self.rejected = 0  # datagrams of strangers without a frame, or without room for them
         self._gone_rejected = 0
@@ -105,7 +105,7 @@ class Peers:
         """Return the number of peers."""
         return len(self._peers)
 
-    def knows(self, index: int, address: Address) -> bool:
+    def has(self, index: int, address: Address) -> bool:
         """Return whether somebody is a peer."""
         return (index, address) in self._peers
 
@@ -121,7 +121,7 @@ class Peers:
                     self._add(index, address, now_s)
         for key, peer in tuple(self._peers.items()):
             permanent = key[1] in peer.transport.addresses()
-            if not permanent and (not peer.transport.datagrams or now_s - peer.heard_s > FORGET_S):
+            if not permanent and (not peer.transport.datagrams or now_s - peer.last_frame_s > FORGET_S):
                 self._remove(key)
 
     def frames(self, index: int, address: Address, data: bytes, now_s: float) -> tuple[Peer, list[Admitted]] | None:
@@ -129,29 +129,29 @@ class Peers:
         options = self._transports[index].options
         peer = self._peers.get((index, address))
         if peer is not None:
-            found = self._gate.admit(peer.splitter.feed(data, now_s), options)
-            if found:
-                peer.heard_s = now_s
-            return peer, found
-        late_before = self._gate.late
+            admitted = self._gate.admit(peer.splitter.feed(data, now_s), options)
+            if admitted:
+                peer.last_frame_s = now_s
+            return peer, admitted
+        late_before = self._gate.late_frames
         splitter = Splitter()
-        found = self._gate.admit(splitter.feed(data, now_s), options)
-        if not found and self._gate.late > late_before and self._hints.take(now_s):
-            self._hint(self._made(index, address, now_s), now_s)
-        if not found or not self._make_room(index, now_s):
+        admitted = self._gate.admit(splitter.feed(data, now_s), options)
+        if not admitted and self._gate.late_frames > late_before and self._late_heartbeats.spend_one(now_s):
+            self._send_heartbeat(self._new_peer(index, address, now_s), now_s)
+        if not admitted or not self._make_room(index, now_s):
             self.rejected += 1
             return None
         peer = self._add(index, address, now_s)
         peer.splitter = splitter  # it may hold the beginning of a frame whose rest follows
-        return peer, found
+        return peer, admitted
 
     def _add(self, index: int, address: Address, now_s: float) -> Peer:
-        peer = self._made(index, address, now_s)
+        peer = self._new_peer(index, address, now_s)
         self._peers[(index, address)] = peer
-        self._welcome(peer, now_s)
+        self._greet(peer, now_s)
         return peer
 
-    def _made(self, index: int, address: Address, now_s: float) -> Peer:
+    def _new_peer(self, index: int, address: Address, now_s: float) -> Peer:
         return Peer(self._transports[index], address, self._sealer(index), now_s)
 
     def _remove(self, key: tuple[int, Address]) -> None:
@@ -162,8 +162,8 @@ class Peers:
         guests = [key for key in self._peers if key[0] == index and key[1] not in permanent]
         if len(guests) < MAX_PEERS:
             return True
-        oldest = min(guests, key=lambda key: self._peers[key].heard_s)
-        if now_s - self._peers[oldest].heard_s <= QUIET_S:
+        oldest = min(guests, key=lambda key: self._peers[key].last_frame_s)
+        if now_s - self._peers[oldest].last_frame_s <= QUIET_S:
             return False
         self._remove(oldest)
         return True

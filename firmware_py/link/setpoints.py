@@ -1,4 +1,4 @@
-"""Heading and position goals that come as messages of their own, without an acknowledgement."""
+"""Messages that give a goal: heading, position, home, and the mission item that is to be gone to at once."""
 
 from __future__ import annotations
 
@@ -6,11 +6,15 @@ import math
 from collections.abc import Mapping
 
 from firmware_py.common.angles import wrap_two_pi
-from firmware_py.common.intents import SteerHeading, SteerPosition
+from firmware_py.common.intents import SteerHeading, SteerPosition, Verdict
+from firmware_py.common.records import Severity
 from firmware_py.link.context import Handler, LinkContext, within
+from firmware_py.link.mission.items import acknowledge, sender_of
 from firmware_py.link.peer import Peer
-from firmware_py.link.telemetry.geo import GLOBAL_FRAMES, offset_goal, position_goal
-from firmware_py.link.wire.dialect import Message
+from firmware_py.link.positions import GLOBAL_FRAMES, home_of, offset_goal, position_goal
+from firmware_py.link.wire.dialect import Message, mavlink
+from firmware_py.plans.items import Command
+from firmware_py.plans.problem import PlanResult
 
 Goal = SteerHeading | SteerPosition | str  # a goal, or why it is none
 
@@ -25,27 +29,28 @@ _LOCAL_NED, _LOCAL_OFFSET_NED = 1, 7
 _BODY_FRAMES = frozenset({8, 9, 12})  # BODY_NED, BODY_OFFSET_NED, BODY_FRD: offsets ahead and to starboard
 _LOCAL_FRAMES = _BODY_FRAMES | {_LOCAL_NED, _LOCAL_OFFSET_NED}
 
+GUIDED = 2  # `current` of such an item
 _UNIT_TOLERANCE = 0.01
 _SLOWEST_M_S = 1e-3
 _FASTEST_M_S = 1e3
 
 
 class Setpoints:
-    """SET_ATTITUDE_TARGET and SET_POSITION_TARGET_GLOBAL_INT, _LOCAL_NED."""
+    """SET_ATTITUDE_TARGET, SET_POSITION_TARGET_GLOBAL_INT and _LOCAL_NED, SET_HOME_POSITION: none is acknowledged."""
 
-    def __init__(self, session: LinkContext) -> None:
-        """Take the session to ask and to answer through."""
-        self._session = session
+    def __init__(self, context: LinkContext) -> None:
+        """Take the context to ask and to answer through."""
+        self._context = context
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
-        return {82: self._attitude, 84: self._local, 86: self._global}
+        return {82: self._attitude, 84: self._local, 86: self._global, 243: self._home}
 
     def _attitude(self, peer: Peer, message: Message, now_s: float) -> None:
         """Steer the heading of the attitude."""
         ignored = message.type_mask & _IGNORE_ATTITUDE
         goal = "the attitude is masked out" if ignored else attitude_goal(message.q)
-        self._session.steer(peer, message, goal, now_s)
+        self._context.request_or_warn(peer, message, goal, now_s)
 
     def _global(self, peer: Peer, message: Message, now_s: float) -> None:
         """Go to the position, or steer where velocity or yaw point."""
@@ -57,7 +62,7 @@ class Setpoints:
             goal = position_goal(message.lat_int * 1e-7, message.lon_int * 1e-7)
         else:
             goal = direction_goal(message, 0.0)
-        self._session.steer(peer, message, goal, now_s)
+        self._context.request_or_warn(peer, message, goal, now_s)
 
     def _local(self, peer: Peer, message: Message, now_s: float) -> None:
         """Go to the position, from home or from her, or steer where velocity or yaw point."""
@@ -69,7 +74,12 @@ class Setpoints:
             goal = self._local_position(message, turned_rad)
         else:
             goal = direction_goal(message, turned_rad)
-        self._session.steer(peer, message, goal, now_s)
+        self._context.request_or_warn(peer, message, goal, now_s)
+
+    def _home(self, peer: Peer, message: Message, now_s: float) -> None:
+        """Set home to a position."""
+        home = home_of(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
+        self._context.request_or_warn(peer, message, home, now_s)
 
     def _frame_heading_rad(self, frame: int) -> float | str:
         """Return where a frame's x axis points, or why the frame cannot be used."""
@@ -77,14 +87,14 @@ class Setpoints:
             return f"frame {frame} is not a local one"
         if frame not in _BODY_FRAMES:
             return 0.0
-        boat = self._session.snapshot
+        boat = self._context.snapshot
         if boat is None or boat.heading_rad is None or not boat.heading_ok:
             return "there is no heading to count from"
         return boat.heading_rad
 
     def _local_position(self, message: Message, turned_rad: float) -> Goal:
-        boat = self._session.snapshot
-        home = self._session.home
+        boat = self._context.snapshot
+        home = self._context.home
         if message.coordinate_frame == _LOCAL_NED:
             if home is None:
                 return "there is no home to count from"
@@ -123,3 +133,26 @@ def direction_goal(message: Message, turned_rad: float) -> Goal:
             return "the yaw is not within a turn"
         return SteerHeading(wrap_two_pi(message.yaw + turned_rad))
     return "position, velocity and yaw are all masked out"
+
+
+def go_to_waypoint(context: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
+    """Go to the place of a waypoint, and acknowledge it."""
+    result, text = _request_waypoint(context, message, now_s)
+    acknowledge(context, peer, sender_of(message), message.mission_type, result)
+    if text:
+        context.send_text_limited(peer, Severity.WARNING, text, now_s)
+
+
+def _request_waypoint(context: LinkContext, message: Message, now_s: float) -> tuple[PlanResult, str]:
+    if message.command != Command.WAYPOINT:
+        return PlanResult.UNSUPPORTED, ""
+    if message.frame not in GLOBAL_FRAMES:
+        return PlanResult.UNSUPPORTED_FRAME, ""
+    scale = 1.0 if type(message).id == mavlink.MAVLINK_MSG_ID_MISSION_ITEM else 1e-7
+    goal = position_goal(message.x * scale, message.y * scale)
+    if isinstance(goal, str):
+        return PlanResult.INVALID, f"guided waypoint: {goal}"
+    answer = context.request(message, goal, now_s)
+    if answer.verdict is not Verdict.ACCEPTED:
+        return PlanResult.DENIED, answer.text or "guided waypoint refused"
+    return PlanResult.ACCEPTED, ""

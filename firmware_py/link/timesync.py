@@ -17,9 +17,9 @@ _FARTHEST_S = 1e11
 class Timesync:
     """Answers questions about time, and hears what stations say of it."""
 
-    def __init__(self, session: LinkContext) -> None:
-        """Take the session to answer through."""
-        self._session = session
+    def __init__(self, context: LinkContext) -> None:
+        """Take the context to answer through."""
+        self._context = context
         self._answered: OrderedDict[tuple[int, int], tuple[int, int]] = OrderedDict()
 
     def handlers(self) -> Mapping[int, Handler]:
@@ -42,7 +42,7 @@ class Timesync:
             if len(self._answered) > _REMEMBERED:
                 self._answered.popitem(last=False)
         reply = mavlink.MAVLink_ping_message(message.time_usec, message.seq, *sender)
-        self._session.send(peer, reply, Priority.URGENT)
+        self._context.send(peer, reply, Priority.URGENT)
 
     def _timesync(self, peer: Peer, message: Message, now_s: float) -> None:
         """Answer with the time since start; what answers a question of somebody else is left alone."""
@@ -50,11 +50,11 @@ class Timesync:
             return
         sender, component = message.get_srcSystem(), message.get_srcComponent()
         reply = mavlink.mavlink_map[111](int(now_s * 1e9), message.ts1, sender, component)
-        self._session.send(peer, reply, Priority.URGENT)
+        self._context.send(peer, reply, Priority.URGENT)
 
     def _system_time(self, peer: Peer, message: Message, now_s: float) -> None:
         """Hear the time of a ground station, for a clock that is plainly wrong (`CLK_SET`)."""
         utc_s = message.time_unix_usec * 1e-6
-        heard = self._session.suppliers.heard_utc
-        if heard is not None and peer.ground_station_s is not None and 0.0 < utc_s < _FARTHEST_S:
-            heard(utc_s, now_s)
+        offer = self._context.suppliers.offer_utc
+        if offer is not None and peer.ground_station_s is not None and 0.0 < utc_s < _FARTHEST_S:
+            offer(utc_s, now_s)

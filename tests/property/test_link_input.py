@@ -133,8 +133,8 @@ class Pipe:
 class Rig:
     def __init__(self):
         self.pipe = Pipe()
-        self.authority = Authority()
-        self.endpoint = Endpoint([self.pipe], self.authority, utc_s=lambda: 0.0, version=Version())
+        self.request_handler = Authority()
+        self.endpoint = Endpoint([self.pipe], self.request_handler, utc_s=lambda: 0.0, version=Version())
         self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         self.endpoint.publish(Output(RudderCommand(0.0, True), SNAPSHOT), 0.0)
         self.pipe.sent.clear()
@@ -183,10 +183,10 @@ def is_sound(intent):
 
 
 def check_sound(rig):
-    assert all(is_sound(intent) for intent in rig.authority.intents)
-    for row, value in zip(PARAMETERS, rig.authority.values.values(), strict=True):
+    assert all(is_sound(intent) for intent in rig.request_handler.intents)
+    for row, value in zip(PARAMETERS, rig.request_handler.values.values(), strict=True):
         assert row.check(value) == value
-    for peer in rig.endpoint._roster:
+    for peer in rig.endpoint._peers:
         for row in TABLE:
             interval_us = peer.streams.interval_us(row.number)
             assert interval_us == -1 or FASTEST_S <= interval_us * 1e-6 <= SLOWEST_S
@@ -295,7 +295,7 @@ def test_a_refused_command_has_changed_nothing(number, values, x, y, in_whole_nu
     rig = Rig()
     rig.endpoint.publish(Output(RudderCommand(0.0, True), replace(SNAPSHOT, armed=armed, servo=SERVO)), 0.05)
     rig.replies()
-    before = rig.authority.values
+    before = rig.request_handler.values
     if in_whole_numbers:
         message = mavlink.MAVLink_command_int_message(1, 1, 0, number, 0, 0, *values[:4], x, y, values[6])
     else:
@@ -307,8 +307,8 @@ def test_a_refused_command_has_changed_nothing(number, values, x, y, in_whole_nu
     assert ack.result in range(5)
     if ack.result != mavlink.MAV_RESULT_ACCEPTED:
         # The authority accepts all but parameters out of range, so whatever was put to it would have been done.
-        assert all(isinstance(intent, SetParameter) for intent in rig.authority.intents)
-        assert rig.authority.values == before
+        assert all(isinstance(intent, SetParameter) for intent in rig.request_handler.intents)
+        assert rig.request_handler.values == before
 
 
 @settings(max_examples=100, deadline=None)
@@ -408,7 +408,7 @@ def pour(total_bytes, chances):
         rig.feed(rig.ping(number))
         answers = [reply.seq for reply in rig.replies() if reply.get_type() == "PING"]
         assert number in answers
-        rig.authority.intents = [intent for intent in rig.authority.intents if not check_one(intent)]
+        rig.request_handler.intents = [intent for intent in rig.request_handler.intents if not check_one(intent)]
     return rig
 
 
@@ -453,5 +453,5 @@ def test_a_flood_of_requests_leaves_bounded_queues():
     rig.pipe.send = lambda _address, _data: False
     for _ in range(50):
         rig.feed(request * 20)
-    (peer,) = rig.endpoint._roster
+    (peer,) = rig.endpoint._peers
     assert sum(len(queue) for queue in peer.outbox._queues) < 300

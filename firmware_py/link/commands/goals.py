@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from firmware_py.common.angles import radians
 from firmware_py.common.intents import Answer, SteerHeading
-from firmware_py.link.commands.server import Call
+from firmware_py.link.commands.server import CommandCall
 from firmware_py.link.context import LinkContext, within
-from firmware_py.link.telemetry.geo import GLOBAL_FRAMES, position_goal
+from firmware_py.link.positions import GLOBAL_FRAMES, position_goal
 
 _CHANGE_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
 _COURSE_OVER_GROUND, _HEADING = 0.0, 1.0  # HEADING_TYPE
 _HOW_RELATIVE = "param{} says neither absolute (0) nor relative (1)"
 
 
-def condition_yaw(session: LinkContext, call: Call) -> Answer:
+def condition_yaw(context: LinkContext, call: CommandCall) -> Answer:
     """Steer to an angle: absolute, or relative with the direction in param3.
 
     A negative relative angle without a direction means to port. The rate of turn
@@ -30,11 +30,11 @@ def condition_yaw(session: LinkContext, call: Call) -> Answer:
     turn = int(direction)
     if relative:
         turned_rad = radians(-angle_deg if turn < 0 else angle_deg)
-        return session.ask(call.message, SteerHeading(turned_rad, relative=True, turn=turn), call.now_s)
-    return session.ask(call.message, SteerHeading(radians(angle_deg), turn=turn), call.now_s)
+        return context.request(call.message, SteerHeading(turned_rad, relative=True, turn=turn), call.now_s)
+    return context.request(call.message, SteerHeading(radians(angle_deg), turn=turn), call.now_s)
 
 
-def change_heading(session: LinkContext, call: Call) -> Answer:
+def change_heading(context: LinkContext, call: CommandCall) -> Answer:
     """Steer to a heading or to a course over ground."""
     kind, angle_deg = call.parameters[:2]
     if kind not in (_COURSE_OVER_GROUND, _HEADING):
@@ -42,20 +42,20 @@ def change_heading(session: LinkContext, call: Call) -> Answer:
     if not within(angle_deg, 0.0, 360.0):
         return call.denied("the angle is not within 0 to 360 deg")
     goal = SteerHeading(radians(angle_deg), over_ground=kind == _COURSE_OVER_GROUND)
-    return session.ask(call.message, goal, call.now_s)
+    return context.request(call.message, goal, call.now_s)
 
 
-def set_yaw_speed(session: LinkContext, call: Call) -> Answer:
+def set_yaw_speed(context: LinkContext, call: CommandCall) -> Answer:
     """Steer to an angle, absolute (param3 = 0) or relative (1); a wave glider's speed is the sea's to choose."""
     angle_deg, _, relative, _ = call.parameters
     if relative not in (0.0, 1.0):
         return call.denied(_HOW_RELATIVE.format(3))
     if not within(angle_deg, -360.0, 360.0):
         return call.denied("the angle is not within -360 to 360 deg")
-    return session.ask(call.message, SteerHeading(radians(angle_deg), relative=relative == 1.0), call.now_s)
+    return context.request(call.message, SteerHeading(radians(angle_deg), relative=relative == 1.0), call.now_s)
 
 
-def reposition(session: LinkContext, call: Call) -> Answer:
+def reposition(context: LinkContext, call: CommandCall) -> Answer:
     """Go to a position; speed, radius and yaw are ignored."""
     flags = call.parameters[1]
     if not within(flags, 0, 0xFFFF):
@@ -63,4 +63,4 @@ def reposition(session: LinkContext, call: Call) -> Answer:
     if call.frame is not None and call.frame not in GLOBAL_FRAMES:
         return call.denied(f"frame {call.frame} is not a global one")
     goal = position_goal(*call.place_deg, change_mode=bool(int(flags) & _CHANGE_MODE))
-    return call.denied(goal) if isinstance(goal, str) else session.ask(call.message, goal, call.now_s)
+    return call.denied(goal) if isinstance(goal, str) else context.request(call.message, goal, call.now_s)

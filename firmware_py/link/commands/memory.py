@@ -16,7 +16,7 @@ _NO_RESULT = 5  # MAV_RESULT_IN_PROGRESS
 
 
 @dataclass(frozen=True, slots=True)
-class Done:
+class CommandRecord:
     """A command as it came: when, with which sequence number, what it asked, over which peer; and its result."""
 
     t_s: float
@@ -32,15 +32,15 @@ class CommandMemory:
 
     def __init__(self) -> None:
         """Start with nothing done."""
-        self._done: OrderedDict[tuple[int, int, int], Done] = OrderedDict()
+        self._done: OrderedDict[tuple[int, int, int], CommandRecord] = OrderedDict()
 
     def __len__(self) -> int:
         """Return how many are remembered."""
         return len(self._done)
 
-    def earlier(
-        self, sender: tuple[int, int], command: int, now: Done, *, confirmed: bool, relative: bool
-    ) -> Done | None:
+    def find_original(
+        self, sender: tuple[int, int], command: int, now: CommandRecord, *, confirmed: bool, relative: bool
+    ) -> CommandRecord | None:
         """Return the one that this is a retry or a double of, None when it is new."""
         done = self._done.get((*sender, command))
         if done is None or done.asked != now.asked or done.in_whole_numbers is not now.in_whole_numbers:
@@ -53,7 +53,7 @@ class CommandMemory:
             return done
         return done if relative and now.in_whole_numbers and age_s < REPEAT_S else None
 
-    def keep(self, sender: tuple[int, int], command: int, done: Done) -> None:
+    def remember(self, sender: tuple[int, int], command: int, done: CommandRecord) -> None:
         """Remember a command, in place of the one of its kind."""
         key = (*sender, command)
         self._done[key] = done
@@ -61,7 +61,7 @@ class CommandMemory:
         if len(self._done) > REMEMBERED:
             self._done.popitem(last=False)
 
-    def note(self, sender: tuple[int, int], command: int, result: int) -> None:
+    def set_result(self, sender: tuple[int, int], command: int, result: int) -> None:
         """Note the result of the command that is remembered."""
         key = (*sender, command)
         if key in self._done:

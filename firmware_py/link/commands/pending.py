@@ -16,21 +16,21 @@ def _unknown() -> int:
     return UNKNOWN_PROGRESS
 
 
-class Pending:
+class PendingCommand:
     """Returned by a command's action in place of an answer; whoever works on it calls `finish`, once."""
 
     def __init__(
         self,
         *,
-        patience_s: float,
+        timeout_s: float,
         percent: Callable[[], int] = _unknown,
         cancel: Callable[[], None] | None = None,
-        watch: Callable[[], Answer | None] | None = None,
+        poll: Callable[[], Answer | None] | None = None,
     ) -> None:
         """Take how long it may take, who knows the progress (0 to 100), who can call it off, who knows the end."""
-        self._patience_s = patience_s
+        self._timeout_s = timeout_s
         self._cancel = cancel
-        self._watch = watch
+        self._poll = poll
         self._answer: Answer | None = None
         self._done: Callable[[Answer], None] | None = None
         self._begun_s = self._word_s = 0.0
@@ -56,30 +56,30 @@ class Pending:
                 self._done(answer)
 
     def cancel(self) -> bool:
-        """Call it off; False when that cannot be done any more."""
+        """CommandCall it off; False when that cannot be done any more."""
         if self._cancel is None or self._answer is not None:
             return False
         self.give_up()
         return True
 
     def give_up(self) -> None:
-        """Call it off if that can be done, and take no notice of how it ends."""
+        """CommandCall it off if that can be done, and take no notice of how it ends."""
         if self._cancel is not None:
             self._cancel()
         self._done = None
 
-    def look(self) -> None:
+    def check_end(self) -> None:
         """End it when whoever knows the end says so."""
-        if self._watch is not None and self._answer is None and (answer := self._watch()) is not None:
+        if self._poll is not None and self._answer is None and (answer := self._poll()) is not None:
             self.finish(answer)
 
-    def due(self, now_s: float) -> bool:
+    def progress_due(self, now_s: float) -> bool:
         """Return whether it is time for a word on the progress, and count it as said."""
         if now_s < self._word_s:
             return False
         self._word_s = now_s + WORD_S
         return True
 
-    def late(self, now_s: float) -> bool:
+    def timed_out(self, now_s: float) -> bool:
         """Return whether it has taken too long."""
-        return now_s - self._begun_s > self._patience_s
+        return now_s - self._begun_s > self._timeout_s

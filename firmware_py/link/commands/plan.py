@@ -5,80 +5,80 @@ from __future__ import annotations
 from firmware_py.common.intents import Answer, EnableFence, PauseMission, SetHome, SetMissionItem, SetMode, Verdict
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import PlanKind
-from firmware_py.link.commands.server import NEITHER, Call
+from firmware_py.link.commands.server import NEITHER, CommandCall
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.mission.numbers import homes
+from firmware_py.link.positions import GLOBAL_FRAMES, home_of
 from firmware_py.link.telemetry.context_fields import UINT16_MAX
-from firmware_py.link.telemetry.geo import GLOBAL_FRAMES, home_of
 
 _PRESENT = -1.0  # the current item
 
 
-def set_home(session: LinkContext, call: Call) -> Answer:
-    """Set home to where she is (param1 = 1) or to a position."""
+def set_home(context: LinkContext, call: CommandCall) -> Answer:
+    """Set home to where the boat is (param1 = 1) or to a position."""
     use_present = call.parameters[0]
     if use_present not in (0.0, 1.0):
         return call.denied(NEITHER)
     if use_present:
-        return session.ask(call.message, SetHome(), call.now_s)
+        return context.request(call.message, SetHome(), call.now_s)
     if call.frame is not None and call.frame not in GLOBAL_FRAMES:
         return call.denied(f"frame {call.frame} is not a global one")
     home = home_of(*call.place_deg, call.z)
-    return call.denied(home) if isinstance(home, str) else session.ask(call.message, home, call.now_s)
+    return call.denied(home) if isinstance(home, str) else context.request(call.message, home, call.now_s)
 
 
-def pause_or_continue(session: LinkContext, call: Call) -> Answer:
+def pause_or_continue(context: LinkContext, call: CommandCall) -> Answer:
     """Halt the mission (param1 = 0) or go on with it (1)."""
     wanted = call.parameters[0]
     if wanted not in (0.0, 1.0):
         return call.denied(NEITHER)
-    return session.ask(call.message, PauseMission(paused=wanted == 0.0), call.now_s)
+    return context.request(call.message, PauseMission(paused=wanted == 0.0), call.now_s)
 
 
-def start_mission(session: LinkContext, call: Call) -> Answer:
+def start_mission(context: LinkContext, call: CommandCall) -> Answer:
     """Enter AUTO, at an item when param1 names one; where it ends (param2) cannot be chosen."""
     first, last = call.parameters[:2]
-    index = _item(session, first)
-    last_items = (0.0, float(_count(session) - 1 + homes(session.autopilot, PlanKind.MISSION)))
+    index = _item(context, first)
+    last_items = (0.0, float(_count(context) - 1 + homes(context.autopilot, PlanKind.MISSION)))
     if index is None or not within(last, 0, UINT16_MAX) or last not in last_items:
         return call.denied(f"{first:g} to {last:g} are not a first item of the mission and its last")
-    answer = session.ask(call.message, SetMode(int(Mode.AUTO)), call.now_s)
-    # 0 is where she stands in the mission; what is in range is not refused any more.
+    answer = context.request(call.message, SetMode(int(Mode.AUTO)), call.now_s)
+    # 0 is where the boat stands in the mission; what is in range is not refused any more.
     if answer.verdict is not Verdict.ACCEPTED or first == 0.0:
         return answer
-    return session.ask(call.message, SetMissionItem(index), call.now_s)
+    return context.request(call.message, SetMissionItem(index), call.now_s)
 
 
-def set_mission_item(session: LinkContext, call: Call) -> Answer:
+def set_mission_item(context: LinkContext, call: CommandCall) -> Answer:
     """Go on with another item of the mission; param2 = 1 also begins it anew."""
     number, restart = call.parameters[:2]
     if restart not in (0.0, 1.0):
         return call.denied("param2 is neither 0 nor 1")
-    index = _item(session, number)
+    index = _item(context, number)
     if index is None:
         return Answer(Verdict.FAILED, f"{call.name}: the mission has no such item")
-    return session.ask(call.message, SetMissionItem(index, restart=restart == 1.0), call.now_s)
+    return context.request(call.message, SetMissionItem(index, restart=restart == 1.0), call.now_s)
 
 
-def _count(session: LinkContext) -> int:
+def _count(context: LinkContext) -> int:
     """Return the number of items in force now; what the last tick has reported may be from before an upload."""
-    return len(session.authority.plans().mission.items)
+    return len(context.request_handler.plans().mission.items)
 
 
-def _item(session: LinkContext, number: float) -> int | None:
+def _item(context: LinkContext, number: float) -> int | None:
     """Return the index of an item by the number that ground stations give it, None for one that is not there."""
-    if _count(session) == 0:
+    if _count(context) == 0:
         return None
     if number == _PRESENT:
-        return 0 if session.snapshot is None else session.snapshot.mission.index or 0
+        return 0 if context.snapshot is None else context.snapshot.mission.index or 0
     if not within(number, 0, UINT16_MAX) or number != int(number):
         return None
     # Home, where it is item 0, stands for the first.
-    index = max(0, int(number) - homes(session.autopilot, PlanKind.MISSION))
-    return index if index < _count(session) else None
+    index = max(0, int(number) - homes(context.autopilot, PlanKind.MISSION))
+    return index if index < _count(context) else None
 
 
-def enable_fence(session: LinkContext, call: Call) -> Answer:
+def enable_fence(context: LinkContext, call: CommandCall) -> Answer:
     """Heed the fence (param1 = 1) or not (0), the whole of it."""
     wanted, kinds = call.parameters[:2]
     if wanted not in (0.0, 1.0):
@@ -87,4 +87,4 @@ def enable_fence(session: LinkContext, call: Call) -> Answer:
         return call.denied("the kinds of fence are not a number")
     if kinds > 0:
         return Answer(Verdict.UNSUPPORTED, f"{call.name}: the fence is heeded as a whole")
-    return session.ask(call.message, EnableFence(wanted == 1.0), call.now_s)
+    return context.request(call.message, EnableFence(wanted == 1.0), call.now_s)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from firmware_py.common.intents import Answer, Verdict
-from firmware_py.link.commands.server import ACCEPTED, NEITHER, Call
+from firmware_py.link.commands.server import ACCEPTED, NEITHER, CommandCall
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.peer import Peer
 from firmware_py.link.telemetry import identity
@@ -24,58 +24,58 @@ def _number(value: float) -> int:
     return int(value) if within(value, 0, 0xFFFFFF) and value == int(value) else -1
 
 
-# Messages that do not depend on the state of the boat, by the session and the index asked for.
+# Messages that do not depend on the state of the boat, by the context and the index asked for.
 # An index that is not given (NaN) asks for all, as 0 does.
 FIXED: Mapping[int, Callable[[LinkContext, float], Sequence[Message]]] = {
-    148: lambda session, _index: (identity.autopilot_version(session.version),),
+    148: lambda context, _index: (identity.autopilot_version(context.version),),
     300: lambda _session, _index: (identity.protocol_version(),),
-    395: lambda session, _index: (session.metadata.old_message(session.now_s),),
-    397: lambda session, _index: (session.metadata.message(session.now_s),),
+    395: lambda context, _index: (context.metadata.old_message(context.now_s),),
+    397: lambda context, _index: (context.metadata.message(context.now_s),),
     435: lambda _session, index: identity.available_modes(0 if math.isnan(index) else _number(index)),
 }
 
 
-def _current(session: LinkContext, number: int) -> Sequence[Message] | None:
+def _current(context: LinkContext, number: int) -> Sequence[Message] | None:
     """Return the messages of telemetry, as far as they have something to say."""
     if number not in ROWS_OF:
         return None
-    scene = session.scene()
-    if scene is None:
+    telemetry = context.telemetry_context()
+    if telemetry is None:
         return ()
-    built = (TABLE[row].build(scene) for row in ROWS_OF[number])
+    built = (TABLE[row].build(telemetry) for row in ROWS_OF[number])
     return tuple(message for message in built if message is not None)
 
 
-def _deliver(session: LinkContext, call: Call, number: int, index: float = 0.0) -> Answer:
-    messages = FIXED[number](session, index) if number in FIXED else _current(session, number)
+def _deliver(context: LinkContext, call: CommandCall, number: int, index: float = 0.0) -> Answer:
+    messages = FIXED[number](context, index) if number in FIXED else _current(context, number)
     if messages is None:
         return _UNKNOWN_MESSAGE
     for message in messages:
-        session.send(call.peer, message)
+        context.send(call.peer, message)
     return ACCEPTED if messages else _NOT_NOW
 
 
-def request_message(session: LinkContext, call: Call) -> Answer:
+def request_message(context: LinkContext, call: CommandCall) -> Answer:
     """Send one message now; param2 is the index of AVAILABLE_MODES."""
-    return _deliver(session, call, _number(call.parameters[0]), call.parameters[1])
+    return _deliver(context, call, _number(call.parameters[0]), call.parameters[1])
 
 
-def home_position(session: LinkContext, call: Call) -> Answer:
+def home_position(context: LinkContext, call: CommandCall) -> Answer:
     """Send HOME_POSITION now."""
-    return _deliver(session, call, _HOME_POSITION)
+    return _deliver(context, call, _HOME_POSITION)
 
 
-def capabilities(session: LinkContext, call: Call) -> Answer:
+def capabilities(context: LinkContext, call: CommandCall) -> Answer:
     """Send AUTOPILOT_VERSION now."""
-    return _deliver(session, call, 148)
+    return _deliver(context, call, 148)
 
 
-def protocol_version(session: LinkContext, call: Call) -> Answer:
+def protocol_version(context: LinkContext, call: CommandCall) -> Answer:
     """Send PROTOCOL_VERSION now."""
-    return _deliver(session, call, 300)
+    return _deliver(context, call, 300)
 
 
-def set_message_interval(session: LinkContext, call: Call) -> Answer:  # noqa: ARG001 - an action like the others
+def set_message_interval(context: LinkContext, call: CommandCall) -> Answer:  # noqa: ARG001 - an action like the others
     """Set the interval of a message to this peer: microseconds, -1 off, 0 default."""
     number = _number(call.parameters[0])
     if number not in ROWS_OF:
@@ -85,27 +85,27 @@ def set_message_interval(session: LinkContext, call: Call) -> Answer:  # noqa: A
     return ACCEPTED
 
 
-def control_high_latency(session: LinkContext, call: Call) -> Answer:
+def control_high_latency(context: LinkContext, call: CommandCall) -> Answer:
     """Start or stop HIGH_LATENCY2 on every satellite link, from whichever link it is asked."""
     wanted = call.parameters[0]
     if wanted not in (0.0, 1.0):
         return call.denied(NEITHER)
-    session.high_latency = wanted == 1.0
-    interval_s = session.authority.parameters()["LNK_SAT_S"] if session.high_latency else None
-    for peer in session.peers:
+    context.high_latency = wanted == 1.0
+    interval_s = context.request_handler.parameters()["LNK_SAT_S"] if context.high_latency else None
+    for peer in context.peers:
         if peer.quiet:
             peer.streams.set_high_latency(interval_s, call.now_s)
     return ACCEPTED
 
 
-def get_message_interval(session: LinkContext, call: Call) -> Answer:
+def get_message_interval(context: LinkContext, call: CommandCall) -> Answer:
     """Send MESSAGE_INTERVAL: microseconds, -1 off, 0 for a message that is not ours."""
     number = _number(call.parameters[0])
     interval_us = call.peer.streams.interval_us(number)
     if number > UINT16_MAX:
         return _UNKNOWN_MESSAGE
     shown = 0 if interval_us is None else min(interval_us, INT32_MAX)
-    session.send(call.peer, mavlink.MAVLink_message_interval_message(max(number, 0), shown))
+    context.send(call.peer, mavlink.MAVLink_message_interval_message(max(number, 0), shown))
     return ACCEPTED if interval_us is not None else _UNKNOWN_MESSAGE
 
 

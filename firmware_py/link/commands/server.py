@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from firmware_py.common.intents import Answer, Verdict
 from firmware_py.common.records import Severity
-from firmware_py.link.commands.memory import CommandMemory, Done
-from firmware_py.link.commands.pending import CANCELLED, IN_PROGRESS, UNKNOWN_PROGRESS, Pending
+from firmware_py.link.commands.memory import CommandMemory, CommandRecord
+from firmware_py.link.commands.pending import CANCELLED, IN_PROGRESS, UNKNOWN_PROGRESS, PendingCommand
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
@@ -22,7 +22,7 @@ _MOST_PENDING = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
+class CommandCall:
     """One command as it came; the fields are unchecked: NaN, infinite, anything."""
 
     peer: Peer
@@ -52,7 +52,7 @@ class Call:
         return self.message.get_srcSystem(), self.message.get_srcComponent()
 
 
-Action = Callable[[LinkContext, Call], Answer | Pending]
+CommandAction = Callable[[LinkContext, CommandCall], Answer | PendingCommand]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,36 +67,36 @@ class CommandRow:
 
     command: int
     name: str
-    act: Action
+    act: CommandAction
     text: str
     repeatable: bool = False
     relative: bool = False
 
 
-class Commands:
+class CommandServer:
     """Finds the row of a command, carries it out and acknowledges it."""
 
-    def __init__(self, session: LinkContext, rows: Iterable[CommandRow]) -> None:
+    def __init__(self, context: LinkContext, rows: Iterable[CommandRow]) -> None:
         """Take the rows that are known here."""
-        self._session = session
+        self._context = context
         self._rows: Mapping[int, CommandRow] = {row.command: row for row in rows}
         self._memory = CommandMemory()
-        self._pending: list[tuple[Call, Pending]] = []
+        self._pending: list[tuple[CommandCall, PendingCommand]] = []
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
         return {76: self._long, 75: self._int, 11: self._set_mode, 80: self._cancel}
 
-    def pump(self, now_s: float) -> None:
+    def update(self, now_s: float) -> None:
         """Say how the commands under way are getting on, and end those that take too long."""
         for call, pending in tuple(self._pending):
-            pending.look()
+            pending.check_end()
             if pending.ended:
                 continue
-            if pending.late(now_s):
+            if pending.timed_out(now_s):
                 pending.give_up()
                 self._conclude(call, pending, Answer(Verdict.FAILED, f"{call.name}: not done in time"))
-            elif pending.due(now_s):
+            elif pending.progress_due(now_s):
                 self._acknowledge(call, IN_PROGRESS, pending.percent())
 
     def _long(self, peer: Peer, message: Message, now_s: float) -> None:
@@ -104,38 +104,40 @@ class Commands:
         first = (message.param1, message.param2, message.param3, message.param4)
         last = (message.param5, message.param6, message.param7)
         row = self._rows.get(message.command)
-        call = Call(peer, message, message.command, first, *last, None, now_s, _name(row))
+        call = CommandCall(peer, message, message.command, first, *last, None, now_s, _name(row))
         # As bytes, since NaN is not equal to itself.
-        self._once(row, call, struct.pack("<7f", *first, *last), confirmed=message.confirmation > 0)
+        self._carry_out_once(row, call, struct.pack("<7f", *first, *last), confirmed=message.confirmation > 0)
 
     def _int(self, peer: Peer, message: Message, now_s: float) -> None:
         """Carry out a command whose place is in whole numbers."""
         first = (message.param1, message.param2, message.param3, message.param4)
         row = self._rows.get(message.command)
         place = (float(message.x), float(message.y), message.z)
-        call = Call(peer, message, message.command, first, *place, message.frame, now_s, _name(row))
+        call = CommandCall(peer, message, message.command, first, *place, message.frame, now_s, _name(row))
         asked = struct.pack("<B4fiif", message.frame, *first, message.x, message.y, message.z)
-        self._once(row, call, asked, confirmed=False)
+        self._carry_out_once(row, call, asked, confirmed=False)
 
-    def _once(self, row: CommandRow | None, call: Call, asked: bytes, *, confirmed: bool) -> None:
+    def _carry_out_once(self, row: CommandRow | None, call: CommandCall, asked: bytes, *, confirmed: bool) -> None:
         if row is None or row.repeatable:
             self._carry_out(row, call)
             return
-        done = Done(call.now_s, call.message.get_seq(), asked, call.frame is not None, call.peer)
-        earlier = self._memory.earlier(call.sender, call.command, done, confirmed=confirmed, relative=row.relative)
+        done = CommandRecord(call.now_s, call.message.get_seq(), asked, call.frame is not None, call.peer)
+        earlier = self._memory.find_original(
+            call.sender, call.command, done, confirmed=confirmed, relative=row.relative
+        )
         if earlier is not None:
             self._acknowledge(call, earlier.result)
             return
         # Remembered first: a command under way says its result later.
-        self._memory.keep(call.sender, call.command, done)
+        self._memory.remember(call.sender, call.command, done)
         self._carry_out(row, call)
 
     def _set_mode(self, peer: Peer, message: Message, now_s: float) -> None:
         """Take the old message as DO_SET_MODE, acknowledged as a command as ArduPilot does."""
         first = (float(message.base_mode), float(message.custom_mode), 0.0, 0.0)
         row = self._rows[int(mavlink.MAV_CMD_DO_SET_MODE)]
-        call = Call(peer, message, row.command, first, 0.0, 0.0, 0.0, None, now_s, row.name)
-        answer = row.act(self._session, call)
+        call = CommandCall(peer, message, row.command, first, 0.0, 0.0, 0.0, None, now_s, row.name)
+        answer = row.act(self._context, call)
         if isinstance(answer, Answer):
             self._explain(call, answer)
             self._acknowledge(call, answer.verdict, command=int(mavlink.MAVLINK_MSG_ID_SET_MODE))
@@ -148,52 +150,52 @@ class Commands:
 
     # ------------------------------------------------------------------ carrying out
 
-    def _carry_out(self, row: CommandRow | None, call: Call) -> None:
+    def _carry_out(self, row: CommandRow | None, call: CommandCall) -> None:
         if row is None:
             self._acknowledge(call, Verdict.UNSUPPORTED)
             return
         if any(under_way.command == call.command for under_way, _ in self._pending):
             self._conclude(call, None, Answer(Verdict.TEMPORARILY_REJECTED, f"{call.name} is under way already"))
             return
-        answer = row.act(self._session, call)
-        if isinstance(answer, Pending):
+        answer = row.act(self._context, call)
+        if isinstance(answer, PendingCommand):
             self._begin(call, answer)
         else:
             self._conclude(call, None, answer)
 
-    def _begin(self, call: Call, pending: Pending) -> None:
+    def _begin(self, call: CommandCall, pending: PendingCommand) -> None:
         if len(self._pending) >= _MOST_PENDING:
             pending.cancel()
             self._conclude(call, None, Answer(Verdict.TEMPORARILY_REJECTED, "Too many commands are under way"))
             return
-        self._memory.note(call.sender, call.command, IN_PROGRESS)
+        self._memory.set_result(call.sender, call.command, IN_PROGRESS)
         self._pending.append((call, pending))
-        pending.begin(call.now_s, lambda answer: self._finished(call, pending, answer))
+        pending.begin(call.now_s, lambda answer: self._finish(call, pending, answer))
 
-    def _finished(self, call: Call, pending: Pending, answer: Answer) -> None:
+    def _finish(self, call: CommandCall, pending: PendingCommand, answer: Answer) -> None:
         self._conclude(call, pending, answer)
-        call.peer.outbox.flush(self._session.now_s)
+        call.peer.outbox.flush(self._context.now_s)
 
-    def _conclude(self, call: Call, pending: Pending | None, answer: Answer | int) -> None:
+    def _conclude(self, call: CommandCall, pending: PendingCommand | None, answer: Answer | int) -> None:
         if pending is not None:
             self._pending = [entry for entry in self._pending if entry[1] is not pending]
         result = int(answer.verdict) if isinstance(answer, Answer) else answer
-        self._memory.note(call.sender, call.command, result)
+        self._memory.set_result(call.sender, call.command, result)
         if isinstance(answer, Answer):
             self._explain(call, answer)
         self._acknowledge(call, result)
 
-    def _explain(self, call: Call, answer: Answer) -> None:
+    def _explain(self, call: CommandCall, answer: Answer) -> None:
         if answer.verdict is not Verdict.ACCEPTED and answer.text:
-            self._session.say(call.peer, Severity.WARNING, answer.text, self._session.now_s)
+            self._context.send_text_limited(call.peer, Severity.WARNING, answer.text, self._context.now_s)
 
     def _acknowledge(
-        self, call: Call, result: int, percent: int = UNKNOWN_PROGRESS, *, command: int | None = None
+        self, call: CommandCall, result: int, percent: int = UNKNOWN_PROGRESS, *, command: int | None = None
     ) -> None:
         number = call.command if command is None else command
         progress = percent if result == IN_PROGRESS else 0
         reply = mavlink.MAVLink_command_ack_message(number, int(result), progress, 0, *call.sender)
-        self._session.send(call.peer, reply, Priority.URGENT)
+        self._context.send(call.peer, reply, Priority.URGENT)
 
 
 def _name(row: CommandRow | None) -> str:

@@ -7,7 +7,7 @@ import math
 from firmware_py.common.intents import Answer, Arm, Restart, SetMode, Verdict
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import Severity
-from firmware_py.link.commands.server import ACCEPTED, NEITHER, Action, Call
+from firmware_py.link.commands.server import ACCEPTED, NEITHER, CommandAction, CommandCall
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.telemetry import identity
 from firmware_py.link.telemetry.context_fields import UINT32_MAX
@@ -18,28 +18,28 @@ _FORCE_RESTART = 20190226  # REBOOT_SHUTDOWN_CONDITIONS_FORCE, in param6
 _CUSTOM = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
-def set_mode(session: LinkContext, call: Call) -> Answer:
+def set_mode(context: LinkContext, call: CommandCall) -> Answer:
     """Enter a mode. Only custom modes: the flags of base_mode say nothing definite. The number is taken whole."""
     base_mode, custom_mode = call.parameters[:2]
     if not within(base_mode, 0, 255) or not int(base_mode) & _CUSTOM:
         return call.denied("only custom modes can be set")
     if not within(custom_mode, 0, UINT32_MAX) or custom_mode != int(custom_mode):
         return call.denied("the mode is not a whole number")
-    return session.ask(call.message, SetMode(int(custom_mode)), call.now_s)
+    return context.request(call.message, SetMode(int(custom_mode)), call.now_s)
 
 
-def set_standard_mode(session: LinkContext, call: Call) -> Answer:
+def set_standard_mode(context: LinkContext, call: CommandCall) -> Answer:
     """Enter the mode that is a MAV_STANDARD_MODE here."""
     standard = call.parameters[0]
     mode = identity.mode_of_standard(int(standard)) if within(standard, 0, 255) and standard == int(standard) else None
     if mode is None:
         return Answer(Verdict.FAILED, f"{call.name}: she has no such standard mode")
-    return session.ask(call.message, SetMode(mode), call.now_s)
+    return context.request(call.message, SetMode(mode), call.now_s)
 
 
-def _enter(mode: Mode) -> Action:
-    def enter(session: LinkContext, call: Call) -> Answer:
-        return session.ask(call.message, SetMode(int(mode)), call.now_s)
+def _enter(mode: Mode) -> CommandAction:
+    def enter(context: LinkContext, call: CommandCall) -> Answer:
+        return context.request(call.message, SetMode(int(mode)), call.now_s)
 
     return enter
 
@@ -48,7 +48,7 @@ return_to_launch = _enter(Mode.RTL)
 loiter = _enter(Mode.LOITER)
 
 
-def restart(session: LinkContext, call: Call) -> Answer:
+def restart(context: LinkContext, call: CommandCall) -> Answer:
     """Start the autopilot anew (param1 = 1) or end it (2), the rudder made safe first.
 
     Only the autopilot: the computer (param2) and other components (param3) are not its to restart.
@@ -61,24 +61,24 @@ def restart(session: LinkContext, call: Call) -> Answer:
         return Answer(Verdict.UNSUPPORTED, f"{call.name}: only the autopilot itself can be restarted")
     if action == 0.0:
         return ACCEPTED
-    return session.ask(call.message, Restart(shutdown=action == 2.0, force=call.y == _FORCE_RESTART), call.now_s)
+    return context.request(call.message, Restart(shutdown=action == 2.0, force=call.y == _FORCE_RESTART), call.now_s)
 
 
-def arm_disarm(session: LinkContext, call: Call) -> Answer:
+def arm_disarm(context: LinkContext, call: CommandCall) -> Answer:
     """Arm or disarm."""
     wanted, force = call.parameters[:2]
     if wanted not in (0.0, 1.0):
         return call.denied(NEITHER)
-    return session.ask(call.message, Arm(wanted == 1.0, force == _FORCE), call.now_s)
+    return context.request(call.message, Arm(wanted == 1.0, force == _FORCE), call.now_s)
 
 
-def run_prearm_checks(session: LinkContext, call: Call) -> Answer:
+def run_prearm_checks(context: LinkContext, call: CommandCall) -> Answer:
     """Say whether arming would be accepted, and why not."""
-    if session.snapshot is None:
+    if context.snapshot is None:
         return Answer(Verdict.TEMPORARILY_REJECTED, "PreArm: starting")
-    if session.snapshot.armed:
+    if context.snapshot.armed:
         return Answer(Verdict.TEMPORARILY_REJECTED, "PreArm: already armed")
-    refusal = session.snapshot.prearm_refusal
+    refusal = context.snapshot.prearm_refusal
     severity, text = (Severity.WARNING, f"PreArm: {refusal}") if refusal else (Severity.INFO, "PreArm: all good")
-    session.say(call.peer, severity, text, call.now_s)
+    context.send_text_limited(call.peer, severity, text, call.now_s)
     return ACCEPTED

@@ -53,21 +53,21 @@ class Area:
 
     def listing(self, parts: Parts) -> tuple[Entry, ...]:
         """Return what a directory holds, by name; hidden names, links and devices are left out."""
-        found: list[Entry] = []
+        listing: list[Entry] = []
         try:
             with self._directory(parts) as directory, os.scandir(directory) as entries:
                 for entry in entries:
-                    if entry.name.startswith(".") or len(found) >= _LISTED:
+                    if entry.name.startswith(".") or len(listing) >= _LISTED:
                         continue
                     status = entry.stat(follow_symlinks=False)
                     if stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode):
                         is_directory = stat.S_ISDIR(status.st_mode)
                         size = 0 if is_directory else status.st_size
-                        found.append(Entry(entry.name, is_directory, size, max(0, int(status.st_mtime))))
+                        listing.append(Entry(entry.name, is_directory, size, max(0, int(status.st_mtime))))
         except FileNotFoundError:
             if parts:
                 raise
-        return tuple(sorted(found))
+        return tuple(sorted(listing))
 
     def open_read(self, parts: Parts) -> int:
         """Open a file and return its descriptor."""
@@ -137,7 +137,7 @@ class Area:
                 raise Refusal(Error.FAIL_ERRNO, errno.EISDIR) from None
 
     def make_directory(self, parts: Parts) -> None:
-        """Make a directory."""
+        """Generate a directory."""
         if len(parts) >= DEEPEST:
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
         self._check_room(parts, 0)

@@ -53,7 +53,7 @@ class Error(IntEnum):
     FILE_NOT_FOUND = 10
 
 
-class Refusal(Exception):  # noqa: N818 - it is an answer, not a fault of the program
+class Refusal(Exception):  # noqa: N818 - it is an ack_payload, not a fault of the program
     """A request that is refused; `number` is the errno that goes with FAIL_ERRNO, `text` is for the operator."""
 
     def __init__(self, error: Error, number: int = 0, text: str = "") -> None:
@@ -87,7 +87,7 @@ def refusal_of(failure: Exception) -> Refusal:
     return Refusal(Error.FAIL)
 
 
-class Request(NamedTuple):
+class FileRequest(NamedTuple):
     """One request as it came; the numbers are what they may be."""
 
     sequence: int
@@ -98,22 +98,22 @@ class Request(NamedTuple):
     data: bytes  # as long as `size` says
 
 
-def parse(payload: bytes) -> Request:
+def parse_request(payload: bytes) -> FileRequest:
     """Read a payload of 251 bytes; Refusal for a size that it cannot hold."""
     sequence, session, opcode, size, _, _, _, offset, data = PAYLOAD.unpack(payload)
     if size > DATA_BYTES:
         raise Refusal(Error.INVALID_DATA_SIZE)
-    return Request(sequence, session, opcode, size, offset, data[:size])
+    return FileRequest(sequence, session, opcode, size, offset, data[:size])
 
 
-def answer(request: Request, data: bytes = b"", *, offset: int | None = None) -> bytes:
+def ack_payload(request: FileRequest, data: bytes = b"", *, offset: int | None = None) -> bytes:
     """Return the ACK of a request as a payload."""
     at = request.offset if offset is None else offset
     sequence = (request.sequence + 1) & 0xFFFF
     return PAYLOAD.pack(sequence, request.session, Opcode.ACK, len(data), request.opcode, 0, 0, at, data)
 
 
-def refused(request: Request, refusal: Refusal) -> bytes:
+def nak_payload(request: FileRequest, refusal: Refusal) -> bytes:
     """Return the NAK of a request as a payload."""
     data = bytes((refusal.error,))
     if refusal.error is Error.FAIL_ERRNO:
@@ -122,7 +122,7 @@ def refused(request: Request, refusal: Refusal) -> bytes:
     return PAYLOAD.pack(sequence, request.session, Opcode.NAK, len(data), request.opcode, 0, 0, request.offset, data)
 
 
-def burst_part(request: Request, index: int, data: bytes, offset: int, *, last: bool) -> bytes:
+def burst_payload(request: FileRequest, index: int, data: bytes, offset: int, *, last: bool) -> bytes:
     """Return one part of the answer to a burst read as a payload; each has the next sequence number."""
     sequence = (request.sequence + 1 + index) & 0xFFFF
     return PAYLOAD.pack(sequence, request.session, Opcode.ACK, len(data), request.opcode, last, 0, offset, data)

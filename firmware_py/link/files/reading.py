@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
+from firmware_py.link.files.answers import Answers, FileAction, FileCall
 from firmware_py.link.files.area import mavlink_crc32
-from firmware_py.link.files.desk import Action, Call, Desk
 from firmware_py.link.files.payload import DATA_BYTES, Error, Opcode, Refusal
-from firmware_py.link.files.sessions import Burst, Client, Reading, listing_data
-from firmware_py.link.files.tree import parse_path
+from firmware_py.link.files.sessions import Burst, Client, FileSessions, OpenFile, listing_data
+from firmware_py.link.files.tree import Tree, parse_path
 
 _LISTINGS = 8
 _LISTING_S = 30.0  # a listing is read on, page by page, for so long
@@ -21,12 +21,14 @@ _LISTING_S = 30.0  # a listing is read on, page by page, for so long
 class ReadingRequests:
     """The requests that change nothing."""
 
-    def __init__(self, desk: Desk) -> None:
-        """Take the desk to work at."""
-        self._desk = desk
+    def __init__(self, tree: Tree, sessions: FileSessions, answers: Answers) -> None:
+        """Take the files there are, those that are open, what answers."""
+        self._tree = tree
+        self._sessions = sessions
+        self._answers = answers
         self._listings: OrderedDict[tuple[Client, bytes], tuple[Any, float]] = OrderedDict()
 
-    def actions(self) -> Mapping[int, Action]:
+    def actions(self) -> Mapping[int, FileAction]:
         """Return the opcodes carried out here."""
         return {
             Opcode.NONE: lambda _: b"",
@@ -38,16 +40,16 @@ class ReadingRequests:
             Opcode.CHECKSUM: self._checksum,
         }
 
-    def _list(self, call: Call) -> bytes | None:
+    def _list(self, call: FileCall) -> bytes | None:
         key = (call.client, call.request.data)
         start, with_time = call.request.offset, call.request.opcode == Opcode.LIST_WITH_TIME
 
         def page(entries: Any) -> bytes:
             return listing_data(entries, start, with_time=with_time, room=DATA_BYTES)
 
-        known = self._listings.get(key)
-        if start and known is not None and call.now_s - known[1] < _LISTING_S:
-            return page(known[0])
+        listing, listed_s = self._listings.get(key, (None, 0.0))
+        if start and listing is not None and call.now_s - listed_s < _LISTING_S:
+            return page(listing)
         parts, _ = parse_path(call.request.data)
 
         def keep(entries: Any) -> bytes:
@@ -57,56 +59,56 @@ class ReadingRequests:
                 self._listings.popitem(last=False)
             return page(entries)
 
-        self._desk.later(call, partial(self._desk.tree.listing, parts), keep)
+        self._answers.finish_later(call, partial(self._tree.listing, parts), keep)
         return None
 
-    def _open_read(self, call: Call) -> None:
+    def _open_read(self, call: FileCall) -> None:
         parts, query = parse_path(call.request.data)
-        make = self._desk.tree.made.get(parts)
+        make = self._tree.generated.get(parts)
         if make is None:
-            area, within = self._desk.tree.area(parts)
+            area, within = self._tree.area(parts)
             source: Callable[[], int | bytes] = partial(area.open_read, within)
         else:
             source = partial(make, query)
-        self._desk.sessions.check_room(call.client, call.request.session, call.now_s)
+        self._sessions.check_room(call.client, call.request.session, call.now_s)
 
         def opened(content: int | bytes) -> bytes:
-            reading = Reading(parts, content)
+            reading = OpenFile(parts, content)
             try:
-                self._desk.sessions.check_room(call.client, call.request.session, call.now_s)
+                self._sessions.check_room(call.client, call.request.session, call.now_s)
             except Refusal:
                 reading.close()  # others were quicker
                 raise
-            self._desk.sessions.put(call.client, call.request.session, reading, call.now_s)
+            self._sessions.open(call.client, call.request.session, reading, call.now_s)
             return struct.pack("<I", min(reading.size, 0xFFFFFFFF))
 
-        self._desk.later(call, source, opened)
+        self._answers.finish_later(call, source, opened)
 
-    def _reading(self, call: Call) -> Reading:
-        handle = self._desk.sessions.find(call.client, call.request.session, call.now_s).handle
-        if not isinstance(handle, Reading):
+    def _reading(self, call: FileCall) -> OpenFile:
+        handle = self._sessions.use(call.client, call.request.session, call.now_s).handle
+        if not isinstance(handle, OpenFile):
             raise Refusal(Error.INVALID_SESSION)
         return handle
 
-    def _read(self, call: Call) -> bytes:
+    def _read(self, call: FileCall) -> bytes:
         return self._reading(call).read(call.request.offset, call.request.size or DATA_BYTES)
 
-    def _burst_read(self, call: Call) -> None:
+    def _burst_read(self, call: FileCall) -> None:
         reading = self._reading(call)
         if call.request.offset >= reading.size:
             raise Refusal(Error.END_OF_FILE)
-        session = self._desk.sessions.find(call.client, call.request.session, call.now_s)
+        session = self._sessions.use(call.client, call.request.session, call.now_s)
         if session.burst is None or session.burst.request != call.request:
             session.burst = Burst(call.request)
 
-    def _checksum(self, call: Call) -> None:
+    def _checksum(self, call: FileCall) -> None:
         parts, query = parse_path(call.request.data)
-        make = self._desk.tree.made.get(parts)
+        make = self._tree.generated.get(parts)
         if make is None:
-            area, within = self._desk.tree.area(parts)
-            self._desk.later(call, partial(area.checksum, within), _checksum_data)
+            area, within = self._tree.area(parts)
+            self._answers.finish_later(call, partial(area.checksum, within), _checksum_data)
         else:
-            self._desk.later(call, lambda: mavlink_crc32(make(query)), _checksum_data)
+            self._answers.finish_later(call, lambda: mavlink_crc32(make(query)), _checksum_data)
 
 
 def _checksum_data(checksum: int) -> bytes:

@@ -10,9 +10,9 @@ from pathlib import Path
 from firmware_py.common.interfaces import RequestHandler
 from firmware_py.common.parameters import format_file
 from firmware_py.link.files.area import Area, Parts
-from firmware_py.link.files.tree import Make, Sink, Tree
+from firmware_py.link.files.tree import Generate, Sink, Tree
 from firmware_py.link.parameters.metadata import Metadata
-from firmware_py.link.parameters.pack import packed
+from firmware_py.link.parameters.pack import pack
 
 PACKED_PARAMETERS: Parts = ("@PARAM", "param.pck")
 
@@ -39,8 +39,8 @@ class FileRoot:
 def tree_of(
     storage: FileRoot,
     metadata: Metadata,
-    authority: RequestHandler,
-    more: Mapping[Parts, Make],
+    request_handler: RequestHandler,
+    more: Mapping[Parts, Generate],
     sinks: Mapping[Parts, Sink],
 ) -> Tree:
     """Return all that file transfer shows; `more` is made when it is read, `sinks` put an upload in force."""
@@ -49,9 +49,9 @@ def tree_of(
         areas["logs"] = Area(storage.logs, writable=False)
     if storage.uploads is not None:
         areas["uploads"] = Area(storage.uploads, writable=True)
-    made: dict[Parts, Make] = {path: partial(_same, content) for path, content in metadata.files.items()}
-    made[PACKED_PARAMETERS] = lambda query: packed(authority.parameters(), query)
-    made["parameters.param",] = lambda _: format_file(dict(authority.parameters().items())).encode()
+    made: dict[Parts, Generate] = {path: partial(_same, content) for path, content in metadata.files.items()}
+    made[PACKED_PARAMETERS] = lambda query: pack(request_handler.parameters(), query)
+    made["parameters.param",] = lambda _: format_file(dict(request_handler.parameters().items())).encode()
     return Tree(areas, {**made, **more}, sinks)
 
 

@@ -10,20 +10,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from firmware_py.link.context import Handler, LinkContext
-from firmware_py.link.files.desk import FILE_TRANSFER, PENDING, Action, Call, Desk
+from firmware_py.link.files.answers import FILE_TRANSFER, PENDING, Answers, FileAction, FileCall
 from firmware_py.link.files.payload import (
     PAYLOAD,
     Error,
+    FileRequest,
     Opcode,
     Refusal,
-    Request,
-    burst_part,
-    parse,
+    burst_payload,
+    nak_payload,
+    parse_request,
     refusal_of,
-    refused,
 )
 from firmware_py.link.files.reading import ReadingRequests
-from firmware_py.link.files.sessions import Client, Open, Reading
+from firmware_py.link.files.sessions import Client, FileSession, FileSessions, OpenFile
 from firmware_py.link.files.tree import Tree
 from firmware_py.link.files.writing import WritingRequests
 from firmware_py.link.peer import Peer
@@ -34,60 +34,61 @@ from firmware_py.link.wire.worker import Worker
 _FRAME_BYTES = 12 + 3 + PAYLOAD.size
 
 
-class Files:
+class FileServer:
     """Answers FILE_TRANSFER_PROTOCOL."""
 
-    def __init__(self, session: LinkContext, tree: Tree, worker: Worker) -> None:
-        """Take the session to answer through, what is to be seen, and who waits for the disk."""
-        self._desk = Desk(session, tree, worker)
-        self._actions: Mapping[int, Action] = {
-            **ReadingRequests(self._desk).actions(),
-            **WritingRequests(self._desk).actions(),
+    def __init__(self, context: LinkContext, tree: Tree, worker: Worker) -> None:
+        """Take the context to answer through, what is to be seen, and who waits for the disk."""
+        self._sessions = FileSessions()
+        self._answers = Answers(context, self._sessions, worker)
+        self._actions: Mapping[int, FileAction] = {
+            **ReadingRequests(tree, self._sessions, self._answers).actions(),
+            **WritingRequests(tree, self._sessions, self._answers, context, worker).actions(),
         }
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
-        return {FILE_TRANSFER: self._asked}
+        return {FILE_TRANSFER: self._answer}
 
-    def _asked(self, peer: Peer, message: Message, now_s: float) -> None:
+    def _answer(self, peer: Peer, message: Message, now_s: float) -> None:
         raw = bytes(message.payload)
         if raw[3] in (Opcode.ACK, Opcode.NAK):
             return
         client = Client(peer, message.get_srcSystem(), message.get_srcComponent())
         try:
-            request = parse(raw)
+            request = parse_request(raw)
         except Refusal as refusal:
             sequence, number, opcode = PAYLOAD.unpack(raw)[:3]
-            call = Call(Request(sequence, number, opcode, 0, 0, b""), raw, client, now_s)
-            self._desk.send(call, refused(call.request, refusal))
+            call = FileCall(FileRequest(sequence, number, opcode, 0, 0, b""), raw, client, now_s)
+            self._answers.send(call, nak_payload(call.request, refusal))
             return
-        call = Call(request, raw, client, now_s)
-        self._desk.sessions.expire(now_s)
-        earlier = self._desk.earlier(call)
+        call = FileCall(request, raw, client, now_s)
+        self._sessions.expire(now_s)
+        earlier = self._answers.find(call)
         if earlier is None:
             self._carry_out(call)
         elif earlier is not PENDING:
-            self._desk.send(call, earlier)
+            self._answers.send(call, earlier)
 
-    def _carry_out(self, call: Call) -> None:
+    def _carry_out(self, call: FileCall) -> None:
         action = self._actions.get(call.request.opcode)
         if action is None:
-            self._desk.finish(call, Refusal(Error.UNKNOWN_COMMAND))
+            self._answers.finish(call, Refusal(Error.UNKNOWN_COMMAND))
             return
-        self._desk.begin(call)
+        self._answers.begin(call)
         try:
             data = action(call)
         except (Refusal, OSError) as failure:
-            self._desk.finish(call, failure)
+            self._answers.finish(call, failure)
         else:
             if data is not None:
-                self._desk.finish(call, data)
+                self._answers.finish(call, data)
 
     def pump(self, peer: Peer, now_s: float) -> None:
         """Go on with the bursts of a peer, as far as its line keeps up."""
         waiting = [
             (client, session)
-            for (client, _), session in self._desk.sessions.items()
+            for (client, _), session in self._sessions.items()
             if session.burst is not None and client.peer is peer
         ]
         for client, session in waiting:
@@ -97,22 +98,22 @@ class Files:
             session.used_s = now_s
             self._send_parts(client, session, count, now_s)
         if any(session.burst is not None for _, session in waiting):
-            peer.bulk.leave()
+            peer.bulk.mark_unfinished()
 
-    def _send_parts(self, client: Client, session: Open, count: int, now_s: float) -> None:
+    def _send_parts(self, client: Client, session: FileSession, count: int, now_s: float) -> None:
         """Go on with one burst."""
-        if session.burst is None or not isinstance(session.handle, Reading):
+        if session.burst is None or not isinstance(session.handle, OpenFile):
             return
-        call = Call(session.burst.request, b"", client, now_s)
+        call = FileCall(session.burst.request, b"", client, now_s)
         try:
             parts, ended = session.burst.next_parts(session.handle, count)
         except (Refusal, OSError) as failure:
             session.burst = None
-            self._desk.send(call, refused(call.request, refusal_of(failure)))
+            self._answers.send(call, nak_payload(call.request, refusal_of(failure)))
             return
         for place, (index, offset, data) in enumerate(parts):
             last = ended and place == len(parts) - 1
-            self._desk.send(call, burst_part(call.request, index, data, offset, last=last))
+            self._answers.send(call, burst_payload(call.request, index, data, offset, last=last))
         client.peer.bulk.spend(len(parts) * _FRAME_BYTES)
         if ended:
             session.burst = None

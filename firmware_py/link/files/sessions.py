@@ -8,7 +8,7 @@ from collections import OrderedDict
 from typing import NamedTuple
 
 from firmware_py.link.files.area import FILE_BYTES, Entry, Parts
-from firmware_py.link.files.payload import Error, Refusal, Request
+from firmware_py.link.files.payload import Error, FileRequest, Refusal
 from firmware_py.link.peer import Peer
 
 MOST_SESSIONS = 16
@@ -18,7 +18,7 @@ FORGET_S = 120.0  # and unused for this long it is closed in any case
 _BURST_PARTS = 160  # then the client asks again: what a receive buffer of 208 KiB holds, with a margin
 
 
-class Reading:
+class OpenFile:
     """A file as it was when it was opened: what is appended later is not part of it."""
 
     __slots__ = ("_content", "_descriptor", "path", "size")
@@ -46,7 +46,7 @@ class Reading:
             self._descriptor = -1
 
 
-class Upload:
+class FileUpload:
     """A file on its way in: it takes its place when the session ends, whole."""
 
     __slots__ = ("content", "path")
@@ -75,14 +75,14 @@ class Burst:
 
     __slots__ = ("_part_bytes", "index", "offset", "request")
 
-    def __init__(self, request: Request) -> None:
+    def __init__(self, request: FileRequest) -> None:
         """Start at the offset asked for; the size asked for is that of each part."""
         self.request = request
         self.offset = request.offset
         self.index = 0
         self._part_bytes = request.size or 239
 
-    def next_parts(self, reading: Reading, count: int) -> tuple[list[tuple[int, int, bytes]], bool]:
+    def next_parts(self, reading: OpenFile, count: int) -> tuple[list[tuple[int, int, bytes]], bool]:
         """Return up to count parts as (index, offset, data), and whether they end the burst."""
         count = min(count, _BURST_PARTS - self.index)
         data = reading.read(self.offset, count * self._part_bytes)
@@ -97,12 +97,12 @@ class Burst:
         return parts, ended
 
 
-class Open:
+class FileSession:
     """One session."""
 
     __slots__ = ("burst", "handle", "used_s")
 
-    def __init__(self, handle: Reading | Upload, now_s: float) -> None:
+    def __init__(self, handle: OpenFile | FileUpload, now_s: float) -> None:
         """Begin to be used."""
         self.handle = handle
         self.burst: Burst | None = None
@@ -117,31 +117,31 @@ class Client(NamedTuple):
     component: int
 
 
-class Sessions:
+class FileSessions:
     """The open sessions of all clients, bounded; a client chooses the numbers of its own."""
 
     def __init__(self) -> None:
         """Start with none."""
-        self._open: OrderedDict[tuple[Client, int], Open] = OrderedDict()  # the least used first
+        self._open: OrderedDict[tuple[Client, int], FileSession] = OrderedDict()  # the least used first
 
     def __len__(self) -> int:
         """Return the number of sessions."""
         return len(self._open)
 
-    def items(self) -> tuple[tuple[tuple[Client, int], Open], ...]:
+    def items(self) -> tuple[tuple[tuple[Client, int], FileSession], ...]:
         """Return the sessions as they are now."""
         return tuple(self._open.items())
 
-    def find(self, client: Client, number: int, now_s: float) -> Open:
+    def use(self, client: Client, number: int, now_s: float) -> FileSession:
         """Return a session and note its use; Refusal when there is none."""
-        found = self._open.get((client, number))
-        if found is None:
+        session = self._open.get((client, number))
+        if session is None:
             raise Refusal(Error.INVALID_SESSION)
-        found.used_s = now_s
+        session.used_s = now_s
         self._open.move_to_end((client, number))
-        return found
+        return session
 
-    def peek(self, client: Client, number: int) -> Open | None:
+    def get(self, client: Client, number: int) -> FileSession | None:
         """Return a session without using it."""
         return self._open.get((client, number))
 
@@ -150,7 +150,7 @@ class Sessions:
         return self._open[(client, number)].used_s
 
     def check_room(self, client: Client, number: int, now_s: float) -> None:
-        """Make sure that a session can be opened: what is idle makes room; Refusal when nothing is."""
+        """Generate sure that a session can be opened: what is idle makes room; Refusal when nothing is."""
         if (client, number) in self._open:
             return
         own = [key for key in self._open if key[0] == client]
@@ -159,21 +159,21 @@ class Sessions:
             return
         if now_s - self._open[crowd[0]].used_s < IDLE_S:
             raise Refusal(Error.NO_SESSIONS_AVAILABLE)
-        self.drop(*crowd[0])
+        self.discard(*crowd[0])
 
-    def put(self, client: Client, number: int, handle: Reading | Upload, now_s: float) -> None:
+    def open(self, client: Client, number: int, handle: OpenFile | FileUpload, now_s: float) -> None:
         """Open a session, in place of one of the same number."""
-        self.drop(client, number)
-        self._open[(client, number)] = Open(handle, now_s)
+        self.discard(client, number)
+        self._open[(client, number)] = FileSession(handle, now_s)
 
-    def take(self, client: Client, number: int) -> Reading | Upload | None:
+    def end(self, client: Client, number: int) -> OpenFile | FileUpload | None:
         """End a session and return what it held."""
-        found = self._open.pop((client, number), None)
-        return None if found is None else found.handle
+        session = self._open.pop((client, number), None)
+        return None if session is None else session.handle
 
-    def drop(self, client: Client, number: int) -> None:
+    def discard(self, client: Client, number: int) -> None:
         """End a session; an upload is forgotten."""
-        handle = self.take(client, number)
+        handle = self.end(client, number)
         if handle is not None:
             handle.close()
 
@@ -185,7 +185,7 @@ class Sessions:
         """Close what nobody has used for long."""
         for key, session in self.items():
             if now_s - session.used_s > FORGET_S:
-                self.drop(*key)
+                self.discard(*key)
 
 
 def listing_data(entries: tuple[Entry, ...], start: int, *, with_time: bool, room: int) -> bytes:

@@ -12,7 +12,7 @@ from firmware_py.link.files.payload import Error, Refusal
 Query = Mapping[str, str]  # what stands behind a question mark
 # The content of a file in memory, at the moment that it is opened. Called on the worker's thread, because 2000 items
 # take longer than the loop has to spare: it may look at nothing but what is replaced as a whole.
-Make = Callable[[Query], bytes]
+Generate = Callable[[Query], bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,37 +33,39 @@ class Tree:
     """The root: areas by the name of their directory, files in memory and sinks by their whole path."""
 
     areas: Mapping[str, Area] = field(default_factory=dict)
-    made: Mapping[Parts, Make] = field(default_factory=dict)
+    generated: Mapping[Parts, Generate] = field(default_factory=dict)
     sinks: Mapping[Parts, Sink] = field(default_factory=dict)
 
     def area(self, parts: Parts, *, write: bool = False) -> tuple[Area, Parts]:
         """Return the area that a path lies in and the path within it; Refusal where there is none."""
-        found = self.areas.get(parts[0]) if parts else None
-        if found is None:
-            protected = write and (not parts or parts in self.made or len(parts) == 1 or parts[0] in self.directories())
+        area = self.areas.get(parts[0]) if parts else None
+        if area is None:
+            protected = write and (
+                not parts or parts in self.generated or len(parts) == 1 or parts[0] in self.directories()
+            )
             raise Refusal(Error.FILE_PROTECTED if protected else Error.FILE_NOT_FOUND)
-        if write and not found.writable:
+        if write and not area.writable:
             raise Refusal(Error.FILE_PROTECTED)
-        return found, parts[1:]
+        return area, parts[1:]
 
     def directories(self) -> set[str]:
         """Return the names of the directories in the root."""
-        return {*self.areas, *(parts[0] for parts in (*self.made, *self.sinks) if len(parts) > 1)}
+        return {*self.areas, *(parts[0] for parts in (*self.generated, *self.sinks) if len(parts) > 1)}
 
     def listing(self, parts: Parts) -> tuple[Entry, ...]:
         """Return what a directory holds; may wait for the disk. Sizes of files in memory are those of now."""
         if parts and parts[0] in self.areas:
             return self.areas[parts[0]].listing(parts[1:])
         if not parts:
-            return tuple(sorted([*self._made_in(()), *(Entry(name, True, 0, 0) for name in self.directories())]))
-        within = self._made_in(parts)
+            return tuple(sorted([*self._generated_in(()), *(Entry(name, True, 0, 0) for name in self.directories())]))
+        within = self._generated_in(parts)
         if not within:
             raise Refusal(Error.FILE_NOT_FOUND)
         return tuple(sorted(within))
 
-    def _made_in(self, parts: Parts) -> list[Entry]:
-        found = ((path, make) for path, make in self.made.items() if path[:-1] == parts)
-        return [Entry(path[-1], False, len(make({})), 0) for path, make in found]
+    def _generated_in(self, parts: Parts) -> list[Entry]:
+        files = ((path, make) for path, make in self.generated.items() if path[:-1] == parts)
+        return [Entry(path[-1], False, len(make({})), 0) for path, make in files]
 
 
 def parse_path(raw: bytes) -> tuple[Parts, Query]:

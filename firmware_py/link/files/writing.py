@@ -6,10 +6,12 @@ import struct
 from collections.abc import Mapping
 from functools import partial
 
-from firmware_py.link.files.desk import Action, Call, Desk
+from firmware_py.link.context import LinkContext
+from firmware_py.link.files.answers import Answers, FileAction, FileCall
 from firmware_py.link.files.payload import Error, Opcode, Refusal
-from firmware_py.link.files.sessions import IDLE_S, Upload
-from firmware_py.link.files.tree import Origin, parse_path
+from firmware_py.link.files.sessions import IDLE_S, FileSessions, FileUpload
+from firmware_py.link.files.tree import Origin, Tree, parse_path
+from firmware_py.link.wire.worker import Worker
 
 _MOST_UPLOADS = 4
 
@@ -17,12 +19,18 @@ _MOST_UPLOADS = 4
 class WritingRequests:
     """The requests that change something, and those that end sessions: an upload takes its place then."""
 
-    def __init__(self, desk: Desk) -> None:
-        """Take the desk to work at."""
-        self._desk = desk
+    def __init__(
+        self, tree: Tree, sessions: FileSessions, answers: Answers, context: LinkContext, worker: Worker
+    ) -> None:
+        """Take the files there are, those that are open, what answers, and who waits for the disk."""
+        self._tree = tree
+        self._sessions = sessions
+        self._answers = answers
+        self._context = context
+        self._worker = worker
         self._storing = 0  # uploads on their way to the disk
 
-    def actions(self) -> Mapping[int, Action]:
+    def actions(self) -> Mapping[int, FileAction]:
         """Return the opcodes carried out here."""
         return {
             Opcode.TERMINATE: self._terminate,
@@ -37,62 +45,62 @@ class WritingRequests:
             Opcode.RENAME: self._rename,
         }
 
-    def _create(self, call: Call) -> bytes:
+    def _create(self, call: FileCall) -> bytes:
         parts, _ = parse_path(call.request.data)
         self._check_room(call)
-        if parts not in self._desk.tree.sinks:
-            _, within = self._desk.tree.area(parts, write=True)
+        if parts not in self._tree.sinks:
+            _, within = self._tree.area(parts, write=True)
             if not within:
                 raise Refusal(Error.FILE_PROTECTED)
-        self._desk.sessions.put(call.client, call.request.session, Upload(parts), call.now_s)
+        self._sessions.open(call.client, call.request.session, FileUpload(parts), call.now_s)
         return b""
 
-    def _check_room(self, call: Call) -> None:
-        """Make sure that an upload may begin: each takes memory until it is on disk."""
-        sessions, own = self._desk.sessions, (call.client, call.request.session)
+    def _check_room(self, call: FileCall) -> None:
+        """Generate sure that an upload may begin: each takes memory until it is on disk."""
+        sessions, own = self._sessions, (call.client, call.request.session)
         sessions.check_room(*own, call.now_s)
-        uploads = [key for key, session in sessions.items() if isinstance(session.handle, Upload) and key != own]
+        uploads = [key for key, session in sessions.items() if isinstance(session.handle, FileUpload) and key != own]
         if len(uploads) + self._storing < _MOST_UPLOADS:
             return
         if not uploads or call.now_s - sessions.used_s(*uploads[0]) < IDLE_S:
             raise Refusal(Error.NO_SESSIONS_AVAILABLE)
-        sessions.drop(*uploads[0])
+        sessions.discard(*uploads[0])
 
-    def _open_write(self, call: Call) -> None:
+    def _open_write(self, call: FileCall) -> None:
         parts, _ = parse_path(call.request.data)
         self._check_room(call)
-        area, within = self._desk.tree.area(parts, write=True)
+        area, within = self._tree.area(parts, write=True)
 
         def opened(content: bytes) -> bytes:
             self._check_room(call)  # again: others may have been quicker
-            self._desk.sessions.put(call.client, call.request.session, Upload(parts, content), call.now_s)
+            self._sessions.open(call.client, call.request.session, FileUpload(parts, content), call.now_s)
             return struct.pack("<I", len(content))
 
-        self._desk.later(call, partial(area.read_whole, within), opened)
+        self._answers.finish_later(call, partial(area.read_whole, within), opened)
 
-    def _write(self, call: Call) -> bytes:
-        handle = self._desk.sessions.find(call.client, call.request.session, call.now_s).handle
-        if not isinstance(handle, Upload):
+    def _write(self, call: FileCall) -> bytes:
+        handle = self._sessions.use(call.client, call.request.session, call.now_s).handle
+        if not isinstance(handle, FileUpload):
             raise Refusal(Error.INVALID_SESSION)
         handle.write(call.request.offset, call.request.data)
         # As ArduPilot and PX4 do: how much was written.
         return struct.pack("<I", len(call.request.data))
 
-    def _terminate(self, call: Call) -> bytes | None:
-        handle = self._desk.sessions.take(call.client, call.request.session)
-        if isinstance(handle, Upload):
+    def _terminate(self, call: FileCall) -> bytes | None:
+        handle = self._sessions.end(call.client, call.request.session)
+        if isinstance(handle, FileUpload):
             self._store(call, handle)
             return None
         if handle is not None:
             handle.close()
         return b""
 
-    def _reset(self, call: Call) -> bytes | None:
+    def _reset(self, call: FileCall) -> bytes | None:
         """End all sessions of a client; QGroundControl ends its uploads in this way."""
         uploads = []
-        for number in self._desk.sessions.numbers(call.client):
-            handle = self._desk.sessions.take(call.client, number)
-            if isinstance(handle, Upload):
+        for number in self._sessions.numbers(call.client):
+            handle = self._sessions.end(call.client, number)
+            if isinstance(handle, FileUpload):
                 uploads.append(handle)
             elif handle is not None:
                 handle.close()
@@ -103,56 +111,56 @@ class WritingRequests:
         self._store(call, uploads[-1])
         return None
 
-    def _store(self, call: Call, upload: Upload, *, silent: bool = False) -> None:
+    def _store(self, call: FileCall, upload: FileUpload, *, silent: bool = False) -> None:
         """Let an upload take its place, and answer when it has."""
         content = bytes(upload.content)
 
         def stored(result: object) -> None:
             self._storing -= 1
             if not silent:
-                self._desk.finish(call, result if isinstance(result, Exception) else b"")
-                call.peer.outbox.flush(self._desk.session.now_s)
+                self._answers.finish(call, result if isinstance(result, Exception) else b"")
+                call.peer.outbox.flush(self._context.now_s)
 
         def put_in_force(reason: str) -> None:
             name = "/".join(upload.path)
             stored(Refusal(Error.FAIL, text=f"{name}: {reason}") if reason else None)
 
-        sink = self._desk.tree.sinks.get(upload.path)
+        sink = self._tree.sinks.get(upload.path)
         if sink is not None:
             self._storing += 1
             sink(content, Origin(call.client.system, call.client.component, call.now_s), put_in_force)
             return
-        area, within = self._desk.tree.area(upload.path, write=True)
+        area, within = self._tree.area(upload.path, write=True)
         self._storing += 1
-        if not self._desk.worker.submit(partial(area.store, within, content), stored):
+        if not self._worker.submit(partial(area.store, within, content), stored):
             stored(Refusal(Error.FAIL, text="The disk has too much to do: send the file again"))
 
-    def _remove(self, call: Call) -> None:
+    def _remove(self, call: FileCall) -> None:
         parts, _ = parse_path(call.request.data)
-        area, within = self._desk.tree.area(parts, write=True)
-        self._desk.later(call, partial(area.remove, within))
+        area, within = self._tree.area(parts, write=True)
+        self._answers.finish_later(call, partial(area.remove, within))
 
-    def _make_directory(self, call: Call) -> None:
+    def _make_directory(self, call: FileCall) -> None:
         parts, _ = parse_path(call.request.data)
-        if parts and len(parts) == 1 and parts[0] in self._desk.tree.directories():
+        if parts and len(parts) == 1 and parts[0] in self._tree.directories():
             raise Refusal(Error.FILE_EXISTS)
-        area, within = self._desk.tree.area(parts, write=True)
-        self._desk.later(call, partial(area.make_directory, within))
+        area, within = self._tree.area(parts, write=True)
+        self._answers.finish_later(call, partial(area.make_directory, within))
 
-    def _remove_directory(self, call: Call) -> None:
+    def _remove_directory(self, call: FileCall) -> None:
         parts, _ = parse_path(call.request.data)
-        area, within = self._desk.tree.area(parts, write=True)
-        self._desk.later(call, partial(area.remove_directory, within))
+        area, within = self._tree.area(parts, write=True)
+        self._answers.finish_later(call, partial(area.remove_directory, within))
 
-    def _truncate(self, call: Call) -> None:
+    def _truncate(self, call: FileCall) -> None:
         parts, _ = parse_path(call.request.data)
-        area, within = self._desk.tree.area(parts, write=True)
-        self._desk.later(call, partial(area.truncate, within, call.request.offset))
+        area, within = self._tree.area(parts, write=True)
+        self._answers.finish_later(call, partial(area.truncate, within, call.request.offset))
 
-    def _rename(self, call: Call) -> None:
+    def _rename(self, call: FileCall) -> None:
         old, _, new = call.request.data.partition(b"\0")
-        area, source = self._desk.tree.area(parse_path(old)[0], write=True)
-        other, target = self._desk.tree.area(parse_path(new)[0], write=True)
+        area, source = self._tree.area(parse_path(old)[0], write=True)
+        other, target = self._tree.area(parse_path(new)[0], write=True)
         if area is not other:
             raise Refusal(Error.FILE_PROTECTED)
-        self._desk.later(call, partial(area.rename, source, target))
+        self._answers.finish_later(call, partial(area.rename, source, target))

@@ -21,52 +21,52 @@ _PART = 16  # items that a request for a part of the list may ask for
 
 
 @dataclass(slots=True)
-class Reading:
+class PlanDownload:
     """What a station is reading: the plan as it was when it asked for the list, so that it gets the whole of one."""
 
     plan: Plan
     used_s: float
 
 
-class Downloads:
+class PlanDownloads:
     """Answers requests for lists and items."""
 
-    def __init__(self, session: LinkContext) -> None:
-        """Take the session to answer through."""
-        self._session = session
-        self._readings: OrderedDict[tuple[Sender, PlanKind], Reading] = OrderedDict()
+    def __init__(self, context: LinkContext) -> None:
+        """Take the context to answer through."""
+        self._context = context
+        self._readings: OrderedDict[tuple[Sender, PlanKind], PlanDownload] = OrderedDict()
 
-    def list(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
+    def send_count(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_LIST with the count and the opaque id."""
         to = sender_of(message)
-        plan = self._session.authority.plans().of(kind)
-        self._readings[to, kind] = Reading(plan, now_s)
+        plan = self._context.request_handler.plans().of(kind)
+        self._readings[to, kind] = PlanDownload(plan, now_s)
         self._readings.move_to_end((to, kind))
         if len(self._readings) > _REMEMBERED:
             self._readings.popitem(last=False)
-        count = wire_count(plan, homes(self._session.autopilot, kind))
-        self._session.send(peer, _COUNT(*to, count, int(kind), plan.identity))
+        count = wire_count(plan, homes(self._context.autopilot, kind))
+        self._context.send(peer, _COUNT(*to, count, int(kind), plan.identity))
 
-    def item(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
+    def send_item(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_INT, or MISSION_REQUEST in kind."""
         plan = self._plan(peer, sender_of(message), kind, now_s)
         if not self._send(peer, message, kind, plan, message.seq, whole=type(message).id == _REQUEST_INT):
-            acknowledge(self._session, peer, sender_of(message), int(kind), PlanResult.INVALID_SEQUENCE)
+            acknowledge(self._context, peer, sender_of(message), int(kind), PlanResult.INVALID_SEQUENCE)
 
-    def part(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
+    def send_part(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_PARTIAL_LIST with the items themselves; -1 is the end of the list."""
         plan = self._plan(peer, sender_of(message), kind, now_s)
-        count = wire_count(plan, homes(self._session.autopilot, kind))
+        count = wire_count(plan, homes(self._context.autopilot, kind))
         first, last = message.start_index, message.end_index if message.end_index != -1 else count - 1
         if not 0 <= first <= last < count:
-            acknowledge(self._session, peer, sender_of(message), int(kind), PlanResult.INVALID_SEQUENCE)
+            acknowledge(self._context, peer, sender_of(message), int(kind), PlanResult.INVALID_SEQUENCE)
         elif last - first >= _PART:
-            acknowledge(self._session, peer, sender_of(message), int(kind), PlanResult.NO_SPACE)
+            acknowledge(self._context, peer, sender_of(message), int(kind), PlanResult.NO_SPACE)
         else:
             for sequence in range(first, last + 1):
                 self._send(peer, message, kind, plan, sequence, whole=True)
 
-    def done(self, reader: Sender, kind: PlanKind) -> None:
+    def end(self, reader: Sender, kind: PlanKind) -> None:
         """Note that a station has read all it wanted, or has a plan of its own in force."""
         self._readings.pop((reader, kind), None)
 
@@ -74,16 +74,16 @@ class Downloads:
         """Return the plan that a station is reading, or the one in force."""
         reading = self._readings.get((reader, kind))
         if reading is None or now_s - reading.used_s >= timeouts_of(peer.transport).give_up_s:
-            return self._session.authority.plans().of(kind)
+            return self._context.request_handler.plans().of(kind)
         reading.used_s = now_s
         return reading.plan
 
     def _send(self, peer: Peer, message: Message, kind: PlanKind, plan: Plan, sequence: int, *, whole: bool) -> bool:
-        home_count = homes(self._session.autopilot, kind)
+        home_count = homes(self._context.autopilot, kind)
         if not 0 <= sequence < wire_count(plan, home_count):
             return False
         index = sequence - home_count
-        item: PlanItem = home_item(self._session.home) if index < 0 else plan.items[index]
+        item: PlanItem = home_item(self._context.home) if index < 0 else plan.items[index]
         reply = item_message(
             item,
             sender_of(message),
@@ -93,8 +93,8 @@ class Downloads:
             current=kind is PlanKind.MISSION and index >= 0 and index == self._current(),
             whole=whole,
         )
-        self._session.send(peer, reply)
+        self._context.send(peer, reply)
         return True
 
     def _current(self) -> int | None:
-        return None if self._session.snapshot is None else self._session.snapshot.mission.index
+        return None if self._context.snapshot is None else self._context.snapshot.mission.index

@@ -79,6 +79,6 @@ def item_message(
     return make(*head, first, second, third, fourth, x, y, item.z, int(kind))
 
 
-def acknowledge(session: LinkContext, peer: Peer, to: Sender, kind: int, result: PlanResult, identity: int = 0) -> None:
+def acknowledge(context: LinkContext, peer: Peer, to: Sender, kind: int, result: PlanResult, identity: int = 0) -> None:
     """Send a MISSION_ACK; `identity` is the opaque id of a plan that was taken."""
-    session.send(peer, _ACK(*to, int(result), kind, identity), Priority.URGENT)
+    context.send(peer, _ACK(*to, int(result), kind, identity), Priority.URGENT)

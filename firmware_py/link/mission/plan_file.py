@@ -16,7 +16,7 @@ from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.common.records import Home, Severity
 from firmware_py.link.context import LinkContext
 from firmware_py.link.files.area import Parts
-from firmware_py.link.files.tree import Make, Origin, Query, Sink
+from firmware_py.link.files.tree import Generate, Origin, Query, Sink
 from firmware_py.link.mission.items import NAMES, home_item, item_message, item_of
 from firmware_py.link.mission.numbers import homes
 from firmware_py.link.wire.dialect import mavlink
@@ -34,7 +34,7 @@ _HEAD = struct.Struct("<HHHHH")
 _ITEM = mavlink.MAVLink_mission_item_int_message
 
 
-def packed(plan: Plan, home: Home | None, home_count: int) -> bytes:
+def pack(plan: Plan, home: Home | None, home_count: int) -> bytes:
     """Return a plan as a file."""
     items = (*(home_item(home),) * (home_count if plan.items else 0), *plan.items)
     rows = [_HEAD.pack(_MAGIC, int(plan.kind), 0, 0, len(items))]
@@ -44,7 +44,7 @@ def packed(plan: Plan, home: Home | None, home_count: int) -> bytes:
     return b"".join(rows)
 
 
-def unpacked(content: bytes, kind: PlanKind, home_count: int) -> Plan | PlanProblem:
+def unpack(content: bytes, kind: PlanKind, home_count: int) -> Plan | PlanProblem:
     """Return the plan of an uploaded file, judged as a whole, or what is wrong with it."""
     if len(content) < _HEAD.size:
         return _fault("shorter than its head")
@@ -82,12 +82,12 @@ def _fault(text: str) -> PlanProblem:
 class PlanFiles:
     """The three files. Making and judging 2000 items is the worker's business, not the loop's."""
 
-    def __init__(self, session: LinkContext, worker: Worker) -> None:
-        """Take the session to ask through, and who has the time."""
-        self._session = session
+    def __init__(self, context: LinkContext, worker: Worker) -> None:
+        """Take the context to ask through, and who has the time."""
+        self._context = context
         self._worker = worker
 
-    def made(self) -> Mapping[Parts, Make]:
+    def generated(self) -> Mapping[Parts, Generate]:
         """Return what can be read."""
         return {path: self._maker(kind) for kind, path in PATHS.items()}
 
@@ -95,16 +95,16 @@ class PlanFiles:
         """Return what can be written."""
         return {path: self._sink(kind) for kind, path in PATHS.items()}
 
-    def _maker(self, kind: PlanKind) -> Make:
+    def _maker(self, kind: PlanKind) -> Generate:
         def make(_: Query) -> bytes:
-            plan = self._session.authority.plans().of(kind)
-            return packed(plan, self._session.home, homes(self._session.autopilot, kind))
+            plan = self._context.request_handler.plans().of(kind)
+            return pack(plan, self._context.home, homes(self._context.autopilot, kind))
 
         return make
 
     def _sink(self, kind: PlanKind) -> Sink:
         def put_in_force(content: bytes, origin: Origin, done: Callable[[str], None]) -> None:
-            home_count = homes(self._session.autopilot, kind)
+            home_count = homes(self._context.autopilot, kind)
 
             def judged(plan: Plan | PlanProblem | Exception) -> None:
                 if isinstance(plan, Plan):
@@ -114,7 +114,7 @@ class PlanFiles:
                 else:
                     done(f"{type(plan).__name__}: {plan}")
 
-            if not self._worker.submit(partial(unpacked, content, kind, home_count), judged):
+            if not self._worker.submit(partial(unpack, content, kind, home_count), judged):
                 done("too much to do: send the file again")
 
         return put_in_force
@@ -122,8 +122,8 @@ class PlanFiles:
     def _replace(self, plan: Plan, origin: Origin, done: Callable[[str], None]) -> None:
         def stored(answer: Answer) -> None:
             if answer.verdict is Verdict.ACCEPTED:
-                self._session.announce(Severity.INFO, f"New {NAMES[plan.kind]}: {len(plan.items)} items")
+                self._context.send_text_all(Severity.INFO, f"New {NAMES[plan.kind]}: {len(plan.items)} items")
             done("" if answer.verdict is Verdict.ACCEPTED else answer.text or "refused")
 
         request = Request(origin.now_s, ReplacePlan(plan), origin.system, origin.component)
-        self._session.authority.replace_plan(request, stored)
+        self._context.request_handler.replace_plan(request, stored)

@@ -8,12 +8,12 @@ from firmware_py.common.intents import Answer, ReplacePlan, Request, SetMissionI
 from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.common.records import Severity, Snapshot
 from firmware_py.link.context import Handler, LinkContext
-from firmware_py.link.mission.download import Downloads
-from firmware_py.link.mission.guided import GUIDED, take_guided
+from firmware_py.link.mission.download import PlanDownloads
 from firmware_py.link.mission.items import KINDS, NAMES, Sender, acknowledge, sender_of
 from firmware_py.link.mission.numbers import homes
-from firmware_py.link.mission.upload import Uploads
+from firmware_py.link.mission.upload import PlanUploads
 from firmware_py.link.peer import Peer
+from firmware_py.link.setpoints import GUIDED, go_to_waypoint
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.plans.problem import PlanResult
 
@@ -27,26 +27,26 @@ OfKind = Callable[[Peer, Message, PlanKind, float], None]
 class MissionServer:
     """Answers every message of the mission protocol, so that no ground station waits."""
 
-    def __init__(self, session: LinkContext) -> None:
-        """Take the session to ask and to answer through."""
-        self._session = session
-        self._uploads = Uploads(session)
-        self._downloads = Downloads(session)
+    def __init__(self, context: LinkContext) -> None:
+        """Take the context to ask and to answer through."""
+        self._context = context
+        self._uploads = PlanUploads(context)
+        self._downloads = PlanDownloads(context)
         self._clearing: set[PlanKind] = set()
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
-        item, item_part = self._of_kind(self._downloads.item), self._of_kind(self._downloads.part)
+        item, item_part = self._of_kind(self._downloads.send_item), self._of_kind(self._downloads.send_part)
         return {
             37: item_part,
             38: self._of_kind(self._uploads.begin_part),
             39: self._item,
             40: item,
             41: self._set_current,
-            43: self._of_kind(self._downloads.list),
+            43: self._of_kind(self._downloads.send_count),
             44: self._of_kind(self._uploads.begin),
             45: self._clear,
-            47: self._acknowledged,
+            47: self._end_transfer,
             51: item,
             73: self._item,
         }
@@ -55,17 +55,17 @@ class MissionServer:
         """Go on with what goes on by itself; once a tick."""
         self._uploads.update(now_s)
 
-    def follow(self, before: Snapshot | None, snapshot: Snapshot, now_s: float) -> None:
+    def report_progress(self, before: Snapshot | None, snapshot: Snapshot, now_s: float) -> None:
         """Tell what was reached, and hasten the rest when something has changed."""
-        home_count = homes(self._session.autopilot, PlanKind.MISSION)
+        home_count = homes(self._context.autopilot, PlanKind.MISSION)
         for index in snapshot.mission.reached:
-            self._session.send_all(_REACHED(index + home_count))
+            self._context.send_all(_REACHED(index + home_count))
         if before is None or before.mission != snapshot.mission:
-            self._hasten(now_s)
+            self._make_current_due(now_s)
 
-    def _hasten(self, now_s: float) -> None:
-        for peer in self._session.peers:
-            peer.streams.hasten(_CURRENT, now_s)
+    def _make_current_due(self, now_s: float) -> None:
+        for peer in self._context.peers:
+            peer.streams.make_due(_CURRENT, now_s)
 
     # ------------------------------------------------------------------ messages
 
@@ -75,7 +75,7 @@ class MissionServer:
         def handle(peer: Peer, message: Message, now_s: float) -> None:
             kind = KINDS.get(message.mission_type)
             if kind is None:
-                acknowledge(self._session, peer, sender_of(message), message.mission_type, PlanResult.UNSUPPORTED)
+                acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.UNSUPPORTED)
                 return
             act(peer, message, kind, now_s)
 
@@ -83,26 +83,26 @@ class MissionServer:
 
     def _item(self, peer: Peer, message: Message, now_s: float) -> None:
         if message.current == GUIDED:
-            take_guided(self._session, peer, message, now_s)
+            go_to_waypoint(self._context, peer, message, now_s)
         else:
-            self._of_kind(self._uploads.take)(peer, message, now_s)
+            self._of_kind(self._uploads.receive_item)(peer, message, now_s)
 
     def _set_current(self, peer: Peer, message: Message, now_s: float) -> None:
         """Go on with another item; MISSION_CURRENT tells everybody, or the asker that it is another one still."""
-        index = max(0, message.seq - homes(self._session.autopilot, PlanKind.MISSION))
-        answer = self._session.ask(message, SetMissionItem(index), now_s)
+        index = max(0, message.seq - homes(self._context.autopilot, PlanKind.MISSION))
+        answer = self._context.request(message, SetMissionItem(index), now_s)
         if answer.verdict is Verdict.ACCEPTED:
-            self._hasten(now_s)
+            self._make_current_due(now_s)
             return
-        peer.streams.hasten(_CURRENT, now_s)
-        self._session.say(peer, Severity.WARNING, answer.text or f"Item {message.seq} was refused", now_s)
+        peer.streams.make_due(_CURRENT, now_s)
+        self._context.send_text_limited(peer, Severity.WARNING, answer.text or f"Item {message.seq} was refused", now_s)
 
-    def _acknowledged(self, _peer: Peer, message: Message, _now_s: float) -> None:
+    def _end_transfer(self, _peer: Peer, message: Message, _now_s: float) -> None:
         """Take a MISSION_ACK: the end of a download, or, unless ACCEPTED, of an upload."""
         kind = KINDS.get(message.mission_type)
         if kind is None:
             return
-        self._downloads.done(sender_of(message), kind)
+        self._downloads.end(sender_of(message), kind)
         if message.type != PlanResult.ACCEPTED:
             self._uploads.cancel(sender_of(message), kind)
 
@@ -110,39 +110,39 @@ class MissionServer:
         """Clear one plan or all; acknowledged once the empty ones are on disk."""
         kind = KINDS.get(message.mission_type)
         if kind is None and message.mission_type != _ALL:
-            acknowledge(self._session, peer, sender_of(message), message.mission_type, PlanResult.UNSUPPORTED)
+            acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.UNSUPPORTED)
             return
         kinds = tuple(PlanKind) if kind is None else (kind,)
-        if not all(self._uploads.may_change(peer, message, one, now_s) for one in kinds):
+        if not all(self._uploads.may_change(peer, message, each, now_s) for each in kinds):
             return
         # Asked again before the disk has answered: the answer to the first will do.
         if self._clearing.intersection(kinds):
             return
-        for one in kinds:
-            self._uploads.cancel(sender_of(message), one)
-            self._downloads.done(sender_of(message), one)
-        left = [one for one in kinds if self._session.authority.plans().of(one).items]
+        for each in kinds:
+            self._uploads.cancel(sender_of(message), each)
+            self._downloads.end(sender_of(message), each)
+        left = [each for each in kinds if self._context.request_handler.plans().of(each).items]
         if not left:
-            acknowledge(self._session, peer, sender_of(message), message.mission_type, PlanResult.ACCEPTED)
+            acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.ACCEPTED)
             return
         self._clearing.update(kinds)
 
         def done() -> None:
             self._clearing.difference_update(kinds)
 
-        clearing = _Clear(self._session, peer, sender_of(message), message.mission_type, len(left), done)
-        for one in left:
-            request = Request(now_s, ReplacePlan(Plan(one)), *sender_of(message))
-            self._session.authority.replace_plan(request, clearing.cleared)
+        clearing = _Clearing(self._context, peer, sender_of(message), message.mission_type, len(left), done)
+        for each in left:
+            request = Request(now_s, ReplacePlan(Plan(each)), *sender_of(message))
+            self._context.request_handler.replace_plan(request, clearing.receive_answer)
 
 
-class _Clear:
+class _Clearing:
     """Acknowledges once all plans that are to be cleared have been."""
 
     def __init__(
-        self, session: LinkContext, peer: Peer, to: Sender, shown: int, left: int, done: Callable[[], None]
+        self, context: LinkContext, peer: Peer, to: Sender, shown: int, left: int, done: Callable[[], None]
     ) -> None:
-        self._session = session
+        self._context = context
         self._peer = peer
         self._to = to
         self._shown = shown
@@ -150,7 +150,7 @@ class _Clear:
         self._done = done
         self._failure: Answer | None = None
 
-    def cleared(self, answer: Answer) -> None:
+    def receive_answer(self, answer: Answer) -> None:
         """Take the answer for one of them."""
         self._left -= 1
         if answer.verdict is not Verdict.ACCEPTED:
@@ -159,10 +159,10 @@ class _Clear:
             return
         self._done()
         result = PlanResult.ACCEPTED if self._failure is None else PlanResult.ERROR
-        acknowledge(self._session, self._peer, self._to, self._shown, result)
+        acknowledge(self._context, self._peer, self._to, self._shown, result)
         what = NAMES[KINDS[self._shown]].capitalize() if self._shown in KINDS else "Mission, fence and rally points"
         if self._failure is None:
-            self._session.announce(Severity.INFO, f"{what} cleared")
+            self._context.send_text_all(Severity.INFO, f"{what} cleared")
         else:
-            self._session.announce(Severity.ERROR, f"{what} not cleared: {self._failure.text}")
-        self._session.flush_all()
+            self._context.send_text_all(Severity.ERROR, f"{what} not cleared: {self._failure.text}")
+        self._context.flush_all()

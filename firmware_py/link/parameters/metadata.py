@@ -1,6 +1,6 @@
 """Component metadata: what the parameters mean, for ground stations to show.
 
-Two files, each also compressed: general.json names the other, parameter.json tells of each row of params.TABLE.
+Two files, each also compressed: general.json names the other, parameter.json tells of each row of the parameter table.
 Stations keep them by checksum, so the same table makes the same bytes. Source: the MAVLink guide,
 services/component_information, and the published schemas.
 """

@@ -21,7 +21,7 @@ _HAS_DEFAULT = 0x10
 _MOST_COMMON = 15
 
 
-def packed(values: ParameterSet, query: Mapping[str, str]) -> bytes:
+def pack(values: ParameterSet, query: Mapping[str, str]) -> bytes:
     """Return the file; the query may hold start, count and withdefaults, and what it says wrong is not heeded."""
     start, count = _whole(query.get("start"), 0), _whole(query.get("count"), len(TABLE))
     with_defaults = _whole(query.get("withdefaults"), 0) != 0
@@ -37,14 +37,14 @@ def packed(values: ParameterSet, query: Mapping[str, str]) -> bytes:
         if with_defaults and value != row.default:
             number |= _HAS_DEFAULT
             shown.append(row.default)
-        numbers = [int(one) if form == "i" else one for one in shown]
+        numbers = [int(number) if form == "i" else number for number in shown]
         parts.append(bytes((number, common | (len(ending) - 1) << 4)) + ending)
         parts.append(struct.pack(f"<{len(numbers)}{form}", *numbers))
         before = row.name
     return b"".join(parts)
 
 
-def unpacked(content: bytes) -> dict[str, float]:
+def unpack(content: bytes) -> dict[str, float]:
     """Read an uploaded file into {name: checked value}, or raise ParameterError: all of it is right, or nothing.
 
     The third number of the head is the length of the file, as ArduPilot wants it of uploads.
@@ -56,7 +56,7 @@ def unpacked(content: bytes) -> dict[str, float]:
         raise ParameterError(f"begins with {magic:#06x} instead of {PLAIN:#06x}")
     if length != len(content):
         raise ParameterError(f"{len(content)} bytes of {length} have come")
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     rows = 0
     for name, value in _rows(content):
         index = INDEX.get(name)
@@ -65,11 +65,11 @@ def unpacked(content: bytes) -> dict[str, float]:
         row = TABLE[index]
         if row.read_only:
             raise ParameterError(f"{name} is read-only")
-        found[name] = row.check(value)
+        values[name] = row.check(value)
         rows += 1
     if rows != count:
         raise ParameterError(f"{rows} parameters instead of {count}")
-    return found
+    return values
 
 
 def _rows(content: bytes) -> Iterator[tuple[str, float]]:

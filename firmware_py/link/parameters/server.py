@@ -10,7 +10,7 @@ from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.records import Severity
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.files.tree import Origin
-from firmware_py.link.parameters.pack import unpacked
+from firmware_py.link.parameters.pack import unpack
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
@@ -36,9 +36,9 @@ class ParameterServer:
     room, as it is then, so that none is lost however slow the line.
     """
 
-    def __init__(self, session: LinkContext) -> None:
-        """Take the session to ask and to answer through."""
-        self._session = session
+    def __init__(self, context: LinkContext) -> None:
+        """Take the context to ask and to answer through."""
+        self._context = context
         self._unstored = 0
 
     def handlers(self) -> Mapping[int, Handler]:
@@ -47,36 +47,36 @@ class ParameterServer:
 
     # ------------------------------------------------------------------ told
 
-    def pump(self, peer: Peer) -> None:
+    def pump(self, peer: Peer, now_s: float) -> None:  # noqa: ARG002 - a service like the others
         """Send a peer what it is owed and go on with its list, as far as its line keeps up."""
-        if not peer.owed_rows and peer.list_row is None:
+        if not peer.parameter_rows_due and peer.parameter_list_row is None:
             return
         most = _QUEUED if peer.transport.byte_rate is not None else _QUEUED_FAST
         left = min(_AT_ONCE, most - peer.outbox.waiting(Priority.REPLY))
-        while left > 0 and peer.owed_rows:
-            row = next(iter(peer.owed_rows))
-            del peer.owed_rows[row]
-            self._session.send(peer, self._value(row))
+        while left > 0 and peer.parameter_rows_due:
+            row = next(iter(peer.parameter_rows_due))
+            del peer.parameter_rows_due[row]
+            self._context.send(peer, self._value(row))
             left -= 1
-        while left > 0 and peer.list_row is not None:
-            self._session.send(peer, self._value(peer.list_row))
-            peer.list_row = peer.list_row + 1 if peer.list_row + 1 < len(TABLE) else None
+        while left > 0 and peer.parameter_list_row is not None:
+            self._context.send(peer, self._value(peer.parameter_list_row))
+            peer.parameter_list_row = peer.parameter_list_row + 1 if peer.parameter_list_row + 1 < len(TABLE) else None
             left -= 1
-        if peer.owed_rows or peer.list_row is not None:
-            peer.bulk.leave()
+        if peer.parameter_rows_due or peer.parameter_list_row is not None:
+            peer.bulk.mark_unfinished()
 
     def _owe(self, peer: Peer, row: int) -> None:
-        peer.owed_rows[row] = None
+        peer.parameter_rows_due[row] = None
 
     def _value(self, row: int) -> Message:
-        value = self._session.authority.parameters().values()[row]
+        value = self._context.request_handler.parameters().values()[row]
         name = text_of(TABLE[row].name, 16)
         return mavlink.MAVLink_param_value_message(name, value, int(TABLE[row].kind), len(TABLE), row)
 
     # ------------------------------------------------------------------ asked
 
     def _list(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
-        peer.list_row = 0
+        peer.parameter_list_row = 0
 
     def _read(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002
         index = message.param_index
@@ -94,71 +94,73 @@ class ParameterServer:
             return
         if self._unstored >= _UNSTORED:
             return
-        name, before = TABLE[row].name, self._session.authority.parameters().values()[row]
+        name, before = TABLE[row].name, self._context.request_handler.parameters().values()[row]
         if TABLE[row].read_only:
             self._refuse(peer, message, row, _READ_ONLY, f"{name} is read-only", now_s)
             return
         changed = message.param_value != before
         if changed:
-            answer = self._session.ask(message, SetParameter(name, message.param_value), now_s)
+            answer = self._context.request(message, SetParameter(name, message.param_value), now_s)
             if answer.verdict is not Verdict.ACCEPTED:
                 error = _REFUSED.get(answer.verdict, mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
                 self._refuse(peer, message, row, error, answer.text or f"{name}: refused", now_s)
                 return
         self._unstored += 1
         # A value that is in force already may still be on its way to the disk.
-        self._session.authority.when_stored(lambda stored: self._stored(peer, (row,), stored=stored, changed=changed))
+        self._context.request_handler.when_stored(
+            lambda stored: self._stored(peer, (row,), stored=stored, changed=changed)
+        )
 
     def _stored(self, asker: Peer | None, rows: tuple[int, ...], *, stored: bool, changed: bool = True) -> None:
         self._unstored -= 1
         names = ", ".join(TABLE[row].name for row in rows[:3])
         if stored:
-            for peer in sorted(self._session.peers, key=lambda peer: peer is not asker):
+            for peer in sorted(self._context.peers, key=lambda peer: peer is not asker):
                 if peer is asker or not peer.quiet:
                     for row in rows:
                         self._owe(peer, row)
-                    self.pump(peer)
-                    peer.outbox.flush(self._session.now_s)  # who asked need not wait for the others
+                    self.pump(peer, self._context.now_s)
+                    peer.outbox.flush(self._context.now_s)  # who asked need not wait for the others
             later = [TABLE[row].name for row in rows if TABLE[row].reboot] if changed else []
             if later:
-                self._session.announce(Severity.NOTICE, f"{', '.join(later[:3])}: takes effect at the next start")
+                self._context.send_text_all(Severity.NOTICE, f"{', '.join(later[:3])}: takes effect at the next start")
         else:
-            self._session.announce(Severity.ERROR, f"{names} is in force but could not be stored")
-        self._session.flush_all()
+            self._context.send_text_all(Severity.ERROR, f"{names} is in force but could not be stored")
+        self._context.flush_all()
 
     def _refuse(self, peer: Peer, message: Message, row: int, error: int, text: str, now_s: float) -> None:
         self._error(peer, message, row, error)
         self._owe(peer, row)
-        self._session.say(peer, Severity.WARNING, text, now_s)
+        self._context.send_text_limited(peer, Severity.WARNING, text, now_s)
 
     def _error(self, peer: Peer, message: Message, index: int, error: int) -> None:
         sender, component = message.get_srcSystem(), message.get_srcComponent()
         name = text_of(message.param_id, 16)
-        self._session.send(peer, mavlink.MAVLink_param_error_message(sender, component, name, index, error))
+        self._context.send(peer, mavlink.MAVLink_param_error_message(sender, component, name, index, error))
 
     # ------------------------------------------------------------------ uploaded as a file
 
-    def put_in_force(self, content: bytes, origin: Origin, done: Callable[[str], None]) -> None:
-        """Set all parameters of an uploaded param.pck, or none; a ftp_tree.Sink."""
-        authority = self._session.authority
+    def apply_file(self, content: bytes, origin: Origin, done: Callable[[str], None]) -> None:
+        """Set all parameters of an uploaded param.pck, or none; a `Sink` of files/tree."""
+        request_handler = self._context.request_handler
         try:
-            wanted = unpacked(content)
+            wanted = unpack(content)
             # Together they must be possible as well as each by itself.
-            values = authority.parameters()
+            values = request_handler.parameters()
             for name, value in wanted.items():
                 values = values.replaced(name, value)
         except ParameterError as error:
             done(str(error))
             return
-        before = authority.parameters()
+        before = request_handler.parameters()
         changed = {name: value for name, value in wanted.items() if value != before[name]}
         set_already: list[str] = []
         for name, value in changed.items():
             request = Request(origin.now_s, SetParameter(name, value), origin.system, origin.component)
-            answer = authority.decide(request)
+            answer = request_handler.decide(request)
             if answer.verdict is not Verdict.ACCEPTED:
                 for earlier in set_already:
-                    authority.decide(Request(origin.now_s, SetParameter(earlier, before[earlier])))
+                    request_handler.decide(Request(origin.now_s, SetParameter(earlier, before[earlier])))
                 done(answer.text or "refused")
                 return
             set_already.append(name)
@@ -168,4 +170,4 @@ class ParameterServer:
             self._stored(None, tuple(INDEX[name] for name in changed), stored=well)
             done("" if well else "in force but could not be stored")
 
-        authority.when_stored(stored)
+        request_handler.when_stored(stored)

@@ -39,13 +39,13 @@ class Gate:
         """Take what knows the key."""
         self._signing = signing
         self.mavlink1 = True  # whether MAVLink 1 frames, which cannot be signed, are heard
-        self.refused = 0  # frames that were not heard at all
+        self.refused_frames = 0  # frames that were not heard at all
         self.false_signatures = 0  # those of them whose signature did not hold
 
     @property
-    def late(self) -> int:
+    def late_frames(self) -> int:
         """Frames with the right key and an old timestamp: replayed, or from somebody who is behind."""
-        return self._signing.late
+        return self._signing.late_frames
 
     def admit(self, frames: Iterable[Frame], options: LinkOptions) -> list[Admitted]:
         """Return those that are heard at all."""
@@ -53,7 +53,7 @@ class Gate:
         for frame in frames:
             standing = self._standing(frame, options)
             if standing is Standing.NONE:
-                self.refused += 1
+                self.refused_frames += 1
             else:
                 admitted.append(Admitted(frame, standing))
         return admitted

@@ -15,18 +15,18 @@ _NAK, _FAIL_PROTECTED = 129, 9
 _PAYLOAD_BYTES = 251
 
 
-def refuse(session: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
+def deny(context: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
     """Answer a message that its sender has no right to, unless too many were answered just now."""
-    if not peer.refusals.take(now_s):
+    if not peer.denial_tokens.spend_one(now_s):
         return
     build = _ANSWERS.get(type(message).id)
     if build is not None:
         answer = build(message, message.get_srcSystem(), message.get_srcComponent())
-        session.send(peer, answer, Priority.URGENT)
+        context.send(peer, answer, Priority.URGENT)
     systems = peer.transport.options.systems
     stranger = systems is not None and message.get_srcSystem() not in systems
     reason = f"system {message.get_srcSystem()} may not command here" if stranger else "it is not signed"
-    session.say(peer, Severity.WARNING, f"{type(message).msgname} refused: {reason}", now_s)
+    context.send_text_limited(peer, Severity.WARNING, f"{type(message).msgname} refused: {reason}", now_s)
 
 
 def _command(message: Message, system: int, component: int) -> Message:

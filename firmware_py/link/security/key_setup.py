@@ -15,9 +15,9 @@ from firmware_py.link.wire.dialect import Message
 class KeySetup:
     """Sets the key that frames are signed with, or removes it (a key of zeros and a timestamp of zero)."""
 
-    def __init__(self, session: LinkContext, signing: Signing) -> None:
-        """Take the session to answer through, and what keeps the key."""
-        self._session = session
+    def __init__(self, context: LinkContext, signing: Signing) -> None:
+        """Take the context to answer through, and what keeps the key."""
+        self._context = context
         self._signing = signing
 
     def handlers(self) -> Mapping[int, Handler]:
@@ -26,7 +26,9 @@ class KeySetup:
 
     def _set(self, peer: Peer, message: Message, now_s: float) -> None:
         if not peer.transport.options.trusted:
-            self._session.say(peer, Severity.WARNING, "SETUP_SIGNING refused: the link is not trusted", now_s)
+            self._context.send_text_limited(
+                peer, Severity.WARNING, "SETUP_SIGNING refused: the link is not trusted", now_s
+            )
             return
         key, timestamp = bytes(message.secret_key), message.initial_timestamp
         if not any(key) and timestamp == 0:
@@ -35,14 +37,16 @@ class KeySetup:
         elif self._signing.set_key(key, timestamp):
             done = "Signing key set"
         else:
-            self._session.say(peer, Severity.WARNING, "SETUP_SIGNING refused: no key, or no timestamp", now_s)
+            self._context.send_text_limited(
+                peer, Severity.WARNING, "SETUP_SIGNING refused: no key, or no timestamp", now_s
+            )
             return
-        self._session.authority.when_stored(lambda stored: self._stored(done, stored=stored))
+        self._context.request_handler.when_stored(lambda stored: self._stored(done, stored=stored))
 
     def _stored(self, done: str, *, stored: bool) -> None:
         self._signing.store_again()
         if stored:
-            self._session.announce(Severity.NOTICE, done)
+            self._context.send_text_all(Severity.NOTICE, done)
         else:
-            self._session.announce(Severity.ERROR, f"{done}, but this could not be stored")
-        self._session.flush_all()
+            self._context.send_text_all(Severity.ERROR, f"{done}, but this could not be stored")
+        self._context.flush_all()

@@ -58,9 +58,9 @@ class LinkSealer:
         """What a signature adds to a frame; 0 while there is no key."""
         return SIGNATURE_BYTES if self._signing.active else 0
 
-    def sealed(self, packed: Packed, sequence: int) -> bytes:
+    def seal(self, packed: Packed, sequence: int) -> bytes:
         """Return the frame with this sequence number, signed."""
-        return self._signing.sealed(packed, sequence, self._link)
+        return self._signing.seal(packed, sequence, self._link)
 
 
 class Signing:
@@ -76,7 +76,7 @@ class Signing:
         self._stored = 0  # what the disk has for _timestamp
         self._stored_streams: dict[Stream, int] = {}
         self._content = b""  # what was given to _save last
-        self.late = 0  # frames with the right key and an old timestamp
+        self.late_frames = 0  # frames with the right key and an old timestamp
 
     @property
     def active(self) -> bool:
@@ -89,12 +89,12 @@ class Signing:
         """Take up the state of an earlier run; False for what cannot be read."""
         if not content:
             return True
-        found = _TEXT.fullmatch(content)
-        if found is None:
+        match = _TEXT.fullmatch(content)
+        if match is None:
             return False
-        self._key = bytes.fromhex(found[1].decode())
-        self._timestamp = self._stored = min(int(found[2]), LATEST)
-        for line in found[3].splitlines()[:MAX_STREAMS]:
+        self._key = bytes.fromhex(match[1].decode())
+        self._timestamp = self._stored = min(int(match[2]), LATEST)
+        for line in match[3].splitlines()[:MAX_STREAMS]:
             system, component, link, timestamp = (int(word) for word in line.split()[1:])
             self._streams[(system, component, link)] = timestamp
         self._stored_streams = dict(self._streams)
@@ -132,7 +132,7 @@ class Signing:
 
     # ------------------------------------------------------------------ out
 
-    def sealed(self, packed: Packed, sequence: int, link: int) -> bytes:
+    def seal(self, packed: Packed, sequence: int, link: int) -> bytes:
         """Return the frame with this sequence number, signed; ValueError without a key."""
         if self._key is None:
             raise ValueError("there is no key to sign with")
@@ -157,11 +157,11 @@ class Signing:
             return False
         if earlier is None:
             if timestamp < max(timestamp_of(self._utc_s()), self._timestamp) - TOLERANCE:
-                self.late += 1
+                self.late_frames += 1
                 return False
             self._make_room()
         elif timestamp <= earlier:
-            self.late += 1
+            self.late_frames += 1
             return False
         self._streams[stream] = timestamp
         self._timestamp = max(self._timestamp, timestamp)

@@ -30,10 +30,10 @@ class TelemetryContext:
     intended_mode: int | None = None  # custom_mode that was last asked for, None when none was
 
 
-def fresh_fix(scene: TelemetryContext) -> PositionSample | None:
+def fresh_fix(context: TelemetryContext) -> PositionSample | None:
     """Return the position while it is fresh and one."""
-    fix = scene.snapshot.position
-    usable = scene.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)
+    fix = context.snapshot.position
+    usable = context.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)
     return fix if usable else None
 
 

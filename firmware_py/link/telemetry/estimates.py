@@ -35,9 +35,9 @@ _PLACE = (
 )
 
 
-def attitude_quaternion(scene: TelemetryContext) -> Message | None:
+def attitude_quaternion(context: TelemetryContext) -> Message | None:
     """Return ATTITUDE_QUATERNION while the heading is fresh; the angles of ATTITUDE as a rotation."""
-    boat = scene.snapshot
+    boat = context.snapshot
     if boat.heading_rad is None or not boat.heading_ok or not math.isfinite(boat.heading_rad):
         return None
     w, x, y, z = quaternion(single(boat.roll_rad), single(boat.pitch_rad), boat.heading_rad)
@@ -61,9 +61,9 @@ def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float
     )
 
 
-def local_position_ned(scene: TelemetryContext) -> Message | None:
+def local_position_ned(context: TelemetryContext) -> Message | None:
     """Return LOCAL_POSITION_NED, counted from home, while the position is fresh."""
-    fix, home = fresh_fix(scene), scene.snapshot.home
+    fix, home = fresh_fix(context), context.snapshot.home
     if fix is None or home is None or fix.latitude_rad is None or fix.longitude_rad is None:
         return None
     if not all(map(math.isfinite, (home.latitude_rad, home.longitude_rad, fix.latitude_rad, fix.longitude_rad))):
@@ -76,7 +76,7 @@ def local_position_ned(scene: TelemetryContext) -> Message | None:
     if speed_m_s is not None and course_rad is not None and math.isfinite(course_rad):
         north_m_s, east_m_s = speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad)
     return mavlink.MAVLink_local_position_ned_message(
-        boot_ms(scene.snapshot.t_s),
+        boot_ms(context.snapshot.t_s),
         single(north_m),
         single(east_m),
         single(-above_m),
@@ -86,22 +86,22 @@ def local_position_ned(scene: TelemetryContext) -> Message | None:
     )
 
 
-def gps_global_origin(scene: TelemetryContext) -> Message | None:
+def gps_global_origin(context: TelemetryContext) -> Message | None:
     """Return GPS_GLOBAL_ORIGIN: home, where local coordinates begin."""
-    home = scene.snapshot.home
+    home = context.snapshot.home
     if home is None:
         return None
     return mavlink.MAVLink_gps_global_origin_message(
         scaled_degrees(home.latitude_rad),
         scaled_degrees(home.longitude_rad),
         whole(home.altitude_m * 1e3, -INT32_MAX, INT32_MAX, 0),
-        boot_us(scene.snapshot.t_s),
+        boot_us(context.snapshot.t_s),
     )
 
 
-def position_target(scene: TelemetryContext) -> Message | None:
-    """Return POSITION_TARGET_GLOBAL_INT while she goes to a place, or keeps near one."""
-    boat = scene.snapshot
+def position_target(context: TelemetryContext) -> Message | None:
+    """Return POSITION_TARGET_GLOBAL_INT while the boat goes to a place, or keeps near one."""
+    boat = context.snapshot
     latitude_rad, longitude_rad = boat.navigation.target_latitude_rad, boat.navigation.target_longitude_rad
     if latitude_rad is None or longitude_rad is None or not math.isfinite(latitude_rad + longitude_rad):
         return None
@@ -116,12 +116,12 @@ def position_target(scene: TelemetryContext) -> Message | None:
     )
 
 
-def estimator_status(scene: TelemetryContext) -> Message:
+def estimator_status(context: TelemetryContext) -> Message:
     """Return ESTIMATOR_STATUS: which of heading, velocity and place can be relied on; NaN for what is not estimated.
 
     `mag_ratio` is the last heading's innovation by five of its standard deviations: 1 and more is odd.
     """
-    boat, fix = scene.snapshot, fresh_fix(scene)
+    boat, fix = context.snapshot, fresh_fix(context)
     moving = fix is not None and fix.speed_over_ground_m_s is not None and fix.course_over_ground_rad is not None
     flags = (_ATTITUDE if boat.heading_ok else 0) | (0 if fix is None else _PLACE) | (_VELOCITY if moving else 0)
     return mavlink.MAVLink_estimator_status_message(

@@ -1,4 +1,4 @@
-"""HIGH_LATENCY2: all of her in 42 bytes, for links that are paid by the byte."""
+"""HIGH_LATENCY2: all of the boat in 42 bytes, for links that are paid by the byte."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _COMPASS = mavlink.HL_FAILURE_FLAG_3D_MAG | mavlink.HL_FAILURE_FLAG_ESTIMATOR
 _FAILURES = (
     (Fault.COMPASS_LOST, _COMPASS),
     (Fault.POSITION_LOST, mavlink.HL_FAILURE_FLAG_GPS),
-    # There is no flag for a rudder; the engine's is the nearest thing that moves her.
+    # There is no flag for a rudder; the engine's is the nearest thing that moves the boat.
     (Fault.RUDDER_SILENT, mavlink.HL_FAILURE_FLAG_ENGINE),
     (Fault.RUDDER_ERROR, mavlink.HL_FAILURE_FLAG_ENGINE),
     (Fault.RUDDER_ASTRAY, mavlink.HL_FAILURE_FLAG_ENGINE),
@@ -39,14 +39,14 @@ _NO_BATTERY = -1
 _ARMED, _HEADING_OK = 1, 2  # in custom2
 
 
-def high_latency2(scene: TelemetryContext) -> Message:
+def high_latency2(context: TelemetryContext) -> Message:
     """Return HIGH_LATENCY2; what is not known is 0, as the message has no number for it.
 
     custom0 is the measured rudder angle in degrees, -128 without one; custom1 the voltage at
-    the servo in fifths of a volt, -1 without one; custom2 says by bits whether she
+    the servo in fifths of a volt, -1 without one; custom2 says by bits whether the boat
     is armed (1) and has a valid heading (2).
     """
-    boat, fix = scene.snapshot, fresh_fix(scene)
+    boat, fix = context.snapshot, fresh_fix(context)
     failures = 0
     for fault, flags in _FAILURES:
         failures |= flags if boat.faults >> fault & 1 else 0
@@ -55,7 +55,7 @@ def high_latency2(scene: TelemetryContext) -> Message:
     return mavlink.MAVLink_high_latency2_message(
         timestamp=boot_ms(boat.t_s),
         type=mavlink.MAV_TYPE_SURFACE_BOAT,
-        autopilot=scene.autopilot,
+        autopilot=context.autopilot,
         custom_mode=whole(float(boat.mode), 0, UINT16_MAX, 0),
         latitude=scaled_degrees(fix.latitude_rad if fix else None),
         longitude=scaled_degrees(fix.longitude_rad if fix else None),
@@ -75,7 +75,7 @@ def high_latency2(scene: TelemetryContext) -> Message:
         temperature_air=0,
         climb_rate=0,
         battery=_NO_BATTERY,
-        wp_num=whole(_item(scene), 0, UINT16_MAX, 0),
+        wp_num=whole(_item(context), 0, UINT16_MAX, 0),
         failure_flags=failures,
         custom0=whole(rudder_deg, -INT8_MAX, INT8_MAX, -INT8_MAX - 1),
         custom1=whole(None if voltage_v is None else voltage_v * 5.0, 0, INT8_MAX, -1),
@@ -83,10 +83,10 @@ def high_latency2(scene: TelemetryContext) -> Message:
     )
 
 
-def _item(scene: TelemetryContext) -> float | None:
+def _item(context: TelemetryContext) -> float | None:
     """Return the current item as ground stations number it."""
-    index = scene.snapshot.mission.index
-    return None if index is None else index + homes(scene.autopilot, PlanKind.MISSION)
+    index = context.snapshot.mission.index
+    return None if index is None else index + homes(context.autopilot, PlanKind.MISSION)
 
 
 def _half_degrees(angle_rad: float | None) -> int:

@@ -74,12 +74,12 @@ _STANDARD_MODES: Mapping[int, int] = {row.mode: row.standard for row in MODES}
 _BASE_MODES: Mapping[int, int] = {row.mode: row.base_mode for row in MODES}
 
 
-def heartbeat(scene: TelemetryContext) -> Message:
-    """Return the HEARTBEAT of a scene."""
-    snapshot = scene.snapshot
+def heartbeat(context: TelemetryContext) -> Message:
+    """Return the HEARTBEAT of a context."""
+    snapshot = context.snapshot
     base_mode = _CUSTOM | _BASE_MODES.get(snapshot.mode, 0) | (_ARMED if snapshot.armed else 0)
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_SURFACE_BOAT, scene.autopilot, base_mode, int(snapshot.mode), _state(snapshot), 3
+        mavlink.MAV_TYPE_SURFACE_BOAT, context.autopilot, base_mode, int(snapshot.mode), _state(snapshot), 3
     )
 
 
@@ -95,15 +95,15 @@ def _state(snapshot: Snapshot) -> int:
     return int(mavlink.MAV_STATE_ACTIVE if snapshot.armed else mavlink.MAV_STATE_STANDBY)
 
 
-def current_mode(scene: TelemetryContext) -> Message:
-    """Return the CURRENT_MODE of a scene; intended is what was asked for, until something else took her out of it."""
-    mode = int(scene.snapshot.mode)
-    intended = mode if scene.intended_mode is None else scene.intended_mode
+def current_mode(context: TelemetryContext) -> Message:
+    """Return the CURRENT_MODE; intended is what was asked for, until something else took the boat out of it."""
+    mode = int(context.snapshot.mode)
+    intended = mode if context.intended_mode is None else context.intended_mode
     return mavlink.mavlink_map[436](_STANDARD_MODES.get(mode, StandardMode.NONE), mode, intended)
 
 
 def mode_of_standard(standard: int) -> int | None:
-    """Return the custom_mode of a MAV_STANDARD_MODE, None for one that she does not have."""
+    """Return the custom_mode of a MAV_STANDARD_MODE, None for one that the boat does not have."""
     if standard == StandardMode.NONE:
         return None
     return next((row.mode for row in MODES if row.standard == standard), None)

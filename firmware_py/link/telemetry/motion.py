@@ -1,10 +1,10 @@
-"""Telemetry of how she moves and steers. A builder returns None when there is nothing to say."""
+"""Telemetry of how the boat moves and steers. A builder returns None when there is nothing to say."""
 
 from __future__ import annotations
 
 import math
 
-from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
+from firmware_py.common.angles import compass_degrees, wrap_pi
 from firmware_py.common.records import FixType
 from firmware_py.link.telemetry.context_fields import (
     INT16_MAX,
@@ -38,9 +38,9 @@ def _whole_degrees(heading_rad: float | None) -> int:
     return 0 if number == UINT16_MAX else round(number / 100.0) % 360
 
 
-def attitude(scene: TelemetryContext) -> Message | None:
+def attitude(context: TelemetryContext) -> Message | None:
     """Return ATTITUDE while the heading is fresh; roll and pitch are 0 where the compass gives none."""
-    boat = scene.snapshot
+    boat = context.snapshot
     if boat.heading_rad is None or not boat.heading_ok:
         return None
     return mavlink.MAVLink_attitude_message(
@@ -54,12 +54,12 @@ def attitude(scene: TelemetryContext) -> Message | None:
     )
 
 
-def vfr_hud(scene: TelemetryContext) -> Message | None:
+def vfr_hud(context: TelemetryContext) -> Message | None:
     """Return VFR_HUD while the heading is fresh: its heading has no number for unknown. Water is its air."""
-    boat = scene.snapshot
+    boat = context.snapshot
     if boat.heading_rad is None or not boat.heading_ok:
         return None
-    fix = fresh_fix(scene)
+    fix = fresh_fix(context)
     speed_m_s = None if fix is None else fix.speed_over_ground_m_s
     altitude_m = None if fix is None else fix.altitude_m
     through_water_m_s = None if boat.water is None else boat.water.speed_m_s
@@ -68,15 +68,15 @@ def vfr_hud(scene: TelemetryContext) -> Message | None:
     )
 
 
-def gps_raw_int(scene: TelemetryContext) -> Message:
+def gps_raw_int(context: TelemetryContext) -> Message:
     """Return GPS_RAW_INT: NO_GPS without a receiver's word, NO_FIX when its fix is old."""
-    heard = scene.snapshot.position
-    fix = fresh_fix(scene)
-    silent = mavlink.GPS_FIX_TYPE_NO_GPS if heard is None else FixType.NONE
+    sample = context.snapshot.position
+    fix = fresh_fix(context)
+    silent = mavlink.GPS_FIX_TYPE_NO_GPS if sample is None else FixType.NONE
     speed_m_s = fix.speed_over_ground_m_s if fix else None
     altitude_m = fix.altitude_m if fix else None
     return mavlink.MAVLink_gps_raw_int_message(
-        boot_us(heard.t_s if heard else scene.snapshot.t_s),
+        boot_us(sample.t_s if sample else context.snapshot.t_s),
         int(fix.fix if fix else silent),
         scaled_degrees(fix.latitude_rad if fix else None),
         scaled_degrees(fix.longitude_rad if fix else None),
@@ -85,20 +85,20 @@ def gps_raw_int(scene: TelemetryContext) -> Message:
         UINT16_MAX,
         whole(None if speed_m_s is None else speed_m_s * 100.0, 0, _DOP_MAX, UINT16_MAX),
         heading_centidegrees(fix.course_over_ground_rad if fix else None),
-        whole(heard.satellites if heard else None, 0, UINT8_MAX - 1, UINT8_MAX),
+        whole(sample.satellites if sample else None, 0, UINT8_MAX - 1, UINT8_MAX),
     )
 
 
-def global_position_int(scene: TelemetryContext) -> Message | None:
+def global_position_int(context: TelemetryContext) -> Message | None:
     """Return GLOBAL_POSITION_INT while the position is fresh."""
-    fix = fresh_fix(scene)
+    fix = fresh_fix(context)
     if fix is None:
         return None
     speed_m_s = fix.speed_over_ground_m_s or 0.0
     course_rad = fix.course_over_ground_rad or 0.0
     altitude_m = fix.altitude_m or 0.0
-    above_home_m = altitude_m - scene.snapshot.home.altitude_m if scene.snapshot.home is not None else 0.0
-    boat = scene.snapshot
+    above_home_m = altitude_m - context.snapshot.home.altitude_m if context.snapshot.home is not None else 0.0
+    boat = context.snapshot
     return mavlink.MAVLink_global_position_int_message(
         boot_ms(boat.t_s),
         scaled_degrees(fix.latitude_rad),
@@ -116,12 +116,12 @@ def _cosine(angle_rad: float) -> float:
     return math.cos(angle_rad) if math.isfinite(angle_rad) else 0.0
 
 
-def nav_controller_output(scene: TelemetryContext) -> Message | None:
+def nav_controller_output(context: TelemetryContext) -> Message | None:
     """Return NAV_CONTROLLER_OUTPUT while there is a heading goal: with a position goal its bearing and distance too.
 
     `xtrack_error` is positive to starboard of the line.
     """
-    boat = scene.snapshot
+    boat = context.snapshot
     if boat.goal_heading_rad is None:
         return None
     bearing_rad = boat.goal_heading_rad if boat.bearing_rad is None else boat.bearing_rad
@@ -137,32 +137,32 @@ def nav_controller_output(scene: TelemetryContext) -> Message | None:
     )
 
 
-def attitude_target(scene: TelemetryContext) -> Message | None:
+def attitude_target(context: TelemetryContext) -> Message | None:
     """Return ATTITUDE_TARGET while there is a heading goal."""
-    goal_rad = scene.snapshot.goal_heading_rad
+    goal_rad = context.snapshot.goal_heading_rad
     if goal_rad is None or not math.isfinite(goal_rad):
         return None
     half_rad = wrap_pi(goal_rad) / 2.0
     quaternion = (math.cos(half_rad), 0.0, 0.0, math.sin(half_rad))
-    stamp_ms = boot_ms(scene.snapshot.t_s)
+    stamp_ms = boot_ms(context.snapshot.t_s)
     return mavlink.MAVLink_attitude_target_message(stamp_ms, _UNUSED_ATTITUDE, quaternion, 0.0, 0.0, 0.0, 0.0)
 
 
-def servo_output_raw(scene: TelemetryContext) -> Message:
+def servo_output_raw(context: TelemetryContext) -> Message:
     """Return SERVO_OUTPUT_RAW with the command on servo 1, 1500 us +-500 at the rudder limit.
 
     It is an output by name, so it shows the command; the measured angle is the
     NAMED_VALUE_FLOAT `RUDDER`.
     """
-    deflection = scene.snapshot.rudder_command_rad / max(scene.rudder_limit_rad, 1e-3)
+    deflection = context.snapshot.rudder_command_rad / max(context.rudder_limit_rad, 1e-3)
     pulse_us = whole(1500.0 + 500.0 * deflection, 1000, 2000, 0)
-    stamp_us = boot_us(scene.snapshot.t_s) & UINT32_MAX
+    stamp_us = boot_us(context.snapshot.t_s) & UINT32_MAX
     return mavlink.MAVLink_servo_output_raw_message(stamp_us, 0, pulse_us, 0, 0, 0, 0, 0, 0, 0)
 
 
-def home_position(scene: TelemetryContext) -> Message | None:
+def home_position(context: TelemetryContext) -> Message | None:
     """Return HOME_POSITION once there was a fix."""
-    home = scene.snapshot.home
+    home = context.snapshot.home
     if home is None:
         return None
     return mavlink.MAVLink_home_position_message(
@@ -176,16 +176,5 @@ def home_position(scene: TelemetryContext) -> Message | None:
         0.0,
         0.0,
         0.0,
-        boot_us(scene.snapshot.t_s),
+        boot_us(context.snapshot.t_s),
     )
-
-
-def rudder_degrees(scene: TelemetryContext) -> float | None:
-    """Return the measured rudder angle in degrees, starboard positive."""
-    rudder_rad = scene.snapshot.rudder_rad
-    return None if rudder_rad is None else degrees(rudder_rad)
-
-
-def rudder_command_degrees(scene: TelemetryContext) -> float | None:
-    """Return the commanded rudder angle in degrees, starboard positive."""
-    return degrees(scene.snapshot.rudder_command_rad)

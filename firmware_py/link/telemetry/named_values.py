@@ -1,4 +1,7 @@
-"""What the estimator has learned of boat and sea, as named values; None while it is not known."""
+"""The values of NAMED_VALUE_FLOAT: rudder, servo, loop, what steering costs, and what the estimator has learned.
+
+Each function returns None while its value is not known.
+"""
 
 from __future__ import annotations
 
@@ -10,36 +13,85 @@ from firmware_py.link.telemetry.context_fields import TelemetryContext
 
 Value = Callable[[TelemetryContext], float | None]
 
+_JOULES_PER_WATT_HOUR = 3600.0
 
-def _learned(read: Callable[[Estimate], float]) -> Value:
-    def value(scene: TelemetryContext) -> float | None:
-        return None if scene.snapshot.estimate is None else read(scene.snapshot.estimate)
+
+def rudder_degrees(context: TelemetryContext) -> float | None:
+    """Return the measured rudder angle in degrees, starboard positive."""
+    rudder_rad = context.snapshot.rudder_rad
+    return None if rudder_rad is None else degrees(rudder_rad)
+
+
+def rudder_command_degrees(context: TelemetryContext) -> float | None:
+    """Return the commanded rudder angle in degrees, starboard positive."""
+    return degrees(context.snapshot.rudder_command_rad)
+
+
+def servo_temperature(context: TelemetryContext) -> float | None:
+    """Return the temperature of the rudder servo in degrees Celsius."""
+    return context.snapshot.servo.temperature_c if context.snapshot.servo else None
+
+
+def lateness_ms(context: TelemetryContext) -> float | None:
+    """Return how late the tick began, in milliseconds."""
+    return context.snapshot.late_s * 1e3
+
+
+def skipped_ticks(context: TelemetryContext) -> float | None:
+    """Return the number of deadlines that passed unserved since start."""
+    return float(context.snapshot.skipped_total)
+
+
+def travel_deg_per_h(context: TelemetryContext) -> float | None:
+    """Return the rudder travel of about the last hour, in degrees."""
+    return None if context.snapshot.energy is None else degrees(context.snapshot.energy.travel_rad_per_h)
+
+
+def reversals_per_h(context: TelemetryContext) -> float | None:
+    """Return the reversals of the rudder in about the last hour."""
+    return None if context.snapshot.energy is None else context.snapshot.energy.reversals_per_h
+
+
+def servo_watt_hours(context: TelemetryContext) -> float | None:
+    """Return the energy that the servo has taken since start; None when it tells no power."""
+    energy = context.snapshot.energy
+    return None if energy is None or energy.power_w is None else energy.energy_j / _JOULES_PER_WATT_HOUR
+
+
+def servo_watts(context: TelemetryContext) -> float | None:
+    """Return the power that the servo takes."""
+    return None if context.snapshot.energy is None else context.snapshot.energy.power_w
+
+
+def _estimate_value(read: Callable[[Estimate], float]) -> Value:
+    def value(context: TelemetryContext) -> float | None:
+        return None if context.snapshot.estimate is None else read(context.snapshot.estimate)
 
     return value
 
 
-def _of_water(read: Callable[[Water], float | None]) -> Value:
-    def value(scene: TelemetryContext) -> float | None:
-        return None if scene.snapshot.water is None else read(scene.snapshot.water)
+def _water_value(read: Callable[[Water], float | None]) -> Value:
+    def value(context: TelemetryContext) -> float | None:
+        return None if context.snapshot.water is None else read(context.snapshot.water)
 
     return value
 
 
 # Of the heading without waves: its standard deviation, what the last one measured differed from the expected one, and
 # the average normalised innovation squared, 1 for an honest filter.
-heading_sd_deg = _learned(lambda estimate: degrees(estimate.heading_sd_rad))
-innovation_deg = _learned(lambda estimate: degrees(estimate.innovation_rad))
-innovation_square = _learned(lambda estimate: estimate.innovation_square)
+heading_sd_deg = _estimate_value(lambda estimate: degrees(estimate.heading_sd_rad))
+innovation_deg = _estimate_value(lambda estimate: degrees(estimate.innovation_rad))
+innovation_square = _estimate_value(lambda estimate: estimate.innovation_square)
 # Compass A 0, compass B 1, course over ground 2, nothing 3.
-heading_source = _learned(lambda estimate: float(estimate.source))
-# The rudder angle at which she runs straight, and by what she turns better than her model says.
-trim_deg = _learned(lambda estimate: degrees(estimate.bias_rad))
-turning_factor = _learned(lambda estimate: estimate.turning_factor)
+heading_source = _estimate_value(lambda estimate: float(estimate.source))
+# The rudder angle at which the boat runs straight, and by what it turns better than its model says.
+trim_deg = _estimate_value(lambda estimate: degrees(estimate.bias_rad))
+turning_factor = _estimate_value(lambda estimate: estimate.turning_factor)
 # Of the yaw of the waves.
-wave_sd_deg = _learned(lambda estimate: degrees(estimate.wave_sd_rad))
-wave_period_s = _learned(lambda estimate: estimate.wave_period_s)
+wave_sd_deg = _estimate_value(lambda estimate: degrees(estimate.wave_sd_rad))
+wave_period_s = _estimate_value(lambda estimate: estimate.wave_period_s)
 # Speed through the water, and the current; its deviation in the worse known direction.
-water_speed_m_s = _of_water(lambda water: water.speed_m_s)
-current_north_m_s = _of_water(lambda water: water.current_north_m_s)
-current_east_m_s = _of_water(lambda water: water.current_east_m_s)
-current_sd_m_s = _of_water(lambda water: water.current_sd_m_s)
+water_speed_m_s = _water_value(lambda water: water.speed_m_s)
+current_north_m_s = _water_value(lambda water: water.current_north_m_s)
+current_east_m_s = _water_value(lambda water: water.current_east_m_s)
+current_sd_m_s = _water_value(lambda water: water.current_sd_m_s)

@@ -21,13 +21,13 @@ _MISSING_CELL = UINT16_MAX
 _RUDDER_FAULTS = 1 << Fault.RUDDER_SILENT | 1 << Fault.RUDDER_ERROR
 
 
-def sys_status(scene: TelemetryContext) -> Message:
+def sys_status(context: TelemetryContext) -> Message:
     """Return SYS_STATUS.
 
     Ground stations look for gyro, accelerometer and magnetometer; here all three are
     the compass. errors_count1 counts skipped ticks.
     """
-    boat = scene.snapshot
+    boat = context.snapshot
     present = _COMPASS | _RUDDER | _STORAGE | _PREARM | (0 if boat.position is None else _POSITION)
     states = (
         (_COMPASS, boat.heading_ok),
@@ -39,18 +39,18 @@ def sys_status(scene: TelemetryContext) -> Message:
     breached = boat.faults >> Fault.FENCE_BREACHED & 1
     healthy = (0 if breached else _FENCE) | present & sum(bits for bits, good in states if good)
     heeded = _FENCE if boat.navigation.fence_enabled else 0
-    errors = whole(scene.refused_frames, 0, UINT16_MAX, 0)
+    errors = whole(context.refused_frames, 0, UINT16_MAX, 0)
     skipped = whole(boat.skipped_total, 0, UINT16_MAX, 0)
-    millivolts, centiamperes = _supply(scene)
-    load = whole(scene.load * 1e3, 0, 1000, 0)
+    millivolts, centiamperes = _supply(context)
+    load = whole(context.load * 1e3, 0, 1000, 0)
     return mavlink.MAVLink_sys_status_message(
         present | heeded, present | heeded, healthy, load, millivolts, centiamperes, -1, 0, errors, skipped, 0, 0, 0
     )
 
 
-def _supply(scene: TelemetryContext) -> tuple[int, int]:
+def _supply(context: TelemetryContext) -> tuple[int, int]:
     """Return the voltage (mV) and current (cA) at the rudder servo, the one place where they are measured."""
-    servo = scene.snapshot.servo
+    servo = context.snapshot.servo
     voltage_v = servo.voltage_v if servo else None
     current_a = servo.current_a if servo else None
     return (
@@ -59,9 +59,9 @@ def _supply(scene: TelemetryContext) -> tuple[int, int]:
     )
 
 
-def battery_status(scene: TelemetryContext) -> Message | None:
+def battery_status(context: TelemetryContext) -> Message | None:
     """Return BATTERY_STATUS while the servo tells the voltage of its supply."""
-    millivolts, centiamperes = _supply(scene)
+    millivolts, centiamperes = _supply(context)
     if millivolts == UINT16_MAX:
         return None
     voltages = (millivolts, *(_MISSING_CELL,) * 9)
@@ -69,28 +69,13 @@ def battery_status(scene: TelemetryContext) -> Message | None:
     return mavlink.MAVLink_battery_status_message(0, function, chemistry, INT16_MAX, voltages, centiamperes, -1, -1, -1)
 
 
-def system_time(scene: TelemetryContext) -> Message:
+def system_time(context: TelemetryContext) -> Message:
     """Return SYSTEM_TIME."""
-    return mavlink.MAVLink_system_time_message(whole(scene.utc_s * 1e6, 0, 1 << 62, 0), boot_ms(scene.snapshot.t_s))
+    return mavlink.MAVLink_system_time_message(whole(context.utc_s * 1e6, 0, 1 << 62, 0), boot_ms(context.snapshot.t_s))
 
 
-def extended_sys_state(scene: TelemetryContext) -> Message:  # noqa: ARG001 - a builder like the others
+def extended_sys_state(context: TelemetryContext) -> Message:  # noqa: ARG001 - a builder like the others
     """Return EXTENDED_SYS_STATE: a boat neither flies nor stands on the ground."""
     return mavlink.MAVLink_extended_sys_state_message(
         mavlink.MAV_VTOL_STATE_UNDEFINED, mavlink.MAV_LANDED_STATE_UNDEFINED
     )
-
-
-def servo_temperature(scene: TelemetryContext) -> float | None:
-    """Return the temperature of the rudder servo in degrees Celsius."""
-    return scene.snapshot.servo.temperature_c if scene.snapshot.servo else None
-
-
-def lateness_ms(scene: TelemetryContext) -> float | None:
-    """Return how late the tick began, in milliseconds."""
-    return scene.snapshot.late_s * 1e3
-
-
-def skipped_ticks(scene: TelemetryContext) -> float | None:
-    """Return the number of deadlines that passed unserved since start."""
-    return float(scene.snapshot.skipped_total)

@@ -29,21 +29,21 @@ def text_messages(severity: Severity, text: str, number: int) -> list[Message]:
     ]
 
 
-class Notices:
+class TextLimiter:
     """Keeps refusals from flooding one operator."""
 
     def __init__(self) -> None:
-        """Start with a full allowance."""
-        self._said_s: OrderedDict[str, float] = OrderedDict()
-        self._allowance = TokenBucket(_BURST, _RATE_HZ)
+        """Start with as many as may be said at once."""
+        self._last_s: OrderedDict[str, float] = OrderedDict()
+        self._tokens = TokenBucket(_BURST, _RATE_HZ)
 
-    def allowed(self, text: str, now_s: float) -> bool:
+    def admit(self, text: str, now_s: float) -> bool:
         """Return whether a text may be said now, and count it if so."""
-        said_s = self._said_s.get(text)
-        if (said_s is not None and now_s - said_s < _SAME_S) or not self._allowance.take(now_s):
+        last_s = self._last_s.get(text)
+        if (last_s is not None and now_s - last_s < _SAME_S) or not self._tokens.spend_one(now_s):
             return False
-        self._said_s[text] = now_s
-        self._said_s.move_to_end(text)
-        if len(self._said_s) > _KNOWN_TEXTS:
-            self._said_s.popitem(last=False)
+        self._last_s[text] = now_s
+        self._last_s.move_to_end(text)
+        if len(self._last_s) > _KNOWN_TEXTS:
+            self._last_s.popitem(last=False)
         return True

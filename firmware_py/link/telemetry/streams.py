@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from firmware_py.link.telemetry.table import ROWS_OF, TABLE, Row
+from firmware_py.link.telemetry.table import ROWS_OF, TABLE, TelemetryRow
 from firmware_py.link.wire.url_options import LinkClass
 
 FASTEST_S = 0.02  # 50 Hz, the fastest loop
@@ -14,7 +14,7 @@ SLOWEST_S = 3600.0
 HIGH_LATENCY = 235  # HIGH_LATENCY2
 _OFF = math.inf
 
-_RATES: Mapping[LinkClass, Callable[[Row], float]] = {
+_RATES: Mapping[LinkClass, Callable[[TelemetryRow], float]] = {
     LinkClass.FAST: lambda row: row.fast_hz,
     LinkClass.RADIO: lambda row: row.radio_hz,
     LinkClass.SATELLITE: lambda _row: 0.0,
@@ -41,13 +41,13 @@ class Streams:
         rows.sort(key=self._due_s.__getitem__)
         return rows
 
-    def sent(self, row: int, now_s: float) -> None:
+    def mark_sent(self, row: int, now_s: float) -> None:
         """Note that a row was sent, or had nothing to say: in phase, and never catching up."""
         interval_s = self._interval_s[row]
         next_s = self._due_s[row] + interval_s
         self._due_s[row] = next_s if next_s > now_s else now_s + interval_s
 
-    def hasten(self, number: int, now_s: float) -> None:
+    def make_due(self, number: int, now_s: float) -> None:
         """Make a message due now, if it is sent at all."""
         for row in ROWS_OF.get(number, ()):
             if self._interval_s[row] < _OFF:

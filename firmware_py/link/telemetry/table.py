@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from firmware_py.link.telemetry import (
-    effort,
     estimates,
     high_latency,
     identity,
@@ -35,7 +34,7 @@ _EXTRA2 = mavlink.MAV_DATA_STREAM_EXTRA2  # VFR_HUD
 _EXTRA3 = mavlink.MAV_DATA_STREAM_EXTRA3  # BATTERY_STATUS, SYSTEM_TIME
 
 
-class Row(NamedTuple):
+class TelemetryRow(NamedTuple):
     """One message of telemetry."""
 
     number: int  # message id
@@ -47,50 +46,50 @@ class Row(NamedTuple):
     priority: Priority = Priority.TELEMETRY
 
 
-def _named(name: str, value: Callable[[TelemetryContext], float | None], fast_hz: float, radio_hz: float) -> Row:
+def _named(name: str, value: named_values.Value, fast_hz: float, radio_hz: float) -> TelemetryRow:
     label = text_of(name, 10)
 
-    def build(scene: TelemetryContext) -> Message | None:
-        found = single(value(scene), math.nan)
-        if math.isnan(found):
+    def build(context: TelemetryContext) -> Message | None:
+        number = single(value(context), math.nan)
+        if math.isnan(number):
             return None
-        return mavlink.MAVLink_named_value_float_message(boot_ms(scene.snapshot.t_s), label, found)
+        return mavlink.MAVLink_named_value_float_message(boot_ms(context.snapshot.t_s), label, number)
 
-    return Row(251, f"NAMED_VALUE_FLOAT {name}", build, fast_hz, radio_hz, _EXTRA3)
+    return TelemetryRow(251, f"NAMED_VALUE_FLOAT {name}", build, fast_hz, radio_hz, _EXTRA3)
 
 
-TABLE: tuple[Row, ...] = (
-    Row(0, "HEARTBEAT", identity.heartbeat, 1.0, 1.0, None, Priority.URGENT),
-    Row(1, "SYS_STATUS", status.sys_status, 1.0, 0.5, _STATUS),
-    Row(2, "SYSTEM_TIME", status.system_time, 1.0, 0.1, _EXTRA3),
-    Row(24, "GPS_RAW_INT", motion.gps_raw_int, 2.0, 0.5, _STATUS),
-    Row(30, "ATTITUDE", motion.attitude, 10.0, 2.0, _EXTRA1),
-    Row(31, "ATTITUDE_QUATERNION", estimates.attitude_quaternion, 0.0, 0.0, None),
-    Row(32, "LOCAL_POSITION_NED", estimates.local_position_ned, 2.0, 0.0, _POSITION),
-    Row(33, "GLOBAL_POSITION_INT", motion.global_position_int, 4.0, 1.0, _POSITION),
-    Row(36, "SERVO_OUTPUT_RAW", motion.servo_output_raw, 4.0, 1.0, _RC),
-    Row(42, "MISSION_CURRENT", mission_status.mission_current, 1.0, 0.5, _STATUS),
-    Row(49, "GPS_GLOBAL_ORIGIN", estimates.gps_global_origin, 0.0, 0.0, None),
-    Row(62, "NAV_CONTROLLER_OUTPUT", motion.nav_controller_output, 2.0, 1.0, _STATUS),
-    Row(74, "VFR_HUD", motion.vfr_hud, 4.0, 1.0, _EXTRA2),
-    Row(83, "ATTITUDE_TARGET", motion.attitude_target, 2.0, 0.5, _EXTRA1),
-    Row(87, "POSITION_TARGET_GLOBAL_INT", estimates.position_target, 2.0, 0.2, _POSITION),
-    Row(147, "BATTERY_STATUS", status.battery_status, 1.0, 0.2, _EXTRA3),
-    Row(230, "ESTIMATOR_STATUS", estimates.estimator_status, 1.0, 0.2, _EXTRA3),
-    Row(235, "HIGH_LATENCY2", high_latency.high_latency2, 0.0, 0.0, None),
-    Row(242, "HOME_POSITION", motion.home_position, 0.0, 0.0, None),
-    Row(245, "EXTENDED_SYS_STATE", status.extended_sys_state, 0.0, 0.0, None),
-    Row(436, "CURRENT_MODE", identity.current_mode, 0.5, 0.5, None),
-    Row(437, "AVAILABLE_MODES_MONITOR", identity.available_modes_monitor, 0.3, 0.05, None),
-    _named("RUDDER", motion.rudder_degrees, 4.0, 1.0),
-    _named("RUD_CMD", motion.rudder_command_degrees, 4.0, 1.0),
-    _named("RUD_TEMP", status.servo_temperature, 0.5, 0.1),
-    _named("LATE_MS", status.lateness_ms, 1.0, 0.2),
-    _named("SKIPPED", status.skipped_ticks, 1.0, 0.2),
-    _named("RUD_TRAVEL", effort.travel_deg_per_h, 0.2, 0.02),
-    _named("RUD_REVERS", effort.reversals_per_h, 0.2, 0.02),
-    _named("RUD_WH", effort.servo_watt_hours, 0.2, 0.02),
-    _named("RUD_WATT", effort.servo_watts, 0.2, 0.02),
+TABLE: tuple[TelemetryRow, ...] = (
+    TelemetryRow(0, "HEARTBEAT", identity.heartbeat, 1.0, 1.0, None, Priority.URGENT),
+    TelemetryRow(1, "SYS_STATUS", status.sys_status, 1.0, 0.5, _STATUS),
+    TelemetryRow(2, "SYSTEM_TIME", status.system_time, 1.0, 0.1, _EXTRA3),
+    TelemetryRow(24, "GPS_RAW_INT", motion.gps_raw_int, 2.0, 0.5, _STATUS),
+    TelemetryRow(30, "ATTITUDE", motion.attitude, 10.0, 2.0, _EXTRA1),
+    TelemetryRow(31, "ATTITUDE_QUATERNION", estimates.attitude_quaternion, 0.0, 0.0, None),
+    TelemetryRow(32, "LOCAL_POSITION_NED", estimates.local_position_ned, 2.0, 0.0, _POSITION),
+    TelemetryRow(33, "GLOBAL_POSITION_INT", motion.global_position_int, 4.0, 1.0, _POSITION),
+    TelemetryRow(36, "SERVO_OUTPUT_RAW", motion.servo_output_raw, 4.0, 1.0, _RC),
+    TelemetryRow(42, "MISSION_CURRENT", mission_status.mission_current, 1.0, 0.5, _STATUS),
+    TelemetryRow(49, "GPS_GLOBAL_ORIGIN", estimates.gps_global_origin, 0.0, 0.0, None),
+    TelemetryRow(62, "NAV_CONTROLLER_OUTPUT", motion.nav_controller_output, 2.0, 1.0, _STATUS),
+    TelemetryRow(74, "VFR_HUD", motion.vfr_hud, 4.0, 1.0, _EXTRA2),
+    TelemetryRow(83, "ATTITUDE_TARGET", motion.attitude_target, 2.0, 0.5, _EXTRA1),
+    TelemetryRow(87, "POSITION_TARGET_GLOBAL_INT", estimates.position_target, 2.0, 0.2, _POSITION),
+    TelemetryRow(147, "BATTERY_STATUS", status.battery_status, 1.0, 0.2, _EXTRA3),
+    TelemetryRow(230, "ESTIMATOR_STATUS", estimates.estimator_status, 1.0, 0.2, _EXTRA3),
+    TelemetryRow(235, "HIGH_LATENCY2", high_latency.high_latency2, 0.0, 0.0, None),
+    TelemetryRow(242, "HOME_POSITION", motion.home_position, 0.0, 0.0, None),
+    TelemetryRow(245, "EXTENDED_SYS_STATE", status.extended_sys_state, 0.0, 0.0, None),
+    TelemetryRow(436, "CURRENT_MODE", identity.current_mode, 0.5, 0.5, None),
+    TelemetryRow(437, "AVAILABLE_MODES_MONITOR", identity.available_modes_monitor, 0.3, 0.05, None),
+    _named("RUDDER", named_values.rudder_degrees, 4.0, 1.0),
+    _named("RUD_CMD", named_values.rudder_command_degrees, 4.0, 1.0),
+    _named("RUD_TEMP", named_values.servo_temperature, 0.5, 0.1),
+    _named("LATE_MS", named_values.lateness_ms, 1.0, 0.2),
+    _named("SKIPPED", named_values.skipped_ticks, 1.0, 0.2),
+    _named("RUD_TRAVEL", named_values.travel_deg_per_h, 0.2, 0.02),
+    _named("RUD_REVERS", named_values.reversals_per_h, 0.2, 0.02),
+    _named("RUD_WH", named_values.servo_watt_hours, 0.2, 0.02),
+    _named("RUD_WATT", named_values.servo_watts, 0.2, 0.02),
     _named("HDG_SRC", named_values.heading_source, 0.5, 0.02),
     _named("HDG_SD", named_values.heading_sd_deg, 0.5, 0.02),
     _named("HDG_INNOV", named_values.innovation_deg, 1.0, 0.0),
@@ -107,10 +106,10 @@ TABLE: tuple[Row, ...] = (
 
 
 def _by_number() -> Mapping[int, tuple[int, ...]]:
-    found: dict[int, tuple[int, ...]] = {}
+    indexes: dict[int, tuple[int, ...]] = {}
     for index, row in enumerate(TABLE):
-        found[row.number] = (*found.get(row.number, ()), index)
-    return found
+        indexes[row.number] = (*indexes.get(row.number, ()), index)
+    return indexes
 
 
 ROWS_OF: Mapping[int, tuple[int, ...]] = _by_number()  # message id -> indexes of TABLE

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from firmware_py.link.wire.token_bucket import TokenBucket
+
 _SHARE = 0.7  # of a line: the rest is for telemetry and answers
 _BURST_S = 0.25  # what an idle line may save up, as in the outbox
 _LONGEST_FRAME = 280
@@ -12,32 +14,30 @@ _WAITING = 64  # messages in the queue of answers; half of what it holds
 class BulkShare:
     """The part of a peer's line that long transfers may use."""
 
-    __slots__ = ("_rate", "_room_bytes", "_updated_s", "hungry")
+    __slots__ = ("_bytes", "can_continue")
 
     def __init__(self, byte_rate: float | None) -> None:
         """Take the speed of the line in bytes a second; None for a network."""
-        self._rate = None if byte_rate is None else _SHARE * byte_rate
-        self._room_bytes = 0.0
-        self._updated_s = 0.0
-        self.hungry = False  # more could go at once, were the loop to call again
+        self._bytes: TokenBucket | None = None
+        if byte_rate is not None:
+            rate = _SHARE * byte_rate
+            burst = max(rate * _BURST_S, float(_LONGEST_FRAME))
+            self._bytes = TokenBucket(burst, rate, full=False, longest_s=_BURST_S * 4)
+        self.can_continue = False  # more could go at once, were the loop to call again
 
-    def leave(self) -> None:
-        """Note that a transfer has more to send: on a line it waits for a tick, on a network it need not."""
-        self.hungry = self._rate is None
+    def mark_unfinished(self) -> None:
+        """Say that a transfer has more to send: on a line it waits for a tick, on a network it need not."""
+        self.can_continue = self._bytes is None
 
     def frames(self, frame_bytes: int, waiting: int, now_s: float) -> int:
         """Return how many frames of a size may be queued now, where `waiting` answers wait already."""
         if waiting >= _WAITING:
             return 0
-        if self._rate is None:
+        if self._bytes is None:
             return _FRAMES_AT_ONCE if waiting == 0 else 0
-        burst = max(self._rate * _BURST_S, float(_LONGEST_FRAME))
-        elapsed_s = min(max(0.0, now_s - self._updated_s), _BURST_S * 4)
-        self._updated_s = now_s
-        self._room_bytes = min(burst, self._room_bytes + elapsed_s * self._rate)
-        return min(int(self._room_bytes // frame_bytes), _WAITING - waiting)
+        return min(int(self._bytes.level(now_s) // frame_bytes), _WAITING - waiting)
 
     def spend(self, spent_bytes: int) -> None:
         """Count what has been queued."""
-        if self._rate is not None:
-            self._room_bytes -= spent_bytes
+        if self._bytes is not None:
+            self._bytes.spend(spent_bytes)

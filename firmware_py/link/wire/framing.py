@@ -62,8 +62,8 @@ class Splitter:
     def _scan(self, data: bytes, *, last: bool) -> Iterator[Frame]:
         position = 0
         self._held = b""
-        while (found := _MARKER.search(data, position)) is not None:
-            start = found.start()
+        while (marker := _MARKER.search(data, position)) is not None:
+            start = marker.start()
             size = _claimed_size(data, start)
             if size == _WAIT and not last:
                 self._held = data[start:]

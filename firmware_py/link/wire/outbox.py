@@ -8,6 +8,7 @@ from enum import IntEnum
 from typing import Protocol
 
 from firmware_py.link.wire.dialect import Packed, stamp
+from firmware_py.link.wire.token_bucket import TokenBucket
 
 _BATCH_BYTES = 1200  # several frames share a datagram: one system call for all, and no fragments
 _BURST_S = 0.25  # what an idle line may save up
@@ -30,7 +31,7 @@ class Sealer(Protocol):
     def overhead_bytes(self) -> int:
         """What a signature adds to a frame; 0 while there is no key."""
 
-    def sealed(self, packed: Packed, sequence: int) -> bytes:
+    def seal(self, packed: Packed, sequence: int) -> bytes:
         """Return the frame with this sequence number, signed."""
 
 
@@ -38,7 +39,7 @@ class Unsealed:
     """Signs nothing."""
 
     overhead_bytes = 0
-    sealed = staticmethod(stamp)
+    seal = staticmethod(stamp)
 
 
 _UNSEALED = Unsealed()
@@ -55,14 +56,11 @@ class Outbox:
 
     __slots__ = (
         "_blocked_since_s",
-        "_burst",
+        "_bytes",
         "_queues",
-        "_rate",
         "_sealer",
         "_send",
         "_sequence",
-        "_tokens",
-        "_updated_s",
         "dropped",
         "sent_bytes",
     )
@@ -71,10 +69,9 @@ class Outbox:
         """Take the way out and, for a line, its speed in bytes a second."""
         self._send = send
         self._sealer = sealer
-        self._rate = byte_rate
-        self._burst = 0.0 if byte_rate is None else max(byte_rate * _BURST_S, _LONGEST_FRAME)
-        self._tokens = self._burst
-        self._updated_s: float | None = None
+        self._bytes: TokenBucket | None = None  # what the line takes; None for a network
+        if byte_rate is not None:
+            self._bytes = TokenBucket(max(byte_rate * _BURST_S, _LONGEST_FRAME), byte_rate)
         self._queues: tuple[deque[Packed], ...] = tuple(deque() for _ in Priority)
         self._sequence = 0
         self._blocked_since_s: float | None = None
@@ -99,32 +96,31 @@ class Outbox:
 
     def room_bytes(self, now_s: float) -> float:
         """Return how much telemetry the line would take now, beside what waits already."""
-        if self._rate is None:
+        if self._bytes is None:
             return float(_BATCH_BYTES * 4)
-        self._refill(now_s)
-        return self._tokens - sum(self.size_of(packed) for queue in self._queues for packed in queue)
+        level_bytes = self._bytes.level(now_s)
+        return level_bytes - sum(self.size_of(packed) for queue in self._queues for packed in queue)
 
     def flush(self, now_s: float) -> None:
         """Send what may be sent now; telemetry that does not fit is dropped, since newer will come."""
-        self._refill(now_s)
         while True:
-            batch = self._batch()
+            batch = self._batch(now_s)
             if not batch:
                 break
-            finish = self._sealer.sealed if self._sealer.overhead_bytes else stamp
-            data = b"".join(finish(packed, (self._sequence + index) & 0xFF) for index, packed in enumerate(batch))
+            seal = self._sealer.seal if self._sealer.overhead_bytes else stamp
+            data = b"".join(seal(packed, (self._sequence + index) & 0xFF) for index, packed in enumerate(batch))
             if not self._send(data):
-                self._blocked(now_s)
+                self._drop_when_blocked(now_s)
                 break
             self._blocked_since_s = None
             self._sequence = (self._sequence + len(batch)) & 0xFF
             self.sent_bytes += len(data)
-            if self._rate is not None:
-                self._tokens -= len(data)
+            if self._bytes is not None:
+                self._bytes.spend(len(data))
             self._forget(len(batch))
         self._drop(self._queues[Priority.TELEMETRY])
 
-    def _blocked(self, now_s: float) -> None:
+    def _drop_when_blocked(self, now_s: float) -> None:
         """Forget what waits once a line has been away for long: old acknowledgements would mislead."""
         if self._blocked_since_s is None:
             self._blocked_since_s = now_s
@@ -136,8 +132,8 @@ class Outbox:
         self.dropped += len(queue)
         queue.clear()
 
-    def _batch(self) -> list[Packed]:
-        allowed = _BATCH_BYTES if self._rate is None else min(_BATCH_BYTES, self._tokens)
+    def _batch(self, now_s: float) -> list[Packed]:
+        allowed = _BATCH_BYTES if self._bytes is None else min(_BATCH_BYTES, self._bytes.level(now_s))
         batch: list[Packed] = []
         overhead = self._sealer.overhead_bytes
         for queue in self._queues:
@@ -153,10 +149,3 @@ class Outbox:
             while count and queue:
                 queue.popleft()
                 count -= 1
-
-    def _refill(self, now_s: float) -> None:
-        if self._rate is None:
-            return
-        elapsed_s = 0.0 if self._updated_s is None else max(0.0, now_s - self._updated_s)
-        self._updated_s = now_s
-        self._tokens = min(self._burst, self._tokens + elapsed_s * self._rate)

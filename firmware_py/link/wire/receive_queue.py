@@ -15,15 +15,15 @@ from firmware_py.link.wire.transport import Address
 
 Source = tuple[int, Address]  # index of the transport, and who
 _SHARE_BYTES = 16_384  # may wait for one correspondent; one datagram may always
-_STRANGERS: Source = (-1, None)  # who are not on the roster share one share
+_STRANGERS: Source = (-1, None)  # who are not a peer share one share
 
 
 class ReceiveQueue:
     """Queues of pieces by correspondent, emptied in turn."""
 
-    def __init__(self, known: Callable[[int, Address], bool]) -> None:
-        """Take what tells whether somebody is on the roster."""
-        self._known = known
+    def __init__(self, is_peer: Callable[[int, Address], bool]) -> None:
+        """Take what tells whether somebody is a peer."""
+        self._is_peer = is_peer
         self._waiting: OrderedDict[Source, deque[tuple[int, Address, bytes]]] = OrderedDict()
         self._bytes: dict[Source, int] = {}
         self.dropped = 0  # datagrams beyond somebody's share
@@ -32,13 +32,13 @@ class ReceiveQueue:
         """Return whether something waits."""
         return bool(self._waiting)
 
-    def waits(self, index: int) -> bool:
+    def holds(self, index: int) -> bool:
         """Return whether something of a transport waits."""
         return any(source[0] == index for source in self._waiting)
 
     def offer(self, index: int, address: Address, data: bytes) -> None:
         """Queue a piece, or drop and count it."""
-        source = (index, address) if self._known(index, address) else _STRANGERS
+        source = (index, address) if self._is_peer(index, address) else _STRANGERS
         held = self._bytes.get(source, 0)
         if held and held + len(data) > _SHARE_BYTES:
             self.dropped += 1
@@ -52,7 +52,7 @@ class ReceiveQueue:
         self._waiting.setdefault(source, deque()).appendleft((index, address, data))
         self._bytes[source] = self._bytes.get(source, 0) + len(data)
 
-    def take(self) -> tuple[int, Address, bytes]:
+    def pop(self) -> tuple[int, Address, bytes]:
         """Return the next piece, of another correspondent than the last one if there is one; KeyError of none."""
         source, queue = self._waiting.popitem(last=False)
         piece = queue.popleft()

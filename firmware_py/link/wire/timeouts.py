@@ -30,37 +30,37 @@ SATELLITE = Timeouts(30.0, 120.0, 240.0, 600.0, 1200.0)
 
 
 def timeouts_of(transport: Transport) -> Timeouts:
-    """Return the patience for a transport."""
+    """Return the timeouts for a transport."""
     if transport.byte_rate is None:
         return FAST
     return RADIO if transport.byte_rate >= _RADIO_BYTES_S else SATELLITE
 
 
-class Waiting:
+class RetryTimer:
     """When a question is to be asked again: learns how long answers take, and asks less often the longer none comes."""
 
-    __slots__ = ("_asked_s", "_patience", "_tries", "_typical_s", "_wait_s")
+    __slots__ = ("_asked_s", "_timeouts", "_tries", "_typical_s", "_wait_s")
 
-    def __init__(self, patience: Timeouts) -> None:
+    def __init__(self, timeouts: Timeouts) -> None:
         """Start without a question."""
-        self._patience = patience
+        self._timeouts = timeouts
         self._typical_s: float | None = None
         self._asked_s = 0.0
-        self._wait_s = patience.first_s
+        self._wait_s = timeouts.first_s
         self._tries = 0
 
-    def asked(self, now_s: float) -> None:
+    def begin(self, now_s: float) -> None:
         """Note that a new question was asked."""
         self._asked_s, self._tries = now_s, 0
         if self._typical_s is not None:
-            self._wait_s = min(max(3.0 * self._typical_s, self._patience.shortest_s), self._patience.longest_s)
+            self._wait_s = min(max(3.0 * self._typical_s, self._timeouts.shortest_s), self._timeouts.longest_s)
 
-    def asked_again(self, now_s: float) -> None:
+    def repeat(self, now_s: float) -> None:
         """Note that the same question was asked again."""
         self._asked_s, self._tries = now_s, self._tries + 1
-        self._wait_s = min(1.5 * self._wait_s, self._patience.longest_s)
+        self._wait_s = min(1.5 * self._wait_s, self._timeouts.longest_s)
 
-    def answered(self, now_s: float) -> None:
+    def learn(self, now_s: float) -> None:
         """Learn from an answer; that to a question asked twice teaches nothing."""
         if self._tries == 0:
             took_s = max(0.0, now_s - self._asked_s)

@@ -1,25 +1,40 @@
-"""So many at once, and so many a second in the long run."""
+"""So much at once, and so much a second in the long run."""
 
 from __future__ import annotations
 
+import math
+
 
 class TokenBucket:
-    """A bucket of tokens that fills again with time."""
+    """A bucket of tokens that fills again with time; what a token is (an answer, a byte) is its owner's business."""
 
-    __slots__ = ("_burst", "_left", "_rate_hz", "_updated_s")
+    __slots__ = ("_burst", "_level", "_longest_s", "_rate_hz", "_updated_s")
 
-    def __init__(self, burst: int, rate_hz: float) -> None:
-        """Start full."""
+    def __init__(self, burst: float, rate_hz: float, *, full: bool = True, longest_s: float = math.inf) -> None:
+        """Take how many tokens it holds and how many come in a second.
+
+        It starts full or empty. However long nobody has looked, it gains no more than in `longest_s`.
+        """
         self._burst = float(burst)
-        self._left = float(burst)
+        self._level = self._burst if full else 0.0
         self._rate_hz = rate_hz
+        self._longest_s = longest_s
         self._updated_s = 0.0
 
-    def take(self, now_s: float) -> bool:
-        """Take one, if there is one."""
-        self._left = min(self._burst, self._left + max(0.0, now_s - self._updated_s) * self._rate_hz)
+    def level(self, now_s: float) -> float:
+        """Fill it up to now and return how many tokens are in it; below 0 after too much was spent."""
+        elapsed_s = min(max(0.0, now_s - self._updated_s), self._longest_s)
         self._updated_s = now_s
-        if self._left < 1.0:
+        self._level = min(self._burst, self._level + elapsed_s * self._rate_hz)
+        return self._level
+
+    def spend(self, count: float) -> None:
+        """Take tokens out."""
+        self._level -= count
+
+    def spend_one(self, now_s: float) -> bool:
+        """Take one token out if there is one; False when there is none."""
+        if self.level(now_s) < 1.0:
             return False
-        self._left -= 1.0
+        self.spend(1.0)
         return True

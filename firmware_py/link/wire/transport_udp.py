@@ -17,10 +17,10 @@ _SEND_BUFFER = 1 << 18
 def resolve(url: LinkUrl) -> tuple[str, int]:
     """Return the numeric IPv4 address of a URL, or raise LinkError. May wait for a name server."""
     try:
-        found = socket.getaddrinfo(url.host, url.number, socket.AF_INET, socket.SOCK_DGRAM)
+        addresses = socket.getaddrinfo(url.host, url.number, socket.AF_INET, socket.SOCK_DGRAM)
     except (OSError, UnicodeError) as error:
         raise LinkError(f"link {url.text!r}: host {url.host!r} is not known ({error}); use its IPv4 address") from error
-    return str(found[0][4][0]), url.number
+    return str(addresses[0][4][0]), url.number
 
 
 def bind(listener: socket.socket, url: LinkUrl) -> None:
@@ -75,7 +75,7 @@ class UdpTransport:
 
     def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:  # noqa: ARG002 - it has one only
         """Read a few datagrams."""
-        heard: list[tuple[Address, bytes]] = []
+        datagrams: list[tuple[Address, bytes]] = []
         for _ in range(_DATAGRAMS):
             try:
                 data, address = self._socket.recvfrom(_LONGEST)
@@ -86,8 +86,8 @@ class UdpTransport:
                 self.failures += 1
                 continue
             if self._target is None or address[0] == self._target[0]:
-                heard.append((address, data))
-        return heard
+                datagrams.append((address, data))
+        return datagrams
 
     def send(self, address: Address, data: bytes) -> bool:
         """Send one datagram; False when the system's buffer is full."""

@@ -74,7 +74,7 @@ _OPTIONS: Mapping[str, tuple[str, Callable[[str], object], str]] = {
 def parse_options(text: str) -> LinkOptions:
     """Read `NAME=VALUE&NAME=VALUE`, or raise OptionError."""
     options = PLAIN
-    seen = set()
+    names = set()
     for item in text.split("&"):
         name, _, value = item.partition("=")
         row = _OPTIONS.get(name)
@@ -82,12 +82,12 @@ def parse_options(text: str) -> LinkOptions:
             near = difflib.get_close_matches(name, _OPTIONS, 1)
             hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(_OPTIONS)}"
             raise OptionError(f"option {name!r} is not known; {hint}")
-        if name in seen:
+        if name in names:
             raise OptionError(f"option {name!r} is given twice; give it once")
-        seen.add(name)
+        names.add(name)
         field, read, allowed = row
-        found = read(value)
-        if found is None:
+        setting = read(value)
+        if setting is None:
             raise OptionError(f"option {name}={value}: allowed are {allowed}")
-        options = replace(options, **{field: found})  # type: ignore[arg-type]
+        options = replace(options, **{field: setting})  # type: ignore[arg-type]
     return options

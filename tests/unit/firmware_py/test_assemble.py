@@ -43,7 +43,7 @@ def test_starts_are_counted_and_no_file_sets_the_count(vehicle, tmp_path):
 def test_ground_stations_see_logs_and_uploads_of_the_state_directory(vehicle, tmp_path):
     assembly = assemble(vehicle, Options(tmp_path / "state", wait=True))
     try:
-        tree = assembly.endpoint._files._desk.tree
+        tree = assembly.endpoint._services.tree
         assert {name: area.writable for name, area in tree.areas.items()} == {"logs": False, "uploads": True}
         assert assembly.endpoint.descriptors()  # that of the thread that waits for the disk
     finally:

@@ -46,7 +46,7 @@ SNAPSHOT = Snapshot(
 ACK, NAK = 128, 129
 
 
-class FakeAuthority:
+class FakeRequestHandler:
     """Gives the scripted answer, keeps parameters, stores when told to."""
 
     def __init__(self):
@@ -167,16 +167,15 @@ class Rig:
         self.vault = vault or MemoryVault()
         self.utc_s = 1.7e9
         self.transport = MemoryTransport(**transport)
-        self.authority = FakeAuthority()
-        self.authority.values = self.authority.values.replaced("LNK_IDENTITY", identity)
+        self.request_handler = FakeRequestHandler()
+        self.request_handler.values = self.request_handler.values.replaced("LNK_IDENTITY", identity)
         self.endpoint = Endpoint(
             [self.transport],
-            self.authority,
+            self.request_handler,
             utc_s=lambda: self.utc_s,
             version=Version(0, 1, 0, "0123abcd", 77),
-            boot_text="Rambler 0.1.0",
             vault=self.vault,
-            heard_utc=lambda utc_s, now_s: self.heard_utc.append((utc_s, now_s)),
+            offer_utc=lambda utc_s, now_s: self.heard_utc.append((utc_s, now_s)),
             storage=storage,
         )
         self.heard_utc = []

@@ -56,10 +56,10 @@ def test_one_tick_is_one_datagram(rig):
 def test_events_are_told_and_the_grave_ones_again_to_whoever_comes_later(make_rig, texts):
     rig = make_rig(addresses=("first",))
     events = [Event(Severity.CRITICAL, "grave"), Event(Severity.INFO, "light")]
-    assert texts(rig.tick(events=events)) == ["Rambler 0.1.0", "grave", "light"]
+    assert texts(rig.tick(events=events)) == ["grave", "light"]
     rig.transport.served = ("first", "later")
     rig.tick_silently()
-    assert texts(rig.said("later")) == ["Rambler 0.1.0", "grave"]
+    assert texts(rig.said("later")) == ["grave"]
 
 
 def test_a_storm_of_events_is_bounded(rig, texts):
@@ -69,7 +69,7 @@ def test_a_storm_of_events_is_bounded(rig, texts):
 def test_our_own_words_sent_back_are_not_answered(rig):
     rig.station.srcSystem, rig.station.srcComponent = 1, 1
     assert rig.command(400, 1.0) == []
-    assert rig.authority.requests == []
+    assert rig.request_handler.requests == []
 
 
 def test_the_work_of_one_call_is_bounded(rig, of):
@@ -127,9 +127,12 @@ class Boat:
 
     def __init__(self, url, rig, open_line=None):
         self.endpoint = Endpoint(
-            [open_transport(url, open_line)], rig.authority, utc_s=lambda: 0.0, version=Version(), boot_text="hello"
+            [open_transport(url, open_line)],
+            rig.request_handler,
+            utc_s=lambda: 0.0,
+            version=Version(),
         )
-        self.output = Output(RudderCommand(0.0, True), rig.endpoint._session.snapshot)
+        self.output = Output(RudderCommand(0.0, True), rig.endpoint._context.snapshot)
         self.tick = 0
 
     def serve(self, client, kind, turns=200):

@@ -14,24 +14,24 @@ INVALID = 32767
 )
 def test_the_roll_axis_or_else_the_yaw_axis(rig, y, r, expected):
     assert rig.tell(mavlink.MAVLink_manual_control_message(1, 0, y, 0, r, 0)) == []
-    assert rig.authority.intents == [ManualRudder(expected)]
+    assert rig.request_handler.intents == [ManualRudder(expected)]
 
 
 def test_no_valid_axis_says_nothing(rig):
     assert rig.tell(mavlink.MAVLink_manual_control_message(1, 0, INVALID, 0, INVALID, 0)) == []
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 @pytest.mark.parametrize("y", [1001, -1001, -32768, 32766])
 def test_a_stick_out_of_range_is_refused(rig, texts, y):
     (text,) = texts(rig.tell(mavlink.MAVLink_manual_control_message(1, 0, y, 0, 0, 0)))
     assert text == "MANUAL_CONTROL: the stick is not within -1000 to 1000"
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def test_another_boats_stick_is_left_alone(rig):
     assert rig.tell(mavlink.MAVLink_manual_control_message(2, 0, 1000, 0, 0, 0)) == []
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def override(pulse_us, target=(1, 1)):
@@ -41,15 +41,15 @@ def override(pulse_us, target=(1, 1)):
 @pytest.mark.parametrize(("pulse_us", "expected"), [(1000, -1.0), (1500, 0.0), (1750, 0.5), (2000, 1.0), (0, None)])
 def test_channel_one_is_the_rudder(rig, pulse_us, expected):
     assert rig.tell(override(pulse_us)) == []
-    assert rig.authority.intents == [ManualRudder(expected)]
+    assert rig.request_handler.intents == [ManualRudder(expected)]
 
 
 @pytest.mark.parametrize(("pulse_us", "said"), [(999, 1), (2001, 1), (65534, 1), (65535, 0)])
 def test_other_pulses_change_nothing(rig, texts, pulse_us, said):
     assert len(texts(rig.tell(override(pulse_us)))) == said
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def test_an_override_for_another_boat_is_left_alone(rig):
     rig.tell(override(2000, (2, 1)))
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []

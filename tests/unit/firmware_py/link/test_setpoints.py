@@ -48,7 +48,7 @@ def test_the_yaw_of_an_attitude_whatever_its_roll_and_pitch(rig, yaw_rad, roll_r
         cr * cp * sy - sr * sp * cy,
     )
     assert rig.tell(attitude(q)) == []
-    (goal,) = rig.authority.intents
+    (goal,) = rig.request_handler.intents
     assert 0.0 <= goal.heading_rad < 2 * math.pi
     assert math.remainder(goal.heading_rad - yaw_rad, 2 * math.pi) == about(0.0)
 
@@ -69,7 +69,7 @@ def test_the_yaw_of_an_attitude_whatever_its_roll_and_pitch(rig, yaw_rad, roll_r
 def test_an_attitude_without_a_heading_is_refused_and_told(rig, texts, message):
     (text,) = texts(rig.tell(message))
     assert text.startswith("SET_ATTITUDE_TARGET: ")
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_an_attitude_without_a_heading_is_refused_and_told(rig, texts, message):
 )
 def test_position_targets_are_taken_by_their_masks(rig, message, goal):
     assert rig.tell(message) == []
-    assert rig.authority.intents == [goal]
+    assert rig.request_handler.intents == [goal]
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_local_positions_count_from_home_or_from_her(rig, frame, x, y, north_m, 
     fix = FIX["position"]
     rig.tick(**FIX, home=Home(fix.latitude_rad, fix.longitude_rad, 0.0))
     rig.tell(local(POSITION_ONLY, frame=frame, x=x, y=y))
-    (goal,) = rig.authority.intents
+    (goal,) = rig.request_handler.intents
     assert (math.degrees(goal.latitude_rad) - 40.0) * METRES_PER_DEGREE == pytest.approx(north_m, abs=0.01)
     scale = METRES_PER_DEGREE * math.cos(math.radians(40))
     assert (math.degrees(goal.longitude_rad) - 10.0) * scale == pytest.approx(east_m, abs=0.01)
@@ -113,13 +113,13 @@ def test_local_positions_count_from_home_or_from_her(rig, frame, x, y, north_m, 
 @pytest.mark.parametrize("frame", [1, 7, 9])
 def test_local_positions_need_a_position(rig, texts, frame):
     assert "to count from" in texts(rig.tell(local(POSITION_ONLY, frame=frame, x=1.0, y=1.0)))[0]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def test_body_frames_need_a_heading(rig, texts):
     rig.tick(heading_ok=False)
     assert len(texts(rig.tell(local(YAW_ONLY, frame=9, yaw=0.5)))) == 1
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 @pytest.mark.parametrize(
@@ -141,17 +141,17 @@ def test_body_frames_need_a_heading(rig, texts):
 def test_bad_targets_are_refused_told_and_change_nothing(rig, texts, message):
     rig.tick(**FIX)
     assert len(texts(rig.tell(message))) == 1
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def test_a_stream_of_refusals_is_told_once(rig, texts):
-    rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not in GUIDED")
+    rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not in GUIDED")
     said = [message for _ in range(50) for message in rig.tell(attitude((1, 0, 0, 0)))]
     assert texts(said) == ["not in GUIDED"]
-    assert len(rig.authority.intents) == 50
+    assert len(rig.request_handler.intents) == 50
 
 
 def test_near_the_poles_local_positions_end(rig, texts):
     rig.tick(position=PositionSample(0.0, FixType.FIX_3D, math.pi / 2, 0.0), position_ok=True)
     assert len(texts(rig.tell(local(POSITION_ONLY, x=1.0, y=1.0)))) == 1
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []

@@ -35,7 +35,7 @@ def results(messages):
 )
 def test_condition_yaw(rig, values, expected):
     assert results(rig.command(115, *values, NAN, NAN, NAN)) == [0]
-    assert rig.authority.intents == [expected]
+    assert rig.request_handler.intents == [expected]
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_condition_yaw(rig, values, expected):
 )
 def test_a_bad_condition_yaw_is_denied(rig, values):
     assert results(rig.command(115, *values)) == [DENIED]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 @pytest.mark.parametrize(
@@ -66,13 +66,13 @@ def test_a_bad_condition_yaw_is_denied(rig, values):
 )
 def test_guided_change_heading(rig, values, expected):
     assert results(rig.command(43002, *values)) == [0]
-    assert rig.authority.intents == [expected]
+    assert rig.request_handler.intents == [expected]
 
 
 @pytest.mark.parametrize("values", [*((1, bad) for bad in BAD), *((bad, 1) for bad in BAD), (2, 1), (1, 361), (1, -1)])
 def test_a_bad_guided_change_heading_is_denied(rig, values):
     assert results(rig.command(43002, *values)) == [DENIED]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 @pytest.mark.parametrize(
@@ -84,13 +84,13 @@ def test_a_bad_guided_change_heading_is_denied(rig, values):
 )
 def test_nav_set_yaw_speed(rig, values, expected):
     assert results(rig.command(213, *values)) == [0]
-    assert rig.authority.intents == [expected]
+    assert rig.request_handler.intents == [expected]
 
 
 @pytest.mark.parametrize("values", [*((bad, 0, 0) for bad in BAD), *((1, 0, bad) for bad in BAD), (400, 0, 0)])
 def test_a_bad_nav_set_yaw_speed_is_denied(rig, values):
     assert results(rig.command(213, *values)) == [DENIED]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def reposition(x, y, *, frame=6, flags=1.0):
@@ -101,7 +101,7 @@ def test_reposition_by_command_int_and_long(rig):
     expected = SteerPosition(degrees(40.1), degrees(-11.5), change_mode=True)
     assert results(rig.tell(reposition(401_000_000, -115_000_000))) == [0]
     assert results(rig.command(192, -1, 0, 0, NAN, 40.0, -11.5, NAN)) == [0]
-    assert rig.authority.intents == [expected, SteerPosition(degrees(40), degrees(-11.5))]
+    assert rig.request_handler.intents == [expected, SteerPosition(degrees(40), degrees(-11.5))]
 
 
 @pytest.mark.parametrize(
@@ -119,4 +119,4 @@ def test_reposition_by_command_int_and_long(rig):
 )
 def test_a_bad_reposition_is_denied(rig, message):
     assert results(rig.tell(message)) == [DENIED]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []

@@ -15,7 +15,7 @@ PLAN = Plan.of(PlanKind.MISSION, [PlanItem(16, 6, x=index, y=1) for index in ran
 
 def with_mission(rig, *, reported=True):
     """Put a mission of five items in force; what the last tick says of it may be older."""
-    rig.authority.plans_kept = rig.authority.plans_kept.replaced(PLAN)
+    rig.request_handler.plans_kept = rig.request_handler.plans_kept.replaced(PLAN)
     rig.tick(mission=MissionReport(MissionState.ACTIVE, 2, 5) if reported else MissionReport())
 
 
@@ -31,7 +31,7 @@ def test_home_where_she_is_or_somewhere(rig):
     assert results(rig.command(179, 1)) == [ACCEPTED]
     assert results(rig.command(179, 0, 0, 0, math.nan, 45.0, -120.0, 2.0)) == [ACCEPTED]
     assert results(home_int(rig)) == [ACCEPTED]
-    here, there, exact = rig.authority.intents
+    here, there, exact = rig.request_handler.intents
     assert here == SetHome()
     for home in (there, exact):
         assert (home.latitude_rad, home.longitude_rad) == pytest.approx((math.radians(45), math.radians(-120)))
@@ -47,26 +47,26 @@ def test_home_where_she_is_or_somewhere(rig):
 )  # fmt: skip
 def test_what_is_no_home_changes_nothing(rig, values):
     assert results(rig.command(179, *values)) == [DENIED]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def test_home_in_a_local_frame_or_off_the_planet_changes_nothing(rig):
     assert results(home_int(rig, frame=1)) == [DENIED]
     assert results(home_int(rig, x=2**31 - 1, y=2**31 - 1)) == [DENIED]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def test_the_old_message_sets_home_and_says_so(rig, of, texts):
     place = (450_000_000, -1_200_000_000, 2_000)
     rig.tell(mavlink.MAVLink_set_home_position_message(1, *place, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0))
-    (home,) = rig.authority.intents
+    (home,) = rig.request_handler.intents
     assert (home.latitude_rad, home.altitude_m) == pytest.approx((math.radians(45), 2.0))
     said = rig.tick(home=Home(home.latitude_rad, home.longitude_rad, 2.0))
     assert len(of(said, "HOME_POSITION")) == len(of(said, "GPS_GLOBAL_ORIGIN")) == 1
     assert of(said, "GPS_GLOBAL_ORIGIN")[0].latitude == 450_000_000
     said = rig.tell(mavlink.MAVLink_set_home_position_message(1, 0, 0, 0, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0))
     assert texts(said) == ["SET_HOME_POSITION: 0, 0 is no home"]
-    assert len(rig.authority.intents) == 1
+    assert len(rig.request_handler.intents) == 1
 
 
 def test_home_set_to_where_it_was_is_told_too_and_once(rig, of):
@@ -80,7 +80,7 @@ def test_home_set_to_where_it_was_is_told_too_and_once(rig, of):
 
 def test_pause_and_continue(rig):
     assert results(rig.command(193, 0)) == results(rig.command(193, 1)) == [ACCEPTED]
-    assert rig.authority.intents == [PauseMission(paused=True), PauseMission(paused=False)]
+    assert rig.request_handler.intents == [PauseMission(paused=True), PauseMission(paused=False)]
     assert results(rig.command(193, math.nan)) == results(rig.command(193, 2)) == [DENIED]
 
 
@@ -95,7 +95,7 @@ def test_pause_and_continue(rig):
 def test_a_mission_starts_at_the_item_that_the_stations_number_names(rig, first, last, intents):
     with_mission(rig)
     assert results(rig.command(300, first, last)) == [ACCEPTED]
-    assert rig.authority.intents == intents
+    assert rig.request_handler.intents == intents
 
 
 def test_a_mission_starts_as_soon_as_it_is_there(rig):
@@ -110,15 +110,15 @@ def test_a_mission_starts_as_soon_as_it_is_there(rig):
 def test_a_start_that_cannot_be_changes_nothing(rig, values):
     with_mission(rig)
     assert results(rig.command(300, *values)) == [DENIED]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def test_without_a_mission_nothing_starts_and_a_refused_mode_leaves_the_item(rig):
     assert results(rig.command(300)) == [DENIED]
     with_mission(rig)
-    rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "AUTO refused: no position")
+    rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "AUTO refused: no position")
     assert results(rig.command(300, 3)) == [REJECTED]
-    assert rig.authority.intents == [SetMode(10)]
+    assert rig.request_handler.intents == [SetMode(10)]
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_without_a_mission_nothing_starts_and_a_refused_mode_leaves_the_item(rig
 def test_another_item(rig, values, intent):
     with_mission(rig)
     assert results(rig.command(224, *values)) == [ACCEPTED]
-    assert rig.authority.intents == [intent]
+    assert rig.request_handler.intents == [intent]
 
 
 @pytest.mark.parametrize(
@@ -145,21 +145,21 @@ def test_an_item_that_is_not_there_changes_nothing(rig, values, result):
     assert results(rig.command(224, 1, 0)) == [FAILED]  # no mission
     with_mission(rig)
     assert results(rig.command(224, *values)) == [result]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def test_without_ardupilots_identity_the_first_item_is_number_zero(make_rig):
     rig = make_rig()
-    rig.endpoint._session.autopilot = 0
+    rig.endpoint._context.autopilot = 0
     with_mission(rig)
     rig.command(224, 3)
-    assert rig.authority.intents == [SetMissionItem(3)]
+    assert rig.request_handler.intents == [SetMissionItem(3)]
 
 
 def test_the_fence(rig):
     assert results(rig.command(207, 1)) == results(rig.command(207, 0, math.nan)) == [ACCEPTED]
-    assert rig.authority.intents == [EnableFence(True), EnableFence(False)]
+    assert rig.request_handler.intents == [EnableFence(True), EnableFence(False)]
     assert results(rig.command(207, 2)) == results(rig.command(207, math.nan)) == [DENIED]
     assert results(rig.command(207, 1, math.inf)) == results(rig.command(207, 1, -1)) == [DENIED]
     assert results(rig.command(207, 1, 4)) == [UNSUPPORTED]
-    assert len(rig.authority.intents) == 2
+    assert len(rig.request_handler.intents) == 2

@@ -17,7 +17,7 @@ def results(messages):
 @pytest.mark.parametrize("mode", [0, 4, 15, 0x7FFF0000, 4294967040])
 def test_the_mode_number_is_taken_whole(rig, mode):
     rig.command(176, 1, mode)
-    assert rig.authority.intents == [SetMode(mode)]
+    assert rig.request_handler.intents == [SetMode(mode)]
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ def test_the_mode_number_is_taken_whole(rig, mode):
 )
 def test_a_mode_that_is_none_is_denied(rig, base_mode, mode):
     assert results(rig.command(176, base_mode, mode)) == [DENIED]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 @pytest.mark.parametrize(
@@ -42,39 +42,39 @@ def test_a_mode_that_is_none_is_denied(rig, base_mode, mode):
 )
 def test_arming(rig, first, second, expected):
     rig.command(400, first, second)
-    assert rig.authority.intents == [expected]
+    assert rig.request_handler.intents == [expected]
 
 
 @pytest.mark.parametrize("first", [2, -1, 0.5, math.nan, math.inf, 3e38])
 def test_neither_arm_nor_disarm_is_denied(rig, first):
     assert results(rig.command(400, first)) == [DENIED]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 @pytest.mark.parametrize(("number", "mode"), [(17, 5), (20, 11)])
 def test_a_mode_by_its_own_command(rig, texts, number, mode):
     assert results(rig.command(number, math.nan)) == [0]
-    assert rig.authority.intents == [SetMode(mode)]
-    rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "RTL refused: no home")
+    assert rig.request_handler.intents == [SetMode(mode)]
+    rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "RTL refused: no home")
     said = rig.command(number)
     assert (results(said), texts(said)) == ([1], ["RTL refused: no home"])
 
 
 def test_standard_modes(rig):
     assert results(rig.command(262, 6)) == results(rig.command(262, 5)) == [0]
-    assert rig.authority.intents == [SetMode(10), SetMode(11)]
+    assert rig.request_handler.intents == [SetMode(10), SetMode(11)]
     for standard in (0, 1, 7, 99, -1, 0.5, math.nan, math.inf):
         assert results(rig.command(262, standard)) == [FAILED]
-    assert len(rig.authority.intents) == 2
+    assert len(rig.request_handler.intents) == 2
 
 
 def test_the_intended_mode_is_the_last_that_was_entered(rig, of):
     rig.command(176, 1, 10)
     assert of(rig.tick(mode=Mode.LOITER), "CURRENT_MODE")[-1].intended_custom_mode == 10
-    rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "no")
+    rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "no")
     rig.command(176, 1, 11)
     assert of(rig.tick(mode=Mode.AUTO), "CURRENT_MODE")[-1].intended_custom_mode == 10
-    rig.authority.answer = Answer(Verdict.ACCEPTED)
+    rig.request_handler.answer = Answer(Verdict.ACCEPTED)
     rig.command(192, 0, 1, 0, 0, 10, 10)
     assert of(rig.tick(mode=Mode.GUIDED), "CURRENT_MODE")[-1].intended_custom_mode == 15
 
@@ -91,7 +91,7 @@ def test_the_intended_mode_is_the_last_that_was_entered(rig, of):
 )
 def test_restart(rig, values, expected):
     assert results(rig.command(246, *values)) == [0]
-    assert rig.authority.intents == [expected]
+    assert rig.request_handler.intents == [expected]
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_restart(rig, values, expected):
 )  # fmt: skip
 def test_what_is_no_restart_of_the_autopilot_does_nothing(rig, values, result):
     assert results(rig.command(246, *values)) == [result]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, BenchRudder, ForgetParameters, SetParameter, Verdict
 from firmware_py.common.records import Calibration, CalibrationState, RudderFeedback
-from firmware_py.link.commands.pending import Pending
+from firmware_py.link.commands.pending import PendingCommand
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCELLED = range(7)
 BENCH = {"armed": False, "servo": RudderFeedback(0.0, 0.1)}
@@ -21,13 +21,13 @@ def results(messages):
 @pytest.mark.parametrize(("pulse_us", "deflection"), [(1500, 0.0), (2000, 1.0), (1000, -1.0), (1625, 0.25)])
 def test_the_rudder_on_the_bench(rig, pulse_us, deflection):
     assert results(rig.command(183, 1, pulse_us)) == [ACCEPTED]
-    assert rig.authority.intents == [BenchRudder(deflection, 10.0)]
+    assert rig.request_handler.intents == [BenchRudder(deflection, 10.0)]
 
 
 @pytest.mark.parametrize("values", [(0, 1500), (2, 1500), (1, 999), (1, 2001), (1, math.nan), (math.nan, 1500), (1, 0)])
 def test_another_servo_or_pulse_is_denied(rig, values):
     assert results(rig.command(183, *values)) == [DENIED]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def test_the_rudder_as_it_stands_becomes_amidships(rig, texts):
@@ -35,7 +35,7 @@ def test_the_rudder_as_it_stands_becomes_amidships(rig, texts):
     said = rig.command(241, 0, 0, 0, 2)
     assert results(said) == [ACCEPTED]
     assert texts(said) == ["RUD_CENTRE_DEG is now 5.73"]
-    centre, bench = rig.authority.intents
+    centre, bench = rig.request_handler.intents
     assert (bench, centre.name, centre.value) == (
         BenchRudder(0.0, 0.0),
         "RUD_CENTRE_DEG",
@@ -50,7 +50,7 @@ def test_the_rudder_as_it_stands_becomes_amidships(rig, texts):
 def test_no_centre_while_armed_or_without_an_angle(rig, changes):
     rig.tick(**{**BENCH, "servo": None, **changes})
     assert results(rig.command(241, 0, 0, 0, 2)) == [REJECTED]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_other_calibrations_are_unsupported_and_say_what_to_do_instead(rig, text
     said = rig.command(241, *values)
     assert results(said) == [UNSUPPORTED]
     assert "FIXED_MAG_CAL_YAW" in texts(said)[0]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def test_nothing_to_calibrate_is_nothing_to_do(rig):
@@ -70,10 +70,10 @@ def test_nothing_to_calibrate_is_nothing_to_do(rig):
 
 @pytest.mark.parametrize(("yaw_deg", "offset_deg"), [(57.29578, 5.0), (60.0, 7.70422), (-180.0, 127.70422)])
 def test_the_compass_is_aligned_to_a_known_heading(rig, yaw_deg, offset_deg):
-    rig.authority.values = rig.authority.values.replaced("CMP_OFFSET_DEG", 5.0)
+    rig.request_handler.values = rig.request_handler.values.replaced("CMP_OFFSET_DEG", 5.0)
     rig.tick(armed=False, heading_rad=1.0)
     assert results(rig.command(42006, yaw_deg, 0, 0, 0)) == [ACCEPTED]
-    assert rig.authority.values["CMP_OFFSET_DEG"] == pytest.approx(offset_deg, abs=1e-4)
+    assert rig.request_handler.values["CMP_OFFSET_DEG"] == pytest.approx(offset_deg, abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -87,18 +87,18 @@ def test_the_compass_is_aligned_to_a_known_heading(rig, yaw_deg, offset_deg):
 def test_a_compass_that_cannot_be_aligned_stays(rig, values, changes, result):
     rig.tick(**{"armed": False, **changes})
     assert results(rig.command(42006, *values)) == [result]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def test_storage_is_acknowledged_when_it_is_on_disk(rig, texts):
     assert results(rig.command(245, 0)) == [ACCEPTED]
-    rig.authority.at_once = False
+    rig.request_handler.at_once = False
     assert results(rig.command(245, 1)) == []
-    rig.authority.waiting.pop()(True)
+    rig.request_handler.waiting.pop()(True)
     said = rig.said()
     assert (results(said), texts(said)) == ([ACCEPTED], ["All is stored"])
     rig.command(245, 1)
-    rig.authority.waiting.pop()(False)
+    rig.request_handler.waiting.pop()(False)
     assert results(rig.said()) == [FAILED]
 
 
@@ -106,8 +106,8 @@ def test_reset_forgets_what_links_have_set(rig, texts):
     said = rig.command(245, 2, -1)
     assert results(said) == [ACCEPTED]
     assert "from the next start on" in texts(said)[0]
-    assert rig.authority.intents == [ForgetParameters()]
-    rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "armed")
+    assert rig.request_handler.intents == [ForgetParameters()]
+    rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "armed")
     assert results(rig.command(245, 2)) == [REJECTED]
 
 
@@ -116,41 +116,41 @@ def test_reset_forgets_what_links_have_set(rig, texts):
 )
 def test_other_storage_is_refused(rig, values, result):
     assert results(rig.command(245, *values)) == [result]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 # ------------------------------------------------------------------ commands that take a while
 
 
 def test_a_command_under_way_says_so_until_it_ends(rig):
-    rig.authority.at_once = False
+    rig.request_handler.at_once = False
     assert results(rig.command(245, 1)) == []
     said = rig.ticks(25)
     assert results(said) == [IN_PROGRESS] * 3
     assert {ack.progress for ack in said if ack.get_type() == "COMMAND_ACK"} == {255}
     assert results(rig.command(245, 1, confirmation=1)) == [IN_PROGRESS]  # a retry
     assert results(rig.command(245, 1)) == [REJECTED]  # another one
-    rig.authority.waiting.pop(0)(True)
+    rig.request_handler.waiting.pop(0)(True)
     assert results(rig.said()) == [ACCEPTED]
     assert results(rig.ticks(30)) == []
 
 
 def test_one_that_takes_too_long_has_failed_and_a_late_end_is_not_told_again(rig):
-    rig.authority.at_once = False
+    rig.request_handler.at_once = False
     rig.command(245, 1)
     rig.tick(seconds=31.0)
     assert results(rig.command(245, 1, confirmation=1)) == []  # that was long ago: begun anew
-    rig.authority.waiting.pop(0)(True)
+    rig.request_handler.waiting.pop(0)(True)
     assert results(rig.said()) == []
-    rig.authority.waiting.pop(0)(True)
+    rig.request_handler.waiting.pop(0)(True)
     assert results(rig.said()) == [ACCEPTED]
 
 
 def test_what_cannot_be_cancelled_goes_on(rig):
-    rig.authority.at_once = False
+    rig.request_handler.at_once = False
     rig.command(245, 1)
     assert rig.tell(rig_cancel(245)) == []
-    rig.authority.waiting.pop()(True)
+    rig.request_handler.waiting.pop()(True)
     assert results(rig.said()) == [ACCEPTED]
 
 
@@ -160,11 +160,11 @@ def rig_cancel(command):
 
 def test_a_cancelled_command_is_acknowledged_as_such():
     calls = []
-    pending = Pending(patience_s=10.0, percent=lambda: 40, cancel=lambda: calls.append("cancelled"))
+    pending = PendingCommand(timeout_s=10.0, percent=lambda: 40, cancel=lambda: calls.append("cancelled"))
     pending.begin(0.0, calls.append)
-    assert not pending.due(0.2)
-    assert pending.due(0.4)
-    assert not pending.due(0.5)
+    assert not pending.progress_due(0.2)
+    assert pending.progress_due(0.4)
+    assert not pending.progress_due(0.5)
     assert pending.percent() == 40
     assert pending.cancel()
     pending.finish(Answer(Verdict.ACCEPTED))
@@ -175,9 +175,9 @@ def test_a_cancelled_command_is_acknowledged_as_such():
 def test_parameters_are_set_once(rig):
     rig.tick(armed=False)
     rig.command(42006, 60)
-    assert [intent for intent in rig.authority.intents if isinstance(intent, SetParameter)] != []
+    assert [intent for intent in rig.request_handler.intents if isinstance(intent, SetParameter)] != []
     rig.command(42006, 60, confirmation=1)
-    assert len(rig.authority.intents) == 1
+    assert len(rig.request_handler.intents) == 1
 
 
 # ------------------------------------------------------------------ a compass that calibrates itself
@@ -206,7 +206,7 @@ class FakeCompass:
 @pytest.fixture
 def compass(rig):
     made = FakeCompass()
-    rig.endpoint._session.suppliers = dataclasses.replace(rig.endpoint._session.suppliers, calibrator=made)
+    rig.endpoint._context.suppliers = dataclasses.replace(rig.endpoint._context.suppliers, calibrator=made)
     rig.tick(armed=False)
     return made
 

@@ -21,7 +21,7 @@ def only_ack(messages):
 def test_an_acknowledgement_names_the_command_and_its_sender(rig):
     ack = only_ack(rig.command(ARM, 1.0))
     assert (ack.command, ack.result, ack.target_system, ack.target_component) == (ARM, ACCEPTED, 255, 190)
-    (request,) = rig.authority.requests
+    (request,) = rig.request_handler.requests
     assert (request.intent, request.system, request.component) == (Arm(True), 255, 190)
 
 
@@ -35,7 +35,7 @@ def test_an_unknown_command_is_unsupported(rig, number):
 @pytest.mark.parametrize("target", [(2, 1), (1, 2), (2, 0), (0, 154)])
 def test_a_command_for_somebody_else_is_left_alone(rig, target):
     assert rig.command(ARM, 1.0, target=target) == []
-    assert rig.authority.requests == []
+    assert rig.request_handler.requests == []
 
 
 @pytest.mark.parametrize("target", [(0, 0), (1, 0), (0, 1)])
@@ -45,24 +45,24 @@ def test_a_broadcast_is_accepted(rig, target):
 
 @pytest.mark.parametrize("verdict", list(Verdict))
 def test_the_loops_verdict_and_reason_are_passed_on(rig, texts, verdict):
-    rig.authority.answer = Answer(verdict, "" if verdict is Verdict.ACCEPTED else "because")
+    rig.request_handler.answer = Answer(verdict, "" if verdict is Verdict.ACCEPTED else "because")
     said = rig.command(ARM, 1.0)
     assert only_ack(said).result == verdict
     assert texts(said) == ([] if verdict is Verdict.ACCEPTED else ["because"])
 
 
 def test_a_retry_is_acknowledged_with_the_earlier_result_and_not_repeated(rig):
-    rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "no")
+    rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "no")
     rig.command(ARM, 1.0, 0.0, math.nan)
-    rig.authority.answer = Answer(Verdict.ACCEPTED)
+    rig.request_handler.answer = Answer(Verdict.ACCEPTED)
     for confirmation in (1, 2, 255):
         assert only_ack(rig.command(ARM, 1.0, 0.0, math.nan, confirmation=confirmation)).result == REJECTED
-    assert len(rig.authority.requests) == 1
+    assert len(rig.request_handler.requests) == 1
 
 
 def test_a_retry_whose_first_was_lost_is_carried_out(rig):
     assert only_ack(rig.command(ARM, 1.0, confirmation=1)).result == ACCEPTED
-    assert len(rig.authority.requests) == 1
+    assert len(rig.request_handler.requests) == 1
 
 
 def test_what_only_looks_like_a_retry_is_carried_out(rig):
@@ -74,7 +74,7 @@ def test_what_only_looks_like_a_retry_is_carried_out(rig):
     rig.station.srcSystem = 255
     rig.now_s += 60.0
     rig.command(ARM, 0.0, confirmation=1)  # long after
-    assert rig.authority.intents == [Arm(True), Arm(False), Arm(False), Arm(False), Arm(False)]
+    assert rig.request_handler.intents == [Arm(True), Arm(False), Arm(False), Arm(False), Arm(False)]
 
 
 def int_frame(rig, number, *values, x=0, y=0):
@@ -85,7 +85,7 @@ def int_frame(rig, number, *values, x=0, y=0):
 def test_a_frame_that_comes_twice_is_done_once_and_acknowledged_twice(rig):
     frame = rig.frame(mavlink.MAVLink_command_long_message(1, 1, 115, 0, 10, 0, 1, 1, 0, 0, 0))
     assert [ack.result for ack in rig.give(frame + frame)] == [ACCEPTED, ACCEPTED]
-    assert len(rig.authority.requests) == 1
+    assert len(rig.request_handler.requests) == 1
     frame = int_frame(rig, 300)
     assert [only_ack(rig.give(frame)).result for _ in range(2)] == [DENIED, DENIED]
 
@@ -96,20 +96,20 @@ def test_a_first_try_that_its_retry_overtook_is_not_done_again(rig):
     rig.give(retry)
     rig.now_s += 0.5
     assert only_ack(rig.give(first)).result == ACCEPTED
-    assert len(rig.authority.requests) == 1
+    assert len(rig.request_handler.requests) == 1
     rig.now_s += 10.0
     rig.give(first)  # long after it is a command of its own
-    assert len(rig.authority.requests) == 2
+    assert len(rig.request_handler.requests) == 2
 
 
 def test_a_relative_command_int_that_comes_again_at_once_is_a_retry(rig):
     for wait_s, expected in ((0.0, 1), (0.5, 1), (1.2, 2)):
         rig.now_s += wait_s
         assert only_ack(rig.give(int_frame(rig, 115, 10, 0, 1, 1))).result == ACCEPTED
-        assert len(rig.authority.requests) == expected
+        assert len(rig.request_handler.requests) == expected
     rig.give(int_frame(rig, 192, x=10))
     rig.give(int_frame(rig, 192, x=10))  # the same place twice is the same place
-    assert len(rig.authority.requests) == 4
+    assert len(rig.request_handler.requests) == 4
 
 
 def test_over_a_satellite_a_retry_may_come_minutes_later(make_rig):
@@ -118,7 +118,7 @@ def test_over_a_satellite_a_retry_may_come_minutes_later(make_rig):
     rig.command(115, 10, 0, 1, 1)
     rig.now_s += 240.0
     assert only_ack(rig.command(115, 10, 0, 1, 1, confirmation=1)).result == ACCEPTED
-    assert len(rig.authority.requests) == 1
+    assert len(rig.request_handler.requests) == 1
 
 
 def test_a_repeated_request_for_a_message_brings_it_again(rig, of):
@@ -136,5 +136,5 @@ def test_what_is_remembered_of_commands_is_bounded(rig):
 def test_the_old_set_mode_message_works_and_is_acknowledged(rig):
     ack = only_ack(rig.tell(mavlink.MAVLink_set_mode_message(1, 1, 15)))
     assert (ack.command, ack.result) == (11, ACCEPTED)
-    assert rig.authority.intents == [SetMode(15)]
+    assert rig.request_handler.intents == [SetMode(15)]
     assert rig.tell(mavlink.MAVLink_set_mode_message(2, 1, 15)) == []

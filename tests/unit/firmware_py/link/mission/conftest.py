@@ -48,7 +48,7 @@ class PlanStation:
         return self.answers(mavlink.MAVLink_mission_count_message(1, 1, number, kind))
 
     def upload(self, items, kind=0):
-        """Upload a plan as a station does, item by item as asked; return the MISSION_ACK."""
+        """PlanUpload a plan as a station does, item by item as asked; return the MISSION_ACK."""
         said = self.count(len(items), kind)
         while said[-1].get_type() != "MISSION_ACK":
             (request,) = said
@@ -94,7 +94,7 @@ class PlanStation:
 
     def places(self):
         """The latitudes of the mission in force, counted from 360000000."""
-        return [item.x - 360_000_000 for item in self.rig.authority.plans().mission.items]
+        return [item.x - 360_000_000 for item in self.rig.request_handler.plans().mission.items]
 
 
 @pytest.fixture

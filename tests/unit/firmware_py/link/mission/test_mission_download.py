@@ -69,7 +69,7 @@ def test_who_reads_gets_the_whole_of_one_plan(station):
     station.upload(station.mission(2))
     station.listed()
     first = station.read(0), station.read(1)
-    kept = station.rig.authority
+    kept = station.rig.request_handler
     kept.plans_kept = kept.plans_kept.replaced(Plan(PlanKind.MISSION))
     assert station.read(2).x == first[1].x + 1
     # Until it says that it has all, or falls silent.
@@ -80,7 +80,7 @@ def test_who_reads_gets_the_whole_of_one_plan(station):
 def test_an_old_reading_is_forgotten(station):
     station.upload(station.mission(2))
     station.listed()
-    kept = station.rig.authority
+    kept = station.rig.request_handler
     kept.plans_kept = kept.plans_kept.replaced(Plan(PlanKind.MISSION))
     station.rig.ticks(160)
     assert station.read(2).type == PlanResult.INVALID_SEQUENCE
@@ -169,12 +169,12 @@ def test_another_item_is_gone_on_with(make_station, identity, sequence, index):
     station = make_station(identity=identity)
     station.rig.tick(mission=GOING)
     station.rig.tell(mavlink.MAVLink_mission_set_current_message(1, 1, sequence))
-    assert station.rig.authority.intents == [SetMissionItem(index)]
+    assert station.rig.request_handler.intents == [SetMissionItem(index)]
     assert len(current(station, mission=GOING)) == 1  # whether or not it has changed
 
 
 def test_an_item_that_cannot_be_gone_on_with(station, texts):
-    station.rig.authority.answer = Answer(Verdict.DENIED, "there is no item 7")
+    station.rig.request_handler.answer = Answer(Verdict.DENIED, "there is no item 7")
     said = station.rig.tell(mavlink.MAVLink_mission_set_current_message(1, 1, 8))
     assert texts(said) == ["there is no item 7"]
     assert len(current(station)) == 1

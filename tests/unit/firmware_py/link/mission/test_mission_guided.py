@@ -15,13 +15,13 @@ def item(x, y, *, frame=6, command=16, current=2):
 def test_a_guided_waypoint_is_a_position_goal(rig):
     (reply,) = rig.tell(item(401_000_000, -115_000_000))
     assert (reply.get_type(), reply.type) == ("MISSION_ACK", mavlink.MAV_MISSION_ACCEPTED)
-    (goal,) = rig.authority.intents
+    (goal,) = rig.request_handler.intents
     assert goal == SteerPosition(pytest.approx(math.radians(40.1)), pytest.approx(math.radians(-11.5)))
 
 
 def test_the_old_item_in_degrees_too(rig):
     rig.tell(mavlink.MAVLink_mission_item_message(1, 1, 0, 3, 16, 2, 0, 0, 0, 0, 0, 40.0, -11.5, math.nan))
-    (goal,) = rig.authority.intents
+    (goal,) = rig.request_handler.intents
     assert goal == SteerPosition(pytest.approx(math.radians(40.0)), pytest.approx(math.radians(-11.5)))
 
 
@@ -40,11 +40,11 @@ def test_the_old_item_in_degrees_too(rig):
 )
 def test_a_bad_waypoint_is_refused_and_changes_nothing(rig, message, result):
     assert rig.tell(message)[0].type == result
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 def test_a_refusal_of_the_loop_is_passed_on_with_its_reason(rig, texts):
-    rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not in GUIDED")
+    rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not in GUIDED")
     said = rig.tell(item(1, 1))
     assert said[0].type == mavlink.MAV_MISSION_DENIED
     assert texts(said) == ["not in GUIDED"]

@@ -67,7 +67,7 @@ class FarStation:
         raise AssertionError(f"{question} was never answered")
 
     def upload(self, items):
-        """Upload a plan; return the result of it."""
+        """PlanUpload a plan; return the result of it."""
         last, said_s = mavlink.MAVLink_mission_count_message(1, 1, len(items), 0), self.near.rig.now_s
         self.send(last)
         while self.near.rig.now_s < LONGEST_S:
@@ -100,7 +100,7 @@ def test_plans_come_and_go_whole_over_a_bad_link(station, seed):
     far = FarStation(station, seed)
     items = station.mission(ITEMS)
     ack = far.upload(items)
-    assert (ack.type, ack.opaque_id) == (0, station.rig.authority.plans().mission.identity)
+    assert (ack.type, ack.opaque_id) == (0, station.rig.request_handler.plans().mission.identity)
     assert station.places() == list(range(1, 1 + ITEMS))
     assert station.all_fields(far.download()[1:]) == station.all_fields(items[1:])
     # And another after it, with all that is still on its way from the first.

@@ -22,16 +22,16 @@ def test_a_mission_comes_whole_and_its_home_is_the_stations_own(make_station, id
     station = make_station(identity=identity)
     items = station.mission(3)
     ack = station.upload(items)
-    assert (ack.type, ack.opaque_id) == (0, station.rig.authority.plans().mission.identity)
+    assert (ack.type, ack.opaque_id) == (0, station.rig.request_handler.plans().mission.identity)
     assert station.places() == [station.home_count + index for index in range(3)]
-    (intent,) = station.rig.authority.intents  # and home was not set
+    (intent,) = station.rig.request_handler.intents  # and home was not set
     assert isinstance(intent, ReplacePlan)
 
 
 def test_all_fields_of_an_item_are_kept(station):
     item = station.item(1, 17, frame=3, x=-5, y=7, z=2.5, params=(1.5, math.nan, -20.0, 4.0))
     station.upload([station.item(0), item])
-    assert repr(station.rig.authority.plans().mission.items) == repr(
+    assert repr(station.rig.request_handler.plans().mission.items) == repr(
         (PlanItem(17, 3, True, (1.5, math.nan, -20.0, 4.0), -5, 7, 2.5),)
     )
 
@@ -40,7 +40,7 @@ def test_all_fields_of_an_item_are_kept(station):
 def test_fence_and_rally_points_have_no_home(station, kind, command):
     items = [station.item(sequence, command, kind=kind, params=(50.0, 0, 0, 0)) for sequence in range(3)]
     assert station.upload(items, kind).type == 0
-    assert len(station.rig.authority.plans().of(PlanKind(kind)).items) == 3
+    assert len(station.rig.request_handler.plans().of(PlanKind(kind)).items) == 3
     assert station.places() == []
 
 
@@ -51,7 +51,7 @@ def test_the_old_message_with_degrees_is_taken_too(station):
     assert request.get_type() == "MISSION_REQUEST"  # as the station seems to like it
     (ack,) = station.answers(old(1, 1, 1, 3, 16, 0, 1, 0, 0, 0, 0, 36.25, -121.5, 0))
     assert ack.type == 0
-    (item,) = station.rig.authority.plans().mission.items
+    (item,) = station.rig.request_handler.plans().mission.items
     assert (item.x, item.y) == (362_500_000, -1_215_000_000)
 
 
@@ -96,7 +96,7 @@ def test_jumps_are_counted_from_the_first_item_of_the_plan(make_station, identit
     station = make_station(identity=identity)
     jump = station.item(2 + station.home_count, 177, frame=2, params=(float(station.home_count), -1.0, 0, 0))
     assert station.upload([*station.mission(2), jump]).type == 0
-    assert station.rig.authority.plans().mission.items[2].params == (0.0, -1.0, 0.0, 0.0)
+    assert station.rig.request_handler.plans().mission.items[2].params == (0.0, -1.0, 0.0, 0.0)
 
 
 def test_a_jump_to_home_is_refused(station, texts):
@@ -145,7 +145,7 @@ def test_a_lost_end_is_said_again_when_the_last_item_comes_again(station):
     (again,) = station.answers(items[2])
     assert (again.type, again.opaque_id) == (0, first.opaque_id)
     assert station.answers(items[1]) == []
-    assert len(station.rig.authority.intents) == 1
+    assert len(station.rig.request_handler.intents) == 1
 
 
 def test_an_item_out_of_nowhere_is_not_wanted(station):
@@ -260,14 +260,14 @@ def test_a_second_station_takes_the_turn_of_one_that_fell_silent(station):
 
 def test_the_end_is_said_when_the_plan_is_on_disk(station):
     station.upload(station.mission(1))
-    station.rig.authority.at_once = False
+    station.rig.request_handler.at_once = False
     items = station.mission(2, start=50)
     station.count(3)
     assert station.answers(items[0], items[1], items[2])[-1].get_type() == "MISSION_REQUEST_INT"
     assert station.answers(items[2]) == []
     assert station.protocol(station.rig.ticks(200)) == []
     assert station.places() == [1]
-    (stored,) = station.rig.authority.waiting
+    (stored,) = station.rig.request_handler.waiting
     stored(True)
     (ack,) = station.protocol(station.rig.said())
     assert (ack.type, station.places()) == (0, [51, 52])
@@ -275,7 +275,7 @@ def test_the_end_is_said_when_the_plan_is_on_disk(station):
 
 def test_a_disk_that_fails_leaves_the_old_plan(station, texts):
     station.upload(station.mission(1))
-    station.rig.authority.plans_stored = False
+    station.rig.request_handler.plans_stored = False
     station.count(1)
     said = station.rig.tell(station.item(0))
     assert station.protocol(said)[-1].type == PlanResult.ERROR
@@ -284,19 +284,19 @@ def test_a_disk_that_fails_leaves_the_old_plan(station, texts):
 
 
 def test_an_upload_begun_while_another_is_being_stored_gets_no_end_of_that(station):
-    station.rig.authority.at_once = False
+    station.rig.request_handler.at_once = False
     items = station.mission(1)
     station.count(2)
     station.answers(*items)
     station.count(2)
-    (stored,) = station.rig.authority.waiting
+    (stored,) = station.rig.request_handler.waiting
     stored(True)
     assert station.protocol(station.rig.said()) == []
     assert station.places() == [1]
 
 
 def test_a_refusal_of_the_loop_is_passed_on(station, texts):
-    station.rig.authority.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not now")
+    station.rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "not now")
     station.count(2)
     station.answers(station.item(0))
     said = station.rig.tell(station.item(1))
@@ -320,7 +320,7 @@ def test_a_part_is_written_anew(make_station, identity):
     assert request.seq == 1 + home
     station.answers(station.item(1 + home, x=360_000_900))
     (ack,) = station.answers(station.item(2 + home, x=360_000_901))
-    assert (ack.type, ack.opaque_id) == (0, station.rig.authority.plans().mission.identity)
+    assert (ack.type, ack.opaque_id) == (0, station.rig.request_handler.plans().mission.identity)
     assert station.places() == [home, 900, 901, 3 + home]
 
 
@@ -347,7 +347,7 @@ def test_nothing_has_no_parts(station):
 def test_a_part_of_a_plan_that_has_gone_meanwhile_is_refused(station):
     station.upload(station.mission(2))
     write_part(station, 1, 1)
-    kept = station.rig.authority
+    kept = station.rig.request_handler
     kept.plans_kept = kept.plans_kept.replaced(type(kept.plans_kept.mission)(PlanKind.MISSION))
     (ack,) = station.answers(station.item(1))
     assert (ack.type, station.places()) == (PlanResult.ERROR, [])
@@ -363,26 +363,26 @@ def test_clearing(station, shown, left):
     station.upload([station.item(0, 5100, kind=2)], 2)
     (ack,) = station.answers(mavlink.MAVLink_mission_clear_all_message(1, 1, shown))
     assert (ack.type, ack.mission_type, ack.opaque_id) == (0, shown, 0)
-    assert [int(kind) for kind in PlanKind if station.rig.authority.plans().of(kind).items] == left
+    assert [int(kind) for kind in PlanKind if station.rig.request_handler.plans().of(kind).items] == left
 
 
 def test_clearing_again_and_again_is_one_clearing(station):
     station.upload(station.mission(1))
     clear = mavlink.MAVLink_mission_clear_all_message(1, 1, 255)
-    station.rig.authority.at_once = False
+    station.rig.request_handler.at_once = False
     assert station.answers(clear, clear, clear) == []
-    (stored,) = station.rig.authority.waiting
+    (stored,) = station.rig.request_handler.waiting
     stored(True)
     assert [ack.type for ack in station.protocol(station.rig.said())] == [0]
     # And what is empty need not be stored.
     assert [ack.type for ack in station.answers(clear, clear)] == [0, 0]
     assert [ack.type for ack in station.count(0)] == [0]
-    assert len(station.rig.authority.intents) == 2
+    assert len(station.rig.request_handler.intents) == 2
 
 
 def test_clearing_what_cannot_be_stored(station, texts):
     station.upload(station.mission(1))
-    station.rig.authority.plans_stored = False
+    station.rig.request_handler.plans_stored = False
     said = station.rig.tell(mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
     assert station.protocol(said)[-1].type == PlanResult.ERROR
     assert texts(said) == ["Mission, fence and rally points not cleared: the disk is full"]

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.mission import plan_file
-from firmware_py.link.mission.plan_file import unpacked
+from firmware_py.link.mission.plan_file import unpack
 from firmware_py.plans.items import Command
 from firmware_py.plans.problem import PlanProblem, PlanResult
 
@@ -39,7 +39,7 @@ def test_a_mission_is_written_and_read_back(ftp_station, station, texts):
     rig, client = station.rig, ftp_station(station.rig)
     items = [*station.mission(3), station.item(4, Command.JUMP, frame=2, x=0, y=0, params=(2.0, 1.0, 0.0, 0.0))]
     assert client.put(MISSION, content(items)).ok
-    plan = rig.authority.plans().of(PlanKind.MISSION)
+    plan = rig.request_handler.plans().of(PlanKind.MISSION)
     assert [item.x for item in plan.items] == [360_000_001, 360_000_002, 360_000_003, 0]
     assert plan.items[-1].params[0] == 1.0  # home is not counted in the plan
     head, back = read(client.get(MISSION))
@@ -54,7 +54,7 @@ def test_fences_and_rally_points_have_files_too(ftp_station, station):
     circle = station.item(0, Command.INCLUDED_CIRCLE, kind=1, frame=0, params=(100.0, 0.0, 0.0, 0.0))
     assert client.put("@MISSION/fence.dat", content([circle], 1)).ok
     assert client.put("@MISSION/rally.dat", content([station.item(0, Command.RALLY_POINT, kind=2, frame=3)], 2)).ok
-    assert [len(rig.authority.plans().of(kind).items) for kind in PlanKind] == [0, 1, 1]
+    assert [len(rig.request_handler.plans().of(kind).items) for kind in PlanKind] == [0, 1, 1]
     assert read(client.get("@MISSION/rally.dat"))[0] == (0x763D, 2, 0, 0, 1)
     assert client.put("@MISSION/fence.dat", content([], 1)).ok
     assert read(client.get("@MISSION/fence.dat")) == ((0x763D, 1, 0, 0, 0), [])
@@ -63,14 +63,14 @@ def test_fences_and_rally_points_have_files_too(ftp_station, station):
 def test_what_is_refused_changes_nothing_and_says_why(ftp_station, station, texts):
     rig, client = station.rig, ftp_station(station.rig)
     assert client.put(MISSION, content(station.mission(3))).ok
-    before = rig.authority.plans()
+    before = rig.request_handler.plans()
     items = station.mission(3)
     items[2] = station.item(2, command=9999)
     client.ask(CREATE, MISSION)
     client.ask(WRITE, content(items))
     said = client.rig.tell(client.request(TERMINATE))
     assert any(text.startswith("@MISSION/mission.dat: item 2: ") for text in texts(said))
-    assert rig.authority.plans() == before
+    assert rig.request_handler.plans() == before
 
 
 ONE = [mavlink.MAVLink_mission_item_int_message(0, 0, number, 6, 16, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0) for number in (0, 1)]
@@ -92,16 +92,14 @@ ONE = [mavlink.MAVLink_mission_item_int_message(0, 0, number, 6, 16, 0, 1, 0, 0,
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_a_file_that_is_none_is_refused(whole, complaint):
-    fault = unpacked(whole, PlanKind.MISSION, 1)
+    fault = unpack(whole, PlanKind.MISSION, 1)
     assert isinstance(fault, PlanProblem)
     assert complaint in fault.text
     assert fault.result is not PlanResult.ACCEPTED
 
 
 def test_without_home_the_first_item_counts():
-    assert unpacked(content(ONE), PlanKind.MISSION, 0) == Plan.of(
-        PlanKind.MISSION, [PlanItem(16, 6, True, x=1, y=1)] * 2
-    )
+    assert unpack(content(ONE), PlanKind.MISSION, 0) == Plan.of(PlanKind.MISSION, [PlanItem(16, 6, True, x=1, y=1)] * 2)
 
 
 def test_the_loops_thread_neither_makes_nor_judges_a_plan(stored, station, monkeypatch):
@@ -116,7 +114,7 @@ def test_the_loops_thread_neither_makes_nor_judges_a_plan(stored, station, monke
 
         return noted
 
-    for name in ("packed", "unpacked"):
+    for name in ("pack", "unpack"):
         monkeypatch.setattr(plan_file, name, noting(getattr(plan_file, name)))
 
     def ask(*request, **fields):
@@ -133,7 +131,7 @@ def test_the_loops_thread_neither_makes_nor_judges_a_plan(stored, station, monke
         whole = content(station.mission(2))
         ask(WRITE, whole)
         ask(TERMINATE)
-        assert len(rig.authority.plans().of(PlanKind.MISSION).items) == 2
+        assert len(rig.request_handler.plans().of(PlanKind.MISSION).items) == 2
         checksum = ask(CHECKSUM, MISSION).data
         ask(OPEN_READ, MISSION)
         assert read(ask(READ, offset=0, size=239).data)[0] == (0x763D, 0, 0, 0, 3)

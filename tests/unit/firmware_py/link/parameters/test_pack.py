@@ -7,7 +7,7 @@ import pytest
 from firmware_py.common.parameter_row import Kind, ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.link.parameters.pack import packed, unpacked
+from firmware_py.link.parameters.pack import pack, unpack
 
 param_ftp = pytest.importorskip("MAVProxy.modules.lib.param_ftp")
 CHANGED = ParameterSet().replaced("CTL_K1", 33.25).replaced("LOOP_RATE_HZ", 20)
@@ -19,16 +19,16 @@ def decoded(content):
 
 @pytest.mark.parametrize("query", [{}, {"withdefaults": "1"}])
 def test_mavproxy_reads_all_of_it(query):
-    found = decoded(packed(CHANGED, query))
+    found = decoded(pack(CHANGED, query))
     assert list(found) == [row.name for row in TABLE]
     assert [value for value, _ in found.values()] == list(CHANGED.values())
     assert [kind for _, kind in found.values()] == [{Kind.INTEGER: 3, Kind.REAL: 4}[row.kind] for row in TABLE]
 
 
 def test_mavproxy_reads_the_defaults():
-    defaults = param_ftp.ftp_param_decode(packed(CHANGED, {"withdefaults": "1"})).defaults
+    defaults = param_ftp.ftp_param_decode(pack(CHANGED, {"withdefaults": "1"})).defaults
     assert [value for _, value, _ in defaults] == [row.default for row in TABLE]
-    assert param_ftp.ftp_param_decode(packed(CHANGED, {})).defaults is None
+    assert param_ftp.ftp_param_decode(pack(CHANGED, {})).defaults is None
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def test_mavproxy_reads_the_defaults():
     ],
 )
 def test_a_part_of_the_list(query, rows):
-    content = packed(CHANGED, query)
+    content = pack(CHANGED, query)
     magic, count, total = struct.unpack_from("<HHH", content)
     assert (magic, count, total) == (0x671B, rows[1] - rows[0], len(TABLE))
     whole = content[:4] + struct.pack("<H", count) + content[6:]  # MAVProxy reads whole lists only
@@ -64,7 +64,7 @@ def upload(values, kinds=None, head=None):
 
 def test_an_upload_of_mavproxys_kind_is_read():
     values = {"CTL_K1": 41.5, "CTL_K2": 1.0, "LOG_KEEP_MB": 5000.0}
-    assert unpacked(upload(values)) == values
+    assert unpack(upload(values)) == values
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_an_upload_of_mavproxys_kind_is_read():
 )
 def test_what_is_wrong_with_an_upload_is_said(content, complaint):
     with pytest.raises(ParameterError, match=complaint):
-        unpacked(content)
+        unpack(content)
 
 
 # ---------------------------------------------------------------------- over the link
@@ -101,7 +101,7 @@ def test_an_upload_sets_all_of_it_and_tells_everybody(rig, ftp_station, of):
     said = rig.tell(client.request(1))
     assert [reply.payload[3] for reply in of(said, "FILE_TRANSFER_PROTOCOL")] == [128]
     assert {value.param_id: value.param_value for value in of(said, "PARAM_VALUE")} == {"CTL_K1": 41.5, "CTL_K2": 1.0}
-    assert (rig.authority.values["CTL_K1"], rig.authority.values["CTL_K2"]) == (41.5, 1.0)
+    assert (rig.request_handler.values["CTL_K1"], rig.request_handler.values["CTL_K2"]) == (41.5, 1.0)
 
 
 def test_an_upload_with_one_wrong_value_sets_nothing(rig, ftp_station, texts):
@@ -110,10 +110,10 @@ def test_an_upload_with_one_wrong_value_sets_nothing(rig, ftp_station, texts):
     client.ask(7, upload({"CTL_K1": 41.5, "CTL_K2": 1000.0}))
     said = rig.tell(client.request(1))
     assert "CTL_K2" in texts(said)[0]
-    assert rig.authority.values == ParameterSet()
-    assert rig.authority.requests == []
+    assert rig.request_handler.values == ParameterSet()
+    assert rig.request_handler.requests == []
 
 
 def test_the_list_comes_by_file_transfer(rig, ftp_station):
-    rig.authority.values = CHANGED
+    rig.request_handler.values = CHANGED
     assert decoded(ftp_station(rig).get("@PARAM/param.pck?withdefaults=1"))["CTL_K1"] == (33.25, 4)

@@ -23,7 +23,7 @@ def test_the_list_is_whole(rig, of, component):
     assert [value.param_id for value in said] == [row.name for row in TABLE]
     assert [value.param_index for value in said] == list(range(len(TABLE)))
     assert {value.param_count for value in said} == {len(TABLE)}
-    assert [value.param_value for value in said] == list(rig.authority.values.values())
+    assert [value.param_value for value in said] == list(rig.request_handler.values.values())
     assert {value.param_type for value in said} == {6, 9}
     assert all(value.param_type == row.kind for value, row in zip(said, TABLE, strict=True))
 
@@ -51,21 +51,21 @@ def test_a_change_is_confirmed_to_everybody(make_rig, of):
         rig.transport.sent = list(sent)
         (value,) = of(rig.said(address), "PARAM_VALUE")
         assert (value.param_id, value.param_value) == ("CTL_K1", 41.5)
-    assert rig.authority.intents == [SetParameter("CTL_K1", 41.5)]
+    assert rig.request_handler.intents == [SetParameter("CTL_K1", 41.5)]
 
 
 def test_a_change_is_confirmed_only_when_it_is_stored(rig):
-    rig.authority.at_once = False
+    rig.request_handler.at_once = False
     assert rig.tell(set_to(b"CTL_K1", 41.5)) == []
-    rig.authority.waiting.pop()(True)
+    rig.request_handler.waiting.pop()(True)
     (value,) = rig.said()
     assert (value.param_id, value.param_value) == ("CTL_K1", 41.5)
 
 
 def test_a_change_that_cannot_be_stored_is_not_confirmed_but_told(rig, texts):
-    rig.authority.at_once = False
+    rig.request_handler.at_once = False
     rig.tell(set_to(b"CTL_K1", 41.5))
-    rig.authority.waiting.pop()(False)
+    rig.request_handler.waiting.pop()(False)
     assert texts(rig.said()) == ["CTL_K1 is in force but could not be stored"]
 
 
@@ -77,38 +77,38 @@ def test_a_refused_value_is_answered_with_the_unchanged_one_and_a_reason(rig, te
     (unchanged,) = of(said, "PARAM_VALUE")
     assert unchanged.param_value == 40.0
     assert "0 to 200" in texts(said)[0]
-    assert rig.authority.values["CTL_K1"] == 40.0
+    assert rig.request_handler.values["CTL_K1"] == 40.0
 
 
 def test_an_integer_sent_bytewise_is_refused(rig, of):
     assert of(rig.tell(set_to(b"LOOP_RATE_HZ", 2.8e-44, kind=6)), "PARAM_ERROR")
     assert TABLE[INDEX["LOOP_RATE_HZ"]].kind is Kind.INTEGER
-    assert rig.authority.values["LOOP_RATE_HZ"] == 10
+    assert rig.request_handler.values["LOOP_RATE_HZ"] == 10
 
 
 @pytest.mark.parametrize("target", [(2, 1), (1, 7)])
 def test_somebody_elses_parameters_are_left_alone(rig, target):
     assert rig.tell(set_to(b"CTL_K1", 41.5, target=target)) == []
-    assert rig.authority.requests == []
+    assert rig.request_handler.requests == []
 
 
 def test_an_unknown_name_is_not_put_to_the_loop(rig):
     (error,) = rig.tell(set_to(b"NOPE", 1.0))
     assert (error.error, error.param_id) == (UNKNOWN, "NOPE")
-    assert rig.authority.requests == []
+    assert rig.request_handler.requests == []
 
 
 def test_changes_under_way_are_bounded(rig):
-    rig.authority.at_once = False
+    rig.request_handler.at_once = False
     for number in range(500):
         rig.tell(set_to(b"CTL_K1", number % 100))
-    assert len(rig.authority.waiting) <= 64
-    waiting, rig.authority.waiting = rig.authority.waiting, []
+    assert len(rig.request_handler.waiting) <= 64
+    waiting, rig.request_handler.waiting = rig.request_handler.waiting, []
     for call in waiting:
         call(True)
     rig.said()
     rig.tell(set_to(b"CTL_K1", 7.0))
-    assert rig.authority.values["CTL_K1"] == 7.0
+    assert rig.request_handler.values["CTL_K1"] == 7.0
 
 
 def test_the_list_is_paced_on_a_slow_line_and_still_whole(make_rig, of):
@@ -143,12 +143,12 @@ def test_a_name_as_long_as_the_field_needs_no_end(rig, monkeypatch, spare):
 
 
 def test_a_value_that_is_in_force_already_is_confirmed_without_being_set_again(rig, of):
-    rig.authority.at_once = False
+    rig.request_handler.at_once = False
     assert rig.tell(set_to(b"CTL_K1", 40.0)) == []
-    rig.authority.waiting.pop()(True)  # what is under way may be an earlier change to the same value
+    rig.request_handler.waiting.pop()(True)  # what is under way may be an earlier change to the same value
     (value,) = of(rig.said(), "PARAM_VALUE")
     assert (value.param_id, value.param_value) == ("CTL_K1", 40.0)
-    assert rig.authority.requests == []
+    assert rig.request_handler.requests == []
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
@@ -158,7 +158,7 @@ def test_a_read_only_parameter_is_refused_as_such(rig, of, texts, value):
     assert (error.error, error.param_id) == (mavlink.MAV_PARAM_ERROR_READ_ONLY, "STAT_BOOTCNT")
     assert [value.param_value for value in of(said, "PARAM_VALUE")] == [0.0]
     assert texts(said) == ["STAT_BOOTCNT is read-only"]
-    assert rig.authority.requests == []
+    assert rig.request_handler.requests == []
 
 
 def test_what_takes_effect_at_the_next_start_is_said_to(rig, of, texts):
@@ -179,7 +179,7 @@ def test_no_confirmation_is_lost_on_a_slow_line(make_rig, of):
             said += rig.tell(set_to(row.name.encode(), row.minimum + share * (row.maximum - row.minimum)))
     said += rig.ticks(100)
     told = {value.param_id: value.param_value for value in of(said, "PARAM_VALUE")}
-    assert told == {row.name: rig.authority.values[row.name] for row in reals}
+    assert told == {row.name: rig.request_handler.values[row.name] for row in reals}
 
 
 def test_a_line_that_takes_nothing_for_a_while_gets_what_it_is_owed(make_rig, of):

@@ -5,7 +5,7 @@ from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SetParameter
-from firmware_py.link.peer import HINTS, REFUSALS
+from firmware_py.link.peer import DENIALS, LATE_HEARTBEATS
 from firmware_py.link.security.signing import timestamp_of
 from firmware_py.link.wire.url_options import parse_options
 
@@ -65,7 +65,7 @@ def kinds(messages):
 def test_what_a_frame_without_a_signature_may_do(linked, options, key, commands, reads):
     rig = linked(options, key=key)
     rig.tell(ARM, SET, BEAT)
-    assert bool(rig.authority.intents) is commands
+    assert bool(rig.request_handler.intents) is commands
     assert ("PARAM_VALUE" in kinds(rig.tell(READ))) is reads
 
 
@@ -75,7 +75,7 @@ def test_what_is_signed_may_command_on_any_link(linked, options, of):
     sign(rig)
     assert of(rig.tell(ARM), "COMMAND_ACK")[0].result == 0
     rig.tell(SET)
-    assert rig.authority.intents == [Arm(True, False), SetParameter("CTL_K1", 33.0)]
+    assert rig.request_handler.intents == [Arm(True, False), SetParameter("CTL_K1", 33.0)]
 
 
 @pytest.mark.parametrize("options", ["", "policy=open", "policy=signed-only", "trusted=1"])
@@ -84,20 +84,20 @@ def test_a_signature_that_does_not_hold_is_refused_everywhere(linked, options, t
     sign(rig)
     frame = rig.frame(ARM)
     rig.give(frame)
-    assert len(rig.authority.intents) == 1
+    assert len(rig.request_handler.intents) == 1
     said = rig.give(frame)  # a replay
     assert kinds(said) == set()
     assert "Signature refused" in texts(said)[0]
     sign(rig, bytes(32 * [9]))
     assert kinds(rig.tell(ARM, READ)) == set()
-    assert len(rig.authority.intents) == 1
+    assert len(rig.request_handler.intents) == 1
 
 
 def test_a_signature_means_nothing_to_a_boat_without_a_key(linked):
     rig = linked()
     sign(rig)
     rig.tell(ARM)
-    assert rig.authority.intents == [Arm(True, False)]
+    assert rig.request_handler.intents == [Arm(True, False)]
     strict = linked("policy=signed-only")
     sign(strict)
     assert strict.tell(ARM) == []
@@ -141,21 +141,21 @@ def test_a_stranger_who_is_behind_gets_a_heartbeat_to_go_by_and_no_more(linked):
     rig.tell(BEAT, address="station")
     rig.station.signing.timestamp = NOW - 5
     old = rig.frame(ARM)
-    before = len(rig.authority.intents)
+    before = len(rig.request_handler.intents)
     said = [message for _ in range(50) for message in rig.give(old, address="stranger")]
-    assert [message.get_type() for message in said] == ["HEARTBEAT"] * HINTS
+    assert [message.get_type() for message in said] == ["HEARTBEAT"] * LATE_HEARTBEATS
     rig.tick_silently(seconds=1.0)
     assert {address for address, _ in rig.transport.sent} == {"station"}
-    assert len(rig.authority.intents) == before
+    assert len(rig.request_handler.intents) == before
 
 
 def test_a_radio_modem_is_heard_without_a_signature(linked):
     rig = linked("policy=signed-only", key=True)
-    before = rig.endpoint._gate.refused
+    before = rig.endpoint._gate.refused_frames
     rig.tell(mavlink.MAVLink_radio_status_message(1, 1, 100, 0, 0, 0, 0))
-    assert rig.endpoint._gate.refused == before
+    assert rig.endpoint._gate.refused_frames == before
     rig.tell(BEAT)
-    assert rig.endpoint._gate.refused == before + 1
+    assert rig.endpoint._gate.refused_frames == before + 1
 
 
 # --------------------------------------------------------------------------- refusals
@@ -179,7 +179,7 @@ def test_who_may_not_command_is_told_in_the_words_of_the_protocol(linked, texts)
         mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, [5, 0, 0, 6, *[0] * 247]),  # create
     ]
     said = [message for other in others for message in rig.tell(other)]
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
     answers = [message for message in said if message.get_type() != "STATUSTEXT"]
     assert [message.get_type() for message in answers] == [
         "COMMAND_ACK", "COMMAND_ACK", "MISSION_ACK", "MISSION_ACK", "MISSION_ACK", "FILE_TRANSFER_PROTOCOL"
@@ -202,11 +202,11 @@ def test_asking_is_no_command(linked, of):
 def test_a_flood_of_refused_commands_is_answered_a_few_times_only(linked):
     rig = linked("policy=signed-commands")
     said = [message for _ in range(50) for message in rig.tell(*[ARM] * 20)]
-    assert len([message for message in said if message.get_type() == "COMMAND_ACK"]) == REFUSALS
+    assert len([message for message in said if message.get_type() == "COMMAND_ACK"]) == DENIALS
     rig.now_s += 1.0
     said = rig.tell(*[ARM] * 20)
     assert len([message for message in said if message.get_type() == "COMMAND_ACK"]) == 5
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 # --------------------------------------------------------------------------- systems and MAVLink 1
@@ -215,19 +215,19 @@ def test_a_flood_of_refused_commands_is_answered_a_few_times_only(linked):
 def test_only_systems_on_the_list_command(linked, texts):
     rig = linked("systems=254,255")
     rig.tell(ARM)
-    assert len(rig.authority.intents) == 1
+    assert len(rig.request_handler.intents) == 1
     rig.station = mavlink.MAVLink(None, srcSystem=7, srcComponent=190)
     said = rig.tell(ARM)
     assert "system 7 may not command here" in texts(said)[0]
     assert "PARAM_VALUE" in kinds(rig.tell(READ))
-    assert len(rig.authority.intents) == 1
+    assert len(rig.request_handler.intents) == 1
 
 
 def test_a_signature_does_not_make_up_for_a_system_that_is_not_on_the_list(linked):
     rig = linked("systems=7&trusted=1", key=True)
     sign(rig)
     rig.tell(ARM, REMOVE)
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
     assert rig.endpoint._signing.active
 
 
@@ -237,13 +237,13 @@ def test_mavlink_1_is_heard_or_not_by_parameter(linked):
     arm = mavlink1.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(old)
     assert arm[0] == 0xFE
     rig.give(arm)
-    assert len(rig.authority.intents) == 1
-    rig.authority.values = rig.authority.values.replaced("LNK_MAVLINK1", 0)
+    assert len(rig.request_handler.intents) == 1
+    rig.request_handler.values = rig.request_handler.values.replaced("LNK_MAVLINK1", 0)
     rig.tick()
     assert rig.give(arm) == []
-    assert len(rig.authority.intents) == 1
+    assert len(rig.request_handler.intents) == 1
     rig.tell(DISARM)
-    assert len(rig.authority.intents) == 2
+    assert len(rig.request_handler.intents) == 2
 
 
 def test_mavlink_1_carries_no_signature_and_so_no_command_where_one_is_needed(linked):
@@ -252,7 +252,7 @@ def test_mavlink_1_carries_no_signature_and_so_no_command_where_one_is_needed(li
     # What would be the signed flag of MAVLink 2 is the sequence number here.
     old.seq = 1
     rig.give(mavlink1.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(old))
-    assert rig.authority.intents == []
+    assert rig.request_handler.intents == []
 
 
 # --------------------------------------------------------------------------- SETUP_SIGNING
@@ -287,9 +287,9 @@ def test_the_key_is_told_to_nobody(linked):
 
 def test_a_key_that_could_not_be_stored_is_said_so(linked, texts):
     rig = linked("trusted=1")
-    rig.authority.at_once = False
+    rig.request_handler.at_once = False
     assert texts(rig.tell(SETUP)) == []
-    rig.authority.waiting.pop()(False)
+    rig.request_handler.waiting.pop()(False)
     assert texts(rig.said()) == ["Signing key set, but this could not be stored"]
 
 
@@ -314,7 +314,7 @@ def test_a_station_with_another_key_can_set_it_over_a_trusted_link(linked):
     sign(rig, other)
     rig.tell(mavlink.MAVLink_setup_signing_message(1, 1, other, NOW))
     rig.tell(ARM)
-    assert rig.authority.intents == [Arm(True, False)]
+    assert rig.request_handler.intents == [Arm(True, False)]
 
 
 def test_the_key_and_the_timestamps_survive_a_restart(linked, make_rig):
@@ -328,9 +328,9 @@ def test_the_key_and_the_timestamps_survive_a_restart(linked, make_rig):
     again.station = rig.station
     assert again.endpoint.key_readable
     again.give(replayed)
-    assert again.authority.intents == []
+    assert again.request_handler.intents == []
     again.tell(ARM)
-    assert again.authority.intents == [Arm(True, False)]
+    assert again.request_handler.intents == [Arm(True, False)]
 
 
 def test_a_key_that_cannot_be_read_is_told(make_rig):

@@ -75,7 +75,7 @@ def test_the_bytes_are_those_of_pymavlink_both_ways(message, key, link, sequence
     boat = Boat(key=key)
     # Ours: one more than what was used last.
     boat.signing.set_key(key, timestamp - 1)
-    ours = LinkSealer(boat.signing, link).sealed(Codec(1, 1).pack(copy.copy(message)), sequence)
+    ours = LinkSealer(boat.signing, link).seal(Codec(1, 1).pack(copy.copy(message)), sequence)
     theirs = Station(key, timestamp, link, 1, 1)
     theirs.mav.seq = sequence
     assert ours == message.pack(theirs.mav)
@@ -101,7 +101,7 @@ def test_a_forged_frame_from_the_far_future_locks_nobody_out():
     assert boat.signing.verify(station.ping())
     # Nor on a stream that has not been heard before, nor by what the boat sends.
     assert boat.signing.verify(Station(link=9).ping())
-    sealed = LinkSealer(boat.signing, 0).sealed(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
+    sealed = LinkSealer(boat.signing, 0).seal(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
     assert int.from_bytes(sealed[-12:-6], "little") < NOW + UNITS_HZ
 
 
@@ -142,7 +142,7 @@ def test_ours_go_on_from_the_newest_and_never_back():
     packed = Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
 
     def stamped():
-        return int.from_bytes(sealer.sealed(packed, 0)[-12:-6], "little")
+        return int.from_bytes(sealer.seal(packed, 0)[-12:-6], "little")
 
     assert [stamped(), stamped()] == [NOW, NOW + 1]
     boat.utc_s += 1.0
@@ -154,7 +154,7 @@ def test_ours_go_on_from_the_newest_and_never_back():
     boat.utc_s = 0.0
     assert boat.restarted().signing.active
     again = LinkSealer(boat.restarted().signing, 1)
-    assert int.from_bytes(again.sealed(packed, 0)[-12:-6], "little") > NOW + 10**8 + 1
+    assert int.from_bytes(again.seal(packed, 0)[-12:-6], "little") > NOW + 10**8 + 1
 
 
 def test_a_sudden_restart_hears_no_replay_and_the_true_peer_soon():
@@ -177,7 +177,7 @@ def test_after_a_sudden_restart_who_hears_the_boat_is_heard_at_once():
     again = boat.restarted()
     assert not again.signing.verify(station.ping())
     packed = Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
-    station.mav.decode(bytearray(LinkSealer(again.signing, 0).sealed(packed, 0)))
+    station.mav.decode(bytearray(LinkSealer(again.signing, 0).seal(packed, 0)))
     assert again.signing.verify(station.ping())
 
 
@@ -196,7 +196,7 @@ def test_the_disk_is_written_rarely():
     sealer, packed = LinkSealer(boat.signing, 0), Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
     for tick in range(6000):  # ten minutes
         boat.utc_s = UTC_S + tick * 0.1
-        sealer.sealed(packed, 0)
+        sealer.seal(packed, 0)
         assert boat.signing.verify(station.ping(at=NOW + tick * UNITS_HZ // 10))
     assert len(boat.saved) < 600 / 7
 
@@ -244,7 +244,7 @@ def test_without_a_key_nothing_is_signed_or_believed():
     assert (boat.signing.active, sealer.overhead_bytes) == (False, 0)
     assert not boat.signing.verify(Station().ping())
     with pytest.raises(ValueError, match="no key"):
-        sealer.sealed(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
+        sealer.seal(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
     assert boat.signing.set_key(KEY, 0)
     assert sealer.overhead_bytes == SIGNATURE_BYTES
     boat.signing.remove_key()

@@ -75,9 +75,9 @@ def test_what_is_asked_is_answered(satellite, of, texts):
 
 def test_another_stations_change_of_a_parameter_costs_nothing(satellite):
     satellite.tick()
-    (peer,) = satellite.endpoint._roster
-    satellite.endpoint._session.send_all(mavlink.MAVLink_ping_message(0, 0, 0, 0))
-    satellite.endpoint._session.announce(Severity.CRITICAL, "text")
+    (peer,) = satellite.endpoint._peers
+    satellite.endpoint._context.send_all(mavlink.MAVLink_ping_message(0, 0, 0, 0))
+    satellite.endpoint._context.send_text_all(Severity.CRITICAL, "text")
     assert peer.outbox.waiting(2) == 0
 
 
@@ -95,7 +95,7 @@ def test_the_habits_of_clients_do_not_wake_it(satellite):
 def test_any_link_may_wake_it_and_one_that_comes_later_is_awake(make_rig):
     rig = make_rig()
     far = make_rig(options=SATELLITE, descriptor=101).transport
-    rig.endpoint = Endpoint([rig.transport, far], rig.authority, utc_s=lambda: 1.7e9, version=Version())
+    rig.endpoint = Endpoint([rig.transport, far], rig.request_handler, utc_s=lambda: 1.7e9, version=Version())
     rig.tick()
     rig.command(2600, 1)
     rig.tick_silently()

@@ -3,7 +3,7 @@
 import pytest
 
 from firmware_py.common.records import Severity
-from firmware_py.link.telemetry.statustext import Notices, text_messages
+from firmware_py.link.telemetry.statustext import TextLimiter, text_messages
 
 
 def joined(messages):
@@ -27,12 +27,12 @@ def test_an_endless_text_is_cut():
 
 
 def test_the_same_text_is_not_repeated_at_once():
-    notices = Notices()
-    assert [notices.allowed("no", t_s) for t_s in (10.0, 10.1, 11.9, 12.1)] == [True, False, False, True]
+    notices = TextLimiter()
+    assert [notices.admit("no", t_s) for t_s in (10.0, 10.1, 11.9, 12.1)] == [True, False, False, True]
 
 
 def test_many_different_texts_are_held_to_two_a_second():
-    notices = Notices()
-    said = sum(notices.allowed(f"text {number}", 100.0 + number * 1e-3) for number in range(10_000))
+    notices = TextLimiter()
+    said = sum(notices.admit(f"text {number}", 100.0 + number * 1e-3) for number in range(10_000))
     assert said == pytest.approx(8 + 2 * 10, abs=1)
-    assert len(notices._said_s) <= 32
+    assert len(notices._last_s) <= 32

@@ -18,7 +18,7 @@ def count(streams, number, *, rate_hz, seconds):
         now_s = tick / rate_hz
         for due in streams.due(now_s, 1.0 / rate_hz):
             sent += due == row
-            streams.sent(due, now_s)
+            streams.mark_sent(due, now_s)
     return sent
 
 
@@ -77,6 +77,6 @@ def test_all_named_values_move_together():
 def test_time_that_jumps_does_not_bring_a_burst():
     streams = Streams(LinkClass.FAST, 0.0)
     row = ROWS_OF[ATTITUDE][0]
-    streams.sent(row, 0.0)
-    streams.sent(row, 1000.0)
+    streams.mark_sent(row, 0.0)
+    streams.mark_sent(row, 1000.0)
     assert row not in streams.due(1000.01, 0.1)

@@ -14,7 +14,7 @@ def intake():
 def taken(intake):
     found = []
     while intake:
-        found.append(intake.take())
+        found.append(intake.pop())
     return found
 
 
@@ -31,7 +31,7 @@ def test_everybody_has_his_turn(intake):
         (0, "one", b"a2"),
     ]
     with pytest.raises(KeyError):
-        intake.take()
+        intake.pop()
 
 
 def test_what_exceeds_a_share_is_dropped_and_takes_nothing_from_others(intake):
@@ -49,7 +49,7 @@ def test_what_exceeds_a_share_is_dropped_and_takes_nothing_from_others(intake):
 def test_the_rest_of_a_piece_comes_before_what_was_sent_later(intake):
     intake.offer(0, "one", b"whole")
     intake.offer(0, "one", b"later")
-    index, address, data = intake.take()
+    index, address, data = intake.pop()
     intake.put_back(index, address, data[2:])
     assert taken(intake) == [(0, "one", b"ole"), (0, "one", b"later")]
     intake.put_back(0, "two", b"alone")

@@ -1,4 +1,4 @@
-"""The desk of file transfer: who asks, what is open, how answers go out and are remembered."""
+"""How the answers of file transfer go out, and are remembered for those who ask again."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 
 from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
-from firmware_py.link.files.payload import Opcode, Refusal, Request, answer, refusal_of, refused
-from firmware_py.link.files.sessions import Client, Reading, Sessions
-from firmware_py.link.files.tree import Tree
+from firmware_py.link.files.payload import FileRequest, Opcode, Refusal, ack_payload, nak_payload, refusal_of
+from firmware_py.link.files.sessions import Client, FileSessions, OpenFile
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.link.wire.worker import Worker
@@ -26,10 +25,10 @@ _HARMLESS = frozenset(
 )
 
 
-class Call(NamedTuple):
+class FileCall(NamedTuple):
     """A request, who made it and when."""
 
-    request: Request
+    request: FileRequest
     raw: bytes
     client: Client
     now_s: float
@@ -41,69 +40,70 @@ class Call(NamedTuple):
 
 
 # Returns the data of the acknowledgement, or None when the answer comes later; raises Refusal or OSError.
-Action = Callable[[Call], bytes | None]
+FileAction = Callable[[FileCall], bytes | None]
 
 
-class Desk:
-    """What all requests share."""
+class Answers:
+    """Answers requests, at once or when the disk has answered, and remembers what it answered."""
 
-    def __init__(self, session: LinkContext, tree: Tree, worker: Worker) -> None:
-        """Take the session to answer through, what is to be seen, and who waits for the disk."""
-        self.session = session
-        self.tree = tree
-        self.sessions = Sessions()
-        self.worker = worker
-        self._answers: OrderedDict[tuple[Client, bytes], tuple[bytes, float]] = OrderedDict()
+    def __init__(self, context: LinkContext, sessions: FileSessions, worker: Worker) -> None:
+        """Take the context to answer through, what is open, and who waits for the disk."""
+        self._context = context
+        self._sessions = sessions
+        self._worker = worker
+        self._remembered: OrderedDict[tuple[Client, bytes], tuple[bytes, float]] = OrderedDict()
 
-    def earlier(self, call: Call) -> bytes | None:
+    def find(self, call: FileCall) -> bytes | None:
         """Return the remembered answer to a request that has come before."""
-        found = self._answers.get((call.client, call.raw))
-        if found is None or call.now_s - found[1] > _REMEMBERED_S:
+        payload, answered_s = self._remembered.get((call.client, call.raw), (None, 0.0))
+        if payload is None or call.now_s - answered_s > _REMEMBERED_S:
             return None
-        if call.request.opcode == Opcode.OPEN_READ and found[0] is not PENDING:
+        if call.request.opcode == Opcode.OPEN_READ and payload is not PENDING:
             # A client that was started again may count from the same number: only an open session stays open.
-            return found[0] if self.sessions.peek(call.client, call.request.session) is not None else None
+            return payload if self._sessions.get(call.client, call.request.session) is not None else None
         if call.request.opcode == Opcode.TERMINATE:
             # MAVProxy counts from the same number for each file: a session opened since then is to be ended too, or the
             # next one would read the old content. Not an upload, which a stray copy must not cut short.
-            opened = self.sessions.peek(call.client, call.request.session)
-            if opened is not None and isinstance(opened.handle, Reading):
+            opened = self._sessions.get(call.client, call.request.session)
+            if opened is not None and isinstance(opened.handle, OpenFile):
                 return None
-        return found[0]
+        return payload
 
-    def begin(self, call: Call) -> None:
-        """Note that a request is being carried out, so that a copy of it is not."""
+    def begin(self, call: FileCall) -> None:
+        """Remember that a request is being carried out, so that a copy of it is not."""
         if call.request.opcode not in _HARMLESS:
-            self.remember(call, PENDING)
+            self._remember(call, PENDING)
 
-    def finish(self, call: Call, result: bytes | Exception) -> None:
+    def finish(self, call: FileCall, result: bytes | Exception) -> None:
         """Answer a request with the data asked for, or with what stood in the way."""
         if isinstance(result, Exception):
             refusal = refusal_of(result)
             if refusal.text:
-                self.session.say(call.peer, Severity.WARNING, refusal.text, call.now_s)
-            payload = refused(call.request, refusal)
+                self._context.send_text_limited(call.peer, Severity.WARNING, refusal.text, call.now_s)
+            payload = nak_payload(call.request, refusal)
         else:
-            payload = answer(call.request, result)
+            payload = ack_payload(call.request, result)
         if call.request.opcode not in _HARMLESS:
-            self.remember(call, payload)
+            self._remember(call, payload)
         self.send(call, payload)
 
-    def remember(self, call: Call, payload: bytes) -> None:
+    def _remember(self, call: FileCall, payload: bytes) -> None:
         """Keep an answer for those who ask again."""
         key = (call.client, call.raw)
-        self._answers[key] = (payload, call.now_s)
-        self._answers.move_to_end(key)
-        if len(self._answers) > _REMEMBERED:
-            self._answers.popitem(last=False)
+        self._remembered[key] = (payload, call.now_s)
+        self._remembered.move_to_end(key)
+        if len(self._remembered) > _REMEMBERED:
+            self._remembered.popitem(last=False)
 
-    def send(self, call: Call, payload: bytes) -> None:
+    def send(self, call: FileCall, payload: bytes) -> None:
         """Queue a payload to whoever has asked."""
         address = bytes((0, call.client.system, call.client.component))
-        packed = self.session.codec.pack_payload(FILE_TRANSFER, address + payload)
+        packed = self._context.codec.pack_payload(FILE_TRANSFER, address + payload)
         call.peer.outbox.push(packed, Priority.REPLY)
 
-    def later(self, call: Call, job: Callable[[], Any], then: Callable[[Any], bytes] = lambda _: b"") -> None:
+    def finish_later(
+        self, call: FileCall, job: Callable[[], Any], then: Callable[[Any], bytes] = lambda _: b""
+    ) -> None:
         """Have a job done that waits for the disk, and answer when it is done."""
 
         def done(result: Any) -> None:
@@ -113,8 +113,8 @@ class Desk:
                 except Refusal as refusal:
                     result = refusal
             self.finish(call, result)
-            call.peer.outbox.flush(self.session.now_s)
+            call.peer.outbox.flush(self._context.now_s)
 
-        if not self.worker.submit(job, done):
+        if not self._worker.submit(job, done):
             # The client asks again: by then there may be room.
-            self._answers.pop((call.client, call.raw), None)
+            self._remembered.pop((call.client, call.raw), None)

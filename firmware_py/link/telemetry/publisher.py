@@ -1,0 +1,62 @@
+"""Sends the rows of the telemetry table that are due, and at once what has changed."""
+
+from __future__ import annotations
+
+from firmware_py.common.records import Snapshot
+from firmware_py.link.context import LinkContext
+from firmware_py.link.peer import Peers
+from firmware_py.link.telemetry import estimates, motion
+from firmware_py.link.telemetry.context_fields import TelemetryContext
+from firmware_py.link.telemetry.table import TABLE
+from firmware_py.link.wire.dialect import Packed
+from firmware_py.link.wire.outbox import Priority
+
+_HEARTBEAT, _CURRENT_MODE = 0, 436
+
+
+class TelemetryPublisher:
+    """Telemetry after a tick."""
+
+    def __init__(self, context: LinkContext) -> None:
+        """Take what packs the messages and knows the state."""
+        self._context = context
+
+    def report_changes(self, before: Snapshot | None, snapshot: Snapshot, peers: Peers, now_s: float) -> None:
+        """Make what has changed due at once: mode and arming; home is sent."""
+        if before is None or (before.mode, before.armed) != (snapshot.mode, snapshot.armed):
+            for peer in peers:
+                peer.streams.make_due(_HEARTBEAT, now_s)
+                peer.streams.make_due(_CURRENT_MODE, now_s)
+        telemetry = self._context.telemetry_context()
+        moved = before is None or before.home != snapshot.home
+        if telemetry is not None and snapshot.home is not None and (moved or self._context.home_report_due):
+            self._context.home_report_due = False
+            self._context.send_all(motion.home_position(telemetry))
+            self._context.send_all(estimates.gps_global_origin(telemetry))
+
+    def send_due(self, peers: Peers, tick_s: float, now_s: float) -> None:
+        """Queue to each peer the rows that are due before the next tick, as far as its line has room."""
+        if not peers:
+            return
+        telemetry = self._context.telemetry_context()
+        if telemetry is None:
+            return
+        packed_rows: dict[int, Packed | None] = {}  # every row is built and packed once for all peers
+        for peer in peers:
+            room_bytes = peer.outbox.room_bytes(now_s)
+            for row in peer.streams.due(now_s, tick_s):
+                if row not in packed_rows:
+                    packed_rows[row] = self._pack(row, telemetry)
+                packed, priority = packed_rows[row], TABLE[row].priority
+                if packed is not None:
+                    if priority is not Priority.URGENT:
+                        room_bytes -= peer.outbox.size_of(packed)
+                        if room_bytes < 0.0:
+                            # The rest stays due, and the longest due goes first next time.
+                            continue
+                    peer.outbox.push(packed, priority)
+                peer.streams.mark_sent(row, now_s)
+
+    def _pack(self, row: int, telemetry: TelemetryContext) -> Packed | None:
+        message = TABLE[row].build(telemetry)
+        return None if message is None else self._context.codec.pack(message)
