@@ -20,17 +20,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from firmware_py.common.angles import clamp
-from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import PositionSample, Water
+from firmware_py.estimate.track_average import BLOCK_S, Average, Block, add_tick, mean_velocity
 
-BLOCK_S = 10.0
 MOST_BLOCKS = 6  # that are joined while the boat goes straight
 LEG_MEMORY = 60.0  # blocks: the heading of a straight leg is their mean
-STRAIGHT_COSINE = math.cos(math.radians(15.0))
 LONGEST_BLOCK_S = 60.0
-LEAST_VELOCITIES = 3
-FASTEST_M_S = 6.0  # over the ground: more is a receiver's mistake
 # What is known beforehand, and what everything returns to when nothing more is seen.
 SPEED_SPREAD_M_S, CURRENT_SPREAD_M_S = 0.5, 0.25
 SPEED_MEMORY_S, CURRENT_MEMORY_S = 12.0 * 3600.0, 6.0 * 3600.0
@@ -46,53 +42,6 @@ WEAK_PART = 0.97
 
 Vector = tuple[float, float, float]
 Matrix = tuple[float, float, float, float, float, float]  # upper triangle: nn, ne, nu, ee, eu, uu
-
-
-@dataclass(frozen=True, slots=True)
-class Block:
-    """Sums since start_s: headings as directions, velocities over ground, and the first position."""
-
-    start_s: float
-    cosine: float = 0.0
-    sine: float = 0.0
-    headings: int = 0
-    north_m_s: float = 0.0
-    east_m_s: float = 0.0
-    velocities: int = 0
-    first: PositionSample | None = None
-    last: PositionSample | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Average:
-    """The mean of `blocks` blocks: sums of their directions of heading and velocities over ground."""
-
-    cosine: float
-    sine: float
-    north_m_s: float
-    east_m_s: float
-    blocks: float = 1.0
-
-    def has_heading_of(self, other: Average) -> bool:
-        """Whether another average has the same heading, near enough."""
-        dot = self.cosine * other.cosine + self.sine * other.sine
-        return dot >= STRAIGHT_COSINE * math.hypot(self.cosine, self.sine) * math.hypot(other.cosine, other.sine)
-
-    def weighted(self, part: float) -> Average:
-        """Return the average with less weight."""
-        return Average(
-            part * self.cosine, part * self.sine, part * self.north_m_s, part * self.east_m_s, part * self.blocks
-        )
-
-    def plus(self, other: Average) -> Average:
-        """Return the average of both."""
-        return Average(
-            self.cosine + other.cosine,
-            self.sine + other.sine,
-            self.north_m_s + other.north_m_s,
-            self.east_m_s + other.east_m_s,
-            self.blocks + other.blocks,
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,11 +90,11 @@ def update(state: WaterState, heading_rad: float | None, fixes: Sequence[Positio
         if not fixes:
             return state
         block = Block(now_s, first=fixes[-1], last=fixes[-1])
-    block = _add_tick(block, heading_rad, fixes)
+    block = add_tick(block, heading_rad, fixes)
     age_s = now_s - block.start_s
     if age_s < BLOCK_S or not (fixes or age_s > LONGEST_BLOCK_S):
         return replace(state, block=block)
-    velocity = _mean_velocity(block)
+    velocity = mean_velocity(block)
     if velocity is None:
         return replace(state, block=None if age_s > LONGEST_BLOCK_S else block)
     size = max(math.hypot(block.cosine, block.sine), 1e-9)
@@ -162,51 +111,6 @@ def _add_block(state: WaterState, latest: Average, now_s: float) -> WaterState:
     if average.blocks >= MOST_BLOCKS or state.t_s is None:
         return _correct(_predict(replace(state, average=None), now_s), average, now_s)
     return replace(state, average=average)
-
-
-def _add_tick(block: Block, heading_rad: float, fixes: Sequence[PositionSample]) -> Block:
-    north, east, count, last = block.north_m_s, block.east_m_s, block.velocities, block.last
-    for sample in fixes:
-        last = sample
-        speed_m_s, course_rad = sample.speed_over_ground_m_s, sample.course_over_ground_rad
-        # Written so that NaN fails the comparisons; at rest a receiver gives no course.
-        if speed_m_s is None or not 0.0 <= speed_m_s <= FASTEST_M_S:
-            continue
-        if course_rad is None or not math.isfinite(course_rad):
-            if speed_m_s > 0.05:
-                continue
-            course_rad = 0.0
-        north += speed_m_s * math.cos(course_rad)
-        east += speed_m_s * math.sin(course_rad)
-        count += 1
-    return Block(
-        block.start_s,
-        block.cosine + math.cos(heading_rad),
-        block.sine + math.sin(heading_rad),
-        block.headings + 1,
-        north,
-        east,
-        count,
-        block.first,
-        last,
-    )
-
-
-def _mean_velocity(block: Block) -> tuple[float, float] | None:
-    """Return the mean velocity over ground, north and east: the receiver's, or that of its positions."""
-    if block.velocities >= LEAST_VELOCITIES:
-        return block.north_m_s / block.velocities, block.east_m_s / block.velocities
-    first, last = block.first, block.last
-    if first is None or last is None or last.t_s - first.t_s < 2.0 * BLOCK_S:
-        return None
-    if None in (first.latitude_rad, first.longitude_rad, last.latitude_rad, last.longitude_rad):
-        return None
-    latitude_rad = last.latitude_rad or 0.0
-    north_rad = latitude_rad - (first.latitude_rad or 0.0)
-    east_rad = math.remainder((last.longitude_rad or 0.0) - (first.longitude_rad or 0.0), 2.0 * math.pi)
-    per_rad = EARTH_RADIUS_M / (last.t_s - first.t_s)
-    north_m_s, east_m_s = per_rad * north_rad, per_rad * math.cos(latitude_rad) * east_rad
-    return (north_m_s, east_m_s) if math.hypot(north_m_s, east_m_s) <= FASTEST_M_S else None
 
 
 def _predict(state: WaterState, now_s: float) -> WaterState:

@@ -1,10 +1,9 @@
 """Heading, yaw rate, rudder bias, speed and current, with the waves told apart.
 
-A Kalman filter on the K-T equation and a wave-frequency state (kalman.py) that tunes itself to
-the sea (learning.py). It is driven by the measured rudder, scaled to the estimated speed by
-similarity, and takes every sample at its own time. Velocity over the ground tells of the
-low-frequency heading too, with the noise that it is found to have. The sea that it allows for is that of
-docs/explanation/physics.md, "The sea that acts on the boat".
+A Kalman filter on the K-T equation and a wave-frequency state (kalman.py) that tunes itself to the sea (learning.py).
+It is driven by the measured rudder, scaled to the estimated speed by similarity, and takes every sample at its own time.
+Velocity over the ground tells of the low-frequency heading too, with the noise that it is found to have. The sea that it
+allows for is that of docs/explanation/physics.md, "The sea that acts on the boat".
 """
 
 from __future__ import annotations
@@ -265,14 +264,8 @@ def _finish(work: _Workspace, state: WaveFilterState) -> WaveFilterState:
     sound = math.isfinite(sum(x)) and math.isfinite(sum(p)) and min([p[i] for i in kalman.DIAGONAL]) > 0.0
     if not sound:
         return WaveFilterState(rudder_rad=state.rudder_rad)
-    return replace(
-        state,
-        t_s=work.t_s,
-        x=(wrap_two_pi(x[kalman.HEADING]), *x[1:]),
-        p=p,
-        sensitivity=work.s,
-        noise_model=work.noise_model,
-    )
+    x = (wrap_two_pi(x[kalman.HEADING]), *x[1:])
+    return replace(state, t_s=work.t_s, x=x, p=p, sensitivity=work.s, noise_model=work.noise_model)
 
 
 def predict_heading(settings: WaveFilterSettings, state: WaveFilterState, t_s: float) -> tuple[float, float]:
