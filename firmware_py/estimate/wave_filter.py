@@ -1,8 +1,8 @@
 """Heading, yaw rate, rudder bias, speed and current, with the waves told apart.
 
 A Kalman filter on the K-T equation and a wave-frequency state (kalman.py) that tunes itself to the sea (learning.py).
-It is driven by the measured rudder, scaled to the estimated speed by similarity, and takes every sample at its own time.
-Velocity over the ground tells of the low-frequency heading too, with the noise that it is found to have. The sea that it
+It is driven by the measured rudder, scaled to the estimated speed by similarity, and takes each sample at its own time.
+Velocity over the ground tells of the low-frequency heading too, with the noise that it is found to have. The sea it
 allows for is that of docs/explanation/physics.md, "The sea that acts on the boat".
 """
 
