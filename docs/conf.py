@@ -14,7 +14,15 @@ project = "Rambler"
 author = "The Rambler authors"
 project_copyright = "The Rambler authors, Apache-2.0"
 version = release = __version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml", "command_help", "tables"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "mathml",
+    "command_help",
+    "driver_table",
+    "tables",
+]
 exclude_patterns = ["_build"]
 
 highlight_language = "none"

@@ -206,4 +206,6 @@ def _parameters(section: Mapping[str, Any], path: Path) -> dict[str, float]:
             values[name] = TABLE[index_of(name)].check(float(value))
         except ParameterError as error:
             raise VehicleError(f"{path}: [parameters] {error}") from None
+        except OverflowError:
+            raise VehicleError(f"{path}: [parameters] {name}: expected a number") from None
     return values

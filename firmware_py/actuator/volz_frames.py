@@ -110,8 +110,8 @@ class ReplyParser:
         start = 0
         while len(buffer) - start >= FRAME_SIZE:
             code = buffer[start]
-            known = buffer[start + 1] == self._device_id and (code in _REPLIES or code in REPLY_OF)
-            if not known:
+            fits = buffer[start + 1] == self._device_id and (code in _REPLIES or code in REPLY_OF)
+            if not fits:
                 start += 1
                 continue
             frame = bytes(buffer[start : start + FRAME_SIZE])

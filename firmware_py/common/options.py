@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_type_hints
 
 RecordT = TypeVar("RecordT")
 
@@ -41,6 +41,7 @@ def meanings(kind: type[Any]) -> dict[str, OptionMeaning]:
 
 def check(record: Any) -> None:
     """Raise ValueError, naming the option, for a value of an options record that is out of its range."""
+    types = get_type_hints(type(record))
     for row in fields(record):
         meaning, value = _meaning(row), getattr(record, row.name)
         if isinstance(value, tuple):
@@ -48,7 +49,7 @@ def check(record: Any) -> None:
             if unknown:
                 choices = ", ".join(meaning.choices)
                 raise ValueError(f"{row.name}: {unknown[0][:30]!r} is not known; there are {choices}")
-        elif str(row.type) == "int" and not isinstance(value, int):
+        elif types[row.name] is int and not isinstance(value, int):
             raise ValueError(f"{row.name}: {value} is not a whole number")
         elif isinstance(value, (int, float)) and not meaning.minimum <= value <= meaning.maximum:
             raise ValueError(
@@ -65,7 +66,8 @@ def record_from(kind: type[RecordT], values: Mapping[str, Any]) -> RecordT:
     for name, row in rows.items():
         if name not in values and row.default is MISSING:
             raise ValueError(f"{name} is missing")
-    return kind(**{name: _READERS[str(rows[name].type)](value, rows[name]) for name, value in values.items()})
+    types = get_type_hints(kind)
+    return kind(**{name: _READERS[types[name]](value, rows[name]) for name, value in values.items()})
 
 
 def _meaning(row: Field[Any]) -> OptionMeaning:
@@ -86,10 +88,14 @@ def _flag(value: Any, row: Field[Any]) -> bool:
 
 
 def _number(value: Any, row: Field[Any]) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    try:
+        number = math.nan if isinstance(value, (bool, str)) else float(value)
+    except (TypeError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
         meaning = _meaning(row)
         raise ValueError(f"{row.name}: expected a number from {meaning.minimum:g} to {meaning.maximum:g}")
-    return float(value)
+    return number
 
 
 def _whole(value: Any, row: Field[Any]) -> int:
@@ -105,11 +111,11 @@ def _texts(value: Any, row: Field[Any]) -> tuple[str, ...]:
     return tuple(value)
 
 
-_READERS: Mapping[str, Callable[[Any, Field[Any]], Any]] = {
-    "str": _text,
-    "bool": _flag,
-    "int": _whole,
-    "float": _number,
-    "float | None": _number,
-    "tuple[str, ...]": _texts,
+_READERS: Mapping[Any, Callable[[Any, Field[Any]], Any]] = {
+    str: _text,
+    bool: _flag,
+    int: _whole,
+    float: _number,
+    float | None: _number,
+    tuple[str, ...]: _texts,
 }

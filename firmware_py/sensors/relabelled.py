@@ -10,7 +10,7 @@ from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample
 
 
 class RelabelledCompass:
-    """A ports.Compass around another."""
+    """An interfaces.Compass around another."""
 
     def __init__(self, compass: Compass) -> None:
         """Take the driver."""

@@ -6,7 +6,8 @@ kBigEndian setting.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import struct
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 from hil.devices.crc import crc16_1021
@@ -73,6 +74,35 @@ SETTINGS: dict[int, Setting] = {
     Config.POINTS: Setting("I", 4, 32, 12),
     Config.AUTOMATIC: Setting("B", 0, 1, 1),
 }
+
+
+_POLLED = 1  # acquisition mode
+
+
+@dataclass(frozen=True, slots=True)
+class ModuleSettings:
+    """What a power cycle loses and kSave keeps."""
+
+    components: tuple[int, ...] = ()
+    config: dict[int, float] = field(default_factory=lambda: {key: row.factory for key, row in SETTINGS.items()})
+    mode: int = _POLLED
+    flush: int = 0
+    acquire_s: float = 0.0
+    interval_s: float = 0.0
+    pushing: bool = False
+
+    def pack(self, codes: str, *values: float) -> bytes:
+        """Return numbers in the byte order that is set; `codes` as of struct."""
+        whole = [value if code == "f" else int(value) for code, value in zip(codes, values, strict=True)]
+        return struct.pack(self._order() + codes, *whole)
+
+    def unpack(self, codes: str, payload: bytes) -> tuple[float, ...] | None:
+        """Read numbers in the byte order that is set, None when there are more or fewer bytes."""
+        order = self._order() + codes
+        return struct.unpack(order, payload) if struct.calcsize(order) == len(payload) else None
+
+    def _order(self) -> str:
+        return ">" if self.config[Config.BIG_ENDIAN] else "<"
 
 
 def pack_frame(frame: int, payload: bytes = b"") -> bytes:

@@ -8,9 +8,8 @@ of range is ignored.
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,28 +17,14 @@ from firmware_py.common.angles import degrees
 from hil.devices.emulator import Attitude
 from hil.devices.nmea_text import bearing
 from hil.devices.pni_calibration import ABORTED, OPTIONS, UserCalibration
-from hil.devices.pni_frames import SETTINGS, Config, Frame, FrameReader, pack_frame
+from hil.devices.pni_frames import SETTINGS, Config, Frame, FrameReader, ModuleSettings, pack_frame
 from hil.devices.timing import Pace, Transmitter
 
 _SHORTEST_INTERVAL_S = 1.0 / 30.0  # the module samples at 30 Hz at most
 _LONGEST_INTERVAL_S = 3600.0
 _ANSWER_DELAY_S = 0.002
 _MODULE_TYPE, _REVISION = b"TCM5", b"1208"  # the example of the manual
-_POLLED = 1
 _FIELD_HORIZONTAL_UT, _FIELD_DOWN_UT = 20.0, 43.0  # a mid-latitude field
-
-
-@dataclass(frozen=True, slots=True)
-class _Settings:
-    """What a power cycle loses and kSave keeps."""
-
-    components: tuple[int, ...] = ()
-    config: dict[int, float] = field(default_factory=lambda: {key: row.factory for key, row in SETTINGS.items()})
-    mode: int = _POLLED
-    flush: int = 0
-    acquire_s: float = 0.0
-    interval_s: float = 0.0
-    pushing: bool = False
 
 
 class PniTcmEmulator:
@@ -86,40 +71,13 @@ class PniTcmEmulator:
         self._boot_s = boot_s
         self._line = Transmitter(baud)
         self._reader = FrameReader()
-        self._saved = _Settings()
+        self._saved = ModuleSettings()
         self._settings = self._saved
         self._pace: Pace | None = None
         self._ready_s = -math.inf
         self._asleep = False
-        self._commands: dict[int, Callable[[float, bytes], None]] = {
-            Frame.GET_MOD_INFO: self._get_mod_info,
-            Frame.SET_DATA_COMPONENTS: self._set_data_components,
-            Frame.GET_DATA: self._get_data,
-            Frame.SET_CONFIG: self._set_config,
-            Frame.GET_CONFIG: self._get_config,
-            Frame.SAVE: self._save,
-            Frame.START_CAL: self._start_cal,
-            Frame.STOP_CAL: self._stop_cal,
-            Frame.POWER_DOWN: self._power_down,
-            Frame.START_CONTINUOUS: self._start_continuous,
-            Frame.STOP_CONTINUOUS: self._stop_continuous,
-            Frame.SET_ACQ_PARAMS: self._set_acq_params,
-            Frame.GET_ACQ_PARAMS: self._get_acq_params,
-        }
-        self._components: dict[int, tuple[str, Callable[[], float]]] = {
-            5: ("f", self._heading_deg),
-            7: ("f", lambda: self.temperature_c + self._noise(0.05)),
-            8: ("B", lambda: int(self.distorted)),
-            9: ("B", lambda: 1),  # user calibration is done
-            21: ("f", lambda: -math.sin(math.radians(self.pitch_deg)) + self._noise(0.002)),
-            22: ("f", lambda: math.sin(math.radians(self.roll_deg)) + self._noise(0.002)),
-            23: ("f", lambda: 1.0 + self._noise(0.002)),
-            24: ("f", lambda: self.pitch_deg + self._noise(self._tilt_noise_deg)),
-            25: ("f", lambda: self.roll_deg + self._noise(self._tilt_noise_deg)),
-            27: ("f", lambda: _FIELD_HORIZONTAL_UT * math.cos(self._magnetic_rad()) + self._noise(0.05)),
-            28: ("f", lambda: -_FIELD_HORIZONTAL_UT * math.sin(self._magnetic_rad()) + self._noise(0.05)),
-            29: ("f", lambda: _FIELD_DOWN_UT + self._noise(0.05)),
-        }
+        self._commands = self._command_table()
+        self._components = self._component_table()
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Take commands; a sleeping module is woken by any byte, which is lost."""
@@ -157,6 +115,23 @@ class PniTcmEmulator:
 
     # ------------------------------------------------------------------ commands
 
+    def _command_table(self) -> dict[int, Callable[[float, bytes], None]]:
+        return {
+            Frame.GET_MOD_INFO: self._get_mod_info,
+            Frame.SET_DATA_COMPONENTS: self._set_data_components,
+            Frame.GET_DATA: self._get_data,
+            Frame.SET_CONFIG: self._set_config,
+            Frame.GET_CONFIG: self._get_config,
+            Frame.SAVE: self._save,
+            Frame.START_CAL: self._start_cal,
+            Frame.STOP_CAL: self._stop_cal,
+            Frame.POWER_DOWN: self._power_down,
+            Frame.START_CONTINUOUS: self._start_continuous,
+            Frame.STOP_CONTINUOUS: self._stop_continuous,
+            Frame.SET_ACQ_PARAMS: self._set_acq_params,
+            Frame.GET_ACQ_PARAMS: self._get_acq_params,
+        }
+
     def _get_mod_info(self, now_s: float, payload: bytes) -> None:
         if not payload:
             self._answer(now_s, Frame.MOD_INFO_RESP, _MODULE_TYPE + _REVISION)
@@ -175,7 +150,7 @@ class PniTcmEmulator:
         setting = SETTINGS.get(payload[0]) if payload else None
         if setting is None:
             return
-        value = self._unpack(setting.code, payload[1:])
+        value = self._settings.unpack(setting.code, payload[1:])
         if value is not None and setting.low <= value[0] <= setting.high:
             self._settings = replace(self._settings, config={**self._settings.config, payload[0]: value[0]})
             self._answer(now_s, Frame.SET_CONFIG_DONE)
@@ -183,17 +158,17 @@ class PniTcmEmulator:
     def _get_config(self, now_s: float, payload: bytes) -> None:
         setting = SETTINGS.get(payload[0]) if len(payload) == 1 else None
         if setting is not None:
-            value = self._pack(setting.code, self._settings.config[payload[0]])
+            value = self._settings.pack(setting.code, self._settings.config[payload[0]])
             self._answer(now_s, Frame.CONFIG_RESP, payload + value)
 
     def _save(self, now_s: float, payload: bytes) -> None:
         if not payload:
             self._saved = self._settings
             self.calibrated |= self._scored
-            self._answer(now_s, Frame.SAVE_DONE, self._pack("H", 0))
+            self._answer(now_s, Frame.SAVE_DONE, self._settings.pack("H", 0))
 
     def _start_cal(self, now_s: float, payload: bytes) -> None:
-        option = self._unpack("I", payload)
+        option = self._settings.unpack("I", payload)
         if option is not None and option[0] in OPTIONS and self._settings.config[Config.AUTOMATIC]:
             points = int(self._settings.config[Config.POINTS])
             self._calibration = UserCalibration(now_s, points, self.calibration_score)
@@ -207,17 +182,17 @@ class PniTcmEmulator:
         look_s = calibration.next_s
         count, score = calibration.look(degrees(self._magnetic_rad()))
         if count is not None:
-            self._answer(look_s, Frame.CAL_SAMPLE_COUNT, self._pack("I", count))
+            self._answer(look_s, Frame.CAL_SAMPLE_COUNT, self._settings.pack("I", count))
         if score is not None:
             self._scored = True
             self._score(look_s, score)
 
     def _score(self, now_s: float, score: float) -> None:
         self._calibration = None
-        self._answer(now_s, Frame.CAL_SCORE, self._pack("ffffff", score, 0.0, 99.99, 0.1, 0.1, 1.0))
+        self._answer(now_s, Frame.CAL_SCORE, self._settings.pack("ffffff", score, 0.0, 99.99, 0.1, 0.1, 1.0))
 
     def _set_acq_params(self, now_s: float, payload: bytes) -> None:
-        values = self._unpack("BBff", payload)
+        values = self._settings.unpack("BBff", payload)
         if values is None:
             return
         mode, flush, acquire_s, interval_s = values
@@ -231,7 +206,7 @@ class PniTcmEmulator:
     def _get_acq_params(self, now_s: float, payload: bytes) -> None:
         if not payload:
             have = self._settings
-            packed = self._pack("BBff", have.mode, have.flush, have.acquire_s, have.interval_s)
+            packed = self._settings.pack("BBff", have.mode, have.flush, have.acquire_s, have.interval_s)
             self._answer(now_s, Frame.ACQ_PARAMS_RESP, packed)
 
     def _start_continuous(self, now_s: float, payload: bytes) -> None:
@@ -251,6 +226,22 @@ class PniTcmEmulator:
             self._pace = None
 
     # ------------------------------------------------------------------ inside
+
+    def _component_table(self) -> dict[int, tuple[str, Callable[[], float]]]:
+        return {
+            5: ("f", self._heading_deg),
+            7: ("f", lambda: self.temperature_c + self._noise(0.05)),
+            8: ("B", lambda: int(self.distorted)),
+            9: ("B", lambda: 1),  # user calibration is done
+            21: ("f", lambda: -math.sin(math.radians(self.pitch_deg)) + self._noise(0.002)),
+            22: ("f", lambda: math.sin(math.radians(self.roll_deg)) + self._noise(0.002)),
+            23: ("f", lambda: 1.0 + self._noise(0.002)),
+            24: ("f", lambda: self.pitch_deg + self._noise(self._tilt_noise_deg)),
+            25: ("f", lambda: self.roll_deg + self._noise(self._tilt_noise_deg)),
+            27: ("f", lambda: _FIELD_HORIZONTAL_UT * math.cos(self._magnetic_rad()) + self._noise(0.05)),
+            28: ("f", lambda: -_FIELD_HORIZONTAL_UT * math.sin(self._magnetic_rad()) + self._noise(0.05)),
+            29: ("f", lambda: _FIELD_DOWN_UT + self._noise(0.05)),
+        }
 
     def _wake(self, now_s: float) -> None:
         """Start again from the saved settings; the line, held low in sleep, gives one stray byte first."""
@@ -282,19 +273,8 @@ class PniTcmEmulator:
         payload = bytes([len(self._settings.components)])
         for key in self._settings.components:
             code, measure = self._components[key]
-            payload += bytes([key]) + self._pack(code, measure())
+            payload += bytes([key]) + self._settings.pack(code, measure())
         return pack_frame(Frame.DATA_RESP, payload)
-
-    def _order(self) -> str:
-        return ">" if self._settings.config[Config.BIG_ENDIAN] else "<"
-
-    def _pack(self, codes: str, *values: float) -> bytes:
-        whole = [value if code == "f" else int(value) for code, value in zip(codes, values, strict=True)]
-        return struct.pack(self._order() + codes, *whole)
-
-    def _unpack(self, codes: str, payload: bytes) -> tuple[float, ...] | None:
-        order = self._order() + codes
-        return struct.unpack(order, payload) if struct.calcsize(order) == len(payload) else None
 
     def _noise(self, deviation: float) -> float:
         return self._rng.normal(0.0, deviation)

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from firmware_py.__main__ import main
+from firmware_py.devices import SECTIONS
 from firmware_py.log.reader import read_log
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.impairment import Impaired
-from hil.devices.mti import MtiEmulator
-from hil.devices.nmea_compass import NmeaCompassEmulator
-from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.pty_line import PtyLine
 from hil.devices.volz import VolzEmulator
 from hil.ship.scenarios import named
+from hil.sim import device_factory
 from hil.sim.board import Board
+from hil.sim.device_factory import DeviceContext
 from hil.sim.process import Firmware
 from hil.sim.world import World
 
@@ -28,7 +28,7 @@ VEHICLE = """
 [compass]
 driver = "{compass}"
 port = "{ports[compass]}"
-baud = 38400
+baud = {compass_baud}
 [rudder]
 driver = "{rudder}"
 port = "{ports[rudder]}"
@@ -41,7 +41,8 @@ EST_MODE = 0
 CTL_MODE = 0
 """
 SERVOS = {"dynamixel": (DynamixelEmulator, 57600), "volz": (VolzEmulator, 115200)}
-COMPASSES = {"nmea": NmeaCompassEmulator, "pni_tcm": PniTcmEmulator, "mti": MtiEmulator}
+COMPASSES = {device.driver: device for device in device_factory.COMPASSES.values()}
+BINARY_COMPASSES = [driver for driver in COMPASSES if driver != "nmea"]  # which are set up and can be switched off
 
 
 class Bench:
@@ -53,12 +54,15 @@ class Bench:
         make, baud = SERVOS[servo]
         rng = np.random.default_rng
         self.servo = make(self.world.shaft, rng(1), baud=baud)
-        self.compass_device = COMPASSES[compass](self.world, rng(2))
+        row = COMPASSES[compass]
+        options = SECTIONS["compass"][compass].options()
+        self.compass_device = row.make(DeviceContext(self.world, row.baud, options, rng(2), 0.0, 0.0, 0.0))
         self.compass = Impaired(self.compass_device, rng(3))
         self.board = Board(self.world, {"compass": self.compass, "rudder": self.servo}, directory, PtyLine.write)
         self.lines = {station.path.name: station.line for station in self.board.stations}
         vehicle = directory / "boat.toml"
-        vehicle.write_text(VEHICLE.format(compass=compass, rudder=servo, ports=self.board.ports(), baud=baud))
+        names = {"compass": compass, "compass_baud": row.baud, "rudder": servo, "baud": baud}
+        vehicle.write_text(VEHICLE.format(**names, ports=self.board.ports()))
         arguments = ["run", str(vehicle), "--state", str(directory / "state"), *(["--wait"] if wait else [])]
         self._arguments = arguments
         self.firmware = None
@@ -161,7 +165,7 @@ def test_the_servo_s_power_cut_and_back(bench):
     assert steers(bench)
 
 
-@pytest.mark.parametrize("compass", ["pni_tcm", "mti"])
+@pytest.mark.parametrize("compass", BINARY_COMPASSES)
 def test_the_compass_s_power_cut_and_back(tmp_path, compass):
     with Bench(tmp_path, compass, "dynamixel") as bench:
         bench.start().until("Mode GUIDED")

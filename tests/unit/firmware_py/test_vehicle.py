@@ -84,6 +84,8 @@ def test_parameters_may_stand_in_a_file_of_their_own(write, tmp_path):
         ("CTL_K1 = 41", "CTL_KK = 41", r"unknown parameter 'CTL_KK'; near it"),
         ("CTL_K1 = 41", "CTL_K1 = 1e300", "out of range"),
         ("CTL_K1 = 41", 'CTL_K1 = "x"', "expected a number"),
+        ("CTL_K1 = 41", "CTL_K1 = 1" + "0" * 400, "CTL_K1: expected a number"),
+        ("baud = 4800", "baud = 1" + "0" * 400, r"\[compass\] baud: expected a number from 300"),
         ("CTL_K1 = 41", 'file = "none.param"', "cannot be read"),
         ('urls = ["udpout:127.0.0.1:14550"]', "urls = 5", r"\[link\] urls"),
         ('name = "Ocean Rambler"', "name = 5", r"\[vehicle\] name"),

@@ -3,13 +3,11 @@
 import json
 import math
 import re
-import struct
 
 import pytest
 from support.paths import DATA
 
 from firmware_py.devices import CAPTURE_FORMATS, decode
-from firmware_py.sensors import mti_protocol
 from firmware_py.sensors.decode import format_text
 
 NMEA_FILES = sorted(path.name for path in (DATA / "nmea").glob("*.*")) or ["tests/data/nmea is not here"]
@@ -158,25 +156,6 @@ def test_a_ubx_recording_whole(recordings):
     errors = [(result["offset"], result["error"]) for result in results if result["type"] == "error"]
     assert errors == [(0, "malformed"), (data.rindex(b"\xb5\x62"), "checksum")]
     assert results[0]["bytes"] == data.index(b"\xb5\x62")
-
-
-def test_mti():
-    status = struct.pack(">HBI", 0xE020, 4, 0x0002)
-    euler = struct.pack(">HB3f", 0x2034, 12, 178.0, 1.5, -90.0)
-    enu = struct.pack(">HB3f", 0x2030, 12, 0.0, 0.0, 0.0)
-    sent = ((0x3E, b""), (0x36, status + euler), (0x36, status + enu), (0x42, b"\x21"), (0x36, b"\xe0\x20\x04"))
-    capture = b"".join(mti_protocol.encode(message, data) for message, data in sent)
-    results = list(decode("mti", capture + b"junk"))
-    assert results == [
-        {"line": 1, "offset": 0, "type": "other", "message": "WAKE_UP"},
-        {"line": 2, "offset": 5, "type": "heading", "message": "MT_DATA2", "frame": "NED",
-         "heading_magnetic_deg": 270.0, "pitch_deg": 1.5, "roll_deg": -2.0, "yaw_rate_deg_s": None,
-         "temperature_c": None, "status": "00000002", "magnetic_deg": 270.0, "fault": "self-test failed"},
-        {"line": 3, "offset": 32, "type": "other", "message": "MT_DATA2", "frame": "ENU", "status": "00000002"},
-        {"line": 4, "offset": 59, "type": "other", "message": "ERROR", "text": "device error 33: parameter invalid"},
-        {"line": 5, "offset": 65, "type": "error", "error": "malformed", "detail": "data message malformed"},
-        {"line": 6, "offset": 73, "type": "error", "error": "malformed", "bytes": 4},
-    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", CAPTURE_FORMATS)

@@ -6,8 +6,8 @@ import struct
 import pytest
 
 from firmware_py.sensors.message_error import MALFORMED, RANGE, MessageError
-from firmware_py.sensors.mti_protocol import Frame
-from firmware_py.sensors.mti_reading import read_data, status_fault
+from firmware_py.sensors.mti_protocol import Frame, encode
+from firmware_py.sensors.mti_reading import CAPTURE_FORMAT, read_data, status_fault
 
 GOOD = 0x03  # self-test passed, filter valid
 
@@ -137,3 +137,22 @@ def test_what_cannot_be_is_refused(data, error):
 def test_what_is_not_known_is_passed_over():
     reading = read_data(item(0x4020, floats(9.8, 0.0, 0.0)) + item(0x7010, bytes(94)) + status(GOOD))
     assert (reading.frame, reading.status) == (None, GOOD)
+
+
+def test_a_capture_is_decoded_message_by_message():
+    status = struct.pack(">HBI", 0xE020, 4, 0x0002)
+    euler = struct.pack(">HB3f", 0x2034, 12, 178.0, 1.5, -90.0)
+    enu = struct.pack(">HB3f", 0x2030, 12, 0.0, 0.0, 0.0)
+    sent = ((0x3E, b""), (0x36, status + euler), (0x36, status + enu), (0x42, b"\x21"), (0x36, b"\xe0\x20\x04"))
+    capture = b"".join(encode(message, data) for message, data in sent)
+    results = list(CAPTURE_FORMAT.decode(capture + b"junk"))
+    assert results == [
+        {"line": 1, "offset": 0, "type": "other", "message": "WAKE_UP"},
+        {"line": 2, "offset": 5, "type": "heading", "message": "MT_DATA2", "frame": "NED",
+         "heading_magnetic_deg": 270.0, "pitch_deg": 1.5, "roll_deg": -2.0, "yaw_rate_deg_s": None,
+         "temperature_c": None, "status": "00000002", "magnetic_deg": 270.0, "fault": "self-test failed"},
+        {"line": 3, "offset": 32, "type": "other", "message": "MT_DATA2", "frame": "ENU", "status": "00000002"},
+        {"line": 4, "offset": 59, "type": "other", "message": "ERROR", "text": "device error 33: parameter invalid"},
+        {"line": 5, "offset": 65, "type": "error", "error": "malformed", "detail": "data message malformed"},
+        {"line": 6, "offset": 73, "type": "error", "error": "malformed", "bytes": 4},
+    ]  # fmt: skip

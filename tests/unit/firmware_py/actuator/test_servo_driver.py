@@ -1,0 +1,175 @@
+"""The skeleton of the servo drivers, around a servo that answers with what it was asked."""
+
+import math
+from dataclasses import dataclass
+
+import pytest
+
+from firmware_py.actuator.servo_driver import FEEDBACK_KEPT, Answer, ServoDriver
+from firmware_py.common.records import DeviceRole, DeviceState, RudderCommand, RudderFeedback
+
+
+@dataclass(frozen=True)
+class Question:
+    frame: bytes
+
+
+class WholeReads:
+    """Takes each read for one reply."""
+
+    rejected = 0
+
+    def __init__(self):
+        self.clears = 0
+
+    def clear(self):
+        self.clears += 1
+
+    def feed(self, data):
+        return [data] if data else []
+
+
+class PlainServo:
+    """Sends the angle of each command once; a reply is right when it repeats the question."""
+
+    device_id = 7
+
+    def __init__(self):
+        self.parser = WholeReads()
+        self.due = None
+        self.commands, self.sent, self.lost = [], [], []
+        self.restarts = self.silences = 0
+
+    def restart(self):
+        self.restarts += 1
+
+    def command(self, shaft_rad, now_s, *, torque_on):
+        self.commands.append((shaft_rad, now_s, torque_on))
+        self.due = Question(repr(shaft_rad).encode())
+
+    def next_request(self, now_s):
+        return self.due
+
+    def note_sent(self, request, now_s):
+        self.due = None
+        self.sent.append((request.frame, now_s))
+
+    def note_lost(self, request):
+        self.lost.append(request.frame)
+
+    def note_silence(self):
+        self.silences += 1
+
+    def answers(self, reply, request):
+        return reply == request.frame
+
+    def take_answer(self, request, reply, now_s):
+        if reply == b"None":
+            return Answer(obeyed=False)
+        return Answer(impossible=1, feedback=RudderFeedback(now_s, float(reply), None, None, None))
+
+    def condition(self, *, answered):
+        return (DeviceState.RUNNING if answered else DeviceState.STARTING), "well"
+
+
+@pytest.fixture
+def servo():
+    return PlainServo()
+
+
+@pytest.fixture
+def line(fakes):
+    return fakes.line()
+
+
+@pytest.fixture
+def driver(line, servo):
+    return ServoDriver(line, servo, reply_timeout_s=0.02)
+
+
+def reply(line, driver, data, now_s):
+    line.inbox += data
+    driver.receive(now_s)
+
+
+def test_a_command_goes_out_at_once_and_its_answer_becomes_feedback(line, driver, servo):
+    driver.command(RudderCommand(0.5, torque_on=True), 1.0)
+    assert line.written == [b"0.5"]
+    assert driver.health(1.0).state is DeviceState.STARTING
+    reply(line, driver, b"0.5", 1.01)
+    assert [(sample.t_s, sample.shaft_rad) for sample in driver.poll()] == [(1.01, 0.5)]
+    assert driver.poll() == ()
+    health = driver.health(1.02)
+    assert (health.role, health.state, health.text) == (DeviceRole.RUDDER, DeviceState.RUNNING, "well")
+    assert (health.accepted, health.rejected) == (1, 1)  # an answer, and one value in it that cannot be
+
+
+def test_one_question_at_a_time_and_the_next_when_the_reply_is_given_up(line, driver, servo):
+    driver.command(RudderCommand(0.1, torque_on=True), 1.0)
+    driver.command(RudderCommand(0.2, torque_on=True), 1.01)
+    assert line.written == [b"0.1"]
+    driver.receive(1.02)
+    assert line.written == [b"0.1", b"0.2"]
+    assert servo.lost == [b"0.1"]
+    reply(line, driver, b"0.1", 1.03)  # too late: it answers nothing now
+    assert driver.poll() == ()
+    assert driver.health(1.03).rejected == 1
+
+
+def test_a_goal_that_is_not_finite_is_refused_and_the_last_one_kept(line, driver, servo):
+    for number, shaft_rad in enumerate((math.nan, 0.3, math.inf)):
+        driver.command(RudderCommand(shaft_rad, torque_on=True), float(number))
+    assert [shaft_rad for shaft_rad, _, _ in servo.commands] == [None, 0.3, 0.3]
+    assert driver.health(2.0).rejected == 2
+
+
+def test_a_refusal_is_counted_and_is_an_answer(line, driver, servo):
+    driver.command(RudderCommand(math.nan, torque_on=True), 0.0)
+    reply(line, driver, b"None", 0.01)
+    health = driver.health(0.01)
+    assert (health.state, health.accepted, health.rejected) == (DeviceState.RUNNING, 0, 2)
+
+
+def test_silence_is_told_to_the_servo_and_by_the_health(line, driver, servo):
+    for tick in range(8):
+        driver.command(RudderCommand(0.1, torque_on=True), 0.1 * tick)
+    assert servo.silences > 0
+    health = driver.health(0.8)
+    assert (health.state, health.text) == (DeviceState.STARTING, "no answer from servo id 7")
+    reply(line, driver, b"0.1", 0.81)
+    assert driver.health(0.81).state is DeviceState.RUNNING
+    for tick in range(8):
+        driver.command(RudderCommand(0.1, torque_on=True), 1.0 + 0.1 * tick)
+    assert driver.health(1.8).state is DeviceState.SILENT
+
+
+def test_a_line_that_is_away_gets_nothing_and_a_new_one_starts_anew(line, driver, servo):
+    driver.command(RudderCommand(0.1, torque_on=True), 0.0)
+    reply(line, driver, b"0.1", 0.01)
+    line.unplug()
+    driver.command(RudderCommand(0.2, torque_on=True), 0.1)
+    assert line.written == [b"0.1"]
+    assert (driver.fileno(), driver.health(0.1).state) == (-1, DeviceState.ABSENT)
+    line.plug_in()
+    driver.receive(0.2)
+    assert (servo.restarts, servo.parser.clears) == (1, 1)
+    assert line.written == [b"0.1", b"0.2"]
+    assert driver.health(0.2).state is DeviceState.STARTING
+
+
+def test_a_line_that_takes_nothing_is_tried_again(line, driver, servo):
+    line.full = True
+    driver.command(RudderCommand(0.1, torque_on=True), 0.0)
+    assert servo.sent == []
+    line.full = False
+    driver.receive(0.01)
+    assert servo.sent == [(b"0.1", 0.01)]
+
+
+def test_feedback_that_nobody_takes_is_bounded(line, driver):
+    for number in range(3 * FEEDBACK_KEPT):
+        driver.command(RudderCommand(float(number), torque_on=True), float(number))
+        reply(line, driver, repr(float(number)).encode(), number + 0.01)
+    assert [sample.shaft_rad for sample in driver.poll()] == [
+        float(number) for number in range(2 * FEEDBACK_KEPT, 3 * FEEDBACK_KEPT)
+    ]
