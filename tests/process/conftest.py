@@ -24,7 +24,7 @@ from hil.sim.goals import parse_goals
 from hil.sim.ground_station import MODE_NAMES, GroundStation, Order
 from hil.sim.lockstep import LockstepServer
 from hil.sim.pace import Pacer
-from hil.sim.process import Firmware
+from hil.sim.process import AutopilotProcess
 from hil.sim.world import START_UTC_S, World
 
 SERVOS = {"dynamixel": (DynamixelEmulator, 57600), "volz": (VolzEmulator, 115200)}
@@ -69,8 +69,8 @@ class FaultBench:
             devices["compass_b"] = NmeaCompassEmulator(self.other_attitude, rng(5))
             second = '[compass_b]\ndriver = "nmea"\nport = "{ports[compass_b]}"\nbaud = 38400\n'
         self.board = Board(self.world, devices, directory, PtyLine.deliver)
-        self.lines = {station.path.name: station.line for station in self.board.stations}
-        ports = self.board.ports()
+        self.lines = {port.path.name: port.line for port in self.board.ports}
+        ports = self.board.paths()
         state = directory / "state"
         store = Store(state)
         for name, content in plans:
@@ -87,7 +87,7 @@ class FaultBench:
         )
         self.server = LockstepServer(directory / "clock", self.board, Pacer(speed))
         arguments = ["run", str(vehicle), "--state", str(state), "--lockstep", str(directory / "clock")]
-        self.firmware = Firmware(arguments, directory / "firmware.log")
+        self.firmware = AutopilotProcess(arguments, directory / "firmware.log")
         self.trail = []  # time and rudder angle, every tenth of a second
         try:
             self.server.accept(self.firmware.running, START_UTC_S)

@@ -21,7 +21,7 @@ from hil.devices.pty_line import PtyLine
 from hil.devices.volz import VolzEmulator
 from hil.ship.scenarios import named
 from hil.sim.board import Board
-from hil.sim.process import Firmware
+from hil.sim.process import AutopilotProcess
 from hil.sim.world import World
 
 VEHICLE = """
@@ -56,9 +56,9 @@ class Bench:
         self.compass_device = COMPASSES[compass](self.world, rng(2))
         self.compass = Impaired(self.compass_device, rng(3))
         self.board = Board(self.world, {"compass": self.compass, "rudder": self.servo}, directory, PtyLine.write)
-        self.lines = {station.path.name: station.line for station in self.board.stations}
+        self.lines = {port.path.name: port.line for port in self.board.ports}
         vehicle = directory / "boat.toml"
-        vehicle.write_text(VEHICLE.format(compass=compass, rudder=servo, ports=self.board.ports(), baud=baud))
+        vehicle.write_text(VEHICLE.format(compass=compass, rudder=servo, ports=self.board.paths(), baud=baud))
         arguments = ["run", str(vehicle), "--state", str(directory / "state"), *(["--wait"] if wait else [])]
         self._arguments = arguments
         self.firmware = None
@@ -68,7 +68,7 @@ class Bench:
         return self
 
     def start(self):
-        self.firmware = Firmware(self._arguments, self.directory / "firmware.log")
+        self.firmware = AutopilotProcess(self._arguments, self.directory / "firmware.log")
         self.start_s = time.monotonic() - self.world.now_s
         return self
 
@@ -95,8 +95,8 @@ class Bench:
             plugged = {line.fileno(): name for name, line in self.lines.items() if line.plugged}
             wait_s = min(self.board.next_output_s(), end_s) - (time.monotonic() - self.start_s)
             for fd in select.select(list(plugged), [], [], max(0.0, min(wait_s, 0.02)))[0]:
-                station = self.board.station_at(str(self.directory / plugged[fd]))
-                self.board.hear(station, station.line.read())
+                station = self.board.port_at(str(self.directory / plugged[fd]))
+                self.board.receive(station, station.line.read())
 
     def until(self, text, seconds=15.0):
         """Run until the autopilot has said text once more than before."""

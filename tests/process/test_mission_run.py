@@ -23,7 +23,7 @@ from hil.sim.device_factory import emulators
 from hil.sim.ground_station import GroundStation
 from hil.sim.lockstep import LockstepServer
 from hil.sim.pace import Pacer
-from hil.sim.process import Firmware
+from hil.sim.process import AutopilotProcess
 from hil.sim.truth import read
 from hil.sim.vehicle_file import file_text, standard_vehicle
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
@@ -64,12 +64,12 @@ class Voyage:
         """Run a new autopilot up to a moment, then kill it or end it in good order; return what it said."""
         number = next(self.number)
         vehicle, log = self.directory / "vehicle.toml", self.directory / f"firmware{number}.log"
-        vehicle.write_text(file_text(self.vehicle, self.board.ports(), self.settings))
+        vehicle.write_text(file_text(self.vehicle, self.board.paths(), self.settings))
         clock = self.directory / f"clock{number}"
         arguments = ["run", str(vehicle), "--state", str(self.directory / "state"), "--lockstep", str(clock)]
         with (
             LockstepServer(clock, self.board, Pacer(math.inf)) as server,
-            Firmware(arguments, log) as firmware,
+            AutopilotProcess(arguments, log) as firmware,
         ):
             server.accept(firmware.running, START_UTC_S + self.world.now_s)
             while self.world.now_s < until_s:

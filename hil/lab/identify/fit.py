@@ -22,7 +22,7 @@ ROUNDS, FINE_ROUNDS = 5, 2
 SETTLED = 0.05  # of a weight, relative
 NO_LAGS = np.zeros(0)
 FEW_ROWS = 3000
-PARAMETERS = 5  # K, T, alpha, delta0 and where she starts
+PARAMETERS = 5  # K, T, alpha, delta0 and where the boat starts
 MOST_LAGS = 24  # of the filter that makes a heading's noise white; what colour is left the standard errors allow for
 LONGEST_ALLOWED = 0.5  # step of ln K, ln T, c and delta0 in scales
 # alpha r^2 at the yaw rates of a log in which it does not show, one sigma: what is likely sets the values,

@@ -61,7 +61,7 @@ def errors_of(fit: Fit) -> Errors:
 def held_out(
     fit: Fit, recording: Recording, speed_m_s: float | None, *, scaled: bool, timing: Timing = Timing.RAMP
 ) -> HeldOut:
-    """Predict a recording from its rudder alone; only where she starts is taken from its beginning.
+    """Predict a recording from its rudder alone; only where the boat starts is taken from its beginning.
 
     The beginning is the first tenth, or three turning lags if they are longer.
     """

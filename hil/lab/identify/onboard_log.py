@@ -17,7 +17,7 @@ from firmware_py.log.reader import LoggedTick, LogReader
 from hil.errors import UsageError
 from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
 
-SPEED_SMOOTHED_S = 60.0  # a fix's speed swings with the waves; what turns her is the mean
+SPEED_SMOOTHED_S = 60.0  # a fix's speed swings with the waves; what turns the boat is the mean
 PRESENT_SHARE = 0.95
 
 Pair = tuple[float, float]

@@ -24,7 +24,7 @@ CUBIC_TOLERANCE = 2e-4  # of the yaw rate, that the integration of the cubic ter
 class Scales:
     """What a yaw rate and a rudder angle of this data are like, so that parameters are near 1.
 
-    The largest rate bounds how negative alpha may be: where 3 alpha r^2 < -1 she spins up without end.
+    The largest rate bounds how negative alpha may be: where 3 alpha r^2 < -1 the boat spins up without end.
     """
 
     yaw_rate_rad_s: float
