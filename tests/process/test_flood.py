@@ -12,13 +12,13 @@ from contextlib import ExitStack
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from support.paths import ROOT
 
 from hil.bench.helper import answer_of
 from hil.bench.onboard import logged
 from hil.bench.process import memory_of
 from hil.bench.sea import Sea
 from hil.bench.spread import spread
+from support.paths import ROOT
 
 FLOOD = ROOT / "tests" / "clients" / "flood.py"
 SECONDS = float(os.environ.get("FLOOD_S", "60"))

@@ -5,12 +5,12 @@ import subprocess
 import sys
 
 import pytest
-from support.paths import ROOT
 
 from hil.report.figure_file import entry
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
+from support.paths import ROOT
 
 LOG = "state/logs/00000001.BIN"
 TRUE = {"K": 0.049, "T": 4.0}

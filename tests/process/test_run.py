@@ -9,9 +9,9 @@ import time
 from pathlib import Path
 
 import pytest
-from support.paths import ROOT
 
 from hil.sim.truth import COLUMNS, read
+from support.paths import ROOT
 
 # Tank, paper gains: six seeds, and all compasses and servos among them.
 TANK_RUNS = [

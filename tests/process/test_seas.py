@@ -6,7 +6,6 @@ import sys
 from dataclasses import replace
 
 import pytest
-from support.paths import ROOT
 
 from hil.cli.compare import as_entries
 from hil.lab.compare.score import mean_of, score_of
@@ -16,6 +15,7 @@ from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
 from hil.sim.vehicle_file import standard_vehicle
+from support.paths import ROOT
 
 # What is asked for: rms [deg], rudder travel [deg/h].
 MUST = {"tank": (0.22, 500.0), "sea": (1.45, 1500.0), "swell": (3.6, 3500.0), "weak": (1.3, 1450.0)}

@@ -6,7 +6,6 @@ import sys
 
 import numpy as np
 import pytest
-from support.paths import ROOT
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER
@@ -18,6 +17,7 @@ from hil.report.figures import rudder_travel_deg_per_h
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
+from support.paths import ROOT
 
 SECONDS = 200
 

@@ -4,6 +4,7 @@ import math
 import struct
 
 import pytest
+
 from support.paths import DATA
 
 
