@@ -1,15 +1,12 @@
 """Missions on the real autopilot through ptys: sailed to the end, and gone on with after a kill in the middle."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
 from firmware_py.system.store import Store
 from hil.ship import scenarios
 from hil.sim.truth import read
-from support.paths import ROOT
+from support.harness import rambler_hil, replays
 from support.plans import item, mission_file
 
 AUTO = 10
@@ -64,17 +61,13 @@ def test_a_mission_with_every_kind_of_item_is_sailed_to_its_end(tmp_path):
     name, content = mission_file(*EVERY_KIND)
     store.save(name, content.encode())
     store.close()
-    command = [sys.executable, "-m", "hil", "run", "mission", "--mode", "auto", "--state", str(tmp_path / "memory")]
-    more = ["--set", "LOIT_RADIUS=60", "--seconds", "4000", "--speed", "max", "--out", str(tmp_path / "out")]
-    done = subprocess.run([*command, *more], cwd=ROOT, check=False, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
+    words = ["run", "mission", "--mode", "auto", "--state", tmp_path / "memory", "--set", "LOIT_RADIUS=60"]
+    code, _, errors = rambler_hil(*words, "--seconds", "4000", "--speed", "max", "--out", tmp_path / "out")
+    assert (code, errors) == (0, "")
     said = (tmp_path / "out" / "firmware.log").read_text()
     for index in (0, 2, 3, 4, 5, 6, 7, 9, 11, 12):
         assert f"Mission: item {index}\n" in said
     truth = read(tmp_path / "out" / "truth.csv")
     last = truth.time_s > truth.time_s[-1] - 600.0
     assert np.mean(np.hypot(truth.north_m[last], truth.east_m[last]) < 65.0) > 0.95
-    logs = sorted((tmp_path / "out" / "state" / "logs").glob("*.BIN"))
-    for log in logs:
-        replay = [sys.executable, "-m", "firmware_py", "replay", str(log)]
-        assert subprocess.run(replay, cwd=ROOT, check=False, capture_output=True).returncode == 0
+    assert replays(tmp_path / "out")
