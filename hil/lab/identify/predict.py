@@ -100,8 +100,8 @@ def trajectories(stretch: Stretch, candidates: Floats, starts: Sequence[Start], 
     """Return heading and yaw rate, (rows, candidates), of candidates (4, n)."""
     shape = (stretch.time_s.size, len(starts))
     heading, rate = np.empty(shape), np.empty(shape)
-    heading[0] = [one.heading_rad for one in starts]
-    rate[0] = [one.yaw_rate_rad_s for one in starts]
+    heading[0] = [start.heading_rad for start in starts]
+    rate[0] = [start.yaw_rate_rad_s for start in starts]
     simulate(
         stretch.step_s,
         stretch.rudder_rad,
