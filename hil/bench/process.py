@@ -45,11 +45,11 @@ def memory_of(pid: int) -> Memory:
 
 def children_of(pid: int) -> list[int]:
     """Return the numbers of the processes that a process has started and that still are."""
-    found = []
+    processes = []
     for path in PROC.glob("[0-9]*/stat"):
         try:
             if parent(path.read_text()) == pid:
-                found.append(int(path.parent.name))
+                processes.append(int(path.parent.name))
         except OSError:
             continue  # it has ended meanwhile
-    return found
+    return processes

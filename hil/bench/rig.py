@@ -22,7 +22,7 @@ from hil.ship.scenarios import named
 from hil.sim.device_factory import emulators
 from hil.sim.goals import Goal
 from hil.sim.ground_station import GroundStation
-from hil.sim.process import Firmware
+from hil.sim.process import AutopilotProcess
 from hil.sim.vehicle_file import file_text, standard_vehicle
 from hil.sim.world import World
 
@@ -102,7 +102,7 @@ class Rig:
         vehicle.write_text(file_text(standard_vehicle(), ports, {}))
         self._start_s = time.monotonic()
         arguments = ["run", str(vehicle), "--state", str(directory / STATE), "--link", self.station.url]
-        self._firmware = Firmware(arguments, directory / "firmware.log")
+        self._firmware = AutopilotProcess(arguments, directory / "firmware.log")
 
     def __enter__(self) -> Self:
         """Return the rig."""

@@ -117,7 +117,7 @@ def _is_page(path: Path) -> bool:
 
 
 def _plot(result: Identification, text: str, names: Sequence[str], *, html: bool) -> bytes:
-    from hil.lab.identify.page import page  # noqa: PLC0415 - matplotlib is slow to import, and mostly not asked for
+    from hil.lab.identify.page import page_of  # noqa: PLC0415 - matplotlib is slow to import, and mostly not asked for
     from hil.lab.identify.picture import draw  # noqa: PLC0415
 
     fit = result.fit
@@ -128,7 +128,7 @@ def _plot(result: Identification, text: str, names: Sequence[str], *, html: bool
         f" ({result.choice.model})"
     )
     picture = draw((train, *result.validate), title)
-    return page(result, text, picture, "Identification: " + title).encode() if html else picture
+    return page_of(result, text, picture, "Identification: " + title).encode() if html else picture
 
 
 class _Progress:

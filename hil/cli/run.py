@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hil.errors import UsageError
-from hil.report import page, summary
+from hil.report import run_page, summary
 from hil.report.text import figures_text
 from hil.ship import scenarios
 from hil.ship.scenarios import Scenario
@@ -84,10 +84,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Make a run, write its figures and its page, print them."""
     options = read_options(arguments)
-    done = runner.run(options)
-    figures = summary.summarise(done)
+    finished = runner.run(options)
+    figures = summary.summarise(finished)
     summary.write(figures, options.out / "summary.json")
-    report = page.write(done, figures, options.out)
+    report = run_page.write(finished, figures, options.out)
     print(figures_text(figures))
     print(f"report: {report}")
     return 0

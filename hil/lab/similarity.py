@@ -29,7 +29,7 @@ class SpeedRow:
     """The model at a speed: K [1/s], T [s], alpha [s^2]; steady yaw rates [deg/s] at RUDDERS_DEG.
 
     radius_m is U / r at RADIUS_RUDDER_DEG of rudder, as the paper reckons it; radius_with_sway_m and
-    drift_deg count her sideways motion in, as far as the hull's regressions can be trusted.
+    drift_deg count the boat's sideways motion in, as far as the hull's regressions can be trusted.
     """
 
     speed_m_s: float

@@ -1,6 +1,6 @@
 """The figures of a run, from the truth alone: pure functions on arrays.
 
-An error is heading less goal, so a boat that a rudder offset pushes to port of her goal
+An error is heading less goal, so a boat that a rudder offset pushes to port of its goal
 has a negative mean. Headings are the hull's, without the yaw of the waves.
 """
 
@@ -23,9 +23,9 @@ SECONDS_PER_HOUR = 3600.0
 class GoalFigures:
     """One goal, from when it was due until the next one or the end.
 
-    `overshoot_deg` is how far past the goal she goes, in the direction of the step, before
+    `overshoot_deg` is how far past the goal the boat goes, in the direction of the step, before
     `steady_from_s`; 0 for a step smaller than 3 deg. `settling_s` is when, counted from the
-    goal's start, she was outside of +-3 deg for the last time; None when she still is at the
+    goal's start, the boat was outside of +-3 deg for the last time; None when it still is at the
     end. The errors and the rudder travel are of the steady part, which begins 200 s after
     the goal, or with the last third of a goal that does not last that long.
     """

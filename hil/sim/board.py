@@ -38,7 +38,7 @@ class Board:
         """
         self.world = world
         self._send = send
-        self.stations = tuple(
+        self.ports = tuple(
             Port(directory / name, PtyLine(directory / name), emulator) for name, emulator in emulators.items()
         )
         self._emulators = tuple(emulators.values())
@@ -55,27 +55,27 @@ class Board:
 
     def close(self) -> None:
         """Close all lines."""
-        for station in self.stations:
-            station.line.close()
+        for port in self.ports:
+            port.line.close()
 
-    def ports(self) -> dict[str, str]:
+    def paths(self) -> dict[str, str]:
         """Return the path of each line by its name."""
-        return {station.path.name: str(station.path) for station in self.stations}
+        return {port.path.name: str(port.path) for port in self.ports}
 
-    def station_at(self, path: str) -> Port:
-        """Return the station whose line has this path; KeyError when there is none."""
-        for station in self.stations:
-            if str(station.path) == path:
-                return station
+    def port_at(self, path: str) -> Port:
+        """Return the port whose line has this path; KeyError when there is none."""
+        for port in self.ports:
+            if str(port.path) == path:
+                return port
         raise KeyError(path)
 
     def next_output_s(self) -> float:
         """When the next device has something to do or to say."""
         return min(emulator.next_output_s() for emulator in self._emulators)
 
-    def hear(self, station: Port, data: bytes) -> None:
+    def receive(self, port: Port, data: bytes) -> None:
         """Give a device the bytes that the autopilot has written, now."""
-        station.emulator.receive(self.world.now_s, data)
+        port.emulator.receive(self.world.now_s, data)
 
     def advance(self, limit_s: float) -> bool:
         """Move on to limit_s or to the first bytes for the autopilot; say whether bytes were delivered."""
@@ -92,8 +92,8 @@ class Board:
     def _deliver(self, due_s: list[float]) -> bool:
         now_s = self.world.now_s
         delivered = False
-        for station, station_s in zip(self.stations, due_s, strict=True):
-            if station_s <= now_s and (data := station.emulator.take_output(now_s)):
-                self._send(station.line, data)
+        for port, port_due_s in zip(self.ports, due_s, strict=True):
+            if port_due_s <= now_s and (data := port.emulator.take_output(now_s)):
+                self._send(port.line, data)
                 delivered = True
         return delivered

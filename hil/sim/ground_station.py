@@ -120,7 +120,7 @@ class GroundStation:
         return None if message is None else float(message.value)
 
     def mode(self) -> str:
-        """The mode and whether she is armed, as the last heartbeat says."""
+        """The mode and whether the boat is armed, as the last heartbeat says."""
         if self.heartbeat is None:
             return "no heartbeat yet"
         armed = self.heartbeat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED

@@ -46,9 +46,9 @@ class LockstepServer:
         self._board = board
         self._pacer = pacer
         self._stall_s = stall_s
-        self._stations: tuple[Port, ...] = ()
+        self._ports: tuple[Port, ...] = ()
         self._packet = NEW_TIME
-        self._heard: list[int] = []
+        self._received: list[int] = []
         self._before: list[int] = []  # what earlier processes wrote on each line
         self._utc_step_s = 0.0
         self._stall_until_s = -math.inf
@@ -97,13 +97,13 @@ class LockstepServer:
                 if time.monotonic() > end_s:
                     raise LockstepError(f"the autopilot did not connect within {CONNECT_S:g} s") from None
         self._connection.settimeout(self._stall_s)
-        for station in self._stations:
+        for port in self._ports:
             # What an earlier process wrote behind its last wait.
-            self._board.hear(station, station.line.read())
-        self._stations = self._lines_of(self._receive())
-        self._heard = [0] * len(self._stations)
-        self._before = [station.line.total_read for station in self._stations]
-        self._packet = struct.Struct(f"<d{len(self._stations)}Q")
+            self._board.receive(port, port.line.read())
+        self._ports = self._lines_of(self._receive())
+        self._received = [0] * len(self._ports)
+        self._before = [port.line.total_read for port in self._ports]
+        self._packet = struct.Struct(f"<d{len(self._ports)}Q")
         self._send(json.dumps({"start_s": self._board.world.now_s, "utc_s": utc_s}).encode())
 
     def step_utc(self, seconds: float) -> None:
@@ -124,7 +124,7 @@ class LockstepServer:
         deadline_s, *written = self._packet.unpack(packet)
         if not math.isfinite(deadline_s):
             raise LockstepError("the autopilot waits for a deadline that is not a number")
-        self._hear(written)
+        self._take_in(written)
         self._board.advance(min(deadline_s, limit_s))
         while self._board.world.now_s < self._stall_until_s:
             self._board.advance(self._stall_until_s)
@@ -135,21 +135,21 @@ class LockstepServer:
         self._send(NEW_TIME_AND_STEP.pack(now_s, step_s) if step_s else NEW_TIME.pack(now_s))
         return True
 
-    def _hear(self, written: list[int]) -> None:
+    def _take_in(self, written: list[int]) -> None:
         for index, total in enumerate(written):
-            station = self._stations[index]
-            if not station.line.plugged:
-                self._heard[index] = total  # what was under way is lost with the cable
+            port = self._ports[index]
+            if not port.line.plugged:
+                self._received[index] = total  # what was under way is lost with the cable
                 continue
-            if total < self._heard[index]:  # the port has been opened anew behind a new plug
-                self._heard[index] = self._before[index] = 0
-            if total > self._heard[index]:
+            if total < self._received[index]:  # the port has been opened anew behind a new plug
+                self._received[index] = self._before[index] = 0
+            if total > self._received[index]:
                 wanted = self._before[index] + total
-                data = station.line.read_until_total(wanted)
-                if station.line.total_read < wanted:
-                    raise LockstepError(f"bytes that the autopilot wrote to {station.path.name} have not come through")
-                self._heard[index] = total
-                self._board.hear(station, data)
+                data = port.line.read_until_total(wanted)
+                if port.line.total_read < wanted:
+                    raise LockstepError(f"bytes that the autopilot wrote to {port.path.name} have not come through")
+                self._received[index] = total
+                self._board.receive(port, data)
 
     def _lines_of(self, hello: bytes) -> tuple[Port, ...]:
         try:
@@ -160,7 +160,7 @@ class LockstepServer:
         if protocol != PROTOCOL:
             raise LockstepError(f"the autopilot speaks lockstep protocol {protocol}; this is {PROTOCOL}")
         try:
-            return tuple(self._board.station_at(path) for path in lines)
+            return tuple(self._board.port_at(path) for path in lines)
         except KeyError as error:
             raise LockstepError(f"the autopilot has opened {error.args[0]}, which is no line of this board") from None
 

@@ -15,7 +15,7 @@ TAIL_LINES = 5
 GRACE_S = 4.0  # it brings the rudder amidships and writes out its log
 
 
-class Firmware:
+class AutopilotProcess:
     """`rambler run` in the background, its words in a log file; a context that leaves no process behind."""
 
     def __init__(self, arguments: Sequence[str], log_path: Path) -> None:

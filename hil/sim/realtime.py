@@ -14,7 +14,7 @@ class RealTimeServer:
     def __init__(self, board: Board) -> None:
         """Start the clock."""
         self._board = board
-        self._stations = {station.line.fileno(): station for station in board.stations}
+        self._ports = {port.line.fileno(): port for port in board.ports}
         self._start_s = time.monotonic() - board.world.now_s
 
     def now_s(self) -> float:
@@ -31,12 +31,12 @@ class RealTimeServer:
         board = self._board
         busy = self._catch_up(limit_s)
         wait_s = min(board.next_output_s(), limit_s) - self.now_s()
-        for fd in select.select(self._stations, [], [], max(0.0, wait_s))[0]:
+        for fd in select.select(self._ports, [], [], max(0.0, wait_s))[0]:
             busy = True
             self._catch_up(limit_s)
-            station = self._stations[fd]
-            if data := station.line.read():
-                board.hear(station, data)
+            port = self._ports[fd]
+            if data := port.line.read():
+                board.receive(port, data)
         busy = self._catch_up(limit_s) or busy
         return 0.0 if busy else board.next_output_s() - self.now_s()
 

@@ -23,7 +23,7 @@ from hil.sim.goals import Goal
 from hil.sim.ground_station import GUIDED, GroundStation, Order
 from hil.sim.lockstep import LockstepError, LockstepServer
 from hil.sim.pace import Pacer
-from hil.sim.process import Firmware
+from hil.sim.process import AutopilotProcess
 from hil.sim.realtime import RealTimeServer
 from hil.sim.truth import TruthRecorder
 from hil.sim.vehicle_file import file_text, model_of, mounting_of, standard_vehicle
@@ -75,7 +75,7 @@ class Run:
 def run(options: RunOptions) -> Run:
     """Make a run and write its truth.csv; HilError when it fails, the truth so far is written then too."""
     prepare_directory(options.out)
-    _remember(options)
+    _copy_state(options)
     try:
         world = World(
             options.scenario,
@@ -120,8 +120,8 @@ def prepare_directory(out: Path) -> None:
         raise UsageError(f"output directory {out}: {error.strerror}; give another --out") from None
 
 
-def _remember(options: RunOptions) -> None:
-    """Copy what she is to remember, the logs left out."""
+def _copy_state(options: RunOptions) -> None:
+    """Copy the state directory that the autopilot is to begin with, the logs left out."""
     if options.state is None:
         return
     try:
@@ -144,7 +144,7 @@ class _Run:
         """Run to the end; return how many seconds it took, the start of the autopilot left out."""
         options = self._options
         vehicle_path = options.out / VEHICLE_NAME
-        text = file_text(options.vehicle, self._board.ports(), options.settings)
+        text = file_text(options.vehicle, self._board.paths(), options.settings)
         vehicle_path.write_text(text, encoding="utf-8")
         arguments = ["run", str(vehicle_path), "--state", str(options.out / STATE)]
         for url in options.links:
@@ -166,51 +166,51 @@ class _Run:
         log_path = self._options.out / FIRMWARE_LOG
         with (
             LockstepServer(self._socket_path, self._board, pacer) as server,
-            Firmware(arguments, log_path) as firmware,
+            AutopilotProcess(arguments, log_path) as autopilot,
         ):
             try:
-                server.accept(firmware.running, START_UTC_S)
+                server.accept(autopilot.running, START_UTC_S)
                 start_s = time.monotonic()
                 with display:
                     while self._under_way():
                         if not server.serve(self._options.seconds):
-                            self._await_restart(server, firmware)
+                            self._await_restart(server, autopilot)
                         display.update()
                 wall_s = time.monotonic() - start_s
-                firmware.terminate()
-                patience_s = time.monotonic() + END_S
-                while time.monotonic() < patience_s and server.serve(paced=False):
+                autopilot.terminate()
+                give_up_s = time.monotonic() + END_S
+                while time.monotonic() < give_up_s and server.serve(paced=False):
                     pass
             except LockstepError as error:
-                raise HilError(_with_last_words(str(error), firmware)) from None
+                raise HilError(_with_last_words(str(error), autopilot)) from None
             finally:
                 # An autopilot that waits for the time to go on ends when its clock is gone.
                 server.close()
-            _end(firmware)
+            _end(autopilot)
         return wall_s
 
-    def _await_restart(self, server: LockstepServer, firmware: Firmware) -> None:
+    def _await_restart(self, server: LockstepServer, autopilot: AutopilotProcess) -> None:
         """Go on with an autopilot that starts anew in the same process; HilError for one that has ended."""
         try:
-            server.accept(firmware.running, self._board.world.utc_s())
+            server.accept(autopilot.running, self._board.world.utc_s())
         except LockstepError:
-            if firmware.running():
+            if autopilot.running():
                 raise
-            raise _ended_early(firmware) from None
+            raise _ended_early(autopilot) from None
 
     def _in_real_time(self, arguments: list[str], display: Display) -> float:
-        with Firmware(arguments, self._options.out / FIRMWARE_LOG) as firmware, display:
+        with AutopilotProcess(arguments, self._options.out / FIRMWARE_LOG) as autopilot, display:
             server = RealTimeServer(self._board)
             while self._under_way():
                 slack_s = server.serve(min(self._options.seconds, server.now_s() + LOOK_S))
-                if not firmware.running():
-                    raise _ended_early(firmware)
+                if not autopilot.running():
+                    raise _ended_early(autopilot)
                 display.update(slack_s)
             wall_s = server.now_s()
-            firmware.terminate()
-            while firmware.running() and server.now_s() < wall_s + END_S:
+            autopilot.terminate()
+            while autopilot.running() and server.now_s() < wall_s + END_S:
                 server.serve(server.now_s() + LOOK_S)
-            _end(firmware)
+            _end(autopilot)
         return wall_s
 
     def _under_way(self) -> bool:
@@ -222,20 +222,20 @@ class _Run:
         return now_s < self._options.seconds
 
 
-def _ended_early(firmware: Firmware) -> HilError:
-    firmware.wait(END_S)
-    return HilError(_with_last_words(f"the autopilot ended early, exit code {firmware.exit_code()}", firmware))
+def _ended_early(autopilot: AutopilotProcess) -> HilError:
+    autopilot.wait(END_S)
+    return HilError(_with_last_words(f"the autopilot ended early, exit code {autopilot.exit_code()}", autopilot))
 
 
-def _end(firmware: Firmware) -> None:
-    if not firmware.wait(END_S):
-        raise HilError(_with_last_words(f"the autopilot did not end within {END_S:g} s of SIGTERM", firmware))
-    if firmware.exit_code() != 0:
-        raise HilError(_with_last_words(f"the autopilot ended with exit code {firmware.exit_code()}", firmware))
+def _end(autopilot: AutopilotProcess) -> None:
+    if not autopilot.wait(END_S):
+        raise HilError(_with_last_words(f"the autopilot did not end within {END_S:g} s of SIGTERM", autopilot))
+    if autopilot.exit_code() != 0:
+        raise HilError(_with_last_words(f"the autopilot ended with exit code {autopilot.exit_code()}", autopilot))
 
 
-def _with_last_words(text: str, firmware: Firmware) -> str:
-    words = firmware.last_words()
+def _with_last_words(text: str, autopilot: AutopilotProcess) -> str:
+    words = autopilot.last_words()
     return f"{text}; its last words: {words}" if words else text
 
 

@@ -88,7 +88,7 @@ class World:
         )
         self.shaft = CommandedShaft(self._mechanics)
         self.truth = TruthRecorder()
-        self.rudder_grip = 1.0  # how much of the rudder angle turns her: 0 when its blade is gone
+        self.rudder_grip = 1.0  # how much of the rudder angle turns the boat: 0 when its blade is gone
         self.jam, self.free = self._mechanics.jam, self._mechanics.free
         self._hull = Hull(scenario, model, seed)
         self._goals = list(reversed(goals))

@@ -1,25 +1,15 @@
-"""A running HIL and the programs around it: each a process of its own, read as it talks, ended in good order."""
+"""A running HIL and the programs around it, for tests with the clients of third parties."""
 
 import importlib
-import os
-import re
-import signal
-import socket
-import subprocess
 import sys
-import time
-from pathlib import Path
 
 import pytest
-from relay import Relay
-from station import PATIENCE_S, Station, fail
 
-from hil.sim.truth import read
+from support.harness import Hil
+from support.program import Program, unused_ports
+from support.relay import Relay
+from support.station import Station
 
-ROOT = Path(__file__).parents[2]
-LOOK_S = 0.05
-SECONDS = 600  # simulated or real: a run that nobody ends stops by itself
-INTERRUPTED = 130
 GROUND_STATION, NO_AUTOPILOT = 6, 8  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID
 
 # Without any device: for what is asked over the link alone.
@@ -34,165 +24,6 @@ port = "{directory}/no-rudder"
 baud = 115200
 id = 1
 """
-# The stock boat needs a minute to turn; this one is there in a few seconds of real time.
-NIMBLE_BOAT = """
-[compass]
-driver = "nmea"
-port = "given by the HIL"
-baud = 38400
-[rudder]
-driver = "dynamixel"
-port = "given by the HIL"
-baud = 57600
-id = 1
-[parameters]
-MDL_K = 0.4
-MDL_T_S = 0.5
-MDL_ALPHA_S2 = 0.0
-"""
-
-
-def unused_ports(kinds):
-    """Ports that nobody has, one for each kind of link, all different."""
-    held = [
-        socket.socket(socket.AF_INET, socket.SOCK_STREAM if kind.startswith("tcp") else socket.SOCK_DGRAM)
-        for kind in kinds
-    ]
-    try:
-        for one in held:
-            one.bind(("127.0.0.1", 0))
-        return [one.getsockname()[1] for one in held]
-    finally:
-        for one in held:
-            one.close()
-
-
-class Program:
-    """A process whose words go to a file; whoever waits for it in vain gets to see the last of them."""
-
-    def __init__(self, name, command, directory, *, cwd=ROOT, env=None):
-        self._name = name
-        self._directory = directory
-        self._log_path = directory / f"{name}.log"
-        self._mark = 0
-        with self._log_path.open("wb") as log:
-            self._process = subprocess.Popen(
-                command, cwd=cwd, env=env, stdin=subprocess.PIPE, stdout=log, stderr=subprocess.STDOUT
-            )
-
-    @property
-    def pid(self):
-        return self._process.pid
-
-    def text(self):
-        return self._log_path.read_text(errors="replace")
-
-    def running(self):
-        return self._process.poll() is None
-
-    def say(self, line):
-        """Type a line; what `expect` finds from now on came after it."""
-        self._mark = len(self.text())
-        self._process.stdin.write(line.encode() + b"\n")
-        self._process.stdin.flush()
-
-    def expect(self, pattern):
-        """Wait until it has written something, and go on behind that."""
-        found = self.wait_for(lambda: re.compile(pattern).search(self.text(), self._mark), f"{pattern!r} was not said")
-        self._mark = found.end()
-        return found
-
-    def wait_for(self, look, complaint):
-        """Wait for something that the running program brings about."""
-        give_up_s = time.monotonic() + PATIENCE_S
-        while True:
-            ended = not self.running()
-            if found := look():
-                return found
-            if ended:
-                self.fail(f"{complaint}, and the program has ended with code {self._process.returncode}")
-            if time.monotonic() > give_up_s:
-                self.fail(f"{complaint} within {PATIENCE_S:g} s")
-            time.sleep(LOOK_S)
-
-    def fail(self, complaint):
-        fail(self._directory, f"{self._name}: {complaint}")
-
-    def send_signal(self, number):
-        self._process.send_signal(number)
-
-    def hang_up(self):
-        """Close its standard input."""
-        self._process.stdin.close()
-
-    def exit_code(self, patience_s=PATIENCE_S):
-        """Wait for its end."""
-        try:
-            return self._process.wait(patience_s)
-        except subprocess.TimeoutExpired:
-            pass  # told without the trace of it
-        return self.fail(f"it has not ended within {patience_s:g} s")
-
-    def close(self):
-        """Leave nothing behind, whatever has happened."""
-        if self.running():
-            self._process.kill()
-        self._process.wait()
-        self._process.stdin.close()
-
-
-class Hil:
-    """`rambler-hil run` with links of its own; `ports` are theirs, in the order of the kinds."""
-
-    def __init__(self, directory, kinds, *, scenario="calm", goal="0:-10", speed="real", seconds=SECONDS, nimble=True):
-        self.out = directory / "run"
-        self.ports = unused_ports(kinds)
-        self.firmware_log = self.out / "firmware.log"
-        urls = [f"{kind}:127.0.0.1:{port}" for kind, port in zip(kinds, self.ports, strict=True)]
-        words = ["run", scenario, "--goal", goal, "--speed", speed, "--seconds", str(seconds), "--out", str(self.out)]
-        if nimble:
-            (directory / "boat.toml").write_text(NIMBLE_BOAT)
-            words += ["--vehicle", str(directory / "boat.toml")]
-        command = [sys.executable, "-m", "hil", *words, "--link", *urls]
-        self.program = Program("hil", command, directory)
-
-    def wait_under_way(self):
-        """Until the HIL's own operator has armed her and given the mode: from then on he is silent."""
-        log = self.firmware_log
-        for sign in ("Mode GUIDED", "Armed"):
-            self.program.wait_for(lambda sign=sign: log.exists() and sign in log.read_text(), f"no {sign!r} in the log")
-
-    def end(self):
-        """Interrupt the run as an operator does, and return what really happened."""
-        self.program.send_signal(signal.SIGINT)
-        code = self.program.exit_code()
-        if code != INTERRUPTED:
-            self.program.fail(f"it ended with code {code} instead of {INTERRUPTED}")
-        assert_nobody_left(self.out)
-        return read(self.out / "truth.csv")
-
-    def close(self):
-        """After a test that has failed, too: interrupted first, so that the HIL ends its autopilot."""
-        try:
-            if self.program.running():
-                self.program.send_signal(signal.SIGINT)
-                self.program.exit_code()
-        finally:
-            self.program.close()
-        assert_nobody_left(self.out)
-
-
-def assert_nobody_left(path):
-    """No process has this path on its command line: neither HIL nor autopilot."""
-    left = []
-    for entry in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            words = entry.read_bytes()
-        except OSError:  # it has ended in between
-            continue
-        if os.fsencode(path) in words:
-            left.append(words.replace(b"\0", b" ").decode(errors="replace"))
-    assert left == []
 
 
 @pytest.fixture

@@ -1,13 +1,12 @@
 """Commands and telemetry beyond goals, by a third party: what is asked is done, and shown by the boat itself."""
 
 import math
-import subprocess
-import sys
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from firmware_py.cli.run import SHUT_DOWN
+from support.harness import replays
 
 ACCEPTED, REJECTED, FAILED = (
     mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, mavlink.MAV_RESULT_FAILED,
@@ -98,8 +97,7 @@ def test_in_lockstep_a_forced_restart_loses_no_time_and_boots_as_the_parameters_
     hil.end()
     logs = sorted((hil.out / "state" / "logs").glob("*.BIN"))
     assert len(logs) == 3
-    for log in logs:
-        subprocess.run([sys.executable, "-m", "firmware_py", "replay", str(log)], check=True, capture_output=True)
+    assert replays(hil.out)
 
 
 def test_shut_down_ends_the_process_with_a_code_of_its_own(boot, free_ports, connect):

@@ -4,10 +4,10 @@ import time
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from relay import DELAY_S, RETRY_S, asked, check_losses
 
 from firmware_py.common.parameter_row import Kind
 from firmware_py.common.parameter_table import TABLE
+from support.relay import DELAY_S, RETRY_S, asked, check_losses
 
 SEEDS = [1, 2, 3, 4, 5]
 

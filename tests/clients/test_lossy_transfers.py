@@ -11,8 +11,9 @@ import zlib
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from relay import RETRY_S, asked, check_losses
-from station import PATIENCE_S
+
+from support.relay import RETRY_S, asked, check_losses
+from support.station import PATIENCE_S
 
 SEEDS = [1, 2, 3]
 SILENCE_S = 1.0  # longer than she waits before she asks again

@@ -3,135 +3,46 @@
 import functools
 import math
 import operator
-import select
-import time
-from pathlib import Path
 
-import numpy as np
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.devices import SECTIONS
 from firmware_py.log.reader import read_log
-from hil.devices.dynamixel import DynamixelEmulator
-from hil.devices.impairment import Impaired
-from hil.devices.pty_line import PtyLine
-from hil.devices.volz import VolzEmulator
-from hil.ship.scenarios import named
-from hil.sim import device_factory
-from hil.sim.board import Board
-from hil.sim.device_factory import DeviceContext
-from hil.sim.process import Firmware
-from hil.sim.world import World
 
-VEHICLE = """
-[compass]
-driver = "{compass}"
-port = "{ports[compass]}"
-baud = {compass_baud}
-[rudder]
-driver = "{rudder}"
-port = "{ports[rudder]}"
-baud = {baud}
-[parameters]
-BOOT_ARM = 1
-BOOT_MODE = 15
-CTL_HOLD_S = 1
-EST_MODE = 0
-CTL_MODE = 0
-"""
-SERVOS = {"dynamixel": (DynamixelEmulator, 57600), "volz": (VolzEmulator, 115200)}
-COMPASSES = {device.driver: device for device in device_factory.COMPASSES.values()}
-BINARY_COMPASSES = [driver for driver in COMPASSES if driver != "nmea"]  # which are set up and can be switched off
+SETTINGS = {"BOOT_ARM": 1, "BOOT_MODE": 15, "CTL_HOLD_S": 1, "EST_MODE": 0, "CTL_MODE": 0}
 
 
-class Bench:
-    """The autopilot on emulated devices; the test decides how long things go on and what breaks."""
-
-    def __init__(self, directory, compass, servo, wait=False):
-        self.directory = directory
-        self.world = World(named("calm"), 1)
-        make, baud = SERVOS[servo]
-        rng = np.random.default_rng
-        self.servo = make(self.world.shaft, rng(1), baud=baud)
-        row = COMPASSES[compass]
-        options = SECTIONS["compass"][compass].options()
-        self.compass_device = row.make(DeviceContext(self.world, row.baud, options, rng(2), 0.0, 0.0, 0.0))
-        self.compass = Impaired(self.compass_device, rng(3))
-        self.board = Board(self.world, {"compass": self.compass, "rudder": self.servo}, directory, PtyLine.write)
-        self.lines = {station.path.name: station.line for station in self.board.stations}
-        vehicle = directory / "boat.toml"
-        names = {"compass": compass, "compass_baud": row.baud, "rudder": servo, "baud": baud}
-        vehicle.write_text(VEHICLE.format(**names, ports=self.board.ports()))
-        arguments = ["run", str(vehicle), "--state", str(directory / "state"), *(["--wait"] if wait else [])]
-        self._arguments = arguments
-        self.firmware = None
-        self.start_s = 0.0
-
-    def __enter__(self):
-        return self
-
-    def start(self):
-        self.firmware = Firmware(self._arguments, self.directory / "firmware.log")
-        self.start_s = time.monotonic() - self.world.now_s
-        return self
-
-    def __exit__(self, *error):
-        if self.firmware is not None:
-            self.firmware.terminate()
-            self.run(0.5)
-            self.firmware.__exit__(*error)
-        self.board.close()
-
-    def replays(self):
-        """Whether the log of the run, faults and all, is recomputed to the same bits."""
-        self.firmware.terminate()
-        self.run(2.5)
-        logs = sorted((self.directory / "state" / "logs").glob("*.BIN"))
-        return bool(logs) and all(main(["replay", str(log)]) == 0 for log in logs)
-
-    def run(self, seconds):
-        """Let the world go on in real time."""
-        end_s = self.world.now_s + seconds
-        while (now_s := time.monotonic() - self.start_s) < end_s:
-            while self.board.advance(now_s):
-                pass
-            plugged = {line.fileno(): name for name, line in self.lines.items() if line.plugged}
-            wait_s = min(self.board.next_output_s(), end_s) - (time.monotonic() - self.start_s)
-            for fd in select.select(list(plugged), [], [], max(0.0, min(wait_s, 0.02)))[0]:
-                station = self.board.station_at(str(self.directory / plugged[fd]))
-                self.board.hear(station, station.line.read())
-
-    def until(self, text, seconds=15.0):
-        """Run until the autopilot has said text once more than before."""
-        before = self.words().count(text)
-        end_s = self.world.now_s + seconds
-        while self.words().count(text) == before:
-            assert self.world.now_s < end_s, f"{text!r} not said within {seconds} s:\n{self.words()}"
-            assert self.firmware.running(), self.words()
-            self.run(0.1)
-
-    def words(self):
-        return (self.directory / "firmware.log").read_text()
-
-    def turn_by_hand(self):
-        """Put her 30 degrees off her goal, so that the rudder has to work."""
-        self.world._hull._plant.heading_rad += math.radians(30.0)
+@pytest.fixture
+def moor(make_boat):
+    """Make a boat in real time that nobody speaks with; she steers for where she lies."""
+    return lambda compass, servo: make_boat(
+        scenario="calm", compass=compass, servo=servo, speed=None, settings=SETTINGS, without=("position", "link")
+    )
 
 
-@pytest.fixture(params=[("nmea", "dynamixel"), ("pni_tcm", "volz")], ids="-".join)
-def bench(tmp_path, request):
-    with Bench(tmp_path, *request.param) as made:
-        made.start()
-        made.until("Mode GUIDED")
-        made.run(1.5)
-        yield made
-        assert made.replays()
+@pytest.fixture(params=[("nmea", "dynamixel"), ("pni", "volz")], ids="-".join)
+def bench(moor, request):
+    boat = moor(*request.param).start()
+    boat.until_written("Mode GUIDED")
+    boat.run(1.5)
+    yield boat
+    assert replays(boat)
+
+
+def replays(bench):
+    """Whether the log of the run, faults and all, is recomputed to the same bits."""
+    logs = bench.finish()
+    return bool(logs) and all(main(["replay", str(log)]) == 0 for log in logs)
+
+
+def turn_by_hand(bench):
+    """Put her 30 degrees off her goal, so that the rudder has to work."""
+    bench.world._hull._plant.heading_rad += math.radians(30.0)
 
 
 def steers(bench):
     """Whether the rudder still answers to the heading."""
-    bench.turn_by_hand()
+    turn_by_hand(bench)
     before_rad = bench.world.shaft.angle_rad()
     bench.run(1.5)
     return abs(bench.world.shaft.angle_rad() - before_rad) > math.radians(5.0)
@@ -139,41 +50,41 @@ def steers(bench):
 
 def test_the_servo_s_cable_out_and_in(bench):
     bench.lines["rudder"].unplug()
-    bench.until("Rudder servo does not answer")
+    bench.until_written("Rudder servo does not answer")
     bench.lines["rudder"].plug()
-    bench.until("Rudder servo answers again")
+    bench.until_written("Rudder servo answers again")
     bench.run(1.0)
     assert steers(bench)
-    assert bench.firmware.running()
+    assert bench.process.running()
 
 
 def test_the_compass_s_cable_out_and_in(bench):
     bench.lines["compass"].unplug()
-    bench.until("No heading: rudder held, then amidships")
+    bench.until_written("No heading: rudder held, then amidships")
     bench.run(2.5)
     assert abs(bench.world.shaft.angle_rad()) < math.radians(1.0)
     bench.lines["compass"].plug()
-    bench.until("Heading is back")
+    bench.until_written("Heading is back")
     assert steers(bench)
 
 
 def test_the_servo_s_power_cut_and_back(bench):
     bench.servo.power_cycle(bench.world.now_s, off_s=2.0)
-    bench.until("Rudder servo does not answer")
-    bench.until("Rudder servo answers again")
+    bench.until_written("Rudder servo does not answer")
+    bench.until_written("Rudder servo answers again")
     bench.run(1.5)
     assert steers(bench)
 
 
-@pytest.mark.parametrize("compass", BINARY_COMPASSES)
-def test_the_compass_s_power_cut_and_back(tmp_path, compass):
-    with Bench(tmp_path, compass, "dynamixel") as bench:
-        bench.start().until("Mode GUIDED")
-        bench.run(1.5)
-        bench.compass_device.power_cycle(bench.world.now_s, off_s=1.5)
-        bench.until("No heading: rudder held, then amidships")
-        bench.until("Heading is back")
-        assert steers(bench)
+@pytest.mark.parametrize("compass", ["pni", "mti"])
+def test_the_compass_s_power_cut_and_back(moor, compass):
+    bench = moor(compass, "dynamixel").start()
+    bench.until_written("Mode GUIDED")
+    bench.run(1.5)
+    bench.compass_device.power_cycle(bench.world.now_s, off_s=1.5)
+    bench.until_written("No heading: rudder held, then amidships")
+    bench.until_written("Heading is back")
+    assert steers(bench)
 
 
 def test_a_noisy_line_costs_samples_and_nothing_else(bench):
@@ -181,13 +92,12 @@ def test_a_noisy_line_costs_samples_and_nothing_else(bench):
     bench.compass.garbage = 0.2
     bench.run(6.0)
     bench.compass.flip = bench.compass.garbage = 0.0
-    assert bench.firmware.running()
+    assert bench.process.running()
     assert steers(bench)
-    bench.firmware.terminate()
-    bench.run(1.0)
+    bench.finish()
     headings_deg = [
         math.degrees(sample.heading_rad)
-        for path in sorted(Path(bench.directory / "state" / "logs").glob("*.BIN"))
+        for path in bench.logs()
         for tick in read_log(path)
         for sample in tick.inputs.headings
     ]
@@ -196,43 +106,43 @@ def test_a_noisy_line_costs_samples_and_nothing_else(bench):
 
 
 @pytest.mark.parametrize("field", ["400.0", "-10.0", "1e300", "nan", "", "999999999999"])
-def test_a_compass_that_says_the_impossible_is_not_believed(tmp_path, field):
+def test_a_compass_that_says_the_impossible_is_not_believed(moor, field):
     body = f"HEHDT,{field},T".encode()
     sentence = b"$%s*%02X\r\n" % (body, functools.reduce(operator.xor, body))
-    with Bench(tmp_path, "nmea", "volz") as bench:
-        bench.start().until("Mode GUIDED")
-        bench.run(1.0)
-        for _ in range(20):
-            bench.lines["compass"].write(sentence)
-            bench.run(0.1)
-        assert abs(bench.world.shaft.angle_rad()) < math.radians(3.0)
-        assert "heading" not in bench.words()
-        assert bench.replays()
-    (path,) = (tmp_path / "state" / "logs").glob("*.BIN")
+    bench = moor("nmea", "volz").start()
+    bench.until_written("Mode GUIDED")
+    bench.run(1.0)
+    for _ in range(20):
+        bench.lines["compass"].write(sentence)
+        bench.run(0.1)
+    assert abs(bench.world.shaft.angle_rad()) < math.radians(3.0)
+    assert "heading" not in bench.words()
+    assert replays(bench)
+    (path,) = bench.logs()
     headings_rad = [sample.heading_rad for tick in read_log(path) for sample in tick.inputs.headings]
     assert len(headings_rad) > 10
     assert all(min(heading_rad, 2 * math.pi - heading_rad) < 0.1 for heading_rad in headings_rad)
 
 
-def test_ports_that_come_later_are_taken_up_with_wait(tmp_path):
-    with Bench(tmp_path, "nmea", "volz", wait=True) as bench:
-        for line in bench.lines.values():
-            line.unplug()
-        bench.start().run(1.5)
-        assert bench.firmware.running()
-        for line in bench.lines.values():
-            line.plug()
-        bench.until("Rudder servo answers again")
-        bench.run(1.5)
-        assert steers(bench)
+def test_ports_that_come_later_are_taken_up_with_wait(moor):
+    bench = moor("nmea", "volz")
+    for line in bench.lines.values():
+        line.unplug()
+    bench.start("--wait").run(1.5)
+    assert bench.process.running()
+    for line in bench.lines.values():
+        line.plug()
+    bench.until_written("Rudder servo answers again")
+    bench.run(1.5)
+    assert steers(bench)
 
 
 def test_the_end_brings_the_rudder_amidships(bench):
-    bench.turn_by_hand()
+    turn_by_hand(bench)
     bench.run(2.0)
     assert abs(bench.world.shaft.angle_rad()) > math.radians(5.0)
-    bench.firmware.terminate()
+    bench.process.terminate()
     bench.run(2.5)
-    assert not bench.firmware.running()
-    assert bench.firmware.exit_code() == 0
+    assert not bench.process.running()
+    assert bench.process.exit_code() == 0
     assert abs(bench.world.shaft.angle_rad()) < math.radians(1.0)

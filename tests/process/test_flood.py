@@ -12,13 +12,14 @@ from contextlib import ExitStack
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
-from support.paths import ROOT
 
 from hil.bench.helper import answer_of
 from hil.bench.onboard import logged
 from hil.bench.process import memory_of
 from hil.bench.sea import Sea
 from hil.bench.spread import spread
+from support.paths import ROOT
+from support.program import unused_ports
 
 FLOOD = ROOT / "tests" / "clients" / "flood.py"
 SECONDS = float(os.environ.get("FLOOD_S", "60"))
@@ -54,12 +55,6 @@ class Line:
         return None
 
 
-def free_port(kind):
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
 def waiting(read):
     """A read that waits a moment for the first bytes."""
 
@@ -75,7 +70,7 @@ def waiting(read):
 
 class Udp:
     def __init__(self):
-        self.port = free_port(socket.SOCK_DGRAM)
+        self.port = unused_ports(["udpin"])[0]
         self.url, self.words, self.inherited = f"udpin:127.0.0.1:{self.port}", ["udp", str(self.port)], ()
 
     def line(self, closing):
@@ -87,7 +82,7 @@ class Udp:
 
 class Tcp:
     def __init__(self):
-        self.port = free_port(socket.SOCK_STREAM)
+        self.port = unused_ports(["tcpin"])[0]
         self.url, self.words, self.inherited = f"tcpin:127.0.0.1:{self.port}", ["tcp", str(self.port)], ()
 
     def line(self, closing):

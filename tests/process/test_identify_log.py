@@ -1,34 +1,27 @@
 """The autopilot's own log identified: the ship that it sailed is known."""
 
 import json
-import subprocess
-import sys
 
 import pytest
-from support.paths import ROOT
 
 from hil.report.figure_file import entry
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
+from support.harness import rambler_hil
 
 LOG = "state/logs/00000001.BIN"
 TRUE = {"K": 0.049, "T": 4.0}
 UNITS = {"K": "1/s", "T": "s"}
 
 
-def identified(*words):
-    command = [sys.executable, "-m", "hil", "identify", *map(str, words)]
-    return subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
-
-
 @pytest.mark.timeout(300)
 def test_a_zigzag_of_goals_tells_the_ship(tmp_path, figures):
     goals = ",".join(f"{40 * number}:{30 if number % 2 == 0 else -30}" for number in range(7))
     run(RunOptions(scenarios.named("tank"), 300.0, tmp_path, goals=parse_goals(goals)))
-    done = identified(tmp_path / LOG, "--json", "-")
-    assert (done.returncode, done.stderr) == (0, "")
-    found = json.loads(done.stdout)
+    code, said, errors = rambler_hil("identify", tmp_path / LOG, "--json", "-")
+    assert (code, errors) == (0, "")
+    found = json.loads(said)
     assert found["rows"] > 2500
     for name, true in TRUE.items():
         one = found[name]
@@ -47,8 +40,8 @@ def test_a_log_without_motion_is_told_as_such(tmp_path):
             scenarios.named("calm"), 60.0, tmp_path, goals=parse_goals("0:0"), settings={"EST_MODE": 0, "CTL_MODE": 0}
         )
     )
-    done = identified(tmp_path / LOG)
-    assert done.returncode == 1
-    assert done.stderr == "rambler-hil: no model can be told from these logs; see the verdicts\n"
-    assert "the rudder explains next to nothing of the motion" in done.stdout
-    assert "sail a zigzag" in done.stdout
+    code, said, errors = rambler_hil("identify", tmp_path / LOG)
+    assert code == 1
+    assert errors == "rambler-hil: no model can be told from these logs; see the verdicts\n"
+    assert "the rudder explains next to nothing of the motion" in said
+    assert "sail a zigzag" in said

@@ -6,12 +6,12 @@ import os
 import tty
 
 import pytest
-from support.paths import DATA
 
 from firmware_py.common.records import DeviceState, NorthReference
 from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
 from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
 from firmware_py.system.serial_port import SerialPort
+from support.paths import DATA
 
 FILES = sorted(path.name for path in (DATA / "nmea").glob("*.*")) or ["tests/data/nmea is not here"]
 PIECE = 997  # a prime, so that the pieces end anywhere in a sentence

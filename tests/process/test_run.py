@@ -3,15 +3,13 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
-from support.paths import ROOT
 
 from hil.sim.truth import COLUMNS, read
+from support.harness import rambler_hil, replays, start_rambler_hil
 
 # Tank, paper gains: six seeds, and all compasses and servos among them.
 TANK_RUNS = [
@@ -22,33 +20,6 @@ TANK_RUNS = [
     (5, "nmea", "dynamixel"),
     (6, "mti", "volz"),
 ]
-
-
-def rambler_hil(*words: str, **more) -> subprocess.Popen:
-    return subprocess.Popen(
-        [sys.executable, "-m", "hil", *words],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        **more,
-    )
-
-
-def finished(*words: str) -> tuple[int, str, str]:
-    process = rambler_hil(*words)
-    said, errors = process.communicate(timeout=110.0)
-    return process.returncode, said, errors
-
-
-def replays(out: Path) -> bool:
-    """Whether every rudder command of a run's log is recomputed to the same bits."""
-    logs = sorted((out / "state" / "logs").glob("*.BIN"))
-    assert logs
-    commands = [[sys.executable, "-m", "firmware_py", "replay", str(log)] for log in logs]
-    return all(
-        subprocess.run(command, cwd=ROOT, check=False, capture_output=True).returncode == 0 for command in commands
-    )
 
 
 @pytest.mark.parametrize(("seed", "compass", "servo"), TANK_RUNS)
@@ -68,7 +39,7 @@ def test_she_holds_her_heading_in_the_tank(tmp_path, seed, compass, servo):
         str(tmp_path),
     ]
     words += ["--set", "CTL_MODE=0", "EST_MODE=0"]
-    code, said, errors = finished(*words, "--compass", compass, "--servo", servo)
+    code, said, errors = rambler_hil(*words, "--compass", compass, "--servo", servo)
     assert (code, errors) == (0, "")
     summary = json.loads((tmp_path / "summary.json").read_text())
     first, second = summary["goals"]
@@ -94,7 +65,7 @@ def test_two_runs_of_a_seed_are_the_same_to_the_last_byte_and_another_seed_is_no
     truths = []
     for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
         words = ["run", "storm", "--speed", "max", "--seconds", "40", "--goal", "0:30", "--seed", seed]
-        code, _, errors = finished(*words, "--compass", compass, "--servo", servo, "--out", str(tmp_path / name))
+        code, _, errors = rambler_hil(*words, "--compass", compass, "--servo", servo, "--out", str(tmp_path / name))
         assert (code, errors) == (0, "")
         truths.append((tmp_path / name / "truth.csv").read_bytes())
     assert truths[0] == truths[1]
@@ -103,8 +74,8 @@ def test_two_runs_of_a_seed_are_the_same_to_the_last_byte_and_another_seed_is_no
 
 def test_a_paced_run_is_the_same_run(tmp_path):
     words = ["run", "tank", "--seconds", "20", "--goal", "0:30"]
-    assert finished(*words, "--speed", "max", "--out", str(tmp_path / "a"))[0] == 0
-    assert finished(*words, "--speed", "15", "--out", str(tmp_path / "b"))[0] == 0
+    assert rambler_hil(*words, "--speed", "max", "--out", str(tmp_path / "a"))[0] == 0
+    assert rambler_hil(*words, "--speed", "15", "--out", str(tmp_path / "b"))[0] == 0
     assert (tmp_path / "a" / "truth.csv").read_bytes() == (tmp_path / "b" / "truth.csv").read_bytes()
     assert json.loads((tmp_path / "b" / "summary.json").read_text())["speed_ratio"] <= 15.01
 
@@ -112,7 +83,7 @@ def test_a_paced_run_is_the_same_run(tmp_path):
 @pytest.mark.parametrize(("compass", "servo"), [("nmea", "volz"), ("pni", "dynamixel")])
 def test_in_real_time_she_turns_too_and_lateness_is_measured(tmp_path, compass, servo):
     words = ["run", "tank", "--speed", "real", "--seconds", "12", "--goal", "0:60"]
-    code, said, errors = finished(*words, "--compass", compass, "--servo", servo, "--out", str(tmp_path))
+    code, said, errors = rambler_hil(*words, "--compass", compass, "--servo", servo, "--out", str(tmp_path))
     assert (code, errors) == (0, "")
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["loop"]["ticks"] > 90
@@ -124,7 +95,7 @@ def test_in_real_time_she_turns_too_and_lateness_is_measured(tmp_path, compass, 
 
 
 def test_an_autopilot_that_cannot_start_is_told_with_its_own_words(tmp_path):
-    code, said, errors = finished("run", "calm", "--speed", "max", "--link", "udp:nowhere", "--out", str(tmp_path))
+    code, said, errors = rambler_hil("run", "calm", "--speed", "max", "--link", "udp:nowhere", "--out", str(tmp_path))
     assert code == 1
     assert said == ""
     assert len(errors.splitlines()) == 1
@@ -140,7 +111,7 @@ def test_a_goal_that_cannot_be_accepted_fails_the_run(tmp_path):
         '[rudder]\ndriver = "volz"\nport = "x"\nbaud = 115200\n'
     )
     words = ["run", "calm", "--speed", "max", "--goal", "0:10", "--seconds", "4", "--vehicle", str(vehicle)]
-    code, said, errors = finished(*words, "--out", str(tmp_path / "out"))
+    code, said, errors = rambler_hil(*words, "--out", str(tmp_path / "out"))
     assert (code, said) == (1, "")
     assert len(errors.splitlines()) == 1
     assert "arming was never accepted" in errors
@@ -152,7 +123,7 @@ def test_a_goal_that_cannot_be_accepted_fails_the_run(tmp_path):
 def test_an_interrupted_run_leaves_its_truth_and_nothing_else(tmp_path, number, speed):
     scratch = tmp_path / "scratch"
     scratch.mkdir()
-    process = rambler_hil(
+    process = start_rambler_hil(
         *("run", "tank", "--speed", speed, "--seconds", "100000", "--out", str(tmp_path / "out")),
         env={**os.environ, "TMPDIR": str(scratch)},
     )

@@ -1,12 +1,9 @@
 """The seas of physics.md section 6, through the real autopilot on ptys; figures from the truth alone."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 
 import pytest
-from support.paths import ROOT
 
 from hil.cli.compare import as_entries
 from hil.lab.compare.score import mean_of, score_of
@@ -16,6 +13,7 @@ from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
 from hil.sim.vehicle_file import standard_vehicle
+from support.harness import replay
 
 # What is asked for: rms [deg], rudder travel [deg/h].
 MUST = {"tank": (0.22, 500.0), "sea": (1.45, 1500.0), "swell": (3.6, 3500.0), "weak": (1.3, 1450.0)}
@@ -30,10 +28,8 @@ def test_she_sees_through_the_waves(tmp_path, name, limits):
     assert score.travel_deg_per_h <= limits[1]
     assert score.overshoot_deg <= 8.0
     assert score.near_s <= 40.0
-    log = tmp_path / "state" / "logs" / "00000001.BIN"
-    replay = [sys.executable, "-m", "firmware_py", "replay", str(log), "--json"]
-    done = subprocess.run(replay, cwd=ROOT, capture_output=True, check=False)
-    assert json.loads(done.stdout)["identical"]
+    finished = replay(tmp_path / "state" / "logs" / "00000001.BIN", "--json")
+    assert json.loads(finished.stdout)["identical"]
 
 
 @pytest.mark.proof

@@ -1,11 +1,10 @@
 """The whole tank task of the paper: five seeds, both compasses, both servos. Run by `make proof`."""
 
 import json
-import subprocess
-import sys
 
 import pytest
-from support.paths import ROOT
+
+from support.harness import rambler_hil, replays
 
 pytestmark = [pytest.mark.proof, pytest.mark.timeout(900)]
 
@@ -16,9 +15,8 @@ pytestmark = [pytest.mark.proof, pytest.mark.timeout(900)]
 def test_the_tank_task(tmp_path, figures, seed, compass, servo):
     words = ["run", "tank", "--speed", "max", "--seed", str(seed), "--compass", compass, "--servo", servo]
     words += ["--set", "CTL_MODE=0", "EST_MODE=0"]
-    command = [sys.executable, "-m", "hil", *words, "--out", str(tmp_path)]
-    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stderr
+    code, _, errors = rambler_hil(*words, "--out", tmp_path)
+    assert code == 0, errors
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert [goal["goal_deg"] for goal in summary["goals"]] == [0.0, 60.0, -90.0]
     case = f"seed {seed}, {compass}, {servo}"
@@ -29,6 +27,4 @@ def test_the_tank_task(tmp_path, figures, seed, compass, servo):
     for goal in summary["goals"]:
         assert goal["p95_error_deg"] <= 3.0
         assert goal["overshoot_deg"] <= 3.0
-    for log in (tmp_path / "state" / "logs").glob("*.BIN"):
-        replay = [sys.executable, "-m", "firmware_py", "replay", str(log)]
-        assert subprocess.run(replay, cwd=ROOT, capture_output=True, check=False).returncode == 0
+    assert replays(tmp_path)

@@ -1,12 +1,9 @@
 """The compiled closed loop and the paper's chain, held against the real autopilot on ptys."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from support.paths import ROOT
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER
@@ -18,6 +15,7 @@ from hil.report.figures import rudder_travel_deg_per_h
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
+from support.harness import rambler_hil
 
 SECONDS = 200
 
@@ -58,14 +56,8 @@ def test_a_trial_run_is_the_real_autopilot_s_in_the_same_waves(tmp_path, scenari
 
 @pytest.mark.proof
 def test_the_paper_s_chain_is_reproduced(tmp_path, figures):
-    done = subprocess.run(
-        [sys.executable, "-m", "hil", "reproduce", "--quick", "--out", str(tmp_path)],
-        cwd=ROOT,
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    assert (done.returncode, done.stderr) == (0, "")
+    code, said, errors = rambler_hil("reproduce", "--quick", "--out", tmp_path)
+    assert (code, errors) == (0, "")
     found = json.loads((tmp_path / "reproduce.json").read_text())
     for row in found["rows"]:
         name = key_of("reproduce", row["quantity"])
@@ -74,4 +66,4 @@ def test_the_paper_s_chain_is_reproduced(tmp_path, figures):
     verdicts = [row["verdict"] for row in found["rows"]]
     assert verdicts.count("matches") >= 13
     assert (tmp_path / "reproduce.html").stat().st_size > 50_000
-    assert "MISSES" not in done.stdout
+    assert "MISSES" not in said

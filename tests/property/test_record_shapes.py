@@ -7,7 +7,6 @@ import json
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.paths import REPLAY
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import from_text as plan_from_text
@@ -18,6 +17,7 @@ from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
 from firmware_py.log.reader import read_log
 from firmware_py.system.store import stored_content
+from support.paths import REPLAY
 
 DATA = REPLAY / "first_layout"
 START = State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))

@@ -1,7 +1,6 @@
 """No bytes from a servo's line can harm its driver, and no damaged frame is believed."""
 
 import math
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
@@ -11,6 +10,7 @@ from firmware_py.actuator import dynamixel_frames, volz_frames
 from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.records import DeviceHealth, RudderCommand
+from support.line import FakeLine
 
 LARGEST_LENGTH = 64
 
@@ -84,20 +84,6 @@ def test_no_single_bit_flip_is_believed_volz(argument, code, bit):
     assert volz_frames.ReplyParser(1).feed(bytes(damaged)) == []
 
 
-class HostileLine(SimpleNamespace):
-    """A ByteLine that reads whatever the test wants and keeps what is written."""
-
-    def fileno(self):
-        return 3
-
-    def read(self):
-        return self.pending.pop(0) if self.pending else b""
-
-    def write(self, data):
-        self.written.append(data)
-        return self.takes
-
-
 ANGLES = st.floats() | st.floats(-2.0, 2.0)
 STEPS = st.lists(st.tuples(NOISE, ANGLES, st.booleans(), st.floats(0.0, 0.6)), max_size=40)
 
@@ -112,12 +98,13 @@ DRIVERS = {
 @given(STEPS, st.booleans())
 @settings(deadline=None, max_examples=60)
 def test_drivers_survive_anything(driver, steps, takes):
-    line = HostileLine(name="x", openings=1, connected=True, pending=[], written=[], takes=takes)
+    line = FakeLine()
+    line.full = not takes
     rudder = DRIVERS[driver](line)
     now_s = 0.0
     for noise, angle_rad, torque_on, step_s in steps:
         now_s += step_s
-        line.pending.append(noise)
+        line.inbox += noise
         before = len(line.written)
         rudder.receive(now_s)
         rudder.command(RudderCommand(angle_rad, torque_on), now_s)

@@ -11,7 +11,6 @@ import json
 from dataclasses import replace
 
 import pytest
-from support.paths import REPLAY
 
 from firmware_py.__main__ import main
 from firmware_py.assemble import resume
@@ -22,6 +21,7 @@ from firmware_py.control import scheduled
 from firmware_py.core.state import State
 from firmware_py.system.state_directory import RESUME_FILE, load_parameters, load_plans
 from firmware_py.system.store import Store
+from support.paths import REPLAY
 
 DATA = REPLAY
 LOGS = {path.name: path for path in sorted(DATA.rglob("*.BIN"))}

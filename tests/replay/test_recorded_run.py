@@ -9,11 +9,11 @@ import math
 from dataclasses import replace
 
 import pytest
-from support.paths import REPLAY
 
 from firmware_py.__main__ import main
 from firmware_py.common.intents import SteerHeading
 from firmware_py.log.reader import read_log
+from support.paths import REPLAY
 
 LOG = REPLAY / "tank_pni_volz.BIN"
 

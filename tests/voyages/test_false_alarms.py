@@ -8,14 +8,15 @@ import pytest
 from firmware_py.common.intents import SteerHeading
 from firmware_py.common.mode_table import Mode
 from firmware_py.faults.table import Fault
+from support import rig
 
 LEG_S = 600.0
 ALLOWED = {Fault.CURRENT_STRONG}  # of a storm, it is true
 
 
-def faults_of(yard, name, seed, legs):
+def faults_of(name, seed, legs):
     """The faults that stood at any time, steering for a new heading every ten minutes."""
-    boat = yard.Sailing(yard.sea(name), seed).under_way(Mode.GUIDED)
+    boat = rig.Sailing(rig.sea(name), seed).under_way(Mode.GUIDED)
     turns, goal_rad, seen = random.Random(seed), 0.0, 0
     for _ in range(legs):
         goal_rad += math.radians(turns.uniform(-120.0, 120.0))
@@ -26,13 +27,13 @@ def faults_of(yard, name, seed, legs):
     return {fault for fault in Fault if seen >> fault & 1} - ALLOWED
 
 
-def test_no_fault_is_told_in_a_swell(yard):
-    assert not faults_of(yard, "swell", 1, 1)
+def test_no_fault_is_told_in_a_swell():
+    assert not faults_of("swell", 1, 1)
 
 
 @pytest.mark.proof
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize("name", ["tank", "sea", "swell", "weak", "storm", "gusts", "surge"])
-def test_no_fault_is_told_in_hours_of_any_sea(yard, name, seed):
-    assert not faults_of(yard, name, seed, 12)
+def test_no_fault_is_told_in_hours_of_any_sea(name, seed):
+    assert not faults_of(name, seed, 12)

@@ -6,6 +6,8 @@ import pytest
 from firmware_py.common.intents import SteerPosition
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import MissionState
+from support import rig
+from support.plans import item, mission, placed
 
 
 def cross_tracks(boat, seconds):
@@ -24,15 +26,15 @@ def cross_tracks(boat, seconds):
     return np.array(off)
 
 
-def rounding(yard, corners, seed, **current):
-    plans = yard.mission(*(yard.item(16, *corner) for corner in corners))
-    boat = yard.Sailing(yard.sea("sea", current_m_s=0.45, **current), seed, plans)
+def rounding(corners, seed, **current):
+    plans = mission(*(item(16, *corner) for corner in corners))
+    boat = rig.Sailing(rig.sea("sea", current_m_s=0.45, **current), seed, plans)
     boat.corners = corners
     return boat.under_way(Mode.AUTO)
 
 
-def test_across_half_her_speed_of_current_she_stays_within_15_m(yard):
-    boat = rounding(yard, [(500.0, 0.0), (500.0, 400.0)], 1)
+def test_across_half_her_speed_of_current_she_stays_within_15_m():
+    boat = rounding([(500.0, 0.0), (500.0, 400.0)], 1)
     off = cross_tracks(boat, 1500)
     assert boat.snapshot.mission.state is MissionState.COMPLETE
     assert np.percentile(off, 95) <= 15.0
@@ -41,9 +43,9 @@ def test_across_half_her_speed_of_current_she_stays_within_15_m(yard):
 @pytest.mark.proof
 @pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize("toward_deg", [0.0, 60.0, 90.0, 210.0])
-def test_around_a_square_in_any_current_of_half_her_speed(yard, figures, seed, toward_deg):
+def test_around_a_square_in_any_current_of_half_her_speed(figures, seed, toward_deg):
     corners = [(1500.0, 0.0), (1500.0, 1500.0), (0.0, 1500.0), (0.0, 0.0)]
-    boat = rounding(yard, corners, seed, current_toward_deg=toward_deg)
+    boat = rounding(corners, seed, current_toward_deg=toward_deg)
     off = cross_tracks(boat, 14_400)
     figures.keep("line_p95", np.percentile(off, 95), "m", f"seed {seed} toward {toward_deg:.0f} deg")
     figures.keep("line_largest", off.max(), "m", f"seed {seed} toward {toward_deg:.0f} deg")
@@ -51,9 +53,9 @@ def test_around_a_square_in_any_current_of_half_her_speed(yard, figures, seed, t
     assert np.percentile(off, 95) <= 15.0
 
 
-def test_a_guided_position_is_sailed_to_and_kept(yard):
-    boat = yard.Sailing(yard.scenario(0.9, 0.3), 2, LOIT_RADIUS=60.0)
-    boat.under_way(Mode.GUIDED, SteerPosition(*yard.placed(200.0, -150.0)))
+def test_a_guided_position_is_sailed_to_and_kept():
+    boat = rig.Sailing(rig.scenario(0.9, 0.3), 2, LOIT_RADIUS=60.0)
+    boat.under_way(Mode.GUIDED, SteerPosition(*placed(200.0, -150.0)))
     boat.run(1500.0, until=lambda boat: boat.snapshot.navigation.arrived)
     assert boat.snapshot.navigation.arrived
     track = len(boat.track)

@@ -21,10 +21,11 @@ from firmware_py.core.accept import accept
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
+from support import rig
+from support.plans import item, mission, placed
 
 
-def every_kind(yard):
-    item = yard.item
+def every_kind():
     return [
         item(16, 120, 0),
         item(178, None, None, 0, 0.5),
@@ -42,7 +43,7 @@ def every_kind(yard):
     ]
 
 
-def sailed(yard, boat, most_s):
+def sailed(boat, most_s):
     """The items reached, and the activity during each."""
     reached, doing = [], {}
     for _ in range(round(most_s * 10)):
@@ -54,24 +55,24 @@ def sailed(yard, boat, most_s):
     return reached, doing
 
 
-def test_every_kind_of_item_is_sailed(yard):
-    boat = yard.Sailing(yard.scenario(0.8, 0.2), 1, yard.mission(*every_kind(yard)), LOIT_RADIUS=60.0)
+def test_every_kind_of_item_is_sailed():
+    boat = rig.Sailing(rig.scenario(0.8, 0.2), 1, mission(*every_kind()), LOIT_RADIUS=60.0)
     boat.under_way(Mode.AUTO)
-    reached, doing = sailed(yard, boat, 5000)
+    reached, doing = sailed(boat, 5000)
     assert reached == [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 9, 10, 11]
     assert doing[4] == {Activity.HEADING}
     assert Activity.CIRCLE in doing[6]
     assert Activity.STATION in doing[7]
     # Home was moved by item 8, and the way back led there.
     home = boat.snapshot.home
-    assert (home.latitude_rad, home.longitude_rad) == pytest.approx(yard.placed(20, 20), abs=1e-8)
+    assert (home.latitude_rad, home.longitude_rad) == pytest.approx(placed(20, 20), abs=1e-8)
     assert boat.snapshot.mission.state is MissionState.ACTIVE
     boat.run(300.0)
     assert math.hypot(*boat.where) < 70.0
 
 
-def test_a_mission_is_left_paused_changed_and_replaced(yard):
-    boat = yard.Sailing(yard.scenario(0.6), 1, yard.mission(yard.item(16, 400, 0), yard.item(16, 400, 400)))
+def test_a_mission_is_left_paused_changed_and_replaced():
+    boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0), item(16, 400, 400)))
     assert boat.state.guidance.mission.index == 0
     boat.run(2.0)
     assert boat.snapshot.mission.state is MissionState.NOT_STARTED
@@ -93,7 +94,7 @@ def test_a_mission_is_left_paused_changed_and_replaced(yard):
     boat.run(1.0)
     assert boat.snapshot.mission.state is MissionState.PAUSED
     boat.tick(SetMode(Mode.AUTO))
-    boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [yard.item(16, 100, 0)])))
+    boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [item(16, 100, 0)])))
     boat.run(1.0)
     assert (boat.snapshot.mission.index, boat.snapshot.mission.count) == (0, 1)
     assert boat.snapshot.mission.state is MissionState.ACTIVE
@@ -104,8 +105,8 @@ def test_a_mission_is_left_paused_changed_and_replaced(yard):
     assert boat.said("Mission cannot be sailed")
 
 
-def test_what_cannot_be_is_refused_with_the_reason(yard):
-    boat = yard.Sailing(yard.scenario(0.6), 1, yard.mission(yard.item(16, 400, 0)))
+def test_what_cannot_be_is_refused_with_the_reason():
+    boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)))
     boat.run(2.0)
     for intent, verdict, word in (
         (SetMissionItem(1), Verdict.DENIED, "0 to 0"),
@@ -116,14 +117,14 @@ def test_what_cannot_be_is_refused_with_the_reason(yard):
         assert state is boat.state
         assert answer.verdict is verdict
         assert word in answer.text
-    empty = yard.Sailing(yard.scenario(0.6), 1)
+    empty = rig.Sailing(rig.scenario(0.6), 1)
     empty.run(2.0)
     _, answer = accept(empty.state, Request(2.0, SetMode(Mode.AUTO)))
     assert answer.text == "AUTO refused: no mission"
 
 
-def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good(yard):
-    boat = yard.Sailing(yard.scenario(0.6, 0.3), 1, yard.mission(yard.item(16, 1500, 0)))
+def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good():
+    boat = rig.Sailing(rig.scenario(0.6, 0.3), 1, mission(item(16, 1500, 0)))
     boat.under_way(Mode.AUTO)
     boat.run(600.0)
     boat.jump_m = (10_000.0, 0.0)
@@ -137,14 +138,14 @@ def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good(yard):
     assert abs(boat.where[1]) < 15.0
 
 
-def test_from_any_checkpoint_the_same_rudder(yard):
-    boat = yard.Sailing(yard.scenario(0.6, 0.3), 3, yard.mission(*every_kind(yard)[2:8]), LOIT_RADIUS=40.0)
+def test_from_any_checkpoint_the_same_rudder():
+    boat = rig.Sailing(rig.scenario(0.6, 0.3), 3, mission(*every_kind()[2:8]), LOIT_RADIUS=40.0)
     boat.keep_inputs = True
     boat.outputs = []
     boat.run(1.0)
     boat.under_way(Mode.AUTO, SetParameter("WP_RADIUS", 15.0))
     boat.run(400.0)
-    state = State.at_start(ParameterSet().replaced("LOIT_RADIUS", 40.0), yard.mission(*every_kind(yard)[2:8]))
+    state = State.at_start(ParameterSet().replaced("LOIT_RADIUS", 40.0), mission(*every_kind()[2:8]))
     for inputs in boat.inputs:
         if inputs.tick.index % 250 == 0:
             state, _ = state_from_text(state_to_text(state))

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from firmware_py.common.mode_table import Mode
+from support import rig
 
 
 @pytest.mark.parametrize(("speed_m_s", "current_m_s"), [(0.4, 0.28), (0.9, 0.45)])
-def test_both_hulls_keep_the_same_station(yard, speed_m_s, current_m_s):
+def test_both_hulls_keep_the_same_station(speed_m_s, current_m_s):
     figures = []
-    for hull in ({}, {"hull": yard.FineHull}):
-        boat = yard.Sailing(yard.scenario(speed_m_s, current_m_s, wave_deg=0.0), 1, LOIT_RADIUS=60.0, **hull)
+    for hull in ({}, {"hull": rig.FineHull}):
+        boat = rig.Sailing(rig.scenario(speed_m_s, current_m_s, wave_deg=0.0), 1, LOIT_RADIUS=60.0, **hull)
         boat.under_way(Mode.LOITER)
         boat.run(600.0)
         figures.append(np.array(boat.track)[:, 1:3])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from firmware_py.common.mode_table import Mode
+from support import rig
 
 CASES = [
     (0.4, 0.0, {}),
@@ -26,16 +27,16 @@ def kept(boat, seconds):
     return np.hypot(track[:, 1] - north_m, track[:, 2] - east_m)
 
 
-def test_for_half_an_hour(yard):
-    boat = yard.Sailing(yard.scenario(0.4, 0.28), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
+def test_for_half_an_hour():
+    boat = rig.Sailing(rig.scenario(0.4, 0.28), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
     assert np.mean(kept(boat, 1800.0) <= 100.0) >= 0.95
     assert not boat.said("Current stronger")
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize(("speed_m_s", "current_m_s", "more"), CASES)
-def test_for_a_day(yard, figures, speed_m_s, current_m_s, more):
-    boat = yard.Sailing(yard.scenario(speed_m_s, current_m_s, **more), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
+def test_for_a_day(figures, speed_m_s, current_m_s, more):
+    boat = rig.Sailing(rig.scenario(speed_m_s, current_m_s, **more), LOIT_RADIUS=100.0).under_way(Mode.LOITER)
     distance_m = kept(boat, 86_400.0)
     inside = np.mean(distance_m <= 100.0)
     case = f"{speed_m_s} m/s, current {current_m_s} m/s {more}"
@@ -45,16 +46,16 @@ def test_for_a_day(yard, figures, speed_m_s, current_m_s, more):
     assert distance_m.max() < 150.0
 
 
-def stronger(yard, speed_m_s, seed, **more):
-    boat = yard.Sailing(yard.scenario(speed_m_s, 1.2 * speed_m_s, **more), seed).under_way(Mode.LOITER)
+def stronger(speed_m_s, seed, **more):
+    boat = rig.Sailing(rig.scenario(speed_m_s, 1.2 * speed_m_s, **more), seed).under_way(Mode.LOITER)
     boat.run(1800.0)
     said_s = boat.said("Current stronger than she is")
     into_deg = math.degrees(boat.track[-1][3]) - (more.get("toward_deg", 90.0) + 180.0)
     return said_s, abs(math.remainder(into_deg, 360.0))
 
 
-def test_a_current_of_1_2_times_her_speed_is_recognised_and_pointed_into(yard):
-    said_s, off_deg = stronger(yard, 0.4, 1)
+def test_a_current_of_1_2_times_her_speed_is_recognised_and_pointed_into():
+    said_s, off_deg = stronger(0.4, 1)
     assert said_s
     assert said_s[0] <= 1800.0
     assert off_deg < 15.0
@@ -63,8 +64,8 @@ def test_a_current_of_1_2_times_her_speed_is_recognised_and_pointed_into(yard):
 @pytest.mark.proof
 @pytest.mark.parametrize("seed", range(1, 4))
 @pytest.mark.parametrize(("speed_m_s", "toward_deg"), [(0.25, 0.0), (0.4, 180.0), (0.5, 90.0), (0.9, 300.0)])
-def test_recognised_at_any_speed_and_from_any_side(yard, figures, speed_m_s, toward_deg, seed):
-    said_s, off_deg = stronger(yard, speed_m_s, seed, toward_deg=toward_deg)
+def test_recognised_at_any_speed_and_from_any_side(figures, speed_m_s, toward_deg, seed):
+    said_s, off_deg = stronger(speed_m_s, seed, toward_deg=toward_deg)
     assert said_s
     case = f"{speed_m_s} m/s toward {toward_deg:.0f} deg, seed {seed}"
     figures.keep("strong_current_told", said_s[0], "s", case)
@@ -72,8 +73,8 @@ def test_recognised_at_any_speed_and_from_any_side(yard, figures, speed_m_s, tow
     assert off_deg < 20.0
 
 
-def test_home_is_returned_to_and_kept(yard):
-    boat = yard.Sailing(yard.scenario(0.6, 0.2), LOIT_RADIUS=60.0)
+def test_home_is_returned_to_and_kept():
+    boat = rig.Sailing(rig.scenario(0.6, 0.2), LOIT_RADIUS=60.0)
     boat.under_way(Mode.GUIDED)
     boat.run(250.0)
     assert math.hypot(*boat.where) > 100.0

@@ -19,7 +19,7 @@ SHORT_S = STEADY_AFTER_S + 100.0  # a goal held for less has no steady part wort
 class Score:
     """Of one run, or the mean over several: errors in degrees, travel in degrees per hour, of the steady parts.
 
-    `overshoot_deg` and `near_s`, the time until she first is within 5 deg of the goal, are those of the
+    `overshoot_deg` and `near_s`, the time until the boat first is within 5 deg of the goal, are those of the
     first turn.
     """
 

@@ -100,7 +100,7 @@ def information(problem: Problem, state: State) -> Information:
         problem.linear(stretch, state, start) for stretch, start in zip(data.stretches, state.starts, strict=True)
     ]
     skip = problem.weights.heading_lags.size
-    noise = fit_noise([np.column_stack(one.errors)[skip:] for one in linears])
+    noise = fit_noise([np.column_stack(linear.errors)[skip:] for linear in linears])
     size, channels = free + 2 * len(linears), len(linears[0].errors)
     own = np.zeros((channels, size, size))
     mixed = np.zeros((channels, channels, size, size))

@@ -77,7 +77,7 @@ def digest(data: Data) -> Digest:
         middle,
         max(float(np.max(turning)), 1e-9),
     )
-    one = data.stretches[0]
+    first = data.stretches[0]
     rate = whole["rate"]
     return Digest(
         scales,
@@ -87,8 +87,8 @@ def digest(data: Data) -> Digest:
         whole["ratio"],
         whole["heading"],
         rate,
-        _window_power(whole["heading"], whole["flags"]) if one.heading_rad is not None else 0.0,
-        float(rate @ rate) if one.yaw_rate_rad_s is not None else 0.0,
+        _window_power(whole["heading"], whole["flags"]) if first.heading_rad is not None else 0.0,
+        float(rate @ rate) if first.yaw_rate_rad_s is not None else 0.0,
         max(float(part.time_s[-1] - part.time_s[0]) for part in data.stretches),
         float(np.median(np.concatenate([part.step_s for part in data.stretches]))),
     )
@@ -116,4 +116,4 @@ def _columns(stretch: Stretch) -> dict[str, Floats]:
 
 def _window_power(heading: Floats, flags: Floats) -> float:
     windows = np.split(heading, np.flatnonzero(flags > 0.0)[1:])
-    return float(sum(np.sum((one - one.mean()) ** 2) for one in windows))
+    return float(sum(np.sum((window - window.mean()) ** 2) for window in windows))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -11,7 +10,7 @@ import numpy as np
 from hil.lab.identify.accuracy import Information, best_weights, information
 from hil.lab.identify.digest import Digest, digest
 from hil.lab.identify.noise import fit_noise
-from hil.lab.identify.predict import Point, Scales, Start, to_natural
+from hil.lab.identify.predict import Point, Start
 from hil.lab.identify.recording import Floats
 from hil.lab.identify.refine import Problem, State, Weights, refine
 from hil.lab.identify.search import Box, Found, GlobalSearch, scan, swarm_search, with_scale_of
@@ -22,12 +21,8 @@ ROUNDS, FINE_ROUNDS = 5, 2
 SETTLED = 0.05  # of a weight, relative
 NO_LAGS = np.zeros(0)
 FEW_ROWS = 3000
-PARAMETERS = 5  # K, T, alpha, delta0 and where she starts
+PARAMETERS = 5  # K, T, alpha, delta0 and where the boat starts
 MOST_LAGS = 24  # of the filter that makes a heading's noise white; what colour is left the standard errors allow for
-LONGEST_ALLOWED = 0.5  # step of ln K, ln T, c and delta0 in scales
-# alpha r^2 at the yaw rates of a log in which it does not show, one sigma: what is likely sets the values,
-# what is possible sets their standard errors.
-LIKELY_CUBIC, POSSIBLE_CUBIC = 0.015, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +37,7 @@ class Fit:
     state: State
     cost: float
     covariance: Floats
-    known: Information
+    accuracy: Information
     spikes: int
     evaluations: int
     iterations: int
@@ -56,7 +51,7 @@ class Fit:
     @property
     def effective_rows(self) -> float:
         """How many independent readings the coloured ones are worth."""
-        return self.known.effective_rows(self.problem.channel_weights())
+        return self.accuracy.effective_rows(self.problem.channel_weights())
 
     def typical_rate_rad_s(self) -> float:
         """Return the yaw rate that the model hardly ever exceeds in this log."""
@@ -73,7 +68,7 @@ class Fit:
     def errors_power(self) -> Floats:
         """Return the mean square error of each channel in use."""
         weights = np.array(self.problem.channel_weights())
-        return np.asarray(self.known.noise.spread[weights > 0.0] ** 2)
+        return np.asarray(self.accuracy.noise.spread[weights > 0.0] ** 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +120,7 @@ def fit(
         return _settled(rough.problem, simpler.state, tell, FINE_ROUNDS)
     every_weight = rough.problem.weights
     if data.stretches[0].yaw_rate_rad_s is None:
-        every_weight = _weights(replace(rough.problem, data=data), rough.state, rough.known)
+        every_weight = _weights(replace(rough.problem, data=data), rough.state, rough.accuracy)
     whole = replace(rough.problem, data=data, weights=every_weight)
     state = rough.state
     if simpler is not None and whole.cost(simpler.state) < whole.cost(state):
@@ -149,10 +144,10 @@ def _first_weights(data: Data) -> tuple[Weights, ...]:
     return (Weights(heading, 0.0, NO_LAGS), Weights(heading, 0.0, np.array([-1.0])))
 
 
-def _surprise(one: Fit) -> float:
+def _surprise(fitted: Fit) -> float:
     """Return minus twice the logarithm of the likelihood of a fit's errors, their colour allowed for."""
-    noise = fit_noise(error_pieces(one.problem, one.state))
-    rows = one.problem.data.rows
+    noise = fit_noise(error_pieces(fitted.problem, fitted.state))
+    rows = fitted.problem.data.rows
     return rows * float(np.linalg.slogdet(noise.covariance)[1]) + 2.0 * noise.order
 
 
@@ -161,11 +156,11 @@ def _no_worse_in_rate(fits: list[Fit]) -> list[Fit]:
 
     At sea a heading drifts off for reasons that are not the rudder, and what follows it turns worse.
     """
-    least = min(float(one.known.noise.spread[-1]) for one in fits)
+    least = min(float(fitted.accuracy.noise.spread[-1]) for fitted in fits)
     rows = fits[0].problem.data.rows
-    both = fits[0].known.noise.spread.size > 1
+    both = fits[0].accuracy.noise.spread.size > 1
     most = least * (1.0 + PARAMETERS / rows)
-    return [one for one in fits if not both or float(one.known.noise.spread[-1]) <= most]
+    return [fitted for fitted in fits if not both or float(fitted.accuracy.noise.spread[-1]) <= most]
 
 
 def error_pieces(problem: Problem, state: State) -> list[Floats]:
@@ -184,9 +179,9 @@ def _settled(problem: Problem, state: State, tell: Callable[[], None], rounds: i
         if round_ == 0:
             cleaned, spikes = _without_spikes(problem, state)
             problem = replace(problem, data=cleaned)
-        known = information(problem, state)
-        weights = _weights(problem, state, known)
-        scale = float(known.noise.spread[0] / known.noise.spread[-1]) ** 2
+        accuracy = information(problem, state)
+        weights = _weights(problem, state, accuracy)
+        scale = float(accuracy.noise.spread[0] / accuracy.noise.spread[-1]) ** 2
         settled = _same(problem.weights, weights, scale)
         if settled and weights.heading_lags.size:
             break
@@ -194,13 +189,13 @@ def _settled(problem: Problem, state: State, tell: Callable[[], None], rounds: i
             problem = replace(problem, weights=weights)
         if settled:
             break
-    covariance = known.covariance(problem.channel_weights())
-    return Fit(problem, state, refined.cost, covariance, known, spikes, evaluations, iterations, refined.converged)
+    covariance = accuracy.covariance(problem.channel_weights())
+    return Fit(problem, state, refined.cost, covariance, accuracy, spikes, evaluations, iterations, refined.converged)
 
 
 def _power(data: Data, channel: int) -> float:
     """Return the mean square of a channel, 1 without one."""
-    columns = [(one.heading_rad, one.yaw_rate_rad_s)[channel] for one in data.stretches]
+    columns = [(stretch.heading_rad, stretch.yaw_rate_rad_s)[channel] for stretch in data.stretches]
     total = sum(float(column @ column) for column in columns if column is not None)
     return max(total / data.rows, 1e-30) if columns[0] is not None else 1.0
 
@@ -235,12 +230,12 @@ def _without_spikes(problem: Problem, state: State) -> tuple[Data, int]:
     return replace(problem.data, stretches=tuple(stretches)), total
 
 
-def _weights(problem: Problem, state: State, known: Information) -> Weights:
-    one = problem.data.stretches[0]
-    if one.heading_rad is None:
-        return Weights(0.0, best_weights(known)[0], NO_LAGS)
-    if one.yaw_rate_rad_s is not None:
-        heading, rate = best_weights(known)
+def _weights(problem: Problem, state: State, accuracy: Information) -> Weights:
+    first = problem.data.stretches[0]
+    if first.heading_rad is None:
+        return Weights(0.0, best_weights(accuracy)[0], NO_LAGS)
+    if first.yaw_rate_rad_s is not None:
+        heading, rate = best_weights(accuracy)
         return Weights(heading, rate, NO_LAGS)
     # Alone, the heading is filtered so that its noise is white: efficient, and safe against drift,
     # which would otherwise add up over the whole log.
@@ -259,56 +254,7 @@ def _same(before: Weights, after: Weights, scale: float) -> bool:
     if before.heading_lags.size and np.max(np.abs(before.heading_lags - after.heading_lags)) > SETTLED:
         return False
     # Only how the channels share matters for the estimate.
-    shares = [one.heading * scale / max(one.heading * scale + one.yaw_rate, 1e-300) for one in (before, after)]
+    shares = [
+        weights.heading * scale / max(weights.heading * scale + weights.yaw_rate, 1e-300) for weights in (before, after)
+    ]
     return abs(shares[0] - shares[1]) <= SETTLED
-
-
-@dataclass(frozen=True, slots=True)
-class Estimates:
-    """Values of ln |K|, ln T, c = alpha r^2 and delta0 in scales, and the covariance of those that `free` names."""
-
-    values: Floats
-    free: tuple[int, ...]
-    covariance: Floats
-
-    def physical(self, scales: Scales, sign: float) -> tuple[float, float, float, float]:
-        """Return K [1/s], T [s], alpha [s^2], delta0 [rad]."""
-        ln_gain, ln_lag, cubic, offset = (float(value) for value in self.values)
-        return (
-            sign * math.exp(ln_gain),
-            math.exp(ln_lag),
-            cubic / scales.yaw_rate_rad_s**2,
-            scales.rudder_middle_rad + offset * scales.rudder_rad,
-        )
-
-
-def estimates_of(one: Fit) -> Estimates:
-    """Return what a fit itself says."""
-    return _natural(one.state.point.values, one.problem.free, one.covariance)
-
-
-def _natural(values: Floats, free: tuple[int, ...], covariance: Floats) -> Estimates:
-    natural, turn = to_natural(values, free)
-    return Estimates(natural, free, turn @ covariance @ turn.T)
-
-
-def allowing_for_cubic(linear: Fit) -> Estimates | None:
-    """Return K, T and delta0 as they are when alpha is not taken for zero but for unknown and small.
-
-    A linear fit to a boat with an alpha too small to show is off by more than its own standard
-    errors say, for the term acts like a smaller K. So alpha is put back, with what is believed
-    beforehand of its size, and everything moves by one Gauss-Newton step. None where that leads
-    too far for one step to be right: then so little is known that it makes no difference.
-    """
-    problem = replace(linear.problem, free=CUBIC)
-    known = information(problem, linear.state)
-    weights = problem.channel_weights()
-    normal = problem.normal(linear.state)
-    unit = (problem.scales.yaw_rate_rad_s / linear.typical_rate_rad_s()) ** 2
-    step, _ = known.step(normal, weights, CUBIC.index(2), LIKELY_CUBIC * unit)
-    _, covariance = known.step(normal, weights, CUBIC.index(2), POSSIBLE_CUBIC * unit)
-    values = linear.state.point.values.copy()
-    values[list(CUBIC)] += step
-    if not (np.all(np.isfinite(step)) and np.max(np.abs(step)) < LONGEST_ALLOWED):
-        return None
-    return _natural(values, CUBIC, covariance)

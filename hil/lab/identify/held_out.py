@@ -61,13 +61,13 @@ def errors_of(fit: Fit) -> Errors:
 def held_out(
     fit: Fit, recording: Recording, speed_m_s: float | None, *, scaled: bool, timing: Timing = Timing.RAMP
 ) -> HeldOut:
-    """Predict a recording from its rudder alone; only where she starts is taken from its beginning.
+    """Predict a recording from its rudder alone; only where the boat starts is taken from its beginning.
 
     The beginning is the first tenth, or three turning lags if they are longer.
     """
     data = timed(prepare((recording,), speed_m_s), timing)
     if not scaled:
-        ones = tuple(replace(one, speed_ratio=np.ones(one.time_s.size)) for one in data.stretches)
+        ones = tuple(replace(stretch, speed_ratio=np.ones(stretch.time_s.size)) for stretch in data.stretches)
         data = replace(data, stretches=ones)
     weights = _weights(fit)
     problem = replace(fit.problem, data=data, free=(), weights=weights)
@@ -89,26 +89,26 @@ def predictions(problem: Problem, state: State) -> tuple[Prediction, ...]:
 
 
 def _errors(problem: Problem, state: State, *, centred: bool) -> Errors:
-    found: Errors = {"heading": [], "yaw_rate": []}
-    for one in predictions(problem, state):
-        if one.stretch.heading_rad is not None:
-            error = one.stretch.heading_rad - one.heading_rad
-            found["heading"].append(error - error.mean() if centred else error)
-        if one.stretch.yaw_rate_rad_s is not None:
-            found["yaw_rate"].append(one.stretch.yaw_rate_rad_s - one.yaw_rate_rad_s)
-    return {name: pieces for name, pieces in found.items() if pieces}
+    errors: Errors = {"heading": [], "yaw_rate": []}
+    for prediction in predictions(problem, state):
+        if prediction.stretch.heading_rad is not None:
+            error = prediction.stretch.heading_rad - prediction.heading_rad
+            errors["heading"].append(error - error.mean() if centred else error)
+        if prediction.stretch.yaw_rate_rad_s is not None:
+            errors["yaw_rate"].append(prediction.stretch.yaw_rate_rad_s - prediction.yaw_rate_rad_s)
+    return {name: pieces for name, pieces in errors.items() if pieces}
 
 
 def _weights(fit: Fit) -> Weights:
     """Weigh the channels by the noise that the fit left, whatever it was fitted to."""
-    spread = dict(zip(_channels(fit.problem.data), fit.known.noise.spread.tolist(), strict=True))
+    spread = dict(zip(_channels(fit.problem.data), fit.accuracy.noise.spread.tolist(), strict=True))
     weight = {name: 1.0 / max(spread.get(name, 1.0), 1e-12) ** 2 for name in ("heading", "yaw_rate")}
     return Weights(weight["heading"], weight["yaw_rate"], NO_LAGS)
 
 
 def _channels(data: Data) -> list[str]:
-    one = data.stretches[0]
-    pairs = (("heading", one.heading_rad), ("yaw_rate", one.yaw_rate_rad_s))
+    first = data.stretches[0]
+    pairs = (("heading", first.heading_rad), ("yaw_rate", first.yaw_rate_rad_s))
     return [name for name, column in pairs if column is not None]
 
 

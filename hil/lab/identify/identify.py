@@ -11,7 +11,8 @@ import numpy as np
 from firmware_py.model.kt import KtModel
 from hil.errors import UsageError
 from hil.lab.compiled import compiling
-from hil.lab.identify.fit import CUBIC, LINEAR, Fit, Searched, allowing_for_cubic, estimates_of, fit, search
+from hil.lab.identify.estimates import allowing_for_cubic, estimates_of
+from hil.lab.identify.fit import CUBIC, LINEAR, Fit, Searched, fit, search
 from hil.lab.identify.held_out import HeldOut, errors_of, held_out
 from hil.lab.identify.noise import Whiteness, whiteness
 from hil.lab.identify.predict import Point
@@ -128,8 +129,11 @@ def identify(
         judgement,
         brought,
         HeldOut.of("train", errors),
-        tuple(held_out(found, one, data.speed_m_s, scaled=choice.scaled, timing=timing.timing) for one in validate),
-        {name: whiteness([one - one.mean() for one in pieces]) for name, pieces in errors.items()},
+        tuple(
+            held_out(found, recording, data.speed_m_s, scaled=choice.scaled, timing=timing.timing)
+            for recording in validate
+        ),
+        {name: whiteness([piece - piece.mean() for piece in pieces]) for name, pieces in errors.items()},
     )
 
 
@@ -191,7 +195,7 @@ def _gain(linear: Fit, cubic: Fit, enough: float) -> tuple[float, int]:
 
     Where it is clear beforehand that it is less than enough, what it is at most.
     """
-    shares = np.array(cubic.problem.channel_weights()) * cubic.known.noise.spread**2
+    shares = np.array(cubic.problem.channel_weights()) * cubic.accuracy.noise.spread**2
     readings = cubic.effective_rows * float(np.count_nonzero(shares > 0.01 * shares.max()))
     bent = refine(cubic.problem, cubic.state)
     # The linear model refined by these weights costs no more than as it is.
@@ -217,8 +221,8 @@ def _judged(found: Fit, model: str) -> Judgement:
     return judge(found, estimates, (0.0, spread / found.problem.scales.yaw_rate_rad_s**2))
 
 
-def _rows(one: Fit) -> str:
-    return f"{one.effective_rows:.0f} independent readings"
+def _rows(fitted: Fit) -> str:
+    return f"{fitted.effective_rows:.0f} independent readings"
 
 
 def _best_start(searched: Searched) -> Point:
@@ -232,22 +236,22 @@ def _best_start(searched: Searched) -> Point:
 
 
 def _unscaled(data: Data) -> Data:
-    stretches = tuple(replace(one, speed_ratio=np.ones(one.time_s.size)) for one in data.stretches)
+    stretches = tuple(replace(stretch, speed_ratio=np.ones(stretch.time_s.size)) for stretch in data.stretches)
     return replace(data, stretches=stretches)
 
 
 def _speed_varies(data: Data) -> bool:
-    ratio = np.concatenate([one.speed_ratio for one in data.stretches])
+    ratio = np.concatenate([stretch.speed_ratio for stretch in data.stretches])
     return float(np.std(ratio)) > SPEED_SPREAD
 
 
 def _check_motion(data: Data) -> None:
-    rudder = np.concatenate([one.rudder_rad for one in data.stretches])
+    rudder = np.concatenate([stretch.rudder_rad for stretch in data.stretches])
     low, high = float(np.min(rudder)), float(np.max(rudder))
     moving = [
         column
-        for one in data.stretches
-        for column in (one.heading_rad, one.yaw_rate_rad_s)
+        for stretch in data.stretches
+        for column in (stretch.heading_rad, stretch.yaw_rate_rad_s)
         if column is not None and float(np.ptp(column)) > 0.0
     ]
     if not moving:
@@ -262,4 +266,4 @@ def _check_motion(data: Data) -> None:
 
 
 def _names(data: Data) -> str:
-    return ", ".join(sorted({one.name for one in data.stretches}))
+    return ", ".join(sorted({stretch.name for stretch in data.stretches}))

@@ -146,21 +146,12 @@ def normal_equations(
 ) -> float:
     """Fill J'WJ and J'We of one stretch in one pass and return e'We, with the derivatives by one-sided differences.
 
-    Args:
-        step_s: as simulate takes it.
-        rudder_rad: as simulate takes it.
-        rudder_end_rad: as simulate takes it.
-        speed_ratio: as simulate takes it.
-        inner_steps: as simulate takes it.
-        candidates: (4, columns): the base, then each parameter up, then the initial yaw rate up; any
-            further columns are passed over.
-        first: (2, columns), heading and yaw rate at the start.
-        measured: (2, samples), heading and yaw rate.
-        weights: of heading and of yaw rate; 0 leaves a channel out.
-        taps: (past + 1, past + 1), the filters that make the heading's noise white, noise.whitening_taps.
-        difference: how far up is.
-        matrix: (n, n), n parameters: those of the candidates, the initial heading, the initial yaw rate.
-        vector: (n,).
+    step_s to inner_steps are as simulate takes them. candidates (4, columns): the base, then each
+    parameter up, by `difference`, then the initial yaw rate up; further columns are passed over.
+    first (2, columns) and measured (2, samples): heading and yaw rate, at the start and at each
+    sample. weights: of heading and of yaw rate; 0 leaves a channel out. taps (past + 1, past + 1):
+    the filters that make the heading's noise white, noise.whitening_taps. matrix (n, n) and
+    vector (n,): n parameters, those of the candidates, the initial heading, the initial yaw rate.
     """
     size, past = vector.size, taps.shape[0] - 1
     psi, r = first[0].copy(), first[1].copy()

@@ -110,7 +110,7 @@ def score_covariances(model: NoiseModel, sensitivities: Sequence[Floats]) -> NDA
     spectrum = model.spectrum(count)
     weight = np.full(count // 2 + 1, 2.0)  # a real FFT leaves the negative frequencies out
     weight[0] = weight[-1] = 1.0
-    turned = [np.fft.rfft(one, count, axis=0) for one in sensitivities]
+    turned = [np.fft.rfft(sensitivity, count, axis=0) for sensitivity in sensitivities]
     for a in range(channels):
         for b in range(channels):
             density = weight * spectrum[:, a, b] / count

@@ -116,17 +116,10 @@ def output_error(
     each stretch, and its mean out of a heading's error in each window, so that neither the
     start nor a slow drift weighs.
 
-    Args:
-        points: one candidate a row.
-        values: the result.
-        scales: sign of K, yaw rate and rudder scale, middle of the rudder, power of heading and of
-            yaw rate; a power of 0 leaves the channel out.
-        flags: of each sample, 2 where a stretch begins, 1 where a window begins, else 0.
-        step_s: of each sample, the interval that leads to it.
-        rudder_rad: of each sample, as the others.
-        speed_ratio: U / U0.
-        heading_rad: from the start of its window.
-        yaw_rate_rad_s: measured.
+    points (m, 4): one candidate a row; values (m,): the result. scales: sign of K, yaw rate and
+    rudder scale, middle of the rudder, power of heading and of yaw rate; a power of 0 leaves the
+    channel out. Of each sample: flags, 2 where a stretch begins, 1 where a window begins, else 0;
+    step_s, which leads to it; speed_ratio, U / U0; heading_rad, from the start of its window.
     """
     count = -(-points.shape[0] // LANES) * LANES
     full = np.zeros((count, 4))

@@ -17,7 +17,7 @@ from firmware_py.log.reader import LoggedTick, LogReader
 from hil.errors import UsageError
 from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
 
-SPEED_SMOOTHED_S = 60.0  # a fix's speed swings with the waves; what turns her is the mean
+SPEED_SMOOTHED_S = 60.0  # a fix's speed swings with the waves; what turns the boat is the mean
 PRESENT_SHARE = 0.95
 
 Pair = tuple[float, float]
@@ -79,10 +79,10 @@ def _gather(ticks: Iterable[LoggedTick]) -> _Gathered:
         if tick.checkpoint is not None:
             _take_linkage(got, tick.checkpoint)
         got.headings.extend(inputs.headings)
-        got.shaft.extend((one.t_s, one.shaft_rad) for one in inputs.rudder if one.shaft_rad is not None)
+        got.shaft.extend((rudder.t_s, rudder.shaft_rad) for rudder in inputs.rudder if rudder.shaft_rad is not None)
         got.command.append((inputs.tick.t_s, tick.command.shaft_rad))
         got.speed.extend(
-            (one.t_s, one.speed_over_ground_m_s) for one in inputs.positions if one.speed_over_ground_m_s is not None
+            (fix.t_s, fix.speed_over_ground_m_s) for fix in inputs.positions if fix.speed_over_ground_m_s is not None
         )
     return got
 
@@ -101,14 +101,14 @@ def _one_kind(samples: list[HeadingSample], notes: list[str]) -> list[HeadingSam
     """Keep the compass and the north that most headings are of, in order of time."""
     if not samples:
         return []
-    kinds: Counter[tuple[int, NorthReference]] = Counter((one.source, one.reference) for one in samples)
+    kinds: Counter[tuple[int, NorthReference]] = Counter((sample.source, sample.reference) for sample in samples)
     (source, reference), count = kinds.most_common(1)[0]
     if count < len(samples):
         notes.append(f"took the {reference.name.lower()} headings of compass {source}, left out {len(samples) - count}")
     kept: list[HeadingSample] = []
-    for one in samples:
-        if (one.source, one.reference) == (source, reference) and (not kept or one.t_s > kept[-1].t_s):
-            kept.append(one)
+    for sample in samples:
+        if (sample.source, sample.reference) == (source, reference) and (not kept or sample.t_s > kept[-1].t_s):
+            kept.append(sample)
     return kept
 
 

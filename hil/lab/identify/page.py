@@ -2,41 +2,30 @@
 
 from __future__ import annotations
 
-import base64
-from html import escape
-
 from hil.lab.identify.identify import Identification
-from hil.lab.identify.verdict import IDENTIFIABLE
+from hil.lab.identify.verdict import IDENTIFIABLE, Estimate
+from hil.report import page
+from hil.report.page import Cell
 
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #333b44; max-width: 1180px; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin-top: 2rem; } img { width: 100%; height: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { text-align: right; padding: .3rem .9rem; border-bottom: 1px solid #dde3e8; }
-th { color: #66717d; font-weight: 600; } td:first-child, td:last-child, th:last-child { text-align: left; }
-.good { color: #1d7a46; } .bad { color: #b3402f; } pre { white-space: pre-wrap; font-size: .85rem; }
-"""
 UNITS = {"K": "1/s", "T": "s", "alpha": "s²", "delta0": "rad"}
+COLUMNS = ("", "value", "standard error", "", Cell("verdict"), Cell("why"))
 
 
-def page(result: Identification, text: str, picture: bytes, title: str) -> str:
+def page_of(result: Identification, text: str, picture: bytes, title: str) -> str:
     """Return the page: the table, the picture, and the report as on the terminal."""
-    image = base64.b64encode(picture).decode("ascii")
-    rows = [
-        f"<tr><td>{name}</td><td>{one.value:.5g}</td><td>± {one.se:.2g}</td><td>{UNITS[name]}</td>"
-        f'<td class="{"good" if one.verdict == IDENTIFIABLE else "bad"}">{escape(one.verdict)}</td>'
-        f"<td>{escape(one.why)}</td></tr>"
-        for name, one in result.judgement.estimates.items()
-    ]
-    return "\n".join(
+    rows = [_row(name, estimate) for name, estimate in result.judgement.estimates.items()]
+    return page.page(
+        title,
         [
-            '<!doctype html><html lang="en"><head><meta charset="utf-8">',
-            f"<title>{escape(title)}</title><style>{STYLE}</style></head><body><h1>{escape(title)}</h1>",
-            "<table><tr><th></th><th>value</th><th>standard error</th><th></th><th>verdict</th><th>why</th></tr>",
-            *rows,
-            "</table>",
-            "<h2>Measured and predicted</h2>",
-            f'<img alt="heading, error, yaw rate and rudder" src="data:image/png;base64,{image}">',
-            f"<h2>Report</h2><pre>{escape(text)}</pre></body></html>\n",
-        ]
+            page.table([COLUMNS, *rows]),
+            page.heading("Measured and predicted"),
+            page.image(picture, "heading, error, yaw rate and rudder"),
+            page.heading("Report"),
+            page.verbatim(text),
+        ],
     )
+
+
+def _row(name: str, estimate: Estimate) -> tuple[str | Cell, ...]:
+    verdict = Cell(estimate.verdict, "words good" if estimate.verdict == IDENTIFIABLE else "words bad")
+    return (name, f"{estimate.value:.5g}", f"± {estimate.se:.2g}", UNITS[name], verdict, Cell(estimate.why))

@@ -24,7 +24,7 @@ CUBIC_TOLERANCE = 2e-4  # of the yaw rate, that the integration of the cubic ter
 class Scales:
     """What a yaw rate and a rudder angle of this data are like, so that parameters are near 1.
 
-    The largest rate bounds how negative alpha may be: where 3 alpha r^2 < -1 she spins up without end.
+    The largest rate bounds how negative alpha may be: where 3 alpha r^2 < -1 the boat spins up without end.
     """
 
     yaw_rate_rad_s: float
@@ -100,8 +100,8 @@ def trajectories(stretch: Stretch, candidates: Floats, starts: Sequence[Start], 
     """Return heading and yaw rate, (rows, candidates), of candidates (4, n)."""
     shape = (stretch.time_s.size, len(starts))
     heading, rate = np.empty(shape), np.empty(shape)
-    heading[0] = [one.heading_rad for one in starts]
-    rate[0] = [one.yaw_rate_rad_s for one in starts]
+    heading[0] = [start.heading_rad for start in starts]
+    rate[0] = [start.yaw_rate_rad_s for start in starts]
     simulate(
         stretch.step_s,
         stretch.rudder_rad,

@@ -98,14 +98,14 @@ class Problem:
         """Return the least and largest of all four coordinates."""
         lowest, highest = LOWEST.copy(), HIGHEST.copy()
         lowest[2] = -SPIN * min((self.scales.yaw_rate_rad_s / self.scales.largest_rate_rad_s) ** 2, 1.0)
-        duration_s = max(float(one.time_s[-1] - one.time_s[0]) for one in self.data.stretches)
+        duration_s = max(float(stretch.time_s[-1] - stretch.time_s[0]) for stretch in self.data.stretches)
         highest[1] = min(highest[1], math.log(LONGEST_LAG * duration_s))
         return lowest, highest
 
     def channel_weights(self) -> tuple[float, ...]:
         """Return the weights of the channels that the data has, heading first."""
-        one = self.data.stretches[0]
-        pairs = ((one.heading_rad, self.weights.heading), (one.yaw_rate_rad_s, self.weights.yaw_rate))
+        first = self.data.stretches[0]
+        pairs = ((first.heading_rad, self.weights.heading), (first.yaw_rate_rad_s, self.weights.yaw_rate))
         return tuple(weight for column, weight in pairs if column is not None)
 
     def _weights_of(self, stretch: Stretch) -> Floats:

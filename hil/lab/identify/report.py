@@ -26,12 +26,12 @@ def as_json(result: Identification, seconds: float, suggestion: Suggestion | Non
     estimates = result.judgement.estimates
     data: dict[str, Any] = {
         "model": result.choice.model,
-        **{name: _estimate(one) for name, one in estimates.items()},
+        **{name: _estimate(estimate) for name, estimate in estimates.items()},
         "K_over_T": _estimate(result.judgement.ratio),
         "speed_m_s": result.data.speed_m_s,
         "speed_scaled": result.choice.scaled,
         "train": _errors(result.train),
-        "validate": [{"file": one.file, **_errors(one)} for one in result.validate],
+        "validate": [{"file": part.file, **_errors(part)} for part in result.validate],
         "evaluations": result.evaluations,
         "seconds": seconds,
         "rows": result.data.rows,
@@ -39,8 +39,8 @@ def as_json(result: Identification, seconds: float, suggestion: Suggestion | Non
         "outliers": result.data.spikes + result.fit.spikes,
         "correlations": dict(result.judgement.correlations),
         "whiteness": {
-            name: {"lag_one": one.lag_one, "outside_band": one.outside, "white": one.white}
-            for name, one in result.whiteness.items()
+            name: {"lag_one": spectrum.lag_one, "outside_band": spectrum.outside, "white": spectrum.white}
+            for name, spectrum in result.whiteness.items()
         },
         "search": {
             "scan_misfit": result.brought.scan,
@@ -57,16 +57,16 @@ def as_json(result: Identification, seconds: float, suggestion: Suggestion | Non
     return json.dumps(data, indent=2, allow_nan=False) + "\n"
 
 
-def _estimate(one: Estimate) -> dict[str, Any]:
-    return {"value": one.value, "se": one.se, "verdict": one.verdict, "why": one.why}
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    return {"value": estimate.value, "se": estimate.se, "verdict": estimate.verdict, "why": estimate.why}
 
 
-def _errors(one: HeldOut) -> dict[str, float | None]:
+def _errors(part: HeldOut) -> dict[str, float | None]:
     return {
-        "yaw_rate_rmse_rad_s": one.yaw_rate_rmse_rad_s,
-        "heading_rmse_rad": one.heading_rmse_rad,
-        "heading_mean_rad": one.heading_mean_rad,
-        "heading_within_95_rad": one.heading_within_rad,
+        "yaw_rate_rmse_rad_s": part.yaw_rate_rmse_rad_s,
+        "heading_rmse_rad": part.heading_rmse_rad,
+        "heading_mean_rad": part.heading_mean_rad,
+        "heading_within_95_rad": part.heading_within_rad,
     }
 
 
@@ -90,7 +90,7 @@ def as_text(result: Identification, suggestion: Suggestion | None, *, angular: b
 
 def _header(result: Identification) -> list[str]:
     data = result.data
-    seconds = sum(float(one.time_s[-1] - one.time_s[0]) for one in data.stretches)
+    seconds = sum(float(stretch.time_s[-1] - stretch.time_s[0]) for stretch in data.stretches)
     spikes = data.spikes + result.fit.spikes
     outliers = f", {spikes} outliers replaced" if spikes else ""
     speed = "" if data.speed_m_s is None else f"; values hold at {data.speed_m_s:.3g} m/s"
@@ -99,11 +99,13 @@ def _header(result: Identification) -> list[str]:
 
 def _table(result: Identification, *, angular: bool) -> list[str]:
     rows = [("", "value", "+-", "", "verdict")]
-    for name, one in result.judgement.estimates.items():
-        value, se, unit = one.value, one.se, UNITS[name] if angular or name in ("T", "alpha") else ""
+    for name, estimate in result.judgement.estimates.items():
+        value, se, unit = estimate.value, estimate.se, UNITS[name] if angular or name in ("T", "alpha") else ""
         if name == "delta0" and angular:
             value, se, unit = degrees(value), degrees(se), "deg"
-        rows.append((name, f"{value:.5g}", f"{se:.2g}" if se < 1e9 else "unknown", unit, f"{one.verdict}; {one.why}"))
+        rows.append(
+            (name, f"{value:.5g}", f"{se:.2g}" if se < 1e9 else "unknown", unit, f"{estimate.verdict}; {estimate.why}")
+        )
     widths = [max(len(row[column]) for row in rows) for column in range(4)]
     return [
         "  ".join(
@@ -116,40 +118,44 @@ def _table(result: Identification, *, angular: bool) -> list[str]:
 def _whiteness(result: Identification) -> list[str]:
     names = {"heading": "heading", "yaw_rate": "yaw rate"}
     texts = [
-        f"{names[name]}: {'white' if one.white else 'coloured'} (correlation of neighbours {one.lag_one:+.2f})"
-        for name, one in result.whiteness.items()
+        f"{names[name]}: {'white' if colour.white else 'coloured'} (correlation of neighbours {colour.lag_one:+.2f})"
+        for name, colour in result.whiteness.items()
     ]
     weights = result.fit.problem.channel_weights()
-    power = (np.array(weights) * result.fit.known.noise.spread**2).tolist()
+    power = (np.array(weights) * result.fit.accuracy.noise.spread**2).tolist()
     named = zip(result.whiteness, power, strict=True)
-    shares = [f"{names[name]} {100.0 * one / sum(power):.0f} %" for name, one in named]
+    shares = [f"{names[name]} {100.0 * share / sum(power):.0f} %" for name, share in named]
     worth = f"worth {result.fit.effective_rows:.0f} independent rows, which the standard errors allow for"
     return [f"residuals: {'; '.join(texts)}; {worth}", f"weight in the fit: {', '.join(shares)}"]
 
 
 def _predictions(result: Identification) -> list[str]:
     lines = []
-    for one in (result.train, *result.validate):
+    for part in (result.train, *result.validate):
         parts = []
-        if one.yaw_rate_rmse_rad_s is not None:
-            parts.append(f"yaw rate rms {degrees(one.yaw_rate_rmse_rad_s):.4g} deg/s")
-        if one.heading_rmse_rad is not None and one.heading_mean_rad is not None and one.heading_within_rad is not None:
-            mean = "" if one is result.train else f"mean {degrees(one.heading_mean_rad):+.2g}, "
+        if part.yaw_rate_rmse_rad_s is not None:
+            parts.append(f"yaw rate rms {degrees(part.yaw_rate_rmse_rad_s):.4g} deg/s")
+        if (
+            part.heading_rmse_rad is not None
+            and part.heading_mean_rad is not None
+            and part.heading_within_rad is not None
+        ):
+            mean = "" if part is result.train else f"mean {degrees(part.heading_mean_rad):+.2g}, "
             parts.append(
-                f"heading {mean}rms {degrees(one.heading_rmse_rad):.3g}, "
-                f"95 % within {degrees(one.heading_within_rad):.3g} deg"
+                f"heading {mean}rms {degrees(part.heading_rmse_rad):.3g}, "
+                f"95 % within {degrees(part.heading_within_rad):.3g} deg"
             )
-        name = "errors on the training data" if one is result.train else f"prediction of {one.file}"
+        name = "errors on the training data" if part is result.train else f"prediction of {part.file}"
         lines.append(f"{name}: " + "; ".join(parts))
     return lines
 
 
 def _search(result: Identification) -> str:
-    one = result.brought
+    brought = result.brought
     steps = (
-        f"{one.scan:.3g} by the scan over T",
-        f"{one.swarm:.3g} by the fish swarm ({one.swarm_evaluations} evaluations)",
-        f"{one.refined:.3g} after refinement ({one.refine_evaluations} evaluations)",
+        f"{brought.scan:.3g} by the scan over T",
+        f"{brought.swarm:.3g} by the fish swarm ({brought.swarm_evaluations} evaluations)",
+        f"{brought.refined:.3g} after refinement ({brought.refine_evaluations} evaluations)",
     )
     return "search: share of the averaged motion left unexplained: " + ", ".join(steps)
 
@@ -176,7 +182,7 @@ def as_parameters(result: Identification, unit: str) -> str:
     if estimates["delta0"].verdict == IDENTIFIABLE and abs(trim_deg) <= LARGEST_TRIM_DEG:
         values["CTL_TRIM_DEG"] = trim_deg
     lines = [f"# Identified by rambler-hil identify, {result.choice.model} model."]
-    lines += [f"# {name}: {one.verdict}; {one.why}" for name, one in estimates.items()]
+    lines += [f"# {name}: {estimate.verdict}; {estimate.why}" for name, estimate in estimates.items()]
     if result.data.speed_m_s is None:
         lines.append("# The logs have no speed: set MDL_SPEED to what it was.")
     try:

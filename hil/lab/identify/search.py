@@ -76,7 +76,7 @@ class GlobalSearch(Protocol):
 
 
 def with_scale_of(record: Digest, box: Box) -> Digest:
-    """Return a record whose yaw rate scale is what she turns at, without the noise, by the box's guess."""
+    """Return a record whose yaw rate scale is what the boat turns at, without the noise, by the box's guess."""
     rows = record.flags.size
     heading, rate = np.zeros((rows, 1)), np.zeros((rows, 1))
     for part in record.parts():

@@ -100,12 +100,12 @@ class Data:
     @property
     def rows(self) -> int:
         """How many samples there are."""
-        return sum(one.time_s.size for one in self.stretches)
+        return sum(stretch.time_s.size for stretch in self.stretches)
 
     @property
     def spikes(self) -> int:
         """How many readings were replaced because they stood out of their neighbours."""
-        return sum(one.spikes for one in self.stretches)
+        return sum(stretch.spikes for stretch in self.stretches)
 
 
 def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None) -> Data:
@@ -113,14 +113,14 @@ def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None) -> 
 
     The channels are those that all recordings have.
     """
-    has_heading = all(one.heading_rad is not None for one in recordings)
-    has_rate = all(one.yaw_rate_rad_s is not None for one in recordings)
+    has_heading = all(recording.heading_rad is not None for recording in recordings)
+    has_rate = all(recording.yaw_rate_rad_s is not None for recording in recordings)
     if not has_heading and not has_rate:
         raise UsageError("some files have only a heading, others only a yaw rate; give files that share one of them")
-    notes = [f"{one.name}: {note}" for one in recordings for note in one.notes]
+    notes = [f"{recording.name}: {note}" for recording in recordings for note in recording.notes]
     if not (has_heading and has_rate) and len(recordings) > 1:
         notes.append(f"only the {'heading' if has_heading else 'yaw rate'} is used: not all files have both")
-    with_speed = all(one.speed_m_s is not None for one in recordings)
+    with_speed = all(recording.speed_m_s is not None for recording in recordings)
     mean_speed = _mean_speed(recordings) if with_speed else None
     reference = mean_speed if speed_m_s is None else speed_m_s
     stretches: list[Stretch] = []
@@ -141,7 +141,7 @@ def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None) -> 
 
 def timed(data: Data, timing: Timing) -> Data:
     """Return the data with the rudder's ramps from sample to sample taken for something else."""
-    return replace(data, stretches=tuple(one.timed(timing) for one in data.stretches))
+    return replace(data, stretches=tuple(stretch.timed(timing) for stretch in data.stretches))
 
 
 def thinned(data: Data, rows: int) -> Data:
@@ -149,7 +149,7 @@ def thinned(data: Data, rows: int) -> Data:
     every = data.rows // rows
     if every < 2:
         return data
-    return replace(data, stretches=tuple(_averaged(one, every) for one in data.stretches))
+    return replace(data, stretches=tuple(_averaged(stretch, every) for stretch in data.stretches))
 
 
 def _averaged(stretch: Stretch, every: int) -> Stretch:
@@ -171,7 +171,7 @@ def _averaged(stretch: Stretch, every: int) -> Stretch:
 
 
 def _mean_speed(recordings: Sequence[Recording]) -> float | None:
-    speeds = np.concatenate([one.speed_m_s for one in recordings if one.speed_m_s is not None])
+    speeds = np.concatenate([recording.speed_m_s for recording in recordings if recording.speed_m_s is not None])
     mean = float(np.mean(np.abs(speeds)))
     return mean if mean > 1e-3 else None
 

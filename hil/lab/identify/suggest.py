@@ -47,7 +47,7 @@ def suggest(fit: Fit, judgement: Judgement, *, angular: bool = True) -> Suggesti
             "minutes; if that tells nothing either, check that the rudder column is what moves her",
             None,
         )
-    rudder = np.concatenate([one.rudder_rad for one in fit.problem.data.stretches])
+    rudder = np.concatenate([stretch.rudder_rad for stretch in fit.problem.data.stretches])
     largest = float(np.max(np.abs(rudder)))
     angle = max(largest, CIRCLE_RAD) if angular else largest
     shown = f"rudder {degrees(angle):.0f} deg" if angular else f"command {angle:.3g}"
@@ -95,7 +95,7 @@ def _circles(fit: Fit, seconds: float, angle: float) -> tuple[Floats, Floats]:
 
 
 def _times(fit: Fit, seconds: float) -> Floats:
-    usual_s = float(np.median(np.concatenate([one.step_s for one in fit.problem.data.stretches])))
+    usual_s = float(np.median(np.concatenate([stretch.step_s for stretch in fit.problem.data.stretches])))
     rows = int(min(max(seconds / usual_s, 10.0), MOST_ROWS))
     return np.linspace(0.0, seconds, rows)
 
@@ -133,7 +133,7 @@ def _expected(fit: Fit, manoeuvre: tuple[Floats, Floats]) -> Floats:
     # Where the manoeuvre is thinned out each of its rows stands for several of the log.
     share = float(time_s[1] - time_s[0]) / usual_s
     own = share * np.array([by.T @ by for by in linear.slopes])
-    mixed = share * score_covariances(fit.known.noise, linear.slopes)
-    known = Information(own, mixed, len(CUBIC), fit.known.noise, rows)
+    mixed = share * score_covariances(fit.accuracy.noise, linear.slopes)
+    known = Information(own, mixed, len(CUBIC), fit.accuracy.noise, rows)
     spread = np.sqrt(np.maximum(np.diag(known.covariance(fit.problem.channel_weights())), 0.0))
     return np.array([spread[0], spread[1], spread[2] / values[2]])

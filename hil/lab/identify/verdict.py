@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.lab.identify.fit import Estimates, Fit
+from hil.lab.identify.estimates import Estimates
+from hil.lab.identify.fit import Fit
 from hil.lab.identify.recording import Floats
 
 IDENTIFIABLE = "identifiable"
@@ -111,18 +112,18 @@ def _alpha(fit: Fit, value: float, se: float, *, explained: bool) -> Estimate:
     rate = fit.typical_rate_rad_s()
     share = abs(value) * rate**2
     bound = (max(value, 0.0) + 1.96 * se) * rate**2
-    seen = f"at the yaw rates of this log ({math.degrees(rate):.2g} deg/s) its term is"
+    where = f"at the yaw rates of this log ({math.degrees(rate):.2g} deg/s) its term is"
     if explained and value > CERTAIN * se:
-        return Estimate(value, _finite(se), IDENTIFIABLE, f"{seen} {_percent(share)} of the yaw rate, and shows")
+        return Estimate(value, _finite(se), IDENTIFIABLE, f"{where} {_percent(share)} of the yaw rate, and shows")
     if explained and value > 2.0 * se:
-        why = f"{seen} {_percent(share)} of the yaw rate, but alpha is known to {_percent(se / value)} only"
+        why = f"{where} {_percent(share)} of the yaw rate, but alpha is known to {_percent(se / value)} only"
     else:
-        why = f"{seen} at most {_percent(bound)} of the yaw rate; zero is as likely"
+        why = f"{where} at most {_percent(bound)} of the yaw rate; zero is as likely"
     return Estimate(value, _finite(se), NOT_IDENTIFIABLE, why)
 
 
 def _offset(fit: Fit, value: float, se: float, *, explained: bool) -> Estimate:
-    rudder = np.concatenate([one.rudder_rad for one in fit.problem.data.stretches])
+    rudder = np.concatenate([stretch.rudder_rad for stretch in fit.problem.data.stretches])
     spread = float(np.std(rudder))
     if explained and se <= LOOSE_OFFSET * spread:
         why = f"known to {_percent(se / max(spread, 1e-300))} of the rudder's spread"

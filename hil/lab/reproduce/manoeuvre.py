@@ -49,7 +49,7 @@ class Manoeuvre:
 
 
 def zigzag(rudder_rad: float, turn_rad: float) -> Steer:
-    """Return a helmsman who puts the rudder over each time she has turned this far to either side."""
+    """Return a helmsman who puts the rudder over each time the boat has turned this far to either side."""
     side = 1.0
 
     def steer(_time_s: float, heading_rad: float) -> float:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Iterable, Sequence
-from html import escape
+from collections.abc import Sequence
 from pathlib import Path
 
-from hil.lab.tune import pictures
+from hil.lab.tune import picture
 from hil.lab.tune.report import Report, case_rows, choice_lines, parameter_file, study_line
-from hil.report.page import STYLE
+from hil.report import page
 
 NOTE = (
     "Error is ITAE, the absolute heading error weighted by the time since the goal was given, in each case by that "
@@ -22,34 +20,30 @@ NOTE = (
 
 def write(report: Report, path: Path) -> tuple[Path, Path]:
     """Write the picture and the page beside each other; return the paths of both."""
-    picture, page = path.with_suffix(".png"), path.with_suffix(".html")
-    pictures.draw(report, picture)
-    page.write_text(_page(report, picture.read_bytes()), encoding="utf-8")
-    return picture, page
+    png, html = path.with_suffix(".png"), path.with_suffix(".html")
+    picture.draw(report, png)
+    html.write_text(_page(report, png.read_bytes()), encoding="utf-8")
+    return png, html
 
 
-def _page(report: Report, picture: bytes) -> str:
-    image = base64.b64encode(picture).decode("ascii")
-    title = escape(f"Tuning of {report.vehicle}")
+def _page(report: Report, png: bytes) -> str:
     lines = [*map(study_line, report.studies), *choice_lines(report)]
-    parts = [
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>',
-        f"<style>{STYLE}</style></head><body><h1>{title}</h1>",
-        (
-            f'<p class="lead">{report.tuned.evaluations} settings in {len(report.trials.cases)} trial runs each, '
-            f"seed {report.seed}</p>"
-        ),
-        f'<img alt="ITAE planes, front, headings and rudders" src="data:image/png;base64,{image}">',
-        "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>",
-        "<h2>The paper's gains (left) and the chosen setting (right)</h2>",
-        _table(case_rows(report)),
-        f'<p class="note">{escape(NOTE)}</p>',
-        f"<h2>Parameters</h2><pre>{escape(parameter_file(report))}</pre>",
-        "<h2>The front</h2>",
-        _table(_front_rows(report)),
-        "</body></html>\n",
-    ]
-    return "\n".join(parts)
+    settings, cases = report.tuned.evaluations, len(report.trials.cases)
+    return page.page(
+        f"Tuning of {report.vehicle}",
+        [
+            page.paragraph(f"{settings} settings in {cases} trial runs each, seed {report.seed}", "lead"),
+            page.image(png, "ITAE planes, front, headings and rudders"),
+            page.bullets(lines),
+            page.heading("The paper's gains (left) and the chosen setting (right)"),
+            page.table(case_rows(report)),
+            page.paragraph(NOTE, "note"),
+            page.heading("Parameters"),
+            page.verbatim(parameter_file(report)),
+            page.heading("The front"),
+            page.table(_front_rows(report)),
+        ],
+    )
 
 
 def _front_rows(report: Report) -> list[Sequence[str]]:
@@ -68,11 +62,3 @@ def _front_rows(report: Report) -> list[Sequence[str]]:
             )
         )
     return rows
-
-
-def _table(rows: Iterable[Sequence[str]]) -> str:
-    lines = []
-    for number, row in enumerate(rows):
-        tag = "th" if number == 0 else "td"
-        lines.append("<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in row) + "</tr>")
-    return "<table>" + "\n".join(lines) + "</table>"

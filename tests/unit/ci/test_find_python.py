@@ -4,6 +4,7 @@ import os
 import subprocess
 
 import pytest
+
 from support.paths import ROOT
 
 FIND = ROOT / ".ci" / "find_python"

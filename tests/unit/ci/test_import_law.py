@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+
 from support.paths import ROOT
 
 CALL = "import sys; from importlinter.cli import lint_imports_command; sys.exit(lint_imports_command())"

@@ -8,9 +8,9 @@ import re
 from functools import cache
 
 import pytest
-from support.paths import ROOT
 
 from firmware_py.common.parameter_table import TABLE
+from support.paths import ROOT
 
 DOCS = sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
 FRONT = [ROOT / "README.md", ROOT / "CONTRIBUTING.md"]

@@ -5,6 +5,7 @@ import json
 import sys
 
 import pytest
+
 from support.paths import ROOT
 
 SOURCE = {"when": "2026-01-02", "commit": "abc1234", "machine": "a machine", "command": "a command"}

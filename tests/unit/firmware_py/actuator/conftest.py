@@ -1,4 +1,4 @@
-"""Small stand-ins for a line and for the two servos, written from the makers' pages and not from the drivers."""
+"""Small stand-ins for the two servos, written from the makers' pages and not from the drivers."""
 
 import math
 import struct
@@ -6,6 +6,7 @@ import struct
 import pytest
 
 from firmware_py.common.records import RudderCommand
+from support.line import FakeLine
 
 VOLZ_REPLIES = {0xDC: 0x2C, 0xB0: 0x30, 0xB1: 0x31, 0xC0: 0x10}
 INSTRUCTION_HEADER = bytes.fromhex("FFFFFD00")
@@ -39,51 +40,6 @@ def status_frame(device_id, error, parameters=b""):
 def volz_frame(code, device_id, first, second):
     head = bytes((code, device_id, first, second))
     return head + struct.pack(">H", crc_by_hand(head, 0xFFFF))
-
-
-class FakeLine:
-    """A ByteLine with a servo at its end."""
-
-    def __init__(self, servo=None, name="/dev/rudder"):
-        self.servo = servo
-        self.name = name
-        self.openings = 1
-        self.connected = True
-        self.full = False
-        self.echo = False
-        self.noise = b""
-        self.inbox = bytearray()
-        self.written = []
-        self.lose_replies = 0
-
-    def fileno(self):
-        return 7 if self.connected else -1
-
-    def read(self):
-        taken = bytes(self.inbox[:4096])
-        del self.inbox[:4096]
-        return taken
-
-    def write(self, data):
-        if not self.connected or self.full:
-            return False
-        self.written.append(data)
-        if self.echo:
-            self.inbox += data
-        reply = self.servo.handle(data) if self.servo is not None else b""
-        if reply and self.lose_replies > 0:
-            self.lose_replies -= 1
-            reply = b""
-        self.inbox += self.noise + reply
-        return True
-
-    def unplug(self):
-        self.connected = False
-        self.inbox.clear()
-
-    def plug_in(self):
-        self.connected = True
-        self.openings += 1
 
 
 class FakeDynamixel:

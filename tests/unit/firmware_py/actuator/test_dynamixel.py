@@ -249,7 +249,7 @@ def test_cable_out_and_back(sail, servo, line):
     assert sail.rudder.fileno() == -1
     sail.ticks(3)
     assert sail.health().state is DeviceState.ABSENT
-    line.plug_in()
+    line.plug()
     servo.powered = False
     sail.ticks(8)
     assert sail.health().state is DeviceState.STARTING  # it has not answered on this opening

@@ -54,7 +54,7 @@ def test_reopening_forgets_what_waited(bus, line):
     bus.ask(b"?", "question", 0.0)
     assert not bus.notice_reopening()
     line.unplug()
-    line.plug_in()
+    line.plug()
     assert bus.notice_reopening()
     assert bus.outstanding is None
     assert not bus.notice_reopening()

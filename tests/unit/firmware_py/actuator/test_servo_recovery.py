@@ -34,7 +34,7 @@ class Trouble:
         elif name == "unplug":
             line.unplug()
         elif name == "plug in" and not line.connected:
-            line.plug_in()
+            line.plug()
         elif name == "noise":
             line.noise = bytes((0xFF, 0xFF, 0xFD, 0, 1, number, 0, 0x55))[: number + 1]
         elif name == "full":

@@ -104,7 +104,7 @@ def test_cable_out_and_back(sail, servo, line):
     line.unplug()
     sail.ticks(2)
     assert sail.health().state is DeviceState.ABSENT
-    line.plug_in()
+    line.plug()
     servo.powered = False
     sail.ticks(8)
     assert sail.health().state is DeviceState.STARTING

@@ -6,10 +6,10 @@ import pty
 import socket
 
 import pytest
-from support.paths import ROOT
 
 from firmware_py.__main__ import COMMANDS, main
 from firmware_py.common.parameter_table import TABLE
+from support.paths import ROOT
 
 VEHICLE = """
 [compass]

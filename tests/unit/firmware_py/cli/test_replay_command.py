@@ -3,7 +3,6 @@
 import json
 
 import pytest
-from support.paths import REPLAY
 
 from firmware_py.__main__ import main
 from firmware_py.cli import replay as command
@@ -11,6 +10,7 @@ from firmware_py.common.records import Tick
 from firmware_py.core import state_codec
 from firmware_py.log import schema
 from firmware_py.log.dataflash import Parser
+from support.paths import REPLAY
 
 LOG = REPLAY / "first_layout" / "mid_run_checkpoint.BIN"
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from enum import IntEnum
 
 import pytest
-from support.paths import REPLAY
 
 from firmware_py.assemble import resume
 from firmware_py.common.json_codec import Codec
@@ -26,6 +25,7 @@ from firmware_py.log.reader import read_log
 from firmware_py.safety.failsafe import FailsafeState
 from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, load_parameters, load_plans
 from firmware_py.system.store import Store, stored_content
+from support.paths import REPLAY
 
 DATA = REPLAY / "first_layout"
 UTC_S = 1767225600.0

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from support.paths import DATA
 
 from firmware_py.common.angles import radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
@@ -24,6 +23,7 @@ from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
 from hil.ship.drift import RudderDrift
 from hil.ship.noise import NormalNumbers
 from hil.ship.waves import WaveYaw
+from support.paths import DATA
 
 SETTINGS = WaveFilterSettings.of(ParameterSet())
 

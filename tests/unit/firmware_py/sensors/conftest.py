@@ -1,45 +1,12 @@
-"""A line in memory, a checksum made by hand, and the real recordings."""
+"""A line, a checksum made by hand, and the real recordings."""
 
 import math
 import struct
 
 import pytest
+
+from support.line import FakeLine
 from support.paths import DATA
-
-
-class FakeLine:
-    """A ByteLine whose far end is the test."""
-
-    def __init__(self, name="/dev/sensor"):
-        self.name = name
-        self.openings = 1
-        self.connected = True
-        self.inbox = bytearray()
-        self.written = []
-        self.full = False
-
-    def fileno(self):
-        return 7 if self.connected else -1
-
-    def read(self):
-        if not self.connected:
-            return b""
-        data = bytes(self.inbox[:4096])
-        del self.inbox[:4096]
-        return data
-
-    def write(self, data):
-        if self.full or not self.connected:
-            return False
-        self.written.append(bytes(data))
-        return True
-
-    def unplug(self):
-        self.connected = False
-
-    def plug(self):
-        self.connected = True
-        self.openings += 1
 
 
 @pytest.fixture

@@ -5,10 +5,10 @@ import math
 import re
 
 import pytest
-from support.paths import DATA
 
 from firmware_py.devices import CAPTURE_FORMATS, decode
 from firmware_py.sensors.decode import format_text
+from support.paths import DATA
 
 NMEA_FILES = sorted(path.name for path in (DATA / "nmea").glob("*.*")) or ["tests/data/nmea is not here"]
 METRES_PER_SECOND = {"N": 1852 / 3600, "K": 1 / 3.6, "M": 1.0}

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from firmware_py.common.angles import radians
-from hil.report import page, summary
+from hil.report import run_page, summary
 from hil.report.text import figures_text
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
@@ -57,7 +57,7 @@ def test_the_summary_has_what_others_read(run):
 
 def test_the_page_stands_alone_and_shows_the_figures(run):
     found = summary.summarise(run)
-    path = page.write(run, found, run.options.out)
+    path = run_page.write(run, found, run.options.out)
     text = path.read_text(encoding="utf-8")
     assert (run.options.out / "run.png").read_bytes().startswith(b"\x89PNG")
     assert "data:image/png;base64," in text
@@ -82,5 +82,5 @@ def test_a_run_without_a_row_of_goals_still_makes_a_page(tmp_path):
     found = summary.summarise(replace(run, wall_s=0.5))
     assert found["goals"] == []
     assert found["rudder_travel_deg_per_h"] is None
-    assert page.write(run, found, tmp_path).exists()
+    assert run_page.write(run, found, tmp_path).exists()
     assert math.isnan(run.speed_ratio)

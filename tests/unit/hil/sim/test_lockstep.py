@@ -94,7 +94,7 @@ def serve_all(server, autopilot):
 
 def test_time_moves_to_the_deadline_or_to_the_first_bytes_and_no_further(tmp_path):
     with make_board(tmp_path, a=Beacon(0.25), b=Beacon()) as board:
-        ports = board.ports()
+        ports = board.paths()
         script = [(0.125, {}), (1.0, {0: b"ping"}), (0.375, {}), (1.0, {})]
         autopilot = Autopilot(tmp_path / "clock", [ports["b"], ports["a"]], script)
         serve_all(LockstepServer(tmp_path / "clock", board, Pacer(math.inf)), autopilot)
@@ -112,7 +112,7 @@ def test_bytes_written_reach_the_device_at_the_time_they_were_written(tmp_path):
     beacon = Beacon()
     with make_board(tmp_path, a=beacon) as board:
         script = [(0.1, {}), (0.5, {0: b"one"}), (0.5, {}), (0.5, {0: b"two"}), (0.5, {})]
-        autopilot = Autopilot(tmp_path / "clock", [board.ports()["a"]], script)
+        autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], script)
         serve_all(LockstepServer(tmp_path / "clock", board, Pacer(math.inf)), autopilot)
         assert beacon.heard == [(0.1, b"one"), (0.5, b"two")]
         assert [data for _, (data,) in autopilot.seen] == [b"", b"ONE", b"", b"", b""]
@@ -120,7 +120,7 @@ def test_bytes_written_reach_the_device_at_the_time_they_were_written(tmp_path):
 
 def test_the_world_stops_at_the_limit(tmp_path):
     with make_board(tmp_path, a=Beacon()) as board:
-        autopilot = Autopilot(tmp_path / "clock", [board.ports()["a"]], [(5.0, {})])
+        autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], [(5.0, {})])
         with LockstepServer(tmp_path / "clock", board, Pacer(math.inf)) as server:
             autopilot.start()
             server.accept(lambda: True, 0.0)
@@ -131,7 +131,7 @@ def test_the_world_stops_at_the_limit(tmp_path):
 
 def test_a_line_that_is_not_ours_is_an_error(tmp_path):
     with make_board(tmp_path, a=Beacon()) as board:
-        strange = os.ttyname(board.stations[0].line._slave)  # the line by another name
+        strange = os.ttyname(board.ports[0].line._slave)  # the line by another name
         with LockstepServer(tmp_path / "clock", board, Pacer(math.inf)) as server:
             autopilot = Autopilot(tmp_path / "clock", [strange], [])
             autopilot.start()
@@ -142,7 +142,7 @@ def test_a_line_that_is_not_ours_is_an_error(tmp_path):
 
 def test_another_protocol_is_an_error(tmp_path):
     with make_board(tmp_path, a=Beacon()) as board:
-        autopilot = Autopilot(tmp_path / "clock", [board.ports()["a"]], [], protocol=2)
+        autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], [], protocol=2)
         with LockstepServer(tmp_path / "clock", board, Pacer(math.inf)) as server:
             autopilot.start()
             with pytest.raises(LockstepError, match="protocol 2"):
@@ -171,7 +171,7 @@ def test_a_packet_that_is_none_is_an_error(tmp_path, packet, text):
         socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as link,
     ):
         link.connect(str(tmp_path / "clock"))
-        link.sendall(json.dumps({"protocol": 1, "lines": [board.ports()["a"]]}).encode())
+        link.sendall(json.dumps({"protocol": 1, "lines": [board.paths()["a"]]}).encode())
         server.accept(lambda: True, 0.0)
         link.sendall(packet)
         with pytest.raises(LockstepError, match=text):

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from hil.sim import process as module
-from hil.sim.process import Firmware
+from hil.sim.process import AutopilotProcess
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def script(tmp_path, monkeypatch):
 
 def test_last_words_and_exit_code_of_one_that_dies(script):
     log = script("import sys\nprint('one')\nprint('no compass', file=sys.stderr)\nsys.exit(3)")
-    with Firmware([], log) as process:
+    with AutopilotProcess([], log) as process:
         assert process.wait(10.0)
         assert process.exit_code() == 3
         assert not process.running()
@@ -37,7 +37,7 @@ def test_nothing_is_left_behind_even_when_it_will_not_go(script, monkeypatch):
     log = script(
         "import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\nprint('up', flush=True)\ntime.sleep(60)"
     )
-    with Firmware([], log) as process:
+    with AutopilotProcess([], log) as process:
         while not process.last_words():
             assert process.running()
         process.terminate()

@@ -70,7 +70,7 @@ def test_bytes_reach_the_device(tmp_path):
     ticker.due_s = math.inf
     with Board(World(scenarios.named("calm"), 1), {"a": ticker}, tmp_path, PtyLine.write) as board:
         server = RealTimeServer(board)
-        port = os.open(board.ports()["a"], os.O_RDWR | os.O_NOCTTY)
+        port = os.open(board.paths()["a"], os.O_RDWR | os.O_NOCTTY)
         try:
             os.write(port, b"hello")
             server.serve(5.0)

@@ -4,12 +4,12 @@ import json
 import lzma
 
 import pytest
-from support.paths import DATA
 
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.parameters.metadata import Metadata, parameter_json
 from firmware_py.link.telemetry.identity import Version
+from support.paths import DATA
 
 DEFINITIONS = DATA / "mavlink" / "definitions"
 

@@ -5,9 +5,9 @@ import subprocess
 import sys
 
 import pytest
-from support.paths import DATA
 
 from firmware_py.link.wire.dialect import ADDITIONS, Codec, mavlink, stamp, text_of
+from support.paths import DATA
 
 DEFINITIONS = DATA / "mavlink" / "definitions"
 

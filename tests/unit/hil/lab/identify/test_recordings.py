@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
-from support.paths import DATA
 
 from hil.lab.identify import report
 from hil.lab.identify.identify import identify
 from hil.lab.identify.manoeuvre_file import read
 from hil.lab.identify.recording import Source
 from hil.lab.identify.suggest import suggest
+from support.paths import DATA
 
 FOLDER = DATA / "manoeuvre"
 LONG, SHORT = "yacht_avnav_20160815.csv", "yacht_gpsd_bundg_zeus.csv"

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.paths import ROOT
 
 from hil.lab.compiled import compiled
 from hil.lab.swarm import CompiledObjective, SettingsError, SwarmSettings, minimise
+from support.paths import ROOT
 
 QUICK = SwarmSettings(fish=8, iterations=12, tries=3, seed=5)
 LOW, HIGH = (-2.0, 0.0, 10.0), (3.0, 1e-3, 1e4)

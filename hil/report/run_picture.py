@@ -7,31 +7,37 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from firmware_py.common.angles import DEGREES_PER_RADIAN
 from hil.report.figures import STEADY_AFTER_S, goal_figures, goal_spans
+from hil.report.style import (
+    BAND,
+    COMMAND,
+    COMPASS,
+    GOAL,
+    GRID,
+    HULL,
+    INK,
+    add_headroom,
+    add_legend,
+    finish,
+    name_panel,
+    new_figure,
+)
 from hil.sim.truth import Truth
 
-HULL, COMPASS, GOAL, COMMAND, BAND = "#0b4f8a", "#9cc4e4", "#d1495b", "#e8a33d", "#e9f5ec"
-INK, GRID = "#333b44", "#dde3e8"
 SIZE_INCHES = (13.0, 8.4)
-DOTS_PER_INCH = 120
 TABLE_ROWS = 4
 
 
 def draw(truth: Truth, title: str, path: Path) -> None:
     """Write the picture as a PNG file."""
-    figure = Figure(figsize=SIZE_INCHES, dpi=DOTS_PER_INCH, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold", color=INK)
-    columns: Any = figure.subfigures(1, 2, width_ratios=(2.2, 1.0))
-    left, right = columns
+    figure = new_figure(title, *SIZE_INCHES)
+    left, right = figure.subfigures(1, 2, width_ratios=(2.2, 1.0))
     _panels(left, truth)
     track, table = right.subplots(2, 1, height_ratios=(4.0, 1.0))
     _track(track, truth)
-    _finish(track)
+    finish(track)
     _table(table, truth)
     figure.savefig(path)
 
@@ -40,7 +46,7 @@ def _panels(figure: Any, truth: Truth) -> None:
     columns = figure.subplots(len(PANELS), 1, sharex=True, height_ratios=(1.5, 1.0, 0.8, 1.0))
     for axes, panel in zip(columns, PANELS, strict=True):
         panel(axes, truth)
-        _finish(axes)
+        finish(axes)
     columns[-1].set_xlim(float(truth.time_s[0]), max(float(truth.time_s[-1]), 1.0))
     columns[-1].set_xlabel("time, s")
 
@@ -52,8 +58,8 @@ def _heading(axes: Any, truth: Truth) -> None:
     axes.plot(truth.time_s, truth.heading_low_rad * degrees, color=HULL, lw=1.6, label="hull")
     axes.plot(truth.time_s, truth.goal_rad * degrees, color=GOAL, lw=1.2, ls="--", label="goal")
     axes.set_ylabel("heading, deg")
-    axes.legend(loc="upper right", ncols=3, frameon=False, fontsize=8)
-    _headroom(axes)
+    add_legend(axes, 3)
+    add_headroom(axes)
 
 
 def _error(axes: Any, truth: Truth) -> None:
@@ -67,7 +73,7 @@ def _error(axes: Any, truth: Truth) -> None:
     reach_deg = max(6.0, 1.5 * widest)
     axes.set_ylim(-reach_deg, reach_deg)
     axes.set_ylabel("error, deg")
-    axes.legend(loc="upper right", frameon=False, fontsize=8)
+    add_legend(axes)
 
 
 def _yaw_rate(axes: Any, truth: Truth) -> None:
@@ -81,8 +87,8 @@ def _rudder(axes: Any, truth: Truth) -> None:
     axes.plot(truth.time_s, truth.rudder_command_rad * DEGREES_PER_RADIAN, color=COMMAND, lw=1.8, label="commanded")
     axes.plot(truth.time_s, truth.rudder_rad * DEGREES_PER_RADIAN, color=HULL, lw=0.8, label="angle")
     axes.set_ylabel("rudder, deg")
-    axes.legend(loc="upper right", ncols=2, frameon=False, fontsize=8)
-    _headroom(axes)
+    add_legend(axes, 2)
+    add_headroom(axes)
 
 
 def _track(axes: Any, truth: Truth) -> None:
@@ -107,9 +113,7 @@ def _track(axes: Any, truth: Truth) -> None:
         )
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.15)
-    axes.set_title("track over the ground", fontsize=10, color=INK, loc="left")
-    axes.set_xlabel("east, m")
-    axes.set_ylabel("north, m")
+    name_panel(axes, "track over the ground", x="east, m", y="north, m")
 
 
 def _table(axes: Any, truth: Truth) -> None:
@@ -135,20 +139,3 @@ def _table(axes: Any, truth: Truth) -> None:
 
 
 PANELS: tuple[Callable[[Any, Truth], None], ...] = (_heading, _error, _yaw_rate, _rudder)
-
-
-def _headroom(axes: Any) -> None:
-    """Leave room above the lines for the legend."""
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high + 0.22 * (high - low))
-
-
-def _finish(axes: Any) -> None:
-    axes.grid(visible=True, color=GRID, lw=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(colors=INK, labelsize=8)
-    axes.xaxis.label.set_color(INK)
-    axes.yaxis.label.set_color(INK)
-    for name, spine in axes.spines.items():
-        spine.set_visible(name in ("left", "bottom"))
-        spine.set_color(GRID)

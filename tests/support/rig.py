@@ -4,12 +4,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from firmware_py.common.angles import TWO_PI, radians
 from firmware_py.common.intents import Arm, Request, SetMode
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.records import (
     FixType,
     HeadingSample,
@@ -32,9 +30,8 @@ from hil.ship.planar import PlanarMotion
 from hil.ship.scenarios import Scenario, named
 from hil.ship.tide import Tide
 from hil.ship.waves import WaveYaw
+from support.plans import placed
 
-EARTH_M = 6371008.8
-START_RAD = (radians(36.0), radians(121.0))
 UTC_S = 1_767_225_600.0
 STEP_S = 0.1
 SLEW_RAD_S = radians(30.0)
@@ -192,43 +189,11 @@ class Sailing:
         return [t_s for t_s, event in self.events if text in event]
 
 
-def placed(north_m, east_m):
-    """Latitude and longitude of a place north and east of the start."""
-    latitude_rad = START_RAD[0] + north_m / EARTH_M
-    return latitude_rad, START_RAD[1] + east_m / (EARTH_M * math.cos(START_RAD[0]))
+def sea(name="calm", **changes):
+    """A sea of the table, changed."""
+    return replace(named(name), **changes)
 
 
-def item(command, north_m=None, east_m=None, *params, autocontinue=True):
-    """A mission item, at metres from the start."""
-    x = y = 0
-    if north_m is not None:
-        x, y = (round(math.degrees(angle) * 1e7) for angle in placed(north_m, east_m))
-    filled = (*map(float, params), 0.0, 0.0, 0.0, 0.0)[:4]
-    return PlanItem(command, 3, autocontinue, filled, x, y)
-
-
-def mission(*items):
-    return Plans(mission=Plan.of(PlanKind.MISSION, items))
-
-
-class Yard:
-    """What the tests build boats with."""
-
-    Sailing = Sailing
-    FineHull = FineHull
-    item = staticmethod(item)
-    mission = staticmethod(mission)
-    placed = staticmethod(placed)
-
-    @staticmethod
-    def sea(name="calm", **changes):
-        return replace(named(name), **changes)
-
-    @staticmethod
-    def scenario(speed_m_s, current_m_s=0.0, toward_deg=90.0, wave_s=6.0, wave_deg=4.0, bias_deg=5.0, **more):
-        return Scenario("made", "", speed_m_s, wave_s, wave_deg, bias_deg, 2.0, current_m_s, toward_deg, **more)
-
-
-@pytest.fixture(scope="session")
-def yard():
-    return Yard
+def scenario(speed_m_s, current_m_s=0.0, toward_deg=90.0, wave_s=6.0, wave_deg=4.0, bias_deg=5.0, **more):
+    """A sea of its own."""
+    return Scenario("made", "", speed_m_s, wave_s, wave_deg, bias_deg, 2.0, current_m_s, toward_deg, **more)

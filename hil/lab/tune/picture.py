@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from firmware_py.common.angles import DEGREES_PER_RADIAN
@@ -16,10 +14,20 @@ from hil.lab.tune import paper
 from hil.lab.tune.paper import StepStudy
 from hil.lab.tune.report import Report, Trace
 from hil.lab.tune.trials import Score
-from hil.report.picture import COMPASS, GOAL, GRID, HULL, INK
+from hil.report.style import (
+    COMMAND,
+    COMPASS,
+    GOAL,
+    HULL,
+    INK,
+    add_headroom,
+    add_legend,
+    finish,
+    name_panel,
+    new_figure,
+)
 
 SIZE_INCHES = (13.0, 8.6)
-DOTS_PER_INCH = 120
 EXCESS_PERCENT = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 THOUSAND = 1000.0
 TRAVEL_TICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
@@ -28,11 +36,8 @@ ERROR_TICKS = (0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0, 4.0)
 
 def draw(report: Report, path: Path) -> None:
     """Write the picture as a PNG file."""
-    figure = Figure(figsize=SIZE_INCHES, dpi=DOTS_PER_INCH, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(f"Tuning of {report.vehicle}", x=0.01, ha="left", fontsize=13, fontweight="bold", color=INK)
-    halves: Any = figure.subfigures(2, 1, height_ratios=(1.15, 1.0))
-    top, bottom = halves
+    figure = new_figure(f"Tuning of {report.vehicle}", *SIZE_INCHES)
+    top, bottom = figure.subfigures(2, 1, height_ratios=(1.15, 1.0))
     upper = top.subplots(1, 1 + len(report.studies))
     for axes, study in zip(upper, report.studies, strict=False):
         shades = _plane(axes, study)
@@ -45,7 +50,7 @@ def draw(report: Report, path: Path) -> None:
     _headings(lower[0], report)
     _rudders(lower[1], report)
     for axes in (*upper, *lower):
-        _finish(axes)
+        finish(axes)
     figure.savefig(path)
 
 
@@ -57,7 +62,7 @@ def _plane(axes: Any, study: StepStudy) -> Any:
     axes.contour(study.k1, study.k2, excess, levels=EXCESS_PERCENT[1:-1], colors="white", linewidths=0.6)
     best = study.swarm.best
     axes.plot(paper.K1, paper.K2, "o", color=GOAL, ms=8, mec="white", clip_on=False, zorder=5)
-    axes.plot(best[0], best[1], "D", color="#e8a33d", ms=7, mec="white", clip_on=False, zorder=5)
+    axes.plot(best[0], best[1], "D", color=COMMAND, ms=7, mec="white", clip_on=False, zorder=5)
     box = {"boxstyle": "round,pad=0.25", "fc": "white", "ec": "none", "alpha": 0.85}
     axes.annotate(
         f"the paper's 40, 0.3: +{100.0 * study.excess:.1f} %",
@@ -69,9 +74,7 @@ def _plane(axes: Any, study: StepStudy) -> Any:
         (best[0], best[1]), (best[0] - 3.0, 2.9), ha="right", fontsize=8, color=INK, bbox=box,
         arrowprops={"arrowstyle": "-", "color": INK},
     )  # fmt: skip
-    axes.set_title(f"ITAE of a {study.step_deg:g}° step, above the least", fontsize=10, color=INK, loc="left")
-    axes.set_xlabel("k1")
-    axes.set_ylabel("k2")
+    name_panel(axes, f"ITAE of a {study.step_deg:g}° step, above the least", x="k1", y="k2")
     return shades
 
 
@@ -81,7 +84,7 @@ def _front(axes: Any, report: Report) -> None:
     axes.plot(*_places(shown), ".", color=COMPASS, ms=2.5)
     axes.plot(*_places([score for score in tuned.front if score.error < 4.0]), color=HULL, lw=1.6, label="front")
     axes.plot(*_places([trials.paper]), "o", color=GOAL, ms=8, mec="white", label="the paper's 40, 0.3")
-    axes.plot(*_places([tuned.chosen]), "*", color="#e8a33d", ms=15, mec=INK, mew=0.6, label="chosen")
+    axes.plot(*_places([tuned.chosen]), "*", color=COMMAND, ms=15, mec=INK, mew=0.6, label="chosen")
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis, ticks in ((axes.xaxis, TRAVEL_TICKS), (axes.yaxis, ERROR_TICKS)):
@@ -89,9 +92,9 @@ def _front(axes: Any, report: Report) -> None:
         axis.set_major_locator(FixedLocator([tick for tick in ticks if low <= tick <= high]))
         axis.set_major_formatter("{x:g}")
         axis.set_minor_locator(NullLocator())
-    axes.set_title("error against rudder work, all cases", fontsize=10, color=INK, loc="left")
-    axes.set_xlabel("rudder travel, 1000 deg/h")
-    axes.set_ylabel("error (ITAE), the paper's = 1")
+    name_panel(
+        axes, "error against rudder work, all cases", x="rudder travel, 1000 deg/h", y="error (ITAE), the paper's = 1"
+    )
     axes.legend(loc="upper right", fontsize=8, edgecolor="none", framealpha=0.9)
 
 
@@ -104,33 +107,17 @@ def _headings(axes: Any, report: Report) -> None:
     axes.plot(first.time_s, first.goal_rad * DEGREES_PER_RADIAN, color=INK, lw=1.0, ls="--", label="goal")
     for trace, colour in zip(report.traces, (GOAL, HULL), strict=True):
         axes.plot(trace.time_s, trace.heading_rad * DEGREES_PER_RADIAN, color=colour, lw=1.3, label=_label(trace))
-    axes.set_title(f"hull's heading, {report.shown_case}", fontsize=10, color=INK, loc="left")
-    axes.set_xlabel("time, s")
-    axes.set_ylabel("deg")
-    axes.legend(loc="upper right", frameon=False, fontsize=8)
+    name_panel(axes, f"hull's heading, {report.shown_case}", x="time, s", y="deg")
+    add_legend(axes)
 
 
 def _rudders(axes: Any, report: Report) -> None:
     for trace, colour, width in zip(report.traces, (GOAL, HULL), (0.5, 1.1), strict=True):
         axes.plot(trace.time_s, trace.rudder_rad * DEGREES_PER_RADIAN, color=colour, lw=width, label=_label(trace))
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high + 0.2 * (high - low))
-    axes.set_title(f"rudder, {report.shown_case}", fontsize=10, color=INK, loc="left")
-    axes.set_xlabel("time, s")
-    axes.set_ylabel("deg")
-    axes.legend(loc="upper right", ncols=2, frameon=False, fontsize=8)
+    add_headroom(axes)
+    name_panel(axes, f"rudder, {report.shown_case}", x="time, s", y="deg")
+    add_legend(axes, 2)
 
 
 def _label(trace: Trace) -> str:
     return f"{trace.name}: {trace.travel_deg_per_h / THOUSAND:.1f} thousand deg/h"
-
-
-def _finish(axes: Any) -> None:
-    axes.grid(visible=True, color=GRID, lw=0.6, alpha=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(colors=INK, labelsize=8)
-    axes.xaxis.label.set_color(INK)
-    axes.yaxis.label.set_color(INK)
-    for name, spine in axes.spines.items():
-        spine.set_visible(name in ("left", "bottom"))
-        spine.set_color(GRID)

@@ -1,0 +1,69 @@
+"""The values that a fit stands for, with their covariance, and what an alpha too small to show adds to it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.lab.identify.accuracy import information
+from hil.lab.identify.fit import CUBIC, Fit
+from hil.lab.identify.predict import Scales, to_natural
+from hil.lab.identify.recording import Floats
+
+LONGEST_ALLOWED = 0.5  # step of ln K, ln T, c and delta0 in scales
+# alpha r^2 at the yaw rates of a log in which it does not show, one sigma: what is likely sets the values,
+# what is possible sets their standard errors.
+LIKELY_CUBIC, POSSIBLE_CUBIC = 0.015, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """Values of ln |K|, ln T, c = alpha r^2 and delta0 in scales, and the covariance of those that `free` names."""
+
+    values: Floats
+    free: tuple[int, ...]
+    covariance: Floats
+
+    def physical(self, scales: Scales, sign: float) -> tuple[float, float, float, float]:
+        """Return K [1/s], T [s], alpha [s^2], delta0 [rad]."""
+        ln_gain, ln_lag, cubic, offset = (float(value) for value in self.values)
+        return (
+            sign * math.exp(ln_gain),
+            math.exp(ln_lag),
+            cubic / scales.yaw_rate_rad_s**2,
+            scales.rudder_middle_rad + offset * scales.rudder_rad,
+        )
+
+
+def estimates_of(fit: Fit) -> Estimates:
+    """Return what a fit itself says."""
+    return _natural(fit.state.point.values, fit.problem.free, fit.covariance)
+
+
+def _natural(values: Floats, free: tuple[int, ...], covariance: Floats) -> Estimates:
+    natural, turn = to_natural(values, free)
+    return Estimates(natural, free, turn @ covariance @ turn.T)
+
+
+def allowing_for_cubic(linear: Fit) -> Estimates | None:
+    """Return K, T and delta0 as they are when alpha is not taken for zero but for unknown and small.
+
+    A linear fit to a boat with an alpha too small to show is off by more than its own standard
+    errors say, for the term acts like a smaller K. So alpha is put back, with what is believed
+    beforehand of its size, and everything moves by one Gauss-Newton step. None where that leads
+    too far for one step to be right: then so little is known that it makes no difference.
+    """
+    problem = replace(linear.problem, free=CUBIC)
+    accuracy = information(problem, linear.state)
+    weights = problem.channel_weights()
+    normal = problem.normal(linear.state)
+    unit = (problem.scales.yaw_rate_rad_s / linear.typical_rate_rad_s()) ** 2
+    step, _ = accuracy.step(normal, weights, CUBIC.index(2), LIKELY_CUBIC * unit)
+    _, covariance = accuracy.step(normal, weights, CUBIC.index(2), POSSIBLE_CUBIC * unit)
+    values = linear.state.point.values.copy()
+    values[list(CUBIC)] += step
+    if not (np.all(np.isfinite(step)) and np.max(np.abs(step)) < LONGEST_ALLOWED):
+        return None
+    return _natural(values, CUBIC, covariance)

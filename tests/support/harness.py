@@ -1,0 +1,95 @@
+"""`rambler-hil` and `rambler replay` as an operator runs them."""
+
+import signal
+import subprocess
+import sys
+
+from hil.sim.truth import read
+from support.paths import ROOT
+from support.program import Program, assert_nobody_left, unused_ports
+
+SECONDS = 600  # simulated or real: a run that nobody ends stops by itself
+INTERRUPTED = 130
+
+# The stock boat needs a minute to turn; this one is there in a few seconds of real time.
+NIMBLE_BOAT = """
+[compass]
+driver = "nmea"
+port = "given by the HIL"
+baud = 38400
+[rudder]
+driver = "dynamixel"
+port = "given by the HIL"
+baud = 57600
+id = 1
+[parameters]
+MDL_K = 0.4
+MDL_T_S = 0.5
+MDL_ALPHA_S2 = 0.0
+"""
+
+
+def start_rambler_hil(*words, **more):
+    """Start a command of `rambler-hil` and leave it running."""
+    command = [sys.executable, "-m", "hil", *map(str, words)]
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)
+
+
+def rambler_hil(*words):
+    """Run a command of `rambler-hil` to its end; return its exit code and what it said on stdout and stderr."""
+    process = start_rambler_hil(*words)
+    said, errors = process.communicate()
+    return process.returncode, said, errors
+
+
+def replay(log, *words):
+    """Run `rambler replay` on a log to its end; return what has become of it."""
+    command = [sys.executable, "-m", "firmware_py", "replay", str(log), *words]
+    return subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
+
+
+def replays(out):
+    """Whether every rudder command of a run's logs is recomputed to the same bits."""
+    logs = sorted((out / "state" / "logs").glob("*.BIN"))
+    return bool(logs) and all(replay(log).returncode == 0 for log in logs)
+
+
+class Hil:
+    """`rambler-hil run` with links of its own; `ports` are theirs, in the order of the kinds."""
+
+    def __init__(self, directory, kinds, *, scenario="calm", goal="0:-10", speed="real", seconds=SECONDS, nimble=True):
+        self.out = directory / "run"
+        self.ports = unused_ports(kinds)
+        self.firmware_log = self.out / "firmware.log"
+        urls = [f"{kind}:127.0.0.1:{port}" for kind, port in zip(kinds, self.ports, strict=True)]
+        words = ["run", scenario, "--goal", goal, "--speed", speed, "--seconds", str(seconds), "--out", str(self.out)]
+        if nimble:
+            (directory / "boat.toml").write_text(NIMBLE_BOAT)
+            words += ["--vehicle", str(directory / "boat.toml")]
+        command = [sys.executable, "-m", "hil", *words, "--link", *urls]
+        self.program = Program("hil", command, directory)
+
+    def wait_under_way(self):
+        """Until the HIL's own operator has armed her and given the mode: from then on he is silent."""
+        log = self.firmware_log
+        for sign in ("Mode GUIDED", "Armed"):
+            self.program.wait_for(lambda sign=sign: log.exists() and sign in log.read_text(), f"no {sign!r} in the log")
+
+    def end(self):
+        """Interrupt the run as an operator does, and return what really happened."""
+        self.program.send_signal(signal.SIGINT)
+        code = self.program.exit_code()
+        if code != INTERRUPTED:
+            self.program.fail(f"it ended with code {code} instead of {INTERRUPTED}")
+        assert_nobody_left(self.out)
+        return read(self.out / "truth.csv")
+
+    def close(self):
+        """After a test that has failed, too: interrupted first, so that the HIL ends its autopilot."""
+        try:
+            if self.program.running():
+                self.program.send_signal(signal.SIGINT)
+                self.program.exit_code()
+        finally:
+            self.program.close()
+        assert_nobody_left(self.out)
