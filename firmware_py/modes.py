@@ -22,7 +22,7 @@ from firmware_py.common.intents import (
 )
 from firmware_py.common.mode_table import MODES, Mode, Need
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Water
+from firmware_py.common.reports import Water
 from firmware_py.model.crab import heading_for_course
 
 _HEADING_MODES = " or ".join(sorted(mode.name for mode, row in MODES.items() if row.heading_goals))

@@ -17,11 +17,11 @@ from firmware_py.common.records import (
     DeviceHealth,
     HeadingSample,
     Inputs,
-    Output,
     PositionSample,
     RudderCommand,
     RudderFeedback,
 )
+from firmware_py.common.reports import Output
 
 
 class ByteLine(Protocol):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from firmware_py.common.records import HeadingEstimate
+from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control.reference_model import Reference
 
 

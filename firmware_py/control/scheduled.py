@@ -16,7 +16,7 @@ from typing import Final
 
 from firmware_py.common.angles import clamp, degrees, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import HeadingEstimate
+from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control import reference_model
 from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState
 from firmware_py.control.reference_model import Reference, Ship

@@ -21,7 +21,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import index_of
-from firmware_py.common.records import Home
+from firmware_py.common.reports import Home
 from firmware_py.core.state import State, situation_at
 from firmware_py.guidance import mission_progress
 from firmware_py.guidance.mission_step import steps_of

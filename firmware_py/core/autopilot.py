@@ -9,7 +9,8 @@ from firmware_py.common.intents import Answer, ForgetParameters, ReplacePlan, Re
 from firmware_py.common.interfaces import StateKeeper
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
-from firmware_py.common.records import Inputs, Output
+from firmware_py.common.records import Inputs
+from firmware_py.common.reports import Output
 from firmware_py.core.accept import accept
 from firmware_py.core.resume import ResumeKeeper
 from firmware_py.core.state import State

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from firmware_py.common.records import Event, Home, Inputs, PositionSample, RudderStatus
+from firmware_py.common.records import Event, Inputs, PositionSample, RudderStatus
+from firmware_py.common.reports import Home
 from firmware_py.core import device_reports, rudder, tick_timing
 from firmware_py.core.state import Settings, State
 from firmware_py.estimate import heading_estimator, position, water

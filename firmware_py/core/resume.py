@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, replace
 
 from firmware_py.common.json_codec import Codec
-from firmware_py.common.records import Home
+from firmware_py.common.reports import Home
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import CHANGES
 from firmware_py.guidance.guidance import GuidanceState

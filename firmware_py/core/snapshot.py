@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from firmware_py.common.records import Inputs, RudderStatus, Snapshot
+from firmware_py.common.records import Inputs, RudderStatus
+from firmware_py.common.reports import Snapshot
 from firmware_py.core.state import Settings, State, fence_enabled
 from firmware_py.estimate import heading_estimator
 from firmware_py.guidance import guidance

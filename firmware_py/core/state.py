@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
-from firmware_py.common.records import Home
+from firmware_py.common.reports import Home
 from firmware_py.control.heading_controller import HeadingControllerSettings, HeadingControllerState
 from firmware_py.core.device_reports import DeviceReports
 from firmware_py.core.freshness import Age, Freshness, FreshnessSettings, age_of

@@ -11,7 +11,8 @@ from dataclasses import replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import Request, Verdict
-from firmware_py.common.records import Event, Inputs, Output, RudderCommand, RudderStatus, Severity
+from firmware_py.common.records import Event, Inputs, RudderCommand, RudderStatus, Severity
+from firmware_py.common.reports import Output
 from firmware_py.control.rudder_limit import limited_command
 from firmware_py.core.accept import accept
 from firmware_py.core.estimate_step import estimate

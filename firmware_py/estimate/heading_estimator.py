@@ -12,15 +12,8 @@ from typing import Final
 
 from firmware_py.common.angles import clamp, radians
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import (
-    Estimate,
-    Event,
-    FixType,
-    HeadingEstimate,
-    HeadingSample,
-    PositionSample,
-    Severity,
-)
+from firmware_py.common.records import Event, FixType, HeadingSample, PositionSample, Severity
+from firmware_py.common.reports import Estimate, HeadingEstimate
 from firmware_py.estimate import declination, kalman, observer, sources, wave_filter
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.observer import HeadingState, ObserverSettings

@@ -21,7 +21,8 @@ from dataclasses import dataclass, replace
 
 from firmware_py.common.angles import clamp
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import PositionSample, Water
+from firmware_py.common.records import PositionSample
+from firmware_py.common.reports import Water
 from firmware_py.estimate.track_average import BLOCK_S, Average, Block, add_tick, mean_velocity
 
 MOST_BLOCKS = 6  # that are joined while the boat goes straight

@@ -14,7 +14,8 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import MODES, Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
-from firmware_py.common.records import Activity, Event, Home, MissionReport, Navigation, Severity, Water
+from firmware_py.common.records import Event, Severity
+from firmware_py.common.reports import Activity, Home, MissionReport, Navigation, Water
 from firmware_py.guidance import fence, mission, mission_progress, task_follower
 from firmware_py.guidance.fence import FenceState
 from firmware_py.guidance.mission import MissionInput

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from firmware_py.common.geodesy import Place
-from firmware_py.common.records import MissionState
+from firmware_py.common.reports import MissionState
 from firmware_py.guidance.mission_step import MissionStep
 from firmware_py.guidance.tasks import HoldStation, Task
 from firmware_py.plans.items import Command

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from firmware_py.common.geodesy import Place
-from firmware_py.common.records import Activity
+from firmware_py.common.reports import Activity
 from firmware_py.guidance import line, orbit, station_keeping
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.orbit import OrbitState

@@ -10,7 +10,8 @@ from firmware_py.common.angles import radians
 from firmware_py.common.intents import Answer, Intent, Request, SetHome, SetMode, SteerHeading, SteerPosition, Verdict
 from firmware_py.common.interfaces import Calibrator, RequestHandler
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.records import Home, Severity, Snapshot
+from firmware_py.common.records import Severity
+from firmware_py.common.reports import Home, Snapshot
 from firmware_py.link.parameters.metadata import Metadata
 from firmware_py.link.peer import Peer
 from firmware_py.link.telemetry import identity

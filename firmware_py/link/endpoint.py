@@ -6,7 +6,8 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
 from firmware_py.common.interfaces import Calibrator, RequestHandler, Vault
-from firmware_py.common.records import Event, Output, Severity, Snapshot
+from firmware_py.common.records import Event, Severity
+from firmware_py.common.reports import Output, Snapshot
 from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.context import Handler, LinkContext, Suppliers
 from firmware_py.link.files.root import FileRoot

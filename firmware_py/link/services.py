@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Protocol
 
-from firmware_py.common.records import Snapshot
+from firmware_py.common.reports import Snapshot
 from firmware_py.link.commands.requests import request_data_stream
 from firmware_py.link.commands.server import CommandServer
 from firmware_py.link.commands.table import TABLE as COMMANDS

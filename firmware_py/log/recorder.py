@@ -11,7 +11,8 @@ from typing import Final
 from firmware_py.common.intents import SetParameter
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Output, Tick
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Tick
+from firmware_py.common.reports import Output
 from firmware_py.log import ardupilot, schema
 from firmware_py.log.dataflash import header
 from firmware_py.log.disk import Disk, LocalDisk

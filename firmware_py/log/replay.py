@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from firmware_py.common.records import Inputs, Output, RudderCommand
+from firmware_py.common.records import Inputs, RudderCommand
+from firmware_py.common.reports import Output
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.reader import LoggedTick, LogReader, Reading
 

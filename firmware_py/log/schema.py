@@ -28,12 +28,12 @@ from firmware_py.common.records import (
     HeadingSample,
     Inputs,
     NorthReference,
-    Output,
     PositionSample,
     RudderCommand,
     RudderFeedback,
     Tick,
 )
+from firmware_py.common.reports import Output
 from firmware_py.log.dataflash import MessageType
 from firmware_py.log.rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import radians
-from firmware_py.common.records import Energy, RudderStatus
+from firmware_py.common.records import RudderStatus
+from firmware_py.common.reports import Energy
 
 WINDOW_S: Final = 3600.0  # what is reported per hour is that of about the last hour
 REVERSAL_RAD: Final = radians(0.5)  # less than this the other way is no reversal

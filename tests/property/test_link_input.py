@@ -36,16 +36,8 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameter_table import TABLE as PARAMETERS
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
-from firmware_py.common.records import (
-    FixType,
-    MissionReport,
-    MissionState,
-    Output,
-    PositionSample,
-    RudderCommand,
-    RudderFeedback,
-    Snapshot,
-)
+from firmware_py.common.records import FixType, PositionSample, RudderCommand, RudderFeedback
+from firmware_py.common.reports import MissionReport, MissionState, Output, Snapshot
 from firmware_py.link.commands.table import TABLE as COMMAND_TABLE
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version

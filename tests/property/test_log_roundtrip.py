@@ -20,14 +20,13 @@ from firmware_py.common.records import (
     HeadingSample,
     Inputs,
     NorthReference,
-    Output,
     PositionSample,
     RudderCommand,
     RudderFeedback,
     Severity,
-    Snapshot,
     Tick,
 )
+from firmware_py.common.reports import Output, Snapshot
 from firmware_py.log.dataflash import Parser
 from firmware_py.log.reader import LogReader
 from firmware_py.log.recorder import LogRecorder

@@ -5,7 +5,7 @@ import pytest
 
 from firmware_py.common.intents import SteerPosition
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.records import MissionState
+from firmware_py.common.reports import MissionState
 from support import rig
 from support.plans import item, mission, placed
 

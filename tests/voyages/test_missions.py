@@ -16,7 +16,7 @@ from firmware_py.common.intents import (
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanKind
-from firmware_py.common.records import Activity, MissionState
+from firmware_py.common.reports import Activity, MissionState
 from firmware_py.core.accept import accept
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from firmware_py.common.plan import PlanItem, PlanKind
-from firmware_py.common.records import Home
+from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
 from firmware_py.link.peer import Peer
 from firmware_py.link.telemetry.context_fields import scaled_degrees

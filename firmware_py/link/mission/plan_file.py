@@ -13,7 +13,8 @@ from functools import partial
 
 from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
-from firmware_py.common.records import Home, Severity
+from firmware_py.common.records import Severity
+from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
 from firmware_py.link.files.area import Parts
 from firmware_py.link.files.tree import Generate, Origin, Query, Sink

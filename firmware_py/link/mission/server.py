@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 
 from firmware_py.common.intents import Answer, ReplacePlan, Request, SetMissionItem, Verdict
 from firmware_py.common.plan import Plan, PlanKind
-from firmware_py.common.records import Severity, Snapshot
+from firmware_py.common.records import Severity
+from firmware_py.common.reports import Snapshot
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.mission.download import PlanDownloads
 from firmware_py.link.mission.items import KINDS, NAMES, Sender, acknowledge, sender_of

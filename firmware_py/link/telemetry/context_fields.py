@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 from firmware_py.common.angles import degrees
-from firmware_py.common.records import PositionSample, Snapshot
+from firmware_py.common.records import PositionSample
+from firmware_py.common.reports import Snapshot
 
 INT8_MAX = 0x7F
 UINT8_MAX = 0xFF

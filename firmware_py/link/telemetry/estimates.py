@@ -6,7 +6,7 @@ import math
 
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.geodesy import Place
-from firmware_py.common.records import Estimate
+from firmware_py.common.reports import Estimate
 from firmware_py.link.telemetry.context_fields import (
     INT32_MAX,
     TelemetryContext,

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 from firmware_py.common import mode_table
 from firmware_py.common.mode_table import BaseMode, Mode, ModeProperties, StandardMode
-from firmware_py.common.records import Severity, Snapshot
+from firmware_py.common.records import Severity
+from firmware_py.common.reports import Snapshot
 from firmware_py.faults.table import TABLE as FAULTS
 from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.wire.dialect import Message, mavlink, text_of

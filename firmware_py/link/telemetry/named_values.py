@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from firmware_py.common.angles import degrees
-from firmware_py.common.records import Estimate, Water
+from firmware_py.common.reports import Estimate, Water
 from firmware_py.link.telemetry.context_fields import TelemetryContext
 
 Value = Callable[[TelemetryContext], float | None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_py.common.records import Snapshot
+from firmware_py.common.reports import Snapshot
 from firmware_py.link.context import LinkContext
 from firmware_py.link.peer import Peers
 from firmware_py.link.telemetry import estimates, motion

@@ -18,7 +18,7 @@ from firmware_py.common.intents import (
 )
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Water
+from firmware_py.common.reports import Water
 from firmware_py.modes import (
     HeadingGoal,
     ModeState,

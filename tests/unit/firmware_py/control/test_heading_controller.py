@@ -4,7 +4,7 @@ import pytest
 
 from firmware_py.common.parameter_table import TABLE as PARAMETERS
 from firmware_py.common.parameters import ParameterSet, index_of
-from firmware_py.common.records import HeadingEstimate
+from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control.heading_controller import (
     TABLE,
     HeadingControllerInput,

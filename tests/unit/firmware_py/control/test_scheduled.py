@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import HeadingEstimate
+from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control.s_surface import rudder_demand
 from firmware_py.control.scheduled import (
     RudderDemand,

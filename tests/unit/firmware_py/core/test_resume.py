@@ -8,7 +8,7 @@ import pytest
 from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Home
+from firmware_py.common.reports import Home
 from firmware_py.core.resume import INTERVAL_S, REFRESH_S, ResumeKeeper, from_text, restore, resume_of, to_text
 from firmware_py.core.state import State
 from firmware_py.guidance.guidance import GuidanceState

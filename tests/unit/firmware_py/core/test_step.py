@@ -23,19 +23,18 @@ from firmware_py.common.intents import (
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import (
-    Activity,
     DeviceHealth,
     DeviceRole,
     DeviceState,
     FixType,
     HeadingSample,
-    Home,
     Inputs,
     NorthReference,
     PositionSample,
     RudderFeedback,
     Tick,
 )
+from firmware_py.common.reports import Activity, Home
 from firmware_py.core.accept import accept
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text

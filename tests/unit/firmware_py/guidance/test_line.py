@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_py.common.geodesy import Place
-from firmware_py.common.records import Activity
+from firmware_py.common.reports import Activity
 from firmware_py.guidance import line
 from firmware_py.guidance.line import LineState, look_ahead_m
 from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.geodesy import Place
-from firmware_py.common.records import MissionState
+from firmware_py.common.reports import MissionState
 from firmware_py.guidance import mission, mission_progress
 from firmware_py.guidance.mission import MissionInput
 from firmware_py.guidance.mission_progress import MissionProgress

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from firmware_py.common.records import Activity
+from firmware_py.common.reports import Activity
 from firmware_py.guidance.tasks import Orbit
 
 

@@ -2,7 +2,7 @@ import math
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
-from firmware_py.common.records import Home
+from firmware_py.common.reports import Home
 from firmware_py.guidance.return_point import return_place, return_task
 from firmware_py.guidance.tasks import VesselMotion
 

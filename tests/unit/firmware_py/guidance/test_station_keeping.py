@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.geodesy import Place
-from firmware_py.common.records import Activity
+from firmware_py.common.reports import Activity
 from firmware_py.guidance import station_keeping
 from firmware_py.guidance.station_keeping import StationKeepingState
 from firmware_py.guidance.tasks import HoldStation, VesselMotion

@@ -4,7 +4,8 @@ from dataclasses import replace
 import pytest
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Mode, Water
+from firmware_py.common.records import Mode
+from firmware_py.common.reports import Water
 from firmware_py.guidance.guidance import GuidanceSettings
 from firmware_py.guidance.steering import SteeringTarget, steering_target, update_goal
 from firmware_py.guidance.task_follower import TaskStatus

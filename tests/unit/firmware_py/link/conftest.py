@@ -10,7 +10,8 @@ from firmware_py.common.intents import Answer, SetParameter, Verdict
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
-from firmware_py.common.records import Output, RudderCommand, Snapshot
+from firmware_py.common.records import RudderCommand
+from firmware_py.common.reports import Output, Snapshot
 from firmware_py.link.endpoint import NO_STORAGE, Endpoint
 from firmware_py.link.files.root import FileRoot
 from firmware_py.link.telemetry.identity import Version

@@ -6,16 +6,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.common.records import (
-    Activity,
-    Event,
-    FixType,
-    Home,
-    Navigation,
-    PositionSample,
-    RudderFeedback,
-    Severity,
-)
+from firmware_py.common.records import Event, FixType, PositionSample, RudderFeedback, Severity
+from firmware_py.common.reports import Activity, Home, Navigation
 from firmware_py.link.telemetry.table import TABLE
 
 BITS_PER_BYTE = 10

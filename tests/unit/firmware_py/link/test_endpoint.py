@@ -11,7 +11,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.interfaces import Link
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.records import Event, Output, RudderCommand, Severity
+from firmware_py.common.records import Event, RudderCommand, Severity
+from firmware_py.common.reports import Output
 from firmware_py.faults.table import Fault
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version

@@ -6,7 +6,8 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, SteerHeading, SteerPosition, Verdict
-from firmware_py.common.records import FixType, Home, PositionSample
+from firmware_py.common.records import FixType, PositionSample
+from firmware_py.common.reports import Home
 
 NAN, INF = math.nan, math.inf
 YAW_ONLY = 0b1001_1111_1111 | 0x200  # everything but yaw ignored

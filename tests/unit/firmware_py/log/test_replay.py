@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from firmware_py.common.records import Output, RudderCommand
+from firmware_py.common.records import RudderCommand
+from firmware_py.common.reports import Output
 from firmware_py.log.dataflash import LogError, Parser
 from firmware_py.log.reader import LogReader
 from firmware_py.log.replay import replay, replay_log

@@ -6,7 +6,8 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.records import Activity, FixType, Home, Navigation, PositionSample, RudderFeedback
+from firmware_py.common.records import FixType, PositionSample, RudderFeedback
+from firmware_py.common.reports import Activity, Home, Navigation
 from firmware_py.link.telemetry.table import TABLE
 
 FIX = {"position": PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2), "position_ok": True}

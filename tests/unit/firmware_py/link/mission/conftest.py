@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.common.records import Home
+from firmware_py.common.reports import Home
 
 PROTOCOL = (
     "MISSION_ACK",

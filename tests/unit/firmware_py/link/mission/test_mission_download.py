@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.intents import Answer, SetMissionItem, Verdict
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.plan import Plan, PlanKind
-from firmware_py.common.records import MissionReport, MissionState
+from firmware_py.common.reports import MissionReport, MissionState
 from firmware_py.plans.items import TABLE
 from firmware_py.plans.validation import PlanResult
 

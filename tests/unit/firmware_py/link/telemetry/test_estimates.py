@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_py.common.records import Activity, Estimate, FixType, Home, Navigation, PositionSample
+from firmware_py.common.records import FixType, PositionSample
+from firmware_py.common.reports import Activity, Estimate, Home, Navigation
 from firmware_py.link.telemetry.estimates import quaternion
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)

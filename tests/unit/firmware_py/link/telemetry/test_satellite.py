@@ -6,16 +6,8 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.records import (
-    Event,
-    FixType,
-    Home,
-    MissionReport,
-    MissionState,
-    PositionSample,
-    RudderFeedback,
-    Severity,
-)
+from firmware_py.common.records import Event, FixType, PositionSample, RudderFeedback, Severity
+from firmware_py.common.reports import Home, MissionReport, MissionState
 from firmware_py.faults.table import Fault
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version

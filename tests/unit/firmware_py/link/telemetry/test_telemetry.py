@@ -8,18 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.records import (
-    Activity,
-    Estimate,
-    FixType,
-    Home,
-    MissionReport,
-    Navigation,
-    PositionSample,
-    RudderFeedback,
-    Snapshot,
-    Water,
-)
+from firmware_py.common.records import FixType, PositionSample, RudderFeedback
+from firmware_py.common.reports import Activity, Estimate, Home, MissionReport, Navigation, Snapshot, Water
 from firmware_py.faults.table import Fault
 from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE

@@ -1,0 +1,203 @@
+"""What a tick tells of the boat: frozen records for the log, the link and those who steer by them.
+
+Conventions as in records.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.records import Event, PositionSample, RudderCommand, RudderFeedback
+
+
+class MissionState(IntEnum):
+    """How far the mission is, numbered as MAVLink's MISSION_STATE."""
+
+    NO_MISSION = 1
+    NOT_STARTED = 2
+    ACTIVE = 3
+    PAUSED = 4
+    COMPLETE = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """Where the boat returns to, and the origin of local coordinates."""
+
+    latitude_rad: float
+    longitude_rad: float
+    altitude_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class MissionReport:
+    """The mission as the operator follows it: `index` counts from 0, None without a current item.
+
+    `reached` are the items that were reached in this very tick; `identities` are the
+    checksums of mission, fence and rally points (plan.Plan.identity).
+    """
+
+    state: MissionState = MissionState.NO_MISSION
+    index: int | None = None
+    count: int = 0
+    reached: tuple[int, ...] = ()
+    identities: tuple[int, int, int] = (0, 0, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Water:
+    """Speed through the water and the current over the ground, with standard deviations.
+
+    `current_sd_m_s` is that of the worse known direction. `too_strong`: the current is
+    stronger than the boat, so that it cannot hold a place against it.
+    """
+
+    speed_m_s: float
+    speed_sd_m_s: float
+    current_north_m_s: float
+    current_east_m_s: float
+    current_sd_m_s: float
+    too_strong: bool = False
+
+
+class Activity(IntEnum):
+    """What guidance has the boat do."""
+
+    NOTHING = 0  # no goal of guidance: rudder by hand or amidships
+    HEADING = 1  # a heading or a course
+    LINE = 2  # along a line to a place
+    STATION = 3  # a watch circle around a place
+    CIRCLE = 4  # round a place
+
+
+@dataclass(frozen=True, slots=True)
+class Navigation:
+    """Where guidance takes the boat: the place, the circle around it and how far off the line the boat is.
+
+    `cross_track_m` is positive to starboard of the line. `fence_margin_m` is the distance to a
+    breach of the fence, negative in breach, None while the fence is not heeded or not known.
+    """
+
+    activity: Activity = Activity.NOTHING
+    target_latitude_rad: float | None = None
+    target_longitude_rad: float | None = None
+    radius_m: float | None = None
+    cross_track_m: float | None = None
+    arrived: bool = False
+    fence_enabled: bool = False
+    fence_margin_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingEstimate:
+    """What the filter gives to steer by: heading and yaw rate without the yaw of the waves, and how the boat answers.
+
+    `bias_rad` is the rudder angle at which the boat runs straight, `speed_m_s` that through the water,
+    `turning_factor` by what the boat turns better than its model says; `_sd_`: standard deviation.
+    """
+
+    heading_rad: float
+    heading_sd_rad: float
+    yaw_rate_rad_s: float
+    bias_rad: float
+    speed_m_s: float
+    speed_sd_m_s: float
+    turning_factor: float
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What the wave filter knows, with standard deviations; headings are without the yaw of the waves.
+
+    `source` is what the heading is taken from: compass A 0, compass B 1, course over ground 2, nothing 3.
+    `bias_rad` is the rudder angle at which the boat runs straight, `turning_factor` by what it turns better
+    than its model says. `innovation_rad` is what the last heading differed from the expected one,
+    `innovation_square` the average of such differences squared, by their variance: 1 for an honest filter.
+    """
+
+    source: int
+    heading_rad: float
+    heading_sd_rad: float
+    yaw_rate_rad_s: float
+    yaw_rate_sd_rad_s: float
+    bias_rad: float
+    bias_sd_rad: float
+    wave_period_s: float
+    wave_sd_rad: float
+    compass_noise_rad: float
+    speed_m_s: float
+    speed_sd_m_s: float
+    current_north_m_s: float
+    current_east_m_s: float
+    turning_factor: float
+    innovation_rad: float
+    innovation_sd_rad: float
+    innovation_square: float
+
+
+@dataclass(frozen=True, slots=True)
+class Energy:
+    """What steering has cost since start, the rudder's travel and reversals in about the last hour, the servo's power.
+
+    `energy_j` and `power_w` are those that the servo tells of; `resting`: its torque is released.
+    """
+
+    travel_rad: float = 0.0
+    reversals: int = 0
+    energy_j: float = 0.0
+    travel_rad_per_h: float = 0.0
+    reversals_per_h: float = 0.0
+    power_w: float | None = None
+    resting: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The state of the boat after a tick, for the log and the link.
+
+    `rudder_rad` is measured, `rudder_command_rad` is commanded, both in the frame of
+    the rudder. `heading_ok` and `position_ok` say that the values are fresh.
+    `distance_m` is None without a position goal.
+    """
+
+    t_s: float
+    tick: int
+    mode: Mode
+    armed: bool
+    heading_rad: float | None
+    heading_ok: bool
+    yaw_rate_rad_s: float | None
+    roll_rad: float | None
+    pitch_rad: float | None
+    goal_heading_rad: float | None
+    heading_error_rad: float | None
+    bearing_rad: float | None
+    distance_m: float | None
+    rudder_rad: float | None
+    rudder_command_rad: float
+    rudder_ok: bool
+    servo: RudderFeedback | None
+    position: PositionSample | None
+    position_ok: bool
+    faults: int  # bit n is row n of faults.TABLE
+    rate_hz: float
+    skipped_total: int
+    late_s: float
+    home: Home | None = None
+    mission: MissionReport = MissionReport()
+    prearm_refusal: str = ""  # why arming would be refused; empty: it would be accepted
+    estimate: Estimate | None = None
+    water: Water | None = None
+    navigation: Navigation = Navigation()
+    energy: Energy | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """What one tick decides."""
+
+    command: RudderCommand
+    snapshot: Snapshot
+    events: tuple[Event, ...] = ()
