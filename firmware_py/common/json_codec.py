@@ -81,17 +81,17 @@ class Codec:
         return self._encoder.encode({VERSION: self._version, **self._encode(record)})
 
     def read(self, text: str) -> tuple[Any, tuple[str, ...]]:
-        """Read a record of a root class, and what is to be said of it; ValueError says what is wrong and where."""
-        said: dict[str, None] = {}
+        """Read a record of a root class, and what is to be noted of it; ValueError says what is wrong and where."""
+        notes: dict[str, None] = {}
         try:
             data = json.loads(text)
             if isinstance(data, dict):
-                bring_up_to_date(data, self._changes, Spot("", said).add)
+                bring_up_to_date(data, self._changes, Spot("", notes).add)
             tag = data.get(TAG) if isinstance(data, dict) else None
             root = self._roots.get(tag) if isinstance(tag, str) else None
             if root is None:
                 raise ValueError(f"expected one of {', '.join(self._roots)}, found {shown(data)}")
-            return root(data, Spot(str(tag), said)), tuple(said)
+            return root(data, Spot(str(tag), notes)), tuple(notes)
         except RecursionError:
             raise ValueError("the text is nested too deeply") from None
 

@@ -15,10 +15,10 @@ class LocatedError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """Where in a record the reading is, and what is said of it so far."""
+    """Where in a record the reading is, and what is noted of it so far."""
 
     path: str
-    said: dict[str, None]  # in order, each sentence once
+    notes: dict[str, None]  # in order, each sentence once
 
     def note(self, text: str) -> None:
         """Report something of this place."""
@@ -26,14 +26,14 @@ class Spot:
 
     def add(self, sentence: str) -> None:
         """Report a sentence that says its place itself."""
-        if len(self.said) < MOST_NOTES:
-            self.said[sentence] = None
-        elif sentence not in self.said:
-            self.said["and more of the kind"] = None
+        if len(self.notes) < MOST_NOTES:
+            self.notes[sentence] = None
+        elif sentence not in self.notes:
+            self.notes["and more of the kind"] = None
 
     def below(self, name: str) -> Spot:
         """Return the place of a field."""
-        return Spot(f"{self.path}.{name}", self.said)
+        return Spot(f"{self.path}.{name}", self.notes)
 
 
 def number(data: Any, _spot: Spot | None = None) -> Any:

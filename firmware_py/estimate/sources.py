@@ -118,7 +118,7 @@ def needs_restart(state: SourceState, now_s: float, timeout_s: float) -> bool:
     )
 
 
-def heard(state: CompassState, sample: TrueHeadingSample, expected_rad: float | None) -> CompassState:
+def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad: float | None) -> CompassState:
     """Take in a sample; expected_rad is the estimated heading with its wave yaw, None before there is one."""
     changed = state.raw_rad is None or sample.raw_rad != state.raw_rad
     difference_rad = 0.0 if expected_rad is None else wrap_pi(sample.heading_rad - expected_rad)
@@ -139,8 +139,8 @@ def add_sample(state: SourceState, sample: TrueHeadingSample, expected_rad: floa
     """Take a sample of either compass in."""
     a, b = state.compasses
     if sample.source == Source.COMPASS_B:
-        return replace(state, compasses=(a, heard(b, sample, expected_rad)))
-    return replace(state, compasses=(heard(a, sample, expected_rad), b))
+        return replace(state, compasses=(a, update_compass(b, sample, expected_rad)))
+    return replace(state, compasses=(update_compass(a, sample, expected_rad), b))
 
 
 def _judge(state: CompassState, now_s: float, settings: SourceSettings) -> CompassState:

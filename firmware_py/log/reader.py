@@ -83,11 +83,11 @@ class LogReader:
         parser = Parser(buffer)
         scan = _Scan(buffer)
         unfinished_from: int | None = None
-        for found, at in parser:
-            if found.name == schema.TICK.type.name:
+        for file_format, at in parser:
+            if file_format.name == schema.TICK.type.name:
                 unfinished_from = at
-            tick = scan.take(found, at)
-            if found.name == schema.END.name:
+            tick = scan.take(file_format, at)
+            if file_format.name == schema.END.name:
                 unfinished_from = None
             self.reading = scan.reading(parser.garbage_bytes, 0)
             if tick is not None:
@@ -113,38 +113,38 @@ class _Scan:
         self.software = ""
         self.ticks = 0
         self.damaged = 0
-        self._said: dict[str, None] = {}
+        self._notes: dict[str, None] = {}
         self._unknown: Counter[str] = Counter()  # messages, by name
 
     def reading(self, garbage_bytes: int, tail_bytes: int) -> Reading:
         """Return how the reading has gone so far."""
         unknown = (f"message {name}: not known here, {count} passed over" for name, count in self._unknown.items())
-        notes = (*self._said, *unknown)
+        notes = (*self._notes, *unknown)
         return Reading(self.software, self.ticks, self.damaged, garbage_bytes, tail_bytes, notes)
 
-    def take(self, found: Format, at: int) -> LoggedTick | None:
+    def take(self, file_format: Format, at: int) -> LoggedTick | None:
         """Take the next record; return the tick that it ends."""
-        if found.name == schema.TICK.type.name:
+        if file_format.name == schema.TICK.type.name:
             self.damaged += self._records is not None
             self._records, self._crc = [], 0
-        if found.name == schema.END.name:
-            return self._end(found, at)
+        if file_format.name == schema.END.name:
+            return self._end(file_format, at)
         if self._records is None:
-            if not self.software and _is(found, ardupilot.MSG):
-                self.software = text_of(found.unpack(self._buffer, at)[1])
+            if not self.software and _has_format(file_format, ardupilot.MSG):
+                self.software = text_of(file_format.unpack(self._buffer, at)[1])
         elif len(self._records) < MAX_RECORDS:
-            self._crc = zlib.crc32(self._buffer[at : at + found.length], self._crc)
-            self._records.append((found, at))
+            self._crc = zlib.crc32(self._buffer[at : at + file_format.length], self._crc)
+            self._records.append((file_format, at))
         return None
 
-    def _end(self, found: Format, at: int) -> LoggedTick | None:
+    def _end(self, file_format: Format, at: int) -> LoggedTick | None:
         records, self._records = self._records, None
         tick = None
-        if "Seq" not in found.labels or (found.labels[-1], found.values[-1]) != ("Crc", "I"):
+        if "Seq" not in file_format.labels or (file_format.labels[-1], file_format.values[-1]) != ("Crc", "I"):
             raise LogError("message END lacks Seq, or Crc at its end: use the version of rambler that wrote the log")
-        values = found.unpack(self._buffer, at)
-        sequence, crc = values[found.labels.index("Seq")], values[-1]
-        head = self._buffer[at : at + found.length - schema.CRC_BYTES]
+        values = file_format.unpack(self._buffer, at)
+        sequence, crc = values[file_format.labels.index("Seq")], values[-1]
+        head = self._buffer[at : at + file_format.length - schema.CRC_BYTES]
         if records is not None and zlib.crc32(head, self._crc) == crc:
             gap = self._previous is not None and sequence != self._previous + 1
             tick = self._tick(records, gap=gap)
@@ -158,26 +158,26 @@ class _Scan:
     def _tick(self, records: list[tuple[Format, int]], *, gap: bool) -> LoggedTick | None:
         """Make the tick of its records; None when they are not what a tick is made of."""
         got: dict[str, list[Any]] = {name: [] for name in schema.READ}
-        for found, at in records:
-            if found.name in _PASSED_OVER:
+        for file_format, at in records:
+            if file_format.name in _PASSED_OVER:
                 continue
-            row = schema.READ.get(found.name)
+            row = schema.READ.get(file_format.name)
             if row is None:
-                self._unknown[found.name] += 1
+                self._unknown[file_format.name] += 1
                 continue
-            if found not in self._readers:
-                self._readers[found] = RowReader(row, found, self._said)
-                if row in _FRAME and (lacking := self._readers[found].lacking):
+            if file_format not in self._readers:
+                self._readers[file_format] = RowReader(row, file_format, self._notes)
+                if row in _FRAME and (lacking := self._readers[file_format].lacking):
                     raise LogError(
-                        f"message {found.name} has no column {', '.join(lacking)}: "
+                        f"message {file_format.name} has no column {', '.join(lacking)}: "
                         "use the version of rambler that wrote the log"
                     )
             try:
-                record = self._readers[found].read(self._buffer, at)
+                record = self._readers[file_format].read(self._buffer, at)
             except ValueError:
                 return None
             if record is not None:
-                got[found.name].append(record)
+                got[file_format.name].append(record)
         ticks, headings, positions, rudder, devices, requests, commands, checkpoints = (
             tuple(got[row.type.name])
             for row in (
@@ -197,9 +197,9 @@ class _Scan:
         return LoggedTick(inputs, commands[0], checkpoints[0] if checkpoints else None, gap)
 
 
-def _is(found: Format, expected: MessageType) -> bool:
+def _has_format(file_format: Format, expected: MessageType) -> bool:
     """Whether a message of a file is described as we would."""
-    return (found.name, found.values, found.labels) == (
+    return (file_format.name, file_format.values, file_format.labels) == (
         expected.name,
         expected.values,
         tuple(expected.labels.split(",")),

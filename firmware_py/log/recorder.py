@@ -86,7 +86,7 @@ class LogRecorder:
         try:
             state = before() if opens_file or self._complaint else None
             body = self._tick_bytes(inputs, output, state, renew_mode=opens_file) + changed
-            data = schema.ended(body, inputs.tick.t_s, sequence)
+            data = schema.end_bytes(body, inputs.tick.t_s, sequence)
             if opens_file:
                 data = self._file_head(inputs.tick) + data
         except (struct.error, ValueError, TypeError, OverflowError) as error:  # data that no driver should let in

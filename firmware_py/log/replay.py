@@ -76,26 +76,26 @@ def replay(
 ) -> ReplayReport:
     """Recompute ticks from their checkpoints and compare the commands.
 
-    `restore` returns a state and what is to be said of it. Raises LogError when there is no
+    `restore` returns a state and what is to be noted of it. Raises LogError when there is no
     tick, no checkpoint, one that `restore` refuses with ValueError, or a tick that `step` fails at.
     """
     count = compared = gaps = differences = 0
     first: Difference | None = None
-    known: tuple[State] | None = None
-    said: dict[str, None] = {}
+    known_state: tuple[State] | None = None
+    all_notes: dict[str, None] = {}
     for tick in ticks:
         count += 1
         gaps += tick.gap
         if tick.checkpoint is not None:
             restored, notes = _restored(tick.checkpoint, restore)
-            known = (restored,)
-            said.update(dict.fromkeys(notes))
+            known_state = (restored,)
+            all_notes.update(dict.fromkeys(notes))
         elif tick.gap:
-            known = None
-        if known is None:
+            known_state = None
+        if known_state is None:
             continue
-        state, output = _stepped(known[0], tick.inputs, step)
-        known = (state,)
+        state, output = _step_or_refuse(known_state[0], tick.inputs, step)
+        known_state = (state,)
         compared += 1
         if _bits(output.command) != _bits(tick.command):
             differences += 1
@@ -105,7 +105,7 @@ def replay(
         raise LogError("no whole tick in it: give an onboard log (.BIN) that has run for a second or more")
     if compared == 0:
         raise LogError("no checkpoint in it: give the file from its first byte on, replay begins at a stored state")
-    return ReplayReport(count, compared, gaps, differences, first, Reading(ticks=count, notes=tuple(said)))
+    return ReplayReport(count, compared, gaps, differences, first, Reading(ticks=count, notes=tuple(all_notes)))
 
 
 def replay_log(
@@ -123,7 +123,7 @@ def replay_log(
     return dataclasses.replace(report, reading=dataclasses.replace(reader.reading, notes=notes))
 
 
-def _stepped(
+def _step_or_refuse(
     state: State, inputs: Inputs, step: Callable[[State, Inputs], tuple[State, Output]]
 ) -> tuple[State, Output]:
     try:

@@ -3,7 +3,7 @@
 An absent number is stored as NaN (no driver lets a NaN in), an absent flag as -1. A text
 follows the columns in pieces of 64 bytes, one message each.
 
-A log outlives the version that wrote it, so columns are found by label. One that the file lacks,
+A log outlives the version that wrote it, so columns are file_format by label. One that the file lacks,
 or whose value is not known here, leaves the field at its default; where the field has none, the
 records are left out. Columns not known here are passed over. What was lacking or left out is noted.
 """
@@ -143,23 +143,23 @@ class RowReader:
 
     __slots__ = ("_columns", "_defaulted", "_make", "_noted", "_pieces", "_spot", "_text", "_unpack", "lacking")
 
-    def __init__(self, row: Row, found: Format, said: dict[str, None]) -> None:
-        """Find the columns of the row among those of the file by label; what is lacking is noted in `said`."""
-        self._spot = Spot(f"message {found.name}", said)
+    def __init__(self, row: Row, file_format: Format, notes: dict[str, None]) -> None:
+        """Find the columns of the row among those of the file by label; what is lacking is noted in `notes`."""
+        self._spot = Spot(f"message {file_format.name}", notes)
         self._make, self._noted, self._defaulted = row.make, row.noted, row.defaulted
-        self._unpack = found.unpack
+        self._unpack = file_format.unpack
         self._pieces: list[bytes] = []
         lacking = []
         self._columns: list[tuple[str, Column, int]] = []
         for name, column in row.kept:
-            place = _place(column, found, self._spot)
+            place = _position_of(column, file_format, self._spot)
             if place is not None:
                 self._columns.append((name, column, place))
             elif name in self._defaulted:
                 self._spot.note(f"column {column.label} is missing, its default is taken")
             else:
                 lacking.append(column.label)
-        places = {column.label: _place(column, found, self._spot) for column in TEXT if row.text}
+        places = {column.label: _position_of(column, file_format, self._spot) for column in TEXT if row.text}
         lacking += [label for label, place in places.items() if place is None]
         self._text = [place for place in places.values() if place is not None]
         self.lacking = tuple(lacking)
@@ -223,12 +223,12 @@ class RowReader:
         return text
 
 
-def _place(column: Column, found: Format, spot: Spot) -> int | None:
+def _position_of(column: Column, file_format: Format, spot: Spot) -> int | None:
     """Return where a column of this label stands in the file, None without one of its sort."""
-    if column.label not in found.labels:
+    if column.label not in file_format.labels:
         return None
-    place = found.labels.index(column.label)
-    value = found.values[place]
+    place = file_format.labels.index(column.label)
+    value = file_format.values[place]
     if value != column.value:
         spot.note(f"column {column.label} is stored as {value!r}, here as {column.value!r}")
     return place if _alike(value, column.value) else None

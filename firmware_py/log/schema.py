@@ -275,7 +275,7 @@ def output_bytes(output: Output) -> bytes:
     return decided if boat.water is None else decided + WATER.pack(t_s, boat.water)
 
 
-def ended(batch: bytes, t_s: float, sequence: int) -> bytes:
+def end_bytes(batch: bytes, t_s: float, sequence: int) -> bytes:
     """Return the records of a tick, closed by its number and the checksum over all before it."""
     data = batch + END.pack(microseconds(t_s), sequence, 0)[:-CRC_BYTES]
     return data + zlib.crc32(data).to_bytes(CRC_BYTES, "little")

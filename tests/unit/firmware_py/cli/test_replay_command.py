@@ -29,7 +29,7 @@ def with_checkpoint(path, change):
     tick, sequence = records[first], records[ends[0]][0].unpack(records[ends[0]][1], 0)[1]
     state = schema.CHECKPOINT.pack_text(1.0, Tick(0, 1.0, 0.0, 0, 10.0), change(text))
     rest = [record for found, record, _ in records[first + 1 : ends[0]] if found.name != "CHK"]
-    batch = schema.ended(tick[1] + state + b"".join(rest), 1.0, sequence)
+    batch = schema.end_bytes(tick[1] + state + b"".join(rest), 1.0, sequence)
     after = records[ends[0]][2] + records[ends[0]][0].length
     path.write_bytes(data[: tick[2]] + batch + data[after : records[ends[10]][2] + records[ends[10]][0].length])
     return str(path)

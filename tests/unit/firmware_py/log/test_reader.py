@@ -92,7 +92,7 @@ def test_a_tick_without_its_decision_is_damage(tmp_path, pretend):
     data = pretend.logged(tmp_path, 1)
     _, first = ends_of_ticks(data)
     inputs = pretend.inputs_of(5)
-    lonely = schema.ended(schema.TICK.pack(1.0, inputs.tick) + schema.inputs_bytes(inputs), 1.0, 0)
+    lonely = schema.end_bytes(schema.TICK.pack(1.0, inputs.tick) + schema.inputs_bytes(inputs), 1.0, 0)
     ticks, reading = read(data[:first] + lonely)
     assert (ticks, reading.damaged) == ([], 1)
 
@@ -102,7 +102,7 @@ def test_a_message_that_is_not_known_is_passed_over_and_counted(pretend):
     inputs, command = pretend.inputs_of(0), pretend.step(pretend.State(), pretend.inputs_of(0))[1]
     tick = schema.TICK.pack(1.0, inputs.tick) + newer.pack(1, 2) + newer.pack(1, 3)
     tick += schema.inputs_bytes(inputs) + schema.output_bytes(command)
-    ticks, reading = read(header((*schema.TYPES, newer), 1000) + schema.ended(tick, 1.0, 0))
+    ticks, reading = read(header((*schema.TYPES, newer), 1000) + schema.end_bytes(tick, 1.0, 0))
     assert [one.inputs for one in ticks] == [inputs]
     assert reading.notes == ("message NEW: not known here, 2 passed over",)
 
@@ -112,7 +112,7 @@ def test_a_request_that_is_not_known_is_left_out(pretend):
     text = '{"$":"Request","t_s":1.0,"intent":{"$":"Fly","height_m":3.0},"system":1,"component":1}'
     later = schema.REQUEST.pack_text(1.0, inputs.requests[0], text)
     tick = schema.TICK.pack(1.0, inputs.tick) + later + schema.inputs_bytes(inputs) + schema.output_bytes(command)
-    ticks, reading = read(header(schema.TYPES, 1000) + schema.ended(tick, 1.0, 0))
+    ticks, reading = read(header(schema.TYPES, 1000) + schema.end_bytes(tick, 1.0, 0))
     assert ticks[0].inputs == inputs
     assert len(reading.notes) == 1
     assert reading.notes[0].startswith("message REQ: Request.intent: expected one of SetMode, Arm")
@@ -121,7 +121,7 @@ def test_a_request_that_is_not_known_is_left_out(pretend):
 def test_a_log_without_the_frame_says_so():
     older = MessageType(schema.TICK.type.number, "TICK", "TimeUS,Tick", "QQ", "s-", "F-")
     with pytest.raises(LogError, match=r"TICK has no column T.*version"):
-        read(header((older, schema.END), 1000) + schema.ended(older.pack(1, 2), 1.0, 0))
+        read(header((older, schema.END), 1000) + schema.end_bytes(older.pack(1, 2), 1.0, 0))
     shorter = MessageType(schema.END.number, "END", "TimeUS,Crc", "QI", "s-", "F-")
     with pytest.raises(LogError, match=r"END.*version"):
         read(header((older, shorter), 1000) + shorter.pack(1, 2))

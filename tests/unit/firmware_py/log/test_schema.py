@@ -59,6 +59,6 @@ def test_inputs_and_decisions_are_doubles():
 
 
 def test_the_checksum_covers_the_number_of_the_tick():
-    assert schema.ended(b"abc", 1.0, 1)[-4:] != schema.ended(b"abc", 1.0, 2)[-4:]
-    assert schema.ended(b"abc", 1.0, 1)[-4:] != schema.ended(b"abd", 1.0, 1)[-4:]
+    assert schema.end_bytes(b"abc", 1.0, 1)[-4:] != schema.end_bytes(b"abc", 1.0, 2)[-4:]
+    assert schema.end_bytes(b"abc", 1.0, 1)[-4:] != schema.end_bytes(b"abd", 1.0, 1)[-4:]
     assert schema.END.values[-1] == "I"  # the checksum is the last, over all before it
