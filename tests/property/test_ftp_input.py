@@ -8,60 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from firmware_py.common.intents import Answer, Verdict
-from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.plan import Plans
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.files.root import FileRoot
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.wire.url_options import PLAIN
-
-
-class Authority:
-    """Takes everything."""
-
-    def decide(self, request):
-        return Answer(Verdict.ACCEPTED)
-
-    def parameters(self):
-        return ParameterSet()
-
-    def plans(self):
-        return Plans()
-
-    def replace_plan(self, request, done):
-        done(Answer(Verdict.ACCEPTED))
-
-    def when_stored(self, call):
-        call(True)
-
-
-class Pipe:
-    name, byte_rate, radio, datagrams, options = "pipe", None, False, True, PLAIN
-
-    def __init__(self):
-        self.inbox, self.sent = [], bytearray()
-
-    def descriptors(self):
-        return (5,)
-
-    def receive(self, descriptor):
-        inbox, self.inbox = self.inbox, []
-        return inbox
-
-    def send(self, address, data):
-        self.sent += data
-        return True
-
-    def addresses(self):
-        return ("station",)
-
-    def poll(self, now_s):
-        pass
-
-    def close(self):
-        pass
-
+from support.link import FakeRequestHandler, MemoryTransport
 
 NAMES = st.sampled_from(
     ["..", ".", "", "logs", "uploads", "secret", "a", "b", "way", "@PARAM", "param.pck?start=1&count=9999999", "\x00"]
@@ -93,21 +43,21 @@ def test_hostile_requests_are_answered_and_stay_inside(requests):
         (root / "secret").write_bytes(b"secret")
         (root / "uploads" / "way").symlink_to(root)
         before = outside(root)
-        pipe = Pipe()
+        transport = MemoryTransport()
         storage = FileRoot(dict, root / "logs", root / "uploads")
-        endpoint = Endpoint([pipe], Authority(), utc_s=lambda: 0.0, version=Version(), storage=storage)
+        endpoint = Endpoint([transport], FakeRequestHandler(), utc_s=lambda: 0.0, version=Version(), storage=storage)
         station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         endpoint.service(0.0, [])
         for sequence, session, opcode, data, size, offset in requests:
-            pipe.sent.clear()
+            transport.sent.clear()
             fields = (sequence, session, opcode, len(data[:239]) if size is None else size, 0, 0, 0, offset, data)
             payload = struct.pack("<HBBBBBBI239s", *fields)
             message = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload)
-            pipe.inbox.append(("station", message.pack(station)))
-            endpoint.service(0.0, [5])
+            transport.inbox.append(("station", message.pack(station)))
+            endpoint.service(0.0, [transport.descriptor])
             while endpoint.busy:
                 endpoint.service(0.0, [])
-            said = mavlink.MAVLink(None).parse_buffer(bytes(pipe.sent)) or []
+            said = mavlink.MAVLink(None).parse_buffer(b"".join(data for _, data in transport.sent)) or []
             replies = [bytes(one.payload) for one in said if one.get_type() == "FILE_TRANSFER_PROTOCOL"]
             assert len(replies) == (opcode not in (128, 129)) or opcode == 15
             for index, reply in enumerate(replies):

@@ -1,0 +1,92 @@
+"""A client of MAVLink file transfer that does as the guide says."""
+
+import struct
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from support.link import of_type
+
+ACK, NAK = 128, 129
+
+
+class Reply:
+    """The answer to a request of file transfer."""
+
+    def __init__(self, message):
+        self.to = (message.target_system, message.target_component)
+        payload = bytes(message.payload)
+        fields = struct.unpack("<HBBBBBBI", payload[:12])
+        self.sequence, self.session, self.opcode, self.size, self.asked, self.last, _, self.offset = fields
+        self.data = payload[12 : 12 + self.size]
+
+    @property
+    def ok(self):
+        return self.opcode == ACK
+
+    @property
+    def error(self):
+        assert self.opcode == NAK
+        return tuple(self.data)
+
+
+class FtpStation:
+    """A client of file transfer that does as the guide says, on a rig."""
+
+    def __init__(self, rig, address="station", session=0):
+        self.rig = rig
+        self.address = address
+        self.session = session
+        self.sequence = 0
+
+    def request(self, opcode, data=b"", *, offset=0, size=None, session=None, sequence=None):
+        """A request as a message; each has the next sequence number unless one is given."""
+        data = data.encode() if isinstance(data, str) else data
+        if sequence is None:
+            sequence, self.sequence = self.sequence, (self.sequence + 1) & 0xFFFF
+        number = self.session if session is None else session
+        size = len(data) if size is None else size
+        payload = struct.pack("<HBBBBBBI239s", sequence, number, opcode, size, 0, 0, 0, offset, data)
+        return mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, payload)
+
+    def all(self, *request, **fields):
+        """The replies to a request."""
+        return self.replies(self.rig.tell(self.request(*request, **fields), address=self.address))
+
+    @staticmethod
+    def replies(said):
+        """What was said of file transfer."""
+        return [Reply(message) for message in of_type(said, "FILE_TRANSFER_PROTOCOL")]
+
+    def ask(self, *request, **fields):
+        """The one reply to a request."""
+        (reply,) = self.all(*request, **fields)
+        return reply
+
+    def get(self, path):
+        """Read a file by one read after the other."""
+        opened = self.ask(4, path)
+        assert opened.ok, opened.error
+        content = b""
+        while (reply := self.ask(5, offset=len(content), size=239)).ok:
+            content += reply.data
+        assert reply.error == (6,)
+        assert self.ask(1).ok
+        assert len(content) == int.from_bytes(opened.data, "little")
+        return content
+
+    def put(self, path, content):
+        """Write a file; return the answer to the end of it."""
+        created = self.ask(6, path)
+        if not created.ok:
+            return created
+        for start in range(0, len(content), 239):
+            assert self.ask(7, content[start : start + 239], offset=start).ok
+        return self.ask(1)
+
+    def list(self, path, opcode=3):
+        """The lines of a listing."""
+        lines = []
+        while (reply := self.ask(opcode, path, offset=len(lines))).ok:
+            lines += reply.data.decode().rstrip("\0").split("\0")
+        assert reply.error == (6,), reply.error
+        return lines

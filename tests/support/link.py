@@ -1,0 +1,225 @@
+"""A link on a transport in memory, before a request handler that records what it is asked."""
+
+import dataclasses
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.intents import Answer, SetParameter, Verdict
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
+from firmware_py.common.records import RudderCommand
+from firmware_py.common.reports import Output, Snapshot
+from firmware_py.link.endpoint import NO_STORAGE, Endpoint
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.wire.url_options import PLAIN
+
+SNAPSHOT = Snapshot(
+    t_s=12.5,
+    tick=125,
+    mode=Mode.GUIDED,
+    armed=True,
+    heading_rad=1.0,
+    heading_ok=True,
+    yaw_rate_rad_s=0.01,
+    roll_rad=0.1,
+    pitch_rad=-0.2,
+    goal_heading_rad=2.0,
+    heading_error_rad=1.0,
+    bearing_rad=None,
+    distance_m=None,
+    rudder_rad=0.2,
+    rudder_command_rad=0.25,
+    rudder_ok=True,
+    servo=None,
+    position=None,
+    position_ok=False,
+    faults=0,
+    rate_hz=10.0,
+    skipped_total=0,
+    late_s=0.0005,
+)
+
+
+class FakeRequestHandler:
+    """Gives the scripted answer, keeps parameters, stores when told to."""
+
+    def __init__(self):
+        self.requests = []
+        self.answer = Answer(Verdict.ACCEPTED)
+        self.values = ParameterSet()
+        self.at_once = True
+        self.plans_kept = Plans()
+        self.plans_stored = True
+        self.waiting = []
+
+    @property
+    def intents(self):
+        return [request.intent for request in self.requests]
+
+    def decide(self, request):
+        self.requests.append(request)
+        if isinstance(request.intent, SetParameter) and self.answer.verdict is Verdict.ACCEPTED:
+            try:
+                self.values = self.values.replaced(request.intent.name, request.intent.value)
+            except ValueError as error:
+                return Answer(Verdict.DENIED, str(error))
+        return self.answer
+
+    def parameters(self):
+        return self.values
+
+    def plans(self):
+        return self.plans_kept
+
+    def replace_plan(self, request, done):
+        if self.decide(request).verdict is not Verdict.ACCEPTED:
+            done(self.answer)
+            return
+
+        def stored(well):
+            if well:
+                self.plans_kept = self.plans_kept.replaced(request.intent.plan)
+            done(self.answer if well else Answer(Verdict.FAILED, "the disk is full"))
+
+        if self.at_once:
+            stored(self.plans_stored)
+        else:
+            self.waiting.append(stored)
+
+    def when_stored(self, call):
+        if self.at_once:
+            call(True)
+        else:
+            self.waiting.append(call)
+
+
+class MemoryTransport:
+    """Carries bytes in lists; one descriptor; correspondents named by strings."""
+
+    name = "memory"
+
+    def __init__(
+        self,
+        descriptor=100,
+        addresses=("station",),
+        *,
+        byte_rate=None,
+        radio=False,
+        datagrams=True,
+        options=PLAIN,
+    ):
+        self.descriptor = descriptor
+        self.served = tuple(addresses)
+        self.byte_rate = byte_rate
+        self.radio = radio
+        self.datagrams = datagrams
+        self.options = options
+        self.inbox = []
+        self.sent = []
+        self.takes = True
+        self.closed = False
+
+    def descriptors(self):
+        return (self.descriptor,)
+
+    def receive(self, descriptor):
+        inbox, self.inbox = self.inbox, []
+        return inbox
+
+    def send(self, address, data):
+        if self.takes:
+            self.sent.append((address, data))
+        return self.takes
+
+    def addresses(self):
+        return self.served
+
+    def poll(self, now_s):
+        pass
+
+    def close(self):
+        self.closed = True
+
+
+class MemoryVault:
+    """Keeps what it is given, in memory."""
+
+    def __init__(self):
+        self.contents = []
+
+    def load(self):
+        return self.contents[-1] if self.contents else None
+
+    def save(self, content):
+        self.contents.append(content)
+
+
+class Rig:
+    """An endpoint and a ground station that speaks through pymavlink."""
+
+    def __init__(self, vault=None, *, identity=3, storage=NO_STORAGE, **transport):
+        self.vault = vault or MemoryVault()
+        self.utc_s = 1.7e9
+        self.transport = MemoryTransport(**transport)
+        self.request_handler = FakeRequestHandler()
+        self.request_handler.values = self.request_handler.values.replaced("LNK_IDENTITY", identity)
+        self.endpoint = Endpoint(
+            [self.transport],
+            self.request_handler,
+            utc_s=lambda: self.utc_s,
+            version=Version(0, 1, 0, "0123abcd", 77),
+            vault=self.vault,
+            offer_utc=lambda utc_s, now_s: self.heard_utc.append((utc_s, now_s)),
+            storage=storage,
+        )
+        self.heard_utc = []
+        self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        self.now_s = 0.0
+
+    def give(self, data, address="station"):
+        """Hand bytes to the link and let it answer; return what it said, decoded."""
+        self.transport.inbox.append((address, data))
+        self.endpoint.service(self.now_s, [self.transport.descriptor])
+        while self.endpoint.busy:
+            self.endpoint.service(self.now_s, [])
+        return self.said()
+
+    def tell(self, *messages, address="station"):
+        """Send messages to the link; return what it said."""
+        return self.give(b"".join(self.frame(message) for message in messages), address)
+
+    def frame(self, message):
+        data = message.pack(self.station)
+        self.station.seq = (self.station.seq + 1) % 256
+        return data
+
+    def command(self, number, *values, confirmation=0, target=(1, 1)):
+        values = (*values, *(0.0,) * (7 - len(values)))
+        return self.tell(mavlink.MAVLink_command_long_message(*target, number, confirmation, *values))
+
+    def tick(self, **changes):
+        """Publish one tick; return what the link said."""
+        self.tick_silently(**changes)
+        return self.said()
+
+    def ticks(self, count):
+        """Publish some ticks; return what the link said in all of them."""
+        return [message for _ in range(count) for message in self.tick()]
+
+    def tick_silently(self, *, seconds=0.1, events=(), **changes):
+        """Publish one tick; `said` tells what the link said."""
+        self.now_s += seconds
+        snapshot = dataclasses.replace(SNAPSHOT, t_s=self.now_s, **changes)
+        self.endpoint.publish(Output(RudderCommand(0.0, True), snapshot, tuple(events)), self.now_s)
+
+    def said(self, address=None):
+        """Return what was sent since the last call, decoded by pymavlink's own parser."""
+        sent, self.transport.sent = self.transport.sent, []
+        decoder = mavlink.MAVLink(None)
+        data = b"".join(data for to, data in sent if address in (None, to))
+        return decoder.parse_buffer(data) or []
+
+
+def of_type(messages, name):
+    return [message for message in messages if message.get_type() == name]
