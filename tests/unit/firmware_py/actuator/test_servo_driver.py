@@ -150,7 +150,7 @@ def test_a_line_that_is_away_gets_nothing_and_a_new_one_starts_anew(line, driver
     driver.command(RudderCommand(0.2, torque_on=True), 0.1)
     assert line.written == [b"0.1"]
     assert (driver.fileno(), driver.health(0.1).state) == (-1, DeviceState.ABSENT)
-    line.plug_in()
+    line.plug()
     driver.receive(0.2)
     assert (servo.restarts, servo.parser.clears) == (1, 1)
     assert line.written == [b"0.1", b"0.2"]

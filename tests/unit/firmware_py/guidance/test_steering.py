@@ -3,8 +3,8 @@ from dataclasses import replace
 
 import pytest
 
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Mode
 from firmware_py.common.reports import Water
 from firmware_py.guidance.guidance import GuidanceSettings
 from firmware_py.guidance.steering import SteeringTarget, steering_target, update_goal
