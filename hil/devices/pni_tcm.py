@@ -28,7 +28,7 @@ _FIELD_HORIZONTAL_UT, _FIELD_DOWN_UT = 20.0, 43.0  # a mid-latitude field
 
 
 class PniTcmEmulator:
-    """A TCM that answers the commands of protocols.md and pushes when configured and started.
+    """A TCM that answers the commands of the PNI TCM manual and pushes when configured and started.
 
     `declination_deg` is the place's: the module senses magnetic north and adds its own
     configured declination only when told to refer to true north. `push_mode` is the

@@ -1,6 +1,6 @@
 """A Volz DA servo on RS-485: six bytes in, six bytes out, and no word about errors.
 
-Source: protocols.md. The two argument bytes of the current, voltage and temperature
+Source: the Volz DA 26 RS-485 protocol specification. The two argument bytes of the current, voltage and temperature
 replies are two channels (first supply or motor, second supply or circuit board).
 """
 

@@ -25,7 +25,7 @@ def test_an_acknowledgement_names_the_command_and_its_sender(rig):
     assert (request.intent, request.system, request.component) == (Arm(True), 255, 190)
 
 
-@pytest.mark.parametrize("number", [0, 1, 16, 21, 31010, 65535])
+@pytest.mark.parametrize("number", [0, 1, 16, 21, 65534, 65535])
 def test_an_unknown_command_is_unsupported(rig, number):
     assert only_ack(rig.command(number)).result == UNSUPPORTED
     message = mavlink.MAVLink_command_int_message(1, 1, 0, number, 0, 0, 0, 0, 0, 0, 0, 0, 0)
