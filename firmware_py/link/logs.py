@@ -42,9 +42,13 @@ class LogFile(NamedTuple):
 
 
 class _Range(NamedTuple):
-    """A piece of a log that is asked for; an open end is asked for with a number too large."""
+    """A piece of a log that is asked for; an open end is asked for with a number too large.
+
+    It holds the log itself: the list may be another one, or empty, before the piece has been sent.
+    """
 
     number: int
+    log: LogFile
     start: int
     end: int
 
@@ -127,8 +131,9 @@ class LogServer:
         if not count or message.id > count:
             self._context.send_text_limited(peer, Severity.WARNING, f"Log {message.id} does not exist", now_s)
             return
-        span = _Range(message.id, message.ofs, message.ofs + message.count)
-        if download.ranges and download.ranges[0].number != span.number:
+        log = download.logs[message.id % count]
+        span = _Range(message.id, log, message.ofs, message.ofs + message.count)
+        if download.ranges and download.ranges[0][:2] != span[:2]:
             download.ranges.clear()
         if any(queued.start <= span.start and span.end <= queued.end for queued in download.ranges):
             return  # on its way
@@ -246,8 +251,7 @@ class LogServer:
 
     def _send_range(self, peer: Peer, download: _Download, frames: int) -> int:
         """Queue blocks of the first range; return how many."""
-        number, start, end = download.ranges[0]
-        log = download.logs[number % len(download.logs)]
+        number, log, start, end = download.ranges[0]
         if end - start > _CHUNK_BYTES and peer.transport.datagrams:
             # Nobody says how much of such a stream arrives: more at once would be lost on a slow reader.
             frames = min(frames, download.granted_bytes // _BLOCK)
@@ -267,7 +271,7 @@ class LogServer:
             push(pack(_LOG_DATA, head + block), Priority.REPLY)
         sent, start = len(blocks), start + len(data)
         if start < min(end, log.size) and data:
-            download.ranges[0] = _Range(number, start, end)
+            download.ranges[0] = _Range(number, log, start, end)
             return sent
         if not sent:
             # Only to who asks beyond the end: MAVProxy takes an empty block for the end, whatever was lost before.

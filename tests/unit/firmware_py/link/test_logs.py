@@ -232,3 +232,33 @@ def test_an_erasure_ends_a_download(boat, of):
     boat.tell(ERASE)
     boat.tick_silently(armed=False)
     assert blocks(boat.give(b"")) == {}
+
+
+# ---------------------------------------------------------------------- removed while they are read
+
+
+@pytest.mark.parametrize("gone", [SIZES, [1, 2]], ids=["all", "all but one"])
+def test_a_list_asked_for_anew_does_not_disturb_what_is_being_sent(boat, disk, of, gone):
+    entries(boat, of)
+    found = blocks(ask_data(boat, 2))  # opened by now; what is removed from the directory can be read to its end
+    for number in gone:
+        (disk / f"{number:08d}.BIN").unlink()
+    found.update(blocks(boat.tell(mavlink.MAVLink_log_request_list_message(1, 1, 0, 0xFFFF))))
+    for _ in range(10):
+        boat.tick_silently()
+        found.update(blocks(boat.give(b"")))
+    assert joined(found) == content_of(2)
+    assert not boat.endpoint.busy
+
+
+def test_a_number_that_means_another_log_by_now_is_not_mixed_with_the_earlier_one(boat, disk, of):
+    entries(boat, of)
+    ask_data(boat, 2)
+    (disk / "00000001.BIN").unlink()
+    entries(boat, of)
+    later = content_of(5)
+    found = blocks(ask_data(boat, 2, 0, 90)) | blocks(ask_data(boat, 2, 90, SIZES[5]))
+    for _ in range(10):
+        boat.tick_silently()
+        found.update(blocks(boat.give(b"")))
+    assert joined(found) == later
