@@ -58,6 +58,21 @@ class SlowWorker:
         pass
 
 
+class Author:
+    """What a station uploads: each plan of its own, told by the longitude of its items."""
+
+    def __init__(self, place):
+        self.longitude = place * 1_000_000
+
+    def begin(self, count):
+        self.longitude += 1000
+        return mavlink.MAVLink_mission_count_message(1, 1, count, 0)
+
+    def item(self, sequence):
+        place = (360_000_000 + sequence, self.longitude, 0.0)
+        return mavlink.MAVLink_mission_item_int_message(1, 1, sequence, 6, 16, 0, 1, 0, 0, 0, 0, *place, 0)
+
+
 class Sea:
     """A boat with logs, and stations that ask for them."""
 
@@ -72,6 +87,7 @@ class Sea:
         self.rig = Rig(storage=storage, addresses=tuple(STATIONS))
         self.worker = self.rig.endpoint._worker
         self.clients = {}
+        self.authors = {name: Author(place) for place, name in enumerate(STATIONS, start=1)}
         for name, (system, component) in STATIONS.items():
             self.clients[name] = FtpStation(self.rig, name), mavlink.MAVLink(None, system, component)
         self.tick()
@@ -99,6 +115,9 @@ class Sea:
         for block in of_type(self.rig.said(), "LOG_DATA"):
             assert len(set(block.data[: block.count])) <= 1
             assert block.ofs + block.count <= LOG_BYTES or block.count == 0
+        items = self.rig.request_handler.plans().mission.items
+        assert len({item.y for item in items}) <= 1
+        assert [item.x - 360_000_001 for item in items] == list(range(len(items)))
 
     def remove_oldest(self):
         for path in sorted(self.logs.glob("*.BIN"))[:1]:
@@ -139,6 +158,13 @@ FILES = st.one_of(
     st.tuples(st.sampled_from([3, 16]), st.sampled_from(["logs", "uploads", ""]), SESSION),
     st.tuples(st.sampled_from([1, 2, 5, 7, 15]), st.just(""), SESSION),
 )
+PLANS = st.one_of(
+    st.sampled_from([3, 4, 2500]).map(lambda count: lambda author: author.begin(count)),
+    st.integers(0, 3).map(lambda sequence: lambda author: author.item(sequence)),
+    st.just(lambda author: author.item(0)),
+    st.just(mavlink.MAVLink_mission_ack_message(1, 1, 15, 0)),
+    st.just(mavlink.MAVLink_mission_clear_all_message(1, 1, 0)),
+)
 EVENTS = {
     "tick": Sea.tick,
     "the disk works": Sea.work,
@@ -161,6 +187,8 @@ def run(steps):
             elif isinstance(what, tuple):
                 opcode, path, session = what
                 sea.feed(who, sea.clients[who][0].request(opcode, path, session=session))
+            elif callable(what):
+                sea.feed(who, what(sea.authors[who]))
             else:
                 sea.feed(who, what)
         for _ in range(20):
@@ -189,3 +217,22 @@ def test_stations_that_fetch_and_erase_logs_at_once_get_no_mixture(steps):
 @given(st.lists(st.tuples(WHO, FILES) | st.tuples(WHO, LIST | ERASE) | EVENT, min_size=4, max_size=30))
 def test_stations_that_use_files_at_once_are_served(steps):
     run(steps)
+
+
+@pytest.mark.usefixtures("slow_disk")
+@INTERLEAVED
+@given(st.lists(st.tuples(WHO, PLANS) | EVENT, min_size=4, max_size=40))
+def test_stations_that_upload_at_once_leave_one_plan_whole(steps):
+    run(steps)
+
+
+@pytest.mark.usefixtures("slow_disk")
+@INTERLEAVED
+@given(st.data(), st.sampled_from([2500, 3]), st.permutations(range(4)))
+def test_plans_that_follow_each_other_at_any_item_do_not_mix(data, second, order):
+    """Each station sends all of its items at any time, whatever it is asked for."""
+    author = data.draw(WHO)
+    other = data.draw(WHO)
+    begun = [(author, lambda one: one.begin(4)), *((author, lambda one, n=n: one.item(n)) for n in range(2))]
+    again = (other, lambda one: one.begin(second))
+    run([*begun, again, *((other, lambda one, n=n: one.item(n)) for n in sorted(order))])

@@ -28,11 +28,11 @@ class CommandRecord:
 
 
 class CommandMemory:
-    """The latest of each command of each sender, bounded."""
+    """The latest of each command of each sender, bounded; two that have one number and come by two ways are two."""
 
     def __init__(self) -> None:
         """Start with nothing done."""
-        self._done: OrderedDict[tuple[int, int, int], CommandRecord] = OrderedDict()
+        self._done: OrderedDict[tuple[Peer, int, int, int], CommandRecord] = OrderedDict()
 
     def __len__(self) -> int:
         """Return how many are remembered."""
@@ -42,27 +42,27 @@ class CommandMemory:
         self, sender: tuple[int, int], command: int, now: CommandRecord, *, confirmed: bool, relative: bool
     ) -> CommandRecord | None:
         """Return the one that this is a retry or a double of, None when it is new."""
-        done = self._done.get((*sender, command))
+        done = self._done.get((now.peer, *sender, command))
         if done is None or done.asked != now.asked or done.in_whole_numbers is not now.in_whole_numbers:
             return None
         age_s = now.t_s - done.t_s
         if confirmed:
             return done if age_s < (SATELLITE_RETRY_S if now.peer.quiet else RETRY_S) else None
         behind = (done.sequence - now.sequence) & 0xFF
-        if done.peer is now.peer and behind < 128 and age_s < OVERTAKEN_S:
+        if behind < 128 and age_s < OVERTAKEN_S:
             return done
         return done if relative and now.in_whole_numbers and age_s < REPEAT_S else None
 
     def remember(self, sender: tuple[int, int], command: int, done: CommandRecord) -> None:
         """Remember a command, in place of the one of its kind."""
-        key = (*sender, command)
+        key = (done.peer, *sender, command)
         self._done[key] = done
         self._done.move_to_end(key)
         if len(self._done) > REMEMBERED:
             self._done.popitem(last=False)
 
-    def set_result(self, sender: tuple[int, int], command: int, result: int) -> None:
+    def set_result(self, peer: Peer, sender: tuple[int, int], command: int, result: int) -> None:
         """Note the result of the command that is remembered."""
-        key = (*sender, command)
+        key = (peer, *sender, command)
         if key in self._done:
             self._done[key] = replace(self._done[key], result=result)

@@ -168,7 +168,7 @@ class CommandServer:
             pending.cancel()
             self._conclude(call, None, Answer(Verdict.TEMPORARILY_REJECTED, "Too many commands are under way"))
             return
-        self._memory.set_result(call.sender, call.command, IN_PROGRESS)
+        self._memory.set_result(call.peer, call.sender, call.command, IN_PROGRESS)
         self._pending.append((call, pending))
         pending.begin(call.now_s, lambda answer: self._finish(call, pending, answer))
 
@@ -180,7 +180,7 @@ class CommandServer:
         if pending is not None:
             self._pending = [entry for entry in self._pending if entry[1] is not pending]
         result = int(answer.verdict) if isinstance(answer, Answer) else answer
-        self._memory.set_result(call.sender, call.command, result)
+        self._memory.set_result(call.peer, call.sender, call.command, result)
         if isinstance(answer, Answer):
             self._explain(call, answer)
         self._acknowledge(call, result)

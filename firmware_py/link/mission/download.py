@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.link.context import LinkContext
-from firmware_py.link.mission.items import Sender, acknowledge, home_item, item_message, sender_of
+from firmware_py.link.mission.items import Correspondent, acknowledge, home_item, item_message, sender_of
 from firmware_py.link.mission.numbers import homes, wire_count
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
@@ -34,28 +34,28 @@ class PlanDownloads:
     def __init__(self, context: LinkContext) -> None:
         """Take the context to answer through."""
         self._context = context
-        self._readings: OrderedDict[tuple[Sender, PlanKind], PlanDownload] = OrderedDict()
+        self._readings: OrderedDict[tuple[Correspondent, PlanKind], PlanDownload] = OrderedDict()
 
     def send_count(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_LIST with the count and the opaque id."""
-        to = sender_of(message)
+        reader = Correspondent(peer, sender_of(message))
         plan = self._context.request_handler.plans().of(kind)
-        self._readings[to, kind] = PlanDownload(plan, now_s)
-        self._readings.move_to_end((to, kind))
+        self._readings[reader, kind] = PlanDownload(plan, now_s)
+        self._readings.move_to_end((reader, kind))
         if len(self._readings) > _REMEMBERED:
             self._readings.popitem(last=False)
         count = wire_count(plan, homes(self._context.autopilot, kind))
-        self._context.send(peer, _COUNT(*to, count, int(kind), plan.identity))
+        self._context.send(peer, _COUNT(*reader.sender, count, int(kind), plan.identity))
 
     def send_item(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_INT, or MISSION_REQUEST in kind."""
-        plan = self._plan(peer, sender_of(message), kind, now_s)
+        plan = self._plan(Correspondent(peer, sender_of(message)), kind, now_s)
         if not self._send(peer, message, kind, plan, message.seq, whole=type(message).id == _REQUEST_INT):
             acknowledge(self._context, peer, sender_of(message), int(kind), PlanResult.INVALID_SEQUENCE)
 
     def send_part(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_PARTIAL_LIST with the items themselves; -1 is the end of the list."""
-        plan = self._plan(peer, sender_of(message), kind, now_s)
+        plan = self._plan(Correspondent(peer, sender_of(message)), kind, now_s)
         count = wire_count(plan, homes(self._context.autopilot, kind))
         first, last = message.start_index, message.end_index if message.end_index != -1 else count - 1
         if not 0 <= first <= last < count:
@@ -66,14 +66,14 @@ class PlanDownloads:
             for sequence in range(first, last + 1):
                 self._send(peer, message, kind, plan, sequence, whole=True)
 
-    def end(self, reader: Sender, kind: PlanKind) -> None:
+    def end(self, reader: Correspondent, kind: PlanKind) -> None:
         """Note that a station has read all it wanted, or has a plan of its own in force."""
         self._readings.pop((reader, kind), None)
 
-    def _plan(self, peer: Peer, reader: Sender, kind: PlanKind, now_s: float) -> Plan:
+    def _plan(self, reader: Correspondent, kind: PlanKind, now_s: float) -> Plan:
         """Return the plan that a station is reading, or the one in force."""
         reading = self._readings.get((reader, kind))
-        if reading is None or now_s - reading.used_s >= timeouts_of(peer.transport).give_up_s:
+        if reading is None or now_s - reading.used_s >= timeouts_of(reader.peer.transport).give_up_s:
             return self._context.request_handler.plans().of(kind)
         reading.used_s = now_s
         return reading.plan

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from firmware_py.common.plan import PlanItem, PlanKind
 from firmware_py.common.reports import Home
@@ -23,6 +24,13 @@ _ACK = mavlink.mavlink_map[47]
 _INT32 = 1 << 31
 
 Sender = tuple[int, int]  # MAVLink system and component
+
+
+class Correspondent(NamedTuple):
+    """A station and the way it comes by: its number alone does not tell it, since 255 and 190 are everybody's."""
+
+    peer: Peer
+    sender: Sender
 
 
 def sender_of(message: Message) -> Sender:

@@ -10,7 +10,7 @@ from firmware_py.common.records import Severity
 from firmware_py.common.reports import Snapshot
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.mission.download import PlanDownloads
-from firmware_py.link.mission.items import KINDS, NAMES, Sender, acknowledge, sender_of
+from firmware_py.link.mission.items import KINDS, NAMES, Correspondent, Sender, acknowledge, sender_of
 from firmware_py.link.mission.numbers import homes
 from firmware_py.link.mission.upload import PlanUploads
 from firmware_py.link.peer import Peer
@@ -98,14 +98,15 @@ class MissionServer:
         peer.streams.make_due(_CURRENT, now_s)
         self._context.send_text_limited(peer, Severity.WARNING, answer.text or f"Item {message.seq} was refused", now_s)
 
-    def _end_transfer(self, _peer: Peer, message: Message, _now_s: float) -> None:
+    def _end_transfer(self, peer: Peer, message: Message, _now_s: float) -> None:
         """Take a MISSION_ACK: the end of a download, or, unless ACCEPTED, of an upload."""
         kind = KINDS.get(message.mission_type)
         if kind is None:
             return
-        self._downloads.end(sender_of(message), kind)
+        station = Correspondent(peer, sender_of(message))
+        self._downloads.end(station, kind)
         if message.type != PlanResult.ACCEPTED:
-            self._uploads.cancel(sender_of(message), kind)
+            self._uploads.cancel(station, kind)
 
     def _clear(self, peer: Peer, message: Message, now_s: float) -> None:
         """Clear one plan or all; acknowledged once the empty ones are on disk."""
@@ -119,9 +120,10 @@ class MissionServer:
         # Asked again before the disk has answered: the answer to the first will do.
         if self._clearing.intersection(kinds):
             return
+        station = Correspondent(peer, sender_of(message))
         for each in kinds:
-            self._uploads.cancel(sender_of(message), each)
-            self._downloads.end(sender_of(message), each)
+            self._uploads.cancel(station, each)
+            self._downloads.end(station, each)
         left = [each for each in kinds if self._context.request_handler.plans().of(each).items]
         if not left:
             acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.ACCEPTED)

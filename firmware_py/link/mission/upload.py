@@ -15,7 +15,7 @@ from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
-from firmware_py.link.mission.items import NAMES, Sender, acknowledge, item_of, sender_of
+from firmware_py.link.mission.items import NAMES, Correspondent, acknowledge, item_of, sender_of
 from firmware_py.link.mission.numbers import homes
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
@@ -35,8 +35,7 @@ class PlanUpload:
     """An upload under way: the items [first, end) as the station numbers them; `base` is the plan that they change."""
 
     kind: PlanKind
-    owner: Sender
-    peer: Peer
+    owner: Correspondent
     first: int
     end: int
     home_count: int
@@ -77,42 +76,46 @@ class PlanUploads:
         """Take the context to ask and to answer through."""
         self._context = context
         self._active: dict[PlanKind, PlanUpload] = {}
-        self._ended: OrderedDict[tuple[Sender, PlanKind], UploadEnd] = OrderedDict()
+        self._ended: OrderedDict[tuple[Correspondent, PlanKind], UploadEnd] = OrderedDict()
         # The count and the frame's own number of the latest MISSION_COUNT, and when it came.
-        self._counts: OrderedDict[tuple[Sender, PlanKind], tuple[tuple[int, int], float]] = OrderedDict()
+        self._counts: OrderedDict[tuple[Correspondent, PlanKind], tuple[tuple[int, int], float]] = OrderedDict()
 
     def begin(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Take a MISSION_COUNT: begin an upload, or begin it again."""
         home_count = homes(self._context.autopilot, kind)
-        if self._is_duplicate(message, kind, now_s) or not self.may_change(peer, message, kind, now_s):
+        if self._is_duplicate(peer, message, kind, now_s) or not self.may_change(peer, message, kind, now_s):
             return
+        owner = Correspondent(peer, sender_of(message))
+        self._forget(owner, kind)
         if message.count > MOST_ITEMS + home_count:
             text = f"{message.count} items; at most {MOST_ITEMS} are kept"
-            self._refuse(peer, sender_of(message), PlanProblem(None, PlanResult.NO_SPACE, text), kind, now_s)
+            self._refuse(owner, PlanProblem(None, PlanResult.NO_SPACE, text), kind, now_s)
             return
-        self._start(peer, message, kind, (0, message.count), None, now_s)
+        self._start(owner, kind, (0, message.count), None, now_s)
 
     def begin_part(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Take a MISSION_WRITE_PARTIAL_LIST; an end beyond the plan means its last item."""
         if not self.may_change(peer, message, kind, now_s):
             return
+        owner = Correspondent(peer, sender_of(message))
+        self._forget(owner, kind)
         base = self._context.request_handler.plans().of(kind)
         last = len(base.items) + homes(self._context.autopilot, kind) - 1
         first, end = message.start_index, min(message.end_index, last) + 1
         if not base.items or not 0 <= first < end:
             fault = PlanProblem(None, PlanResult.INVALID_SEQUENCE, "there are no such items to be written anew")
-            self._refuse(peer, sender_of(message), fault, kind, now_s)
+            self._refuse(owner, fault, kind, now_s)
             return
-        self._start(peer, message, kind, (first, end), base, now_s)
+        self._start(owner, kind, (first, end), base, now_s)
 
     def receive_item(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Take an item."""
-        owner = sender_of(message)
+        owner = Correspondent(peer, sender_of(message))
         upload = self._active.get(kind)
         if upload is None or upload.owner != owner:
-            self._answer_stray_item(peer, message, kind, owner)
+            self._answer_stray_item(owner, message, kind)
             return
-        upload.peer, upload.last_item_s = peer, now_s
+        upload.last_item_s = now_s
         if upload.storing or message.seq != upload.next:
             return
         upload.retry.learn(now_s)
@@ -124,7 +127,7 @@ class PlanUploads:
         upload.items.append(item)
         self._request_next(upload, now_s)
 
-    def cancel(self, owner: Sender, kind: PlanKind) -> bool:
+    def cancel(self, owner: Correspondent, kind: PlanKind) -> bool:
         """Forget the upload of a station that has thought better of it; False when there is none."""
         upload = self._active.get(kind)
         if upload is None or upload.owner != owner or upload.storing:
@@ -148,22 +151,30 @@ class PlanUploads:
 
     def may_change(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> bool:
         """Return whether a station may change a plan now, or refuse: not while another one uploads it."""
-        upload, owner = self._active.get(kind), sender_of(message)
+        upload, owner = self._active.get(kind), Correspondent(peer, sender_of(message))
         if upload is None or upload.owner == owner:
             return True
-        if now_s - upload.last_item_s < upload.timeouts.yield_s:
-            text = f"system {upload.owner[0]} is uploading one now"
-            self._refuse(peer, owner, PlanProblem(None, PlanResult.DENIED, text), kind, now_s, message.mission_type)
+        # Whose connection is gone does not come back as the same correspondent: it need not wait for itself.
+        present = any(other is upload.owner.peer for other in self._context.peers)
+        if present and now_s - upload.last_item_s < upload.timeouts.yield_s:
+            text = f"system {upload.owner.sender[0]} is uploading one now"
+            self._refuse(owner, PlanProblem(None, PlanResult.DENIED, text), kind, now_s, message.mission_type)
             return False
-        text = f"system {owner[0]} takes its turn"
+        text = f"system {owner.sender[0]} takes its turn"
         self._end(upload, upload.next, PlanProblem(None, PlanResult.OPERATION_CANCELLED, text), now_s)
         return True
 
     # ------------------------------------------------------------------ parts
 
-    def _is_duplicate(self, message: Message, kind: PlanKind, now_s: float) -> bool:
+    def _forget(self, owner: Correspondent, kind: PlanKind) -> None:
+        """Forget what a station has begun or ended, once it asks for something new, whether that can be done or not."""
+        # Items of two plans never mix, and the answer to the new question is none to the old one.
+        self._active.pop(kind, None)
+        self._ended.pop((owner, kind), None)
+
+    def _is_duplicate(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> bool:
         """Return whether a line has doubled a MISSION_COUNT, which would begin an upload that nobody wants."""
-        key = (sender_of(message), kind)
+        key = (Correspondent(peer, sender_of(message)), kind)
         mark = (message.count, message.get_seq())
         before, seen_s = self._counts.get(key, ((-1, -1), -math.inf))
         if mark == before and now_s - seen_s < _DOUBLED_S:
@@ -175,15 +186,12 @@ class PlanUploads:
         return False
 
     def _start(
-        self, peer: Peer, message: Message, kind: PlanKind, span: tuple[int, int], base: Plan | None, now_s: float
+        self, owner: Correspondent, kind: PlanKind, span: tuple[int, int], base: Plan | None, now_s: float
     ) -> None:
-        timeouts = timeouts_of(peer.transport)
+        timeouts = timeouts_of(owner.peer.transport)
         home_count = homes(self._context.autopilot, kind)
-        owner = sender_of(message)
-        upload = PlanUpload(kind, owner, peer, *span, home_count, base, timeouts, RetryTimer(timeouts), now_s)
-        # An upload that is begun anew starts from nothing: items of two plans never mix.
+        upload = PlanUpload(kind, owner, *span, home_count, base, timeouts, RetryTimer(timeouts), now_s)
         self._active[kind] = upload
-        self._ended.pop((owner, kind), None)
         self._request_next(upload, now_s)
 
     def _request_next(self, upload: PlanUpload, now_s: float) -> None:
@@ -202,7 +210,7 @@ class PlanUploads:
         if not plan.items and not self._context.request_handler.plans().of(upload.kind).items:
             self._end(upload, upload.end - 1, None, now_s)
             return
-        request = Request(now_s, ReplacePlan(plan), *upload.owner)
+        request = Request(now_s, ReplacePlan(plan), *upload.owner.sender)
         self._context.request_handler.replace_plan(request, lambda answer: self._stored(upload, plan, answer))
 
     def _checked_item(self, upload: PlanUpload, message: Message) -> PlanItem | PlanProblem:
@@ -217,7 +225,7 @@ class PlanUploads:
 
     def _request(self, upload: PlanUpload) -> None:
         make = mavlink.MAVLink_mission_request_int_message if upload.whole else mavlink.MAVLink_mission_request_message
-        self._context.send(upload.peer, make(*upload.owner, upload.next, int(upload.kind)))
+        self._context.send(upload.owner.peer, make(*upload.owner.sender, upload.next, int(upload.kind)))
 
     def _stored(self, upload: PlanUpload, plan: Plan, answer: Answer) -> None:
         if answer.verdict is Verdict.ACCEPTED:
@@ -241,25 +249,25 @@ class PlanUploads:
         if len(self._ended) > _REMEMBERED:
             self._ended.popitem(last=False)
         if fault is None:
-            acknowledge(self._context, upload.peer, upload.owner, int(upload.kind), ended.result, ended.identity)
+            acknowledge(self._context, *upload.owner, int(upload.kind), ended.result, ended.identity)
             return
-        self._refuse(upload.peer, upload.owner, fault, upload.kind, now_s)
+        self._refuse(upload.owner, fault, upload.kind, now_s)
 
     def _refuse(
-        self, peer: Peer, to: Sender, fault: PlanProblem, kind: PlanKind, now_s: float, shown: int | None = None
+        self, to: Correspondent, fault: PlanProblem, kind: PlanKind, now_s: float, shown: int | None = None
     ) -> None:
-        acknowledge(self._context, peer, to, int(kind) if shown is None else shown, fault.result)
+        acknowledge(self._context, *to, int(kind) if shown is None else shown, fault.result)
         where = "" if fault.index is None else f"item {fault.index + homes(self._context.autopilot, kind)}: "
         self._context.send_text_limited(
-            peer, Severity.WARNING, f"{NAMES[kind].capitalize()} not taken: {where}{fault.text}", now_s
+            to.peer, Severity.WARNING, f"{NAMES[kind].capitalize()} not taken: {where}{fault.text}", now_s
         )
 
-    def _answer_stray_item(self, peer: Peer, message: Message, kind: PlanKind, owner: Sender) -> None:
+    def _answer_stray_item(self, owner: Correspondent, message: Message, kind: PlanKind) -> None:
         """Answer an item that is not asked for: the end that its sender may have missed, else that it is not wanted."""
         ended = self._ended.get((owner, kind))
         if ended is None:
             busy = kind in self._active
             result = PlanResult.DENIED if busy else PlanResult.ERROR
-            acknowledge(self._context, peer, owner, int(kind), result)
+            acknowledge(self._context, *owner, int(kind), result)
         elif message.seq == ended.sequence:
-            acknowledge(self._context, peer, owner, int(kind), ended.result, ended.identity)
+            acknowledge(self._context, *owner, int(kind), ended.result, ended.identity)

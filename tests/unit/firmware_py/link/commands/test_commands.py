@@ -65,6 +65,20 @@ def test_a_retry_whose_first_was_lost_is_carried_out(rig):
     assert len(rig.request_handler.requests) == 1
 
 
+def test_two_stations_with_one_number_get_each_their_own_answer(make_rig):
+    rig = make_rig(addresses=("one", "two"))
+    rig.tick()
+    command = mavlink.MAVLink_command_long_message(1, 1, ARM, 0, 1.0, 0, 0, 0, 0, 0, 0)
+    retry = mavlink.MAVLink_command_long_message(1, 1, ARM, 1, 1.0, 0, 0, 0, 0, 0, 0)
+    rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED)
+    assert only_ack(rig.tell(command, address="one")).result == REJECTED
+    rig.request_handler.answer = Answer(Verdict.ACCEPTED)
+    # The first try of the second one was lost on its way.
+    assert only_ack(rig.tell(retry, address="two")).result == ACCEPTED
+    assert only_ack(rig.tell(retry, address="one")).result == REJECTED
+    assert rig.request_handler.intents == [Arm(True), Arm(True)]
+
+
 def test_what_only_looks_like_a_retry_is_carried_out(rig):
     rig.command(ARM, 1.0)
     rig.command(ARM, 0.0, confirmation=1)  # other parameters

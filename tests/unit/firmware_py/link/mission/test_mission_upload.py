@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, ReplacePlan, Verdict
-from firmware_py.common.plan import MOST_ITEMS, PlanItem, PlanKind
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.plans.validation import PlanResult
 
 OTHER = mavlink.MAVLink(None, srcSystem=254, srcComponent=190)
@@ -403,3 +403,80 @@ def test_clearing_what_cannot_be_stored(station, texts):
 def test_kinds_that_there_are_not(station, make):
     (ack,) = station.answers(make(7))
     assert (ack.type, ack.mission_type) == (PlanResult.UNSUPPORTED, 7)
+
+
+# ---------------------------------------------------------------------- promises
+
+
+@pytest.mark.parametrize(
+    "refused",
+    [
+        mavlink.MAVLink_mission_count_message(1, 1, 2500, 0),
+        mavlink.MAVLink_mission_write_partial_list_message(1, 1, 3, 1, 0),
+    ],
+    ids=["too many items", "no such part"],
+)
+def test_a_refused_beginning_ends_the_upload_that_was_under_way(station, refused):
+    station.upload(station.mission(2))
+    station.count(4)
+    station.answers(station.item(0), station.item(1))
+    (ack,) = station.answers(refused)
+    assert ack.type in (PlanResult.NO_SPACE, PlanResult.INVALID_SEQUENCE)
+    assert station.protocol(station.rig.ticks(100)) == []
+    other = station.mission(3, start=100)
+    said = station.answers(other[2], other[3])
+    assert {message.type for message in said} == {PlanResult.ERROR}
+    assert station.places() == [1, 2]
+
+
+def twin_tells(station, *messages):
+    """What is answered to each of two stations with one number, when the second one speaks, by address."""
+    transport = station.rig.transport
+    transport.sent.clear()
+    transport.inbox.append(("twin", b"".join(station.rig.frame(message) for message in messages)))
+    station.rig.endpoint.service(station.rig.now_s, [transport.descriptor])
+    sent = list(transport.sent)
+    answers = {}
+    for address in ("station", "twin"):
+        transport.sent = list(sent)
+        answers[address] = station.protocol(station.rig.said(address))
+    return answers
+
+
+def test_two_stations_with_one_number_never_mix_their_plans(station):
+    station.count(4)
+    station.answers(station.item(0), station.item(1))
+    others = station.mission(3, start=100)
+    answers = twin_tells(station, mavlink.MAVLink_mission_count_message(1, 1, 4, 0), others[2], others[3])
+    assert answers["station"] == []
+    assert [ack.type for ack in answers["twin"]] == [PlanResult.DENIED] * 3
+    assert twin_tells(station, mavlink.MAVLink_mission_ack_message(1, 1, 15, 0)) == {"station": [], "twin": []}
+    said = station.answers(station.item(2), station.item(3))
+    assert [message.type for message in said if message.get_type() == "MISSION_ACK"] == [0]
+    assert station.places() == [1, 2, 3]
+    # The end that is said again is said to who waits for it.
+    (lost,) = twin_tells(station, station.item(3))["twin"]
+    assert lost.type == PlanResult.ERROR
+
+
+def test_two_stations_with_one_number_read_each_its_own(station):
+    station.upload(station.mission(2))
+    station.listed()
+    kept = station.rig.request_handler
+    kept.plans_kept = kept.plans_kept.replaced(Plan(PlanKind.MISSION))
+    twin_tells(station, mavlink.MAVLink_mission_ack_message(1, 1, 0, 0))
+    assert station.read(2).get_type() == "MISSION_ITEM_INT"
+    (twins,) = twin_tells(station, mavlink.MAVLink_mission_request_int_message(1, 1, 2, 0))["twin"]
+    assert twins.type == PlanResult.INVALID_SEQUENCE
+
+
+def test_who_comes_back_by_a_new_connection_need_not_wait_for_itself(station):
+    station.rig.transport.datagrams = False
+    station.rig.transport.served = ("first",)
+    station.rig.tick()
+    count = mavlink.MAVLink_mission_count_message(1, 1, 2, 0)
+    station.rig.tell(count, address="first")
+    station.rig.transport.served = ("again",)
+    station.rig.tick()
+    said = station.protocol(station.rig.tell(count, address="again"))
+    assert [message.get_type() for message in said] == ["MISSION_REQUEST_INT"]
