@@ -14,6 +14,7 @@ from pathlib import Path
 from firmware_py.assemble import base_parameters
 from firmware_py.cli.bench_session import BenchDevice, BenchSession
 from firmware_py.cli.run import default_state_directory
+from firmware_py.common.calendar import is_possible
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.records import DeviceState
 from firmware_py.vehicle import Vehicle, VehicleError, load
@@ -21,8 +22,6 @@ from firmware_py.vehicle import Vehicle, VehicleError, load
 LISTEN_S = 3.0
 FREE_BYTES_MINIMUM = 100_000_000
 SYNC_S_MAXIMUM = 1.0
-# No float computer's clock may stand before this program was written: 2026-01-01.
-UTC_S_MINIMUM = 1_767_225_600.0
 
 Finding = tuple[bool, str, str]
 
@@ -86,7 +85,7 @@ def _storage(directory: Path) -> Iterator[Finding]:
 
 def _clock() -> Iterator[Finding]:
     utc_s = time.time()
-    plausible = utc_s >= UTC_S_MINIMUM
+    plausible = is_possible(utc_s)
     text = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(utc_s))
     yield plausible, "clock", text if plausible else f"{text} cannot be; set the clock or wait for the network's time"
     resolution_s = time.clock_getres(time.CLOCK_MONOTONIC)

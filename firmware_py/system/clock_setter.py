@@ -6,12 +6,11 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 
+from firmware_py.common.calendar import is_possible
 from firmware_py.common.records import Event, PositionSample, Severity
 
 NEVER, WHEN_WRONG, WHEN_UNKEPT = range(3)  # CLK_SET
 
-FIRST_UTC_S = 1_767_225_600.0  # 2026-01-01: whatever says an earlier time is wrong
-LAST_UTC_S = 4_102_444_800.0  # 2100-01-01
 AGREEING = 5  # times in a row that must agree before one is believed
 AGREEMENT_S = 1.0
 TOLERANCE_S = 2.0  # a receiver's sentence may come a second after its time
@@ -48,7 +47,7 @@ class ClockSetter:
         if policy == NEVER or now_s < self._due_s:
             return ()
         utc_s = self._utc_s()
-        wrong = utc_s < FIRST_UTC_S
+        wrong = not is_possible(utc_s)
         offset_s, source = _agreed_offset_s(self._gps, now_s), "GPS"
         if offset_s is None and wrong and not self._gps:
             offset_s, source = _agreed_offset_s(self._station, now_s), "a ground station"
@@ -70,4 +69,4 @@ def _agreed_offset_s(offsets_s: deque[float], now_s: float) -> float | None:
         return None
     latest_s = offsets_s[-1]
     agree = all(abs(offset_s - latest_s) <= AGREEMENT_S for offset_s in offsets_s)
-    return latest_s if agree and FIRST_UTC_S <= latest_s + now_s <= LAST_UTC_S else None
+    return latest_s if agree and is_possible(latest_s + now_s) else None

@@ -24,7 +24,7 @@ SIGNED_FLAG = 0x01  # of the incompatibility flags
 UNITS_HZ = 100_000  # units of the timestamp in a second
 EPOCH_S = 1_420_070_400  # 2015-01-01 UTC
 TOLERANCE = 60 * UNITS_HZ  # a new stream may begin this far behind our own timestamp
-LATEST = 80 * 365 * 86_400 * UNITS_HZ  # what shows more (2094) is not a clock
+LATEST = 80 * 365 * 86_400 * UNITS_HZ  # what shows more (2094) is not a clock; 48 bits end ten years later
 MAX_STREAMS = 64
 AHEAD = 15 * UNITS_HZ  # so far ahead of what was used is what is on disk
 _TIMESTAMP_BYTES = 6
@@ -39,8 +39,9 @@ def signature(key: bytes, covered: bytes) -> bytes:
 
 
 def timestamp_of(utc_s: float) -> int:
-    """Return a time as a timestamp; 0 for one before 2015."""
-    return max(0, int((utc_s - EPOCH_S) * UNITS_HZ))
+    """Return a time as a timestamp; 0, as if there were no clock, for one before 2015 or after LATEST, or NaN."""
+    units = (utc_s - EPOCH_S) * UNITS_HZ
+    return int(units) if 0.0 <= units <= LATEST else 0
 
 
 class LinkSealer:

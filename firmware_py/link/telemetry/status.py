@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from firmware_py.common.calendar import LAST_UTC_S
 from firmware_py.faults.table import Fault
 from firmware_py.link.telemetry.context_fields import INT16_MAX, UINT16_MAX, TelemetryContext, boot_ms, whole
 from firmware_py.link.wire.dialect import Message, mavlink
@@ -70,8 +71,9 @@ def battery_status(context: TelemetryContext) -> Message | None:
 
 
 def system_time(context: TelemetryContext) -> Message:
-    """Return SYSTEM_TIME."""
-    return mavlink.MAVLink_system_time_message(whole(context.utc_s * 1e6, 0, 1 << 62, 0), boot_ms(context.snapshot.t_s))
+    """Return SYSTEM_TIME; the calendar is 0, unknown, where the clock shows what it cannot reach."""
+    unix_us = whole(context.utc_s * 1e6, 0, 1 << 62, 0) if context.utc_s <= LAST_UTC_S else 0
+    return mavlink.MAVLink_system_time_message(unix_us, boot_ms(context.snapshot.t_s))
 
 
 def extended_sys_state(context: TelemetryContext) -> Message:  # noqa: ARG001 - a builder like the others

@@ -4,8 +4,9 @@ import math
 
 import pytest
 
+from firmware_py.common.calendar import FIRST_UTC_S, LAST_UTC_S
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.system.clock_setter import FIRST_UTC_S, NEVER, WHEN_UNKEPT, WHEN_WRONG, ClockSetter
+from firmware_py.system.clock_setter import NEVER, WHEN_UNKEPT, WHEN_WRONG, ClockSetter
 
 TRUE_S = FIRST_UTC_S + 1e7
 
@@ -40,12 +41,13 @@ class Computer:
 
 @pytest.mark.parametrize("policy", [WHEN_WRONG, WHEN_UNKEPT])
 @pytest.mark.parametrize("kept", [False, True])
-def test_a_clock_that_is_plainly_wrong_is_set_once(policy, kept):
-    computer = Computer(1000.0, kept=kept)
+@pytest.mark.parametrize("shown_s", [1000.0, LAST_UTC_S + 1000.0, 9.2e9])
+def test_a_clock_that_is_plainly_wrong_is_set_once(policy, kept, shown_s):
+    computer = Computer(shown_s, kept=kept)
     told = computer.turn(policy, [TRUE_S], 7200)
     assert len(computer.sets) == 1
     assert computer.offset_s == pytest.approx(TRUE_S)
-    assert told == [f"Clock set from GPS: it was {1000.0 - TRUE_S:.0f} s off"]
+    assert told == [f"Clock set from GPS: it was {shown_s - TRUE_S:.0f} s off"]
 
 
 @pytest.mark.parametrize(

@@ -157,6 +157,19 @@ def test_ours_go_on_from_the_newest_and_never_back():
     assert int.from_bytes(again.seal(packed, 0)[-12:-6], "little") > NOW + 10**8 + 1
 
 
+@pytest.mark.parametrize("utc_s", [4.3e9, 9.2e9, 1e18, 1e300, float("inf"), float("nan"), -1e18])
+def test_a_clock_that_cannot_be_right_is_none(utc_s):
+    boat, peer = Boat(), Station()
+    assert boat.signing.verify(peer.ping())
+    boat.utc_s = utc_s
+    sealer = LinkSealer(boat.signing, 1)
+    frame = sealer.seal(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
+    assert int.from_bytes(frame[-12:-6], "little") == NOW + 1
+    # Nobody else is locked out by it either.
+    assert boat.signing.verify(Station(link=4).ping())
+    assert boat.restarted().signing.verify(Station(link=5).ping(at=NOW + AHEAD))
+
+
 def test_a_sudden_restart_hears_no_replay_and_the_true_peer_soon():
     boat, station = Boat(), Station()
     frames = [station.ping(at=NOW + second * UNITS_HZ) for second in range(120)]

@@ -23,11 +23,12 @@ SERVO = RudderFeedback(0.0, 0.1, 31.0, 12.3, -0.25)
 @pytest.fixture
 def build(snapshot):
     def built(name, **changes):
-        outside = {key: changes.pop(key) for key in ("load", "refused_frames", "intended_mode") if key in changes}
-        values = {"load": 0.0, "refused_frames": 0} | outside
+        outside = {
+            key: changes.pop(key) for key in ("load", "refused_frames", "intended_mode", "utc_s") if key in changes
+        }
+        values = {"load": 0.0, "refused_frames": 0, "utc_s": 1.7e9} | outside
         scene = TelemetryContext(
             dataclasses.replace(snapshot, **changes),
-            utc_s=1.7e9,
             rudder_limit_rad=0.5,
             autopilot=3,
             **values,
@@ -181,6 +182,7 @@ def test_times(build):
     time = build("SYSTEM_TIME", t_s=5_000_000.0)
     assert time.time_unix_usec == 1_700_000_000_000_000
     assert time.time_boot_ms == 5_000_000_000 % 2**32
+    assert build("SYSTEM_TIME", utc_s=4.3e9).time_unix_usec == 0  # a clock that shows what cannot be
 
 
 def test_loop_health(build):
