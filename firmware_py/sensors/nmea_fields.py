@@ -24,7 +24,8 @@ _NUMBER = re.compile(r"[+-]?(?:[0-9]{1,9}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})")
 # A plotter that prints whole and fraction of a negative number apart: "0.-6" is -0.6, "-1.-2" is -1.2.
 _NEGATIVE_APART = re.compile(r"(?:0|-([0-9]{1,9}))\.-([0-9]{1,12})")
 _LATITUDE = re.compile(r"([0-9]{2})([0-9]{2}(?:\.[0-9]{0,10})?)")
-_LONGITUDE = re.compile(r"([0-9]{3})([0-9]{2}(?:\.[0-9]{0,10})?)")
+# Some receivers print two digits of degrees below 100; the minutes have two in any case, so that nothing is ambiguous.
+_LONGITUDE = re.compile(r"([0-9]{2,3})([0-9]{2}(?:\.[0-9]{0,10})?)")
 _TIME = re.compile(r"([0-9]{2})([0-9]{2})([0-9]{2}(?:\.[0-9]{0,9})?)")
 _DATE = re.compile(r"([0-9]{2})([0-9]{2})([0-9]{2})")
 
@@ -109,7 +110,7 @@ def latitude(index: int) -> Reader:
 
 
 def longitude(index: int) -> Reader:
-    """Read dddmm.mmm and E or W in the next field as degrees, east positive."""
+    """Read dddmm.mmm, or ddmm.mmm, and E or W in the next field as degrees, east positive."""
     return _coordinate(index, _LONGITUDE, 180.0, {"E": 1.0, "W": -1.0})
 
 

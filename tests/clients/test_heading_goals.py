@@ -80,13 +80,14 @@ CHANGE_HEADING = mavlink.MAV_CMD_GUIDED_CHANGE_HEADING
 EXACT, ABOUT = 0.1, 2.0  # a course and a bearing hang on the fixes of the receiver
 GOALS = (
     ("CONDITION_YAW, absolute", accepted(YAW, 50, 0, 0, 0), 50, EXACT),
-    ("CONDITION_YAW, relative to port", accepted(YAW, 20, 0, -1, 1), 30, EXACT),
-    ("CONDITION_YAW, relative to starboard", accepted(YAW, 5, 0, 1, 1), 35, EXACT),
     ("GUIDED_CHANGE_HEADING, course", accepted(CHANGE_HEADING, 0, 20, 0), 20, ABOUT),
     ("GUIDED_CHANGE_HEADING, heading", accepted(CHANGE_HEADING, 1, 350, 0), 350, EXACT),
+    # She holds 350 and then 25 by then: what is relative counts from the heading that she has.
+    ("CONDITION_YAW, relative to starboard", accepted(YAW, 30, 0, 1, 1), 20, TOLERANCE_DEG),
     ("NAV_SET_YAW_SPEED, absolute", accepted(YAW_SPEED, 10, 0, 0), 10, EXACT),
     ("NAV_SET_YAW_SPEED, relative", accepted(YAW_SPEED, -30, 0, 1), 340, EXACT),
     ("SET_ATTITUDE_TARGET", lambda boat: attitude(boat, 25), 25, EXACT),
+    ("CONDITION_YAW, relative to port", accepted(YAW, 20, 0, -1, 1), 5, TOLERANCE_DEG),
     ("LOCAL_NED, yaw", lambda boat: local(boat, YAW_ONLY, yaw=math.radians(-10)), 350, EXACT),
     ("LOCAL_NED, velocity", lambda boat: local(boat, VELOCITY_ONLY, *towards(0.5, 15)), 15, ABOUT),
     ("LOCAL_NED, position", lambda boat: local(boat, POSITION_ONLY, *towards(FAR_M, 55)), 55, ABOUT),

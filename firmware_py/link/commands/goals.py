@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from firmware_py.common.angles import radians
-from firmware_py.common.intents import Answer, SteerHeading
+from firmware_py.common.angles import radians, wrap_two_pi
+from firmware_py.common.intents import Answer, SteerHeading, Verdict
 from firmware_py.link.commands.server import CommandCall
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.positions import GLOBAL_FRAMES, position_goal
@@ -14,7 +14,7 @@ _HOW_RELATIVE = "param{} says neither absolute (0) nor relative (1)"
 
 
 def condition_yaw(context: LinkContext, call: CommandCall) -> Answer:
-    """Steer to an angle: absolute, or relative with the direction in param3.
+    """Steer to an angle: absolute, or relative to the present heading with the direction in param3.
 
     A negative relative angle without a direction means to port. The rate of turn
     (param2) is not ours to choose and is ignored.
@@ -29,8 +29,11 @@ def condition_yaw(context: LinkContext, call: CommandCall) -> Answer:
         return call.denied("the angle is not within 0 to 360 deg")
     turn = int(direction)
     if relative:
-        turned_rad = radians(-angle_deg if turn < 0 else angle_deg)
-        return context.request(call.message, SteerHeading(turned_rad, relative=True, turn=turn), call.now_s)
+        boat = context.snapshot
+        if boat is None or boat.heading_rad is None:
+            return Answer(Verdict.TEMPORARILY_REJECTED, "Heading goal refused: no valid heading")
+        goal_rad = wrap_two_pi(boat.heading_rad + radians(-angle_deg if turn < 0 else angle_deg))
+        return context.request(call.message, SteerHeading(goal_rad, turn=turn), call.now_s)
     return context.request(call.message, SteerHeading(radians(angle_deg), turn=turn), call.now_s)
 
 

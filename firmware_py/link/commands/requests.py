@@ -15,6 +15,7 @@ from firmware_py.link.telemetry.table import ROWS_OF, TABLE
 from firmware_py.link.wire.dialect import Message, mavlink
 
 _HOME_POSITION = 242
+_MESSAGE_INTERVAL = 244
 _UNKNOWN_MESSAGE = Answer(Verdict.UNSUPPORTED)
 _NOT_NOW = Answer(Verdict.TEMPORARILY_REJECTED)
 
@@ -56,8 +57,11 @@ def _deliver(context: LinkContext, call: CommandCall, number: int, index: float 
 
 
 def request_message(context: LinkContext, call: CommandCall) -> Answer:
-    """Send one message now; param2 is the index of AVAILABLE_MODES."""
-    return _deliver(context, call, _number(call.parameters[0]), call.parameters[1])
+    """Send one message now; param2 is the index of AVAILABLE_MODES, or the message that MESSAGE_INTERVAL tells of."""
+    number, index = _number(call.parameters[0]), call.parameters[1]
+    if number == _MESSAGE_INTERVAL:
+        return _send_interval(context, call, _number(index))
+    return _deliver(context, call, number, index)
 
 
 def home_position(context: LinkContext, call: CommandCall) -> Answer:
@@ -100,7 +104,10 @@ def control_high_latency(context: LinkContext, call: CommandCall) -> Answer:
 
 def get_message_interval(context: LinkContext, call: CommandCall) -> Answer:
     """Send MESSAGE_INTERVAL: microseconds, -1 off, 0 for a message that is not ours."""
-    number = _number(call.parameters[0])
+    return _send_interval(context, call, _number(call.parameters[0]))
+
+
+def _send_interval(context: LinkContext, call: CommandCall, number: int) -> Answer:
     interval_us = call.peer.streams.interval_us(number)
     if number > UINT16_MAX:
         return _UNKNOWN_MESSAGE

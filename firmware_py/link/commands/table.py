@@ -12,7 +12,7 @@ TABLE: tuple[CommandRow, ...] = (
         115,
         "CONDITION_YAW",
         goals.condition_yaw,
-        "heading param1 (deg), absolute or (param4 = 1) relative, by starboard or port (param3)",
+        "heading param1 (deg), absolute or (param4 = 1) relative to her heading, by starboard or port (param3)",
         relative=True,
     ),
     CommandRow(176, "DO_SET_MODE", state.set_mode, "enter the custom mode param2"),
@@ -76,7 +76,13 @@ TABLE: tuple[CommandRow, ...] = (
         "send message param1 each param2 us on this link; -1 off, 0 default",
         repeatable=True,
     ),
-    CommandRow(512, "REQUEST_MESSAGE", requests.request_message, "send message param1 once", repeatable=True),
+    CommandRow(
+        512,
+        "REQUEST_MESSAGE",
+        requests.request_message,
+        "send message param1 once; param2: the index of AVAILABLE_MODES, the message that MESSAGE_INTERVAL tells of",
+        repeatable=True,
+    ),
     CommandRow(519, "REQUEST_PROTOCOL_VERSION", requests.protocol_version, "send PROTOCOL_VERSION", repeatable=True),
     CommandRow(
         520,

@@ -29,6 +29,7 @@ def sys_status(context: TelemetryContext) -> Message:
     the compass. errors_count1 counts skipped ticks.
     """
     boat = context.snapshot
+    fence = _FENCE if boat.mission.identities[1] else 0
     present = _COMPASS | _RUDDER | _STORAGE | _PREARM | (0 if boat.position is None else _POSITION)
     states = (
         (_COMPASS, boat.heading_ok),
@@ -39,13 +40,13 @@ def sys_status(context: TelemetryContext) -> Message:
     )
     breached = boat.faults >> Fault.FENCE_BREACHED & 1
     healthy = (0 if breached else _FENCE) | present & sum(bits for bits, good in states if good)
-    heeded = _FENCE if boat.navigation.fence_enabled else 0
+    heeded = fence if boat.navigation.fence_enabled else 0
     errors = whole(context.refused_frames, 0, UINT16_MAX, 0)
     skipped = whole(boat.skipped_total, 0, UINT16_MAX, 0)
     millivolts, centiamperes = _supply(context)
     load = whole(context.load * 1e3, 0, 1000, 0)
     return mavlink.MAVLink_sys_status_message(
-        present | heeded, present | heeded, healthy, load, millivolts, centiamperes, -1, 0, errors, skipped, 0, 0, 0
+        present | fence, present | heeded, healthy, load, millivolts, centiamperes, -1, 0, errors, skipped, 0, 0, 0
     )
 
 

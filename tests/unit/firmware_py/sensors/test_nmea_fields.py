@@ -90,11 +90,13 @@ def test_latitudes_that_are_refused(fields):
         nmea_fields.latitude(0)(fields)
 
 
-def test_longitudes_have_three_digits_of_degrees():
+def test_longitudes_have_three_digits_of_degrees_or_two():
     read = nmea_fields.longitude(0)
     assert read(("00214.42462", "W")) == pytest.approx(-2.240410333, abs=1e-9)
     assert read(("18000.0", "E")) == 180.0
-    for fields in (("18000.1", "E"), ("0214.4", "W"), ("00214.4", "N")):
+    assert read(("0214.42462", "W")) == read(("00214.42462", "W"))
+    assert read(("9959.9", "E")) == pytest.approx(99.998333333, abs=1e-9)
+    for fields in (("18000.1", "E"), ("214.4", "W"), ("9960.0", "E"), ("000214.4", "W"), ("00214.4", "N")):
         with pytest.raises(MessageError):
             read(fields)
 

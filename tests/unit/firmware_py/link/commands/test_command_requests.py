@@ -76,6 +76,16 @@ def test_an_interval_is_set_kept_and_told(rig, of):
     assert (told.message_id, told.interval_us) == (30, 500_000)
 
 
+def test_an_interval_is_told_by_the_newer_command_as_well(rig, of):
+    rig.command(511, 30, 500_000)
+    said = rig.command(512, 244, 30)
+    (told,) = of(said, "MESSAGE_INTERVAL")
+    assert (result(said), told.message_id, told.interval_us) == (0, 30, 500_000)
+    for unknown in (25, math.nan, -1):
+        said = rig.command(512, 244, unknown)
+        assert (result(said), [told.interval_us for told in of(said, "MESSAGE_INTERVAL")]) == (UNSUPPORTED, [0])
+
+
 def test_intervals_are_each_peers_own(make_rig, of):
     rig = make_rig(addresses=("one", "two"))
     rig.tick()

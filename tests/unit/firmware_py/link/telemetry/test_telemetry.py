@@ -139,10 +139,13 @@ def test_the_fence_shows_whether_it_is_heeded_and_whether_it_is_breached(build):
         fields = ("present", "enabled", "health")
         return [bool(getattr(status, f"onboard_control_sensors_{name}") & FENCE) for name in fields]
 
+    fence = {"mission": MissionReport(identities=(0, 77, 0))}
+    heeded = {"navigation": Navigation(fence_enabled=True)}
     assert shown() == [False, False, True]
-    assert shown(navigation=Navigation(fence_enabled=True)) == [True, True, True]
-    breached = {"faults": 1 << Fault.FENCE_BREACHED}
-    assert shown(navigation=Navigation(fence_enabled=True), **breached) == [True, True, False]
+    assert shown(**heeded) == [False, False, True]  # there is none
+    assert shown(**fence) == [True, False, True]
+    assert shown(**fence, **heeded) == [True, True, True]
+    assert shown(**fence, **heeded, faults=1 << Fault.FENCE_BREACHED) == [True, True, False]
 
 
 def test_what_the_estimator_has_learned_is_told_by_name(build):
