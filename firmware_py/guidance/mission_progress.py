@@ -71,12 +71,14 @@ def at_item(progress: MissionProgress, index: int, *, restart: bool) -> MissionP
 
 def after_item(progress: MissionProgress, step: MissionStep) -> MissionProgress:
     """Return the progress at the item that follows one that is done: the next one, or where a jump leads."""
-    index, jumps = progress.index + 1, progress.jumps
+    index, jumps, idle_items = progress.index + 1, progress.jumps, progress.idle_items + 1
     if step.command is Command.JUMP:
         made = dict(jumps).get(progress.index, 0)
         if step.target >= 0 and (step.times < 0 or made < step.times):
             jumps = (*(pair for pair in jumps if pair[0] != progress.index), (progress.index, made + 1))
             index = step.target
+            if step.times >= 0:
+                idle_items = 0  # a time less: whatever it goes round over, it comes to an end
     return replace(
         progress,
         index=index,
@@ -84,7 +86,7 @@ def after_item(progress: MissionProgress, step: MissionStep) -> MissionProgress:
         begun=False,
         waiting=False,
         elapsed_s=0.0,
-        idle_items=progress.idle_items + 1,
+        idle_items=idle_items,
     )
 
 

@@ -85,7 +85,7 @@ def _special_problem(row: ItemRow, index: int, item: PlanItem) -> PlanProblem | 
 
 
 def _jumps_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
-    """Return the first jump that leads nowhere, or that can go round without an item that takes time."""
+    """Return the first jump that leads nowhere, or that goes round for ever without an item that takes time."""
     for index, item in enumerate(items):
         if item.command == Command.JUMP and item.params[0] >= len(items):
             text = f"DO_JUMP: there is no item {item.params[0]:.0f}"
@@ -96,7 +96,7 @@ def _jumps_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
             continue
         last_jump = _endless_loop(items, start, visited)
         if last_jump is not None:
-            text = "DO_JUMP: goes round without an item that takes time"
+            text = "DO_JUMP: goes round for ever without an item that takes time"
             return PlanProblem(last_jump, PlanResult.INVALID_PARAM1, text)
     return None
 
@@ -121,8 +121,10 @@ def _endless_loop(items: Sequence[PlanItem], start: int, visited: bytearray) -> 
 
 
 def _successors(items: Sequence[PlanItem], index: int) -> tuple[int, ...]:
+    """Return what follows an item in the long run: a jump that is made so many times leads on after them."""
     item = items[index]
     if ROWS[item.command].lasts:
         return ()
-    after = (index + 1,) if index + 1 < len(items) else ()
-    return (int(item.params[0]), *after) if item.command == Command.JUMP else after
+    if item.command == Command.JUMP and item.params[1] < 0.0:
+        return (int(item.params[0]),)
+    return (index + 1,) if index + 1 < len(items) else ()

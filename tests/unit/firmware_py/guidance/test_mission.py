@@ -170,6 +170,21 @@ def test_jumps_that_lead_nowhere_make_the_mission_unusable_and_she_keeps_station
     assert crew.progress.task == HoldStation(HERE, 100.0)
 
 
+def test_counted_jumps_over_nothing_that_takes_time_are_made_and_lead_on():
+    speed = MissionStep(Command.CHANGE_SPEED)
+    crew = Crew(waypoint(A), speed, jump(1, 300), jump(2, 3), jump(0, 1), waypoint(B))
+    crew.go_on()
+    places = []
+    for _ in range(2):
+        crew.go_on(arrived=True)
+        for _ in range(60):
+            crew.go_on()
+        places.append(crew.progress.task.place)
+    assert places == [A, B]
+    assert not crew.progress.unusable
+    assert crew.reached.count(1) == 301 + 1
+
+
 def test_an_empty_mission_is_unusable_and_station_is_kept():
     crew = Crew()
     assert crew.go_on() == HoldStation(HERE, 100.0)

@@ -165,6 +165,12 @@ def test_the_first_bad_item_is_named():
         (jump(1), HERE),
         (jump(2), HERE, jump(1, -1)),
         (HERE, RETURN, item(178, 1.0, 1.0, frame=2), jump(1, 32767)),
+        # So many times is not for ever, whatever is jumped over.
+        (jump(0),),
+        (HERE, item(178, 1.0, 1.0, frame=2), jump(1, 32767)),
+        (jump(2, 3), HERE, jump(0, 3)),
+        (HERE, jump(2, 5), jump(1, 5)),
+        (item(178, 1.0, 1.0, frame=2), jump(0, 2), jump(3, -1), HERE),
     ],
 )
 def test_jumps_that_lead_on(items):
@@ -175,10 +181,11 @@ def test_jumps_that_lead_on(items):
     ("items", "index"),
     [
         ((HERE, jump(2)), 1),
-        ((jump(0),), 0),
-        ((HERE, item(178, 1.0, 1.0, frame=2), jump(1)), 2),
-        ((jump(2), HERE, jump(0)), 2),
-        ((HERE, jump(2), jump(1)), 2),
+        ((jump(0, -1),), 0),
+        ((HERE, item(178, 1.0, 1.0, frame=2), jump(1, -1)), 2),
+        ((jump(2, -1), HERE, jump(0, -1)), 2),
+        ((HERE, jump(2, -1), jump(1, -1)), 2),
+        ((HERE, item(178, 1.0, 1.0, frame=2), jump(1, 3), jump(1, -1)), 3),
     ],
 )
 def test_jumps_that_lead_nowhere_or_round_without_end(items, index):
