@@ -94,7 +94,7 @@ def parse_url(text: str) -> LinkUrl:
     what, low, high = ("baud rate", 300, 4_000_000) if kind == "serial" else ("port", 1, 65535)
     if not host:
         raise LinkError(f"link {text!r}: the {what} is missing; use {_FORMS}")
-    if not (number.isascii() and number.isdigit() and low <= int(number[:9]) <= high):
+    if not (number.isascii() and number.isdigit() and len(number) < 10 and low <= int(number) <= high):
         raise LinkError(f"link {text!r}: {number!r} is not a {what}; use a whole number from {low} to {high}")
     try:
         options = parse_options(query) if mark else PLAIN

@@ -57,7 +57,7 @@ _CLASSES: Mapping[str, LinkClass] = {kind.value: kind for kind in LinkClass}
 
 def _systems(text: str) -> frozenset[int] | None:
     parts = text.split(",")
-    if not all(part.isascii() and part.isdigit() and 1 <= int(part[:4]) <= 255 for part in parts):
+    if not all(part.isascii() and part.isdigit() and len(part) < 4 and 1 <= int(part) <= 255 for part in parts):
         return None
     return frozenset(int(part) for part in parts)
 

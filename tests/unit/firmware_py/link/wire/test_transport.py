@@ -34,6 +34,8 @@ def test_what_is_understood(text, kind, host, number):
         ("14550", "not a kind of link"),
         ("http://x:1", "not a kind of link"),
         ("udpout:127.0.0.1", "port is missing"),
+        ("udpin:0.0.0.0:0000145509", "is not a port"),  # 145509, though its first nine digits are a port
+        (f"udpin:0.0.0.0:000014550{'9' * 5000}", "is not a port"),
         ("udpout::14550", "port is missing"),
         ("udpin:0.0.0.0:0", "whole number from 1 to 65535"),
         ("udpin:0.0.0.0:65536", "whole number"),
