@@ -11,7 +11,7 @@ from firmware_py import ROOT, __version__, commit_of, version_text
 from firmware_py.common.interfaces import ByteLine, Calibrator, Clock, Compass, Position, Rudder
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Event
+from firmware_py.common.records import Event, Severity
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.resume import restore
 from firmware_py.core.state import State
@@ -147,8 +147,8 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
     console = Console()
     devices = open_devices(vehicle, wait=options.wait)
     store = Store(options.state_directory, private=(SIGNING_FILE,))
-    kept = StateDirectory(store, console.line)
-    kept.count_start()
+    start_events: list[Event] = []
+    kept = _read_state(store, console, start_events)
     parameters = kept.parameters_over(base_parameters(vehicle))
     lines = list(devices.lines)
 
@@ -198,8 +198,22 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         show_event=show_event,
         fault_barrier=FaultBarrier(console.line),
         clock_setter=clock_setter,
+        start_events=tuple(start_events),
     )
     return Assembly(parts, endpoint, console)
+
+
+def _read_state(store: Store, console: Console, events: list[Event]) -> StateDirectory:
+    """Return what earlier runs have left; what is wrong with it is said now, and as an event to be told."""
+
+    def say(text: str) -> None:
+        console.line(text)
+        events.append(Event(Severity.WARNING, text))
+
+    kept = StateDirectory(store, say)
+    kept.report_damage()
+    kept.count_start()
+    return kept
 
 
 def resume(state: State, record: bytes | None, utc_s: float, say: Callable[[str], None]) -> State:

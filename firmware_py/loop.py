@@ -54,6 +54,7 @@ class LoopParts:
     show_event: Callable[[Event], None]
     fault_barrier: FaultBarrier
     clock_setter: ClockSetter | None = None
+    start_events: tuple[Event, ...] = ()  # told with the first tick
     compass_b: Compass | None = None
     health: HealthMonitor = field(default_factory=HealthMonitor)
     devices: tuple[Device, ...] = field(init=False)
@@ -111,7 +112,7 @@ def _tick(parts: LoopParts, tick: Tick) -> HeadingSample | None:
     )
     output = parts.autopilot.step(inputs)
     parts.rudder.command(output.command, now_s)
-    events = parts.fault_barrier.take_events()
+    events = (*(parts.start_events if tick.index == 0 else ()), *parts.fault_barrier.take_events())
     if parts.clock_setter is not None:
         policy = int(parts.autopilot.state.parameters["CLK_SET"])
         events = (*events, *parts.clock_setter.update(policy, inputs.positions, now_s))

@@ -131,7 +131,7 @@ class RequestHandler(Protocol):
         """
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back, on the loop's thread, once all that was accepted so far is on disk (True) or cannot be (False)."""
+        """Call back, on the loop's thread, once the parameters accepted are on disk (True) or cannot be (False)."""
 
 
 class StateKeeper(Protocol):
@@ -141,16 +141,16 @@ class StateKeeper(Protocol):
         """Keep a parameter that was set."""
 
     def forget_parameters(self) -> None:
-        """Forget all parameters that were set."""
+        """Forget all parameters that were set, or none when this cannot be stored."""
 
-    def keep_plan(self, plan: Plan) -> None:
-        """Keep a plan in place of the one of its kind."""
+    def keep_plan(self, plan: Plan, done: Callable[[bool], None]) -> None:
+        """Keep a plan in place of the one of its kind, which stays when this cannot be stored; `done` says which."""
 
     def keep_resume(self, text: str) -> None:
         """Keep a resume record in place of the last one."""
 
-    def when_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back, on the loop's thread, once all that was kept so far is on disk (True) or cannot be (False)."""
+    def when_parameters_stored(self, call: Callable[[bool], None]) -> None:
+        """Call back, on the loop's thread, once the parameters are on disk (True) or cannot be (False)."""
 
 
 class Vault(Protocol):
@@ -161,6 +161,9 @@ class Vault(Protocol):
 
     def save(self, content: bytes) -> None:
         """Keep this instead, in the background."""
+
+    def when_stored(self, call: Callable[[bool], None]) -> None:
+        """Call back, on the loop's thread, once this is on disk (True) or cannot be (False)."""
 
 
 class Link(Protocol):

@@ -76,8 +76,7 @@ class Autopilot:
             self._pending.append(request)
             done(answer)
 
-        self._keeper.keep_plan(intent.plan)
-        self._keeper.when_stored(finish)
+        self._keeper.keep_plan(intent.plan, finish)
 
     def parameters(self) -> ParameterSet:
         """Return the values in force, accepted requests included."""
@@ -88,8 +87,8 @@ class Autopilot:
         return self._ahead.plans
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back once all that was accepted so far is on disk, or cannot be."""
-        self._keeper.when_stored(call)
+        """Call back once the parameters accepted so far are on disk, or cannot be."""
+        self._keeper.when_parameters_stored(call)
 
     def take_requests(self) -> tuple[Request, ...]:
         """Hand over the requests since the last tick."""

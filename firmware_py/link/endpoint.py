@@ -14,6 +14,7 @@ from firmware_py.link.files.root import FileRoot
 from firmware_py.link.peer import Peer, Peers
 from firmware_py.link.security.access import Admitted, Gate, Standing, reads_only
 from firmware_py.link.security.denials import deny
+from firmware_py.link.security.key_setup import KeySetup
 from firmware_py.link.security.signing import LinkSealer, Signing
 from firmware_py.link.services import Services
 from firmware_py.link.telemetry.identity import Version
@@ -52,6 +53,10 @@ class _NoVault:
 
     def save(self, content: bytes) -> None:
         """Forget it."""
+
+    def when_stored(self, call: Callable[[bool], None]) -> None:
+        """Say that it is not stored."""
+        call(False)
 
 
 _NO_VAULT = _NoVault()
@@ -94,7 +99,7 @@ class Endpoint:
         )
         self._context.peers = self._peers
         self._worker = Worker(background=storage.background)
-        self._services = Services(self._context, self._signing, storage, self._worker)
+        self._services = Services(self._context, KeySetup(self._context, self._signing, vault), storage, self._worker)
         self._telemetry = TelemetryPublisher(self._context)
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
         self._receive_queue = ReceiveQueue(self._peers.has)

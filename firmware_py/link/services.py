@@ -19,7 +19,6 @@ from firmware_py.link.mission.server import MissionServer
 from firmware_py.link.parameters.server import ParameterServer
 from firmware_py.link.peer import Peer
 from firmware_py.link.security.key_setup import KeySetup
-from firmware_py.link.security.signing import Signing
 from firmware_py.link.setpoints import Setpoints
 from firmware_py.link.timesync import Timesync
 from firmware_py.link.wire.outbox import Priority
@@ -52,8 +51,8 @@ class PumpedService(Service, Protocol):
 class Services:
     """All services of one link; a new one is a line here."""
 
-    def __init__(self, context: LinkContext, signing: Signing, root: FileRoot, worker: Worker) -> None:
-        """Take what they answer through, the key, what they show of the disk, and who waits for the disk."""
+    def __init__(self, context: LinkContext, key_setup: KeySetup, root: FileRoot, worker: Worker) -> None:
+        """Take what they answer through, what sets the key, what they show of the disk, and who waits for the disk."""
         commands = CommandServer(context, COMMANDS)
         parameters = ParameterServer(context)
         plan_files = PlanFiles(context, worker)
@@ -64,7 +63,7 @@ class Services:
         self._mission = MissionServer(context)
         self._all: tuple[Service, ...] = (
             *(commands, parameters, self._mission, files, logs),
-            *(Setpoints(context), ManualControl(context), Timesync(context), KeySetup(context, signing)),
+            *(Setpoints(context), ManualControl(context), Timesync(context), key_setup),
         )
         self._ticked: tuple[TickedService, ...] = (self._mission, commands, logs)
         self._pumped: tuple[PumpedService, ...] = (parameters, files, logs)

@@ -27,6 +27,15 @@ SIGNING_FILE: Final = "signing.key"
 LOG_DIRECTORY: Final = "logs"
 UPLOAD_DIRECTORY: Final = "uploads"
 BOOT_COUNT: Final = "STAT_BOOTCNT"
+# What is used of a name of which no version is left.
+_INSTEAD: Final = {
+    PARAMETER_FILE: "the vehicle file's parameters are used",
+    PLAN_FILES[PlanKind.MISSION]: "there is no mission",
+    PLAN_FILES[PlanKind.FENCE]: "there is no fence",
+    PLAN_FILES[PlanKind.RALLY]: "there are no rally points",
+    RESUME_FILE: "not resumed",
+    SIGNING_FILE: "there is no signing key",
+}
 _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)")
 
 
@@ -38,6 +47,14 @@ class StateDirectory:
         self._store, self._say = store, say
         self._usable, unusable = load_parameters(store, say)
         self._kept = unusable | self._usable
+
+    def report_damage(self) -> None:
+        """Say what is damaged, unreadable or missing, and what is used instead; before anything is kept anew."""
+        for name, instead in _INSTEAD.items():
+            stored = self._store.examine(name)
+            if stored.damage:
+                used = instead if stored.content is None else "the other slot is used, perhaps an older version"
+                self._say(f"{stored.damage}: {used}")
 
     def count_start(self) -> None:
         """Count one start more."""
@@ -62,24 +79,34 @@ class StateDirectory:
     def keep_parameter(self, name: str, value: float) -> None:
         """Keep a parameter that was set."""
         self._kept[name] = value
-        self._store.save(PARAMETER_FILE, format_file(self._kept).encode())
+        self._save_parameters()
 
     def forget_parameters(self) -> None:
-        """Forget all parameters that were set."""
+        """Forget all parameters that were set, or none when this cannot be stored."""
+        forgotten = dict(self._kept)
         self._kept.clear()
-        self._store.save(PARAMETER_FILE, b"")
 
-    def keep_plan(self, plan: Plan) -> None:
-        """Keep a plan in place of the one of its kind."""
-        self._store.save(PLAN_FILES[plan.kind], plan_to_text(plan).encode())
+        def remember(stored: bool) -> None:  # noqa: FBT001 - the store's callback
+            if not stored:
+                self._kept = forgotten | self._kept
+                self._save_parameters()
+
+        self._store.try_save(PARAMETER_FILE, b"", remember)
+
+    def keep_plan(self, plan: Plan, done: Callable[[bool], None]) -> None:
+        """Keep a plan in place of the one of its kind, which stays when this cannot be stored; `done` says which."""
+        self._store.try_save(PLAN_FILES[plan.kind], plan_to_text(plan).encode(), done)
 
     def keep_resume(self, text: str) -> None:
         """Keep a resume record in place of the last one."""
         self._store.save(RESUME_FILE, text.encode())
 
-    def when_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back, on the loop's thread, once all that was kept so far is on disk (True) or cannot be (False)."""
-        self._store.when_stored(call)
+    def when_parameters_stored(self, call: Callable[[bool], None]) -> None:
+        """Call back, on the loop's thread, once the parameters are on disk (True) or cannot be (False)."""
+        self._store.when_stored((PARAMETER_FILE,), call)
+
+    def _save_parameters(self) -> None:
+        self._store.save(PARAMETER_FILE, format_file(self._kept).encode())
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +122,10 @@ class KeyVault:
     def save(self, content: bytes) -> None:
         """Keep this instead, in the background."""
         self.store.save(SIGNING_FILE, content)
+
+    def when_stored(self, call: Callable[[bool], None]) -> None:
+        """Call back, on the loop's thread, once this is on disk (True) or cannot be (False)."""
+        self.store.when_stored((SIGNING_FILE,), call)
 
 
 def load_parameters(store: Store, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:

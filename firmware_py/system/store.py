@@ -1,41 +1,61 @@
 """Crash-safe state on disk: whole versions only, written in the background, proven by a checksum.
 
-Each name has two slots, files `NAME.0` and `NAME.1`, written in turn and in place: the newest
-whole version is never touched by the next write, and no directory or file size changes, which
-on a journalling file system cost ten times as much as the data. A reader takes the newest
-version that is whole. A slot begins with a line of sequence number, length and checksum; the
-content follows as it is.
+Each name has its own result. One that could not be stored stays a job until it is on disk, or, where the
+caller is to go on with the version before, until the failed one is surely withdrawn.
 """
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import fcntl
 import os
-import re
 import threading
-import zlib
 from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 
-SLOTS = (0, 1)
-SLOT_BYTES = 4096  # a slot is made this large at once, and grows by as much
-MODE, PRIVATE_MODE = 0o644, 0o600
-_HEAD = re.compile(rb"# rambler state (\d{1,18}) (\d{1,12}) ([0-9a-f]{8})\n")
+from firmware_py.system.slots import SlotWriter, Stored, examine
+
+RETRY_S = 2.0  # after a pause of this length, what has failed is tried again
 
 
 class StoreError(RuntimeError):
     """The state directory cannot be used; the text names the remedy."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """A version to be written; None: the failed one is withdrawn. `once`: it is not tried again."""
+
+    content: bytes | None
+    once: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Failure:
+    """What went wrong with a name, and what is still to be done for it."""
+
+    text: str
+    job: _Job
+
+
+@dataclass(slots=True)
+class _Waiter:
+    """Who waits: for which save of each name, and whether those that are settled went well."""
+
+    saves: dict[str, int]
+    call: Callable[[bool], None]
+    well: bool = True
+
+
 class Store:
     """Named byte strings in a directory that this process holds alone.
 
-    `save` returns at once; `when_stored` tells when all saves so far are on disk. The
-    callbacks run in `service`, on the caller's thread, when `fileno` is readable.
+    `save` returns at once; `when_stored` tells when names are on disk. The callbacks run in
+    `service`, on the caller's thread, when `fileno` is readable.
     """
 
     def __init__(self, directory: Path, private: Collection[str] = ()) -> None:
@@ -59,20 +79,21 @@ class Store:
             raise StoreError(f"state directory {directory} cannot be locked: {error.strerror}") from None
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._lock = threading.Lock()
-        self._wake: SimpleQueue[None] = SimpleQueue()  # of the writer: half the cost of a condition
-        self._jobs: dict[str, bytes] = {}
-        self._asked = 0  # saves asked for
-        self._done = 0  # saves finished, well or badly
-        self._failed_text = ""
-        self._waiting: deque[tuple[int, Callable[[bool], None]]] = deque()
+        self._wake: SimpleQueue[bool] = SimpleQueue()  # of the writer: half the cost of a condition; True: it ends
+        self._jobs: dict[str, _Job] = {}
+        self._asked: dict[str, int] = {}  # saves asked for, by name
+        self._settled: dict[str, int] = {}  # saves finished, well or badly
+        self._failed: dict[str, _Failure] = {}
+        self._waiting: deque[_Waiter] = deque()
         self._due: deque[tuple[Callable[[bool], None], bool]] = deque()
         self._thread = threading.Thread(target=self._write_jobs, name="store", daemon=True)
         self._thread.start()
 
     @property
     def failure(self) -> str:
-        """What went wrong with the last save; empty when it went well."""
-        return self._failed_text
+        """What is wrong with the names that are not on disk; empty when all are."""
+        with self._lock:
+            return "; ".join(failure.text for failure in self._failed.values())
 
     def fileno(self) -> int:
         """The descriptor that is readable when `service` has callbacks to run."""
@@ -80,26 +101,42 @@ class Store:
 
     def load(self, name: str) -> bytes | None:
         """Return the newest whole version, or None when there is none."""
-        return stored_content(self._directory, name)
+        return self.examine(name).content
+
+    def examine(self, name: str) -> Stored:
+        """Return the newest whole version, and what is wrong with what is stored."""
+        return examine(self._directory, name)
 
     def save(self, name: str, content: bytes) -> None:
-        """Queue a new version; a newer one of the same name replaces one not yet begun."""
+        """Queue a new version, tried until it is on disk; a newer one of the same name replaces one not yet begun."""
         with self._lock:
-            first = not self._jobs
-            self._jobs[name] = content
-            self._asked += 1
-        if first:
-            self._wake.put(None)
+            self._queue(name, _Job(content))
 
-    def when_stored(self, call: Callable[[bool], None]) -> None:
-        """Run call(True) from `service` once all saves so far are on disk, call(False) if they cannot be."""
+    def try_save(self, name: str, content: bytes, done: Callable[[bool], None]) -> None:
+        """Queue a new version, tried once; run done(True) from `service` when it is on disk.
+
+        When it cannot be stored it is withdrawn, so that the version before stands at the next start: done(False).
+        """
         with self._lock:
-            settled = self._done >= self._asked
-            if settled:
-                self._due.append((call, not self._failed_text))
+            self._queue(name, _Job(content, once=True))
+            self._waiting.append(_Waiter({name: self._asked[name]}, done))
+
+    def when_stored(self, names: Collection[str], call: Callable[[bool], None]) -> None:
+        """Run call(True) from `service` once the names are on disk as saved last, call(False) if one cannot be.
+
+        What has failed before is tried again at once, but for what was to be tried once.
+        """
+        with self._lock:
+            failed = {name: self._failed[name].job for name in names if name in self._failed and name not in self._jobs}
+            withdrawn = any(job.content is None for job in failed.values())
+            for name, job in failed.items():
+                self._queue(name, job)
+            saves = {name: asked for name in names if (asked := self._asked.get(name, 0)) > self._settled.get(name, 0)}
+            if saves:
+                self._waiting.append(_Waiter(saves, call, not withdrawn))
             else:
-                self._waiting.append((self._asked, call))
-        if settled:
+                self._due.append((call, True))
+        if not saves:
             os.eventfd_write(self._wake_fd, 1)
 
     def service(self) -> None:
@@ -114,152 +151,70 @@ class Store:
             call(stored)
 
     def close(self) -> None:
-        """Finish the queued saves and release the directory."""
-        self._wake.put(None)
+        """Finish the queued saves, try once more what has failed, and release the directory."""
+        self._wake.put(True)
         self._thread.join(timeout=10.0)
-        os.close(self._wake_fd)
-        os.close(self._lock_fd)
+        for descriptor in (self._wake_fd, self._lock_fd):
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
+
+    def _queue(self, name: str, job: _Job) -> None:
+        """Hand a job to the writer; the lock is held."""
+        first = not self._jobs
+        self._jobs[name] = job
+        self._asked[name] = self._asked.get(name, 0) + 1
+        if first:
+            self._wake.put(False)
 
     def _write_jobs(self) -> None:
-        writer = _Writer(self._directory, self._private)
-        while True:
-            self._wake.get()
-            with self._lock:
-                jobs, asked = self._jobs, self._asked
-                self._jobs = {}
-            if not jobs:  # woken by close
-                writer.close()
-                return
-            failed = ""
-            for name, content in jobs.items():
-                try:
-                    writer.write(name, content)
-                except OSError as error:
-                    failed = f"{name} cannot be stored: {error.strerror}"
-            with self._lock:
-                self._failed_text = failed
-                self._done = asked
-                # Judged by this round of writing, not by one that may follow before anybody looks.
-                while self._waiting and self._waiting[0][0] <= asked:
-                    self._due.append((self._waiting.popleft()[1], not failed))
-            os.eventfd_write(self._wake_fd, 1)
-
-
-@dataclass(frozen=True, slots=True)
-class _Version:
-    """A whole version: where it lies, its place in the sequence and its content."""
-
-    slot: int
-    sequence: int
-    content: bytes
-
-
-def stored_content(directory: Path, name: str) -> bytes | None:
-    """Return the newest whole version of a name, or None: safe beside an autopilot that is writing."""
-    version = _newest(directory, name)
-    return None if version is None else version.content
-
-
-def _slot_path(directory: Path, name: str, slot: int) -> Path:
-    return directory / f"{name}.{slot}"
-
-
-def _newest(directory: Path, name: str) -> _Version | None:
-    """Return the newest whole version of a name, or None."""
-    versions = []
-    for slot in SLOTS:
-        try:
-            data = _slot_path(directory, name, slot).read_bytes()
-        except OSError:
-            continue
-        head = _HEAD.match(data)
-        if head is None:
-            continue
-        content = data[head.end() : head.end() + int(head[2])]
-        if len(content) == int(head[2]) and _checksum(head[1], content) == head[3]:
-            versions.append(_Version(slot, int(head[1]), content))
-    return max(versions, key=lambda version: version.sequence, default=None)
-
-
-def _checksum(sequence: bytes, content: bytes) -> bytes:
-    return f"{zlib.crc32(content, zlib.crc32(sequence)):08x}".encode()
-
-
-class _Writer:
-    """The writer's side: where the newest versions lie, and the files, which stay open.
-
-    Opening one again costs more than half of what the disk takes.
-    """
-
-    def __init__(self, directory: Path, private: frozenset[str]) -> None:
-        self._directory = directory
-        self._private = private
-        self._places: dict[str, tuple[int, int]] = {}  # slot and sequence of the newest version
-        self._files: dict[tuple[str, int], int] = {}
-        self._named = False  # a file was made whose name may not be on disk yet, whatever became of its content
-
-    def close(self) -> None:
-        """Close the files."""
-        for descriptor in self._files.values():
-            os.close(descriptor)
-        self._files.clear()
-
-    def write(self, name: str, content: bytes) -> None:
-        """Write a new version into the slot that does not hold the newest one, and force it to disk; or OSError."""
-        try:
-            self._places[name] = self._write_slot(name, content)
-        except OSError:
-            # What is there now must be looked up again.
-            self._places.pop(name, None)
-            for slot in SLOTS:
-                self._close_slot(name, slot)
-            raise
-
-    def _write_slot(self, name: str, content: bytes) -> tuple[int, int]:
-        place = self._places.get(name)
-        if place is None:
-            newest = _newest(self._directory, name)
-            place = (SLOTS[1], 0) if newest is None else (newest.slot, newest.sequence)
-        slot, number = 1 - place[0], place[1] + 1
-        sequence = b"%d" % number
-        data = b"# rambler state %s %d %s\n" % (sequence, len(content), _checksum(sequence, content)) + content
-        size = -(-len(data) // SLOT_BYTES) * SLOT_BYTES
-        descriptor, present = self._open_slot(name, slot)
-        if name in self._private:
-            data = data.ljust(max(size, present), b"\0")  # nothing of a longer secret is to stay behind this one
-        if present < size:
-            # Real zeros, so that the space is there before it is needed.
-            os.pwrite(descriptor, bytes(size), 0)
-        written = os.pwrite(descriptor, data, 0)
-        if written < len(data):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        os.fdatasync(descriptor)
-        if self._named:
-            directory_fd = os.open(self._directory, os.O_RDONLY | os.O_DIRECTORY)
+        writer = SlotWriter(self._directory, self._private)
+        closing = False
+        while not closing:
             try:
-                os.fsync(directory_fd)
-            finally:
-                os.close(directory_fd)
-            self._named = False
-        return slot, number
+                closing = retry = self._wake.get(timeout=RETRY_S if self._failed else None)
+            except Empty:
+                retry = True
+            with self._lock:
+                jobs = dict(self._jobs)
+                for name, failure in self._failed.items() if retry else ():
+                    jobs.setdefault(name, failure.job)
+                asked = {name: self._asked[name] for name in jobs}
+                self._jobs = {}
+            for name, job in jobs.items():
+                self._settle(name, asked[name], _write_job(writer, name, job))
+        writer.close()
 
-    def _open_slot(self, name: str, slot: int) -> tuple[int, int]:
-        """Return the descriptor of a slot and its size."""
-        kept = self._files.get((name, slot))
-        if kept is not None:
-            status = os.fstat(kept)
-            if status.st_nlink:
-                return kept, status.st_size
-            self._close_slot(name, slot)  # removed, or another put in its place
-        path, mode = _slot_path(self._directory, name, slot), PRIVATE_MODE if name in self._private else MODE
-        self._named |= not path.exists()
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, mode)
-        self._files[name, slot] = descriptor
-        if name in self._private:
-            os.fchmod(descriptor, mode)  # of a file that somebody has copied here, too
-        return descriptor, os.fstat(descriptor).st_size
+    def _settle(self, name: str, asked: int, failure: _Failure | None) -> None:
+        """Note how the saves of a name have ended, by this writing and not by one that may follow."""
+        with self._lock:
+            self._settled[name] = asked
+            if failure is None:
+                self._failed.pop(name, None)
+            else:
+                self._failed[name] = failure
+            still: deque[_Waiter] = deque()
+            for waiter in self._waiting:
+                if waiter.saves.get(name, asked + 1) <= asked:
+                    del waiter.saves[name]
+                    waiter.well &= failure is None
+                if waiter.saves:
+                    still.append(waiter)
+                else:
+                    self._due.append((waiter.call, waiter.well))
+            self._waiting = still
+        os.eventfd_write(self._wake_fd, 1)
 
-    def _close_slot(self, name: str, slot: int) -> None:
-        descriptor = self._files.pop((name, slot), None)
-        if descriptor is not None:
-            os.close(descriptor)
+
+def _write_job(writer: SlotWriter, name: str, job: _Job) -> _Failure | None:
+    """Do a job; return what went wrong, None when nothing did."""
+    try:
+        if job.content is None:
+            writer.withdraw(name)
+        else:
+            writer.write(name, job.content)
+    except OSError as error:
+        text = f"{name} cannot be stored: {error.strerror or error}"
+        if writer.is_unproven(name):
+            text += "; the next start may find it all the same"
+        return _Failure(text, _Job(None) if job.once else job)
+    return None

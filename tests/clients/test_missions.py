@@ -14,8 +14,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from firmware_py.__main__ import main
 from firmware_py.common.plan import PlanKind, from_text
+from firmware_py.system.slots import stored_content
 from firmware_py.system.state_directory import PLAN_FILES
-from firmware_py.system.store import stored_content
 
 CLIENT = Path(__file__).with_name("mavsdk_missions.py")
 CANNOT_BE_HAD = 77

@@ -16,7 +16,7 @@ from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
 from firmware_py.log.reader import read_log
-from firmware_py.system.store import stored_content
+from firmware_py.system.slots import stored_content
 from support.paths import REPLAY
 
 DATA = REPLAY / "first_layout"

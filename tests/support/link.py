@@ -147,12 +147,20 @@ class MemoryVault:
 
     def __init__(self):
         self.contents = []
+        self.at_once = True
+        self.waiting = []
 
     def load(self):
         return self.contents[-1] if self.contents else None
 
     def save(self, content):
         self.contents.append(content)
+
+    def when_stored(self, call):
+        if self.at_once:
+            call(True)
+        else:
+            self.waiting.append(call)
 
 
 class Rig:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from firmware_py.common.interfaces import Vault
 from firmware_py.common.records import Severity
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.peer import Peer
@@ -15,10 +16,11 @@ from firmware_py.link.wire.dialect import Message
 class KeySetup:
     """Sets the key that frames are signed with, or removes it (a key of zeros and a timestamp of zero)."""
 
-    def __init__(self, context: LinkContext, signing: Signing) -> None:
-        """Take the context to answer through, and what keeps the key."""
+    def __init__(self, context: LinkContext, signing: Signing, vault: Vault) -> None:
+        """Take the context to answer through, what holds the key, and where that is kept."""
         self._context = context
         self._signing = signing
+        self._vault = vault
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
@@ -41,7 +43,7 @@ class KeySetup:
                 peer, Severity.WARNING, "SETUP_SIGNING refused: no key, or no timestamp", now_s
             )
             return
-        self._context.request_handler.when_stored(lambda stored: self._stored(done, stored=stored))
+        self._vault.when_stored(lambda stored: self._stored(done, stored=stored))
 
     def _stored(self, done: str, *, stored: bool) -> None:
         self._signing.store_again()

@@ -3,6 +3,7 @@
 import pytest
 
 from firmware_py.assemble import Options, assemble, base_parameters
+from firmware_py.common.records import Severity
 from firmware_py.vehicle import load
 
 VEHICLE = """
@@ -48,3 +49,13 @@ def test_ground_stations_see_logs_and_uploads_of_the_state_directory(vehicle, tm
         assert assembly.endpoint.descriptors()  # that of the thread that waits for the disk
     finally:
         assembly.close()
+
+
+def test_a_mission_that_was_lost_is_an_event_of_the_start(vehicle, tmp_path, capfd):
+    start(vehicle, tmp_path)
+    (tmp_path / "state" / "mission.plan.0").write_bytes(bytes(4096))
+    assembly = assemble(vehicle, Options(tmp_path / "state", wait=True))
+    assembly.close()
+    told = "mission.plan.0 is damaged: there is no mission"
+    assert [(event.severity, event.text) for event in assembly.parts.start_events] == [(Severity.WARNING, told)]
+    assert told in "".join(capfd.readouterr())

@@ -25,11 +25,13 @@ from firmware_py.common.records import (
     DeviceHealth,
     DeviceRole,
     DeviceState,
+    Event,
     FixType,
     HeadingSample,
     NorthReference,
     PositionSample,
     RudderFeedback,
+    Severity,
 )
 from firmware_py.core.autopilot import PENDING_LIMIT, Autopilot
 from firmware_py.core.state import State
@@ -180,7 +182,11 @@ class FakeStore:
     def save(self, name, content):
         self.saved[name] = content
 
-    def when_stored(self, call):
+    def try_save(self, name, content, done):
+        self.saved[name] = content
+        self.calls.append(done)
+
+    def when_stored(self, _names, call):
         self.calls.append(call)
 
     def service(self):
@@ -489,3 +495,12 @@ def test_a_rudder_that_does_not_come_amidships_does_not_hold_up_the_end(boat):
     turn(boat, 0.2)
     assert boat.clock.t_s < 3.0
     assert len(boat.rudder.commands) > 15
+
+
+def test_what_was_found_wrong_at_the_start_is_told_and_logged_with_the_first_tick(boat):
+    lost = Event(Severity.WARNING, "mission.plan.0 is damaged: there is no mission")
+    boat.start_events = (lost,)
+    turn(boat, 1.0)
+    told = [lost in output.events for output in boat.link.outputs]
+    assert told == [lost in output.events for _, output, _ in boat.recorder.ticks]
+    assert (told[0], sum(told)) == (True, 1)

@@ -23,8 +23,9 @@ from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import Fault
 from firmware_py.log.reader import read_log
 from firmware_py.safety.failsafe import FailsafeState
+from firmware_py.system.slots import stored_content
 from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, load_parameters, load_plans
-from firmware_py.system.store import Store, stored_content
+from firmware_py.system.store import Store
 from support.paths import REPLAY
 
 DATA = REPLAY / "first_layout"

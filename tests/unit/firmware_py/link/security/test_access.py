@@ -287,9 +287,9 @@ def test_the_key_is_told_to_nobody(linked):
 
 def test_a_key_that_could_not_be_stored_is_said_so(linked, texts):
     rig = linked("trusted=1")
-    rig.request_handler.at_once = False
+    rig.vault.at_once = False
     assert texts(rig.tell(SETUP)) == []
-    rig.request_handler.waiting.pop()(False)
+    rig.vault.waiting.pop()(False)
     assert texts(rig.said()) == ["Signing key set, but this could not be stored"]
 
 

@@ -1,0 +1,237 @@
+"""Two files for each name, written in turn and in place, so that the newest whole version is never touched.
+
+No directory and no file size changes by a write, which on a journalling file system cost ten times as
+much as the data. A slot, `NAME.0` or `NAME.1`, begins with a line of sequence number, length and checksum;
+the content follows as it is. A slot that holds nothing on purpose says so in its first line.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import zlib
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+SLOTS = (0, 1)
+SLOT_BYTES = 4096  # a slot is made this large at once, and grows by as much
+MODE, PRIVATE_MODE = 0o644, 0o600
+_HEAD = re.compile(rb"# rambler state (\d{1,18}) (\d{1,12}) ([0-9a-f]{8})\n")
+_EMPTY = b"# rambler empty\n"
+
+
+class Condition(Enum):
+    """What a slot is found to be: a lost version is another thing than none."""
+
+    WHOLE = "is whole"
+    EMPTY = "is empty"
+    ABSENT = "is missing"
+    DAMAGED = "is damaged"
+    UNREADABLE = "cannot be read"
+
+
+@dataclass(frozen=True, slots=True)
+class _Slot:
+    """One slot: its number, what it is found to be, and the version in it."""
+
+    number: int
+    condition: Condition
+    sequence: int = 0
+    content: bytes = b""
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """The newest whole version of a name, None when there is none, and what is wrong with its slots, else empty."""
+
+    content: bytes | None
+    damage: str = ""
+
+
+def stored_content(directory: Path, name: str) -> bytes | None:
+    """Return the newest whole version of a name, or None: safe beside an autopilot that is writing."""
+    return examine(directory, name).content
+
+
+def examine(directory: Path, name: str) -> Stored:
+    """Return the newest whole version of a name and what is wrong: a slot may be damaged, unreadable or missing."""
+    slots = _read_slots(directory, name)
+    newest = _newest(slots)
+    # The second version went into the other slot: since then neither is missing.
+    both = newest is not None and newest.sequence > 1
+    wrong = [
+        f"{name}.{slot.number} {slot.condition.value}{slot.reason and f' ({slot.reason})'}"
+        for slot in slots
+        if slot.condition in (Condition.DAMAGED, Condition.UNREADABLE) or (both and slot.condition is Condition.ABSENT)
+    ]
+    return Stored(None if newest is None else newest.content, ", ".join(wrong))
+
+
+def _slot_path(directory: Path, name: str, slot: int) -> Path:
+    return directory / f"{name}.{slot}"
+
+
+def _read_slots(directory: Path, name: str) -> tuple[_Slot, ...]:
+    return tuple(_read_slot(_slot_path(directory, name, slot), slot) for slot in SLOTS)
+
+
+def _read_slot(path: Path, number: int) -> _Slot:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return _Slot(number, Condition.ABSENT)
+    except OSError as error:
+        return _Slot(number, Condition.UNREADABLE, reason=error.strerror or "")
+    if not data:
+        return _Slot(number, Condition.ABSENT)  # just made
+    if data.startswith(_EMPTY):
+        return _Slot(number, Condition.EMPTY)
+    head = _HEAD.match(data)
+    if head is not None:
+        content = data[head.end() : head.end() + int(head[2])]
+        if len(content) == int(head[2]) and _checksum(head[1], content) == head[3]:
+            return _Slot(number, Condition.WHOLE, int(head[1]), content)
+    return _Slot(number, Condition.DAMAGED)
+
+
+def _newest(slots: tuple[_Slot, ...]) -> _Slot | None:
+    whole = [slot for slot in slots if slot.condition is Condition.WHOLE]
+    return max(whole, key=lambda slot: slot.sequence, default=None)
+
+
+def _checksum(sequence: bytes, content: bytes) -> bytes:
+    return f"{zlib.crc32(content, zlib.crc32(sequence)):08x}".encode()
+
+
+def _write_whole(descriptor: int, data: bytes) -> None:
+    """Write at the beginning of a file; OSError when not all of it finds room."""
+    if os.pwrite(descriptor, data, 0) < len(data):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+class SlotWriter:
+    """Writes versions: it knows where the newest ones lie, and keeps the files open.
+
+    Opening one again costs more than half of what the disk takes.
+    """
+
+    def __init__(self, directory: Path, private: frozenset[str]) -> None:
+        """Take the directory, and the names that are for nobody but the owner to read."""
+        self._directory = directory
+        self._private = private
+        self._places: dict[str, tuple[int, int]] = {}  # slot and sequence of the newest version that is surely on disk
+        self._unproven: dict[str, int] = {}  # the slot that may hold a whole version whose storing has failed
+        self._files: dict[tuple[str, int], int] = {}
+        self._named = False  # a file was made whose name may not be on disk yet, whatever became of its content
+
+    def close(self) -> None:
+        """Close the files."""
+        for name, slot in tuple(self._files):
+            self._close_slot(name, slot)
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a new version into the slot that does not hold the newest one, and force it to disk.
+
+        After an OSError the version before is the newest again, unless `is_unproven`.
+        """
+        try:
+            self._places[name] = self._write_slot(name, content)
+            del self._unproven[name]
+        except OSError:
+            with contextlib.suppress(OSError):
+                self.withdraw(name)
+            for slot in SLOTS:
+                self._close_slot(name, slot)
+            raise
+
+    def is_unproven(self, name: str) -> bool:
+        """Whether a version whose storing has failed may be read at the next start."""
+        return name in self._unproven
+
+    def withdraw(self, name: str) -> None:
+        """Take back a version whose storing has failed, so that none reads it; OSError when that cannot be."""
+        slot = self._unproven.get(name)
+        if slot is None:
+            return
+        try:
+            self._blank(name, slot)
+        except OSError:
+            self._close_slot(name, slot)
+            _slot_path(self._directory, name, slot).unlink(missing_ok=True)
+            self._sync_directory()
+        del self._unproven[name]
+
+    def _blank(self, name: str, slot: int) -> None:
+        descriptor, present = self._open_slot(name, slot)
+        _write_whole(descriptor, _EMPTY.ljust(max(present, SLOT_BYTES), b"\0"))
+        os.fdatasync(descriptor)
+
+    def _place(self, name: str) -> tuple[int, int]:
+        """Return slot and sequence of the newest version; an unreadable slot is never what is written beside."""
+        slots = _read_slots(self._directory, name)
+        newest = _newest(slots)
+        if newest is not None:
+            # A process that was killed may have left it, and its name, in memory only, and the other slot is next.
+            os.fdatasync(self._open_slot(name, newest.number)[0])
+            self._named = True
+            return newest.number, newest.sequence
+        unreadable = [slot.number for slot in slots if slot.condition is Condition.UNREADABLE]
+        for slot in unreadable[1:]:
+            self._blank(name, slot)  # what it holds might win when it can be read again
+        return (1 - unreadable[0] if unreadable else SLOTS[1]), 0
+
+    def _write_slot(self, name: str, content: bytes) -> tuple[int, int]:
+        # Kept after a failure: looked up anew, the failed version might pass for the newest.
+        place = self._places.get(name)
+        if place is None:
+            place = self._places[name] = self._place(name)
+        slot, number = 1 - place[0], place[1] + 1
+        sequence = b"%d" % number
+        data = b"# rambler state %s %d %s\n" % (sequence, len(content), _checksum(sequence, content)) + content
+        size = -(-len(data) // SLOT_BYTES) * SLOT_BYTES
+        descriptor, present = self._open_slot(name, slot)
+        if name in self._private:
+            data = data.ljust(max(size, present), b"\0")  # nothing of a longer secret is to stay behind this one
+        if present < size:
+            # Real bytes, so that the space is there before it is needed.
+            _write_whole(descriptor, _EMPTY.ljust(size, b"\0"))
+        self._unproven[name] = slot
+        _write_whole(descriptor, data)
+        os.fdatasync(descriptor)
+        if self._named:
+            self._sync_directory()
+            self._named = False
+        return slot, number
+
+    def _sync_directory(self) -> None:
+        descriptor = os.open(self._directory, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+    def _open_slot(self, name: str, slot: int) -> tuple[int, int]:
+        """Return the descriptor of a slot and its size."""
+        kept = self._files.get((name, slot))
+        if kept is not None:
+            status = os.fstat(kept)
+            if status.st_nlink:
+                return kept, status.st_size
+            self._close_slot(name, slot)  # removed, or another put in its place
+        path, mode = _slot_path(self._directory, name, slot), PRIVATE_MODE if name in self._private else MODE
+        self._named |= not path.exists()
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, mode)
+        self._files[name, slot] = descriptor
+        if name in self._private:
+            os.fchmod(descriptor, mode)  # of a file that somebody has copied here, too
+        return descriptor, os.fstat(descriptor).st_size
+
+    def _close_slot(self, name: str, slot: int) -> None:
+        descriptor = self._files.pop((name, slot), None)
+        if descriptor is not None:
+            with contextlib.suppress(OSError):  # closed all the same, and what was forced to disk is there
+                os.close(descriptor)

@@ -1,0 +1,324 @@
+"""What is acknowledged is there after a restart, what is refused is not, and nothing is silent: at every failure."""
+
+import errno
+import itertools
+import os
+import select
+import shutil
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from firmware_py.common.intents import ForgetParameters, ReplacePlan, Request, SetParameter, Verdict
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.core.autopilot import Autopilot
+from firmware_py.core.state import State
+from firmware_py.system.slots import SlotWriter, stored_content
+from firmware_py.system.state_directory import (
+    PARAMETER_FILE,
+    PLAN_FILES,
+    RESUME_FILE,
+    SIGNING_FILE,
+    KeyVault,
+    StateDirectory,
+)
+from firmware_py.system.store import Store
+from support.faulty_disk import CUTS, KINDS, FaultyDisk
+
+DOUBT = "the next start may find it all the same"
+LONG = tuple(PlanItem(16, 3, x=index, y=index) for index in range(60))  # more than a slot's first size
+
+
+def plan(number):
+    return Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=number, y=number), *(LONG if number % 2 else ())))
+
+
+@dataclass
+class Boat:
+    """An autopilot over a state directory, as far as keeping goes."""
+
+    store: Store
+    autopilot: Autopilot
+    vault: KeyVault
+
+    @classmethod
+    def start(cls, directory):
+        store = Store(directory, private=(SIGNING_FILE,))
+        kept = StateDirectory(store, lambda _text: None)
+        state = State.at_start(kept.parameters_over(ParameterSet()), kept.plans())
+        return cls(store, Autopilot(state, kept), KeyVault(store))
+
+    def wait(self, answers):
+        while not answers:
+            assert select.select([self.store.fileno()], [], [], 10.0)[0]
+            self.store.service()
+        return answers[0]
+
+    def end(self):
+        self.store.close()
+        return self
+
+
+def set_parameter(boat, number):
+    answers = []
+    boat.autopilot.decide(Request(0.0, SetParameter("CTL_K1", 70.0 + number)))
+    boat.autopilot.when_stored(answers.append)
+    return boat.wait(answers)
+
+
+def forget_parameters(boat, number):
+    """Set it and forget it by turns, so that there is something to forget at the third act."""
+    if number < 2:
+        return set_parameter(boat, 0)
+    answers = []
+    boat.autopilot.decide(Request(0.0, ForgetParameters()))
+    boat.autopilot.when_stored(answers.append)
+    return boat.wait(answers)
+
+
+def replace_plan(boat, number):
+    answers = []
+    boat.autopilot.replace_plan(Request(0.0, ReplacePlan(plan(number))), answers.append)
+    return boat.wait(answers).verdict is Verdict.ACCEPTED
+
+
+def set_key(boat, number):
+    answers = []
+    boat.vault.save(b"key of number %d" % number)
+    boat.vault.when_stored(answers.append)
+    return boat.wait(answers)
+
+
+ACTS = {
+    set_parameter: lambda boat: boat.autopilot.parameters()["CTL_K1"],
+    forget_parameters: lambda boat: boat.autopilot.parameters()["CTL_K1"],
+    replace_plan: lambda boat: boat.autopilot.plans().mission,
+    set_key: lambda boat: boat.vault.load(),
+}
+FAULTS = [(kind, lasting) for kind in KINDS for lasting in (False, True)]
+
+
+def found(directory, act):
+    return ACTS[act](Boat.start(directory).end())
+
+
+def images(disk, folder):
+    """Yield what the next start may find: after a kill, and after a power cut."""
+    shutil.copytree(disk.directory, folder / "killed")
+    yield folder / "killed"
+    for pattern in CUTS:
+        disk.cut(folder / pattern, pattern)
+        yield folder / pattern
+
+
+def judge(act, tmp_path, monkeypatch, before, failing):
+    """Do one act on a failing disk; return whether there was a call to fail, still."""
+    at, (kind, lasting) = failing
+    with monkeypatch.context() as patches:
+        disk = FaultyDisk(tmp_path / "state", patches)
+        boat = Boat.start(disk.directory)
+        for number in range(before):
+            assert act(boat, number)
+        old = found_beside(disk, tmp_path / "old", act)
+        disk.arm(at, kind, lasting=lasting)
+        stored = act(boat, before)
+        failure, failed = boat.store.failure, list(disk.failed)
+        results = [found(image, act) for image in images(disk, tmp_path)]
+        disk.arm(None)
+        boat.end()
+    new = found_after(act, before)
+    assert bool(failure) == (not stored), "a failure is told as long as it is one"
+    if stored:
+        assert set(results) == {new}, f"acknowledged, and not there: {failed}"
+    elif DOUBT not in failure:
+        assert set(results) == {old}, f"refused, and there: {failed}"
+    else:
+        assert lasting, "one fault leaves no doubt"
+    # The disk works again: what is in force, and a plan that was refused is not, is there.
+    assert boat.store.failure == ""
+    forgets = act is forget_parameters and before >= 2
+    in_force = old if not stored and (forgets or act is replace_plan) else new
+    assert found(tmp_path / "state", act) == in_force
+    return bool(failed)
+
+
+def found_beside(disk, copy, act):
+    shutil.copytree(disk.directory, copy)
+    return found(copy, act)
+
+
+def found_after(act, number):
+    values = {
+        set_parameter: 70.0 + number,
+        forget_parameters: ParameterSet()["CTL_K1"] if number >= 2 else 70.0,
+        replace_plan: plan(number),
+        set_key: b"key of number %d" % number,
+    }
+    return values[act]
+
+
+@pytest.mark.parametrize("before", [0, 1, 2, 3])
+@pytest.mark.parametrize("act", ACTS, ids=lambda act: act.__name__)
+def test_at_every_failing_call_acknowledged_is_there_and_refused_is_not(act, before, tmp_path, monkeypatch):
+    cases = 0
+    for fault in FAULTS:
+        for at in itertools.count():
+            folder = tmp_path / f"{cases}"
+            (folder / "state").mkdir(parents=True)
+            more = judge(act, folder, monkeypatch, before, (at, fault))
+            shutil.rmtree(folder)
+            if not more:
+                break
+            cases += 1
+    print(f"{cases} cases")
+    assert cases >= 2 * len(FAULTS)  # writing and forcing to disk, at the least
+
+
+@pytest.fixture
+def disk(tmp_path, monkeypatch):
+    (tmp_path / "state").mkdir()
+    return FaultyDisk(tmp_path / "state", monkeypatch)
+
+
+def test_a_value_that_is_in_force_but_not_on_disk_is_confirmed_only_when_it_is(disk, tmp_path):
+    """Another save that goes well does not make it stored, nor end the fault."""
+    boat = Boat.start(disk.directory)
+    assert set_parameter(boat, 0)
+    disk.arm(0, lasting=True)
+    assert not set_parameter(boat, 7)
+    disk.arm(None)
+    assert replace_plan(boat, 2)
+    assert "parameters.param cannot be stored" in boat.store.failure
+    again = []
+    boat.autopilot.when_stored(again.append)  # as PARAM_SET of the value in force does
+    assert boat.wait(again)
+    assert found_beside(disk, tmp_path / "killed", set_parameter) == 77.0
+    assert boat.store.failure == ""
+    boat.end()
+
+
+def test_a_name_that_failed_is_stored_by_itself_when_the_disk_works_again(disk, tmp_path, monkeypatch):
+    monkeypatch.setattr("firmware_py.system.store.RETRY_S", 0.01)
+    boat = Boat.start(disk.directory)
+    disk.arm(0, lasting=True)
+    assert not set_parameter(boat, 7)
+    disk.arm(None)
+    while boat.store.failure:
+        assert select.select([boat.store.fileno()], [], [], 10.0)[0]
+        boat.store.service()
+    assert found_beside(disk, tmp_path / "killed", set_parameter) == 77.0
+    boat.end()
+
+
+def test_each_name_of_one_round_has_its_own_result(disk, tmp_path, monkeypatch):
+    boat = Boat.start(disk.directory)
+    assert set_parameter(boat, 0)
+    assert replace_plan(boat, 0)
+    write, gate = SlotWriter.write, threading.Event()
+
+    def write_all_but_parameters(writer, name, content):
+        gate.wait(10.0)
+        if name == PARAMETER_FILE:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        write(writer, name, content)
+
+    monkeypatch.setattr(SlotWriter, "write", write_all_but_parameters)
+    plans, values = [], []
+    boat.vault.save(b"key")  # holds the writer up until both are asked for
+    boat.autopilot.decide(Request(0.0, SetParameter("CTL_K1", 77.0)))
+    boat.autopilot.replace_plan(Request(0.0, ReplacePlan(plan(2))), plans.append)
+    boat.autopilot.when_stored(values.append)
+    gate.set()
+    assert boat.wait(plans).verdict is Verdict.ACCEPTED
+    assert not boat.wait(values)
+    assert found_beside(disk, tmp_path / "killed", replace_plan) == plan(2)
+    monkeypatch.undo()
+    boat.end()
+
+
+def damaged(path):
+    content = bytearray(path.read_bytes())
+    content[content.index(b"\n") + 2] ^= 1
+    path.write_bytes(content)
+
+
+def zeroed(path):
+    path.write_bytes(bytes(path.stat().st_size))
+
+
+def torn(path):
+    path.write_bytes(path.read_bytes()[:30])
+
+
+def unreadable(path):
+    path.unlink()
+    path.mkdir()
+
+
+LOSSES = {
+    damaged: "is damaged",
+    zeroed: "is damaged",
+    torn: "is damaged",
+    unreadable: "cannot be read (Is a directory)",
+    Path.unlink: "is missing",
+}
+INSTEAD = {
+    PARAMETER_FILE: "the vehicle file's parameters are used",
+    PLAN_FILES[PlanKind.MISSION]: "there is no mission",
+    PLAN_FILES[PlanKind.FENCE]: "there is no fence",
+    PLAN_FILES[PlanKind.RALLY]: "there are no rally points",
+    RESUME_FILE: "not resumed",
+    SIGNING_FILE: "there is no signing key",
+}
+
+
+def reported(directory):
+    said = []
+    store = Store(directory)
+    StateDirectory(store, lambda _text: None)  # what is wrong with contents is another thing
+    StateDirectory(store, said.append).report_damage()
+    store.close()
+    return said
+
+
+@pytest.mark.parametrize("name", INSTEAD)
+@pytest.mark.parametrize("lose", LOSSES, ids=lambda lose: lose.__name__)
+def test_what_was_lost_is_told_by_name_with_what_is_used_instead(name, lose, tmp_path):
+    store = Store(tmp_path)
+    store.save(name, b"")
+    store.close()
+    assert reported(tmp_path) == []
+    for content in (b"# 1", b"# 2"):
+        store = Store(tmp_path)
+        store.save(name, content)
+        store.close()
+    assert reported(tmp_path) == []
+    lose(tmp_path / f"{name}.0")
+    told = f"{name}.0 {LOSSES[lose]}"
+    assert reported(tmp_path) == [f"{told}: the other slot is used, perhaps an older version"]
+    if lose is Path.unlink:
+        return
+    lose(tmp_path / f"{name}.1")
+    assert reported(tmp_path) == [f"{told}, {name}.1 {LOSSES[lose]}: {INSTEAD[name]}"]
+
+
+def test_a_state_directory_that_is_new_has_lost_nothing(tmp_path):
+    assert reported(tmp_path / "state") == []
+
+
+@pytest.mark.parametrize("lost", [(0,), (1,), (0, 1)])
+@pytest.mark.parametrize("lose", [damaged, zeroed, torn])
+def test_what_is_stored_after_a_loss_wins(lost, lose, tmp_path):
+    for content in (b"1", b"2", b"3"):
+        store = Store(tmp_path)
+        store.save("a", content)
+        store.close()
+    for slot in lost:
+        lose(tmp_path / f"a.{slot}")
+    store = Store(tmp_path)
+    store.save("a", b"new")
+    store.close()
+    assert stored_content(tmp_path, "a") == b"new"
