@@ -16,7 +16,7 @@ from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import write_plan
 from firmware_py.plans.read_file import MOST_BYTES, read_plan_file
 from firmware_py.plans.text_files import write_text
-from firmware_py.system.slots import stored_content
+from firmware_py.system.slots import examine
 from firmware_py.system.state_directory import PLAN_FILES
 from firmware_py.system.store import Store, StoreError
 
@@ -141,11 +141,16 @@ def _stored_plans(directory: Path) -> Plans:
     _check_directory(directory)
     plans = Plans()
     for name in PLAN_FILES.values():
-        content = stored_content(directory, name)
-        if content is None:
+        stored = examine(directory, name)
+        if stored.damage:
+            left = (
+                "no plan is left of it" if stored.content is None else "the other slot is read, perhaps an older plan"
+            )
+            print(f"{directory}: {stored.damage}: {left}", file=sys.stderr)
+        if stored.content is None:
             continue
         try:
-            plan, notes = from_text(content.decode("utf-8", "replace"))
+            plan, notes = from_text(stored.content.decode("utf-8", "replace"))
         except ValueError as error:
             raise StoreError(f"{directory / name}: {error}; load the plan again") from None
         plans = plans.replaced(plan)

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import threading
 from pathlib import Path
 
 SECTOR = 512
@@ -17,6 +18,7 @@ class FaultyDisk:
         self.directory = Path(directory)
         self.durable = {}  # bytes of each file on the platters, by its name
         self.named = {}  # names on the platters, and the file that each leads to
+        self.still = threading.Lock()  # whoever holds it sees the disk between two calls
         self._paths = {}
         self._real = {name: getattr(os, name) for name in CALLS}
         self.arm(None)
@@ -54,12 +56,13 @@ class FaultyDisk:
         path, real = self._path_of(words[0]), self._real[name]
         if path is None:
             return real(*words, **more)
-        number, self.count = self.count, self.count + 1
-        fails = self.at is not None and (number == self.at or (self.lasting and number > self.at))
-        if fails:
-            self.failed.append(name)
-            return self._fail(name, path, words, more)
-        return self._act(name, path, words, more)
+        with self.still:
+            number, self.count = self.count, self.count + 1
+            fails = self.at is not None and (number == self.at or (self.lasting and number > self.at))
+            if fails:
+                self.failed.append(name)
+                return self._fail(name, path, words, more)
+            return self._act(name, path, words, more)
 
     def _fail(self, name, path, words, more):
         real = self._real[name]

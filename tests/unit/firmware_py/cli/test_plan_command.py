@@ -88,6 +88,17 @@ def test_the_table_of_items_is_complete(capsys):
     assert all(f"| {row.name} | {int(row.command)} |" in table for row in TABLE)
 
 
+def test_a_plan_that_was_lost_is_told_by_name(capsys, file, state):
+    for _ in range(2):
+        said(capsys, "load", file, "--state", state)
+    (state / "mission.plan.1").write_bytes(bytes(4096))
+    main(["plan", "show", "--state", str(state)])
+    assert "mission.plan.1 is damaged: the other slot is read" in capsys.readouterr().err
+    (state / "mission.plan.0").unlink()
+    main(["plan", "show", "--state", str(state)])
+    assert "mission.plan.1 is damaged: no plan is left of it" in capsys.readouterr().err
+
+
 def test_states_that_are_none(capsys, file, tmp_path, state):
     assert "is not there" in said(capsys, "load", file, "--state", tmp_path / "none", code=2)
     assert "is not there" in said(capsys, "show", "--state", tmp_path / "none", code=2)
