@@ -38,6 +38,7 @@ from firmware_py.system.state_directory import (
     UPLOAD_DIRECTORY,
     KeyVault,
     StateDirectory,
+    report_damage,
 )
 from firmware_py.system.store import Store
 from firmware_py.vehicle import Vehicle
@@ -176,6 +177,7 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         offer_utc=None if clock_setter is None else clock_setter.add_station_time,
         calibrator=devices.calibrator,
         storage=_storage(options.state_directory, parameters),
+        start_events=start_events,
     )
     if not endpoint.key_readable:
         console.line(f"stored {SIGNING_FILE} left out: it is not one; set the key again")
@@ -210,8 +212,8 @@ def _read_state(store: Store, console: Console, events: list[Event]) -> StateDir
         console.line(text)
         events.append(Event(Severity.WARNING, text))
 
+    report_damage(store, say)
     kept = StateDirectory(store, say)
-    kept.report_damage()
     kept.count_start()
     return kept
 

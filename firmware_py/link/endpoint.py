@@ -77,12 +77,14 @@ class Endpoint:
         offer_utc: Callable[[float, float], None] | None = None,
         calibrator: Calibrator | None = None,
         storage: FileRoot = NO_STORAGE,
+        start_events: Sequence[Event] = (),
     ) -> None:
         """Take opened transports and the loop's side.
 
         `load` gives the share of a core in use, 0 to 1. `vault` keeps the signing key and its timestamps over restarts.
         `offer_utc` takes the time that a ground station says, and when it came. `calibrator` is the compass, if it can
         calibrate itself. `storage` is what file transfer and log download show of the disk.
+        `start_events` are those of the first tick that a station is told whatever else has happened before it comes.
         """
         self._transports = tuple(transports)
         self._context = LinkContext(request_handler, Suppliers(utc_s, load, offer_utc, calibrator), version)
@@ -101,6 +103,7 @@ class Endpoint:
         self._worker = Worker(background=storage.background)
         self._services = Services(self._context, KeySetup(self._context, self._signing, vault), storage, self._worker)
         self._telemetry = TelemetryPublisher(self._context)
+        self._start_events = tuple(start_events[:_EVENTS_PER_TICK])
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
         self._receive_queue = ReceiveQueue(self._peers.has)
         self._unread: deque[tuple[Peer, Admitted]] = deque()  # frames not yet answered
@@ -225,7 +228,7 @@ class Endpoint:
         self._context.send(peer, self._context.heartbeat(), Priority.URGENT)
         if self._context.snapshot is not None:
             peer.streams.mark_sent(ROWS_OF[_HEARTBEAT][0], now_s)
-        for event in self._recent:
+        for event in (*self._start_events, *self._recent):
             self._context.send_text(peer, event.severity, event.text)
 
     def _send_heartbeat(self, stranger: Peer, now_s: float) -> None:
@@ -244,7 +247,7 @@ class Endpoint:
     def _send_events(self, events: Sequence[Event]) -> None:
         for event in events[:_EVENTS_PER_TICK]:
             self._context.send_text_all(event.severity, event.text)
-            if event.severity <= Severity.WARNING:
+            if event.severity <= Severity.WARNING and event not in self._start_events:
                 self._recent.append(event)
 
     def _flush(self, now_s: float) -> None:

@@ -39,6 +39,15 @@ _INSTEAD: Final = {
 _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)")
 
 
+def report_damage(store: Store, say: Callable[[str], None]) -> None:
+    """Say what is damaged, unreadable or missing, and what is used instead; before anything is kept anew."""
+    for name, instead in _INSTEAD.items():
+        stored = store.examine(name)
+        if stored.damage:
+            used = instead if stored.content is None else "the other slot is used, perhaps an older version"
+            say(f"{stored.damage}: {used}")
+
+
 class StateDirectory:
     """Reads what earlier runs have left in the store, and keeps what the next one shall find; a StateKeeper."""
 
@@ -47,14 +56,6 @@ class StateDirectory:
         self._store, self._say = store, say
         self._usable, unusable = load_parameters(store, say)
         self._kept = unusable | self._usable
-
-    def report_damage(self) -> None:
-        """Say what is damaged, unreadable or missing, and what is used instead; before anything is kept anew."""
-        for name, instead in _INSTEAD.items():
-            stored = self._store.examine(name)
-            if stored.damage:
-                used = instead if stored.content is None else "the other slot is used, perhaps an older version"
-                self._say(f"{stored.damage}: {used}")
 
     def count_start(self) -> None:
         """Count one start more."""

@@ -166,7 +166,7 @@ class MemoryVault:
 class Rig:
     """An endpoint and a ground station that speaks through pymavlink."""
 
-    def __init__(self, vault=None, *, identity=3, storage=NO_STORAGE, **transport):
+    def __init__(self, vault=None, *, identity=3, storage=NO_STORAGE, start_events=(), **transport):
         self.vault = vault or MemoryVault()
         self.utc_s = 1.7e9
         self.transport = MemoryTransport(**transport)
@@ -180,6 +180,7 @@ class Rig:
             vault=self.vault,
             offer_utc=lambda utc_s, now_s: self.heard_utc.append((utc_s, now_s)),
             storage=storage,
+            start_events=start_events,
         )
         self.heard_utc = []
         self.station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)

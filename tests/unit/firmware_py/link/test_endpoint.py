@@ -63,6 +63,20 @@ def test_events_are_told_and_the_grave_ones_again_to_whoever_comes_later(make_ri
     assert texts(rig.said("later")) == ["grave"]
 
 
+def test_what_was_lost_before_the_start_is_told_to_whoever_comes_however_late(make_rig, texts):
+    lost = [Event(Severity.WARNING, f"{name} is damaged") for name in ("mission.plan", "fence.plan")]
+    rig = make_rig(addresses=("first",), start_events=lost)
+    rig.tick(events=lost)
+    for number in range(20):
+        rig.tick(events=[Event(Severity.WARNING, f"warning {number}")])
+    rig.transport.served = ("first", "later")
+    rig.tick_silently()
+    assert texts(rig.said("later")) == [
+        *(event.text for event in lost),
+        *(f"warning {number}" for number in range(15, 20)),
+    ]
+
+
 def test_a_storm_of_events_is_bounded(rig, texts):
     assert len(texts(rig.tick(events=[Event(Severity.INFO, str(n)) for n in range(1000)]))) <= 16
 

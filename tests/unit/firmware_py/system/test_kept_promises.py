@@ -24,6 +24,7 @@ from firmware_py.system.state_directory import (
     SIGNING_FILE,
     KeyVault,
     StateDirectory,
+    report_damage,
 )
 from firmware_py.system.store import Store
 from support.faulty_disk import CUTS, KINDS, FaultyDisk
@@ -292,8 +293,7 @@ INSTEAD = {
 def reported(directory):
     said = []
     store = Store(directory)
-    StateDirectory(store, lambda _text: None)  # what is wrong with contents is another thing
-    StateDirectory(store, said.append).report_damage()
+    report_damage(store, said.append)
     store.close()
     return said
 
