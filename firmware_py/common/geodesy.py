@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from firmware_py.common.angles import clamp, wrap_two_pi
 
 EARTH_RADIUS_M = 6371008.8  # mean radius, IUGG
-EQUATORIAL_RADIUS_M = 6_378_137.0  # WGS 84
 Vector = tuple[float, float, float]
 LEAST_SHRINK = 1e-3  # of a circle of latitude against the equator: 6 km from a pole
 SHORTEST_LINE = 1e-9  # in radii of the earth: a line of 6 mm has no direction
@@ -65,17 +64,17 @@ class Place:
         """Return how far north and east another place lies in the local frame of here, as `at_local_offset` counts."""
         east_rad = math.remainder(other.longitude_rad - self.longitude_rad, 2.0 * math.pi)
         return (
-            (other.latitude_rad - self.latitude_rad) * EQUATORIAL_RADIUS_M,
-            east_rad * EQUATORIAL_RADIUS_M * math.cos(self.latitude_rad),
+            (other.latitude_rad - self.latitude_rad) * EARTH_RADIUS_M,
+            east_rad * EARTH_RADIUS_M * math.cos(self.latitude_rad),
         )
 
     def at_local_offset(self, north_m: float, east_m: float) -> Place | None:
         """Return the place north and east of here in the local frame of here; None where that ends, at the poles."""
-        latitude_rad = self.latitude_rad + north_m / EQUATORIAL_RADIUS_M
+        latitude_rad = self.latitude_rad + north_m / EARTH_RADIUS_M
         shrink = math.cos(self.latitude_rad)
         if not (abs(latitude_rad) < math.pi / 2.0 and shrink > LEAST_SHRINK):
             return None
-        longitude_rad = self.longitude_rad + east_m / (EQUATORIAL_RADIUS_M * shrink)
+        longitude_rad = self.longitude_rad + east_m / (EARTH_RADIUS_M * shrink)
         return Place(latitude_rad, math.remainder(longitude_rad, 2.0 * math.pi))
 
     def at_offset(self, north_m: float, east_m: float) -> Place:

@@ -10,9 +10,10 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.estimate.wmm2025 import COEFFICIENTS, DEGREE, EPOCH
 
-MOVED_RAD: Final = 10e3 / 6371e3
+MOVED_RAD: Final = 10e3 / EARTH_RADIUS_M
 AGE_S: Final = 30.0 * 86400.0
 YEAR_S: Final = 365.25 * 86400.0
 EPOCH_S: Final = 1_735_689_600.0  # 2025-01-01 UTC

@@ -7,11 +7,10 @@ import math
 import numpy as np
 
 from firmware_py.common.angles import KNOTS_PER_METRE_PER_SECOND, degrees
-from hil.devices.emulator import Whereabouts
+from hil.devices.emulator import METRES_PER_DEGREE, Whereabouts
 from hil.devices.nmea_text import bearing, clock_and_date, coordinate, whole_sentence
 from hil.devices.timing import Pace, Transmitter
 
-_METRES_PER_DEGREE = 111_320.0  # of latitude, close enough to turn a noise in metres into one in degrees
 _NOISE_TIME_S = 60.0  # position errors of a receiver wander (ionosphere, multipath); they are not white
 _SATELLITES = 11
 _HDOP = 0.9
@@ -97,8 +96,8 @@ class NmeaGpsEmulator:
         self._error_m = self._keep * self._error_m + math.sqrt(1.0 - self._keep**2) * step
         latitude_deg = self._whereabouts.latitude_deg()
         narrowing = max(math.cos(math.radians(latitude_deg)), 1e-3)
-        longitude_deg = self._whereabouts.longitude_deg() + self._error_m[1] / (_METRES_PER_DEGREE * narrowing)
-        latitude_deg += self._error_m[0] / _METRES_PER_DEGREE
+        longitude_deg = self._whereabouts.longitude_deg() + self._error_m[1] / (METRES_PER_DEGREE * narrowing)
+        latitude_deg += self._error_m[0] / METRES_PER_DEGREE
         longitude_deg = (longitude_deg + 180.0) % 360.0 - 180.0
         north = coordinate(latitude_deg, degree_digits=2, letters=("N", "S"))
         east = coordinate(longitude_deg, degree_digits=3, letters=("E", "W"))

@@ -5,6 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.intents import Answer, SteerHeading, SteerPosition, Verdict
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.common.reports import Home
@@ -14,7 +15,7 @@ YAW_ONLY = 0b1001_1111_1111 | 0x200  # everything but yaw ignored
 VELOCITY_ONLY = 0b1101_1110_0111
 POSITION_ONLY = 0b1101_1111_1000
 FIX = {"position": PositionSample(0.0, FixType.FIX_3D, math.radians(40), math.radians(10)), "position_ok": True}
-METRES_PER_DEGREE = math.radians(1.0) * 6_378_137.0
+METRES_PER_DEGREE = math.radians(1.0) * EARTH_RADIUS_M
 
 
 def about(angle_rad):

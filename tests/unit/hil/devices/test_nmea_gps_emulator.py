@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pynmeagps import NMEAReader
 
+from hil.devices.emulator import METRES_PER_DEGREE
 from hil.devices.nmea_gps import NmeaGpsEmulator
 from hil.devices.nmea_text import clock_and_date, coordinate
 
@@ -50,7 +51,7 @@ def test_losing_the_sky_does_not_shift_the_noise(boat, run):
 
 def test_position_noise_has_its_size_and_wanders_slowly(boat, run):
     receiver = NmeaGpsEmulator(boat, np.random.default_rng(2), position_noise_m=2.0, rate_hz=1.0)
-    north_m = [(m.lat - 35.5) * 111_320.0 for m in parsed(run(receiver, 1000.0)) if m.msgID == "GGA"]
+    north_m = [(m.lat - 35.5) * METRES_PER_DEGREE for m in parsed(run(receiver, 1000.0)) if m.msgID == "GGA"]
     assert np.std(north_m) == pytest.approx(2.0, rel=0.5)
     assert np.std(np.diff(north_m)) < 0.6
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.common.reports import Activity, Estimate, Home, Navigation
 from firmware_py.link.telemetry.estimates import quaternion
@@ -18,7 +19,7 @@ ESTIMATE = Estimate(
     current_north_m_s=0.1, current_east_m_s=-0.1, turning_factor=1.1, innovation_rad=0.0, innovation_sd_rad=0.01,
     innovation_square=1.0,
 )  # fmt: skip
-HOME = Home(0.7 - 100.0 / 6_378_137.0, -0.2, 1.0)
+HOME = Home(0.7 - 100.0 / EARTH_RADIUS_M, -0.2, 1.0)
 
 
 @pytest.fixture
