@@ -102,7 +102,7 @@ def test_a_callback_ends_the_search(objective):
 
 PLAIN = """
 import sys, pickle, numpy as np
-sys.path.insert(0, {folder!r})
+sys.path[:0] = {folders!r}
 from test_search import LOW, HIGH, VARIANTS, bowl
 from hil.lab.swarm import minimise
 sys.stdout.buffer.write(pickle.dumps([minimise(bowl, LOW, HIGH, variant) for variant in VARIANTS]))
@@ -111,7 +111,7 @@ sys.stdout.buffer.write(pickle.dumps([minimise(bowl, LOW, HIGH, variant) for var
 
 def test_the_compiled_swarm_is_its_own_source_run_plain_to_the_last_bit():
     plain = subprocess.run(
-        [sys.executable, "-c", PLAIN.format(folder=str(Path(__file__).parent))],
+        [sys.executable, "-c", PLAIN.format(folders=[str(Path(__file__).parent), str(ROOT / "tests")])],
         cwd=ROOT,
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
         check=True,
