@@ -2,7 +2,7 @@
 
 CHANGES is the one table of how the records of the state, and of what outlives a restart
 (resume.py), are different from version to version. Whoever renames a class or a field that State
-or Resume hold, or moves a field, adds a `Change` (plain_history.py says how) or a row to the one
+or Resume hold, or moves a field, adds a `Change` (common/record_history.py says how) or a row to the one
 that no release has written yet. Logs and boats at sea then go on as before; a row that was
 forgotten shows as a note in the replay of tests/replay/data.
 
