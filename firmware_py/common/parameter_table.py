@@ -8,6 +8,8 @@ from firmware_py.common.mode_table import FAILSAFE_MODES, MODES, Mode
 from firmware_py.common.parameter_row import Parameter, choice, count, real, whole
 
 _OFF_ON = {0: "off", 1: "on"}
+# Of the time-outs that common/silence.py lengthens.
+_SELDOM = "of what comes seldom, 2.5 of its own intervals count, up to 5 times this."
 
 
 def _deviations(prefix: str, compass: str) -> tuple[Parameter, ...]:
@@ -80,7 +82,7 @@ TABLE: tuple[Parameter, ...] = (
         "A compass that shows the same number for so long has stopped measuring; 0: never, for a boat ashore.",
     ),
     real("CMP_OFFSET_DEG", 0.0, -180.0, 180.0, "deg", "Mounting angle of the compass, added to its reading."),
-    real("CMP_TIMEOUT_S", 1.0, 0.2, 60.0, "s", "A heading older than this is not steered by."),
+    real("CMP_TIMEOUT_S", 1.0, 0.2, 60.0, "s", f"A heading older than this is not steered by; {_SELDOM}"),
     real(
         "COG_SPEED_MIN",
         0.3,
@@ -220,7 +222,7 @@ TABLE: tuple[Parameter, ...] = (
         "s",
         "A position that has jumped further than she can sail is believed once it stays for this long.",
     ),
-    real("POS_TIMEOUT_S", 5.0, 0.5, 600.0, "s", "A position older than this is not steered by."),
+    real("POS_TIMEOUT_S", 5.0, 0.5, 600.0, "s", f"A position older than this is not steered by; {_SELDOM}"),
     choice("RALLY_INCL_HOME", 1, _OFF_ON, "RTL considers home beside the rally points, not only when there are none."),
     real("RUD_AMP_MAX", 3.0, 0.0, 50.0, "A", "Current above which the rudder servo is eased; 0: none."),
     real("RUD_CENTRE_DEG", 0.0, -90.0, 90.0, "deg", "Angle of the servo shaft at which the rudder is amidships."),
@@ -245,7 +247,7 @@ TABLE: tuple[Parameter, ...] = (
     choice("RUD_REVERSE", 0, {0: "no", 1: "yes"}, "The servo shaft turns against the rudder."),
     real("RUD_SLEW_DEG_S", 30.0, 0.5, 360.0, "deg/s", "Fastest change of the rudder command."),
     real("RUD_TEMP_MAX", 70.0, 0.0, 150.0, "degC", "Temperature above which the rudder servo is hot."),
-    real("RUD_TIMEOUT_S", 1.0, 0.2, 60.0, "s", "A servo that has not answered for this long is silent."),
+    real("RUD_TIMEOUT_S", 1.0, 0.2, 60.0, "s", f"A servo that has not answered for this long is silent; {_SELDOM}"),
     count("STAT_BOOTCNT", "Starts of the autopilot that this state directory has seen."),
     real("STK_RATE_DEG_S", 2.0, 0.1, 30.0, "deg/s", "In STEERING, how fast a full stick turns the goal."),
     real(

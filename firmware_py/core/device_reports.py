@@ -1,25 +1,37 @@
-"""What the devices have last reported of themselves: storage, clock, ground stations, compasses."""
+"""What the devices have last reported of themselves, and how far apart what they say comes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from firmware_py.common.records import DeviceHealth, DeviceRole, Inputs
+from firmware_py.common.silence import learn_interval_s
+from firmware_py.core.freshness import FreshnessSettings
+
+Times = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceReports:
-    """The newest health of storage, clock and ground stations, and when compass A and B last gave a heading."""
+    """The newest health of storage, clock and ground stations, and when the sensors and the servo last spoke.
+
+    `compass_s` and `compass_interval_s` are of compass A and B; an interval is None until a second sample has come.
+    """
 
     storage: DeviceHealth | None = None
     clock: DeviceHealth | None = None
     link: DeviceHealth | None = None
-    compass_s: tuple[float | None, float | None] = (None, None)
+    compass_s: Times = (None, None)
+    compass_interval_s: Times = (None, None)
+    position_s: float | None = None
+    position_interval_s: float | None = None
+    rudder_s: float | None = None
+    rudder_interval_s: float | None = None
 
 
-def update(state: DeviceReports, inputs: Inputs) -> DeviceReports:
-    """Take the reports and headings of a tick in."""
-    if not inputs.headings and not inputs.devices:
+def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) -> DeviceReports:
+    """Take the reports and samples of a tick in."""
+    if not (inputs.headings or inputs.positions or inputs.rudder or inputs.devices):
         return state
     storage, clock, link = state.storage, state.clock, state.link
     for device in inputs.devices:
@@ -27,9 +39,33 @@ def update(state: DeviceReports, inputs: Inputs) -> DeviceReports:
         clock = device if device.role is DeviceRole.CLOCK else clock
         link = device if device.role is DeviceRole.LINK else link
     a_s, b_s = state.compass_s
+    a_interval_s, b_interval_s = state.compass_interval_s
     for sample in inputs.headings:
         if sample.source == 0:
-            a_s = sample.t_s
+            a_s, a_interval_s = _spoken(a_s, a_interval_s, sample.t_s, settings.heading_timeout_s)
         else:
-            b_s = sample.t_s
-    return DeviceReports(storage, clock, link, (a_s, b_s))
+            b_s, b_interval_s = _spoken(b_s, b_interval_s, sample.t_s, settings.heading_timeout_s)
+    position_s, position_interval_s = state.position_s, state.position_interval_s
+    for fix in inputs.positions:
+        position_s, position_interval_s = _spoken(position_s, position_interval_s, fix.t_s, settings.position_timeout_s)
+    rudder_s, rudder_interval_s = state.rudder_s, state.rudder_interval_s
+    for feedback in inputs.rudder:
+        rudder_s, rudder_interval_s = _spoken(rudder_s, rudder_interval_s, feedback.t_s, settings.rudder_timeout_s)
+    return DeviceReports(
+        storage,
+        clock,
+        link,
+        (a_s, b_s),
+        (a_interval_s, b_interval_s),
+        position_s,
+        position_interval_s,
+        rudder_s,
+        rudder_interval_s,
+    )
+
+
+def _spoken(
+    last_s: float | None, interval_s: float | None, t_s: float, shortest_s: float
+) -> tuple[float, float | None]:
+    """Return time and interval after a sample of t_s."""
+    return t_s, interval_s if last_s is None else learn_interval_s(interval_s, t_s - last_s, shortest_s)

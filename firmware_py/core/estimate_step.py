@@ -8,7 +8,7 @@ from dataclasses import replace
 from firmware_py.common.records import Event, Inputs, PositionSample, RudderStatus
 from firmware_py.common.reports import Home
 from firmware_py.core import device_reports, rudder, tick_timing
-from firmware_py.core.state import Settings, State
+from firmware_py.core.state import Settings, State, heading_timeouts_of
 from firmware_py.estimate import heading_estimator, position, water
 from firmware_py.estimate.water import WaterState
 
@@ -17,16 +17,19 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
     """Take samples, feedback, device reports and the tick itself in; return what is known of the rudder, too."""
     now_s = inputs.tick.t_s
     rudder_state, rudder_status = rudder.update(settings.rudder, state.rudder, inputs)
+    # As known before this tick: a gap must not excuse itself.
+    timeouts = heading_timeouts_of(settings, state.devices)
     heading_state, events = heading_estimator.update(
         settings.heading_estimator,
         state.heading_estimator,
         inputs.headings,
         inputs.positions,
         rudder_status.angle_rad,
+        timeouts,
         now_s,
     )
     heading = heading_state.heading
-    heading_rad = heading.heading_rad if heading.fresh(now_s, settings.freshness.heading_timeout_s) else None
+    heading_rad = heading.heading_rad if heading.fresh(now_s, timeouts.of(heading_state.sources.in_use)) else None
     place = position.predict(state.position, now_s, _over_ground_m_s(state.water, heading_rad))
     home = state.home
     credible = []
@@ -38,7 +41,7 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
     state = replace(
         state,
         timing=tick_timing.update(state.timing, inputs.tick),
-        devices=device_reports.update(state.devices, inputs),
+        devices=device_reports.update(settings.freshness, state.devices, inputs),
         rudder=rudder_state,
         heading_estimator=heading_state,
         position=place,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from firmware_py.common.mode_table import Mode
-from firmware_py.core.freshness import Age, Freshness, is_fresh
-from firmware_py.core.state import Settings, State, fence_enabled
+from firmware_py.core.freshness import Age, Freshness
+from firmware_py.core.state import Settings, State, fence_enabled, heading_timeouts_of
 from firmware_py.faults.row import FaultInput
 from firmware_py.guidance import guidance
 
@@ -13,7 +13,8 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
     """Return what the conditions of the faults look at, after the state has taken the inputs of the tick in."""
     servo, position, devices = state.rudder.feedback, state.position, state.devices
     sources, rudder_monitor = state.heading_estimator.sources, state.supervisor.rudder_monitor
-    heading_timeout_s = settings.freshness.heading_timeout_s
+    timeouts_s = heading_timeouts_of(settings, devices).compass_s
+    compasses = tuple(zip(sources.compasses, timeouts_s, strict=True))
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
 
     def age_s(t_s: float | None) -> float | None:
@@ -24,12 +25,13 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
         late_age_s=age_s(state.timing.skipped_t_s),
         heading_old=freshness.heading is Age.OLD,
         compass_silent=any(
-            t_s is not None and not is_fresh(t_s, now_s, heading_timeout_s) for t_s in devices.compass_s
+            t_s is not None and now_s - t_s > timeout_s
+            for t_s, timeout_s in zip(devices.compass_s, timeouts_s, strict=True)
         ),
-        compass_frozen=any(compass.frozen(now_s, settings.heading_estimator.sources) for compass in sources.compasses),
-        compass_jumping=any(
-            compass.jumping() and is_fresh(compass.t_s, now_s, heading_timeout_s) for compass in sources.compasses
+        compass_frozen=any(
+            compass.frozen(now_s, settings.heading_estimator.sources, timeout_s) for compass, timeout_s in compasses
         ),
+        compass_jumping=any(compass.jumping() and compass.speaks(now_s, timeout_s) for compass, timeout_s in compasses),
         compasses_disagree=sources.disagree(),
         position_old=position.fix is not None and freshness.position is Age.OLD,
         position_held_back=(

@@ -18,7 +18,7 @@ class Age(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class FreshnessSettings:
-    """How old heading, position and the servo's feedback may be."""
+    """How old heading, position and the servo's feedback may be where they come often enough (common/silence.py)."""
 
     heading_timeout_s: float
     position_timeout_s: float
@@ -41,11 +41,6 @@ class Freshness:
     heading: Age
     position: Age
     rudder: Age
-
-
-def is_fresh(t_s: float | None, now_s: float, timeout_s: float) -> bool:
-    """Whether something of t_s is there and not too old."""
-    return t_s is not None and now_s - t_s <= timeout_s
 
 
 def age_of(t_s: float | None, started_s: float | None, now_s: float, timeout_s: float) -> Age:

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.reports import Home
+from firmware_py.common.silence import timeout_s
 from firmware_py.control.heading_controller import HeadingControllerSettings, HeadingControllerState
 from firmware_py.core.device_reports import DeviceReports
 from firmware_py.core.freshness import Age, Freshness, FreshnessSettings, age_of
 from firmware_py.core.rudder import RudderSettings, RudderState
 from firmware_py.core.tick_timing import TickTiming
 from firmware_py.estimate import water
-from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, HeadingEstimatorState
+from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, HeadingEstimatorState, HeadingTimeouts
 from firmware_py.estimate.position import PositionSettings, PositionState
 from firmware_py.estimate.water import WaterState
 from firmware_py.faults.latch import LatchState, arming_obstacle
@@ -97,14 +98,30 @@ class State:
         )
 
 
+def heading_timeouts_of(settings: Settings, devices: DeviceReports) -> HeadingTimeouts:
+    """Return after what silence each compass and the course over ground are lost, by how often they come."""
+    limits = settings.freshness
+    a_interval_s, b_interval_s = devices.compass_interval_s
+    return HeadingTimeouts(
+        compass_s=(
+            timeout_s(a_interval_s, limits.heading_timeout_s),
+            timeout_s(b_interval_s, limits.heading_timeout_s),
+        ),
+        position_s=timeout_s(devices.position_interval_s, limits.position_timeout_s),
+    )
+
+
 def freshness_of(settings: Settings, state: State, now_s: float) -> Freshness:
     """Judge how old heading, position and the servo's feedback are at now_s."""
-    limits, started_s = settings.freshness, state.timing.started_s
-    fix = state.position.fix
+    devices, started_s = state.devices, state.timing.started_s
+    timeouts = heading_timeouts_of(settings, devices)
+    rudder_timeout_s = timeout_s(devices.rudder_interval_s, settings.freshness.rudder_timeout_s)
+    heading, fix = state.heading_estimator, state.position.fix
+    heading_timeout_s = timeouts.of(heading.sources.in_use)
     return Freshness(
-        heading=age_of(state.heading_estimator.heading.sample_t_s, started_s, now_s, limits.heading_timeout_s),
-        position=age_of(None if fix is None else fix.t_s, started_s, now_s, limits.position_timeout_s),
-        rudder=age_of(state.rudder.feedback_s, started_s, now_s, limits.rudder_timeout_s),
+        heading=age_of(heading.heading.sample_t_s, started_s, now_s, heading_timeout_s),
+        position=age_of(None if fix is None else fix.t_s, started_s, now_s, timeouts.position_s),
+        rudder=age_of(state.rudder.feedback_s, started_s, now_s, rudder_timeout_s),
     )
 
 

@@ -34,7 +34,6 @@ class HeadingEstimatorSettings:
     sources: SourceSettings
     observer_only: bool
     declination_by_model: bool
-    position_timeout_s: float
     course_speed_m_s: float
 
     @classmethod
@@ -46,9 +45,20 @@ class HeadingEstimatorSettings:
             sources=SourceSettings.of(parameters),
             observer_only=parameters["EST_MODE"] == 0,
             declination_by_model=parameters["CMP_DECL_AUTO"] == 1,
-            position_timeout_s=parameters["POS_TIMEOUT_S"],
             course_speed_m_s=parameters["COG_SPEED_MIN"],
         )
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingTimeouts:
+    """After what silence compass A, compass B and the fixes, which give the course over ground, are lost."""
+
+    compass_s: tuple[float, float]
+    position_s: float
+
+    def of(self, source: Source) -> float:
+        """Return the time-out of what is steered by; what is no compass is judged by compass A's."""
+        return self.compass_s[source if source in COMPASSES else 0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +77,7 @@ def update(
     headings: Sequence[HeadingSample],
     positions: Sequence[PositionSample],
     rudder_rad: float,
+    timeouts: HeadingTimeouts,
     now_s: float,
 ) -> tuple[HeadingEstimatorState, tuple[Event, ...]]:
     """Take a tick's samples in; return the state, with the heading that is steered by, and the events."""
@@ -78,6 +89,7 @@ def update(
             observer_settings = replace(observer_settings, declination_rad=state.declination.declination_rad)
     if settings.observer_only:
         of_first = [sample for sample in headings if sample.source == Source.COMPASS_A]
+        observer_settings = replace(observer_settings, timeout_s=timeouts.compass_s[Source.COMPASS_A])
         heading = observer.update(observer_settings, before, of_first, rudder_rad, now_s)
         return HeadingEstimatorState(heading, declination=state.declination), ()
     true_headings = [
@@ -88,10 +100,10 @@ def update(
         if math.isfinite(sample.heading_rad) and math.isfinite(sample.t_s) and sample.source in COMPASSES
     ]
     restart_events: tuple[Event, ...] = ()
-    if sources.needs_restart(state.sources, now_s, settings.observer.timeout_s):
+    if sources.needs_restart(state.sources, now_s, timeouts.compass_s):
         state = HeadingEstimatorState(before, declination=state.declination)
         restart_events = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
-    source_state, source_events = _select_source(settings, state, true_headings, before, now_s)
+    source_state, source_events = _select_source(settings, state, true_headings, before, timeouts, now_s)
     samples = sources.samples_in_use(source_state, true_headings)
     waves = wave_filter.update(settings.wave_filter, state.wave_filter, samples, velocities(positions), rudder_rad)
     if not waves.x:
@@ -121,6 +133,7 @@ def _select_source(
     state: HeadingEstimatorState,
     samples: Sequence[TrueHeadingSample],
     before: HeadingState,
+    timeouts: HeadingTimeouts,
     now_s: float,
 ) -> tuple[SourceState, tuple[Event, ...]]:
     """Judge the sources by what they say and choose one."""
@@ -131,11 +144,11 @@ def _select_source(
     course_ok = (
         bool(waves.x)  # not begun, or begun anew, it may know of a fix and of nothing else
         and waves.fix_t_s is not None
-        and now_s - waves.fix_t_s <= settings.position_timeout_s
+        and now_s - waves.fix_t_s <= timeouts.position_s
         and waves.spread(kalman.HEADING) <= WIDEST_COURSE_RAD
         and waves.x[kalman.SPEED] >= settings.course_speed_m_s
     )
-    return sources.select(source_state, now_s, settings.sources, course_ok=course_ok)
+    return sources.select(source_state, now_s, settings.sources, timeouts.compass_s, course_ok=course_ok)
 
 
 def velocities(positions: Sequence[PositionSample]) -> list[wave_filter.Velocity]:

@@ -20,6 +20,7 @@ from firmware_py.common.records import Event, Severity
 
 JUMP_RAD: Final = radians(25.0)
 JUMP_S: Final = 1.5
+FIRST_JUMP_S: Final = 1.0  # what a first heading far off counts at most: one alone is no jump, however slow the compass
 PROBATION_S: Final = 10.0
 CONTRADICTED_S: Final = 60.0
 SLEW_RAD_S: Final = radians(0.5)
@@ -51,15 +52,14 @@ class TrueHeadingSample:
 
 @dataclass(frozen=True, slots=True)
 class SourceSettings:
-    """After how long a silent compass is lost, and one that shows the same number has stopped measuring (0: never)."""
+    """After how long a compass that shows the same number has stopped measuring (0: never)."""
 
-    timeout_s: float
     frozen_s: float
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> SourceSettings:
         """Read the settings from the parameters."""
-        return cls(timeout_s=parameters["CMP_TIMEOUT_S"], frozen_s=parameters["CMP_FROZEN_S"])
+        return cls(frozen_s=parameters["CMP_FROZEN_S"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +79,13 @@ class CompassState:
     difference_rad: float = 0.0
     offset_rad: float = 0.0
 
-    def frozen(self, now_s: float, settings: SourceSettings) -> bool:
+    def speaks(self, now_s: float, timeout_s: float) -> bool:
+        """Whether it is not silent."""
+        return self.t_s is not None and now_s - self.t_s <= timeout_s
+
+    def frozen(self, now_s: float, settings: SourceSettings, timeout_s: float) -> bool:
         """Whether it speaks but has not changed for too long."""
-        if self.t_s is None or settings.frozen_s == 0.0 or now_s - self.t_s > settings.timeout_s:
+        if self.t_s is None or settings.frozen_s == 0.0 or not self.speaks(now_s, timeout_s):
             return False
         return self.t_s - self.changed_s > settings.frozen_s
 
@@ -104,17 +108,17 @@ class SourceState:
         return both and abs(wrap_pi(a.difference_rad - b.difference_rad)) > DISAGREEMENT_RAD
 
 
-def needs_restart(state: SourceState, now_s: float, timeout_s: float) -> bool:
+def needs_restart(state: SourceState, now_s: float, timeouts_s: tuple[float, float]) -> bool:
     """Whether there is no source but a compass that speaks, varies, and has contradicted the estimate for a minute.
 
     An estimate that nothing has corrected for so long is worth less than it.
     """
     return state.in_use is Source.NONE and any(
         compass.t_s is not None
-        and now_s - compass.t_s <= timeout_s
+        and compass.speaks(now_s, timeout_s)
         and compass.t_s == compass.changed_s
         and compass.t_s - compass.near_s > CONTRADICTED_S
-        for compass in state.compasses
+        for compass, timeout_s in zip(state.compasses, timeouts_s, strict=True)
     )
 
 
@@ -123,6 +127,10 @@ def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad:
     changed = state.raw_rad is None or sample.raw_rad != state.raw_rad
     difference_rad = 0.0 if expected_rad is None else wrap_pi(sample.heading_rad - expected_rad)
     near = abs(wrap_pi(difference_rad + state.offset_rad)) <= JUMP_RAD
+    if near or state.t_s is None:
+        near_s = sample.t_s
+    else:
+        near_s = max(state.near_s, sample.t_s - FIRST_JUMP_S) if state.near_s == state.t_s else state.near_s
     step_s = clamp(sample.t_s - state.t_s, 0.0, SMOOTHING_S) if state.t_s is not None else SMOOTHING_S
     part = step_s / SMOOTHING_S
     return replace(
@@ -130,7 +138,7 @@ def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad:
         t_s=sample.t_s,
         raw_rad=sample.raw_rad,
         changed_s=sample.t_s if changed else state.changed_s,
-        near_s=sample.t_s if near or state.t_s is None else state.near_s,
+        near_s=near_s,
         difference_rad=wrap_pi(state.difference_rad + part * wrap_pi(difference_rad - state.difference_rad)),
     )
 
@@ -143,18 +151,25 @@ def add_sample(state: SourceState, sample: TrueHeadingSample, expected_rad: floa
     return replace(state, compasses=(update_compass(a, sample, expected_rad), b))
 
 
-def _judge(state: CompassState, now_s: float, settings: SourceSettings) -> CompassState:
-    speaks = state.t_s is not None and now_s - state.t_s <= settings.timeout_s
-    if not speaks or state.frozen(now_s, settings) or state.jumping():
+def _judge(state: CompassState, now_s: float, settings: SourceSettings, timeout_s: float) -> CompassState:
+    if not state.speaks(now_s, timeout_s) or state.frozen(now_s, settings, timeout_s) or state.jumping():
         return replace(state, sound_since_s=None)
     return state if state.sound_since_s is not None else replace(state, sound_since_s=now_s)
 
 
 def select(
-    state: SourceState, now_s: float, settings: SourceSettings, *, course_ok: bool
+    state: SourceState,
+    now_s: float,
+    settings: SourceSettings,
+    timeouts_s: tuple[float, float],
+    *,
+    course_ok: bool,
 ) -> tuple[SourceState, tuple[Event, ...]]:
-    """Judge the compasses and choose the source; a change is an event."""
-    a, b = (_judge(compass, now_s, settings) for compass in state.compasses)
+    """Judge the compasses, each of which is silent after its time-out, and choose the source; a change is an event."""
+    a, b = (
+        _judge(compass, now_s, settings, timeout_s)
+        for compass, timeout_s in zip(state.compasses, timeouts_s, strict=True)
+    )
     in_use = _first_sound_source(state.in_use, (a, b), now_s, course_ok=course_ok)
     if in_use is state.in_use:
         return SourceState((a, b), in_use), ()

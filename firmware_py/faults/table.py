@@ -60,7 +60,7 @@ def _low_v(tick: FaultInput) -> float:
 # In the order of the numbers.
 TABLE: Mapping[Fault, FaultRow] = {
     Fault.COMPASS_LOST: FaultRow(
-        condition="no valid heading from any source for CMP_TIMEOUT_S",
+        condition="no valid heading from any source for CMP_TIMEOUT_S (longer from one that speaks seldom)",
         stands=lambda tick: tick.heading_old,
         severity=Severity.CRITICAL,
         action=Action.HOLD_THEN_AMIDSHIPS,
@@ -69,7 +69,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         arming="no valid heading",
     ),
     Fault.POSITION_LOST: FaultRow(
-        condition="a fix was there and no believed one has come for POS_TIMEOUT_S",
+        condition="a fix was there and no believed one has come for POS_TIMEOUT_S (longer if they come seldom)",
         stands=lambda tick: tick.position_old,
         debounce_s=2.0,
         severity=Severity.WARNING,
@@ -78,7 +78,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         recovery="Position is back",
     ),
     Fault.RUDDER_SILENT: FaultRow(
-        condition="the servo has not answered for RUD_TIMEOUT_S",
+        condition="the servo has not answered for RUD_TIMEOUT_S (longer if it is asked seldom)",
         stands=lambda tick: tick.servo_old,
         severity=Severity.CRITICAL,
         parameter="FS_RUD_ACT",
@@ -140,7 +140,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         arming="outside the fence",
     ),
     Fault.COMPASS_SILENT: FaultRow(
-        condition="a compass that was heard has sent no heading for CMP_TIMEOUT_S",
+        condition="a compass that was heard has sent no heading for CMP_TIMEOUT_S (longer if it speaks seldom)",
         stands=lambda tick: tick.compass_silent,
         debounce_s=0.5,
         clear_s=1.0,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState
+from firmware_py.common.silence import learn_interval_s, timeout_s
 
 SILENT_AFTER_S = 2.0
 ERROR_KEPT_S = 10.0  # an old error would hide that all is well again
@@ -14,7 +15,7 @@ class DeviceMonitor:
     """Judges a device by what its driver reports: it is RUNNING while something good is fresh."""
 
     def __init__(self, line: ByteLine, role: DeviceRole, silent_after_s: float = SILENT_AFTER_S) -> None:
-        """Watch the device of this role on this line."""
+        """Watch the device of this role on this line; one that speaks seldom is silent later (common/silence.py)."""
         self._silent_after_s = silent_after_s
         self._line = line
         self._role = role
@@ -22,6 +23,7 @@ class DeviceMonitor:
         self._accepted = 0
         self._rejected = 0
         self._accepted_s: float | None = None
+        self._interval_s = 0.0
         self._bytes_s: float | None = None
         self._note = ""
         self._error = ""
@@ -43,6 +45,8 @@ class DeviceMonitor:
     def accept(self, now_s: float) -> None:
         """Count a message that was of use."""
         self._accepted += 1
+        if self._accepted_s is not None:
+            self._interval_s = learn_interval_s(self._interval_s, now_s - self._accepted_s, self._silent_after_s)
         self._accepted_s = now_s
 
     def reject(self, now_s: float, text: str) -> None:
@@ -66,7 +70,7 @@ class DeviceMonitor:
             return DeviceState.ABSENT
         if self._accepted_s is None:
             return DeviceState.STARTING
-        if now_s - self._accepted_s > self._silent_after_s:
+        if now_s - self._accepted_s > timeout_s(self._interval_s, self._silent_after_s):
             return DeviceState.SILENT
         return DeviceState.FAULTY if fault else DeviceState.RUNNING
 

@@ -433,3 +433,26 @@ def test_a_jam_at_20_degrees_is_seen_on_the_other_servo_too(fault_bench, compass
     bench.world.free()
     bench.until("Rudder moves again", 12.0)
     rudder_follows(bench)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "seconds", "found_s"),
+    [
+        (1.0, 150.0, 4.0),
+        (0.5, 150.0, 6.5),
+        pytest.param(1.0, 3600.0, 4.0, marks=[pytest.mark.proof, pytest.mark.timeout(900)]),
+    ],
+)
+def test_a_slow_compass_steers_her_without_a_fault_and_its_loss_is_found(fault_bench, rate_hz, seconds, found_s):
+    bench = fault_bench(compass_rate_hz=rate_hz)
+    bench.under_way(GUIDED)
+    bench.run(seconds)
+    assert abs(bench.heading_error_deg()) < 3.0
+    told = bench.texts_since(0.0)
+    assert not any(text.startswith((row.text, "Heading lost")) for text in told for row in TABLE.values())
+    silenced(bench)
+    bench.until(TABLE[Fault.COMPASS_SILENT].text, found_s)
+    spoken(bench)
+    bench.until(TABLE[Fault.COMPASS_SILENT].recovery, 6.0)
+    logs = bench.finish()
+    assert all(main(["replay", str(log)]) == 0 for log in logs)

@@ -119,6 +119,7 @@ class Boat:
         settings=None,
         scenario="tank",
         compass="nmea",
+        compass_rate_hz=None,
         servo="dynamixel",
         goals="0:0",
         mode=GUIDED,
@@ -137,7 +138,8 @@ class Boat:
         make_servo, baud = SERVOS[servo]
         driver, make_compass = COMPASSES[compass]
         self.servo = make_servo(self.world.shaft, rng(1), baud=baud)
-        self.compass_device = make_compass(self.attitude, rng(2))
+        rate = {} if compass_rate_hz is None else {"rate_hz": compass_rate_hz}
+        self.compass_device = make_compass(self.attitude, rng(2), **rate)
         self.compass = Impaired(self.compass_device, rng(3))
         self.gps = NmeaGpsEmulator(self.whereabouts, rng(4))
         self.station = GroundStation(parse_goals(goals) if goals else (), mode)

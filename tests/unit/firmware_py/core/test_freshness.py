@@ -6,6 +6,7 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample, RudderFeedback
+from firmware_py.core.device_reports import DeviceReports
 from firmware_py.core.freshness import Age, Freshness, age_of
 from firmware_py.core.rudder import RudderState
 from firmware_py.core.state import State, freshness_of, settings_of
@@ -37,6 +38,7 @@ def test_each_kind_has_its_own_timeout():
     state = replace(
         state,
         timing=TickTiming(started_s=0.0),
+        devices=DeviceReports(position_interval_s=0.1, rudder_interval_s=0.1),
         position=PositionState(fix=PositionSample(5.0, FixType.FIX_3D, 0.5, 0.5)),
         rudder=RudderState(feedback=RudderFeedback(5.0)),
     )

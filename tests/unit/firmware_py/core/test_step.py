@@ -51,6 +51,7 @@ class Boat:
         self.heading_rad, self.rate_rad_s, self.shaft_rad = heading_rad, 0.0, 0.0
         self.index = 0
         self.compass = self.servo = True
+        self.compass_every = self.position_every = self.servo_every = 1  # ticks
         self.position = None
         self.noise_rad, self.rng = noise_rad, random.Random(seed)
         self.hardware_error = 0
@@ -70,9 +71,9 @@ class Boat:
         feedback = RudderFeedback(t_s - 0.05, self.shaft_rad, hardware_error=self.hardware_error)
         inputs = Inputs(
             Tick(self.index, t_s, 0.0001, skipped, 10.0),
-            (heading,) if self.compass else (),
-            (replace(self.position, t_s=t_s),) if self.position else (),
-            (feedback,) if self.servo else (),
+            (heading,) if self.compass and self.index % self.compass_every == 0 else (),
+            (replace(self.position, t_s=t_s),) if self.position and self.index % self.position_every == 0 else (),
+            (feedback,) if self.servo and self.index % self.servo_every == 0 else (),
             devices,
             tuple(Request(t_s - 0.01, intent) for intent in intents),
         )
@@ -260,8 +261,70 @@ def test_each_fault_is_found_and_told(provoke, fault):
 def test_a_start_without_devices_is_no_fault_before_their_time_is_up():
     boat = Boat()
     boat.compass = boat.servo = False
-    assert boat.run(1.0).snapshot.faults == 0
+    assert boat.run(2.5).snapshot.faults == 0
     assert boat.run(1.0).snapshot.faults == (1 << Fault.COMPASS_LOST) | (1 << Fault.RUDDER_SILENT)
+
+
+@pytest.mark.parametrize(("every", "found_s"), [(1, 1.0), (2, 1.0), (4, 1.0), (10, 2.5), (20, 5.0)])
+@pytest.mark.parametrize("estimator", [0, 1])
+def test_a_compass_is_lost_as_fast_as_its_own_rate_allows(every, found_s, estimator):
+    boat = Boat(ParameterSet().replaced("EST_MODE", estimator), noise_rad=0.002)
+    boat.compass_every = every
+    boat.under_way()
+    assert boat.run(60.0).snapshot.faults == 0
+    while (boat.index - 1) % every:
+        boat.tick()
+    boat.compass = False  # the tick before has had the last heading
+    last_s = boat.t_s - 0.1 - 0.002
+    while not boat.run(0.1).snapshot.faults >> Fault.COMPASS_LOST & 1:
+        assert boat.t_s < last_s + 10.0
+    assert boat.t_s - 0.1 - last_s == pytest.approx(found_s + 0.05, abs=0.06)
+
+
+def test_a_slow_compass_may_lose_one_heading_and_not_two():
+    boat = Boat(noise_rad=0.002)
+    boat.compass_every = 10
+    boat.under_way().run(60.0)
+    boat.compass = False
+    boat.run(1.0)
+    boat.compass = True
+    assert boat.run(10.0).snapshot.faults == 0
+    assert "No heading: rudder held, then amidships" not in boat.events
+
+
+def test_a_gap_is_no_rate():
+    boat = Boat(noise_rad=0.002).under_way()
+    boat.run(10.0)
+    boat.compass = False
+    boat.run(30.0)
+    boat.compass = True
+    boat.run(5.0)
+    boat.events.clear()
+    boat.compass = False
+    boat.run(1.1)
+    assert "No heading: rudder held, then amidships" in boat.events
+
+
+@pytest.mark.parametrize(("every", "found_s"), [(1, 5.0), (10, 5.0), (50, 12.5)])
+def test_a_receiver_is_lost_as_fast_as_its_own_rate_allows(every, found_s):
+    boat = Boat(noise_rad=0.002)
+    boat.position, boat.position_every = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5), every
+    assert boat.run(120.0).snapshot.faults == 0
+    assert "Position lost" not in boat.events
+    while (boat.index - 1) % every:
+        boat.tick()
+    last_s, boat.position = boat.t_s - 0.1, None
+    while boat.run(0.1).snapshot.position_ok:
+        assert boat.t_s < last_s + 30.0
+    assert boat.t_s - 0.1 - last_s == pytest.approx(found_s + 0.05, abs=0.06)
+
+
+def test_a_servo_that_answers_once_a_second_is_not_silent():
+    boat = Boat(noise_rad=0.002)
+    boat.servo_every = 10
+    boat.under_way()
+    assert boat.run(60.0).snapshot.faults == 0
+    assert "Rudder servo does not answer" not in boat.events
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e300, -1e300])

@@ -6,6 +6,7 @@ import pytest
 from firmware_py.common.angles import radians, wrap_pi
 from firmware_py.estimate.sources import (
     PROBATION_S,
+    CompassState,
     Source,
     SourceSettings,
     SourceState,
@@ -14,6 +15,7 @@ from firmware_py.estimate.sources import (
     decay_offsets,
     samples_in_use,
     select,
+    update_compass,
 )
 
 TIMEOUT_S, FROZEN_S = 1.0, 30.0
@@ -23,7 +25,7 @@ class Watch:
     """Two compasses around an estimate, ten times a second."""
 
     def __init__(self, frozen_s=FROZEN_S):
-        self.settings = SourceSettings(TIMEOUT_S, frozen_s)
+        self.settings = SourceSettings(frozen_s)
         self.state = SourceState()
         self.t_s = 0.0
         self.rng = random.Random(3)
@@ -42,7 +44,7 @@ class Watch:
                     samples.append(TrueHeadingSample(self.t_s, value, value, source))
             for sample in samples:
                 self.state = add_sample(self.state, sample, expected)
-            self.state, told = select(self.state, self.t_s, self.settings, course_ok=course_ok)
+            self.state, told = select(self.state, self.t_s, self.settings, (TIMEOUT_S, TIMEOUT_S), course_ok=course_ok)
             self.told += [event.text for event in told]
             self.used = samples_in_use(self.state, samples)
         return self.state.in_use
@@ -125,3 +127,17 @@ def test_a_compass_that_differs_by_a_number_only_now_and_then_is_not_frozen():
         watch.run(0.1, a=radians(0.1) * (value % 2))
     assert watch.state.in_use is Source.COMPASS_A
     assert len(watch.told) == 1
+
+
+@pytest.mark.parametrize("interval_s", [0.1, 1.0, 2.0])
+def test_one_heading_far_off_is_no_jump_however_slow_the_compass(interval_s):
+    state = CompassState()
+    for number in range(10):
+        state = update_compass(state, TrueHeadingSample(number * interval_s, 1.0, 1.0, 0), 1.0)
+    off_s = 10 * interval_s
+    off = update_compass(state, TrueHeadingSample(off_s, 3.0, 3.0, 0), 1.0)
+    assert not off.jumping()
+    assert not update_compass(off, TrueHeadingSample(off_s + interval_s, 1.0, 1.0, 0), 1.0).jumping()
+    for number in range(1, 1 + max(1, round(1.6 / interval_s))):
+        off = update_compass(off, TrueHeadingSample(off_s + number * interval_s, 3.0, 3.0, 0), 1.0)
+    assert off.jumping()

@@ -55,3 +55,11 @@ def test_texts_from_the_outside_are_bounded_and_printable(line, monitor):
         assert len(text) <= LONGEST_TEXT
         assert text.isascii()
         assert text.isprintable() or not text
+
+
+def test_a_device_that_speaks_every_five_seconds_is_not_silent_in_between(line, monitor):
+    for burst in range(20):
+        for part in range(3):
+            assert monitor.health(5.0 * burst + 0.1 * part - 0.01).state is not DeviceState.SILENT or burst == 1
+            monitor.accept(5.0 * burst + 0.1 * part)
+    assert monitor.health(110.0).state is DeviceState.SILENT

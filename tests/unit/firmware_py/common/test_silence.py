@@ -1,0 +1,36 @@
+"""A source is lost by its own rate, and no gap makes it slow for long."""
+
+import pytest
+
+from firmware_py.common.silence import learn_interval_s, timeout_s
+
+
+def learned(*steps_s, shortest_s=1.0):
+    interval_s = None
+    for step_s in steps_s:
+        interval_s = learn_interval_s(interval_s, step_s, shortest_s)
+    return timeout_s(interval_s, shortest_s)
+
+
+@pytest.mark.parametrize(
+    ("step_s", "lost_s"), [(0.02, 1.0), (0.1, 1.0), (0.4, 1.0), (0.5, 1.25), (1.0, 2.5), (2.0, 5.0), (60.0, 5.0)]
+)
+def test_two_samples_may_not_be_missed_and_one_may(step_s, lost_s):
+    assert learned(*[step_s] * 30) == pytest.approx(lost_s)
+
+
+def test_before_a_second_sample_a_source_is_taken_to_be_slow():
+    assert timeout_s(None, 1.0) == 2.5
+
+
+def test_a_burst_of_several_sentences_is_not_a_fast_source():
+    assert learned(*[0.98, 0.01, 0.01] * 9) > 1.5
+
+
+def test_a_gap_is_forgotten_after_a_few_samples():
+    assert learned(*[0.1] * 30, 600.0) == 5.0
+    assert learned(*[0.1] * 30, 600.0, *[0.1] * 13) == 1.0
+
+
+def test_a_clock_that_goes_back_teaches_nothing():
+    assert learned(*[0.1] * 30, -5.0) == 1.0
