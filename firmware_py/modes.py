@@ -160,13 +160,8 @@ def _steer_heading(
         return state, Answer(Verdict.TEMPORARILY_REJECTED, text)
     if situation.heading_rad is None:
         return state, Answer(Verdict.TEMPORARILY_REJECTED, "Heading goal refused: no valid heading")
-    over_ground = intent.over_ground
-    goal_rad = intent.heading_rad
-    if intent.relative:
-        base = entered.goal if isinstance(entered.goal, HeadingGoal) else HeadingGoal(situation.heading_rad)
-        over_ground = base.over_ground
-        goal_rad += base.heading_rad
-    goal = HeadingGoal(wrap_two_pi(goal_rad), over_ground)
+    base_rad = situation.heading_rad if intent.relative else 0.0
+    goal = HeadingGoal(wrap_two_pi(base_rad + intent.heading_rad), intent.over_ground and not intent.relative)
     return replace(entered, goal=replace(goal, turn=_forced_turn(goal, intent.turn, situation))), ACCEPTED
 
 

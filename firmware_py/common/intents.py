@@ -30,8 +30,8 @@ class Arm:
 class SteerHeading:
     """Ask for a heading, clockwise from true north.
 
-    `relative`: counted from the present goal, or from the present heading when there
-    is none. `over_ground`: the angle is a course over ground. `turn` > 0 asks to turn to
+    `relative`: counted from the heading that the boat has, whatever its goal. `over_ground`: the angle is a course
+    over ground. `turn` > 0 asks to turn to
     starboard, < 0 to port, 0 the shorter way. `change_mode` enters GUIDED first.
     """
 

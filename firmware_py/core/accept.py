@@ -14,6 +14,7 @@ from firmware_py.common.intents import (
     Request,
     SetHome,
     SetMissionItem,
+    SetMode,
     SetParameter,
     Verdict,
 )
@@ -90,8 +91,21 @@ def _pause_mission(state: State, intent: PauseMission, _t_s: float) -> tuple[Sta
     if intent.paused:
         progress = mission_progress.pause(progress)
     else:
-        progress = mission_progress.proceed(progress, steps_of(state.plans.mission))
+        progress = mission_progress.go_on(progress, steps_of(state.plans.mission))
     return replace(state, guidance=replace(state.guidance, mission=progress)), ACCEPTED
+
+
+def _set_mode(state: State, intent: SetMode, t_s: float) -> tuple[State, Answer]:
+    """Enter a mode; who asks for AUTO wants the mission to go on."""
+    modes, answer = decide(state.modes, intent, situation_at(state, t_s), t_s)
+    if answer.verdict is not Verdict.ACCEPTED:
+        return state, answer
+    before, guidance = state.guidance.mission, state.guidance
+    if modes.mode is Mode.AUTO:
+        progress = mission_progress.for_plan(before, state.plans.mission.identity)
+        progress = mission_progress.go_on(progress, steps_of(state.plans.mission))
+        guidance = guidance if progress is before else replace(guidance, mission=progress)
+    return replace(state, modes=modes, guidance=guidance), answer
 
 
 def _enable_fence(state: State, intent: EnableFence, _t_s: float) -> tuple[State, Answer]:
@@ -108,4 +122,5 @@ _JUDGES: Mapping[type, Callable[..., tuple[State, Answer]]] = {
     SetMissionItem: _set_mission_item,
     PauseMission: _pause_mission,
     EnableFence: _enable_fence,
+    SetMode: _set_mode,
 }

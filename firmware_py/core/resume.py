@@ -11,12 +11,13 @@ import math
 from dataclasses import dataclass, replace
 
 from firmware_py.common.json_codec import Codec
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.reports import Home
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import CHANGES
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.line import LineState
-from firmware_py.guidance.mission_progress import MissionProgress
+from firmware_py.guidance.mission_progress import MissionProgress, is_halted
 from firmware_py.guidance.orbit import OrbitState
 from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import Task
@@ -117,7 +118,8 @@ def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ..
         follower,
         fence_enabled=resume.fence_enabled,
     )
-    greeting = f"Resumed {resume.modes.mode.name}, {'age unknown' if age is None else _age_text(age) + ' old'}"
+    halted = ", paused" if resume.modes.mode is Mode.AUTO and is_halted(resume.mission) else ""
+    greeting = f"Resumed {resume.modes.mode.name}{halted}, {'age unknown' if age is None else _age_text(age) + ' old'}"
     state = replace(
         state,
         modes=replace(resume.modes, armed=armed),

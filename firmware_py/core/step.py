@@ -51,12 +51,13 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     modes = update_goal(settings.guidance, modes, situation, now_s, step_s)
     state = replace(state, supervisor=supervised, modes=modes)
 
-    state, guidance_events = _guide(settings, state, situation, inputs)
+    state = _guide(settings, state, situation, inputs)
+    mission_events = guidance.mission_events(before.guidance.mission, state.guidance.mission)
     target = steering_target(modes, state.guidance.status, situation)
     state = _monitor_steering(settings, state, rudder, target, situation, now_s)
 
     state, command = _steer(settings, state, situation, rudder, target, step_s)
-    events = (*_change_events(before, state), *estimate_events, *fault_events, *failsafe_events, *guidance_events)
+    events = (*_change_events(before, state), *estimate_events, *fault_events, *failsafe_events, *mission_events)
     return state, Output(command, snapshot_of(settings, state, situation, rudder, target, inputs), events)
 
 
@@ -80,15 +81,18 @@ def _monitor_rudder(settings: Settings, state: State, rudder: RudderStatus, step
     )
 
 
-def _guide(settings: Settings, state: State, situation: Situation, inputs: Inputs) -> tuple[State, tuple[Event, ...]]:
+def _guide(settings: Settings, state: State, situation: Situation, inputs: Inputs) -> State:
     """Carry mode, goal and mission on by a tick."""
-    motion = None
+    heading_rad, motion = situation.heading_rad, None
     if situation.position_ok and situation.water is not None:
         place = Place(state.position.latitude_rad, state.position.longitude_rad)
-        motion = guidance.vessel_motion(place, state.heading_estimator.heading.heading_rad, situation.water)
+        # Where a heading is lost the last one, carried on, tells better how the boat moves than none.
+        heading_rad = state.heading_estimator.heading.heading_rad
+        motion = guidance.vessel_motion(place, heading_rad, situation.water)
     fix = state.position.fix
     guidance_input = GuidanceInput(
         inputs.tick.t_s,
+        heading_rad,
         motion,
         bool(inputs.positions),
         state.modes,
@@ -97,7 +101,7 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
         fix.utc_s if fix else None,
     )
     output = guidance.update(settings.guidance, state.guidance, guidance_input)
-    return replace(state, guidance=output.state, home=output.home or state.home), output.events
+    return replace(state, guidance=output.state, home=output.home or state.home)
 
 
 def _monitor_steering(

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from firmware_py.common.geodesy import Place
-from firmware_py.common.mode_table import MODES, Mode
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import Event, Severity
@@ -24,7 +24,7 @@ from firmware_py.guidance.mission_step import steps_of
 from firmware_py.guidance.return_point import return_task
 from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
 from firmware_py.guidance.tasks import GoTo, HoldStation, Task, TaskSettings, VesselMotion
-from firmware_py.modes import HeadingGoal, ModeState, PositionGoal
+from firmware_py.modes import ModeState, PositionGoal
 
 INTERVAL_S = 0.5
 LONGEST_STEP_S = 5.0
@@ -68,9 +68,10 @@ class GuidanceState:
 
 @dataclass(frozen=True, slots=True)
 class GuidanceInput:
-    """What guidance looks at in a tick; `motion` is None without a position."""
+    """What guidance looks at in a tick; `heading_rad` is None without a heading, `motion` without a position."""
 
     t_s: float
+    heading_rad: float | None
     motion: VesselMotion | None
     new_fix: bool
     modes: ModeState
@@ -81,10 +82,9 @@ class GuidanceInput:
 
 @dataclass(frozen=True, slots=True)
 class GuidanceOutput:
-    """The state after a tick, its events, and home where the mission sets it."""
+    """The state after a tick, and home where the mission sets it."""
 
     state: GuidanceState
-    events: tuple[Event, ...] = ()
     home: Home | None = None
 
 
@@ -109,13 +109,11 @@ def update(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInpu
         return GuidanceOutput(state)
     step_s = 0.0 if state.updated_s is None else min(max(0.0, given.t_s - state.updated_s), LONGEST_STEP_S)
     state = replace(state, updated_s=given.t_s)
-    if motion is None:
-        # Without a position what was wanted last stands; a goal without any is none.
-        return GuidanceOutput(state if _needs_position(modes) else replace(state, status=TaskStatus()))
-    state = replace(state, fence=fence.update(state.fence, given.plans.fence, motion.place))
+    if motion is not None:
+        state = replace(state, fence=fence.update(state.fence, given.plans.fence, motion.place))
     if modes.mode is Mode.AUTO:
-        return _update_mission(settings, state, given, motion, step_s)
-    return GuidanceOutput(_carry_out(settings, state, _task(settings, state, given, motion), motion, step_s))
+        return _update_mission(settings, state, given, step_s)
+    return GuidanceOutput(_carry_out(settings, state, _task(settings, state, given), motion, step_s))
 
 
 def _take_changes(state: GuidanceState, given: GuidanceInput) -> GuidanceState:
@@ -128,10 +126,6 @@ def _take_changes(state: GuidanceState, given: GuidanceInput) -> GuidanceState:
         if modes.mode is Mode.AUTO and sails:
             state = replace(state, mission=mission_progress.enter(state.mission))
     return replace(state, reached=()) if state.reached else state
-
-
-def _needs_position(modes: ModeState) -> bool:
-    return MODES[modes.mode].follows_task and not isinstance(modes.goal, HeadingGoal)
 
 
 def _enter_mode(state: GuidanceState, modes: ModeState) -> GuidanceState:
@@ -150,21 +144,21 @@ def _enter_mode(state: GuidanceState, modes: ModeState) -> GuidanceState:
 
 
 def _carry_out(
-    settings: GuidanceSettings, state: GuidanceState, task: Task | None, motion: VesselMotion, step_s: float
+    settings: GuidanceSettings, state: GuidanceState, task: Task | None, motion: VesselMotion | None, step_s: float
 ) -> GuidanceState:
     follower, status = task_follower.update(settings.tasks, state.follower, task, motion, step_s)
+    if status is None:
+        return state  # without a position what was wanted last stands
     return replace(state, task=task, follower=follower, status=status)
 
 
-def _task(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput, motion: VesselMotion) -> Task | None:
+def _task(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput) -> Task | None:
     """Return the task of a mode other than AUTO; None where it has none."""
     task = _TASKS.get(given.modes.mode)
-    return None if task is None else task(settings, state, given, motion)
+    return None if task is None else task(settings, state, given)
 
 
-def _guided_task(
-    settings: GuidanceSettings, _state: GuidanceState, given: GuidanceInput, _motion: VesselMotion
-) -> Task | None:
+def _guided_task(settings: GuidanceSettings, _state: GuidanceState, given: GuidanceInput) -> Task | None:
     goal, radii = given.modes.goal, settings.tasks
     if not isinstance(goal, PositionGoal):
         return None
@@ -172,68 +166,78 @@ def _guided_task(
     return GoTo(place, None, radii.acceptance_radius_m, radii.station_radius_m)
 
 
-def _loiter_task(settings: GuidanceSettings, state: GuidanceState, _given: GuidanceInput, motion: VesselMotion) -> Task:
+def _loiter_task(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput) -> Task | None:
     """LOITER chooses its place once."""
-    centre = state.task.centre if isinstance(state.task, HoldStation) else motion.place
-    return HoldStation(centre, settings.tasks.station_radius_m)
+    if isinstance(state.task, HoldStation):
+        return HoldStation(state.task.centre, settings.tasks.station_radius_m)
+    return None if given.motion is None else HoldStation(given.motion.place, settings.tasks.station_radius_m)
 
 
-def _rtl_task(
-    settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput, motion: VesselMotion
-) -> Task | None:
+def _rtl_task(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput) -> Task | None:
     """RTL chooses its place once."""
-    return state.task or _return_task(settings, given, motion)
+    return state.task or _return_task(settings, given)
 
 
-# What a mode does that follows a task of its own; AUTO takes its tasks from the mission.
-_TASKS: Mapping[Mode, Callable[[GuidanceSettings, GuidanceState, GuidanceInput, VesselMotion], Task | None]] = {
+# What a mode does that follows a task of its own; AUTO takes its tasks from the mission. A task that needs where the
+# boat is to be chosen is None without a position; one that needs it to be carried out stands still (task_follower).
+_TASKS: Mapping[Mode, Callable[[GuidanceSettings, GuidanceState, GuidanceInput], Task | None]] = {
     Mode.GUIDED: _guided_task,
     Mode.LOITER: _loiter_task,
     Mode.RTL: _rtl_task,
 }
 
 
-def _return_task(settings: GuidanceSettings, given: GuidanceInput, motion: VesselMotion) -> GoTo | None:
+def _return_task(settings: GuidanceSettings, given: GuidanceInput) -> GoTo | None:
+    if given.motion is None:
+        return None
     with_home = settings.rally_includes_home
-    return return_task(settings.tasks, motion, given.home, given.plans.rally, with_home=with_home)
+    return return_task(settings.tasks, given.motion, given.home, given.plans.rally, with_home=with_home)
 
 
 def _update_mission(
-    settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput, motion: VesselMotion, step_s: float
+    settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput, step_s: float
 ) -> GuidanceOutput:
     """Carry the mission on; disarmed the boat is where it is, and so is the mission."""
     if not given.modes.armed:
         return GuidanceOutput(state)
+    motion = given.motion
     mission_input = MissionInput(
         settings=settings.tasks,
         steps=steps_of(given.plans.mission),
-        motion=motion,
+        heading_rad=given.heading_rad,
+        place=None if motion is None else motion.place,
         follower=state.follower,
         step_s=step_s,
         utc_s=given.utc_s,
-        return_task=lambda: _return_task(settings, given, motion),
+        return_task=lambda: _return_task(settings, given),
     )
     output = mission.update(state.mission, mission_input)
     progress, home = output.progress, None
     if output.home is not None:
         altitude_m = 0.0 if given.home is None else given.home.altitude_m
         home = Home(output.home.latitude_rad, output.home.longitude_rad, altitude_m)
-    events = _events(state.mission, progress)
     state = replace(state, mission=progress, reached=output.reached)
     task = progress.pause_task if progress.paused else progress.task
-    return GuidanceOutput(_carry_out(settings, state, task, motion, step_s), events, home)
+    if task is not None:  # None where it is not known yet where to stay: what was wanted last stands
+        state = _carry_out(settings, state, task, motion, step_s)
+    return GuidanceOutput(state, home)
 
 
-def _events(before: MissionProgress, after: MissionProgress) -> tuple[Event, ...]:
-    if after.unusable and not before.unusable:
-        return ()  # a fault of its own
+def mission_events(before: MissionProgress, after: MissionProgress) -> tuple[Event, ...]:
+    """Return what is told of the mission after a tick, the requests of which may have changed it, too."""
     if after.complete and not before.complete:
-        return (Event(Severity.NOTICE, "Mission complete: keeping station"),)
-    if after.paused is not before.paused:
-        return (Event(Severity.NOTICE, "Mission paused: keeping station" if after.paused else "Mission goes on"),)
-    if after.begun and (after.index != before.index or not before.begun):
-        return (Event(Severity.INFO, f"Mission: item {after.index}"),)
-    return ()
+        # That it cannot be sailed is a fault of its own.
+        return () if after.unusable else (Event(Severity.NOTICE, "Mission complete: keeping station"),)
+    events: list[Event] = []
+    if after.waiting and not before.waiting:
+        events.append(Event(Severity.NOTICE, f"Mission paused after item {after.index}: no autocontinue"))
+    if after.paused and not before.paused:
+        events.append(Event(Severity.NOTICE, "Mission paused: keeping station"))
+    if mission_progress.is_halted(before) and not mission_progress.is_halted(after):
+        events.append(Event(Severity.NOTICE, "Mission goes on"))
+    if after.begun and not after.waiting and (after.index != before.index or not before.begun):
+        events.append(Event(Severity.INFO, f"Mission: item {after.index}"))
+    return tuple(events)
 
 
 # ----------------------------------------------------------------------------- reports

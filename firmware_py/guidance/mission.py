@@ -31,9 +31,14 @@ class MissionOutput:
 
 
 def update(progress: MissionProgress, given: MissionInput) -> MissionOutput:
-    """Go through the items that are done with; `progress.task` is then what the boat is to do."""
+    """Go through the items that are done with; `progress.task` is then what the boat is to do.
+
+    Without a position it goes on as far as nothing asks where the boat is.
+    """
     if progress.paused:
-        pause_task = progress.pause_task or HoldStation(given.motion.place, given.settings.station_radius_m)
+        pause_task = progress.pause_task
+        if pause_task is None and given.place is not None:
+            pause_task = HoldStation(given.place, given.settings.station_radius_m)
         return MissionOutput(replace(progress, pause_task=pause_task))
     reached: list[int] = []
     home: Place | None = None
@@ -45,9 +50,13 @@ def update(progress: MissionProgress, given: MissionInput) -> MissionOutput:
             break
         step = given.steps[progress.index]
         if not progress.begun:
-            progress = _begin(progress, step, given)
+            home_here = step.place or given.place
+            begun = _begin(progress, step, given)
+            if begun is None or (step.command is Command.SET_HOME and home_here is None):
+                break
+            progress = begun
             if step.command is Command.SET_HOME:
-                home = step.place or given.motion.place
+                home = home_here
         progress = _run_time(progress, step, given)
         if not _is_done(progress, step, given):
             progress = replace(progress, idle_items=0)
@@ -60,19 +69,23 @@ def update(progress: MissionProgress, given: MissionInput) -> MissionOutput:
     return MissionOutput(progress, tuple(reached), home)
 
 
-def _begin(progress: MissionProgress, step: MissionStep, given: MissionInput) -> MissionProgress:
-    """Give the item's task; an item without one leaves the boat doing what it does."""
+def _begin(progress: MissionProgress, step: MissionStep, given: MissionInput) -> MissionProgress | None:
+    """Give the item's task; an item without one leaves the boat doing what it does; None: it cannot begin yet."""
     row = TABLE.get(step.command)
     if row is None:
         return replace(progress, begun=True)
-    task, line_start = row.begin(progress, step, given)
+    beginning = row.begin(progress, step, given)
+    if beginning is None:
+        return None
+    task, line_start = beginning
     orbits = progress.orbits + (step.command is Command.LOITER_TURNS)
     return replace(progress, begun=True, task=task, line_start=line_start, orbits=orbits)
 
 
 def _run_time(progress: MissionProgress, step: MissionStep, given: MissionInput) -> MissionProgress:
+    """Let the item's time run; that from an arrival stands still while it is not known where the boat is."""
     row = TABLE.get(step.command)
-    if row is not None and (row.timed_from_beginning or has_arrived(progress, given)):
+    if row is not None and (row.timed_from_beginning or (given.place is not None and has_arrived(progress, given))):
         return replace(progress, elapsed_s=progress.elapsed_s + given.step_s)
     return progress
 
@@ -88,6 +101,9 @@ def _leads_nowhere(progress: MissionProgress, given: MissionInput) -> bool:
 
 def _end(progress: MissionProgress, given: MissionInput) -> MissionProgress:
     """End the mission where it led; one that leads nowhere is unusable."""
+    task = station_task(progress, given)
+    if task is None:
+        return progress  # without a position what was wanted last stands
     last = max(0, len(given.steps) - 1)
     unusable = not given.steps or _leads_nowhere(progress, given)
     return replace(
@@ -96,5 +112,5 @@ def _end(progress: MissionProgress, given: MissionInput) -> MissionProgress:
         begun=False,
         complete=True,
         unusable=unusable,
-        task=station_task(progress, given),
+        task=task,
     )

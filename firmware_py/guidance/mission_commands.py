@@ -12,7 +12,7 @@ from firmware_py.common.geodesy import Place
 from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.guidance.mission_step import SECONDS_PER_DAY, MissionStep
 from firmware_py.guidance.task_follower import TaskFollowerState
-from firmware_py.guidance.tasks import GoTo, HoldHeading, HoldStation, Orbit, Task, TaskSettings, VesselMotion
+from firmware_py.guidance.tasks import GoTo, HoldHeading, HoldStation, Orbit, Task, TaskSettings
 from firmware_py.plans.items import Command
 
 ON_HEADING_RAD: Final = radians(5.0)
@@ -21,25 +21,34 @@ LONGEST_TURN_S: Final = 600.0
 
 @dataclass(frozen=True, slots=True)
 class MissionInput:
-    """What a mission is sailed with in one step; `return_task` makes the way back."""
+    """What a mission is sailed with in one step; `return_task` makes the way back.
+
+    Without a heading or a position `heading_rad` or `place` is None.
+    """
 
     settings: TaskSettings
     steps: tuple[MissionStep, ...]
-    motion: VesselMotion
+    heading_rad: float | None
+    place: Place | None
     follower: TaskFollowerState
     step_s: float
     utc_s: float | None
     return_task: Callable[[], GoTo | None]
 
 
+Beginning = tuple[Task, Place | None]
+
+
 @dataclass(frozen=True, slots=True)
 class CommandRow:
     """The task that a command begins, with the place that the next line starts from, and whether it is done.
 
+    `begin` is None while it cannot begin, because it is not known where the boat is or how it heads.
+
     Its time runs from the arrival, or from its beginning when `timed_from_beginning`.
     """
 
-    begin: Callable[[MissionProgress, MissionStep, MissionInput], tuple[Task, Place | None]]
+    begin: Callable[[MissionProgress, MissionStep, MissionInput], Beginning | None]
     is_done: Callable[[MissionProgress, MissionStep, MissionInput], bool]
     timed_from_beginning: bool = False
 
@@ -49,21 +58,22 @@ def has_arrived(progress: MissionProgress, given: MissionInput) -> bool:
     return given.follower.task == progress.task and given.follower.arrived
 
 
-def station_task(progress: MissionProgress, given: MissionInput) -> Task:
-    """Return the task to keep station: at the place of the last task, else where the boat is."""
+def station_task(progress: MissionProgress, given: MissionInput) -> Task | None:
+    """Return the task to keep station: at the place of the last task, else where the boat is, if that is known."""
     task = progress.task
     if isinstance(task, GoTo | HoldStation):
         return task
-    if isinstance(task, Orbit):
-        return HoldStation(task.centre, given.settings.station_radius_m)
-    return HoldStation(given.motion.place, given.settings.station_radius_m)
+    place = task.centre if isinstance(task, Orbit) else given.place
+    return None if place is None else HoldStation(place, given.settings.station_radius_m)
 
 
 # ------------------------------------------------------------------------------- beginnings
 
 
-def _go_to(progress: MissionProgress, step: MissionStep, given: MissionInput) -> tuple[Task, Place | None]:
-    place = step.place or given.motion.place
+def _go_to(progress: MissionProgress, step: MissionStep, given: MissionInput) -> Beginning | None:
+    place = step.place or given.place
+    if place is None:
+        return None
     settings = given.settings
     acceptance_m, station_m = settings.acceptance_radius_m, settings.station_radius_m
     if step.command is Command.WAYPOINT:
@@ -71,25 +81,34 @@ def _go_to(progress: MissionProgress, step: MissionStep, given: MissionInput) ->
     return GoTo(place, progress.line_start, acceptance_m, step.radius_m or station_m), place
 
 
-def _orbit(progress: MissionProgress, step: MissionStep, given: MissionInput) -> tuple[Task, Place | None]:
-    place = step.place or given.motion.place
+def _orbit(progress: MissionProgress, step: MissionStep, given: MissionInput) -> Beginning | None:
+    place = step.place or given.place
+    if place is None:
+        return None
     return Orbit(place, step.radius_m or given.settings.station_radius_m, step.clockwise, progress.orbits), place
 
 
-def _return(progress: MissionProgress, _step: MissionStep, given: MissionInput) -> tuple[Task, Place | None]:
+def _return(progress: MissionProgress, _step: MissionStep, given: MissionInput) -> Beginning | None:
+    if given.place is None:
+        return None
     task = given.return_task()
-    return (station_task(progress, given), None) if task is None else (task, task.place)
+    return (task, task.place) if task is not None else _station(progress, given, None)
 
 
-def _hold_heading(_progress: MissionProgress, step: MissionStep, given: MissionInput) -> tuple[Task, Place | None]:
-    base_rad = given.motion.heading_rad if step.relative else 0.0
-    return HoldHeading(wrap_two_pi(base_rad + step.angle_rad)), None
+def _hold_heading(_progress: MissionProgress, step: MissionStep, given: MissionInput) -> Beginning | None:
+    base_rad = given.heading_rad if step.relative else 0.0
+    return None if base_rad is None else (HoldHeading(wrap_two_pi(base_rad + step.angle_rad)), None)
 
 
-def _delay(progress: MissionProgress, _step: MissionStep, given: MissionInput) -> tuple[Task, Place | None]:
+def _delay(progress: MissionProgress, _step: MissionStep, given: MissionInput) -> Beginning | None:
     if isinstance(progress.task, HoldHeading):
         return progress.task, None
-    return station_task(progress, given), progress.line_start
+    return _station(progress, given, progress.line_start)
+
+
+def _station(progress: MissionProgress, given: MissionInput, line_start: Place | None) -> Beginning | None:
+    task = station_task(progress, given)
+    return None if task is None else (task, line_start)
 
 
 # ------------------------------------------------------------------------------------- ends
@@ -115,7 +134,7 @@ def _on_heading(progress: MissionProgress, _step: MissionStep, given: MissionInp
     task = progress.task
     if not isinstance(task, HoldHeading) or progress.elapsed_s >= LONGEST_TURN_S:
         return True
-    return abs(wrap_pi(task.heading_rad - given.motion.heading_rad)) <= ON_HEADING_RAD
+    return given.heading_rad is not None and abs(wrap_pi(task.heading_rad - given.heading_rad)) <= ON_HEADING_RAD
 
 
 def _delay_over(progress: MissionProgress, step: MissionStep, given: MissionInput) -> bool:

@@ -45,12 +45,15 @@ def for_plan(progress: MissionProgress, identity: int) -> MissionProgress:
 
 
 def enter(progress: MissionProgress) -> MissionProgress:
-    """Return the progress at the beginning of AUTO: on with the present item, anew after a complete mission."""
+    """Return the progress at the beginning of AUTO: on with the present item, anew after a complete mission.
+
+    A mission that is halted stays so, because a restart, an arming or the end of a failsafe may lead here; that an
+    operator asks for AUTO is another thing (`go_on`).
+    """
     if progress.complete or progress.unusable:
         progress = MissionProgress(identity=progress.identity)
-    return replace(
-        progress, started=True, begun=False, waiting=False, paused=False, line_start=None, task=None, pause_task=None
-    )
+    task = progress.task if progress.waiting else None
+    return replace(progress, started=True, begun=progress.waiting, line_start=None, task=task, pause_task=None)
 
 
 def at_item(progress: MissionProgress, index: int, *, restart: bool) -> MissionProgress:
@@ -95,11 +98,18 @@ def pause(progress: MissionProgress) -> MissionProgress:
     return replace(progress, paused=True, pause_task=None)
 
 
-def proceed(progress: MissionProgress, steps: tuple[MissionStep, ...]) -> MissionProgress:
-    """Return the progress going on, also from an item without autocontinue that is done."""
+def go_on(progress: MissionProgress, steps: tuple[MissionStep, ...]) -> MissionProgress:
+    """Return the progress going on, also from an item without autocontinue that is done; the same if nothing halts."""
+    if not is_halted(progress):
+        return progress
     if progress.waiting and progress.index < len(steps):
         progress = after_item(progress, steps[progress.index])
     return replace(progress, paused=False, pause_task=None)
+
+
+def is_halted(progress: MissionProgress) -> bool:
+    """Return whether the mission waits to be told to go on: by a request, or after an item without autocontinue."""
+    return progress.paused or progress.waiting
 
 
 def state_of(progress: MissionProgress, count: int, *, running: bool) -> MissionState:
@@ -109,5 +119,5 @@ def state_of(progress: MissionProgress, count: int, *, running: bool) -> Mission
     if progress.complete:
         return MissionState.COMPLETE
     if running:
-        return MissionState.PAUSED if progress.paused else MissionState.ACTIVE
+        return MissionState.PAUSED if is_halted(progress) else MissionState.ACTIVE
     return MissionState.PAUSED if progress.started else MissionState.NOT_STARTED

@@ -15,6 +15,11 @@ What an item means for a boat that cannot stop:
 | DO_CHANGE_SPEED | nothing: a speed for planning |
 | DO_SET_HOME | sets home, to where it is (param1 = 1) or to the place |
 
+Relative angles count from the heading that the boat has when the item begins. An item without autocontinue halts the
+mission when it is done: the boat goes on with what she does there, and the mission is paused until it is told to go on
+(DO_PAUSE_CONTINUE, MISSION_START or AUTO asked for again, another item set). Headings and delays on a heading need no
+position; what does waits for one.
+
 Without a place (0, 0) a waypoint or loiter item means where the boat is.
 """  # noqa: E501 - a table
 

@@ -48,8 +48,12 @@ class TaskStatus:
 
 def update(
     settings: TaskSettings, state: TaskFollowerState, task: Task | None, motion: VesselMotion | None, step_s: float
-) -> tuple[TaskFollowerState, TaskStatus]:
-    """Carry a task out for step_s; a new one begins from where the boat is."""
+) -> tuple[TaskFollowerState, TaskStatus | None]:
+    """Carry a task out for step_s; a new one begins from where the boat is.
+
+    The status is None, and the state as it was, for a task that needs a position while there is none.
+    """
+    before = state
     if task != state.task:
         state = TaskFollowerState(task)
     if task is None:
@@ -57,7 +61,7 @@ def update(
     if isinstance(task, HoldHeading):
         return state, TaskStatus(HeadingTarget(task.heading_rad, over_ground=False), Activity.HEADING)
     if motion is None:
-        return state, TaskStatus()
+        return before, None
     if isinstance(task, Orbit):
         return _orbit(settings, state, task, motion)
     if isinstance(task, GoTo) and not state.arrived:

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from firmware_py.common.intents import (
+    Arm,
     PauseMission,
     ReplacePlan,
     Request,
@@ -17,10 +18,13 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.common.reports import Activity, MissionState
+from firmware_py.core import resume
 from firmware_py.core.accept import accept
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
+from firmware_py.guidance import guidance
+from firmware_py.guidance.tasks import HoldHeading
 from support import rig
 from support.plans import item, mission, placed
 
@@ -151,3 +155,101 @@ def test_from_any_checkpoint_the_same_rudder():
             state, _ = state_from_text(state_to_text(state))
         state, _ = step(state, inputs)
     assert state == boat.state
+
+
+def halted_after_a_turn(**parameters):
+    """A boat in AUTO whose mission waits after its first item, a turn without autocontinue."""
+    items = item(115, None, None, 40, autocontinue=False), item(115, None, None, 80), item(17, 400, 400)
+    boat = rig.Sailing(rig.scenario(0.6), 1, mission(*items), **parameters)
+    boat.under_way(Mode.AUTO)
+    boat.run(60.0, until=lambda boat: boat.snapshot.mission.state is MissionState.PAUSED)
+    assert boat.snapshot.mission.state is MissionState.PAUSED
+    assert boat.snapshot.navigation.activity is Activity.HEADING
+    assert boat.said("Mission paused after item 0: no autocontinue")
+    boat.events.clear()
+    return boat
+
+
+@pytest.mark.parametrize(
+    ("intent", "index"),
+    [(PauseMission(paused=False), 1), (SetMode(Mode.AUTO), 1), (SetMissionItem(2), 2)],
+)
+def test_a_mission_that_waits_goes_on_when_it_is_told_to(intent, index):
+    boat = halted_after_a_turn()
+    boat.tick(intent)
+    boat.run(1.0)
+    assert (boat.snapshot.mission.state, boat.snapshot.mission.index) == (MissionState.ACTIVE, index)
+    assert boat.said("Mission goes on")
+
+
+@pytest.mark.parametrize("intent", [PauseMission(paused=False), SetMode(Mode.AUTO)])
+def test_a_pause_is_told_and_ends_when_the_operator_asks_for_the_mission(intent):
+    boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)))
+    boat.under_way(Mode.AUTO)
+    boat.run(20.0)
+    boat.tick(PauseMission(paused=True))
+    boat.run(1.0)
+    assert boat.said("Mission paused: keeping station")
+    boat.tick(SetMissionItem(0))
+    boat.run(1.0)
+    assert boat.snapshot.mission.state is MissionState.PAUSED
+    boat.tick(intent)
+    boat.run(1.0)
+    assert boat.snapshot.mission.state is MissionState.ACTIVE
+    assert boat.said("Mission goes on")
+
+
+@pytest.mark.parametrize("pause", [(), (PauseMission(paused=True),)])
+@pytest.mark.parametrize("level", [1, 2])
+def test_a_paused_mission_stays_paused_through_a_restart(pause, level):
+    boat = halted_after_a_turn(BOOT_RESUME=level)
+    boat.tick(*pause)
+    boat.run(1.0)
+    kept = resume.to_text(resume.resume_of(boat.state, rig.UTC_S))
+    fresh = State.at_start(boat.state.parameters, boat.state.plans)
+    boat.state, notes = resume.restore(fresh, kept, rig.UTC_S + 600.0)
+    assert notes == ()
+    assert boat.state.greeting == "Resumed AUTO, paused, 10 min old"
+    boat.run(2.0)
+    boat.tick(Arm(armed=True))
+    boat.run(30.0)
+    assert (boat.snapshot.mode, boat.snapshot.armed) == (Mode.AUTO, True)
+    assert (boat.snapshot.mission.state, boat.snapshot.mission.index) == (MissionState.PAUSED, 0)
+    boat.tick(SetMode(Mode.AUTO))
+    boat.run(1.0)
+    assert (boat.snapshot.mission.state, boat.snapshot.mission.index) == (MissionState.ACTIVE, 1)
+
+
+def test_a_paused_mission_stays_paused_when_a_failsafe_is_over():
+    boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)), FS_POS_ACT=2, FS_RESUME=1)
+    boat.under_way(Mode.AUTO)
+    boat.run(20.0)
+    boat.tick(PauseMission(paused=True))
+    every, boat.fix_every = boat.fix_every, 10**9
+    boat.run(30.0)
+    assert boat.snapshot.mode is Mode.STEERING
+    boat.fix_every = every
+    boat.run(30.0)
+    assert (boat.snapshot.mode, boat.snapshot.mission.state) == (Mode.AUTO, MissionState.PAUSED)
+
+
+def test_headings_of_a_mission_are_steered_without_a_position():
+    turns = item(115, None, None, 40), item(93, None, None, 20), item(115, None, None, 120), item(93, None, None, 999)
+    boat = rig.Sailing(rig.scenario(0.6), 1, mission(*turns))
+    boat.under_way(Mode.AUTO)
+    boat.fix_every = 10**9
+    boat.run(200.0)
+    assert not boat.snapshot.position_ok
+    assert boat.snapshot.mission.index == 3
+    assert math.degrees(boat.snapshot.goal_heading_rad) == pytest.approx(120.0)
+    assert abs(math.degrees(boat.snapshot.heading_error_rad)) < 10.0
+
+
+def test_a_mode_whose_task_is_a_heading_needs_no_position(monkeypatch):
+    monkeypatch.setitem(guidance._TASKS, Mode.RTL, lambda *_: HoldHeading(1.0))
+    boat = rig.Sailing(rig.scenario(0.6), 1, BOOT_MODE=11, BOOT_ARM=1)
+    boat.fix_every = 10**9
+    boat.index = 1  # the first tick would have a fix
+    boat.run(60.0)
+    assert boat.snapshot.position is None
+    assert boat.snapshot.goal_heading_rad == 1.0

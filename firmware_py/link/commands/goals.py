@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from firmware_py.common.angles import radians, wrap_two_pi
-from firmware_py.common.intents import Answer, SteerHeading, Verdict
+from firmware_py.common.angles import radians
+from firmware_py.common.intents import Answer, SteerHeading
 from firmware_py.link.commands.server import CommandCall
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.positions import GLOBAL_FRAMES, position_goal
@@ -28,13 +28,9 @@ def condition_yaw(context: LinkContext, call: CommandCall) -> Answer:
     if not within(angle_deg, lowest_deg, 360.0):
         return call.denied("the angle is not within 0 to 360 deg")
     turn = int(direction)
-    if relative:
-        boat = context.snapshot
-        if boat is None or boat.heading_rad is None:
-            return Answer(Verdict.TEMPORARILY_REJECTED, "Heading goal refused: no valid heading")
-        goal_rad = wrap_two_pi(boat.heading_rad + radians(-angle_deg if turn < 0 else angle_deg))
-        return context.request(call.message, SteerHeading(goal_rad, turn=turn), call.now_s)
-    return context.request(call.message, SteerHeading(radians(angle_deg), turn=turn), call.now_s)
+    turn_deg = -angle_deg if relative and turn < 0 else angle_deg
+    goal = SteerHeading(radians(turn_deg), relative=relative == 1.0, turn=turn)
+    return context.request(call.message, goal, call.now_s)
 
 
 def change_heading(context: LinkContext, call: CommandCall) -> Answer:
@@ -49,7 +45,7 @@ def change_heading(context: LinkContext, call: CommandCall) -> Answer:
 
 
 def set_yaw_speed(context: LinkContext, call: CommandCall) -> Answer:
-    """Steer to an angle, absolute (param3 = 0) or relative (1); a wave glider's speed is the sea's to choose."""
+    """Steer to an angle, absolute or (param3 = 1) from the present heading; a wave glider's speed is the sea's."""
     angle_deg, _, relative, _ = call.parameters
     if relative not in (0.0, 1.0):
         return call.denied(_HOW_RELATIVE.format(3))

@@ -89,11 +89,11 @@ def test_a_heading_goal_needs_a_steering_mode():
     assert (changed.mode, changed.goal) == (Mode.GUIDED, HeadingGoal(2.0))
 
 
-def test_a_relative_goal_counts_from_the_goal_else_from_the_heading():
-    state = replace(GUIDED, goal=HeadingGoal(6.0))
-    assert accepted(state, SteerHeading(1.0, relative=True)).goal.heading_rad == pytest.approx(7.0 - 2 * math.pi)
-    to_place = replace(GUIDED, goal=PositionGoal(0.1, 0.1))
-    assert accepted(to_place, SteerHeading(-0.5, relative=True)).goal.heading_rad == pytest.approx(0.5)
+@pytest.mark.parametrize("goal", [None, HeadingGoal(6.0), HeadingGoal(6.0, over_ground=True), PositionGoal(0.1, 0.1)])
+def test_a_relative_goal_counts_from_the_heading_whatever_the_goal_was(goal):
+    state = replace(GUIDED, goal=goal)  # she heads 1.0
+    assert accepted(state, SteerHeading(-0.5, relative=True)).goal == HeadingGoal(0.5)
+    assert accepted(state, SteerHeading(-1.5, relative=True)).goal.heading_rad == pytest.approx(2 * math.pi - 0.5)
 
 
 def test_a_turn_the_long_way_is_kept_only_when_it_is_longer():

@@ -43,9 +43,18 @@ class Crew:
         self.reached = []
         self.home = None
 
-    def go_on(self, *, arrived=False, turned_rad=0.0, step_s=1.0):
+    def go_on(self, *, arrived=False, turned_rad=0.0, step_s=1.0, position=True):
         follower = TaskFollowerState(self.progress.task, arrived, orbit=OrbitState(0.0, turned_rad))
-        mission_input = MissionInput(SETTINGS, self.steps, self.motion, follower, step_s, self.utc_s, lambda: self.back)
+        mission_input = MissionInput(
+            SETTINGS,
+            self.steps,
+            self.motion.heading_rad,
+            self.motion.place if position else None,
+            follower,
+            step_s,
+            self.utc_s,
+            lambda: self.back,
+        )
         output = mission.update(self.progress, mission_input)
         self.progress = output.progress
         self.reached += output.reached
@@ -207,8 +216,15 @@ def test_without_autocontinue_she_waits_to_be_told():
     for _ in range(20):
         assert crew.go_on(arrived=True).place == A
     assert crew.reached == [0]
-    crew.progress = mission_progress.proceed(crew.progress, crew.steps)
+    assert mission_progress.state_of(crew.progress, 2, running=True) is MissionState.PAUSED
+    # An arming, or the end of a failsafe, is no word to go on.
+    crew.progress = mission_progress.enter(crew.progress)
+    assert crew.go_on(arrived=True).place == A
+    assert mission_progress.state_of(crew.progress, 2, running=True) is MissionState.PAUSED
+    crew.progress = mission_progress.go_on(crew.progress, crew.steps)
     assert crew.go_on().place == B
+    assert mission_progress.state_of(crew.progress, 2, running=True) is MissionState.ACTIVE
+    assert mission_progress.go_on(crew.progress, crew.steps) is crew.progress
 
 
 def test_a_pause_is_kept_where_she_is_and_the_item_goes_on():
@@ -221,7 +237,7 @@ def test_a_pause_is_kept_where_she_is_and_the_item_goes_on():
     crew.go_on()
     assert crew.progress.pause_task == HoldStation(C, 100.0)
     assert mission_progress.state_of(crew.progress, 2, running=True) is MissionState.PAUSED
-    crew.progress = mission_progress.proceed(crew.progress, crew.steps)
+    crew.progress = mission_progress.go_on(crew.progress, crew.steps)
     assert crew.go_on() == task
 
 
@@ -254,6 +270,54 @@ def test_a_new_mission_begins_at_its_first_item():
     assert mission_progress.for_plan(progress, 2) == MissionProgress(identity=2)
     assert mission_progress.state_of(MissionProgress(), 3, running=False) is MissionState.NOT_STARTED
     assert mission_progress.state_of(progress, 6, running=False) is MissionState.PAUSED
+
+
+def test_headings_are_turned_to_and_held_without_a_position():
+    turn = MissionStep(Command.YAW, angle_rad=1.0)
+    crew = Crew(turn, MissionStep(Command.DELAY, seconds=30.0), jump(0, 1), waypoint(A))
+    assert crew.go_on(position=False) == HoldHeading(1.0)
+    crew.motion = replace(crew.motion, heading_rad=1.0)
+    for _ in range(62):
+        crew.go_on(position=False)
+    assert crew.reached == [0, 1, 2, 0, 1, 2]
+    assert crew.go_on(position=False) == GoTo(A, None, 20.0, 100.0)  # a place of its own needs none to be asked for
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        waypoint(None),
+        MissionStep(Command.LOITER_TURNS),
+        MissionStep(Command.RETURN),
+        MissionStep(Command.DELAY, seconds=5.0),
+        MissionStep(Command.SET_HOME),
+    ],
+)
+def test_what_asks_where_she_is_waits_for_a_position(step):
+    crew = Crew(step, waypoint(A))
+    assert crew.go_on(position=False) is None
+    assert (crew.progress.index, crew.progress.begun, crew.progress.complete) == (0, False, False)
+    assert crew.go_on() is not None
+    assert crew.progress.begun
+
+
+def test_a_mission_of_headings_ends_when_it_is_known_where_to_stay():
+    crew = Crew(MissionStep(Command.YAW, angle_rad=0.0))
+    for _ in range(5):
+        assert crew.go_on(position=False) == HoldHeading(0.0)
+    assert not crew.progress.complete
+    assert crew.go_on() == HoldStation(HERE, 100.0)
+    assert crew.progress.complete
+
+
+def test_a_stay_is_not_timed_while_it_is_not_known_where_she_is():
+    crew = Crew(waypoint(A, seconds=10.0), waypoint(B))
+    crew.go_on()
+    for _ in range(30):
+        assert crew.go_on(arrived=True, position=False).place == A
+    for _ in range(9):
+        assert crew.go_on(arrived=True).place == A
+    assert crew.go_on(arrived=True).place == B
 
 
 steps = st.builds(

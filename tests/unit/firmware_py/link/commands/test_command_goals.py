@@ -27,24 +27,15 @@ def results(messages):
         ((350, 10, 1, 0), SteerHeading(degrees(350), turn=1)),
         ((350, 0, -1, 0), SteerHeading(degrees(350), turn=-1)),
         ((360, 0, 0, 0), SteerHeading(degrees(360))),
-        # Relative to the heading that the boat has, 300 deg, and not to what was asked for last.
-        ((20, 0, 1, 1), SteerHeading(degrees(320), turn=1)),
-        ((20, 0, -1, 1), SteerHeading(degrees(280), turn=-1)),
-        ((80, 0, 0, 1), SteerHeading(degrees(20))),
-        ((-20, 0, 0, 1), SteerHeading(degrees(280))),
+        ((20, 0, 1, 1), SteerHeading(degrees(20), relative=True, turn=1)),
+        ((20, 0, -1, 1), SteerHeading(degrees(-20), relative=True, turn=-1)),
+        ((80, 0, 0, 1), SteerHeading(degrees(80), relative=True)),
+        ((-20, 0, 0, 1), SteerHeading(degrees(-20), relative=True)),
     ],
 )
 def test_condition_yaw(rig, values, expected):
-    rig.tick(heading_rad=math.radians(300.0), goal_heading_rad=math.radians(90.0))
     assert results(rig.command(115, *values, NAN, NAN, NAN)) == [0]
     assert rig.request_handler.intents == [expected]
-
-
-def test_a_relative_condition_yaw_needs_a_heading(rig, texts):
-    rig.tick(heading_rad=None, heading_ok=False)
-    said = rig.command(115, 20, 0, 1, 1)
-    assert (results(said), texts(said)) == ([1], ["Heading goal refused: no valid heading"])
-    assert rig.request_handler.intents == []
 
 
 @pytest.mark.parametrize(
