@@ -149,7 +149,12 @@ TABLE: tuple[Parameter, ...] = (
     real("EST_TAU_S", 1.5, 0.1, 30.0, "s", "Time constant of the plain observer (EST_MODE 0)."),
     choice("FENCE_ENABLE", 0, _OFF_ON, "Heed the fence."),
     choice("FS_FENCE_ACT", 4, _FAILSAFE, "What is done when she is outside the fence."),
-    choice("FS_GCS_ACT", 0, _FAILSAFE, "What is done when no ground station is heard any more."),
+    choice(
+        "FS_GCS_ACT",
+        0,
+        _FAILSAFE,
+        "What is done when no ground station is heard any more, in MANUAL too; in HOLD and disarmed it is only told.",
+    ),
     real("FS_GCS_S", 600.0, 5.0, 1e7, "s", "A ground station that has said nothing for this long is silent."),
     choice("FS_POS_ACT", 0, _FAILSAFE, "What is done without a position; with 0 she goes on as last steered."),
     choice("FS_RESUME", 0, _OFF_ON, "When a fault goes whose failsafe changed the mode: go on with what she did."),

@@ -80,8 +80,8 @@ class FaultRow:
     """One fault: how long the condition must stand and be gone, how grave it is, what is done and said.
 
     `condition` says in words what `stands` judges. `action` is done in any case; `parameter` names
-    the one that chooses a mode to be entered beside. `arming` says why arming is refused while the
-    fault is set, empty where it is not.
+    the one that chooses a mode to be entered beside, in MANUAL too where `in_manual` says so.
+    `arming` says why arming is refused while the fault is set, empty where it is not.
     """
 
     condition: str
@@ -91,6 +91,7 @@ class FaultRow:
     severity: Severity
     action: Action = Action.ALERT
     parameter: str = ""
+    in_manual: bool = False
     text: str
     recovery: str
     arming: str = ""

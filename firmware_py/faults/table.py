@@ -269,6 +269,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         stands=lambda tick: tick.station is DeviceState.SILENT and exceeds(tick.station_age_s, tick.station_timeout_s),
         severity=Severity.WARNING,
         parameter="FS_GCS_ACT",
+        in_manual=True,
         text="Ground station silent",
         recovery="Ground station is back",
     ),

@@ -1,7 +1,8 @@
 """Which fault decides the mode, and which mode: pure, and the only judge of failsafes.
 
 A fault for which a mode is chosen acts once, when it is set, and only while the boat is armed in a
-mode that steers: not in MANUAL or HOLD. The gravest of those that act decides. It takes the best mode
+mode that steers. In MANUAL the operator does, so only the loss of the operator acts there; in HOLD the
+boat was told to do nothing. The gravest of those that act decides. It takes the best mode
 of its ladder that is possible, and a better one once it becomes possible. Any intent of the operator
 after that wins: none of the faults that stand acts again before it has gone and come back.
 """
@@ -50,6 +51,13 @@ class Decision:
 
 NOTHING = Decision()
 
+# The faults that may act, as bits, by what moves the rudder.
+_ACTING: Mapping[RudderBy, int] = {
+    RudderBy.NOTHING: 0,
+    RudderBy.STICK: sum(1 << fault for fault, row in TABLE.items() if row.in_manual),
+    RudderBy.HEADING: sum(1 << fault for fault in TABLE),
+}
+
 
 def decide(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, Decision]:
     """Judge a tick."""
@@ -62,8 +70,8 @@ def decide(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, D
     modes = {fault: mode for fault, mode in given.modes.items() if mode is not None}
     choosable = given.active & sum(1 << fault for fault in modes)
     calling = state.calling & choosable
-    if given.armed and MODES[given.mode].rudder_by is RudderBy.HEADING:
-        calling |= choosable & ~state.active
+    if given.armed:
+        calling |= choosable & ~state.active & _ACTING[MODES[given.mode].rudder_by]
     state = replace(state, active=given.active, calling=calling)
     if not calling:
         return _end(state, given)

@@ -149,7 +149,9 @@ def apply_failsafe(
 def _resumed(modes: ModeState, before: ModeState, situation: Situation) -> tuple[ModeState, tuple[Event, ...]]:
     if before.mode is modes.mode:
         return modes, ()
-    if obstacle := obstacle_to(before.mode, situation):
+    # A mode that a stick steers is the operator's to choose: whether there is a hand on it is not known.
+    by_stick = MODES[before.mode].rudder_by is RudderBy.STICK
+    if obstacle := "nobody at the stick" if by_stick else obstacle_to(before.mode, situation):
         text = f"Failsafe over: {modes.mode.name} stays, {obstacle}"
         return modes, (Event(Severity.NOTICE, text[:50]),)
     resumed = replace(modes, mode=before.mode, goal=before.goal)

@@ -327,6 +327,44 @@ def test_a_servo_that_answers_once_a_second_is_not_silent():
     assert "Rudder servo does not answer" not in boat.events
 
 
+def heard(boat, state=DeviceState.RUNNING):
+    return (DeviceHealth(boat.t_s, DeviceRole.LINK, state, 0, 0),)
+
+
+@pytest.mark.parametrize("silent", [True, False])
+@pytest.mark.parametrize("armed", [True, False])
+@pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.STEERING, Mode.HOLD, Mode.GUIDED, Mode.RTL])
+def test_what_the_loss_of_the_station_does_in_each_mode(mode, armed, silent):
+    boat = Boat(ParameterSet().replaced("FS_GCS_ACT", 3).replaced("FS_GCS_S", 5), noise_rad=0.002)
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    boat.run(0.3)
+    boat.tick(Arm(armed=armed), SetMode(mode), devices=heard(boat))
+    boat.run(1.0)
+    boat.tick(devices=heard(boat, DeviceState.SILENT) if silent else ())
+    output = boat.run(6.0)
+    acts = silent and armed and mode is not Mode.HOLD
+    assert output.snapshot.mode is (Mode.LOITER if acts else mode)
+    assert output.snapshot.armed is armed
+    assert ("Ground station silent" in boat.events) is silent
+    assert ("Failsafe: LOITER" in boat.events) is acts
+
+
+@pytest.mark.parametrize(("mode", "after"), [(Mode.MANUAL, Mode.LOITER), (Mode.GUIDED, Mode.GUIDED)])
+def test_the_stick_is_not_given_back_by_itself(mode, after):
+    values = {"FS_GCS_ACT": 3, "FS_GCS_S": 5, "FS_RESUME": 1}
+    parameters = ParameterSet()
+    for name, value in values.items():
+        parameters = parameters.replaced(name, value)
+    boat = Boat(parameters, noise_rad=0.002)
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    boat.under_way(mode)
+    boat.tick(devices=heard(boat, DeviceState.SILENT))
+    assert boat.run(6.0).snapshot.mode is Mode.LOITER
+    boat.tick(devices=heard(boat))
+    assert boat.run(1.0).snapshot.mode is after
+    assert ("Failsafe over: LOITER stays, nobody at the stick" in boat.events) is (mode is Mode.MANUAL)
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e300, -1e300])
 def test_absurd_requests_change_nothing(value):
     boat = Boat().under_way()
