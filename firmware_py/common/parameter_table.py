@@ -9,7 +9,7 @@ from firmware_py.common.parameter_row import Parameter, choice, count, real, who
 
 _OFF_ON = {0: "off", 1: "on"}
 # Of the time-outs that common/silence.py lengthens.
-_SELDOM = "of what comes seldom, 2.5 of its own intervals count, up to 5 times this."
+_SELDOM = "what comes seldom has 2.5 of its intervals."
 
 
 def _deviations(prefix: str, compass: str) -> tuple[Parameter, ...]:
@@ -153,7 +153,7 @@ TABLE: tuple[Parameter, ...] = (
         "FS_GCS_ACT",
         0,
         _FAILSAFE,
-        "What is done when no ground station is heard any more, in MANUAL too; in HOLD and disarmed it is only told.",
+        "What is done when no ground station is heard any more, in MANUAL too; not in HOLD.",
     ),
     real("FS_GCS_S", 600.0, 5.0, 1e7, "s", "A ground station that has said nothing for this long is silent."),
     choice("FS_POS_ACT", 0, _FAILSAFE, "What is done without a position; with 0 she goes on as last steered."),

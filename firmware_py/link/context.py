@@ -43,10 +43,10 @@ class LinkContext:
         self.request_handler = request_handler
         self.suppliers = suppliers
         self.version = version
-        self.metadata = Metadata(version)
         self.system = int(values["LNK_SYSID"])
         self.component = int(COMPONENT)
         self.autopilot = int(values["LNK_IDENTITY"])
+        self.metadata = Metadata(version, self.autopilot)
         self.codec = Codec(self.system, self.component)
         self._text_number = 0
         self.snapshot: Snapshot | None = None

@@ -50,7 +50,7 @@ def tree_of(
     if storage.uploads is not None:
         areas["uploads"] = Area(storage.uploads, writable=True)
     made: dict[Parts, Generate] = {path: partial(_same, content) for path, content in metadata.files.items()}
-    made[PACKED_PARAMETERS] = lambda query: pack(request_handler.parameters(), query)
+    made[PACKED_PARAMETERS] = lambda query: pack(request_handler.parameters(), query, metadata.autopilot)
     made["parameters.param",] = lambda _: format_file(dict(request_handler.parameters().items())).encode()
     return Tree(areas, {**made, **more}, sinks)
 

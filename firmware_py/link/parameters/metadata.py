@@ -20,6 +20,7 @@ from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 
 DIRECTORY = "metadata"
+ARDUPILOT = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 _PARAMETER_TYPE = 1  # COMP_METADATA_TYPE_PARAMETER
 _URI = f"mftp://{DIRECTORY}/"
 _TYPES = {Kind.INTEGER: "Int32", Kind.REAL: "Float"}
@@ -57,9 +58,10 @@ _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6, "dict_size": 1 << 16}]
 class Metadata:
     """The files, by path, and the messages that point to them."""
 
-    def __init__(self, version: Version) -> None:
-        """Make the files of this version."""
-        parameters = _text({"version": 3, "parameters": [_parameter(row) for row in TABLE]})
+    def __init__(self, version: Version, autopilot: int) -> None:
+        """Make the files of this version, for a boat that says it is this autopilot (MAV_AUTOPILOT)."""
+        self.autopilot = autopilot
+        parameters = _text({"version": 3, "parameters": [_parameter(row, autopilot) for row in TABLE]})
         compressed = _compressed(parameters)
         general = _text(
             {
@@ -97,13 +99,22 @@ class Metadata:
 
 def parameter_json() -> str:
     """Return parameter.json as text."""
-    return _text({"version": 3, "parameters": [_parameter(row) for row in TABLE]}).decode()
+    return _text({"version": 3, "parameters": [_parameter(row, ARDUPILOT) for row in TABLE]}).decode()
 
 
-def _parameter(row: Parameter) -> dict[str, Any]:
+def declared_kind(row: Parameter, autopilot: int) -> Kind:
+    """Return the type that a parameter is said to have.
+
+    Its value travels as a float. Of ArduPilot every station knows that; of others many take an integer for its bytes
+    in the field of a float, and so there is none.
+    """
+    return row.kind if autopilot == ARDUPILOT else Kind.REAL
+
+
+def _parameter(row: Parameter, autopilot: int) -> dict[str, Any]:
     shown: dict[str, Any] = {
         "name": row.name,
-        "type": _TYPES[row.kind],
+        "type": _TYPES[declared_kind(row, autopilot)],
         "shortDesc": row.text.split(":")[0].split(";")[0].split(". ")[0].rstrip("."),
         "longDesc": row.text,
         "default": _number(row, row.default),
@@ -114,8 +125,8 @@ def _parameter(row: Parameter) -> dict[str, Any]:
     }
     if row.unit:
         shown["units"] = row.unit
-    if row.kind is Kind.REAL:
-        shown["decimalPlaces"] = _decimal_places(row)
+    if declared_kind(row, autopilot) is Kind.REAL:
+        shown["decimalPlaces"] = _decimal_places(row) if row.kind is Kind.REAL else 0
     if row.choices is not None:
         shown["values"] = [{"value": number, "description": text} for number, text in row.choices.items()]
     if row.reboot:

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping
 from firmware_py.common.parameter_row import Kind, ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.link.parameters.metadata import declared_kind
 
 PLAIN, WITH_DEFAULTS = 0x671B, 0x671C
 _HEAD = struct.Struct("<HHH")
@@ -21,8 +22,11 @@ _HAS_DEFAULT = 0x10
 _MOST_COMMON = 15
 
 
-def pack(values: ParameterSet, query: Mapping[str, str]) -> bytes:
-    """Return the file; the query may hold start, count and withdefaults, and what it says wrong is not heeded."""
+def pack(values: ParameterSet, query: Mapping[str, str], autopilot: int) -> bytes:
+    """Return the file; the query may hold start, count and withdefaults, and what it says wrong is not heeded.
+
+    The types are those that PARAM_VALUE declares for a boat that says it is this autopilot: stations keep them.
+    """
     start, count = _whole(query.get("start"), 0), _whole(query.get("count"), len(TABLE))
     with_defaults = _whole(query.get("withdefaults"), 0) != 0
     rows = range(start, min(start + count, len(TABLE)))
@@ -30,7 +34,7 @@ def pack(values: ParameterSet, query: Mapping[str, str]) -> bytes:
     before = ""
     for index in rows:
         row, value = TABLE[index], values.values()[index]
-        number, form = _TYPES[row.kind]
+        number, form = _TYPES[declared_kind(row, autopilot)]
         common = _common(before, row.name)
         ending = row.name[common:].encode("ascii")
         shown = [value]

@@ -1,4 +1,7 @@
-"""The parameter protocol: values as C casts, types INT32 and REAL32 only (MAVSDK drops unsigned ones)."""
+"""The parameter protocol: values as C casts, types INT32 and REAL32 only (MAVSDK drops unsigned ones).
+
+With another identity than ArduPilot's all are REAL32 (metadata.declared_kind).
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.records import Severity
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.files.tree import Origin
+from firmware_py.link.parameters.metadata import declared_kind
 from firmware_py.link.parameters.pack import unpack
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
@@ -70,8 +74,8 @@ class ParameterServer:
 
     def _value(self, row: int) -> Message:
         value = self._context.request_handler.parameters().values()[row]
-        name = text_of(TABLE[row].name, 16)
-        return mavlink.MAVLink_param_value_message(name, value, int(TABLE[row].kind), len(TABLE), row)
+        name, kind = text_of(TABLE[row].name, 16), declared_kind(TABLE[row], self._context.autopilot)
+        return mavlink.MAVLink_param_value_message(name, value, int(kind), len(TABLE), row)
 
     # ------------------------------------------------------------------ asked
 

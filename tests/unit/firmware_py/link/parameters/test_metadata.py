@@ -5,6 +5,7 @@ import lzma
 
 import pytest
 
+from firmware_py.common.parameter_row import Kind
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.parameters.metadata import Metadata, parameter_json
@@ -16,7 +17,7 @@ DEFINITIONS = DATA / "mavlink" / "definitions"
 
 @pytest.fixture(scope="module")
 def files():
-    return Metadata(Version(1, 2, 3)).files
+    return Metadata(Version(1, 2, 3), 3).files
 
 
 @pytest.mark.parametrize("name", ["general", "parameter"])
@@ -67,4 +68,10 @@ def test_the_checksums_are_those_of_the_files_as_served(rig, ftp_station, of):
 
 
 def test_the_same_table_makes_the_same_bytes(files):
-    assert Metadata(Version(1, 2, 3)).files == files
+    assert Metadata(Version(1, 2, 3), 3).files == files
+
+
+def test_for_another_identity_every_type_is_a_float():
+    shown = json.loads(Metadata(Version(1, 2, 3), 0).files["metadata", "parameter.json"])["parameters"]
+    assert {row["type"] for row in shown} == {"Float"}
+    assert all(row["decimalPlaces"] == 0 for row, own in zip(shown, TABLE, strict=True) if own.kind is Kind.INTEGER)

@@ -19,16 +19,16 @@ def decoded(content):
 
 @pytest.mark.parametrize("query", [{}, {"withdefaults": "1"}])
 def test_mavproxy_reads_all_of_it(query):
-    found = decoded(pack(CHANGED, query))
+    found = decoded(pack(CHANGED, query, 3))
     assert list(found) == [row.name for row in TABLE]
     assert [value for value, _ in found.values()] == list(CHANGED.values())
     assert [kind for _, kind in found.values()] == [{Kind.INTEGER: 3, Kind.REAL: 4}[row.kind] for row in TABLE]
 
 
 def test_mavproxy_reads_the_defaults():
-    defaults = param_ftp.ftp_param_decode(pack(CHANGED, {"withdefaults": "1"})).defaults
+    defaults = param_ftp.ftp_param_decode(pack(CHANGED, {"withdefaults": "1"}, 3)).defaults
     assert [value for _, value, _ in defaults] == [row.default for row in TABLE]
-    assert param_ftp.ftp_param_decode(pack(CHANGED, {})).defaults is None
+    assert param_ftp.ftp_param_decode(pack(CHANGED, {}, 3)).defaults is None
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def test_mavproxy_reads_the_defaults():
     ],
 )
 def test_a_part_of_the_list(query, rows):
-    content = pack(CHANGED, query)
+    content = pack(CHANGED, query, 3)
     magic, count, total = struct.unpack_from("<HHH", content)
     assert (magic, count, total) == (0x671B, rows[1] - rows[0], len(TABLE))
     whole = content[:4] + struct.pack("<H", count) + content[6:]  # MAVProxy reads whole lists only
@@ -117,3 +117,9 @@ def test_an_upload_with_one_wrong_value_sets_nothing(rig, ftp_station, texts):
 def test_the_list_comes_by_file_transfer(rig, ftp_station):
     rig.request_handler.values = CHANGED
     assert decoded(ftp_station(rig).get("@PARAM/param.pck?withdefaults=1"))["CTL_K1"] == (33.25, 4)
+
+
+def test_for_another_identity_every_type_is_a_float():
+    found = decoded(pack(CHANGED, {}, 0))
+    assert {kind for _, kind in found.values()} == {4}
+    assert {name: value for name, (value, _) in found.items()} == pytest.approx(dict(CHANGED.items()))

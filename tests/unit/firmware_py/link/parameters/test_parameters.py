@@ -28,6 +28,16 @@ def test_the_list_is_whole(rig, of, component):
     assert all(value.param_type == row.kind for value, row in zip(said, TABLE, strict=True))
 
 
+def test_for_another_identity_every_type_is_a_float(make_rig, of):
+    rig = make_rig(identity=0)
+    said = of(rig.tell(mavlink.MAVLink_param_request_list_message(1, 1)) + rig.ticks(3), "PARAM_VALUE")
+    assert [value.param_value for value in said] == list(rig.request_handler.values.values())
+    assert {value.param_type for value in said} == {9}
+    for kind in (6, 9):
+        (value,) = of(rig.tell(set_to(b"LOOP_RATE_HZ", 10.0 + kind, kind)), "PARAM_VALUE")
+        assert (value.param_value, value.param_type) == (10.0 + kind, 9)
+
+
 def test_reading_by_name_and_by_index(rig):
     (named,) = rig.tell(mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1))
     (numbered,) = rig.tell(mavlink.MAVLink_param_request_read_message(1, 1, b"", INDEX["CTL_K1"]))
