@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from firmware_py import ROOT, commit_of, version_text
+from firmware_py.system.console import keep_standard_streams
 
 # command -> (module, one line of help). A module is imported only when it is asked for, so
 # that the autopilot carries nothing of the bench tools.
@@ -38,6 +39,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; 0 success, 1 a finding, 2 bad usage or configuration."""
+    keep_standard_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
     gc.disable()  # imports make no garbage, and looking for it takes a tenth of the start
     parser = _Parser(prog="rambler", description="Autopilot for wave gliders and other very slow boats.")

@@ -36,6 +36,7 @@ COLLECT_INTERVAL_S = 60.0
 SAFE_TIMEOUT_S = 2.0
 SAFE_INTERVAL_S = 0.1
 SAFE_ANGLE_RAD = 0.02
+SAFE_READINGS = 2  # in a row: a rudder that is on its way to the other side is amidships for a moment, too
 
 
 @dataclass(slots=True)
@@ -55,6 +56,7 @@ class LoopParts:
     fault_barrier: FaultBarrier
     clock_setter: ClockSetter | None = None
     start_events: tuple[Event, ...] = ()  # told with the first tick
+    take_signals: Callable[[], tuple[Event, ...]] = tuple  # what is to be told of the process's signals
     compass_b: Compass | None = None
     health: HealthMonitor = field(default_factory=HealthMonitor)
     devices: tuple[Device, ...] = field(init=False)
@@ -112,7 +114,8 @@ def _tick(parts: LoopParts, tick: Tick) -> HeadingSample | None:
     )
     output = parts.autopilot.step(inputs)
     parts.rudder.command(output.command, now_s)
-    events = (*(parts.start_events if tick.index == 0 else ()), *parts.fault_barrier.take_events())
+    start_events = parts.start_events if tick.index == 0 else ()
+    events = (*start_events, *parts.take_signals(), *parts.fault_barrier.take_events())
     if parts.clock_setter is not None:
         policy = int(parts.autopilot.state.parameters["CLK_SET"])
         events = (*events, *parts.clock_setter.update(policy, inputs.positions, now_s))
@@ -167,19 +170,23 @@ def _serve_until_deadline(parts: LoopParts, metronome: Metronome, link_busy: boo
 
 
 def make_safe(parts: LoopParts) -> None:
-    """Bring the rudder amidships and wait, within bounds, until it is there."""
-    clock = parts.clock
+    """Bring the rudder amidships and wait, within bounds, until it stands there."""
+    clock, rudder = parts.clock, parts.rudder
     linkage = settings_of(parts.autopilot.state.parameters).rudder.linkage
     command = RudderCommand(linkage.to_shaft(0.0), torque_on=True)
-    end_s = clock.now_s() + SAFE_TIMEOUT_S
-    while (now_s := clock.now_s()) < end_s:
-        parts.rudder.command(command, now_s)
-        clock.wait(now_s + SAFE_INTERVAL_S, [])
-        parts.rudder.receive(clock.now_s())
-        angles_rad = [
-            linkage.to_rudder(feedback.shaft_rad)
-            for feedback in parts.rudder.poll()
-            if feedback.shaft_rad is not None and feedback.t_s >= now_s
-        ]
-        if angles_rad and abs(angles_rad[-1]) < SAFE_ANGLE_RAD:
-            return
+    rudder.poll()  # what was measured before
+    next_s = clock.now_s()
+    end_s = next_s + SAFE_TIMEOUT_S
+    amidships = 0
+    while amidships < SAFE_READINGS and (now_s := clock.now_s()) < end_s:
+        if now_s >= next_s:
+            rudder.command(command, now_s)
+            next_s = now_s + SAFE_INTERVAL_S
+        # The servo is asked for its angle when it has taken the command, so its answers must not wait.
+        descriptor = rudder.fileno()
+        clock.wait(next_s, [] if descriptor < 0 else [descriptor])
+        rudder.receive(clock.now_s())
+        for feedback in rudder.poll():
+            if feedback.shaft_rad is not None:
+                there = abs(linkage.to_rudder(feedback.shaft_rad)) < SAFE_ANGLE_RAD
+                amidships = amidships + 1 if there else 0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
+import traceback
 from pathlib import Path
 
 from firmware_py import __version__
@@ -16,6 +16,7 @@ from firmware_py.loop import run as run_loop
 from firmware_py.system import realtime
 from firmware_py.system.clock import ClockError
 from firmware_py.system.serial_port import PortError
+from firmware_py.system.signals import Signals
 from firmware_py.system.store import StoreError
 from firmware_py.vehicle import VehicleError, load
 
@@ -49,48 +50,50 @@ def default_state_directory(name: str) -> Path:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run until SIGTERM or SIGINT, or until told to shut down; told to restart, become a new process in place."""
-    if arguments.with_parent is not None and not realtime.end_with_parent(arguments.with_parent):
-        return 0
-    try:
-        vehicle = load(arguments.vehicle)
-        options = Options(
-            arguments.state or default_state_directory(vehicle.name),
-            tuple(arguments.link),
-            wait=arguments.wait,
-            lockstep=arguments.lockstep,
-            # The harness's GPS shows the time of its own world.
-            may_set_clock=arguments.lockstep is None and arguments.with_parent is None,
-        )
-        assembly = assemble(vehicle, options)
-    except (VehicleError, PortError, StoreError, LinkError, ClockError) as error:
-        print(f"rambler run: {error}", file=sys.stderr)
-        return 2
-    assembly.console.line(f"rambler {__version__}: {vehicle.name}, state in {options.state_directory}")
-    return _steer(assembly)
+    """Run until told to stop or to shut down; told to restart, become a new process in place."""
+    # Before any port is opened: a rudder that an earlier process has left over shall not stay there.
+    with Signals() as signals:
+        if arguments.with_parent is not None and not realtime.end_with_parent(arguments.with_parent):
+            return 0
+        try:
+            vehicle = load(arguments.vehicle)
+            options = Options(
+                arguments.state or default_state_directory(vehicle.name),
+                tuple(arguments.link),
+                wait=arguments.wait,
+                lockstep=arguments.lockstep,
+                # The harness's GPS shows the time of its own world.
+                may_set_clock=arguments.lockstep is None and arguments.with_parent is None,
+            )
+            assembly = assemble(vehicle, options)
+        except (VehicleError, PortError, StoreError, LinkError, ClockError) as error:
+            print(f"rambler run: {error}", file=sys.stderr)
+            return 2
+        assembly.console.line(f"rambler {__version__}: {vehicle.name}, state in {options.state_directory}")
+        code = _steer(assembly, signals)
+        restart = assembly.parts.autopilot.restart
+        if code != 0 or restart is None or signals.stopping:
+            return code
+        if not restart.shutdown:
+            signals.hold()
+            realtime.start_anew()
+        return SHUT_DOWN
 
 
-def _steer(assembly: Assembly) -> int:
-    stopping: list[int] = []
-
-    def stop(number: int, _frame: object) -> None:
-        stopping.append(number)
-
-    signal.signal(signal.SIGTERM, stop)
-    signal.signal(signal.SIGINT, stop)
+def _steer(assembly: Assembly, signals: Signals) -> int:
+    assembly.parts.take_signals = signals.take_events
     # After all threads are there: theirs is lower than the loop's, and that of the files is for stations to load.
     for refusal in realtime.prepare(ordinary=(FILES_THREAD,)):
         assembly.console.line(refusal)
     try:
-        run_loop(assembly.parts, lambda: bool(stopping))
+        run_loop(assembly.parts, lambda: signals.stopping)
     except ClockError as error:
         assembly.console.line(f"rambler run: {error}")
-        return 0 if stopping else 1
+        return 0 if signals.stopping else 1
+    except Exception:  # noqa: BLE001 - the rudder is safe; Python's own traceback would wait for a reader that is stuck
+        for line in traceback.format_exc().splitlines():
+            assembly.console.line(line)
+        return 1
     finally:
         assembly.close()
-    restart = assembly.parts.autopilot.restart
-    if restart is None or stopping:
-        return 0
-    if not restart.shutdown:
-        realtime.start_anew()
-    return SHUT_DOWN
+    return 0

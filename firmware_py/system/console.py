@@ -1,12 +1,19 @@
-"""Prints the autopilot's messages without ever blocking the loop on a stuck terminal or pipe."""
+"""Prints the autopilot's messages without ever blocking the loop on a stuck terminal or pipe.
+
+Lines go to the descriptor itself: what Python keeps for a stream that takes nothing would spoil the exit code, and a
+lock held by a thread that waits for the reader would end the process with an abort.
+"""
 
 from __future__ import annotations
 
+import os
 import queue
+import select
 import sys
 import threading
 
 LIMIT = 200
+STANDARD_ERROR = 2
 
 
 class Console:
@@ -15,15 +22,16 @@ class Console:
     def __init__(self) -> None:
         """Start the writer."""
         self._lines: queue.Queue[str | None] = queue.Queue(LIMIT)
+        self._lost = 0
         self._thread = threading.Thread(target=self._write, name="console", daemon=True)
         self._thread.start()
 
     def line(self, text: str) -> None:
-        """Queue a line; a full queue drops it."""
+        """Queue a line; a full queue drops it, which is said when there is room again."""
         try:
             self._lines.put_nowait(text)
         except queue.Full:
-            return
+            self._lost += 1
 
     def close(self) -> None:
         """Write what is queued, for at most a second."""
@@ -35,7 +43,35 @@ class Console:
 
     def _write(self) -> None:
         while (text := self._lines.get()) is not None:
+            lost = self._lost
+            if lost and _written(f"({lost} lines lost: nobody has read them)"):
+                self._lost -= lost
+            if not _written(text):
+                self._lost += 1
+
+
+def _written(text: str) -> bool:
+    """Write a line, however long its reader takes; False when it cannot be had: a pipe closed, a disk full."""
+    left = f"{text}\n".encode(errors="backslashreplace")
+    try:
+        while left:
             try:
-                print(text, file=sys.stderr, flush=True)  # noqa: T201 - the program's own messages
-            except OSError:
-                return  # nobody reads them any more
+                left = left[os.write(STANDARD_ERROR, left) :]
+            except BlockingIOError:  # somebody who shares the terminal has set it so
+                select.select([], [STANDARD_ERROR], [])
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+def keep_standard_streams() -> None:
+    """Open /dev/null in place of a standard stream that was closed at the start.
+
+    Else the next file to be opened would have its number, and what is printed would go out at a serial port.
+    """
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= STANDARD_ERROR:
+        os.set_inheritable(descriptor, True)
+    os.close(descriptor)
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115, PTH123 - for good

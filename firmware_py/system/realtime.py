@@ -65,8 +65,6 @@ def relax() -> None:
 def start_anew() -> NoReturn:
     """Replace this process by the same program with the same words; nothing after it is run."""
     relax()
-    sys.stdout.flush()
-    sys.stderr.flush()
     os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - the words this process was started with
 
 

@@ -36,7 +36,7 @@ from firmware_py.common.records import (
 from firmware_py.core.autopilot import PENDING_LIMIT, Autopilot
 from firmware_py.core.state import State
 from firmware_py.faults.table import Fault
-from firmware_py.loop import LINK_PART, LoopParts, run
+from firmware_py.loop import LINK_PART, SAFE_INTERVAL_S, LoopParts, make_safe, run
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, StateDirectory
@@ -488,6 +488,26 @@ def test_whatever_ends_the_loop_the_rudder_is_brought_amidships(boat):
         turn(boat, 1.0)
     assert boat.rudder.commands[-1][1].shaft_rad == 0.0
     assert boat.rudder.commands[-1][1].torque_on
+
+
+def test_a_rudder_on_its_way_to_the_other_side_is_not_taken_for_safe(boat):
+    turn(boat, 1.0)
+    passing = iter((0.2, 0.0, -0.2, -0.4, -0.2, 0.0, 0.0))  # the first command is lost on the wire
+    boat.rudder.commands.clear()
+    boat.rudder.command = lambda command, now_s: (
+        boat.rudder.commands.append((now_s, command)),
+        boat.rudder.feedback.append(RudderFeedback(now_s + 0.002, next(passing))),
+    )
+    make_safe(boat)
+    assert len(boat.rudder.commands) == 7
+    assert next(passing, None) is None
+
+
+def test_a_rudder_amidships_ends_the_loop_after_two_readings(boat):
+    turn(boat, 1.0)
+    begin_s = boat.clock.t_s
+    make_safe(boat)
+    assert boat.clock.t_s - begin_s <= 2 * SAFE_INTERVAL_S + 1e-9
 
 
 def test_a_rudder_that_does_not_come_amidships_does_not_hold_up_the_end(boat):

@@ -1,0 +1,88 @@
+"""What each signal does to an autopilot under way: a boat must not stop with her rudder over because of one.
+
+The kernel's own answer to most of them is to end or to halt the process wherever it is.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections import deque
+from collections.abc import Callable, Mapping
+from enum import Enum
+from types import FrameType, TracebackType
+from typing import Self
+
+from firmware_py.common.records import Event, Severity
+
+Handler = Callable[[int, FrameType | None], None] | signal.Handlers
+
+
+class Act(Enum):
+    """What is done; the text is that of the reference page."""
+
+    STOP = "makes the rudder safe and ends, exit code 0"
+    SAIL_ON = "sails on, told once"
+    IGNORE = "sails on"
+
+
+# A handler would be called for ever by a terminal that stops who writes to it, so those are ignored in the kernel.
+# SIGXCPU is the last warning before a limit of processor time kills. Real-time signals are like the last row.
+TABLE: Mapping[signal.Signals, Act] = {
+    **dict.fromkeys((signal.SIGTERM, signal.SIGINT, signal.SIGQUIT, signal.SIGXCPU), Act.STOP),
+    **dict.fromkeys((signal.SIGPIPE, signal.SIGXFSZ, signal.SIGTTIN, signal.SIGTTOU), Act.IGNORE),
+    **dict.fromkeys((signal.SIGHUP, signal.SIGTSTP, signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM), Act.SAIL_ON),
+    **dict.fromkeys(
+        (signal.SIGVTALRM, signal.SIGPROF, signal.SIGIO, signal.SIGPWR, signal.SIGSTKFLT), Act.SAIL_ON
+    ),
+}  # fmt: skip
+REASONS = {signal.SIGHUP: "the terminal has gone", signal.SIGTSTP: "halting is refused"}
+
+
+class Signals:
+    """Takes the signals of this process from the first moment on; a context, of the main thread."""
+
+    def __init__(self) -> None:
+        """Begin without any."""
+        self.stopping = False
+        self._told: deque[int] = deque()
+        self._before: dict[int, object] = {}
+
+    def __enter__(self) -> Self:
+        """Take them over."""
+        handlers: dict[Act, Handler] = {Act.STOP: self._stop, Act.SAIL_ON: self._sail_on, Act.IGNORE: signal.SIG_IGN}
+        for number in (*TABLE, *range(signal.SIGRTMIN, signal.SIGRTMAX + 1)):
+            act = TABLE[number] if isinstance(number, signal.Signals) else Act.SAIL_ON
+            self._before[number] = signal.signal(number, handlers[act])
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, self._before)  # what has waited since `hold`
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Give them back; when it is told to stop, nothing shall change the exit code any more."""
+        for number, before in self._before.items():
+            signal.signal(number, signal.SIG_IGN if self.stopping else before)  # type: ignore[arg-type]
+
+    def hold(self) -> None:
+        """Have signals wait until the program that is started in place of this one takes them."""
+        signal.pthread_sigmask(signal.SIG_BLOCK, self._before)
+
+    def take_events(self) -> tuple[Event, ...]:
+        """Hand over what is to be told of the signals since the last call."""
+        return tuple(_event(self._told.popleft()) for _ in range(len(self._told)))
+
+    def _stop(self, _number: int, _frame: FrameType | None) -> None:
+        self.stopping = True
+
+    def _sail_on(self, number: int, _frame: FrameType | None) -> None:
+        signal.signal(number, signal.SIG_IGN)  # told once; a flood of them costs nothing
+        self._told.append(number)
+
+
+def _event(number: int) -> Event:
+    try:
+        name = signal.Signals(number).name
+    except ValueError:
+        name = f"SIGRTMIN+{number - signal.SIGRTMIN}"
+    reason = REASONS.get(signal.Signals(number)) if number in TABLE else None
+    return Event(Severity.WARNING, f"{name}: {reason or 'it means nothing here'}, she sails on")

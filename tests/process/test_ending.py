@@ -1,0 +1,218 @@
+"""What ends a voyage and what does not: signals, terminals that are stuck or gone, a rudder that is over."""
+
+import math
+import os
+import signal
+import subprocess
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+REBOOT, FORCE = 246, 20190226.0
+GUIDED = 15
+TURN = "0:0,6:90"  # the rudder goes to its limit
+PATIENCE_S = 30.0
+AMIDSHIPS_DEG = 1.2
+SLEW_DEG_S = 30.0  # of the emulated shaft
+CRASH = (
+    "import sys, firmware_py.loop as loop; from firmware_py.__main__ import main\n"
+    "def fail(*_): raise RuntimeError('made for a test')\n"
+    "loop._tick = fail; sys.exit(main())"
+)
+
+
+@pytest.fixture
+def launch(monkeypatch):
+    """Have the autopilots write to a descriptor, be started with redirections, and run Python with other words."""
+
+    def set_up(descriptor=None, redirections="", python=None):
+        really = subprocess.Popen
+
+        def popen(words, **more):
+            words = list(words) if python is None else [words[0], *python, *words[3:]]
+            if descriptor is not None:
+                more |= {"stdout": descriptor, "stderr": descriptor}
+            more["env"] = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+            return really(["sh", "-c", f'exec "$@" {redirections}', "sh", *words], **more)
+
+        monkeypatch.setattr(subprocess, "Popen", popen)
+
+    return set_up
+
+
+@pytest.fixture
+def pipe():
+    with ExitStack() as closing:
+        yield [
+            closing.enter_context(os.fdopen(end, mode, buffering=0))
+            for end, mode in zip(os.pipe(), ("rb", "wb"), strict=True)
+        ]
+
+
+@pytest.fixture
+def stuck(pipe):
+    """What takes no byte more, and nobody reads it."""
+    os.set_blocking(pipe[1].fileno(), False)
+    while pipe[1].write(b"-" * 4096) is not None:
+        pass
+    os.set_blocking(pipe[1].fileno(), True)
+    return pipe[1]
+
+
+@pytest.fixture
+def broken(pipe):
+    pipe[0].close()
+    return pipe[1]
+
+
+def pid_of(boat):
+    return boat.process._process.pid
+
+
+def takes_signals(pid):
+    status = Path(f"/proc/{pid}/status").read_text()
+    caught = next(int(line.split()[1], 16) for line in status.splitlines() if line.startswith("SigCgt"))
+    return bool(caught >> (signal.SIGTERM - 1) & 1)
+
+
+def in_the_turn(boat):
+    boat.start()
+    boat.under_way(GUIDED)
+    boat.run(12.0 - boat.now_s)
+    assert abs(boat.rudder_deg()) > 15.0
+    return boat
+
+
+def ended(boat):
+    """Let her end and return the exit code and how long that took by the boat's clock."""
+    before_s = boat.now_s
+    boat.time.run_out(boat.board, boat.process)
+    assert boat.process.wait(PATIENCE_S)
+    return boat.process.exit_code(), boat.now_s - before_s
+
+
+def restarted(boat):
+    """Until the program has been replaced by itself."""
+    boat.order(REBOOT, 1.0, 0.0, 0.0, 0.0, 0.0, FORCE)
+    while boat.server.serve():
+        pass
+
+
+@pytest.mark.parametrize("kind", ["closed", "full", "broken", "stuck"])
+def test_whoever_reads_what_she_says_or_does_not_she_sails_restarts_and_ends_well(make_boat, launch, request, kind):
+    if kind in ("broken", "stuck"):
+        launch(request.getfixturevalue(kind))
+    else:
+        launch(redirections={"closed": "<&- >&- 2>&-", "full": ">/dev/full 2>/dev/full"}[kind])
+    boat = make_boat(goals="0:0")
+    boat.start()
+    boat.under_way(GUIDED)
+    restarted(boat)
+    boat.time.begin(boat.board, boat.process)
+    boat.run(5.0)
+    streams = [str(Path(f"/proc/{pid_of(boat)}/fd/{number}").readlink()) for number in range(3)]
+    assert not any("pts" in path or "socket" in path for path in streams)
+    if kind == "closed":
+        assert streams == ["/dev/null"] * 3
+    boat.finish()
+
+
+def test_an_error_inside_ends_her_with_the_rudder_safe_though_nobody_reads_of_it(make_boat, launch, stuck):
+    launch(stuck, python=["-c", CRASH])
+    boat = make_boat()
+    turned(boat)
+    boat.start()
+    assert ended(boat)[0] == 1
+    assert abs(boat.rudder_deg()) < AMIDSHIPS_DEG
+
+
+def test_signals_that_mean_nothing_do_not_end_or_halt_her(make_boat):
+    boat = make_boat()
+    boat.start()
+    boat.under_way(GUIDED)
+    for name in ("HUP", "TSTP", "USR1", "USR2", "ALRM", "IO", "PWR", "PIPE", "TTIN", "TTOU", "HUP", "TSTP"):
+        os.kill(pid_of(boat), getattr(signal, f"SIG{name}"))
+        boat.run(0.5)
+    told = [text for text in boat.texts_since(0.0) if text.endswith("she sails on")]
+    assert [text.split(":")[0] for text in told] == [
+        "SIGHUP",
+        "SIGTSTP",
+        "SIGUSR1",
+        "SIGUSR2",
+        "SIGALRM",
+        "SIGIO",
+        "SIGPWR",
+    ]
+    assert told[0] in boat.words()
+    boat.finish()
+
+
+@pytest.mark.parametrize("name", ["SIGQUIT", "SIGXCPU"])
+def test_other_signals_that_end_her_make_the_rudder_safe_too(make_boat, name):
+    boat = in_the_turn(make_boat(goals=TURN))
+    for _ in range(2):
+        os.kill(pid_of(boat), getattr(signal, name))
+    assert ended(boat)[0] == 0
+    assert abs(boat.rudder_deg()) < AMIDSHIPS_DEG
+
+
+@pytest.mark.parametrize("servo", ["dynamixel", "volz"])
+def test_she_ends_when_the_rudder_is_amidships_not_when_the_time_is_up(make_boat, servo):
+    boat = in_the_turn(make_boat(goals=TURN, servo=servo))
+    over_deg = abs(boat.rudder_deg())
+    boat.process.terminate()
+    code, took_s = ended(boat)
+    assert code == 0
+    assert abs(boat.rudder_deg()) < AMIDSHIPS_DEG
+    assert took_s < over_deg / SLEW_DEG_S + 0.35  # two readings a tenth of a second apart
+
+
+@pytest.mark.parametrize("servo", ["dynamixel", "volz"])
+def test_a_servo_that_does_not_answer_is_given_two_seconds(make_boat, servo):
+    boat = in_the_turn(make_boat(goals=TURN, servo=servo))
+    boat.lines["rudder"].unplug()
+    boat.process.terminate()
+    code, took_s = ended(boat)
+    assert code == 0
+    assert 1.9 < took_s < 2.3
+
+
+def test_told_to_end_while_she_starts_anew_she_does_so_in_good_order(make_boat):
+    boat = make_boat()
+    boat.start()
+    boat.under_way(GUIDED)
+    restarted(boat)
+    os.kill(pid_of(boat), signal.SIGHUP)
+    boat.process.terminate()
+    boat.time.begin(boat.board, boat.process)
+    assert ended(boat)[0] == 0
+
+
+def turned(boat):
+    """A rudder as an earlier process has left it that was killed."""
+    boat.world.shaft.set_torque(on=True)
+    boat.world.shaft.set_target(math.radians(25.0))
+    boat.world.advance_to(2.0)
+    assert boat.rudder_deg() > 20.0
+
+
+@pytest.mark.parametrize("servo", ["dynamixel", "volz"])
+def test_told_to_end_before_she_has_begun_she_makes_the_rudder_safe_first(make_boat, servo, monkeypatch):
+    boat = make_boat(servo=servo)
+    turned(boat)
+    accept = boat.time.begin
+
+    def begin(board, process):
+        give_up_s = time.monotonic() + PATIENCE_S
+        while not takes_signals(pid_of(boat)):  # the boat's clock still waits for us to answer
+            assert time.monotonic() < give_up_s
+            time.sleep(0.01)
+        process.terminate()
+        accept(board, process)
+
+    monkeypatch.setattr(boat.time, "begin", begin)
+    boat.start()
+    assert ended(boat)[0] == 0
+    assert abs(boat.rudder_deg()) < AMIDSHIPS_DEG

@@ -1,0 +1,82 @@
+"""Which signals end an autopilot and which do not."""
+
+import os
+import re
+import signal
+
+import pytest
+
+from firmware_py.system.signals import TABLE, Act, Signals
+from support.paths import ROOT
+
+# signal(7): these do nothing by themselves, these cannot be caught, and behind these there is nothing to go on with.
+HARMLESS = {signal.SIGCHLD, signal.SIGCONT, signal.SIGURG, signal.SIGWINCH}
+BEYOND = {signal.SIGKILL, signal.SIGSTOP}
+FATAL = {signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT, signal.SIGSYS, signal.SIGTRAP}
+REAL_TIME = range(signal.SIGRTMIN, signal.SIGRTMAX + 1)
+
+
+@pytest.fixture(autouse=True)
+def _given_back():
+    before = {number: signal.getsignal(number) for number in (*TABLE, *REAL_TIME)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def sent(*numbers):
+    """Send signals to this process, which takes them as an autopilot does."""
+    with Signals() as signals:
+        for number in numbers:
+            os.kill(os.getpid(), number)
+        told = [event.text for event in signals.take_events()]
+        assert signals.take_events() == ()
+    return signals.stopping, told
+
+
+def test_no_signal_is_left_to_the_kernel_that_would_end_or_halt_her():
+    assert set(signal.valid_signals()) - set(TABLE) - set(REAL_TIME) == HARMLESS | BEYOND | FATAL
+
+
+@pytest.mark.parametrize("number", [number for number, act in TABLE.items() if act is Act.STOP])
+def test_what_ends_her_in_good_order(number):
+    assert sent(number, number) == (True, [])
+    assert signal.getsignal(number) is signal.SIG_IGN  # one that comes late does not change the exit code
+
+
+@pytest.mark.parametrize("number", [number for number, act in TABLE.items() if act is Act.SAIL_ON])
+def test_what_means_nothing_is_told_once(number):
+    stopping, (told,) = sent(number, number)
+    assert not stopping
+    assert told.startswith(f"{number.name}: ")
+    assert told.endswith("she sails on")
+    assert len(told) <= 50
+
+
+def test_real_time_signals_mean_nothing():
+    assert sent(*REAL_TIME)[0] is False
+    assert sent(signal.SIGRTMIN + 3)[1] == ["SIGRTMIN+3: it means nothing here, she sails on"]
+
+
+def test_a_terminal_cannot_halt_who_writes_to_it():
+    # A handler would be called again at each attempt to write.
+    with Signals():
+        assert signal.getsignal(signal.SIGTTOU) is signal.SIG_IGN
+        assert signal.getsignal(signal.SIGTTIN) is signal.SIG_IGN
+
+
+def test_what_was_before_comes_back():
+    before = {number: signal.getsignal(number) for number in TABLE}
+    sent(signal.SIGHUP)
+    assert {number: signal.getsignal(number) for number in TABLE} == before
+
+
+def test_the_reference_says_the_same():
+    page = (ROOT / "docs" / "reference" / "command-line.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (SIG[^|]*?) \| ([^|]*?) \|$", page, re.MULTILINE)
+    said = {name: text for names, text in rows for name in re.findall(r"SIG\w+", names)}
+    for number, act in TABLE.items():
+        assert said[number.name].startswith(act.value), number.name
+    assert {name for name in said if name not in ("SIGRTMIN", "SIGRTMAX")} == {
+        number.name for number in {*TABLE, *HARMLESS, *BEYOND, *FATAL}
+    }
