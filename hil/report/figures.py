@@ -1,4 +1,4 @@
-"""The figures of a run, from the truth alone: pure functions on arrays.
+"""The figures of a run, from the truth alone, which comes in pieces: memory does not grow with its length.
 
 An error is heading less goal, so a boat that a rudder offset pushes to port of its goal
 has a negative mean. Headings are the hull's, without the yaw of the waves.
@@ -6,6 +6,8 @@ has a negative mean. Headings are the hull's, without the yaw of the waves.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -43,10 +45,26 @@ class GoalFigures:
     rudder_travel_deg_per_h: float
 
 
-def goal_figures(truth: Truth) -> tuple[GoalFigures, ...]:
-    """Return the figures of every goal in the truth that lasts for at least two rows."""
-    spans = goal_spans(truth.goal_rad)
-    return tuple(_figures_of(truth, first, last) for first, last in spans if last - first >= 2)
+@dataclass(frozen=True, slots=True)
+class _Span:
+    """Rows [first, last) of a truth, in which the goal is the same, and the times of the first and the last."""
+
+    first: int
+    last: int
+    goal_rad: float
+    start_s: float
+    end_s: float
+
+
+def goal_figures(truth: Iterable[Truth]) -> tuple[GoalFigures, ...]:
+    """Return the figures of every goal that lasts for at least two rows; the pieces are gone through twice."""
+    tallies = [_Tally(span) for span in _spans(truth) if span.last - span.first >= 2]
+    row = 0
+    for piece in truth:
+        for tally in tallies:
+            tally.add(piece, row)
+        row += piece.time_s.size
+    return tuple(tally.figures() for tally in tallies)
 
 
 def goal_spans(goal_rad: Array) -> list[tuple[int, int]]:
@@ -58,61 +76,157 @@ def goal_spans(goal_rad: Array) -> list[tuple[int, int]]:
     return [(first, last) for first, last in pairwise(bounds) if not np.isnan(goal_rad[first])]
 
 
+def _spans(truth: Iterable[Truth]) -> list[_Span]:
+    spans: list[_Span] = []
+    row = 0
+    for piece in truth:
+        for first, last in goal_spans(piece.goal_rad):
+            goal_rad = float(piece.goal_rad[first])
+            begun, start_s = row + first, float(piece.time_s[first])
+            if spans and (spans[-1].last, spans[-1].goal_rad) == (begun, goal_rad):
+                before = spans.pop()
+                begun, start_s = before.first, before.start_s
+            spans.append(_Span(begun, row + last, goal_rad, start_s, float(piece.time_s[last - 1])))
+        row += piece.time_s.size
+    return spans
+
+
+class RudderTravel:
+    """How far a rudder turns, up and down."""
+
+    def __init__(self) -> None:
+        """Begin before the first row."""
+        self._travel_rad = self._start_s = self._end_s = 0.0
+        self._last_rad: Array | None = None  # of one angle
+
+    def add(self, time_s: Array, rudder_rad: Array) -> None:
+        """Take the next rows."""
+        if time_s.size == 0:
+            return
+        if self._last_rad is None:
+            self._start_s = float(time_s[0])
+        else:
+            rudder_rad = np.concatenate((self._last_rad, rudder_rad))
+        self._travel_rad += float(np.sum(np.abs(np.diff(rudder_rad))))
+        self._last_rad, self._end_s = rudder_rad[-1:].copy(), float(time_s[-1])
+
+    def deg_per_h(self) -> float:
+        """By the hour; 0 for fewer than two rows."""
+        if self._end_s <= self._start_s:
+            return 0.0
+        return degrees(self._travel_rad) * SECONDS_PER_HOUR / (self._end_s - self._start_s)
+
+
 def rudder_travel_deg_per_h(time_s: Array, rudder_rad: Array) -> float:
     """Return how far the rudder turned, up and down, by the hour; 0 for fewer than two rows."""
-    if time_s.size < 2:
-        return 0.0
-    travel_rad = float(np.sum(np.abs(np.diff(rudder_rad))))
-    return degrees(travel_rad) * SECONDS_PER_HOUR / float(time_s[-1] - time_s[0])
+    travel = RudderTravel()
+    travel.add(time_s, rudder_rad)
+    return travel.deg_per_h()
 
 
-def steady_rudder_travel_deg_per_h(truth: Truth) -> float | None:
+def steady_rudder_travel_deg_per_h(goals: Sequence[GoalFigures]) -> float | None:
     """Return the rudder travel over the steady parts of all goals together; None without any."""
     travel_deg = hours = 0.0
-    for goal in goal_figures(truth):
+    for goal in goals:
         share_h = (goal.steady_to_s - goal.steady_from_s) / SECONDS_PER_HOUR
         travel_deg += goal.rudder_travel_deg_per_h * share_h
         hours += share_h
     return travel_deg / hours if hours > 0.0 else None
 
 
-def _figures_of(truth: Truth, first: int, last: int) -> GoalFigures:
-    time_s = truth.time_s[first:last]
-    error_rad = truth.heading_low_rad[first:last] - truth.goal_rad[first:last]
-    start_s, end_s = float(time_s[0]), float(time_s[-1])
-    length_s = end_s - start_s
-    steady_s = start_s + STEADY_AFTER_S if length_s > STEADY_AFTER_S else end_s - length_s / 3.0
-    steady = int(np.searchsorted(time_s, steady_s - 1e-9))
-    steady = min(steady, time_s.size - 2)
-    steady_rad = error_rad[steady:]
-    return GoalFigures(
-        t_s=start_s,
-        goal_deg=degrees(float(truth.goal_rad[first])),
-        step_deg=degrees(float(truth.goal_rad[first] - truth.heading_low_rad[first])),
-        steady_from_s=float(time_s[steady]),
-        steady_to_s=end_s,
-        overshoot_deg=degrees(overshoot_rad(error_rad[:steady])),
-        settling_s=settling_s(time_s, error_rad),
-        mean_error_deg=degrees(float(np.mean(steady_rad))),
-        rms_error_deg=degrees(float(np.sqrt(np.mean(np.square(steady_rad))))),
-        p95_error_deg=degrees(float(np.percentile(np.abs(steady_rad), 95.0))),
-        rudder_travel_deg_per_h=rudder_travel_deg_per_h(time_s[steady:], truth.rudder_rad[first + steady : last]),
-    )
+class _Tally:
+    """The figures of one goal while its rows go by."""
+
+    def __init__(self, span: _Span) -> None:
+        self._span = span
+        length_s = span.end_s - span.start_s
+        self._steady_s = span.start_s + STEADY_AFTER_S if length_s > STEADY_AFTER_S else span.end_s - length_s / 3.0
+        self._step_rad = self._overshoot_rad = self._sum_rad = self._sum_squares = 0.0
+        self._settled_s: float | None = span.start_s  # None while the boat is outside
+        self._steady_from_s = span.end_s
+        self._sizes = _Largest(span.last - span.first)
+        self._travel = RudderTravel()
+
+    def add(self, piece: Truth, row: int) -> None:
+        """Take the goal's rows out of a piece that begins at a row of the truth."""
+        first, last = max(self._span.first - row, 0), min(self._span.last - row, piece.time_s.size)
+        if first >= last:
+            return
+        time_s = piece.time_s[first:last]
+        error_rad = piece.heading_low_rad[first:last] - piece.goal_rad[first:last]
+        if row + first == self._span.first:
+            self._step_rad = self._span.goal_rad - float(piece.heading_low_rad[first])
+        if self._settled_s is None:
+            self._settled_s = float(time_s[0])
+        outside = np.flatnonzero(np.abs(error_rad) > SETTLED_RAD)
+        if outside.size:
+            self._settled_s = float(time_s[outside[-1] + 1]) if outside[-1] + 1 < time_s.size else None
+        # At least the last two rows are steady.
+        steady = int(np.searchsorted(time_s, self._steady_s - 1e-9))
+        steady = min(steady, max(self._span.last - 2 - row - first, 0))
+        self._overshoot_rad = max(self._overshoot_rad, _past_rad(error_rad[:steady], -self._step_rad))
+        if steady < time_s.size:
+            self._add_steady(time_s[steady:], error_rad[steady:], piece.rudder_rad[first + steady : last])
+
+    def _add_steady(self, time_s: Array, error_rad: Array, rudder_rad: Array) -> None:
+        if self._sizes.count == 0:
+            self._steady_from_s = float(time_s[0])
+        self._sum_rad += float(np.sum(error_rad))
+        self._sum_squares += float(np.sum(np.square(error_rad)))
+        self._sizes.add(np.abs(error_rad))
+        self._travel.add(time_s, rudder_rad)
+
+    def figures(self) -> GoalFigures:
+        """Return the figures, when all rows have gone by."""
+        span, count = self._span, self._sizes.count
+        return GoalFigures(
+            t_s=span.start_s,
+            goal_deg=degrees(span.goal_rad),
+            step_deg=degrees(self._step_rad),
+            steady_from_s=self._steady_from_s,
+            steady_to_s=span.end_s,
+            overshoot_deg=degrees(self._overshoot_rad),
+            settling_s=None if self._settled_s is None else self._settled_s - span.start_s,
+            mean_error_deg=degrees(self._sum_rad / count),
+            rms_error_deg=degrees(math.sqrt(self._sum_squares / count)),
+            p95_error_deg=degrees(self._sizes.percentile()),
+            rudder_travel_deg_per_h=self._travel.deg_per_h(),
+        )
+
+
+class _Largest:
+    """The 95th percentile of at most so many values: a twentieth of them is kept."""
+
+    PART = 0.95
+
+    def __init__(self, most: int) -> None:
+        self.count = 0
+        self._keep = math.ceil((1.0 - self.PART) * most) + 2
+        self._kept: Array = np.empty(0)
+
+    def add(self, values: Array) -> None:
+        """Take more values."""
+        self.count += values.size
+        self._kept = np.concatenate((self._kept, values))
+        if (surplus := self._kept.size - self._keep) > 0:
+            self._kept = np.partition(self._kept, surplus)[surplus:]
+
+    def percentile(self) -> float:
+        """Return the percentile, linear between neighbours."""
+        dropped = self.count - self._kept.size
+        ordered = np.sort(self._kept)
+        place = (self.count - 1) * self.PART
+        below = math.floor(place)
+        low, high = (float(ordered[min(index, self.count - 1) - dropped]) for index in (below, below + 1))
+        return low + (high - low) * (place - below)
 
 
 def overshoot_rad(error_rad: Array) -> float:
     """Return how far the error goes beyond zero, away from where it started; 0 for hardly any step."""
-    if error_rad.size == 0 or abs(error_rad[0]) < SETTLED_RAD:
-        return 0.0
-    past_rad = -np.sign(error_rad[0]) * error_rad
-    return max(0.0, float(np.max(past_rad)))
+    return _past_rad(error_rad, float(error_rad[0])) if error_rad.size else 0.0
 
 
-def settling_s(time_s: Array, error_rad: Array) -> float | None:
-    """Return when the error was outside of 3 deg for the last time, from the first row; None when it still is."""
-    outside = np.flatnonzero(np.abs(error_rad) > SETTLED_RAD)
-    if outside.size == 0:
+def _past_rad(error_rad: Array, start_rad: float) -> float:
+    if error_rad.size == 0 or abs(start_rad) < SETTLED_RAD:
         return 0.0
-    if outside[-1] == error_rad.size - 1:
-        return None
-    return float(time_s[outside[-1] + 1] - time_s[0])
+    return max(0.0, float(np.max(-math.copysign(1.0, start_rad) * error_rad)))

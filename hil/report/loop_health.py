@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from firmware_py.common.records import Tick
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.reader import read_log
 
@@ -25,15 +27,22 @@ class LoopHealth:
     note: str = ""
 
 
-def loop_health(late_s: Sequence[float], skipped: Sequence[int], *, lockstep: bool) -> LoopHealth:
-    """Sum up the ticks of a run."""
+def loop_health(ticks: Iterable[Tick], *, lockstep: bool) -> LoopHealth:
+    """Sum up the ticks of a run; 8 bytes are kept of each where lateness is measured."""
+    count = skipped = 0
+    late_s = array("d")
+    for tick in ticks:
+        count += 1
+        skipped += tick.skipped
+        if not lockstep:
+            late_s.append(tick.late_s)
     if lockstep:
-        return LoopHealth(len(late_s), sum(skipped), None, "in lockstep time stands still while the autopilot computes")
-    if not late_s:
+        return LoopHealth(count, skipped, None, "in lockstep time stands still while the autopilot computes")
+    if not count:
         return LoopHealth(0, 0, None, "no ticks in the onboard log")
     late_us = np.asarray(late_s) * MICROSECONDS
     figures = {name: round(float(np.percentile(late_us, part)), 1) for name, part in PERCENTILES}
-    return LoopHealth(len(late_s), sum(skipped), figures)
+    return LoopHealth(count, skipped, figures)
 
 
 def from_logs(directory: Path, *, lockstep: bool) -> LoopHealth | None:
@@ -42,7 +51,6 @@ def from_logs(directory: Path, *, lockstep: bool) -> LoopHealth | None:
     if not paths:
         return None
     try:
-        ticks = [logged.inputs.tick for path in paths for logged in read_log(path)]
+        return loop_health((logged.inputs.tick for path in paths for logged in read_log(path)), lockstep=lockstep)
     except LogError as error:
         return LoopHealth(0, 0, None, f"the onboard log cannot be read: {error}")
-    return loop_health([tick.late_s for tick in ticks], [tick.skipped for tick in ticks], lockstep=lockstep)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hil.report import page
+from hil.report.figures import goal_figures
 from hil.report.summary import Summary
 from hil.report.text import COLUMNS, goal_cells, loop_line
 from hil.ship.scenarios import Scenario
@@ -19,12 +20,12 @@ NOTE = (
 
 def write(run: Run, summary: Summary, directory: Path) -> Path:
     """Write run.png and report.html; return the path of the page."""
-    from hil.report.run_picture import draw  # noqa: PLC0415 - matplotlib is slow to import, not needed under way
+    from hil.report.run_picture import draw, thinned  # noqa: PLC0415 - matplotlib is slow to import, not needed under way
 
     options = run.options
     title = f"{options.scenario.name}: {options.scenario.text}"
     picture = directory / "run.png"
-    draw(run.truth.table(), title, picture)
+    draw(thinned(run.truth, run.truth.rows), goal_figures(run.truth), title, picture)
     path = directory / "report.html"
     path.write_text(_page(run, summary, title, picture.read_bytes()), encoding="utf-8")
     return path

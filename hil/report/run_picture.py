@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firmware_py.common.angles import DEGREES_PER_RADIAN
-from hil.report.figures import STEADY_AFTER_S, goal_figures, goal_spans
+from hil.report.figures import STEADY_AFTER_S, GoalFigures, goal_spans
 from hil.report.style import (
     BAND,
     COMMAND,
@@ -24,22 +26,46 @@ from hil.report.style import (
     name_panel,
     new_figure,
 )
-from hil.sim.truth import Truth
+from hil.sim.truth import COLUMNS, Array, Truth
 
 SIZE_INCHES = (13.0, 8.4)
 TABLE_ROWS = 4
+WHOLE_ROWS = 20_000  # a truth of no more is drawn whole
+MOST_POINTS = 4000  # of a line that is thinned: two for each dot of the picture and more
 
 
-def draw(truth: Truth, title: str, path: Path) -> None:
-    """Write the picture as a PNG file."""
+def draw(truth: Truth, goals: Sequence[GoalFigures], title: str, path: Path) -> None:
+    """Write the picture of a truth of any number of rows, best of a thinned one, as a PNG file."""
     figure = new_figure(title, *SIZE_INCHES)
     left, right = figure.subfigures(1, 2, width_ratios=(2.2, 1.0))
     _panels(left, truth)
     track, table = right.subplots(2, 1, height_ratios=(4.0, 1.0))
-    _track(track, truth)
+    _track(track, truth, goals)
     finish(track)
-    _table(table, truth)
+    _table(table, goals)
     figure.savefig(path)
+
+
+def thinned(truth: Iterable[Truth], rows: int) -> Truth:
+    """Return few rows where there are many: of each column the least and the greatest of every so many, in order.
+
+    No peak is lost, and nothing is moved by more than the width of a line.
+    """
+    every = 1 if rows <= WHOLE_ROWS else 2 * math.ceil(rows / MOST_POINTS)
+    kept = [[_extremes(getattr(piece, name), every) for name in COLUMNS] for piece in truth]
+    return Truth(*(np.concatenate(column) for column in zip(*kept, strict=True)))
+
+
+def _extremes(values: Array, every: int) -> Array:
+    if every == 1:
+        return values
+    whole = values.size // every * every
+    parts = [values[:whole].reshape(-1, every), values[np.newaxis, whole:]]
+    return np.concatenate([np.take_along_axis(bins, _places(bins), axis=1).ravel() for bins in parts if bins.size])
+
+
+def _places(bins: Array) -> NDArray[np.intp]:
+    return np.sort(np.stack((np.argmin(bins, axis=1), np.argmax(bins, axis=1)), axis=1), axis=1)
 
 
 def _panels(figure: Any, truth: Truth) -> None:
@@ -91,12 +117,12 @@ def _rudder(axes: Any, truth: Truth) -> None:
     add_headroom(axes)
 
 
-def _track(axes: Any, truth: Truth) -> None:
+def _track(axes: Any, truth: Truth, goals: Sequence[GoalFigures]) -> None:
     axes.plot(truth.east_m, truth.north_m, color=HULL, lw=1.8)
     axes.plot(truth.east_m[:1], truth.north_m[:1], "o", color=HULL, ms=6)
     axes.annotate("start", (truth.east_m[0], truth.north_m[0]), (7, -3), textcoords="offset points", color=INK)
     middle_m = 0.5 * (float(np.min(truth.east_m)) + float(np.max(truth.east_m)))
-    for figures in goal_figures(truth):
+    for figures in goals:
         row = int(np.searchsorted(truth.time_s, figures.t_s))
         if abs(figures.step_deg) < 1.0:
             continue
@@ -116,10 +142,10 @@ def _track(axes: Any, truth: Truth) -> None:
     name_panel(axes, "track over the ground", x="east, m", y="north, m")
 
 
-def _table(axes: Any, truth: Truth) -> None:
+def _table(axes: Any, goals: Sequence[GoalFigures]) -> None:
     """Write the figures that matter beside the lines they come from."""
     rows = [("goal", "overshoot", "settled", "rms error")]
-    for goal in goal_figures(truth)[:TABLE_ROWS]:
+    for goal in goals[:TABLE_ROWS]:
         settled = "never" if goal.settling_s is None else f"{goal.settling_s:.0f} s"
         rows.append((f"{goal.goal_deg:.0f}°", f"{goal.overshoot_deg:.2f}°", settled, f"{goal.rms_error_deg:.2f}°"))
     for line, row in enumerate(rows):

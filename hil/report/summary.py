@@ -9,7 +9,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from hil.report.figures import goal_figures, rudder_travel_deg_per_h, steady_rudder_travel_deg_per_h
+from hil.report.figures import RudderTravel, goal_figures, steady_rudder_travel_deg_per_h
 from hil.report.loop_health import from_logs
 from hil.sim.runner import STATE, Run
 
@@ -21,9 +21,12 @@ Summary = dict[str, Any]
 def summarise(run: Run) -> Summary:
     """Return the content of summary.json; errors are heading less goal, of the hull's low-frequency heading."""
     options = run.options
-    truth = run.truth.table()
+    figures = goal_figures(run.truth)
+    travel = RudderTravel()
+    for piece in run.truth:
+        travel.add(piece.time_s, piece.rudder_rad)
     accepted = {order.goal.t_s: order.accepted_s for order in run.orders if order.goal is not None}
-    goals = [asdict(figures) for figures in goal_figures(truth)]
+    goals = [asdict(one) for one in figures]
     for goal in goals:
         goal["accepted_s"] = next((at_s for t_s, at_s in accepted.items() if abs(t_s - goal["t_s"]) <= 0.1), None)
     health = from_logs(options.out / STATE / "logs", lockstep=options.lockstep)
@@ -35,8 +38,8 @@ def summarise(run: Run) -> Summary:
         "servo": options.vehicle.rudder.driver,
         "settings": {**options.vehicle.parameters, **options.settings},
         "goals": goals,
-        "rudder_travel_deg_per_h": steady_rudder_travel_deg_per_h(truth),
-        "rudder_travel_whole_deg_per_h": rudder_travel_deg_per_h(truth.time_s, truth.rudder_rad),
+        "rudder_travel_deg_per_h": steady_rudder_travel_deg_per_h(figures),
+        "rudder_travel_whole_deg_per_h": travel.deg_per_h(),
         "loop": None if health is None else asdict(health),
         "lockstep": options.lockstep,
         "speed_ratio": run.speed_ratio,

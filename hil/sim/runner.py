@@ -25,7 +25,7 @@ from hil.sim.lockstep import LockstepError, LockstepServer
 from hil.sim.pace import Pacer
 from hil.sim.process import AutopilotProcess
 from hil.sim.realtime import RealTimeServer
-from hil.sim.truth import TruthRecorder
+from hil.sim.truth import TruthFile
 from hil.sim.vehicle_file import file_text, model_of, mounting_of, standard_vehicle
 from hil.sim.world import START_UTC_S, World
 
@@ -62,20 +62,28 @@ class Run:
     """What came of a run: the truth, the operator's orders and how long it took."""
 
     options: RunOptions
-    truth: TruthRecorder
+    truth: TruthFile
     orders: tuple[Order, ...]
     wall_s: float
 
     @property
     def speed_ratio(self) -> float:
         """Simulated by real seconds."""
-        return self.truth.rows[-1][0] / self.wall_s if self.wall_s > 0.0 else math.nan
+        return self.truth.end_s / self.wall_s if self.wall_s > 0.0 else math.nan
 
 
 def run(options: RunOptions) -> Run:
-    """Make a run and write its truth.csv; HilError when it fails, the truth so far is written then too."""
+    """Make a run and write its truth.csv as it goes; HilError when it fails, the truth so far is there then too."""
     prepare_directory(options.out)
     _copy_state(options)
+    truth = TruthFile(options.out / TRUTH_FILE)
+    try:
+        return _made(options, truth)
+    finally:
+        truth.close()
+
+
+def _made(options: RunOptions, truth: TruthFile) -> Run:
     try:
         world = World(
             options.scenario,
@@ -84,24 +92,22 @@ def run(options: RunOptions) -> Run:
             end_s=options.seconds,
             model=model_of(options.vehicle),
             mounting=mounting_of(options.vehicle),
+            truth=truth,
         )
     except ValueError as error:
         raise UsageError(f"the vehicle file describes no ship: {error}") from None
     station = GroundStation(options.goals, options.mode)
     devices = {**emulators(world, options.vehicle, options.seed), "link": station}
     send = PtyLine.deliver if options.lockstep else PtyLine.write
-    try:
-        with (
-            _interruptible(),
-            tempfile.TemporaryDirectory(prefix="rambler-") as directory,
-            Board(world, devices, Path(directory), send) as board,
-        ):
-            wall_s = _Run(options, board, station, Path(directory)).make()
-    finally:
-        world.truth.write(options.out / TRUTH_FILE)
+    with (
+        _interruptible(),
+        tempfile.TemporaryDirectory(prefix="rambler-") as directory,
+        Board(world, devices, Path(directory), send) as board,
+    ):
+        wall_s = _Run(options, board, station, Path(directory)).make()
     if complaint := station.verdict():
         raise HilError(f"{complaint}; see {options.out / FIRMWARE_LOG}")
-    return Run(options, world.truth, station.orders, wall_s)
+    return Run(options, truth, station.orders, wall_s)
 
 
 def prepare_directory(out: Path) -> None:

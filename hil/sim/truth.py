@@ -1,14 +1,19 @@
-"""What really happened: one row every tenth of a second, kept by the world and written as truth.csv."""
+"""What really happened: one row every tenth of a second, written to truth.csv as the run goes."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hil.errors import HilError
 
 COLUMNS = (
     "time_s",
@@ -23,26 +28,63 @@ COLUMNS = (
     "speed_m_s",
 )
 ROWS_PER_SECOND = 10
+PIECE_ROWS = 4096
 
 Row = tuple[float, float, float, float, float, float, float | None, float, float, float]
 Array = NDArray[np.float64]
 
 
-@dataclass(slots=True)
-class TruthRecorder:
-    """The rows of a run, in order of time; a goal not yet given is None."""
+class Rows(Protocol):
+    """What takes the rows of a run in order of time, a file or a list; a goal not yet given is None."""
 
-    rows: list[Row] = field(default_factory=list)
+    def append(self, row: Row, /) -> None:
+        """Take the next row."""
 
-    def write(self, path: Path) -> None:
-        """Write the contract's CSV."""
-        with path.open("w", newline="\n", encoding="ascii") as file:
-            file.write(",".join(COLUMNS) + "\n")
-            file.writelines(_line(row) for row in self.rows)
+
+class TruthFile:
+    """truth.csv, written while the run goes on and read in pieces: only the file grows with the length of a run.
+
+    Iterating yields what has been written in pieces of PIECE_ROWS, as often as it is done. HilError when the file
+    cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Begin a new file."""
+        self.rows = 0
+        self.end_s = 0.0  # the time of the last row
+        self._path = path
+        try:
+            self._file = path.open("w", newline="\n", encoding="ascii")
+        except OSError as error:
+            raise self._failure(error) from None
+        self._file.write(",".join(COLUMNS) + "\n")
+
+    def append(self, row: Row, /) -> None:
+        """Write a row."""
+        try:
+            self._file.write(_line(row))
+        except OSError as error:
+            raise self._failure(error) from None
+        self.rows += 1
+        self.end_s = row[0]
+
+    def close(self) -> None:
+        """Write out what is left and close the file; it can be read on."""
+        try:
+            self._file.close()
+        except OSError as error:
+            raise self._failure(error) from None
+
+    def __iter__(self) -> Iterator[Truth]:
+        """Yield the file in pieces; after its end."""
+        return pieces(self._path)
 
     def table(self) -> Truth:
-        """Return the rows as arrays."""
-        return _truth(self.rows)
+        """Return the whole file as arrays, after its end; they take 80 bytes a row."""
+        return read(self._path)
+
+    def _failure(self, error: OSError) -> HilError:
+        return HilError(f"{self._path} cannot be written: {error.strerror}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,16 +103,23 @@ class Truth:
     speed_m_s: Array
 
 
-def read(path: Path) -> Truth:
-    """Read a truth.csv; ValueError when it is none."""
+def pieces(path: Path, rows: int = PIECE_ROWS) -> Iterator[Truth]:
+    """Yield a truth.csv in pieces of so many rows, the last one shorter; ValueError when it is none."""
     with path.open(newline="", encoding="ascii") as file:
         reader = csv.reader(file)
         if tuple(next(reader, [])) != COLUMNS:
             raise ValueError(f"{path}: not a truth.csv; expected the columns {', '.join(COLUMNS)}")
-        return _truth([float(text) if text else None for text in row] for row in reader)
+        while some := list(islice(reader, rows)):
+            yield _truth([float(text) if text else math.nan for text in row] for row in some)
 
 
-def _truth(rows: Iterable[Iterable[float | None]]) -> Truth:
+def read(path: Path) -> Truth:
+    """Read a whole truth.csv; ValueError when it is none."""
+    parts = list(pieces(path)) or [_truth(())]
+    return Truth(*(np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS))
+
+
+def _truth(rows: Iterable[Iterable[float]]) -> Truth:
     values = np.array(list(rows), dtype=np.float64).reshape(-1, len(COLUMNS))
     return Truth(*values.T.copy())
 

@@ -13,7 +13,7 @@ from hil.ship.hull import GRID_S, STEPS_PER_SECOND, Hull
 from hil.ship.scenarios import Scenario
 from hil.ship.servo import ServoShaft
 from hil.sim.goals import Goal
-from hil.sim.truth import ROWS_PER_SECOND, TruthRecorder
+from hil.sim.truth import ROWS_PER_SECOND, Row, Rows
 
 START_UTC_S = 1_767_225_600.0  # 2026-01-01 00:00:00
 START_LATITUDE_DEG = 36.0
@@ -67,7 +67,7 @@ class World:
     """Everything outside the electronics; fulfils Attitude and Whereabouts for the emulators.
 
     `advance_to` moves all of it to a moment; the emulators then read and act at that
-    moment. `end_s` is where the recording of the truth stops.
+    moment. `end_s` is where the recording of the truth stops, which goes to `truth`: a list, if nothing is given.
     """
 
     def __init__(
@@ -79,6 +79,7 @@ class World:
         end_s: float = math.inf,
         model: KtModel = OCEAN_RAMBLER,
         mounting: Mounting | None = None,
+        truth: Rows | None = None,
     ) -> None:
         """Lie at the start at time 0 with the rudder amidships; ValueError for a model that is no ship."""
         self._mounting = mounting or Mounting()
@@ -87,7 +88,8 @@ class World:
             angle_rad=centre_rad, low_stop_rad=centre_rad - STOP_RAD, high_stop_rad=centre_rad + STOP_RAD
         )
         self.shaft = CommandedShaft(self._mechanics)
-        self.truth = TruthRecorder()
+        no_rows: list[Row] = []
+        self.truth: Rows = no_rows if truth is None else truth
         self.rudder_grip = 1.0  # how much of the rudder angle turns the boat: 0 when its blade is gone
         self.jam, self.free = self._mechanics.jam, self._mechanics.free
         self._hull = Hull(scenario, model, seed)
@@ -174,7 +176,7 @@ class World:
         while self._goals and self._goals[-1].t_s <= time_s:
             goal_rad = self._goals.pop().heading_rad
             self._goal_rad = goal_rad + TWO_PI * round((heading_low_rad - goal_rad) / TWO_PI)
-        self.truth.rows.append(
+        self.truth.append(
             (
                 time_s,
                 heading_low_rad,

@@ -25,7 +25,7 @@ def sailed(cuts: list[float], orders: list[tuple[float, float]]) -> tuple[list[o
     world.advance_to(LOOK_S)
     seen = (world.heading_rad(), world.yaw_rate_rad_s(), world.latitude_deg(), world.longitude_deg())
     world.advance_to(END_S)
-    return world.truth.rows, seen
+    return world.truth, seen
 
 
 @settings(max_examples=30, deadline=None)

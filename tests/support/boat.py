@@ -297,4 +297,4 @@ class Boat:
 
     def track(self, from_s):
         """Time, north and east of the start [s, m, m] in rows, since a moment."""
-        return np.array([(row[0], row[7], row[8]) for row in self.world.truth.rows if row[0] >= from_s])
+        return np.array([(row[0], row[7], row[8]) for row in self.world.truth if row[0] >= from_s])

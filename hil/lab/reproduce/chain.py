@@ -175,5 +175,5 @@ def _voyages(effort: Effort, out: Path, seed: int, model: KtModel, tuned: Tuned,
             settings={**model_settings(model), **FIXED_GAINS, **gains},
         )
         truth = sail_autopilot(options).truth.table()
-        voyages.append(Voyage(sea, name, truth, goal_figures(truth)))
+        voyages.append(Voyage(sea, name, truth, goal_figures((truth,))))
     return tuple(voyages)

@@ -1,20 +1,20 @@
 """The figures of hand-made truths."""
 
 import math
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
-from firmware_py.common.angles import radians
+from firmware_py.common.records import Tick
 from hil.report.figures import (
     goal_figures,
     goal_spans,
     rudder_travel_deg_per_h,
-    settling_s,
     steady_rudder_travel_deg_per_h,
 )
 from hil.report.loop_health import from_logs, loop_health
-from hil.sim.truth import Truth
+from hil.sim.truth import COLUMNS, Truth
 
 
 def truth(heading_deg, goal_deg, rudder_deg=None) -> Truth:
@@ -23,6 +23,10 @@ def truth(heading_deg, goal_deg, rudder_deg=None) -> Truth:
     rudder = zero if rudder_deg is None else np.radians(np.asarray(rudder_deg, dtype=float))
     goal = np.radians(np.asarray(goal_deg, dtype=float))
     return Truth(np.arange(heading.size) / 10.0, heading, heading, zero, rudder, rudder, goal, zero, zero, zero)
+
+
+def tick(late_s, skipped=0):
+    return Tick(0, 0.0, late_s, skipped, 10.0)
 
 
 def step_to(final_deg: float, past_deg: float, seconds: float, steady_deg: float) -> list[float]:
@@ -40,7 +44,7 @@ def step_to(final_deg: float, past_deg: float, seconds: float, steady_deg: float
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_step_with_overshoot_and_a_steady_error(sign):
     heading = [sign * value for value in step_to(60.0, 4.0, 400.0, -1.5)]
-    (figures,) = goal_figures(truth(heading, [sign * 60.0] * 4000))
+    (figures,) = goal_figures((truth(heading, [sign * 60.0] * 4000),))
     assert figures.step_deg == pytest.approx(sign * 60.0)
     assert figures.overshoot_deg == pytest.approx(4.0)
     assert figures.mean_error_deg == pytest.approx(-1.5 * sign)
@@ -53,14 +57,14 @@ def test_a_step_with_overshoot_and_a_steady_error(sign):
 
 
 def test_no_overshoot_when_she_stays_short_and_no_settling_when_she_stays_outside():
-    (figures,) = goal_figures(truth(np.linspace(0.0, 50.0, 3000), [60.0] * 3000))
+    (figures,) = goal_figures((truth(np.linspace(0.0, 50.0, 3000), [60.0] * 3000),))
     assert figures.overshoot_deg == 0.0
     assert figures.settling_s is None
 
 
 def test_a_goal_without_a_step_has_no_overshoot_and_is_settled_at_once():
     heading = 1.0 + np.sin(np.arange(3000) / 50.0)
-    (figures,) = goal_figures(truth(heading, [0.0] * 3000))
+    (figures,) = goal_figures((truth(heading, [0.0] * 3000),))
     assert figures.overshoot_deg == 0.0
     assert figures.settling_s == 0.0
 
@@ -68,13 +72,13 @@ def test_a_goal_without_a_step_has_no_overshoot_and_is_settled_at_once():
 def test_each_goal_has_its_own_span_and_rows_before_the_first_are_left_out():
     goal = [math.nan] * 10 + [0.0] * 20 + [60.0] * 30 + [-90.0]
     assert goal_spans(np.radians(goal)) == [(10, 30), (30, 60), (60, 61)]
-    figures = goal_figures(truth([0.0] * 61, goal))
+    figures = goal_figures((truth([0.0] * 61, goal),))
     assert [round(each.goal_deg) for each in figures] == [0, 60]
     assert [each.t_s for each in figures] == [1.0, 3.0]
 
 
 def test_a_short_goal_is_steady_in_its_last_third():
-    (figures,) = goal_figures(truth([0.0] * 901, [0.0] * 901))
+    (figures,) = goal_figures((truth([0.0] * 901, [0.0] * 901),))
     assert figures.steady_from_s == pytest.approx(60.0)
 
 
@@ -83,25 +87,42 @@ def test_rudder_travel_counts_both_ways_and_only_the_steady_part():
     assert rudder_travel_deg_per_h(np.arange(4001) / 10.0, np.radians(triangle)) == pytest.approx(10.0 * 3600.0)
     moved_early = np.where(np.arange(4001) < 1000, triangle, 0.0)
     made = truth([0.0] * 4001, [0.0] * 4001, moved_early)
-    assert steady_rudder_travel_deg_per_h(made) == 0.0
+    assert steady_rudder_travel_deg_per_h(goal_figures((made,))) == 0.0
     assert rudder_travel_deg_per_h(made.time_s, made.rudder_rad) > 0.0
 
 
 def test_nothing_gives_nothing():
-    assert goal_figures(truth([], [])) == ()
-    assert steady_rudder_travel_deg_per_h(truth([0.0], [math.nan])) is None
-    assert settling_s(np.arange(3.0), np.full(3, radians(3.1))) is None
+    assert goal_figures((truth([], []),)) == ()
+    assert steady_rudder_travel_deg_per_h(goal_figures((truth([0.0], [math.nan]),))) is None
+
+
+@pytest.mark.parametrize("rows", [1, 7, 64, 1001, 5000])
+def test_pieces_have_the_figures_of_the_whole(rows):
+    chances = np.random.default_rng(rows)
+    goal = [math.nan] * 9 + [0.0] * 2300 + [40.0] * 1 + [60.0] * 31 + [-90.0] * 4000 + [0.0] * 2
+    heading = np.asarray(goal) + 20.0 * np.exp(-np.arange(len(goal)) / 900.0) + chances.normal(0.0, 2.0, len(goal))
+    whole = truth(np.nan_to_num(heading), goal, chances.normal(0.0, 5.0, len(goal)))
+    cuts = range(0, len(goal), rows)
+    pieces = [Truth(*(getattr(whole, name)[cut : cut + rows] for name in COLUMNS)) for cut in cuts]
+    found = goal_figures(pieces)
+    assert [round(one.goal_deg) for one in found] == [0, 60, -90, 0]
+    for one, expected in zip(found, goal_figures((whole,)), strict=True):
+        assert one.settling_s == expected.settling_s
+        numbers, others = (list(asdict(replace(each, settling_s=0.0)).values()) for each in (one, expected))
+        assert numbers == pytest.approx(others, rel=1e-12)
+    steady = np.degrees(np.abs(whole.heading_low_rad - whole.goal_rad))[9 + 2332 + 2000 : 9 + 2332 + 4000]
+    assert found[2].p95_error_deg == pytest.approx(np.percentile(steady, 95.0), rel=1e-12)
 
 
 def test_lateness_percentiles_in_microseconds():
-    health = loop_health([k * 1e-6 for k in range(1001)], [0] * 1000 + [2], lockstep=False)
+    health = loop_health([tick(k * 1e-6, 2 * (k == 1000)) for k in range(1001)], lockstep=False)
     assert (health.ticks, health.skipped) == (1001, 2)
     assert health.lateness_us == {"p50": 500.0, "p99": 990.0, "p99.9": 999.0, "max": 1000.0}
 
 
 def test_lockstep_has_no_lateness_and_says_why(tmp_path):
-    health = loop_health([0.0] * 5, [0] * 5, lockstep=True)
+    health = loop_health([tick(0.0)] * 5, lockstep=True)
     assert health.lateness_us is None
     assert "lockstep" in health.note
-    assert loop_health([], [], lockstep=False).lateness_us is None
+    assert loop_health([], lockstep=False).lateness_us is None
     assert from_logs(tmp_path, lockstep=True) is None

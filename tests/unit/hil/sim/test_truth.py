@@ -1,35 +1,80 @@
 """truth.csv, written and read."""
 
+import contextlib
 import math
+import tracemalloc
+from collections import deque
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hil.sim.truth import COLUMNS, TruthRecorder, read
+from hil.errors import HilError
+from hil.sim.truth import COLUMNS, PIECE_ROWS, TruthFile, read
+
+ROW = (0.1, 12.3456789, 0.2, -0.3, 0.4, 0.5, math.pi, 6.0, 7.0, 0.4)
 
 
-def test_a_file_reads_back_and_an_absent_goal_is_an_empty_field(tmp_path):
-    recorder = TruthRecorder()
-    recorder.rows.append((0.0, 0.1, 0.2, -0.3, 0.4, 0.5, None, 6.0, 7.0, 0.4))
-    recorder.rows.append((0.1, 12.3456789, 0.2, -0.3, 0.4, 0.5, math.pi, 6.0, 7.0, 0.4))
+@pytest.fixture
+def truth(tmp_path):
+    file = TruthFile(tmp_path / "truth.csv")
+    yield file
+    file.close()
+
+
+def test_a_file_reads_back_and_an_absent_goal_is_an_empty_field(truth, tmp_path):
+    truth.append((0.0, 0.1, 0.2, -0.3, 0.4, 0.5, None, 6.0, 7.0, 0.4))
+    truth.append(ROW)
+    truth.close()
     path = tmp_path / "truth.csv"
-    recorder.write(path)
     lines = path.read_text().splitlines()
     assert lines[0] == (
         "time_s,heading_low_rad,heading_rad,yaw_rate_rad_s,rudder_rad,rudder_command_rad,goal_rad,north_m,east_m,speed_m_s"
     )
     assert lines[1] == "0.0,0.1,0.2,-0.3,0.4,0.5,,6,7,0.4"
-    for found in (read(path), recorder.table()):
+    assert (truth.rows, truth.end_s) == (2, 0.1)
+    for found in (read(path), truth.table()):
         assert np.isnan(found.goal_rad[0])
         assert found.goal_rad[1] == pytest.approx(math.pi, abs=1e-8)
         assert found.heading_low_rad[1] == pytest.approx(12.3456789)
 
 
-def test_an_empty_run_is_a_table_without_rows(tmp_path):
-    recorder = TruthRecorder()
-    recorder.write(tmp_path / "truth.csv")
+def test_an_empty_run_is_a_table_without_rows(truth, tmp_path):
+    truth.close()
     assert read(tmp_path / "truth.csv").time_s.size == 0
     assert len(COLUMNS) == 10
+    assert list(truth) == []
+
+
+def test_the_pieces_are_the_whole_as_often_as_they_are_read(truth):
+    for number in range(2 * PIECE_ROWS + 5):
+        truth.append((number / 10, *ROW[1:]))
+    truth.close()
+    for _ in range(2):
+        assert [piece.time_s.size for piece in truth] == [PIECE_ROWS, PIECE_ROWS, 5]
+    assert np.array_equal(np.concatenate([piece.time_s for piece in truth]), np.arange(2 * PIECE_ROWS + 5) / 10)
+
+
+def test_a_long_run_keeps_nothing_in_memory(truth):
+    """What a recorder of rows keeps is 300 bytes a row."""
+    truth.append(ROW)
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        for number in range(20_000):
+            truth.append((number / 10, *ROW[1:]))
+        grown = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+    assert grown < 20_000
+
+
+def test_a_full_disk_is_one_line():
+    file = TruthFile(Path("/dev/full"))
+    with pytest.raises(HilError, match=r"/dev/full cannot be written: No space left"):
+        deque(map(file.append, [ROW] * 1000), maxlen=0)
+    with contextlib.suppress(HilError):
+        file.close()
 
 
 def test_another_file_is_refused(tmp_path):

@@ -22,7 +22,7 @@ def pulled(world: World, shaft_deg: float) -> World:
 def test_positive_rudder_turns_her_to_starboard_and_the_track_follows():
     world = pulled(World(CALM, 1), 20.0)
     world.advance_to(60.0)
-    row = world.truth.rows[-1]
+    row = world.truth[-1]
     assert row[0] == 60.0
     assert degrees(row[3]) == pytest.approx(0.9752, abs=1e-3)
     assert 0.8 < row[1] < 1.1
@@ -36,7 +36,7 @@ def test_positive_rudder_turns_her_to_starboard_and_the_track_follows():
 def test_a_full_circle_has_the_papers_radius():
     world = pulled(World(CALM, 1), 30.0)
     world.advance_to(400.0)
-    rows = [row for row in world.truth.rows if row[0] > 100.0]
+    rows = [row for row in world.truth if row[0] > 100.0]
     east = [row[8] for row in rows]
     assert (max(east) - min(east)) / 2.0 == pytest.approx(15.76, abs=0.02)
 
@@ -44,7 +44,7 @@ def test_a_full_circle_has_the_papers_radius():
 def test_the_servo_slews_and_command_and_angle_are_told_apart():
     world = pulled(World(CALM, 1), 30.0)
     world.advance_to(0.5)
-    row = world.truth.rows[-1]
+    row = world.truth[-1]
     assert degrees(row[4]) == pytest.approx(15.0, abs=1e-9)
     assert degrees(row[5]) == pytest.approx(30.0, abs=1e-9)
 
@@ -53,7 +53,7 @@ def test_the_current_sets_her_and_shows_in_course_and_speed_over_ground():
     drifting = Scenario("drift", "", 0.4, 0.0, 0.0, 0.0, 0.0, current_m_s=0.3, current_toward_deg=90.0)
     world = World(drifting, 1)
     world.advance_to(10.0)
-    assert world.truth.rows[-1][7:] == pytest.approx((4.0, 3.0, 0.4))
+    assert world.truth[-1][7:] == pytest.approx((4.0, 3.0, 0.4))
     assert world.speed_over_ground_m_s() == pytest.approx(0.5)
     assert world.course_over_ground_rad() == pytest.approx(math.atan2(0.3, 0.4))
 
@@ -61,13 +61,13 @@ def test_the_current_sets_her_and_shows_in_course_and_speed_over_ground():
 def test_rows_stand_on_the_tenths_and_stop_at_the_end():
     world = World(CALM, 1, end_s=3.05)
     world.advance_to(100.0)
-    assert [row[0] for row in world.truth.rows] == [k / 10 for k in range(31)]
+    assert [row[0] for row in world.truth] == [k / 10 for k in range(31)]
 
 
 def test_goals_appear_when_due_on_the_nearest_turn():
     world = pulled(World(CALM, 1, parse_goals("1:0,400:10,401:-170")), 30.0)
     world.advance_to(402.0)
-    by_time = {row[0]: row for row in world.truth.rows}
+    by_time = {row[0]: row for row in world.truth}
     assert by_time[0.9][6] is None
     assert by_time[1.0][6] == 0.0
     turned = by_time[400.0]
@@ -79,8 +79,8 @@ def test_goals_appear_when_due_on_the_nearest_turn():
 def test_wave_yaw_is_seen_by_the_compass_but_is_not_in_the_hulls_heading():
     world = World(scenarios.named("swell"), 1)
     world.advance_to(100.0)
-    assert any(abs(row[2] - row[1]) > radians(10.0) for row in world.truth.rows)
-    jumps = [abs(b[1] - a[1]) for a, b in zip(world.truth.rows, world.truth.rows[1:], strict=False)]
+    assert any(abs(row[2] - row[1]) > radians(10.0) for row in world.truth)
+    jumps = [abs(b[1] - a[1]) for a, b in zip(world.truth, world.truth[1:], strict=False)]
     assert max(jumps) < radians(0.2)
 
 
@@ -92,8 +92,8 @@ def test_a_mounting_is_seen_by_devices_and_not_by_the_truth():
     pulled(world, -5.0)
     world.advance_to(5.0)
     assert degrees(world.rudder_rad()) == pytest.approx(10.0)
-    assert degrees(world.truth.rows[-1][4]) == pytest.approx(10.0)
-    assert world.truth.rows[-1][1] > 0.0
+    assert degrees(world.truth[-1][4]) == pytest.approx(10.0)
+    assert world.truth[-1][1] > 0.0
 
 
 def test_time_does_not_run_back():

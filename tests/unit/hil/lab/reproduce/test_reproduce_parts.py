@@ -64,11 +64,11 @@ def test_the_largest_steady_error_leaves_the_turn_out():
     error_deg = np.where(np.arange(4000) < 1000, 50.0, -0.5)
     error_deg[3000] = 2.5
     sailed = truth(error_deg)
-    voyage = Voyage("tank", "paper", sailed, goal_figures(sailed))
+    voyage = Voyage("tank", "paper", sailed, goal_figures((sailed,)))
     assert voyage.largest_error_deg == pytest.approx(2.5)
     assert table._voyage_row(voyage).verdict is Verdict.MATCHES
     error_deg[3500] = -3.2
-    voyage = Voyage("tank", "paper", truth(error_deg), goal_figures(truth(error_deg)))
+    voyage = Voyage("tank", "paper", truth(error_deg), goal_figures((truth(error_deg),)))
     assert table._voyage_row(voyage).verdict is Verdict.MISSES
 
 
