@@ -1,7 +1,8 @@
 """A hostile correspondent: pours seeded bytes into a link, as fast as told, in one way after another.
 
 `python flood.py udp|tcp PORT SECONDS` or `python flood.py pty DESCRIPTOR SECONDS`; prints, as JSON,
-how many bytes the link took.
+how many bytes the link took. `python flood.py disk DIRECTORY SECONDS` writes there and waits for the
+disk, over and over, and prints how many bytes it took.
 """
 
 import errno
@@ -11,6 +12,7 @@ import random
 import select
 import socket
 import sys
+import tempfile
 import time
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -21,6 +23,7 @@ STEP_S = 0.005
 TURN_S = 2.0  # one way of flooding, before the next
 SOURCES = 20  # ports to flood from over UDP: more than the boat has room for
 SEED = 4
+DISK_PIECE, DISK_PIECES = b"\xa5" * (4 << 20), 16  # the file is written over again from its beginning
 
 
 def frames(messages, systems=(255,)):
@@ -166,6 +169,24 @@ def flood(way, seconds):
     return taken
 
 
+def flood_disk(directory, seconds):
+    """Write and sync without a pause; the file is gone in the end."""
+    taken = 0
+    with tempfile.TemporaryFile(dir=directory, buffering=0) as file:
+        start_s = time.monotonic()
+        while time.monotonic() - start_s < seconds:
+            for _ in range(DISK_PIECES):
+                taken += file.write(DISK_PIECE)
+                os.fsync(file.fileno())
+                if time.monotonic() - start_s >= seconds:
+                    break
+            file.seek(0)
+    return taken
+
+
 if __name__ == "__main__":
     kind, where, seconds = sys.argv[1:]
+    if kind == "disk":
+        print(json.dumps(flood_disk(where, float(seconds))))
+        sys.exit()
     print(json.dumps(flood({"udp": Udp, "tcp": Tcp, "pty": Pty}[kind](where), float(seconds))))

@@ -15,13 +15,14 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from hil.bench.helper import answer_of
 from hil.bench.onboard import logged
-from hil.bench.process import memory_of
+from hil.bench.process import cpu_of, memory_of
 from hil.bench.sea import Sea
 from hil.bench.spread import spread
 from support.paths import ROOT
 from support.program import unused_ports
 
 FLOOD = ROOT / "tests" / "clients" / "flood.py"
+SINK = FLOOD.with_name("sink.py")
 SECONDS = float(os.environ.get("FLOOD_S", "60"))
 SETTLE_S = 3.0
 MOST_GROWTH_MIB = 4.0
@@ -29,6 +30,13 @@ MOST_RATIO = 2.0
 # A busy machine makes single ticks late by about this, quiet or not; a ratio of less than that says nothing.
 RESOLUTION_S = 500e-6
 PARAMETER = b"RUD_LIMIT_DEG"
+# Of all floods together: each kind has come round once in a turn, and the turns go round so that quiet, flooded and
+# bare have the same weather.
+TURN_S = 12.0
+TURNS = max(1, round(1.6 * SECONDS / TURN_S))
+REST_S = 1.0
+TOGETHER_HZ = 50
+MOST_BUSY = 0.9
 
 
 class Line:
@@ -165,6 +173,100 @@ def test_a_flood_does_not_move_the_loop(make, rate_hz, tmp_path, figures):
     assert after_mib - before_mib < MOST_GROWTH_MIB
     assert flooded.count > 0.99 * rate_hz * (flood_to_s - flood_from_s) - 1
     assert flooded.p999 < MOST_RATIO * max(quiet.p999, bare.p999, RESOLUTION_S)
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(600)
+def test_floods_of_every_link_and_of_the_disk_together_do_not_move_the_loop(tmp_path, figures):
+    links, sinks = [Udp(), Tcp(), Serial()], [Udp(), Tcp(), Serial()]
+    windows = {"quiet": [], "flooded": []}
+    bare_s, taken, busy = [], [], None
+    urls = tuple(link.url for link in links)
+    with ExitStack() as closing, Sea(tmp_path / "sea", TOGETHER_HZ, links=urls) as sea:
+        lines = [link.line(closing) for link in links]
+        swallower = sink_of(closing, sinks)
+        sea.listen(SETTLE_S)
+        for line in lines:
+            line.greet()
+            assert line.seconds_until_answered(5.0) is not None
+        pid = sea.autopilot()
+        ahead_s = boat_time(sea) - time.monotonic()  # neither clock ever jumps
+        for _ in range(TURNS):
+            sea.listen(REST_S)
+            windows["quiet"].append(window(ahead_s, sea.listen, TURN_S))
+            used_s, start_s = cpu_of(pid), time.monotonic()
+            windows["flooded"].append(window(ahead_s, poured, sea, links, tmp_path, taken))
+            busy = busy or min(MOST_BUSY, (cpu_of(pid) - used_s) / (time.monotonic() - start_s))
+            words = [
+                sys.executable,
+                "-m",
+                "hil.bench.bare_sleep",
+                *map(str, (TOGETHER_HZ, int(TURN_S * TOGETHER_HZ), busy)),
+            ]
+            with subprocess.Popen(words, stdout=subprocess.PIPE) as bare:
+                poured(sea, sinks, tmp_path, [])
+                bare_s += json.loads(bare.communicate()[0])
+        answered_s = [line.seconds_until_answered(5.0) for line in lines]
+        assert sea.autopilot() == pid
+        assert swallower.poll() is None
+    assert "Traceback" not in (tmp_path / "sea" / "firmware.log").read_text()
+    ticks = [inputs.tick for inputs in logged(tmp_path / "sea")]
+    found = {
+        name: spread([tick.late_s for tick in ticks for first_s, last_s in spans if first_s <= tick.t_s <= last_s])
+        for name, spans in windows.items()
+    }
+    found["bare"] = spread(bare_s)
+    rates = [sum(taken[kind::4]) / (TURNS * TURN_S * 1e6) for kind in range(4)]
+    print("\nMB/s taken by udp, tcp, serial and disk: " + ", ".join(f"{rate:.1f}" for rate in rates))
+    print(f"bare is busy for {busy:.2f} of its period; late by, us:")
+    for name, each in found.items():
+        print(f"  {name}: p50 {each.p50 * 1e6:.0f}, p99 {each.p99 * 1e6:.0f}, p99.9 {each.p999 * 1e6:.0f}, "
+              f"at most {each.max * 1e6:.0f}; {each.count} ticks")  # fmt: skip
+        figures.keep(f"flood_together_{name}", each.p999 * 1e3, "ms")
+    assert all(one is not None and one < 1.0 for one in answered_s), answered_s
+    assert (
+        found["flooded"].count
+        > 0.99 * TOGETHER_HZ * sum(last_s - first_s for first_s, last_s in windows["flooded"]) - 1
+    )
+    assert found["flooded"].p999 <= MOST_RATIO * max(found["quiet"].p999, found["bare"].p999, RESOLUTION_S)
+
+
+def window(ahead_s, act, *arguments):
+    """Act, and return from when to when that was: the last TURN_S of it, by the boat's clock."""
+    act(*arguments)
+    end_s = time.monotonic() + ahead_s
+    return end_s - TURN_S, end_s
+
+
+def sink_of(closing, links):
+    """A process that reads all that is poured into links of nobody's."""
+    udp, tcp, serial = links
+    words = [sys.executable, str(SINK), str(udp.port), str(tcp.port), str(serial.far)]
+    sink = closing.enter_context(subprocess.Popen(words, stdout=subprocess.PIPE, pass_fds=(serial.far,)))
+    closing.callback(sink.kill)
+    closing.callback(os.close, serial.far)
+    closing.callback(os.close, serial.near)
+    assert sink.stdout.readline() == b"ready\n"
+    return sink
+
+
+def poured(sea, links, directory, taken):
+    """Flood links and the disk for a turn; `taken` gets how many bytes each of them took."""
+    ways = [*(link.words for link in links), ["disk", str(directory)]]
+    handed = tuple(number for link in links for number in link.inherited)
+    floods = [
+        subprocess.Popen([sys.executable, str(FLOOD), *way, str(TURN_S)], stdout=subprocess.PIPE, pass_fds=handed)
+        for way in ways
+    ]
+    try:
+        while all(flood.poll() is None for flood in floods):
+            sea.listen(0.2)
+        taken += [json.loads(flood.communicate()[0]) for flood in floods]
+    finally:
+        for flood in floods:
+            flood.kill()
+            flood.wait()
+            flood.stdout.close()
 
 
 def as_busy_and_bare(rate_hz):
