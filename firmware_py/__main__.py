@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from firmware_py import ROOT, commit_of, version_text
+from firmware_py.common.system_errors import system_error_text
 from firmware_py.system.console import keep_standard_streams
 
 # command -> (module, one line of help). A module is imported only when it is asked for, so
@@ -47,14 +48,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--version", action="version", version=version_text("rambler", commit))
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     wanted = next((word for word in words if word in COMMANDS), None)
-    for name, (module_name, text) in COMMANDS.items():
-        command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-        if name == wanted:
-            module = importlib.import_module(module_name)
-            module.add_arguments(command)
-            command.set_defaults(run=module.run)
-    gc.enable()
     try:
+        for name, (module_name, text) in COMMANDS.items():
+            command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+            if name == wanted:
+                module = importlib.import_module(module_name)
+                module.add_arguments(command)
+                command.set_defaults(run=module.run)
+        gc.enable()
+        if any("\0" in word for word in words):
+            parser.error("a word of the command line holds a NUL, which no path and no name does")
         parsed = parser.parse_args(words)
         code = int(parsed.run(parsed))
         sys.stdout.flush()
@@ -65,6 +68,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # The reader (head, less) has seen enough.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except Exception as error:
+        text = system_error_text(error)
+        if not text:
+            raise
+        print(f"rambler: {text}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         return 130
     return code

@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from firmware_py import ROOT, commit_of, version_text
+from firmware_py.common.system_errors import system_error_text
 from hil.errors import HilError, UsageError
 
 # command -> (module, one line of help). A module has add_arguments(parser) and run(arguments) -> exit code,
@@ -51,6 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 module = _imported(module_name)
                 module.add_arguments(command)
                 command.set_defaults(run=module.run)
+        if any("\0" in word for word in words):
+            parser.error("a word of the command line holds a NUL, which no path and no name does")
         parsed = parser.parse_args(words)
         code = int(parsed.run(parsed))
         sys.stdout.flush()
@@ -61,6 +64,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # The reader (head, less) has seen enough.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except Exception as error:
+        text = system_error_text(error)
+        if not text:
+            raise
+        print(f"rambler-hil: {text}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         return INTERRUPTED
     return code

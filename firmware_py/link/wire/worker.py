@@ -32,7 +32,11 @@ class Worker:
         self._thread: threading.Thread | None = None
         if background:
             self._thread = threading.Thread(target=self._work, name=THREAD, daemon=True)
-            self._thread.start()
+            try:
+                self._thread.start()
+            except RuntimeError:  # there is no thread to be had
+                os.close(self._wake_fd)
+                raise
 
     def fileno(self) -> int:
         """The descriptor that is readable when `poll` has results, or -1."""

@@ -1,0 +1,42 @@
+import errno
+import os
+
+import pytest
+
+from firmware_py.common.system_errors import system_error_text
+
+
+def caused(error, cause):
+    try:
+        raise error from cause
+    except type(error) as raised:
+        return raised
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (MemoryError(), "too little memory"),
+        (OSError(errno.ENOMEM, "x"), "too little memory"),
+        (OSError(errno.EMFILE, "x", "/some/path"), "too many open files"),
+        (OSError(errno.ENFILE, "x"), "too many open files"),
+        (BlockingIOError(errno.EAGAIN, "fork"), "no new thread or process"),
+        (RuntimeError("can't start new thread"), "no new thread or process"),
+        (ImportError("libx.so: failed to map segment from shared object"), "too little memory"),
+        (ImportError("libx.so: cannot open shared object file: Too many open files"), "too many open files"),
+        (caused(ImportError("a page\nof advice"), ImportError("libx.so: failed to map segment")), "too little memory"),
+        (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long; give another path"),
+    ],
+)
+def test_what_the_computer_lacks_is_one_line_with_a_remedy(error, told):
+    text = system_error_text(error)
+    assert text.startswith(told)
+    assert ";" in text
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize(
+    "error", [RuntimeError("a mistake"), ValueError("x"), OSError(errno.EIO, os.strerror(errno.EIO)), ImportError("x")]
+)
+def test_mistakes_of_the_program_keep_their_trace(error):
+    assert system_error_text(error) == ""
