@@ -14,6 +14,7 @@ from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import index_of, parse_file
 from firmware_py.devices import SECTIONS
+from firmware_py.files.reading import read_text
 
 RecordT = TypeVar("RecordT")
 
@@ -74,6 +75,8 @@ class Vehicle:
     compass_b: DeviceEntry | None = None
 
 
+MOST_BYTES = 1 << 20  # of a vehicle or parameter file
+_MOST_BITS = 4096  # of a whole number: Python refuses to write much longer ones
 _SECTIONS = ("vehicle", "compass", "compass_b", "position", "rudder", "link", "hull", "parameters")
 _CONNECTION = tuple(row.name for row in fields(_Connection))
 
@@ -81,14 +84,34 @@ _CONNECTION = tuple(row.name for row in fields(_Connection))
 def load(path: Path) -> Vehicle:
     """Read and check a vehicle file, or raise VehicleError."""
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(read_text(path, MOST_BYTES))
     except FileNotFoundError:
         raise VehicleError(f"{path}: no such vehicle file; params/ holds examples") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise VehicleError(f"{path}: cannot be read: {error}") from None
+    except OSError as error:
+        raise VehicleError(f"{path}: cannot be read: {error.strerror}; name a vehicle file") from None
     except tomllib.TOMLDecodeError as error:
         raise VehicleError(f"{path}: not valid TOML: {error}") from None
+    except ValueError:  # Python's own limit of digits
+        raise VehicleError(f"{path}: not valid TOML: a number of too many digits") from None
+    except RecursionError:
+        raise VehicleError(f"{path}: nested too deeply; write sections of names and values") from None
+    _check_values(data, path)
     return parse(data, path)
+
+
+def _check_values(data: Mapping[str, Any], path: Path) -> None:
+    """Refuse values that no section takes and that would break a message about them: VehicleError."""
+    waiting: list[tuple[str, Any]] = list(data.items())
+    while waiting:
+        name, value = waiting.pop()
+        if isinstance(value, dict):
+            waiting += value.items()
+        elif isinstance(value, list):
+            waiting += ((name, item) for item in value)
+        elif isinstance(value, int) and value.bit_length() > _MOST_BITS:
+            raise VehicleError(f"{path}: {name[:60]!r} is a number of too many digits")
+        elif isinstance(value, str) and "\0" in value:
+            raise VehicleError(f"{path}: {name[:60]!r} holds a NUL; remove it")
 
 
 def parse(data: Mapping[str, Any], path: Path) -> Vehicle:
@@ -192,9 +215,9 @@ def _parameters(section: Mapping[str, Any], path: Path) -> dict[str, float]:
     if "file" in section:
         file = path.parent / _text(section["file"], f"{path}: [parameters] file")
         try:
-            values.update(parse_file(file.read_text(encoding="utf-8"), str(file)))
-        except (OSError, UnicodeDecodeError) as error:
-            raise VehicleError(f"{path}: [parameters] file {file} cannot be read: {error}") from None
+            values.update(parse_file(read_text(file, MOST_BYTES), str(file)))
+        except OSError as error:
+            raise VehicleError(f"{path}: [parameters] file {file} cannot be read: {error.strerror}") from None
         except ParameterError as error:
             raise VehicleError(str(error)) from None
     for name, value in section.items():

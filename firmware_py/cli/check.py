@@ -17,6 +17,7 @@ from firmware_py.cli.run import default_state_directory
 from firmware_py.common.calendar import is_possible
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.records import DeviceState
+from firmware_py.files.making import exact_modes, make_directory
 from firmware_py.vehicle import Vehicle, VehicleError, load
 
 LISTEN_S = 3.0
@@ -66,7 +67,8 @@ def _parameters(vehicle: Vehicle) -> Iterator[Finding]:
 
 def _storage(directory: Path) -> Iterator[Finding]:
     try:
-        directory.mkdir(parents=True, exist_ok=True)
+        with exact_modes():
+            make_directory(directory)
         with tempfile.NamedTemporaryFile(dir=directory) as file:
             begun_s = time.monotonic()
             file.write(b"\0" * 4096)

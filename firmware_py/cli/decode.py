@@ -8,7 +8,10 @@ import sys
 from pathlib import Path
 
 from firmware_py.devices import CAPTURE_FORMATS, decode
+from firmware_py.files.reading import read_regular
 from firmware_py.sensors.decode import format_text
+
+MOST_BYTES = 256 << 20  # some days of a compass
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print one line for each result."""
     try:
-        data = arguments.file.read_bytes()
+        data = read_regular(arguments.file, MOST_BYTES)
     except OSError as error:
         print(f"rambler decode: {arguments.file}: cannot be read: {error.strerror}", file=sys.stderr)
         return 2

@@ -12,7 +12,9 @@ from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import format_file, format_value, parse_file
 from firmware_py.faults import page as faults
+from firmware_py.files.reading import read_text
 from firmware_py.link.parameters.metadata import parameter_json
+from firmware_py.vehicle import MOST_BYTES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,9 +75,9 @@ def run(arguments: argparse.Namespace) -> int:
     values: dict[str, float] = {}
     if arguments.file is not None:
         try:
-            values = parse_file(arguments.file.read_text(encoding="utf-8"), str(arguments.file))
-        except (OSError, UnicodeDecodeError) as error:
-            print(f"rambler params: {arguments.file}: cannot be read: {error}", file=sys.stderr)
+            values = parse_file(read_text(arguments.file, MOST_BYTES), str(arguments.file))
+        except OSError as error:
+            print(f"rambler params: {arguments.file}: cannot be read: {error.strerror}", file=sys.stderr)
             return 2
         except ParameterError as error:
             print(f"rambler params: {error}", file=sys.stderr)

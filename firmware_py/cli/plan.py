@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
+from firmware_py.files.making import exact_modes
+from firmware_py.files.reading import read_regular
 from firmware_py.plans.items import ROWS, has_place, markdown
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import write_plan
@@ -72,8 +74,7 @@ def _items(_arguments: argparse.Namespace) -> None:
 def _read_plans(path: Path, *, home: bool) -> tuple[Plan, ...]:
     """Read a plan file, never more of it than a plan file may have."""
     try:
-        with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
+        content = read_regular(path, MOST_BYTES)
     except OSError as error:
         raise PlanFileError(f"{path}: {error.strerror}; name a file that can be read") from None
     return read_plan_file(content, str(path), home=home)
@@ -91,13 +92,14 @@ def _check(arguments: argparse.Namespace) -> None:
 def _load(arguments: argparse.Namespace) -> None:
     plans = _read_plans(arguments.file, home=not arguments.no_home)
     _check_directory(arguments.state)
-    try:
-        store = Store(arguments.state)
-    except StoreError as error:
-        raise StoreError(f"{error}, or upload the plan with a ground station") from None
-    for plan in plans:
-        store.save(PLAN_FILES[plan.kind], to_text(plan).encode())
-    store.close()
+    with exact_modes():
+        try:
+            store = Store(arguments.state)
+        except StoreError as error:
+            raise StoreError(f"{error}, or upload the plan with a ground station") from None
+        for plan in plans:
+            store.save(PLAN_FILES[plan.kind], to_text(plan).encode())
+        store.close()
     if store.failure:
         raise StoreError(f"state directory {arguments.state}: {store.failure}; make room and load it again")
     for plan in plans:

@@ -68,7 +68,9 @@ class _Download:
         """Return what a log holds there; OSError when it cannot be read."""
         if self.open_log != log:
             self.close()
-            self.descriptor = os.open(log.path, os.O_RDONLY | os.O_CLOEXEC)
+            # It was a file when it was listed; a pipe put in its place would be waited for.
+            flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+            self.descriptor = os.open(log.path, flags)
             self.open_log = log
         return os.pread(self.descriptor, count, offset)
 

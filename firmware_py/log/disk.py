@@ -9,6 +9,8 @@ import re
 from pathlib import Path
 from typing import Protocol
 
+from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE
+
 NAME = re.compile(r"(\d{8,})\.BIN")
 
 
@@ -43,13 +45,13 @@ class LocalDisk:
     def create(self, directory: Path) -> tuple[int, Path]:
         """Open the next file, making the directory (not its parents: they may be a medium that is gone)."""
         with contextlib.suppress(FileExistsError):
-            directory.mkdir()
+            directory.mkdir(DIRECTORY_MODE)
         number = max(log_files(directory), default=0)
         while True:
             number += 1
             path = directory / f"{number:08d}.BIN"
             with contextlib.suppress(FileExistsError):
-                descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+                descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, FILE_MODE)
                 break
         _sync_directory(directory)  # else the file itself may be missing after a power cut
         return descriptor, path
@@ -90,9 +92,17 @@ class LocalDisk:
 
 
 def log_files(directory: Path) -> dict[int, Path]:
-    """Return the log files of a directory by number; OSError when it cannot be read."""
-    matches = ((NAME.fullmatch(path.name), path) for path in directory.iterdir())
-    return {int(match[1]): path for match, path in matches if match is not None}
+    """Return the log files of a directory by number; OSError when it cannot be read.
+
+    Links, pipes and whatever else is no file are none of ours, whatever their names.
+    """
+    with os.scandir(directory) as entries:
+        matches = [(NAME.fullmatch(entry.name), entry) for entry in entries]
+        return {
+            int(match[1]): directory / entry.name
+            for match, entry in matches
+            if match is not None and entry.is_file(follow_symlinks=False)
+        }
 
 
 def _sync_directory(directory: Path) -> None:

@@ -7,6 +7,7 @@ lacking. TICK, END and the decision in CTL are the frame that every version has.
 from __future__ import annotations
 
 import mmap
+import os
 import zlib
 from collections import Counter
 from collections.abc import Iterator
@@ -15,11 +16,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_py.common.records import Inputs, RudderCommand
+from firmware_py.files.reading import open_regular
 from firmware_py.log import ardupilot, schema
 from firmware_py.log.dataflash import Buffer, Format, LogError, MessageType, Parser, text_of
 from firmware_py.log.rows import RowReader
 
 MAX_RECORDS: Final = 1 << 17  # of one tick: two texts of the longest kind; bounds what damage can gather
+MOST_BYTES: Final = 2 << 30  # of a file: twice what LOG_FILE_MB lets it become
 
 
 _FRAME: Final = (schema.TICK, schema.CONTROL)
@@ -71,7 +74,7 @@ class LogReader:
             yield from self._ticks(self._source)
             return
         try:
-            with self._source.open("rb") as file:
+            with os.fdopen(open_regular(self._source, most_bytes=MOST_BYTES), "rb") as file:
                 if not file.seek(0, 2):
                     return  # an empty file cannot be mapped
                 with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:

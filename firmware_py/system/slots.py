@@ -16,9 +16,14 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
+from firmware_py.files.making import FILE_MODE, PRIVATE_MODE
+from firmware_py.files.reading import open_regular, read_regular
+
 SLOTS = (0, 1)
 SLOT_BYTES = 4096  # a slot is made this large at once, and grows by as much
-MODE, PRIVATE_MODE = 0o644, 0o600
+# The largest slot that is read or written, by the ending of its name: no plan comes near it.
+_LARGEST_BYTES = {".plan": 4 << 20, ".key": 64 << 10}
+_LARGEST_BYTES_ELSE = 1 << 20
 _HEAD = re.compile(rb"# rambler state (\d{1,18}) (\d{1,12}) ([0-9a-f]{8})\n")
 _EMPTY = b"# rambler empty\n"
 
@@ -76,13 +81,17 @@ def _slot_path(directory: Path, name: str, slot: int) -> Path:
 
 
 def _read_slots(directory: Path, name: str) -> tuple[_Slot, ...]:
-    return tuple(_read_slot(_slot_path(directory, name, slot), slot) for slot in SLOTS)
+    return tuple(_read_slot(_slot_path(directory, name, slot), slot, _largest_bytes(name)) for slot in SLOTS)
 
 
-def _read_slot(path: Path, number: int) -> _Slot:
+def _largest_bytes(name: str) -> int:
+    return _LARGEST_BYTES.get(Path(name).suffix, _LARGEST_BYTES_ELSE)
+
+
+def _read_slot(path: Path, number: int, most_bytes: int) -> _Slot:
     try:
-        data = path.read_bytes()
-    except FileNotFoundError:
+        data = read_regular(path, most_bytes, follow=False)
+    except (FileNotFoundError, NotADirectoryError):  # the latter is the directory's fault, which is told as such
         return _Slot(number, Condition.ABSENT)
     except OSError as error:
         return _Slot(number, Condition.UNREADABLE, reason=error.strerror or "")
@@ -193,6 +202,8 @@ class SlotWriter:
         sequence = b"%d" % number
         data = b"# rambler state %s %d %s\n" % (sequence, len(content), _checksum(sequence, content)) + content
         size = -(-len(data) // SLOT_BYTES) * SLOT_BYTES
+        if size > _largest_bytes(name):
+            raise OSError(errno.EFBIG, "it is too large to be read again")
         descriptor, present = self._open_slot(name, slot)
         if name in self._private:
             data = data.ljust(max(size, present), b"\0")  # nothing of a longer secret is to stay behind this one
@@ -222,9 +233,10 @@ class SlotWriter:
             if status.st_nlink:
                 return kept, status.st_size
             self._close_slot(name, slot)  # removed, or another put in its place
-        path, mode = _slot_path(self._directory, name, slot), PRIVATE_MODE if name in self._private else MODE
+        path, mode = _slot_path(self._directory, name, slot), PRIVATE_MODE if name in self._private else FILE_MODE
         self._named |= not path.exists()
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, mode)
+        flags, most_bytes = os.O_RDWR | os.O_CREAT, _largest_bytes(name)
+        descriptor = open_regular(path, flags=flags, mode=mode, follow=False, most_bytes=most_bytes)
         self._files[name, slot] = descriptor
         if name in self._private:
             os.fchmod(descriptor, mode)  # of a file that somebody has copied here, too

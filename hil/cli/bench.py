@@ -15,7 +15,9 @@ from hil.bench.figure import Finding
 from hil.bench.measurements import TABLE
 from hil.bench.report import as_entries, as_json, table
 from hil.bench.setting import Setting, quick, thorough
+from hil.cli import outputs
 from hil.errors import UsageError
+from hil.report import figure_file
 from hil.report.figure_file import merge, origin
 
 
@@ -64,12 +66,8 @@ def _check(arguments: argparse.Namespace) -> None:
     """Refuse what cannot be written to before the minutes that it takes, not after."""
     if not (arguments.dir.is_dir() and os.access(arguments.dir, os.W_OK)):
         raise UsageError(f"--dir {arguments.dir} is no directory that can be written to; give another")
-    for option, path in (("--json", arguments.json), ("--figures", arguments.figures)):
-        if path is not None:
-            try:
-                path.open("a").close()
-            except OSError as error:
-                raise UsageError(f"{option} {path} cannot be written: {error.strerror}; give another") from None
+    outputs.check("--json", arguments.json)
+    figure_file.check("--figures", arguments.figures)
 
 
 def _measured(names: Sequence[str], setting: Setting) -> list[Finding]:

@@ -13,8 +13,10 @@ from typing import Any
 
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.bench.circumstances import circumstances, text_of
+from hil.cli import outputs
 from hil.errors import UsageError
 from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
+from hil.report import figure_file
 from hil.report.figure_file import entry, key_of, merge, origin
 from hil.ship import scenarios
 from hil.sim.goals import GoalError, parse_goals
@@ -59,9 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Sail, print, and write what was asked for."""
     task = _task(arguments)
-    for option, path in (("--json", arguments.json), ("--figures", arguments.figures)):
-        if path is not None and not path.absolute().parent.is_dir():
-            raise UsageError(f"{option} {path}: there is no directory {path.absolute().parent}")
+    outputs.check("--json", arguments.json)
+    figure_file.check("--figures", arguments.figures)
     if not all(0.1 <= price <= 10.0 for price in arguments.prices):
         raise UsageError("--prices: give numbers from 0.1 to 10")
     known = {"paper": PAPER, "pid": PID, "ours": OURS}

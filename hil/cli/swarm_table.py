@@ -42,6 +42,6 @@ def run(arguments: argparse.Namespace) -> int:
 def read_dimensions(text: str) -> tuple[int, ...]:
     """Read whole numbers between commas, or raise UsageError."""
     words = text.split(",")
-    if not all(word.strip().isdecimal() and 2 <= int(word) <= MOST_DIMENSIONS for word in words):
+    if not all(word.strip().isdecimal() and len(word) < 10 and 2 <= int(word) <= MOST_DIMENSIONS for word in words):
         raise UsageError(f"--dimensions {text[:30]}: give whole numbers from 2 to {MOST_DIMENSIONS}, as 2,5")
     return tuple(int(word) for word in words)

@@ -5,17 +5,23 @@ from __future__ import annotations
 import fcntl
 import json
 import math
+import os
 import re
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
+
+from firmware_py.files.reading import open_regular
+from hil.errors import UsageError
 
 Entries = Mapping[str, Mapping[str, Any]]
 ROOT = Path(__file__).parents[2]
 UNKNOWN = "unknown"
 DIGITS = 6
+MOST_BYTES = 16 << 20
 
 
 def key_of(*words: str) -> str:
@@ -50,16 +56,44 @@ def merge(path: Path, entries: Entries) -> None:
     An entry with `cases`, the values of several runs by name, keeps those of the same commit that are there already and
     shows the largest.
     """
-    with path.open("a+", encoding="utf-8") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        file.seek(0)
-        text = file.read()
-        content: dict[str, Any] = json.loads(text) if text else {}
+    with _locked(path) as file:
+        content = _content(path, file)
         for name, fresh in entries.items():
             # What was measured together stands together, in its order: tables are made of it.
             content[name] = _with_cases(content.pop(name, {}), dict(fresh))
         file.truncate(0)
         file.write(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+
+
+def check(option: str, path: Path | None) -> None:
+    """Raise UsageError when figures cannot be merged into a file that was asked for; without a path all is well."""
+    if path is None:
+        return
+    try:
+        with _locked(path) as file:
+            _content(path, file)
+    except OSError as error:
+        raise UsageError(f"{option} {path} cannot be written: {error.strerror}; give another") from None
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[TextIO]:
+    """Open the file, made if it is not there, for this process alone to read and then to append to."""
+    descriptor = open_regular(path, flags=os.O_RDWR | os.O_APPEND | os.O_CREAT, mode=0o666, most_bytes=MOST_BYTES)
+    with os.fdopen(descriptor, "r+", encoding="utf-8") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield file
+
+
+def _content(path: Path, file: TextIO) -> dict[str, Any]:
+    try:
+        text = file.read()
+        content = json.loads(text) if text else {}
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f"{path} holds no figures ({error}); give another") from None
+    if not isinstance(content, dict):
+        raise UsageError(f"{path} holds no figures by name; give another")
+    return content
 
 
 def _with_cases(old: Mapping[str, Any], fresh: dict[str, Any]) -> dict[str, Any]:

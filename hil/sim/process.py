@@ -73,7 +73,9 @@ class AutopilotProcess:
     def last_words(self) -> str:
         """The last lines it wrote, in one line."""
         try:
-            text = self._log_path.read_bytes()[-TAIL_BYTES:].decode("utf-8", "replace")
+            with self._log_path.open("rb") as log:
+                log.seek(max(0, self._log_path.stat().st_size - TAIL_BYTES))
+                text = log.read(TAIL_BYTES).decode("utf-8", "replace")
         except OSError:
             return ""
         return " | ".join(line.strip() for line in text.splitlines()[-TAIL_LINES:] if line.strip())

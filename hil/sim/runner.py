@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from firmware_py.files.reading import read_regular
 from firmware_py.vehicle import Vehicle
 from hil.devices.pty_line import PtyLine
 from hil.errors import HilError, UsageError
@@ -32,6 +33,7 @@ from hil.sim.world import START_UTC_S, World
 END_S = 15.0  # the rudder goes amidships, the log is written out
 LOOK_S = 0.03  # in real time: a pause this long means that tick and servo exchange are over, and there is time to draw
 JUDGE_S = 1.0
+MOST_STATE_BYTES = 8 << 20  # of one file; an upload has 1 MiB at most
 TRUTH_FILE, FIRMWARE_LOG, VEHICLE_NAME, STATE = "truth.csv", "firmware.log", "vehicle.toml", "state"
 
 
@@ -131,9 +133,21 @@ def _copy_state(options: RunOptions) -> None:
     if options.state is None:
         return
     try:
-        shutil.copytree(options.state, options.out / STATE, ignore=shutil.ignore_patterns("logs", "lock"))
-    except (OSError, shutil.Error) as error:
+        ignored = shutil.ignore_patterns("logs", "lock")
+        shutil.copytree(options.state, options.out / STATE, ignore=ignored, copy_function=_copy_file)
+    except shutil.Error as error:
+        reasons = "; ".join(str(reason) for *_, reason in error.args[0])
+        raise UsageError(f"state directory {options.state} cannot be copied: {reasons}") from None
+    except OSError as error:
         raise UsageError(f"state directory {options.state} cannot be copied: {error}") from None
+
+
+def _copy_file(source: str, target: str) -> None:
+    """Copy a file of a state directory, and nothing that is no file or has no end."""
+    try:
+        Path(target).write_bytes(read_regular(Path(source), MOST_STATE_BYTES, follow=False))
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, source) from None
 
 
 class _Run:

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE
 from firmware_py.link.files.payload import Error, Refusal
 
 LONGEST_NAME = 64
@@ -106,8 +107,8 @@ class Area:
         """Write a whole file: on disk under its name, or not at all."""
         self._check_room(parts, len(content))
         with self._directory(parts[:-1]) as directory:
-            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
-            descriptor = os.open(_PART, flags, 0o644, dir_fd=directory)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+            descriptor = os.open(_PART, flags, FILE_MODE, dir_fd=directory)
             try:
                 os.write(descriptor, content)
                 os.fsync(descriptor)
@@ -142,7 +143,7 @@ class Area:
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
         self._check_room(parts, 0)
         with self._directory(parts[:-1]) as directory:
-            os.mkdir(_name(parts), 0o755, dir_fd=directory)
+            os.mkdir(_name(parts), DIRECTORY_MODE, dir_fd=directory)
 
     def remove_directory(self, parts: Parts) -> None:
         """Remove an empty directory."""
@@ -161,7 +162,7 @@ class Area:
     @contextlib.contextmanager
     def _directory(self, parts: Parts) -> Iterator[int]:
         if self.writable:
-            self._root.mkdir(exist_ok=True)
+            self._root.mkdir(DIRECTORY_MODE, exist_ok=True)
         descriptor = os.open(self._root, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
             for name in parts:

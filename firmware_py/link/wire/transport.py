@@ -84,6 +84,8 @@ class LinkUrl:
 
 def parse_url(text: str) -> LinkUrl:
     """Read a link URL in pymavlink's style, perhaps with options behind a question mark, or raise LinkError."""
+    if "\0" in text:
+        raise LinkError(f"link {text!r}: it holds a NUL; use {_FORMS}")
     place, mark, query = text.partition("?")
     scheme, _, rest = place.partition(":")
     kind = _KINDS.get(scheme)

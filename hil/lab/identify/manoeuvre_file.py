@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from firmware_py.common.angles import degrees, radians
+from firmware_py.files.reading import open_regular
 from hil.errors import UsageError
 from hil.lab.identify.recording import Floats, Recording
 
@@ -22,6 +24,8 @@ REQUIRED = ("time_s", "rudder_rad", "heading_rad", "yaw_rate_rad_s")
 COLUMNS = (*REQUIRED, "speed_m_s")
 MAY_BE_EMPTY = ("heading_rad", "yaw_rate_rad_s", "speed_m_s")
 MOST_ROWS = 20_000_000
+MOST_BYTES = 2 << 30
+LONGEST_LINE = 1 << 18
 RUDDER_UNITS = ("rad", "deg", "any")
 
 # column -> largest size that is believed, and what to do about a larger one
@@ -41,8 +45,9 @@ def read(path: Path, rudder_unit: str = "rad") -> Recording:
     unit, such as the difference of two thrusters, so that K is per that unit.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return _read(path, csv.reader(file), rudder_unit)
+        with os.fdopen(open_regular(path, most_bytes=MOST_BYTES), encoding="utf-8-sig", newline="") as file:
+            # A line is never read without end; one that is cut here is refused for the length of its field.
+            return _read(path, csv.reader(iter(lambda: file.readline(LONGEST_LINE), "")), rudder_unit)
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}; give a manoeuvre CSV or an onboard .BIN log") from None
     except UnicodeDecodeError:

@@ -148,7 +148,7 @@ def test_what_is_private_is_for_the_owner_alone(tmp_path):
         store.close()
     modes = {path.name: path.stat().st_mode & 0o777 for path in directory.iterdir() if path.name != "lock"}
     assert not any(b"secret" in path.read_bytes() for path in directory.glob("secret.*"))
-    assert modes == {"secret.0": 0o600, "secret.1": 0o600, "open.0": 0o644, "open.1": 0o644}
+    assert modes == {"secret.0": 0o600, "secret.1": 0o600, "open.0": 0o640, "open.1": 0o640}
 
 
 def test_a_failure_is_not_hidden_by_a_later_success(tmp_path):

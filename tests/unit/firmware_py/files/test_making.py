@@ -1,0 +1,52 @@
+"""Modes are exact whatever the umask, and what is there keeps its own."""
+
+import os
+import stat
+
+import pytest
+
+from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE, PRIVATE_MODE, exact_modes, make_directory
+
+
+@pytest.fixture(params=[0o000, 0o022, 0o077, 0o777])
+def umask(request):
+    before = os.umask(request.param)
+    yield request.param
+    os.umask(before)
+
+
+def mode(path):
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+def test_modes_are_exact_whatever_the_umask(umask, tmp_path):
+    with exact_modes():
+        make_directory(tmp_path / "a" / "b")
+        for name, wanted in (("file", FILE_MODE), ("key", PRIVATE_MODE)):
+            os.close(os.open(tmp_path / "a" / name, os.O_CREAT | os.O_WRONLY, wanted))
+    assert os.umask(umask) == umask
+    assert (mode(tmp_path / "a"), mode(tmp_path / "a" / "b")) == (DIRECTORY_MODE, DIRECTORY_MODE)
+    assert (mode(tmp_path / "a" / "file"), mode(tmp_path / "a" / "key")) == (0o640, 0o600)
+
+
+def test_without_it_nothing_is_wider(tmp_path):
+    before = os.umask(0)
+    try:
+        make_directory(tmp_path / "a" / "b")
+    finally:
+        os.umask(before)
+    assert (mode(tmp_path / "a"), mode(tmp_path / "a" / "b")) == (0o750, 0o750)
+
+
+def test_a_directory_that_is_there_keeps_its_mode(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a").chmod(0o755)
+    make_directory(tmp_path / "a")
+    assert mode(tmp_path / "a") == 0o755
+
+
+def test_a_file_in_the_way_is_an_error(tmp_path):
+    (tmp_path / "file").touch()
+    for path in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(NotADirectoryError):
+            make_directory(path)

@@ -1,0 +1,103 @@
+"""What is no regular file, or too large, is refused by name and at once."""
+
+import errno
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from firmware_py.files.reading import open_regular, read_regular, read_text
+
+
+def pipe(path):
+    os.mkfifo(path)
+
+
+def open_socket(path):
+    socket.socket(socket.AF_UNIX).bind(os.path.relpath(path))  # a path of a socket may not be long
+
+
+def endless(path):
+    path.symlink_to("/dev/zero")
+
+
+def gigabytes(path):
+    path.touch()
+    os.truncate(path, 3 << 30)
+
+
+ODD = {
+    pipe: "is a pipe, no regular file",
+    open_socket: "is a socket, no regular file",
+    endless: "is a device, no regular file",
+    gigabytes: "is larger than 1 MiB",
+    os.mkdir: "Is a directory",
+}
+
+
+@pytest.mark.parametrize("make", ODD, ids=lambda make: make.__name__)
+@pytest.mark.filterwarnings("ignore:unclosed")
+def test_what_is_no_file_or_too_large_is_refused_unread(make, tmp_path, monkeypatch):
+    make(tmp_path / "odd")
+    monkeypatch.setattr(os, "read", lambda *_: pytest.fail("it is read"))
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    with pytest.raises(OSError) as caught:
+        read_regular(tmp_path / "odd", 1 << 20)
+    assert caught.value.strerror == ODD[make]
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_a_nul_is_an_error_of_the_system_like_others(tmp_path):
+    with pytest.raises(OSError, match="holds a NUL"):
+        read_regular(tmp_path / "a\0b", 10)
+
+
+def test_links_are_followed_only_where_that_is_asked_for(tmp_path):
+    (tmp_path / "file").write_bytes(b"content")
+    (tmp_path / "link").symlink_to("file")
+    assert read_regular(tmp_path / "link", 7) == b"content"
+    for create in (0, os.O_CREAT):
+        with pytest.raises(OSError, match="is a symbolic link"):
+            open_regular(tmp_path / "link", flags=os.O_RDWR | create, follow=False)
+    (tmp_path / "file").unlink()
+    with pytest.raises(OSError, match="is a symbolic link"):
+        open_regular(tmp_path / "link", flags=os.O_RDWR | os.O_CREAT, mode=0o600, follow=False)
+    assert not (tmp_path / "file").exists()
+
+
+def test_what_is_exchanged_after_the_look_is_neither_waited_for_nor_followed(tmp_path, monkeypatch):
+    (tmp_path / "file").write_bytes(b"")
+    real = os.open
+    for exchange in (os.mkfifo, endless):
+
+        def late(path, flags, mode=0, exchange=exchange):
+            path.unlink()
+            exchange(path)
+            return real(path, flags, mode)
+
+        monkeypatch.setattr(os, "open", late)
+        with pytest.raises(OSError) as caught:
+            read_regular(tmp_path / "file", 10, follow=False)
+        monkeypatch.undo()
+        assert caught.value.errno in (errno.EINVAL, errno.ELOOP)
+        (tmp_path / "file").unlink()
+        (tmp_path / "file").write_bytes(b"")
+
+
+def test_a_file_that_grows_while_it_is_read_is_refused_all_the_same(tmp_path, monkeypatch):
+    (tmp_path / "file").write_bytes(b"12345")
+    monkeypatch.setattr(os, "read", lambda _, most: b"x" * most)
+    with pytest.raises(OSError, match="is larger than 64 KiB"):
+        read_regular(tmp_path / "file", 64 << 10)
+
+
+def test_the_limit_itself_is_allowed(tmp_path):
+    (tmp_path / "file").write_bytes(b"x" * 3_000_000)
+    assert read_regular(tmp_path / "file", 3_000_000) == b"x" * 3_000_000
+
+
+def test_what_is_no_text_is_told(tmp_path):
+    (tmp_path / "file").write_bytes(b"a\xff")
+    with pytest.raises(OSError, match="no text in UTF-8: invalid start byte at byte 1"):
+        read_text(tmp_path / "file", 10)
