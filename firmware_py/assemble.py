@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,15 +12,18 @@ from firmware_py import ROOT, __version__, commit_of, version_text
 from firmware_py.common.interfaces import ByteLine, Calibrator, Clock, Compass, Position, Rudder
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
 from firmware_py.common.records import Event, Severity
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.resume import restore
 from firmware_py.core.state import State
 from firmware_py.devices import COMPASSES, POSITIONS, RUDDERS, calibrator_of
+from firmware_py.files.reading import read_regular
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.files.root import FileRoot
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import open_transport
+from firmware_py.link.wire.transport import Transport
 from firmware_py.log.disk import log_files
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.loop import LoopParts
@@ -98,8 +102,7 @@ def open_lines(lines: Sequence[SerialPort], *, wait: bool) -> None:
                 if not wait:
                     raise
     except PortError:
-        for line in lines:
-            line.close()
+        _close_all(lines)
         raise
 
 
@@ -126,47 +129,48 @@ class Options:
 
 @dataclass(slots=True)
 class Assembly:
-    """A wired autopilot and what must be closed after it."""
+    """A wired autopilot; `close` closes links, log, store, lines and console, in that order."""
 
     parts: LoopParts
     endpoint: Endpoint
     console: Console
-
-    def close(self) -> None:
-        """Close links, log, store and lines, in that order."""
-        self.endpoint.close()
-        if self.parts.recorder is not None:
-            self.parts.recorder.close()
-        self.parts.store.close()
-        for line in self.parts.lines:
-            line.close()
-        self.console.close()
+    close: Callable[[], None]
 
 
 def assemble(vehicle: Vehicle, options: Options) -> Assembly:
-    """Wire everything; PortError, StoreError or LinkError with the remedy when something cannot be had."""
+    """Wire everything; PortError, StoreError or LinkError with the remedy when something cannot be had.
+
+    What has been opened by then is closed again, whatever the error.
+    """
+    with ExitStack() as opened:
+        parts, endpoint, console = _wire(vehicle, options, opened)
+        return Assembly(parts, endpoint, console, opened.pop_all().close)
+
+
+def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopParts, Endpoint, Console]:
+    """Open and wire everything; `opened` is to close it, the last first."""
     console = Console()
+    opened.callback(console.close)
+    lines: list[SerialPort] = []
+    opened.callback(_close_all, lines)
     devices = open_devices(vehicle, wait=options.wait)
-    store = Store(options.state_directory, private=(SIGNING_FILE,))
-    start_events: list[Event] = []
-    kept = _read_state(store, console, start_events)
+    lines += devices.lines
+    store = Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)
+    opened.callback(store.close)
+    notices: list[Event] = []
+    kept, plans = _read_state(store, console, notices)
     parameters = kept.parameters_over(base_parameters(vehicle))
-    lines = list(devices.lines)
-
-    def open_line(path: str, baud: int) -> SerialPort:
-        line = SerialPort(path, baud)
-        open_lines([line], wait=options.wait)
-        lines.append(line)
-        return line
-
-    transports = [open_transport(url, open_line) for url in (*vehicle.link_urls, *options.link_urls)]
+    transports = _open_transports((*vehicle.link_urls, *options.link_urls), lines, opened, wait=options.wait)
     clock: Clock = RealClock()
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
     if options.lockstep is not None:
         clock = LockstepClock(options.lockstep, [line.name for line in lines], lambda: [line.written for line in lines])
     version = _version()
-    state = State.at_start(parameters, kept.plans())
+    state = State.at_start(parameters, plans)
     autopilot = Autopilot(resume(state, kept.resume_record(), clock.utc_s(), console.line), kept)
+    recorder = _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock, version.commit)
+    if recorder is not None:
+        opened.callback(recorder.close)
     endpoint = Endpoint(
         transports,
         autopilot,
@@ -177,11 +181,11 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         offer_utc=None if clock_setter is None else clock_setter.add_station_time,
         calibrator=devices.calibrator,
         storage=_storage(options.state_directory, parameters),
-        start_events=start_events,
+        start_events=notices,
     )
+    opened.callback(endpoint.close)
     if not endpoint.key_readable:
         console.line(f"stored {SIGNING_FILE} left out: it is not one; set the key again")
-    recorder = _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock, version.commit)
 
     def show_event(event: Event) -> None:
         console.line(f"{clock.now_s():10.3f} {event.severity.name.lower():8} {event.text}")
@@ -200,22 +204,48 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
         show_event=show_event,
         fault_barrier=FaultBarrier(console.line),
         clock_setter=clock_setter,
-        start_events=tuple(start_events),
+        notices=notices,
     )
-    return Assembly(parts, endpoint, console)
+    return parts, endpoint, console
 
 
-def _read_state(store: Store, console: Console, events: list[Event]) -> StateDirectory:
+def _close_all(lines: Sequence[SerialPort]) -> None:
+    for line in lines:
+        line.close()
+
+
+def _open_transports(urls: Sequence[str], lines: list[SerialPort], opened: ExitStack, *, wait: bool) -> list[Transport]:
+    """Open the links; the serial lines among them are added to those of the devices."""
+
+    def open_line(path: str, baud: int) -> SerialPort:
+        line = SerialPort(path, baud)
+        open_lines([line], wait=wait)
+        lines.append(line)
+        return line
+
+    transports: list[Transport] = []
+    for url in urls:
+        transports.append(open_transport(url, open_line))
+        opened.callback(transports[-1].close)
+    return transports
+
+
+def _read_state(store: Store, console: Console, notices: list[Event]) -> tuple[StateDirectory, Plans]:
     """Return what earlier runs have left; what is wrong with it is said now, and as an event to be told."""
 
     def say(text: str) -> None:
         console.line(text)
-        events.append(Event(Severity.WARNING, text))
+        notices.append(Event(Severity.WARNING, text))
 
+    if store.obstacle:
+        say(store.obstacle)
     report_damage(store, say)
     kept = StateDirectory(store, say)
+    plans = kept.plans()
+    if store.obstacle:
+        say(f"Used of what is stored: {kept.inventory(plans)}")
     kept.count_start()
-    return kept
+    return kept, plans
 
 
 def resume(state: State, record: bytes | None, utc_s: float, say: Callable[[str], None]) -> State:
@@ -224,7 +254,7 @@ def resume(state: State, record: bytes | None, utc_s: float, say: Callable[[str]
         return state
     try:
         state, notes = restore(state, record.decode("ascii", "replace"), utc_s)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         say(f"stored {RESUME_FILE} left out: {error}")
         return replace(state, greeting="Not resumed: the record is no good")
     for note in notes:
@@ -262,7 +292,7 @@ def _version() -> Version:
     """This program's version and commit, and a number of this computer's own."""
     major, minor, patch = (int(part) for part in __version__.split(".")[:3])
     try:
-        machine = Path("/etc/machine-id").read_bytes()
+        machine = read_regular(Path("/etc/machine-id"), 1 << 12)
     except OSError:
         machine = b""
     uid = int.from_bytes(hashlib.sha256(machine).digest()[:8]) if machine else 0

@@ -55,7 +55,7 @@ class LoopParts:
     show_event: Callable[[Event], None]
     fault_barrier: FaultBarrier
     clock_setter: ClockSetter | None = None
-    start_events: tuple[Event, ...] = ()  # told with the first tick
+    notices: list[Event] = field(default_factory=list)  # of what is found on disk: told with the next tick
     take_signals: Callable[[], tuple[Event, ...]] = tuple  # what is to be told of the process's signals
     compass_b: Compass | None = None
     health: HealthMonitor = field(default_factory=HealthMonitor)
@@ -114,8 +114,8 @@ def _tick(parts: LoopParts, tick: Tick) -> HeadingSample | None:
     )
     output = parts.autopilot.step(inputs)
     parts.rudder.command(output.command, now_s)
-    start_events = parts.start_events if tick.index == 0 else ()
-    events = (*start_events, *parts.take_signals(), *parts.fault_barrier.take_events())
+    events = (*parts.notices, *parts.take_signals(), *parts.fault_barrier.take_events())
+    parts.notices.clear()
     if parts.clock_setter is not None:
         policy = int(parts.autopilot.state.parameters["CLK_SET"])
         events = (*events, *parts.clock_setter.update(policy, inputs.positions, now_s))

@@ -18,9 +18,10 @@ from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import write_plan
 from firmware_py.plans.read_file import MOST_BYTES, read_plan_file
 from firmware_py.plans.text_files import write_text
+from firmware_py.system.hold import StoreError
 from firmware_py.system.slots import examine
 from firmware_py.system.state_directory import PLAN_FILES
-from firmware_py.system.store import Store, StoreError
+from firmware_py.system.store import Store
 
 KINDS: Mapping[str, PlanKind] = {kind.name.lower(): kind for kind in PlanKind}
 

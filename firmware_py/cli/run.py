@@ -10,14 +10,15 @@ from pathlib import Path
 
 from firmware_py import __version__
 from firmware_py.assemble import Assembly, Options, assemble
+from firmware_py.files.making import exact_modes
 from firmware_py.link.wire.transport import LinkError
 from firmware_py.link.wire.worker import THREAD as FILES_THREAD
 from firmware_py.loop import run as run_loop
 from firmware_py.system import realtime
 from firmware_py.system.clock import ClockError
+from firmware_py.system.hold import StoreError
 from firmware_py.system.serial_port import PortError
 from firmware_py.system.signals import Signals
-from firmware_py.system.store import StoreError
 from firmware_py.vehicle import VehicleError, load
 
 SHUT_DOWN = 10  # the exit code of an autopilot that was told to shut down; a supervisor should leave it so
@@ -36,7 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "tcpin:HOST:PORT, tcpout:HOST:PORT or serial:PATH:BAUD; may be given several times",
     )
     parser.add_argument(
-        "--wait", action="store_true", help="start even while a port is absent and take it up when it appears"
+        "--wait",
+        action="store_true",
+        help="start even while a port or the state directory is not to be had, and take it up when it is",
     )
     parser.add_argument("--lockstep", metavar="SOCKET", help=argparse.SUPPRESS)
     # For the harness: an autopilot without its box would take up the ports of the next one.
@@ -52,7 +55,7 @@ def default_state_directory(name: str) -> Path:
 def run(arguments: argparse.Namespace) -> int:
     """Run until told to stop or to shut down; told to restart, become a new process in place."""
     # Before any port is opened: a rudder that an earlier process has left over shall not stay there.
-    with Signals() as signals:
+    with exact_modes(), Signals() as signals:
         if arguments.with_parent is not None and not realtime.end_with_parent(arguments.with_parent):
             return 0
         try:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,6 +18,7 @@ from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.plans.validation import problem_of
+from firmware_py.system.slots import Stored
 from firmware_py.system.store import Store
 
 PARAMETER_FILE: Final = "parameters.param"
@@ -56,12 +57,18 @@ class StateDirectory:
         self._store, self._say = store, say
         self._usable, unusable = load_parameters(store, say)
         self._kept = unusable | self._usable
+        store.on_arrival((PARAMETER_FILE,), self._take_up)
 
     def count_start(self) -> None:
         """Count one start more."""
-        count = min(self._usable.get(BOOT_COUNT, 0.0) + 1.0, TABLE[INDEX[BOOT_COUNT]].maximum)
-        self._usable[BOOT_COUNT] = count
+        count = self._usable[BOOT_COUNT] = _one_more(self._usable.get(BOOT_COUNT, 0.0))
         self.keep_parameter(BOOT_COUNT, count)
+
+    def inventory(self, plans: Plans) -> str:
+        """Say in a few words what is used of what earlier runs have left."""
+        counts = [f"{len(self._usable)} parameters"]
+        counts += [f"{kind.name.lower()} of {len(plans.of(kind).items)} items" for kind in PlanKind]
+        return ", ".join(counts)
 
     def parameters_over(self, base: ParameterSet) -> ParameterSet:
         """Return the parameters with the kept ones over them."""
@@ -106,6 +113,18 @@ class StateDirectory:
         """Call back, on the loop's thread, once the parameters are on disk (True) or cannot be (False)."""
         self._store.when_stored((PARAMETER_FILE,), call)
 
+    def _take_up(self, found: Mapping[str, Stored]) -> None:
+        """Keep what is in a directory that has come late, under what has been set since the start."""
+        stored = found[PARAMETER_FILE]
+        values, unusable = read_parameters(stored.content, self._say)
+        self._kept = unusable | values | self._kept
+        if BOOT_COUNT in values:
+            self._kept[BOOT_COUNT] = _one_more(values[BOOT_COUNT])
+        self._say("State directory is there now; what it holds counts from the next start")
+        if stored.damage:
+            self._say(stored.damage)
+        self._save_parameters()
+
     def _save_parameters(self) -> None:
         self._store.save(PARAMETER_FILE, format_file(self._kept).encode())
 
@@ -129,13 +148,21 @@ class KeyVault:
         self.store.when_stored((SIGNING_FILE,), call)
 
 
+def _one_more(count: float) -> float:
+    return min(count + 1.0, TABLE[INDEX[BOOT_COUNT]].maximum)
+
+
 def load_parameters(store: Store, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
+    """Return what `read_parameters` does of what is stored."""
+    return read_parameters(store.load(PARAMETER_FILE), say)
+
+
+def read_parameters(content: bytes | None, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
     """Return the values that ground stations have set in earlier runs, and those that this version cannot use.
 
     The latter are said. They stay in the store for the version that knows them, until all are forgotten or
     the parameter is set anew; a line that is no name and value is said and left out for good.
     """
-    content = store.load(PARAMETER_FILE)
     values: dict[str, float] = {}
     unusable: dict[str, float] = {}
     if content is None:

@@ -7,23 +7,19 @@ caller is to go on with the version before, until the failed one is surely withd
 from __future__ import annotations
 
 import contextlib
-import errno
-import fcntl
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
+from firmware_py.system.hold import Hold, InUseError, StoreError
 from firmware_py.system.slots import SlotWriter, Stored, examine
 
 RETRY_S = 2.0  # after a pause of this length, what has failed is tried again
-
-
-class StoreError(RuntimeError):
-    """The state directory cannot be used; the text names the remedy."""
+_ARRIVING = "the state directory is being taken up"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,25 +54,25 @@ class Store:
     `service`, on the caller's thread, when `fileno` is readable.
     """
 
-    def __init__(self, directory: Path, private: Collection[str] = ()) -> None:
+    def __init__(self, directory: Path, private: Collection[str] = (), *, wait: bool = False) -> None:
         """Make and lock the directory, start the writer; StoreError when it cannot be used.
 
-        The names in `private` are for nobody but the owner to read.
+        The names in `private` are for nobody but the owner to read. With `wait` only another process that
+        holds the directory is an error: whatever else is wrong is a `failure`, and tried again.
         """
         self._directory = directory
         self._private = frozenset(private)
+        self._hold = Hold(directory)
+        self.obstacle = ""  # what kept the directory from being held as it should be at the start
+        self._unheld = ""  # why nothing can be written now: the directory is not held
         try:
-            directory.mkdir(parents=True, exist_ok=True)
-            self._lock_fd = os.open(directory / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        except OSError as error:
-            raise StoreError(f"state directory {directory}: {error.strerror}; choose another with --state") from None
-        try:
-            fcntl.flock(self._lock_fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            os.close(self._lock_fd)
-            if error.errno in (errno.EAGAIN, errno.EACCES):
-                raise StoreError(f"state directory {directory} is in use by another autopilot; end that one") from None
-            raise StoreError(f"state directory {directory} cannot be locked: {error.strerror}") from None
+            self.obstacle = self._hold.take(strict=not wait)
+        except InUseError:
+            raise
+        except StoreError as error:
+            if not wait:
+                raise
+            self.obstacle = self._unheld = str(error)
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._lock = threading.Lock()
         self._wake: SimpleQueue[bool] = SimpleQueue()  # of the writer: half the cost of a condition; True: it ends
@@ -86,14 +82,20 @@ class Store:
         self._failed: dict[str, _Failure] = {}
         self._waiting: deque[_Waiter] = deque()
         self._due: deque[tuple[Callable[[bool], None], bool]] = deque()
+        self._read_on_arrival: Collection[str] = ()
+        self._welcome: Callable[[Mapping[str, Stored]], None] = lambda _: None
         self._thread = threading.Thread(target=self._write_jobs, name="store", daemon=True)
-        self._thread.start()
+        try:
+            self._thread.start()
+        except RuntimeError:  # there is no thread to be had
+            self._release()
+            raise
 
     @property
     def failure(self) -> str:
-        """What is wrong with the names that are not on disk; empty when all are."""
+        """What is wrong with the names that are not on disk; empty when all are and others can be."""
         with self._lock:
-            return "; ".join(failure.text for failure in self._failed.values())
+            return "; ".join(failure.text for failure in self._failed.values()) or self._unheld
 
     def fileno(self) -> int:
         """The descriptor that is readable when `service` has callbacks to run."""
@@ -139,6 +141,13 @@ class Store:
         if not saves:
             os.eventfd_write(self._wake_fd, 1)
 
+    def on_arrival(self, names: Collection[str], welcome: Callable[[Mapping[str, Stored]], None]) -> None:
+        """Run welcome(what the names hold) from `service` when a directory is held that was not there at the start.
+
+        It may also have been mounted over the one that was. Nothing is written there before.
+        """
+        self._read_on_arrival, self._welcome = names, welcome
+
     def service(self) -> None:
         """Run the callbacks that are due."""
         try:
@@ -154,9 +163,13 @@ class Store:
         """Finish the queued saves, try once more what has failed, and release the directory."""
         self._wake.put(True)
         self._thread.join(timeout=10.0)
-        for descriptor in (self._wake_fd, self._lock_fd):
-            with contextlib.suppress(OSError):
-                os.close(descriptor)
+        self._release()
+
+    def _release(self) -> None:
+        with contextlib.suppress(OSError):
+            os.close(self._wake_fd)
+        with contextlib.suppress(OSError):
+            self._hold.release()
 
     def _queue(self, name: str, job: _Job) -> None:
         """Hand a job to the writer; the lock is held."""
@@ -171,9 +184,15 @@ class Store:
         closing = False
         while not closing:
             try:
-                closing = retry = self._wake.get(timeout=RETRY_S if self._failed else None)
+                closing = retry = self._wake.get(timeout=RETRY_S if self._failed or self._unheld else None)
             except Empty:
                 retry = True
+            if not (self._unheld or self._hold.stands()):
+                self._unheld = f"state directory {self._directory} is gone, or another one"
+            if self._unheld and retry:
+                writer.close()
+                writer = SlotWriter(self._directory, self._private)
+                self._take_up()
             with self._lock:
                 jobs = dict(self._jobs)
                 for name, failure in self._failed.items() if retry else ():
@@ -181,8 +200,32 @@ class Store:
                 asked = {name: self._asked[name] for name in jobs}
                 self._jobs = {}
             for name, job in jobs.items():
-                self._settle(name, asked[name], _write_job(writer, name, job))
+                self._settle(name, asked[name], _write_job(writer, name, job, self._unheld))
         writer.close()
+
+    def _take_up(self) -> None:
+        """Try to hold the directory; what it holds is handed over before anything is written there."""
+        if self._unheld == _ARRIVING:
+            return
+        before = self._hold.identity
+        try:
+            self._hold.take(strict=False)
+        except StoreError as error:
+            self._unheld = str(error)
+            return
+        if self._hold.identity == before:
+            self._unheld = ""  # it was away: there is nothing in it but what is known
+            return
+        found = {name: self.examine(name) for name in self._read_on_arrival}
+        self._unheld = _ARRIVING
+
+        def welcome(_: bool) -> None:  # noqa: FBT001 - as the store's other callbacks
+            self._welcome(found)
+            self._unheld = ""
+
+        with self._lock:
+            self._due.append((welcome, True))
+        os.eventfd_write(self._wake_fd, 1)
 
     def _settle(self, name: str, asked: int, failure: _Failure | None) -> None:
         """Note how the saves of a name have ended, by this writing and not by one that may follow."""
@@ -205,8 +248,10 @@ class Store:
         os.eventfd_write(self._wake_fd, 1)
 
 
-def _write_job(writer: SlotWriter, name: str, job: _Job) -> _Failure | None:
-    """Do a job; return what went wrong, None when nothing did."""
+def _write_job(writer: SlotWriter, name: str, job: _Job, unheld: str) -> _Failure | None:
+    """Do a job, unless the directory is not held; return what went wrong, None when nothing did."""
+    if unheld:
+        return _Failure(f"{name} cannot be stored: {unheld}", _Job(None) if job.once else job)
     try:
         if job.content is None:
             writer.withdraw(name)

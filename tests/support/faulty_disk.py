@@ -6,7 +6,20 @@ import threading
 from pathlib import Path
 
 SECTOR = 512
-CALLS = ("open", "close", "write", "pwrite", "fdatasync", "fsync", "fchmod", "ftruncate", "rename", "replace", "unlink")
+CALLS = (
+    "open",
+    "close",
+    "read",
+    "write",
+    "pwrite",
+    "fdatasync",
+    "fsync",
+    "fchmod",
+    "ftruncate",
+    "rename",
+    "replace",
+    "unlink",
+)
 KINDS = ("refused", "late", "torn", "short")  # without effect; after it; in the middle of it; fewer bytes than asked
 CUTS = ("nothing", "everything", "first sector", "all but the first sector")  # of what was not forced to disk
 

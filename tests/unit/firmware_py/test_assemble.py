@@ -1,9 +1,14 @@
 """What is wired at a start: parameters from the vehicle file and the state directory."""
 
+import threading
+from pathlib import Path
+
 import pytest
 
+from firmware_py.__main__ import main
 from firmware_py.assemble import Options, assemble, base_parameters
 from firmware_py.common.records import Severity
+from firmware_py.system.store import Store
 from firmware_py.vehicle import load
 
 VEHICLE = """
@@ -57,5 +62,28 @@ def test_a_mission_that_was_lost_is_an_event_of_the_start(vehicle, tmp_path, cap
     assembly = assemble(vehicle, Options(tmp_path / "state", wait=True))
     assembly.close()
     told = "mission.plan.0 is damaged: there is no mission"
-    assert [(event.severity, event.text) for event in assembly.parts.start_events] == [(Severity.WARNING, told)]
+    assert [(event.severity, event.text) for event in assembly.parts.notices] == [(Severity.WARNING, told)]
     assert told in "".join(capfd.readouterr())
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_thread_that_cannot_be_had_is_one_line_and_leaves_nothing_held(number, vehicle, tmp_path, monkeypatch, capfd):
+    """Console, store, log and file transfer have one each."""
+    real, started = threading.Thread.start, []
+
+    def start(thread):
+        started.append(thread)
+        if len(started) > number:
+            raise RuntimeError("can't start new thread")
+        real(thread)
+
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    with monkeypatch.context() as patches:
+        patches.setattr(threading.Thread, "start", start)
+        assert main(["run", str(tmp_path / "boat.toml"), "--state", str(tmp_path / "state"), "--wait"]) == 2
+    assert len(started) == number + 1
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "no new thread" in line
+    assert not any(thread.is_alive() for thread in started)
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+    Store(tmp_path / "state").close()

@@ -189,6 +189,9 @@ class FakeStore:
     def when_stored(self, _names, call):
         self.calls.append(call)
 
+    def on_arrival(self, _names, _welcome):
+        """It is there from the start."""
+
     def service(self):
         while self.calls:
             self.calls.pop(0)(True)
@@ -519,7 +522,7 @@ def test_a_rudder_that_does_not_come_amidships_does_not_hold_up_the_end(boat):
 
 def test_what_was_found_wrong_at_the_start_is_told_and_logged_with_the_first_tick(boat):
     lost = Event(Severity.WARNING, "mission.plan.0 is damaged: there is no mission")
-    boat.start_events = (lost,)
+    boat.notices.append(lost)
     turn(boat, 1.0)
     told = [lost in output.events for output in boat.link.outputs]
     assert told == [lost in output.events for _, output, _ in boat.recorder.ticks]

@@ -1,5 +1,7 @@
+import fcntl
 import os
 import select
+import threading
 from pathlib import Path
 
 import pytest
@@ -112,6 +114,184 @@ def test_a_directory_that_cannot_be_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StoreError, match="--state"):
         Store(tmp_path / "file" / "state")
+
+
+def until_arrived(store, welcomed):
+    while not welcomed:
+        assert select.select([store.fileno()], [], [], 10.0)[0]
+        store.service()
+
+
+def stored_before(directory):
+    before = Store(directory)
+    for content in (b"old", b"older"):
+        before.save("a", content)
+        settle(before)
+    before.close()
+
+
+@pytest.fixture
+def no_pause(monkeypatch):
+    monkeypatch.setattr("firmware_py.system.store.RETRY_S", 0.01)
+
+
+def test_who_waits_for_the_directory_is_refused_until_it_is_there_and_nothing_in_it_is_lost(tmp_path, no_pause):
+    stored_before(tmp_path / "kept")
+    (tmp_path / "state").touch()  # in the way
+    store = Store(tmp_path / "state", wait=True)
+    welcomed = []
+    store.on_arrival(("a", "b"), welcomed.append)
+    assert "Not a directory" in store.obstacle
+    assert "Not a directory" in store.failure
+    assert store.load("a") is None
+    store.save("b", b"new")
+    assert settle(store, "b") == [False]
+    refused = []
+    store.try_save("a", b"refused", refused.append)
+    while not refused:
+        assert select.select([store.fileno()], [], [], 10.0)[0]
+        store.service()
+    assert refused == [False]
+    (tmp_path / "state").unlink()
+    (tmp_path / "kept").rename(tmp_path / "state")
+    until_arrived(store, welcomed)
+    assert [{name: stored.content for name, stored in found.items()} for found in welcomed] == [
+        {"a": b"older", "b": None}
+    ]
+    assert settle(store, "b") == [True]
+    store.save("a", b"newest")
+    assert settle(store) == [True]
+    assert store.failure == ""
+    with pytest.raises(StoreError, match="in use"):
+        Store(tmp_path / "state")
+    store.close()
+    assert stored_before_and_now(tmp_path / "state") == {b"older", b"newest"}
+
+
+def stored_before_and_now(directory):
+    """Return what both slots hold: the newest is never written over."""
+    return {(directory / f"a.{slot}").read_bytes().split(b"\n")[1].rstrip(b"\0") for slot in (0, 1)}
+
+
+def test_a_directory_put_in_place_of_the_one_that_was_held_is_taken_up_too(tmp_path, no_pause):
+    """As one on a medium that is mounted late over an empty one."""
+    stored_before(tmp_path / "mounted")
+    store = Store(tmp_path / "state", wait=True)
+    welcomed = []
+    store.on_arrival(("a",), welcomed.append)
+    store.save("b", b"1")
+    assert settle(store, "b") == [True]
+    (tmp_path / "state").rename(tmp_path / "hidden")
+    (tmp_path / "mounted").rename(tmp_path / "state")
+    store.save("b", b"2")
+    assert settle(store, "b") == [False]
+    until_arrived(store, welcomed)
+    assert welcomed[0]["a"].content == b"older"
+    assert settle(store, "b") == [True]
+    store.save("a", b"newest")
+    assert settle(store) == [True]
+    store.close()
+    assert stored_before_and_now(tmp_path / "state") == {b"older", b"newest"}
+    assert not (tmp_path / "hidden" / "a.0").exists()
+
+
+def test_a_directory_that_is_gone_is_not_made_anew(tmp_path, no_pause):
+    """It was on a medium: below the place where that was mounted there is another disk."""
+    store = Store(tmp_path / "state")
+    (tmp_path / "state").rename(tmp_path / "away")
+    store.save("a", b"1")
+    store.on_arrival(("a",), lambda _: pytest.fail("it is known"))
+    assert settle(store) == [False]
+    assert not (tmp_path / "state").exists()
+    (tmp_path / "away").rename(tmp_path / "state")
+    while store.failure:
+        assert select.select([store.fileno()], [], [], 10.0)[0]
+        store.service()
+    assert store.load("a") == b"1"
+    store.close()
+
+
+def test_another_autopilot_is_kept_out_by_whoever_waits_too(tmp_path, no_pause):
+    """Also where the lock file cannot be had: the directory itself is locked."""
+    (tmp_path / "state").mkdir()
+    (tmp_path / "state" / "lock").mkdir()
+    first = Store(tmp_path / "state", wait=True)
+    assert "Is a directory" in first.obstacle
+    first.save("a", b"1")
+    assert settle(first) == [True]
+    with pytest.raises(StoreError, match="in use by another autopilot"):
+        Store(tmp_path / "state", wait=True)
+    first.close()
+    with pytest.raises(StoreError, match="Is a directory; choose another with --state"):
+        Store(tmp_path / "state")
+
+
+def test_the_version_before_is_kept_out_by_the_file_and_keeps_out(tmp_path):
+    """It locks the file only."""
+    store = Store(tmp_path / "state")
+    with (tmp_path / "state" / "lock").open("w") as file, pytest.raises(BlockingIOError):
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    store.close()
+    with (tmp_path / "state" / "lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with pytest.raises(StoreError, match="in use by another autopilot"):
+            Store(tmp_path / "state", wait=True)
+
+
+def test_no_thread_leaves_nothing_held(tmp_path, monkeypatch):
+    def start(_thread):
+        raise RuntimeError("can't start new thread")
+
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    with monkeypatch.context() as patches:
+        patches.setattr(threading.Thread, "start", start)
+        with pytest.raises(RuntimeError):
+            Store(tmp_path / "state")
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+    Store(tmp_path / "state").close()
+
+
+def gigabytes(path):
+    path.touch()
+    os.truncate(path, 3 << 30)
+
+
+def linked_out(path):
+    (path.parents[1] / "outside").write_bytes(b"# rambler state 9 1 5c9a27e1\n9")
+    path.symlink_to("../outside")
+
+
+ODD = {
+    os.mkfifo: "is a pipe, no regular file",
+    linked_out: "is a symbolic link, no regular file",
+    gigabytes: "is larger than 1 MiB",
+}
+
+
+@pytest.mark.parametrize("make", ODD, ids=lambda make: make.__name__)
+def test_a_slot_that_is_no_file_is_neither_read_nor_written(make, tmp_path):
+    (tmp_path / "state").mkdir()
+    make(tmp_path / "state" / "a.0")
+    outside = (tmp_path / "outside").read_bytes() if make is linked_out else b""
+    store = Store(tmp_path / "state")
+    found = store.examine("a")
+    assert (found.content, found.damage) == (None, f"a.0 cannot be read ({ODD[make]})")
+    store.save("a", b"new")
+    assert settle(store) == [False]
+    assert ODD[make] in store.failure
+    (tmp_path / "state" / "a.0").unlink()
+    store.save("a", b"new")
+    assert settle(store) == [True]
+    assert store.load("a") == b"new"
+    store.close()
+    if make is linked_out:
+        assert (tmp_path / "outside").read_bytes() == outside
+
+
+def test_what_would_be_too_large_to_be_read_is_not_stored(store):
+    store.save("a.key", b"k" * (64 << 10))
+    assert settle(store, "a.key") == [False]
+    assert "too large" in store.failure
 
 
 def test_close_finishes_what_was_asked(tmp_path):

@@ -1,0 +1,94 @@
+"""The state directory, held by one process alone: a lock on the directory itself and one on the file `lock` in it.
+
+The first can be had where nothing can be written. The second keeps out those who know of it only: the version before.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from firmware_py.files.making import FILE_MODE, make_directory
+from firmware_py.files.reading import open_regular
+
+LOCK_FILE = "lock"
+
+
+class StoreError(RuntimeError):
+    """The state directory cannot be used; the text names the remedy."""
+
+
+class InUseError(StoreError):
+    """Another process holds the state directory."""
+
+
+class Hold:
+    """The locks on a directory, which need not be there yet."""
+
+    def __init__(self, directory: Path) -> None:
+        """Remember the directory; `take` makes and locks it."""
+        self._directory = directory
+        self._descriptors: list[int] = []
+        self.identity = (0, 0)  # device and number of the directory that is held, or was last
+        self._held_before = False
+
+    def take(self, *, strict: bool) -> str:
+        """Make the directory and lock it; return why its lock file cannot be had, empty when it is.
+
+        A directory that has been held before is not made anew: it may be on a medium that is gone.
+        Raises InUseError, and StoreError when there is no lock at all or, being strict, no lock file.
+        """
+        try:
+            if not self._held_before:
+                make_directory(self._directory)
+            status = self._directory.stat()
+        except OSError as error:
+            raise StoreError(self._text(error)) from None
+        self.release()
+        no_directory_lock = self._lock(self._open_directory)
+        no_file_lock = self._lock(self._open_file)
+        if no_file_lock is not None and (strict or no_directory_lock is not None):
+            self.release()
+            raise StoreError(self._text(no_file_lock))
+        self.identity, self._held_before = (status.st_dev, status.st_ino), True
+        return "" if no_file_lock is None else self._text(no_file_lock)
+
+    def release(self) -> None:
+        """Give the locks up."""
+        for descriptor in self._descriptors:
+            os.close(descriptor)
+        self._descriptors = []
+
+    def stands(self) -> bool:
+        """Whether the path still leads to the directory that is held; another may have been mounted over it."""
+        try:
+            status = self._directory.stat()
+        except OSError:
+            return False
+        return bool(self._descriptors) and (status.st_dev, status.st_ino) == self.identity
+
+    def _lock(self, open_it: Callable[[], int]) -> OSError | None:
+        """Open and lock; return what is in the way, InUseError when it is another process."""
+        try:
+            descriptor = open_it()
+            self._descriptors.append(descriptor)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.release()
+            raise InUseError(
+                f"state directory {self._directory} is in use by another autopilot; end that one"
+            ) from None
+        except OSError as error:
+            return error
+        return None
+
+    def _open_directory(self) -> int:
+        return os.open(self._directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+
+    def _open_file(self) -> int:
+        return open_regular(self._directory / LOCK_FILE, flags=os.O_RDWR | os.O_CREAT, mode=FILE_MODE, follow=False)
+
+    def _text(self, error: OSError) -> str:
+        return f"state directory {self._directory}: {error.strerror}; choose another with --state"

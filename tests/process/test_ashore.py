@@ -1,0 +1,212 @@
+"""A disk that cannot be written, or a computer that is short of something, as the real program meets it."""
+
+import contextlib
+import os
+import pty
+import resource
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.common.plan import to_text as plan_to_text
+from firmware_py.log.reader import LogReader
+from firmware_py.system.slots import stored_content
+from firmware_py.system.store import Store
+from support.program import Program
+
+VEHICLE = """
+[compass]
+driver = "nmea"
+port = "{}"
+baud = 4800
+[rudder]
+driver = "volz"
+port = "{}"
+baud = 115200
+"""
+NOBODY = 65534
+# Root may write anywhere: it becomes somebody else once all is imported, for nobody may not even read root's Python.
+AS_NOBODY = f"""
+import gettext, locale, os, resource, shutil, subprocess, sys, traceback
+import firmware_py.cli.run
+from firmware_py.__main__ import main
+if not os.geteuid():
+    os.setgroups([]), os.setgid({NOBODY}), os.setuid({NOBODY})
+sys.exit(main(sys.argv[1:]))
+"""
+PLAIN = ["-m", "firmware_py"]
+MISSION = plan_to_text(Plan.of(PlanKind.MISSION, (PlanItem(16, 3, x=1, y=2),))).encode()
+
+
+@pytest.fixture
+def place():
+    """A directory that anybody may enter."""
+    directory = Path(tempfile.mkdtemp())
+    directory.chmod(0o755)
+    yield directory
+    shutil.rmtree(directory)
+
+
+@pytest.fixture
+def vehicle(place):
+    """A vehicle file with ports that are there."""
+    ends = [pty.openpty() for _ in range(2)]
+    ports = [os.ttyname(slave) for _, slave in ends]
+    for port in ports:
+        Path(port).chmod(0o666)
+    path = place / "boat.toml"
+    path.write_text(VEHICLE.format(*ports))
+    yield path
+    for descriptor in (end for pair in ends for end in pair):
+        os.close(descriptor)
+
+
+@contextlib.contextmanager
+def started(vehicle, tmp_path, *more, how=PLAIN):
+    program = Program("rambler", [sys.executable, *how, "run", str(vehicle), *map(str, more)], tmp_path)
+    try:
+        yield program
+        program.send_signal(signal.SIGTERM)
+        assert program.exit_code() == 0
+    finally:
+        program.close()
+
+
+def refused(vehicle, *more, how=PLAIN, limit=None):
+    """Run until its end; return its one line."""
+    done = subprocess.run(
+        [sys.executable, *how, "run", str(vehicle), *map(str, more)],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        preexec_fn=limit,
+        check=False,
+    )
+    (line,) = done.stderr.splitlines()
+    assert (done.returncode, done.stdout) == (2, "")
+    return line
+
+
+def filled(directory):
+    """Leave what an earlier run has: a parameter and a mission."""
+    store = Store(directory)
+    store.save("parameters.param", b"CTL_K1 33\n")
+    store.save("mission.plan", MISSION)
+    store.close()
+    for path in directory.iterdir():
+        path.chmod(0o644)
+    directory.chmod(0o755)
+
+
+def parameters_in_log(directory):
+    (log,) = (directory / "logs").glob("*.BIN")
+    first = next(iter(LogReader(log)))
+    return first.checkpoint
+
+
+def test_a_state_directory_that_cannot_be_written_keeps_no_boat_ashore(place, vehicle, tmp_path):
+    state = place / "state"
+    filled(state)
+    how = ["-c", AS_NOBODY]
+    line = refused(vehicle, "--state", state, how=how)
+    assert line == f"rambler run: state directory {state}: Permission denied; choose another with --state"
+    with started(vehicle, tmp_path, "--state", state, "--wait", how=how) as program:
+        program.expect(f"state directory {state}: Permission denied")
+        program.expect("Used of what is stored: 1 parameters, mission of 1 items, fence of 0 items")
+        program.expect("Storage fails: log or settings are not kept")
+        assert not (state / "logs").exists()
+        for path in (state, *state.iterdir()):
+            path.chmod(0o777)
+        program.expect("Storage works again")
+    assert b"CTL_K1 33\nSTAT_BOOTCNT 1\n" in stored_content(state, "parameters.param")
+    assert '"CTL_K1":33.0' in parameters_in_log(state)
+
+
+def test_what_can_not_even_be_read_is_told_and_the_vehicle_file_counts(place, vehicle, tmp_path):
+    state = place / "state"
+    filled(state)
+    state.chmod(0o700)
+    with started(vehicle, tmp_path, "--state", state, "--wait", how=["-c", AS_NOBODY]) as program:
+        if os.geteuid():
+            return  # it is our own
+        program.expect(r"parameters.param.0 cannot be read \(Permission denied\)")
+        program.expect("Used of what is stored: 0 parameters, mission of 0 items")
+        program.expect("Storage fails")
+
+
+def test_a_directory_that_comes_late_is_taken_up_and_keeps_what_it_holds(place, vehicle, tmp_path):
+    filled(place / "medium")
+    (place / "mount").touch()  # a path through a file: what root may not do either
+    line = refused(vehicle, "--state", place / "mount" / "state")
+    assert "Not a directory; choose another with --state" in line
+    with started(vehicle, tmp_path, "--state", place / "mount" / "state", "--wait") as program:
+        program.expect("Used of what is stored: 0 parameters")
+        program.expect("Storage fails")
+        (place / "mount").unlink()
+        (place / "mount").mkdir()
+        (place / "medium").rename(place / "mount" / "state")
+        program.expect("State directory is there now; what it holds counts from the next start")
+        program.expect("Storage works again")
+    assert b"CTL_K1 33\nSTAT_BOOTCNT 1\n" in stored_content(place / "mount" / "state", "parameters.param")
+    assert stored_content(place / "mount" / "state", "mission.plan") == MISSION
+
+
+@pytest.mark.parametrize("umask", [0o000, 0o077])
+def test_files_are_made_for_owner_and_group_whatever_the_umask(umask, place, vehicle, tmp_path):
+    state = place / "new" / "state"
+    before = os.umask(umask)
+    try:
+        with started(vehicle, tmp_path, "--state", state) as program:
+            program.wait_for(lambda: list(state.glob("logs/*.BIN")), "no log")
+    finally:
+        os.umask(before)
+    made = (state.parent, state, *state.rglob("*"))
+    modes = {str(path.relative_to(place)): stat.S_IMODE(path.stat().st_mode) for path in made}
+    assert modes == {
+        "new": 0o750,
+        "new/state": 0o750,
+        "new/state/lock": 0o640,
+        "new/state/parameters.param.0": 0o640,
+        "new/state/logs": 0o750,
+        "new/state/logs/00000001.BIN": 0o640,
+    }
+
+
+def limits(kind, value):
+    return lambda: resource.setrlimit(kind, (value, value))
+
+
+@pytest.mark.parametrize("count", [9, 12, 14])
+def test_too_few_descriptors_are_one_line(count, place, vehicle):
+    line = refused(vehicle, "--state", place / "state", limit=limits(resource.RLIMIT_NOFILE, count))
+    assert "oo many open files" in line
+
+
+def test_too_little_memory_is_one_line(place, vehicle):
+    line = refused(vehicle, "--state", place / "state", limit=limits(resource.RLIMIT_AS, 64 << 20))
+    assert "too little memory" in line
+
+
+def test_no_thread_is_one_line(place, vehicle):
+    place.chmod(0o777)
+    alone = "resource.setrlimit(resource.RLIMIT_NPROC, (1, 1))\nsys.exit"
+    line = refused(vehicle, "--state", place / "state", how=["-c", AS_NOBODY.replace("sys.exit", alone)])
+    assert "no new thread" in line
+
+
+def test_twenty_descriptors_are_enough_and_too_few_for_many_links(place, vehicle, tmp_path):
+    links = [word for port in range(20) for word in ("--link", f"udpout:127.0.0.1:{40000 + port}")]
+    limit = limits(resource.RLIMIT_NOFILE, 20)
+    assert "too many open files" in refused(vehicle, "--state", place / "state", *links, limit=limit)
+    how = ["-c", "import resource\nresource.setrlimit(resource.RLIMIT_NOFILE, (20, 20))\n" + AS_NOBODY]
+    place.chmod(0o777)
+    with started(vehicle, tmp_path, "--state", place / "state" / "another", "--wait", how=how) as program:
+        program.expect("Mode HOLD")
