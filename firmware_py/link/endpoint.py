@@ -11,7 +11,8 @@ from firmware_py.common.reports import Output, Snapshot
 from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.context import Handler, LinkContext, Suppliers
 from firmware_py.link.files.root import FileRoot
-from firmware_py.link.peer import Peer, Peers
+from firmware_py.link.peer import Peer
+from firmware_py.link.peers import Peers
 from firmware_py.link.security.access import Admitted, Gate, Standing, reads_only
 from firmware_py.link.security.denials import deny
 from firmware_py.link.security.key_setup import KeySetup
@@ -23,6 +24,7 @@ from firmware_py.link.telemetry.table import ROWS_OF
 from firmware_py.link.wire.dialect import Message
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.link.wire.receive_queue import ReceiveQueue
+from firmware_py.link.wire.token_bucket import TokenBucket
 from firmware_py.link.wire.transport import Address, Transport
 from firmware_py.link.wire.worker import Worker
 
@@ -34,7 +36,9 @@ _EVENTS_PER_TICK = 16
 _FRAMES_AT_ONCE = 4  # answered
 _BYTES_AT_ONCE = 256  # searched for frames, and the rest of the last piece
 _PIECE_BYTES = 320
+_STRANGER_BYTES = 64  # to take up a stranger costs as much as to search these
 _REMEMBERED_EVENTS = 5
+_NOTICES, _NOTICES_HZ = 4, 1.0 / 30.0  # of who has no place: at once, and in the long run
 NO_STORAGE = FileRoot()
 
 
@@ -92,18 +96,18 @@ class Endpoint:
         self.key_readable = self._signing.restore(vault.load() or b"")
         self._gate = Gate(self._signing)
         self._reads_only = reads_only(frozenset(row.command for row in COMMANDS if row.repeatable))
+        self._notices = TokenBucket(_NOTICES, _NOTICES_HZ)
         self._peers = Peers(
             self._transports,
             self._gate,
             lambda index: LinkSealer(self._signing, index),
-            self._greet,
-            self._send_heartbeat,
+            self,
         )
         self._context.peers = self._peers
         self._worker = Worker(background=storage.background)
         self._services = Services(self._context, KeySetup(self._context, self._signing, vault), storage, self._worker)
         self._telemetry = TelemetryPublisher(self._context)
-        self._start_events = tuple(start_events[:_EVENTS_PER_TICK])
+        self.start_events = tuple(start_events[:_EVENTS_PER_TICK])
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
         self._receive_queue = ReceiveQueue(self._peers.has)
         self._unread: deque[tuple[Peer, Admitted]] = deque()  # frames not yet answered
@@ -127,7 +131,9 @@ class Endpoint:
         """Whether `service` has something to do even when no descriptor is ready."""
         if self._unread or self._receive_queue or self._services.pumping:
             return True
-        return any(peer.bulk.can_continue and not peer.outbox.waiting(Priority.REPLY) for peer in self._peers)
+        return any(
+            peer.bulk.can_continue and peer.proven and not peer.outbox.waiting(Priority.REPLY) for peer in self._peers
+        )
 
     @property
     def station_s(self) -> float | None:
@@ -149,7 +155,7 @@ class Endpoint:
         self._answer(now_s)
         self._flush(now_s)  # acknowledgements first
         self._peers.update(now_s)
-        self._services.pump(self._peers, now_s)
+        self._services.pump(self._peers.everybody(), now_s)
         self._flush(now_s)
 
     def publish(self, output: Output, now_s: float) -> None:
@@ -164,7 +170,7 @@ class Endpoint:
         self._peers.update(now_s)
         self._send_events(output.events)
         self._telemetry.send_due(self._peers, 1.0 / max(output.snapshot.rate_hz, 1.0), now_s)
-        self._services.pump(self._peers, now_s)
+        self._services.pump(self._peers.everybody(), now_s)
         self._flush(now_s)
 
     def close(self) -> None:
@@ -182,9 +188,10 @@ class Endpoint:
         received = self._peers.frames(index, address, data[:_PIECE_BYTES], now_s)
         if received is None:
             return
-        if len(data) > _PIECE_BYTES:
-            self._receive_queue.put_back(index, address, data[_PIECE_BYTES:])
         peer, frames = received
+        peer.rest_follows = len(data) > _PIECE_BYTES
+        if peer.rest_follows:
+            self._receive_queue.put_back(index, address, data[_PIECE_BYTES:])
         self._unread.extend((peer, admitted) for admitted in frames if admitted.frame.number in self._handlers)
         if self._gate.false_signatures > false_before:
             self._context.send_text_limited(peer, Severity.WARNING, _FALSE_SIGNATURE, now_s)
@@ -194,12 +201,16 @@ class Endpoint:
         while self._receive_queue and searched < _BYTES_AT_ONCE and len(self._unread) < _FRAMES_AT_ONCE:
             piece = self._receive_queue.pop()
             self._search(*piece, now_s)
-            searched += min(len(piece[2]), _PIECE_BYTES)
+            least = 0 if self._peers.has(*piece[:2]) else _STRANGER_BYTES
+            searched += max(least, min(len(piece[2]), _PIECE_BYTES))
         for _ in range(min(_FRAMES_AT_ONCE, len(self._unread))):
             self._dispatch(*self._unread.popleft(), now_s)
 
     def _dispatch(self, peer: Peer, admitted: Admitted, now_s: float) -> None:
-        frame, standing = admitted
+        frame, standing, verified = admitted
+        # With a key, a heartbeat that anybody may have sent is no sign of the owner's station.
+        if frame.number == _HEARTBEAT and not self._gate.knows(peer.transport.options, verified=verified):
+            return
         message = self._context.codec.decode(frame.data)
         if message is None or not self._context.is_addressee(message) or self._from_self(message):
             return
@@ -220,7 +231,8 @@ class Endpoint:
 
     # ------------------------------------------------------------------ out
 
-    def _greet(self, peer: Peer, now_s: float) -> None:
+    def greet(self, peer: Peer, now_s: float) -> None:
+        """Send one who has got a place a heartbeat, and what there is to know."""
         if peer.quiet:
             if self._context.high_latency:
                 peer.streams.set_high_latency(self._context.request_handler.parameters()["LNK_SAT_S"], now_s)
@@ -228,12 +240,17 @@ class Endpoint:
         self._context.send(peer, self._context.heartbeat(), Priority.URGENT)
         if self._context.snapshot is not None:
             peer.streams.mark_sent(ROWS_OF[_HEARTBEAT][0], now_s)
-        for event in (*self._start_events, *self._recent):
+        for event in (*self.start_events, *self._recent):
             self._context.send_text(peer, event.severity, event.text)
 
-    def _send_heartbeat(self, stranger: Peer, now_s: float) -> None:
-        self._context.send(stranger, self._context.heartbeat(), Priority.URGENT)
-        stranger.outbox.flush(now_s)
+    def send_heartbeat(self, peer: Peer) -> None:
+        """Queue a heartbeat to one without a place."""
+        self._context.send(peer, self._context.heartbeat(), Priority.URGENT)
+
+    def tell(self, text: str, now_s: float) -> None:
+        """Tell every station what was refused to somebody, not too often."""
+        if self._notices.spend_one(now_s):
+            self._context.send_text_all(Severity.NOTICE, text)
 
     def _report_changes(self, snapshot: Snapshot, now_s: float) -> None:
         """Take the state after a tick, and make what has changed due at once."""
@@ -247,9 +264,9 @@ class Endpoint:
     def _send_events(self, events: Sequence[Event]) -> None:
         for event in events[:_EVENTS_PER_TICK]:
             self._context.send_text_all(event.severity, event.text)
-            if event.severity <= Severity.WARNING and event not in self._start_events:
+            if event.severity <= Severity.WARNING and event not in self.start_events:
                 self._recent.append(event)
 
     def _flush(self, now_s: float) -> None:
-        for peer in self._peers:
+        for peer in self._peers.everybody():
             peer.outbox.flush(now_s)

@@ -230,7 +230,7 @@ class LogServer:
         download = self._downloads.get(peer)
         if download is None or not (download.ranges or download.entries):
             return
-        frames = peer.bulk.frames(_FRAME_BYTES, peer.outbox.waiting(Priority.REPLY), now_s)
+        frames = peer.bulk_frames(_FRAME_BYTES, now_s)
         if frames > 0 and download.entries is not None:
             sent = 0
             for packed in download.entries:

@@ -10,8 +10,6 @@ from support.program import Program, unused_ports
 from support.relay import Relay
 from support.station import Station
 
-GROUND_STATION, NO_AUTOPILOT = 6, 8  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID
-
 # Without any device: for what is asked over the link alone.
 BARE_BOAT = """
 [compass]
@@ -41,8 +39,6 @@ def connect(tmp_path, monkeypatch):
     def connect_one(url, source_system=200):
         link = mavutil.mavlink_connection(url, source_system=source_system, dialect="ardupilotmega")
         links.append(link)
-        # To be heard by a link that waits for whoever asks.
-        link.mav.heartbeat_send(GROUND_STATION, NO_AUTOPILOT, 0, 0, 0)
         return Station(link, tmp_path)
 
     yield connect_one

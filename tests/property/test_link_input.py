@@ -97,6 +97,7 @@ class Pipe:
     radio = False
     datagrams = True
     options = PLAIN
+    exposed = False
 
     def __init__(self):
         self.inbox = []
@@ -114,6 +115,9 @@ class Pipe:
 
     def addresses(self):
         return ("station",)
+
+    def guests(self):
+        return ()
 
     def poll(self, now_s):
         pass

@@ -107,13 +107,17 @@ class MemoryTransport:
         byte_rate=None,
         radio=False,
         datagrams=True,
+        exposed=False,
         options=PLAIN,
     ):
         self.descriptor = descriptor
         self.served = tuple(addresses)
+        self.connected = ()  # by themselves
+        self.dropped = []
         self.byte_rate = byte_rate
         self.radio = radio
         self.datagrams = datagrams
+        self.exposed = exposed
         self.options = options
         self.inbox = []
         self.sent = []
@@ -134,6 +138,16 @@ class MemoryTransport:
 
     def addresses(self):
         return self.served
+
+    def guests(self):
+        return self.connected
+
+    def host(self, address):
+        return address[0] if isinstance(address, tuple) else address
+
+    def drop(self, address):
+        self.dropped.append(address)
+        self.connected = tuple(other for other in self.connected if other != address)
 
     def poll(self, now_s):
         pass
@@ -197,6 +211,11 @@ class Rig:
     def tell(self, *messages, address="station"):
         """Send messages to the link; return what it said."""
         return self.give(b"".join(self.frame(message) for message in messages), address)
+
+    def prove(self, address="station"):
+        """Be heard once, and again in answer, as whoever wants a place on a link that waits for strangers."""
+        beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+        return [*self.tell(beat, address=address), *self.tell(beat, address=address)]
 
     def frame(self, message):
         data = message.pack(self.station)

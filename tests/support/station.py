@@ -6,6 +6,7 @@ import time
 import pytest
 
 PATIENCE_S = 45.0  # for anything at all: the machine may be busy with other tests
+GROUND_STATION, NO_AUTOPILOT = 6, 8  # MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID
 TAIL_LINES = 25
 
 
@@ -23,14 +24,23 @@ class Station:
     def __init__(self, link, directory):
         self.link = link
         self._directory = directory
+        self._next_s = 0.0
         self.mav = link.mav
         self.heard("HEARTBEAT")
+        self.show_presence()  # in answer, as every station does: a link that waits for strangers serves who is there
+
+    def show_presence(self):
+        """Send a heartbeat, as stations do each second."""
+        self._next_s = time.monotonic() + 1.0
+        self.mav.heartbeat_send(GROUND_STATION, NO_AUTOPILOT, 0, 0, 0)
 
     def heard(self, kind, wanted=lambda _: True):
         """Return the next message of a kind that is wanted."""
         give_up_s = time.monotonic() + PATIENCE_S
         last = None
         while time.monotonic() < give_up_s:
+            if time.monotonic() > self._next_s:
+                self.show_presence()
             message = self.link.recv_match(type=kind, blocking=True, timeout=1.0)
             if message is not None:
                 if wanted(message):

@@ -28,7 +28,6 @@ from firmware_py.link.files.tree import Tree
 from firmware_py.link.files.writing import WritingRequests
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message
-from firmware_py.link.wire.outbox import Priority
 from firmware_py.link.wire.worker import Worker
 
 _FRAME_BYTES = 12 + 3 + PAYLOAD.size
@@ -92,7 +91,7 @@ class FileServer:
             if session.burst is not None and client.peer is peer
         ]
         for client, session in waiting:
-            count = peer.bulk.frames(_FRAME_BYTES, peer.outbox.waiting(Priority.REPLY), now_s)
+            count = peer.bulk_frames(_FRAME_BYTES, now_s)
             if count <= 0:
                 break
             session.used_s = now_s

@@ -20,6 +20,7 @@ from firmware_py.link.wire.dialect import Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
 
 _AT_ONCE = 8  # values of a list in one call: half a millisecond
+_FRAME_BYTES = 50  # the longest, signed
 _QUEUED = 8  # and at most this many waiting for a slow line
 _QUEUED_FAST = 64  # or for a network that takes nothing now
 _UNSTORED = 64  # changes under way; more are not heard until some are on disk
@@ -56,7 +57,7 @@ class ParameterServer:
         if not peer.parameter_rows_due and peer.parameter_list_row is None:
             return
         most = _QUEUED if peer.transport.byte_rate is not None else _QUEUED_FAST
-        left = min(_AT_ONCE, most - peer.outbox.waiting(Priority.REPLY))
+        left = min(_AT_ONCE, most - peer.outbox.waiting(Priority.REPLY), peer.outbox.affordable(_FRAME_BYTES))
         while left > 0 and peer.parameter_rows_due:
             row = next(iter(peer.parameter_rows_due))
             del peer.parameter_rows_due[row]
@@ -119,7 +120,8 @@ class ParameterServer:
         self._unstored -= 1
         names = ", ".join(TABLE[row].name for row in rows[:3])
         if stored:
-            for peer in sorted(self._context.peers, key=lambda peer: peer is not asker):
+            # Who asked comes first, and need not have a place.
+            for peer in dict.fromkeys((*(() if asker is None else (asker,)), *self._context.peers)):
                 if peer is asker or not peer.quiet:
                     for row in rows:
                         self._owe(peer, row)

@@ -26,10 +26,11 @@ class Standing(IntEnum):
 
 
 class Admitted(NamedTuple):
-    """A frame and what it may do."""
+    """A frame and what it may do; `verified`: it is signed with the boat's key."""
 
     frame: Frame
     standing: Standing
+    verified: bool
 
 
 class Gate:
@@ -47,41 +48,65 @@ class Gate:
         """Frames with the right key and an old timestamp: replayed, or from somebody who is behind."""
         return self._signing.late_frames
 
-    def admit(self, frames: Iterable[Frame], options: LinkOptions) -> list[Admitted]:
-        """Return those that are heard at all."""
+    @property
+    def keyed(self) -> bool:
+        """Whether there is a key, so that who is who can be told."""
+        return self._signing.active
+
+    def knows(self, options: LinkOptions, *, verified: bool) -> bool:
+        """Return whether a sender is one of the owner's, as far as can be told; without a key everybody may be."""
+        return verified or options.trusted or not self.keyed
+
+    def admit(self, frames: Iterable[Frame], options: LinkOptions, *, line: bool) -> list[Admitted]:
+        """Return those that are heard at all; `line`: they came over a line, which may have a modem in it."""
         admitted = []
         for frame in frames:
-            standing = self._standing(frame, options)
+            verified = self._verified(frame.data)
+            if frame.number == RADIO_STATUS and verified is None:
+                # From the modem of a line, which knows no key. On a network there is none: as if it had not come.
+                if not line:
+                    continue
+                standing = Standing.READER if self._heard(frame.data) else Standing.NONE
+            else:
+                standing = self._standing(frame, options, verified=verified)
             if standing is Standing.NONE:
                 self.refused_frames += 1
             else:
-                admitted.append(Admitted(frame, standing))
+                admitted.append(Admitted(frame, standing, bool(verified)))
         return admitted
 
-    def _standing(self, frame: Frame, options: LinkOptions) -> Standing:
+    def _heard(self, data: bytes) -> bool:
+        return self.mavlink1 or data[0] == _MAVLINK2
+
+    def _verified(self, data: bytes) -> bool | None:
+        """Return whether the signature of a frame holds; None for a frame without one, or a boat without a key."""
+        if not self.keyed or data[0] != _MAVLINK2 or not data[2] & SIGNED_FLAG:
+            return None
+        return self._signing.verify(data)
+
+    def _standing(self, frame: Frame, options: LinkOptions, *, verified: bool | None) -> Standing:
         data = frame.data
-        second = data[0] == _MAVLINK2
-        if not second and not self.mavlink1:
+        if not self._heard(data):
             return Standing.NONE
+        second = data[0] == _MAVLINK2
         if options.systems is not None and data[5 if second else 3] not in options.systems:
             most = Standing.READER
         else:
             most = Standing.COMMANDER
         if frame.number == SETUP_SIGNING and options.trusted:
             return most
-        if self._signing.active and second and data[2] & SIGNED_FLAG:
-            if self._signing.verify(data):
-                return most
+        if verified is None:
+            return min(most, self.unsigned(options))
+        if not verified:
             self.false_signatures += 1
             return Standing.NONE
-        if frame.number == RADIO_STATUS:  # from the modem, which knows no key
-            return Standing.READER
-        return min(most, self._unsigned(options))
+        return most
 
-    def _unsigned(self, options: LinkOptions) -> Standing:
+    def unsigned(self, options: LinkOptions) -> Standing:
+        """Return what a frame without a signature may do at most."""
         policy = options.policy
         if policy is Policy.AUTO:
-            policy = Policy.SIGNED_COMMANDS if self._signing.active and not options.trusted else Policy.OPEN
+            policy = Policy.SIGNED_COMMANDS if self.keyed and not options.trusted else Policy.OPEN
         return _UNSIGNED[policy]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from firmware_py.common.reports import Snapshot
 from firmware_py.link.context import LinkContext
-from firmware_py.link.peer import Peers
+from firmware_py.link.peers import Peers
 from firmware_py.link.telemetry import estimates, motion
 from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.telemetry.table import TABLE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from enum import IntEnum
@@ -52,6 +53,9 @@ class Outbox:
 
     A frame gets its sequence number when it leaves, so that what is dropped here does
     not look like loss on the way. `dropped` counts what found a queue full.
+
+    `credit_bytes` is what may be sent to one who may not be where he says he is: what exceeds it is dropped. None is
+    without limit.
     """
 
     __slots__ = (
@@ -61,6 +65,7 @@ class Outbox:
         "_sealer",
         "_send",
         "_sequence",
+        "credit_bytes",
         "dropped",
         "sent_bytes",
     )
@@ -75,16 +80,30 @@ class Outbox:
         self._queues: tuple[deque[Packed], ...] = tuple(deque() for _ in Priority)
         self._sequence = 0
         self._blocked_since_s: float | None = None
+        self.credit_bytes: int | None = None
         self.dropped = 0
         self.sent_bytes = 0
 
     def push(self, packed: Packed, priority: Priority) -> None:
         """Queue a message, or drop and count it."""
         queue = self._queues[priority]
-        if len(queue) >= _DEPTHS[priority]:
+        if len(queue) >= _DEPTHS[priority] or not self._spend_credit(packed):
             self.dropped += 1
         else:
             queue.append(packed)
+
+    def _spend_credit(self, packed: Packed) -> bool:
+        if self.credit_bytes is None:
+            return True
+        size = self.size_of(packed)
+        if size > self.credit_bytes:
+            return False
+        self.credit_bytes -= size
+        return True
+
+    def affordable(self, frame_bytes: int) -> float:
+        """Return how many frames of a size its credit pays for."""
+        return math.inf if self.credit_bytes is None else self.credit_bytes // frame_bytes
 
     def waiting(self, priority: Priority) -> int:
         """Return the number of messages of this and higher priorities that wait."""
@@ -96,6 +115,8 @@ class Outbox:
 
     def room_bytes(self, now_s: float) -> float:
         """Return how much telemetry the line would take now, beside what waits already."""
+        if self.credit_bytes is not None:
+            return 0.0
         if self._bytes is None:
             return float(_BATCH_BYTES * 4)
         level_bytes = self._bytes.level(now_s)

@@ -61,8 +61,21 @@ class Transport(Protocol):
     def send(self, address: Address, data: bytes) -> bool:
         """Take all of data, or none of it (False)."""
 
+    @property
+    def exposed(self) -> bool:
+        """Whether somebody on another computer can begin to speak here."""
+
     def addresses(self) -> Sequence[Address]:
         """The correspondents that are to be served whether they have spoken or not."""
+
+    def guests(self) -> Sequence[Address]:
+        """Those who have connected by themselves."""
+
+    def host(self, address: Address) -> Hashable:
+        """Whose correspondent this is: the computer that it comes from."""
+
+    def drop(self, address: Address) -> None:
+        """End the connection of a guest."""
 
     def poll(self, now_s: float) -> None:
         """Connect again, push out what is held: whatever has to be done now and then."""

@@ -16,6 +16,7 @@ class SerialTransport:
     """One serial line with one correspondent at its far end; the line may vanish and come back."""
 
     datagrams = False
+    exposed = False
 
     def __init__(self, name: str, line: ByteLine, baud: int, options: LinkOptions = PLAIN) -> None:
         """Take an opened line and its speed."""
@@ -42,6 +43,17 @@ class SerialTransport:
     def addresses(self) -> Sequence[Address]:
         """Return the far end: whether anybody is there, a line cannot tell."""
         return (_FAR_END,)
+
+    def guests(self) -> Sequence[Address]:
+        """Return nobody: nobody connects to a line."""
+        return ()
+
+    def host(self, address: Address) -> Address:
+        """Return the far end itself."""
+        return address
+
+    def drop(self, address: Address) -> None:
+        """Do nothing: the far end is there for good."""
 
     def poll(self, now_s: float) -> None:
         """Do nothing: the line opens itself again."""

@@ -7,13 +7,16 @@ import socket
 from collections.abc import Sequence
 
 from firmware_py.link.wire.transport import READ_BYTES, Address, LinkUrl
-from firmware_py.link.wire.transport_udp import bind, resolve
+from firmware_py.link.wire.transport_udp import bind, exposed, resolve
 
-MAX_CLIENTS = 8
+# Connections at once: the places of a link, who waits for one, and who has just come. The link says who is to go.
+MAX_CLIENTS = 25
 RECONNECT_S = 1.0
 _HELD_BYTES = 1 << 15  # what a connection may hold back before messages are dropped whole
 _UNREAD_BYTES = 1 << 15  # and what the system may hold unread: a flood is over soon after its end
 _DEAD_MS = 60_000  # a connection whose data nobody acknowledges for this long is closed
+_PROBE_AFTER_S = 20  # and one over which nothing goes is asked for a sign of life after this
+_PROBE_EVERY_S = 10
 _PENDING = (errno.EINPROGRESS, errno.EALREADY)
 
 
@@ -28,16 +31,19 @@ def _tune(opened: socket.socket) -> None:
     opened.setblocking(False)
     opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _PROBE_AFTER_S)
+    opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, _PROBE_EVERY_S)
     opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _DEAD_MS)
 
 
 class _Connection:
     """One connected socket and what it could not take yet."""
 
-    __slots__ = ("_held", "_socket", "open")
+    __slots__ = ("_held", "_socket", "host", "open")
 
-    def __init__(self, connected: socket.socket) -> None:
+    def __init__(self, connected: socket.socket, host: str) -> None:
         self._socket = connected
+        self.host = host
         self._held = b""
         self.open = True
 
@@ -94,6 +100,7 @@ class TcpServer:
         self._listener = _new_socket()
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # else a restart waits a minute
         bind(self._listener, url)
+        self.exposed = exposed(self._listener)
         self._listener.listen(MAX_CLIENTS)
         self._clients: dict[int, _Connection] = {}  # by a number that is never used again
         self._next = 0
@@ -119,6 +126,20 @@ class TcpServer:
         return client is not None and client.write(data)
 
     def addresses(self) -> Sequence[Address]:
+        """Return nobody: clients come by themselves."""
+        return ()
+
+    def host(self, address: Address) -> Address:
+        """Return the IP address of a client."""
+        client = self._clients.get(address) if isinstance(address, int) else None
+        return None if client is None else client.host
+
+    def drop(self, address: Address) -> None:
+        """End the connection of a client."""
+        if isinstance(address, int) and (client := self._clients.pop(address, None)) is not None:
+            client.close()
+
+    def guests(self) -> Sequence[Address]:
         """Return the connected clients."""
         return tuple(number for number, client in self._clients.items() if client.open)
 
@@ -137,10 +158,10 @@ class TcpServer:
 
     def _accept(self) -> None:
         try:
-            accepted, _ = self._listener.accept()
+            accepted, address = self._listener.accept()
         except OSError:
             return
-        if len(self.addresses()) >= MAX_CLIENTS:
+        if len(self.guests()) >= MAX_CLIENTS:
             accepted.close()
             return
         try:
@@ -148,7 +169,7 @@ class TcpServer:
         except OSError:
             accepted.close()
             return
-        self._clients[self._next] = _Connection(accepted)
+        self._clients[self._next] = _Connection(accepted, str(address[0]))
         self._next += 1
 
 
@@ -157,6 +178,7 @@ class TcpClient:
 
     byte_rate: float | None = None
     datagrams = False
+    exposed = False
 
     def __init__(self, url: LinkUrl) -> None:
         """Look up the server, or raise LinkError; it need not be there yet."""
@@ -186,6 +208,17 @@ class TcpClient:
         """Return the server while it is connected."""
         return (self._number,) if self._connection is not None and self._connection.open else ()
 
+    def guests(self) -> Sequence[Address]:
+        """Return nobody: the server was chosen."""
+        return ()
+
+    def host(self, address: Address) -> Address:
+        """Return the connection itself."""
+        return address
+
+    def drop(self, address: Address) -> None:
+        """Do nothing: the server was chosen."""
+
     def poll(self, now_s: float) -> None:
         """Push out what is held, connect when it is time."""
         if self._connection is not None:
@@ -211,7 +244,7 @@ class TcpClient:
             self._next_s = now_s + RECONNECT_S
         failure = self._connecting.connect_ex(self._server)
         if failure in (0, errno.EISCONN):
-            self._connection = _Connection(self._connecting)
+            self._connection = _Connection(self._connecting, self._server[0])
             self._connecting = None
             self._number += 1
         elif failure not in _PENDING:

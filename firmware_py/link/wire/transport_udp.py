@@ -23,6 +23,11 @@ def resolve(url: LinkUrl) -> tuple[str, int]:
     return str(addresses[0][4][0]), url.number
 
 
+def exposed(listener: socket.socket) -> bool:
+    """Return whether other computers reach what a bound socket listens to."""
+    return not str(listener.getsockname()[0]).startswith("127.")
+
+
 def bind(listener: socket.socket, url: LinkUrl) -> None:
     """Bind a socket to the address of a URL; LinkError, and the socket closed, when that cannot be."""
     try:
@@ -58,10 +63,12 @@ class UdpTransport:
         self.radio = url.options.at_radio_rates(usual=False)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         self._target: tuple[str, int] | None = None
+        self.exposed = False
         self.failures = 0  # datagrams that the system refused to send or said were refused
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         if url.kind == "udpin":
             bind(self._socket, url)
+            self.exposed = exposed(self._socket)
             return
         try:
             self._target = resolve(url)
@@ -103,6 +110,17 @@ class UdpTransport:
     def addresses(self) -> Sequence[Address]:
         """Return the target of `udpout`."""
         return () if self._target is None else (self._target,)
+
+    def guests(self) -> Sequence[Address]:
+        """Return nobody: there are no connections."""
+        return ()
+
+    def host(self, address: Address) -> Address:
+        """Return the IP address of a correspondent."""
+        return address[0] if isinstance(address, tuple) else address
+
+    def drop(self, address: Address) -> None:
+        """Do nothing: there is no connection to end."""
 
     def poll(self, now_s: float) -> None:
         """Do nothing: a datagram socket needs no care."""

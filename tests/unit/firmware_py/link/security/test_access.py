@@ -5,7 +5,8 @@ from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SetParameter
-from firmware_py.link.peer import DENIALS, LATE_HEARTBEATS
+from firmware_py.link.peer import DENIALS
+from firmware_py.link.peers import LATE_HEARTBEATS
 from firmware_py.link.security.signing import timestamp_of
 from firmware_py.link.wire.url_options import parse_options
 

@@ -95,11 +95,10 @@ def test_strangers_share_one_share(intake):
 def test_a_station_is_answered_in_the_middle_of_a_flood(make_rig):
     """Whoever floods, the other's ping is answered soon."""
     rig = make_rig(addresses=())
-    beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
-    rig.tell(beat)
+    rig.prove()
     request = rig.frame(mavlink.MAVLink_param_request_list_message(1, 1))
     for flooder in range(7):
-        rig.tell(beat, address=flooder)
+        rig.prove(flooder)
     for turn in range(20):
         for flooder in range(7):
             rig.transport.inbox += [(flooder, request * 60)] * 6

@@ -54,7 +54,7 @@ def take(transport, *, until):
 
 def dial(server, opened, count=1):
     clients = [opened(socket.create_connection(("127.0.0.1", port_of(server)), 5.0)) for _ in range(count)]
-    take(server, until=lambda _: len(server.addresses()) >= min(count, MAX_CLIENTS))
+    take(server, until=lambda _: len(server.guests()) >= min(count, MAX_CLIENTS))
     return clients
 
 
@@ -71,18 +71,18 @@ def test_each_client_is_a_correspondent(server, opened):
 
 def test_a_client_that_goes_is_forgotten_and_its_number_is_not_used_again(server, opened):
     (client,) = dial(server, opened)
-    (number,) = server.addresses()
+    (number,) = server.guests()
     client.close()
-    take(server, until=lambda _: not server.addresses())
+    take(server, until=lambda _: not server.guests())
     assert not server.send(number, b"x")
     dial(server, opened)
-    assert server.addresses() != (number,)
+    assert server.guests() != (number,)
 
 
 def test_clients_are_bounded(server, opened):
     clients = dial(server, opened, MAX_CLIENTS) + dial(server, opened, 3)
     take(server, until=lambda _: not select.select([server._listener], [], [], 0.05)[0])
-    assert len(server.addresses()) == MAX_CLIENTS
+    assert len(server.guests()) == MAX_CLIENTS
     refused = clients[MAX_CLIENTS:]
     assert [client.recv(1) for client in refused] == [b""] * 3
     assert not select.select(clients[:MAX_CLIENTS], [], [], 0.0)[0]
@@ -90,7 +90,7 @@ def test_clients_are_bounded(server, opened):
 
 def test_a_client_that_does_not_read_costs_bounded_memory_and_gets_whole_messages(server, opened):
     (client,) = dial(server, opened)
-    (number,) = server.addresses()
+    (number,) = server.guests()
     message = b"m" * 1000 + b"\n"
     accepted = sum(server.send(number, message) for _ in range(20_000))
     assert accepted < 20_000
@@ -155,3 +155,32 @@ def test_a_client_tries_once_a_second(opened, monkeypatch):
         client.poll(tenth * 0.1)
     assert 3 <= len({int(now_s + 1e-9) for now_s in tries}) <= 4
     assert len(tries) <= 8
+
+
+def options_of(connected):
+    """Seconds until the first probe, between probes, and until what nobody acknowledges ends the connection."""
+    number = socket.IPPROTO_TCP
+    kept_alive = connected.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+    times = [connected.getsockopt(number, option) for option in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL)]
+    return bool(kept_alive), *times, connected.getsockopt(number, socket.TCP_USER_TIMEOUT) / 1000
+
+
+def test_a_connection_whose_other_end_vanished_is_found_within_minutes(server, opened):
+    """Without a word: its power failed. The system asks it for a sign of life."""
+    dial(server, opened)
+    (connection,) = server._clients.values()
+    kept_alive, first_s, every_s, dead_s = options_of(connection._socket)
+    assert kept_alive
+    assert first_s + every_s + dead_s <= 120.0
+
+
+def test_a_dropped_client_finds_its_connection_ended(server, opened):
+    one, other = dial(server, opened, 2)
+    first, second = server.guests()
+    assert [server.host(number) for number in (first, second, 99)] == ["127.0.0.1", "127.0.0.1", None]
+    server.drop(first)
+    assert server.guests() == (second,)
+    one.settimeout(5.0)
+    assert one.recv(1) == b""
+    assert server.send(second, b"still here")
+    assert other.recv(100) == b"still here"

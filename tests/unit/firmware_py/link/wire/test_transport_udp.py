@@ -110,3 +110,21 @@ def test_an_unknown_host_is_said(url):
 def test_an_address_that_is_not_ours_is_said():
     with pytest.raises(LinkError, match="an address of this machine"):
         open_transport("udpin:192.0.2.1:14550", None)
+
+
+@pytest.mark.parametrize(
+    ("kind", "host", "exposed"),
+    [
+        ("udpin", "127.0.0.1", False),
+        ("udpin", "localhost", False),
+        ("udpin", "0.0.0.0", True),
+        ("tcpin", "127.0.0.1", False),
+        ("tcpin", "0.0.0.0", True),
+    ],
+)
+def test_what_other_computers_reach_is_known(opened, kind, host, exposed):
+    assert opened(f"{kind}:{host}:{free_port()}").exposed is exposed
+
+
+def test_correspondents_are_told_apart_by_port_and_counted_by_host(opened):
+    assert opened(f"udpin:127.0.0.1:{free_port()}").host(("192.0.2.1", 5)) == "192.0.2.1"

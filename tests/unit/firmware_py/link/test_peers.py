@@ -1,0 +1,288 @@
+"""Who has a place, who waits for one, and what either gets."""
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.parameter_table import TABLE
+from firmware_py.link.peers import DOUBT_S, FORGET_S
+from firmware_py.link.security.places import PLACES, QUIET_S, WAITING
+from firmware_py.link.security.signing import timestamp_of
+from firmware_py.link.wire.url_options import parse_options
+
+KEY = bytes(range(100, 132))
+NOW = timestamp_of(1.7e9)
+BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+READ = mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
+READ_ALL = mavlink.MAVLink_param_request_list_message(1, 1)
+
+
+@pytest.fixture
+def open_rig(make_rig):
+    """A rig on a transport like udpin, where nobody is known at first."""
+    return make_rig(addresses=())
+
+
+@pytest.fixture
+def keyed(make_rig):
+    """Makes a rig with a key on a link of the given options."""
+
+    def make(options="policy=auto", **more):
+        rig = make_rig(options=parse_options(options), addresses=(), **more)
+        assert rig.endpoint._signing.set_key(KEY, NOW)
+        return rig
+
+    return make
+
+
+def sign(rig):
+    signing = rig.station.signing
+    signing.secret_key, signing.timestamp, signing.sign_outgoing = KEY, NOW, True
+
+
+def kinds(messages):
+    return [message.get_type() for message in messages]
+
+
+def seated(rig):
+    return {peer.address for peer in rig.endpoint._peers}
+
+
+def test_noise_from_a_stranger_draws_nothing(open_rig):
+    open_rig.give(b"\xfd\x00noise" * 50, "stranger")
+    assert open_rig.tick() == []
+    assert open_rig.endpoint._peers.rejected == 1
+
+
+def test_who_is_heard_once_gets_a_few_heartbeats_and_then_silence(open_rig):
+    said = [*open_rig.tell(BEAT, address="station"), *open_rig.ticks(300)]
+    assert set(kinds(said)) == {"HEARTBEAT"}
+    assert 2 <= len(said) <= 10
+    assert seated(open_rig) == set()
+
+
+def test_who_answers_gets_a_place_and_everything_in_it(open_rig):
+    assert kinds(open_rig.tell(BEAT, address="station")) == ["HEARTBEAT"]
+    open_rig.tell(BEAT, address="station")
+    assert seated(open_rig) == {"station"}
+    assert "ATTITUDE" in kinds(open_rig.ticks(5))
+
+
+def test_the_rest_of_one_datagram_is_no_answer(open_rig):
+    """It is looked at in pieces, with answers between them."""
+    pings = b"".join(open_rig.frame(mavlink.MAVLink_ping_message(0, number, 0, 0)) for number in range(60))
+    open_rig.give(pings, "victim")
+    assert seated(open_rig) == set()
+
+
+def test_a_long_answer_begins_within_the_credit_and_is_whole_once_it_was_proven(open_rig):
+    first = open_rig.tell(READ_ALL, address="station")
+    second = open_rig.tell(BEAT, address="station")
+    assert 0 < kinds(first).count("PARAM_VALUE") <= 5
+    rows = [message.param_index for message in (*first, *second) if message.get_type() == "PARAM_VALUE"]
+    assert rows == list(range(len(TABLE)))
+
+
+def test_who_falls_silent_has_to_prove_anew_that_he_is_there(open_rig):
+    open_rig.prove()
+    open_rig.tick(seconds=DOUBT_S + 1.0)
+    assert open_rig.ticks(300) == []
+    assert kinds(open_rig.tell(READ, address="station")).count("PARAM_VALUE") == 1
+    assert "ATTITUDE" not in kinds(open_rig.ticks(20))
+    open_rig.tell(BEAT, address="station")
+    assert "ATTITUDE" in kinds(open_rig.ticks(5))
+
+
+def test_who_signs_is_proven_at_once_and_stays_so(keyed):
+    rig = keyed()
+    sign(rig)
+    rig.tell(BEAT, address="station")
+    assert seated(rig) == {"station"}
+    rig.tick(seconds=DOUBT_S + 1.0)
+    rig.tick_silently()
+    assert rig.transport.sent
+
+
+def test_places_are_bounded_and_the_longest_silent_makes_room(open_rig, texts):
+    for number in range(PLACES):
+        open_rig.now_s += 1.0
+        open_rig.prove(number)
+    said = open_rig.prove("late")
+    assert "late" not in seated(open_rig)
+    assert "No place for late on memory" in texts(said)
+    open_rig.now_s += QUIET_S
+    open_rig.prove("late")
+    assert seated(open_rig) == {*range(1, PLACES), "late"}
+
+
+def test_places_are_shared_by_address(open_rig):
+    for port in range(2 * PLACES):
+        open_rig.prove(("crowd", port))
+    assert len(seated(open_rig)) == PLACES
+    for number in range(PLACES // 2):
+        open_rig.prove((f"host {number}", 1))
+    hosts = [host for host, _ in seated(open_rig)]
+    assert hosts.count("crowd") == PLACES // 2
+    assert len(set(hosts)) == 1 + PLACES // 2
+
+
+def test_a_keyed_station_always_finds_a_place_and_strangers_get_few(keyed):
+    rig = keyed()
+    for number in range(PLACES):
+        rig.prove((f"127.0.0.{number}", 1))
+    assert len(seated(rig)) == PLACES // 2
+    sign(rig)
+    for number in range(PLACES):
+        rig.tell(BEAT, address=(f"192.0.2.{number}", 1))
+    assert {host for host, _ in seated(rig)} == {f"192.0.2.{number}" for number in range(PLACES)}
+
+
+def test_who_only_waits_takes_no_place_and_holds_nobody_up(open_rig):
+    for number in range(10 * WAITING):
+        open_rig.tell(BEAT, address=(f"host {number}", 1))
+    assert len(tuple(open_rig.endpoint._peers.everybody())) == WAITING
+    open_rig.prove("station")
+    assert seated(open_rig) == {"station"}
+
+
+def test_one_address_cannot_push_another_out_of_those_who_wait(open_rig):
+    open_rig.tell(BEAT, address=("station", 1))
+    for port in range(10 * WAITING):
+        open_rig.tell(BEAT, address=("crowd", port))
+    open_rig.tell(BEAT, address=("station", 1))
+    assert seated(open_rig) == {("station", 1)}
+
+
+def test_a_peer_that_speaks_stays_and_a_silent_one_is_forgotten(open_rig):
+    open_rig.prove("speaks")
+    open_rig.prove("silent")
+    open_rig.now_s += FORGET_S - 1.0
+    open_rig.tell(BEAT, address="speaks")
+    open_rig.tick(seconds=2.0)
+    assert seated(open_rig) == {"speaks"}
+
+
+def test_a_permanent_peer_stays_however_silent(rig):
+    rig.tick(seconds=10 * FORGET_S)
+    assert len(rig.endpoint._peers) == 1
+    rig.tick_silently(seconds=1.0)
+    assert rig.transport.sent
+
+
+def test_a_connection_that_is_lost_goes_at_once(make_rig):
+    rig = make_rig(datagrams=False)
+    rig.tick()
+    rig.transport.served = ()
+    rig.tick()
+    assert len(rig.endpoint._peers) == 0
+
+
+def test_parsers_do_not_mix_peers(make_rig):
+    rig = make_rig(addresses=("one", "two"))
+    rig.tick()
+    frame = rig.frame(mavlink.MAVLink_ping_message(1, 1, 0, 0))
+    assert rig.give(frame[:10], "one") == []
+    assert rig.give(frame[10:], "two") == []
+    assert [message.get_type() for message in rig.give(frame[10:], "one")] == ["PING"]
+
+
+# --------------------------------------------------------------------------- connections
+
+
+@pytest.fixture
+def connected(make_rig):
+    """Makes a rig on a transport like tcpin with one client, who has said nothing."""
+
+    def make(options="policy=auto", *, key=False):
+        rig = make_rig(options=parse_options(options), addresses=(), datagrams=False)
+        if key:
+            assert rig.endpoint._signing.set_key(KEY, NOW)
+        rig.transport.connected = (("client", 1),)
+        rig.tick()
+        return rig
+
+    return make
+
+
+@pytest.mark.parametrize(("policy", "gets"), [("open", {"HEARTBEAT"}), ("signed-only", set())])
+def test_a_client_without_a_frame_takes_no_place_and_is_dropped_after_its_time(connected, policy, gets):
+    rig = connected(f"policy={policy}", key=True)
+    assert {kind for _ in range(9) for kind in kinds(rig.tick(seconds=1.0))} <= gets
+    assert rig.transport.dropped == []
+    assert seated(rig) == set()
+    rig.tick(seconds=2.0)
+    assert rig.transport.dropped == [("client", 1)]
+
+
+def test_noise_is_no_frame(connected):
+    rig = connected()
+    for _ in range(11):
+        rig.give(b"\xfd\x09noise", ("client", 1))
+        rig.tick(seconds=1.0)
+    assert rig.transport.dropped == [("client", 1)]
+
+
+def test_a_client_has_a_place_from_its_first_frame_and_loses_it_when_it_says_nothing_more(connected):
+    rig = connected()
+    assert "PARAM_VALUE" in kinds(rig.tell(READ, address=("client", 1)))
+    assert seated(rig) == {("client", 1)}
+    rig.tick(seconds=FORGET_S - 1.0)
+    rig.tick_silently(seconds=0.5)
+    assert rig.transport.sent
+    rig.tick(seconds=1.0)
+    assert rig.transport.dropped == [("client", 1)]
+
+
+def test_silent_connections_do_not_keep_a_station_out(connected):
+    rig = connected("policy=signed-only", key=True)
+    rig.transport.connected += tuple(("crowd", number) for number in range(4 * WAITING))
+    rig.tick()
+    assert len(rig.transport.connected) == WAITING
+    rig.transport.connected += (("station", 1),)
+    rig.tick()
+    sign(rig)
+    assert "PARAM_VALUE" in kinds(rig.tell(READ, address=("station", 1)))
+
+
+def test_a_station_behind_gets_a_heartbeat_to_go_by_over_a_connection(connected):
+    rig = connected("policy=signed-only", key=True)
+    sign(rig)
+    rig.station.signing.timestamp = NOW - 120 * 100_000
+    said = rig.tell(BEAT, address=("client", 1))
+    assert "HEARTBEAT" in kinds(said)
+    assert seated(rig) == set()
+
+
+# --------------------------------------------------------------------------- what else counts
+
+
+@pytest.mark.parametrize(
+    ("options", "key", "signed", "counts"),
+    [
+        ("policy=auto", False, False, True),
+        ("policy=auto", True, False, False),
+        ("policy=open", True, False, False),
+        ("policy=open", True, True, True),
+        ("policy=signed-only", True, True, True),
+        ("trusted=1", True, False, True),
+    ],
+)
+def test_whose_heartbeats_hold_station_silent_off(make_rig, options, key, signed, counts):
+    rig = make_rig(options=parse_options(options), addresses=())
+    if key:
+        assert rig.endpoint._signing.set_key(KEY, NOW)
+    if signed:
+        sign(rig)
+    rig.prove()
+    assert (rig.endpoint.station_s is not None) is counts
+
+
+@pytest.mark.parametrize("byte_rate", [None, 5760.0])
+def test_radio_status_goes_on_over_a_line_and_is_nothing_on_a_network(keyed, byte_rate):
+    rig = keyed("policy=signed-only", byte_rate=byte_rate)
+    rig.transport.served = () if byte_rate is None else ("line",)
+    rig.tick()
+    before = seated(rig)
+    status = mavlink.MAVLink_radio_status_message(1, 1, 100, 0, 0, 0, 0)
+    assert rig.tell(status, status, address="line") == []
+    assert seated(rig) == before
+    assert rig.endpoint._gate.refused_frames == 0
