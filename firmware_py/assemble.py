@@ -184,6 +184,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         start_events=notices,
     )
     opened.callback(endpoint.close)
+    notices += (event for event in endpoint.start_events if event not in notices)
     if not endpoint.key_readable:
         console.line(f"stored {SIGNING_FILE} left out: it is not one; set the key again")
 

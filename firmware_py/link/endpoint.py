@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from firmware_py.common.interfaces import Calibrator, RequestHandler, Vault
 from firmware_py.common.records import Event, Severity
@@ -107,12 +107,18 @@ class Endpoint:
         self._worker = Worker(background=storage.background)
         self._services = Services(self._context, KeySetup(self._context, self._signing, vault), storage, self._worker)
         self._telemetry = TelemetryPublisher(self._context)
-        self.start_events = tuple(start_events[:_EVENTS_PER_TICK])
+        self.start_events = (*start_events, *self._open_links())[:_EVENTS_PER_TICK]
         self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
         self._receive_queue = ReceiveQueue(self._peers.has)
         self._unread: deque[tuple[Peer, Admitted]] = deque()  # frames not yet answered
         self._station_s: float | None = None
         self._handlers = {**self._services.handlers(), _HEARTBEAT: self._note_ground_station}
+
+    def _open_links(self) -> Iterator[Event]:
+        for transport in self._transports:
+            options = transport.options
+            if transport.exposed and not options.trusted and self._gate.unsigned(options) is Standing.COMMANDER:
+                yield Event(Severity.WARNING, f"Whoever reaches {transport.name} commands her: it wants a signing key")
 
     @property
     def handlers(self) -> Mapping[int, Handler]:

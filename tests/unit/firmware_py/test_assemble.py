@@ -10,6 +10,7 @@ from firmware_py.assemble import Options, assemble, base_parameters
 from firmware_py.common.records import Severity
 from firmware_py.system.store import Store
 from firmware_py.vehicle import load
+from support.program import unused_ports
 
 VEHICLE = """
 [compass]
@@ -87,3 +88,12 @@ def test_a_thread_that_cannot_be_had_is_one_line_and_leaves_nothing_held(number,
     assert not any(thread.is_alive() for thread in started)
     assert len(list(Path("/proc/self/fd").iterdir())) == before
     Store(tmp_path / "state").close()
+
+
+@pytest.mark.parametrize(("host", "told"), [("0.0.0.0", True), ("127.0.0.1", False)])
+def test_a_link_on_which_whoever_comes_commands_is_an_event_of_the_start(vehicle, tmp_path, host, told):
+    url = f"udpin:{host}:{unused_ports(['udpin'])[0]}"
+    assembly = assemble(vehicle, Options(tmp_path / "state", (url,), wait=True))
+    assembly.close()
+    text = f"Whoever reaches {url} commands her: it wants a signing key"
+    assert [event.text for event in assembly.parts.notices] == [text] * told

@@ -4,6 +4,7 @@ import pytest
 
 from firmware_py.common.options import meanings
 from firmware_py.devices import SECTIONS
+from firmware_py.link.wire.transport import parse_url
 from firmware_py.vehicle import DeviceEntry, VehicleError, load
 
 ROOT = Path(__file__).parents[3]
@@ -146,6 +147,12 @@ def test_every_driver_of_the_registry_can_be_named_and_has_defaults(write, secti
 @pytest.mark.parametrize("name", ["ocean_rambler.toml", "shared_port_volz.toml"])
 def test_the_examples_are_valid(name):
     assert load(ROOT / "params" / name).compass.port
+
+
+@pytest.mark.parametrize("name", ["ocean_rambler.toml", "shared_port_volz.toml"])
+def test_the_examples_listen_to_nothing_beyond_this_computer(name):
+    urls = [parse_url(url) for url in load(ROOT / "params" / name).link_urls]
+    assert all(url.host == "127.0.0.1" for url in urls if url.kind in ("udpin", "tcpin"))
 
 
 @pytest.mark.parametrize(

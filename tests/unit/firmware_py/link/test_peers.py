@@ -286,3 +286,21 @@ def test_radio_status_goes_on_over_a_line_and_is_nothing_on_a_network(keyed, byt
     assert rig.tell(status, status, address="line") == []
     assert seated(rig) == before
     assert rig.endpoint._gate.refused_frames == 0
+
+
+def test_an_open_link_that_others_reach_is_told_at_start(make_rig, texts):
+    told = ["Whoever reaches memory commands her: it wants a signing key"]
+    for options, exposed, key, expected in [
+        ("policy=auto", True, False, told),
+        ("policy=auto", False, False, []),
+        ("policy=auto", True, True, []),
+        ("policy=open", True, True, told),
+        ("policy=signed-only", True, False, []),
+        ("trusted=1", True, False, []),
+    ]:
+        vault = make_rig().vault
+        if key:
+            vault.save(b"key %s\ntimestamp 1\n" % KEY.hex().encode())
+        rig = make_rig(vault=vault, options=parse_options(options), exposed=exposed)
+        assert [event.text for event in rig.endpoint.start_events] == expected
+        assert texts(rig.tick()) == expected
