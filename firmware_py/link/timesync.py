@@ -20,7 +20,7 @@ class Timesync:
     def __init__(self, context: LinkContext) -> None:
         """Take the context to answer through."""
         self._context = context
-        self._answered: OrderedDict[tuple[int, int], tuple[int, int]] = OrderedDict()
+        self._answered: OrderedDict[tuple[Peer, int, int], tuple[int, int]] = OrderedDict()
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
@@ -34,11 +34,11 @@ class Timesync:
         """
         sender = (message.get_srcSystem(), message.get_srcComponent())
         if message.target_system:
-            mark = (message.time_usec, message.seq)
-            if self._answered.get(sender) == mark:
+            asker, mark = (peer, *sender), (message.time_usec, message.seq)
+            if self._answered.get(asker) == mark:
                 return
-            self._answered[sender] = mark
-            self._answered.move_to_end(sender)
+            self._answered[asker] = mark
+            self._answered.move_to_end(asker)
             if len(self._answered) > _REMEMBERED:
                 self._answered.popitem(last=False)
         reply = mavlink.MAVLink_ping_message(message.time_usec, message.seq, *sender)

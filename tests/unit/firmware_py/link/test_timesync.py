@@ -20,6 +20,15 @@ def test_an_addressed_ping_is_answered_once_lest_two_answer_each_other_for_ever(
     assert len(rig.endpoint._handlers[4].__self__._answered) <= 32
 
 
+def test_two_stations_with_one_number_are_answered_each(make_rig):
+    rig = make_rig(addresses=("one", "other"))
+    rig.tick()
+    ping = rig.frame(mavlink.MAVLink_ping_message(123, 5, 1, 1))
+    assert len(rig.give(ping, "one")) == 1
+    assert len(rig.give(ping, "other")) == 1
+    assert rig.give(ping, "one") == []
+
+
 def test_a_ground_stations_time_is_heard_and_a_strangers_is_not(rig):
     time = mavlink.MAVLink_system_time_message(1_800_000_000_000_000, 0)
     rig.tell(time)
