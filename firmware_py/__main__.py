@@ -22,6 +22,7 @@ COMMANDS = {
     "decode": ("firmware_py.cli.decode", "decode a capture with the drivers themselves"),
     "replay": ("firmware_py.cli.replay", "recompute a log and compare every rudder command"),
     "plan": ("firmware_py.cli.plan", "check plan files; take plans into and out of a stopped autopilot's state"),
+    "key": ("firmware_py.cli.key", "the key of signed frames in a state directory: show its state, set it, remove it"),
     "params": ("firmware_py.cli.params", "the parameter table; check a parameter file"),
     "check": ("firmware_py.cli.check", "a preflight of devices, storage, clock and parameters"),
 }

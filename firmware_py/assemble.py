@@ -21,6 +21,7 @@ from firmware_py.devices import COMPASSES, POSITIONS, RUDDERS, calibrator_of
 from firmware_py.files.reading import read_regular
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.files.root import FileRoot
+from firmware_py.link.security.key_record import KeyState, find_key
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import open_transport
 from firmware_py.link.wire.transport import Transport
@@ -37,11 +38,13 @@ from firmware_py.system.realtime import LoadMeter, clock_is_kept
 from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.system.state_directory import (
     LOG_DIRECTORY,
+    OTHER_SLOT,
     RESUME_FILE,
     SIGNING_FILE,
     UPLOAD_DIRECTORY,
     KeyVault,
     StateDirectory,
+    exposed_key_files,
     report_damage,
 )
 from firmware_py.system.store import Store
@@ -158,7 +161,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     store = Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)
     opened.callback(store.close)
     notices: list[Event] = []
-    kept, plans = _read_state(store, console, notices)
+    kept, plans = _read_state(options.state_directory, store, console, notices)
     parameters = kept.parameters_over(base_parameters(vehicle))
     transports = _open_transports((*vehicle.link_urls, *options.link_urls), lines, opened, wait=options.wait)
     clock: Clock = RealClock()
@@ -185,8 +188,6 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     )
     opened.callback(endpoint.close)
     notices += (event for event in endpoint.start_events if event not in notices)
-    if not endpoint.key_readable:
-        console.line(f"stored {SIGNING_FILE} left out: it is not one; set the key again")
 
     def show_event(event: Event) -> None:
         console.line(f"{clock.now_s():10.3f} {event.severity.name.lower():8} {event.text}")
@@ -231,7 +232,7 @@ def _open_transports(urls: Sequence[str], lines: list[SerialPort], opened: ExitS
     return transports
 
 
-def _read_state(store: Store, console: Console, notices: list[Event]) -> tuple[StateDirectory, Plans]:
+def _read_state(directory: Path, store: Store, console: Console, notices: list[Event]) -> tuple[StateDirectory, Plans]:
     """Return what earlier runs have left; what is wrong with it is said now, and as an event to be told."""
 
     def say(text: str) -> None:
@@ -241,12 +242,25 @@ def _read_state(store: Store, console: Console, notices: list[Event]) -> tuple[S
     if store.obstacle:
         say(store.obstacle)
     report_damage(store, say)
+    _report_key(directory, KeyVault(store), say)
     kept = StateDirectory(store, say)
     plans = kept.plans()
     if store.obstacle:
         say(f"Used of what is stored: {kept.inventory(plans)}")
     kept.count_start()
     return kept, plans
+
+
+def _report_key(directory: Path, vault: KeyVault, say: Callable[[str], None]) -> None:
+    """Say what is wrong with the signing key; that one was lost is a fault besides, which stands until it is mended."""
+    stored = vault.load()
+    finding = find_key(stored)
+    if finding.state is KeyState.LOST:
+        say(f"{SIGNING_FILE} lost: {finding.problem}; set or remove the key over a trusted link, or by `rambler key`")
+    elif stored.damage:
+        say(f"{stored.damage}: {OTHER_SLOT}")
+    for name in exposed_key_files(directory):
+        say(f"{name} can be read by others; set another key if somebody may have")
 
 
 def resume(state: State, record: bytes | None, utc_s: float, say: Callable[[str], None]) -> State:

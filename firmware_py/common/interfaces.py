@@ -20,6 +20,7 @@ from firmware_py.common.records import (
     PositionSample,
     RudderCommand,
     RudderFeedback,
+    Stored,
 )
 from firmware_py.common.reports import Output
 
@@ -156,11 +157,11 @@ class StateKeeper(Protocol):
 class Vault(Protocol):
     """Where a secret is kept over restarts."""
 
-    def load(self) -> bytes | None:
-        """Return what was saved last, None when nothing was."""
+    def load(self) -> Stored:
+        """Return what was saved last."""
 
-    def save(self, content: bytes) -> None:
-        """Keep this instead, in the background."""
+    def save(self, content: bytes, *, both: bool = False) -> None:
+        """Keep this instead, in the background; `both`: so that nothing is left of what was kept before."""
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Call back, on the loop's thread, once this is on disk (True) or cannot be (False)."""
@@ -176,6 +177,10 @@ class Link(Protocol):
     @property
     def station_s(self) -> float | None:
         """When a ground station was last heard, None when none has been."""
+
+    @property
+    def key_problem(self) -> str:
+        """How the signing key was lost; empty when it was not."""
 
     def descriptors(self) -> Sequence[int]:
         """The descriptors whose readability `service` wants."""

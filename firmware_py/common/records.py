@@ -41,6 +41,7 @@ class DeviceRole(IntEnum):
     LINK = 4  # the ground stations: RUNNING while one is heard
     CLOCK = 5  # the computer's clock against the loop's: FAULTY when it has just jumped
     COMPASS_B = 6
+    KEY = 7  # of signed frames: FAULTY when it was lost
 
 
 class DeviceState(IntEnum):
@@ -207,6 +208,14 @@ class RudderStatus:
     torque_on: bool | None = None
     current_a: float | None = None
     power_w: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """The newest whole version of a name on disk, None when there is none, and what is wrong there, else empty."""
+
+    content: bytes | None = None
+    damage: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,6 +53,7 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
         outside_fence=margin_m is not None and margin_m < 0.0,
         storage=None if devices.storage is None else devices.storage.state,
         clock=None if devices.clock is None else devices.clock.state,
+        key=None if devices.key is None else devices.key.state,
         station=None if devices.link is None else devices.link.state,
         station_age_s=age_s(None if devices.link is None else devices.link.t_s),
         station_timeout_s=settings.supervisor.station_s,

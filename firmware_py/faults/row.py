@@ -56,6 +56,7 @@ class FaultInput:
     outside_fence: bool
     storage: DeviceState | None
     clock: DeviceState | None
+    key: DeviceState | None
     station: DeviceState | None
     station_age_s: float | None
     station_timeout_s: float

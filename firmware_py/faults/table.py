@@ -46,6 +46,7 @@ class Fault(IntEnum):
     CLOCK_STEPPED = 21
     STATION_SILENT = 22
     STEERING_LOST = 23
+    KEY_LOST = 24
 
 
 def _hot_c(tick: FaultInput) -> float:
@@ -282,5 +283,12 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_STEER_ACT",
         text="Rudder moves and she does not turn",
         recovery="She answers the rudder again",
+    ),
+    Fault.KEY_LOST: FaultRow(
+        condition="a signing key was set and cannot be read: nobody is heard but over trusted links",
+        stands=lambda tick: tick.key is DeviceState.FAULTY,
+        severity=Severity.CRITICAL,
+        text="Signing key lost: only trusted links are heard",
+        recovery="Signing key is no longer lost",
     ),
 }

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from firmware_py.common.interfaces import Calibrator, RequestHandler, Vault
-from firmware_py.common.records import Event, Severity
+from firmware_py.common.records import Event, Severity, Stored
 from firmware_py.common.reports import Output, Snapshot
 from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.context import Handler, LinkContext, Suppliers
@@ -52,10 +52,11 @@ def _no_load() -> float:
 class _NoVault:
     """Keeps nothing."""
 
-    def load(self) -> None:
+    def load(self) -> Stored:
         """Return that there is nothing."""
+        return Stored()
 
-    def save(self, content: bytes) -> None:
+    def save(self, content: bytes, *, both: bool = False) -> None:
         """Forget it."""
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
@@ -93,7 +94,7 @@ class Endpoint:
         self._transports = tuple(transports)
         self._context = LinkContext(request_handler, Suppliers(utc_s, load, offer_utc, calibrator), version)
         self._signing = Signing(utc_s, vault.save)
-        self.key_readable = self._signing.restore(vault.load() or b"")
+        self._signing.restore(vault.load())
         self._gate = Gate(self._signing)
         self._reads_only = reads_only(frozenset(row.command for row in COMMANDS if row.repeatable))
         self._notices = TokenBucket(_NOTICES, _NOTICES_HZ)
@@ -145,6 +146,11 @@ class Endpoint:
     def station_s(self) -> float | None:
         """When a ground station was last heard, None when none has been."""
         return self._station_s
+
+    @property
+    def key_problem(self) -> str:
+        """How the signing key was lost; empty when it was not."""
+        return self._signing.problem
 
     def service(self, now_s: float, ready: Sequence[int]) -> None:
         """Read a bounded piece from each ready transport, unless the last one of a stream still waits; answer some."""

@@ -1,4 +1,4 @@
-"""Asks devices, storage, clock and ground stations for their health; what has changed is an input of the next tick."""
+"""Asks devices, storage, clock, stations and signing key for their health; a change is an input of the next tick."""
 
 from __future__ import annotations
 
@@ -44,6 +44,7 @@ class HealthMonitor:
         self._reported: dict[DeviceRole, tuple[DeviceState, str]] = {
             DeviceRole.CLOCK: (DeviceState.RUNNING, ""),
             DeviceRole.LINK: (DeviceState.STARTING, ""),
+            DeviceRole.KEY: (DeviceState.RUNNING, ""),
         }
         self._changes: tuple[DeviceHealth, ...] = ()
         self._due_s = -math.inf
@@ -62,7 +63,8 @@ class HealthMonitor:
             return
         self._due_s = now_s + INTERVAL_S
         reports = [device.health(now_s) for device in devices]
-        for report in (*reports, _storage(*storage, now_s), self._clock.update(clock, now_s), _link(link, now_s)):
+        reports += [_storage(*storage, now_s), self._clock.update(clock, now_s), _link(link, now_s), _key(link, now_s)]
+        for report in reports:
             if self._reported.get(report.role) != (report.state, report.text):
                 self._reported[report.role] = (report.state, report.text)
                 self._changes += (report,)
@@ -80,6 +82,12 @@ def _storage(store: Store, recorder: Recorder | None, now_s: float) -> DeviceHea
     if recorder is not None:
         return recorder.health(now_s)
     return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.RUNNING, 0, 0)
+
+
+def _key(link: Link, now_s: float) -> DeviceHealth:
+    """The signing key as a device, which is at fault when it was lost."""
+    state = DeviceState.FAULTY if link.key_problem else DeviceState.RUNNING
+    return DeviceHealth(now_s, DeviceRole.KEY, state, 0, 0, link.key_problem)
 
 
 def _link(link: Link, now_s: float) -> DeviceHealth:

@@ -3,6 +3,9 @@
 No directory and no file size changes by a write, which on a journalling file system cost ten times as
 much as the data. A slot, `NAME.0` or `NAME.1`, begins with a line of sequence number, length and checksum;
 the content follows as it is. A slot that holds nothing on purpose says so in its first line.
+
+The slots of a secret must belong to the user of the process, and hold a version or nothing good: one that was taken
+back, and one without a byte, count as damaged, so that a secret that was lost does not pass for none.
 """
 
 from __future__ import annotations
@@ -11,11 +14,13 @@ import contextlib
 import errno
 import os
 import re
+import stat
 import zlib
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
+from firmware_py.common.records import Stored
 from firmware_py.files.making import FILE_MODE, PRIVATE_MODE
 from firmware_py.files.reading import open_regular, read_regular
 
@@ -49,22 +54,17 @@ class _Slot:
     reason: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Stored:
-    """The newest whole version of a name, None when there is none, and what is wrong with its slots, else empty."""
-
-    content: bytes | None
-    damage: str = ""
-
-
 def stored_content(directory: Path, name: str) -> bytes | None:
     """Return the newest whole version of a name, or None: safe beside an autopilot that is writing."""
     return examine(directory, name).content
 
 
-def examine(directory: Path, name: str) -> Stored:
-    """Return the newest whole version of a name and what is wrong: a slot may be damaged, unreadable or missing."""
-    slots = _read_slots(directory, name)
+def examine(directory: Path, name: str, owner_uid: int | None = None) -> Stored:
+    """Return the newest whole version of a name and what is wrong: a slot may be damaged, unreadable or missing.
+
+    `owner_uid` is given for a secret: whose slots they must be.
+    """
+    slots = _read_slots(directory, name, owner_uid)
     newest = _newest(slots)
     # The second version went into the other slot: since then neither is missing.
     both = newest is not None and newest.sequence > 1
@@ -76,26 +76,31 @@ def examine(directory: Path, name: str) -> Stored:
     return Stored(None if newest is None else newest.content, ", ".join(wrong))
 
 
-def _slot_path(directory: Path, name: str, slot: int) -> Path:
+def slot_path(directory: Path, name: str, slot: int) -> Path:
+    """Return the file of a slot."""
     return directory / f"{name}.{slot}"
 
 
-def _read_slots(directory: Path, name: str) -> tuple[_Slot, ...]:
-    return tuple(_read_slot(_slot_path(directory, name, slot), slot, _largest_bytes(name)) for slot in SLOTS)
+def _read_slots(directory: Path, name: str, owner_uid: int | None) -> tuple[_Slot, ...]:
+    most_bytes = _largest_bytes(name)
+    return tuple(_read_slot(slot_path(directory, name, slot), slot, most_bytes, owner_uid) for slot in SLOTS)
 
 
 def _largest_bytes(name: str) -> int:
     return _LARGEST_BYTES.get(Path(name).suffix, _LARGEST_BYTES_ELSE)
 
 
-def _read_slot(path: Path, number: int, most_bytes: int) -> _Slot:
+def _read_slot(path: Path, number: int, most_bytes: int, owner_uid: int | None) -> _Slot:
     try:
-        data = read_regular(path, most_bytes, follow=False)
+        stranger_uid = None if owner_uid in (None, (uid := path.lstat().st_uid)) else uid
+        data = b"" if stranger_uid is not None else read_regular(path, most_bytes, follow=False)
     except (FileNotFoundError, NotADirectoryError):  # the latter is the directory's fault, which is told as such
         return _Slot(number, Condition.ABSENT)
     except OSError as error:
         return _Slot(number, Condition.UNREADABLE, reason=error.strerror or "")
-    if not data:
+    if stranger_uid is not None:
+        return _Slot(number, Condition.UNREADABLE, reason=f"it belongs to user {stranger_uid}")
+    if not data and owner_uid is None:
         return _Slot(number, Condition.ABSENT)  # just made
     if data.startswith(_EMPTY):
         return _Slot(number, Condition.EMPTY)
@@ -114,6 +119,23 @@ def _newest(slots: tuple[_Slot, ...]) -> _Slot | None:
 
 def _checksum(sequence: bytes, content: bytes) -> bytes:
     return f"{zlib.crc32(content, zlib.crc32(sequence)):08x}".encode()
+
+
+def _make_fit_for_secret(path: Path) -> None:
+    """See to it that nobody else can read what will be written; OSError when that cannot be.
+
+    A file of another user is replaced in one step by an empty one of ours: there is always one to tell of a loss.
+    """
+    try:
+        status = path.lstat()
+    except FileNotFoundError:
+        return
+    if stat.S_ISREG(status.st_mode) and status.st_uid == os.geteuid():
+        path.chmod(PRIVATE_MODE)
+        return
+    fresh = path.with_name(f"{path.name}.new")
+    os.close(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, PRIVATE_MODE))
+    fresh.replace(path)
 
 
 def _write_whole(descriptor: int, data: bytes) -> None:
@@ -170,18 +192,18 @@ class SlotWriter:
             self._blank(name, slot)
         except OSError:
             self._close_slot(name, slot)
-            _slot_path(self._directory, name, slot).unlink(missing_ok=True)
+            slot_path(self._directory, name, slot).unlink(missing_ok=True)
             self._sync_directory()
         del self._unproven[name]
 
     def _blank(self, name: str, slot: int) -> None:
         descriptor, present = self._open_slot(name, slot)
-        _write_whole(descriptor, _EMPTY.ljust(max(present, SLOT_BYTES), b"\0"))
+        _write_whole(descriptor, self._nothing_in(name).ljust(max(present, SLOT_BYTES), b"\0"))
         os.fdatasync(descriptor)
 
     def _place(self, name: str) -> tuple[int, int]:
         """Return slot and sequence of the newest version; an unreadable slot is never what is written beside."""
-        slots = _read_slots(self._directory, name)
+        slots = _read_slots(self._directory, name, os.geteuid() if name in self._private else None)
         newest = _newest(slots)
         if newest is not None:
             # A process that was killed may have left it, and its name, in memory only, and the other slot is next.
@@ -189,7 +211,7 @@ class SlotWriter:
             self._named = True
             return newest.number, newest.sequence
         unreadable = [slot.number for slot in slots if slot.condition is Condition.UNREADABLE]
-        for slot in unreadable[1:]:
+        for slot in unreadable[1:] if name not in self._private else ():  # that of a secret tells that one was lost
             self._blank(name, slot)  # what it holds might win when it can be read again
         return (1 - unreadable[0] if unreadable else SLOTS[1]), 0
 
@@ -209,7 +231,7 @@ class SlotWriter:
             data = data.ljust(max(size, present), b"\0")  # nothing of a longer secret is to stay behind this one
         if present < size:
             # Real bytes, so that the space is there before it is needed.
-            _write_whole(descriptor, _EMPTY.ljust(size, b"\0"))
+            _write_whole(descriptor, self._nothing_in(name).ljust(size, b"\0"))
         self._unproven[name] = slot
         _write_whole(descriptor, data)
         os.fdatasync(descriptor)
@@ -233,14 +255,18 @@ class SlotWriter:
             if status.st_nlink:
                 return kept, status.st_size
             self._close_slot(name, slot)  # removed, or another put in its place
-        path, mode = _slot_path(self._directory, name, slot), PRIVATE_MODE if name in self._private else FILE_MODE
+        path, mode = slot_path(self._directory, name, slot), PRIVATE_MODE if name in self._private else FILE_MODE
+        if name in self._private:
+            _make_fit_for_secret(path)
         self._named |= not path.exists()
         flags, most_bytes = os.O_RDWR | os.O_CREAT, _largest_bytes(name)
         descriptor = open_regular(path, flags=flags, mode=mode, follow=False, most_bytes=most_bytes)
         self._files[name, slot] = descriptor
-        if name in self._private:
-            os.fchmod(descriptor, mode)  # of a file that somebody has copied here, too
         return descriptor, os.fstat(descriptor).st_size
+
+    def _nothing_in(self, name: str) -> bytes:
+        """Return how a slot begins that holds no version."""
+        return b"" if name in self._private else _EMPTY
 
     def _close_slot(self, name: str, slot: int) -> None:
         descriptor = self._files.pop((name, slot), None)

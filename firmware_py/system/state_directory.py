@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import math
 import re
+import stat
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from firmware_py.common.parameter_row import ParameterError
@@ -17,8 +19,9 @@ from firmware_py.common.parameters import ParameterSet, format_file, parse_file
 from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
+from firmware_py.common.records import Stored
 from firmware_py.plans.validation import problem_of
-from firmware_py.system.slots import Stored
+from firmware_py.system.slots import SLOTS, examine, slot_path
 from firmware_py.system.store import Store
 
 PARAMETER_FILE: Final = "parameters.param"
@@ -35,17 +38,20 @@ _INSTEAD: Final = {
     PLAN_FILES[PlanKind.FENCE]: "there is no fence",
     PLAN_FILES[PlanKind.RALLY]: "there are no rally points",
     RESUME_FILE: "not resumed",
-    SIGNING_FILE: "there is no signing key",
 }
+OTHER_SLOT: Final = "the other slot is used, perhaps an older version"
 _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)")
 
 
 def report_damage(store: Store, say: Callable[[str], None]) -> None:
-    """Say what is damaged, unreadable or missing, and what is used instead; before anything is kept anew."""
+    """Say what is damaged, unreadable or missing, and what is used instead; before anything is kept anew.
+
+    Of the signing key tells `firmware_py.assemble`, which knows what one is.
+    """
     for name, instead in _INSTEAD.items():
         stored = store.examine(name)
         if stored.damage:
-            used = instead if stored.content is None else "the other slot is used, perhaps an older version"
+            used = instead if stored.content is None else OTHER_SLOT
             say(f"{stored.damage}: {used}")
 
 
@@ -135,13 +141,13 @@ class KeyVault:
 
     store: Store
 
-    def load(self) -> bytes | None:
-        """Return what was saved last, None when nothing was."""
-        return self.store.load(SIGNING_FILE)
+    def load(self) -> Stored:
+        """Return what was saved last."""
+        return self.store.examine(SIGNING_FILE)
 
-    def save(self, content: bytes) -> None:
-        """Keep this instead, in the background."""
-        self.store.save(SIGNING_FILE, content)
+    def save(self, content: bytes, *, both: bool = False) -> None:
+        """Keep this instead, in the background; `both`: so that nothing is left of what was kept before."""
+        self.store.save(SIGNING_FILE, content, both=both)
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Call back, on the loop's thread, once this is on disk (True) or cannot be (False)."""
@@ -150,6 +156,24 @@ class KeyVault:
 
 def _one_more(count: float) -> float:
     return min(count + 1.0, TABLE[INDEX[BOOT_COUNT]].maximum)
+
+
+def stored_key(directory: Path) -> Stored:
+    """Return what a state directory holds of a signing key, for its owner: safe beside an autopilot that is writing."""
+    return examine(directory, SIGNING_FILE, directory.stat().st_uid)
+
+
+def exposed_key_files(directory: Path) -> tuple[str, ...]:
+    """Return the names of the files of the signing key that others may read."""
+    exposed = []
+    for path in (slot_path(directory, SIGNING_FILE, slot) for slot in SLOTS):
+        try:
+            mode = path.stat().st_mode
+        except OSError:  # what cannot be looked at is told elsewhere
+            continue
+        if mode & (stat.S_IRWXG | stat.S_IRWXO):
+            exposed.append(path.name)
+    return tuple(exposed)
 
 
 def load_parameters(store: Store, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:

@@ -11,12 +11,13 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
+from firmware_py.common.records import Stored
 from firmware_py.system.hold import Hold, InUseError, StoreError
-from firmware_py.system.slots import SlotWriter, Stored, examine
+from firmware_py.system.slots import SlotWriter, examine
 
 RETRY_S = 2.0  # after a pause of this length, what has failed is tried again
 _ARRIVING = "the state directory is being taken up"
@@ -24,10 +25,14 @@ _ARRIVING = "the state directory is being taken up"
 
 @dataclass(frozen=True, slots=True)
 class _Job:
-    """A version to be written; None: the failed one is withdrawn. `once`: it is not tried again."""
+    """A version to be written; None: the failed one is withdrawn. `once`: it is not tried again.
+
+    `both`: into both slots, one after the other.
+    """
 
     content: bytes | None
     once: bool = False
+    both: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,12 +112,16 @@ class Store:
 
     def examine(self, name: str) -> Stored:
         """Return the newest whole version, and what is wrong with what is stored."""
-        return examine(self._directory, name)
+        return examine(self._directory, name, os.geteuid() if name in self._private else None)
 
-    def save(self, name: str, content: bytes) -> None:
-        """Queue a new version, tried until it is on disk; a newer one of the same name replaces one not yet begun."""
+    def save(self, name: str, content: bytes, *, both: bool = False) -> None:
+        """Queue a new version, tried until it is on disk; a newer one of the same name replaces one not yet begun.
+
+        `both`: it is on disk when it is in both slots, so that nothing is left of the versions before.
+        """
         with self._lock:
-            self._queue(name, _Job(content))
+            waiting = self._jobs.get(name)
+            self._queue(name, _Job(content, both=both or (waiting is not None and waiting.both)))
 
     def try_save(self, name: str, content: bytes, done: Callable[[bool], None]) -> None:
         """Queue a new version, tried once; run done(True) from `service` when it is on disk.
@@ -197,6 +206,8 @@ class Store:
                 jobs = dict(self._jobs)
                 for name, failure in self._failed.items() if retry else ():
                     jobs.setdefault(name, failure.job)
+                owed = [name for name in jobs if name in self._failed and self._failed[name].job.both]
+                jobs |= {name: replace(jobs[name], both=True) for name in owed}
                 asked = {name: self._asked[name] for name in jobs}
                 self._jobs = {}
             for name, job in jobs.items():
@@ -256,7 +267,8 @@ def _write_job(writer: SlotWriter, name: str, job: _Job, unheld: str) -> _Failur
         if job.content is None:
             writer.withdraw(name)
         else:
-            writer.write(name, job.content)
+            for _ in range(1 + job.both):
+                writer.write(name, job.content)
     except OSError as error:
         text = f"{name} cannot be stored: {error.strerror or error}"
         if writer.is_unproven(name):

@@ -188,6 +188,23 @@ def cleared(bench):
     bench.station.tell(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
 
 
+def key_lost(bench):
+    """Start again on files of a key that hold none any more; the station speaks over a trusted link."""
+    bench.kill()
+    for slot in (0, 1):
+        (bench.state / f"signing.key.{slot}").write_bytes(b"")
+    bench._vehicle.write_text(bench._vehicle.read_text().replace(":57600", ":57600?trusted=1"))
+    bench.start()
+
+
+def told_with_its_cause(bench, _t0_s):
+    assert "signing.key lost: signing.key.0 is damaged, signing.key.1 is damaged" in bench.words()
+
+
+def key_removed(bench):
+    bench.station.tell(mavlink.MAVLink_setup_signing_message(1, 1, bytes(32), 0))
+
+
 def breached(bench):
     while math.hypot(*(bench.world._hull.position_m(0.0))) < CIRCLE_M:
         bench.run(0.2)
@@ -282,6 +299,7 @@ DRILLS = (
         lambda bench: setattr(bench.world, "rudder_grip", 1.0), 240.0, start_s=10.0, stands_s=1.0,
         options={"goals": TURN},
     ),
+    Drill(Fault.KEY_LOST, key_lost, 5.0, told_with_its_cause, key_removed, 3.0, stands_s=1.0),
     Drill(
         Fault.CURRENT_STRONG, lambda bench: bench.order(SET_MODE, 1.0, float(LOITER)), 1800.0, points_into_it,
         nothing, 0.0, options={"change": lambda scenario: replace(scenario, current_m_s=0.48, **EAST)},

@@ -14,7 +14,7 @@ CALLS = (
     "pwrite",
     "fdatasync",
     "fsync",
-    "fchmod",
+    "chmod",
     "ftruncate",
     "rename",
     "replace",

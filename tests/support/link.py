@@ -8,7 +8,7 @@ from firmware_py.common.intents import Answer, SetParameter, Verdict
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
-from firmware_py.common.records import RudderCommand
+from firmware_py.common.records import RudderCommand, Stored
 from firmware_py.common.reports import Output, Snapshot
 from firmware_py.link.endpoint import NO_STORAGE, Endpoint
 from firmware_py.link.telemetry.identity import Version
@@ -161,14 +161,17 @@ class MemoryVault:
 
     def __init__(self):
         self.contents = []
+        self.both = []  # whether nothing of what was before may be left
+        self.damage = ""
         self.at_once = True
         self.waiting = []
 
     def load(self):
-        return self.contents[-1] if self.contents else None
+        return Stored(self.contents[-1] if self.contents else None, self.damage)
 
-    def save(self, content):
+    def save(self, content, *, both=False):
         self.contents.append(content)
+        self.both.append(both)
 
     def when_stored(self, call):
         if self.at_once:

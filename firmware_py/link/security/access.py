@@ -105,6 +105,8 @@ class Gate:
     def unsigned(self, options: LinkOptions) -> Standing:
         """Return what a frame without a signature may do at most."""
         policy = options.policy
+        if self._signing.problem and not options.trusted:
+            return Standing.NONE  # whose key was lost, was not left open
         if policy is Policy.AUTO:
             policy = Policy.SIGNED_COMMANDS if self.keyed and not options.trusted else Policy.OPEN
         return _UNSIGNED[policy]

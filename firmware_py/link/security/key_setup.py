@@ -46,7 +46,6 @@ class KeySetup:
         self._vault.when_stored(lambda stored: self._stored(done, stored=stored))
 
     def _stored(self, done: str, *, stored: bool) -> None:
-        self._signing.store_again()
         if stored:
             self._context.send_text_all(Severity.NOTICE, done)
         else:

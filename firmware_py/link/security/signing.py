@@ -11,26 +11,38 @@ what was used, so that it is written only now and then.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from hashlib import sha256
 from hmac import compare_digest
+from typing import Protocol
 
+from firmware_py.common.records import Stored
+from firmware_py.link.security.key_record import (
+    KEY_BYTES,
+    MAX_STREAMS,
+    KeyRecord,
+    KeyState,
+    Stream,
+    find_key,
+    to_text,
+)
 from firmware_py.link.wire.dialect import Packed, checksum
 
-KEY_BYTES = 32
 SIGNATURE_BYTES = 13  # link, timestamp, signature
 SIGNED_FLAG = 0x01  # of the incompatibility flags
 UNITS_HZ = 100_000  # units of the timestamp in a second
 EPOCH_S = 1_420_070_400  # 2015-01-01 UTC
 TOLERANCE = 60 * UNITS_HZ  # a new stream may begin this far behind our own timestamp
 LATEST = 80 * 365 * 86_400 * UNITS_HZ  # what shows more (2094) is not a clock; 48 bits end ten years later
-MAX_STREAMS = 64
 AHEAD = 15 * UNITS_HZ  # so far ahead of what was used is what is on disk
 _TIMESTAMP_BYTES = 6
-_TEXT = re.compile(rb"key ([0-9a-f]{64})\ntimestamp (\d{1,15})\n((?:stream \d{1,3} \d{1,3} \d{1,3} \d{1,15}\n)*)")
 
-Stream = tuple[int, int, int]  # system, component, link
+
+class Save(Protocol):
+    """Keeps the state on disk, in the background; `both`: so that nothing is left of what was kept before."""
+
+    def __call__(self, content: bytes, *, both: bool = False) -> None:
+        """Keep this instead of what was kept."""
 
 
 def signature(key: bytes, covered: bytes) -> bytes:
@@ -65,10 +77,13 @@ class LinkSealer:
 
 
 class Signing:
-    """Signs what leaves and judges what comes; without a key it does neither."""
+    """Signs what leaves and judges what comes; without a key it does neither.
 
-    def __init__(self, utc_s: Callable[[], float], save: Callable[[bytes], None]) -> None:
-        """Take the clock, and what keeps the state on disk, in the background."""
+    `problem` says how a key was lost, and is empty when none was.
+    """
+
+    def __init__(self, utc_s: Callable[[], float], save: Save) -> None:
+        """Take the clock, and what keeps the state on disk."""
         self._utc_s = utc_s
         self._save = save
         self._key: bytes | None = None
@@ -76,7 +91,7 @@ class Signing:
         self._streams: dict[Stream, int] = {}  # the latest of each
         self._stored = 0  # what the disk has for _timestamp
         self._stored_streams: dict[Stream, int] = {}
-        self._content = b""  # what was given to _save last
+        self.problem = ""
         self.late_frames = 0  # frames with the right key and an old timestamp
 
     @property
@@ -86,20 +101,17 @@ class Signing:
 
     # ------------------------------------------------------------------ the key
 
-    def restore(self, content: bytes) -> bool:
-        """Take up the state of an earlier run; False for what cannot be read."""
-        if not content:
-            return True
-        match = _TEXT.fullmatch(content)
-        if match is None:
-            return False
-        self._key = bytes.fromhex(match[1].decode())
-        self._timestamp = self._stored = min(int(match[2]), LATEST)
-        for line in match[3].splitlines()[:MAX_STREAMS]:
-            system, component, link, timestamp = (int(word) for word in line.split()[1:])
-            self._streams[(system, component, link)] = timestamp
-        self._stored_streams = dict(self._streams)
-        return True
+    def restore(self, stored: Stored) -> KeyState:
+        """Take up the state of an earlier run."""
+        finding = find_key(stored)
+        self.problem = finding.problem
+        if (record := finding.record) is not None:
+            self._key = record.key
+            self._timestamp = self._stored = min(record.timestamp, LATEST)
+            if finding.aged:  # it may lack a stream: none may begin anew behind what was heard
+                self._timestamp = min(self._timestamp + TOLERANCE, LATEST)
+            self._streams, self._stored_streams = dict(record.streams), dict(record.streams)
+        return finding.state
 
     def set_key(self, key: bytes, timestamp: int) -> bool:
         """Take a key and the timestamp to begin at; False, and nothing changed, for what is none."""
@@ -112,19 +124,16 @@ class Signing:
             self._key = key
             self._streams = {}
             self._timestamp = timestamp
-        self._store(AHEAD)
+        self.problem = ""
+        self._store(AHEAD, both=True)
         return True
 
     def remove_key(self) -> None:
         """Forget the key."""
         self._key = None
         self._streams = {}
-        self._content = b""
-        self._save(b"")
-
-    def store_again(self) -> None:
-        """Write the same once more: the store keeps two versions, and an old key is to be in neither."""
-        self._save(self._content)
+        self.problem = ""
+        self._save(b"", both=True)
 
     def store_exactly(self) -> None:
         """Store what was used and no more, before an orderly end: the next run then need not wait for anything."""
@@ -185,13 +194,9 @@ class Signing:
         if behind < AHEAD // 2:
             self._store(AHEAD)
 
-    def _store(self, ahead: int) -> None:
+    def _store(self, ahead: int, *, both: bool = False) -> None:
         if self._key is None:
             return
         self._stored = self._timestamp + ahead
         self._stored_streams = {stream: timestamp + ahead for stream, timestamp in self._streams.items()}
-        lines = [f"key {self._key.hex()}", f"timestamp {self._stored}"]
-        lines += [f"stream {system} {component} {link} {timestamp}"
-                  for (system, component, link), timestamp in self._stored_streams.items()]  # fmt: skip
-        self._content = ("\n".join(lines) + "\n").encode()
-        self._save(self._content)
+        self._save(to_text(KeyRecord(self._key, self._stored, self._stored_streams)), both=both)

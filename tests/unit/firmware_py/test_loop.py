@@ -119,6 +119,7 @@ class FakeLink:
         self.log, self.outputs, self.on_service = boat_log, [], lambda _now_s: None
         self.left_over = 0
         self.station_s = None
+        self.key_problem = ""
 
     @property
     def busy(self):

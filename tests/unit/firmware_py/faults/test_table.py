@@ -36,6 +36,7 @@ WELL = FaultInput(
     outside_fence=False,
     storage=DeviceState.RUNNING,
     clock=DeviceState.RUNNING,
+    key=DeviceState.RUNNING,
     station=DeviceState.RUNNING,
     station_age_s=0.5,
     station_timeout_s=600.0,

@@ -94,7 +94,7 @@ def replace_plan_beside_a_parameter(boat, number):
 
 def set_key(boat, number):
     answers = []
-    boat.vault.save(b"key of number %d" % number)
+    boat.vault.save(b"key of number %d" % number, both=True)
     boat.vault.when_stored(answers.append)
     return boat.wait(answers)
 
@@ -104,7 +104,7 @@ ACTS = {
     forget_parameters: lambda boat: boat.autopilot.parameters()["CTL_K1"],
     replace_plan: lambda boat: boat.autopilot.plans().mission,
     replace_plan_beside_a_parameter: lambda boat: boat.autopilot.plans().mission,
-    set_key: lambda boat: boat.vault.load(),
+    set_key: lambda boat: boat.vault.load().content,
 }
 PLANS = (replace_plan, replace_plan_beside_a_parameter)
 FAULTS = [(kind, lasting) for kind in KINDS for lasting in (False, True)]
@@ -150,6 +150,8 @@ def judge(act, tmp_path, monkeypatch, before, failing, *, anew):
     assert mine or stored or forgets, "a failure is told as long as it is one"
     if stored:
         assert set(results) == {new}, f"acknowledged, and not there: {failed}"
+    elif act is set_key:
+        assert set(results) <= {old, new}  # it is in force: nothing was refused
     elif DOUBT not in failure:
         assert set(results) == {old}, f"refused, and there: {failed}"
     else:
@@ -289,7 +291,6 @@ INSTEAD = {
     PLAN_FILES[PlanKind.FENCE]: "there is no fence",
     PLAN_FILES[PlanKind.RALLY]: "there are no rally points",
     RESUME_FILE: "not resumed",
-    SIGNING_FILE: "there is no signing key",
 }
 
 

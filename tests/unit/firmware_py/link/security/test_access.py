@@ -5,10 +5,12 @@ from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Arm, SetParameter
+from firmware_py.common.records import Event, Severity
 from firmware_py.link.peer import DENIALS
 from firmware_py.link.peers import LATE_HEARTBEATS
 from firmware_py.link.security.signing import timestamp_of
 from firmware_py.link.wire.url_options import parse_options
+from support.link import MemoryVault
 
 KEY = bytes(range(100, 132))
 NOW = timestamp_of(1.7e9)
@@ -271,10 +273,10 @@ def test_over_a_trusted_link_it_is_set_and_removed_under_any_policy(linked, opti
     rig = linked(options)
     assert texts(rig.tell(SETUP)) == ["Signing key set"]
     assert KEY.hex().encode() in rig.vault.contents[-1]
-    # Twice, so that neither of the store's two versions holds an older key.
-    assert rig.vault.contents[-1] == rig.vault.contents[-2]
     assert texts(rig.tell(REMOVE)) == ["Signing key removed"]
-    assert rig.vault.contents[-2:] == [b"", b""]
+    assert rig.vault.contents[-1] == b""
+    assert rig.vault.both[0]
+    assert rig.vault.both[-1]
     assert not rig.endpoint._signing.active
 
 
@@ -327,14 +329,86 @@ def test_the_key_and_the_timestamps_survive_a_restart(linked, make_rig):
     rig.endpoint.close()
     again = make_rig(vault=rig.vault, options=parse_options("policy=signed-only"))
     again.station = rig.station
-    assert again.endpoint.key_readable
+    assert again.endpoint.key_problem == ""
     again.give(replayed)
     assert again.request_handler.intents == []
     again.tell(ARM)
     assert again.request_handler.intents == [Arm(True, False)]
 
 
-def test_a_key_that_cannot_be_read_is_told(make_rig):
-    rig = make_rig()
-    rig.vault.save(b"rubbish")
-    assert not make_rig(vault=rig.vault).endpoint.key_readable
+# --------------------------------------------------------------------------- a key that was lost
+
+
+@pytest.fixture
+def bereft(make_rig):
+    """Makes a rig of the given options whose key was lost."""
+
+    def make(options="policy=auto", **more):
+        vault = MemoryVault()
+        vault.damage = "signing.key.0 is damaged, signing.key.1 is damaged"
+        rig = make_rig(vault=vault, options=parse_options(options), **more)
+        rig.endpoint.service(0.0, [])
+        rig.tick()
+        return rig
+
+    return make
+
+
+UNTRUSTED = ["policy=auto", "policy=open", "policy=signed-commands", "policy=signed-only", "systems=255"]
+
+
+@pytest.mark.parametrize("options", UNTRUSTED)
+def test_without_the_key_that_was_set_an_untrusted_link_is_shut(bereft, options):
+    rig = bereft(options)
+    assert rig.endpoint.key_problem == "signing.key.0 is damaged, signing.key.1 is damaged"
+    for key in (None, KEY):
+        if key:
+            sign(rig)
+        assert kinds(rig.tell(ARM, SET, READ, SETUP, REMOVE, BEAT)) == set()
+    rig.give(mavlink1.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink1.MAVLink(None, srcSystem=255)))
+    assert rig.request_handler.intents == []
+    assert rig.endpoint.station_s is None
+    assert rig.vault.contents == []
+
+
+def test_a_stranger_draws_nothing_from_a_boat_whose_key_was_lost(bereft):
+    rig = bereft(addresses=())
+    for _ in range(3):
+        assert rig.tell(BEAT, READ, ARM, address="stranger") == []
+        rig.tick_silently(seconds=1.0)
+    assert rig.transport.sent == []
+
+
+def test_whom_a_link_leads_to_is_told_of_the_lost_key_unsigned(bereft, texts):
+    rig = bereft()
+    said = rig.tick(seconds=1.0, events=(Event(Severity.CRITICAL, "Signing key lost"),))
+    assert texts(said) == ["Signing key lost"]
+    assert "HEARTBEAT" in kinds(said)
+    assert all(message.get_msgbuf()[2] == 0 for message in said)
+
+
+@pytest.mark.parametrize("key", [None, KEY])
+def test_over_a_trusted_link_all_is_as_ever_when_the_key_was_lost(bereft, of, key):
+    rig = bereft("trusted=1")
+    if key:
+        sign(rig)  # a station that has it still
+    assert of(rig.tell(ARM), "COMMAND_ACK")[0].result == 0
+    assert rig.request_handler.intents == [Arm(True, False)]
+
+
+@pytest.mark.parametrize(
+    ("setup", "said", "unsigned_commands"), [(SETUP, "Signing key set", False), (REMOVE, "Signing key removed", True)]
+)
+def test_over_a_trusted_link_a_lost_key_is_set_or_removed_and_the_others_are_as_before(
+    bereft, setup, said, unsigned_commands, texts
+):
+    rig = bereft("trusted=1")
+    assert texts(rig.tell(setup)) == [said]
+    assert rig.endpoint.key_problem == ""
+    rig.transport.options = parse_options("policy=auto")
+    rig.tell(ARM)
+    assert bool(rig.request_handler.intents) is unsigned_commands
+    if not unsigned_commands:
+        sign(rig)
+        rig.tell(ARM)
+        assert rig.request_handler.intents == [Arm(True, False)]

@@ -7,10 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.common.records import Stored
+from firmware_py.link.security.key_record import MAX_STREAMS, KeyState
 from firmware_py.link.security.signing import (
     AHEAD,
     LATEST,
-    MAX_STREAMS,
     SIGNATURE_BYTES,
     TOLERANCE,
     UNITS_HZ,
@@ -29,16 +30,21 @@ NOW = timestamp_of(UTC_S)
 class Boat:
     """A Signing with a clock and a disk of its own."""
 
-    def __init__(self, content=b"", key=KEY):
+    def __init__(self, content=b"", key=KEY, damage=""):
         self.utc_s = UTC_S
         self.saved = [content]
-        self.signing = Signing(lambda: self.utc_s, self.saved.append)
-        assert self.signing.restore(content)
+        self.both = []  # whether nothing of what was before may be left
+        self.signing = Signing(lambda: self.utc_s, self.save)
+        assert self.signing.restore(Stored(content, damage)) is not KeyState.LOST
         if not content and key:
             assert self.signing.set_key(key, 0)
 
-    def restarted(self):
-        return Boat(self.saved[-1])
+    def save(self, content, *, both=False):
+        self.saved.append(content)
+        self.both.append(both)
+
+    def restarted(self, damage=""):
+        return Boat(self.saved[-1], damage=damage)
 
 
 class Station:
@@ -246,6 +252,7 @@ def test_a_new_key_starts_anew_and_the_old_one_is_worth_nothing():
     assert boat.signing.verify(Station().ping(at=LATEST))  # a clock gone mad
     assert not boat.signing.verify(Station(link=4).ping())
     assert boat.signing.set_key(OTHER_KEY, NOW)
+    assert boat.both[-1]
     assert not boat.signing.verify(Station().ping(at=LATEST))
     assert boat.signing.verify(Station(OTHER_KEY).ping())
     assert KEY.hex().encode() not in boat.saved[-1]
@@ -263,6 +270,7 @@ def test_without_a_key_nothing_is_signed_or_believed():
     boat.signing.remove_key()
     assert not boat.signing.active
     assert boat.saved[-1] == b""
+    assert boat.both == [True, True]
 
 
 @settings(max_examples=100, deadline=None)
@@ -270,6 +278,49 @@ def test_without_a_key_nothing_is_signed_or_believed():
     st.binary(min_size=1, max_size=200) | st.binary(max_size=60).map(lambda tail: b"key " + KEY.hex().encode() + tail)
 )
 def test_a_state_that_cannot_be_read_is_refused(content):
-    signing = Signing(lambda: UTC_S, lambda _: None)
-    assert not signing.restore(content)
+    signing = Signing(lambda: UTC_S, lambda *_words, **_more: None)
+    assert signing.restore(Stored(content)) is KeyState.LOST
+    assert signing.problem == "what is stored is no signing key"
     assert not signing.active
+
+
+@pytest.mark.parametrize(
+    ("content", "damage", "state", "problem"),
+    [
+        (None, "", KeyState.ABSENT, ""),
+        (b"", "", KeyState.ABSENT, ""),
+        (None, "a.0 is damaged", KeyState.LOST, "a.0 is damaged"),
+        (b"", "a.0 is damaged", KeyState.LOST, "a.0 is damaged"),
+        (b"rubbish", "a.0 is missing", KeyState.LOST, "a.0 is missing"),
+        (b"key " + b"0" * 64 + b"\ntimestamp 1\n", "", KeyState.LOST, "what is stored is no signing key"),
+    ],
+)
+def test_a_key_is_absent_only_where_nothing_is_wrong(content, damage, state, problem):
+    signing = Signing(lambda: UTC_S, lambda *_words, **_more: None)
+    assert signing.restore(Stored(content, damage)) is state
+    assert signing.problem == problem
+    assert signing.set_key(KEY, NOW)
+    assert signing.problem == ""
+    signing.restore(Stored(content, damage))
+    signing.remove_key()
+    assert signing.problem == ""
+
+
+def test_a_record_that_may_be_an_older_one_hears_no_replay_on_a_stream_that_it_lacks():
+    boat, packed = Boat(), Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
+    LinkSealer(boat.signing, 0).seal(packed, 0)
+    heard_later = Station(link=9).ping(at=NOW + UNITS_HZ)
+    assert boat.restarted().signing.verify(heard_later)
+    again = boat.restarted(damage="signing.key.0 is damaged")
+    assert again.signing.active
+    assert not again.signing.verify(heard_later)
+    station = Station(link=9)
+    station.mav.decode(bytearray(LinkSealer(again.signing, 0).seal(packed, 0)))
+    assert again.signing.verify(station.ping())
+
+
+def test_what_is_stored_often_need_not_be_stored_twice():
+    boat = Boat()
+    boat.utc_s += 60.0
+    LinkSealer(boat.signing, 0).seal(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
+    assert boat.both == [True, False]

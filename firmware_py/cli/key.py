@@ -1,0 +1,152 @@
+"""`rambler key`: the state of the signing key, and the way to set or remove it without a link.
+
+The key is never shown, nor a digest of it: from one a passphrase could be guessed at leisure. It is
+never an argument either, since whoever may list processes reads those.
+"""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import json
+import os
+import pwd
+import re
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from firmware_py.link.security.key_record import KEY_BYTES, KeyState, find_key, key_of_passphrase
+from firmware_py.link.security.signing import Signing, timestamp_of
+from firmware_py.system.state_directory import SIGNING_FILE, KeyVault, exposed_key_files, stored_key
+from firmware_py.system.hold import StoreError
+from firmware_py.system.store import Store
+
+MOST_BYTES = 1024  # of a passphrase
+_UNREADABLE = "unreadable"  # for somebody who is not the autopilot's user
+_HEX = re.compile(rf"[0-9a-fA-F]{{{2 * KEY_BYTES}}}")
+
+
+class KeyInputError(ValueError):
+    """What was given is no key; the text says what is one."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    commands = parser.add_subparsers(dest="key_command", metavar="WHAT", required=True)
+    show = commands.add_parser("show-state", help="say whether there is a key: present, absent, lost or unreadable")
+    set_one = commands.add_parser("set", help="set the key from a passphrase: asked for, or a line on standard input")
+    remove = commands.add_parser("remove", help="remove the key, its bytes overwritten")
+    set_one.add_argument("--key-file", metavar="FILE", type=Path, help="read the passphrase from this file instead")
+    set_one.add_argument("--hex", action="store_true", help="what is read is the key itself, 64 hexadecimal digits")
+    for command in (show, set_one, remove):
+        command.add_argument("--state", metavar="DIR", type=Path, required=True, help="the state directory")
+        command.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do what is asked; one line on standard error and 2 when it cannot be."""
+    command: Callable[[argparse.Namespace], None] = {"show-state": _show, "set": _set, "remove": _remove}[
+        arguments.key_command
+    ]
+    try:
+        _check_directory(arguments.state)
+        command(arguments)
+    except (KeyInputError, StoreError) as error:
+        print(f"rambler key {arguments.key_command}: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"rambler key {arguments.key_command}: {arguments.state}: {error.strerror}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _check_directory(directory: Path) -> None:
+    if not directory.is_dir():
+        text = f"state directory {directory} is not there; name that of `rambler run --state`, or make it first"
+        raise StoreError(text)
+
+
+def _show(arguments: argparse.Namespace) -> None:
+    """Tell what the autopilot would find, which may be running meanwhile."""
+    stored = stored_key(arguments.state)
+    finding = find_key(stored)
+    state, problem = finding.state.value, finding.problem or stored.damage
+    if finding.state is KeyState.LOST and os.geteuid() not in (0, owner := arguments.state.stat().st_uid):
+        state, problem = _UNREADABLE, f"{problem}; look as {_user(owner)}"
+    exposed = exposed_key_files(arguments.state)
+    if arguments.json:
+        print(json.dumps({"state": state, "problem": problem, "readable_by_others": list(exposed)}))
+        return
+    print(f"{arguments.state}: {state}{problem and f': {problem}'}")
+    for name in exposed:
+        print(f"{arguments.state}: {name} can be read by others", file=sys.stderr)
+
+
+def _set(arguments: argparse.Namespace) -> None:
+    words = _read_line(arguments.key_file, digits=arguments.hex)
+    if arguments.hex and not _HEX.fullmatch(words):
+        raise KeyInputError(f"a key is {2 * KEY_BYTES} hexadecimal digits; without --hex it is made of a passphrase")
+    key = bytes.fromhex(words) if arguments.hex else key_of_passphrase(words)
+    if not any(key):
+        raise KeyInputError("a key of zeros is none; `rambler key remove` removes it")
+    _change(arguments, KeyState.PRESENT, lambda signing: signing.set_key(key, timestamp_of(time.time())))
+
+
+def _remove(arguments: argparse.Namespace) -> None:
+    _change(arguments, KeyState.ABSENT, lambda signing: signing.remove_key())
+
+
+def _change(arguments: argparse.Namespace, state: KeyState, change: Callable[[Signing], object]) -> None:
+    """Change the key of a stopped autopilot and tell what it is now."""
+    owner_uid = arguments.state.stat().st_uid
+    if os.geteuid() != owner_uid:  # the autopilot could not read what another user has written
+        raise StoreError(f"state directory {arguments.state} belongs to {_user(owner_uid)}; run this as that user")
+    try:
+        store = Store(arguments.state, private=(SIGNING_FILE,))
+    except StoreError as error:
+        raise StoreError(f"{error}, or do this over a trusted link") from None
+    vault = KeyVault(store)
+    signing = Signing(time.time, vault.save)
+    signing.restore(vault.load())
+    change(signing)
+    store.close()
+    if store.failure:
+        raise StoreError(f"state directory {arguments.state}: {store.failure}; make room and try again")
+    if arguments.json:
+        print(json.dumps({"state": state.value}))
+    else:
+        print(f"{arguments.state}: {state.value}")
+
+
+def _read_line(file: Path | None, *, digits: bool) -> str:
+    """Return one line, from a file, a terminal without echo or standard input; KeyInputError when there is none."""
+    if file is not None:
+        try:
+            with file.open("rb") as opened:
+                data = opened.read(MOST_BYTES + 1)
+        except OSError as error:
+            raise KeyInputError(f"{file}: {error.strerror}; name a file that can be read") from None
+    elif sys.stdin.isatty():
+        what = "Key" if digits else "Passphrase"
+        typed = getpass.getpass(f"{what}: ")
+        if typed != getpass.getpass(f"{what} once more: "):
+            raise KeyInputError("the two are not the same; try again")
+        data = typed.encode()
+    else:
+        data = sys.stdin.buffer.read(MOST_BYTES + 1)
+    try:
+        words = data.removesuffix(b"\n").removesuffix(b"\r").decode()
+    except UnicodeDecodeError:
+        words = ""
+    if not words or not words.isprintable() or len(data) > MOST_BYTES:
+        raise KeyInputError(f"one line of text is needed, not empty and of at most {MOST_BYTES} bytes")
+    return words
+
+
+def _user(uid: int) -> str:
+    try:
+        return f"user {pwd.getpwuid(uid).pw_name}"
+    except KeyError:
+        return f"user {uid}"

@@ -1,0 +1,62 @@
+"""`rambler key` and `rambler run` on one state directory, as processes: the key set by hand, and one that is lost."""
+
+import json
+import subprocess
+import sys
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from firmware_py.link.security.key_record import key_of_passphrase
+from support.paths import ROOT
+
+PASSPHRASE = "seaworthy"
+HOLD, DENIED, ACCEPTED = 4, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_ACCEPTED
+
+
+def rambler_key(tmp_path, what, *more, said=""):
+    """Run `rambler key`; return its exit code and what it said on both."""
+    command = [sys.executable, "-m", "firmware_py", "key", what, "--state", str(tmp_path / "state"), *more]
+    done = subprocess.run(command, cwd=ROOT, input=said, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(tmp_path, boot, free_ports, connect):
+    (tmp_path / "state").mkdir()
+    assert rambler_key(tmp_path, "set", said=f"{PASSPHRASE}\n")[0] == 0
+    assert json.loads(rambler_key(tmp_path, "show-state", "--json")[1])["state"] == "present"
+    cable, radio, sea = free_ports(["tcpin", "udpin", "tcpin"])
+    urls = [f"tcpin:127.0.0.1:{cable}?trusted=1", f"udpin:127.0.0.1:{radio}", f"tcpin:127.0.0.1:{sea}?policy=open"]
+    program = boot("first", *urls[:2])
+    far = connect(f"udpout:127.0.0.1:{radio}", 201)
+    assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == DENIED
+    far.link.setup_signing(key_of_passphrase(PASSPHRASE))
+    assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
+    # Under way the directory is hers.
+    for what in ("set", "remove"):
+        code, out, error = rambler_key(tmp_path, what, said="another\n")
+        assert (code, out, error.count("\n")) == (2, "", 1)
+        assert "in use by another autopilot; end that one, or do this over a trusted link" in error
+    assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
+    program.send_signal(2)
+    assert program.exit_code() == 0
+    # The disk loses both slots: nobody commands her but over the cable, and whoever she speaks to is told why.
+    files = sorted((tmp_path / "state").glob("signing.key.*"))
+    assert len(files) == 2
+    for path in files:
+        path.write_bytes(path.read_bytes()[:60])
+    assert json.loads(rambler_key(tmp_path, "show-state", "--json")[1])["state"] == "lost"
+    program = boot("second", *urls)
+    stranger = connect(f"tcp:127.0.0.1:{sea}", 202)
+    stranger.heard("STATUSTEXT", lambda text: "Signing key lost" in text.text)
+    stranger.mav.param_set_send(1, 1, b"CTL_K1", 33.0, 9)
+    near = connect(f"tcp:127.0.0.1:{cable}", 203)
+    assert near.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
+    assert near.parameter("CTL_K1") != 33.0
+    near.mav.setup_signing_send(1, 1, list(key_of_passphrase(PASSPHRASE)), 0)
+    near.heard("STATUSTEXT", lambda text: text.text == "Signing key set")
+    near.heard("STATUSTEXT", lambda text: text.text == "Signing key is no longer lost")
+    assert "signing.key lost: signing.key.0 is damaged, signing.key.1 is damaged" in program.text()
+    program.send_signal(2)
+    assert program.exit_code() == 0
+    assert rambler_key(tmp_path, "remove")[:2] == (0, f"{tmp_path / 'state'}: absent\n")
+    assert not any(key_of_passphrase(PASSPHRASE).hex().encode() in path.read_bytes() for path in files)

@@ -1,0 +1,202 @@
+"""`rambler key`: what it says, what it takes for a key, and what it refuses."""
+
+import io
+import json
+import os
+import pty
+import stat
+from hashlib import sha256
+
+import pytest
+
+from firmware_py.__main__ import main
+from firmware_py.link.security.key_record import KeyState, find_key
+from firmware_py.system.state_directory import SIGNING_FILE, stored_key
+from firmware_py.system.store import Store
+
+PASSPHRASE = b"seaworthy"
+KEY = sha256(PASSPHRASE).digest()
+
+
+@pytest.fixture
+def state(tmp_path):
+    (tmp_path / "state").mkdir()
+    return tmp_path / "state"
+
+
+@pytest.fixture
+def typed(monkeypatch):
+    """Gives bytes to standard input."""
+
+    def give(data):
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(data)))
+
+    return give
+
+
+@pytest.fixture
+def keyed(state, typed, capsys):
+    """A state directory with a key."""
+    typed(PASSPHRASE)
+    assert main(["key", "set", "--state", str(state)]) == 0
+    capsys.readouterr()
+    return state
+
+
+def key_in(directory):
+    record = find_key(stored_key(directory)).record
+    return record and record.key
+
+
+def refused(capsys, *words):
+    assert main(["key", *map(str, words)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    (line,) = captured.err.splitlines()
+    return line
+
+
+def shown(capsys, directory):
+    assert main(["key", "show-state", "--state", str(directory), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_key_is_set_shown_by_its_state_alone_and_removed(state, typed, capsys):
+    assert shown(capsys, state) == {"state": "absent", "problem": "", "readable_by_others": []}
+    typed(PASSPHRASE + b"\n")
+    assert main(["key", "set", "--state", str(state)]) == 0
+    assert capsys.readouterr().out == f"{state}: present\n"
+    assert key_in(state) == KEY
+    files = sorted(state.glob("signing.key.*"))
+    assert {stat.S_IMODE(path.stat().st_mode) for path in files} == {0o600}
+    assert [KEY.hex().encode() in path.read_bytes() for path in files] == [True, True]
+    assert main(["key", "show-state", "--state", str(state)]) == 0
+    assert capsys.readouterr().out == f"{state}: present\n"
+    assert main(["key", "remove", "--state", str(state), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"state": "absent"}
+    assert not any(KEY.hex().encode() in path.read_bytes() for path in files)
+
+
+@pytest.mark.parametrize("data", [b"two words", b"two words\n", b"two words\r\n"])
+def test_a_passphrase_is_a_line_from_a_file_or_standard_input(data, state, typed, tmp_path):
+    typed(data)
+    assert main(["key", "set", "--state", str(state)]) == 0
+    assert key_in(state) == sha256(b"two words").digest()
+    (tmp_path / "words").write_bytes(data.replace(b"two", b"deux"))
+    assert main(["key", "set", "--state", str(state), "--key-file", str(tmp_path / "words")]) == 0
+    assert key_in(state) == sha256(b"deux words").digest()
+
+
+def test_digits_are_a_passphrase_unless_they_are_said_to_be_the_key(state, typed):
+    digits = "0123456789abcdefABCDEF9876543210" * 2
+    typed(digits.encode())
+    assert main(["key", "set", "--state", str(state)]) == 0
+    assert key_in(state) == sha256(digits.encode()).digest()
+    typed(digits.encode())
+    assert main(["key", "set", "--hex", "--state", str(state)]) == 0
+    assert key_in(state) == bytes.fromhex(digits)
+
+
+@pytest.mark.parametrize(
+    ("data", "more", "reason"),
+    [
+        (b"", (), "one line of text is needed"),
+        (b"\n", (), "one line of text is needed"),
+        (b"two\nlines\n", (), "one line of text is needed"),
+        (b"\xff\xfe", (), "one line of text is needed"),
+        (b"x" * 1025, (), "at most 1024 bytes"),
+        (b"0" * 63, ("--hex",), "64 hexadecimal digits"),
+        (b"g" * 64, ("--hex",), "64 hexadecimal digits"),
+        (b"0" * 64, ("--hex",), "a key of zeros is none"),
+    ],
+)
+def test_what_is_no_key_is_refused_and_the_old_one_stands(data, more, reason, keyed, typed, capsys):
+    typed(data)
+    assert reason in refused(capsys, "set", "--state", keyed, *more)
+    assert key_in(keyed) == KEY
+
+
+def test_a_key_is_never_an_argument(state, capsys):
+    assert "-h" in refused(capsys, "set", "seaworthy", "--state", state)
+    assert key_in(state) is None
+
+
+@pytest.mark.parametrize("words", [("show-state",), ("remove",), ("set", "--key-file", "none")])
+def test_a_directory_or_a_file_that_is_not_there_is_told(words, tmp_path, state, capsys):
+    assert "is not there" in refused(capsys, *words, "--state", tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+    if words[0] == "set":
+        assert "name a file that can be read" in refused(capsys, *words, "--state", state)
+
+
+def test_the_directory_of_an_autopilot_under_way_is_left_alone(keyed, typed, capsys):
+    autopilot = Store(keyed)
+    try:
+        typed(b"another")
+        assert "end that one, or do this over a trusted link" in refused(capsys, "set", "--state", keyed)
+        assert "end that one, or do this over a trusted link" in refused(capsys, "remove", "--state", keyed)
+        assert shown(capsys, keyed)["state"] == "present"
+    finally:
+        autopilot.close()
+    assert key_in(keyed) == KEY
+
+
+def test_only_the_user_of_the_directory_changes_the_key(state, typed, capsys, monkeypatch):
+    """What another has written, root too, the autopilot would not believe: its key would be lost."""
+    monkeypatch.setattr(os, "geteuid", lambda: 54321)
+    typed(PASSPHRASE)
+    assert "run this as that user" in refused(capsys, "set", "--state", state)
+    assert "run this as that user" in refused(capsys, "remove", "--state", state)
+
+
+def test_a_lost_key_is_told_with_its_cause_and_can_be_removed(keyed, capsys):
+    for path in keyed.glob("signing.key.*"):
+        path.write_bytes(b"")
+        path.chmod(0o644)
+    assert shown(capsys, keyed) == {
+        "state": "lost",
+        "problem": "signing.key.0 is damaged, signing.key.1 is damaged",
+        "readable_by_others": ["signing.key.0", "signing.key.1"],
+    }
+    assert main(["key", "remove", "--state", str(keyed)]) == 0
+    assert find_key(stored_key(keyed)).state is KeyState.ABSENT
+
+
+def test_who_may_not_read_it_is_not_told_that_it_is_lost(keyed, capsys, monkeypatch):
+    def refuse(_path):
+        raise PermissionError(13, "denied")
+
+    monkeypatch.setattr(os, "geteuid", lambda: 54321)
+    monkeypatch.setattr("pathlib.Path.read_bytes", refuse)
+    told = shown(capsys, keyed)
+    assert told["state"] == "unreadable"
+    assert told["problem"].startswith(
+        "signing.key.0 cannot be read (denied), signing.key.1 cannot be read (denied); look"
+    )
+
+
+def test_what_cannot_be_stored_is_told(state, typed, capsys):
+    typed(PASSPHRASE)
+    for number in (0, 1):
+        (state / f"{SIGNING_FILE}.{number}").mkdir()
+    assert "signing.key cannot be stored" in refused(capsys, "set", "--state", state)
+    assert shown(capsys, state)["state"] == "lost"
+
+
+@pytest.mark.parametrize(("again", "code"), [("seaworthy", 0), ("seawrothy", 2)])
+def test_at_a_terminal_it_is_asked_for_twice(again, code, state, capsys, monkeypatch):
+    keyboard, terminal = pty.openpty()
+    answers, prompts = iter(("seaworthy", again)), []
+
+    def ask(prompt):
+        prompts.append(prompt)
+        return next(answers)
+
+    with os.fdopen(terminal, encoding="utf-8") as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        monkeypatch.setattr("getpass.getpass", ask)
+        assert main(["key", "set", "--state", str(state)]) == code
+    os.close(keyboard)
+    assert prompts == ["Passphrase: ", "Passphrase once more: "]
+    assert ("are not the same" in capsys.readouterr().err) is bool(code)
+    assert key_in(state) == (None if code else KEY)
