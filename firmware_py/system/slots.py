@@ -211,7 +211,7 @@ class SlotWriter:
             self._named = True
             return newest.number, newest.sequence
         unreadable = [slot.number for slot in slots if slot.condition is Condition.UNREADABLE]
-        for slot in unreadable[1:] if name not in self._private else ():  # that of a secret tells that one was lost
+        for slot in unreadable[1:]:
             self._blank(name, slot)  # what it holds might win when it can be read again
         return (1 - unreadable[0] if unreadable else SLOTS[1]), 0
 

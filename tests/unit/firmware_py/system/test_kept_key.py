@@ -265,6 +265,18 @@ def test_a_save_that_follows_one_into_both_slots_goes_into_both_too(tmp_path):
     assert not any(OLD_SECRET in path.read_bytes() for path in slots(tmp_path))
 
 
+def test_a_save_that_follows_a_failed_one_into_both_slots_goes_into_both_too(tmp_path, monkeypatch):
+    kept(tmp_path, OLD)
+    disk = FaultyDisk(tmp_path, monkeypatch)
+    vault = vault_of(tmp_path)
+    disk.arm(0, lasting=True)
+    assert not keep(vault, NEW)
+    disk.arm(None)
+    vault.save(NEW)  # what has failed is tried anew with it
+    vault.store.close()
+    assert not any(OLD_SECRET in path.read_bytes() for path in slots(tmp_path))
+
+
 def test_a_directory_without_files_of_a_key_never_had_one(tmp_path):
     vault_of(tmp_path).store.close()
     assert vault_of(tmp_path).load() == Stored()
