@@ -1,0 +1,78 @@
+"""The lock of the float's packages: whole, hashed, and of the versions that everything is tested with."""
+
+import importlib.metadata
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+import tomllib
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from support.paths import ROOT
+
+LOCK = ROOT / ".ci/requirements-onboard.txt"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PINNED = re.compile(r"([A-Za-z0-9._-]+)==([^\s;]+)((?: \\\n    --hash=sha256:[0-9a-f]{64})+)\n")
+
+
+def locked():
+    """Version and hashes of each package, by its name."""
+    return {canonicalize_name(name): (version, re.findall(r"[0-9a-f]{64}", hashes))
+            for name, version, hashes in PINNED.findall(LOCK.read_text())}  # fmt: skip
+
+
+def test_the_lock_holds_versions_and_hashes_and_nothing_else():
+    """No other line: an index or a marker in it would count for every float."""
+    assert PINNED.sub("", LOCK.read_text()) == ""
+    for name, (_, hashes) in locked().items():
+        assert len(hashes) == len(set(hashes)) >= 2, f"{name}: a wheel and a source, at the least"
+
+
+def test_the_versions_are_those_that_everything_is_tested_with():
+    lines = (ROOT / ".ci/constraints.txt").read_text().split()
+    constraints = {canonicalize_name(name): version for name, version in (line.split("==") for line in lines)}
+    assert {name: constraints[name] for name in locked()} == {name: version for name, (version, _) in locked().items()}
+
+
+def test_the_lock_has_what_the_autopilot_needs_and_what_that_needs():
+    waiting, needed = [Requirement(text) for text in PROJECT["dependencies"]], set()
+    while waiting:
+        requirement = waiting.pop()
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+            continue
+        name = canonicalize_name(requirement.name)
+        assert name in locked(), "make lock"
+        assert requirement.specifier.contains(locked()[name][0]), f"{requirement}: make lock"
+        if name not in needed:
+            needed.add(name)
+            waiting += [Requirement(text) for text in importlib.metadata.requires(name) or ()]
+    assert needed == set(locked()), "nothing that nobody needs"
+
+
+def test_a_package_that_is_not_the_locked_one_is_refused(tmp_path):
+    """By pip itself, without an index: a wheel of the name and version of pyserial with other bytes."""
+    dist = tmp_path / "pyserial-3.5-py3-none-any.whl"
+    dist.write_bytes(b"PK\5\6" + bytes(18))  # an empty archive
+    lines = re.search(r"pyserial==3\.5 .*?\n(?=\S|\Z)", LOCK.read_text(), re.DOTALL)[0]
+    (tmp_path / "lock.txt").write_text(lines)
+    words = ["install", "--isolated", "--no-index", "--no-deps", "--dry-run", "--ignore-installed"]
+    command = [sys.executable, "-m", "pip", *words, f"--find-links={tmp_path}", "-r", str(tmp_path / "lock.txt")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "THESE PACKAGES DO NOT MATCH THE HASHES" in done.stderr
+
+
+def test_the_list_of_what_is_installed_is_valid_and_names_the_locked_packages(tmp_path):
+    if importlib.util.find_spec("cyclonedx_py") is None:
+        pytest.skip("cyclonedx-bom is not installed; install the extra [supply]")
+    out = tmp_path / "sbom.json"
+    options = ["--pyproject", str(ROOT / "pyproject.toml"), "--mc-type", "firmware", "--validate", "-o", str(out)]
+    subprocess.run([sys.executable, "-m", "cyclonedx_py", "environment", sys.executable, *options], check=True)
+    listed = json.loads(out.read_text())
+    assert listed["metadata"]["component"]["name"] == PROJECT["name"]
+    names = {canonicalize_name(component["name"]): component["version"] for component in listed["components"]}
+    assert names.items() >= {name: version for name, (version, _) in locked().items()}.items()
