@@ -19,8 +19,8 @@ from pathlib import Path
 
 from firmware_py.link.security.key_record import KEY_BYTES, KeyState, find_key, key_of_passphrase
 from firmware_py.link.security.signing import Signing, timestamp_of
-from firmware_py.system.state_directory import SIGNING_FILE, KeyVault, exposed_key_files, stored_key
 from firmware_py.system.hold import StoreError
+from firmware_py.system.state_directory import SIGNING_FILE, KeyVault, exposed_key_files, stored_key
 from firmware_py.system.store import Store
 
 MOST_BYTES = 1024  # of a passphrase

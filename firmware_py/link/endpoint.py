@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from firmware_py.common.interfaces import Calibrator, RequestHandler, Vault
 from firmware_py.common.records import Event, Severity, Stored
 from firmware_py.common.reports import Output, Snapshot
+from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.context import Handler, LinkContext, Suppliers
 from firmware_py.link.files.root import FileRoot
@@ -24,7 +25,6 @@ from firmware_py.link.telemetry.table import ROWS_OF
 from firmware_py.link.wire.dialect import Message
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.link.wire.receive_queue import ReceiveQueue
-from firmware_py.link.wire.token_bucket import TokenBucket
 from firmware_py.link.wire.transport import Address, Transport
 from firmware_py.link.wire.worker import Worker
 

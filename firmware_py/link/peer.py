@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
+from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.telemetry.statustext import TextLimiter
 from firmware_py.link.telemetry.streams import Streams
 from firmware_py.link.wire.bulk import BulkShare
 from firmware_py.link.wire.framing import Splitter
 from firmware_py.link.wire.outbox import Outbox, Priority, Sealer
-from firmware_py.link.wire.token_bucket import TokenBucket
 from firmware_py.link.wire.transport import Address, Transport
 from firmware_py.link.wire.url_options import LinkClass
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Protocol, TypeAlias
 
+from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.peer import Peer
 from firmware_py.link.security.access import Admitted, Gate, Standing
 from firmware_py.link.security.places import QUIET_S, Guest, who_leaves, who_waits_no_more
 from firmware_py.link.wire.framing import Splitter
 from firmware_py.link.wire.outbox import Sealer
-from firmware_py.link.wire.token_bucket import TokenBucket
 from firmware_py.link.wire.transport import Address, Transport
 
 DOUBT_S = 10.0  # a datagram peer silent for this long has to prove anew that it is there, unless it signs

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import OrderedDict
 
 from firmware_py.common.records import Severity
+from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
-from firmware_py.link.wire.token_bucket import TokenBucket
 
 _CHUNK = 50
 _LONGEST = 250

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_py.link.wire.token_bucket import TokenBucket
+from firmware_py.common.token_bucket import TokenBucket
 
 _SHARE = 0.7  # of a line: the rest is for telemetry and answers
 _BURST_S = 0.25  # what an idle line may save up, as in the outbox

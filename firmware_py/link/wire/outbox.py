@@ -8,8 +8,8 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import Protocol
 
+from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.wire.dialect import Packed, stamp
-from firmware_py.link.wire.token_bucket import TokenBucket
 
 _BATCH_BYTES = 1200  # several frames share a datagram: one system call for all, and no fragments
 _BURST_S = 0.25  # what an idle line may save up

@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.link.wire.token_bucket import TokenBucket
+from firmware_py.common.token_bucket import TokenBucket
 
 
 def test_a_full_bucket_gives_its_burst_at_once_and_then_its_rate():
