@@ -13,7 +13,6 @@ from firmware_py.link.commands.server import ACCEPTED, CommandCall
 from firmware_py.link.context import LinkContext, within
 
 BENCH_S = 10.0  # a rudder on the bench goes back amidships unless it is told again
-STORE_TIMEOUT_S = 30.0
 
 _CENTRE_US, _FULL_US = 1500.0, 500.0
 _RUDDER_SERVO = 1.0
@@ -110,16 +109,18 @@ def _set(context: LinkContext, call: CommandCall, name: str, value: float) -> An
     answer = context.request(call.message, SetParameter(name, value), call.now_s)
     if answer.verdict is not Verdict.ACCEPTED:
         return answer
-    return _once_stored(context, call, f"{name} is now {context.request_handler.parameters()[name]:.2f}")
+    text = f"{name} is now {context.request_handler.parameters()[name]:.2f}"
+    return _once_stored(context, call, text, f"{name} is in force but could not be stored")
 
 
-def _once_stored(context: LinkContext, call: CommandCall, text: str) -> PendingCommand:
-    pending = PendingCommand(timeout_s=STORE_TIMEOUT_S)
+def _once_stored(context: LinkContext, call: CommandCall, text: str, failure: str) -> PendingCommand:
+    """Be done once the disk has answered: until then nobody can say whether it will be stored."""
+    pending = PendingCommand(timeout_s=math.inf)
 
     def stored(well: bool) -> None:  # noqa: FBT001 - the request handler's callback
         if well:
             context.send_text(call.peer, Severity.NOTICE, text)
-        pending.finish(ACCEPTED if well else Answer(Verdict.FAILED, f"{call.name}: it could not be stored"))
+        pending.finish(ACCEPTED if well else Answer(Verdict.FAILED, f"{call.name}: {failure}"))
 
     context.request_handler.when_stored(stored)
     return pending
@@ -136,5 +137,8 @@ def storage(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
         answer = context.request(call.message, ForgetParameters(), call.now_s)
         if answer.verdict is not Verdict.ACCEPTED:
             return answer
-        return _once_stored(context, call, "Parameters are those of the vehicle file from the next start on")
-    return ACCEPTED if parameters == _READ else _once_stored(context, call, "All is stored")
+        text = "Parameters are those of the vehicle file from the next start on"
+        return _once_stored(context, call, text, "this could not be stored; they stay as they are")
+    if parameters == _READ:
+        return ACCEPTED
+    return _once_stored(context, call, "All is stored", "not all could be stored; it is tried again by itself")

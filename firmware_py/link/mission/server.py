@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 from firmware_py.common.intents import Answer, ReplacePlan, Request, SetMissionItem, Verdict
 from firmware_py.common.plan import Plan, PlanKind
@@ -33,7 +34,7 @@ class MissionServer:
         self._context = context
         self._uploads = PlanUploads(context)
         self._downloads = PlanDownloads(context)
-        self._clearing: set[PlanKind] = set()
+        self._clearing: set[tuple[Correspondent, int]] = set()  # who is still to be answered, and by which type
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
@@ -117,10 +118,11 @@ class MissionServer:
         kinds = tuple(PlanKind) if kind is None else (kind,)
         if not all(self._uploads.may_change(peer, message, each, now_s) for each in kinds):
             return
-        # Asked again before the disk has answered: the answer to the first will do.
-        if self._clearing.intersection(kinds):
-            return
         station = Correspondent(peer, sender_of(message))
+        asked = (station, message.mission_type)
+        # The same, asked again before the disk has answered: the one answer will do.
+        if asked in self._clearing:
+            return
         for each in kinds:
             self._uploads.cancel(station, each)
             self._downloads.end(station, each)
@@ -128,11 +130,8 @@ class MissionServer:
         if not left:
             acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.ACCEPTED)
             return
-        self._clearing.update(kinds)
-
-        def done() -> None:
-            self._clearing.difference_update(kinds)
-
+        self._clearing.add(asked)
+        done = partial(self._clearing.discard, asked)
         clearing = _Clearing(self._context, peer, sender_of(message), message.mission_type, len(left), done)
         for each in left:
             request = Request(now_s, ReplacePlan(Plan(each)), *sender_of(message))

@@ -135,15 +135,40 @@ def test_a_command_under_way_says_so_until_it_ends(rig):
     assert results(rig.ticks(30)) == []
 
 
-def test_one_that_takes_too_long_has_failed_and_a_late_end_is_not_told_again(rig):
+def test_storage_is_under_way_until_the_disk_has_answered_however_long_that_takes(rig, texts):
+    """An answer before that might be wrong: what hangs may be stored in the end."""
     rig.request_handler.at_once = False
     rig.command(245, 1)
-    rig.tick(seconds=31.0)
-    assert results(rig.command(245, 1, confirmation=1)) == []  # that was long ago: begun anew
-    rig.request_handler.waiting.pop(0)(True)
-    assert results(rig.said()) == []
-    rig.request_handler.waiting.pop(0)(True)
-    assert results(rig.said()) == [ACCEPTED]
+    said = [*rig.tick(seconds=31.0), *rig.tick(seconds=3600.0)]
+    assert results(said) == [IN_PROGRESS] * 2
+    assert results(rig.command(245, 1, confirmation=1)) == [REJECTED]  # that was long ago: another one
+    (stored,) = rig.request_handler.waiting
+    stored(True)
+    said = rig.said()
+    assert (results(said), texts(said)[-1]) == ([ACCEPTED], "All is stored")
+    assert results(rig.ticks(30)) == []
+
+
+def test_one_that_takes_too_long_has_failed_and_a_late_end_is_not_told_again(rig, compass, texts):
+    rig.command(241, 0, 1)
+    said = rig.tick(seconds=901.0, **BENCH)
+    assert (results(said), texts(said)[-1]) == ([FAILED], "PREFLIGHT_CALIBRATION: not done in time")
+    assert results(rig.ticks(30)) == []
+
+
+def test_what_a_failing_disk_leaves_in_force_is_said(rig, texts):
+    rig.request_handler.at_once = False
+    told = {
+        (241, 0, 0, 0, 2): "PREFLIGHT_CALIBRATION: RUD_CENTRE_DEG is in force but could not be stored",
+        (245, 1): "PREFLIGHT_STORAGE: not all could be stored; it is tried again by itself",
+        (245, 2): "PREFLIGHT_STORAGE: this could not be stored; they stay as they are",
+    }
+    rig.tick(**BENCH)
+    for (number, *values), text in told.items():
+        rig.command(number, *values)
+        rig.request_handler.waiting.pop()(False)
+        said = rig.said()
+        assert (results(said), texts(said)) == ([FAILED], [text])
 
 
 def test_what_cannot_be_cancelled_goes_on(rig):

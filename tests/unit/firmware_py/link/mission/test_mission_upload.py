@@ -380,6 +380,21 @@ def test_clearing_again_and_again_is_one_clearing(station):
     assert len(station.rig.request_handler.intents) == 2
 
 
+@pytest.mark.parametrize("other", [0, 255])
+def test_whoever_else_clears_meanwhile_has_an_answer_too_and_all_that_was_asked_is_cleared(station, other):
+    station.upload(station.mission(1))
+    station.upload([station.item(0, 5003, kind=1, params=(5.0, 0, 0, 0))], 1)
+    station.rig.request_handler.at_once = False
+    assert station.answers(mavlink.MAVLink_mission_clear_all_message(1, 1, 0)) == []
+    assert other_tells(station, mavlink.MAVLink_mission_clear_all_message(1, 1, other)) == []
+    for stored in station.rig.request_handler.waiting:
+        stored(True)
+    acks = [(ack.target_system, ack.type, ack.mission_type) for ack in station.protocol(station.rig.said())]
+    assert sorted(acks) == sorted([(255, 0, 0), (254, 0, other)])
+    fence = station.rig.request_handler.plans().fence
+    assert bool(fence.items) is (other == 0)
+
+
 def test_clearing_what_cannot_be_stored(station, texts):
     station.upload(station.mission(1))
     station.rig.request_handler.plans_stored = False
