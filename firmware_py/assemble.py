@@ -167,7 +167,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     clock: Clock = RealClock()
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
     if options.lockstep is not None:
-        clock = LockstepClock(options.lockstep, [line.name for line in lines], lambda: [line.written for line in lines])
+        clock = _lockstep_clock(options.lockstep, lines, store)
     version = _version()
     state = State.at_start(parameters, plans)
     autopilot = Autopilot(resume(state, kept.resume_record(), clock.utc_s(), console.line), kept)
@@ -184,6 +184,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         offer_utc=None if clock_setter is None else clock_setter.add_station_time,
         calibrator=devices.calibrator,
         storage=_storage(options.state_directory, parameters),
+        written=lambda: store.written,
         start_events=notices,
     )
     opened.callback(endpoint.close)
@@ -200,7 +201,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         position=devices.position,
         rudder=devices.rudder,
         link=endpoint,
-        recorder=recorder,
+        recorder=_recorder(options.state_directory / LOG_DIRECTORY, parameters, clock, version.commit),
         store=store,
         lines=lines,
         show_event=show_event,
@@ -209,6 +210,10 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         notices=notices,
     )
     return parts, endpoint, console
+
+
+def _lockstep_clock(path: str, lines: Sequence[SerialPort], store: Store) -> LockstepClock:
+    return LockstepClock(path, [line.name for line in lines], lambda: [line.written for line in lines], store.settle)
 
 
 def _close_all(lines: Sequence[SerialPort]) -> None:

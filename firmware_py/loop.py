@@ -74,6 +74,7 @@ def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
     index = skipped = 0
     link_busy = False
     collect_s = clock.now_s() + COLLECT_INTERVAL_S
+    parts.autopilot.keep_resume(clock.now_s(), clock.utc_s())
     try:
         while not stopped() and parts.autopilot.restart is None:
             link_busy = _serve_until_deadline(parts, metronome, link_busy)
@@ -94,6 +95,7 @@ def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
             skipped = metronome.advance(clock.now_s())
     finally:
         make_safe(parts)
+    parts.autopilot.keep_resume(clock.now_s(), clock.utc_s(), last=True)
 
 
 def _tick(parts: LoopParts, tick: Tick) -> HeadingSample | None:

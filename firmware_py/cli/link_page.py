@@ -42,6 +42,9 @@ class _NoAutopilot:
     def when_stored(self, call: Callable[[bool], None]) -> None:
         call(False)
 
+    def when_orders_stored(self, call: Callable[[bool], None]) -> None:
+        call(False)
+
 
 def markdown() -> str:
     """Return the page."""

@@ -134,6 +134,12 @@ class RequestHandler(Protocol):
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Call back, on the loop's thread, once the parameters accepted are on disk (True) or cannot be (False)."""
 
+    def when_orders_stored(self, call: Callable[[bool], None]) -> None:
+        """Call back, on the loop's thread, once the next start would go on with what was accepted so far (True).
+
+        False when that cannot be stored. At once where nothing is to be gone on with (BOOT_RESUME 0).
+        """
+
 
 class StateKeeper(Protocol):
     """Keeps over restarts what was accepted, in the background."""
@@ -151,7 +157,13 @@ class StateKeeper(Protocol):
         """Keep a resume record in place of the last one."""
 
     def when_parameters_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back, on the loop's thread, once the parameters are on disk (True) or cannot be (False)."""
+        """Call back, on the loop's thread, once the parameters are on disk (True) or cannot be (False).
+
+        The resume record, which some of them change, too.
+        """
+
+    def when_resume_stored(self, call: Callable[[bool], None]) -> None:
+        """Call back, on the loop's thread, once the resume record is on disk (True) or cannot be (False)."""
 
 
 class Vault(Protocol):

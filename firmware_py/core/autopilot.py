@@ -12,12 +12,14 @@ from firmware_py.common.plan import Plans
 from firmware_py.common.records import Inputs
 from firmware_py.common.reports import Output
 from firmware_py.core.accept import accept
-from firmware_py.core.resume import ResumeKeeper
+from firmware_py.core.resume_keeper import ResumeKeeper
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 
 # More requests than this between two ticks are turned away.
 PENDING_LIMIT: Final = 256
+# More acknowledgements than this do not wait for the disk: one that hangs must not fill the memory.
+AWAITED_LIMIT: Final = 256
 
 
 class Autopilot:
@@ -34,6 +36,10 @@ class Autopilot:
         self._pending: list[Request] = []
         self._keeper = keeper
         self._resume = ResumeKeeper()
+        self._unkept: list[Callable[[bool], None]] = []  # who waits for a record that has not been handed over
+        self._awaited = 0  # calls that wait for a record, handed over or not
+        self._now_s = 0.0
+        self._utc_offset_s: float | None = None  # None until the loop has told the time
         self.restart: Restart | None = None  # accepted in a tick: the loop ends behind it
 
     @property
@@ -49,6 +55,7 @@ class Autopilot:
         if answer.verdict is not Verdict.ACCEPTED:
             return answer
         self._ahead = ahead
+        self._now_s = max(self._now_s, request.t_s)
         self._pending.append(request)
         if isinstance(request.intent, SetParameter):
             name = request.intent.name
@@ -74,7 +81,8 @@ class Autopilot:
             # On disk, so nothing may turn it away any more, not even a full queue.
             self._ahead, answer = accept(self._ahead, request)
             self._pending.append(request)
-            done(answer)
+            # The place in the old mission is none in the new one.
+            self.when_orders_stored(lambda _stored: done(answer))
 
         self._keeper.keep_plan(intent.plan, finish)
 
@@ -88,7 +96,25 @@ class Autopilot:
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Call back once the parameters accepted so far are on disk, or cannot be."""
+        self._keep()  # the fence may be heeded otherwise, or the record kept from now on
         self._keeper.when_parameters_stored(call)
+
+    def when_orders_stored(self, call: Callable[[bool], None]) -> None:
+        """Call back once the next start would go on with what was accepted so far, or could not; at once if not to."""
+        if not self._ahead.parameters["BOOT_RESUME"]:
+            call(True)
+            return
+        if self._awaited >= AWAITED_LIMIT:
+            call(False)
+            return
+
+        def told(stored: bool) -> None:  # noqa: FBT001 - the store's callback
+            self._awaited -= 1
+            call(stored)
+
+        self._awaited += 1
+        self._unkept.append(told)
+        self._keep()
 
     def take_requests(self) -> tuple[Request, ...]:
         """Hand over the requests since the last tick."""
@@ -105,8 +131,19 @@ class Autopilot:
                 self.restart = request.intent
         return output
 
-    def keep_resume(self, now_s: float, utc_s: float) -> None:
-        """Keep what the boat is doing for the next start, when that has changed."""
-        text = self._resume.update(self._state, now_s, utc_s)
+    def keep_resume(self, now_s: float, utc_s: float, *, last: bool = False) -> None:
+        """Keep what the boat is doing for the next start, when that has changed; `last`: however little."""
+        self._now_s, self._utc_offset_s = now_s, utc_s - now_s
+        self._keep(last=last)
+
+    def _keep(self, *, last: bool = False) -> None:
+        if self._utc_offset_s is None:
+            return
+        utc_s = self._now_s + self._utc_offset_s
+        text = self._resume.update(self._ahead, self._now_s, utc_s, awaited=bool(self._unkept), last=last)
         if text is not None:
             self._keeper.keep_resume(text)
+        if self._resume.is_current:
+            unkept, self._unkept = self._unkept, []
+            for call in unkept:
+                self._keeper.when_resume_stored(call)

@@ -1,8 +1,7 @@
 """What of the state outlives a restart: mode, goal, mission and where the boat was about to go.
 
-The record is written when something of it changes, a few seconds apart at most, and every
-ten minutes, so that its age tells how long the autopilot was away. Durations are in it and
-no moments: the clock of a process begins anew.
+The moment when it was written, in steps of ten minutes, tells how long the autopilot was away. Everything
+else in it is a duration: the clock of a process begins anew.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.reports import Home
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import CHANGES
-from firmware_py.guidance.guidance import GuidanceState
+from firmware_py.guidance.guidance import GuidanceState, take_changes
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.mission_progress import MissionProgress, is_halted
 from firmware_py.guidance.orbit import OrbitState
@@ -23,9 +22,8 @@ from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import Task
 from firmware_py.modes import ModeState
 
-INTERVAL_S = 5.0
 REFRESH_S = 600.0
-# Finer changes are not worth a write.
+# Finer changes are not seen.
 ELAPSED_STEP_S, TURNED_STEP_RAD, CURRENT_STEP_M_S = 30.0, 0.2, 0.1
 NOTHING, ALL_BUT_ARMING, ALL = 0, 1, 2  # BOOT_RESUME
 
@@ -51,7 +49,9 @@ _CODEC = Codec([Resume], changes=CHANGES)
 
 def resume_of(state: State, utc_s: float) -> Resume:
     """Return what is to be kept of a state."""
-    nav, line = state.guidance, state.guidance.follower.line
+    # As the next tick will take it up: an order is on disk before that.
+    nav = take_changes(state.guidance, state.modes, state.plans)
+    line = nav.follower.line
     return Resume(
         math.floor(utc_s / REFRESH_S) * REFRESH_S,
         replace(state.modes, stick=None, stick_t_s=0.0, bench=None, bench_until_s=0.0),
@@ -133,23 +133,3 @@ def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ..
 
 def _age_text(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.0f} h"
-
-
-class ResumeKeeper:
-    """Decides when the record is written anew, by what was written last."""
-
-    def __init__(self) -> None:
-        """Start with nothing written."""
-        self._due_s = 0.0
-        self._text = ""
-
-    def update(self, state: State, now_s: float, utc_s: float) -> str | None:
-        """Return the text to be stored now, None while there is nothing to store."""
-        if now_s < self._due_s or state.parameters["BOOT_RESUME"] == NOTHING:
-            return None
-        self._due_s = now_s + INTERVAL_S
-        text = to_text(resume_of(state, utc_s))
-        if text == self._text:
-            return None
-        self._text = text
-        return text

@@ -103,7 +103,7 @@ def vessel_motion(place: Place, heading_rad: float, water: Water) -> VesselMotio
 def update(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput) -> GuidanceOutput:
     """Carry mode, goal and mission on by a tick."""
     modes, motion = given.modes, given.motion
-    before, state = state, _take_changes(state, given)
+    before, state = state, take_changes(state, modes, given.plans)
     is_new = state is not before or given.new_fix
     if not is_new and state.updated_s is not None and given.t_s - state.updated_s < INTERVAL_S:
         return GuidanceOutput(state)
@@ -116,9 +116,9 @@ def update(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInpu
     return GuidanceOutput(_carry_out(settings, state, _task(settings, state, given), motion, step_s))
 
 
-def _take_changes(state: GuidanceState, given: GuidanceInput) -> GuidanceState:
-    """Return the state for mode, arming and mission of this tick; the very same while nothing changes."""
-    modes, identity, sails = given.modes, given.plans.mission.identity, state.mission.started
+def take_changes(state: GuidanceState, modes: ModeState, plans: Plans) -> GuidanceState:
+    """Return the state for the mode, arming and mission that are in force; the very same while nothing changes."""
+    identity, sails = plans.mission.identity, state.mission.started
     if (modes.mode, modes.armed) != (state.mode, state.armed):
         state = _enter_mode(state, modes)
     if state.mission.identity != identity:

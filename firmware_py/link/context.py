@@ -32,6 +32,7 @@ class Suppliers:
     load: Callable[[], float]  # of one core, 0 to 1
     offer_utc: Callable[[float, float], None] | None = None  # takes a ground station's time and when it came
     calibrator: Calibrator | None = None  # a compass that calibrates itself
+    written: Callable[[], tuple[int, int] | None] = lambda: None  # versions of the state put on disk, and their bytes
 
 
 class LinkContext:
@@ -80,6 +81,7 @@ class LinkContext:
             intended_mode=self.intended_mode,
             load=self.suppliers.load(),
             refused_frames=self.refused_frames,
+            written=self.suppliers.written(),
         )
 
     # ------------------------------------------------------------------ who is meant

@@ -49,6 +49,10 @@ def _no_load() -> float:
     return 0.0
 
 
+def _nothing_written() -> None:
+    return None
+
+
 class _NoVault:
     """Keeps nothing."""
 
@@ -82,17 +86,19 @@ class Endpoint:
         offer_utc: Callable[[float, float], None] | None = None,
         calibrator: Calibrator | None = None,
         storage: FileRoot = NO_STORAGE,
+        written: Callable[[], tuple[int, int] | None] = _nothing_written,
         start_events: Sequence[Event] = (),
     ) -> None:
         """Take opened transports and the loop's side.
 
         `load` gives the share of a core in use, 0 to 1. `vault` keeps the signing key and its timestamps over restarts.
         `offer_utc` takes the time that a ground station says, and when it came. `calibrator` is the compass, if it can
-        calibrate itself. `storage` is what file transfer and log download show of the disk.
+        calibrate itself. `storage` is what file transfer and log download show of the disk, `written` how
+        many versions of the state, and of how many bytes, were put there.
         `start_events` are those of the first tick that a station is told whatever else has happened before it comes.
         """
         self._transports = tuple(transports)
-        self._context = LinkContext(request_handler, Suppliers(utc_s, load, offer_utc, calibrator), version)
+        self._context = LinkContext(request_handler, Suppliers(utc_s, load, offer_utc, calibrator, written), version)
         self._signing = Signing(utc_s, vault.save)
         self._signing.restore(vault.load())
         self._gate = Gate(self._signing)

@@ -136,8 +136,19 @@ def direction_goal(message: Message, turned_rad: float) -> Goal:
 
 
 def go_to_waypoint(context: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
-    """Go to the place of a waypoint, and acknowledge it."""
+    """Go to the place of a waypoint, and acknowledge it once the next start would."""
     result, text = _request_waypoint(context, message, now_s)
+
+    def answer(kept: bool) -> None:  # noqa: FBT001 - the request handler's callback
+        acknowledge(context, peer, sender_of(message), message.mission_type, result)
+        if not kept:
+            lost = "guided waypoint: taken, but it could not be stored; a restart may forget it"
+            context.send_text_limited(peer, Severity.ERROR, lost, context.now_s)
+        peer.outbox.flush(context.now_s)
+
+    if result is PlanResult.ACCEPTED:
+        context.request_handler.when_orders_stored(answer)
+        return
     acknowledge(context, peer, sender_of(message), message.mission_type, result)
     if text:
         context.send_text_limited(peer, Severity.WARNING, text, now_s)

@@ -65,8 +65,17 @@ class LockstepClock:
     serial lines. Everything else is the same code on the same lines as at sea.
     """
 
-    def __init__(self, path: str, lines: Sequence[str], written: Callable[[], Sequence[int]]) -> None:
-        """Connect to the HIL's socket and name the serial lines whose bytes `written` counts."""
+    def __init__(
+        self,
+        path: str,
+        lines: Sequence[str],
+        written: Callable[[], Sequence[int]],
+        settle: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Connect to the HIL's socket and name the serial lines whose bytes `written` counts.
+
+        `settle` waits for the disk, which takes no time here either, and returns whether that has brought answers.
+        """
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
             self._socket.connect(path)
@@ -78,6 +87,7 @@ class LockstepClock:
         self._now_s = float(hello["start_s"])
         self._utc_offset_s = float(hello["utc_s"]) - self._now_s
         self._written = written
+        self._settle = settle
         self._packet = struct.Struct(f"<d{len(lines)}Q")
         self._outstanding = False
 
@@ -99,6 +109,8 @@ class LockstepClock:
         Returns early, without any time gone by, for a descriptor that the HIL does not
         feed (a socket of an outside ground station).
         """
+        if self._settle() and (ready := select.select(descriptors, [], [], 0.0)[0]):
+            return ready
         if deadline_s > self._now_s and not self._outstanding:
             self._send(deadline_s)
         if self._outstanding:

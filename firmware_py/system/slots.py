@@ -138,10 +138,8 @@ def _make_fit_for_secret(path: Path) -> None:
     fresh.replace(path)
 
 
-def _write_whole(descriptor: int, data: bytes) -> None:
-    """Write at the beginning of a file; OSError when not all of it finds room."""
-    if os.pwrite(descriptor, data, 0) < len(data):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+def _in_blocks(count: int) -> int:
+    return -(-count // SLOT_BYTES) * SLOT_BYTES
 
 
 class SlotWriter:
@@ -158,6 +156,8 @@ class SlotWriter:
         self._unproven: dict[str, int] = {}  # the slot that may hold a whole version whose storing has failed
         self._files: dict[tuple[str, int], int] = {}
         self._named = False  # a file was made whose name may not be on disk yet, whatever became of its content
+        self.versions = 0
+        self.written_bytes = 0  # in whole blocks, as a disk takes them
 
     def close(self) -> None:
         """Close the files."""
@@ -198,7 +198,7 @@ class SlotWriter:
 
     def _blank(self, name: str, slot: int) -> None:
         descriptor, present = self._open_slot(name, slot)
-        _write_whole(descriptor, self._nothing_in(name).ljust(max(present, SLOT_BYTES), b"\0"))
+        self._write_whole(descriptor, self._nothing_in(name).ljust(max(present, SLOT_BYTES), b"\0"))
         os.fdatasync(descriptor)
 
     def _place(self, name: str) -> tuple[int, int]:
@@ -223,7 +223,7 @@ class SlotWriter:
         slot, number = 1 - place[0], place[1] + 1
         sequence = b"%d" % number
         data = b"# rambler state %s %d %s\n" % (sequence, len(content), _checksum(sequence, content)) + content
-        size = -(-len(data) // SLOT_BYTES) * SLOT_BYTES
+        size = _in_blocks(len(data))
         if size > _largest_bytes(name):
             raise OSError(errno.EFBIG, "it is too large to be read again")
         descriptor, present = self._open_slot(name, slot)
@@ -231,14 +231,21 @@ class SlotWriter:
             data = data.ljust(max(size, present), b"\0")  # nothing of a longer secret is to stay behind this one
         if present < size:
             # Real bytes, so that the space is there before it is needed.
-            _write_whole(descriptor, self._nothing_in(name).ljust(size, b"\0"))
+            self._write_whole(descriptor, self._nothing_in(name).ljust(size, b"\0"))
         self._unproven[name] = slot
-        _write_whole(descriptor, data)
+        self.versions += 1
+        self._write_whole(descriptor, data)
         os.fdatasync(descriptor)
         if self._named:
             self._sync_directory()
             self._named = False
         return slot, number
+
+    def _write_whole(self, descriptor: int, data: bytes) -> None:
+        """Write at the beginning of a file; OSError when not all of it finds room."""
+        self.written_bytes += _in_blocks(len(data))
+        if os.pwrite(descriptor, data, 0) < len(data):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def _sync_directory(self) -> None:
         descriptor = os.open(self._directory, os.O_RDONLY | os.O_DIRECTORY)

@@ -116,8 +116,12 @@ class StateDirectory:
         self._store.save(RESUME_FILE, text.encode())
 
     def when_parameters_stored(self, call: Callable[[bool], None]) -> None:
-        """Call back, on the loop's thread, once the parameters are on disk (True) or cannot be (False)."""
-        self._store.when_stored((PARAMETER_FILE,), call)
+        """Call back, on the loop's thread, once parameters and resume record are on disk, or cannot be (False)."""
+        self._store.when_stored((PARAMETER_FILE, RESUME_FILE), call)
+
+    def when_resume_stored(self, call: Callable[[bool], None]) -> None:
+        """Call back, on the loop's thread, once the resume record is on disk (True) or cannot be (False)."""
+        self._store.when_stored((RESUME_FILE,), call)
 
     def _take_up(self, found: Mapping[str, Stored]) -> None:
         """Keep what is in a directory that has come late, under what has been set since the start."""

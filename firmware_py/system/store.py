@@ -80,11 +80,13 @@ class Store:
             self.obstacle = self._unheld = str(error)
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._lock = threading.Lock()
+        self._idle = threading.Condition(self._lock)
         self._wake: SimpleQueue[bool] = SimpleQueue()  # of the writer: half the cost of a condition; True: it ends
         self._jobs: dict[str, _Job] = {}
         self._asked: dict[str, int] = {}  # saves asked for, by name
         self._settled: dict[str, int] = {}  # saves finished, well or badly
         self._failed: dict[str, _Failure] = {}
+        self._written = (0, 0)
         self._waiting: deque[_Waiter] = deque()
         self._due: deque[tuple[Callable[[bool], None], bool]] = deque()
         self._read_on_arrival: Collection[str] = ()
@@ -168,6 +170,21 @@ class Store:
         for call, stored in due:
             call(stored)
 
+    def settle(self) -> bool:
+        """Wait until nothing is under way; return whether callbacks are due. Only where time stands still meanwhile."""
+        with self._lock:
+            self._idle.wait_for(lambda: all(self._settled.get(name) == asked for name, asked in self._asked.items()))
+            if self._due:
+                return True
+            with contextlib.suppress(BlockingIOError):
+                os.eventfd_read(self._wake_fd)  # nobody is to be woken for nothing
+            return False
+
+    @property
+    def written(self) -> tuple[int, int]:
+        """Versions written since the start, and their bytes in whole blocks of 4 KiB."""
+        return self._written
+
     def close(self) -> None:
         """Finish the queued saves, try once more what has failed, and release the directory."""
         self._wake.put(True)
@@ -211,7 +228,9 @@ class Store:
                 asked = {name: self._asked[name] for name in jobs}
                 self._jobs = {}
             for name, job in jobs.items():
-                self._settle(name, asked[name], _write_job(writer, name, job, self._unheld))
+                result = _write_job(writer, name, job, self._unheld)
+                self._written = (writer.versions, writer.written_bytes)
+                self._settle(name, asked[name], result)
         writer.close()
 
     def _take_up(self) -> None:
@@ -256,7 +275,8 @@ class Store:
                 else:
                     self._due.append((waiter.call, waiter.well))
             self._waiting = still
-        os.eventfd_write(self._wake_fd, 1)
+            os.eventfd_write(self._wake_fd, 1)
+            self._idle.notify_all()
 
 
 def _write_job(writer: SlotWriter, name: str, job: _Job, unheld: str) -> _Failure | None:

@@ -88,6 +88,8 @@ class Authority:
     def when_stored(self, call):
         call(True)
 
+    when_orders_stored = when_stored
+
 
 class Pipe:
     """A transport in memory, served in pieces as sockets are."""

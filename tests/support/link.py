@@ -51,6 +51,8 @@ class FakeRequestHandler:
         self.at_once = True
         self.plans_kept = Plans()
         self.plans_stored = True
+        self.orders_at_once = True
+        self.orders_stored = True
         self.waiting = []
 
     @property
@@ -90,6 +92,12 @@ class FakeRequestHandler:
     def when_stored(self, call):
         if self.at_once:
             call(True)
+        else:
+            self.waiting.append(call)
+
+    def when_orders_stored(self, call):
+        if self.orders_at_once:
+            call(self.orders_stored)
         else:
             self.waiting.append(call)
 

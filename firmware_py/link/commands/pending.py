@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from firmware_py.common.intents import Answer
+from firmware_py.common.intents import Answer, Verdict
 
 IN_PROGRESS, CANCELLED = 5, 6  # MAV_RESULT
+_LATE = Answer(Verdict.FAILED, "not done in time")
 UNKNOWN_PROGRESS = 255
 FIRST_WORD_S = 0.3  # what is done by then needs no word in between
 WORD_S = 1.0
@@ -26,8 +27,12 @@ class PendingCommand:
         percent: Callable[[], int] = _unknown,
         cancel: Callable[[], None] | None = None,
         poll: Callable[[], Answer | None] | None = None,
+        late: Answer = _LATE,
     ) -> None:
-        """Take how long it may take, who knows the progress (0 to 100), who can call it off, who knows the end."""
+        """Take how long it may take, who knows the progress (0 to 100), who can call it off, who knows the end.
+
+        `late` is the answer when it takes longer; its text goes behind the command's name.
+        """
         self._timeout_s = timeout_s
         self._cancel = cancel
         self._poll = poll
@@ -35,6 +40,7 @@ class PendingCommand:
         self._done: Callable[[Answer], None] | None = None
         self._begun_s = self._word_s = 0.0
         self.percent = percent
+        self.late = late
 
     def begin(self, now_s: float, done: Callable[[Answer], None]) -> None:
         """Say who is to be told of the end, at once if it has come already."""

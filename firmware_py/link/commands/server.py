@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from firmware_py.common.intents import Answer, Verdict
 from firmware_py.common.records import Severity
@@ -19,6 +19,8 @@ ACCEPTED = Answer(Verdict.ACCEPTED)
 NEITHER = "param1 is neither 0 nor 1"
 
 _MOST_PENDING = 8
+_KEEP_TIMEOUT_S = 15.0  # longer than a write may have to wait for the ones before
+_UNKEPT = 1  # result_param2 of what is done and may be forgotten by a restart
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,7 @@ class CommandServer:
         self._rows: Mapping[int, CommandRow] = {row.command: row for row in rows}
         self._memory = CommandMemory()
         self._pending: list[tuple[CommandCall, PendingCommand]] = []
+        self._keeping: list[tuple[CommandCall, PendingCommand]] = []  # done, and on their way to the disk
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
@@ -89,14 +92,16 @@ class CommandServer:
 
     def update(self, now_s: float) -> None:
         """Say how the commands under way are getting on, and end those that take too long."""
-        for call, pending in tuple(self._pending):
+        # Of a row of the same command the latest speaks for all.
+        latest = {(call.peer, call.sender, call.command): pending for call, pending in self._keeping}
+        for call, pending in (*self._pending, *self._keeping):
             pending.check_end()
             if pending.ended:
                 continue
             if pending.timed_out(now_s):
                 pending.give_up()
-                self._conclude(call, pending, Answer(Verdict.FAILED, f"{call.name}: not done in time"))
-            elif pending.progress_due(now_s):
+                self._conclude(call, pending, replace(pending.late, text=f"{call.name}: {pending.late.text}"))
+            elif latest.get((call.peer, call.sender, call.command), pending) is pending and pending.progress_due(now_s):
                 self._acknowledge(call, IN_PROGRESS, pending.percent())
 
     def _long(self, peer: Peer, message: Message, now_s: float) -> None:
@@ -125,6 +130,9 @@ class CommandServer:
         earlier = self._memory.find_original(
             call.sender, call.command, done, confirmed=confirmed, relative=row.relative
         )
+        if earlier is not None and earlier.result == Verdict.ACCEPTED:
+            self._acknowledge_when_kept(call)  # what could not be stored then may be now
+            return
         if earlier is not None:
             self._acknowledge(call, earlier.result)
             return
@@ -136,11 +144,8 @@ class CommandServer:
         """Take the old message as DO_SET_MODE, acknowledged as a command as ArduPilot does."""
         first = (float(message.base_mode), float(message.custom_mode), 0.0, 0.0)
         row = self._rows[int(mavlink.MAV_CMD_DO_SET_MODE)]
-        call = CommandCall(peer, message, row.command, first, 0.0, 0.0, 0.0, None, now_s, row.name)
-        answer = row.act(self._context, call)
-        if isinstance(answer, Answer):
-            self._explain(call, answer)
-            self._acknowledge(call, answer.verdict, command=int(mavlink.MAVLINK_MSG_ID_SET_MODE))
+        number = int(mavlink.MAVLINK_MSG_ID_SET_MODE)
+        self._carry_out(row, CommandCall(peer, message, number, first, 0.0, 0.0, 0.0, None, now_s, row.name))
 
     def _cancel(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
         """Cancel a command that is under way, whoever has begun it; one that is done stays done."""
@@ -160,8 +165,28 @@ class CommandServer:
         answer = row.act(self._context, call)
         if isinstance(answer, PendingCommand):
             self._begin(call, answer)
+        elif answer.verdict is Verdict.ACCEPTED and not row.repeatable:
+            self._acknowledge_when_kept(call)
         else:
             self._conclude(call, None, answer)
+
+    def _acknowledge_when_kept(self, call: CommandCall) -> None:
+        """Acknowledge a command that is done once the next start would go on with what came of it.
+
+        One that cannot be kept is acknowledged all the same, since it is done; that it may be forgotten is said first.
+        """
+        late = Answer(Verdict.ACCEPTED, "done, but not on disk yet; a restart may forget it")
+        pending = PendingCommand(timeout_s=_KEEP_TIMEOUT_S, late=late)
+
+        def kept(well: bool) -> None:  # noqa: FBT001 - the request handler's callback
+            text = f"{call.name}: done, but it could not be stored; a restart may forget it"
+            pending.finish(ACCEPTED if well else Answer(Verdict.ACCEPTED, text))
+
+        self._context.request_handler.when_orders_stored(kept)
+        if not pending.ended:
+            self._memory.set_result(call.peer, call.sender, call.command, IN_PROGRESS)
+            self._keeping.append((call, pending))
+        pending.begin(call.now_s, lambda answer: self._finish(call, pending, answer))
 
     def _begin(self, call: CommandCall, pending: PendingCommand) -> None:
         if len(self._pending) >= _MOST_PENDING:
@@ -179,22 +204,19 @@ class CommandServer:
     def _conclude(self, call: CommandCall, pending: PendingCommand | None, answer: Answer | int) -> None:
         if pending is not None:
             self._pending = [entry for entry in self._pending if entry[1] is not pending]
+            self._keeping = [entry for entry in self._keeping if entry[1] is not pending]
         result = int(answer.verdict) if isinstance(answer, Answer) else answer
+        text = answer.text if isinstance(answer, Answer) else ""
+        unkept = result == Verdict.ACCEPTED and bool(text)
         self._memory.set_result(call.peer, call.sender, call.command, result)
-        if isinstance(answer, Answer):
-            self._explain(call, answer)
-        self._acknowledge(call, result)
+        if text:
+            severity = Severity.ERROR if unkept else Severity.WARNING
+            self._context.send_text_limited(call.peer, severity, text, self._context.now_s)
+        self._acknowledge(call, result, second=_UNKEPT if unkept else 0)
 
-    def _explain(self, call: CommandCall, answer: Answer) -> None:
-        if answer.verdict is not Verdict.ACCEPTED and answer.text:
-            self._context.send_text_limited(call.peer, Severity.WARNING, answer.text, self._context.now_s)
-
-    def _acknowledge(
-        self, call: CommandCall, result: int, percent: int = UNKNOWN_PROGRESS, *, command: int | None = None
-    ) -> None:
-        number = call.command if command is None else command
+    def _acknowledge(self, call: CommandCall, result: int, percent: int = UNKNOWN_PROGRESS, *, second: int = 0) -> None:
         progress = percent if result == IN_PROGRESS else 0
-        reply = mavlink.MAVLink_command_ack_message(number, int(result), progress, 0, *call.sender)
+        reply = mavlink.MAVLink_command_ack_message(call.command, int(result), progress, second, *call.sender)
         self._context.send(call.peer, reply, Priority.URGENT)
 
 

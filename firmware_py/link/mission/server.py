@@ -90,14 +90,23 @@ class MissionServer:
             self._of_kind(self._uploads.receive_item)(peer, message, now_s)
 
     def _set_current(self, peer: Peer, message: Message, now_s: float) -> None:
-        """Go on with another item; MISSION_CURRENT tells everybody, or the asker that it is another one still."""
+        """Go on with another item; MISSION_CURRENT tells everybody, or the asker that it is another one still.
+
+        It is on disk by then, unless a tick has told it before.
+        """
         index = max(0, message.seq - homes(self._context.autopilot, PlanKind.MISSION))
         answer = self._context.request(message, SetMissionItem(index), now_s)
         if answer.verdict is Verdict.ACCEPTED:
-            self._make_current_due(now_s)
+            self._context.request_handler.when_orders_stored(partial(self._current_set, peer, message.seq))
             return
         peer.streams.make_due(_CURRENT, now_s)
         self._context.send_text_limited(peer, Severity.WARNING, answer.text or f"Item {message.seq} was refused", now_s)
+
+    def _current_set(self, peer: Peer, sequence: int, kept: bool) -> None:  # noqa: FBT001 - the request handler's callback
+        self._make_current_due(self._context.now_s)
+        if not kept:
+            text = f"Item {sequence} is under way, but this could not be stored; a restart may forget it"
+            self._context.send_text_limited(peer, Severity.ERROR, text, self._context.now_s)
 
     def _end_transfer(self, peer: Peer, message: Message, _now_s: float) -> None:
         """Take a MISSION_ACK: the end of a download, or, unless ACCEPTED, of an upload."""

@@ -28,6 +28,7 @@ class TelemetryContext:
     autopilot: int  # MAV_AUTOPILOT
     load: float  # of one core, 0 to 1
     refused_frames: int  # received and broken, on all links
+    written: tuple[int, int] | None = None  # versions of the state put on disk since the start, and their bytes
     intended_mode: int | None = None  # custom_mode that was last asked for, None when none was
 
 

@@ -42,6 +42,16 @@ def skipped_ticks(context: TelemetryContext) -> float | None:
     return float(context.snapshot.skipped_total)
 
 
+def state_writes(context: TelemetryContext) -> float | None:
+    """Return how many versions of parameters, plans, record and key were put on disk since start."""
+    return None if context.written is None else float(context.written[0])
+
+
+def state_megabytes(context: TelemetryContext) -> float | None:
+    """Return what they have put on the disk, in MB."""
+    return None if context.written is None else context.written[1] * 1e-6
+
+
 def travel_deg_per_h(context: TelemetryContext) -> float | None:
     """Return the rudder travel of about the last hour, in degrees."""
     return None if context.snapshot.energy is None else degrees(context.snapshot.energy.travel_rad_per_h)

@@ -86,6 +86,8 @@ TABLE: tuple[TelemetryRow, ...] = (
     _named("RUD_TEMP", named_values.servo_temperature, 0.5, 0.1),
     _named("LATE_MS", named_values.lateness_ms, 1.0, 0.2),
     _named("SKIPPED", named_values.skipped_ticks, 1.0, 0.2),
+    _named("STO_WRITES", named_values.state_writes, 0.1, 0.01),
+    _named("STO_MB", named_values.state_megabytes, 0.1, 0.01),
     _named("RUD_TRAVEL", named_values.travel_deg_per_h, 0.2, 0.02),
     _named("RUD_REVERS", named_values.reversals_per_h, 0.2, 0.02),
     _named("RUD_WH", named_values.servo_watt_hours, 0.2, 0.02),

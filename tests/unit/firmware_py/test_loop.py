@@ -34,12 +34,13 @@ from firmware_py.common.records import (
     Severity,
 )
 from firmware_py.core.autopilot import PENDING_LIMIT, Autopilot
+from firmware_py.core.resume import from_text as resume_from_text
 from firmware_py.core.state import State
 from firmware_py.faults.table import Fault
 from firmware_py.loop import LINK_PART, SAFE_INTERVAL_S, LoopParts, make_safe, run
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.fault_barrier import FaultBarrier
-from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, StateDirectory
+from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, RESUME_FILE, StateDirectory
 
 
 class FakeClock:
@@ -381,6 +382,31 @@ def test_an_accepted_parameter_is_in_force_at_once_and_stored(boat):
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
     assert boat.autopilot.decide(Request(0.0, SetParameter("CTL_K1", math.inf))).verdict is Verdict.DENIED
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
+
+
+def record(boat):
+    return resume_from_text(boat.store.saved[RESUME_FILE].decode())[0]
+
+
+def test_what_she_does_is_kept_from_the_start_in_each_tick_and_at_the_end(boat):
+    boat.autopilot.decide(Request(0.0, SetParameter("BOOT_RESUME", 2)))
+    kept = []
+    boat.link.publish = lambda output, now_s: kept.append((now_s, record(boat).modes.armed))
+    boat.link.on_service = lambda now_s: boat.autopilot.decide(Request(now_s, Arm(armed=True, force=True)))
+    boat.clock.plan.append((0.33, FakeLink.DESCRIPTOR))
+    turn(boat, 0.75)
+    # The record of a tick is handed over behind it: before the next one is published it is there.
+    ordered_s = next(tick.t_s for tick in ticks(boat) if tick.t_s > 0.33)
+    assert [armed for now_s, armed in kept if now_s <= ordered_s] == [False] * 5
+    assert all(armed for now_s, armed in kept if now_s > ordered_s)
+    boat.autopilot.decide(Request(boat.clock.t_s, SetMode(int(Mode.MANUAL))))
+    run(boat, lambda: True)
+    assert record(boat).modes.mode is Mode.MANUAL
+
+
+def test_with_nothing_to_resume_no_record_is_written(boat):
+    turn(boat, 1.0)
+    assert RESUME_FILE not in boat.store.saved
 
 
 def test_a_restart_ends_the_loop_behind_the_tick_that_logs_it_with_the_rudder_safe(boat):

@@ -8,8 +8,9 @@ import pytest
 from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.reports import Home
-from firmware_py.core.resume import INTERVAL_S, REFRESH_S, ResumeKeeper, from_text, restore, resume_of, to_text
+from firmware_py.core.resume import from_text, restore, resume_of, to_text
 from firmware_py.core.state import State
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.line import LineState
@@ -21,7 +22,10 @@ from firmware_py.modes import HeadingGoal, ModeState, PositionGoal
 UTC_S = 1.8e9
 A, B = Place(0.6, 2.0), Place(0.61, 2.01)
 TASK = GoTo(B, A, 20.0, 100.0)
-PROGRESS = MissionProgress(7, 3, started=True, begun=True, elapsed_s=95.0, jumps=((2, 1),), line_start=B, task=TASK)
+PLAN = Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=number) for number in range(5)])
+PROGRESS = MissionProgress(
+    PLAN.identity, 3, started=True, begun=True, elapsed_s=95.0, jumps=((2, 1),), line_start=B, task=TASK
+)
 
 
 def parameters(level, **more):
@@ -33,7 +37,7 @@ def parameters(level, **more):
 
 def at_sea(level=2):
     return replace(
-        State.at_start(parameters(level)),
+        State.at_start(parameters(level), Plans(mission=PLAN)),
         modes=ModeState(Mode.AUTO, armed=True, stick=0.3, stick_t_s=55.0),
         guidance=GuidanceState(
             Mode.AUTO, True, PROGRESS, TASK, TaskFollowerState(TASK, line=LineState(A, 12.0, 88.0, 1)), updated_s=1234.0
@@ -98,20 +102,17 @@ def test_numbers_that_are_none_are_refused():
             from_text(to_text(broken))
 
 
-def test_it_is_written_on_change_and_now_and_then():
-    keeper, state = ResumeKeeper(), at_sea()
-
-    def written(t_s, state):
-        return keeper.update(state, t_s, UTC_S + t_s) is not None
-
-    assert written(0.0, state)
-    changed = replace(state, modes=replace(state.modes, armed=False))
-    assert not written(INTERVAL_S - 1.0, changed)
-    assert written(INTERVAL_S, changed)
-    # What changes all the time is not worth a write.
-    finer = replace(
-        changed, modes=replace(changed.modes, stick_t_s=66.0), guidance=replace(changed.guidance, updated_s=5.0)
+def test_an_order_is_in_the_record_before_the_tick_as_the_tick_takes_it_up():
+    """AUTO begins its mission in the tick that enters it: a start in between must do so, too."""
+    held = replace(
+        at_sea(), modes=ModeState(), guidance=GuidanceState(Mode.HOLD, mission=MissionProgress(PLAN.identity, 3))
     )
-    assert not written(2 * INTERVAL_S, finer)
-    assert written(REFRESH_S + 2 * INTERVAL_S, finer)
-    assert keeper.update(at_sea(0), 1e4, UTC_S) is None
+    ordered = replace(held, modes=ModeState(Mode.AUTO, armed=True))
+    state = again(ordered)
+    assert (state.guidance.mode, state.guidance.armed) == (Mode.AUTO, True)
+    assert (state.guidance.mission.started, state.guidance.mission.index) == (True, 3)
+
+
+def test_the_place_in_a_mission_does_not_outlive_the_mission():
+    state = replace(at_sea(), plans=Plans(mission=Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=77)])))
+    assert again(state).guidance.mission.index == 0

@@ -95,7 +95,11 @@ def lockstep(tmp_path):
 
     thread = threading.Thread(target=greet)
     thread.start()
-    clock = LockstepClock(str(tmp_path / "socket"), ["/a", "/b"], lambda: [7, 9])
+    settled = []
+    clock = LockstepClock(
+        str(tmp_path / "socket"), ["/a", "/b"], lambda: [7, 9], lambda: bool(settled and settled.pop(0)())
+    )
+    clock.settled = settled
     thread.join()
     yield clock, ends[0]
     ends[0].close()
@@ -128,6 +132,23 @@ def test_lockstep_serves_an_outside_socket_without_time_going_by(lockstep):
         hil.setblocking(False)
         with pytest.raises(BlockingIOError):
             hil.recv(64)  # one packet each way, although there were two waits
+
+
+def test_in_lockstep_the_disk_takes_no_time(lockstep):
+    """Its answers come before time goes on, so that a run is the same however fast the disk is."""
+    clock, hil = lockstep
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        clock.settled.append(lambda: theirs.send(b"x"))
+        assert list(clock.wait(3.1, [ours.fileno()])) == [ours.fileno()]
+        hil.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            hil.recv(64)  # time has not been asked to go on
+        ours.recv(1)
+        clock.settled.append(lambda: theirs.send(b"x"))
+        hil.sendall(struct.pack("<d", 3.1))
+        assert list(clock.wait(3.1, [])) == []  # shortly before a tick nobody listens to the disk
+        assert clock.now_s() == 3.1
 
 
 def test_a_hil_that_ends_is_an_error_in_one_line(lockstep):

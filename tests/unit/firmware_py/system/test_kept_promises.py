@@ -11,9 +11,21 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.common.intents import ForgetParameters, ReplacePlan, Request, SetParameter, Verdict
+from firmware_py.assemble import resume
+from firmware_py.common.intents import (
+    Arm,
+    ForgetParameters,
+    ReplacePlan,
+    Request,
+    SetHome,
+    SetMode,
+    SetParameter,
+    Verdict,
+)
+from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.common.reports import Home
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.state import State
 from firmware_py.system.slots import SlotWriter, stored_content
@@ -29,6 +41,7 @@ from firmware_py.system.state_directory import (
 from firmware_py.system.store import Store
 from support.faulty_disk import CUTS, KINDS, FaultyDisk
 
+UTC_S = 1.8e9
 DOUBT = "the next start may find it all the same"
 LONG = tuple(PlanItem(16, 3, x=index, y=index) for index in range(60))  # more than a slot's first size
 
@@ -46,11 +59,13 @@ class Boat:
     vault: KeyVault
 
     @classmethod
-    def start(cls, directory):
+    def start(cls, directory, *, resumes=False):
         store = Store(directory, private=(SIGNING_FILE,))
         kept = StateDirectory(store, lambda _text: None)
-        state = State.at_start(kept.parameters_over(ParameterSet()), kept.plans())
-        return cls(store, Autopilot(state, kept), KeyVault(store))
+        base = ParameterSet().replaced("BOOT_RESUME", 2 if resumes else 0)
+        state = State.at_start(kept.parameters_over(base), kept.plans())
+        autopilot = Autopilot(resume(state, kept.resume_record(), UTC_S, pytest.fail), kept)
+        return cls(store, autopilot, KeyVault(store))
 
     def wait(self, answers):
         while not answers:
@@ -99,19 +114,44 @@ def set_key(boat, number):
     return boat.wait(answers)
 
 
+def give_order(boat, intent):
+    """Give an order and wait until it is acknowledged, as the loop and the link do."""
+    answers = []
+    boat.autopilot.keep_resume(0.0, UTC_S)
+    assert boat.autopilot.decide(Request(0.0, intent)).verdict is Verdict.ACCEPTED
+    boat.autopilot.when_orders_stored(answers.append)
+    return boat.wait(answers)
+
+
+def arm_or_disarm(boat, number):
+    return give_order(boat, Arm(number % 2 == 0, force=True))
+
+
+def set_mode(boat, number):
+    return give_order(boat, SetMode(int(Mode.HOLD if number % 2 else Mode.MANUAL)))
+
+
+def set_home(boat, number):
+    return give_order(boat, SetHome(0.1 * number, 1.0))
+
+
 ACTS = {
     set_parameter: lambda boat: boat.autopilot.parameters()["CTL_K1"],
     forget_parameters: lambda boat: boat.autopilot.parameters()["CTL_K1"],
     replace_plan: lambda boat: boat.autopilot.plans().mission,
     replace_plan_beside_a_parameter: lambda boat: boat.autopilot.plans().mission,
     set_key: lambda boat: boat.vault.load().content,
+    arm_or_disarm: lambda boat: boat.autopilot.state.modes.armed,
+    set_mode: lambda boat: boat.autopilot.state.modes.mode,
+    set_home: lambda boat: boat.autopilot.state.home,
 }
+ORDERS = (arm_or_disarm, set_mode, set_home)
 PLANS = (replace_plan, replace_plan_beside_a_parameter)
 FAULTS = [(kind, lasting) for kind in KINDS for lasting in (False, True)]
 
 
 def found(directory, act):
-    return ACTS[act](Boat.start(directory).end())
+    return ACTS[act](Boat.start(directory, resumes=act in ORDERS).end())
 
 
 def images(disk, folder):
@@ -129,7 +169,7 @@ def judge(act, tmp_path, monkeypatch, before, failing, *, anew):
     with monkeypatch.context() as patches:
         patches.setattr("firmware_py.system.store.RETRY_S", 1000.0)  # only what is asked for is tried again
         disk = FaultyDisk(tmp_path / "state", patches)
-        boat = Boat.start(disk.directory)
+        boat = Boat.start(disk.directory, resumes=act in ORDERS)
         for number in range(before):
             assert act(boat, number)
         if anew:
@@ -176,6 +216,9 @@ def found_after(act, number):
         replace_plan: plan(number),
         replace_plan_beside_a_parameter: plan(number),
         set_key: b"key of number %d" % number,
+        arm_or_disarm: number % 2 == 0,
+        set_mode: Mode.HOLD if number % 2 else Mode.MANUAL,
+        set_home: Home(0.1 * number, 1.0, 0.0),
     }
     return values[act]
 

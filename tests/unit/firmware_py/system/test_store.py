@@ -396,3 +396,37 @@ def test_the_name_of_a_new_file_reaches_the_disk_though_its_first_content_did_no
     store.save("a", b"second")
     assert settle(store) == [True]
     assert synced == [tmp_path / "state"]
+
+
+def test_writes_are_counted_in_blocks_as_a_disk_takes_them(store, tmp_path):
+    assert store.written == (0, 0)
+    store.save("a", b"1")
+    settle(store, "a")
+    assert store.written == (1, 2 * 4096)  # room is made first
+    for number in range(3):
+        store.save("a", b"%d" % number)
+        settle(store, "a")
+    assert store.written == (4, 6 * 4096)
+    store.save("a", bytes(5000))
+    settle(store, "a")
+    assert store.written == (5, 10 * 4096)
+    store.try_save("a", b"2", lambda _well: None)
+    assert store.settle()
+    assert store.written == (6, 11 * 4096)
+
+
+def test_what_is_asked_for_is_settled_when_time_may_go_on(store, tmp_path):
+    assert not store.settle()
+    said = []
+    for number in range(20):
+        store.save(f"a{number % 3}", b"%d" % number)
+    store.when_stored(["a0", "a1", "a2"], said.append)
+    assert store.settle()
+    assert said == []
+    store.service()
+    assert said == [True]
+    assert not store.settle()
+    store.try_save("b/c", b"1", said.append)  # there is no such directory
+    assert store.settle()
+    store.service()
+    assert said == [True, False]

@@ -1,0 +1,235 @@
+"""Between the ticks: what is accepted is kept, and acknowledged when it is."""
+
+from dataclasses import replace
+
+import pytest
+
+from firmware_py.common.intents import (
+    Arm,
+    EnableFence,
+    PauseMission,
+    ReplacePlan,
+    Request,
+    SetHome,
+    SetMissionItem,
+    SetMode,
+    SetParameter,
+    SteerHeading,
+    Verdict,
+)
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
+from firmware_py.common.records import Inputs, Tick
+from firmware_py.core.autopilot import AWAITED_LIMIT, Autopilot
+from firmware_py.core.resume import from_text
+from firmware_py.core.resume_keeper import BURST, RATE_HZ
+from firmware_py.core.state import State
+from firmware_py.modes import HeadingGoal, ModeState
+
+UTC_S = 1.8e9
+MISSION = Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=number) for number in range(5)])
+FENCE = Plan.of(PlanKind.FENCE, [PlanItem(5003, 3, params=(50.0, 0.0, 0.0, 0.0))])
+
+
+class FakeKeeper:
+    """Has a disk that answers when it is told to."""
+
+    def __init__(self):
+        self.records, self.waiting, self.plans = [], [], []
+
+    def keep_parameter(self, _name, _value):
+        pass
+
+    def keep_plan(self, _plan, done):
+        self.plans.append(done)
+
+    def keep_resume(self, text):
+        self.records.append(from_text(text)[0])
+
+    def when_parameters_stored(self, call):
+        self.waiting.append(call)
+
+    when_resume_stored = when_parameters_stored
+
+    def answer(self, *, well=True):
+        waiting, self.waiting = self.waiting, []
+        for call in waiting:
+            call(well)
+
+
+class Sea:
+    """An autopilot under way, and what it was answered."""
+
+    def __init__(self, level=2, **changes):
+        self.keeper, self.answers, self.t_s = FakeKeeper(), [], 0.0
+        parameters = ParameterSet().replaced("BOOT_RESUME", level)
+        state = replace(State.at_start(parameters, Plans(mission=MISSION, fence=FENCE)), **changes)
+        self.autopilot = Autopilot(state, self.keeper)
+
+    def tick(self, seconds=0.1):
+        self.t_s += seconds
+        tick = Tick(round(self.t_s * 10), self.t_s, 0.0, 0, 10.0)
+        self.autopilot.step(Inputs(tick, (), (), (), (), self.autopilot.take_requests()))
+        self.autopilot.keep_resume(self.t_s, UTC_S + self.t_s)
+
+    def order(self, intent):
+        answer = self.autopilot.decide(Request(self.t_s, intent))
+        assert answer.verdict is Verdict.ACCEPTED, answer
+        self.autopilot.when_orders_stored(self.answers.append)
+
+
+@pytest.fixture
+def sea():
+    made = Sea()
+    made.tick()
+    return made
+
+
+KEPT = {
+    Arm(armed=True, force=True): lambda record: record.modes.armed,
+    SetMode(int(Mode.MANUAL)): lambda record: record.modes.mode is Mode.MANUAL,
+    SetMissionItem(3): lambda record: record.mission.index == 3,
+    EnableFence(enabled=True): lambda record: record.fence_enabled,
+    SetHome(0.5, 1.0): lambda record: record.home.latitude_rad == 0.5,
+}
+
+
+@pytest.mark.parametrize("intent", KEPT, ids=lambda intent: type(intent).__name__)
+def test_an_order_is_answered_once_a_record_that_holds_it_is_on_disk(sea, intent):
+    sea.order(intent)
+    assert KEPT[intent](sea.keeper.records[-1])  # before any tick
+    assert sea.answers == []
+    sea.keeper.answer()
+    assert sea.answers == [True]
+    written = len(sea.keeper.records)
+    sea.order(intent)  # the same again: nothing to write
+    assert len(sea.keeper.records) == written
+
+
+def test_a_goal_and_a_pause_are_kept_too():
+    sea = Sea(modes=ModeState(Mode.AUTO, armed=True))
+    sea.tick()
+    sea.order(PauseMission(paused=True))
+    assert sea.keeper.records[-1].mission.paused
+    sea = Sea(modes=ModeState(Mode.GUIDED, goal=HeadingGoal(1.0)))
+    sea.tick()
+    assert sea.keeper.records[-1].modes.goal == HeadingGoal(1.0)
+    # Refused, since there is no heading here: nothing is written.
+    assert sea.autopilot.decide(Request(0.1, SteerHeading(2.0))).verdict is Verdict.TEMPORARILY_REJECTED
+    assert len(sea.keeper.records) == 1
+
+
+def test_that_an_order_cannot_be_stored_is_passed_on(sea):
+    sea.order(Arm(armed=True, force=True))
+    sea.keeper.answer(well=False)
+    assert sea.answers == [False]
+    sea.tick()
+    assert sea.autopilot.state.modes.armed  # it is done all the same
+
+
+def test_with_nothing_to_resume_nothing_is_written_and_nothing_waits():
+    sea = Sea(0)
+    sea.tick()
+    sea.order(Arm(armed=True, force=True))
+    assert (sea.answers, sea.keeper.records, sea.keeper.waiting) == ([True], [], [])
+
+
+def test_before_the_loop_has_told_the_time_an_order_waits_for_it():
+    sea = Sea()
+    sea.order(Arm(armed=True, force=True))
+    assert sea.keeper.waiting == []
+    sea.autopilot.keep_resume(0.0, UTC_S)
+    sea.keeper.answer()
+    assert sea.answers == [True]
+    assert sea.keeper.records[-1].modes.armed
+
+
+def test_what_the_tick_does_by_itself_is_handed_over_in_that_tick(sea):
+    before = len(sea.keeper.records)
+    sea.autopilot.decide(Request(sea.t_s, Arm(armed=True, force=True)))  # as a message without acknowledgement
+    assert len(sea.keeper.records) == before
+    sea.tick()
+    assert sea.keeper.records[-1].modes.armed
+
+
+def test_a_tick_does_not_write_the_state_from_before_an_order_over_it(sea):
+    tick = Tick(9, 0.9, 0.0, 0, 10.0)
+    sea.autopilot.step(Inputs(tick, (), (), (), (), sea.autopilot.take_requests()))
+    sea.order(Arm(armed=True, force=True))  # while the tick is published
+    written = len(sea.keeper.records)
+    sea.autopilot.keep_resume(0.9, UTC_S)
+    assert len(sea.keeper.records) == written
+    assert sea.keeper.records[-1].modes.armed
+
+
+def test_a_new_plan_is_answered_when_the_place_in_the_old_one_is_gone(sea):
+    sea.order(SetMissionItem(3))
+    answers = []
+    other = Plan.of(PlanKind.MISSION, [PlanItem(16, 3, x=77)])
+    sea.autopilot.replace_plan(Request(sea.t_s, ReplacePlan(other)), answers.append)
+    sea.keeper.plans.pop()(True)
+    assert sea.keeper.records[-1].mission.index == 0
+    assert answers == []
+    sea.keeper.answer()
+    assert [answer.verdict for answer in answers] == [Verdict.ACCEPTED]
+
+
+def test_a_parameter_that_changes_the_record_is_on_disk_together_with_it(sea):
+    sea.order(EnableFence(enabled=True))
+    sea.autopilot.decide(Request(sea.t_s, SetParameter("FENCE_ENABLE", 1)))
+    sea.autopilot.when_stored(sea.answers.append)
+    assert sea.keeper.records[-1].fence_enabled is None
+    off = Sea(0)
+    off.tick()
+    off.autopilot.decide(Request(off.t_s, SetParameter("BOOT_RESUME", 2)))
+    off.autopilot.when_stored(off.answers.append)
+    assert len(off.keeper.records) == 1
+
+
+def test_on_a_disk_that_hangs_the_answers_in_waiting_are_bounded(sea):
+    for number in range(AWAITED_LIMIT + 3):
+        sea.order(SetHome(number * 1e-3, 0.0))
+        sea.autopilot.take_requests()
+    assert sea.answers == [False] * 3
+    sea.keeper.answer()
+    assert sea.answers == [False] * 3 + [True] * AWAITED_LIMIT
+    sea.order(SetHome(1.5, 0.0))
+    sea.keeper.answer()
+    assert sea.answers[-1] is True
+
+
+def drained(sea):
+    """Give goals until no write is to be spared for them."""
+    number = 0
+    while sea.keeper.waiting or number == 0:
+        sea.keeper.answer()
+        number += 1
+        sea.order(SetHome(number * 1e-4, 0.0))
+        sea.autopilot.take_requests()
+    assert BURST / 2 < len(sea.keeper.records) < BURST
+    sea.answers.clear()
+    return len(sea.keeper.records)
+
+
+def test_goals_that_come_too_fast_for_the_flash_are_answered_together_later_and_orders_are_not_held_up(sea):
+    written = drained(sea)
+    sea.order(SetHome(1.5, 0.0))
+    assert (len(sea.keeper.records), sea.keeper.waiting) == (written, [])
+    sea.tick(seconds=1.0 / RATE_HZ)
+    sea.keeper.answer()
+    assert sea.keeper.records[-1].home.latitude_rad == 1.5
+    assert sea.answers == [True, True]
+    sea.order(SetHome(1.4, 0.0))
+    sea.answers.clear()
+    sea.order(Arm(armed=True, force=True))
+    sea.keeper.answer()
+    assert sea.answers == [True, True]  # the record of the order holds the goal
+
+
+def test_what_waits_is_answered_when_nothing_is_to_be_resumed_any_more(sea):
+    drained(sea)
+    sea.autopilot.decide(Request(sea.t_s, SetParameter("BOOT_RESUME", 0)))
+    sea.tick()
+    sea.keeper.answer()
+    assert sea.answers == [True]
