@@ -1,0 +1,400 @@
+"""Killed at any moment, the real autopilot comes up with all that it has acknowledged.
+
+The proof kills it a thousand times, or `KILLS=100 pytest -m proof tests/process/test_kills.py`; the suite a few.
+"""
+
+import math
+import os
+import random
+import socket
+import threading
+import time
+from dataclasses import dataclass, field, replace
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from hil.sim.process import AutopilotProcess
+from support.program import unused_ports
+from support.station import PATIENCE_S, off_deg, yaw_deg
+
+FEW, MANY = 8, int(os.environ.get("KILLS", "1000"))
+SETTINGS = {"BOOT_RESUME": 2, "LOG_ENABLE": 0, "WP_RADIUS": 5.0}
+MANUAL, STEERING, HOLD, AUTO, GUIDED = 0, 3, 4, 10, 15
+ARM, SET_MODE, SET_HOME, SET_CURRENT, CHANGE_HEADING, REQUEST = 400, 176, 179, 224, 43002, 512
+HEARTBEAT, CURRENT, TARGET, HOME = 0, 42, 83, 242
+ACCEPTED, IN_PROGRESS = 0, 5
+UNACKNOWLEDGED_S = 0.2  # what is not acknowledged is on disk by then
+AGAIN_S = 0.5
+SEEN_S = 5.0
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a station knows of the boat; None: anything."""
+
+    armed: bool | None = None
+    mode: int | None = None
+    goal_deg: float | None = None
+    current: int | None = None
+    gain: float | None = None
+    items: tuple[tuple[int, int], ...] | None = None
+    home: tuple[int, int] | None = None
+
+    def fits(self, found):
+        """Whether what was found is what is known."""
+        for name in ("armed", "mode", "current", "gain", "items", "home"):
+            known = getattr(self, name)
+            if known is not None and known != getattr(found, name):
+                return False
+        if self.goal_deg is None or self.mode not in (GUIDED, STEERING):
+            return True
+        return found.goal_deg is not None and abs(off_deg(found.goal_deg, self.goal_deg)) < 0.01
+
+
+class Station:
+    """A ground station that believes every acknowledgement."""
+
+    def __init__(self):
+        self.gone = lambda: ""  # says how the autopilot has ended, if it has
+
+    def connect(self):
+        """Forget what the last autopilot has said; return the port of the next one."""
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        self.mav.robust_parsing = True
+        # Another one each time: between two starts anybody may take it.
+        (port,) = unused_ports(["udpin"])
+        self.address = ("127.0.0.1", port)
+        return port
+
+    def send(self, message):
+        self.socket.sendto(message.pack(self.mav), self.address)
+        self.mav.seq = (self.mav.seq + 1) % 256
+
+    def messages(self):
+        """Return what has come within a moment."""
+        self.socket.settimeout(0.02)
+        try:
+            return self.mav.parse_buffer(self.socket.recv(65536)) or []
+        except (TimeoutError, ConnectionRefusedError):
+            return []
+
+    def ask(self, question, wanted):
+        """Ask until an answer comes for which `wanted` returns something, and return that."""
+        give_up_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < give_up_s:
+            for message in question:
+                self.send(message)
+            if said := self.gone():
+                pytest.fail(said)
+            again_s = time.monotonic() + AGAIN_S
+            while time.monotonic() < again_s:
+                for message in self.messages():
+                    if (found := wanted(message)) is not None:
+                        return found
+        return pytest.fail(f"no answer to {question}")
+
+    def command(self, number, *values):
+        values = (*values, *(0.0,) * (7 - len(values)))
+        return [mavlink.MAVLink_command_long_message(1, 1, number, 0, *values)]
+
+    def told(self, number):
+        """Ask for a message; it comes once there was a tick."""
+        return self.ask(self.command(REQUEST, number), lambda one: one if one.get_msgId() == number else None)
+
+    def upload(self, places):
+        """Send a mission; a generator that is through when it is acknowledged."""
+        items = [(0, 0), *places]
+        self.send(mavlink.MAVLink_mission_count_message(1, 1, len(items), 0))
+        give_up_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < give_up_s:
+            for message in self.messages():
+                kind = message.get_type()
+                if kind in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
+                    x, y = items[message.seq]
+                    fields = (1, 1, message.seq, 6, 16, 0, 1, 0.0, 0.0, 0.0, 0.0, x, y, 0.0)
+                    self.send(mavlink.MAVLink_mission_item_int_message(*fields))
+                elif kind == "MISSION_ACK":
+                    return message.type == ACCEPTED
+            yield
+        return pytest.fail("no end of an upload")
+
+    def download(self):
+        count = self.ask(
+            [mavlink.MAVLink_mission_request_list_message(1, 1)],
+            lambda one: one.count if one.get_type() == "MISSION_COUNT" else None,
+        )
+
+        def place(number):
+            return self.ask(
+                [mavlink.MAVLink_mission_request_int_message(1, 1, number)],
+                lambda one: (one.x, one.y) if one.get_type() == "MISSION_ITEM_INT" and one.seq == number else None,
+            )
+
+        return tuple(place(number) for number in range(1, count))
+
+
+@dataclass
+class Order:
+    """Something that a station asks for: how it is sent, when it is acknowledged, and what is known then."""
+
+    name: str
+    send: (
+        object  # station: sends it and returns a generator that is through when it is answered: whether it was accepted
+    )
+    known: object  # Known before: Known after
+
+
+def answered(station, question, number):
+    """Send a command once; through when its answer has come."""
+    for message in question:
+        station.send(message)
+    give_up_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < give_up_s:
+        for one in station.messages():
+            if one.get_type() == "COMMAND_ACK" and one.command == number and one.result != IN_PROGRESS:
+                return one.result == ACCEPTED
+        yield
+    return pytest.fail(f"command {number} is not acknowledged")
+
+
+def arm(numbers, _known):
+    wanted = numbers.random() < 0.6
+    return Order(
+        f"armed {wanted}",
+        lambda station: answered(station, station.command(ARM, float(wanted), 21196.0), ARM),
+        lambda known: replace(known, armed=wanted),
+    )
+
+
+def set_mode(numbers, _known):
+    mode = numbers.choice((MANUAL, STEERING, HOLD, AUTO, GUIDED, GUIDED))
+    # Entering a mode of headings takes the present one for the goal.
+    return Order(
+        f"mode {mode}",
+        lambda station: answered(station, station.command(SET_MODE, 1.0, float(mode)), SET_MODE),
+        lambda known: known if known.mode == mode else replace(known, mode=mode, goal_deg=None),
+    )
+
+
+def change_heading(numbers, _known):
+    goal_deg = float(numbers.randrange(360))
+    return Order(
+        f"goal {goal_deg}",
+        lambda station: answered(station, station.command(CHANGE_HEADING, 1.0, goal_deg), CHANGE_HEADING),
+        lambda known: replace(known, goal_deg=goal_deg),
+    )
+
+
+def setpoint(numbers, _known):
+    """Not acknowledged: seen in force, and a fifth of a second later it counts as if it were."""
+    goal_deg = float(numbers.randrange(360))
+    half_rad = math.radians(goal_deg) / 2.0
+    q = [math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)]
+
+    def send(station):
+        station.send(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, q, 0.0, 0.0, 0.0, 0.0))
+        yield
+        give_up_s = time.monotonic() + SEEN_S
+        while abs(off_deg(yaw_deg(station.told(TARGET).q), goal_deg)) > 0.01:
+            if time.monotonic() > give_up_s:
+                return None  # without a heading, perhaps: nobody knows
+            yield
+        time.sleep(UNACKNOWLEDGED_S)
+        return True
+
+    return Order(f"setpoint {goal_deg}", send, lambda known: replace(known, goal_deg=goal_deg))
+
+
+def set_current(numbers, known):
+    number = numbers.randrange(1, 1 + len(known.items or (1,)))
+    return Order(
+        f"item {number}",
+        lambda station: answered(station, station.command(SET_CURRENT, float(number)), SET_CURRENT),
+        lambda known: replace(known, current=number),
+    )
+
+
+def set_gain(numbers, _known):
+    gain = float(numbers.randrange(1, 200))
+
+    def send(station):
+        station.send(mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", gain, 9))
+        while True:
+            for one in station.messages():
+                if one.get_type() == "PARAM_VALUE" and one.param_id == "CTL_K1":
+                    return one.param_value == gain
+            yield
+
+    return Order(f"gain {gain}", send, lambda known: replace(known, gain=gain))
+
+
+def set_home(numbers, _known):
+    place = (numbers.randrange(-800_000_000, 800_000_000), numbers.randrange(-1_700_000_000, 1_700_000_000))
+    message = mavlink.MAVLink_command_int_message(1, 1, 5, SET_HOME, 0, 0, 0.0, 0.0, 0.0, 0.0, *place, 0.0)
+    return Order(
+        f"home {place}",
+        lambda station: answered(station, [message], SET_HOME),
+        lambda known: replace(known, home=place),
+    )
+
+
+def new_mission(numbers, _known):
+    """Far away, so that none of its items is reached."""
+    places = tuple(
+        (numbers.randrange(100_000_000, 800_000_000), numbers.randrange(10**9)) for _ in range(numbers.randrange(2, 5))
+    )
+    return Order(
+        f"mission of {len(places)}",
+        lambda station: station.upload(places),
+        lambda known: replace(known, items=places, current=1),
+    )
+
+
+ORDERS = (
+    arm,
+    set_mode,
+    set_mode,
+    change_heading,
+    change_heading,
+    setpoint,
+    set_current,
+    set_gain,
+    set_home,
+    new_mission,
+)
+
+
+@dataclass
+class Voyage:
+    """A boat whose autopilot is killed again and again, and what its station knows."""
+
+    boat: object
+    station: Station
+    numbers: random.Random
+    known: Known = field(default_factory=Known)
+    possible: tuple[Known, ...] = ()
+    told: list[str] = field(default_factory=list)
+    kills: int = 0
+
+    def end(self):
+        self.process._process.kill()
+        self.process._process.wait()
+        self.process._log.close()
+        self.station.socket.close()
+
+    def start(self):
+        """Start an autopilot, and compare what it comes up with."""
+        url = f"udpin:127.0.0.1:{self.station.connect()}"
+        words = ["run", str(self.boat._vehicle), "--state", str(self.boat.state), "--link", url]
+        self.process = AutopilotProcess(words, self.boat.directory / "firmware.log")
+        self.station.gone = lambda: "" if self.process.running() else f"ended: {self.process.last_words()}"
+        found = self.found()
+        fitting = [known for known in self.possible or (self.known,) if known.fits(found)]
+        assert fitting, f"kill {self.kills}: came up with\n{found}\nand not with any of\n{self.possible}\n{self.told}"
+        # Both may fit; what they know beyond each other may not be relied on.
+        self.known = fitting[0] if len(fitting) == 1 else common(*fitting)
+        self.told.clear()
+
+    def found(self):
+        self.station.ask([mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)], lambda _one: True)
+        heartbeat = self.station.told(HEARTBEAT)
+        home = None if self.known.home is None else self.station.told(HOME)
+        gain = self.station.ask(
+            [mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)],
+            lambda one: one.param_value if one.get_type() == "PARAM_VALUE" and one.param_id == "CTL_K1" else None,
+        )
+        steering = heartbeat.custom_mode in (GUIDED, STEERING)
+        return Known(
+            armed=bool(heartbeat.base_mode & 128),
+            mode=heartbeat.custom_mode,
+            goal_deg=yaw_deg(self.station.told(TARGET).q) % 360.0
+            if steering and self.known.goal_deg is not None
+            else None,
+            current=self.station.told(CURRENT).seq,
+            gain=gain,
+            items=self.station.download(),
+            home=None if home is None else (home.latitude, home.longitude),
+        )
+
+    def order(self, *, answer):
+        """Give an order; without an answer it may have come or not."""
+        order = self.numbers.choice(ORDERS)(self.numbers, self.known)
+        if self.known.mode not in (GUIDED, STEERING) and order.name.startswith(("goal", "setpoint")):
+            order = set_mode(self.numbers, self.known)
+        after = order.known(self.known)
+        steps = order.send(self.station)
+        if not answer:
+            for _ in range(self.numbers.randrange(4)):
+                next(steps, None)
+            self.told.append(f"{order.name}, unanswered")
+            self.possible = (self.known, after)
+            return
+        accepted = finish(steps)
+        self.told.append(f"{order.name}{'' if accepted else ', refused'}")
+        if accepted is None:
+            self.known = common(self.known, after)
+        elif accepted:
+            self.known = after
+        self.possible = (self.known,)
+
+    def kill(self):
+        """Kill it at any moment, most of them soon after the last word."""
+        time.sleep(self.numbers.choice((0.0, self.numbers.uniform(0.0, 0.01), self.numbers.uniform(0.0, 0.3))))
+        self.end()
+        self.kills += 1
+
+
+def finish(steps):
+    """Go on until it is answered; return whether it was accepted, None when that is not known."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def common(first, second):
+    """Return what two have in common."""
+    same = {
+        name: getattr(first, name)
+        for name in Known.__dataclass_fields__
+        if getattr(first, name) == getattr(second, name)
+    }
+    return Known(**same)
+
+
+@pytest.fixture
+def voyage(make_boat):
+    boat = make_boat(speed=None, settings=SETTINGS, without=("link",))
+    made = Voyage(boat, Station(), random.Random(20180825))
+    ended = threading.Event()
+
+    def live():
+        while not ended.is_set():
+            boat.time.step(boat.board, boat.now_s + 0.05)
+
+    boat.time.begin(boat.board, None)
+    devices = threading.Thread(target=live)
+    devices.start()
+    try:
+        yield made
+    finally:
+        made.end()
+        ended.set()
+        devices.join()
+
+
+@pytest.mark.parametrize("kills", [pytest.param(FEW, id="few"), pytest.param(MANY, id="many", marks=pytest.mark.proof)])
+def test_killed_at_any_moment_she_comes_up_with_all_that_was_acknowledged(voyage, kills):
+    begun_s = time.monotonic()
+    for _ in range(kills):
+        voyage.start()
+        for _ in range(voyage.numbers.randrange(1, 5)):
+            voyage.order(answer=True)
+        if voyage.numbers.random() < 0.5:
+            voyage.order(answer=False)
+        voyage.kill()
+    voyage.start()
+    print(f"{voyage.kills} kills in {time.monotonic() - begun_s:.0f} s")
