@@ -13,6 +13,7 @@ from firmware_py.common.options import check, option, record_from
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import index_of, parse_file
+from firmware_py.common.reading_notes import shown
 from firmware_py.devices import SECTIONS
 from firmware_py.files.reading import read_text
 
@@ -220,6 +221,8 @@ def _parameters(section: Mapping[str, Any], path: Path) -> dict[str, float]:
             raise VehicleError(f"{path}: [parameters] file {file} cannot be read: {error.strerror}") from None
         except ParameterError as error:
             raise VehicleError(str(error)) from None
+        except ValueError:  # a NUL in it
+            raise VehicleError(f"{path}: [parameters] file {shown(section['file'])} is no name of a file") from None
     for name, value in section.items():
         if name == "file":
             continue

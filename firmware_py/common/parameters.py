@@ -56,7 +56,7 @@ def index_of(name: str) -> int:
     index = INDEX.get(name)
     if index is None:
         near = sorted(INDEX, key=lambda candidate: (-_common_prefix(candidate, name), candidate))[:3]
-        raise ParameterError(f"unknown parameter {name!r}; near it: {', '.join(near)}")
+        raise ParameterError(f"unknown parameter {name[:30]!r}; near it: {', '.join(near)}")
     return index
 
 

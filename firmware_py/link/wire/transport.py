@@ -6,6 +6,7 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
+from firmware_py.common.reading_notes import shown
 from firmware_py.link.wire.url_options import PLAIN, LinkOptions, OptionError, parse_options
 
 Address: TypeAlias = Hashable  # one correspondent on a transport
@@ -97,22 +98,23 @@ class LinkUrl:
 
 def parse_url(text: str) -> LinkUrl:
     """Read a link URL in pymavlink's style, perhaps with options behind a question mark, or raise LinkError."""
+    link = f"link {text[:120]!r}"
     if "\0" in text:
-        raise LinkError(f"link {text!r}: it holds a NUL; use {_FORMS}")
+        raise LinkError(f"{link}: it holds a NUL; use {_FORMS}")
     place, mark, query = text.partition("?")
     scheme, _, rest = place.partition(":")
     kind = _KINDS.get(scheme)
     if kind is None:
-        raise LinkError(f"link {text!r}: {scheme!r} is not a kind of link; use {_FORMS}")
+        raise LinkError(f"{link}: {shown(scheme)} is not a kind of link; use {_FORMS}")
     # From the right: the paths of /dev/serial/by-path hold colons.
     host, _, number = rest.rpartition(":")
     what, low, high = ("baud rate", 300, 4_000_000) if kind == "serial" else ("port", 1, 65535)
     if not host:
-        raise LinkError(f"link {text!r}: the {what} is missing; use {_FORMS}")
+        raise LinkError(f"{link}: the {what} is missing; use {_FORMS}")
     if not (number.isascii() and number.isdigit() and len(number) < 10 and low <= int(number) <= high):
-        raise LinkError(f"link {text!r}: {number!r} is not a {what}; use a whole number from {low} to {high}")
+        raise LinkError(f"{link}: {shown(number)} is not a {what}; use a whole number from {low} to {high}")
     try:
         options = parse_options(query) if mark else PLAIN
     except OptionError as error:
-        raise LinkError(f"link {text!r}: {error}") from None
+        raise LinkError(f"{link}: {error}") from None
     return LinkUrl(kind, host, int(number), text, options)

@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 
+from firmware_py.common.reading_notes import shown
+
 
 class OptionError(ValueError):
     """An option of a link is wrong; the text says what is allowed."""
@@ -81,13 +83,13 @@ def parse_options(text: str) -> LinkOptions:
         if row is None:
             near = difflib.get_close_matches(name, _OPTIONS, 1)
             hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(_OPTIONS)}"
-            raise OptionError(f"option {name!r} is not known; {hint}")
+            raise OptionError(f"option {shown(name)} is not known; {hint}")
         if name in names:
             raise OptionError(f"option {name!r} is given twice; give it once")
         names.add(name)
         field, read, allowed = row
         setting = read(value)
         if setting is None:
-            raise OptionError(f"option {name}={value}: allowed are {allowed}")
+            raise OptionError(f"option {name}={shown(value)}: allowed are {allowed}")
         options = replace(options, **{field: setting})  # type: ignore[arg-type]
     return options
