@@ -7,7 +7,8 @@ else in it is a duration: the clock of a process begins anew.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
 
 from firmware_py.common.json_codec import Codec
 from firmware_py.common.mode_table import Mode
@@ -81,13 +82,21 @@ def from_text(text: str) -> tuple[Resume, tuple[str, ...]]:
     ValueError for text without what a record needs, or with numbers that no state can hold.
     """
     resume, notes = _CODEC.read(text)
-    if not _finite(resume.utc_s, *(resume.water or ()), resume.mission.elapsed_s, resume.orbit.turned_rad):
+    line = resume.line
+    if line is not None:
+        line = LineState(line.start, tries=line.tries)  # the rest is of the run before
+    if not _finite(replace(resume, line=None)) or (line is not None and not _finite(line.start)):
         raise ValueError("a number of it is not one")
-    return resume, notes
+    return replace(resume, line=line), notes
 
 
-def _finite(*values: float) -> bool:
-    return all(math.isfinite(value) for value in values)
+def _finite(value: Any) -> bool:
+    """Whether every number of a record is one, at any depth."""
+    if is_dataclass(value):
+        return all(_finite(getattr(value, field.name)) for field in fields(value))
+    if isinstance(value, tuple):
+        return all(map(_finite, value))
+    return not isinstance(value, float) or math.isfinite(value)
 
 
 def age_s(resume: Resume, utc_s: float) -> float | None:

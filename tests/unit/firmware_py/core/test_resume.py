@@ -91,12 +91,25 @@ def test_what_is_no_record_is_refused(text):
         restore(State.at_start(parameters(2)), text, UTC_S)
 
 
+def test_of_the_line_only_its_start_and_the_tries_come_back():
+    resume = replace(resume_of(at_sea(), UTC_S), line=LineState(A, math.nan, 88.0, 1))
+    assert from_text(to_text(resume))[0].line == LineState(A, tries=1)
+
+
 def test_numbers_that_are_none_are_refused():
     resume = resume_of(at_sea(), UTC_S)
     for broken in (
         replace(resume, utc_s=math.nan),
         replace(resume, water=(0.0, math.inf, 1.0)),
         replace(resume, mission=replace(PROGRESS, elapsed_s=math.nan)),
+        replace(resume, mission=replace(PROGRESS, line_start=Place(math.inf, 2.0))),
+        replace(resume, modes=replace(resume.modes, goal=HeadingGoal(math.nan))),
+        replace(resume, modes=replace(resume.modes, goal=PositionGoal(0.5, -math.inf))),
+        replace(resume, modes=replace(resume.modes, stick=math.nan)),
+        replace(resume, task=GoTo(Place(math.inf, 2.0), A, 20.0, 100.0)),
+        replace(resume, task=GoTo(B, A, math.nan, 100.0)),
+        replace(resume, line=LineState(Place(0.6, math.nan))),
+        replace(resume, home=Home(0.6, 2.0, math.inf)),
     ):
         with pytest.raises(ValueError):
             from_text(to_text(broken))
