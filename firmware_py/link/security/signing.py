@@ -110,7 +110,8 @@ class Signing:
             self._timestamp = self._stored = min(record.timestamp, LATEST)
             if finding.aged:  # it may lack a stream: none may begin anew behind what was heard
                 self._timestamp = min(self._timestamp + TOLERANCE, LATEST)
-            self._streams, self._stored_streams = dict(record.streams), dict(record.streams)
+            self._streams = {stream: min(heard, LATEST) for stream, heard in record.streams.items()}
+            self._stored_streams = dict(self._streams)
         return finding.state
 
     def set_key(self, key: bytes, timestamp: int) -> bool:

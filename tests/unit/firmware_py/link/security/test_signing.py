@@ -324,3 +324,10 @@ def test_what_is_stored_often_need_not_be_stored_twice():
     boat.utc_s += 60.0
     LinkSealer(boat.signing, 0).seal(Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0)), 0)
     assert boat.both == [True, False]
+
+
+def test_no_stored_timestamp_makes_a_state_that_the_next_start_cannot_read():
+    digits = b"9" * 15
+    boat = Boat(b"key %s\ntimestamp %s\nstream 255 190 1 %s\n" % (KEY.hex().encode(), digits, digits))
+    assert boat.signing.set_key(KEY, 0)
+    assert boat.restarted().signing.active
