@@ -59,7 +59,7 @@ def read(path: Path) -> Recording:
         values = np.array([np.nan if rate is None else rate for rate in yaw_rates], dtype=np.float64)
         rates = np.interp(time_s, time_s[known], values[known])
     inside = (time_s >= time_of_rudder[0]) & (time_s <= time_of_rudder[-1])
-    return Recording(
+    recording = Recording(
         str(path),
         time_s[inside] - got.start_s,
         np.interp(time_s, time_of_rudder, rudder)[inside],
@@ -68,6 +68,10 @@ def read(path: Path) -> Recording:
         _speed(got.speed, time_s[inside], notes),
         tuple(notes),
     )
+    columns = (recording.time_s, recording.rudder_rad, recording.heading_rad, rates, recording.speed_m_s)
+    if not all(column is None or np.isfinite(column).all() for column in columns):
+        raise UsageError(f"{path}: a number in it is not finite; give a log that the autopilot wrote")
+    return recording
 
 
 def _gather(ticks: Iterable[LoggedTick]) -> _Gathered:
@@ -92,7 +96,7 @@ def _take_linkage(got: _Gathered, checkpoint: str) -> None:
     try:
         parameters = json.loads(checkpoint)["parameters"]
         centre_deg, reverse = float(parameters["RUD_CENTRE_DEG"]), bool(parameters["RUD_REVERSE"])
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return
     got.centre_rad, got.sign, got.linkage_known = radians(centre_deg), -1.0 if reverse else 1.0, True
 
@@ -129,7 +133,9 @@ def _rudder(path: Path, got: _Gathered, notes: list[str]) -> tuple[Floats, Float
 def _speed(pairs: list[Pair], time_s: Floats, notes: list[str]) -> Floats | None:
     """Return the smoothed speed over the ground at the given times, None without fixes all along."""
     table = np.array(_rising(pairs), dtype=np.float64).reshape(-1, 2)
-    if table.shape[0] < LEAST_ROWS or table[-1, 0] - table[0, 0] < PRESENT_SHARE * (time_s[-1] - time_s[0]):
+    if table.shape[0] < LEAST_ROWS or not time_s.size:
+        return None
+    if table[-1, 0] - table[0, 0] < PRESENT_SHARE * (time_s[-1] - time_s[0]):
         return None
     total = np.concatenate(([0.0], np.cumsum(0.5 * (table[1:, 1] + table[:-1, 1]) * np.diff(table[:, 0]))))
     low = np.clip(time_s - SPEED_SMOOTHED_S / 2, table[0, 0], table[-1, 0] - 1e-3)

@@ -1,0 +1,87 @@
+"""An onboard log as a recording: what another program, or damage with a right checksum, may have put into it."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from firmware_py.common.records import FixType, HeadingSample, NorthReference, PositionSample, RudderFeedback, Tick
+from firmware_py.log import schema
+from firmware_py.log.dataflash import header
+from hil.errors import UsageError
+from hil.lab.identify.onboard_log import read
+from hil.lab.identify.recording import Source
+
+PARAMETERS = '{"parameters":{"RUD_CENTRE_DEG":0.0,"RUD_REVERSE":1.0}}'
+DECISION = SimpleNamespace(
+    command=SimpleNamespace(shaft_rad=0.0, torque_on=True),
+    snapshot=SimpleNamespace(
+        mode=0, armed=True, faults=0, rudder_command_rad=0.0, rudder_rad=None, rudder_ok=True, skipped_total=0
+    ),
+)
+
+
+def heading(t_s, heading_rad=1.0):
+    return schema.HEADING.pack(t_s, HeadingSample(t_s, heading_rad, NorthReference.TRUE))
+
+
+def shaft(t_s, shaft_rad=0.1):
+    return schema.FEEDBACK.pack(t_s, RudderFeedback(t_s, shaft_rad))
+
+
+def fix(t_s):
+    return schema.POSITION.pack(t_s, PositionSample(t_s, FixType.FIX_3D, 0.6, 2.1, speed_over_ground_m_s=0.5))
+
+
+@pytest.fixture
+def read_log(tmp_path):
+    """Read a log of one tick that holds these messages, behind a stored state."""
+
+    def read_one(*messages, state=PARAMETERS):
+        tick = Tick(0, 0.0, 0.0, 0, 10.0)
+        parts = [schema.TICK.pack(0.0, tick), schema.CHECKPOINT.pack_text(0.0, tick, state), *messages]
+        batch = b"".join([*parts, schema.CONTROL.pack(0.0, DECISION)])
+        path = tmp_path / "x.BIN"
+        path.write_bytes(header(schema.TYPES, 0) + schema.end_bytes(batch, 0.0, 0))
+        return read(path)
+
+    return read_one
+
+
+def messages_at(times, *kinds):
+    return [kind(float(t_s)) for t_s in times for kind in kinds]
+
+
+def test_the_columns_of_a_log(read_log):
+    recording = read_log(*messages_at(range(30), heading, shaft, fix))
+    assert recording.time_s.tolist() == list(range(30))
+    assert set(recording.rudder_rad) == {-0.1}
+    assert np.allclose(recording.speed_m_s, 0.5)
+    assert recording.notes == ("speed is that over the ground, smoothed over 60 s",)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "number"),  # a shaft that is NaN is one that was not measured
+    [((heading, shaft), math.nan), ((heading, shaft), -math.inf), ((shaft, heading), math.inf)],
+)
+def test_a_number_that_is_none_refuses_the_log(read_log, kinds, number):
+    wrong, right = kinds
+    before, after = messages_at(range(30), *kinds), messages_at(range(31, 40), *kinds)
+    with pytest.raises(UsageError, match=r"x\.BIN: a number in it is not finite; give a log"):
+        read_log(*before, wrong(30.0, number), right(30.0), *after)
+
+
+def test_a_log_whose_rudder_was_never_known_while_there_was_a_heading_is_too_short(read_log):
+    recording = read_log(*messages_at(range(30), heading), *messages_at(range(100, 130), shaft, fix))
+    with pytest.raises(UsageError, match="too short, 0 rows"):
+        recording.part(Source("x.BIN"))
+
+
+@pytest.mark.parametrize(
+    "state", ["[" * 100_000, PARAMETERS.replace("0.0", "1" + "0" * 400), '{"parameters":[]}', "null", ""]
+)
+def test_of_a_state_that_is_none_the_linkage_is_not_taken(read_log, state):
+    recording = read_log(*messages_at(range(30), heading, shaft), state=state)
+    assert set(recording.rudder_rad) == {0.1}
+    assert "no stored parameters: the shaft is taken for the rudder angle" in recording.notes
