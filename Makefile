@@ -9,6 +9,7 @@ BIN := $(VENV)/bin
 SAIL_READY := $(VENV)/.ready-sail
 READY := $(VENV)/.ready-test
 DOCS_READY := $(VENV)/.ready-docs
+FUZZ_READY := $(VENV)/.ready-fuzz
 # Of the many modules few are ever imported: those are compiled then: half the time, and 140 MB less.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c .ci/constraints.txt
 
@@ -16,11 +17,12 @@ ONBOARD_LOCK := .ci/requirements-onboard.txt
 SUPPLY_READY := $(VENV)/.ready-supply
 ONBOARD_VENV := build/onboard
 
-.PHONY: help sail test lint types house pages pages-check docs bench proof lock sbom audit clean
+.PHONY: help sail test fuzz lint types house pages pages-check docs bench proof lock sbom audit clean
 
 help:
 	@echo "make sail   a heading run in the tank, live in the terminal, MAVLink on udp 14550"
 	@echo "make test   the whole test suite"
+	@echo "make fuzz   ten minutes of hostile bytes for every reader: FUZZ_SECONDS, FUZZ=\"--seed 2 TARGET ...\""
 	@echo "make lint types pages-check   what CI checks besides"
 	@echo "make house  rooms, files, long functions, import arrows: how the code is built, counted"
 	@echo "make pages  write the generated pages anew"
@@ -55,6 +57,16 @@ sail: $(SAIL_READY)
 test: $(READY)
 	@echo "running the tests: about 6 minutes"
 	$(BIN)/python -m pytest -n 4 --dist worksteal
+
+$(FUZZ_READY): $(READY)
+	@echo "adding what guides the fuzzing, once: 60 MB (atheris, for x86-64 alone; else inputs change at random)"
+	@$(PIP) -e '.[fuzz]'
+	@touch $@
+
+# All targets share the time, two at once. The same seed makes the same inputs, as far as it gets.
+FUZZ_SECONDS ?= 600
+fuzz: $(FUZZ_READY)
+	@PYTHONPATH=.:tests PYTHONHASHSEED=0 $(BIN)/python -m fuzz --seconds $(FUZZ_SECONDS) $(FUZZ)
 
 lint: $(READY)
 	$(BIN)/ruff check firmware_py hil tests docs .ci
@@ -102,7 +114,7 @@ $(SUPPLY_READY): $(READY) $(DOCS_READY)
 # After a change of dependencies: writes what is installed as the constraints of all installs, and what of it goes on
 # the float with the hashes of all its files, for every platform and Python.
 lock: $(SUPPLY_READY)
-	$(BIN)/python -m pip freeze --exclude-editable | grep -v '^-e' > .ci/constraints.txt
+	$(BIN)/python -m pip freeze --exclude-editable | grep -v -e '^-e' -e '^atheris=' > .ci/constraints.txt
 	$(BIN)/uv pip compile pyproject.toml --quiet --no-config --universal --python-version 3.11 --generate-hashes \
 	  --constraint .ci/constraints.txt --no-header --no-annotate --output-file $(ONBOARD_LOCK)
 

@@ -1,0 +1,302 @@
+"""The link on a transport in memory before the real autopilot, and what both must hold to."""
+
+import functools
+import hashlib
+import math
+from unittest.mock import patch
+
+from firmware_py.common.intents import Restart, SetParameter, Verdict
+from firmware_py.common.parameter_table import TABLE as PARAMETERS
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
+from firmware_py.common.plan import from_text as plan_from_text
+from firmware_py.common.plan import to_text as plan_to_text
+from firmware_py.common.records import (
+    FixType,
+    HeadingSample,
+    Inputs,
+    NorthReference,
+    PositionSample,
+    RudderFeedback,
+    Tick,
+)
+from firmware_py.core.autopilot import Autopilot
+from firmware_py.core.resume import restore, resume_of
+from firmware_py.core.resume import to_text as resume_to_text
+from firmware_py.core.state import State
+from firmware_py.core.state_codec import state_from_text, state_to_text
+from firmware_py.core.step import step
+from firmware_py.link import context
+from firmware_py.link.endpoint import NO_STORAGE, Endpoint
+from firmware_py.link.files.root import FileRoot
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.link.wire.dialect import checksum, mavlink
+from firmware_py.link.wire.url_options import PLAIN, LinkOptions, Policy, parse_options
+from firmware_py.plans.validation import problem_of
+from fuzz.target import MOST_RECORDS, check_finite, check_line
+from support.link import MemoryTransport, MemoryVault
+
+# Of the first byte.
+KEY, OPTIONS, STREAM, SLOW = 0x01, 0x0E, 0x10, 0x20
+LINK_OPTIONS = (
+    PLAIN,
+    *map(
+        parse_options,
+        (
+            "trusted=1", "policy=open", "policy=signed-commands", "policy=signed-only",
+            "trusted=1&policy=signed-commands", "systems=255", "class=satellite",
+        ),
+    ),
+)  # fmt: skip
+SECRET = bytes(range(1, 33))
+UTC_S = 1.7e9
+NOW_UNITS = int((UTC_S - 1_420_070_400) * 100_000)
+STATIONS = {"one": (255, 190), "two": (254, 190)}
+MOST_ROUNDS = 5000
+MOST_QUEUED = 600
+PLACE = (0.6283, 2.1118)
+LOG = bytes(range(256)) * 12
+
+
+class Keeper:
+    """Keeps what outlives a restart, and says so when the test lets it."""
+
+    def __init__(self):
+        self.parameters, self.plans, self.waiting = {}, {}, []
+
+    def keep_parameter(self, name, value):
+        self.parameters[name] = value
+
+    def forget_parameters(self):
+        self.parameters.clear()
+
+    def keep_plan(self, plan, done):
+        def store(well):
+            if well:
+                self.plans[plan.kind] = plan_to_text(plan)
+            done(well)
+
+        self.waiting.append(store)
+
+    def keep_resume(self, text):
+        pass
+
+    def when_parameters_stored(self, call):
+        self.waiting.append(call)
+
+    def answer(self, *, well):
+        waiting, self.waiting = self.waiting, []
+        for call in waiting:
+            call(well)
+
+
+class Judge:
+    """The autopilot as the link sees it; holds it to what it promises."""
+
+    def __init__(self, pilot, keeper):
+        self.pilot, self.keeper = pilot, keeper
+        self.allowed = True  # whether who speaks may command
+        self.changed = False  # whether anything was accepted
+        self.parameters, self.plans = pilot.parameters, pilot.plans
+        self.when_stored = pilot.when_stored
+
+    def decide(self, request):
+        assert self.allowed, request
+        assert math.isfinite(request.t_s)
+        before, kept = self.pilot._ahead, dict(self.keeper.parameters)
+        answer = self.pilot.decide(request)
+        if answer.verdict is not Verdict.ACCEPTED:
+            check_line(answer.text)
+            assert self.pilot._ahead is before
+            assert self.keeper.parameters == kept
+            return answer
+        self.changed = True
+        if isinstance(request.intent, SetParameter):
+            assert self.keeper.parameters[request.intent.name] == self.parameters()[request.intent.name]
+        check_state(self.pilot._ahead)
+        return answer
+
+    def replace_plan(self, request, done):
+        assert self.allowed, request
+        self.changed = True
+        before = self.pilot._ahead.plans
+
+        def finish(answer):
+            if answer.verdict is Verdict.ACCEPTED:
+                plan = request.intent.plan
+                assert problem_of(plan) is None
+                assert self.pilot.plans().of(plan.kind) == plan
+                assert plan_from_text(self.keeper.plans[plan.kind]) == (plan, ())
+            else:
+                check_line(answer.text)
+            done(answer)
+
+        self.pilot.replace_plan(request, finish)
+        assert self.pilot._ahead.plans == before  # in force once it is stored
+
+
+def check_state(state):
+    check_finite(state.modes)
+    check_finite(state.home)
+    if state.parameters is not start_state().parameters:
+        for row, value in zip(PARAMETERS, state.parameters.values(), strict=True):
+            assert row.check(value) == value, row.name
+
+
+def inputs_at(index, t_s, requests=(), *, heading=True, position=True):
+    return Inputs(
+        Tick(index, t_s, 0.0, 0, 10.0),
+        (HeadingSample(t_s, 1.0, NorthReference.TRUE),) if heading else (),
+        (PositionSample(t_s, FixType.FIX_3D, *PLACE, 2.0, 0.5, 1.0, 11, 0.9, UTC_S + t_s),) if position else (),
+        (RudderFeedback(t_s, 0.1, 30.0, 12.0, 0.1, 0, True),),
+        (),
+        requests,
+    )
+
+
+@functools.cache
+def start_state():
+    """The state after two seconds: there are heading, position and rudder."""
+    state = State.at_start(ParameterSet())
+    for index in range(20):
+        state, _ = step(state, inputs_at(index, 0.1 * index))
+    return state
+
+
+# Made of constants, and half of the time that an input takes.
+metadata = functools.cache(context.Metadata)
+
+
+class Boat:
+    """The link, the autopilot behind it, and what happens to them."""
+
+    def __init__(self, setup, root=None):
+        self.now_s, self.index = 2.0, 20
+        self.keeper = Keeper()
+        self.pilot = Autopilot(start_state(), self.keeper)
+        self.judge = Judge(self.pilot, self.keeper)
+        self.options: LinkOptions = LINK_OPTIONS[(setup & OPTIONS) >> 1]
+        self.transport = MemoryTransport(
+            addresses=() if not setup & STREAM else tuple(STATIONS),
+            byte_rate=5760.0 if setup & SLOW else None,
+            datagrams=not setup & STREAM,
+            options=self.options,
+        )
+        self.vault = MemoryVault()
+        if setup & KEY:
+            self.vault.save(b"key %s\ntimestamp %d\n" % (SECRET.hex().encode(), NOW_UNITS))
+        self.storage = NO_STORAGE
+        if root is not None:
+            (root / "logs").mkdir()
+            (root / "uploads").mkdir()
+            for number in (1, 2, 3):
+                (root / "logs" / f"{number:08d}.BIN").write_bytes(LOG[: 1024 * number])
+            (root / "secret").write_bytes(b"secret")
+            (root / "uploads" / "way").symlink_to(root)
+            logs = root / "logs"
+            self.storage = FileRoot(
+                lambda: {int(path.stem): path for path in logs.glob("*.BIN")}, logs, root / "uploads"
+            )
+        with patch.object(context, "Metadata", metadata):
+            self.endpoint = Endpoint(
+                [self.transport], self.judge, utc_s=lambda: UTC_S + self.now_s, version=Version(), vault=self.vault,
+                offer_utc=lambda utc_s, now_s: check_finite((utc_s, now_s)), storage=self.storage,
+            )  # fmt: skip
+        self.signed = 0
+        self.sequence = 0
+
+    @property
+    def locked(self):
+        """Whether nobody may command without a signature, by the rules of who-may-command.md."""
+        policy = self.options.policy
+        if policy is Policy.AUTO:
+            return self.endpoint._signing.active and not self.options.trusted
+        return policy is not Policy.OPEN
+
+    def frame(self, number, body, station, *, signed, late):
+        """Return a whole frame, signed with the key of the boat when there was one from the start."""
+        kind = mavlink.mavlink_map[number]
+        payload = body[: kind.unpacker.size].rstrip(b"\0") or b"\0"
+        self.sequence = (self.sequence + 1) % 256
+        head = bytes((len(payload), signed, 0, self.sequence, *STATIONS[station], *number.to_bytes(3, "little")))
+        check = checksum(head + payload, bytes((kind.crc_extra,)))
+        data = b"\xfd" + head + payload + check.to_bytes(2, "little")
+        if not signed:
+            return data
+        self.signed += 1
+        data += b"\1" + (NOW_UNITS + (10 if late else 1000 * self.signed)).to_bytes(6, "little")
+        return data + hashlib.sha256(SECRET + data).digest()[:6]
+
+    def hear(self, data, station, *, signed):
+        self.judge.allowed = signed or not self.locked
+        if self.options.systems is not None and STATIONS[station][0] not in self.options.systems:
+            self.judge.allowed = False
+        before = self.pilot._ahead
+        self.transport.inbox.append((station, data))
+        self.endpoint.service(self.now_s, [self.transport.descriptor])
+        self.rest()
+        if not self.judge.allowed:
+            assert self.pilot._ahead is before
+        self.judge.allowed = True
+
+    def rest(self):
+        rounds = 0
+        while self.endpoint.busy:
+            rounds += 1
+            assert rounds < MOST_ROUNDS, "busy without end"
+            self.endpoint.service(self.now_s, [])
+
+    def tick(self, seconds, flags=0):
+        self.now_s += seconds
+        self.index += 1
+        self.keeper.answer(well=not flags & 1)
+        inputs = inputs_at(
+            self.index, self.now_s, self.pilot.take_requests(), heading=not flags & 2, position=not flags & 4
+        )
+        output = self.pilot.step(inputs)
+        if any(isinstance(request.intent, Restart) for request in inputs.requests):
+            self.pilot.restart = None  # she would be off; here she goes on
+        check_finite(output.command)
+        check_finite(output.snapshot)
+        assert abs(output.command.shaft_rad) <= math.pi
+        for event in output.events:
+            check_line(event.text)
+        check_state(self.pilot.state)
+        self.endpoint.publish(output, self.now_s)
+        self.rest()
+        self.check_sent()
+
+    def check_sent(self):
+        for _, data in self.transport.sent:
+            at = 0
+            while at < len(data):
+                assert data[at] == 0xFD
+                at += 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
+            assert at == len(data)
+        self.transport.sent.clear()
+        for peer in self.endpoint._peers:
+            assert sum(len(queue) for queue in peer.outbox._queues) < MOST_QUEUED
+        assert len(self.vault.contents) <= 4 * MOST_RECORDS
+
+    def end(self):
+        """Let her go on with what was accepted."""
+        if self.judge.changed:
+            self.tick(0.1)
+            self.check_kept()
+        self.endpoint.close()
+        self.check_sent()
+
+    def check_kept(self):
+        """What is in force is what a restart would find, and a log would restore."""
+        state = self.pilot.state
+        text = state_to_text(state)
+        again, notes = state_from_text(text)
+        assert notes == ()
+        assert state_to_text(again) == text
+        for kind, stored in self.keeper.plans.items():
+            assert plan_from_text(stored) == (state.plans.of(kind), ())
+        start = State.at_start(state.parameters.replaced("BOOT_RESUME", 2), state.plans or Plans())
+        resumed, notes = restore(start, resume_to_text(resume_of(state, UTC_S)), UTC_S + 1.0)
+        assert notes == ()
+        _, output = step(resumed, inputs_at(0, 0.0))
+        check_finite(output.command)

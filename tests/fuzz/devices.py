@@ -1,0 +1,180 @@
+"""The drivers of sensors and servos on a line that says anything, and the reading of captures."""
+
+import json
+import math
+import struct
+from functools import partial
+
+from firmware_py.actuator import dynamixel_frames, volz_frames
+from firmware_py.common.records import DeviceState, RudderCommand
+from firmware_py.devices import CAPTURE_FORMATS, SECTIONS, calibrator_of, decode
+from firmware_py.sensors import mti_protocol, pni_protocol
+from firmware_py.sensors.decode import format_text
+from fuzz.target import Target, check_finite, check_line, records
+
+# Bits of a record's kind, above the number of its framing.
+FRAMED, LINE_LOST, SILENCE, LINE_FULL, CALIBRATE = 0x01, 0x02, 0x04, 0x08, 0x10
+STEP_S, SILENCE_S = 0.05, 2.0
+MOST_HELD = 16_384  # bytes in the buffers of a driver
+LATEST_UTC_S = 5e9  # 2128: two digits of a year, or a clock of 32 bits, say no later one
+
+
+def nmea(body):
+    check = 0
+    for byte in body:
+        check ^= byte
+    return b"$%s*%02X\r\n" % (body, check)
+
+
+def ubx(body):
+    covered = body[:2].ljust(2, b"\0") + struct.pack("<H", len(body[2:])) + body[2:]
+    first = second = 0
+    for byte in covered:
+        first = first + byte & 0xFF
+        second = second + first & 0xFF
+    return b"\xb5\x62" + covered + bytes((first, second))
+
+
+def headed(encode, body):
+    """Frame a body whose first byte is the number of the message."""
+    return encode(body[0] if body else 0, body[1:])
+
+
+def dynamixel(body):
+    return dynamixel_frames.instruction(1, dynamixel_frames.STATUS, body)
+
+
+def volz(body):
+    code, argument = struct.unpack("<BH", body[:3].ljust(3, b"\0"))
+    return volz_frames.request(code, 1, argument)
+
+
+FRAMINGS = {
+    "nmea": nmea,
+    "pni_tcm": partial(headed, pni_protocol.encode),
+    "mti": partial(headed, mti_protocol.encode),
+    "ubx": ubx,
+    "dynamixel": dynamixel,
+    "volz": volz,
+}
+
+
+class Line:
+    """A line that says what it is told to, and may vanish."""
+
+    name = "/dev/fuzz"
+
+    def __init__(self):
+        self.inbox = bytearray()
+        self.openings, self.connected, self.full = 1, True, False
+
+    def fileno(self):
+        return 7 if self.connected else -1
+
+    def read(self):
+        data = bytes(self.inbox[:4096]) if self.connected else b""
+        del self.inbox[:4096]
+        return data
+
+    def write(self, data):
+        assert 0 < len(data) <= 64
+        return self.connected and not self.full
+
+
+def held_bytes(thing, seen):
+    """Return the bytes in all buffers below a driver."""
+    if id(thing) in seen or isinstance(thing, type):
+        return 0
+    seen.add(id(thing))
+    if isinstance(thing, bytes | bytearray):
+        return len(thing)
+    if isinstance(thing, dict):
+        return sum(held_bytes(part, seen) for part in thing.values())
+    if isinstance(thing, list | tuple | set) or type(thing).__name__ == "deque":
+        return 16 * len(thing) + sum(held_bytes(part, seen) for part in thing)
+    if not type(thing).__module__.startswith("firmware_py"):
+        return 0
+    slots = (name for kind in type(thing).__mro__ for name in getattr(kind, "__slots__", ()))
+    named = {name: getattr(thing, name) for name in slots if hasattr(thing, name)}
+    return held_bytes({**named, **getattr(thing, "__dict__", {})}, seen)
+
+
+RANGES = {
+    "heading_rad": (0.0, math.tau),
+    "course_over_ground_rad": (0.0, math.tau),
+    "latitude_rad": (-math.pi / 2, math.pi / 2),
+    "longitude_rad": (-math.pi, math.pi),
+    "variation_rad": (-math.pi, math.pi),
+    "roll_rad": (-math.pi, math.pi),
+    "pitch_rad": (-math.pi, math.pi),
+    "speed_over_ground_m_s": (0.0, 1e4),
+    "hdop": (0.0, 1e3),
+    "satellites": (0, 255),
+    "utc_s": (0.0, LATEST_UTC_S),
+}
+
+
+def check_sample(sample, now_s):
+    check_finite(sample)
+    assert 0.0 <= sample.t_s <= now_s
+    for name, (low, high) in RANGES.items():
+        value = getattr(sample, name, None)
+        assert value is None or low <= value <= high, f"{name} {value}"
+    assert getattr(sample, "heading_rad", 0.0) < math.tau
+
+
+def drive(section, name, data):
+    """Give a driver the records one after the other, as chunks of what its line says."""
+    driver, framing, line = SECTIONS[section][name], FRAMINGS[name], Line()
+    device = driver.make(line, driver.options())
+    calibrator = calibrator_of(name, device) if section == "compass" else None
+    counted, now_s = 0, 0.0
+    for kind, body in records(data):
+        now_s += SILENCE_S if kind & SILENCE else STEP_S
+        was_lost, line.connected, line.full = not line.connected, not kind & LINE_LOST, bool(kind & LINE_FULL)
+        line.openings += was_lost and line.connected
+        if line.connected:
+            line.inbox += framing(body) if kind & FRAMED else body
+        if section == "rudder":
+            device.command(RudderCommand((len(body) - 32) / 32.0, torque_on=not kind & CALIBRATE), now_s)
+        elif kind & CALIBRATE and calibrator is not None:
+            (calibrator.calibrate(now_s) and line.full) or not line.full or calibrator.call_off()
+        device.receive(now_s)
+        for sample in device.poll():
+            check_sample(sample, now_s)
+        health = device.health(now_s)
+        assert health.state in DeviceState
+        assert health.accepted + health.rejected >= counted
+        counted = health.accepted + health.rejected
+        if health.text:
+            check_line(health.text)
+        if calibrator is not None:
+            progress = calibrator.calibration()
+            assert 0 <= progress.percent <= 100
+            assert not progress.text or progress.text.isprintable()
+    assert held_bytes(device, {id(line)}) <= MOST_HELD
+
+
+def read_capture(data):
+    """Read a capture as `rambler decode` does; the first byte says of what."""
+    names = sorted(CAPTURE_FORMATS)
+    for result in decode(names[data[0] % len(names)], data[1:]) if data else ():
+        json.dumps(result, allow_nan=False)
+        assert result["line"] >= 1
+        assert format_text(result).isprintable()
+
+
+NMEA_WORDS = tuple(
+    word.encode()
+    for word in (
+        "HCHDG,", "HEHDT,", "HCHDM,", "HETHS,", "PASHR,", "TIROT,", "GPRMC,", "GNGGA,", "GNGNS,", "GPGLL,", "GPVTG,",
+        "IIXDR,", "IIRSA,", ",A", ",V", ",N,", ",S,", ",E,", ",W,", ",T,", ",M", "-0.0", "359.99", "360", "1e9", ".",
+        "235960", "310299", "290224", "9000.000", "18000.000", "*", "\\s:x*00\\", "$", "!",
+    )
+)  # fmt: skip
+TARGETS = {
+    f"{section}_{name}": Target(partial(drive, section, name), words=NMEA_WORDS if name == "nmea" else ())
+    for section, drivers in SECTIONS.items()
+    if section != "compass_b"  # of the same drivers
+    for name in drivers
+} | {"capture": Target(read_capture, words=NMEA_WORDS)}

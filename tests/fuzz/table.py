@@ -1,0 +1,5 @@
+"""All that is fuzzed, by name."""
+
+from fuzz import devices, files, link, logs
+
+TARGETS = devices.TARGETS | link.TARGETS | files.TARGETS | logs.TARGETS

@@ -1,0 +1,72 @@
+"""What is fuzzed: a function of bytes, and the refusals that it documents; how an input is cut into records."""
+
+import dataclasses
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+
+MOST_RECORDS = 64
+MOST_LINE = 1000  # characters of a refusal
+
+
+@dataclass(frozen=True)
+class Target:
+    """`run` takes any bytes; it may raise `refusals`, each with one line, and nothing else.
+
+    `words` are pieces that an input may well hold; `largest` is the longest input that is tried.
+    """
+
+    run: Callable[[bytes], None]
+    refusals: tuple[type[Exception], ...] = ()
+    words: tuple[bytes, ...] = ()
+    largest: int = 4096
+
+    def play(self, data: bytes) -> bool:
+        """Run an input; return whether it was taken, False when it was refused."""
+        try:
+            self.run(data)
+        except self.refusals as refusal:
+            check_line(str(refusal))
+            return False
+        return True
+
+
+def records(data: bytes):
+    """Yield the records of an input: a byte for the kind, one for the length, the body; the last may be cut."""
+    at = 0
+    for _ in range(MOST_RECORDS):
+        if at >= len(data):
+            return
+        length = data[at + 1] if at + 1 < len(data) else 0
+        yield data[at], data[at + 2 : at + 2 + length]
+        at += 2 + length
+
+
+def joined(pairs):
+    """Return the input that has these records."""
+    return b"".join(bytes((kind, len(body))) + body for kind, body in pairs)
+
+
+def check_line(text):
+    """What is told to somebody is one line, and not a long one."""
+    assert text
+    assert text.isprintable(), repr(text)
+    assert len(text) <= MOST_LINE, len(text)
+
+
+def check_finite(value, name=""):
+    """No number of a record, at any depth, is NaN or infinite."""
+    if isinstance(value, float):
+        assert math.isfinite(value), f"{name} {value}"
+    elif dataclasses.is_dataclass(value):
+        for field in dataclasses.fields(value):
+            check_finite(getattr(value, field.name), field.name)
+    elif isinstance(value, tuple):
+        for part in value:
+            check_finite(part, name)
+
+
+def bits(value):
+    """Return what is equal for equal bits: -0.0 is not 0.0 here."""
+    return struct.pack("<d", value)
