@@ -15,10 +15,11 @@ from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.bench.circumstances import circumstances, text_of
 from hil.cli import outputs
 from hil.errors import UsageError
-from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, compare, priced
+from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, can_sail, compare, priced
 from hil.report import figure_file
 from hil.report.figure_file import entry, key_of, merge, origin
 from hil.ship import scenarios
+from hil.ship.extras_table import ExtrasError
 from hil.sim.goals import GoalError, parse_goals
 
 DEFAULT_SEAS = ("tank", "sea", "swell", "weak")
@@ -33,6 +34,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=f"default {' '.join(DEFAULT_SEAS)}")
     parser.add_argument("--seeds", type=int, default=2, metavar="N", help="seeds 1 to N of each (default 2)")
     parser.add_argument("--goal", default=DEFAULT_GOALS, metavar="T:DEG,...", help=f'default "{DEFAULT_GOALS}"')
+    parser.add_argument(
+        "--with",
+        metavar="OPTION[=NUMBER:...],...",
+        action="append",
+        default=[],
+        dest="extras",
+        help="more that each sea does to her, as of rambler-hil run",
+    )
     parser.add_argument(
         "--only", choices=("paper", "pid", "ours"), nargs="+", help="these controllers (default all three)"
     )
@@ -67,6 +76,11 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--prices: give numbers from 0.1 to 10")
     known = {"paper": PAPER, "pid": PID, "ours": OURS}
     chosen: list[Controller] = [known[name] for name in arguments.only or known]
+    for name in task.scenarios:
+        if not all(can_sail(one, name) for one in chosen):
+            print(f"rambler-hil: {PID.name} is left out in {name}: its model has no extras", file=sys.stderr)
+    if not any(can_sail(one, name) for one in chosen for name in task.scenarios):
+        raise UsageError("--only pid: its model has no extras; take paper or ours")
     rows = compare(task, [*chosen, *map(priced, arguments.prices)], _tell if sys.stderr.isatty() else _silent)
     limits = _limits(rows) if arguments.limit else None
     print(text(rows, limits))
@@ -82,10 +96,10 @@ def _limits(rows: list[Row]) -> list[tuple[float, float] | None]:
     """Return for each row the least rms at its travel, with compass alone and with a receiver; None where unknown."""
     from hil.lab.compare.limit import at_travel, known_for, limits  # noqa: PLC0415 - scipy is slow to import
 
-    seas = [scenarios.named(name) for name in {row.scenario for row in rows}]
+    seas = {row.scenario: scenarios.sea_of(row.scenario) for row in rows}
     curves = {
-        sea.name: [limits(sea, OCEAN_RAMBLER, receiver=receiver) for receiver in (False, True)]
-        for sea in seas
+        name: [limits(sea, OCEAN_RAMBLER, receiver=receiver) for receiver in (False, True)]
+        for name, sea in seas.items()
         if known_for(sea)
     }
 
@@ -165,11 +179,13 @@ def as_entries(
 
 def _task(arguments: argparse.Namespace) -> Task:
     names = tuple(arguments.scenarios) or DEFAULT_SEAS
+    if extras := ",".join(arguments.extras):
+        names = tuple(f"{name}+{extras}" for name in names)
     try:
         for name in names:
-            scenarios.named(name)
+            scenarios.sea_of(name)
         goals = parse_goals(arguments.goal)
-    except (scenarios.UnknownScenarioError, GoalError) as error:
+    except (scenarios.UnknownScenarioError, ExtrasError, GoalError) as error:
         raise UsageError(str(error)) from None
     if not 1 <= arguments.seeds <= MOST_SEEDS:
         raise UsageError(f"--seeds {arguments.seeds}: give a whole number from 1 to {MOST_SEEDS}")

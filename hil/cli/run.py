@@ -12,6 +12,7 @@ from hil.errors import UsageError
 from hil.report import run_page, summary
 from hil.report.text import figures_text
 from hil.ship import scenarios
+from hil.ship.extras_table import ExtrasError
 from hil.ship.scenarios import Scenario
 from hil.sim import runner
 from hil.sim.device_factory import COMPASSES, SERVOS
@@ -58,6 +59,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="another current: strength and where it sets, at the start if it turns; the hours of its tide, and how"
         " much it turns round: 0 (default) to and fro, 1 clockwise at full strength, -1 anticlockwise",
     )
+    parser.add_argument(
+        "--with",
+        metavar="OPTION[=NUMBER:...],...",
+        action="append",
+        default=[],
+        dest="extras",
+        help="more that the sea does to her, as in float=0.3:0.6,leeway=8,sway; rambler-hil scenarios lists them",
+    )
     parser.add_argument("--compass", choices=tuple(COMPASSES), help="default nmea, or the vehicle file's")
     parser.add_argument("--servo", choices=tuple(SERVOS), help="default dynamixel, or the vehicle file's")
     parser.add_argument(
@@ -103,6 +112,11 @@ def read_options(arguments: argparse.Namespace) -> RunOptions:
         raise UsageError(str(error)) from None
     if arguments.current is not None:
         scenario = _with_current(scenario, arguments.current)
+    try:
+        if arguments.extras:
+            scenario = scenarios.with_extras(scenario, ",".join(arguments.extras))
+    except ExtrasError as error:
+        raise UsageError(f"--with: {error}") from None
     if arguments.seed < 0:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     if not goals and arguments.seconds is None:

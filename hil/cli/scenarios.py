@@ -1,4 +1,4 @@
-"""`rambler-hil scenarios`: the seas that a run can be made in."""
+"""`rambler-hil scenarios`: the seas that a run can be made in, and what they can be sailed with."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import json
 from dataclasses import asdict
 
+from hil.ship import extras_table
 from hil.ship.scenarios import TABLE
 
 COLUMNS = ("name", "U m/s", "wave s", "wave yaw deg", "bias deg", "drift deg", "current m/s", "what it is")
@@ -13,11 +14,11 @@ COLUMNS = ("name", "U m/s", "wave s", "wave yaw deg", "bias deg", "drift deg", "
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("--json", action="store_true", help="one JSON list instead of a table")
+    parser.add_argument("--json", action="store_true", help="the seas as one JSON list instead of a table")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the table."""
+    """Print the seas and the options."""
     if arguments.json:
         print(json.dumps([asdict(row) for row in TABLE], indent=2))
         return 0
@@ -34,7 +35,11 @@ def run(arguments: argparse.Namespace) -> int:
         )
         for row in TABLE
     ]
+    mixtures = [f"{row.name} has {text}" for row in TABLE if (text := extras_table.text_of(row.extras))]
     widths = [max(len(row[column]) for row in (COLUMNS, *rows)) for column in range(len(COLUMNS))]
     for row in (COLUMNS, *rows):
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    print("\n" + "\n".join(mixtures))
+    print("\nWith any of them, `rambler-hil run SCENARIO --with NAME[=NUMBER:...],...`; off unless given:\n")
+    print(extras_table.listing())
     return 0

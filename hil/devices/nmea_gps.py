@@ -17,6 +17,7 @@ _HDOP = 0.9
 _ALTITUDE_M = 2.0
 _GEOID_M = 17.5
 _KILOMETRES_PER_HOUR = 3.6
+_SAMPLE_S = 0.1  # what is filtered is measured more often than it is told
 
 
 class NmeaGpsEmulator:
@@ -25,7 +26,8 @@ class NmeaGpsEmulator:
     Position errors wander as a first-order Gauss-Markov process of `position_noise_m`
     in each axis; the velocity error is white, so the course of a boat at rest is noise,
     as it is on a real one. The epoch is sampled at its instant; the sentences start
-    `latency_s` later.
+    `latency_s` later. With `velocity_filter_s` the velocity is that of a first-order filter, fed ten times
+    a second. `gaps` are the times without a fix.
     """
 
     def __init__(
@@ -39,6 +41,8 @@ class NmeaGpsEmulator:
         phase_s: float = 0.0,
         frequency_error_ppm: float = 0.0,
         latency_s: float = 0.06,
+        velocity_filter_s: float = 0.0,
+        gaps: Gaps | None = None,
         talker: str = "GP",
         baud: int = 9600,
     ) -> None:
@@ -53,6 +57,8 @@ class NmeaGpsEmulator:
         self._keep = math.exp(-1.0 / (rate_hz * _NOISE_TIME_S))
         self._error_m = rng.normal(0.0, position_noise_m, 2)
         self._latency_s = latency_s
+        self._filter = VelocityFilter(velocity_filter_s, phase_s) if velocity_filter_s > 0.0 else None
+        self._gaps = gaps
         self._talker = talker
         self._pace = Pace(1.0 / rate_hz, start_s=phase_s, error_ppm=frequency_error_ppm)
         self._line = Transmitter(baud)
@@ -62,20 +68,23 @@ class NmeaGpsEmulator:
 
     def next_output_s(self) -> float:
         """When the next epoch is sampled or the next burst is complete."""
-        return min(self._pace.next_s, self._line.next_s())
+        next_s = min(self._pace.next_s, self._line.next_s())
+        return next_s if self._filter is None else min(next_s, self._filter.next_s)
 
     def take_output(self, now_s: float) -> bytes:
         """Sample the epochs that are due and return the bursts that are complete."""
+        if self._filter is not None:
+            self._filter.take(now_s, self._whereabouts)
         for epoch_s in self._pace.take(now_s):
-            self._line.send(epoch_s + self._latency_s, self._talk())
+            self._line.send(epoch_s + self._latency_s, self._talk(epoch_s))
         return self._line.take(now_s)
 
-    def _talk(self) -> bytes:
+    def _talk(self, epoch_s: float) -> bytes:
         clock, date = clock_and_date(self._whereabouts.utc_s())
         # The noise is drawn with and without a fix, so that a lost sky does not shift the rest of the run.
         position = self._position()
         speed_m_s, course_deg = self._velocity()
-        if not self.fix:
+        if not self.fix or (self._gaps is not None and self._gaps.cover(epoch_s)):
             bodies = (
                 f"RMC,{clock},V,,,,,,,{date},,,N",
                 f"GGA,{clock},,,,,0,00,99.99,,,,,,",
@@ -104,9 +113,63 @@ class NmeaGpsEmulator:
         return f"{north},{east}"
 
     def _velocity(self) -> tuple[float, float]:
-        speed_m_s = self._whereabouts.speed_over_ground_m_s()
-        course_rad = self._whereabouts.course_over_ground_rad()
+        sensed = _velocity_of(self._whereabouts) if self._filter is None else self._filter.velocity_m_s
         error_north, error_east = self._rng.normal(0.0, self._velocity_noise_m_s, 2)
-        north_m_s = speed_m_s * math.cos(course_rad) + error_north
-        east_m_s = speed_m_s * math.sin(course_rad) + error_east
+        north_m_s = sensed[0] + error_north
+        east_m_s = sensed[1] + error_east
         return math.hypot(north_m_s, east_m_s), degrees(math.atan2(east_m_s, north_m_s))
+
+
+class VelocityFilter:
+    """The smoothing inside a receiver: a first-order filter on samples of its own."""
+
+    def __init__(self, time_s: float, start_s: float) -> None:
+        """Begin with the first sample."""
+        self._pace = Pace(_SAMPLE_S, start_s=start_s)
+        self._share = -math.expm1(-_SAMPLE_S / time_s)
+        self._begun = False
+        self.velocity_m_s = (0.0, 0.0)
+
+    @property
+    def next_s(self) -> float:
+        """When the next sample is due."""
+        return self._pace.next_s
+
+    def take(self, now_s: float, whereabouts: Whereabouts) -> None:
+        """Take the samples that are due."""
+        for _ in self._pace.take(now_s):
+            north_m_s, east_m_s = _velocity_of(whereabouts)
+            before_north, before_east = self.velocity_m_s if self._begun else (north_m_s, east_m_s)
+            self._begun = True
+            self.velocity_m_s = (
+                before_north + self._share * (north_m_s - before_north),
+                before_east + self._share * (east_m_s - before_east),
+            )
+
+
+class Gaps:
+    """When a receiver has no fix: gaps and the times between are drawn from exponential distributions."""
+
+    def __init__(self, lost: float, mean_s: float, rng: np.random.Generator) -> None:
+        """Begin with a fix, unless it is `lost` (the share of the time) always; gaps last for mean_s in the mean."""
+        self._lost, self._mean_s = lost, mean_s
+        self._rng = rng
+        self._missing = lost >= 1.0
+        self._until_s = math.inf if lost <= 0.0 or lost >= 1.0 else self._drawn_s()
+
+    def cover(self, now_s: float) -> bool:
+        """Whether there is no fix now; ask in order of time."""
+        while now_s >= self._until_s:
+            self._missing = not self._missing
+            self._until_s += self._drawn_s()
+        return self._missing
+
+    def _drawn_s(self) -> float:
+        between_s = self._mean_s * (1.0 - self._lost) / self._lost
+        return float(self._rng.exponential(self._mean_s if self._missing else between_s))
+
+
+def _velocity_of(whereabouts: Whereabouts) -> tuple[float, float]:
+    speed_m_s = whereabouts.speed_over_ground_m_s()
+    course_rad = whereabouts.course_over_ground_rad()
+    return speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad)

@@ -8,6 +8,7 @@ from hil.report import page
 from hil.report.figures import goal_figures
 from hil.report.summary import Summary
 from hil.report.text import COLUMNS, goal_cells, loop_line
+from hil.ship import extras_table
 from hil.ship.scenarios import Scenario
 from hil.sim.runner import Run
 
@@ -67,6 +68,7 @@ def _sea(run: Run) -> list[tuple[str, str]]:
         ("wave yaw, standard deviation", f"{sea.wave_yaw_deg:g} deg"),
         ("rudder angle at which she runs straight", f"{sea.bias_deg:g} deg, wandering by {sea.drift_deg:g} deg"),
         ("current", _current(sea)),
+        *extras_table.rows_of(sea.extras),
     ]
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from hil.report.figures import RudderTravel, goal_figures, steady_rudder_travel_deg_per_h
 from hil.report.loop_health import from_logs
+from hil.ship import extras_table
 from hil.sim.runner import STATE, Run
 
 PACKAGES = ("rambler-autopilot", "numpy", "pymavlink")
@@ -32,6 +33,7 @@ def summarise(run: Run) -> Summary:
     health = from_logs(options.out / STATE / "logs", lockstep=options.lockstep)
     summary: Summary = {
         "scenario": options.scenario.name,
+        "with": extras_table.text_of(options.scenario.extras),
         "seed": options.seed,
         "seconds": options.seconds,
         "compass": options.vehicle.compass.driver,

@@ -12,36 +12,47 @@ from dataclasses import replace
 
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import KtModel, yaw_acceleration
+from hil.ship.compass_error import BoughtCompass
+from hil.ship.delay import PureDelay
 from hil.ship.drift import RudderDrift
+from hil.ship.extras import Extras
+from hil.ship.float_body import FollowingFloat
 from hil.ship.gusts import Gusts
 from hil.ship.kt_plant import KtPlant
 from hil.ship.noise import NormalNumbers, Stream, generator
-from hil.ship.orbit import Orbit
+from hil.ship.orbit import Orbit, ShortCrestedOrbit
 from hil.ship.planar import PlanarMotion
 from hil.ship.scenarios import Scenario
+from hil.ship.sideways import Sideways
 from hil.ship.tide import Tide
+from hil.ship.wave_speed import MOST, SpeedInWaves
 from hil.ship.waves import WaveYaw
 
 STEPS_PER_SECOND = 50
 GRID_S = 1.0 / STEPS_PER_SECOND
 
 
+STEERAGE_M_S = 0.05  # slower than that the similarity of K and T is held, and K alone dies with the way
+
+
 class Hull:
-    """Heading, yaw rate, track and wave yaw; `offset` arguments are seconds into the present grid step."""
+    """Heading, yaw rate, track and wave yaw; `offset` arguments are seconds into the present grid step.
+
+    Of two bodies (the extra `float`) the rudder turns the glider, and the way goes where it points; the
+    compass sits on the float, which the waves yaw.
+    """
 
     def __init__(self, scenario: Scenario, model: KtModel, seed: int) -> None:
         """Lie at the origin heading north, under way at the scenario's speed, the rudder amidships."""
-        scaled = model.at_speed(scenario.speed_m_s)
-        self._model = replace(scaled, rudder_offset_rad=scaled.rudder_offset_rad + radians(scenario.bias_deg))
-        self._plant = KtPlant(self._model, GRID_S)
+        extras = scenario.extras
+        self._ship = _ship_of(model, scenario, extras)
+        self._model = self._ship.at_speed(scenario.speed_m_s)
+        quickest = self._model if extras.wave_speed is None else self._ship.at_speed(MOST * scenario.speed_m_s)
+        self._plant = KtPlant(quickest, GRID_S)
+        self._plant.take(self._model)
         self._drift = RudderDrift(radians(scenario.drift_deg), GRID_S, NormalNumbers(generator(seed, Stream.DRIFT)))
         self._gusts = Gusts(radians(scenario.gust_deg), GRID_S, generator(seed, Stream.GUSTS))
-        self._waves = WaveYaw(
-            radians(scenario.wave_yaw_deg),
-            scenario.wave_period_s,
-            GRID_S,
-            NormalNumbers(generator(seed, Stream.WAVES)),
-        )
+        self._waves = _narrow_band(radians(scenario.wave_yaw_deg), scenario, seed, Stream.WAVES)
         self._orbit = Orbit(
             scenario.orbital_m_s,
             scenario.wave_period_s,
@@ -54,8 +65,40 @@ class Hull:
             Tide(scenario.current_m_s, radians(scenario.current_toward_deg), scenario.tide_s, scenario.tide_rotary),
         )
         self._steps = 0
-        self.speed_m_s = scenario.speed_m_s
+        self._mean_speed_m_s = self.speed_m_s = scenario.speed_m_s
         self._rudder_rad = 0.0
+        self._waves_share = 1.0
+        self._fit_extras(scenario, seed)
+
+    def _fit_extras(self, scenario: Scenario, seed: int) -> None:
+        """Build what the sea has beside its row; what is None takes no part."""
+        extras = scenario.extras
+        self._delay = None if extras.delay is None else PureDelay(extras.delay.delay_s, GRID_S)
+        self._float: FollowingFloat | None = None
+        if (body := extras.float_body) is not None:
+            self._float = FollowingFloat(body.own_frequency_rad_s, body.damping, GRID_S)
+        self._sideways: Sideways | None = None
+        if extras.leeway is not None or extras.slide is not None:
+            self._sideways = Sideways(extras.leeway, extras.slide, GRID_S)
+        self._crests: ShortCrestedOrbit | None = None
+        if (orbital := extras.orbital) is not None:
+            self._crests = ShortCrestedOrbit(
+                orbital.velocity_m_s,
+                radians(orbital.spread_deg),
+                scenario.wave_period_s,
+                radians(scenario.waves_toward_deg),
+                GRID_S,
+                (self._waves, radians(scenario.wave_yaw_deg)),
+                (NormalNumbers(generator(seed, Stream.ORBIT)), NormalNumbers(generator(seed, Stream.ORBIT_ALONE))),
+            )
+        self._speed: SpeedInWaves | None = None
+        if extras.wave_speed is not None:
+            self._speed = SpeedInWaves(extras.wave_speed, GRID_S, NormalNumbers(generator(seed, Stream.SPEED)))
+        self._compass: BoughtCompass | None = None
+        if extras.compass is not None:
+            # Without waves there is no roll.
+            heel_rad = radians(extras.compass.heel_deg) if scenario.wave_period_s > 0.0 else 0.0
+            self._compass = BoughtCompass(extras.compass, GRID_S, _narrow_band(heel_rad, scenario, seed, Stream.ROLL))
 
     def step(self, rudder_rad: float) -> None:
         """Advance one grid step that ends with the rudder at rudder_rad.
@@ -63,32 +106,80 @@ class Hull:
         The plant is driven by the mean of both ends: the rudder moves at a limited slew,
         so what that leaves out is of the second order in the grid step.
         """
+        if self._delay is not None:
+            rudder_rad = self._delay.step(rudder_rad)
         before_rad = self._plant.heading_rad
         self._plant.step(0.5 * (self._rudder_rad + rudder_rad), self._offset_rad())
-        self._track.step(0.5 * (before_rad + self._plant.heading_rad), (self._steps + 0.5) * GRID_S, GRID_S)
+        middle_rad = 0.5 * (before_rad + self._plant.heading_rad)
+        if self._sideways is not None:
+            self._track.sideways_m_s = self._sideways.step(middle_rad, self._plant.yaw_rate_rad_s, self.speed_m_s)
+        self._track.step(middle_rad, (self._steps + 0.5) * GRID_S, GRID_S)
         self._steps += 1
         self._drift.step()
         self._gusts.step()
         self._waves.step()
         self._orbit.step()
         self._rudder_rad = rudder_rad
+        if self._float is not None:
+            self._float.step(middle_rad)
+        if self._crests is not None:
+            self._crests.step()
+        if self._speed is not None:
+            self._take_speed(self._speed)
+        if self._compass is not None:
+            self._compass.step(self.heading_rad(0.0))
 
-    def heading_low_rad(self, offset_s: float) -> float:
-        """Return the hull's heading without the yaw of the waves, unwrapped."""
+    def _take_speed(self, speed: SpeedInWaves) -> None:
+        speed.step(self._steps * GRID_S)
+        self._waves_share = speed.waves
+        if self._compass is not None:
+            self._compass.roll_share = speed.waves
+        self.speed_m_s = self._track.speed_m_s = self._mean_speed_m_s * speed.speed
+        model = self._ship.at_speed(max(self.speed_m_s, STEERAGE_M_S))
+        if self.speed_m_s < STEERAGE_M_S:
+            model = replace(model, turning_ability_1_s=model.turning_ability_1_s * self.speed_m_s / STEERAGE_M_S)
+        self._model = model
+        self._plant.take(model)
+
+    def glider_heading_rad(self, offset_s: float) -> float:
+        """Return where the body with the rudder points, unwrapped; the hull's low heading when there is but one."""
         rate_rad_s = self._plant.yaw_rate_rad_s
         return self._plant.heading_rad + offset_s * (rate_rad_s + 0.5 * offset_s * self._yaw_acceleration())
 
+    def float_heading_rad(self, offset_s: float) -> float:
+        """Return where the body with the compass points without the yaw of the waves, unwrapped."""
+        body = self._float
+        if body is None:
+            return self.glider_heading_rad(offset_s)
+        acceleration = body.yaw_acceleration(self._plant.heading_rad)
+        return body.heading_rad + offset_s * (body.yaw_rate_rad_s + 0.5 * offset_s * acceleration)
+
+    def heading_low_rad(self, offset_s: float) -> float:
+        """Return the hull's heading without the yaw of the waves, unwrapped: where her way goes, leeway apart."""
+        return self.glider_heading_rad(offset_s)
+
     def heading_rad(self, offset_s: float) -> float:
         """Return the heading that a perfect compass shows, unwrapped."""
-        return self.heading_low_rad(offset_s) + self._waves.angle_rad(offset_s)
+        if self._float is None and self._speed is None:
+            return self.heading_low_rad(offset_s) + self._waves.angle_rad(offset_s)
+        return self.float_heading_rad(offset_s) + self._waves_share * self._waves.angle_rad(offset_s)
+
+    def shown_heading_rad(self, offset_s: float) -> float:
+        """Return the heading that the sea's compass shows, unwrapped; perfect unless the sea says otherwise."""
+        heading_rad = self.heading_rad(offset_s)
+        return heading_rad if self._compass is None else self._compass.shown_rad(heading_rad, offset_s)
 
     def yaw_rate_low_rad_s(self, offset_s: float) -> float:
         """Return the hull's yaw rate without the yaw of the waves."""
         return self._plant.yaw_rate_rad_s + offset_s * self._yaw_acceleration()
 
     def yaw_rate_rad_s(self, offset_s: float) -> float:
-        """Return the yaw rate that a perfect gyroscope shows."""
-        return self.yaw_rate_low_rad_s(offset_s) + self._waves.rate_rad_s(offset_s)
+        """Return the yaw rate that a perfect gyroscope beside the compass shows."""
+        body = self._float
+        if body is None:
+            return self.yaw_rate_low_rad_s(offset_s) + self._waves_share * self._waves.rate_rad_s(offset_s)
+        low_rad_s = body.yaw_rate_rad_s + offset_s * body.yaw_acceleration(self._plant.heading_rad)
+        return low_rad_s + self._waves_share * self._waves.rate_rad_s(offset_s)
 
     def velocity_m_s(self, offset_s: float) -> tuple[float, float]:
         """Return the velocity over the ground, north and east."""
@@ -103,14 +194,23 @@ class Hull:
         """Return the velocity over the ground with that of the waves, north and east."""
         (north_m_s, east_m_s), (more_north_m_s, more_east_m_s) = (
             self.velocity_m_s(offset_s),
-            self._orbit.velocity_m_s(offset_s),
+            self._orbit.velocity_m_s(offset_s)
+            if self._crests is None
+            else self._crests.velocity_m_s(offset_s, self.float_heading_rad(offset_s)),
         )
-        return north_m_s + more_north_m_s, east_m_s + more_east_m_s
+        share = self._waves_share
+        return north_m_s + share * more_north_m_s, east_m_s + share * more_east_m_s
 
     def position_in_waves_m(self, offset_s: float) -> tuple[float, float]:
         """Return the position north and east of the start as the waves move the boat to and fro."""
-        (north_m, east_m), (more_north_m, more_east_m) = self.position_m(offset_s), self._orbit.position_m(offset_s)
-        return north_m + more_north_m, east_m + more_east_m
+        (north_m, east_m), (more_north_m, more_east_m) = (
+            self.position_m(offset_s),
+            self._orbit.position_m(offset_s)
+            if self._crests is None
+            else self._crests.position_m(offset_s, self.float_heading_rad(offset_s)),
+        )
+        share = self._waves_share
+        return north_m + share * more_north_m, east_m + share * more_east_m
 
     def _yaw_acceleration(self) -> float:
         model = self._model
@@ -126,3 +226,20 @@ class Hull:
     def _offset_rad(self) -> float:
         """The rudder angle that drift and gusts add now."""
         return self._drift.angle_rad + self._gusts.angle_rad
+
+
+def _ship_of(model: KtModel, scenario: Scenario, extras: Extras) -> KtModel:
+    """Return the ship at the model's own speed: the boat's model, biased, and another where the sea says so."""
+    ship = replace(model, rudder_offset_rad=model.rudder_offset_rad + radians(scenario.bias_deg))
+    if (other := extras.other_ship) is None:
+        return ship
+    return replace(
+        ship,
+        turning_ability_1_s=ship.turning_ability_1_s * other.ability,
+        turning_lag_s=ship.turning_lag_s * other.lag,
+    )
+
+
+def _narrow_band(spread_rad: float, scenario: Scenario, seed: int, stream: Stream) -> WaveYaw:
+    """Return an angle that swings with the waves."""
+    return WaveYaw(spread_rad, scenario.wave_period_s, GRID_S, NormalNumbers(generator(seed, stream)))

@@ -26,6 +26,10 @@ class KtPlant:
         self._inner_steps = inner_steps(model, step_s, yaw_rate_rad_s)
         self._inner_s = step_s / self._inner_steps
 
+    def take(self, model: KtModel) -> None:
+        """Be another ship from now on; none that is quicker than the one of the start."""
+        self._model = model
+
     def step(self, rudder_rad: float, drift_rad: float = 0.0) -> None:
         """Advance one grid step at a constant rudder; drift_rad is added to the model's rudder offset."""
         model = self._model

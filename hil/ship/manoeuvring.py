@@ -5,8 +5,8 @@
     m22 dv/dt = -m11 U r + Yv v                          T dr/dt + r + alpha r^3 = K (delta - delta0)
 
 The sway does not act back on the turn, so heading and yaw rate are those of the K-T equation
-alone. The simulated ship behind the autopilot goes without sway (hil.ship.planar), which no
-device of hers can see but in the track; this module is for turning circles and tracks.
+alone. The simulated ship behind the autopilot slides only where a sea is sailed with `sway`
+(hil.ship.sideways); this module is for turning circles and tracks.
 """
 
 from __future__ import annotations
@@ -55,11 +55,7 @@ class Manoeuvre:
         self._ratios = (0.0, 0.0)
         count = inner_steps(model, step_s, self.motion.yaw_rate_rad_s)
         if sway is not None:
-            # dv/dt = drive * r + damping * v
-            self._ratios = (
-                -sway.surge_mass_kg * speed_m_s / sway.sway_mass_kg,
-                sway.sway_damping_kg_s(speed_m_s) / sway.sway_mass_kg,
-            )
+            self._ratios = sway_ratios(sway, speed_m_s)
             count = max(count, math.ceil(step_s * abs(self._ratios[1]) / STEP_PER_SWAY_TIME))
         self._current_m_s = current_m_s
         self._inner_steps, self._inner_s = count, step_s / count
@@ -85,6 +81,14 @@ class Manoeuvre:
             )
         self.motion = Motion(*state)
         return self.motion
+
+
+def sway_ratios(sway: SwayModel, speed_m_s: float) -> tuple[float, float]:
+    """Return drive [m/s] and damping [1/s] of dv/dt = drive r + damping v at a speed; both are proportional to it."""
+    return (
+        -sway.surge_mass_kg * speed_m_s / sway.sway_mass_kg,
+        sway.sway_damping_kg_s(speed_m_s) / sway.sway_mass_kg,
+    )
 
 
 def planar_step(

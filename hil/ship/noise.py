@@ -20,6 +20,10 @@ class Stream(IntEnum):
     PHASES = 5
     GUSTS = 6
     ORBIT = 7
+    SPEED = 8
+    ROLL = 9
+    GAPS = 10
+    ORBIT_ALONE = 11
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:

@@ -1,4 +1,11 @@
-"""The motion to and fro that waves give the float, and so the satellite receiver on it."""
+"""The motion to and fro that waves give the float, and so the satellite receiver on it.
+
+A sea's crests are short: its waves spread about their mean direction, so the velocity has a part along it
+and one across, independent at a point. The yaw comes of the same waves: a slender float that lies at an angle
+chi to a wave is turned as sin(2 chi), so what turns it is the part along in a quartering sea, the part
+across with the waves ahead, abeam or astern, and a mixture in between; its yaw rate goes with the velocity of the
+water (a float whose turning the water damps).
+"""
 
 from __future__ import annotations
 
@@ -38,3 +45,57 @@ class Orbit:
         """Return the velocity north and east."""
         along_m_s = self._process.rate_rad_s(offset_s)
         return along_m_s * self._north, along_m_s * self._east
+
+
+class ShortCrestedOrbit:
+    """The horizontal orbital motion of waves that spread about their direction, in step with the yaw of the hull.
+
+    `velocity_m_s` is the rms of the velocity vector, `spread_rad` the spread of the waves' directions (wrapped normal:
+    the part across has (1 - exp(-2 spread^2)) / 2 of the energy). `yaw` is the process that yaws the hull, with its
+    standard deviation; without one (0) the motion stands for itself. Both must have the same period.
+    """
+
+    def __init__(
+        self,
+        velocity_m_s: float,
+        spread_rad: float,
+        period_s: float,
+        toward_rad: float,
+        step_s: float,
+        yaw: tuple[WaveYaw, float],
+        numbers: tuple[NormalNumbers, NormalNumbers],
+    ) -> None:
+        """Start in the stationary state; `numbers` are for the part apart from the yaw and for a sea without yaw."""
+        spread_m = velocity_m_s * period_s / TWO_PI
+        across = math.sqrt(0.5 * -math.expm1(-2.0 * spread_rad * spread_rad))
+        self._along_m, self._across_m = spread_m * math.sqrt(1.0 - across * across), spread_m * across
+        self._toward_rad = toward_rad
+        process, spread = yaw
+        self._own = None if spread > 0.0 else WaveYaw(1.0, period_s, step_s, numbers[1])
+        self._yaw, self._per_yaw = (process, 1.0 / spread) if self._own is None else (self._own, 1.0)
+        self._rest = WaveYaw(1.0, period_s, step_s, numbers[0])
+
+    def step(self) -> None:
+        """Move on to the next grid step; the process of the yaw is moved by its owner."""
+        self._rest.step()
+        if self._own is not None:
+            self._own.step()
+
+    def position_m(self, offset_s: float, heading_rad: float) -> tuple[float, float]:
+        """Return the displacement north and east of a hull on a heading."""
+        yaw, rest = self._per_yaw * self._yaw.angle_rad(offset_s), self._rest.angle_rad(offset_s)
+        return self._turned(yaw, rest, heading_rad)
+
+    def velocity_m_s(self, offset_s: float, heading_rad: float) -> tuple[float, float]:
+        """Return the velocity north and east of a hull on a heading."""
+        return self._turned(
+            self._per_yaw * self._yaw.rate_rad_s(offset_s), self._rest.rate_rad_s(offset_s), heading_rad
+        )
+
+    def _turned(self, with_yaw: float, rest: float, heading_rad: float) -> tuple[float, float]:
+        twice_rad = 2.0 * (self._toward_rad - heading_rad)
+        sine, cosine = math.sin(twice_rad), math.cos(twice_rad)
+        along_m = self._along_m * (sine * with_yaw + cosine * rest)
+        across_m = self._across_m * (cosine * with_yaw - sine * rest)
+        ahead, aside = math.cos(self._toward_rad), math.sin(self._toward_rad)
+        return along_m * ahead - across_m * aside, along_m * aside + across_m * ahead

@@ -10,23 +10,25 @@ from hil.ship.tide import Tide
 class PlanarMotion:
     """Position north and east [m] of the start, from speed, heading and current.
 
-    The sway velocity is taken as zero: what the rudder's turn pushes the boat sideways is left
-    out here, so tracks are the paper's equations with v = 0.
+    `speed_m_s` is the way that she makes along her heading, `sideways_m_s` the one across it, to starboard: what
+    leeway and sway make of it (hil/ship/sideways.py), 0 without.
     """
 
     def __init__(self, speed_m_s: float, tide: Tide) -> None:
         """Take the speed through the water and the current over the ground."""
         self.north_m = 0.0
         self.east_m = 0.0
-        self._speed_m_s = speed_m_s
+        self.speed_m_s = speed_m_s
+        self.sideways_m_s = 0.0
         self._tide = tide
 
     def velocity_m_s(self, heading_rad: float, t_s: float) -> tuple[float, float]:
         """Return the velocity over the ground, north and east, on a heading at a time."""
         north_m_s, east_m_s = self._tide.velocity_m_s(t_s)
+        cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
         return (
-            self._speed_m_s * math.cos(heading_rad) + north_m_s,
-            self._speed_m_s * math.sin(heading_rad) + east_m_s,
+            self.speed_m_s * cosine - self.sideways_m_s * sine + north_m_s,
+            self.speed_m_s * sine + self.sideways_m_s * cosine + east_m_s,
         )
 
     def step(self, mean_heading_rad: float, middle_s: float, step_s: float) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from hil.ship import extras_table
+from hil.ship.extras import NONE, Extras
 
 
 class UnknownScenarioError(ValueError):
@@ -18,7 +21,8 @@ class Scenario:
     `current_toward_deg` is where the current sets, at the start when there is a tide: `tide_s` is
     its period (0: none) and `tide_rotary` how it turns (hil/ship/tide.py). `gust_deg` is the
     strength of gusts, as a rudder angle (hil/ship/gusts.py), `orbital_m_s` how fast the waves carry
-    the receiver to and fro (standard deviation), toward `waves_toward_deg` (hil/ship/orbit.py).
+    the receiver to and fro (standard deviation), toward `waves_toward_deg` (hil/ship/orbit.py). `extras`
+    is what else there is to it (hil/ship/extras_table.py).
     """
 
     name: str
@@ -35,6 +39,7 @@ class Scenario:
     gust_deg: float = 0.0
     orbital_m_s: float = 0.0
     waves_toward_deg: float = 40.0
+    extras: Extras = NONE
 
 
 TABLE: tuple[Scenario, ...] = (
@@ -61,6 +66,55 @@ TABLE: tuple[Scenario, ...] = (
     Scenario(
         "surge", "the swell, its waves carry the receiver to and fro", 0.7, 8.0, 20.0, 5.0, 2.0, 0.0, orbital_m_s=0.4
     ),
+    # What a proof of seamanship sails: several unkindnesses at a time (hil/ship/extras_table.py).
+    Scenario(
+        "ocean-1",
+        "a trade wind sea: two bodies, some leeway, a receiver as bought",
+        0.6,
+        6.0,
+        15.0,
+        4.0,
+        2.0,
+        0.15,
+        extras=extras_table.parse("float=0.5:0.6,leeway=3,receiver"),
+    ),
+    Scenario(
+        "ocean-2",
+        "the swell with its orbital motion, and a compass that nobody has corrected",
+        0.7,
+        8.0,
+        20.0,
+        5.0,
+        2.0,
+        0.0,
+        extras=extras_table.parse("orbital=0.4:12,compass"),
+    ),
+    Scenario(
+        "ocean-3",
+        "hardly any waves, for three minutes none, in a current as fast as she is",
+        0.2,
+        4.0,
+        10.0,
+        3.0,
+        2.0,
+        0.2,
+        extras=extras_table.parse("float=0.3:0.6,speed=0.3:120:400:180"),
+    ),
+    Scenario(
+        "ocean-4",
+        "a harsh sea and all that there is, in a ship that turns less than she was told",
+        0.5,
+        8.0,
+        20.0,
+        6.0,
+        3.0,
+        0.3,
+        gust_deg=5.0,
+        extras=extras_table.parse(
+            "float=0.3:0.6,leeway=5:4:300,sway,orbital=0.4:25,speed=0.25:90,receiver=0.8:0.05:15:1.5:0.08,"
+            "compass=1:4:-3:1.5:0.5:3:1,kt=0.8:1.3,delay=0.5"
+        ),
+    ),
 )
 
 
@@ -70,3 +124,17 @@ def named(name: str) -> Scenario:
         if row.name == name:
             return row
     raise UnknownScenarioError(f"no scenario {name!r}; there are: {', '.join(row.name for row in TABLE)}")
+
+
+def with_extras(scenario: Scenario, text: str) -> Scenario:
+    """Return a sea with options over its own, or raise ExtrasError."""
+    extras = extras_table.parse(text, scenario.extras)
+    if extras.orbital is not None and extras.orbital.velocity_m_s > 0.0 and not scenario.wave_period_s > 0.0:
+        raise extras_table.ExtrasError(f"option orbital: {scenario.name} has no waves")
+    return replace(scenario, extras=extras)
+
+
+def sea_of(text: str) -> Scenario:
+    """Return the sea of "swell" or "swell+float=0.3:0.6,leeway=8"; UnknownScenarioError or ExtrasError."""
+    name, plus, options = text.partition("+")
+    return with_extras(named(name), options) if plus else named(name)

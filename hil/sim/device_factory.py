@@ -13,7 +13,7 @@ from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.emulator import Emulator
 from hil.devices.mti import MtiEmulator
 from hil.devices.nmea_compass import Kind, NmeaCompassEmulator
-from hil.devices.nmea_gps import NmeaGpsEmulator
+from hil.devices.nmea_gps import Gaps, NmeaGpsEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.volz import VolzEmulator
 from hil.errors import UsageError
@@ -36,6 +36,7 @@ class DeviceContext:
     phase_s: float
     frequency_error_ppm: float
     declination_deg: float
+    gaps: np.random.Generator
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +91,14 @@ def _volz(context: DeviceContext) -> Emulator:
 
 
 def _gps(context: DeviceContext) -> Emulator:
+    bought: dict[str, Any] = {}
+    if (receiver := context.world.extras.receiver) is not None:
+        bought = {
+            "velocity_noise_m_s": receiver.noise_m_s,
+            "latency_s": receiver.latency_s,
+            "velocity_filter_s": receiver.filter_s,
+            "gaps": Gaps(receiver.lost, receiver.gap_s, context.gaps),
+        }
     return NmeaGpsEmulator(
         context.world,
         context.numbers,
@@ -97,6 +106,7 @@ def _gps(context: DeviceContext) -> Emulator:
         phase_s=context.phase_s,
         frequency_error_ppm=context.frequency_error_ppm,
         baud=context.baud,
+        **bought,
     )
 
 
@@ -139,6 +149,7 @@ def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Emulator]:
             phase_s=float(chances.uniform(0.0, period_s)),
             frequency_error_ppm=float(chances.normal(0.0, FREQUENCY_ERROR_PPM)),
             declination_deg=vehicle.parameters.get("CMP_DECL_DEG", 0.0),
+            gaps=generator(seed, Stream.GAPS),
         )
 
     compass_device, servo = _answering(COMPASSES, compass.driver), _answering(SERVOS, rudder.driver)

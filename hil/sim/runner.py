@@ -16,6 +16,7 @@ from firmware_py.files.reading import read_regular
 from firmware_py.vehicle import Vehicle
 from hil.devices.pty_line import PtyLine
 from hil.errors import HilError, UsageError
+from hil.ship import extras_table
 from hil.ship.scenarios import Scenario
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
@@ -28,7 +29,7 @@ from hil.sim.process import AutopilotProcess
 from hil.sim.realtime import RealTimeServer
 from hil.sim.truth import TruthFile
 from hil.sim.vehicle_file import file_text, model_of, mounting_of, standard_vehicle
-from hil.sim.world import START_UTC_S, World
+from hil.sim.world import START_UTC_S, World, columns_beside
 
 END_S = 15.0  # the rudder goes amidships, the log is written out
 LOOK_S = 0.03  # in real time: a pause this long means that tick and servo exchange are over, and there is time to draw
@@ -78,7 +79,7 @@ def run(options: RunOptions) -> Run:
     """Make a run and write its truth.csv as it goes; HilError when it fails, the truth so far is there then too."""
     prepare_directory(options.out)
     _copy_state(options)
-    truth = TruthFile(options.out / TRUTH_FILE)
+    truth = TruthFile(options.out / TRUTH_FILE, columns_beside(options.scenario))
     try:
         return _made(options, truth)
     finally:
@@ -177,7 +178,9 @@ class _Run:
     def _banner(self) -> Banner:
         options = self._options
         compass, servo = options.vehicle.compass.driver, options.vehicle.rudder.driver
-        title = f"rambler-hil run {options.scenario.name}: compass {compass}, servo {servo}, seed {options.seed}"
+        extras = extras_table.text_of(options.scenario.extras)
+        sea = f"{options.scenario.name} with {extras}" if extras else options.scenario.name
+        title = f"rambler-hil run {sea}: compass {compass}, servo {servo}, seed {options.seed}"
         return Banner(title, options.seconds, options.links, options.lockstep)
 
     def _in_lockstep(self, arguments: list[str], display: Display) -> float:

@@ -27,10 +27,12 @@ COLUMNS = (
     "east_m",
     "speed_m_s",
 )
+FLOAT_COLUMN = "float_heading_low_rad"  # a last column of runs with two bodies, whose hull is the glider
 ROWS_PER_SECOND = 10
 PIECE_ROWS = 4096
 
-Row = tuple[float, float, float, float, float, float, float | None, float, float, float]
+# Of COLUMNS, a goal not yet given is None, and of what else this run records.
+Row = tuple[float, float, float, float, float, float, float | None, float, float, float, *tuple[float, ...]]
 Array = NDArray[np.float64]
 
 
@@ -44,11 +46,12 @@ class Rows(Protocol):
 class TruthFile:
     """truth.csv, written while the run goes on and read in pieces: only the file grows with the length of a run.
 
+    `more` names columns behind the contract's, which rows bring along and readers here pass over.
     Iterating yields what has been written in pieces of PIECE_ROWS, as often as it is done. HilError when the file
     cannot be written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, more: tuple[str, ...] = ()) -> None:
         """Begin a new file."""
         self.rows = 0
         self.end_s = 0.0  # the time of the last row
@@ -57,7 +60,7 @@ class TruthFile:
             self._file = path.open("w", newline="\n", encoding="ascii")
         except OSError as error:
             raise self._failure(error) from None
-        self._file.write(",".join(COLUMNS) + "\n")
+        self._file.write(",".join((*COLUMNS, *more)) + "\n")
 
     def append(self, row: Row, /) -> None:
         """Write a row."""
@@ -107,10 +110,10 @@ def pieces(path: Path, rows: int = PIECE_ROWS) -> Iterator[Truth]:
     """Yield a truth.csv in pieces of so many rows, the last one shorter; ValueError when it is none."""
     with path.open(newline="", encoding="ascii") as file:
         reader = csv.reader(file)
-        if tuple(next(reader, [])) != COLUMNS:
+        if tuple(next(reader, []))[: len(COLUMNS)] != COLUMNS:
             raise ValueError(f"{path}: not a truth.csv; expected the columns {', '.join(COLUMNS)}")
         while some := list(islice(reader, rows)):
-            yield _truth([float(text) if text else math.nan for text in row] for row in some)
+            yield _truth([float(text) if text else math.nan for text in row[: len(COLUMNS)]] for row in some)
 
 
 def read(path: Path) -> Truth:

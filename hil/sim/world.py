@@ -13,7 +13,7 @@ from hil.ship.hull import GRID_S, STEPS_PER_SECOND, Hull
 from hil.ship.scenarios import Scenario
 from hil.ship.servo import ServoShaft
 from hil.sim.goals import Goal
-from hil.sim.truth import ROWS_PER_SECOND, Row, Rows
+from hil.sim.truth import FLOAT_COLUMN, ROWS_PER_SECOND, Row, Rows
 
 START_UTC_S = 1_767_225_600.0  # 2026-01-01 00:00:00
 START_LATITUDE_DEG = 36.0
@@ -63,6 +63,11 @@ class CommandedShaft:
         self._shaft.set_torque(on=on)
 
 
+def columns_beside(scenario: Scenario) -> tuple[str, ...]:
+    """Return the columns that rows of this sea have behind the contract's."""
+    return () if scenario.extras.float_body is None else (FLOAT_COLUMN,)
+
+
 class World:
     """Everything outside the electronics; fulfils Attitude and Whereabouts for the emulators.
 
@@ -90,8 +95,11 @@ class World:
         self.shaft = CommandedShaft(self._mechanics)
         no_rows: list[Row] = []
         self.truth: Rows = no_rows if truth is None else truth
+        # A second body's heading is recorded beside the contract's columns, where there are two.
+        self._two_bodies = bool(columns_beside(scenario))
         self.rudder_grip = 1.0  # how much of the rudder angle turns the boat: 0 when its blade is gone
         self.jam, self.free = self._mechanics.jam, self._mechanics.free
+        self.extras = scenario.extras
         self._hull = Hull(scenario, model, seed)
         self._goals = list(reversed(goals))
         self._goal_rad: float | None = None
@@ -136,8 +144,8 @@ class World:
     # Attitude: what the compass in its mounting senses.
 
     def heading_rad(self) -> float:
-        """Heading that a perfect compass in its mounting shows now."""
-        return self._hull.heading_rad(self._offset_s) - self._mounting.compass_offset_rad
+        """Heading that the sea's compass in its mounting shows now, its noise and resolution apart."""
+        return self._hull.shown_heading_rad(self._offset_s) - self._mounting.compass_offset_rad
 
     def yaw_rate_rad_s(self) -> float:
         """Rate of turn now, the yaw of the waves included."""
@@ -187,5 +195,6 @@ class World:
                 self._goal_rad,
                 *self._hull.position_m(0.0),
                 self._hull.speed_m_s,
+                *((self._hull.float_heading_rad(0.0),) if self._two_bodies else ()),
             )
         )

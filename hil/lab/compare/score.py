@@ -9,9 +9,10 @@ import numpy as np
 
 from firmware_py.common.angles import degrees, radians
 from hil.report.figures import STEADY_AFTER_S, goal_spans, overshoot_rad, rudder_travel_deg_per_h
-from hil.sim.truth import Truth
+from hil.sim.truth import Array, Truth
 
 NEAR_RAD = radians(5.0)
+WITHIN_S = 100.0  # so long within 5 deg is settled
 SHORT_S = STEADY_AFTER_S + 100.0  # a goal held for less has no steady part worth the name
 
 
@@ -50,6 +51,38 @@ def score_of(truth: Truth) -> Score:
         degrees(float(np.mean(error_rad))),
         *turn,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """How a goal was taken up: `settled_s` is after how long she first is within 5 deg for 100 s, inf for never."""
+
+    overshoot_deg: float
+    settled_s: float
+
+
+def turns_of(truth: Truth) -> tuple[Turn, ...]:
+    """Return the turns of a run: its goals that lasted for 300 s and more and were 5 deg away when given."""
+    turns = []
+    for first, last in goal_spans(truth.goal_rad):
+        error_rad = truth.heading_low_rad[first:last] - truth.goal_rad[first:last]
+        if _length_s(truth, first, last) < SHORT_S or abs(error_rad[0]) <= NEAR_RAD:
+            continue
+        time_s = truth.time_s[first:last] - truth.time_s[first]
+        early = int(np.searchsorted(time_s, STEADY_AFTER_S - 1e-9))
+        turns.append(Turn(degrees(overshoot_rad(error_rad[:early])), _settled_s(time_s, error_rad)))
+    return tuple(turns)
+
+
+def _settled_s(time_s: Array, error_rad: Array) -> float:
+    # A stretch within begins behind each row outside, and ends at the next one.
+    outside = np.flatnonzero(np.abs(error_rad) > NEAR_RAD)
+    begins = np.concatenate(([0], outside + 1))
+    ends = np.concatenate((outside, [error_rad.size]))
+    for begin, end in zip(begins, ends, strict=True):
+        if end > begin and time_s[end - 1] - time_s[begin] >= WITHIN_S - 1e-9:
+            return float(time_s[begin])
+    return float("inf")
 
 
 def _first_turn(truth: Truth, spans: Sequence[tuple[int, int]]) -> tuple[float, float]:

@@ -13,7 +13,9 @@ from pathlib import Path
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.lab.compare.score import Score, mean_of, score_of
 from hil.ship import scenarios
+from hil.ship.extras import NONE
 from hil.sim.goals import Goal
+from hil.sim.truth import Truth
 
 AUTOPILOT, TWIN = "autopilot", "compiled twin"
 FIXED = {"CTL_MODE": 0.0, "EST_MODE": 0.0}
@@ -40,7 +42,7 @@ def priced(price: float) -> Controller:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What is sailed: seas, seeds, goals and how long."""
+    """What is sailed: seas ("swell", "swell+float=0.3:0.6,leeway=8"), seeds, goals and how long."""
 
     scenarios: tuple[str, ...]
     seeds: tuple[int, ...]
@@ -64,16 +66,18 @@ class Row:
 
 def compare(task: Task, controllers: Sequence[Controller], tell: Callable[[int, int], None]) -> list[Row]:
     """Sail everything and return the rows, sea by sea; tell is called with runs done and runs in all."""
-    jobs = [(name, one, seed) for name in task.scenarios for one in controllers for seed in task.seeds]
+    pairs = [(name, one) for name in task.scenarios for one in controllers if can_sail(one, name)]
+    jobs = [(name, one, seed) for name, one in pairs for seed in task.seeds]
     found: dict[tuple[str, str, int], Score] = {}
     for number, (job, score) in enumerate(_sailed(task, jobs)):
         found[job] = score
         tell(number + 1, len(jobs))
-    return [
-        Row(name, one, tuple(found[name, one.name, seed] for seed in task.seeds))
-        for name in task.scenarios
-        for one in controllers
-    ]
+    return [Row(name, one, tuple(found[name, one.name, seed] for seed in task.seeds)) for name, one in pairs]
+
+
+def can_sail(controller: Controller, name: str) -> bool:
+    """Return whether a sea is all there for a controller: compiled twins know no extras."""
+    return controller.sailed_by == AUTOPILOT or scenarios.sea_of(name).extras == NONE
 
 
 def _sailed(task: Task, jobs: Sequence[tuple[str, Controller, int]]) -> Iterator[tuple[tuple[str, str, int], Score]]:
@@ -87,11 +91,16 @@ def _sailed(task: Task, jobs: Sequence[tuple[str, Controller, int]]) -> Iterator
 
 def sail_one(task: Task, scenario_name: str, controller: Controller, seed: int) -> Score:
     """Sail one run and judge it by its truth."""
-    scenario = scenarios.named(scenario_name)
+    return score_of(truth_of(task, scenario_name, controller, seed))
+
+
+def truth_of(task: Task, scenario_name: str, controller: Controller, seed: int) -> Truth:
+    """Sail one run and return what happened."""
+    scenario = scenarios.sea_of(scenario_name)
     if controller.sailed_by == TWIN:
         from hil.lab.compare import pid  # noqa: PLC0415 - compiles, which the other rows need not wait for
 
-        return score_of(pid.sail(scenario, seed, task.goals, task.seconds, OCEAN_RAMBLER, pid.TUNED))
+        return pid.sail(scenario, seed, task.goals, task.seconds, OCEAN_RAMBLER, pid.TUNED)
     from hil.sim.runner import RunOptions, run  # noqa: PLC0415 - not needed by the twin
 
     with tempfile.TemporaryDirectory(prefix="rambler-compare-") as directory:
@@ -103,4 +112,4 @@ def sail_one(task: Task, scenario_name: str, controller: Controller, seed: int) 
             goals=task.goals,
             settings=dict(controller.settings),
         )
-        return score_of(run(options).truth.table())
+        return run(options).truth.table()

@@ -8,6 +8,8 @@ import pytest
 from hil.__main__ import main
 from hil.cli import run as command
 from hil.errors import UsageError
+from hil.ship.extras import NONE
+from hil.ship.extras_table import text_of
 from hil.sim.goals import Goal
 from hil.sim.runner import prepare_directory
 
@@ -39,6 +41,12 @@ def test_everything_can_be_chosen():
     assert options("calm", "--speed", "max").speed == math.inf
 
 
+def test_a_sea_is_sailed_with_more():
+    found = options("swell", "--with", "float=0.3:0.6,leeway=8", "--with", "sway").scenario
+    assert text_of(found.extras) == "float=0.3:0.6,leeway=8:0:0,sway=1"
+    assert options("swell").scenario.extras == NONE
+
+
 def test_goals_after_the_end_are_left_out_and_told(capsys):
     assert len(options("tank", "--seconds", "300").goals) == 2
     assert "left out" in capsys.readouterr().err
@@ -62,6 +70,12 @@ def test_goals_after_the_end_are_left_out_and_told(capsys):
         ["tank", "--set", "CTL_K1=1e300"],
         ["tank", "--vehicle", "/nonexistent/boat.toml"],
         ["tank", "--compass", "astrolabe"],
+        ["tank", "--with", "raft"],
+        ["tank", "--with", ""],
+        ["tank", "--with", "float=nan"],
+        ["tank", "--with", "sway", "--with", "sway"],
+        ["calm", "--with", "orbital"],
+        ["tank+sway"],
         ["tank", "--nonsense"],
         [],
     ],

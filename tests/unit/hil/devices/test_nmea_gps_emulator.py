@@ -5,7 +5,7 @@ import pytest
 from pynmeagps import NMEAReader
 
 from hil.devices.emulator import METRES_PER_DEGREE
-from hil.devices.nmea_gps import NmeaGpsEmulator
+from hil.devices.nmea_gps import Gaps, NmeaGpsEmulator
 from hil.devices.nmea_text import clock_and_date, coordinate
 
 
@@ -77,3 +77,41 @@ def test_time_and_date_turn_over_together():
 def test_across_the_date_line(boat, run):
     boat.longitude = 180.0
     assert parsed(run(quiet(boat), 0.9))[0].lon == pytest.approx(-180.0)
+
+
+def test_the_velocity_is_that_of_a_first_order_filter(boat, run):
+    boat.speed, boat.course = 1.0, 0.0
+    receiver = quiet(boat, velocity_filter_s=2.0)
+    run(receiver, 3.95)
+    boat.speed, boat.course = 1.0, math.pi / 2
+    found = [m for m in parsed(run(receiver, 8.0)) if m.msgID == "VTG"]
+    # The first epoch is at 4 s, when the filter has had one sample of the new way.
+    for number, vtg in enumerate(found):
+        gone = 1.0 - math.exp(-(number * 10 + 1) * 0.1 / 2.0)
+        assert vtg.sogk / 3.6 == pytest.approx(math.hypot(1.0 - gone, gone), abs=1e-3)
+        assert vtg.cogt == pytest.approx(math.degrees(math.atan2(gone, 1.0 - gone)), abs=0.02)
+    assert len(found) == 4
+
+
+def test_latency_longer_than_the_period_keeps_every_burst_in_order(boat, run):
+    said = run(quiet(boat, latency_s=1.5), 6.0)
+    assert len(said) == 5
+    for epoch_s, (due_s, data) in enumerate(said):
+        assert due_s == pytest.approx(epoch_s + 1.5 + len(data) * 10 / 9600)
+
+
+def test_gaps_take_their_share_of_the_time_and_shift_no_noise(boat, run):
+    whole, broken = (
+        NmeaGpsEmulator(boat, np.random.default_rng(4), gaps=gaps)
+        for gaps in (None, Gaps(0.3, 10.0, np.random.default_rng(5)))
+    )
+    complete, found = ([m for m in parsed(run(one, 20_000.0)) if m.msgID == "RMC"] for one in (whole, broken))
+    fixed = np.array([m.status == "A" for m in found])
+    assert 1.0 - np.mean(fixed) == pytest.approx(0.3, abs=0.03)
+    assert np.sum(np.diff(fixed.astype(int)) < 0) == pytest.approx(0.3 * 20_000.0 / 10.0, rel=0.1)
+    assert all(b.lat == a.lat for a, b in zip(complete, found, strict=True) if b.status == "A")
+
+
+def test_a_share_of_one_is_a_receiver_without_a_sky_and_of_none_one_without_gaps():
+    always, never = (Gaps(share, 10.0, np.random.default_rng(1)) for share in (1.0, 0.0))
+    assert all(always.cover(t_s) and not never.cover(t_s) for t_s in (0.0, 1.0, 1e6))

@@ -54,6 +54,7 @@ def test_the_summary_has_what_others_read(run):
     assert found["goals"][0]["accepted_s"] is None
     assert found["goals"][1]["step_deg"] == pytest.approx(30.0, abs=0.01)
     assert found["speed_ratio"] == 100.0
+    assert found["with"] == ""
     assert found["loop"] is None
     assert found["settings"] == {"CTL_K1": 30.0}
     assert found["rudder_travel_deg_per_h"] == 0.0
@@ -134,3 +135,12 @@ def test_figures_and_picture_of_a_day_take_little_memory(use):
     finally:
         tracemalloc.stop()
     assert most < 6e6
+
+
+def test_what_the_sea_was_sailed_with_is_told(run):
+    sea = scenarios.sea_of("tank+float=0.3:0.7,sway")
+    run = replace(run, options=replace(run.options, scenario=sea))
+    found = summary.summarise(run)
+    assert found["with"] == "float=0.3:0.7,sway=1"
+    text = run_page.write(run, found, run.options.out).read_text(encoding="utf-8")
+    assert "own frequency 0.3 rad/s, damping 0.7" in text

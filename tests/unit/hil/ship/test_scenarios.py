@@ -5,9 +5,11 @@ import json
 import pytest
 
 from hil.__main__ import main
+from hil.ship import extras_table
 from hil.ship.scenarios import TABLE, UnknownScenarioError, named
 
-# speed, wave period, wave yaw, bias, drift, current: the table of the specification, the mission area, gusts, surge
+# speed, wave period, wave yaw, bias, drift, current: the table of the specification, the mission area, gusts, surge,
+# and the mixtures
 ROWS = {
     "calm": (0.4, 0.0, 0.0, 0.0, 0.0, 0.0),
     "tank": (0.4, 2.53, 1.5, 0.0, 0.0, 0.0),
@@ -18,6 +20,10 @@ ROWS = {
     "mission": (0.5, 6.0, 6.0, 3.0, 2.0, 0.25),
     "gusts": (0.6, 4.0, 6.0, 4.0, 2.0, 0.2),
     "surge": (0.7, 8.0, 20.0, 5.0, 2.0, 0.0),
+    "ocean-1": (0.6, 6.0, 15.0, 4.0, 2.0, 0.15),
+    "ocean-2": (0.7, 8.0, 20.0, 5.0, 2.0, 0.0),
+    "ocean-3": (0.2, 4.0, 10.0, 3.0, 2.0, 0.2),
+    "ocean-4": (0.5, 8.0, 20.0, 6.0, 3.0, 0.3),
 }
 
 
@@ -45,5 +51,7 @@ def test_the_command_lists_them(capsys):
     assert main(["scenarios"]) == 0
     text = capsys.readouterr().out
     assert all(name in text for name in ROWS)
+    assert "ocean-1 has float=0.5:0.6,leeway=3:0:0,receiver=0.5:0.02:10:1:0.05" in text
+    assert all(row.source in text for row in extras_table.TABLE)
     assert main(["scenarios", "--json"]) == 0
     assert [row["name"] for row in json.loads(capsys.readouterr().out)] == list(ROWS)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hil.errors import HilError
-from hil.sim.truth import COLUMNS, PIECE_ROWS, TruthFile, read
+from hil.sim.truth import COLUMNS, FLOAT_COLUMN, PIECE_ROWS, TruthFile, read
 
 ROW = (0.1, 12.3456789, 0.2, -0.3, 0.4, 0.5, math.pi, 6.0, 7.0, 0.4)
 
@@ -82,3 +82,17 @@ def test_another_file_is_refused(tmp_path):
     path.write_text("time_s,rudder_rad\n0,1\n")
     with pytest.raises(ValueError, match="not a truth"):
         read(path)
+
+
+def test_a_column_more_stands_last_and_is_read_over(tmp_path):
+    path = tmp_path / "truth.csv"
+    truth = TruthFile(path, (FLOAT_COLUMN,))
+    truth.append((0.0, 0.1, 0.2, -0.3, 0.4, 0.5, None, 6.0, 7.0, 0.4, 0.15))
+    truth.close()
+    assert path.read_text().splitlines() == [
+        ",".join([*COLUMNS, "float_heading_low_rad"]),
+        "0.0,0.1,0.2,-0.3,0.4,0.5,,6,7,0.4,0.15",
+    ]
+    for found in (read(path), truth.table(), *truth):
+        assert found.heading_low_rad == pytest.approx([0.1])
+        assert found.speed_m_s == pytest.approx([0.4])

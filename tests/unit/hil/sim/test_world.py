@@ -102,3 +102,21 @@ def test_time_does_not_run_back():
     world.advance_to(1.0)
     world.advance_to(math.nan)
     assert world.now_s == 5.0
+
+
+def test_two_bodies_have_a_column_more_and_the_compass_sits_on_the_float():
+    world = pulled(World(scenarios.sea_of("calm+float=0.3:0.6"), 1), 20.0)
+    world.advance_to(20.0)
+    row = world.truth[-1]
+    assert len(row) == 11
+    assert row[2] == row[10]
+    assert abs(row[1] - row[10]) > 0.01
+    assert world.heading_rad() == row[10]
+    assert len(World(CALM, 1).truth[-1]) == 10
+
+
+def test_a_compass_as_bought_errs_and_the_truth_does_not():
+    world = World(scenarios.sea_of("calm+compass=2:0:3:0:0:0:0"), 1)
+    world.advance_to(5.0)
+    assert degrees(world.heading_rad()) == pytest.approx(-5.0)
+    assert world.truth[-1][2] == 0.0

@@ -10,8 +10,8 @@ from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.__main__ import main
 from hil.cli.compare import as_entries
 from hil.lab.compare import pid
-from hil.lab.compare.score import Score, mean_of, score_of
-from hil.lab.compare.voyages import OURS, Row
+from hil.lab.compare.score import Score, Turn, mean_of, score_of, turns_of
+from hil.lab.compare.voyages import OURS, PAPER, PID, Row, can_sail
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.truth import Truth
@@ -45,6 +45,27 @@ def test_a_goal_too_short_to_be_steady_counts_nowhere():
     assert score_of(truth_of(error, np.zeros(4101), goal)).rms_deg == pytest.approx(1.0)
     with pytest.raises(ValueError, match="300"):
         score_of(truth_of(np.zeros(1000), np.zeros(1000)))
+
+
+def test_a_turn_is_settled_when_she_first_stays_within_for_100_s():
+    error = np.full(6001, np.radians(4.0))
+    error[:300] = np.radians(-60.0)
+    error[900] = np.radians(9.0)  # 60 s within: not settled
+    error[2500] = np.radians(6.0)  # settled long before
+    assert turns_of(truth_of(error, np.zeros(6001))) == (Turn(pytest.approx(9.0), pytest.approx(90.1)),)
+    error[::900] = np.radians(-6.0)
+    assert turns_of(truth_of(error, np.zeros(6001)))[0].settled_s == math.inf
+    assert turns_of(truth_of(np.zeros(6001), np.zeros(6001))) == ()
+
+
+def test_a_compiled_twin_sails_no_sea_that_it_knows_half_of(capsys):
+    assert can_sail(PID, "swell")
+    assert can_sail(PAPER, "ocean-1")
+    assert not can_sail(PID, "ocean-1")
+    assert not can_sail(PID, "swell+leeway=0")
+    assert main(["compare", "swell", "--with", "leeway=8", "--only", "pid"]) == 2
+    assert main(["compare", "swell", "--with", "raft"]) == 2
+    assert "there are: float" in capsys.readouterr().err
 
 
 def test_the_mean_pools_the_squares():

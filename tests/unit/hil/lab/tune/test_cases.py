@@ -39,6 +39,11 @@ def test_an_unknown_sea_is_refused():
         cases_of(["pond"])
 
 
+def test_a_sea_that_the_model_knows_half_of_is_refused():
+    with pytest.raises(UnknownScenarioError, match="'ocean-1' has what the tuner's model leaves out"):
+        cases_of(["sea", "ocean-1"])
+
+
 def test_the_pilot_is_the_firmware_s():
     gains, known = Gains.of(PARAMETERS), ObserverSettings.of(PARAMETERS)
     assert PILOT.rate_max_rad_s == gains.yaw_rate_max_rad_s

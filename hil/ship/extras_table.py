@@ -1,0 +1,212 @@
+"""What `--with` takes: one row for each unkindness of the sea, with its source; how they are read and printed.
+
+The glider and the float of one boat, her leeway, what is bought for her: each option is one thing, each number
+of it has a range and most a default (hil/ship/extras.py). Sources are named where a number has one; a number
+that nobody has printed is said to be assumed, and its range is what such boats could have.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields, replace
+from typing import Any
+
+from hil.ship.extras import (
+    Compass,
+    Delay,
+    Extras,
+    FloatBody,
+    Leeway,
+    Orbital,
+    OtherShip,
+    Receiver,
+    Slide,
+    WaveSpeed,
+)
+
+LONGEST_TEXT = 500
+
+
+class ExtrasError(ValueError):
+    """A list of options that cannot be read; the text says what there is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """One row: the name, the record of its numbers and the field of Extras that holds it, what it does, the source."""
+
+    name: str
+    record: type
+    field: str
+    text: str
+    source: str
+
+
+TABLE: tuple[Option, ...] = (
+    Option(
+        "float",
+        FloatBody,
+        "float_body",
+        "two bodies: the rudder turns the glider, the float with the compass follows by the umbilical",
+        "Li, Pan, Liao et al., Appl. Math. Modelling 2020, and Liao et al., PLoS ONE 11(12) 2016: two bodies, a tense "
+        "umbilical; reduced here to one equation, its numbers assumed: 0.2 to 1 rad/s, 0.4 to 0.9",
+    ),
+    Option(
+        "leeway",
+        Leeway,
+        "leeway",
+        "her way lies to starboard of her heading: always, and away from a wind on the beam (the sine of its angle)",
+        "3 to 10 deg are usual for slow hulls; the sine is assumed",
+    ),
+    Option(
+        "sway",
+        Slide,
+        "slide",
+        "she slides outward in her turns",
+        "Wang et al. 2018, eq. 1 to 3: regressions of Zhou and Clarke, made for ships, so the share is open",
+    ),
+    Option(
+        "orbital",
+        Orbital,
+        "orbital",
+        "the waves carry the receiver along and across their way, in step with the yaw that they give her",
+        "linear waves: pi H / T at the crest, 0.39 m/s rms for 2 m at 8 s; spread at the peak 9 to 16 deg in "
+        "swell, 24 deg in a wind sea (Goda and Suzuki 1975: s = 75, 25, 10), wider beside it",
+    ),
+    Option(
+        "speed",
+        WaveSpeed,
+        "wave_speed",
+        "her speed follows the wave groups; in a calm, from a time and for a time, waves and way die",
+        "telemetry: 5, 50, 95 % of the speed are 0.27, 0.70, 1.23 m/s; the minutes are assumed",
+    ),
+    Option(
+        "receiver",
+        Receiver,
+        "receiver",
+        "a receiver as bought: late, at times without a fix (1: always), its velocity filtered and noisy",
+        "data sheets: 0.2 to 1 s, 0.05 m/s; gaps in heavy seas are assumed",
+    ),
+    Option(
+        "compass",
+        Compass,
+        "compass",
+        "a compass as bought: deviation A + B sin + C cos + D sin 2 + E cos 2 (east positive), heel error, lag",
+        "NGA, Handbook of Magnetic Compass Adjustment, 2004; uncorrected on a small boat, assumed",
+    ),
+    Option(
+        "kt",
+        OtherShip,
+        "other_ship",
+        "the ship's K and T are these multiples of what the boat is told",
+        "margins: K x2, K x0.5, T x3",
+    ),
+    Option("delay", Delay, "delay", "the rudder turns her so much later", "margins: 2 s"),
+)
+BY_NAME: Mapping[str, Option] = {row.name: row for row in TABLE}
+
+
+def parse(text: str, over: Extras | None = None) -> Extras:
+    """Read "float=0.3:0.6,leeway=8,sway" over what there is already; ExtrasError with one line says what is wrong."""
+    extras = over or Extras()
+    if len(text) > LONGEST_TEXT:
+        raise ExtrasError(f"{len(text)} characters of options; at most {LONGEST_TEXT}")
+    seen: set[str] = set()
+    for piece in text.split(","):
+        name, equals, numbers = piece.strip().partition("=")
+        row = BY_NAME.get(name)
+        if row is None:
+            raise ExtrasError(
+                f"no option {name[:30]!r}; there are: {', '.join(BY_NAME)}; rambler-hil scenarios explains"
+            )
+        if name in seen:
+            raise ExtrasError(f"option {name!r} is given twice")
+        seen.add(name)
+        extras = replace(extras, **{row.field: _record(row, numbers.split(":") if equals else [])})
+    return extras
+
+
+def text_of(extras: Extras) -> str:
+    """Return what parse reads the same from; empty without any."""
+    pieces = []
+    for row in TABLE:
+        record = getattr(extras, row.field)
+        if record is not None:
+            pieces.append(f"{row.name}=" + ":".join(f"{getattr(record, one.name):.9g}" for one in fields(row.record)))
+    return ",".join(pieces)
+
+
+def rows_of(extras: Extras) -> list[tuple[str, str]]:
+    """Return what each option does and its numbers in words, for a report."""
+    found = []
+    for row in TABLE:
+        record = getattr(extras, row.field)
+        if record is not None:
+            values = [f"{_words(one)} {getattr(record, one.name):g}{_unit(one)}" for one in fields(row.record)]
+            found.append((f"{row.name}: {row.text}", ", ".join(values)))
+    return found
+
+
+def listing() -> str:
+    """Return the table as the terminal shows it."""
+    lines = []
+    for row in TABLE:
+        lines.append(f"{_usage(row)}")
+        lines.append(f"    {row.text}")
+        for one in fields(row.record):
+            given = "to be given" if one.default is MISSING else f"default {one.default:g}"
+            low, high = one.metadata["low"], one.metadata["high"]
+            lines.append(f"    {_words(one)}: {low:g} to {high:g}{_unit(one)}, {given}")
+        lines.append(f"    source: {row.source}")
+    return "\n".join(lines)
+
+
+def _record(row: Option, texts: list[str]) -> Any:
+    known = fields(row.record)
+    if len(texts) > len(known):
+        raise ExtrasError(f"option {row.name}: {len(texts)} numbers; write {_usage(row)}")
+    values = {one.name: _number(row, one, text) for one, text in zip(known, texts, strict=False)}
+    lacking = [one for one in known if one.name not in values and one.default is MISSING]
+    if lacking:
+        raise ExtrasError(f"option {row.name}: a number is lacking; write {_usage(row)}")
+    return row.record(**values)
+
+
+def _number(row: Option, one: Any, text: str) -> float:
+    low, high = one.metadata["low"], one.metadata["high"]
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    # Written so that NaN fails the comparison.
+    if not low <= value <= high:
+        raise ExtrasError(
+            f"option {row.name}: {_words(one)} {text[:20]!r} must be {low:g} to {high:g}{_unit(one)}; "
+            f"write {_usage(row)}"
+        )
+    return value
+
+
+def _usage(row: Option) -> str:
+    """Return how an option is written: what may be left out, from the end, in brackets."""
+    text = ""
+    for place, one in reversed(list(enumerate(fields(row.record)))):
+        part = ("=" if place == 0 else ":") + str(one.name).upper() + text
+        text = part if one.default is MISSING else f"[{part}]"
+    return row.name + text
+
+
+def _words(one: Any) -> str:
+    """Return a field's name without its unit."""
+    name = str(one.name)
+    for suffix in ("_rad_s", "_m_s", "_deg", "_s"):
+        if name.endswith(suffix):
+            name = name[: -len(suffix)]
+            break
+    return name.replace("_", " ")
+
+
+def _unit(one: Any) -> str:
+    unit = one.metadata["unit"]
+    return "" if unit == "-" else f" {unit}"

@@ -1,0 +1,58 @@
+"""The float on its umbilical: it follows the heading of the glider below.
+
+    d2psi_f/dt2 = w^2 (psi_g - psi_f) - 2 z w dpsi_f/dt
+
+What remains of the two bodies of Li, Pan, Liao et al. (Applied Mathematical Modelling, 2020) when only
+headings count: the umbilical's pull F, at a lever l ahead of the float's centre, gives the moment
+F l sin(psi_g - psi_f), the water damps the turn, and w^2 = F l / I with the moment of inertia I of float and
+entrained water. The back of it on the glider is in the identified K and T. Assumed, for nobody prints
+them: a pull of 10 to 60 N, 0.5 to 1 m of lever, 80 to 200 kg m^2, so w = 0.2 to 0.9 rad/s; and the
+angle small enough for its sine.
+"""
+
+from __future__ import annotations
+
+import math
+
+Matrix = tuple[tuple[float, float], tuple[float, float]]
+
+
+class FollowingFloat:
+    """Heading and yaw rate of the float, one grid step at a time; exact for a glider that stands between steps."""
+
+    def __init__(self, own_frequency_rad_s: float, damping: float, step_s: float, heading_rad: float = 0.0) -> None:
+        """Lie at rest behind the glider."""
+        self._w2, self._damp = own_frequency_rad_s**2, 2.0 * damping * own_frequency_rad_s
+        self._transition = transition(own_frequency_rad_s, damping, step_s)
+        self.heading_rad = heading_rad
+        self.yaw_rate_rad_s = 0.0
+
+    def step(self, glider_rad: float) -> None:
+        """Advance one grid step, in whose middle the glider heads glider_rad."""
+        (a00, a01), (a10, a11) = self._transition
+        behind_rad, rate_rad_s = self.heading_rad - glider_rad, self.yaw_rate_rad_s
+        self.heading_rad = glider_rad + a00 * behind_rad + a01 * rate_rad_s
+        self.yaw_rate_rad_s = a10 * behind_rad + a11 * rate_rad_s
+
+    def yaw_acceleration(self, glider_rad: float) -> float:
+        """Return d2psi_f/dt2 [rad/s^2] now, with the glider on a heading."""
+        return self._w2 * (glider_rad - self.heading_rad) - self._damp * self.yaw_rate_rad_s
+
+
+def transition(own_frequency_rad_s: float, damping: float, step_s: float) -> Matrix:
+    """Return what a step does to angle behind and rate: the exponential of the companion matrix."""
+    decay_1_s = damping * own_frequency_rad_s
+    square = own_frequency_rad_s**2 * (1.0 - damping * damping)
+    if square > 0.0:
+        ringing_rad_s = math.sqrt(square)
+        cosine, sine = math.cos(ringing_rad_s * step_s), math.sin(ringing_rad_s * step_s) / ringing_rad_s
+    elif square < 0.0:
+        spread_1_s = math.sqrt(-square)
+        cosine, sine = math.cosh(spread_1_s * step_s), math.sinh(spread_1_s * step_s) / spread_1_s
+    else:
+        cosine, sine = 1.0, step_s
+    fade = math.exp(-decay_1_s * step_s)
+    return (
+        (fade * (cosine + decay_1_s * sine), fade * sine),
+        (-fade * own_frequency_rad_s**2 * sine, fade * (cosine - decay_1_s * sine)),
+    )

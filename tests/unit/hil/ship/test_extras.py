@@ -1,0 +1,175 @@
+"""What `--with` takes: how it is read, refused and printed, and what each does to a hull."""
+
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from firmware_py.common.angles import degrees, radians
+from firmware_py.model.kt import OCEAN_RAMBLER
+from hil.ship.extras import NONE, Extras, FloatBody, Leeway, OtherShip, Slide
+from hil.ship.extras_table import TABLE, ExtrasError, listing, parse, rows_of, text_of
+from hil.ship.hull import STEPS_PER_SECOND, Hull
+from hil.ship.scenarios import TABLE as SEAS
+from hil.ship.scenarios import named, sea_of, with_extras
+from hil.ship.wave_speed import MOST
+
+EVERYTHING = "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2"
+
+
+def test_a_list_is_read_and_printed_so_that_it_reads_the_same():
+    found = parse("float=0.3:0.7, leeway=8,sway")
+    assert found == Extras(float_body=FloatBody(0.3, 0.7), leeway=Leeway(8.0), slide=Slide(1.0))
+    assert text_of(found) == "float=0.3:0.7,leeway=8:0:0,sway=1"
+    assert parse("kt=3").other_ship == OtherShip(3.0, 1.0)
+    for text in (EVERYTHING, "float=0.123456789", *(text_of(sea.extras) for sea in SEAS if sea.extras != NONE)):
+        assert parse(text_of(parse(text))) == parse(text)
+    assert text_of(NONE) == ""
+
+
+def test_an_option_of_a_mixture_is_replaced_and_the_others_stay():
+    found = with_extras(named("ocean-1"), "leeway=0").extras
+    assert found.leeway == Leeway(0.0)
+    assert found.float_body == named("ocean-1").extras.float_body
+    assert sea_of("swell+sway").extras == Extras(slide=Slide())
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "no option ''"),
+        ("raft", "there are: float, leeway"),
+        ("float=", "own frequency '' must be"),
+        ("float=0.3:0.6:1", r"3 numbers; write float\[=OWN"),
+        ("float=nan", "must be 0.05 to 3 rad/s"),
+        ("float=inf", "must be 0.05 to 3 rad/s"),
+        ("float=-1", "must be"),
+        ("leeway=46", "must be -45 to 45 deg"),
+        ("leeway=1e999", "must be"),
+        ("receiver=0.5:1.01", "must be 0 to 1"),
+        ("kt", "lacking; write kt=ABILITY"),
+        ("delay", "lacking"),
+        ("sway,sway", "twice"),
+        ("sway,", "no option ''"),
+        ("=", "no option ''"),
+        ("sway=\x00", "must be"),
+        ("x" * 600, "600 characters"),
+    ],
+)
+def test_what_cannot_be_read_is_one_line_that_says_what_there_is(text, complaint):
+    with pytest.raises(ExtrasError, match=complaint) as caught:
+        parse(text)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 200
+
+
+def test_orbital_motion_needs_waves():
+    with pytest.raises(ExtrasError, match="calm has no waves"):
+        sea_of("calm+orbital")
+
+
+def test_the_table_has_every_extra_with_text_range_and_source():
+    assert [row.field for row in TABLE] == [one.name for one in fields(Extras)]
+    text = listing()
+    for row in TABLE:
+        assert row.text in text
+        assert row.source in text
+        for one in fields(row.record):
+            low, high = one.metadata["low"], one.metadata["high"]
+            assert low < high
+            assert not isinstance(one.default, float) or low <= one.default <= high
+    assert [name.split(":")[0] for name, _ in rows_of(parse(EVERYTHING))] == [row.name for row in TABLE]
+
+
+def sailed(text, seconds, rudder_deg=0.0, seed=1):
+    """Sail a sea at a constant rudder; return the hull, and (heading, track velocity) at every second."""
+    hull = Hull(sea_of(text), OCEAN_RAMBLER, seed)
+    rows = []
+    for _ in range(round(seconds)):
+        for _ in range(STEPS_PER_SECOND):
+            hull.step(radians(rudder_deg))
+        rows.append((hull.heading_low_rad(0.0), *hull.velocity_m_s(0.0)))
+    return hull, np.array(rows)
+
+
+@pytest.mark.parametrize("body_deg", [8.0, -3.0])
+def test_leeway_is_to_starboard_of_the_heading(body_deg):
+    hull, rows = sailed(f"calm+leeway={body_deg}", 100.0, rudder_deg=10.0)
+    course_rad = np.arctan2(rows[:, 2], rows[:, 1])
+    off_deg = np.degrees(np.angle(np.exp(1j * (course_rad - rows[:, 0]))))
+    assert off_deg == pytest.approx(body_deg)
+    # The way along the heading is what it was.
+    assert np.hypot(rows[:, 1], rows[:, 2]) == pytest.approx(0.4 / math.cos(radians(body_deg)))
+    assert hull.speed_m_s == 0.4
+
+
+def test_the_wind_sets_her_away_from_it_and_most_on_the_beam():
+    # She heads north: a wind from the east sets her to the west, one from ahead or astern nowhere.
+    for wind_from_deg, off_deg in ((90.0, -6.0), (270.0, 6.0), (0.0, 0.0), (180.0, 0.0), (30.0, -3.0)):
+        _, rows = sailed(f"calm+leeway=0:6:{wind_from_deg}", 2.0)
+        assert degrees(math.atan2(rows[-1, 2], rows[-1, 1])) == pytest.approx(off_deg, abs=1e-6)
+
+
+def test_another_ship_turns_as_she_is_and_not_as_the_boat_was_told():
+    _, rows = sailed("calm+kt=2", 60.0, rudder_deg=5.0)
+    _, told = sailed("calm", 60.0, rudder_deg=5.0)
+    assert np.diff(rows[:, 0])[-1] == pytest.approx(2.0 * np.diff(told[:, 0])[-1], rel=0.01)
+    _, slow = sailed("calm+kt=1:3", 60.0, rudder_deg=5.0)
+    # The turn begins later by the difference of the lags.
+    assert told[-1, 0] - slow[-1, 0] == pytest.approx(8.0 * np.diff(told[:, 0])[-1], rel=0.02)
+
+
+def test_a_delay_makes_the_same_voyage_later():
+    _, late = sailed("calm+delay=2", 62.0, rudder_deg=10.0)
+    _, prompt = sailed("calm", 60.0, rudder_deg=10.0)
+    assert late[2:, 0] == pytest.approx(prompt[:, 0], abs=1e-12)
+    assert late[1, 0] == 0.0
+
+
+def test_of_two_bodies_the_way_goes_where_the_glider_points_and_the_compass_sits_on_the_float():
+    hull, rows = sailed("calm+float=0.3:0.6", 20.0, rudder_deg=20.0)
+    glider_rad, float_rad = hull.glider_heading_rad(0.0), hull.float_heading_rad(0.0)
+    assert degrees(glider_rad - float_rad) > 2.0
+    assert hull.heading_rad(0.0) == float_rad
+    assert hull.heading_low_rad(0.0) == glider_rad
+    assert math.atan2(rows[-1, 2], rows[-1, 1]) == pytest.approx(glider_rad)
+    # Between two steps of the grid it is continuous, the gyroscope sits beside the compass.
+    before, rate = hull.float_heading_rad(0.02), hull.yaw_rate_rad_s(0.02)
+    hull.step(radians(20.0))
+    assert hull.float_heading_rad(0.0) == pytest.approx(before, abs=1e-7)
+    assert hull.yaw_rate_rad_s(0.0) == pytest.approx(rate, abs=1e-5)
+
+
+def test_the_way_dies_in_a_calm_with_waves_and_steering_and_comes_back():
+    text = "swell+speed=0:100:300:600,orbital"
+    hull, rows = sailed(text, 300.0)
+    speed_m_s = np.hypot(rows[:, 1], rows[:, 2])
+    assert speed_m_s[:-1] == pytest.approx(0.7)
+    hull, rows = sailed(text, 899.0, rudder_deg=10.0)
+    assert hull.speed_m_s < 0.001 * 0.7
+    assert abs(hull.heading_rad(0.0) - hull.heading_low_rad(0.0)) < 0.01
+    assert np.hypot(*np.subtract(hull.velocity_in_waves_m_s(0.0), hull.velocity_m_s(0.0))) < 0.01
+    assert abs(np.diff(rows[-2:, 0])[0]) < 1e-4
+    hull, _ = sailed(text, 1200.0, rudder_deg=30.0)
+    assert hull.speed_m_s == pytest.approx(0.7, rel=0.01)
+    assert hull.yaw_rate_low_rad_s(0.0) > 0.01
+
+
+def test_a_quick_ship_in_quick_groups_stays_a_ship():
+    hull, rows = sailed("storm+speed=0.6:5,kt=10:0.1,float,leeway=45,sway=5,orbital=3:60", 60.0, rudder_deg=45.0)
+    assert np.all(np.isfinite(rows))
+    assert hull.speed_m_s <= MOST * 0.5
+
+
+@pytest.mark.parametrize("name", ["swell", "ocean-1", "ocean-4"])
+def test_a_seed_is_the_same_voyage_twice(name):
+    hulls = [sailed(name, 20.0, seed=seed)[0] for seed in (3, 3, 4)]
+    seen = [(hull.shown_heading_rad(0.01), *hull.position_in_waves_m(0.01)) for hull in hulls]
+    assert seen[0] == seen[1] != seen[2]
+
+
+def test_the_yaw_of_the_waves_is_that_of_the_plain_sea():
+    plain, more = (sailed(text, 20.0)[0] for text in ("swell", "swell+orbital,leeway,sway,receiver"))
+    assert more.heading_rad(0.013) == plain.heading_rad(0.013)
+    assert more.position_in_waves_m(0.0) != plain.position_in_waves_m(0.0)

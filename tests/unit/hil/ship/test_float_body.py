@@ -1,0 +1,55 @@
+"""The float that follows the glider: its equation, step and frequency response."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from hil.ship.float_body import FollowingFloat, transition
+
+
+@pytest.mark.parametrize("damping", [0.05, 0.6, 1.0, 2.5])
+@pytest.mark.parametrize("own_rad_s", [0.2, 1.0])
+def test_the_transition_is_the_exponential_of_its_equation(own_rad_s, damping):
+    companion = np.array([[0.0, 1.0], [-(own_rad_s**2), -2.0 * damping * own_rad_s]])
+    assert np.array(transition(own_rad_s, damping, 0.02)) == pytest.approx(expm(0.02 * companion), abs=1e-12)
+
+
+@pytest.mark.parametrize("own_rad_s", [0.3, 0.8])
+@pytest.mark.parametrize("share", [0.3, 1.0, 3.0])
+def test_the_frequency_response_is_that_of_a_second_order_system(own_rad_s, share):
+    damping, step_s = 0.6, 0.02
+    omega = share * own_rad_s
+    body = FollowingFloat(own_rad_s, damping, step_s)
+    settled = round(60.0 / own_rad_s / step_s)
+    counted = round(3.0 * 2.0 * math.pi / omega / step_s)
+    total = 0.0j
+    for number in range(settled + counted):
+        body.step(math.sin(omega * (number + 0.5) * step_s))
+        if number >= settled:
+            total += body.heading_rad * np.exp(-1j * omega * (number + 1) * step_s) * step_s
+    found = 2.0j * total / (counted * step_s)
+    expected = 1.0 / complex(1.0 - share**2, 2.0 * damping * share)
+    assert abs(found) == pytest.approx(abs(expected), rel=0.01)
+    assert np.angle(found / expected) == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_step_overshoots_as_its_damping_says_and_ends_with_the_glider():
+    body = FollowingFloat(0.3, 0.6, 0.02)
+    headings = []
+    for _ in range(5000):
+        body.step(1.0)
+        headings.append(body.heading_rad)
+    assert max(headings) - 1.0 == pytest.approx(math.exp(-math.pi * 0.6 / math.sqrt(1.0 - 0.36)), rel=0.01)
+    assert headings[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_in_a_steady_turn_it_stays_behind_by_the_lag():
+    body, rate = FollowingFloat(0.3, 0.6, 0.02), 0.02
+    for number in range(5000):
+        body.step(rate * (number + 0.5) * 0.02)
+    glider_rad = rate * 5000 * 0.02
+    assert glider_rad - body.heading_rad == pytest.approx(rate * 2.0 * 0.6 / 0.3, rel=1e-3)
+    assert body.yaw_rate_rad_s == pytest.approx(rate, rel=1e-4)
+    assert body.yaw_acceleration(glider_rad) == pytest.approx(0.0, abs=1e-5)

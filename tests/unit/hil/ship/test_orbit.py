@@ -1,0 +1,61 @@
+"""The orbital motion of a short-crested sea, in step with the yaw."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import welch
+
+from hil.ship.noise import NormalNumbers, Stream, generator
+from hil.ship.orbit import ShortCrestedOrbit
+from hil.ship.waves import WaveYaw
+
+STEP_S = 0.4
+TOWARD_RAD = math.radians(40.0)
+
+
+def motion(heading_rad, spread_deg=25.0, yaw_rad=0.35, count=60_000):
+    """Return the velocities along and across the waves' way, the displacements along, and the yaw rates."""
+    yaw = WaveYaw(yaw_rad, 8.0, STEP_S, NormalNumbers(generator(5, Stream.WAVES)))
+    numbers = (NormalNumbers(generator(5, Stream.ORBIT)), NormalNumbers(generator(5, Stream.ORBIT_ALONE)))
+    orbit = ShortCrestedOrbit(0.4, math.radians(spread_deg), 8.0, TOWARD_RAD, STEP_S, (yaw, yaw_rad), numbers)
+    rows = np.empty((count, 4))
+    for row in rows:
+        north, east = orbit.velocity_m_s(0.0, heading_rad)
+        row[0] = north * math.cos(TOWARD_RAD) + east * math.sin(TOWARD_RAD)
+        row[1] = east * math.cos(TOWARD_RAD) - north * math.sin(TOWARD_RAD)
+        north, east = orbit.position_m(0.0, heading_rad)
+        row[2] = north * math.cos(TOWARD_RAD) + east * math.sin(TOWARD_RAD)
+        row[3] = yaw.rate_rad_s(0.0)
+        yaw.step()
+        orbit.step()
+    return rows.T
+
+
+@pytest.mark.parametrize("yaw_rad", [0.35, 0.0])
+def test_the_rms_of_the_vector_and_its_part_across_are_those_of_the_directions(yaw_rad):
+    along, across, _, _ = motion(0.3, yaw_rad=yaw_rad)
+    assert math.hypot(np.std(along), np.std(across)) == pytest.approx(0.4, rel=0.04)
+    # Against directions drawn one by one: the energy across is the mean of the squared sine.
+    sines = np.sin(np.random.default_rng(1).normal(0.0, math.radians(25.0), 100_000))
+    assert np.var(across) / 0.4**2 == pytest.approx(np.mean(sines**2), rel=0.08)
+
+
+def test_the_period_is_that_of_the_waves_and_the_velocity_that_of_the_place():
+    along, _, place, _ = motion(0.3)
+    frequency, power = welch(along, fs=1.0 / STEP_S, nperseg=1024)
+    assert 1.0 / frequency[np.argmax(power)] == pytest.approx(8.0, rel=0.08)
+    passed = np.diff(place) / STEP_S
+    assert np.corrcoef(passed, along[1:] + along[:-1])[0, 1] > 0.99
+
+
+@pytest.mark.parametrize(("relative_deg", "with_along", "with_across"), [(45.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+def test_the_yaw_goes_with_the_part_that_turns_her(relative_deg, with_along, with_across):
+    along, across, _, rate = motion(TOWARD_RAD - math.radians(relative_deg))
+    assert np.corrcoef(along, rate)[0, 1] == pytest.approx(with_along, abs=0.05)
+    assert np.corrcoef(across, rate)[0, 1] == pytest.approx(with_across, abs=0.05)
+
+
+def test_a_long_crested_sea_has_no_part_across():
+    _, across, _, _ = motion(0.3, spread_deg=0.0, count=1000)
+    assert np.max(np.abs(across)) < 1e-12

@@ -1,0 +1,39 @@
+"""The speed by the groups of the waves."""
+
+import numpy as np
+import pytest
+
+from hil.ship.extras import WaveSpeed
+from hil.ship.noise import NormalNumbers, Stream, generator
+from hil.ship.wave_speed import DYING_S, MOST, SpeedInWaves
+
+
+def shares(how, step_s, count):
+    speed = SpeedInWaves(how, step_s, NormalNumbers(generator(2, Stream.SPEED)))
+    found = np.empty((count, 2))
+    for number in range(count):
+        speed.step((number + 1) * step_s)
+        found[number] = speed.speed, speed.waves
+    return found
+
+
+def test_its_spread_and_memory_are_those_given():
+    speed = shares(WaveSpeed(0.2, 90.0), 9.0, 50_000)[:, 0]
+    assert np.mean(speed) == pytest.approx(1.0, abs=0.02)
+    assert np.std(speed) == pytest.approx(0.2, rel=0.05)
+    assert np.corrcoef(speed[:-10], speed[10:])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.05)
+
+
+def test_it_is_never_astern_nor_beyond_the_ship_that_the_plant_was_made_for():
+    speed = shares(WaveSpeed(0.6, 5.0), 1.0, 20_000)[:, 0]
+    assert speed.min() == 0.0
+    assert speed.max() == MOST
+
+
+def test_a_calm_begins_and_ends_when_it_should():
+    found = shares(WaveSpeed(0.0, 90.0, 100.0, 200.0), 0.5, 1200)
+    time_s = 0.5 * np.arange(1, 1201)
+    assert np.all(found[time_s < 100.0] == 1.0)
+    assert found[time_s == 100.0 + DYING_S][0] == pytest.approx(np.exp(-1.0), rel=0.01)
+    assert np.argmin(found[:, 1]) == np.flatnonzero(time_s == 299.5)[0]
+    assert found[-1, 0] > 0.99
