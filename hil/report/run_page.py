@@ -24,7 +24,8 @@ def write(run: Run, summary: Summary, directory: Path) -> Path:
     from hil.report.run_picture import draw, thinned  # noqa: PLC0415 - matplotlib is slow to import, not needed under way
 
     options = run.options
-    title = f"{options.scenario.name}: {options.scenario.text}"
+    names = extras_table.names_of(options.scenario.extras)
+    title = f"{options.scenario.name}: {options.scenario.text}" + (f"; {', '.join(names)}" if names else "")
     picture = directory / "run.png"
     draw(thinned(run.truth, run.truth.rows), goal_figures(run.truth), title, picture)
     path = directory / "report.html"

@@ -71,7 +71,7 @@ TABLE: tuple[Option, ...] = (
         Orbital,
         "orbital",
         "the waves carry the receiver along and across their way, in step with the yaw that they give her",
-        "linear waves: pi H / T at the crest, 0.39 m/s rms for 2 m at 8 s; spread at the peak 9 to 16 deg in "
+        "linear waves: pi Hs / 2T, 0.39 m/s for 2 m at 8 s; spread at the peak 9 to 16 deg in "
         "swell, 24 deg in a wind sea (Goda and Suzuki 1975: s = 75, 25, 10), wider beside it",
     ),
     Option(
@@ -135,6 +135,11 @@ def text_of(extras: Extras) -> str:
         if record is not None:
             pieces.append(f"{row.name}=" + ":".join(f"{getattr(record, one.name):.9g}" for one in fields(row.record)))
     return ",".join(pieces)
+
+
+def names_of(extras: Extras) -> list[str]:
+    """Return the names of the options that are there."""
+    return [row.name for row in TABLE if getattr(extras, row.field) is not None]
 
 
 def rows_of(extras: Extras) -> list[tuple[str, str]]:

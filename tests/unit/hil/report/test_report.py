@@ -144,3 +144,4 @@ def test_what_the_sea_was_sailed_with_is_told(run):
     assert found["with"] == "float=0.3:0.7,sway=1"
     text = run_page.write(run, found, run.options.out).read_text(encoding="utf-8")
     assert "own frequency 0.3 rad/s, damping 0.7" in text
+    assert "10 m long; float, sway" in text
