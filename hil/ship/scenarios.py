@@ -91,14 +91,14 @@ TABLE: tuple[Scenario, ...] = (
     ),
     Scenario(
         "ocean-3",
-        "hardly any waves, for three minutes none, in a current as fast as she is",
+        "hardly any waves, for minutes none, in a current as fast as she is",
         0.2,
         4.0,
         10.0,
         3.0,
         2.0,
         0.2,
-        extras=extras_table.parse("float=0.3:0.6,speed=0.3:120:400:180"),
+        extras=extras_table.parse("float=0.3:0.6,speed=0.3:120:560:160"),
     ),
     Scenario(
         "ocean-4",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.sim.truth import COLUMNS, read
+from hil.sim.truth import COLUMNS, FLOAT_COLUMN, read
 from support.harness import rambler_hil, replays, start_rambler_hil
 
 # Tank, paper gains: six seeds, and all compasses and servos among them.
@@ -71,6 +71,19 @@ def test_two_runs_of_a_seed_are_the_same_to_the_last_byte_and_another_seed_is_no
         truths.append((tmp_path / name / "truth.csv").read_bytes())
     assert truths[0] == truths[1]
     assert truths[0] != truths[2]
+
+
+def test_the_unkindest_sea_is_the_same_run_twice_and_replays(tmp_path):
+    truths = []
+    for name in ("a", "b"):
+        words = ["run", "ocean-4", "--with", "float=0.4", "--speed", "max", "--seconds", "20", "--goal", "0:30"]
+        code, _, errors = rambler_hil(*words, "--out", str(tmp_path / name))
+        assert (code, errors) == (0, "")
+        truths.append((tmp_path / name / "truth.csv").read_bytes())
+    assert truths[0] == truths[1]
+    assert truths[0].splitlines()[0].decode() == ",".join([*COLUMNS, FLOAT_COLUMN])
+    assert json.loads((tmp_path / "a" / "summary.json").read_text())["with"].startswith("float=0.4:0.6,leeway=5:4:300,")
+    assert replays(tmp_path / "a")
 
 
 def test_a_paced_run_is_the_same_run(tmp_path):
