@@ -221,8 +221,6 @@ def _parameters(section: Mapping[str, Any], path: Path) -> dict[str, float]:
             raise VehicleError(f"{path}: [parameters] file {file} cannot be read: {error.strerror}") from None
         except ParameterError as error:
             raise VehicleError(str(error)) from None
-        except ValueError:  # a NUL in it
-            raise VehicleError(f"{path}: [parameters] file {shown(section['file'])} is no name of a file") from None
     for name, value in section.items():
         if name == "file":
             continue

@@ -52,14 +52,13 @@ def resume_of(state: State, utc_s: float) -> Resume:
     """Return what is to be kept of a state."""
     # As the next tick will take it up: an order is on disk before that.
     nav = take_changes(state.guidance, state.modes, state.plans)
-    line = nav.follower.line
     return Resume(
         math.floor(utc_s / REFRESH_S) * REFRESH_S,
         replace(state.modes, stick=None, stick_t_s=0.0, bench=None, bench_until_s=0.0),
         replace(nav.mission, elapsed_s=_rounded(nav.mission.elapsed_s, ELAPSED_STEP_S), idle_items=0),
         nav.task,
         nav.follower.arrived,
-        None if line is None else LineState(line.start, tries=line.tries),
+        _line_at_start(nav.follower.line),
         OrbitState(None, _rounded(nav.follower.orbit.turned_rad, TURNED_STEP_RAD)),
         nav.fence_enabled,
         state.home,
@@ -82,12 +81,15 @@ def from_text(text: str) -> tuple[Resume, tuple[str, ...]]:
     ValueError for text without what a record needs, or with numbers that no state can hold.
     """
     resume, notes = _CODEC.read(text)
-    line = resume.line
-    if line is not None:
-        line = LineState(line.start, tries=line.tries)  # the rest is of the run before
+    line = resume.line  # of which only the start is taken, and a count
     if not _finite(replace(resume, line=None)) or (line is not None and not _finite(line.start)):
         raise ValueError("a number of it is not one")
-    return replace(resume, line=line), notes
+    return resume, notes
+
+
+def _line_at_start(line: LineState | None) -> LineState | None:
+    """Return what is kept of following a line: the rest is of the run before."""
+    return None if line is None else LineState(line.start, tries=line.tries)
 
 
 def _finite(value: Any) -> bool:
@@ -118,7 +120,7 @@ def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ..
     if age is not None and age > 3600.0 * state.parameters["BOOT_RESUME_H"]:
         return replace(state, greeting=f"Not resumed: {_age_text(age)} old"), notes
     armed = resume.modes.armed if level == ALL else state.modes.armed
-    follower = TaskFollowerState(resume.task, resume.arrived, resume.line, orbit=resume.orbit)
+    follower = TaskFollowerState(resume.task, resume.arrived, _line_at_start(resume.line), orbit=resume.orbit)
     nav = GuidanceState(
         resume.modes.mode,
         resume.modes.armed and armed,

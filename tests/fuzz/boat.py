@@ -37,7 +37,7 @@ from fuzz.target import MOST_RECORDS, check_finite, check_line
 from support.link import MemoryTransport, MemoryVault
 
 # Of the first byte.
-KEY, OPTIONS, STREAM, SLOW = 0x01, 0x0E, 0x10, 0x20
+KEY, OPTIONS, STREAM, SLOW, LOST = 0x01, 0x0E, 0x10, 0x20, 0x40
 LINK_OPTIONS = (
     PLAIN,
     *map(
@@ -84,6 +84,8 @@ class Keeper:
     def when_parameters_stored(self, call):
         self.waiting.append(call)
 
+    when_resume_stored = when_parameters_stored
+
     def answer(self, *, well):
         waiting, self.waiting = self.waiting, []
         for call in waiting:
@@ -98,7 +100,7 @@ class Judge:
         self.allowed = True  # whether who speaks may command
         self.changed = False  # whether anything was accepted
         self.parameters, self.plans = pilot.parameters, pilot.plans
-        self.when_stored = pilot.when_stored
+        self.when_stored, self.when_orders_stored = pilot.when_stored, pilot.when_orders_stored
 
     def decide(self, request):
         assert self.allowed, request
@@ -185,6 +187,8 @@ class Boat:
         self.vault = MemoryVault()
         if setup & KEY:
             self.vault.save(b"key %s\ntimestamp %d\n" % (SECRET.hex().encode(), NOW_UNITS))
+        elif setup & LOST:
+            self.vault.damage = "damaged"
         self.storage = NO_STORAGE
         if root is not None:
             (root / "logs").mkdir()
@@ -208,6 +212,8 @@ class Boat:
     @property
     def locked(self):
         """Whether nobody may command without a signature, by the rules of who-may-command.md."""
+        if self.endpoint._signing.problem:  # the key was lost
+            return not self.options.trusted
         policy = self.options.policy
         if policy is Policy.AUTO:
             return self.endpoint._signing.active and not self.options.trusted
@@ -228,7 +234,7 @@ class Boat:
         return data + hashlib.sha256(SECRET + data).digest()[:6]
 
     def hear(self, data, station, *, signed):
-        self.judge.allowed = signed or not self.locked
+        self.judge.allowed = (signed and self.endpoint._signing.active) or not self.locked
         if self.options.systems is not None and STATIONS[station][0] not in self.options.systems:
             self.judge.allowed = False
         before = self.pilot._ahead

@@ -16,9 +16,11 @@ from firmware_py.common.parameters import ParameterSet, format_file, parse_file
 from firmware_py.common.plan import PlanKind
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
+from firmware_py.common.records import Stored
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
+from firmware_py.link.security.key_record import KeyState
 from firmware_py.link.security.signing import Signing
 from firmware_py.link.wire.transport import LinkError, parse_url
 from firmware_py.plans.numbers import PlanFileError
@@ -177,21 +179,31 @@ def checkpoint(data):
 
 
 def signing_key(data):
-    """Take up a stored key; what cannot be read changes nothing, and a new key can be set in any case."""
+    """Take up a stored key; what cannot be read is a lost one, and a new key can be set in any case."""
     saved = []
-    signing = Signing(lambda: UTC_S, saved.append)
-    taken = signing.restore(data)
-    assert signing.active == (taken and bool(data))
+
+    def save(content, *, both=False):
+        saved.append(content)
+
+    def restored(content):
+        signing = Signing(lambda: UTC_S, save)
+        state = signing.restore(Stored(content))
+        assert signing.active == (state is KeyState.PRESENT)
+        assert bool(signing.problem) == (state is KeyState.LOST)
+        return signing
+
+    signing = restored(data)
+    assert signing.active or signing.problem or not data
     if signing.active:
         signing.store_exactly()
-        again = Signing(lambda: UTC_S, saved.append)
-        assert again.restore(saved[-1])
+        again = restored(saved[-1])
         again.store_exactly()
         assert saved[-1] == saved[-2]
         assert signing.set_key(signing._key, 0)
-        assert again.restore(saved[-1])  # now ahead of what was used
+        assert restored(saved[-1]).active  # now ahead of what was used
     assert signing.set_key(b"k" * 32, 0)
-    assert Signing(lambda: UTC_S, saved.append).restore(saved[-1])
+    assert signing.problem == ""
+    assert restored(saved[-1]).active
 
 
 SEALED, ABSENT, LONG = 0x01, 0x02, 0x04

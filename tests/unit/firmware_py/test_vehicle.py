@@ -88,7 +88,7 @@ def test_parameters_may_stand_in_a_file_of_their_own(write, tmp_path):
         ("CTL_K1 = 41", "CTL_K1 = 1" + "0" * 400, "CTL_K1: expected a number"),
         ("baud = 4800", "baud = 1" + "0" * 400, r"\[compass\] baud: expected a number from 300"),
         ("CTL_K1 = 41", 'file = "none.param"', "cannot be read"),
-        ("CTL_K1 = 41", 'file = "a\\u0000"', "is no name of a file"),
+        ("CTL_K1 = 41", 'file = "a\\u0000"', "'file' holds a NUL; remove it"),
         ("CTL_K1 = 41", "CTL_K1 = 1" + "0" * 5000, "not valid TOML"),
         ("CTL_K1 = 41", "CTL_K1 = " + "[" * 3000, "nested too deeply"),
         ("CTL_K1 = 41", "C" * 5000 + " = 41", r"unknown parameter 'C{30}'; near it"),

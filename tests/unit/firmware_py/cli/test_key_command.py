@@ -163,11 +163,11 @@ def test_a_lost_key_is_told_with_its_cause_and_can_be_removed(keyed, capsys):
 
 
 def test_who_may_not_read_it_is_not_told_that_it_is_lost(keyed, capsys, monkeypatch):
-    def refuse(_path):
+    def refuse(*_words):
         raise PermissionError(13, "denied")
 
     monkeypatch.setattr(os, "geteuid", lambda: 54321)
-    monkeypatch.setattr("pathlib.Path.read_bytes", refuse)
+    monkeypatch.setattr("os.read", refuse)
     told = shown(capsys, keyed)
     assert told["state"] == "unreadable"
     assert told["problem"].startswith(

@@ -93,7 +93,8 @@ def test_what_is_no_record_is_refused(text):
 
 def test_of_the_line_only_its_start_and_the_tries_come_back():
     resume = replace(resume_of(at_sea(), UTC_S), line=LineState(A, math.nan, 88.0, 1))
-    assert from_text(to_text(resume))[0].line == LineState(A, tries=1)
+    state, _ = restore(State.at_start(parameters(2)), to_text(resume), UTC_S)
+    assert state.guidance.follower.line == LineState(A, tries=1)
 
 
 def test_numbers_that_are_none_are_refused():

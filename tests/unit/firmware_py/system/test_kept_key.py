@@ -236,10 +236,10 @@ def test_what_is_no_file_is_a_lost_key(tmp_path):
 def test_a_disk_that_does_not_read_is_a_lost_key(number, tmp_path, monkeypatch):
     kept(tmp_path, OLD)
 
-    def fail(path):
+    def fail(*_words):
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr("pathlib.Path.read_bytes", fail)
+    monkeypatch.setattr("os.read", fail)
     assert found(tmp_path).state is LOST
     assert os.strerror(number) in found(tmp_path).problem
 

@@ -174,7 +174,7 @@ def judge(act, tmp_path, monkeypatch, before, failing, *, anew):
             assert act(boat, number)
         if anew:
             boat.end()
-            boat = Boat.start(disk.directory)
+            boat = Boat.start(disk.directory, resumes=act in ORDERS)
         old = found_beside(disk, tmp_path / "old", act)
         disk.arm(at, kind, lasting=lasting)
         stored = act(boat, before)

@@ -48,7 +48,8 @@ def test_the_class_of_a_link_goes_over_what_its_kind_suggests(text, rates):
         ("systems=\u0663", "system ids from 1 to 255"),
         ("systems=99999999999999999999", "system ids from 1 to 255"),
         (f"systems=0001{'9' * 5000}", "system ids from 1 to 255"),
-        ("\0" * 5000, "is not known"),
+        ("\1" * 5000, "is not known"),
+        ("\0" * 5000, "is not known|holds a NUL"),  # which no URL may, whatever its options
         ("trusted=1&trusted=1", "given twice"),
         ("trusted=1&", "is not known"),
     ],
