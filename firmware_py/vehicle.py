@@ -13,7 +13,6 @@ from firmware_py.common.options import check, option, record_from
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import index_of, parse_file
-from firmware_py.common.reading_notes import shown
 from firmware_py.devices import SECTIONS
 from firmware_py.files.reading import read_text
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from firmware_py.assemble import base_parameters
+from firmware_py.assemble.wiring import base_parameters
 from firmware_py.cli.bench_session import BenchDevice, BenchSession
 from firmware_py.cli.run import default_state_directory
 from firmware_py.common.calendar import is_possible

@@ -9,7 +9,7 @@ import traceback
 from pathlib import Path
 
 from firmware_py import __version__
-from firmware_py.assemble import Assembly, Options, assemble
+from firmware_py.assemble.wiring import Assembly, Options, assemble
 from firmware_py.files.making import exact_modes
 from firmware_py.link.wire.transport import LinkError
 from firmware_py.link.wire.worker import THREAD as FILES_THREAD

@@ -46,7 +46,7 @@ _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]
 def report_damage(store: Store, say: Callable[[str], None]) -> None:
     """Say what is damaged, unreadable or missing, and what is used instead; before anything is kept anew.
 
-    Of the signing key tells `firmware_py.assemble`, which knows what one is.
+    Of the signing key tells `firmware_py.assemble.earlier_runs`, which knows what one is.
     """
     for name, instead in _INSTEAD.items():
         stored = store.examine(name)

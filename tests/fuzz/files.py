@@ -8,7 +8,8 @@ import zlib
 from pathlib import Path
 from types import SimpleNamespace
 
-from firmware_py.assemble import base_parameters, resume
+from firmware_py.assemble.earlier_runs import resume
+from firmware_py.assemble.wiring import base_parameters
 from firmware_py.cli.plan import _fields as plan_item_fields
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE

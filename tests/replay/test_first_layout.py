@@ -13,7 +13,7 @@ from dataclasses import replace
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.assemble import resume
+from firmware_py.assemble.earlier_runs import resume
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind

@@ -7,7 +7,7 @@ from enum import IntEnum
 
 import pytest
 
-from firmware_py.assemble import resume
+from firmware_py.assemble.earlier_runs import resume
 from firmware_py.common.json_codec import Codec
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet, format_file

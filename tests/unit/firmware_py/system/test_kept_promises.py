@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py.assemble import resume
+from firmware_py.assemble.earlier_runs import resume
 from firmware_py.common.intents import (
     Arm,
     ForgetParameters,

@@ -1,27 +1,25 @@
-"""Vehicle file -> wired autopilot; the only composer."""
+"""Opens and wires everything that a vehicle file names."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from firmware_py import ROOT, __version__, commit_of, version_text
+from firmware_py.assemble.earlier_runs import read_state, resume
 from firmware_py.common.interfaces import ByteLine, Calibrator, Clock, Compass, Position, Rudder
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.plan import Plans
-from firmware_py.common.records import Event, Severity
+from firmware_py.common.records import Event
 from firmware_py.core.autopilot import Autopilot
-from firmware_py.core.resume import restore
 from firmware_py.core.state import State
 from firmware_py.devices import COMPASSES, POSITIONS, RUDDERS, calibrator_of
 from firmware_py.files.reading import read_regular
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.files.root import FileRoot
-from firmware_py.link.security.key_record import KeyState, find_key
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import open_transport
 from firmware_py.link.wire.transport import Transport
@@ -38,14 +36,9 @@ from firmware_py.system.realtime import LoadMeter, clock_is_kept
 from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.system.state_directory import (
     LOG_DIRECTORY,
-    OTHER_SLOT,
-    RESUME_FILE,
     SIGNING_FILE,
     UPLOAD_DIRECTORY,
     KeyVault,
-    StateDirectory,
-    exposed_key_files,
-    report_damage,
 )
 from firmware_py.system.store import Store
 from firmware_py.vehicle import Vehicle
@@ -161,7 +154,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     store = Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)
     opened.callback(store.close)
     notices: list[Event] = []
-    kept, plans = _read_state(options.state_directory, store, console, notices)
+    kept, plans = read_state(options.state_directory, store, console, notices)
     parameters = kept.parameters_over(base_parameters(vehicle))
     transports = _open_transports((*vehicle.link_urls, *options.link_urls), lines, opened, wait=options.wait)
     clock: Clock = RealClock()
@@ -201,7 +194,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         position=devices.position,
         rudder=devices.rudder,
         link=endpoint,
-        recorder=_recorder(options.state_directory / LOG_DIRECTORY, parameters, clock, version.commit),
+        recorder=recorder,
         store=store,
         lines=lines,
         show_event=show_event,
@@ -235,51 +228,6 @@ def _open_transports(urls: Sequence[str], lines: list[SerialPort], opened: ExitS
         transports.append(open_transport(url, open_line))
         opened.callback(transports[-1].close)
     return transports
-
-
-def _read_state(directory: Path, store: Store, console: Console, notices: list[Event]) -> tuple[StateDirectory, Plans]:
-    """Return what earlier runs have left; what is wrong with it is said now, and as an event to be told."""
-
-    def say(text: str) -> None:
-        console.line(text)
-        notices.append(Event(Severity.WARNING, text))
-
-    if store.obstacle:
-        say(store.obstacle)
-    report_damage(store, say)
-    _report_key(directory, KeyVault(store), say)
-    kept = StateDirectory(store, say)
-    plans = kept.plans()
-    if store.obstacle:
-        say(f"Used of what is stored: {kept.inventory(plans)}")
-    kept.count_start()
-    return kept, plans
-
-
-def _report_key(directory: Path, vault: KeyVault, say: Callable[[str], None]) -> None:
-    """Say what is wrong with the signing key; that one was lost is a fault besides, which stands until it is mended."""
-    stored = vault.load()
-    finding = find_key(stored)
-    if finding.state is KeyState.LOST:
-        say(f"{SIGNING_FILE} lost: {finding.problem}; set or remove the key over a trusted link, or by `rambler key`")
-    elif stored.damage:
-        say(f"{stored.damage}: {OTHER_SLOT}")
-    for name in exposed_key_files(directory):
-        say(f"{name} can be read by others; set another key if somebody may have")
-
-
-def resume(state: State, record: bytes | None, utc_s: float, say: Callable[[str], None]) -> State:
-    """Return the state at start, going on with the stored record; an unusable one is said and left out."""
-    if record is None:
-        return state
-    try:
-        state, notes = restore(state, record.decode("ascii", "replace"), utc_s)
-    except (ValueError, RecursionError) as error:
-        say(f"stored {RESUME_FILE} left out: {error}")
-        return replace(state, greeting="Not resumed: the record is no good")
-    for note in notes:
-        say(f"stored {RESUME_FILE}: {note}")
-    return state
 
 
 def _storage(directory: Path, parameters: ParameterSet) -> FileRoot:

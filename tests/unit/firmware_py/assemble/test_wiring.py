@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.assemble import Options, assemble, base_parameters
+from firmware_py.assemble.wiring import Options, assemble, base_parameters
 from firmware_py.common.records import Severity
 from firmware_py.system.store import Store
 from firmware_py.vehicle import load
@@ -55,6 +55,12 @@ def test_ground_stations_see_logs_and_uploads_of_the_state_directory(vehicle, tm
         assert assembly.endpoint.descriptors()  # that of the thread that waits for the disk
     finally:
         assembly.close()
+
+
+def test_what_was_started_has_ended_with_the_rest(vehicle, tmp_path):
+    before = set(threading.enumerate())
+    start(vehicle, tmp_path)
+    assert set(threading.enumerate()) == before
 
 
 def test_a_mission_that_was_lost_is_an_event_of_the_start(vehicle, tmp_path, capfd):

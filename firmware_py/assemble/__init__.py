@@ -1,0 +1,1 @@
+"""From a vehicle file to a wired autopilot; the only composer."""

@@ -1,0 +1,69 @@
+"""What earlier runs have left, read at the start: what is used of it, and what is told of the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from firmware_py.common.plan import Plans
+from firmware_py.common.records import Event, Severity
+from firmware_py.core.resume import restore
+from firmware_py.core.state import State
+from firmware_py.link.security.key_record import KeyState, find_key
+from firmware_py.system.console import Console
+from firmware_py.system.state_directory import (
+    OTHER_SLOT,
+    RESUME_FILE,
+    SIGNING_FILE,
+    KeyVault,
+    StateDirectory,
+    exposed_key_files,
+    report_damage,
+)
+from firmware_py.system.store import Store
+
+
+def read_state(directory: Path, store: Store, console: Console, notices: list[Event]) -> tuple[StateDirectory, Plans]:
+    """Return what earlier runs have left; what is wrong with it is said now, and as an event to be told."""
+
+    def say(text: str) -> None:
+        console.line(text)
+        notices.append(Event(Severity.WARNING, text))
+
+    if store.obstacle:
+        say(store.obstacle)
+    report_damage(store, say)
+    _report_key(directory, KeyVault(store), say)
+    kept = StateDirectory(store, say)
+    plans = kept.plans()
+    if store.obstacle:
+        say(f"Used of what is stored: {kept.inventory(plans)}")
+    kept.count_start()
+    return kept, plans
+
+
+def _report_key(directory: Path, vault: KeyVault, say: Callable[[str], None]) -> None:
+    """Say what is wrong with the signing key; that one was lost is a fault besides, which stands until it is mended."""
+    stored = vault.load()
+    finding = find_key(stored)
+    if finding.state is KeyState.LOST:
+        say(f"{SIGNING_FILE} lost: {finding.problem}; set or remove the key over a trusted link, or by `rambler key`")
+    elif stored.damage:
+        say(f"{stored.damage}: {OTHER_SLOT}")
+    for name in exposed_key_files(directory):
+        say(f"{name} can be read by others; set another key if somebody may have")
+
+
+def resume(state: State, record: bytes | None, utc_s: float, say: Callable[[str], None]) -> State:
+    """Return the state at start, going on with the stored record; an unusable one is said and left out."""
+    if record is None:
+        return state
+    try:
+        state, notes = restore(state, record.decode("ascii", "replace"), utc_s)
+    except (ValueError, RecursionError) as error:
+        say(f"stored {RESUME_FILE} left out: {error}")
+        return replace(state, greeting="Not resumed: the record is no good")
+    for note in notes:
+        say(f"stored {RESUME_FILE}: {note}")
+    return state
