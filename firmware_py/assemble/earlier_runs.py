@@ -7,11 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from firmware_py.common.plan import Plans
-from firmware_py.common.records import Event, Severity
+from firmware_py.common.records import Stored
 from firmware_py.core.resume import restore
 from firmware_py.core.state import State
 from firmware_py.link.security.key_record import KeyState, find_key
-from firmware_py.system.console import Console
 from firmware_py.system.state_directory import (
     OTHER_SLOT,
     RESUME_FILE,
@@ -24,17 +23,12 @@ from firmware_py.system.state_directory import (
 from firmware_py.system.store import Store
 
 
-def read_state(directory: Path, store: Store, console: Console, notices: list[Event]) -> tuple[StateDirectory, Plans]:
-    """Return what earlier runs have left; what is wrong with it is said now, and as an event to be told."""
-
-    def say(text: str) -> None:
-        console.line(text)
-        notices.append(Event(Severity.WARNING, text))
-
+def read_state(directory: Path, store: Store, say: Callable[[str], None]) -> tuple[StateDirectory, Plans]:
+    """Return what earlier runs have left; what is wrong with it is said."""
     if store.obstacle:
         say(store.obstacle)
     report_damage(store, say)
-    _report_key(directory, KeyVault(store), say)
+    report_key(directory, KeyVault(store).load(), say)
     kept = StateDirectory(store, say)
     plans = kept.plans()
     if store.obstacle:
@@ -43,10 +37,14 @@ def read_state(directory: Path, store: Store, console: Console, notices: list[Ev
     return kept, plans
 
 
-def _report_key(directory: Path, vault: KeyVault, say: Callable[[str], None]) -> None:
-    """Say what is wrong with the signing key; that one was lost is a fault besides, which stands until it is mended."""
-    stored = vault.load()
+def report_key(directory: Path, stored: Stored, say: Callable[[str], None], *, late: bool = False) -> None:
+    """Say what is wrong with the signing key, or that it has come `late`, on a disk that was not there at the start.
+
+    That one was lost is a fault besides, which stands until it is mended.
+    """
     finding = find_key(stored)
+    if late and finding.state is KeyState.PRESENT:
+        say("Signing key is there now, and in force")
     if finding.state is KeyState.LOST:
         say(f"{SIGNING_FILE} lost: {finding.problem}; set or remove the key over a trusted link, or by `rambler key`")
     elif stored.damage:

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from firmware_py import ROOT, __version__, commit_of, version_text
-from firmware_py.assemble.earlier_runs import read_state, resume
+from firmware_py.assemble.earlier_runs import read_state, report_key, resume
 from firmware_py.common.interfaces import ByteLine, Calibrator, Clock, Compass, Position, Rudder
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Event
+from firmware_py.common.records import Event, Severity, Stored
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.state import State
 from firmware_py.devices import COMPASSES, POSITIONS, RUDDERS, calibrator_of
@@ -154,7 +154,8 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     store = Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)
     opened.callback(store.close)
     notices: list[Event] = []
-    kept, plans = read_state(options.state_directory, store, console, notices)
+    say = _teller(console, notices)
+    kept, plans = read_state(options.state_directory, store, say)
     parameters = kept.parameters_over(base_parameters(vehicle))
     transports = _open_transports((*vehicle.link_urls, *options.link_urls), lines, opened, wait=options.wait)
     clock: Clock = RealClock()
@@ -164,16 +165,15 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     version = _version()
     state = State.at_start(parameters, plans)
     autopilot = Autopilot(resume(state, kept.resume_record(), clock.utc_s(), console.line), kept)
-    recorder = _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock, version.commit)
-    if recorder is not None:
-        opened.callback(recorder.close)
+    recorder = _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock, version.commit, opened)
+    vault = KeyVault(store)
     endpoint = Endpoint(
         transports,
         autopilot,
         utc_s=clock.utc_s,
         version=version,
         load=LoadMeter(clock).share,
-        vault=KeyVault(store),
+        vault=vault,
         offer_utc=None if clock_setter is None else clock_setter.add_station_time,
         calibrator=devices.calibrator,
         storage=_storage(options.state_directory, parameters),
@@ -181,11 +181,8 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         start_events=notices,
     )
     opened.callback(endpoint.close)
+    vault.on_arrival(_taker_of_late_key(endpoint, options.state_directory, say))
     notices += (event for event in endpoint.start_events if event not in notices)
-
-    def show_event(event: Event) -> None:
-        console.line(f"{clock.now_s():10.3f} {event.severity.name.lower():8} {event.text}")
-
     parts = LoopParts(
         clock=clock,
         autopilot=autopilot,
@@ -197,12 +194,36 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         recorder=recorder,
         store=store,
         lines=lines,
-        show_event=show_event,
+        show_event=_printer(console, clock),
         fault_barrier=FaultBarrier(console.line),
         clock_setter=clock_setter,
         notices=notices,
     )
     return parts, endpoint, console
+
+
+def _teller(console: Console, notices: list[Event]) -> Callable[[str], None]:
+    """Return what says a text now, and has it told with the next tick."""
+
+    def say(text: str) -> None:
+        console.line(text)
+        notices.append(Event(Severity.WARNING, text))
+
+    return say
+
+
+def _printer(console: Console, clock: Clock) -> Callable[[Event], None]:
+    return lambda event: console.line(f"{clock.now_s():10.3f} {event.severity.name.lower():8} {event.text}")
+
+
+def _taker_of_late_key(endpoint: Endpoint, directory: Path, say: Callable[[str], None]) -> Callable[[Stored], None]:
+    """Return what has the key of a disk that has come late count from then on."""
+
+    def take_up(stored: Stored) -> None:
+        if endpoint.take_up_key(stored):
+            report_key(directory, stored, say, late=True)
+
+    return take_up
 
 
 def _lockstep_clock(path: str, lines: Sequence[SerialPort], store: Store) -> LockstepClock:
@@ -242,10 +263,12 @@ def _storage(directory: Path, parameters: ParameterSet) -> FileRoot:
     )
 
 
-def _recorder(directory: Path, parameters: ParameterSet, clock: Clock, commit: str) -> LogRecorder | None:
+def _recorder(
+    directory: Path, parameters: ParameterSet, clock: Clock, commit: str, opened: ExitStack
+) -> LogRecorder | None:
     if not parameters["LOG_ENABLE"]:
         return None
-    return LogRecorder(
+    recorder = LogRecorder(
         directory,
         parameters=parameters,
         file_bytes=int(parameters["LOG_FILE_MB"] * 1e6),
@@ -254,6 +277,8 @@ def _recorder(directory: Path, parameters: ParameterSet, clock: Clock, commit: s
         utc_s=clock.utc_s(),
         software=version_text("rambler", commit),
     )
+    opened.callback(recorder.close)
+    return recorder
 
 
 def _version() -> Version:

@@ -153,6 +153,10 @@ class Endpoint:
         """When a ground station was last heard, None when none has been."""
         return self._station_s
 
+    def take_up_key(self, stored: Stored) -> bool:
+        """Take up the signing key of a disk that has come late; False when who commands has said since what it is."""
+        return self._signing.take_up(stored)
+
     @property
     def key_problem(self) -> str:
         """How the signing key was lost; empty when it was not."""

@@ -149,6 +149,10 @@ class KeyVault:
         """Return what was saved last."""
         return self.store.examine(SIGNING_FILE)
 
+    def on_arrival(self, call: Callable[[Stored], None]) -> None:
+        """Call back, on the loop's thread, with what a directory holds that was not there at the start."""
+        self.store.on_arrival((SIGNING_FILE,), lambda found: call(found[SIGNING_FILE]))
+
     def save(self, content: bytes, *, both: bool = False) -> None:
         """Keep this instead, in the background; `both`: so that nothing is left of what was kept before."""
         self.store.save(SIGNING_FILE, content, both=both)

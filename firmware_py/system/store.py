@@ -89,8 +89,7 @@ class Store:
         self._written = (0, 0)
         self._waiting: deque[_Waiter] = deque()
         self._due: deque[tuple[Callable[[bool], None], bool]] = deque()
-        self._read_on_arrival: Collection[str] = ()
-        self._welcome: Callable[[Mapping[str, Stored]], None] = lambda _: None
+        self._welcomes: list[tuple[Collection[str], Callable[[Mapping[str, Stored]], None]]] = []
         self._thread = threading.Thread(target=self._write_jobs, name="store", daemon=True)
         try:
             self._thread.start()
@@ -157,7 +156,7 @@ class Store:
 
         It may also have been mounted over the one that was. Nothing is written there before.
         """
-        self._read_on_arrival, self._welcome = names, welcome
+        self._welcomes.append((names, welcome))
 
     def service(self) -> None:
         """Run the callbacks that are due."""
@@ -246,11 +245,13 @@ class Store:
         if self._hold.identity == before:
             self._unheld = ""  # it was away: there is nothing in it but what is known
             return
-        found = {name: self.examine(name) for name in self._read_on_arrival}
+        welcomes = tuple(self._welcomes)
+        found = {name: self.examine(name) for names, _call in welcomes for name in names}
         self._unheld = _ARRIVING
 
         def welcome(_: bool) -> None:  # noqa: FBT001 - as the store's other callbacks
-            self._welcome(found)
+            for _names, call in welcomes:
+                call(found)
             self._unheld = ""
 
         with self._lock:

@@ -91,6 +91,7 @@ class Signing:
         self._streams: dict[Stream, int] = {}  # the latest of each
         self._stored = 0  # what the disk has for _timestamp
         self._stored_streams: dict[Stream, int] = {}
+        self._removed = False  # since the start
         self.problem = ""
         self.late_frames = 0  # frames with the right key and an old timestamp
 
@@ -114,6 +115,20 @@ class Signing:
             self._stored_streams = dict(self._streams)
         return finding.state
 
+    def take_up(self, stored: Stored) -> bool:
+        """Take up what a disk holds that has come late; False when there is a key by now, or one was removed.
+
+        The disk then gets what there is.
+        """
+        if self._key is not None:
+            self._store(AHEAD, both=True)
+        elif self._removed:
+            self.remove_key()
+        else:
+            self.restore(stored)
+            return True
+        return False
+
     def set_key(self, key: bytes, timestamp: int) -> bool:
         """Take a key and the timestamp to begin at; False, and nothing changed, for what is none."""
         if len(key) != KEY_BYTES or not any(key) or not 0 <= timestamp <= LATEST:
@@ -132,6 +147,7 @@ class Signing:
     def remove_key(self) -> None:
         """Forget the key."""
         self._key = None
+        self._removed = True
         self._streams = {}
         self.problem = ""
         self._save(b"", both=True)

@@ -1,5 +1,6 @@
 """What is wired at a start: parameters from the vehicle file and the state directory."""
 
+import select
 import threading
 from pathlib import Path
 
@@ -8,6 +9,8 @@ import pytest
 from firmware_py.__main__ import main
 from firmware_py.assemble.wiring import Options, assemble, base_parameters
 from firmware_py.common.records import Severity
+from firmware_py.link.security.key_record import KeyRecord, find_key, to_text
+from firmware_py.system.state_directory import SIGNING_FILE, stored_key
 from firmware_py.system.store import Store
 from firmware_py.vehicle import load
 from support.program import unused_ports
@@ -94,6 +97,62 @@ def test_a_thread_that_cannot_be_had_is_one_line_and_leaves_nothing_held(number,
     assert not any(thread.is_alive() for thread in started)
     assert len(list(Path("/proc/self/fd").iterdir())) == before
     Store(tmp_path / "state").close()
+
+
+def assembled_before_its_disk(vehicle, tmp_path, monkeypatch, key):
+    """Wire an autopilot whose state directory comes later, with a key in it."""
+    monkeypatch.setattr("firmware_py.system.store.RETRY_S", 0.01)
+    kept = Store(tmp_path / "kept", private=(SIGNING_FILE,))
+    kept.save(SIGNING_FILE, key, both=True)
+    kept.close()
+    (tmp_path / "state").touch()  # in the way
+    return assemble(vehicle, Options(tmp_path / "state", wait=True))
+
+
+def let_arrive(assembly, tmp_path):
+    (tmp_path / "state").unlink()
+    (tmp_path / "kept").rename(tmp_path / "state")
+    store = assembly.parts.store
+    while store.failure:
+        assert select.select([store.fileno()], [], [], 10.0)[0]
+        store.service()
+
+
+KEY = to_text(KeyRecord(bytes(32 * [7]), 10**13, {}))
+
+
+@pytest.mark.parametrize(
+    ("content", "active", "told"),
+    [
+        (KEY, True, ["Signing key is there now, and in force"]),
+        (b"rubbish", False, ["signing.key lost: what is stored is no signing key; set or remove the key"]),
+        (b"", False, []),
+    ],
+)
+def test_a_key_on_a_disk_that_comes_late_counts_from_then_on(content, active, told, vehicle, tmp_path, monkeypatch):
+    assembly = assembled_before_its_disk(vehicle, tmp_path, monkeypatch, content)
+    at_start = len(assembly.parts.notices)
+    let_arrive(assembly, tmp_path)
+    assert assembly.endpoint._signing.active is active
+    assert bool(assembly.endpoint.key_problem) is (content == b"rubbish")
+    said = [event.text for event in assembly.parts.notices[at_start:] if "igning" in event.text]
+    assert [text[: len(start)] for text, start in zip(said, told, strict=True)] == told
+    assembly.close()
+
+
+@pytest.mark.parametrize("another", [bytes(32 * [9]), None])
+def test_a_key_that_was_set_or_removed_before_its_disk_came_stands(another, vehicle, tmp_path, monkeypatch):
+    assembly = assembled_before_its_disk(vehicle, tmp_path, monkeypatch, KEY)
+    signing = assembly.endpoint._signing
+    if another:
+        assert signing.set_key(another, 10**13)
+    else:
+        signing.remove_key()
+    let_arrive(assembly, tmp_path)
+    assembly.close()
+    record = find_key(stored_key(tmp_path / "state")).record
+    assert (record and record.key) == another
+    assert signing._key == another
 
 
 @pytest.mark.parametrize(("host", "told"), [("0.0.0.0", True), ("127.0.0.1", False)])

@@ -7,6 +7,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.link.security.places import PLACES, QUIET_S
 from firmware_py.link.security.signing import timestamp_of
 from firmware_py.link.wire.url_options import parse_options
+from support.link import MemoryVault
 from support.paths import ROOT
 
 PAGE = ROOT / "docs" / "explanation" / "threat-model.md"
@@ -17,34 +18,37 @@ ARM = mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
 READ = mavlink.MAVLink_param_request_read_message(1, 1, b"CTL_K1", -1)
 READ_ALL = mavlink.MAVLink_param_request_list_message(1, 1)
 
-# The options of the link, and whether there is a key.
+NONE, THERE, LOST = "none", "there", "lost"
+# The options of the link, and what there is of a key.
 POLICIES = {
-    "`auto`, no key": ("policy=auto", False),
-    "`open`": ("policy=open", True),
-    "`signed-commands`": ("policy=signed-commands", True),
-    "`signed-only`": ("policy=signed-only", True),
-    "`trusted=1`": ("trusted=1", True),
+    "`auto`, no key": ("policy=auto", NONE),
+    "`open`": ("policy=open", THERE),
+    "`signed-commands`": ("policy=signed-commands", THERE),
+    "`signed-only`": ("policy=signed-only", THERE),
+    "`trusted=1`": ("trusted=1", THERE),
+    "any but `trusted=1`, the key lost": ("policy=open", LOST),
 }
 COMMANDS, READS, HEARTBEATS, NOTHING = "commands", "reads", "heartbeats", "nothing"
 BOUNDED = "less than 10 times what he sends"
 DROPPED, DROPPED_UNHEARD = "heartbeats; dropped after 10 s", "nothing; dropped after 10 s"
 WAITS, SERVED = "a newcomer waits while he floods", "a station with the key is served at once"
+SHUT = "nobody has a place"
 SET, KEPT = "sets the key", "nothing is set"
 PASSES, FOUND_OUT = "passes for a station", "STATION_SILENT is raised"
 
 # One column for each policy.
 TABLE = {
-    "sends unsigned frames": (COMMANDS, COMMANDS, READS, NOTHING, COMMANDS),
-    "sends MAVLink 1": (COMMANDS, COMMANDS, READS, NOTHING, COMMANDS),
-    "signs with another key": (COMMANDS, NOTHING, NOTHING, NOTHING, NOTHING),
-    "replays what the owner has signed": (COMMANDS, HEARTBEATS, HEARTBEATS, HEARTBEATS, HEARTBEATS),
-    "has the key, but a system id that is not in `systems`": (READS, READS, READS, READS, READS),
-    "forges the address of another in one frame": (BOUNDED, BOUNDED, BOUNDED, NOTHING, BOUNDED),
-    "forges RADIO_STATUS over a network": (NOTHING, NOTHING, NOTHING, NOTHING, NOTHING),
-    "connects over TCP and says nothing": (DROPPED, DROPPED, DROPPED, DROPPED_UNHEARD, DROPPED),
-    "floods from many addresses": (WAITS, SERVED, SERVED, SERVED, WAITS),
-    "sends SETUP_SIGNING": (KEPT, KEPT, KEPT, KEPT, SET),
-    "sends heartbeats as if he were the station": (PASSES, FOUND_OUT, FOUND_OUT, FOUND_OUT, PASSES),
+    "sends unsigned frames": (COMMANDS, COMMANDS, READS, NOTHING, COMMANDS, NOTHING),
+    "sends MAVLink 1": (COMMANDS, COMMANDS, READS, NOTHING, COMMANDS, NOTHING),
+    "signs with another key": (COMMANDS, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING),
+    "replays what the owner has signed": (COMMANDS, HEARTBEATS, HEARTBEATS, HEARTBEATS, HEARTBEATS, NOTHING),
+    "has the key, but a system id that is not in `systems`": (READS, READS, READS, READS, READS, NOTHING),
+    "forges the address of another in one frame": (BOUNDED, BOUNDED, BOUNDED, NOTHING, BOUNDED, NOTHING),
+    "forges RADIO_STATUS over a network": (NOTHING, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING),
+    "connects over TCP and says nothing": (DROPPED, DROPPED, DROPPED, DROPPED_UNHEARD, DROPPED, DROPPED_UNHEARD),
+    "floods from many addresses": (WAITS, SERVED, SERVED, SERVED, WAITS, SHUT),
+    "sends SETUP_SIGNING": (KEPT, KEPT, KEPT, KEPT, SET, KEPT),
+    "sends heartbeats as if he were the station": (PASSES, FOUND_OUT, FOUND_OUT, FOUND_OUT, PASSES, FOUND_OUT),
 }
 
 
@@ -91,7 +95,7 @@ def replay(rig):
     recorded = [rig.frame(message) for message in (BEAT, READ, ARM)]
     for frame in recorded:
         rig.give(frame, "owner")
-    assert rig.request_handler.intents
+    assert rig.request_handler.intents or rig.endpoint.key_problem
     rig.request_handler.requests.clear()
     return what_it_brings(rig, *recorded)
 
@@ -140,6 +144,8 @@ def flood(rig):
     rig.tell(BEAT, address="station")
     if not rig.endpoint._signing.active:
         rig.tell(BEAT, address="station")
+    if len(rig.endpoint._peers) == 0:
+        return SHUT
     return SERVED if "station" in {peer.address for peer in rig.endpoint._peers} else WAITS
 
 
@@ -179,8 +185,10 @@ def test_what_an_attacker_achieves(make_rig, attacker, policy):
     options, key = POLICIES[policy]
     if "`systems`" in attacker:
         options += "&systems=254"
-    rig = make_rig(options=parse_options(options), addresses=())
-    if key:
+    vault = MemoryVault()
+    vault.damage = "damaged" * (key == LOST)
+    rig = make_rig(vault, options=parse_options(options), addresses=())
+    if key == THERE:
         assert rig.endpoint._signing.set_key(KEY, NOW)
     rig.tick()
     assert RUNS[attacker](rig) == dict(zip(POLICIES, TABLE[attacker], strict=True))[policy]
