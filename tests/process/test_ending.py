@@ -149,11 +149,10 @@ def test_signals_that_mean_nothing_do_not_end_or_halt_her(make_boat):
     boat.finish()
 
 
-@pytest.mark.parametrize("name", ["SIGQUIT", "SIGXCPU"])
-def test_other_signals_that_end_her_make_the_rudder_safe_too(make_boat, name):
+def test_other_signals_that_end_her_make_the_rudder_safe_too(make_boat):
     boat = in_the_turn(make_boat(goals=TURN))
     for _ in range(2):
-        os.kill(pid_of(boat), getattr(signal, name))
+        os.kill(pid_of(boat), signal.SIGQUIT)
     assert ended(boat)[0] == 0
     assert abs(boat.rudder_deg()) < AMIDSHIPS_DEG
 
@@ -169,9 +168,8 @@ def test_she_ends_when_the_rudder_is_amidships_not_when_the_time_is_up(make_boat
     assert took_s < over_deg / SLEW_DEG_S + 0.35  # two readings a tenth of a second apart
 
 
-@pytest.mark.parametrize("servo", ["dynamixel", "volz"])
-def test_a_servo_that_does_not_answer_is_given_two_seconds(make_boat, servo):
-    boat = in_the_turn(make_boat(goals=TURN, servo=servo))
+def test_a_servo_that_does_not_answer_is_given_two_seconds(make_boat):
+    boat = in_the_turn(make_boat(goals=TURN))
     boat.lines["rudder"].unplug()
     boat.process.terminate()
     code, took_s = ended(boat)
@@ -198,9 +196,8 @@ def turned(boat):
     assert boat.rudder_deg() > 20.0
 
 
-@pytest.mark.parametrize("servo", ["dynamixel", "volz"])
-def test_told_to_end_before_she_has_begun_she_makes_the_rudder_safe_first(make_boat, servo, monkeypatch):
-    boat = make_boat(servo=servo)
+def test_told_to_end_before_she_has_begun_she_makes_the_rudder_safe_first(make_boat, monkeypatch):
+    boat = make_boat()
     turned(boat)
     accept = boat.time.begin
 
