@@ -24,8 +24,8 @@ def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(t
     (tmp_path / "state").mkdir()
     assert rambler_key(tmp_path, "set", said=f"{PASSPHRASE}\n")[0] == 0
     assert json.loads(rambler_key(tmp_path, "show-state", "--json")[1])["state"] == "present"
-    cable, radio, sea = free_ports(["tcpin", "udpin", "tcpin"])
-    urls = [f"tcpin:127.0.0.1:{cable}?trusted=1", f"udpin:127.0.0.1:{radio}", f"tcpin:127.0.0.1:{sea}?policy=open"]
+    cable, radio, sea = free_ports(["tcpin", "udpin", "udpin"])
+    urls = [f"tcpin:127.0.0.1:{cable}?trusted=1", f"udpin:127.0.0.1:{radio}", f"udpout:127.0.0.1:{sea}?policy=open"]
     program = boot("first", *urls[:2])
     far = connect(f"udpout:127.0.0.1:{radio}", 201)
     assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == DENIED
@@ -46,9 +46,9 @@ def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(t
         path.write_bytes(path.read_bytes()[:60])
     assert json.loads(rambler_key(tmp_path, "show-state", "--json")[1])["state"] == "lost"
     program = boot("second", *urls)
-    stranger = connect(f"tcp:127.0.0.1:{sea}", 202)
-    stranger.heard("STATUSTEXT", lambda text: "Signing key lost" in text.text)
-    stranger.mav.param_set_send(1, 1, b"CTL_K1", 33.0, 9)
+    shore = connect(f"udpin:127.0.0.1:{sea}", 202)
+    shore.heard("STATUSTEXT", lambda text: "Signing key lost" in text.text)
+    shore.mav.param_set_send(1, 1, b"CTL_K1", 33.0, 9)
     near = connect(f"tcp:127.0.0.1:{cable}", 203)
     assert near.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
     assert near.parameter("CTL_K1") != 33.0
