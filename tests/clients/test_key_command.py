@@ -1,6 +1,7 @@
 """`rambler key` and `rambler run` on one state directory, as processes: the key set by hand, and one that is lost."""
 
 import json
+import socket
 import subprocess
 import sys
 
@@ -45,10 +46,15 @@ def test_a_key_set_by_hand_is_the_stations_and_one_that_is_lost_shuts_the_boat(t
     for path in files:
         path.write_bytes(path.read_bytes()[:60])
     assert json.loads(rambler_key(tmp_path, "show-state", "--json")[1])["state"] == "lost"
+    shore = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # there before she tells it, which she does once
+    shore.bind(("127.0.0.1", sea))
+    shore.settimeout(30.0)
     program = boot("second", *urls)
-    shore = connect(f"udpin:127.0.0.1:{sea}", 202)
-    shore.heard("STATUSTEXT", lambda text: "Signing key lost" in text.text)
-    shore.mav.param_set_send(1, 1, b"CTL_K1", 33.0, 9)
+    while b"Signing key lost" not in (heard := shore.recvfrom(2048))[0]:
+        pass
+    of_shore = mavlink.MAVLink(None, srcSystem=202)
+    shore.sendto(mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", 33.0, 9).pack(of_shore), heard[1])
+    shore.close()
     near = connect(f"tcp:127.0.0.1:{cable}", 203)
     assert near.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
     assert near.parameter("CTL_K1") != 33.0
