@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import mmap
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -10,10 +12,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
+from firmware_py.files.reading import open_regular
 from hil.cli import outputs
 from hil.errors import UsageError
 from hil.lab.compiled import being_compiled
-from hil.lab.identify import manoeuvre_file, onboard_log, report
+from hil.lab.identify import ardupilot_log, manoeuvre_file, onboard_log, report
 from hil.lab.identify.held_out import predictions
 from hil.lab.identify.identify import MODELS, SPEEDS, Identification, identify
 from hil.lab.identify.manoeuvre_file import RUDDER_UNITS
@@ -26,7 +29,10 @@ TOLD_EVERY_S = 0.2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    files = "manoeuvre CSV or onboard .BIN log, of which FILE:from:to takes the part between two times in seconds"
+    files = (
+        "manoeuvre table or onboard .BIN log (ours or ArduPilot's), of which FILE:from:to takes the part between two "
+        "times in seconds"
+    )
     parser.add_argument("train", metavar="FILE[:from:to]", nargs="+", help=files)
     parser.add_argument(
         "--validate",
@@ -108,8 +114,19 @@ def _read(sources: Sequence[Source], unit: str) -> list[Recording]:
     for source in sources:
         if source.path not in whole:
             onboard = source.path.suffix.lower() == ".bin"
-            whole[source.path] = onboard_log.read(source.path) if onboard else manoeuvre_file.read(source.path, unit)
+            whole[source.path] = _log(source.path) if onboard else manoeuvre_file.read(source.path, unit)
     return [whole[source.path].part(source) for source in sources]
+
+
+def _log(path: Path) -> Recording:
+    """Read an onboard log, ours or ArduPilot's."""
+    try:
+        with os.fdopen(open_regular(path), "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            if ardupilot_log.is_one(data):
+                return ardupilot_log.read(path, data)
+    except (OSError, ValueError):  # missing, empty or no file: our own reader says so
+        pass
+    return onboard_log.read(path)
 
 
 def _is_page(path: Path) -> bool:

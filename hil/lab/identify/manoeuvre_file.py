@@ -1,8 +1,10 @@
 """Reads the manoeuvre CSV, and refuses with file, line and remedy what is not one.
 
-Columns by name, in any order: time_s, rudder_rad, heading_rad, yaw_rate_rad_s, and speed_m_s,
-which may be missing. A column of the last three may be empty throughout, but heading and
-yaw rate not both. Lines that begin with # and columns of other names are passed over.
+Columns by name, in any order: time_s, rudder_rad, heading_rad, yaw_rate_rad_s, speed_m_s, or what others call them
+(columns.py), with the unit in the name: heading_deg, Rudder [deg], SOG (kn). Of the last three, heading or yaw rate
+must be there; a column may be empty throughout. Separated by commas, semicolons, tabs or spaces; with semicolons,
+tabs or spaces a number may have a decimal comma. Times are seconds, or as ISO 8601 writes them. Lines that begin
+with # and columns of other names are passed over.
 """
 
 from __future__ import annotations
@@ -11,6 +13,8 @@ import csv
 import math
 import os
 from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, time
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +22,10 @@ import numpy as np
 from firmware_py.common.angles import degrees, radians
 from firmware_py.files.reading import open_regular
 from hil.errors import UsageError
+from hil.lab.identify import units
+from hil.lab.identify.columns import NAMES, Column, columns_of, separator_of
 from hil.lab.identify.recording import Floats, Recording
 
-REQUIRED = ("time_s", "rudder_rad", "heading_rad", "yaw_rate_rad_s")
-COLUMNS = (*REQUIRED, "speed_m_s")
 MAY_BE_EMPTY = ("heading_rad", "yaw_rate_rad_s", "speed_m_s")
 MOST_ROWS = 20_000_000
 MOST_BYTES = 2 << 30
@@ -47,20 +51,25 @@ def read(path: Path, rudder_unit: str = "rad") -> Recording:
     try:
         with os.fdopen(open_regular(path, most_bytes=MOST_BYTES), encoding="utf-8-sig", newline="") as file:
             # A line is never read without end; one that is cut here is refused for the length of its field.
-            return _read(path, csv.reader(iter(lambda: file.readline(LONGEST_LINE), "")), rudder_unit)
+            lines = iter(lambda: file.readline(LONGEST_LINE), "")
+            separator = separator_of(next((line for line in lines if line.strip() and not line.startswith("#")), ""))
+            file.seek(0)
+            lines = iter(lambda: file.readline(LONGEST_LINE), "")
+            reader = csv.reader(lines, delimiter=separator, skipinitialspace=separator == " ")
+            return _read(path, reader, rudder_unit, decimal_comma=separator != ",")
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}; give a manoeuvre CSV or an onboard .BIN log") from None
     except UnicodeDecodeError:
         raise UsageError(f"{path}: not text; give a manoeuvre CSV, or an onboard log whose name ends in .BIN") from None
 
 
-def _read(path: Path, reader: Iterator[list[str]], unit: str) -> Recording:
+def _read(path: Path, reader: Iterator[list[str]], unit: str, *, decimal_comma: bool) -> Recording:
     lines = _lines(path, reader)
     first = next(lines, None)
     if first is None:
-        raise UsageError(f"{path}: empty; the first line must name the columns {','.join(COLUMNS)}")
-    header = [name.strip().lower() for name in first[1]]
-    places = _places(path, first[0], header)
+        raise UsageError(f"{path}: empty; the first line must name the columns {','.join(NAMES)}")
+    header = first[1]
+    places = columns_of(f"{path}:{first[0]}", header)
     numbers: list[int] = []
     texts: list[list[str]] = []
     for number, fields in lines:
@@ -70,24 +79,55 @@ def _read(path: Path, reader: Iterator[list[str]], unit: str) -> Recording:
                 "mend or remove the line (a last line may have been cut)"
             )
         numbers.append(number)
-        texts.append(fields)
+        texts.append([field.replace(",", ".") for field in fields] if decimal_comma else fields)
         if len(texts) > MOST_ROWS:
             raise UsageError(f"{path}: more than {MOST_ROWS} rows; cut the file")
     if not texts:
         raise UsageError(f"{path}: no rows below the column names; record at least a zigzag")
-    columns = {name: _column(path, numbers, [row[at] for row in texts], name) for name, at in places.items()}
-    time_s = columns["time_s"]
-    rudder = columns["rudder_rad"]
+    table = _Table(path, numbers, places)
+    raw = {name: table.column(name, [row[column.place] for row in texts]) for name, column in places.items()}
+    return _recording(table, raw, unit)
+
+
+def _recording(table: _Table, raw: dict[str, Floats | None], unit: str) -> Recording:
+    """Bring columns to seconds, radians and metres a second."""
+    path, numbers = table.path, table.numbers
+    time_s, rudder, heading, rate = (raw.get(name) for name in NAMES[:4])
     if time_s is None or rudder is None:
         missing = "time_s" if time_s is None else "rudder_rad"
         raise UsageError(f"{path}:{numbers[0]}: column {missing} is empty; it must be filled")
-    if columns["heading_rad"] is None and columns["yaw_rate_rad_s"] is None:
+    if heading is None and rate is None:
         raise UsageError(f"{path}:{numbers[0]}: heading_rad and yaw_rate_rad_s are both empty; fill one of them")
+    time_s = time_s * table.unit("time_s", 1.0)
     _check_order(path, numbers, time_s)
-    rudder, notes = _rudder(path, numbers, rudder, unit)
-    return Recording(
-        str(path), time_s, rudder, columns["heading_rad"], columns["yaw_rate_rad_s"], columns.get("speed_m_s"), notes
+    unnamed = {name: values for name, values in raw.items() if values is not None and not table.places[name].known}
+    in_degrees = units.unnamed_in_degrees(
+        unnamed.get("rudder_rad") if unit == "rad" else None, unnamed.get("heading_rad")
     )
+    angle = radians(1.0) if in_degrees or unit == "deg" else 1.0
+    notes = [_note(table, name, "degrees" if angle != 1.0 else "radians") for name in NAMES[1:4] if name in unnamed]
+    if "speed_m_s" in unnamed:
+        notes.append(_note(table, "speed_m_s", "metres a second"))
+    if heading is not None:
+        heading = heading * table.unit("heading_rad", angle)
+    if rate is not None:
+        usual = angle if heading is None else units.rate_unit(time_s, heading, rate)
+        rate = rate * table.unit("yaw_rate_rad_s", usual)
+    speed = raw.get("speed_m_s")
+    speed = None if speed is None else speed * table.unit("speed_m_s", 1.0)
+    own = table.unit("rudder_rad", angle)
+    rudder, more = _rudder(path, numbers, rudder, "deg" if unit == "rad" and own != 1.0 else unit)
+    table.check("yaw_rate_rad_s", rate)
+    if unit != "any":
+        said = all(table.places[name].known for name in table.places) and own != 1.0
+        angles = units.judged(str(path), time_s, heading, rate, speed, degrees=unit == "deg" and not said)
+        heading, rate = angles.heading_rad, angles.yaw_rate_rad_s
+        more += angles.notes
+    return Recording(str(path), time_s, rudder, heading, rate, speed, (*notes, *more))
+
+
+def _note(table: _Table, name: str, unit: str) -> str:
+    return f"column {table.places[name].shown} says no unit: taken for {unit}"
 
 
 def _lines(path: Path, reader: Iterator[list[str]]) -> Iterator[tuple[int, list[str]]]:
@@ -105,38 +145,63 @@ def _lines(path: Path, reader: Iterator[list[str]]) -> Iterator[tuple[int, list[
             yield number, fields
 
 
-def _places(path: Path, line: int, header: list[str]) -> dict[str, int]:
-    missing = [name for name in REQUIRED if name not in header]
-    if missing:
-        raise UsageError(
-            f"{path}:{line}: missing column{'s' if len(missing) > 1 else ''} {', '.join(missing)}; name the columns "
-            f"{','.join(COLUMNS)} (an unmeasured heading, yaw rate or speed may be empty)"
-        )
-    twice = [name for name in COLUMNS if header.count(name) > 1]
-    if twice:
-        raise UsageError(f"{path}:{line}: column {twice[0]} stands there twice; remove one")
-    return {name: header.index(name) for name in COLUMNS if name in header}
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """A table under way: the numbers of its lines, and its columns."""
 
+    path: Path
+    numbers: list[int]
+    places: dict[str, Column]
 
-def _column(path: Path, numbers: list[int], texts: list[str], name: str) -> Floats | None:
-    """Return the numbers of a column, None when it is empty throughout."""
-    try:
-        values = np.array(texts, dtype=np.float64)
-    except ValueError:
-        if name in MAY_BE_EMPTY and not any(text.strip() for text in texts):
-            return None
-        values = np.array([_number(text) for text in texts])
-    most, remedy = BELIEVED.get(name, (math.inf, ""))
-    wrong = np.flatnonzero(~(np.abs(values) <= most) | ~np.isfinite(values))
-    if wrong.size == 0:
+    def unit(self, name: str, usual: float) -> float:
+        """Return the size of a column's unit, the usual one where its name says none."""
+        return self.places[name].unit if self.places[name].known else usual
+
+    def column(self, name: str, texts: list[str]) -> Floats | None:
+        """Return the numbers of a column, None when it is empty throughout."""
+        try:
+            values = np.array(texts, dtype=np.float64)
+        except ValueError:
+            if name in MAY_BE_EMPTY and not any(text.strip() for text in texts):
+                return None
+            values = _times(texts) if name == "time_s" else np.array([_number(text) for text in texts])
+        self.check(name, values if name != "yaw_rate_rad_s" else np.where(np.isfinite(values), 0.0, values), texts)
         return values
-    at = int(wrong[0])
-    where, text = f"{path}:{numbers[at]}", texts[at].strip()
-    more = f" (and {wrong.size - 1} more like it)" if wrong.size > 1 else ""
-    if not np.isfinite(values[at]):
-        shown = "is empty" if not text else f"{text[:30]!r} is not a finite number"
-        raise UsageError(f"{where}: {name} {shown}{more}; remove the row, or empty the whole column if it may be")
-    raise UsageError(f"{where}: {name} {text[:30]} is beyond {most:g}{more}; {remedy}")
+
+    def check(self, name: str, values: Floats | None, texts: list[str] | None = None) -> None:
+        """Refuse values that are no numbers or not believed."""
+        if values is None:
+            return
+        most, remedy = BELIEVED.get(name, (math.inf, ""))
+        wrong = np.flatnonzero(~(np.abs(values) <= most) | ~np.isfinite(values))
+        if wrong.size == 0:
+            return
+        at, shown = int(wrong[0]), self.places[name].shown
+        where = f"{self.path}:{self.numbers[at]}"
+        text = f"{values[at]:g}" if texts is None else texts[at].strip()
+        more = f" (and {wrong.size - 1} more like it)" if wrong.size > 1 else ""
+        if not np.isfinite(values[at]):
+            said = "is empty" if not text else f"{text[:30]!r} is not a finite number"
+            raise UsageError(f"{where}: {shown} {said}{more}; remove the row, or empty the whole column if it may be")
+        raise UsageError(f"{where}: {shown} {text[:30]} is beyond {most:g}{more}; {remedy}")
+
+
+def _times(texts: list[str]) -> Floats:
+    """Return seconds of times as ISO 8601 writes them, from the first one; NaN for what is none."""
+    try:
+        moments = [datetime.fromisoformat(text.strip()) for text in texts]
+        zoned = [moment if moment.tzinfo else moment.replace(tzinfo=UTC) for moment in moments]
+        return np.array([(moment - zoned[0]).total_seconds() for moment in zoned])
+    except ValueError:
+        return np.array([_number(text) if ":" not in text else _time_of_day(text) for text in texts])
+
+
+def _time_of_day(text: str) -> float:
+    try:
+        moment = time.fromisoformat(text.strip())
+    except ValueError:
+        return math.nan
+    return moment.hour * 3600.0 + moment.minute * 60.0 + moment.second + moment.microsecond * 1e-6
 
 
 def _number(text: str) -> float:

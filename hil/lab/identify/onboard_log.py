@@ -65,7 +65,7 @@ def read(path: Path) -> Recording:
         np.interp(time_s, time_of_rudder, rudder)[inside],
         np.array([sample.heading_rad for sample in headings])[inside],
         None if rates is None else rates[inside],
-        _speed(got.speed, time_s[inside], notes),
+        smoothed_speed(got.speed, time_s[inside], notes),
         tuple(notes),
     )
     columns = (recording.time_s, recording.rudder_rad, recording.heading_rad, rates, recording.speed_m_s)
@@ -124,15 +124,15 @@ def _rudder(path: Path, got: _Gathered, notes: list[str]) -> tuple[Floats, Float
         notes.append("no rudder feedback: the command is taken for the rudder, so the servo's lag is part of T")
     if not got.linkage_known:
         notes.append("no stored parameters: the shaft is taken for the rudder angle")
-    table = np.array(_rising(pairs), dtype=np.float64)
+    table = np.array(rising(pairs), dtype=np.float64)
     if table.shape[0] < LEAST_ROWS:
         raise UsageError(f"{path}: too short, {table.shape[0]} rudder angles; give a longer log")
     return got.sign * (table[:, 1] - got.centre_rad), table[:, 0]
 
 
-def _speed(pairs: list[Pair], time_s: Floats, notes: list[str]) -> Floats | None:
+def smoothed_speed(pairs: list[Pair], time_s: Floats, notes: list[str]) -> Floats | None:
     """Return the smoothed speed over the ground at the given times, None without fixes all along."""
-    table = np.array(_rising(pairs), dtype=np.float64).reshape(-1, 2)
+    table = np.array(rising(pairs), dtype=np.float64).reshape(-1, 2)
     if table.shape[0] < LEAST_ROWS or not time_s.size:
         return None
     if table[-1, 0] - table[0, 0] < PRESENT_SHARE * (time_s[-1] - time_s[0]):
@@ -145,7 +145,8 @@ def _speed(pairs: list[Pair], time_s: Floats, notes: list[str]) -> Floats | None
     return np.asarray(mean, dtype=np.float64)
 
 
-def _rising(pairs: list[Pair]) -> list[Pair]:
+def rising(pairs: list[Pair]) -> list[Pair]:
+    """Leave out pairs whose time does not come after the last one's."""
     kept: list[Pair] = []
     for pair in pairs:
         if not kept or pair[0] > kept[-1][0]:

@@ -1,0 +1,108 @@
+"""Finds the columns of a manoeuvre table by their names, whatever separates them, and the units that the names say."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from firmware_py.common.angles import radians
+from hil.errors import UsageError
+
+NAMES = ("time_s", "rudder_rad", "heading_rad", "yaw_rate_rad_s", "speed_m_s")
+# quantity -> what else it is called, without its unit
+ALIASES = {
+    "time_s": ("time", "t", "timestamp", "seconds", "datetime", "date_time", "utc", "time_utc", "utc_time"),
+    "rudder_rad": ("rudder", "rudder_angle", "delta", "rsa", "rudder_position"),
+    "heading_rad": ("heading", "hdg", "hdt", "hdm", "psi", "yaw", "compass", "true_heading", "heading_true"),
+    "yaw_rate_rad_s": ("yaw_rate", "yawrate", "rot", "rate_of_turn", "turn_rate", "r", "gyro_z", "gyr_z"),
+    "speed_m_s": ("speed", "sog", "stw", "u", "speed_over_ground", "speed_through_water", "water_speed", "boat_speed"),
+}
+DEGREE, MINUTE_S, KNOT_M_S = radians(1.0), 60.0, 1852.0 / 3600.0
+# quantity -> unit as it is written after a name -> its size; None stands for no unit at all
+UNITS: dict[str, dict[str | None, float]] = {
+    "time_s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, None: 1.0},
+    "rudder_rad": {"rad": 1.0, "deg": DEGREE},
+    "heading_rad": {"rad": 1.0, "deg": DEGREE},
+    "yaw_rate_rad_s": {"rad_s": 1.0, "deg_s": DEGREE, "deg_min": DEGREE / MINUTE_S, "rad_min": 1.0 / MINUTE_S},
+    "speed_m_s": {"m_s": 1.0, "kn": KNOT_M_S, "kt": KNOT_M_S, "kts": KNOT_M_S, "knots": KNOT_M_S, "km_h": 1 / 3.6},
+}
+SPELLINGS = {
+    "degrees": "deg",
+    "degree": "deg",
+    "radians": "rad",
+    "rps": "rad_s",
+    "dps": "deg_s",
+    "mps": "m_s",
+}
+SPELLINGS |= {"kmh": "km_h", "kph": "km_h", "rads": "rad_s", "degs": "deg_s", "ms_1": "m_s", "rad_s_1": "rad_s"}
+SPELLINGS |= {"deg_s_1": "deg_s", "seconds": "s", "knot": "kn", "m_s_1": "m_s"}
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """Where a quantity stands, what the file calls it, and the size of its unit; NaN where the name says none."""
+
+    place: int
+    shown: str
+    unit: float
+
+    @property
+    def known(self) -> bool:
+        """Whether the name says the unit."""
+        return not math.isnan(self.unit)
+
+
+def separator_of(header: str) -> str:
+    """Return what separates the fields of a first line."""
+    return next((mark for mark in ("\t", ";", ",") if mark in header), " " if len(header.split()) > 1 else ",")
+
+
+def columns_of(where: str, header: list[str]) -> dict[str, Column]:
+    """Find the columns; UsageError names what is missing.
+
+    The names of the manoeuvre file come first; other names are taken where those are not there.
+    """
+    plain = [_plain(text) for text in header]
+    found: dict[str, Column] = {}
+    for quantity in NAMES:
+        places = [place for place, name in enumerate(plain) if name == quantity]
+        if not places:
+            places = [place for place, name in enumerate(plain) if _unit(quantity, name) is not None]
+        if len(places) > 1:
+            names = " and ".join(dict.fromkeys(header[place].strip() for place in places))
+            what = f"column {names} stands there twice" if " and " not in names else f"columns {names} are the same"
+            raise UsageError(f"{where}: {what}; remove one")
+        if places:
+            unit = _unit(quantity, plain[places[0]])
+            found[quantity] = Column(places[0], header[places[0]].strip(), math.nan if unit is None else unit)
+    missing = [name for name in ("time_s", "rudder_rad") if name not in found]
+    if not missing and "heading_rad" not in found and "yaw_rate_rad_s" not in found:
+        missing = ["heading_rad or yaw_rate_rad_s"]
+    if missing:
+        raise UsageError(
+            f"{where}: missing column{'s' if len(missing) > 1 else ''} {', '.join(missing)}; name the columns "
+            f"{','.join(NAMES)} (an unmeasured heading, yaw rate or speed may be empty or left out; degrees and knots "
+            "are rudder_deg, heading_deg, yaw_rate_deg_s, speed_kn)"
+        )
+    return found
+
+
+def _plain(text: str) -> str:
+    """Write a name as words joined by underscores: `Rate of Turn [°/s]` is rate_of_turn_deg_s."""
+    text = text.strip().lower().replace("°", "deg").replace("µ", "u")
+    return re.sub(r"[^a-z0-9]+", "_", text).strip("_")
+
+
+def _unit(quantity: str, name: str) -> float | None:
+    """Return the size of the unit, NaN where the name is without one, None if it is another quantity's."""
+    bare = quantity.removesuffix("_rad").removesuffix("_rad_s").removesuffix("_m_s").removesuffix("_s")
+    for alias in sorted({bare, *ALIASES[quantity]}, key=len, reverse=True):
+        if name == alias:
+            return UNITS[quantity].get(None, math.nan)
+        if name.startswith(alias + "_"):
+            unit = name.removeprefix(alias + "_")
+            size = UNITS[quantity].get(SPELLINGS.get(unit, unit))
+            if size is not None:
+                return size
+    return None

@@ -1,0 +1,168 @@
+"""Tables and logs of others: read as they mean it, or what is wrong with them is named."""
+
+import json
+import struct
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from hil.__main__ import main
+from hil.errors import UsageError
+from hil.lab.identify.manoeuvre_file import read
+
+DEGREE, KNOT = np.pi / 180.0, 1852.0 / 3600.0
+ROWS = 200
+TIME = np.arange(ROWS) * 0.5
+RUDDER = np.where((np.arange(ROWS) // 20) % 2, 0.3, -0.3)
+HEADING = 1.0 + 0.2 * np.sin(TIME / 5.0)
+RATE = 0.04 * np.cos(TIME / 5.0)
+SPEED = np.full(ROWS, 0.5)
+
+
+def table(header, columns, separator=",", decimal="."):
+    rows = zip(*columns, strict=True)
+    texts = [[cell if isinstance(cell, str) else f"{cell:.7f}".replace(".", decimal) for cell in row] for row in rows]
+    return "\n".join([header, *(separator.join(row) for row in texts)]) + "\n"
+
+
+DEGREES = (TIME, RUDDER / DEGREE, HEADING / DEGREE, RATE / DEGREE, SPEED / KNOT)
+NMEA = (*DEGREES[:3], 60 * DEGREES[3], DEGREES[4])
+PLAIN = (TIME, RUDDER, HEADING, RATE, SPEED)
+MIDNIGHT = datetime(2024, 5, 1, 23, 59, 50, tzinfo=UTC)
+ISO = [(MIDNIGHT + timedelta(seconds=seconds)).isoformat() for seconds in TIME.tolist()]
+CLOCK = [f"10:0{n // 120}:{n % 120 / 2:04.1f}" for n in range(ROWS)]
+READ = {
+    "semicolons": table("time_s;rudder_rad;heading_rad;yaw_rate_rad_s;speed_m_s", PLAIN, ";"),
+    "semicolons and decimal commas": table("time_s;rudder_rad;heading_rad;yaw_rate_rad_s;speed_m_s", PLAIN, ";", ","),
+    "tabs": table("time_s\trudder_rad\theading_rad\tyaw_rate_rad_s\tspeed_m_s", PLAIN, "\t"),
+    "tabs and decimal commas": table("time_s\trudder_rad\theading_rad\tyaw_rate_rad_s\tspeed_m_s", PLAIN, "\t", ","),
+    "spaces": table("time_s rudder_rad heading_rad yaw_rate_rad_s speed_m_s", PLAIN, "  "),
+    "other names": table("Time [s],Rudder [deg],Heading (°),Rate of Turn [°/s],SOG (kn)", DEGREES),
+    "short names": table("t,delta_rad,psi_rad,r_rad_s,u_m_s", PLAIN),
+    "degrees by name": table("time_s,rudder_deg,heading_deg,yaw_rate_deg_s,speed_kn", DEGREES),
+    "degrees a minute": table(
+        "time,rudder_deg,hdg_deg,rot_deg_min,stw_kn", (*DEGREES[:3], 60 * DEGREES[3], DEGREES[4])
+    ),
+    "names without units": table("time,rudder,heading,rot,sog_kn", (*DEGREES[:3], 60 * DEGREES[3], DEGREES[4])),
+    "ISO times": table("timestamp,rudder_rad,heading_rad,yaw_rate_rad_s,speed_m_s", (ISO, *PLAIN[1:])),
+    "times of the day": table("time,rudder_rad,heading_rad,yaw_rate_rad_s,speed_m_s", (CLOCK, *PLAIN[1:])),
+    "milliseconds": table("time_ms,rudder_rad,heading_rad,yaw_rate_rad_s,speed_m_s", (1000 * TIME, *PLAIN[1:])),
+    "another order, more columns, a comment": "# a boat\n"
+    + table("depth;speed_m_s;yaw_rate_rad_s;heading_rad;rudder_rad;time_s", (TIME, *PLAIN[::-1]), ";"),
+}
+
+
+@pytest.mark.parametrize("name", READ)
+def test_the_tables_of_others_are_read(tmp_path, name):
+    path = tmp_path / "table.csv"
+    path.write_text(READ[name], encoding="utf-8")
+    got = read(path)
+    np.testing.assert_allclose(got.time_s - got.time_s[0], TIME, atol=1e-6)
+    for column, true in zip(
+        (got.rudder_rad, got.heading_rad, got.yaw_rate_rad_s, got.speed_m_s), PLAIN[1:], strict=True
+    ):
+        np.testing.assert_allclose(column, true, atol=1e-5)
+    assert any("says no unit" in note for note in got.notes) == (name == "names without units")
+
+
+@pytest.mark.parametrize("unit", ["rad", "deg"])
+def test_a_table_of_a_compass_alone_is_read(tmp_path, unit):
+    path, size = tmp_path / "compass.csv", 1.0 if unit == "rad" else DEGREE
+    path.write_text(table(f"time_s,rudder_{unit},heading_{unit}", (TIME, RUDDER / size, HEADING / size)))
+    got = read(path)
+    np.testing.assert_allclose(got.heading_rad, HEADING, atol=1e-6)
+    assert got.yaw_rate_rad_s is None
+    assert got.speed_m_s is None
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (table("time_s,rudder_rad,depth", (TIME, RUDDER, TIME)), ":1: missing column heading_rad or yaw_rate_rad_s"),
+        (
+            table("hdg_deg,heading_true_deg,rudder_deg,t", (TIME,) * 4),
+            ":1: columns hdg_deg and heading_true_deg",
+        ),
+        (
+            table("time,rudder_rad,heading_rad", (["now"] * ROWS, RUDDER, HEADING)),
+            ":2: time 'now' is not a finite number",
+        ),
+        (table("time_s;rudder_rad;heading_rad", (TIME, RUDDER, HEADING)), ":2: 1 fields under 3 column names"),
+        ("heading;rudder\n1;2\n", ":1: missing column time_s"),
+    ],
+)
+def test_what_is_wrong_with_a_table_is_named(tmp_path, text, told):
+    path = tmp_path / "table.csv"
+    path.write_text(text)
+    with pytest.raises(UsageError) as refused:
+        read(path)
+    assert f"{path}{told}" in str(refused.value)
+
+
+# type, name, struct, format characters, labels: as ArduPilot's LogStructure.h has them
+KINDS = {
+    "PARM": (64, "<Q16sff", "QNff", "TimeUS,Name,Value,Default"),
+    "ATT": (65, "<QhhhhHHHHB", "QccccCCCCB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw,AEKF"),
+    "STER": (66, "<Qhfffff", "Qhfffff", "TimeUS,SteerIn,SteerOut,DesLatAcc,LatAcc,DesTurnRate,TurnRate"),
+    "RCOU": (67, "<QHHHH", "QHHHH", "TimeUS,C1,C2,C3,C4"),
+    "GPS": (68, "<QBBf", "QBBf", "TimeUS,I,Status,Spd"),
+}
+
+
+def record(name, *values):
+    number, layout, _, _ = KINDS[name]
+    return b"\xa3\x95" + bytes((number,)) + struct.pack(layout, *values)
+
+
+def ardupilot_log(recording, *, pulses):
+    """Return a log as ArduPilot's Rover writes it; pulses: of the servo, not the steering's wish alone."""
+    parts = []
+    for name, (number, layout, characters, labels) in KINDS.items():
+        length = 3 + struct.calcsize(layout)
+        text = struct.pack("<BB4s16s64s", number, length, name.encode(), characters.encode(), labels.encode())
+        parts.append(b"\xa3\x95\x80" + text)
+    if pulses:
+        for name, value in (
+            ("SERVO2_FUNCTION", 26),
+            ("SERVO2_MIN", 1100),
+            ("SERVO2_MAX", 1900),
+            ("SERVO2_REVERSED", 1),
+        ):
+            parts.append(record("PARM", 0, name.encode(), value, 0.0))
+    rows = zip(recording.time_s, recording.rudder_rad, recording.heading_rad, recording.yaw_rate_rad_s, strict=True)
+    for seconds, rudder, heading, rate in rows:
+        stamp, turn = round(seconds * 1e6) + 5_000_000, np.degrees(rudder)
+        parts.append(record("STER", stamp, 0, turn * 100.0, 0.0, 0.0, 0.0, np.degrees(rate)))
+        parts.append(record("RCOU", stamp, 1500, round(1500 - 400 * turn / 45.0), 1500, 1500))
+        parts.append(record("ATT", stamp, 0, 0, 0, 0, 0, round(np.degrees(heading) % 360.0 * 100.0) % 36000, 0, 0, 3))
+        parts.append(record("GPS", stamp, 0, 3, 0.4))
+        parts.append(record("GPS", stamp, 1, 3, 9.0))
+    return b"".join(parts)
+
+
+@pytest.mark.parametrize("pulses", [True, False])
+def test_a_log_of_ardupilot_tells_the_boat(yard, tmp_path, capsys, pulses):
+    time = np.arange(3000) * 0.1
+    rudder = yard.zigzag(time, 0.35, 20.0)
+    boat = yard.boat(0.049, 4.0, 17.0)
+    path = tmp_path / "00000012.BIN"
+    path.write_bytes(ardupilot_log(yard.recorded(time, rudder, *boat.motion(time, rudder)), pulses=pulses))
+    assert main(["identify", str(path), "--json", "-"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    for name, true in (("K", 0.049), ("T", 4.0)):
+        assert data[name]["verdict"] == "identifiable"
+        assert abs(data[name]["value"] - true) < max(4.0 * data[name]["se"], 0.01 * true)
+    assert data["speed_m_s"] == pytest.approx(0.4, rel=1e-3)
+    taken = "the output of SERVO2" if pulses else "STER.SteerOut"
+    assert any(taken in note for note in data["notes"])
+    assert any("45 deg" in note for note in data["notes"])
+
+
+def test_a_log_of_ardupilot_without_a_rudder_is_refused(yard, tmp_path, capsys):
+    time = np.arange(100) * 0.1
+    whole = ardupilot_log(yard.recorded(time, 0.1 * time, time, time), pulses=False)
+    path = tmp_path / "x.BIN"
+    path.write_bytes(whole.replace(b"STER", b"STIR"))
+    assert main(["identify", str(path)]) == 2
+    assert "no rudder in it" in capsys.readouterr().err
