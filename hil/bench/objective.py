@@ -18,7 +18,7 @@ from hil.bench.setting import Setting
 from hil.bench.turns import in_turns
 from hil.errors import HilError
 from hil.lab.identify import synthetic
-from hil.lab.identify.digest import digest
+from hil.lab.identify.digest import digests
 from hil.lab.identify.objective import output_error
 from hil.lab.identify.recording import Floats, Recording
 from hil.lab.identify.search import scan
@@ -67,7 +67,7 @@ def calls(loaded: ctypes.CDLL | None, fish: int) -> tuple[Call, Call, int]:
 
     Raises HilError when the two do not agree.
     """
-    record = digest(prepare([hour()]))
+    record = digests(prepare([hour()]))[-1]
     box = scan(record)
     low, high = box.bounds(cubic=True)
     points = box.points(low + (high - low) * np.random.default_rng(0).random((fish, low.size)))

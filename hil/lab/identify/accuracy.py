@@ -36,6 +36,11 @@ class Information:
         """Return the covariance of the free parameters for given weights of the channels."""
         return np.asarray(self.covariances(np.array([weights]))[0])
 
+    def inverse(self, weights: tuple[float, ...]) -> Floats:
+        """Return the part of the free parameters of the inverse of A: what the covariance were, the weights right."""
+        a = np.einsum("c,cij->ij", np.array(weights), self.own)
+        return np.asarray(_inverse(a[None])[0][: self.free, : self.free])
+
     def covariances(self, weights: Floats) -> NDArray[np.float64]:
         """Return the covariances of the free parameters (m, free, free) for weights (m, channels)."""
         robust, plain = self._covariances(weights)
@@ -76,11 +81,7 @@ class Information:
         power = weights**2 * self.noise.spread**2
         a = np.einsum("mc,cij->mij", weights, self.own)
         b = np.einsum("mc,md,cdij->mij", weights, weights, self.mixed)
-        diagonal = np.sqrt(np.maximum(np.diagonal(a, axis1=1, axis2=2), 1e-300))
-        largest = diagonal.max(axis=1, keepdims=True)
-        diagonal = np.where(diagonal < 1e-9 * largest, largest, diagonal)
-        scale = diagonal[:, :, None] * diagonal[:, None, :]
-        inverse = np.linalg.inv(a / scale + 1e-13 * np.eye(diagonal.shape[1])) / scale
+        inverse = _inverse(a)
         robust, plain = (
             (inverse @ (0.5 * (middle + middle.transpose(0, 2, 1))) @ inverse)[:, : self.free, : self.free]
             for middle in (b, np.einsum("mc,cij->mij", power, self.own))
@@ -88,19 +89,29 @@ class Information:
         return robust, plain
 
 
+def _inverse(a: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Invert matrices (m, n, n), of which some rows may be as good as empty."""
+    diagonal = np.sqrt(np.maximum(np.diagonal(a, axis1=1, axis2=2), 1e-300))
+    largest = diagonal.max(axis=1, keepdims=True)
+    diagonal = np.where(diagonal < 1e-9 * largest, largest, diagonal)
+    scale = diagonal[:, :, None] * diagonal[:, None, :]
+    return np.asarray(np.linalg.inv(a / scale + 1e-13 * np.eye(diagonal.shape[1])) / scale)
+
+
 def _log_det(covariances: NDArray[np.float64]) -> Floats:
     """Return the logarithms of the determinants of the part of K and T."""
     return np.asarray(np.linalg.slogdet(covariances[:, :2, :2] + 1e-300 * np.eye(2))[1])
 
 
-def information(problem: Problem, state: State) -> Information:
-    """Linearise around a fit and model the noise that it leaves."""
+def information(problem: Problem, state: State, noise: NoiseModel | None = None) -> Information:
+    """Linearise around a fit and model the noise that it leaves, if none is given."""
     data, free = problem.data, len(problem.free)
     linears = [
         problem.linear(stretch, state, start) for stretch, start in zip(data.stretches, state.starts, strict=True)
     ]
     skip = problem.weights.heading_lags.size
-    noise = fit_noise([np.column_stack(linear.errors)[skip:] for linear in linears])
+    if noise is None:
+        noise = fit_noise([np.column_stack(linear.errors)[skip:] for linear in linears])
     size, channels = free + 2 * len(linears), len(linears[0].errors)
     own = np.zeros((channels, size, size))
     mixed = np.zeros((channels, channels, size, size))

@@ -10,9 +10,10 @@ import numpy as np
 
 from hil.lab.identify.predict import Scales
 from hil.lab.identify.recording import Floats
-from hil.lab.identify.stretch import Data, Stretch, thinned
+from hil.lab.identify.stretch import Data, Stretch, excerpt, thinned
 
 ROWS = 2000
+COARSER = 4  # times, from one digest to the next
 WINDOW_ROWS = 50
 
 
@@ -64,9 +65,23 @@ class Digest:
         )
 
 
-def digest(data: Data) -> Digest:
-    """Average every few samples of every stretch, so that about ROWS are left."""
-    parts = [_columns(stretch) for stretch in thinned(data, ROWS).stretches]
+def digests(data: Data) -> tuple[Digest, ...]:
+    """Return digests from the finest to the coarsest, which holds all of the data.
+
+    Averages over more than the turning lag show nothing of it, and what is left may have the wrong sign. As long
+    as the lag is not known, excerpts of finer averages are digested, too.
+    """
+    coarsest = max(1, data.rows // ROWS)
+    steps = [1]
+    while COARSER * steps[-1] < coarsest:
+        steps.append(COARSER * steps[-1])
+    return tuple(digest(data, every) for every in dict.fromkeys((*steps, coarsest)))
+
+
+def digest(data: Data, every: int) -> Digest:
+    """Average every so many samples of every stretch, and take an excerpt of ROWS where more are left."""
+    data = excerpt(thinned(data, every), 2 * ROWS)
+    parts = [_columns(stretch) for stretch in data.stretches]
     names = ("flags", "step_s", "rudder", "ratio", "heading", "rate", "turning")
     whole = {name: np.concatenate([part[name] for part in parts]) for name in names}
     rudder, turning = whole["rudder"], np.abs(whole["turning"])
@@ -90,7 +105,7 @@ def digest(data: Data) -> Digest:
         _window_power(whole["heading"], whole["flags"]) if first.heading_rad is not None else 0.0,
         float(rate @ rate) if first.yaw_rate_rad_s is not None else 0.0,
         max(float(part.time_s[-1] - part.time_s[0]) for part in data.stretches),
-        float(np.median(np.concatenate([part.step_s for part in data.stretches]))),
+        data.usual_step_s,
     )
 
 

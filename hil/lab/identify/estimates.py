@@ -13,9 +13,7 @@ from hil.lab.identify.predict import Scales, to_natural
 from hil.lab.identify.recording import Floats
 
 LONGEST_ALLOWED = 0.5  # step of ln K, ln T, c and delta0 in scales
-# alpha r^2 at the yaw rates of a log in which it does not show, one sigma: what is likely sets the values,
-# what is possible sets their standard errors.
-LIKELY_CUBIC, POSSIBLE_CUBIC = 0.015, 0.1
+POSSIBLE_CUBIC = 0.1  # alpha r^2 at the yaw rates of a log in which it does not show, one sigma
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,22 +46,22 @@ def _natural(values: Floats, free: tuple[int, ...], covariance: Floats) -> Estim
 
 
 def allowing_for_cubic(linear: Fit) -> Estimates | None:
-    """Return K, T and delta0 as they are when alpha is not taken for zero but for unknown and small.
+    """Return a linear fit's values with the errors that an alpha adds which is not zero but too small to show.
 
-    A linear fit to a boat with an alpha too small to show is off by more than its own standard
-    errors say, for the term acts like a smaller K. So alpha is put back, with what is believed
-    beforehand of its size, and everything moves by one Gauss-Newton step. None where that leads
-    too far for one step to be right: then so little is known that it makes no difference.
+    The fit to such a boat is off by more than its own standard errors say, for the term acts like a smaller K. So
+    alpha is put back, with what is believed beforehand of its size; the values stay those of the fit, which is the
+    model that predicts. None where one Gauss-Newton step leads too far to be right: then so little is known that
+    it makes no difference.
     """
     problem = replace(linear.problem, free=CUBIC)
     accuracy = information(problem, linear.state)
     weights = problem.channel_weights()
     normal = problem.normal(linear.state)
     unit = (problem.scales.yaw_rate_rad_s / linear.typical_rate_rad_s()) ** 2
-    step, _ = accuracy.step(normal, weights, CUBIC.index(2), LIKELY_CUBIC * unit)
-    _, covariance = accuracy.step(normal, weights, CUBIC.index(2), POSSIBLE_CUBIC * unit)
-    values = linear.state.point.values.copy()
-    values[list(CUBIC)] += step
+    step, covariance = accuracy.step(normal, weights, CUBIC.index(2), POSSIBLE_CUBIC * unit)
     if not (np.all(np.isfinite(step)) and np.max(np.abs(step)) < LONGEST_ALLOWED):
         return None
-    return _natural(values, CUBIC, covariance)
+    if step[CUBIC.index(2)] > 0.0:
+        # An alpha above zero is likely: what the values would move by with it is part of their error.
+        covariance = covariance + np.outer(step, step)
+    return _natural(linear.state.point.values, CUBIC, covariance)

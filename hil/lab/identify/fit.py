@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hil.lab.identify.accuracy import Information, best_weights, information
-from hil.lab.identify.digest import Digest, digest
+from hil.lab.identify.digest import Digest, digests
+from hil.lab.identify.mend import without_spikes
 from hil.lab.identify.noise import fit_noise
 from hil.lab.identify.predict import Point, Start
 from hil.lab.identify.recording import Floats
 from hil.lab.identify.refine import Problem, State, Weights, refine
-from hil.lab.identify.search import Box, Found, GlobalSearch, scan, swarm_search, with_scale_of
-from hil.lab.identify.stretch import Data, Stretch, thinned, without_spikes
+from hil.lab.identify.search import Box, Found, GlobalSearch, misfit, scan, swarm_search, with_scale_of
+from hil.lab.identify.stretch import Data, Stretch, excerpt, thinned
 
 LINEAR, CUBIC = (0, 1, 3), (0, 1, 2, 3)  # free ones of ln K, ln T, alpha, delta0
 ROUNDS, FINE_ROUNDS = 5, 2
 SETTLED = 0.05  # of a weight, relative
 NO_LAGS = np.zeros(0)
-FEW_ROWS = 3000
+FEW_ROWS, MOST_JUDGED_ROWS = 3000, 100_000
+STEPS_PER_LAG = 4.0  # averages over more of T than this part of it do not show T
 PARAMETERS = 5  # K, T, alpha, delta0 and where the boat starts
 MOST_LAGS = 24  # of the filter that makes a heading's noise white; what colour is left the standard errors allow for
 
@@ -59,17 +62,6 @@ class Fit:
         rates = [np.abs(self.problem.motion(stretch, self.state, start)[1]) for stretch, start in parts]
         return max(float(np.quantile(np.concatenate(rates), 0.95)), 1e-12)
 
-    @property
-    def likelihood(self) -> float:
-        """Minus twice the logarithm of the likelihood, channels apart, noise sizes eliminated."""
-        rows = self.problem.data.rows
-        return float(rows * np.sum(np.log(np.maximum(self.errors_power(), 1e-300))))
-
-    def errors_power(self) -> Floats:
-        """Return the mean square error of each channel in use."""
-        weights = np.array(self.problem.channel_weights())
-        return np.asarray(self.accuracy.noise.spread[weights > 0.0] ** 2)
-
 
 @dataclass(frozen=True, slots=True)
 class Searched:
@@ -83,11 +75,20 @@ class Searched:
 def search(
     data: Data, seed: int, globally: GlobalSearch = swarm_search, *, cubic: bool, tell: Callable[[], None]
 ) -> Searched:
-    """Search globally."""
-    record = digest(data)
-    box = scan(record)
+    """Search globally, where a scan predicts best, sample by sample; the sign of K is settled by that, too."""
+    likely = [(record, scan(record)) for record in digests(data)]
+    few = excerpt(data, MOST_JUDGED_ROWS)
+    record, box = min(likely, key=lambda one: _surprise_of(few, *one)) if len(likely) > 1 else likely[0]
     record = with_scale_of(record, box)
     return Searched(record, box, globally(record, box, seed, cubic=cubic, tell=tell))
+
+
+def _surprise_of(data: Data, record: Digest, box: Box) -> float:
+    """Return minus twice the logarithm of the likelihood of data, of what a scan of a digest says of them."""
+    starts = tuple(first_guess(stretch) for stretch in data.stretches)
+    weights = Weights(1.0, 1.0, NO_LAGS)
+    problem = Problem(data, record.scales, record.scales.largest_rate_rad_s, LINEAR, weights)
+    return _surprise(problem, State(box.guess, starts))
 
 
 def fit(
@@ -106,29 +107,41 @@ def fit(
     values = begin.values.copy()
     if 2 not in free:
         values[2] = 0.0
-    few = thinned(data, FEW_ROWS)
+    few = _few(data, math.exp(float(values[1])))
     rates = [stretch.yaw_rate_rad_s for stretch in few.stretches if stretch.yaw_rate_rad_s is not None]
     fastest = max((float(np.max(np.abs(rate))) for rate in rates), default=3.0 * scales.yaw_rate_rad_s)
     state = State(Point(values, begin.sign), tuple(first_guess(stretch) for stretch in few.stretches))
     roughs = [
         _settled(Problem(few, scales, fastest, free, weights), state, tell, ROUNDS) for weights in _first_weights(data)
     ]
-    rough = min(_no_worse_in_rate(roughs), key=_surprise)
+    rough = min(_no_worse_in_rate(roughs), key=lambda one: _surprise(one.problem, one.state))
     if few is data:
         if simpler is None or rough.cost <= rough.problem.cost(simpler.state):
             return rough
         return _settled(rough.problem, simpler.state, tell, FINE_ROUNDS)
+    state = rough.state
+    if len(few.stretches) != len(data.stretches):
+        state = replace(state, starts=tuple(first_guess(stretch) for stretch in data.stretches))
     every_weight = rough.problem.weights
     if data.stretches[0].yaw_rate_rad_s is None:
-        every_weight = _weights(replace(rough.problem, data=data), rough.state, rough.accuracy)
+        every_weight = _weights(replace(rough.problem, data=data), state, rough.accuracy)
     whole = replace(rough.problem, data=data, weights=every_weight)
-    state = rough.state
     if simpler is not None and whole.cost(simpler.state) < whole.cost(state):
         state = simpler.state
     fine = _settled(whole, state, tell, FINE_ROUNDS)
     return replace(
         fine, evaluations=fine.evaluations + rough.evaluations, iterations=fine.iterations + rough.iterations
     )
+
+
+def best_start(searched: Searched) -> Point:
+    """Return the better of what scan and swarm say of a linear model."""
+    guess, swarm = searched.box.guess, searched.found.point
+    values = swarm.values.copy()
+    values[2] = 0.0
+    flat = Point(values, swarm.sign)
+    both = misfit(searched.record, np.array([guess.values, flat.values]), guess.sign)
+    return guess if both[0] <= both[1] else flat
 
 
 def _first_weights(data: Data) -> tuple[Weights, ...]:
@@ -140,14 +153,20 @@ def _first_weights(data: Data) -> tuple[Weights, ...]:
     """
     heading, rate = 1.0 / _power(data, 0), 1.0 / _power(data, 1)
     if data.stretches[0].yaw_rate_rad_s is not None:
-        return (Weights(0.0, rate, NO_LAGS), Weights(heading, 0.0, NO_LAGS))
+        return (Weights(0.0, rate, NO_LAGS, rate), Weights(heading, 0.0, NO_LAGS, rate))
     return (Weights(heading, 0.0, NO_LAGS), Weights(heading, 0.0, np.array([-1.0])))
 
 
-def _surprise(fitted: Fit) -> float:
-    """Return minus twice the logarithm of the likelihood of a fit's errors, their colour allowed for."""
-    noise = fit_noise(error_pieces(fitted.problem, fitted.state))
-    rows = fitted.problem.data.rows
+def _few(data: Data, lag_s: float) -> Data:
+    """Return the data averaged as far as a turning lag allows, and an excerpt if many rows are left."""
+    longest = max(1, int(lag_s / STEPS_PER_LAG / data.usual_step_s))
+    return excerpt(thinned(data, min(data.rows // FEW_ROWS, longest)), 2 * FEW_ROWS)
+
+
+def _surprise(problem: Problem, state: State) -> float:
+    """Return minus twice the logarithm of the likelihood of a state's errors, their colour allowed for."""
+    noise = fit_noise(error_pieces(problem, state))
+    rows = problem.data.rows
     return rows * float(np.linalg.slogdet(noise.covariance)[1]) + 2.0 * noise.order
 
 
@@ -232,11 +251,12 @@ def _without_spikes(problem: Problem, state: State) -> tuple[Data, int]:
 
 def _weights(problem: Problem, state: State, accuracy: Information) -> Weights:
     first = problem.data.stretches[0]
+    start = 1.0 / max(float(accuracy.noise.spread[-1]) ** 2, 1e-300)
     if first.heading_rad is None:
-        return Weights(0.0, best_weights(accuracy)[0], NO_LAGS)
+        return Weights(0.0, best_weights(accuracy)[0], NO_LAGS, start)
     if first.yaw_rate_rad_s is not None:
         heading, rate = best_weights(accuracy)
-        return Weights(heading, rate, NO_LAGS)
+        return Weights(heading, rate, NO_LAGS, start)
     # Alone, the heading is filtered so that its noise is white: efficient, and safe against drift,
     # which would otherwise add up over the whole log.
     pieces = [

@@ -103,7 +103,7 @@ def _weights(fit: Fit) -> Weights:
     """Weigh the channels by the noise that the fit left, whatever it was fitted to."""
     spread = dict(zip(_channels(fit.problem.data), fit.accuracy.noise.spread.tolist(), strict=True))
     weight = {name: 1.0 / max(spread.get(name, 1.0), 1e-12) ** 2 for name in ("heading", "yaw_rate")}
-    return Weights(weight["heading"], weight["yaw_rate"], NO_LAGS)
+    return Weights(weight["heading"], weight["yaw_rate"], NO_LAGS, weight["yaw_rate"])
 
 
 def _channels(data: Data) -> list[str]:
@@ -116,13 +116,4 @@ def _head(stretch: Stretch, lag_s: float) -> Stretch:
     time_s = stretch.time_s
     until_s = time_s[0] + max(HEAD_LAGS * lag_s, HEAD_SHARE * (time_s[-1] - time_s[0]))
     rows = min(max(int(np.searchsorted(time_s, until_s)), LEAST_ROWS), time_s.size)
-    return replace(
-        stretch,
-        time_s=time_s[:rows],
-        step_s=stretch.step_s[: rows - 1],
-        rudder_rad=stretch.rudder_rad[:rows],
-        rudder_end_rad=stretch.rudder_end_rad[: rows - 1],
-        heading_rad=None if stretch.heading_rad is None else stretch.heading_rad[:rows],
-        yaw_rate_rad_s=None if stretch.yaw_rate_rad_s is None else stretch.yaw_rate_rad_s[:rows],
-        speed_ratio=stretch.speed_ratio[:rows],
-    )
+    return stretch.part(slice(0, rows))

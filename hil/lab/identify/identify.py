@@ -11,13 +11,13 @@ import numpy as np
 from firmware_py.model.kt import KtModel
 from hil.errors import UsageError
 from hil.lab.compiled import compiling
+from hil.lab.identify.choice import choose
 from hil.lab.identify.estimates import allowing_for_cubic, estimates_of
-from hil.lab.identify.fit import CUBIC, LINEAR, Fit, Searched, fit, search
+from hil.lab.identify.fit import CUBIC, Fit, search
 from hil.lab.identify.held_out import HeldOut, errors_of, held_out
+from hil.lab.identify.loop import Loop, loop_of
 from hil.lab.identify.noise import Whiteness, whiteness
-from hil.lab.identify.predict import Point
 from hil.lab.identify.recording import Recording
-from hil.lab.identify.refine import refine
 from hil.lab.identify.rudder_timing import AS_RAMPS, TimingChoice, choose_timing
 from hil.lab.identify.search import GlobalSearch, misfit, swarm_search
 from hil.lab.identify.stretch import Data, Timing, prepare, timed
@@ -25,12 +25,9 @@ from hil.lab.identify.verdict import LARGEST_ERROR, Judgement, judge
 
 MODELS = ("linear", "cubic", "auto")
 SPEEDS = ("auto", "scaled", "ignored")
-SPEED_SPREAD = 0.02  # relative; a steadier speed makes no difference
-EQUAL_LIKELIHOOD = 4.0
-FEW_READINGS, DECISIVE_FOR_SPEED = 80.0, 10.0
+SPEED_SPREAD = 0.005  # relative; a steadier speed makes no difference
 CONSTANT = 1e-9
-TINY = 1e-12
-DECISIVE = 10.0  # times what BIC asks for: alpha is there, however badly its size is known
+MOST_GAIN_1_M = 5.0  # of K / U: K L / U is hardly above 2.5, of a hull of half a metre or more
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +68,7 @@ class Identification:
     train: HeldOut
     validate: tuple[HeldOut, ...]
     whiteness: dict[str, Whiteness]
+    loop: Loop
 
     @property
     def evaluations(self) -> int:
@@ -96,23 +94,22 @@ def identify(
     """Identify K, T, alpha and delta0; UsageError for data that cannot tell anything, naming the remedy."""
     data = prepare(train)
     _check_motion(data)
-    scaled = speed != "ignored" and data.speed_m_s is not None
-    if not scaled:
-        data = _unscaled(data)
     with compiling("the identification"):
-        searched = search(data, seed, globally, cubic=model != "linear", tell=tell)
-        found, choice, spent = _chosen(data, searched, model, tell)
-        timing, more = choose_timing(data, found, tell)
-        spent += more
+        kinds = _kinds(data, speed)
+        searched = search(kinds[0][0], seed, globally, cubic=model != "linear", tell=tell)
+        chosen = choose(kinds, searched, model, tell)
+        timing, spent = choose_timing(chosen.fit.problem.data, chosen.fit, tell)
+        spent += chosen.evaluations
         if timing.timing is not Timing.RAMP:
-            data = timed(data, timing.timing)
-            found, choice, more = _chosen(data, searched, model, tell)
-            spent += more
-        choice = replace(choice, scaled=scaled, timing=timing)
-        if scaled and speed == "auto" and (_speed_varies(data) or found.effective_rows < FEW_READINGS):
-            data, found, choice, more = _rescaled(data, searched, found, choice, tell)
-            spent += more
-    judgement = _judged(found, model)
+            kinds = tuple((timed(one, timing.timing), scaled) for one, scaled in kinds)
+            chosen = choose(kinds, searched, model, tell)
+            spent += chosen.evaluations
+    found = chosen.fit
+    choice = Choice(chosen.model, chosen.why, chosen.scaled, chosen.speed_why, timing)
+    data = next(one for one, scaled in kinds if scaled == chosen.scaled)
+    loop = loop_of(found)
+    judgement = _judged(found, model, loop)
+    _check_size(data, judgement)
     brought = Brought(
         searched.box.guess_misfit,
         searched.found.misfit,
@@ -134,105 +131,32 @@ def identify(
             for recording in validate
         ),
         {name: whiteness([piece - piece.mean() for piece in pieces]) for name, pieces in errors.items()},
+        loop,
     )
 
 
-def _rescaled(
-    data: Data, searched: Searched, found: Fit, choice: Choice, tell: Callable[[], None]
-) -> tuple[Data, Fit, Choice, int]:
-    """Return data and fit that follow the measured speed, or do not, and why.
-
-    Similarity is what is to be expected of a hull, so a constant model must be clearly better to be taken. But a
-    short log has seen too little of other speeds to be carried to them on trust: there the scaling must show.
-    """
-    other = fit(_unscaled(data), searched, found.problem.free, found.state.point, tell)
-    share = found.effective_rows / data.rows
-    gain = (other.likelihood - found.likelihood) * share
-    if found.effective_rows < FEW_READINGS and gain < DECISIVE_FOR_SPEED:
-        why = (
-            f"not scaled: {_rows(found)} are too few to trust a scaling that does not show "
-            f"({gain:+.0f} in -2 ln likelihood, {DECISIVE_FOR_SPEED:.0f} are needed)"
-        )
-        return _unscaled(data), other, replace(choice, scaled=False, speed_why=why), other.evaluations
-    if gain < -EQUAL_LIKELIHOOD:
-        why = f"a model that does not change with the speed fits better (by {-gain:.0f} in -2 ln likelihood)"
-        return _unscaled(data), other, replace(choice, scaled=False, speed_why=why), other.evaluations
-    why = f"scaled to the measured speed (against a constant model: {gain:+.0f} in -2 ln likelihood)"
-    return data, found, replace(choice, speed_why=why), other.evaluations
-
-
-def _chosen(data: Data, searched: Searched, model: str, tell: Callable[[], None]) -> tuple[Fit, Choice, int]:
-    """Return the fit of the model asked for or that the evidence is for, and why."""
-    linear = fit(data, searched, LINEAR, _best_start(searched), tell)
-    if model == "linear":
-        return linear, Choice("linear", "as asked for"), linear.evaluations
-    cubic = fit(data, searched, CUBIC, searched.found.point, tell, linear)
-    spent = linear.evaluations + cubic.evaluations
-    place = CUBIC.index(2)
-    spread = math.sqrt(max(float(cubic.covariance[place, place]), 0.0))
-    alpha = float(cubic.state.point.values[2])
-    z = alpha / max(spread, TINY)
-    needed = math.sqrt(math.log(max(cubic.effective_rows, 10.0)))
-    size = f"alpha is {z:.1f} standard errors from zero"
-    if alpha > 0.0 and z <= needed:
-        gain, tried = _gain(linear, cubic, DECISIVE * needed**2)
-        spent += tried
-        if gain > DECISIVE * needed**2:
-            needed, size = 0.0, f"{size}, but takes {gain:.0f} off -2 ln likelihood"
-    if model == "cubic" and alpha < 0.0:
-        # Against all that is known of hulls, and a boat with a negative alpha spins up without end.
-        return linear, Choice("cubic", f"as asked for; {size}, so it is held at zero"), spent
-    if model == "cubic":
-        return cubic, Choice("cubic", "as asked for"), spent
-    why = f"{size}; {needed:.1f} are needed (BIC, {_rows(cubic)})"
-    if z > needed:
-        return cubic, Choice("cubic", why), spent
-    return linear, Choice("linear", f"{why}; K and T allow for an alpha that does not show"), spent
-
-
-def _gain(linear: Fit, cubic: Fit, enough: float) -> tuple[float, int]:
-    """Return what alpha takes off -2 ln likelihood, by the weights of the cubic fit, and the evaluations spent.
-
-    Where it is clear beforehand that it is less than enough, what it is at most.
-    """
-    shares = np.array(cubic.problem.channel_weights()) * cubic.accuracy.noise.spread**2
-    readings = cubic.effective_rows * float(np.count_nonzero(shares > 0.01 * shares.max()))
-    bent = refine(cubic.problem, cubic.state)
-    # The linear model refined by these weights costs no more than as it is.
-    most = (cubic.problem.cost(linear.state) / max(bent.cost, 1e-300) - 1.0) * readings
-    if most <= enough:
-        return most, bent.evaluations + 1
-    flat = refine(replace(cubic.problem, free=linear.problem.free), linear.state)
-    gain = (flat.cost / max(bent.cost, 1e-300) - 1.0) * readings
-    return gain, flat.evaluations + bent.evaluations + 1
-
-
-def _judged(found: Fit, model: str) -> Judgement:
+def _judged(found: Fit, model: str, loop: Loop) -> Judgement:
     """Judge a fit, K, T and delta0 with regard to an alpha that is held at zero but need not be zero."""
     if found.problem.free == CUBIC:
-        return judge(found, estimates_of(found), None)
+        return judge(found, estimates_of(found), None, loop)
     if model == "linear":
-        return judge(found, estimates_of(found), (0.0, 0.0))
+        return judge(found, estimates_of(found), (0.0, 0.0), loop)
     estimates = allowing_for_cubic(found)
     if estimates is None:
-        return judge(found, estimates_of(found), (0.0, LARGEST_ERROR))
+        return judge(found, estimates_of(found), (0.0, LARGEST_ERROR), loop)
     place = CUBIC.index(2)
     spread = math.sqrt(max(float(estimates.covariance[place, place]), 0.0))
-    return judge(found, estimates, (0.0, spread / found.problem.scales.yaw_rate_rad_s**2))
+    return judge(found, estimates, (0.0, spread / found.problem.scales.yaw_rate_rad_s**2), loop)
 
 
-def _rows(fitted: Fit) -> str:
-    return f"{fitted.effective_rows:.0f} independent readings"
-
-
-def _best_start(searched: Searched) -> Point:
-    """Return the better of what scan and swarm say of a linear model."""
-    guess, swarm = searched.box.guess, searched.found.point
-    values = swarm.values.copy()
-    values[2] = 0.0
-    flat = Point(values, swarm.sign)
-    both = misfit(searched.record, np.array([guess.values, flat.values]), guess.sign)
-    return guess if both[0] <= both[1] else flat
+def _kinds(data: Data, speed: str) -> tuple[tuple[Data, bool], ...]:
+    """Return the data as they may be fitted: following the measured speed, or not."""
+    constant = (_unscaled(data), False)
+    if speed == "ignored" or data.speed_m_s is None:
+        return (constant,)
+    ratio = np.concatenate([stretch.speed_ratio for stretch in data.stretches])
+    varies = float(np.std(ratio)) > SPEED_SPREAD
+    return ((data, True), constant) if speed == "auto" and varies else ((data, True),)
 
 
 def _unscaled(data: Data) -> Data:
@@ -240,9 +164,15 @@ def _unscaled(data: Data) -> Data:
     return replace(data, stretches=stretches)
 
 
-def _speed_varies(data: Data) -> bool:
-    ratio = np.concatenate([stretch.speed_ratio for stretch in data.stretches])
-    return float(np.std(ratio)) > SPEED_SPREAD
+def _check_size(data: Data, judgement: Judgement) -> None:
+    """Refuse a K that no ship of that speed has: with the rudder hard over she would turn within half a metre."""
+    gain, speed_m_s = judgement.estimates["K"], data.speed_m_s
+    if speed_m_s is None or not judgement.usable or abs(gain.value) - 3.0 * gain.se <= MOST_GAIN_1_M * speed_m_s:
+        return
+    raise UsageError(
+        f"{_names(data)}: K {gain.value:.3g} 1/s is beyond any ship of {speed_m_s:.2g} m/s: are heading and yaw rate "
+        "in degrees? name the columns heading_deg and yaw_rate_deg_s, or convert them"
+    )
 
 
 def _check_motion(data: Data) -> None:

@@ -74,12 +74,14 @@ class Recording:
                 f"{source}: too short, {max(0, last - first)} rows; the file holds {span}; "
                 f"give at least {LEAST_ROWS} rows, better 50 times the turning lag"
             )
-        rows = slice(int(first), int(last))
+        return replace(self.rows(slice(int(first), int(last))), name=str(source))
+
+    def rows(self, rows: slice) -> Recording:
+        """Return some of the rows."""
         columns = (self.heading_rad, self.yaw_rate_rad_s, self.speed_m_s)
         heading, rate, speed = (None if column is None else column[rows] for column in columns)
         return replace(
             self,
-            name=str(source),
             time_s=self.time_s[rows],
             rudder_rad=self.rudder_rad[rows],
             heading_rad=heading,

@@ -37,12 +37,14 @@ HIGHEST = np.array([25.0, math.log(2e4), 1e4, 50.0])
 class Weights:
     """How much a squared error counts: of heading [1/rad^2], of yaw rate [s^2/rad^2].
 
-    `heading_lags` is the filter that makes the heading's noise white, empty when it is white.
+    `heading_lags` is the filter that makes the heading's noise white, empty when it is white. `start` is of the
+    initial yaw rate's difference from the first reading, where there is one [s^2/rad^2].
     """
 
     heading: float
     yaw_rate: float
     heading_lags: Floats
+    start: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +142,13 @@ class Problem:
         motion = self.motion(stretch, state, start)
         return tuple(column - values for column, values in zip(columns, motion, strict=True) if column is not None)
 
+    def _start_apart(self, stretch: Stretch, start: Start) -> float:
+        """Return what the first reading of the yaw rate exceeds the initial one by; 0 where none was measured.
+
+        Where the yaw rate has no weight of its own, as where it is full of waves, the start would else be free.
+        """
+        return 0.0 if stretch.yaw_rate_rad_s is None else float(stretch.yaw_rate_rad_s[0]) - start.yaw_rate_rad_s
+
     def cost(self, state: State) -> float:
         """Return the weighted sum of squared errors."""
         total = 0.0
@@ -149,6 +158,7 @@ class Problem:
                 found = (whitened(found[0], self.weights.heading_lags), *found[1:])
             for error, weight in zip(found, self.channel_weights(), strict=True):
                 total += weight * float(error @ error)
+            total += self.weights.start * self._start_apart(stretch, start) ** 2
         return total
 
     def normal(self, state: State) -> Normal:
@@ -176,6 +186,11 @@ class Problem:
                 here,
                 down,
             )
+            if stretch.yaw_rate_rad_s is not None:
+                apart, unit = self._start_apart(stretch, start), self.scales.yaw_rate_rad_s
+                cost += self.weights.start * apart**2
+                here[-1, -1] += self.weights.start * unit**2
+                down[-1] += self.weights.start * unit * apart
             matrix[np.ix_(places, places)] += here
             slope[places] += down
         return Normal(matrix, slope, cost)

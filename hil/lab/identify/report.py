@@ -37,6 +37,8 @@ def as_json(result: Identification, seconds: float, suggestion: Suggestion | Non
         "rows": result.data.rows,
         "stretches": len(result.data.stretches),
         "outliers": result.data.spikes + result.fit.spikes,
+        "explained": result.loop.explained,
+        "closed_loop": result.loop.answered > 0.0,
         "correlations": dict(result.judgement.correlations),
         "whiteness": {
             name: {"lag_one": spectrum.lag_one, "outside_band": spectrum.outside, "white": spectrum.white}
@@ -121,12 +123,14 @@ def _whiteness(result: Identification) -> list[str]:
         f"{names[name]}: {'white' if colour.white else 'coloured'} (correlation of neighbours {colour.lag_one:+.2f})"
         for name, colour in result.whiteness.items()
     ]
+    answers = "; the rudder answers the rest (closed loop)" if result.loop.answered else ""
+    explained = f"explained: {100.0 * max(result.loop.explained, 0.0):.0f} % of the motion (R2){answers}"
     weights = result.fit.problem.channel_weights()
     power = (np.array(weights) * result.fit.accuracy.noise.spread**2).tolist()
     named = zip(result.whiteness, power, strict=True)
     shares = [f"{names[name]} {100.0 * share / sum(power):.0f} %" for name, share in named]
     worth = f"worth {result.fit.effective_rows:.0f} independent rows, which the standard errors allow for"
-    return [f"residuals: {'; '.join(texts)}; {worth}", f"weight in the fit: {', '.join(shares)}"]
+    return [explained, f"residuals: {'; '.join(texts)}; {worth}", f"weight in the fit: {', '.join(shares)}"]
 
 
 def _predictions(result: Identification) -> list[str]:

@@ -38,7 +38,7 @@ AS_RAMPS = TimingChoice(Timing.RAMP, "")
 
 def choose_timing(data: Data, found: Fit, tell: Callable[[], None]) -> tuple[TimingChoice, int]:
     """Return what the rudder does between samples, given a fit that takes it for ramps, and the evaluations spent."""
-    usual_s = float(np.median(np.concatenate([stretch.step_s for stretch in data.stretches])))
+    usual_s = data.usual_step_s
     lag_se_s = float(found.physical[1]) * math.sqrt(max(float(found.covariance[1, 1]), 0.0))
     if not 0.5 * usual_s > MATTERS * lag_se_s:
         return AS_RAMPS, 0

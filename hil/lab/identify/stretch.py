@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -12,16 +11,13 @@ from typing import Self
 import numpy as np
 
 from hil.errors import UsageError
+from hil.lab.identify.mend import check_agreement, once, without_rate_bias, without_spikes
 from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
 
 GAP_SAMPLES = 10.0  # a hole this many usual intervals long: nobody knows what the rudder did in it
 MOST_STRETCHES = 100
-SPIKE_NEIGHBOURS = 3  # to each side
-SPIKE_SPREADS = 8.0  # a normal number is this far out once in 1e15
-NORMAL_MAD, NORMAL_90 = 1.4826, 1.645
-BIAS_BLOCKS, BIAS_CERTAIN, BIAS_MATTERS = 10, 8.0, 0.02  # standard errors; of the yaw rate's spread
+BLOCKS, LEAST_BLOCK = 8, 200  # of an excerpt: how many of each stretch, and their rows
 SPEED_RATIO_RANGE = (0.2, 5.0)  # similarity is not stretched further
-DEGREES_SLOPE = 20.0  # a heading that changes this many times faster than the yaw rate says is in degrees
 
 
 class Timing(Enum):
@@ -77,6 +73,20 @@ class Stretch:
             return replace(self, rudder_end_rad=before)
         return replace(self, rudder_rad=np.concatenate((after, after[-1:])), rudder_end_rad=after)
 
+    def part(self, rows: slice) -> Stretch:
+        """Return some rows of the stretch, one after the other."""
+        inside = slice(rows.start, rows.stop - 1)
+        return replace(
+            self,
+            time_s=self.time_s[rows],
+            step_s=self.step_s[inside],
+            rudder_rad=self.rudder_rad[rows],
+            rudder_end_rad=self.rudder_end_rad[inside],
+            heading_rad=None if self.heading_rad is None else self.heading_rad[rows],
+            yaw_rate_rad_s=None if self.yaw_rate_rad_s is None else self.yaw_rate_rad_s[rows],
+            speed_ratio=self.speed_ratio[rows],
+        )
+
     def rudder_at_samples(self) -> Floats:
         """Return the rudder at each sample, where it jumps there the mean of both sides."""
         before = np.concatenate((self.rudder_rad[:1], self.rudder_end_rad))
@@ -103,6 +113,16 @@ class Data:
         return sum(stretch.time_s.size for stretch in self.stretches)
 
     @property
+    def usual_step_s(self) -> float:
+        """The median interval."""
+        return float(np.median(np.concatenate([stretch.step_s for stretch in self.stretches])))
+
+    @property
+    def duration_s(self) -> float:
+        """How long all stretches last together."""
+        return sum(float(stretch.time_s[-1] - stretch.time_s[0]) for stretch in self.stretches)
+
+    @property
     def spikes(self) -> int:
         """How many readings were replaced because they stood out of their neighbours."""
         return sum(stretch.spikes for stretch in self.stretches)
@@ -118,6 +138,7 @@ def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None) -> 
     if not has_heading and not has_rate:
         raise UsageError("some files have only a heading, others only a yaw rate; give files that share one of them")
     notes = [f"{recording.name}: {note}" for recording in recordings for note in recording.notes]
+    recordings = once(recordings, notes)
     if not (has_heading and has_rate) and len(recordings) > 1:
         notes.append(f"only the {'heading' if has_heading else 'yaw rate'} is used: not all files have both")
     with_speed = all(recording.speed_m_s is not None for recording in recordings)
@@ -125,8 +146,8 @@ def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None) -> 
     reference = mean_speed if speed_m_s is None else speed_m_s
     stretches: list[Stretch] = []
     for recording in recordings:
-        _check_agreement(recording)
-        recording = _without_rate_bias(recording, notes)  # noqa: PLW2901 - mended
+        check_agreement(recording)
+        recording = without_rate_bias(recording, notes)  # noqa: PLW2901 - mended
         parts = _between_gaps(recording, notes)
         stretches.extend(
             _stretch(recording, part, reference if with_speed else None, heading=has_heading, rate=has_rate)
@@ -144,12 +165,25 @@ def timed(data: Data, timing: Timing) -> Data:
     return replace(data, stretches=tuple(stretch.timed(timing) for stretch in data.stretches))
 
 
-def thinned(data: Data, rows: int) -> Data:
-    """Average every few samples so that about so many rows are left; the data themselves if they are few."""
-    every = data.rows // rows
+def thinned(data: Data, every: int) -> Data:
+    """Average every so many samples; the data themselves if that is one."""
     if every < 2:
         return data
     return replace(data, stretches=tuple(_averaged(stretch, every) for stretch in data.stretches))
+
+
+def excerpt(data: Data, rows: int) -> Data:
+    """Return about so many rows, in blocks spread evenly over the data; the data themselves if they are few."""
+    if data.rows <= rows:
+        return data
+    parts: list[Stretch] = []
+    for stretch in data.stretches:
+        share = rows * stretch.time_s.size / data.rows
+        blocks = max(1, min(BLOCKS, int(share / LEAST_BLOCK)))
+        length = min(max(int(share / blocks), LEAST_ROWS), stretch.time_s.size)
+        firsts = np.linspace(0, stretch.time_s.size - length, blocks).astype(int)
+        parts.extend(stretch.part(slice(first, first + length)) for first in firsts.tolist())
+    return replace(data, stretches=tuple(parts))
 
 
 def _averaged(stretch: Stretch, every: int) -> Stretch:
@@ -210,65 +244,3 @@ def _stretch(recording: Recording, part: slice, speed_m_s: float | None, *, head
     if speed_m_s is not None and recording.speed_m_s is not None:
         ratio = np.clip(np.abs(recording.speed_m_s[part]) / speed_m_s, *SPEED_RATIO_RANGE)
     return Stretch.of(recording.name, time_s, recording.rudder_rad[part], psi, r, ratio, spikes)
-
-
-def without_spikes(values: Floats) -> tuple[Floats, int]:
-    """Replace readings that stand far out of their neighbours by those (Hampel), and count them."""
-    width = 2 * SPIKE_NEIGHBOURS + 1
-    if values.size < width:
-        return values.copy(), 0
-    padded = np.pad(values, SPIKE_NEIGHBOURS, mode="reflect", reflect_type="odd")
-    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
-    apart = np.abs(values - middle)
-    # Coarse or slow readings are mostly equal to their neighbours: then the outer ones tell the spread.
-    spread = max(NORMAL_MAD * float(np.median(apart)), float(np.quantile(apart, 0.9)) / NORMAL_90)
-    wrong = apart > SPIKE_SPREADS * spread
-    if spread <= 0.0 or not wrong.any():
-        return values.copy(), 0
-    return np.where(wrong, middle, values), int(np.count_nonzero(wrong))
-
-
-def _without_rate_bias(recording: Recording, notes: list[str]) -> Recording:
-    """Take a yaw rate's constant error away where the heading beside it shows one for certain."""
-    if recording.heading_rad is None or recording.yaw_rate_rad_s is None:
-        return recording
-    time_s, rate = recording.time_s, recording.yaw_rate_rad_s
-    cuts = np.linspace(0, time_s.size - 1, BIAS_BLOCKS + 1).astype(int)
-    turned = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s))))
-    apart = (turned - np.unwrap(recording.heading_rad))[cuts]
-    biases = np.diff(apart) / np.diff(time_s[cuts])
-    bias, spread = float(np.median(biases)), float(np.std(biases)) / math.sqrt(BIAS_BLOCKS)
-    if abs(bias) < max(BIAS_CERTAIN * spread, BIAS_MATTERS * float(np.std(rate))):
-        return recording
-    notes.append(f"{recording.name}: yaw_rate_rad_s is {bias:+.3g} rad/s off what the heading does; taken away")
-    return replace(recording, yaw_rate_rad_s=rate - bias)
-
-
-def _check_agreement(recording: Recording) -> None:
-    """Refuse a heading in degrees beside a yaw rate in radians, or the other way round."""
-    if recording.heading_rad is None or recording.yaw_rate_rad_s is None:
-        return
-    psi, _ = without_spikes(np.unwrap(recording.heading_rad))
-    rate = recording.yaw_rate_rad_s
-    turned = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(recording.time_s))))
-    turned -= turned.mean()
-    psi = psi - psi.mean()
-    power = float(turned @ turned)
-    if not power > 0.0 or not float(psi @ psi) > 0.0:
-        return
-    slope = float(psi @ turned) / power
-    likeness = float(psi @ turned) / math.sqrt(power * float(psi @ psi))
-    name, there = recording.name, "as the yaw rate adds up to"
-    if abs(likeness) < 0.9:
-        return
-    if slope > DEGREES_SLOPE:
-        raise UsageError(f"{name}: heading_rad turns {slope:.0f} times as far {there}: is it in degrees? convert it")
-    if 0.0 < slope < 1.0 / DEGREES_SLOPE:
-        raise UsageError(
-            f"{name}: heading_rad turns {slope:.3f} times as far {there}: is yaw_rate_rad_s in deg/s? convert it"
-        )
-    if slope < 0.0:
-        raise UsageError(
-            f"{name}: heading_rad and yaw_rate_rad_s turn against each other; turn the sign of one: "
-            "both are positive to starboard"
-        )

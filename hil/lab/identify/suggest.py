@@ -95,7 +95,7 @@ def _circles(fit: Fit, seconds: float, angle: float) -> tuple[Floats, Floats]:
 
 
 def _times(fit: Fit, seconds: float) -> Floats:
-    usual_s = float(np.median(np.concatenate([stretch.step_s for stretch in fit.problem.data.stretches])))
+    usual_s = fit.problem.data.usual_step_s
     rows = int(min(max(seconds / usual_s, 10.0), MOST_ROWS))
     return np.linspace(0.0, seconds, rows)
 
@@ -129,7 +129,7 @@ def _expected(fit: Fit, manoeuvre: tuple[Floats, Floats]) -> Floats:
     state = State(Point(values, fit.state.point.sign), (Start(0.0, 0.0),))
     linear = problem.linear(stretch, state, state.starts[0])
     rows = time_s.size
-    usual_s = float(np.median(np.concatenate([part.step_s for part in fit.problem.data.stretches])))
+    usual_s = fit.problem.data.usual_step_s
     # Where the manoeuvre is thinned out each of its rows stands for several of the log.
     share = float(time_s[1] - time_s[0]) / usual_s
     own = share * np.array([by.T @ by for by in linear.slopes])

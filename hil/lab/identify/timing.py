@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hil.lab.identify.digest import digest
+from hil.lab.identify.digest import digests
 from hil.lab.identify.objective import output_error
 from hil.lab.identify.recording import Floats
 from hil.lab.identify.search import scan
@@ -21,7 +21,7 @@ def objective(data: Data, fish: int) -> tuple[Callable[[], None], int, Floats]:
 
     It is what the swarm calls: objective.output_error on the averaged log.
     """
-    record = digest(data)
+    record = digests(data)[-1]
     box = scan(record)
     low, high = box.bounds(cubic=True)
     points = box.points(low + (high - low) * np.random.default_rng(0).random((fish, low.size)))

@@ -10,6 +10,7 @@ import numpy as np
 
 from hil.lab.identify.estimates import Estimates
 from hil.lab.identify.fit import Fit
+from hil.lab.identify.loop import Loop
 from hil.lab.identify.recording import Floats
 
 IDENTIFIABLE = "identifiable"
@@ -18,6 +19,10 @@ NOT_IDENTIFIABLE = "not identifiable"
 LOOSE = 0.25  # of a value: 95 % within a factor of about 1.6
 LOOSE_OFFSET = 0.25  # of the rudder's spread
 CERTAIN = 3.0  # standard errors that alpha must be away from zero
+SHORTEST_S, FEWEST_READINGS = 30.0, 30.0  # less cannot tell what the rudder does from a few waves
+LEAST_LAGS = 5.0  # that a log must last for K and T to be told apart
+LEAST_EXPLAINED = 0.25  # of the motion, where the rudder answers the rest
+ANSWERED_BIAS = 1.0 / 3.0  # of what is unexplained: how far off K and T may be then, one sigma
 LARGEST_ERROR = 1e12  # a standard error is a finite number, also where there is no knowing
 
 
@@ -46,15 +51,16 @@ class Judgement:
         return self.ratio.verdict == IDENTIFIABLE or self.estimates["K"].verdict == IDENTIFIABLE
 
 
-def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None) -> Judgement:
+def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None, loop: Loop) -> Judgement:
     """Judge what is known of a fit.
 
     alpha: value and standard error where the model has it held, None where the estimates tell.
+    loop: what of the motion is explained, and whether the rudder answers the rest.
     """
     scales = fit.problem.scales
     gain, lag_s, cubic, offset = estimates.physical(scales, fit.state.point.sign)
     free = list(estimates.free)
-    covariance = estimates.covariance
+    covariance = _allowing_for_answers(estimates.covariance, loop)
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     ln_gain_se, ln_lag_se = float(spread[0]), float(spread[1])
     ratio_se = _ratio_spread(covariance)
@@ -62,29 +68,64 @@ def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None) -> 
     if alpha is None:
         alpha = (cubic, float(spread[free.index(2)]) / scales.yaw_rate_rad_s**2)
     explained = _explained(covariance)
+    refusal = _refusal(fit, loop, explained=explained)
     ratio = Estimate(
         gain / lag_s,
         _finite(abs(gain) / lag_s * ratio_se),
-        IDENTIFIABLE if ratio_se <= LOOSE and explained else NOT_IDENTIFIABLE,
+        IDENTIFIABLE if ratio_se <= LOOSE and not refusal else NOT_IDENTIFIABLE,
         f"known to {_percent(ratio_se)}",
     )
+    short = fit.problem.data.duration_s < LEAST_LAGS * lag_s
     judged = {
-        "K": _main("K", gain, ln_gain_se, ratio, explained=explained),
-        "T": _main("T", lag_s, ln_lag_se, ratio, explained=explained),
-        "alpha": _alpha(fit, *alpha, explained=explained),
-        "delta0": _offset(fit, offset, offset_se, explained=explained),
+        "K": _main("K", gain, ln_gain_se, ratio, refusal, short=short),
+        "T": _main("T", lag_s, ln_lag_se, ratio, refusal, short=short),
+        "alpha": _alpha(fit, *alpha, explained=not refusal),
+        "delta0": _offset(fit, offset, offset_se, explained=not refusal),
     }
     warnings = []
-    if gain < 0.0 and explained:
+    if loop.answered and not refusal:
+        warnings.append(
+            f"the rudder answers what it does not explain ({_percent(1.0 - loop.explained)} of the motion), as an "
+            "autopilot or a helmsman does: K may be too small, and the standard errors allow for it; steer by a plan"
+        )
+    if gain < 0.0 and not refusal:
         warnings.append(
             "K is negative: positive rudder turns her to port in this log; turn the sign of the rudder column, "
             "or RUD_REVERSE on the boat"
         )
-    if not explained:
-        warnings.append("the rudder explains next to nothing of the motion: no model can be had from this log")
+    if refusal:
+        warnings.append(f"{refusal}: no model can be had from this log")
     if not fit.converged:
         warnings.append("the refinement has not converged; take the numbers for a hint")
     return Judgement(judged, ratio, _correlations(free, covariance), tuple(warnings))
+
+
+def _allowing_for_answers(covariance: Floats, loop: Loop) -> Floats:
+    """Add to the errors of ln K and ln T what a rudder that answers the waves does to them."""
+    if not loop.answered:
+        return covariance
+    bias = ANSWERED_BIAS * (1.0 - loop.explained)
+    wider = covariance.copy()
+    wider[0, 0] += bias**2
+    wider[1, 1] += bias**2
+    wider[:2, :2] += 0.5 * bias**2 * (np.ones((2, 2)) - np.eye(2))
+    return wider
+
+
+def _refusal(fit: Fit, loop: Loop, *, explained: bool) -> str:
+    """Return why there is no model at all, empty where there is one."""
+    seconds, readings = fit.problem.data.duration_s, fit.effective_rows
+    if not explained:
+        return "the rudder explains next to nothing of the motion"
+    if seconds < SHORTEST_S:
+        least = f"{SHORTEST_S:.0f} s are the least"
+        return f"{seconds:.0f} s are too short to tell the rudder's work from a few waves; {least}"
+    if readings < FEWEST_READINGS:
+        return f"worth {readings:.0f} independent readings only, where {FEWEST_READINGS:.0f} are the least"
+    if loop.answered and loop.explained < LEAST_EXPLAINED:
+        share = _percent(max(loop.explained, 0.0))
+        return f"the rudder explains {share} of the motion and answers the rest, as an autopilot does (closed loop)"
+    return ""
 
 
 def _explained(covariance: Floats) -> bool:
@@ -96,11 +137,11 @@ def _ratio_spread(covariance: Floats) -> float:
     return math.sqrt(max(float(covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1]), 0.0))
 
 
-def _main(name: str, value: float, relative: float, ratio: Estimate, *, explained: bool) -> Estimate:
+def _main(name: str, value: float, relative: float, ratio: Estimate, refusal: str, *, short: bool) -> Estimate:
     se = _finite(abs(value) * relative)
-    if not explained:
-        return Estimate(value, se, NOT_IDENTIFIABLE, "the rudder explains next to nothing of the motion")
-    if relative <= LOOSE:
+    if refusal:
+        return Estimate(value, se, NOT_IDENTIFIABLE, refusal)
+    if relative <= LOOSE and not short:
         return Estimate(value, se, IDENTIFIABLE, f"known to {_percent(relative)}")
     if ratio.verdict == IDENTIFIABLE:
         why = f"{name} alone is known to {_percent(relative)} only, K/T = {ratio.value:.4g} {ratio.why}"

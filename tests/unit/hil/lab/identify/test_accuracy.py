@@ -1,6 +1,7 @@
 """Standard errors and efficiency over many seeds, against a Cramer-Rao bound worked out here."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,18 +15,24 @@ NOISE, RATE_NOISE, RESOLUTION = np.radians(0.3), np.radians(0.1), 0.1
 WAVE, PERIOD = np.radians(1.5), 2.53
 
 
-def motion(candidates, rudder):
-    """Return heading and yaw rate (rows, n) of candidates (5, n), K T alpha delta0 r0, by classical Runge-Kutta."""
+def motion(candidates, rudder, ratio=None):
+    """Return heading and yaw rate (rows, n) of candidates (5, n), K T alpha delta0 r0, by classical Runge-Kutta.
+
+    ratio (rows,): the speed over that at which they hold; they follow it by similarity.
+    """
     gain, lag, cubic, offset, r = (row.copy() for row in candidates)
     psi = np.zeros(r.size)
     out = np.zeros((2, rudder.size, r.size))
     out[1, 0] = r
 
+    u = 1.0
+
     def slope(rate, angle):
-        return (gain * (angle - offset) - rate - cubic * rate**3) / lag
+        return (gain * u * (angle - offset) - rate - cubic / u**2 * rate**3) / (lag / u)
 
     for n in range(rudder.size - 1):
         a, b = rudder[n], rudder[n + 1]
+        u = 1.0 if ratio is None else 0.5 * (ratio[n] + ratio[n + 1])
         k1 = slope(r, a)
         r2 = r + 0.5 * STEP * k1
         k2 = slope(r2, 0.5 * (a + b))
@@ -171,3 +178,69 @@ def test_heading_keeping_does_not_tell_alpha(yard):
     assert found.choice.model == "linear"
     assert found.judgement.estimates["alpha"].verdict == "not identifiable"
     assert found.judgement.estimates["K"].verdict == "identifiable"
+
+
+ALPHAS = (0.0, 0.5, 1.0, 2.0, 3.0)  # times the paper's, as seen at the same share of the yaw rate
+
+
+def ship(yard, seed):
+    """Return a ship's recording, her K, T, alpha, delta0, whether her speed varies, and what an F-test says of alpha.
+
+    The test knows all but the values: the noise, and how the speed acts; alpha over its standard error.
+    """
+    source = np.random.default_rng(1000 + seed)
+    faster = source.choice([1.0, 2.0, 4.0])
+    true = np.array([0.049 * faster, source.choice([2.0, 4.0, 8.0]), 0.0, np.radians(source.choice([0.0, 2.0]))])
+    true[2] = source.choice(ALPHAS) * 17.0 / faster**2
+    time, angle = np.arange(source.choice([3000, 6000])) * STEP, np.radians(source.choice([20.0, 35.0]))
+    if source.random() < 0.5:
+        rudder = yard.zigzag(time, angle, true[1] * source.choice([3.0, 8.0]))
+    else:
+        rudder = yard.steps(time, angle, 25.0 * true[1], np.radians(30.0))
+    varies = bool(source.random() < 0.5)
+    waves = source.choice([1.0, 3.0]) * time / time[-1] + source.random()
+    ratio = 1.0 + 0.3 * varies * np.sin(2.0 * np.pi * waves)
+    size = np.array([*true[:2], 1.0 / faster**2, 0.1, 0.005])
+    base = np.append(true, 0.0)
+    both = np.concatenate((np.zeros((1, 5)), np.diag(1e-4 * size), np.diag(-1e-4 * size)))
+    out = motion((base + both).T, rudder, ratio)
+    recording = yard.recorded(time, rudder, out[0, :, 0], out[1, :, 0], seed=seed)
+    errors = np.stack((recording.heading_rad - out[0, :, 0], recording.yaw_rate_rad_s - out[1, :, 0]))
+    noise = np.concatenate((errors[0] / NOISE, errors[1] / RATE_NOISE))
+    slopes = (out[:, :, 1:6] - out[:, :, 6:]) / 2e-4
+    heading, rate = np.column_stack((slopes[0], np.ones(time.size))), np.column_stack((slopes[1], np.zeros(time.size)))
+    rows = np.vstack((heading / NOISE, rate / RATE_NOISE))
+    inverse = np.linalg.inv(rows.T @ rows)
+    alpha = true[2] + (inverse @ rows.T @ noise)[2] * size[2]
+    return replace(recording, speed_m_s=0.4 * ratio), true, varies, alpha / np.sqrt(inverse[2, 2]) / size[2]
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(3000)
+def test_the_right_model_is_chosen_and_the_intervals_hold(yard):
+    """Ships with alpha from 0 to 3 times the paper's, half of them at varying speed, of which most can be told."""
+    right, within = [], []
+    for seed in range(int(os.environ.get("PROOF_SEEDS", "200"))):
+        recording, true, varies, certainty = ship(yard, seed)
+        found = identify([recording])
+        mean = float(np.mean(recording.speed_m_s)) / 0.4
+        if true[2] == 0.0 or certainty > 1.96:
+            model = "cubic" if true[2] > 0.0 else "linear"
+            right.append(found.choice.model == model and (found.choice.scaled or not varies))
+        estimates = [found.judgement.estimates[name] for name in ("K", "T", "alpha", "delta0")]
+        at_mean = true * np.array([mean, 1.0 / mean, mean**-2, 1.0])
+        within.append([abs(one.value - value) <= 1.96 * one.se for one, value in zip(estimates, at_mean, strict=True)])
+    assert np.mean(right) >= 0.95
+    assert 0.90 <= np.mean(within) <= 0.98
+    assert np.all(np.mean(within, axis=0) >= 0.88)
+
+
+def test_an_alpha_that_shows_at_95_percent_is_believed(yard):
+    """Of boats whose alpha takes some 7 off -2 ln likelihood; BIC, which an hour of noise makes severe, asks for 8."""
+    models = []
+    for seed in (27, 94):
+        recording, true, _, certainty = ship(yard, seed)
+        assert true[2] > 0.0
+        assert 2.2 < certainty < 2.9
+        models.append(identify([recording]).choice.model)
+    assert models == ["cubic", "cubic"]

@@ -1,0 +1,115 @@
+"""What recordings are checked for, and mended, before they are cut into stretches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hil.errors import UsageError
+from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
+
+SPIKE_NEIGHBOURS = 3  # to each side
+SPIKE_SPREADS = 8.0  # a normal number is this far out once in 1e15
+NORMAL_MAD, NORMAL_90 = 1.4826, 1.645
+BIAS_BLOCKS, BIAS_CERTAIN, BIAS_MATTERS = 10, 8.0, 0.02  # standard errors; of the yaw rate's spread
+DEGREES_SLOPE = 20.0  # a heading that changes this many times faster than the yaw rate says is in degrees
+
+
+def once(recordings: Sequence[Recording], notes: list[str]) -> list[Recording]:
+    """Leave out what stands there again to the last digit: it is no further evidence."""
+    kept: list[Recording] = []
+    for recording in recordings:
+        if any(_same(_motion(recording), _motion(other)) for other in kept):
+            notes.append(f"{recording.name}: the same as another file; counted once")
+            continue
+        period = _period(_motion(recording))
+        if period < recording.time_s.size:
+            times = recording.time_s.size / period
+            notes.append(f"{recording.name}: the same {period} rows stand there {times:.3g} times; counted once")
+        kept.append(recording.rows(slice(0, period)))
+    return kept
+
+
+def _motion(recording: Recording) -> Floats:
+    """Return rudder and motion, (rows, 2)."""
+    motion = recording.heading_rad if recording.yaw_rate_rad_s is None else recording.yaw_rate_rad_s
+    return np.column_stack((recording.rudder_rad, motion if motion is not None else recording.rudder_rad))
+
+
+def _same(one: Floats, other: Floats) -> bool:
+    return one.shape == other.shape and bool(np.array_equal(one, other))
+
+
+def _period(rows: Floats) -> int:
+    """Return after how many rows they begin anew and are the same from there on; all of them if they never do."""
+    for first in np.flatnonzero(np.all(rows == rows[0], axis=1)).tolist():
+        if first < LEAST_ROWS or 2 * first > rows.shape[0]:
+            continue
+        if np.array_equal(rows[first : first + LEAST_ROWS], rows[:LEAST_ROWS]) and _same(rows[first:], rows[:-first]):
+            return int(first)
+    return int(rows.shape[0])
+
+
+def without_spikes(values: Floats) -> tuple[Floats, int]:
+    """Replace readings that stand far out of their neighbours by those (Hampel), and count them."""
+    width = 2 * SPIKE_NEIGHBOURS + 1
+    if values.size < width:
+        return values.copy(), 0
+    padded = np.pad(values, SPIKE_NEIGHBOURS, mode="reflect", reflect_type="odd")
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
+    apart = np.abs(values - middle)
+    # Coarse or slow readings are mostly equal to their neighbours: then the outer ones tell the spread.
+    spread = max(NORMAL_MAD * float(np.median(apart)), float(np.quantile(apart, 0.9)) / NORMAL_90)
+    wrong = apart > SPIKE_SPREADS * spread
+    if spread <= 0.0 or not wrong.any():
+        return values.copy(), 0
+    return np.where(wrong, middle, values), int(np.count_nonzero(wrong))
+
+
+def without_rate_bias(recording: Recording, notes: list[str]) -> Recording:
+    """Take a yaw rate's constant error away where the heading beside it shows one for certain."""
+    if recording.heading_rad is None or recording.yaw_rate_rad_s is None:
+        return recording
+    time_s, rate = recording.time_s, recording.yaw_rate_rad_s
+    cuts = np.linspace(0, time_s.size - 1, BIAS_BLOCKS + 1).astype(int)
+    turned = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s))))
+    apart = (turned - np.unwrap(recording.heading_rad))[cuts]
+    biases = np.diff(apart) / np.diff(time_s[cuts])
+    bias, spread = float(np.median(biases)), float(np.std(biases)) / math.sqrt(BIAS_BLOCKS)
+    if abs(bias) < max(BIAS_CERTAIN * spread, BIAS_MATTERS * float(np.std(rate))):
+        return recording
+    notes.append(f"{recording.name}: yaw_rate_rad_s is {bias:+.3g} rad/s off what the heading does; taken away")
+    return replace(recording, yaw_rate_rad_s=rate - bias)
+
+
+def check_agreement(recording: Recording) -> None:
+    """Refuse a heading in degrees beside a yaw rate in radians, or the other way round."""
+    if recording.heading_rad is None or recording.yaw_rate_rad_s is None:
+        return
+    psi, _ = without_spikes(np.unwrap(recording.heading_rad))
+    rate = recording.yaw_rate_rad_s
+    turned = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(recording.time_s))))
+    turned -= turned.mean()
+    psi = psi - psi.mean()
+    power = float(turned @ turned)
+    if not power > 0.0 or not float(psi @ psi) > 0.0:
+        return
+    slope = float(psi @ turned) / power
+    likeness = float(psi @ turned) / math.sqrt(power * float(psi @ psi))
+    name, there = recording.name, "as the yaw rate adds up to"
+    if abs(likeness) < 0.9:
+        return
+    if slope > DEGREES_SLOPE:
+        raise UsageError(f"{name}: heading_rad turns {slope:.0f} times as far {there}: is it in degrees? convert it")
+    if 0.0 < slope < 1.0 / DEGREES_SLOPE:
+        raise UsageError(
+            f"{name}: heading_rad turns {slope:.3f} times as far {there}: is yaw_rate_rad_s in deg/s? convert it"
+        )
+    if slope < 0.0:
+        raise UsageError(
+            f"{name}: heading_rad and yaw_rate_rad_s turn against each other; turn the sign of one: "
+            "both are positive to starboard"
+        )
