@@ -27,9 +27,9 @@ MATTERS = 0.01  # of what is unexplained
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """`explained` is the share of the motion (R2, at most 1); `answered` what of the rest the rudder goes on to answer.
+    """`explained` is the share (R2, at most 1) of how far she turns within each turning lag.
 
-    `answered` is 0 where none shows.
+    `answered` is what of the rest the rudder goes on to answer, 0 where none shows.
     """
 
     explained: float
@@ -45,12 +45,8 @@ def loop_of(fit: Fit) -> Loop:
     data = fit.problem.data
     lag_s = min(float(fit.physical[1]), data.duration_s / LEAST_TURNS)
     every = max(1, round(lag_s / data.usual_step_s))
-    shares = [_explained([_turns(*part, every) for part in parts])]
-    pairs = [(one.yaw_rate_rad_s, rate) for one, _, rate in parts if one.yaw_rate_rad_s is not None]
-    if pairs:
-        shares.append(_explained(pairs))
     answers = [_answered([_beside(*part, step) for part in parts]) for step in STEPS]
-    return Loop(max(shares), max(answers))
+    return Loop(_explained([_turns(*part, every) for part in parts]), max(answers))
 
 
 def _turns(stretch: Stretch, heading: Floats, rate: Floats, every: int) -> tuple[Floats, Floats]:

@@ -22,7 +22,7 @@ CERTAIN = 3.0  # standard errors that alpha must be away from zero
 SHORTEST_S, FEWEST_READINGS = 30.0, 30.0  # less cannot tell what the rudder does from a few waves
 LEAST_LAGS = 5.0  # that a log must last for K and T to be told apart
 LEAST_EXPLAINED = 0.25  # of the motion, where the rudder answers the rest
-ANSWERED_BIAS = 1.0 / 3.0  # of what is unexplained: how far off K and T may be then, one sigma
+ANSWERED_BIAS = 0.25  # of what is unexplained: how far off K and T may be then, one sigma
 LARGEST_ERROR = 1e12  # a standard error is a finite number, also where there is no knowing
 
 
@@ -69,10 +69,12 @@ def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None, loo
         alpha = (cubic, float(spread[free.index(2)]) / scales.yaw_rate_rad_s**2)
     explained = _explained(covariance)
     refusal = _refusal(fit, loop, explained=explained)
+    # Disturbances that are answered look like an endless T, and the ratio to it is as wrong as K.
+    lost = loop.answered > 0.0 and ln_gain_se > LOOSE
     ratio = Estimate(
         gain / lag_s,
         _finite(abs(gain) / lag_s * ratio_se),
-        IDENTIFIABLE if ratio_se <= LOOSE and not refusal else NOT_IDENTIFIABLE,
+        IDENTIFIABLE if ratio_se <= LOOSE and not refusal and not lost else NOT_IDENTIFIABLE,
         f"known to {_percent(ratio_se)}",
     )
     short = fit.problem.data.duration_s < LEAST_LAGS * lag_s
