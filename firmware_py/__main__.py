@@ -43,6 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; 0 success, 1 a finding, 2 bad usage or configuration."""
     keep_standard_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's library would start threads that nobody needs
     gc.disable()  # imports make no garbage, and looking for it takes a tenth of the start
     parser = _Parser(prog="rambler", description="Autopilot for wave gliders and other very slow boats.")
     commit = commit_of(ROOT) if "--version" in words else ""  # git is asked only then

@@ -178,7 +178,14 @@ def heading_to_steer(goal: HeadingGoal, water: Water | None) -> float:
     """Return the heading that makes the goal good; a course is steered as a heading while no current is known."""
     if not goal.over_ground or water is None:
         return goal.heading_rad
-    return heading_for_course(goal.heading_rad, water.speed_m_s, water.current_north_m_s, water.current_east_m_s)
+    return heading_in_water(goal.heading_rad, water)
+
+
+def heading_in_water(course_rad: float, water: Water) -> float:
+    """Return the heading that makes a course over ground good in the water as it is estimated."""
+    return heading_for_course(
+        course_rad, water.speed_m_s, water.current_north_m_s, water.current_east_m_s, water.leeway_rad
+    )
 
 
 def _steer_position(

@@ -48,9 +48,12 @@ class MissionReport:
 
 @dataclass(frozen=True, slots=True)
 class Water:
-    """Speed through the water and the current over the ground, with standard deviations.
+    """Speed through the water, the current over the ground and the leeway, with standard deviations.
 
-    `current_sd_m_s` is that of the worse known direction. `too_strong`: the current is
+    The way through the water lies `leeway_rad` to starboard of the heading. `current_sd_m_s` is that of the worse
+    known direction. The float follows the glider as a second-order system of the frequency `follow_rad_s`, the way over
+    the ground lags `course_lag_s` behind the heading in a turn, and the waves carry the receiver to and fro by
+    `orbit_m_s` along either axis (standard deviation). `too_strong`: the current is
     stronger than the boat, so that it cannot hold a place against it.
     """
 
@@ -59,6 +62,11 @@ class Water:
     current_north_m_s: float
     current_east_m_s: float
     current_sd_m_s: float
+    leeway_rad: float = 0.0
+    leeway_sd_rad: float = 0.0
+    follow_rad_s: float = 0.0
+    course_lag_s: float = 0.0
+    orbit_m_s: float = 0.0
     too_strong: bool = False
 
 
@@ -192,6 +200,7 @@ class Snapshot:
     water: Water | None = None
     navigation: Navigation = Navigation()
     energy: Energy | None = None
+    helm_softness: float = 1.0  # by what factor the helm is softer than as delivered
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,8 @@ class HeadingControllerInput:
 
     `error_rad` is the goal less the heading, positive to starboard; on a turn the long way it stays at
     half a turn. `estimate` is None while the plain observer knows heading and yaw rate alone.
-    `command_rad` is the rudder command of the tick before.
+    `command_rad` is the rudder command of the tick before. `softness`: by what factor the helm is to be softer than
+    as delivered, 1 or more.
     """
 
     error_rad: float
@@ -23,16 +24,18 @@ class HeadingControllerInput:
     estimate: HeadingEstimate | None
     command_rad: float
     step_s: float
+    softness: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class HeadingControllerState:
     """What a controller remembers from tick to tick; each keeps its own field and leaves the others at their default.
 
-    `reference` is how a turn under way should go.
+    `reference` is how a turn under way should go, `bias_rad` the rudder bias as a softened helm lets it follow.
     """
 
     reference: Reference | None = None
+    bias_rad: float | None = None
 
 
 Controller = Callable[[HeadingControllerState, HeadingControllerInput], tuple[HeadingControllerState, float | None]]

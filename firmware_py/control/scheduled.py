@@ -6,12 +6,16 @@ model has a proportional gain `stiffness` and the yaw rate gain below, at any sp
 moves the command only when it leaves a band around it, and then no farther than the band's edge:
 where every degree of rudder travel has the same price, that is the best rule for a rudder that
 follows a wandering demand.
+
+A helm that is to be softer has less of all that closes the loop: stiffness, the rudder that is fed forward, and a
+bias that follows the estimated one more slowly, which swings with a boat that swings. The band stays: a wider one
+makes a boat swing that is later than her model.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_py.common.angles import clamp, degrees, radians, wrap_pi
@@ -28,12 +32,13 @@ from firmware_py.model.kt import KtModel, steady_yaw_rate
 STIFFNESS: Final = 3.1
 STIFFNESS_BY_SPREAD: Final = 0.55
 STIFFNESS_BY_SPEED: Final = -0.6
-SPREADS_DEG: Final = (0.02, 4.0)
+SPREADS_DEG: Final = (0.1, 4.0)
 BAND_DEG: Final = 0.25
 BAND_BY_SPREAD: Final = 0.65
 BAND_BY_SPEED: Final = 0.3
 TURNING_RAD: Final = radians(3.0)  # farther than this from the goal a turn is made, in a narrower band
 TURNING_SHARE: Final = 0.3
+SLOWER_BIAS_S: Final = 50.0  # the time in which the bias is followed, for each 1 that the softness is above 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +77,23 @@ def update(
     """Return the rudder demand [rad] with the reference of the turn; None without an estimate to steer by."""
     if given.estimate is None:
         return HeadingControllerState(), None
-    reference, demand = scheduled_demand(settings, state.reference, given.estimate, given.error_rad, given.step_s)
-    command_rad = given.command_rad
-    return HeadingControllerState(reference), command_rad if demand is None else apply_deadband(command_rad, demand)
+    bias_rad = followed_bias(state.bias_rad, given)
+    estimate = given.estimate if bias_rad is None else replace(given.estimate, bias_rad=bias_rad)
+    reference, demand = scheduled_demand(
+        settings, state.reference, estimate, given.error_rad, given.step_s, given.softness
+    )
+    command_rad = given.command_rad if demand is None else apply_deadband(given.command_rad, demand)
+    return HeadingControllerState(reference, bias_rad), command_rad
+
+
+def followed_bias(bias_rad: float | None, given: HeadingControllerInput) -> float | None:
+    """Return the rudder bias that a softened helm steers by, which follows the estimate; None: the estimate itself."""
+    if given.estimate is None or given.softness <= 1.0:
+        return None
+    if bias_rad is None:
+        return given.estimate.bias_rad
+    part = -math.expm1(-given.step_s / (SLOWER_BIAS_S * (given.softness - 1.0)))
+    return bias_rad + part * (given.estimate.bias_rad - bias_rad)
 
 
 def ship_at_speed(settings: ScheduledSettings, estimate: HeadingEstimate) -> Ship:
@@ -123,7 +142,12 @@ def gains_of(ship: Ship, stiffness: float) -> Gains:
 
 
 def scheduled_demand(
-    settings: ScheduledSettings, reference: Reference | None, estimate: HeadingEstimate, error_rad: float, step_s: float
+    settings: ScheduledSettings,
+    reference: Reference | None,
+    estimate: HeadingEstimate,
+    error_rad: float,
+    step_s: float,
+    softness: float = 1.0,
 ) -> tuple[Reference, RudderDemand | None]:
     """Advance the reference and return it with the demand; error_rad is the goal less the estimated heading.
 
@@ -139,10 +163,10 @@ def scheduled_demand(
     if abs(error_rad) < math.pi:
         left_rad = wrap_pi(left_rad)
     reference = reference_model.update(ship, reference, left_rad, estimate.heading_rad, step_s)
-    stiffness = stiffness_of(settings, estimate)
+    stiffness = stiffness_of(settings, estimate) / softness
     off_rad = wrap_pi(reference.heading_rad - estimate.heading_rad)
     feedback_rad = rudder_demand(gains_of(ship, stiffness), off_rad, estimate.yaw_rate_rad_s - reference.yaw_rate_rad_s)
-    demand_rad = ship.bias_rad + reference.feedforward_rad + feedback_rad
+    demand_rad = ship.bias_rad + reference.feedforward_rad / softness + feedback_rad
     band_rad = band_of(settings, estimate, stiffness)
     if abs(left_rad) > TURNING_RAD:
         band_rad *= TURNING_SHARE

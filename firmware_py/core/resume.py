@@ -15,6 +15,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.reports import Home
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import CHANGES
+from firmware_py.estimate import heading_estimator, water
 from firmware_py.guidance.guidance import GuidanceState, take_changes
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.mission_progress import MissionProgress, is_halted
@@ -62,8 +63,14 @@ def resume_of(state: State, utc_s: float) -> Resume:
         OrbitState(None, _rounded(nav.follower.orbit.turned_rad, TURNED_STEP_RAD)),
         nav.fence_enabled,
         state.home,
-        tuple(_rounded(value, CURRENT_STEP_M_S) for value in state.water.mean),  # type: ignore[arg-type]
+        _expected_water(state),
     )
+
+
+def _expected_water(state: State) -> tuple[float, float, float]:
+    north_m_s, east_m_s, speed_m_s, _ = water.known(state.heading_estimator.wave_filter)
+    step = CURRENT_STEP_M_S
+    return _rounded(north_m_s, step), _rounded(east_m_s, step), _rounded(speed_m_s, step)
 
 
 def _rounded(value: float, step: float) -> float:
@@ -136,7 +143,9 @@ def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ..
         modes=replace(resume.modes, armed=armed),
         guidance=nav,
         home=resume.home,
-        water=state.water if resume.water is None else replace(state.water, mean=resume.water),
+        heading_estimator=state.heading_estimator
+        if resume.water is None
+        else heading_estimator.expecting(state.heading_estimator, resume.water),
         greeting=greeting + (", not whole" if notes else ""),
     )
     return state, notes

@@ -31,9 +31,10 @@ def rudder_demand(
         given = HeadingControllerInput(
             error_rad=target.error_rad,
             yaw_rate_rad_s=state.heading_estimator.heading.yaw_rate_rad_s,
-            estimate=heading_estimate(state.heading_estimator),
+            estimate=heading_estimate(settings.heading_estimator, state.heading_estimator),
             command_rad=command_rad,
             step_s=step_s,
+            softness=state.supervisor.oscillation.softness,
         )
         controller, demand_rad = heading_controller.update(settings.controller, state.controller, given)
         return demand_rad, controller

@@ -52,6 +52,7 @@ def snapshot_of(
         mission=guidance.mission_report(state.guidance, state.plans, state.modes),
         water=situation.water,
         navigation=guidance.report(state.guidance, state.plans, fence_enabled=fence_enabled(settings, state)),
-        estimate=heading_estimator.report(state.heading_estimator),
+        estimate=heading_estimator.report(settings.heading_estimator, state.heading_estimator),
         energy=energy_meter.report(state.energy_meter, resting=state.torque_release.released),
+        helm_softness=state.supervisor.oscillation.softness,
     )

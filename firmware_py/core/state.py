@@ -94,7 +94,7 @@ class State:
             parameters=parameters,
             plans=plans or Plans(),
             modes=ModeState.at_start(parameters),
-            water=WaterState.at_start(parameters),
+            heading_estimator=HeadingEstimatorState.at_start(parameters),
         )
 
 
@@ -131,7 +131,7 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
     return Situation(
         heading_rad=heading.heading_rad if freshness.heading is Age.FRESH else None,
-        water=water.report(state.water),
+        water=water.report(state.water, state.heading_estimator.wave_filter),
         position_ok=freshness.position is Age.FRESH,
         # A released servo of some makes gives no angle, but it answers.
         rudder_ok=freshness.rudder is Age.FRESH,

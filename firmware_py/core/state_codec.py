@@ -13,6 +13,7 @@ that is missing, or whose value is not allowed any more, has its default.
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable
 from enum import IntEnum
 from typing import Any
@@ -151,8 +152,42 @@ CHANGES: tuple[Change, ...] = (
             ("Resume.order", "Resume.task"),
             ("State.reference", "State.controller.reference"),
         ),
-        renamed={"Head": "HoldHeading", "Go": "GoTo", "Keep": "HoldStation"},
+        renamed={
+            "Head": "HoldHeading",
+            "Go": "GoTo",
+            "Keep": "HoldStation",
+            "FilterState": "WaveFilterState",
+            "Learned": "NoiseModel",
+            "CurrentState": "WaterState",
+            "StationState": "StationKeepingState",
+            "AuthorityState": "SteeringMonitorState",
+        },
         converted={"MonitorState": _monitor_by_name, "FailsafeState": _failsafe_by_name},
+    ),
+    Change(
+        3,
+        # The filter has other states: it begins anew, with the sea that it had learned.
+        moved=(
+            ("WaveFilterState.x", None),
+            ("WaveFilterState.p", None),
+            ("WaveFilterState.sensitivity", None),
+            ("NoiseModel.information", None),
+            ("StationKeepingState.heading_rad", "StationKeepingState.way_rad"),
+            ("State.water.mean", "State.heading_estimator.wave_filter.expected_water"),
+            # The steering monitor keeps other sums: it begins anew, with the verdict there was.
+            ("SteeringMonitorState.expected_rad_s", None),
+            ("SteeringMonitorState.expected_square", None),
+            ("SteeringMonitorState.product", None),
+            ("SteeringMonitorState.block", None),
+            ("SteeringMonitorState.turn_square", None),
+            ("SteeringMonitorState.blocks", None),
+            ("WaterState.covariance", None),
+            ("WaterState.noise", None),
+            ("WaterState.outliers", None),
+            ("WaterState.block", None),
+            ("WaterState.average", None),
+            ("WaterState.leg", None),
+        ),
     ),
 )
 
@@ -224,7 +259,14 @@ def fault_fields(faults: type[IntEnum] = Fault) -> tuple[FieldHook, ...]:
     )
 
 
-_CODEC = Codec([State], [PARAMETER_HOOK, PLAN_HOOK], fault_fields(), CHANGES)
+def _bytes_from(data: Any, _spot: Spot) -> bytes:
+    if not isinstance(data, str):
+        raise ValueError(f"expected base64, found {shown(data)}")  # noqa: TRY004 -- bad data
+    return base64.b64decode(data, validate=True)
+
+
+BYTES_HOOK = Hook(bytes, lambda numbers: base64.b64encode(numbers).decode("ascii"), _bytes_from)
+_CODEC = Codec([State], [PARAMETER_HOOK, PLAN_HOOK, BYTES_HOOK], fault_fields(), CHANGES)
 
 
 def state_to_text(state: State) -> str:

@@ -6,11 +6,13 @@ and the replay of a log compute the same rudder, bit for bit.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import Request, Verdict
+from firmware_py.common.mode_table import MODES, RudderBy
 from firmware_py.common.records import Event, Inputs, RudderCommand, RudderStatus, Severity
 from firmware_py.common.reports import Output
 from firmware_py.control.rudder_limit import limited_command
@@ -27,6 +29,8 @@ from firmware_py.guidance.guidance import GuidanceInput
 from firmware_py.guidance.steering import SteeringTarget, steering_target, update_goal
 from firmware_py.modes import Situation, live_bench
 from firmware_py.safety import energy_meter, rudder_monitor, supervisor, torque_release
+from firmware_py.safety.oscillation import OscillationInput
+from firmware_py.safety.steering_monitor import SteeringInput
 
 
 def step(state: State, inputs: Inputs) -> tuple[State, Output]:
@@ -55,6 +59,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     mission_events = guidance.mission_events(before.guidance.mission, state.guidance.mission)
     target = steering_target(modes, state.guidance.status, situation)
     state = _monitor_steering(settings, state, rudder, target, situation, now_s)
+    state = _monitor_oscillation(settings, state, target, now_s)
 
     state, command = _steer(settings, state, situation, rudder, target, step_s)
     events = (*_change_events(before, state), *estimate_events, *fault_events, *failsafe_events, *mission_events)
@@ -109,16 +114,31 @@ def _monitor_steering(
 ) -> State:
     """Judge whether the boat answers the rudder; disarmed nobody steers."""
     waves = state.heading_estimator.wave_filter
-    monitored = supervisor.update_steering(
-        settings.supervisor,
-        state.supervisor,
-        rudder.angle_rad,
-        situation.heading_rad if state.modes.armed else None,
-        waves.x[kalman.SPEED] if waves.x else None,
-        target.error_rad,
-        now_s,
+    given = SteeringInput(
+        rudder_rad=rudder.angle_rad,
+        heading_rad=situation.heading_rad if state.modes.armed else None,
+        heading_sd_rad=waves.spread(kalman.HEADING),
+        speed_m_s=waves.x[kalman.SPEED] if waves.x else settings.supervisor.steering_monitor.model.speed_m_s,
+        error_rad=target.error_rad,
     )
+    monitored = supervisor.update_steering(settings.supervisor, state.supervisor, given, now_s)
     return state if monitored is state.supervisor else replace(state, supervisor=monitored)
+
+
+def _monitor_oscillation(settings: Settings, state: State, target: SteeringTarget, now_s: float) -> State:
+    """Judge whether she swings by herself, in a mode in which the helm steers her."""
+    steered = state.modes.armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
+    waves = state.heading_estimator.wave_filter
+    given = OscillationInput(
+        error_rad=target.error_rad if steered and waves.x else None,
+        goal_rad=target.heading_rad,
+        heading_sd_rad=waves.spread(kalman.HEADING),
+        rudder_rad=state.rudder.command_rad,
+        trim_rad=waves.x[kalman.BIAS] if waves.x else 0.0,
+        speed_m_s=waves.x[kalman.SPEED] if waves.x else 0.0,
+        wave_period_s=2.0 * math.pi / waves.noise_model.omega_rad_s,
+    )
+    return replace(state, supervisor=supervisor.update_oscillation(settings.supervisor, state.supervisor, given, now_s))
 
 
 def _steer(

@@ -14,11 +14,13 @@ from firmware_py.common.angles import clamp, radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, FixType, HeadingSample, PositionSample, Severity
 from firmware_py.common.reports import Estimate, HeadingEstimate
-from firmware_py.estimate import declination, kalman, observer, sources, wave_filter
+from firmware_py.estimate import declination, kalman, observer, sources, track_average, wave_filter
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.observer import HeadingState, ObserverSettings
 from firmware_py.estimate.sources import Source, SourceSettings, SourceState, TrueHeadingSample
-from firmware_py.estimate.wave_filter import WaveFilterSettings, WaveFilterState
+from firmware_py.estimate.track_average import Stretch
+from firmware_py.estimate.wave_filter import Velocity
+from firmware_py.estimate.wave_filter_state import WaveFilterSettings, WaveFilterState, water_of
 
 SLOWEST_COURSE_M_S: Final = 0.02  # below it a receiver gives no course worth the name
 WIDEST_COURSE_RAD: Final = radians(20.0)  # a heading less certain than this is not steered by without a compass
@@ -63,12 +65,26 @@ class HeadingTimeouts:
 
 @dataclass(frozen=True, slots=True)
 class HeadingEstimatorState:
-    """Heading and yaw rate of the tick, the wave filter, the heading sources and the declination of the place."""
+    """Heading and yaw rate of the tick, the wave filter, the heading sources and the declination of the place.
+
+    `stretch` is the stretch of track under way, where the receiver states no velocity.
+    """
 
     heading: HeadingState = HeadingState()  # noqa: RUF009 - frozen
     wave_filter: WaveFilterState = WaveFilterState()  # noqa: RUF009 - frozen
     sources: SourceState = SourceState()  # noqa: RUF009 - frozen
     declination: Declination = Declination()  # noqa: RUF009 - frozen
+    stretch: Stretch | None = None
+
+    @classmethod
+    def at_start(cls, parameters: ParameterSet) -> HeadingEstimatorState:
+        """Return the state before the first heading."""
+        return expecting(cls(), (0.0, 0.0, parameters["CRUISE_SPEED"]))
+
+
+def expecting(state: HeadingEstimatorState, water: tuple[float, float, float]) -> HeadingEstimatorState:
+    """Return a state before the first heading that expects this current, north and east, and speed [m/s]."""
+    return replace(state, wave_filter=replace(state.wave_filter, expected_water=water))
 
 
 def update(
@@ -87,11 +103,6 @@ def update(
         state = _with_declination(state, positions)
         if state.declination.declination_rad is not None:
             observer_settings = replace(observer_settings, declination_rad=state.declination.declination_rad)
-    if settings.observer_only:
-        of_first = [sample for sample in headings if sample.source == Source.COMPASS_A]
-        observer_settings = replace(observer_settings, timeout_s=timeouts.compass_s[Source.COMPASS_A])
-        heading = observer.update(observer_settings, before, of_first, rudder_rad, now_s)
-        return HeadingEstimatorState(heading, declination=state.declination), ()
     true_headings = [
         TrueHeadingSample(
             sample.t_s, observer.true_heading_rad(observer_settings, sample), sample.heading_rad, sample.source
@@ -99,21 +110,28 @@ def update(
         for sample in headings
         if math.isfinite(sample.heading_rad) and math.isfinite(sample.t_s) and sample.source in COMPASSES
     ]
-    restart_events: tuple[Event, ...] = ()
+    events: tuple[Event, ...] = ()
     if sources.needs_restart(state.sources, now_s, timeouts.compass_s):
-        state = HeadingEstimatorState(before, declination=state.declination)
-        restart_events = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
+        fresh = WaveFilterState(expected_water=water_of(state.wave_filter))
+        state = HeadingEstimatorState(before, fresh, declination=state.declination)
+        events = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
     source_state, source_events = _select_source(settings, state, true_headings, before, timeouts, now_s)
     samples = sources.samples_in_use(source_state, true_headings)
-    waves = wave_filter.update(settings.wave_filter, state.wave_filter, samples, velocities(positions), rudder_rad)
+    stretch, velocities = over_ground(state.stretch, positions, before.heading_rad)
+    waves = wave_filter.update(settings.wave_filter, state.wave_filter, samples, velocities, rudder_rad)
+    state = HeadingEstimatorState(before, waves, source_state, state.declination, stretch)
+    if settings.observer_only:
+        of_first = [sample for sample in headings if sample.source == Source.COMPASS_A]
+        observer_settings = replace(observer_settings, timeout_s=timeouts.compass_s[Source.COMPASS_A])
+        return replace(state, heading=observer.update(observer_settings, before, of_first, rudder_rad, now_s)), ()
     if not waves.x:
-        return HeadingEstimatorState(before, waves, source_state, state.declination), restart_events + source_events
+        return state, events + source_events
     heading_rad, yaw_rate_rad_s = wave_filter.predict_heading(settings.wave_filter, waves, now_s)
     # Fixes come rarely; whether they still come has been judged by their own timeout.
     sample_t_s = now_s if source_state.in_use is Source.COURSE else waves.sample_t_s
     newest = headings[-1] if headings else before
     heading = HeadingState(now_s, heading_rad, yaw_rate_rad_s, sample_t_s, newest.roll_rad, newest.pitch_rad)
-    return HeadingEstimatorState(heading, waves, source_state, state.declination), restart_events + source_events
+    return replace(state, heading=heading), events + source_events
 
 
 def _with_declination(state: HeadingEstimatorState, positions: Sequence[PositionSample]) -> HeadingEstimatorState:
@@ -151,24 +169,34 @@ def _select_source(
     return sources.select(source_state, now_s, settings.sources, timeouts.compass_s, course_ok=course_ok)
 
 
-def velocities(positions: Sequence[PositionSample]) -> list[wave_filter.Velocity]:
-    """Return time, speed and course over the ground of the fixes that state them."""
+def over_ground(
+    stretch: Stretch | None, positions: Sequence[PositionSample], heading_rad: float
+) -> tuple[Stretch | None, list[Velocity]]:
+    """Return the velocities over the ground that the fixes of a tick state, or come to from stretch to stretch."""
     stated = []
+    if stretch is not None:
+        stretch = stretch.with_heading(heading_rad)
     for sample in positions:
         speed_m_s, course_rad = sample.speed_over_ground_m_s, sample.course_over_ground_rad
-        if sample.fix is FixType.NONE or speed_m_s is None:
+        if sample.fix is FixType.NONE:
             continue
-        if course_rad is not None:
-            stated.append((sample.t_s, speed_m_s, course_rad))
+        if speed_m_s is None:
+            stretch, mean = track_average.take_fix(stretch, sample)
+            if mean is not None:
+                stated.append(Velocity(mean.t_s, mean.speed_m_s, mean.course_rad, (mean.cosine, mean.sine)))
+        elif course_rad is not None:
+            stretch = None
+            stated.append(Velocity(sample.t_s, speed_m_s, course_rad))
         elif speed_m_s < SLOWEST_COURSE_M_S:
-            stated.append((sample.t_s, speed_m_s, 0.0))
-    return stated
+            stretch = None
+            stated.append(Velocity(sample.t_s, speed_m_s, 0.0))
+    return stretch, stated
 
 
-def heading_estimate(state: HeadingEstimatorState) -> HeadingEstimate | None:
-    """Return what the filter gives to steer by; None without a filter."""
+def heading_estimate(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> HeadingEstimate | None:
+    """Return what the filter gives to steer by; None where it does not steer, or has not begun."""
     heading, waves = state.heading, state.wave_filter
-    if not waves.x:
+    if settings.observer_only or not waves.x:
         return None
     return HeadingEstimate(
         heading_rad=heading.heading_rad,
@@ -181,10 +209,10 @@ def heading_estimate(state: HeadingEstimatorState) -> HeadingEstimate | None:
     )
 
 
-def report(state: HeadingEstimatorState) -> Estimate | None:
-    """Return what the filter estimates, for the log and the link; None without a filter."""
+def report(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> Estimate | None:
+    """Return what the filter estimates, for the log and the link; None where it does not steer, or has not begun."""
     heading, waves = state.heading, state.wave_filter
-    if not waves.x:
+    if settings.observer_only or not waves.x:
         return None
     x, model = waves.x, waves.noise_model
     return Estimate(

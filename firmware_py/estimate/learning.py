@@ -1,11 +1,13 @@
 """What the wave filter learns of the sea and of its sensors from its own innovations.
 
-The wave period follows the gradient of the likelihood (recursive prediction error method: Ljung and
-Soderstrom, Theory and Practice of Recursive Identification, 1983). Wave strength and compass noise
-follow size and first correlation of the innovations (Mehra, IEEE Trans. AC-15, 1970): too large means
-that both are taken too small, positively correlated that the waves are. How fast the rudder bias
-wanders follows the innovations averaged over a while: more than white noise would leave there
-means that the bias wanders faster than it is taken to.
+The wave period, and how fast the float follows the glider, follow the gradient of the likelihood (recursive
+prediction error method: Ljung and Soderstrom, Theory and Practice of Recursive Identification, 1983).
+Wave strength and compass noise follow size and first correlation of the innovations (Mehra, IEEE Trans. AC-15,
+1970): too large means that both are taken too small, positively correlated that the waves are. So do the motion of
+the receiver in the waves and its own noise; its samples come so rarely that the waves' correlation changes its sign
+from one to the next, so they are judged by the correlation that waves of that period would leave. How fast the
+rudder bias wanders, and how far down the receiver's motion reaches, follow the innovations averaged over a while:
+more than white noise would leave there means more than it is taken to be.
 """
 
 from __future__ import annotations
@@ -18,22 +20,26 @@ from firmware_py.common.angles import clamp, radians
 from firmware_py.estimate.kalman import DAMPING
 
 LARGEST_NORMALISED: Final = 4.0  # one slap of the sea must not teach more than this
-PERIOD_MEMORY_S: Final = 300.0
-PERIOD_PRIOR: Final = 10.0  # information that the first guess of the period counts for
-LARGEST_PERIOD_STEP: Final = 0.05
+PERIOD_MEMORY_S, FOLLOW_MEMORY_S = 300.0, 3600.0
+PRIOR: Final = 5.0  # information that the first guess of a frequency counts for
+LARGEST_STEP: Final = 0.05  # of the logarithm of a frequency
 STRENGTH_TIME_S: Final = 20.0
 FIRST_SAMPLES: Final = 20.0
-BIAS_TIME_S: Final = 10.0
+SLOW_TIME_S: Final = 10.0
 BIAS_GAIN: Final = 0.1
 BIAS_PULL: Final = 0.1  # toward the usual wandering, so that chance does not carry it far
 FIX_GAIN: Final = 0.04
+SHARE_GAIN, SHARE_PULL = 0.6, 0.3
+LARGEST_FIX: Final = 3.0
 LONGEST_GAP_S: Final = 1.0  # beyond it two innovations say nothing of each other
 AVERAGE_S: Final = 60.0
 
 FIRST_PERIOD_S: Final = 5.0
 FIRST_SPREAD_RAD: Final = radians(5.0)
 FIRST_NOISE_RAD: Final = radians(0.3)
-FIRST_VELOCITY_NOISE_M_S: Final = 0.3  # a receiver in waves shows their orbital motion until it is known not to
+FIRST_VELOCITY_NOISE_M_S, FIRST_ORBIT_M_S = 0.1, 0.1
+FIRST_SLOW_SHARE: Final = 0.25
+FIRST_FOLLOW_RAD_S: Final = 1.5  # hardly any lag: a boat without an umbilical is right at once, others after a turn
 BIAS_NOISE: Final = 0.09 * radians(1.0) ** 2  # [rad^2/s]: about 2 deg of spread, 100 s of memory
 
 LOW_OMEGA, HIGH_OMEGA = math.log(2.0 * math.pi / 14.0), math.log(2.0 * math.pi / 1.6)
@@ -41,6 +47,9 @@ LOW_NOISE, HIGH_NOISE = math.log(radians(0.01) ** 2), math.log(radians(5.0) ** 2
 LOW_POWER, HIGH_POWER = math.log(1e-4 * radians(1.0) ** 2), math.log(1e4 * radians(1.0) ** 2)
 LOW_BIAS, HIGH_BIAS = math.log(0.002 * BIAS_NOISE), math.log(4.0 * BIAS_NOISE)
 LOW_VELOCITY, HIGH_VELOCITY = math.log(0.02**2), math.log(2.0**2)
+LOW_ORBIT, HIGH_ORBIT = math.log(0.003**2), math.log(2.0**2)
+LOW_SHARE, HIGH_SHARE = math.log(0.02), math.log(0.99)
+LOW_FOLLOW, HIGH_FOLLOW = math.log(0.15), math.log(3.0)
 
 
 def power_of(spread_rad: float, omega_rad_s: float) -> float:
@@ -50,7 +59,14 @@ def power_of(spread_rad: float, omega_rad_s: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class NoiseModel:
-    """Waves and noise as learned: logarithms of frequency [rad/s], powers, variances; and what learning remembers."""
+    """Waves and noise as learned, and what learning remembers.
+
+    Logarithms of the frequency of the waves [rad/s], of the power of the wave yaw, of the variances of compass,
+    velocity and of the receiver's motion in the waves, of what the rudder bias gains in a second, of the frequency at
+    which the float follows the glider. `velocities` are the last two normalised innovations, newest first, and
+    `slow_velocities` their averages. `log_slow_share`: that part of the variance of the receiver's motion which goes
+    with the swing itself and so reaches down to slow motion; the rest goes with its rate, as on an orbit.
+    """
 
     log_omega: float = math.log(2.0 * math.pi / FIRST_PERIOD_S)
     information: float = 0.0
@@ -58,10 +74,16 @@ class NoiseModel:
     log_noise: float = math.log(FIRST_NOISE_RAD**2)
     log_bias_noise: float = math.log(BIAS_NOISE)
     log_velocity_noise: float = math.log(FIRST_VELOCITY_NOISE_M_S**2)
+    log_orbit: float = math.log(FIRST_ORBIT_M_S**2)
+    log_follow: float = math.log(FIRST_FOLLOW_RAD_S)
+    follow_information: float = 0.0
     last_innovation: float = 0.0
     slow_innovation: float = 0.0
     count: int = 0
     average_square: float = 1.0
+    velocities: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    slow_velocities: tuple[float, float] = (0.0, 0.0)
+    log_slow_share: float = math.log(FIRST_SLOW_SHARE)
 
     @property
     def omega_rad_s(self) -> float:
@@ -73,32 +95,63 @@ class NoiseModel:
         """Standard deviation of the wave yaw."""
         return math.sqrt(math.exp(self.log_power - 3.0 * self.log_omega) / (4.0 * DAMPING))
 
+    @property
+    def follow_rad_s(self) -> float:
+        """Frequency of the second-order system as which the float follows the glider."""
+        return math.exp(self.log_follow)
 
-def learn_from_heading(
-    model: NoiseModel, innovation_rad: float, variance: float, sensitivity: float, step_s: float
+    @property
+    def orbit_shares(self) -> tuple[float, float]:
+        """By what the receiver's velocity shows the swing, and its rate in units of the frequency."""
+        share = math.exp(self.log_slow_share)
+        return math.sqrt(share), math.sqrt(1.0 - share)
+
+    @property
+    def orbit_power(self) -> float:
+        """White noise [m^2/s^5] that drives the receiver's velocity in the waves."""
+        return power_of(math.exp(0.5 * self.log_orbit), self.omega_rad_s)
+
+
+def _shift(gradient: float, information: float) -> float:
+    return clamp(gradient / (information + PRIOR), -LARGEST_STEP, LARGEST_STEP)
+
+
+def learn_frequencies(
+    model: NoiseModel, innovation: float, variance: float, by_omega: float, by_follow: float, step_s: float
 ) -> NoiseModel:
-    """Learn from a heading's innovation; `sensitivity` is what a change of ln omega would have added to it."""
-    z = clamp(innovation_rad / math.sqrt(variance), -LARGEST_NORMALISED, LARGEST_NORMALISED)
-    information = model.information * math.exp(-step_s / PERIOD_MEMORY_S) + sensitivity * sensitivity / variance
-    shift = clamp(
-        innovation_rad * sensitivity / variance / (information + PERIOD_PRIOR),
-        -LARGEST_PERIOD_STEP,
-        LARGEST_PERIOD_STEP,
+    """Learn from an innovation and from what a change of ln omega, or of ln follow, would have added to it."""
+    information = model.information * math.exp(-step_s / PERIOD_MEMORY_S) + by_omega * by_omega / variance
+    follow = model.follow_information * math.exp(-step_s / FOLLOW_MEMORY_S) + by_follow * by_follow / variance
+    score = innovation / variance
+    return replace(
+        model,
+        log_omega=clamp(model.log_omega + _shift(score * by_omega, information), LOW_OMEGA, HIGH_OMEGA),
+        information=information,
+        log_follow=clamp(model.log_follow + _shift(score * by_follow, follow), LOW_FOLLOW, HIGH_FOLLOW),
+        follow_information=follow,
     )
+
+
+def _slow_excess(average: float, part: float) -> float:
+    """Return by how much an average of normalised innovations is larger than white noise would leave it."""
+    return min(average * average * (2.0 - part) / part - 1.0, LARGEST_NORMALISED)
+
+
+def learn_from_heading(model: NoiseModel, innovation_rad: float, variance: float, step_s: float) -> NoiseModel:
+    """Learn strength of waves and noise, and the wandering of the bias, from a heading's innovation."""
+    z = clamp(innovation_rad / math.sqrt(variance), -LARGEST_NORMALISED, LARGEST_NORMALISED)
     count = model.count + 1
     gain = max(1.0 / (count + FIRST_SAMPLES), min(step_s, LONGEST_GAP_S) / STRENGTH_TIME_S)
     excess = z * z - 1.0
     correlation = z * model.last_innovation if step_s <= LONGEST_GAP_S else 0.0
-    part = min(step_s / BIAS_TIME_S, 0.5)
+    part = min(step_s / SLOW_TIME_S, 0.5)
     slow = model.slow_innovation + part * (z - model.slow_innovation)
-    slow_excess = min(slow * slow * (2.0 - part) / part - 1.0, LARGEST_NORMALISED)
+    slow_excess = _slow_excess(slow, part)
     pull = BIAS_PULL * (math.log(BIAS_NOISE) - model.log_bias_noise)
     bias = model.log_bias_noise + BIAS_GAIN * part * (slow_excess + pull)
     share = min(step_s / AVERAGE_S, 0.5)
     return replace(
         model,
-        log_omega=clamp(model.log_omega + shift, LOW_OMEGA, HIGH_OMEGA),
-        information=information,
         log_power=clamp(model.log_power + gain * (excess + correlation), LOW_POWER, HIGH_POWER),
         log_noise=clamp(model.log_noise + gain * (excess - correlation), LOW_NOISE, HIGH_NOISE),
         log_bias_noise=clamp(bias, LOW_BIAS, HIGH_BIAS),
@@ -109,7 +162,33 @@ def learn_from_heading(
     )
 
 
-def learn_from_velocity(model: NoiseModel, squares: float) -> NoiseModel:
-    """Learn the receiver's noise from the sum of two normalised squared innovations, each at most 9."""
-    grown = model.log_velocity_noise + FIX_GAIN * (squares - 2.0)
-    return replace(model, log_velocity_noise=clamp(grown, LOW_VELOCITY, HIGH_VELOCITY))
+def learn_from_velocity(
+    model: NoiseModel, normalised: tuple[float, float], step_s: float, *, in_waves: bool
+) -> NoiseModel:
+    """Learn the receiver's noise, and its motion in the waves where it shows it, from the normalised innovations."""
+    north, east = (clamp(z, -LARGEST_FIX, LARGEST_FIX) for z in normalised)
+    omega_rad_s, (north_1, east_1, north_2, east_2) = model.omega_rad_s, model.velocities
+    correlation = 0.0
+    for lag, product in ((1.0, north * north_1 + east * east_1), (2.0, north * north_2 + east * east_2)):
+        angle = omega_rad_s * lag * step_s
+        correlation += math.exp(-DAMPING * angle) * math.cos(angle) * product
+    excess = north * north + east * east - 2.0
+    if not in_waves:
+        noise = clamp(model.log_velocity_noise + FIX_GAIN * excess, LOW_VELOCITY, HIGH_VELOCITY)
+        return replace(model, log_velocity_noise=noise)
+    noise = model.log_velocity_noise + FIX_GAIN * (excess - correlation)
+    orbit = model.log_orbit + FIX_GAIN * (excess + correlation)
+    part = min(step_s / SLOW_TIME_S, 0.5)
+    slow_north, slow_east = model.slow_velocities
+    slow = (slow_north + part * (north - slow_north), slow_east + part * (east - slow_east))
+    slow_excess = sum([_slow_excess(each, part) for each in slow])
+    pull = SHARE_PULL * (math.log(FIRST_SLOW_SHARE) - model.log_slow_share)
+    share = model.log_slow_share + SHARE_GAIN * part * (slow_excess + pull)
+    return replace(
+        model,
+        log_velocity_noise=clamp(noise, LOW_VELOCITY, HIGH_VELOCITY),
+        log_orbit=clamp(orbit, LOW_ORBIT, HIGH_ORBIT),
+        velocities=(north, east, north_1, east_1),
+        slow_velocities=slow,
+        log_slow_share=clamp(share, LOW_SHARE, HIGH_SHARE),
+    )

@@ -17,6 +17,7 @@ from typing import Final
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, Severity
+from firmware_py.estimate.wave_filter import Heading
 
 JUMP_RAD: Final = radians(25.0)
 JUMP_S: Final = 1.5
@@ -203,12 +204,12 @@ def _change_event(before: Source, after: Source) -> Event:
     return Event(Severity.WARNING if worse else Severity.NOTICE, f"Heading from {NAMES[after]}, not {NAMES[before]}")
 
 
-def samples_in_use(state: SourceState, samples: Sequence[TrueHeadingSample]) -> list[tuple[float, float]]:
+def samples_in_use(state: SourceState, samples: Sequence[TrueHeadingSample]) -> list[Heading]:
     """Return time and heading of the samples of the source in use, its offset added."""
     if state.in_use not in (Source.COMPASS_A, Source.COMPASS_B):
         return []
     offset_rad = state.compasses[state.in_use].offset_rad
-    return [(sample.t_s, sample.heading_rad + offset_rad) for sample in samples if sample.source == state.in_use]
+    return [Heading(sample.t_s, sample.heading_rad + offset_rad) for sample in samples if sample.source == state.in_use]
 
 
 def decay_offsets(state: SourceState, step_s: float) -> SourceState:

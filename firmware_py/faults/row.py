@@ -19,6 +19,7 @@ class Action(Enum):
     EASE = "stop pulling, try again every 10 s"  # the command follows the measured angle
     SET_UP_AGAIN = "set the servo up again, then steer on"  # the driver does it before it steers
     POINT_INTO_IT = "point into the current"
+    SOFTER_HELM = "a softer helm, which grows stiff again over tens of minutes"
     KEEP_STATION = "keep station where she is"
 
 
@@ -49,6 +50,7 @@ class FaultInput:
     rudder_jammed: bool
     rudder_overloaded: bool
     steering_lost: bool
+    oscillating: bool
     supply_v: float | None
     supply_low_v: float
     current_too_strong: bool

@@ -47,6 +47,7 @@ class Fault(IntEnum):
     STATION_SILENT = 22
     STEERING_LOST = 23
     KEY_LOST = 24
+    HELM_OSCILLATES = 25
 
 
 def _hot_c(tick: FaultInput) -> float:
@@ -113,8 +114,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         recovery="Storage works again",
     ),
     Fault.CURRENT_STRONG: FaultRow(
-        condition="the estimated current is stronger than her speed through the water by its standard deviation, "
-        "for 2 min",
+        condition="the current is stronger than her speed through the water by its standard deviation, for 2 min",
         stands=lambda tick: tick.current_too_strong,
         severity=Severity.WARNING,
         action=Action.POINT_INTO_IT,
@@ -275,10 +275,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         recovery="Ground station is back",
     ),
     Fault.STEERING_LOST: FaultRow(
-        condition="she turns less than a quarter of what her rudder should turn her, and the sea lets that be told",
+        condition="she turns less than an eighth of what her rudder should turn her, for half a minute and longer",
         stands=lambda tick: tick.steering_lost,
-        debounce_s=10.0,
-        clear_s=10.0,
         severity=Severity.ERROR,
         parameter="FS_STEER_ACT",
         text="Rudder moves and she does not turn",
@@ -290,5 +288,13 @@ TABLE: Mapping[Fault, FaultRow] = {
         severity=Severity.CRITICAL,
         text="Signing key lost: only trusted links are heard",
         recovery="Signing key is no longer lost",
+    ),
+    Fault.HELM_OSCILLATES: FaultRow(
+        condition="heading and rudder swing to and fro by themselves, two to four whole swings that are alike",
+        stands=lambda tick: tick.oscillating,
+        severity=Severity.WARNING,
+        action=Action.SOFTER_HELM,
+        text="Helm oscillates: it is softened",
+        recovery="Helm oscillates no more",
     ),
 }

@@ -96,6 +96,7 @@ def vessel_motion(place: Place, heading_rad: float, water: Water) -> VesselMotio
         speed_m_s=water.speed_m_s,
         current_north_m_s=water.current_north_m_s,
         current_east_m_s=water.current_east_m_s,
+        leeway_rad=water.leeway_rad,
         too_strong=water.too_strong,
     )
 

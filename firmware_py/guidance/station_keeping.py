@@ -28,7 +28,7 @@ TURN_PRICE_S_RAD = 30.0  # seconds of stay that a radian of turning must bring
 class StationKeepingState:
     """The heading of the present leg; None on the way back from outside."""
 
-    heading_rad: float | None = None
+    way_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,25 +48,26 @@ def update(
     if distance_m > task.radius_m:
         if motion.too_strong:
             return StationKeepingState(), HeadingTarget(
-                against_current(motion.current_north_m_s, motion.current_east_m_s), over_ground=False
+                wrap_two_pi(against_current(motion.current_north_m_s, motion.current_east_m_s) - motion.leeway_rad),
+                over_ground=False,
             )
         _, bearing_rad = motion.place.distance_and_bearing(task.centre)
         return StationKeepingState(), HeadingTarget(bearing_rad, over_ground=True)
     north_m, east_m = task.centre.offset_m(motion.place)
     limit_m = task.radius_m - min(max(MARGIN_M, MARGIN_PART * task.radius_m), LARGEST_MARGIN * task.radius_m)
-    heading_rad = state.heading_rad
-    if heading_rad is None or _must_end(settings, motion, heading_rad, north_m, east_m, limit_m):
-        heading_rad = _next_leg(settings, motion, north_m, east_m, limit_m)
-    return StationKeepingState(heading_rad), HeadingTarget(heading_rad, over_ground=False)
+    way_rad = state.way_rad
+    if way_rad is None or _must_end(settings, motion, way_rad, north_m, east_m, limit_m):
+        way_rad = _next_leg(settings, motion, north_m, east_m, limit_m)
+    return StationKeepingState(way_rad), HeadingTarget(wrap_two_pi(way_rad - motion.leeway_rad), over_ground=False)
 
 
 def _must_end(
-    settings: TaskSettings, motion: VesselMotion, heading_rad: float, north_m: float, east_m: float, limit_m: float
+    settings: TaskSettings, motion: VesselMotion, way_rad: float, north_m: float, east_m: float, limit_m: float
 ) -> bool:
     """Whether the leg must end now for a turn back to stay within the limit."""
-    if abs(wrap_pi(heading_rad - motion.heading_rad)) > TURNED_RAD:
+    if abs(wrap_pi(way_rad - motion.way_rad)) > TURNED_RAD:
         return False  # still turning to it
-    v_north, v_east = _over_ground(motion, heading_rad)
+    v_north, v_east = _over_ground(motion, way_rad)
     if north_m * v_north + east_m * v_east <= 0.0:
         return False  # the boat comes nearer
     north_m, east_m = north_m + FORESIGHT_S * v_north, east_m + FORESIGHT_S * v_east
@@ -78,43 +79,41 @@ def _must_end(
 
 def _next_leg(settings: TaskSettings, motion: VesselMotion, north_m: float, east_m: float, limit_m: float) -> float:
     """Return the heading that keeps the boat inside the longest, or leads least far out when none does."""
-    best_rad, best = motion.heading_rad, (-math.inf, -math.inf)
+    best_rad, best = motion.way_rad, (-math.inf, -math.inf)
     for index in range(HEADINGS):
-        heading_rad = wrap_two_pi(motion.heading_rad + index * TWO_PI / HEADINGS)
-        turn = _turn(settings, motion, heading_rad, north_m, east_m)
-        price_s = TURN_PRICE_S_RAD * abs(wrap_pi(heading_rad - motion.heading_rad))
-        stay_s = _stay_s(turn, _over_ground(motion, heading_rad), limit_m)
+        way_rad = wrap_two_pi(motion.way_rad + index * TWO_PI / HEADINGS)
+        turn = _turn(settings, motion, way_rad, north_m, east_m)
+        price_s = TURN_PRICE_S_RAD * abs(wrap_pi(way_rad - motion.way_rad))
+        stay_s = _stay_s(turn, _over_ground(motion, way_rad), limit_m)
         # First of all inside; then a long stay.
         value = (min(0.0, limit_m - turn.farthest_m), turn.seconds + stay_s - price_s)
         if value > best:
-            best_rad, best = heading_rad, value
+            best_rad, best = way_rad, value
     return best_rad
 
 
-def _over_ground(motion: VesselMotion, heading_rad: float) -> tuple[float, float]:
+def _over_ground(motion: VesselMotion, way_rad: float) -> tuple[float, float]:
     return (
-        motion.speed_m_s * math.cos(heading_rad) + motion.current_north_m_s,
-        motion.speed_m_s * math.sin(heading_rad) + motion.current_east_m_s,
+        motion.speed_m_s * math.cos(way_rad) + motion.current_north_m_s,
+        motion.speed_m_s * math.sin(way_rad) + motion.current_east_m_s,
     )
 
 
 def _turn(settings: TaskSettings, motion: VesselMotion, to_rad: float, north_m: float, east_m: float) -> _Turn:
     """Return the turn from here to a heading, along an arc through the water that drifts with it."""
-    angle_rad = wrap_pi(to_rad - motion.heading_rad)
+    angle_rad = wrap_pi(to_rad - motion.way_rad)
     radius_m = settings.turning_radius_m / TURN_PART
     rate_rad_s = max(motion.speed_m_s, 0.05) / radius_m
     side_m = math.copysign(radius_m, angle_rad)
     farthest_m, end_north_m, end_east_m, seconds = math.hypot(north_m, east_m), north_m, east_m, 0.0
     for part in (0.5, 1.0):
-        turned_rad = motion.heading_rad + part * angle_rad
+        turned_rad = motion.way_rad + part * angle_rad
         seconds = part * abs(angle_rad) / rate_rad_s
         end_north_m = (
-            north_m
-            + side_m * (math.sin(turned_rad) - math.sin(motion.heading_rad))
-            + seconds * motion.current_north_m_s
+            north_m + side_m * (math.sin(turned_rad) - math.sin(motion.way_rad)) + seconds * motion.current_north_m_s
         )
         end_east_m = (
-            east_m + side_m * (math.cos(motion.heading_rad) - math.cos(turned_rad)) + seconds * motion.current_east_m_s
+            east_m + side_m * (math.cos(motion.way_rad) - math.cos(turned_rad)) + seconds * motion.current_east_m_s
         )
         farthest_m = max(farthest_m, math.hypot(end_north_m, end_east_m))
     return _Turn(end_north_m, end_east_m, farthest_m, seconds)

@@ -9,8 +9,15 @@ from firmware_py.common.angles import wrap_pi, wrap_two_pi
 from firmware_py.common.mode_table import MODES, Mode
 from firmware_py.guidance.guidance import GuidanceSettings
 from firmware_py.guidance.task_follower import TaskStatus
-from firmware_py.model.crab import heading_for_course
-from firmware_py.modes import HeadingGoal, ModeState, PositionGoal, Situation, heading_to_steer, live_stick
+from firmware_py.modes import (
+    HeadingGoal,
+    ModeState,
+    PositionGoal,
+    Situation,
+    heading_in_water,
+    heading_to_steer,
+    live_stick,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +57,7 @@ def steering_target(modes: ModeState, status: TaskStatus, situation: Situation) 
     elif (target := status.heading_target) is None:
         return SteeringTarget()
     elif target.over_ground and (water := situation.water) is not None:
-        steer_rad = heading_for_course(
-            target.angle_rad, water.speed_m_s, water.current_north_m_s, water.current_east_m_s
-        )
+        steer_rad = heading_in_water(target.angle_rad, water)
     else:
         steer_rad = target.angle_rad
     if situation.heading_rad is None:

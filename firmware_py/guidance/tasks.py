@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from firmware_py.common.angles import radians
+from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 
@@ -51,7 +51,8 @@ Task = HoldHeading | GoTo | HoldStation | Orbit
 class VesselMotion:
     """Where the boat is and how it moves: `heading_rad` and the water's motion as estimated.
 
-    `speed_m_s` is through the water; the current sets north and east. `too_strong`: it is stronger than the boat.
+    `speed_m_s` is through the water, `leeway_rad` to starboard of the heading; the current sets north and east.
+    `too_strong`: it is stronger than the boat.
     """
 
     place: Place
@@ -60,6 +61,12 @@ class VesselMotion:
     current_north_m_s: float
     current_east_m_s: float
     too_strong: bool = False
+    leeway_rad: float = 0.0
+
+    @property
+    def way_rad(self) -> float:
+        """Where the boat goes through the water."""
+        return wrap_two_pi(self.heading_rad + self.leeway_rad)
 
 
 @dataclass(frozen=True, slots=True)

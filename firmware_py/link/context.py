@@ -57,6 +57,7 @@ class LinkContext:
         self.high_latency = False  # asked for on the satellite links
         self.now_s = 0.0  # of the latest call of the loop
         self.peers: Iterable[Peer] = ()
+        self.everybody: Callable[[], Iterable[Peer]] = lambda: self.peers  # those without a place, too
 
     # ------------------------------------------------------------------ the state
 

@@ -111,6 +111,7 @@ class Endpoint:
             self,
         )
         self._context.peers = self._peers
+        self._context.everybody = self._peers.everybody
         self._worker = Worker(background=storage.background)
         self._services = Services(self._context, KeySetup(self._context, self._signing, vault), storage, self._worker)
         self._telemetry = TelemetryPublisher(self._context)

@@ -201,7 +201,7 @@ class LogServer:
 
     def _make_room(self) -> None:
         """Make room: those that have gone, and then those that want nothing now."""
-        present = set(self._context.peers)
+        present = set(self._context.everybody())
         for peer, download in tuple(self._downloads.items()):
             idle = not download.ranges and download.entries is None
             if peer not in present or (idle and len(self._downloads) >= _MOST_PEERS):

@@ -10,8 +10,12 @@ from firmware_py.common.angles import clamp, wrap_two_pi
 LARGEST_CRAB = 0.95  # sine of the angle
 
 
-def heading_for_course(course_rad: float, speed_m_s: float, north_m_s: float, east_m_s: float) -> float:
+def heading_for_course(
+    course_rad: float, speed_m_s: float, north_m_s: float, east_m_s: float, leeway_rad: float = 0.0
+) -> float:
     """Return the heading that makes a course over ground good in a current that sets north and east.
+
+    The way through the water lies leeway_rad to starboard of the heading.
 
     Where the current across the course is as fast as the boat no heading does; the one that is
     returned then points mostly into the current, and all the more as the boat is swept along.
@@ -19,7 +23,8 @@ def heading_for_course(course_rad: float, speed_m_s: float, north_m_s: float, ea
     across_m_s = east_m_s * math.cos(course_rad) - north_m_s * math.sin(course_rad)
     if speed_m_s <= 0.0:
         return wrap_two_pi(course_rad)
-    return wrap_two_pi(course_rad - math.asin(clamp(across_m_s / speed_m_s, -LARGEST_CRAB, LARGEST_CRAB)))
+    crab_rad = math.asin(clamp(across_m_s / speed_m_s, -LARGEST_CRAB, LARGEST_CRAB))
+    return wrap_two_pi(course_rad - crab_rad - leeway_rad)
 
 
 def speed_made_good(course_rad: float, speed_m_s: float, north_m_s: float, east_m_s: float) -> float:

@@ -13,10 +13,11 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, RudderStatus, Severity
 from firmware_py.faults.table import TABLE, Fault
 from firmware_py.modes import ModeState, Situation, enter, obstacle_to
-from firmware_py.safety import rudder_monitor, steering_monitor
+from firmware_py.safety import oscillation, rudder_monitor, steering_monitor
 from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
+from firmware_py.safety.oscillation import OscillationInput, OscillationSettings, OscillationState
 from firmware_py.safety.rudder_monitor import RudderMonitorSettings, RudderMonitorState
-from firmware_py.safety.steering_monitor import SteeringMonitorSettings, SteeringMonitorState
+from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorSettings, SteeringMonitorState
 
 HARD_OVER_RAD: Final = radians(8.0)  # more than trim and wind can ask for
 HARD_OVER_S: Final = 30.0
@@ -40,6 +41,7 @@ class SupervisorSettings:
 
     rudder_monitor: RudderMonitorSettings
     steering_monitor: SteeringMonitorSettings
+    oscillation: OscillationSettings
     failsafe_modes: Mapping[Fault, Mode | None]
     resume: bool
     hot_c: float
@@ -52,6 +54,7 @@ class SupervisorSettings:
         return cls(
             rudder_monitor=RudderMonitorSettings.of(parameters),
             steering_monitor=SteeringMonitorSettings.of(parameters),
+            oscillation=OscillationSettings.of(parameters),
             failsafe_modes={
                 fault: FAILSAFE_MODES.get(int(parameters[row.parameter]))
                 for fault, row in TABLE.items()
@@ -74,6 +77,7 @@ class SupervisorState:
 
     rudder_monitor: RudderMonitorState = RudderMonitorState()  # noqa: RUF009 - frozen
     steering_monitor: SteeringMonitorState = SteeringMonitorState()  # noqa: RUF009 - frozen
+    oscillation: OscillationState = OscillationState()  # noqa: RUF009 - frozen
     failsafe: FailsafeState = FailsafeState()  # noqa: RUF009 - frozen
     interrupted: ModeState | None = None
     hard_over_s: float | None = None
@@ -89,26 +93,18 @@ def update(
 
 
 def update_steering(
-    settings: SupervisorSettings,
-    state: SupervisorState,
-    rudder_rad: float,
-    heading_rad: float | None,
-    speed_m_s: float | None,
-    error_rad: float | None,
-    now_s: float,
+    settings: SupervisorSettings, state: SupervisorState, given: SteeringInput, now_s: float
 ) -> SupervisorState:
-    """Judge whether the boat answers the rudder; without an estimate of the speed it is the model's."""
-    steering = settings.steering_monitor
-    monitor = steering_monitor.update(
-        steering,
-        state.steering_monitor,
-        rudder_rad,
-        heading_rad,
-        steering.model.speed_m_s if speed_m_s is None else speed_m_s,
-        error_rad,
-        now_s,
-    )
+    """Judge whether the boat answers the rudder."""
+    monitor = steering_monitor.update(settings.steering_monitor, state.steering_monitor, given, now_s)
     return state if monitor is state.steering_monitor else replace(state, steering_monitor=monitor)
+
+
+def update_oscillation(
+    settings: SupervisorSettings, state: SupervisorState, given: OscillationInput, now_s: float
+) -> SupervisorState:
+    """Judge whether heading and rudder swing by themselves, and how soft the helm is to be."""
+    return replace(state, oscillation=oscillation.update(settings.oscillation, state.oscillation, given, now_s))
 
 
 def apply_failsafe(

@@ -118,5 +118,5 @@ def steer(client):
     def heading_deg():
         return int(ask(client, "status VFR_HUD", r"VFR_HUD \{.*heading : (\d+),").group(1))
 
-    client.wait_for(lambda: all(abs(heading_deg() - 20) < 3 for _ in range(15)), "heading 20 was not reached")
+    client.wait_for(lambda: all(abs(heading_deg() - 20) <= 1 for _ in range(40)), "heading 20 was not reached")
     return heading_deg()

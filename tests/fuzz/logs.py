@@ -122,7 +122,15 @@ def identified_log(data):
     read(log_of(data))
 
 
-COLUMNS = tuple(f"{name},".encode() for name in manoeuvre_file.COLUMNS)
+COLUMNS = (
+    b"time_s,",
+    b"rudder_rad,",
+    b"heading_rad,",
+    b"yaw_rate_rad_s,",
+    b"speed_m_s,",
+    b"heading_deg;",
+    b"2026-01-01T00:00:00Z",
+)
 TARGETS = {
     "log_file": Target(log_file, (LogError,), (b"\xa3\x95\x80",), 16_384),
     "replay": Target(replay, (LogError,)),

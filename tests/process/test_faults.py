@@ -301,6 +301,10 @@ DRILLS = (
     ),
     Drill(Fault.KEY_LOST, key_lost, 5.0, told_with_its_cause, key_removed, 3.0, stands_s=1.0),
     Drill(
+        Fault.HELM_OSCILLATES, lambda bench: setattr(bench.world, "rudder_grip", 8.0), 400.0, alert_only,
+        lambda bench: setattr(bench.world, "rudder_grip", 1.0), 240.0, stands_s=1.0, options={"goals": TURN},
+    ),
+    Drill(
         Fault.CURRENT_STRONG, lambda bench: bench.order(SET_MODE, 1.0, float(LOITER)), 1800.0, points_into_it,
         nothing, 0.0, options={"change": lambda scenario: replace(scenario, current_m_s=0.48, **EAST)},
     ),

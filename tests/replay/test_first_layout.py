@@ -58,13 +58,13 @@ def test_a_change_of_behaviour_is_told_from_another(capsys, monkeypatch):
     monkeypatch.setattr(
         scheduled, "gains_of", lambda *given: (gains := right(*given)) and replace(gains, k1=gains.k1 * factor)
     )
-    code, _, found = replayed(LOGS["tank.BIN"], capsys)
-    accepted = {"tank.BIN": found | {"reason": "a stiffer helm"}}
+    code, _, found = replayed(LOGS["tank_pni_volz.BIN"], capsys)
+    accepted = {"tank_pni_volz.BIN": found | {"reason": "a stiffer helm"}}
     assert code == 1
     assert found["first_difference"]["tick"] > 0
-    assert replayed(LOGS["tank.BIN"], capsys)[2] == expected("tank.BIN", accepted)
+    assert replayed(LOGS["tank_pni_volz.BIN"], capsys)[2] == expected("tank_pni_volz.BIN", accepted)
     factor = 1.02
-    assert replayed(LOGS["tank.BIN"], capsys)[2] != expected("tank.BIN", accepted)
+    assert replayed(LOGS["tank_pni_volz.BIN"], capsys)[2] != expected("tank_pni_volz.BIN", accepted)
 
 
 def test_a_boat_of_an_earlier_version_wakes_as_she_was(tmp_path):

@@ -155,7 +155,7 @@ class PlanUploads:
         if upload is None or upload.owner == owner:
             return True
         # Whose connection is gone does not come back as the same correspondent: it need not wait for itself.
-        present = any(other is upload.owner.peer for other in self._context.peers)
+        present = any(other is upload.owner.peer for other in self._context.everybody())
         if present and now_s - upload.last_item_s < upload.timeouts.yield_s:
             text = f"system {upload.owner.sender[0]} is uploading one now"
             self._refuse(owner, PlanProblem(None, PlanResult.DENIED, text), kind, now_s, message.mission_type)

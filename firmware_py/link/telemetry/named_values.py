@@ -62,6 +62,11 @@ def reversals_per_h(context: TelemetryContext) -> float | None:
     return None if context.snapshot.energy is None else context.snapshot.energy.reversals_per_h
 
 
+def helm_softness(context: TelemetryContext) -> float | None:
+    """Return by what factor the helm is softer than as delivered, because it oscillated."""
+    return context.snapshot.helm_softness
+
+
 def servo_watt_hours(context: TelemetryContext) -> float | None:
     """Return the energy that the servo has taken since start; None when it tells no power."""
     energy = context.snapshot.energy
@@ -105,3 +110,5 @@ water_speed_m_s = _water_value(lambda water: water.speed_m_s)
 current_north_m_s = _water_value(lambda water: water.current_north_m_s)
 current_east_m_s = _water_value(lambda water: water.current_east_m_s)
 current_sd_m_s = _water_value(lambda water: water.current_sd_m_s)
+# By how much the way through the water lies to starboard of the heading.
+leeway_deg = _water_value(lambda water: degrees(water.leeway_rad))

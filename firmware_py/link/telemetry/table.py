@@ -90,6 +90,7 @@ TABLE: tuple[TelemetryRow, ...] = (
     _named("STO_MB", named_values.state_megabytes, 0.1, 0.01),
     _named("RUD_TRAVEL", named_values.travel_deg_per_h, 0.2, 0.02),
     _named("RUD_REVERS", named_values.reversals_per_h, 0.2, 0.02),
+    _named("HELM_SOFT", named_values.helm_softness, 0.2, 0.02),
     _named("RUD_WH", named_values.servo_watt_hours, 0.2, 0.02),
     _named("RUD_WATT", named_values.servo_watts, 0.2, 0.02),
     _named("HDG_SRC", named_values.heading_source, 0.5, 0.02),
@@ -104,6 +105,7 @@ TABLE: tuple[TelemetryRow, ...] = (
     _named("CURR_N", named_values.current_north_m_s, 0.2, 0.02),
     _named("CURR_E", named_values.current_east_m_s, 0.2, 0.02),
     _named("CURR_SD", named_values.current_sd_m_s, 0.2, 0.02),
+    _named("LEEWAY", named_values.leeway_deg, 0.2, 0.02),
 )
 
 

@@ -12,7 +12,7 @@ from firmware_py.log import schema
 from firmware_py.log.dataflash import Parser
 from support.paths import REPLAY
 
-LOG = REPLAY / "first_layout" / "mid_run_checkpoint.BIN"
+LOG = REPLAY / "tank_pni_volz.BIN"
 
 
 def with_checkpoint(path, change):
@@ -69,7 +69,7 @@ def _state(text):
 def test_what_is_not_known_is_noted(tmp_path, capsys):
     path = with_checkpoint(tmp_path / "later.BIN", edited(lambda data: data.update(version=9, tide_m=1.0, idle=None)))
     main(["replay", path])
-    assert "note: written by a later version (9, here 2), read by name\n" in capsys.readouterr().out
+    assert "note: written by a later version (9, here 3), read by name\n" in capsys.readouterr().out
     path = with_checkpoint(tmp_path / "more.BIN", edited(lambda data: data.update(tide_m=1.0)))
     assert main(["replay", path, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["notes"] == ["State: field 'tide_m' is not known here, ignored"]
@@ -79,7 +79,7 @@ def test_what_behaves_otherwise_is_shown(tmp_path, capsys):
     path = with_checkpoint(tmp_path / "less.BIN", edited(lambda data: data["parameters"].update(CTL_K1=1e9)))
     assert main(["replay", path]) in (0, 1)
     assert "CTL_K1: 1e+09 is out of range" in capsys.readouterr().out
-    path = with_checkpoint(tmp_path / "other.BIN", edited(lambda data: data.update(rudder_command_rad=0.2)))
+    path = with_checkpoint(tmp_path / "other.BIN", edited(lambda data: data["rudder"].update(command_rad=0.2)))
     assert main(["replay", path]) == 1
     assert "commands differ, the first at tick" in capsys.readouterr().out
 
@@ -108,12 +108,12 @@ def test_a_checkpoint_that_is_none_is_one_line(tmp_path, capsys, change):
 
 
 def short_filter(data):
-    data["lookout"]["waves"] |= {"x": [1.0], "p": [], "sensitivity": [0.0]}
+    data["heading_estimator"]["wave_filter"] |= {"x": [1.0] * 17, "p": "AAAA", "slopes": 7}
 
 
 def far_index(data):
-    data["monitor"] |= {"since_s": [], "stood_s": [0.0], "active": 1 << 40}
-    data["nav"]["mission"]["index"] = 10**300
+    data["fault_latch"] |= {"since_s": [], "stood_s": [0.0], "active": 1 << 40}
+    data["guidance"]["mission"]["index"] = 10**300
 
 
 @pytest.mark.parametrize("change", [short_filter, far_index])
@@ -130,6 +130,6 @@ def test_whatever_goes_wrong_is_one_line(monkeypatch, capsys):
         raise MemoryError("two\nlines")
 
     monkeypatch.setattr(command, "step", broken)
-    assert "tick 1806 cannot be recomputed (MemoryError: two lines)" in refused(capsys, LOG)
+    assert "tick 0 cannot be recomputed (MemoryError: two lines)" in refused(capsys, LOG)
     monkeypatch.setattr(command, "replay_log", broken)
     assert "cannot be read (MemoryError: two lines)" in refused(capsys, LOG)

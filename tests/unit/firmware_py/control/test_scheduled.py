@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import HeadingEstimate
+from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState
 from firmware_py.control.s_surface import rudder_demand
 from firmware_py.control.scheduled import (
     RudderDemand,
@@ -17,6 +18,7 @@ from firmware_py.control.scheduled import (
     scheduled_demand,
     ship_at_speed,
     stiffness_of,
+    update,
 )
 
 SETTINGS = ScheduledSettings.of(ParameterSet())
@@ -49,6 +51,26 @@ def test_the_band_and_the_stiffness_follow_speed_price_and_knowledge():
     # What is hardly known at all moves no bounds.
     lost = replace(ESTIMATE, heading_sd_rad=2.0)
     assert band_of(SETTINGS, lost, 1.0) < math.radians(5.0)
+
+
+def test_a_softer_helm_asks_for_less_rudder_and_keeps_its_band_and_trim():
+    _, stiff = scheduled_demand(SETTINGS, None, ESTIMATE, 0.02, 0.1)
+    _, soft = scheduled_demand(SETTINGS, None, ESTIMATE, 0.02, 0.1, 4.0)
+    bias_rad = ESTIMATE.bias_rad
+    assert 0.0 < soft.demand_rad - bias_rad < 0.4 * (stiff.demand_rad - bias_rad)
+    assert soft.band_rad <= stiff.band_rad
+
+
+def test_a_softer_helm_follows_the_bias_slowly_and_a_stiff_one_at_once():
+    state = HeadingControllerState()
+    soft = HeadingControllerInput(0.0, 0.0, ESTIMATE, 0.0, 1.0, softness=3.0)
+    state, _ = update(SETTINGS, state, soft)
+    assert state.bias_rad == ESTIMATE.bias_rad
+    other = replace(soft, estimate=replace(ESTIMATE, bias_rad=0.15))
+    for _ in range(100):
+        state, _ = update(SETTINGS, state, other)
+    assert state.bias_rad == pytest.approx(0.15 - 0.1 * math.exp(-1.0), abs=1e-3)
+    assert update(SETTINGS, state, replace(other, softness=1.0))[0].bias_rad is None
 
 
 def test_without_steerage_way_nothing_is_ordered():

@@ -14,6 +14,11 @@ from support.paths import REPLAY
 TEXTS = (REPLAY / "first_layout" / "every_field.jsonl").read_text().splitlines()
 STATES = [text for text in TEXTS if json.loads(text)["$"] == "State"]
 RESUMES = [text for text in TEXTS if json.loads(text)["$"] == "Resume"]
+# Given up: the filter of nine states, whose numbers mean nothing to another, the second estimate of the water, and
+# the sums of a steering monitor that judged otherwise.
+FILTER = ("x", "p", "sensitivity")
+TURNS, SUMS = ("block", "turn_square", "blocks"), ("expected_rad_s", "expected_square", "product")
+WATER = ("covariance", "noise", "outliers", "block", "average", "leg")
 TASKS = [HoldHeading, GoTo, HoldStation, Orbit]
 GOALS = [HeadingGoal, PositionGoal, HeadingGoal, PositionGoal]
 
@@ -32,8 +37,13 @@ def test_a_state_loses_no_number_and_no_task_its_kind(text, kinds):
     state, notes = state_from_text(text)
     before = json.loads(text)
     del before["position"]  # it stood in the estimate of the position, too
+    gone = (before["lookout"]["waves"], FILTER), (before["current"], WATER), (before["watch"], TURNS)
+    for record, given_up in (*gone, (before["watch"]["authority"], SUMS)):
+        for name in given_up:
+            del record[name]
+    del before["lookout"]["waves"]["learned"]["information"]
     assert notes == ()
-    assert numbers(json.loads(state_to_text(state))) == numbers(before)
+    assert not numbers(before) - numbers(json.loads(state_to_text(state)))
     mission = state.guidance.mission
     assert {type(state.guidance.task), type(mission.task)} == {kinds[0]}
     assert type(mission.pause_task) is HoldStation

@@ -17,7 +17,14 @@ from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.core.resume import restore
 from firmware_py.core.state import State
-from firmware_py.core.state_codec import CHANGES, PARAMETER_HOOK, fault_fields, state_from_text, state_to_text
+from firmware_py.core.state_codec import (
+    BYTES_HOOK,
+    CHANGES,
+    PARAMETER_HOOK,
+    fault_fields,
+    state_from_text,
+    state_to_text,
+)
 from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import Fault
@@ -72,7 +79,7 @@ def stored(directory, name, content):
 
 def test_a_checkpoint_of_today_has_its_version_and_comes_back():
     text = state_to_text(under_way())
-    assert text.startswith('{"version":2,')
+    assert text.startswith('{"version":3,')
     again, notes = state_from_text(text)
     assert notes == ()
     assert again == under_way()
@@ -159,7 +166,7 @@ SET = (1 << Fault.COMPASS_SILENT) | (1 << Fault.STEERING_LOST)
 
 
 def codec_of(faults):
-    return Codec([State], [PARAMETER_HOOK, PLAN_HOOK], fault_fields(faults), CHANGES)
+    return Codec([State], [PARAMETER_HOOK, PLAN_HOOK, BYTES_HOOK], fault_fields(faults), CHANGES)
 
 
 def troubled():

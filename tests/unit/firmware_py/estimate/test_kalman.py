@@ -9,24 +9,21 @@ from firmware_py.estimate import kalman
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
 
 MODEL = OCEAN_RAMBLER
-X = (1.2, 0.01, 0.05, 0.1, -0.2, 0.1, -0.2, 0.7, 1.1)
-
-
-def packed(matrix):
-    return tuple(matrix[i, j] for i in range(9) for j in range(i, 9))
-
-
-def unpacked(numbers):
-    matrix = np.zeros((9, 9))
-    for i in range(9):
-        for j in range(i, 9):
-            matrix[i, j] = matrix[j, i] = numbers[kalman.covariance_index(i, j)]
-    return matrix
+N = kalman.STATES
+X = (1.2, 0.01, 0.05, 1.1, 0.02, 0.1, -0.2, 0.7, 1.1, 0.1, 0.5, 0.1, -0.2, 0.3, 0.1, -0.2, 0.4)
 
 
 def covariance(seed=1):
-    root = np.random.default_rng(seed).standard_normal((9, 12))
-    return root @ root.T / 12.0
+    root = np.random.default_rng(seed).standard_normal((N, N + 3))
+    return root @ root.T / (N + 3)
+
+
+def transition_of(x, rudder_rad, step_s):
+    return kalman.Transition(
+        kalman.turn(x, rudder_rad, step_s, MODEL),
+        kalman.response(0.4, kalman.FLOAT_DAMPING, step_s),
+        kalman.response(1.1, kalman.DAMPING, step_s),
+    )
 
 
 def derivative(x, index, change, rudder_rad, step_s):
@@ -72,32 +69,72 @@ def test_it_turns_as_the_equation_does():
 
 
 @pytest.mark.parametrize("step_s", [0.03, 0.1, 1.0])
+def test_the_columns_are_carried_as_the_states_are(step_s):
+    """By central differences, but for the derivatives of the turn itself, which are judged above."""
+    transition = transition_of(X, 0.2, step_s)
+    turn, f = transition.turn, kalman.carry(np.eye(N), transition)
+    for column in set(range(N)) - {kalman.RATE, kalman.BIAS, kalman.SPEED, kalman.FACTOR}:
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = list(X)
+            moved[column] += sign * 1e-4
+            ends.append(np.array(kalman.advance(tuple(moved), transition_of(tuple(moved), 0.2, step_s))))
+        np.testing.assert_allclose(f[:, column], (ends[0] - ends[1]) / 2e-4, atol=1e-9)
+    for column, by_rate in ((1, turn.by_rate), (2, turn.by_bias), (7, turn.by_speed), (8, turn.by_factor)):
+        by_heading = turn.reach_s if column == kalman.RATE else turn.share_s * by_rate
+        assert f[kalman.HEADING, column] == pytest.approx(by_heading)
+        assert f[kalman.RATE, column] == pytest.approx(by_rate)
+        # The float sees the glider through the middle of its way.
+        np.testing.assert_allclose(
+            f[kalman.FLOAT : kalman.NORTH, column],
+            0.5 * by_heading * f[kalman.FLOAT : kalman.NORTH, kalman.HEADING], atol=1e-15,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("step_s", [0.03, 0.1, 1.0])
 def test_the_covariance_is_carried_as_matrices_carry_it(step_s):
-    p = covariance()
-    turn = kalman.turn(X, 0.2, step_s, MODEL)
-    wave = kalman.wave_transition(1.1, step_s)
-    f = np.eye(9)
-    f[0, 1], f[1, 1] = turn.reach_s, turn.by_rate
-    f[1, [2, 7, 8]] = turn.by_bias, turn.by_speed, turn.by_factor
-    f[0, [2, 7, 8]] = turn.share_s * f[1, [2, 7, 8]]
-    f[3:5, 3:5] = np.reshape(wave, (2, 2))
-    noise = (0.1, 0.2, 0.3, 0.04, 0.5, 0.6, 0.7, 0.8)
-    q = np.diag([0.0, 0.1, 0.2, 0.3, 0.5, 0.6, 0.6, 0.7, 0.8])
-    q[3, 4] = q[4, 3] = 0.04
-    got = unpacked(kalman.predict(packed(p), turn, wave, noise))
-    np.testing.assert_allclose(got, f @ p @ f.T + q, rtol=1e-12, atol=1e-14)
+    p, slopes = covariance(), np.random.default_rng(3).standard_normal((N, 2))
+    transition = transition_of(X, 0.2, step_s)
+    f = kalman.carry(np.eye(N), transition)
+    noise = np.linspace(0.1, 1.1, kalman.WAVE)
+    motions = ((0.3, 0.04, 0.5), (0.6, -0.1, 0.7), (0.8, 0.2, 0.9))
+    q = np.diag([*noise, *(gain for angle, _, rate in motions for gain in (angle, rate))])
+    for place, (_, both, _) in zip(range(kalman.WAVE, N, 2), motions, strict=True):
+        q[place, place + 1] = q[place + 1, place] = both
+    after, carried = kalman.predict(p, slopes, transition, tuple(noise), motions)
+    np.testing.assert_allclose(after, f @ p @ f.T + q, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(carried, f @ slopes, rtol=1e-12, atol=1e-13)
+    assert np.array_equal(after, after.T)
+
+
+def test_the_sums_have_one_order_on_every_machine():
+    """A library may add in any order: what is carried must be the plain sum from left to right, to the last bit."""
+    p = covariance(5)
+    transition = transition_of(X, 0.2, 0.1)
+    after, f = kalman.carry(p, transition), kalman.carry(np.eye(N), transition)
+    driving = (0, 1, 2, 3, 4, 7, 8)
+    for row in (0, 1, 3, 4):
+        for column in range(N):
+            total = f[row, 0] * p[0, column]
+            for place in driving[1:]:
+                total += f[row, place] * p[place, column]
+            assert after[row, column] == total
+    for row in range(kalman.WAVE, N):
+        first = row - (row - kalman.WAVE) % 2
+        for column in range(N):
+            assert after[row, column] == f[row, first] * p[first, column] + f[row, first + 1] * p[first + 1, column]
 
 
 def test_a_measurement_is_corrected_for_as_matrices_do_it():
     p, rng = covariance(2), random.Random(4)
     for _ in range(20):
-        h = np.array([rng.gauss(0.0, 1.0) for _ in range(9)])
+        h = np.array([rng.gauss(0.0, 1.0) for _ in range(N)])
         shown = p @ h
         variance = float(h @ shown) + 0.3
-        x, after = kalman.correct(X, packed(p), tuple(shown), 0.7, variance)
+        x, after = kalman.correct(X, p, shown, 0.7, variance)
         np.testing.assert_allclose(x, np.array(X) + shown / variance * 0.7, rtol=1e-12)
-        np.testing.assert_allclose(unpacked(after), p - np.outer(shown, shown) / variance, rtol=1e-10, atol=1e-14)
-        p = unpacked(after)
+        np.testing.assert_allclose(after, p - np.outer(shown, shown) / variance, rtol=1e-10, atol=1e-14)
+        p = after
 
 
 @pytest.mark.parametrize("omega", [0.5, 1.0, 3.0])
@@ -105,13 +142,13 @@ def test_the_wave_process_is_stationary_over_steps_of_any_length(omega):
     spread = 0.2
     power = 4.0 * kalman.DAMPING * omega**3 * spread**2
     for step_s in (0.05, 0.1, 1.0):
-        a = np.reshape(kalman.wave_transition(omega, step_s), (2, 2))
-        angle, both, rate = kalman.wave_noise(kalman.wave_transition(omega, step_s), omega, power)
+        a = np.reshape(kalman.response(omega, kalman.DAMPING, step_s), (2, 2))
+        angle, both, rate = kalman.wave_noise(kalman.response(omega, kalman.DAMPING, step_s), omega, power)
         stationary = np.diag([spread**2, spread**2 * omega**2])
         np.testing.assert_allclose(
             a @ stationary @ a.T + np.array([[angle, both], [both, rate]]), stationary, atol=1e-12
         )
         assert np.all(np.linalg.eigvalsh([[angle, both], [both, rate]]) > 0.0)
     # Two half steps are a whole one.
-    half = np.reshape(kalman.wave_transition(omega, 0.4), (2, 2))
-    np.testing.assert_allclose(half @ half, np.reshape(kalman.wave_transition(omega, 0.8), (2, 2)), atol=1e-12)
+    half = np.reshape(kalman.response(omega, kalman.DAMPING, 0.4), (2, 2))
+    np.testing.assert_allclose(half @ half, np.reshape(kalman.response(omega, kalman.DAMPING, 0.8), (2, 2)), atol=1e-12)

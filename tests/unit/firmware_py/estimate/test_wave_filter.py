@@ -11,14 +11,14 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.devices import decode
 from firmware_py.estimate import kalman
 from firmware_py.estimate.wave_filter import (
-    WaveFilterSettings,
-    WaveFilterState,
+    Heading,
+    Velocity,
     correct_heading,
     correct_velocity,
     predict_heading,
-    start,
     update,
 )
+from firmware_py.estimate.wave_filter_state import WaveFilterSettings, WaveFilterState, start
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
 from hil.ship.drift import RudderDrift
 from hil.ship.noise import NormalNumbers
@@ -66,9 +66,10 @@ class Sea:
                 north = self.speed_m_s * math.cos(heading) + self.current[0] + 0.03 * noise[tick, 1]
                 east = self.speed_m_s * math.sin(heading) + self.current[1] + 0.03 * noise[tick, 2]
                 east += swing * waves.angle_rad(0.0)
-                velocities = [(t_s, math.hypot(north, east), math.atan2(east, north))]
+                velocities = [Velocity(t_s, math.hypot(north, east), math.atan2(east, north))]
             rudder = radians(self.bias_deg) + self.weave_rad * (1.0 if math.sin(t_s / 25.0) > 0.0 else -1.0)
-            state = update(SETTINGS, state, [(t_s, radians(reading) % (2.0 * math.pi))], velocities, rudder)
+            headings = [Heading(t_s, radians(reading) % (2.0 * math.pi))]
+            state = update(SETTINGS, state, headings, velocities, rudder)
             if tick > 600:
                 self.normalised.append(state.innovation_rad / state.innovation_sd_rad)
                 self.errors.append(wrap_pi(state.x[0] - heading))
@@ -115,19 +116,23 @@ def test_it_finds_the_waves_and_is_honest(name):
     assert abs(np.mean(z[1:] * z[:-1])) < 0.06
     assert abs(np.mean(z)) < 0.05
     # What it claims of its own error is so, within the few independent errors of a short run.
-    assert 0.5 < rms_deg(sea.errors) / rms_deg(sea.claimed) < 1.7
+    assert 0.5 < rms_deg(sea.errors) / rms_deg(sea.claimed) < 1.9
     assert rms_deg(sea.errors) < 0.25 * sea.spread_deg + 0.8
     assert state.x[kalman.SPEED] == pytest.approx(sea.speed_m_s, abs=0.12)
     assert state.x[kalman.EAST] == pytest.approx(sea.current[1], abs=0.12)
 
 
-def test_a_receiver_that_shows_the_motion_of_the_waves_is_believed_less():
-    still, swung = Sea(period_s=7.0), Sea(period_s=7.0, orbital_m_s=0.5)
+def test_a_receiver_that_shows_the_motion_of_the_waves_is_seen_through():
+    still, swung, blind = Sea(period_s=7.0), Sea(period_s=7.0, orbital_m_s=0.5), Sea(period_s=7.0, receiver=False)
     quiet, rough = still.sail(300.0), swung.sail(300.0)
-    assert math.exp(0.5 * quiet.noise_model.log_velocity_noise) < 0.06
-    assert math.exp(0.5 * rough.noise_model.log_velocity_noise) > 0.2
-    assert rms_deg(swung.errors) < 8.0
-    assert rms_deg(still.errors) < rms_deg(swung.errors)
+    blind.sail(300.0)
+    assert math.exp(0.5 * quiet.noise_model.log_orbit) < 0.05
+    # It swings along one axis only; what is learned is for both.
+    assert 0.2 < math.exp(0.5 * rough.noise_model.log_orbit) < 0.6
+    assert math.exp(0.5 * rough.noise_model.log_velocity_noise) < 0.1
+    # In step with the yaw, which is not counted on: so it may do a little harm in place of good.
+    assert rms_deg(still.errors) < rms_deg(blind.errors)
+    assert rms_deg(swung.errors) < 1.5 * rms_deg(blind.errors)
 
 
 def test_a_boat_that_turns_better_than_her_model_is_found_out():
@@ -158,7 +163,7 @@ def test_it_is_honest_about_real_headings(name):
         if result["type"] != "heading" or result.get("true_deg", result.get("magnetic_deg")) is None:
             continue
         heading_deg = result.get("true_deg") if result.get("true_deg") is not None else result["magnetic_deg"]
-        state = update(settings, state, [(0.1 * count, radians(heading_deg))], [], rudder_rad)
+        state = update(settings, state, [Heading(0.1 * count, radians(heading_deg))], [], rudder_rad)
         count += 1
         if count > 600:
             normalised.append(state.innovation_rad / state.innovation_sd_rad)
@@ -172,7 +177,7 @@ def test_it_is_honest_about_real_headings(name):
 
 
 def test_late_and_missing_samples_do_it_no_harm():
-    state = start(SETTINGS, 0.0, 1.0)
+    state = start(WaveFilterState(), 0.0, 1.0)
     for tick in range(1, 300):
         if tick % 7:
             t_s = 0.1 * tick
@@ -190,7 +195,7 @@ def test_late_and_missing_samples_do_it_no_harm():
 
 
 def test_a_jump_is_refused_and_counted():
-    state = start(SETTINGS, 0.0, 1.0)
+    state = start(WaveFilterState(), 0.0, 1.0)
     for tick in range(1, 300):
         state = correct_heading(SETTINGS, state, 0.1 * tick, 1.0)
     for tick in range(300, 310):
@@ -202,7 +207,7 @@ def test_a_jump_is_refused_and_counted():
 
 @pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf, 1e300])
 def test_what_is_no_number_changes_nothing(odd):
-    state = start(SETTINGS, 0.0, 1.0)
+    state = start(WaveFilterState(), 0.0, 1.0)
     if not abs(odd) < math.inf:
         assert correct_heading(SETTINGS, state, 0.1, odd) is state
         assert correct_heading(SETTINGS, state, odd, 1.0) is state
@@ -213,13 +218,10 @@ def test_what_is_no_number_changes_nothing(odd):
 
 
 def test_a_long_calm_leaves_the_covariance_sound():
-    state = start(SETTINGS, 0.0, 1.0)
+    state = start(WaveFilterState(), 0.0, 1.0)
     for tick in range(1, 4000):
         state = correct_heading(SETTINGS, state, 0.1 * tick + (100.0 if tick > 2000 else 0.0), 1.0)
-    matrix = np.zeros((9, 9))
-    for i in range(9):
-        for j in range(i, 9):
-            matrix[i, j] = matrix[j, i] = state.p[kalman.covariance_index(i, j)]
+    matrix = np.frombuffer(state.p).reshape(kalman.STATES, kalman.STATES)
     scale = np.sqrt(np.diag(matrix))
     assert np.linalg.eigvalsh(matrix / np.outer(scale, scale)).min() > -1e-9
     assert math.isfinite(sum(state.x))

@@ -1,51 +1,114 @@
 import math
 import random
+from dataclasses import replace
 
 import pytest
 
-from firmware_py.model.kt import rk4_step
-from firmware_py.safety.steering_monitor import SteeringMonitorState, compare
+from firmware_py.common.angles import wrap_two_pi
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
+from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorSettings, SteeringMonitorState, update
 
 K, T = 0.049, 4.0
+SETTINGS = SteeringMonitorSettings.of(ParameterSet())
+SD_RAD = math.radians(0.5)
 
 
-def sailed(seconds, answers, state=None, moves=True, noise_rad_s=0.002, seed=1, bias_rad=0.08):
-    """A boat that weaves with her rudder; `answers` is the part of K that she has."""
-    rng, heading, rate = random.Random(seed), 0.0, 0.0
-    state = state or SteeringMonitorState()
-    for tick in range(round(10 * seconds)):
-        rudder = 0.1 + (0.25 * math.sin(0.1 * tick / 4.0) if moves else 0.0)
-        heading, rate = rk4_step(heading, rate, rudder, 0.1, K * answers, T, 17.0, bias_rad)
-        state = compare(state, rudder, rate + rng.gauss(0.0, noise_rad_s), K, T, 0.1)
-    return state
+class Boat:
+    """A boat and her monitor, tick by tick; `answers` is the part of K that she has, `later` of T."""
+
+    def __init__(self, bias_rad=0.08, noise_rad=0.004, seed=1):
+        self.state, self.t_s, self.heading, self.rate, self.bias_rad = SteeringMonitorState(), 0.0, 6.0, 0.0, bias_rad
+        self.noise, self.noise_rad = random.Random(seed), noise_rad
+        self.told = []  # (t_s, lost)
+
+    def tick(self, rudder_rad, error_rad=None, answers=1.0, later=1.0, pushed_rad=0.0):
+        push_rad = answers * (rudder_rad - self.bias_rad) + pushed_rad
+        self.heading, self.rate = rk4_step(self.heading, self.rate, push_rad, 0.1, K, T * later, 17.0, 0.0)
+        shown_rad = wrap_two_pi(self.heading + self.noise.gauss(0.0, self.noise_rad))
+        before, self.t_s = self.state.unresponsive, self.t_s + 0.1
+        self.state = update(
+            SETTINGS, self.state, SteeringInput(rudder_rad, shown_rad, SD_RAD, 0.4, error_rad), self.t_s
+        )
+        if self.state.unresponsive is not before:
+            self.told.append((self.t_s, self.state.unresponsive))
+
+    def steer(self, seconds, goal_rad, **ship):
+        """Steer for a heading, as a helm does that has 30 deg of rudder."""
+        for _ in range(round(10 * seconds)):
+            error_rad = goal_rad - self.heading
+            rudder_rad = self.bias_rad + 2.0 * error_rad - 6.0 * self.rate
+            self.tick(min(max(rudder_rad, -math.radians(30.0)), math.radians(30.0)), error_rad, **ship)
+        return self
+
+    def weave(self, seconds, **ship):
+        """Put the rudder over by hand, to and fro."""
+        for tick in range(round(10 * seconds)):
+            self.tick(0.1 + 0.4 * math.copysign(1.0, math.sin(0.1 * tick / 8.0)), **ship)
+        return self
 
 
-def test_a_boat_that_answers_keeps_her_authority():
-    state = sailed(300.0, 1.0)
+def test_turns_that_she_makes_tell_nothing():
+    boat = Boat()
+    for goal_rad in (7.0, 5.0, 8.0, 5.5, 8.6):
+        boat.steer(120.0, goal_rad)
+    assert boat.told == []
+
+
+@pytest.mark.parametrize(("answers", "later"), [(0.5, 1.0), (1.0, 3.0), (1.0 / 3.0, 3.0), (3.0, 1.0)])
+def test_a_ship_that_is_not_as_she_was_told_is_no_ship_without_a_rudder(answers, later):
+    boat = Boat()
+    for goal_rad in (7.0, 5.0, 8.0):
+        boat.steer(240.0, goal_rad, answers=answers, later=later)
+    assert boat.told == []
+
+
+def test_a_rudder_that_has_just_been_put_over_tells_nothing():
+    """Whatever the boat does in the first two turning lags."""
+    boat = Boat(noise_rad=0.0)
+    for _ in range(80):
+        boat.tick(boat.bias_rad + math.radians(30.0), 1.0, answers=0.0)
+    assert boat.steer(120.0, boat.heading + 1.0).told == []
+
+
+def test_a_blade_lost_in_a_turn_is_told_within_a_minute_and_its_return_too():
+    boat = Boat().steer(60.0, 6.0)
+    boat.steer(60.0, 7.5, answers=0.0)
+    assert [lost for _, lost in boat.told] == [True]
+    boat.steer(60.0, 7.5)
+    assert [lost for _, lost in boat.told] == [True, False]
+
+
+def test_a_blade_lost_while_she_is_steered_by_hand_is_told():
+    assert Boat().weave(300.0).told == []
+    assert Boat().weave(300.0, answers=0.0).state.unresponsive
+
+
+def test_a_lost_blade_stays_lost_while_she_drifts_where_the_sea_takes_her():
+    """She is turned by the sea, slowly, toward her goal even: a long turn does not become the trim."""
+    boat = Boat().steer(60.0, 6.0)
+    boat.steer(900.0, 7.5, answers=0.0, pushed_rad=0.008)
+    assert [lost for _, lost in boat.told] == [True]
+
+
+def test_what_the_heading_could_have_missed_is_not_told():
+    """A heading that is uncertain by 20 deg shows no turn of 60 deg."""
+    boat = Boat()
+    for _ in range(400):
+        boat.tick(0.5, 1.0, answers=0.0)
+    assert boat.state.unresponsive
+    state, block = SteeringMonitorState(), SteeringInput(0.5, 1.0, math.radians(20.0), 0.4, 1.0)
+    for tick in range(400):
+        state = update(SETTINGS, state, block, 0.1 * tick)
+    assert state.expected_rad > math.radians(40.0)
     assert not state.unresponsive
-    assert state.share == pytest.approx(1.0, abs=0.2)
-
-
-@pytest.mark.parametrize("answers", [0.7, 1.3])
-def test_a_model_that_is_off_by_a_third_is_no_loss(answers):
-    assert not sailed(300.0, answers).unresponsive
-
-
-def test_a_rudder_that_turns_nothing_is_noticed_within_a_minute_and_its_return_too():
-    state = sailed(60.0, 0.0)
-    assert state.unresponsive
-    assert abs(state.share) < 0.1
-    assert not sailed(240.0, 1.0, state).unresponsive
-
-
-def test_authority_lost_under_way_is_noticed_within_four_minutes():
-    assert sailed(240.0, 0.0, sailed(300.0, 1.0)).unresponsive
 
 
 def test_a_rudder_at_rest_tells_nothing():
-    state = sailed(600.0, 0.0, moves=False)
-    assert state.share is None
-    assert not state.unresponsive
+    boat = Boat()
+    for _ in range(6000):
+        boat.tick(boat.bias_rad, 0.0, answers=0.0)
+    assert boat.told == []
 
 
 def test_a_rudder_that_holds_her_against_the_wind_speaks_not_against_her():
@@ -53,28 +116,40 @@ def test_a_rudder_that_holds_her_against_the_wind_speaks_not_against_her():
     state = SteeringMonitorState()
     for tick in range(6000):
         gust_rad = 0.3 * max(0.0, math.sin(0.1 * tick / 8.0)) ** 2
-        state = compare(state, 0.05 + gust_rad, 0.0, K, T, 0.1, error_rad=0.1)
-    assert not state.unresponsive
-    # Far off her heading with the rudder over, she ought to turn.
-    for tick in range(900):
-        state = compare(state, 0.5 if tick % 600 < 300 else -0.5, 0.0, K, T, 0.1, error_rad=1.0)
-    assert state.unresponsive
+        state = update(SETTINGS, state, SteeringInput(0.05 + gust_rad, 1.0, SD_RAD, 0.4, 0.1), 0.1 * tick)
+        assert not state.unresponsive
 
 
-def test_what_is_no_number_changes_nothing():
-    state = sailed(20.0, 1.0)
-    for odd in (math.nan, math.inf):
-        assert compare(state, odd, 0.0, K, T, 0.1) is state
-        assert compare(state, 0.0, odd, K, T, 0.1) is state
-    assert compare(state, 0.1, 0.0, K, T, 0.0) is state
+def test_a_rudder_that_stops_a_turn_is_no_order_to_turn():
+    state = SteeringMonitorState()
+    for tick in range(6000):
+        state = update(SETTINGS, state, SteeringInput(-0.5, 1.0, SD_RAD, 0.4, 1.0), 0.1 * tick)
+        assert not state.unresponsive
 
 
 def test_a_turn_that_is_under_way_at_the_start_is_not_taken_for_the_trim():
     """Its rudder is far from the one that follows it, and then she does not turn: rightly."""
-    state, heading, rate = SteeringMonitorState(), 0.0, 0.0
-    for tick in range(1800):
-        rudder = -0.5 if tick < 350 else 0.08
-        heading, rate = rk4_step(heading, rate, rudder, 0.1, K, T, 17.0, 0.08)
-        state = compare(state, rudder, rate, K, T, 0.1, error_rad=-1.0 if tick < 350 else 0.0)
-        assert not state.unresponsive
-    assert state.share == pytest.approx(1.1, abs=0.2)
+    boat = Boat()
+    for _ in range(350):
+        boat.tick(-0.5, -1.0)
+    for _ in range(1450):
+        boat.tick(0.08, 0.0)
+    assert boat.told == []
+
+
+def test_what_is_no_number_and_what_nobody_sees_begin_a_new_block():
+    boat = Boat().steer(20.0, 7.0)
+    given = SteeringInput(0.5, 1.0, SD_RAD, 0.4, 1.0)
+    for odd in (replace(given, heading_rad=None), replace(given, rudder_rad=math.nan)):
+        state = update(SETTINGS, boat.state, odd, boat.t_s + 0.1)
+        assert state == replace(boat.state, block=None)
+        assert update(SETTINGS, state, odd, boat.t_s + 0.2) is state
+
+
+def test_the_mean_of_the_rudder_over_the_block_is_what_counts():
+    """The rudder goes over at the end of a block: the block has not seen it."""
+    state = SteeringMonitorState()
+    for tick in range(21):
+        state = update(SETTINGS, state, SteeringInput(0.5 if tick == 20 else 0.0, 1.0, SD_RAD, 0.4, 1.0), 0.1 * tick)
+    assert state.rate_rad_s == pytest.approx(0.05 * 0.5 * OCEAN_RAMBLER.turning_ability_1_s * (1.0 - math.exp(-0.5)))
+    assert state.telling_s == 0.0

@@ -1,0 +1,100 @@
+"""What the wave filter remembers from tick to tick, and how it begins."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from firmware_py.common.angles import clamp, radians
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.estimate import kalman
+from firmware_py.estimate.learning import NoiseModel
+from firmware_py.model.kt import KtModel
+
+SPEEDS_M_S: Final = (0.08, 2.5)
+# Standard deviations at the start.
+FIRST: Final = (
+    *(radians(10.0), radians(1.0), radians(5.0), radians(10.0), radians(1.0)),
+    *(0.2, 0.2, 0.4, 0.2, radians(5.0), 0.7),
+    *(radians(5.0), radians(6.0), 0.1, 0.1, 0.1, 0.1),
+)
+TOGETHER: Final = 0.98  # correlation of the headings of float and glider at the start
+FIRST_COURSE_LAG_S: Final = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class WaveFilterSettings:
+    """The K-T model of the vehicle file."""
+
+    model: KtModel
+
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> WaveFilterSettings:
+        """Read the settings from the parameters."""
+        return cls(model=KtModel.of(parameters))
+
+
+@dataclass(frozen=True, slots=True)
+class WaveFilterState:
+    """State and covariance at t_s; empty before the first heading.
+
+    The covariance (17 x 17) and the slopes (17 x 2) are the bytes of their numbers, row by row. The slopes are by how
+    much the state would differ for another ln omega of the waves, or ln of the frequency at which the float follows.
+    `sample_t_s` and `fix_t_s` are the times of the last heading and velocity taken, `refusals` how many headings in a
+    row the gate has refused. `expected_water` is what the filter begins with: current north and east, speed through
+    the water [m/s]; `leg_rad` the way through the water of the leg that the boat is on.
+    """
+
+    t_s: float = 0.0
+    x: tuple[float, ...] = ()
+    p: bytes = b""
+    slopes: bytes = b""
+    noise_model: NoiseModel = NoiseModel()  # noqa: RUF009 - frozen
+    rudder_rad: float = 0.0
+    sample_t_s: float | None = None
+    fix_t_s: float | None = None
+    refusals: int = 0
+    innovation_rad: float = 0.0
+    innovation_sd_rad: float = 0.0
+    expected_water: tuple[float, float, float] = (0.0, 0.0, 0.5)
+    leg_rad: float | None = None
+
+    def spread(self, index: int) -> float:
+        """Return the standard deviation of a state."""
+        return math.sqrt(self.covariance(index, index)) if self.p else 0.0
+
+    def covariance(self, row: int, column: int) -> float:
+        """Return the covariance of two states of a filter that has started."""
+        return float(np.frombuffer(self.p)[kalman.STATES * row + column])
+
+
+def start(state: WaveFilterState, t_s: float, heading_rad: float) -> WaveFilterState:
+    """Return the filter at its first heading, with the sea and the water that the state has learned or expects."""
+    north_m_s, east_m_s, speed_m_s = water_of(state)
+    x = [0.0] * kalman.STATES
+    x[kalman.HEADING] = x[kalman.FLOAT] = heading_rad
+    x[kalman.NORTH], x[kalman.EAST] = north_m_s, east_m_s
+    x[kalman.SPEED], x[kalman.FACTOR] = clamp(speed_m_s, *SPEEDS_M_S), 1.0
+    x[kalman.COURSE_LAG] = FIRST_COURSE_LAG_S
+    p = np.diag(np.square(FIRST))
+    both = TOGETHER * FIRST[kalman.HEADING] * FIRST[kalman.FLOAT]
+    p[kalman.HEADING, kalman.FLOAT] = p[kalman.FLOAT, kalman.HEADING] = both
+    slopes = np.zeros((kalman.STATES, 2))
+    return WaveFilterState(
+        t_s,
+        tuple(x),
+        p.tobytes(),
+        slopes.tobytes(),
+        state.noise_model,
+        sample_t_s=t_s,
+        expected_water=(north_m_s, east_m_s, speed_m_s),
+    )
+
+
+def water_of(state: WaveFilterState) -> tuple[float, float, float]:
+    """Return current north and east and the speed through the water [m/s], as estimated or else as expected."""
+    x = state.x
+    return (x[kalman.NORTH], x[kalman.EAST], x[kalman.SPEED]) if x else state.expected_water

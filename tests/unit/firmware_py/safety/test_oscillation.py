@@ -1,0 +1,123 @@
+import math
+import random
+
+import pytest
+
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.safety.oscillation import (
+    HOLD_S,
+    SOFTEST,
+    OscillationInput,
+    OscillationSettings,
+    OscillationState,
+    update,
+)
+
+SETTINGS = OscillationSettings.of(ParameterSet())
+LAG_S = 4.0  # of the model at its own speed
+
+
+def rad(degrees):
+    return math.radians(degrees)
+
+
+class Watch:
+    """The monitor, tick by tick."""
+
+    def __init__(self):
+        self.state, self.t_s, self.told = OscillationState(), 0.0, []
+
+    def see(self, seconds, error_deg, sd_deg=0.5, goal_deg=lambda _t_s: 0.0, gain=1.5, speed_m_s=0.4, wave_s=4.0):
+        """Errors [deg] by the time since now, and a rudder that answers them; `told` is when the verdict changed."""
+        begun_s = self.t_s
+        for _ in range(round(10 * seconds)):
+            now_s = self.t_s - begun_s
+            error, goal = error_deg(now_s), goal_deg(now_s)
+            given = OscillationInput(
+                None if error is None else rad(error), rad(goal), rad(sd_deg), rad(gain * (error or 0.0)) + 0.1, 0.1,
+                speed_m_s, wave_s,
+            )  # fmt: skip
+            was, self.state = self.state.oscillating, update(SETTINGS, self.state, given, self.t_s)
+            if self.state.oscillating is not was:
+                self.told.append((self.t_s, self.state.oscillating))
+            self.t_s += 0.1
+        return self
+
+
+def swings(amplitude_deg, period_s):
+    return lambda t_s: amplitude_deg * math.sin(2.0 * math.pi * t_s / period_s)
+
+
+def test_two_whole_swings_after_the_first_crossing_are_an_oscillation_and_soften_the_helm():
+    watch = Watch().see(200.0, swings(5.0, 30.0))
+    assert [oscillates for _, oscillates in watch.told] == [True]
+    assert 2.0 * 30.0 < watch.told[0][0] < 2.5 * 30.0 + 5.0
+    assert watch.state.softness == SOFTEST
+
+
+def test_small_swings_take_twice_as_long():
+    watch = Watch().see(300.0, swings(1.8, 30.0), sd_deg=1.2)
+    assert 4.0 * 30.0 < watch.told[0][0] < 4.5 * 30.0 + 5.0
+
+
+def test_it_is_over_when_she_swings_no_more_and_the_helm_grows_stiff_over_tens_of_minutes():
+    watch = Watch().see(80.0, swings(5.0, 30.0)).see(60.0, lambda _t_s: 0.1)
+    assert [oscillates for _, oscillates in watch.told] == [True, False]
+    softness = watch.state.softness
+    assert softness == 2.0
+    assert watch.see(HOLD_S - 120.0, lambda _t_s: 0.1).state.softness == softness
+    assert 1.0 < watch.see(720.0, lambda _t_s: 0.1).state.softness < 1.5
+    assert watch.see(1200.0, lambda _t_s: 0.1).state.softness == 1.0
+
+
+@pytest.mark.parametrize(
+    ("why", "error_deg", "more"),
+    [
+        ("as small as the estimate is uncertain", swings(2.0, 30.0), {"sd_deg": 2.0}),
+        ("no more than a degree", swings(1.2, 30.0), {"sd_deg": 0.1}),
+        ("as fast as the waves", swings(5.0, 8.0), {"wave_s": 8.0, "speed_m_s": 0.9}),
+        ("faster than she can", swings(5.0, 8.0), {}),
+        ("slower than a helm is: trim and wind", swings(5.0, 100.0), {}),
+        ("the rudder has no part in it", swings(5.0, 30.0), {"gain": 0.2}),
+        ("all to one side", lambda t_s: 5.0 + 5.0 * math.sin(t_s / 5.0), {}),
+        ("a goal that is moved to and fro", swings(5.0, 30.0), {"goal_deg": swings(5.0, 30.0)}),
+        ("a swing that dies away", lambda t_s: 20.0 * math.exp(-t_s / 15.0) * math.cos(t_s / 5.0), {}),
+        ("nobody steers for a heading", lambda _t_s: None, {}),
+    ],
+)
+def test_what_is_no_oscillation(why, error_deg, more):
+    watch = Watch().see(1200.0, error_deg, **more)
+    assert watch.told == [], why
+    assert watch.state.softness == 1.0
+
+
+def test_irregular_swings_are_the_sea():
+    source, at_s, sign, halves = random.Random(4), 0.0, 1, []
+    while at_s < 3600.0:
+        at_s, sign = at_s + source.choice((8.0, 20.0, 35.0)), -sign
+        halves.append((at_s, sign * source.choice((2.0, 5.0, 9.0))))
+
+    def error_deg(t_s):
+        return next(peak for until_s, peak in halves if t_s < until_s)
+
+    assert Watch().see(3590.0, error_deg).told == []
+
+
+def test_a_turn_that_is_ordered_begins_the_count_anew():
+    watch = Watch()
+    for turn in range(12):
+        goal_deg = 60.0 * turn
+        watch.see(45.0, swings(5.0, 30.0), goal_deg=lambda _t_s, goal_deg=goal_deg: goal_deg)
+    assert watch.told == []
+
+
+def test_a_pause_in_steering_ends_it_and_keeps_the_helm_soft():
+    watch = Watch().see(80.0, swings(5.0, 30.0)).see(1.0, lambda _t_s: None)
+    assert not watch.state.oscillating
+    assert watch.state.softness == 2.0
+
+
+def test_what_is_no_number_counts_nothing():
+    watch = Watch().see(80.0, swings(5.0, 30.0)).see(1.0, lambda _t_s: math.nan)
+    assert watch.state.half is None
+    assert watch.state.halves == 0.0

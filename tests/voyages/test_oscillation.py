@@ -1,0 +1,83 @@
+"""A helm that oscillates, because the ship is not as told, is recognised and softened until it is gone."""
+
+import math
+
+import numpy as np
+import pytest
+
+from firmware_py.common.intents import SteerHeading
+from firmware_py.common.mode_table import Mode
+from firmware_py.faults.table import TABLE, Fault
+from support import rig
+from support.ill_ship import ill
+
+ROW = TABLE[Fault.HELM_OSCILLATES]
+TURN_S = 60.0
+# What makes the delivered helm swing; ships three times as sluggish as told, or four times as quick, do not.
+CAUSES = {
+    "twelve seconds late": {"delay_s": 12.0},
+    "four times as quick, five seconds late": {"ability": 4.0, "delay_s": 5.0},
+    "a float that follows slowly": {"follows": (0.15, 0.3)},
+    "a float that follows slowly, three seconds late": {"follows": (0.2, 0.4), "delay_s": 3.0},
+    "ten times as late in turning": {"lag": 10.0},
+}
+
+
+def turned(how, seconds, name="calm", seed=1):
+    """A ship that turns by 60 deg after a minute; heading errors [deg] and rudder [deg] are kept, once a second."""
+    boat = rig.Sailing(rig.sea(name), seed, hull=ill(**how)).under_way(Mode.GUIDED)
+    boat.run(TURN_S - boat.t_s)
+    boat.tick(SteerHeading(math.radians(60.0)))
+    kept = []
+    while boat.t_s < seconds:
+        boat.run(1.0)
+        kept.append((math.degrees(boat.hull.plant.heading_rad) - 60.0, math.degrees(boat.rudder_rad)))
+    return boat, np.array(kept)
+
+
+def swing(kept, from_s, to_s):
+    """Return the spread of heading and rudder [deg] between two times."""
+    part = kept[int(from_s - TURN_S) : int(to_s - TURN_S)]
+    return part.std(axis=0)
+
+
+def test_a_float_that_follows_slowly_makes_the_helm_swing_and_it_is_softened_until_it_does_not():
+    boat, kept = turned(CAUSES["a float that follows slowly"], 460.0)
+    assert boat.said(ROW.text)
+    assert boat.said(ROW.recovery)
+    assert swing(kept, 150.0, 240.0)[1] > 3.0
+    assert swing(kept, 400.0, 460.0)[1] < 1.0
+    assert boat.snapshot.helm_softness >= 2.0
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("cause", CAUSES)
+def test_what_makes_the_helm_swing_is_found_and_ended(cause, figures):
+    boat, kept = turned(CAUSES[cause], 1200.0)
+    name = cause.replace(",", "").replace(" ", "_")
+    first_s = boat.said(ROW.text)[0]
+    figures.keep(f"oscillation_recognised_{name}", first_s - TURN_S, "s")
+    figures.keep(f"oscillation_gone_{name}", boat.said(ROW.recovery)[-1] - first_s, "s")
+    assert not boat.snapshot.faults >> Fault.HELM_OSCILLATES & 1
+    assert swing(kept, 1000.0, 1200.0)[1] < 0.5 * swing(kept, first_s - 90.0, first_s)[1]
+    assert swing(kept, 1000.0, 1200.0)[0] < 1.0
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("name", ["calm", "tank"])
+@pytest.mark.parametrize("how", [{"ability": 1.0 / 3.0, "lag": 3.0}, {"lag": 3.0}, {"ability": 4.0}, {"delay_s": 5.0}])
+def test_a_ship_a_few_times_from_what_she_was_told_has_no_limit_cycle_in_flat_water(name, how):
+    _, kept = turned(how, 900.0, name)
+    assert swing(kept, 600.0, 900.0)[0] < 1.0
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("name", ["calm", "tank", "sea", "swell", "weak", "storm", "gusts", "surge"])
+def test_no_sea_is_taken_for_an_oscillation(name, seed):
+    boat = rig.Sailing(rig.sea(name), seed).under_way(Mode.GUIDED)
+    for hour in range(6):
+        boat.tick(SteerHeading(math.radians(100.0 * hour)))
+        boat.run(3600.0)
+    assert boat.said(ROW.text) == []
