@@ -49,7 +49,10 @@ def check_parameters(station):
 def check_commands(station):
     """Each is acknowledged, retries too; the mode in the end is the one asked for last."""
     for mode in (0, 4, 0, 4, 0, 4):
-        time.sleep(DELAY_S)  # a double of the one before is not to come after this one
+        # No double of the one before is to come after this one, nor an acknowledgement, which waits for the disk.
+        time.sleep(2.0 * DELAY_S + 0.3)
+        while station.link.recv_match(type="COMMAND_ACK") is not None:
+            pass
         confirmation = iter(range(256))
         ack = asked(
             station,

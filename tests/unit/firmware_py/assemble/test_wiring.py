@@ -110,8 +110,9 @@ def assembled_before_its_disk(vehicle, tmp_path, monkeypatch, key):
 
 
 def let_arrive(assembly, tmp_path):
-    (tmp_path / "state").unlink()
-    (tmp_path / "kept").rename(tmp_path / "state")
+    # In one step: with nothing in its way the store would make the directory itself.
+    (tmp_path / "link").symlink_to("kept")
+    (tmp_path / "link").replace(tmp_path / "state")
     store = assembly.parts.store
     while store.failure:
         assert select.select([store.fileno()], [], [], 10.0)[0]

@@ -191,7 +191,7 @@ def test_a_turn_the_long_way_goes_that_way():
     boat.run(30.0)
     assert boat.heading_rad < 0.8  # on her way round by port
     boat.run(400.0)
-    assert boat.heading_rad == pytest.approx(1.5 - 2 * math.pi, abs=0.01)
+    assert boat.heading_rad == pytest.approx(1.5 - 2 * math.pi, abs=0.02)
 
 
 def test_a_position_goal_is_steered_for():
