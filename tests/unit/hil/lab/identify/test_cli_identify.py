@@ -158,7 +158,7 @@ def test_a_page_stands_alone_and_a_seed_gives_the_same_result(tank, tmp_path, ca
     assert main(["identify", source, "--json", str(second), "--seed", "3"]) == 0
     text = page.read_text()
     assert "data:image/png;base64," in text
-    assert "http" not in text.replace("http-equiv", "")
+    assert "://" not in text  # "http" alone comes up by chance in a picture
     results = [json.loads(path.read_text()) for path in (first, second)]
     for one in results:
         del one["seconds"]
