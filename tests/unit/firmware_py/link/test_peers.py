@@ -67,6 +67,17 @@ def test_who_answers_gets_a_place_and_everything_in_it(open_rig):
     assert "ATTITUDE" in kinds(open_rig.ticks(5))
 
 
+def test_who_uploads_before_he_has_a_place_is_not_gone(open_rig):
+    """Another one is refused meanwhile: it does not take its turn as if the first had left."""
+    count = mavlink.MAVLink_mission_count_message(1, 1, 3, 0)
+    said = open_rig.tell(count, address="first")
+    assert "MISSION_REQUEST" in {kind.removesuffix("_INT") for kind in kinds(said)}
+    assert seated(open_rig) == set()
+    said = open_rig.tell(count, address="second")
+    acks = [message.type for message in said if message.get_type() == "MISSION_ACK"]
+    assert acks == [mavlink.MAV_MISSION_DENIED]
+
+
 def test_the_rest_of_one_datagram_is_no_answer(open_rig):
     """It is looked at in pieces, with answers between them."""
     pings = b"".join(open_rig.frame(mavlink.MAVLink_ping_message(0, number, 0, 0)) for number in range(60))
