@@ -86,4 +86,6 @@ def format_text(result: Mapping[str, Any]) -> str:
     ]
     named = [str(result[name]) for name in ("sentence", "error") if name in result]
     detail = [f"({result['detail']})"] if "detail" in result else []
-    return " ".join(part for part in (*where, *named, ", ".join(values), *detail) if part)
+    text = " ".join(part for part in (*where, *named, ", ".join(values), *detail) if part)
+    # A capture's own bytes must not steer the terminal.
+    return text if text.isprintable() else text.encode("unicode_escape").decode("ascii")

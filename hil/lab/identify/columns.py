@@ -39,6 +39,9 @@ SPELLINGS |= {"kmh": "km_h", "kph": "km_h", "rads": "rad_s", "degs": "deg_s", "m
 SPELLINGS |= {"deg_s_1": "deg_s", "seconds": "s", "knot": "kn", "m_s_1": "m_s"}
 
 
+LONGEST_SHOWN = 60
+
+
 @dataclass(frozen=True, slots=True)
 class Column:
     """Where a quantity stands, what the file calls it, and the size of its unit; NaN where the name says none."""
@@ -64,18 +67,19 @@ def columns_of(where: str, header: list[str]) -> dict[str, Column]:
     The names of the manoeuvre file come first; other names are taken where those are not there.
     """
     plain = [_plain(text) for text in header]
+    shown = [_shown(text) for text in header]
     found: dict[str, Column] = {}
     for quantity in NAMES:
         places = [place for place, name in enumerate(plain) if name == quantity]
         if not places:
             places = [place for place, name in enumerate(plain) if _unit(quantity, name) is not None]
         if len(places) > 1:
-            names = " and ".join(dict.fromkeys(header[place].strip() for place in places))
+            names = " and ".join(dict.fromkeys(shown[place] for place in places))
             what = f"column {names} stands there twice" if " and " not in names else f"columns {names} are the same"
             raise UsageError(f"{where}: {what}; remove one")
         if places:
             unit = _unit(quantity, plain[places[0]])
-            found[quantity] = Column(places[0], header[places[0]].strip(), math.nan if unit is None else unit)
+            found[quantity] = Column(places[0], shown[places[0]], math.nan if unit is None else unit)
     missing = [name for name in ("time_s", "rudder_rad") if name not in found]
     if not missing and "heading_rad" not in found and "yaw_rate_rad_s" not in found:
         missing = ["heading_rad or yaw_rate_rad_s"]
@@ -86,6 +90,13 @@ def columns_of(where: str, header: list[str]) -> dict[str, Column]:
             "are rudder_deg, heading_deg, yaw_rate_deg_s, speed_kn)"
         )
     return found
+
+
+def _shown(text: str) -> str:
+    """Write a name for a message: on one line, and not longer than that."""
+    text = text.strip()
+    text = text if text.isprintable() else text.encode("unicode_escape").decode("ascii")
+    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
 
 
 def _plain(text: str) -> str:

@@ -82,8 +82,9 @@ def _read(path: Path, reader: Iterator[list[str]], unit: str, *, decimal_comma: 
         texts.append([field.replace(",", ".") for field in fields] if decimal_comma else fields)
         if len(texts) > MOST_ROWS:
             raise UsageError(f"{path}: more than {MOST_ROWS} rows; cut the file")
-    if not texts:
-        raise UsageError(f"{path}: no rows below the column names; record at least a zigzag")
+    if len(texts) < 2:
+        rows = "one row" if texts else "no rows"
+        raise UsageError(f"{path}: {rows} below the column names; record at least a zigzag")
     table = _Table(path, numbers, places)
     raw = {name: table.column(name, [row[column.place] for row in texts]) for name, column in places.items()}
     return _recording(table, raw, unit)
