@@ -118,11 +118,20 @@ class Udp:
 
 class Tcp:
     def __init__(self, port):
-        self._socket = socket.create_connection(("127.0.0.1", int(port)))
+        self._port = int(port)
+        self._connect()
+
+    def _connect(self):
+        self._socket = socket.create_connection(("127.0.0.1", self._port))
         self._socket.setblocking(False)
 
     def write(self, data):
-        return self._socket.send(data)
+        try:
+            return self._socket.send(data)
+        except (ConnectionResetError, BrokenPipeError):  # dropped after ten seconds without a frame
+            self._socket.close()
+            self._connect()
+            return 0
 
     def drain(self):
         swallow(lambda: self._socket.recv(65536))
