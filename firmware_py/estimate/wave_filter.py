@@ -198,9 +198,10 @@ def correct_velocity(
         work.correct(measured, innovation_m_s, measured.variance * max(1.0, square / FIX_LIMIT))
         normalised.append(innovation_m_s / math.sqrt(measured.variance))
     step_s = t_s - state.fix_t_s if state.fix_t_s is not None else LONGEST_SILENCE_S
-    work.noise_model = learning.learn_from_velocity(
-        work.noise_model, (normalised[0], normalised[1]), step_s, in_waves=mean is None
-    )
+    if step_s > 0.0:  # of two that have waited in the same buffer, the second tells nothing about noise
+        work.noise_model = learning.learn_from_velocity(
+            work.noise_model, (normalised[0], normalised[1]), step_s, in_waves=mean is None
+        )
     return replace(_finish(work, state), fix_t_s=t_s, leg_rad=leg_rad)
 
 

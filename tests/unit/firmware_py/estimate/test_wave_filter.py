@@ -194,6 +194,16 @@ def test_late_and_missing_samples_do_it_no_harm():
     assert anew.noise_model == state.noise_model
 
 
+def test_fixes_that_have_waited_together_are_taken_and_teach_nothing_about_their_noise():
+    state = start(WaveFilterState(), 0.0, 1.0)
+    first = correct_velocity(SETTINGS, state, 1.0, 0.4, 1.0)
+    second = correct_velocity(SETTINGS, first, 1.0, 0.5, 1.1)
+    assert second.x != first.x
+    assert second.noise_model.velocities == first.noise_model.velocities
+    earlier = correct_velocity(SETTINGS, second, 0.5, 0.5, 1.1)
+    assert all(map(math.isfinite, earlier.x))
+
+
 def test_a_jump_is_refused_and_counted():
     state = start(WaveFilterState(), 0.0, 1.0)
     for tick in range(1, 300):
