@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
-from firmware_py.common.options import check, option, record_from
+from firmware_py.common.options import MISSING_TEXT, check, option, record_from
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import TABLE
-from firmware_py.common.parameters import index_of, parse_file
+from firmware_py.common.parameters import MOST_PROBLEMS, index_of, parse_file
 from firmware_py.devices import SECTIONS
 from firmware_py.files.reading import read_text
 
@@ -20,7 +22,7 @@ RecordT = TypeVar("RecordT")
 
 
 class VehicleError(ValueError):
-    """The vehicle file is wrong; the text names file, place and remedy."""
+    """The vehicle file is wrong; the text names file, place and remedy, in a line for each thing that is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,25 +117,55 @@ def _check_values(data: Mapping[str, Any], path: Path) -> None:
 
 
 def parse(data: Mapping[str, Any], path: Path) -> Vehicle:
-    """Check the content of a vehicle file read from path."""
-    _only_known(data, _SECTIONS, f"{path}: section")
-    vehicle = _section(data, "vehicle", path)
-    _only_known(vehicle, ("name",), f"{path}: [vehicle]")
-    name = vehicle.get("name", path.stem)
+    """Check the content of a vehicle file read from path; VehicleError tells all that is wrong with it."""
+    optional = [name for name in ("position", "compass_b") if name in data]
+    _, values = _all_read(
+        {
+            "sections": lambda: _only_known(data, _SECTIONS, f"{path}: section"),
+            "name": lambda: _name(_section(data, "vehicle", path), path),
+            **{name: partial(_entry, data, name, path) for name in ("compass", "rudder", *optional)},
+            "hull": lambda: _hull(data, path),
+            "link_urls": lambda: _link_urls(_section(data, "link", path), path),
+            "parameters": lambda: _parameters(_section(data, "parameters", path), path),
+        },
+        missing=f"]{MISSING_TEXT}",
+    )
+    return Vehicle(**{"position": None} | values)
+
+
+def _all_read(reads: Mapping[str, Callable[[], Any]], missing: str = MISSING_TEXT) -> tuple[Any, dict[str, Any]]:
+    """Return the value of the first, a check, and the named values of the others; VehicleError with all that is wrong.
+
+    What is `missing` is not told beside a name that is not known: it may be the one that was meant.
+    """
+    values: dict[str, Any] = {}
+    problems: dict[str, list[str]] = {}
+    for name, read in reads.items():
+        try:
+            values[name] = read()
+        except VehicleError as error:
+            problems[name] = str(error).splitlines()
+    first = next(iter(reads))
+    lines = [line for found in problems.values() for line in found if first not in problems or missing not in line]
+    _refuse(lines)
+    return values.pop(first), values
+
+
+def _name(section: Mapping[str, Any], path: Path) -> str:
+    _only_known(section, ("name",), f"{path}: [vehicle]")
+    name = section.get("name", path.stem)
     if not isinstance(name, str) or not name or len(name) > 60:
         raise VehicleError(f"{path}: [vehicle] name: expected a text of 1 to 60 characters")
-    link = _section(data, "link", path)
-    _only_known(link, ("urls",), f"{path}: [link]")
-    return Vehicle(
-        name=name,
-        compass=_entry(data, "compass", path),
-        rudder=_entry(data, "rudder", path),
-        position=_entry(data, "position", path) if "position" in data else None,
-        hull=_hull(data, path),
-        link_urls=_texts(link.get("urls", []), f"{path}: [link] urls"),
-        parameters=_parameters(_section(data, "parameters", path), path),
-        compass_b=_entry(data, "compass_b", path) if "compass_b" in data else None,
-    )
+    return name
+
+
+def _link_urls(section: Mapping[str, Any], path: Path) -> tuple[str, ...]:
+    reads = {
+        "names": lambda: _only_known(section, ("urls",), f"{path}: [link]"),
+        "urls": lambda: _texts(section.get("urls", []), f"{path}: [link] urls"),
+    }
+    urls: tuple[str, ...] = _all_read(reads)[1]["urls"]
+    return urls
 
 
 def _section(data: Mapping[str, Any], name: str, path: Path) -> Mapping[str, Any]:
@@ -143,12 +175,20 @@ def _section(data: Mapping[str, Any], name: str, path: Path) -> Mapping[str, Any
     return section
 
 
+def _refuse(problems: Iterable[str]) -> None:
+    """Raise VehicleError with the problems, as many as are told of one file; nothing when there is none."""
+    if lines := list(islice(problems, MOST_PROBLEMS)):
+        raise VehicleError("\n".join(lines))
+
+
 def _only_known(section: Mapping[str, Any], known: tuple[str, ...], place: str) -> None:
-    for key in section:
-        if key not in known:
-            near = difflib.get_close_matches(key, known, 1)
-            hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
-            raise VehicleError(f"{place} {key!r} is not known; {hint}")
+    hint = f"; known: {', '.join(known)}"
+    _refuse(f"{place} {key!r} is not known{_meant(key, known) or hint}" for key in section if key not in known)
+
+
+def _meant(key: str, known: tuple[str, ...]) -> str:
+    near = difflib.get_close_matches(key, known, 1)
+    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def _entry(data: Mapping[str, Any], name: str, path: Path) -> DeviceEntry:
@@ -169,33 +209,42 @@ def read_device(name: str, section: Mapping[str, Any], place: str) -> DeviceEntr
         raise VehicleError(f"{place} driver {str(driver)[:60]!r} is not known; there are {', '.join(drivers)}")
     kind = drivers[driver].options
     own = {key: value for key, value in section.items() if key not in _CONNECTION}
-    _only_read(own, driver, tuple(row.name for row in fields(kind)), place)
-    connection = _record(_Connection, {key: section[key] for key in _CONNECTION if key in section}, place)
-    options = _record(kind, own, place)
-    return DeviceEntry(driver, connection.port, connection.baud, options)
+    names = tuple(row.name for row in fields(kind))
+    given = {key: section[key] for key in _CONNECTION if key in section}
+    _, values = _all_read(
+        {
+            "names": lambda: _only_read(own, driver, names, place),
+            "connection": lambda: _record(_Connection, given, place),
+            "options": lambda: _record(kind, {key: value for key, value in own.items() if key in names}, place),
+        }
+    )
+    connection: _Connection = values["connection"]
+    return DeviceEntry(driver, connection.port, connection.baud, values["options"])
 
 
 def _only_read(values: Mapping[str, Any], driver: str, options: tuple[str, ...], place: str) -> None:
     """Refuse an option that the driver does not read: whoever wrote it believes that it does something."""
-    for key in values:
-        if key not in options:
-            near = difflib.get_close_matches(key, (*_CONNECTION, *options), 1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            own = ", ".join(options) or "no option of its own"
-            raise VehicleError(f"{place} {key!r} is not read by driver {driver}, which has {own}{hint}")
+    own = ", ".join(options) or "no option of its own"
+    reason, known = f"is not read by driver {driver}, which has {own}", (*_CONNECTION, *options)
+    _refuse(f"{place} {key!r} {reason}{_meant(key, known)}" for key in values if key not in options)
 
 
 def _hull(data: Mapping[str, Any], path: Path) -> Hull:
     section, place = _section(data, "hull", path), f"{path}: [hull]"
-    _only_known(section, tuple(row.name for row in fields(Hull)), place)
-    return _record(Hull, section, place)
+    names = tuple(row.name for row in fields(Hull))
+    reads = {
+        "names": lambda: _only_known(section, names, place),
+        "hull": lambda: _record(Hull, {key: value for key, value in section.items() if key in names}, place),
+    }
+    hull: Hull = _all_read(reads)[1]["hull"]
+    return hull
 
 
 def _record(kind: type[RecordT], values: Mapping[str, Any], place: str) -> RecordT:
     try:
         return record_from(kind, values)
     except ValueError as error:
-        raise VehicleError(f"{place} {error}") from None
+        raise VehicleError("\n".join(f"{place} {line}" for line in str(error).splitlines())) from None
 
 
 def _text(value: Any, place: str) -> str:
@@ -212,23 +261,32 @@ def _texts(value: Any, place: str) -> tuple[str, ...]:
 
 def _parameters(section: Mapping[str, Any], path: Path) -> dict[str, float]:
     values: dict[str, float] = {}
+    problems: list[str] = []
     if "file" in section:
         file = path.parent / _text(section["file"], f"{path}: [parameters] file")
         try:
             values.update(parse_file(read_text(file, MOST_BYTES), str(file)))
         except OSError as error:
-            raise VehicleError(f"{path}: [parameters] file {file} cannot be read: {error.strerror}") from None
+            problems.append(f"{path}: [parameters] file {file} cannot be read: {error.strerror}")
         except ParameterError as error:
-            raise VehicleError(str(error)) from None
+            problems.append(str(error))
     for name, value in section.items():
         if name == "file":
             continue
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise VehicleError(f"{path}: [parameters] {name}: expected a number")
         try:
-            values[name] = TABLE[index_of(name)].check(float(value))
+            values[name] = _parameter(name, value)
         except ParameterError as error:
-            raise VehicleError(f"{path}: [parameters] {error}") from None
-        except OverflowError:
-            raise VehicleError(f"{path}: [parameters] {name}: expected a number") from None
+            problems.append(f"{path}: [parameters] {error}")
+    _refuse(problems)
     return values
+
+
+def _parameter(name: str, value: Any) -> float:
+    expected = f"{name[:60]}: expected a number"
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ParameterError(expected)
+    try:
+        number = float(value)
+    except OverflowError:
+        raise ParameterError(expected) from None
+    return TABLE[index_of(name)].check(number)

@@ -58,7 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = int(parsed.run(parsed))
         sys.stdout.flush()
     except HilError as error:
-        print(f"rambler-hil: {error}", file=sys.stderr)
+        for line in str(error).splitlines() or [""]:
+            print(f"rambler-hil: {line}", file=sys.stderr)
         return error.exit_code
     except BrokenPipeError:
         # The reader (head, less) has seen enough.

@@ -1,25 +1,31 @@
-"""`rambler params`: the parameter table; checks and writes parameter files."""
+"""`rambler params`: the parameter table, or one row of it; checks and writes parameter files."""
 
 from __future__ import annotations
 
 import argparse
-import sys
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from firmware_py.cli import parameter_page
-from firmware_py.common.parameter_row import ParameterError
+from firmware_py.cli.refusal import refused
+from firmware_py.common.parameter_row import Kind, ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE
-from firmware_py.common.parameters import format_file, format_value, parse_file
+from firmware_py.common.parameters import LONGEST_NAME, format_file, format_value, near, parse_file
 from firmware_py.faults import page as faults
 from firmware_py.files.reading import read_text
 from firmware_py.link.parameters.metadata import parameter_json
 from firmware_py.vehicle import MOST_BYTES
 
+FINDING = 1  # the exit code of a file with something wrong in it
+_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_]{{0,{2 * LONGEST_NAME}}}")  # no dot and no slash, as files have
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("file", metavar="FILE", type=Path, nargs="?", help="a parameter file to check")
+    parser.add_argument(
+        "file", metavar="NAME|FILE", type=Path, nargs="?", help="a parameter to explain, or a parameter file to check"
+    )
     parser.add_argument("--markdown", action="store_true", help="print params/REFERENCE.md")
     parser.add_argument("--faults", action="store_true", help="print params/FAULTS.md")
     parser.add_argument("--messages", action="store_true", help="print params/MESSAGES.md")
@@ -76,13 +82,34 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.file is not None:
         try:
             values = parse_file(read_text(arguments.file, MOST_BYTES), str(arguments.file))
+        except FileNotFoundError as error:
+            if arguments.save is None and _NAME.fullmatch(str(arguments.file)):
+                return _explain(str(arguments.file))
+            return refused("params", f"{arguments.file}: cannot be read: {error.strerror}")
         except OSError as error:
-            print(f"rambler params: {arguments.file}: cannot be read: {error.strerror}", file=sys.stderr)
-            return 2
+            return refused("params", f"{arguments.file}: cannot be read: {error.strerror}")
         except ParameterError as error:
-            print(f"rambler params: {error}", file=sys.stderr)
-            return 1
+            return refused("params", error, FINDING)
     return _report(arguments.file, values) if arguments.save is None else _save(arguments, values)
+
+
+def _explain(name: str) -> int:
+    """Print all that the table has of a parameter; who has mistyped it is told what it may have been."""
+    index = INDEX.get(name.upper())
+    if index is None:
+        return refused("params", f"no parameter and no file {name!r}; near it: {', '.join(near(name))}")
+    row = TABLE[index]
+    print(f"{row.name}: {row.text}")
+    print(f"default   {format_value(row.default)} {row.unit}".rstrip())
+    for number, text in (row.choices or {}).items():
+        print(f"{'allowed' if number == min(row.choices or ()) else '':<9} {number} {text}")
+    if row.choices is None:
+        print(f"allowed   {row.allowed_values()}{', whole numbers' if row.kind is Kind.INTEGER else ''}")
+    if row.reboot:
+        print("takes effect at the next start")
+    if row.read_only:
+        print("read-only: counted onboard")
+    return 0
 
 
 def _report(path: Path, values: Mapping[str, float]) -> int:
@@ -101,7 +128,6 @@ def _save(arguments: argparse.Namespace, values: Mapping[str, float]) -> int:
     try:
         arguments.save.write_text(_FORMATS[arguments.format](written), encoding="ascii")
     except OSError as error:
-        print(f"rambler params: {arguments.save}: cannot be written: {error.strerror}", file=sys.stderr)
-        return 2
+        return refused("params", f"{arguments.save}: cannot be written: {error.strerror}")
     print(f"{arguments.save}: {len(written)} parameters written")
     return 0

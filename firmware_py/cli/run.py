@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import traceback
 from pathlib import Path
 
 from firmware_py import __version__
 from firmware_py.assemble.wiring import Assembly, Options, assemble
+from firmware_py.cli.refusal import refused
 from firmware_py.files.making import exact_modes
 from firmware_py.link.wire.transport import LinkError
 from firmware_py.link.wire.worker import THREAD as FILES_THREAD
@@ -70,8 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
             )
             assembly = assemble(vehicle, options)
         except (VehicleError, PortError, StoreError, LinkError, ClockError) as error:
-            print(f"rambler run: {error}", file=sys.stderr)
-            return 2
+            return refused("run", error)
         assembly.console.line(f"rambler {__version__}: {vehicle.name}, state in {options.state_directory}")
         code = _steer(assembly, signals)
         restart = assembly.parts.autopilot.restart

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, get_type_hints
 
 RecordT = TypeVar("RecordT")
 
+MISSING_TEXT = " is missing"
 _KEY = "option"
 
 
@@ -40,34 +41,47 @@ def meanings(kind: type[Any]) -> dict[str, OptionMeaning]:
 
 
 def check(record: Any) -> None:
-    """Raise ValueError, naming the option, for a value of an options record that is out of its range."""
+    """Raise ValueError, a line for each option of a record that is out of its range, naming it."""
     types = get_type_hints(type(record))
-    for row in fields(record):
-        meaning, value = _meaning(row), getattr(record, row.name)
-        if isinstance(value, tuple):
-            unknown = [item for item in value if meaning.choices and item not in meaning.choices]
-            if unknown:
-                choices = ", ".join(meaning.choices)
-                raise ValueError(f"{row.name}: {unknown[0][:30]!r} is not known; there are {choices}")
-        elif types[row.name] is int and not isinstance(value, int):
-            raise ValueError(f"{row.name}: {value} is not a whole number")
-        elif isinstance(value, (int, float)) and not meaning.minimum <= value <= meaning.maximum:
-            raise ValueError(
-                f"{row.name}: {value:g} is out of range; allowed: {meaning.minimum:g} to {meaning.maximum:g}"
-            )
+    problems = (_problem(getattr(record, row.name), row, types[row.name]) for row in fields(record))
+    if wrong := [problem for problem in problems if problem]:
+        raise ValueError("\n".join(wrong))
+
+
+def _problem(value: Any, row: Field[Any], kind: Any) -> str:
+    """Say what is wrong with the value of an option; empty when nothing is."""
+    meaning = _meaning(row)
+    if isinstance(value, tuple):
+        unknown = [item for item in value if meaning.choices and item not in meaning.choices]
+        return (
+            f"{row.name}: {unknown[0][:30]!r} is not known; there are {', '.join(meaning.choices)}" if unknown else ""
+        )
+    if kind is int and not isinstance(value, int):
+        return f"{row.name}: {value} is not a whole number"
+    if isinstance(value, (int, float)) and not meaning.minimum <= value <= meaning.maximum:
+        return f"{row.name}: {value:g} is out of range; allowed: {meaning.minimum:g} to {meaning.maximum:g}"
+    return ""
 
 
 def record_from(kind: type[RecordT], values: Mapping[str, Any]) -> RecordT:
     """Build an options record from the values of a file, whose names must be options of it.
 
-    Raises ValueError, naming the option, for one that is missing, of another type or out of range.
+    Raises ValueError, a line for each option that is missing, of another type or out of range, naming it.
     """
     rows = {row.name: row for row in fields(kind)}  # type: ignore[arg-type]
-    for name, row in rows.items():
-        if name not in values and row.default is MISSING:
-            raise ValueError(f"{name} is missing")
+    problems = [f"{name}{MISSING_TEXT}" for name, row in rows.items() if name not in values and row.default is MISSING]
     types = get_type_hints(kind)
-    return kind(**{name: _READERS[types[name]](value, rows[name]) for name, value in values.items()})
+    read: dict[str, Any] = {}
+    for name, value in values.items():
+        try:
+            read[name] = _READERS[types[name]](value, rows[name])
+        except ValueError as error:
+            problems.append(str(error))
+        else:
+            problems += filter(None, [_problem(read[name], rows[name], types[name])])
+    if problems:
+        raise ValueError("\n".join(problems))
+    return kind(**read)
 
 
 def _meaning(row: Field[Any]) -> OptionMeaning:

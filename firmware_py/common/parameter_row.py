@@ -15,7 +15,7 @@ from enum import IntEnum
 
 
 class ParameterError(ValueError):
-    """A parameter name or value is refused; the text says why and what is allowed."""
+    """A parameter name or value is refused; the text says why and what is allowed, in a line for each."""
 
 
 class Kind(IntEnum):

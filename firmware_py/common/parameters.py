@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from firmware_py.common.parameter_row import SINGLE_MAX, ParameterError, to_single
 from firmware_py.common.parameter_table import INDEX, TABLE
+
+LONGEST_NAME = 16
+MOST_PROBLEMS = 20  # told of one file
+_WORDS: Mapping[str, frozenset[str]] = {name: frozenset(name.split("_")) for name in INDEX}
 
 
 class ParameterSet:
@@ -55,14 +59,21 @@ def index_of(name: str) -> int:
     """Return the row number of a name, or raise ParameterError with near names."""
     index = INDEX.get(name)
     if index is None:
-        near = sorted(INDEX, key=lambda candidate: (-_common_prefix(candidate, name), candidate))[:3]
-        raise ParameterError(f"unknown parameter {name[:30]!r}; near it: {', '.join(near)}")
+        raise ParameterError(f"unknown parameter {name[:30]!r}; near it: {', '.join(near(name))}")
     return index
+
+
+def near(name: str) -> tuple[str, ...]:
+    """Return the three names of the table that are most like a wrong one: by whole words, then by how they begin."""
+    wanted = name[:LONGEST_NAME].upper()
+    words = frozenset(wanted.split("_"))
+    likeness = {row: (-len(words & _WORDS[row]), -_common_prefix(row, wanted), row) for row in INDEX}
+    return tuple(sorted(INDEX, key=likeness.__getitem__)[:3])
 
 
 def _common_prefix(first: str, second: str) -> int:
     count = 0
-    for left, right in zip(first, second.upper(), strict=False):
+    for left, right in zip(first, second, strict=False):
         if left != right:
             break
         count += 1
@@ -74,25 +85,35 @@ def parse_file(text: str, source: str) -> dict[str, float]:
 
     Accepts MAVProxy's and Mission Planner's `NAME VALUE` or `NAME,VALUE` and
     QGroundControl's `SYSTEM COMPONENT NAME VALUE TYPE`; `#` starts a comment. Raises
-    ParameterError naming source and line.
+    ParameterError, a line for each line of the file that is wrong, naming source and line.
     """
     values: dict[str, float] = {}
+    problems: list[str] = []
     for number, line in enumerate(text.splitlines(), start=1):
         fields = line.split("#", 1)[0].replace(",", " ").split()
         if not fields:
             continue
-        name, value_text = (fields[2], fields[3]) if len(fields) == 5 else [*fields, "", ""][:2]
-        if len(fields) not in (2, 5):
-            raise ParameterError(f"{source}:{number}: expected NAME VALUE, found {line.strip()[:60]!r}")
         try:
-            value = float(value_text)
-        except ValueError:
-            raise ParameterError(f"{source}:{number}: {value_text[:30]!r} is not a number") from None
-        try:
+            name, value = _name_and_value(fields, line)
             values[name] = TABLE[index_of(name)].check(value)
         except ParameterError as error:
-            raise ParameterError(f"{source}:{number}: {error}") from None
+            problems.append(f"{source}:{number}: {error}")
+            if len(problems) == MOST_PROBLEMS:
+                problems.append(f"{source}: not looked at behind line {number}")
+                break
+    if problems:
+        raise ParameterError("\n".join(problems))
     return values
+
+
+def _name_and_value(fields: Sequence[str], line: str) -> tuple[str, float]:
+    if len(fields) not in (2, 5):
+        raise ParameterError(f"expected NAME VALUE, found {line.strip()[:60]!r}")
+    name, text = (fields[2], fields[3]) if len(fields) == 5 else fields
+    try:
+        return name, float(text)
+    except ValueError:
+        raise ParameterError(f"{text[:30]!r} is not a number") from None
 
 
 def format_value(value: float) -> str:

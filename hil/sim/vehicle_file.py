@@ -44,7 +44,7 @@ def load(path: Path) -> Vehicle:
     try:
         return vehicle_format.load(path)
     except VehicleError as error:
-        raise UsageError(f"vehicle file {error}") from None
+        raise UsageError("\n".join(f"vehicle file {line}" for line in str(error).splitlines())) from None
 
 
 def with_devices(vehicle: Vehicle, compass: str | None, servo: str | None) -> Vehicle:

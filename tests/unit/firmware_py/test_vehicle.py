@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.common.options import meanings
+from firmware_py.common.parameters import MOST_PROBLEMS
 from firmware_py.devices import SECTIONS
 from firmware_py.link.wire.transport import parse_url
 from firmware_py.vehicle import DeviceEntry, VehicleError, load
@@ -165,3 +166,47 @@ def test_the_examples_listen_to_nothing_beyond_this_computer(name):
 def test_every_option_says_what_it_is_for(driver):
     for name, meaning in meanings(driver.options).items():
         assert meaning.text, name
+
+
+def test_all_that_is_wrong_is_told_at_once_each_in_a_line_with_its_place(write, tmp_path):
+    (tmp_path / "boat.param").write_text("CTL_K1 1e9\nCTL_KK 1\n")
+    wrong = {
+        'name = "Ocean Rambler"': "name = 5",
+        "baud = 4800": "baud = 1\nparity = 0",
+        '["HDT"]': '["HDX"]',
+        'port = "/dev/ttyUSB1"': "",
+        "id = 3": "id = 300\nslew = 1",
+        'urls = ["udpout:127.0.0.1:14550"]': "urls = 5\nurl = 6",
+        "length_m = 3.05": "length_m = nan\nbeam_m = 1e300\nlenght_m = 1",
+        "CTL_K1 = 41": 'CTL_K1 = 1e300\nCTL_KK = 1\nCTL_K2 = true\nfile = "boat.param"',
+    }
+    text = GOOD
+    for old, new in wrong.items():
+        assert old in text
+        text = text.replace(old, new, 1)
+    with pytest.raises(VehicleError) as caught:
+        load(write(text + "[hulls]\n"))
+    lines = str(caught.value).splitlines()
+    places = (
+        *("section 'hulls'", "[vehicle] name", "[compass] 'parity'", "[compass] baud", "[compass] sentences"),
+        *("[rudder] 'slew'", "[rudder] id", "[position] port is missing", "[hull] 'lenght_m'", "[hull] length_m"),
+        *("[hull] beam_m", "[link] 'url'", "[link] urls", "boat.param:1: CTL_K1", "boat.param:2: unknown"),
+        *("[parameters] CTL_K1", "[parameters] unknown parameter 'CTL_KK'", "[parameters] CTL_K2"),
+    )
+    for place in places:
+        assert sum(place in line for line in lines) == 1, (place, lines)
+    assert len(lines) == len(places)
+    assert all(str(tmp_path) in line for line in lines)
+
+
+def test_what_is_missing_is_not_told_beside_a_name_that_may_have_been_meant_for_it(write):
+    with pytest.raises(VehicleError) as caught:
+        load(write(GOOD.replace("[compass]", "[compas]").replace("baud = 115200", "boud = 115200")))
+    assert len(str(caught.value).splitlines()) == 2
+
+
+def test_a_file_full_of_errors_is_told_in_a_few_lines(write):
+    text = GOOD + "".join(f"NONE_{number} = 1\n" for number in range(20_000))
+    with pytest.raises(VehicleError) as caught:
+        load(write(text))
+    assert len(str(caught.value).splitlines()) == MOST_PROBLEMS

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.common.parameter_table import TABLE
-from firmware_py.common.parameters import parse_file
+from firmware_py.common.parameters import MOST_PROBLEMS, parse_file
 
 SETTINGS = [row for row in TABLE if not row.read_only]
 
@@ -45,3 +45,66 @@ def test_a_wrong_file_is_not_saved_on(capsys, tmp_path):
 def test_the_metadata_is_printed(capsys):
     assert main(["params", "--metadata"]) == 0
     assert [row["name"] for row in json.loads(capsys.readouterr().out)["parameters"]] == [row.name for row in TABLE]
+
+
+@pytest.mark.parametrize("name", ["RUD_LIMIT_DEG", "rud_limit_deg"])
+def test_a_name_is_explained(capsys, name):
+    assert main(["params", name]) == 0
+    assert capsys.readouterr().out == (
+        "RUD_LIMIT_DEG: Largest rudder angle to either side.\ndefault   30 deg\nallowed   1 to 60 deg\n"
+    )
+
+
+def test_every_parameter_is_explained_with_all_its_choices_and_conditions(capsys):
+    for row in TABLE:
+        assert main(["params", row.name]) == 0
+        said = capsys.readouterr().out
+        assert row.text in said
+        assert ("next start" in said, "read-only" in said) == (row.reboot or "next start" in row.text, row.read_only)
+        assert all(text in said for text in (row.choices or {}).values())
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("CTL_LIMIT_DEG", "RUD_LIMIT_DEG"),
+        ("LOOP_HZ", "LOOP_RATE_HZ"),
+        ("bat_volt_low", "BAT_LOW_VOLT"),
+        ("STEER", "FS_STEER_ACT"),
+        ("WPRADIUS", "WP_RADIUS"),
+        ("POS_TIMOUT_S", "POS_TIMEOUT_S"),
+    ],
+)
+def test_a_name_that_was_mistyped_brings_the_one_that_was_meant(capsys, name, meant):
+    assert main(["params", name]) == 2
+    said = capsys.readouterr()
+    (line,) = said.err.splitlines()
+    assert meant in line
+    assert said.out == ""
+
+
+def test_a_file_of_the_name_of_a_parameter_is_a_file(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "CTL_K1").write_text("CTL_K1 41\n")
+    assert main(["params", "CTL_K1"]) == 0
+    assert "40 -> 41" in capsys.readouterr().out
+
+
+def test_all_that_is_wrong_with_a_file_is_told_at_once(capsys, tmp_path):
+    given = tmp_path / "boat.param"
+    given.write_text("CTL_K1 1e9\nCTL_K2 0.5\nNONE 1\nCTL_K2\nCTL_K2 two\n")
+    assert main(["params", str(given)]) == 1
+    said = capsys.readouterr()
+    lines = said.err.splitlines()
+    assert [line.split(":")[2] for line in lines] == ["1", "3", "4", "5"]
+    assert all(line.startswith(f"rambler params: {given}:") for line in lines)
+    assert said.out == ""
+
+
+def test_of_a_file_that_is_none_not_more_is_told_than_anybody_reads(capsys, tmp_path):
+    given = tmp_path / "boat.param"
+    given.write_text("nothing of the kind\n" * 10_000)
+    assert main(["params", str(given)]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == MOST_PROBLEMS + 1
+    assert "not looked at behind line 20" in lines[-1]

@@ -93,12 +93,14 @@ def test_choosing_another_device_replaces_its_section_and_the_same_keeps_it(tmp_
         (GIVEN.replace('file = "boat.param"', "CTL_K1 = nan"), "not a number"),
     ],
 )
-def test_a_wrong_file_is_told_in_one_line(tmp_path, text, complaint):
+def test_a_wrong_file_is_told_in_lines_that_name_it(tmp_path, text, complaint):
     path = tmp_path / "boat.vehicle"
     path.write_text(text)
     with pytest.raises(UsageError, match=complaint) as caught:
         load(path)
-    assert "\n" not in str(caught.value)
+    lines = str(caught.value).splitlines()
+    assert all(line.startswith("vehicle file ") and str(tmp_path) in line for line in lines)
+    assert sum(complaint in line for line in lines) == 1
 
 
 def test_an_absent_file_is_told(tmp_path):
