@@ -9,6 +9,7 @@ from functools import partial
 
 from firmware_py.common.interfaces import Clock, Compass, Device, Link, Position, Recorder, Rudder
 from firmware_py.common.records import Event, HeadingSample, Inputs, RudderCommand, Tick
+from firmware_py.common.reports import Output
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.state import settings_of
 from firmware_py.core.state_codec import state_to_text
@@ -59,6 +60,7 @@ class LoopParts:
     take_signals: Callable[[], tuple[Event, ...]] = tuple  # what is to be told of the process's signals
     compass_b: Compass | None = None
     health: HealthMonitor = field(default_factory=HealthMonitor)
+    show_status: Callable[[Output, float], None] = lambda _output, _now_s: None  # to who looks on; never raises
     devices: tuple[Device, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -132,6 +134,7 @@ def _tick(parts: LoopParts, tick: Tick) -> HeadingSample | None:
         line.reopen(now_s)
     parts.health.update(parts.devices, (parts.store, parts.recorder), clock, parts.link, now_s)
     parts.autopilot.keep_resume(now_s, clock.utc_s())
+    parts.show_status(output, now_s)
     return headings[-1] if headings else None
 
 

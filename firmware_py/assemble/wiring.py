@@ -10,6 +10,7 @@ from pathlib import Path
 
 from firmware_py import ROOT, __version__, commit_of, version_text
 from firmware_py.assemble.earlier_runs import read_state, report_key, resume
+from firmware_py.assemble.status import show_status
 from firmware_py.common.interfaces import ByteLine, Calibrator, Clock, Compass, Position, Rudder
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
@@ -199,6 +200,8 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         clock_setter=clock_setter,
         notices=notices,
     )
+    if options.lockstep is None:  # else time is not what a clock on the wall shows
+        show_status(vehicle, options.state_directory, parts, endpoint, version.commit, console.line, opened)
     return parts, endpoint, console
 
 

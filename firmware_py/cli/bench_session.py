@@ -6,12 +6,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from firmware_py.common.angles import compass_degrees, degrees
 from firmware_py.common.interfaces import Compass, Position, Rudder
 from firmware_py.common.records import DeviceHealth, HeadingSample, PositionSample, RudderCommand, RudderFeedback
 from firmware_py.devices import COMPASSES, POSITIONS, SECTIONS
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.system.clock import RealClock
+from firmware_py.system.readings import (
+    device_values,
+    heading_values,
+    position_values,
+    rudder_values,
+)
 from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.vehicle import DeviceEntry, Vehicle
 
@@ -47,45 +52,16 @@ class BenchDevice:
         """The latest sample in the units of the bench: degrees."""
         return {} if self.last is None else _VALUES[type(self.last)](self.last)
 
-
-def _optional(convert: Callable[[float], float], value: float | None, digits: int) -> float | None:
-    return None if value is None else round(convert(value), digits)
-
-
-def _heading_values(sample: HeadingSample) -> dict[str, Any]:
-    return {
-        f"heading_{sample.reference.name.lower()}_deg": round(compass_degrees(sample.heading_rad), 2),
-        "roll_deg": _optional(degrees, sample.roll_rad, 1),
-        "pitch_deg": _optional(degrees, sample.pitch_rad, 1),
-        "temperature_c": sample.temperature_c,
-    }
-
-
-def _position_values(sample: PositionSample) -> dict[str, Any]:
-    return {
-        "fix": sample.fix.name,
-        "lat_deg": _optional(degrees, sample.latitude_rad, 7),
-        "lon_deg": _optional(degrees, sample.longitude_rad, 7),
-        "sog_m_s": _optional(float, sample.speed_over_ground_m_s, 2),
-        "cog_deg": _optional(compass_degrees, sample.course_over_ground_rad, 1),
-        "satellites": sample.satellites,
-    }
-
-
-def _rudder_values(sample: RudderFeedback) -> dict[str, Any]:
-    return {
-        "shaft_deg": _optional(degrees, sample.shaft_rad, 2),
-        "temperature_c": sample.temperature_c,
-        "voltage_v": _optional(float, sample.voltage_v, 2),
-        "current_a": _optional(float, sample.current_a, 3),
-        "hardware_error": sample.hardware_error,
-    }
+    def record(self) -> dict[str, Any]:
+        """How the device fares, and what it says."""
+        told = device_values(self.role, self.driver_name, self.port, self.health, self.rate_hz(), self.error)
+        return told | self.values()
 
 
 _VALUES: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
-    HeadingSample: _heading_values,
-    PositionSample: _position_values,
-    RudderFeedback: _rudder_values,
+    HeadingSample: heading_values,
+    PositionSample: position_values,
+    RudderFeedback: rudder_values,
 }
 
 

@@ -22,7 +22,7 @@ from firmware_py.common.records import (
     RudderFeedback,
     Stored,
 )
-from firmware_py.common.reports import Output
+from firmware_py.common.reports import LinkStatus, Output
 
 
 class ByteLine(Protocol):
@@ -202,6 +202,9 @@ class Link(Protocol):
 
     def publish(self, output: Output, now_s: float) -> None:
         """Take the output of a tick, send what is due, bounded."""
+
+    def status(self, now_s: float) -> Sequence[LinkStatus]:
+        """Return who is on each link, and how it fares."""
 
 
 class Recorder(Protocol):

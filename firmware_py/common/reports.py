@@ -210,3 +210,29 @@ class Output:
     command: RudderCommand
     snapshot: Snapshot
     events: tuple[Event, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PeerStatus:
+    """A correspondent of a link; `heard_age_s` since its last valid frame, None before the first.
+
+    `dropped` counts messages that its line or its credit had no room for, `rejected` broken frames from it.
+    """
+
+    address: str
+    ground_station: bool
+    has_place: bool
+    signs: bool
+    heard_age_s: float | None
+    sent_bytes: int
+    dropped: int
+    rejected: int
+
+
+@dataclass(frozen=True, slots=True)
+class LinkStatus:
+    """A link by its URL, the class of its rates, and who is on it."""
+
+    url: str
+    rates: str
+    peers: tuple[PeerStatus, ...]

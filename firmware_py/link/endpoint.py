@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from firmware_py.common.interfaces import Calibrator, RequestHandler, Vault
 from firmware_py.common.records import Event, Severity, Stored
-from firmware_py.common.reports import Output, Snapshot
+from firmware_py.common.reports import LinkStatus, Output, Snapshot
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.context import Handler, LinkContext, Suppliers
@@ -162,6 +162,10 @@ class Endpoint:
     def key_problem(self) -> str:
         """How the signing key was lost; empty when it was not."""
         return self._signing.problem
+
+    def status(self, now_s: float) -> Sequence[LinkStatus]:
+        """Return who is on each link, and how it fares."""
+        return self._peers.status(now_s)
 
     def service(self, now_s: float, ready: Sequence[int]) -> None:
         """Read a bounded piece from each ready transport, unless the last one of a stream still waits; answer some."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from firmware_py.common.reports import PeerStatus
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.telemetry.statustext import TextLimiter
 from firmware_py.link.telemetry.streams import Streams
@@ -20,6 +21,11 @@ DENIALS = 20  # answered at once to who has no right to what he asks
 DENIALS_HZ = 5.0  # and in the long run
 
 
+def usual_class(transport: Transport) -> LinkClass:
+    """Return the class of a transport's rates: what its URL says, else what it is."""
+    return transport.options.link_class or (LinkClass.RADIO if transport.radio else LinkClass.FAST)
+
+
 class Peer:
     """A correspondent: the parser of its bytes, the queue to it, the rates it has asked for.
 
@@ -33,6 +39,7 @@ class Peer:
         "bulk",
         "denial_tokens",
         "ground_station_s",
+        "heard_s",
         "heartbeat_s",
         "last_frame_s",
         "link_class",
@@ -53,8 +60,7 @@ class Peer:
         self.address = address
         self.splitter = Splitter(transport.byte_rate)
         self.outbox = Outbox(lambda data: transport.send(address, data), transport.byte_rate, sealer)
-        usual = LinkClass.RADIO if transport.radio else LinkClass.FAST
-        self.link_class = transport.options.link_class or usual
+        self.link_class = usual_class(transport)
         self.streams = Streams(self.link_class, now_s)
         self.notices = TextLimiter()
         self.denial_tokens = TokenBucket(DENIALS, DENIALS_HZ)
@@ -62,6 +68,7 @@ class Peer:
         self.parameter_rows_due: dict[int, None] = {}  # rows of the parameter table that it is owed, in order
         self.bulk = BulkShare(transport.byte_rate)
         self.last_frame_s = now_s  # a valid frame came from it, or it was taken up
+        self.heard_s: float | None = None  # its latest valid frame
         self.ground_station_s: float | None = None  # its latest heartbeat of a ground station
         self.heartbeat_s = -math.inf  # it was sent one while it had no place
         self.rest_follows = False  # the next bytes are of a datagram of which a part was looked at
@@ -78,6 +85,21 @@ class Peer:
         """Whether what is sent to its address is known to arrive there."""
         return self.outbox.credit_bytes is None
 
+    def status(self, now_s: float, *, has_place: bool) -> PeerStatus:
+        """Return how the correspondence with it fares."""
+        host = self.transport.host(self.address)
+        where = ":".join(map(str, self.address)) if isinstance(self.address, tuple) else str(host)
+        return PeerStatus(
+            address=where if isinstance(host, str) else self.transport.name,
+            ground_station=self.ground_station_s is not None,
+            has_place=has_place,
+            signs=self.verified,
+            heard_age_s=None if self.heard_s is None else now_s - self.heard_s,
+            sent_bytes=self.outbox.sent_bytes,
+            dropped=self.outbox.dropped,
+            rejected=self.splitter.rejected,
+        )
+
     def bulk_frames(self, frame_bytes: int, now_s: float) -> int:
         """Return how many frames of a long transfer may be queued now; none to one who may be elsewhere."""
         return self.bulk.frames(frame_bytes, self.outbox.waiting(Priority.REPLY), now_s) if self.proven else 0
@@ -89,7 +111,7 @@ class Peer:
 
     def hear(self, count_bytes: int, now_s: float) -> bool:
         """Note that frames came from it, in so many bytes; return whether that proves it."""
-        self.last_frame_s = now_s
+        self.heard_s = self.last_frame_s = now_s
         if self.outbox.credit_bytes is None:
             return True
         answered = self.quiet or self.outbox.sent_bytes > self._unanswered_bytes

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Protocol, TypeAlias
 
+from firmware_py.common.reports import LinkStatus
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.link.peer import Peer
+from firmware_py.link.peer import Peer, usual_class
 from firmware_py.link.security.access import Admitted, Gate, Standing
 from firmware_py.link.security.places import QUIET_S, Guest, who_leaves, who_waits_no_more
 from firmware_py.link.wire.framing import Splitter
@@ -79,6 +80,19 @@ class Peers:
     def refused_frames(self) -> int:
         """Return the number of broken frames from all peers since start."""
         return self._gone_rejected + sum(peer.splitter.rejected for peer in self.everybody())
+
+    def status(self, now_s: float) -> tuple[LinkStatus, ...]:
+        """Return who is on each transport, those who wait for a place last."""
+        seated = [(key[0], peer.status(now_s, has_place=True)) for key, peer in self._peers.items()]
+        waiting = [(key[0], peer.status(now_s, has_place=False)) for key, peer in self._waiting.items()]
+        return tuple(
+            LinkStatus(
+                transport.name,
+                usual_class(transport).value,
+                tuple(peer for index, peer in (*seated, *waiting) if index == number),
+            )
+            for number, transport in enumerate(self._transports)
+        )
 
     # ------------------------------------------------------------------ as time passes
 

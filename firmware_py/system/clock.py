@@ -47,6 +47,11 @@ class RealClock:
         return select.select(descriptors, [], [], max(0.0, remaining_s))[0]
 
 
+def machine_s() -> float:
+    """Seconds on the machine's monotonic clock, which all its processes share."""
+    return time.monotonic()
+
+
 def set_utc_s(utc_s: float) -> bool:
     """Set the machine's calendar clock, which no deadline depends on; False when that is not allowed."""
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from firmware_py.common.interfaces import Clock, Device, Link, Recorder
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState
@@ -47,6 +47,7 @@ class HealthMonitor:
             DeviceRole.KEY: (DeviceState.RUNNING, ""),
         }
         self._changes: tuple[DeviceHealth, ...] = ()
+        self.latest: Mapping[DeviceRole, DeviceHealth] = {}  # what each said last, changed or not
         self._due_s = -math.inf
         self._clock = ClockMonitor()
 
@@ -64,6 +65,7 @@ class HealthMonitor:
         self._due_s = now_s + INTERVAL_S
         reports = [device.health(now_s) for device in devices]
         reports += [_storage(*storage, now_s), self._clock.update(clock, now_s), _link(link, now_s), _key(link, now_s)]
+        self.latest = {report.role: report for report in reports}
         for report in reports:
             if self._reported.get(report.role) != (report.state, report.text):
                 self._reported[report.role] = (report.state, report.text)

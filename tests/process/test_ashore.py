@@ -1,8 +1,10 @@
 """A disk that cannot be written, or a computer that is short of something, as the real program meets it."""
 
 import contextlib
+import json
 import os
 import pty
+import pwd
 import resource
 import shutil
 import signal
@@ -14,6 +16,7 @@ from pathlib import Path
 
 import pytest
 
+from firmware_py.__main__ import main
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.log.reader import LogReader
@@ -112,7 +115,7 @@ def parameters_in_log(directory):
     return first.checkpoint
 
 
-def test_a_state_directory_that_cannot_be_written_keeps_no_boat_ashore(place, vehicle, tmp_path):
+def test_a_state_directory_that_cannot_be_written_keeps_no_boat_ashore(place, vehicle, tmp_path, capsys):
     state = place / "state"
     filled(state)
     how = ["-c", AS_NOBODY]
@@ -123,6 +126,16 @@ def test_a_state_directory_that_cannot_be_written_keeps_no_boat_ashore(place, ve
         program.expect("Used of what is stored: 1 parameters, mission of 1 items, fence of 0 items")
         program.expect("Storage fails: log or settings are not kept")
         assert not (state / "logs").exists()
+
+        def told():
+            main(["status", "--state", str(state), "--json"])
+            status = json.loads(capsys.readouterr().out)
+            return status if status.get("faults") else None
+
+        status = program.wait_for(told, "no fault in its status")
+        assert (status["status"], status["mode"], status["pid"]) == ("running", "HOLD", program.pid)
+        assert status["user"] == pwd.getpwuid(os.geteuid() or NOBODY).pw_name
+        assert "STORAGE_FAILING" in [fault["fault"] for fault in status["faults"]]
         for path in (state, *state.iterdir()):
             path.chmod(0o777)
         program.expect("Storage works again")

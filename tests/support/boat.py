@@ -10,6 +10,7 @@ from itertools import count
 
 import numpy as np
 
+from firmware_py.system.status_file import DIRECTORIES, file_name
 from firmware_py.system.store import Store
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.impairment import Impaired
@@ -179,6 +180,8 @@ class Boat:
     def close(self):
         self._end()
         self.board.close()
+        for directory in DIRECTORIES:  # what one that was killed has said last
+            (directory / file_name(self.state)).unlink(missing_ok=True)
 
     def _end(self):
         self.time.close(self.board, self.process)

@@ -1,0 +1,80 @@
+"""Wires what `rambler status` shows."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pymavlink
+import serial
+
+from firmware_py import __version__
+from firmware_py.common.records import DeviceRole
+from firmware_py.link.endpoint import Endpoint
+from firmware_py.loop import LoopParts
+from firmware_py.system.clock import machine_s
+from firmware_py.system.realtime import LoadMeter
+from firmware_py.system.state_directory import BOOT_COUNT
+from firmware_py.system.status_file import StatusFile
+from firmware_py.system.status_report import StatusReporter, StatusSources
+from firmware_py.vehicle import Vehicle
+
+
+def show_status(
+    vehicle: Vehicle,
+    state_directory: Path,
+    parts: LoopParts,
+    endpoint: Endpoint,
+    commit: str,
+    say: Callable[[str], None],
+    opened: ExitStack,
+) -> None:
+    """Have a wired autopilot write its status; `opened` takes it away at the end."""
+    about = {
+        "vehicle": vehicle.name,
+        "state_directory": os.path.realpath(state_directory),
+        "pid": os.getpid(),
+        "versions": _versions(commit),
+    }
+    sources = StatusSources(
+        about=about,
+        ports=_ports(vehicle),
+        devices=lambda: parts.health.latest,
+        links=endpoint.status,
+        faults=lambda: parts.autopilot.state.fault_latch,
+        starts=lambda: int(parts.autopilot.state.parameters[BOOT_COUNT]),
+        written=lambda: parts.store.written,
+        load=LoadMeter(parts.clock).share,
+        utc_s=parts.clock.utc_s,
+        machine_s=machine_s,
+    )
+    reporter = StatusReporter(sources, StatusFile(state_directory), say)
+    opened.callback(reporter.close)
+    parts.show_status = reporter.update
+
+
+def _versions(commit: str) -> dict[str, str]:
+    return {
+        "rambler": __version__,
+        "git": commit,
+        "python": ".".join(map(str, sys.version_info[:3])),
+        "numpy": np.__version__,
+        "pyserial": serial.__version__,
+        "pymavlink": pymavlink.__version__,
+        "kernel": os.uname().release,
+        "machine": os.uname().machine,
+    }
+
+
+def _ports(vehicle: Vehicle) -> dict[DeviceRole, tuple[str, str]]:
+    entries = {
+        DeviceRole.COMPASS: vehicle.compass,
+        DeviceRole.COMPASS_B: vehicle.compass_b,
+        DeviceRole.POSITION: vehicle.position,
+        DeviceRole.RUDDER: vehicle.rudder,
+    }
+    return {role: (entry.driver, entry.port) for role, entry in entries.items() if entry is not None}

@@ -1,0 +1,119 @@
+"""`rambler status`: what the autopilot that runs on this computer says of itself; reads a file and touches nothing."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from firmware_py.cli.refusal import refused
+from firmware_py.system.clock import machine_s
+from firmware_py.system.readings import device_line, values_line
+from firmware_py.system.status_file import Found, Freshness, find, find_all
+
+# What has lines of its own; any other section of a status is a line of names and values.
+_TOLD = ("status", "reason", "age_s", "user", "vehicle", "state_directory", "written_machine_s")
+_INDENT = "  "
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument(
+        "--state", metavar="DIR", type=Path, help="its state directory; not needed where only one autopilot runs"
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Exit 0 when it runs and says so now, 1 when what there is is old or nothing is there, 2 when DIR is needed."""
+    directory = arguments.state
+    if directory is not None and not directory.is_dir():
+        return refused("status", f"{directory} is no directory; name that of `rambler run --state`")
+    if directory is not None:
+        found = find(directory, machine_s())
+    else:
+        all_found = find_all(machine_s())
+        running = {name: one for name, one in all_found.items() if one.freshness is Freshness.RUNNING} or all_found
+        if len(running) > 1:
+            places = ", ".join(sorted(str(one.content.get("state_directory", one.reason)) for one in running.values()))
+            return refused("status", f"there are several, name one with --state: {places}")
+        found = next(iter(running.values()), Found(Freshness.ABSENT, reason="no autopilot says anything here"))
+        if "state_directory" in found.content:
+            directory = Path(found.content["state_directory"])
+    told = _whole(found, directory)
+    if arguments.json:
+        print(json.dumps(told))
+    else:
+        try:
+            print("\n".join(_lines(told)))
+        except (KeyError, TypeError, ValueError, AttributeError):  # of another version than this program
+            print(f"{told['status']}, and not in the words of this version; --json shows all of it")
+    return 0 if found.freshness is Freshness.RUNNING else 1
+
+
+def _whole(found: Found, directory: Path | None) -> dict[str, Any]:
+    """Return what was found, with what can be seen from outside: how old it is, and the disk."""
+    told: dict[str, Any] = {
+        "status": found.freshness.value,
+        "reason": found.reason,
+        "age_s": None if found.age_s is None else round(found.age_s, 1),
+        **found.content,
+    }
+    if directory is not None:
+        told |= {"state_directory": os.path.realpath(directory), "disk": _disk(directory)}
+    return told
+
+
+def _disk(directory: Path) -> dict[str, Any]:
+    try:
+        usage = shutil.disk_usage(directory)
+    except OSError as error:
+        return {"error": error.strerror}
+    # Without the part that the file system keeps for root.
+    return {"free_mb": round(usage.free / 1e6, 1), "total_mb": round(usage.total / 1e6, 1)}
+
+
+def _lines(told: Mapping[str, Any]) -> Iterator[str]:
+    age = "" if told["age_s"] is None else f", said {told['age_s']:g} s ago"
+    reason = f": {told['reason']}" if told["reason"] else ""
+    who = f" by user {told['user']}" if "user" in told else ""
+    what = f"{told.get('vehicle', 'autopilot')} in {told.get('state_directory', '?')}"
+    yield f"{what}: {told['status']}{age}{who}{reason}"
+    if "mode" not in told:
+        return
+    faults = [
+        f"{row['severity']} {row['fault']} for {_duration(row['since_s'])}: {row['text']}" for row in told["faults"]
+    ]
+    yield from _block("faults", faults or ["none"])
+    yield from _block("devices", [device_line(row) for row in told["devices"]])
+    yield from _block("links", [line for row in told["links"] for line in _link_lines(row)] or ["none"])
+    single = {name: value for name, value in told.items() if not isinstance(value, (dict, list)) and name not in _TOLD}
+    yield from _block("now", [values_line({name: value for name, value in single.items() if value != ""})])
+    for name, value in told.items():
+        if isinstance(value, dict) and value:
+            yield from _block(name, [values_line(value)])
+
+
+def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:
+    yield f"{link['url']}  {link['rates']}" + ("" if link["peers"] else "  nobody")
+    for peer in link["peers"]:
+        who = "station" if peer["ground_station"] else "correspondent"
+        heard = "never heard" if peer["heard_age_s"] is None else f"heard {peer['heard_age_s']:g} s ago"
+        more = "" if peer["has_place"] else "  waits for a place"
+        counts = f"{peer['sent_bytes']} bytes sent, {peer['dropped']} messages dropped, {peer['rejected']} bad frames"
+        yield f"{_INDENT}{who} {peer['address']}  {heard}  {counts}{'  signs' if peer['signs'] else ''}{more}"
+
+
+def _block(name: str, lines: list[str]) -> Iterator[str]:
+    for number, line in enumerate(lines):
+        yield f"{'' if number else name:<13} {line}"
+
+
+def _duration(seconds: float | None) -> str:
+    if seconds is None:
+        return "?"
+    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"

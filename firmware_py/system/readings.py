@@ -1,0 +1,83 @@
+"""What a device says, in the units of whoever reads it ashore: degrees, a null for what is not known or no number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from firmware_py.common.angles import compass_degrees, degrees
+from firmware_py.common.records import DeviceHealth, HeadingSample, PositionSample, RudderFeedback
+
+Values = dict[str, Any]
+
+
+def rounded(value: float | None, digits: int, convert: Callable[[float], float] = float) -> float | None:
+    """Return a value converted and rounded; None for one that is absent or not finite."""
+    return None if value is None or not math.isfinite(value) else round(convert(value), digits)
+
+
+def heading_values(sample: HeadingSample) -> Values:
+    """Return what a compass says."""
+    return {
+        f"heading_{sample.reference.name.lower()}_deg": rounded(sample.heading_rad, 2, compass_degrees),
+        "roll_deg": rounded(sample.roll_rad, 1, degrees),
+        "pitch_deg": rounded(sample.pitch_rad, 1, degrees),
+        "temperature_c": sample.temperature_c,
+    }
+
+
+def position_values(sample: PositionSample) -> Values:
+    """Return what a receiver says."""
+    return {
+        "fix": sample.fix.name,
+        "lat_deg": rounded(sample.latitude_rad, 7, degrees),
+        "lon_deg": rounded(sample.longitude_rad, 7, degrees),
+        "sog_m_s": rounded(sample.speed_over_ground_m_s, 2),
+        "cog_deg": rounded(sample.course_over_ground_rad, 1, compass_degrees),
+        "satellites": sample.satellites,
+    }
+
+
+def rudder_values(sample: RudderFeedback) -> Values:
+    """Return what a servo says."""
+    return {
+        "shaft_deg": rounded(sample.shaft_rad, 2, degrees),
+        "temperature_c": sample.temperature_c,
+        "voltage_v": rounded(sample.voltage_v, 2),
+        "current_a": rounded(sample.current_a, 3),
+        "hardware_error": sample.hardware_error,
+    }
+
+
+def device_values(
+    name: str, driver: str, port: str, health: DeviceHealth | None, rate_hz: float | None, error: str = ""
+) -> Values:
+    """Return how a device fares: its state, rate and errors; `error` is why it could not be opened."""
+    return {
+        "device": name,
+        "driver": driver,
+        "port": port,
+        "state": health.state.name.lower() if health else "absent",
+        "rate_hz": rounded(rate_hz, 2),
+        "accepted": health.accepted if health else 0,
+        "rejected": health.rejected if health else 0,
+        "error": error or (health.text if health else ""),
+    }
+
+
+def device_line(record: Values) -> str:
+    """Return a line of `device_values` and what the device says."""
+    head = ("device", "driver", "port", "state", "rate_hz", "accepted", "rejected", "error")
+    rate = "      -" if record["rate_hz"] is None else f"{record['rate_hz']:7.2f}"
+    said = {name: value for name, value in record.items() if name not in head}
+    text = (
+        f"{record['device']:<11}{record['driver']:<10}{record['state']:<9}{rate} Hz  "
+        f"{record['accepted']} good, {record['rejected']} bad  {values_line(said)}"
+    ).rstrip()
+    return f"{text}  [{record['error']}]" if record["error"] else text
+
+
+def values_line(values: Values) -> str:
+    """Return names and values in one line, a dash for what is not known."""
+    return "  ".join(f"{name} {'-' if value is None else value}" for name, value in values.items())

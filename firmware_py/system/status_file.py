@@ -1,0 +1,166 @@
+"""What a running autopilot says of itself to whoever is on the same computer: a file in memory, new each second.
+
+Whoever reads it does so without the autopilot's knowledge, so nobody can hold it up, and no flash card is worn. It is
+found by the path of the state directory, which therefore need not be writable. A file that has become old tells that
+the loop stands still, or how things were when the process was killed; at an end in good order it is removed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import json
+import math
+import os
+import pwd
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from firmware_py.files.making import FILE_MODE
+from firmware_py.files.reading import read_regular
+
+# The first is made by a service manager or a tmpfiles line and the second is on every Linux; whatever is not memory is
+# passed over.
+DIRECTORIES = (Path("/run/rambler"), Path("/dev/shm"))  # noqa: S108 - see StatusFile.write
+MOST_BYTES = 1 << 18
+STALE_S = 5.0  # the slowest loop writes every second
+_PREFIX = "rambler-status-"
+_MEMORY = ("tmpfs", "ramfs")
+
+
+class Freshness(Enum):
+    """What a status is worth."""
+
+    RUNNING = "running"
+    STALE = "stale"
+    ABSENT = "absent"
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What was found of an autopilot: what it said, how long ago, and why it is not to be taken for what is now."""
+
+    freshness: Freshness
+    content: Mapping[str, Any] = field(default_factory=dict)
+    age_s: float | None = None
+    reason: str = ""
+
+
+def file_name(state_directory: Path) -> str:
+    """Return the name of the file for a state directory, the same whatever path leads there."""
+    path = os.fsencode(os.path.realpath(state_directory))
+    return f"{_PREFIX}{hashlib.sha256(path).hexdigest()[:16]}.json"
+
+
+def is_memory(directory: Path) -> bool:
+    """Whether what is written into a directory reaches no disk; OSError when that cannot be found out."""
+    device = directory.stat().st_dev
+    number = f"{os.major(device)}:{os.minor(device)}"
+    # One mount a line: id, parent, device, root, place, options ..., "-", type, source, options (proc(5)).
+    lines = [
+        line.split() for line in Path("/proc/self/mountinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    ]
+    return any(words[2] == number and words[words.index("-") + 1] in _MEMORY for words in lines)
+
+
+class StatusFile:
+    """The writing side."""
+
+    def __init__(self, state_directory: Path, directories: Sequence[Path] = DIRECTORIES) -> None:
+        """Remember whose status it is, and the directories that are tried in turn."""
+        self._name = file_name(state_directory)
+        self._directories = directories
+        self._path: Path | None = None
+
+    def write(self, content: bytes) -> None:
+        """Replace what was written before, so that nobody reads a mixture; OSError when no directory takes it."""
+        if self._path is None or not self._path.parent.is_dir():
+            self._path = self._choose()
+        # Made anew each time, and never through a link or into a file of somebody else who may write there, too.
+        fresh = self._path.with_suffix(".new")
+        with contextlib.suppress(FileNotFoundError):
+            fresh.unlink()
+        descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, FILE_MODE)
+        try:
+            os.write(descriptor, content)
+        finally:
+            os.close(descriptor)
+        fresh.replace(self._path)
+
+    def remove(self) -> None:
+        """Say nothing any more."""
+        if self._path is not None:
+            with contextlib.suppress(OSError):
+                self._path.unlink()
+
+    def _choose(self) -> Path:
+        for directory in self._directories:
+            with contextlib.suppress(OSError):
+                if os.access(directory, os.W_OK | os.X_OK) and is_memory(directory):
+                    return directory / self._name
+        places = ", ".join(map(str, self._directories))
+        raise OSError(errno.ENOENT, f"none of {places} is in memory and may be written to")
+
+
+def find(state_directory: Path, machine_s: float, directories: Sequence[Path] = DIRECTORIES) -> Found:
+    """Return what the autopilot on a state directory says; `machine_s` is now (system.clock.machine_s)."""
+    name = file_name(state_directory)
+    return _newest([_read(directory / name, machine_s) for directory in directories if (directory / name).exists()])
+
+
+def find_all(machine_s: float, directories: Sequence[Path] = DIRECTORIES) -> dict[str, Found]:
+    """Return what every autopilot on this computer says, by the names of their files."""
+    paths = [
+        path for directory in directories if directory.is_dir() for path in sorted(directory.glob(f"{_PREFIX}*.json"))
+    ]
+    found: dict[str, list[Found]] = {}
+    for path in paths:
+        found.setdefault(path.name, []).append(_read(path, machine_s))
+    return {name: _newest(versions) for name, versions in found.items()}
+
+
+def _newest(found: Sequence[Found]) -> Found:
+    nothing = Found(Freshness.ABSENT, reason="it is not running, or has ended in good order")
+    return min(found, key=lambda one: float("inf") if one.age_s is None else one.age_s, default=nothing)
+
+
+def _read(path: Path, machine_s: float) -> Found:
+    try:
+        content = json.loads(read_regular(path, MOST_BYTES, follow=False))
+        age_s = machine_s - float(content["written_machine_s"])
+        pid = int(content["pid"])
+        # Anybody may put a file into /dev/shm: whoever reads it is told whose word it is.
+        content |= {"user": _user(path.stat().st_uid), "state_directory": str(content["state_directory"])}
+        if not math.isfinite(age_s):
+            raise ValueError("no time")  # noqa: TRY301 - no status either
+    except OSError as error:
+        hint = "; look as a user of its group" if error.errno == errno.EACCES else ""
+        return Found(Freshness.ABSENT, reason=f"{path}: {error.strerror}{hint}")
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return Found(Freshness.ABSENT, reason=f"{path}: it is no status; remove it")
+    if not _lives(pid):
+        return Found(Freshness.STALE, content, age_s, f"process {pid} is gone without having ended in good order")
+    if not -STALE_S <= age_s <= STALE_S:
+        return Found(Freshness.STALE, content, age_s, f"process {pid} is there and says nothing: it hangs or is halted")
+    return Found(Freshness.RUNNING, content, age_s)
+
+
+def _user(uid: int) -> str:
+    try:
+        return pwd.getpwuid(uid).pw_name
+    except KeyError:
+        return str(uid)
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)  # signal 0 is none: it asks whether there is somebody
+    except (ProcessLookupError, OverflowError, ValueError):
+        return False
+    except OSError:
+        return True  # of another user
+    return True

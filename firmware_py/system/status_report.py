@@ -1,0 +1,217 @@
+"""The status of a running autopilot: put together after a tick, now and then, and written where others look."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from firmware_py.common.angles import compass_degrees, degrees
+from firmware_py.common.records import DeviceHealth, DeviceRole
+from firmware_py.common.reports import LinkStatus, Output, Snapshot
+from firmware_py.faults.latch import LatchState
+from firmware_py.faults.table import TABLE as FAULTS
+from firmware_py.system.readings import Values, device_values, position_values, rounded, rudder_values
+from firmware_py.system.status_file import StatusFile
+
+INTERVAL_S = 1.0
+RATE_OVER = 10  # intervals that a device's rate is averaged over
+
+
+@dataclass(frozen=True, slots=True)
+class StatusSources:
+    """What a status is made of beside the snapshot; `about` is what does not change while the process runs.
+
+    `ports` names driver and port of each device.
+    """
+
+    about: Mapping[str, Any]
+    ports: Mapping[DeviceRole, tuple[str, str]]
+    devices: Callable[[], Mapping[DeviceRole, DeviceHealth]]
+    links: Callable[[float], Sequence[LinkStatus]]
+    faults: Callable[[], LatchState]
+    starts: Callable[[], int]
+    written: Callable[[], tuple[int, int]]  # versions of the state put on disk since the start, and their bytes
+    load: Callable[[], float]
+    utc_s: Callable[[], float]
+    machine_s: Callable[[], float]
+
+
+class StatusReporter:
+    """Writes the status every INTERVAL_S; whatever goes wrong with that is told once and is no concern of the loop."""
+
+    def __init__(self, sources: StatusSources, file: StatusFile, say: Callable[[str], None]) -> None:
+        """Take what it is made of, where it goes, and what takes a line for the operator."""
+        self._sources, self._file, self._say = sources, file, say
+        self._due_s = -math.inf
+        self._complaint = ""
+        self._counts: deque[tuple[float, Mapping[DeviceRole, int]]] = deque(maxlen=RATE_OVER + 1)
+
+    def update(self, output: Output, now_s: float) -> None:
+        """Write a status when one is due."""
+        if now_s < self._due_s:
+            return
+        self._due_s = now_s + INTERVAL_S
+        try:
+            self._file.write(json.dumps(self._status(output.snapshot, now_s), allow_nan=False).encode())
+            self._complaint = ""
+        except Exception as error:  # noqa: BLE001 - who looks on does not end a voyage
+            self._complain(f"rambler status has nothing to show: {getattr(error, 'strerror', None) or repr(error)}")
+
+    def close(self) -> None:
+        """Take the status away: nothing runs any more."""
+        self._file.remove()
+
+    def _complain(self, text: str) -> None:
+        if text != self._complaint:
+            self._complaint = text
+            self._say(text)
+
+    def _status(self, snapshot: Snapshot, now_s: float) -> Values:
+        sources = self._sources
+        versions, written_bytes = sources.written()
+        return {
+            **sources.about,
+            "written_machine_s": round(sources.machine_s(), 3),
+            "utc_s": round(sources.utc_s(), 3),
+            "uptime_s": round(now_s, 1),
+            "starts": sources.starts(),
+            **_condition(snapshot),
+            "faults": _faults(snapshot, sources.faults()),
+            "devices": self._devices(now_s),
+            **{name: make(snapshot) for name, make in SECTIONS.items()},
+            "links": [_link(link) for link in sources.links(now_s)],
+            "state_written": {"versions": versions, "bytes": written_bytes},
+            "loop": {
+                "rate_hz": rounded(snapshot.rate_hz, 3),
+                "ticks": snapshot.tick + 1,
+                "skipped": snapshot.skipped_total,
+                "late_ms": rounded(1e3 * snapshot.late_s, 3),
+                "processor_percent": rounded(100.0 * sources.load(), 2),
+            },
+        }
+
+    def _devices(self, now_s: float) -> list[Values]:
+        devices = self._sources.devices()
+        self._counts.append((now_s, {role: health.accepted for role, health in devices.items()}))
+        begun_s, before = self._counts[0]
+        told = []
+        for role, health in devices.items():
+            if role is DeviceRole.LINK:
+                continue  # its peers are told one by one
+            driver, port = self._sources.ports.get(role, ("", ""))
+            counts = role in self._sources.ports and role in before and now_s > begun_s
+            rate_hz = max(0, health.accepted - before[role]) / (now_s - begun_s) if counts else None
+            told.append(device_values(role.name.lower(), driver, port, health, rate_hz))
+        return told
+
+
+def _condition(snapshot: Snapshot) -> Values:
+    return {
+        "mode": snapshot.mode.name,
+        "armed": snapshot.armed,
+        "arming_refused": snapshot.prearm_refusal,
+        "goal_deg": rounded(snapshot.goal_heading_rad, 2, compass_degrees),
+        "heading_deg": rounded(snapshot.heading_rad, 2, compass_degrees),
+        "heading_ok": snapshot.heading_ok,
+        "error_deg": rounded(snapshot.heading_error_rad, 2, degrees),
+        "yaw_rate_deg_s": rounded(snapshot.yaw_rate_rad_s, 3, degrees),
+    }
+
+
+def _faults(snapshot: Snapshot, latch: LatchState) -> list[Values]:
+    return [
+        {
+            "fault": fault.name,
+            "severity": row.severity.name.lower(),
+            "text": row.text,
+            "since_s": None if (since_s := latch.since_s[fault]) is None else round(snapshot.t_s - since_s, 1),
+        }
+        for fault, row in FAULTS.items()
+        if snapshot.faults >> fault & 1
+    ]
+
+
+def _rudder(snapshot: Snapshot) -> Values:
+    return {
+        "angle_deg": rounded(snapshot.rudder_rad, 2, degrees),
+        "command_deg": rounded(snapshot.rudder_command_rad, 2, degrees),
+        "ok": snapshot.rudder_ok,
+        "helm_softness": rounded(snapshot.helm_softness, 2),
+        **({} if snapshot.servo is None else rudder_values(snapshot.servo)),
+    }
+
+
+def _position(snapshot: Snapshot) -> Values:
+    return {"ok": snapshot.position_ok, **({} if snapshot.position is None else position_values(snapshot.position))}
+
+
+def _navigation(snapshot: Snapshot) -> Values:
+    navigation, mission = snapshot.navigation, snapshot.mission
+    return {
+        "activity": navigation.activity.name,
+        "distance_m": rounded(snapshot.distance_m, 1),
+        "bearing_deg": rounded(snapshot.bearing_rad, 1, compass_degrees),
+        "cross_track_m": rounded(navigation.cross_track_m, 1),
+        "fence_margin_m": rounded(navigation.fence_margin_m, 1),
+        "mission": mission.state.name,
+        "item": mission.index,
+        "items": mission.count,
+    }
+
+
+def _estimate(snapshot: Snapshot) -> Values:
+    estimate, water = snapshot.estimate, snapshot.water
+    values: Values = {}
+    if estimate is not None:
+        values = {
+            "heading_source": ("compass", "compass_b", "course", "nothing")[estimate.source],
+            "heading_sd_deg": rounded(estimate.heading_sd_rad, 2, degrees),
+            "rudder_bias_deg": rounded(estimate.bias_rad, 2, degrees),
+            "wave_period_s": rounded(estimate.wave_period_s, 1),
+            "wave_sd_deg": rounded(estimate.wave_sd_rad, 2, degrees),
+            "compass_noise_deg": rounded(estimate.compass_noise_rad, 2, degrees),
+            "turning_factor": rounded(estimate.turning_factor, 2),
+            "innovation_square": rounded(estimate.innovation_square, 2),
+        }
+    if water is not None:
+        values |= {
+            "speed_m_s": rounded(water.speed_m_s, 3),
+            "speed_sd_m_s": rounded(water.speed_sd_m_s, 3),
+            "current_m_s": rounded(math.hypot(water.current_north_m_s, water.current_east_m_s), 3),
+            "current_to_deg": rounded(math.atan2(water.current_east_m_s, water.current_north_m_s), 0, compass_degrees),
+            "current_sd_m_s": rounded(water.current_sd_m_s, 3),
+            "leeway_deg": rounded(water.leeway_rad, 1, degrees),
+        }
+    return values
+
+
+def _energy(snapshot: Snapshot) -> Values:
+    energy = snapshot.energy
+    if energy is None:
+        return {}
+    return {
+        "steering_wh": rounded(energy.energy_j / 3600.0, 3),
+        "servo_power_w": rounded(energy.power_w, 2),
+        "travel_deg_per_h": rounded(energy.travel_rad_per_h, 0, degrees),
+        "reversals_per_h": rounded(energy.reversals_per_h, 0),
+        "servo_resting": energy.resting,
+    }
+
+
+# A part of the snapshot that is to be seen is a row here: its name in the JSON, and what makes it.
+SECTIONS: Mapping[str, Callable[[Snapshot], Values]] = {
+    "rudder": _rudder,
+    "position": _position,
+    "navigation": _navigation,
+    "estimate": _estimate,
+    "energy": _energy,
+}
+
+
+def _link(link: LinkStatus) -> Values:
+    peers = [asdict(peer) | {"heard_age_s": rounded(peer.heard_age_s, 1)} for peer in link.peers]
+    return {"url": link.url, "rates": link.rates, "peers": peers}

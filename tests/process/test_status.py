@@ -1,0 +1,103 @@
+"""`rambler status` from outside: a boat under way, one that hangs, one that was killed, one that has ended."""
+
+import json
+import os
+import signal
+import socket
+import stat
+import subprocess
+import sys
+from contextlib import closing
+
+import pytest
+
+from firmware_py import __version__
+from firmware_py.system.status_file import DIRECTORIES, STALE_S, file_name
+from support.paths import ROOT
+
+GUIDED = 15
+
+
+def status_of(boat, *words):
+    command = [sys.executable, "-m", "firmware_py", "status", "--state", str(boat.state), *words]
+    ended = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
+    assert ended.stderr == ""
+    return ended.returncode, json.loads(ended.stdout) if "--json" in words else ended.stdout
+
+
+def until(boat, wanted):
+    """Let time go on until her status is one that is wanted."""
+    for _ in range(30):
+        code, status = status_of(boat, "--json")
+        if status["status"] == wanted:
+            return code, status
+        boat.run(1.0)
+    pytest.fail(f"{status}\n{boat.words()}")
+    return None
+
+
+@pytest.fixture
+def boat(make_boat):
+    return make_boat(goals="0:25", speed=None)
+
+
+def test_a_boat_under_way_says_how_she_fares_and_is_old_news_when_she_hangs_or_is_killed(boat):
+    assert status_of(boat, "--json")[1]["status"] == "absent"
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as nobody:
+        nobody.bind(("127.0.0.1", 0))
+        url = f"udpout:127.0.0.1:{nobody.getsockname()[1]}"
+        boat.start("--link", url)
+        boat.under_way(GUIDED)
+        boat.run(4.0)
+        code, status = status_of(boat, "--json")
+    assert code == 0
+    assert (status["status"], status["mode"], status["armed"]) == ("running", "GUIDED", True)
+    assert status["goal_deg"] == pytest.approx(25.0, abs=0.01)
+    assert status["pid"] == boat.process._process.pid
+    assert status["versions"]["rambler"] == __version__
+    assert status["starts"] == 1
+    assert status["uptime_s"] > 3.0
+    devices = {device["device"]: device for device in status["devices"]}
+    assert devices["compass"]["state"] == devices["rudder"]["state"] == devices["position"]["state"] == "running"
+    assert devices["compass"]["rate_hz"] > 5.0
+    assert devices["compass"]["port"].endswith("compass")
+    assert devices["storage"]["accepted"] > 0
+    serial, udp = status["links"]
+    assert (serial["url"].split(":")[0], serial["rates"]) == ("serial", "radio")
+    (station,) = serial["peers"]
+    assert station["ground_station"]
+    assert station["heard_age_s"] < 5.0
+    assert (udp["url"], udp["peers"][0]["heard_age_s"]) == (url, None)
+    assert status["disk"]["free_mb"] > 0
+    assert status["position"]["fix"] == "FIX_3D"
+    assert status["energy"]["servo_power_w"] is not None
+    file = next(path for path in (directory / file_name(boat.state) for directory in DIRECTORIES) if path.exists())
+    assert stat.S_IMODE(file.stat().st_mode) == 0o640
+
+    code, text = status_of(boat)
+    assert (code, text.splitlines()[0].split(", said")[0][-7:]) == (0, "running")
+    for words in ("faults        none", "compass    nmea", "GUIDED", "station line  heard", "never heard", "free_mb"):
+        assert words in text, text
+
+    os.kill(boat.process._process.pid, signal.SIGSTOP)
+    code, status = until(boat, "stale")
+    assert (code, status["mode"]) == (1, "GUIDED")
+    assert "hangs or is halted" in status["reason"]
+    assert status["age_s"] > STALE_S
+    os.kill(boat.process._process.pid, signal.SIGCONT)
+    until(boat, "running")
+    boat.kill()
+    code, status = status_of(boat, "--json")
+    assert (code, status["status"], status["mode"]) == (1, "stale", "GUIDED")
+    assert "gone" in status["reason"]
+    assert "stale" in status_of(boat)[1].splitlines()[0]
+
+
+def test_one_that_has_ended_in_good_order_is_absent(boat):
+    boat.start()
+    until(boat, "running")
+    boat.finish()
+    code, status = status_of(boat, "--json")
+    assert (code, status["status"]) == (1, "absent")
+    assert "ended in good order" in status["reason"]
+    assert not any((directory / file_name(boat.state)).exists() for directory in DIRECTORIES)

@@ -1,0 +1,123 @@
+"""The status file: where it goes, who may read it, what it is worth."""
+
+import json
+import os
+import stat
+from pathlib import Path
+
+import pytest
+
+from firmware_py.system.status_file import STALE_S, Freshness, StatusFile, file_name, find, find_all, is_memory
+
+NOW_S = 1000.0
+
+
+@pytest.fixture
+def memory(tmp_path, monkeypatch):
+    """A directory that counts as memory."""
+    monkeypatch.setattr("firmware_py.system.status_file.is_memory", lambda directory: directory.name == "memory")
+    (tmp_path / "memory").mkdir()
+    return tmp_path / "memory"
+
+
+@pytest.fixture
+def state(tmp_path):
+    (tmp_path / "state").mkdir()
+    return tmp_path / "state"
+
+
+def content(state, **more):
+    said = {"written_machine_s": NOW_S, "pid": os.getpid(), "state_directory": str(state), "mode": "HOLD", **more}
+    return json.dumps(said).encode()
+
+
+def test_memory_is_told_from_a_disk():
+    assert is_memory(Path("/dev/shm"))
+    assert not is_memory(Path("/proc"))
+
+
+def test_what_was_written_last_is_found_whole_by_any_path_that_leads_there(memory, state, tmp_path):
+    (tmp_path / "link").symlink_to(state)
+    file = StatusFile(state, (memory,))
+    for mode in ("HOLD", "AUTO"):
+        file.write(content(state, mode=mode))
+    found = find(tmp_path / "link", NOW_S + 1.0, (memory,))
+    assert (found.freshness, found.content["mode"], found.age_s) == (Freshness.RUNNING, "AUTO", 1.0)
+    assert [path.name for path in memory.iterdir()] == [file_name(state)]
+    assert stat.S_IMODE((memory / file_name(state)).stat().st_mode) & ~0o640 == 0
+    assert list(find_all(NOW_S, (memory,))) == [file_name(state)]
+
+
+def test_nothing_is_written_where_it_would_wear_a_disk(memory, state, tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    with pytest.raises(OSError, match="in memory"):
+        StatusFile(state, (disk, tmp_path / "none")).write(b"{}")
+    assert not any(disk.iterdir())
+    StatusFile(state, (disk, memory)).write(b"{}")
+    assert len(list(memory.iterdir())) == 1
+
+
+def test_a_directory_that_was_away_is_taken_again(memory, state):
+    file = StatusFile(state, (memory,))
+    file.write(content(state))
+    (memory / file_name(state)).unlink()
+    file.write(content(state))
+    assert find(state, NOW_S, (memory,)).freshness is Freshness.RUNNING
+    file.remove()
+    file.remove()
+    assert find(state, NOW_S, (memory,)).freshness is Freshness.ABSENT
+
+
+def test_a_link_that_somebody_has_laid_is_not_written_through(memory, state, tmp_path):
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    name = file_name(state)
+    (memory / name).symlink_to(victim)
+    (memory / name).with_suffix(".new").symlink_to(victim)
+    assert find(state, NOW_S, (memory,)).freshness is Freshness.ABSENT
+    StatusFile(state, (memory,)).write(content(state))
+    assert victim.read_text() == "mine"
+    assert find(state, NOW_S, (memory,)).freshness is Freshness.RUNNING
+
+
+@pytest.mark.parametrize("age_s", [STALE_S + 0.1, -STALE_S - 0.1, 1e9])
+def test_what_is_old_is_told_as_old_and_shown(memory, state, age_s):
+    StatusFile(state, (memory,)).write(content(state))
+    found = find(state, NOW_S + age_s, (memory,))
+    assert (found.freshness, found.content["mode"]) == (Freshness.STALE, "HOLD")
+    assert "hangs or is halted" in found.reason
+
+
+@pytest.mark.parametrize("pid", [2**22 + 5, 2**40])
+def test_a_process_that_is_gone_is_told_however_new_its_words(memory, state, pid):
+    StatusFile(state, (memory,)).write(content(state, pid=pid))
+    found = find(state, NOW_S, (memory,))
+    assert found.freshness is Freshness.STALE
+    assert "is gone" in found.reason
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"{", b"[]", b"null", b"\xff", b'{"pid": 1}', b'{"pid": "x", "written_machine_s": 0, "state_directory": "/"}',
+     b'{"pid": 1, "written_machine_s": NaN, "state_directory": 5}', b"[" * 100000],
+)  # fmt: skip
+def test_what_is_no_status_is_told_as_such(memory, state, data):
+    (memory / file_name(state)).write_bytes(data)
+    found = find(state, NOW_S, (memory,))
+    assert found.freshness is Freshness.ABSENT
+    assert file_name(state) in found.reason
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+def test_whose_word_it_is_is_told(memory, state):
+    StatusFile(state, (memory,)).write(content(state))
+    os.chown(memory / file_name(state), 4242, 4242)
+    assert find(state, NOW_S, (memory,)).content["user"] == "4242"
+
+
+def test_of_two_places_the_newest_word_counts(memory, state, tmp_path):
+    (tmp_path / "other").mkdir()
+    StatusFile(state, (memory,)).write(content(state, mode="HOLD"))
+    (tmp_path / "other" / file_name(state)).write_bytes(content(state, mode="AUTO", written_machine_s=NOW_S + 2.0))
+    assert find(state, NOW_S + 3.0, (memory, tmp_path / "other")).content["mode"] == "AUTO"
