@@ -14,7 +14,7 @@ from firmware_py.link.context import Handler, LinkContext, Suppliers
 from firmware_py.link.files.root import FileRoot
 from firmware_py.link.peer import Peer
 from firmware_py.link.peers import Peers
-from firmware_py.link.security.access import Admitted, Gate, Standing, reads_only
+from firmware_py.link.security.access import Admitted, Gate, Standing, invites_anybody, reads_only
 from firmware_py.link.security.denials import deny
 from firmware_py.link.security.key_setup import KeySetup
 from firmware_py.link.security.signing import LinkSealer, Signing
@@ -124,8 +124,7 @@ class Endpoint:
 
     def _open_links(self) -> Iterator[Event]:
         for transport in self._transports:
-            options = transport.options
-            if transport.exposed and not options.trusted and self._gate.unsigned(options) is Standing.COMMANDER:
+            if invites_anybody(self._gate, transport):
                 yield Event(Severity.WARNING, f"Whoever reaches {transport.name} commands her: it wants a signing key")
 
     @property

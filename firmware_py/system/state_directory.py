@@ -11,7 +11,7 @@ import stat
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import INDEX, TABLE
@@ -43,7 +43,33 @@ OTHER_SLOT: Final = "the other slot is used, perhaps an older version"
 _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)")
 
 
-def report_damage(store: Store, say: Callable[[str], None]) -> None:
+class Stock(Protocol):
+    """What reads the names of a state directory: the store that holds it, or `StateFiles` of somebody who looks on."""
+
+    def load(self, name: str) -> bytes | None:
+        """Return the newest whole version, or None when there is none."""
+
+    def examine(self, name: str) -> Stored:
+        """Return the newest whole version, and what is wrong with what is stored."""
+
+
+@dataclass(frozen=True, slots=True)
+class StateFiles:
+    """A state directory that is not held: safe beside an autopilot that is writing; a Stock."""
+
+    directory: Path
+
+    def load(self, name: str) -> bytes | None:
+        """Return the newest whole version, or None when there is none."""
+        return self.examine(name).content
+
+    def examine(self, name: str) -> Stored:
+        """Return the newest whole version, and what is wrong with what is stored."""
+        secret = name == SIGNING_FILE and self.directory.is_dir()
+        return stored_key(self.directory) if secret else examine(self.directory, name)
+
+
+def report_damage(store: Stock, say: Callable[[str], None]) -> None:
     """Say what is damaged, unreadable or missing, and what is used instead; before anything is kept anew.
 
     Of the signing key tells `firmware_py.assemble.earlier_runs`, which knows what one is.
@@ -184,7 +210,7 @@ def exposed_key_files(directory: Path) -> tuple[str, ...]:
     return tuple(exposed)
 
 
-def load_parameters(store: Store, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
+def load_parameters(store: Stock, say: Callable[[str], None]) -> tuple[dict[str, float], dict[str, float]]:
     """Return what `read_parameters` does of what is stored."""
     return read_parameters(store.load(PARAMETER_FILE), say)
 
@@ -217,7 +243,7 @@ def _name_and_value(line: str) -> tuple[str, float]:
     return (match[1], value) if match and math.isfinite(value) else ("", value)
 
 
-def load_plans(store: Store, say: Callable[[str], None]) -> Plans:
+def load_plans(store: Stock, say: Callable[[str], None]) -> Plans:
     """Return the plans of earlier runs; an unusable one is said and left out."""
     plans = Plans()
     for kind, name in PLAN_FILES.items():

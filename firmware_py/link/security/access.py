@@ -9,6 +9,7 @@ from typing import NamedTuple
 from firmware_py.link.security.signing import SIGNED_FLAG, Signing
 from firmware_py.link.wire.dialect import Message
 from firmware_py.link.wire.framing import Frame
+from firmware_py.link.wire.transport import Transport
 from firmware_py.link.wire.url_options import LinkOptions, Policy
 
 _MAVLINK2 = 0xFD
@@ -110,6 +111,12 @@ class Gate:
         if policy is Policy.AUTO:
             policy = Policy.SIGNED_COMMANDS if self.keyed and not options.trusted else Policy.OPEN
         return _UNSIGNED[policy]
+
+
+def invites_anybody(gate: Gate, transport: Transport) -> bool:
+    """Return whether who reaches a transport from another computer commands the boat without a key."""
+    options = transport.options
+    return transport.exposed and not options.trusted and gate.unsigned(options) is Standing.COMMANDER
 
 
 _UNSIGNED: Mapping[Policy, Standing] = {

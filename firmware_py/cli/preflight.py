@@ -1,0 +1,210 @@
+"""What `rambler check` looks at besides the devices: parameters, state, disk, links, clock and priority."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from firmware_py.assemble.wiring import base_parameters
+from firmware_py.common.calendar import is_possible
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import PlanKind
+from firmware_py.core.resume import from_text as resume_from_text
+from firmware_py.files.making import exact_modes, make_directory
+from firmware_py.link.security.access import Gate, invites_anybody
+from firmware_py.link.security.key_record import KeyState, find_key
+from firmware_py.link.security.signing import Signing
+from firmware_py.link.wire.open_transport import open_transport
+from firmware_py.link.wire.transport import LinkError
+from firmware_py.log.disk import log_files
+from firmware_py.system.clock import machine_s
+from firmware_py.system.realtime import clock_is_kept
+from firmware_py.system.serial_port import PortError, SerialPort
+from firmware_py.system.state_directory import (
+    LOG_DIRECTORY,
+    RESUME_FILE,
+    SIGNING_FILE,
+    StateFiles,
+    exposed_key_files,
+    load_parameters,
+    load_plans,
+    report_damage,
+)
+from firmware_py.system.status_file import Freshness, find
+from firmware_py.vehicle import Vehicle
+
+SLOW_SYNC_S, SYNC_S_MAXIMUM = 0.2, 1.0
+LEAST_WRITING_BYTES = 4096
+
+
+class Level(Enum):
+    """How grave a finding is: a WARN goes to sea, but somebody should have read it."""
+
+    PASS = "pass"  # noqa: S105 - no password
+    WARN = "warn"
+    FAIL = "fail"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing looked at; `values` are the measured ones, for whoever reads JSON."""
+
+    level: Level
+    subject: str
+    text: str
+    values: dict[str, Any] = field(default_factory=dict)
+
+
+def parameters_in_force(vehicle: Vehicle, directory: Path, say: Callable[[str], None]) -> ParameterSet:
+    """Return the parameters that the next start would have; what cannot be used of those stored is said."""
+    parameters = base_parameters(vehicle)
+    for name, value in load_parameters(StateFiles(directory), say)[0].items():
+        parameters = parameters.replaced(name, value)
+    return parameters
+
+
+def look_at_parameters(vehicle: Vehicle, directory: Path) -> Iterator[Finding]:
+    """Check those that stations have set, which go over the values of the vehicle file; that one has been read."""
+    problems: list[str] = []
+    stored, _ = load_parameters(StateFiles(directory), problems.append)
+    yield from (Finding(Level.WARN, "parameters", text) for text in problems)
+    counts = {"vehicle_file": len(vehicle.parameters), "stored": len(stored)}
+    text = f"{counts['vehicle_file']} set by the vehicle file, {counts['stored']} kept over them, all valid"
+    if not problems:
+        yield Finding(Level.PASS, "parameters", text, counts)
+
+
+def look_at_state(directory: Path) -> Iterator[Finding]:
+    """Check what earlier runs have left, and whether an autopilot runs on it now."""
+    found = find(directory, machine_s())
+    if found.freshness is Freshness.RUNNING:
+        text = f"an autopilot runs on {directory} (process {found.content['pid']}): it has the ports; `rambler status`"
+        yield Finding(Level.WARN, "state", text)
+    if not directory.is_dir():
+        yield Finding(Level.PASS, "state", f"{directory} is made at the first start")
+        return
+    files, problems = StateFiles(directory), list[str]()
+    report_damage(files, problems.append)
+    plans = load_plans(files, problems.append)
+    if (record := files.load(RESUME_FILE)) is not None:
+        try:
+            resume_from_text(record.decode("ascii", "replace"))
+        except (ValueError, RecursionError) as error:
+            problems.append(f"stored {RESUME_FILE} left out: {error}")
+    problems += (f"{name} can be read by others; chmod 600" for name in exposed_key_files(directory))
+    yield from (Finding(Level.WARN, "state", text) for text in problems)
+    key = find_key(files.examine(SIGNING_FILE))
+    if key.state is KeyState.LOST:
+        yield Finding(Level.FAIL, "state", f"signing key lost: {key.problem}; set or remove it by `rambler key`")
+    elif not problems:
+        counts = {kind.name.lower(): len(plans.of(kind).items) for kind in PlanKind}
+        text = ", ".join(f"{kind} of {count} items" for kind, count in counts.items())
+        yield Finding(
+            Level.PASS, "state", f"{directory}: {text}, key {key.state.value}", counts | {"key": key.state.value}
+        )
+
+
+def look_at_storage(directory: Path, parameters: ParameterSet) -> Iterator[Finding]:
+    """Write something there, see how long that takes and what room there is beside what the logs may still take."""
+    try:
+        with exact_modes():
+            make_directory(directory)
+        with tempfile.NamedTemporaryFile(dir=directory) as file:
+            begun_s = time.monotonic()
+            file.write(b"\0" * LEAST_WRITING_BYTES)
+            file.flush()
+            os.fsync(file.fileno())
+            sync_s = time.monotonic() - begun_s
+        free_mb = shutil.disk_usage(directory).free / 1e6
+        logs = directory / LOG_DIRECTORY
+        logs_mb = sum(path.stat().st_size for path in log_files(logs).values()) / 1e6 if logs.is_dir() else 0.0
+    except OSError as error:
+        yield Finding(Level.FAIL, "storage", f"{directory}: {error.strerror}; choose another with --state")
+        return
+    keep_mb, least_mb = parameters["LOG_KEEP_MB"], parameters["LOG_FREE_MB"]
+    text = f"{directory}: {free_mb:.0f} MB free, {logs_mb:.0f} MB of logs"
+    level = Level.PASS
+    if free_mb < least_mb:
+        level, text = Level.FAIL, f"{text}; no log is written below LOG_FREE_MB {least_mb:g}: make room"
+    elif free_mb + logs_mb < keep_mb + least_mb:
+        level, text = Level.WARN, f"{text}; LOG_KEEP_MB {keep_mb:g} does not fit: make room or set it lower"
+    yield Finding(level, "storage", text, {"free_mb": round(free_mb, 1), "logs_mb": round(logs_mb, 1)})
+    level = Level.FAIL if sync_s > SYNC_S_MAXIMUM else Level.WARN if sync_s > SLOW_SYNC_S else Level.PASS
+    slow = "" if level is Level.PASS else "; acknowledgements wait for it: a slow or worn card?"
+    yield Finding(level, "storage", f"4 kB reach the disk in {1e3 * sync_s:.1f} ms{slow}", {"sync_s": round(sync_s, 4)})
+
+
+def look_at_clocks() -> Iterator[Finding]:
+    """Check the calendar clock, who keeps it, and how finely time is told."""
+    utc_s = time.time()
+    text = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(utc_s))
+    if not is_possible(utc_s):
+        yield Finding(Level.WARN, "clock", f"{text} cannot be; set it, or wait for the network's time or a GPS fix")
+    elif not clock_is_kept():
+        yield Finding(Level.WARN, "clock", f"{text}; nothing keeps it (NTP, PTP, GPS): CLK_SET 2 has the GPS do it")
+    else:
+        yield Finding(Level.PASS, "clock", text)
+    resolution_s = time.clock_getres(time.CLOCK_MONOTONIC)
+    level = Level.PASS if resolution_s <= 1e-3 else Level.FAIL
+    yield Finding(level, "clock", f"monotonic clock resolves {1e9 * resolution_s:.0f} ns")
+
+
+def look_at_priority() -> Iterator[Finding]:
+    """Say whether real-time priority is to be had; the autopilot runs without it, only less steadily."""
+    try:
+        policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        os.sched_setscheduler(0, policy, parameter)
+    except OSError:
+        text = "SCHED_FIFO not allowed: ticks may come late under load (LimitRTPRIO grants it)"
+        yield Finding(Level.WARN, "priority", text)
+        return
+    yield Finding(Level.PASS, "priority", "SCHED_FIFO allowed")
+
+
+def look_at_links(urls: Sequence[str], directory: Path) -> Iterator[Finding]:
+    """Open each link as the autopilot would, one beside the other, and say who may command over it."""
+    signing = Signing(time.time, _keep_nothing)
+    signing.restore(StateFiles(directory).examine(SIGNING_FILE))
+    gate = Gate(signing)
+    if not urls:
+        yield Finding(Level.WARN, "links", "none: no ground station will see her; name some in [link] urls")
+    with ExitStack() as opened:
+        for url in urls:
+            yield _look_at_link(url, gate, opened)
+
+
+def _keep_nothing(content: bytes, *, both: bool = False) -> None:
+    """Leave the key as it is stored."""
+
+
+def _look_at_link(url: str, gate: Gate, opened: ExitStack) -> Finding:
+    def open_line(path: str, baud: int) -> SerialPort:
+        line = SerialPort(path, baud)
+        line.open()
+        opened.callback(line.close)
+        return line
+
+    try:
+        transport = open_transport(url, open_line)
+    except (LinkError, PortError) as error:
+        return Finding(Level.FAIL, "links", str(error), {"url": url})
+    opened.callback(transport.close)
+    if invites_anybody(gate, transport):
+        text = f"{url}: whoever reaches it commands her; set a key (`rambler key set`) or listen on 127.0.0.1"
+        return Finding(Level.WARN, "links", text, {"url": url})
+    return Finding(Level.PASS, "links", f"{url} can be opened", {"url": url})
+
+
+def every(*looks: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
+    """Yield the findings one after the other, as they come."""
+    for look in looks:
+        yield from look()

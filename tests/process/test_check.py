@@ -1,0 +1,38 @@
+"""`rambler check` from outside, on devices that speak."""
+
+import json
+import subprocess
+import sys
+
+from support.paths import ROOT
+
+
+def check(boat, *words):
+    """Check a boat whose devices go on speaking meanwhile."""
+    command = [sys.executable, "-m", "firmware_py", "check", str(boat._vehicle), "--state", str(boat.state), *words]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as program:
+        while program.poll() is None:
+            boat.run(0.2)
+        return program.returncode, json.loads(program.stdout.read())
+
+
+def by_subject(told):
+    return {row["subject"]: row for row in told["findings"]}
+
+
+def test_devices_that_speak_pass_and_one_that_speaks_another_language_is_told_from_a_silent_one(make_boat):
+    boat = make_boat(speed=None)
+    boat.time.begin(boat.board, None)
+    code, told = check(boat, "--json")
+    found = by_subject(told)
+    assert (code, told["verdict"] in ("pass", "warn")) == (0, True), told
+    assert [found[name]["level"] for name in ("compass", "position", "rudder", "links")] == ["pass"] * 4
+    assert found["compass"]["rate_hz"] > 5.0
+    assert found["position"]["fix"] == "FIX_3D"
+
+    boat._vehicle.write_text(boat._vehicle.read_text().replace('driver = "nmea"', 'driver = "pni_tcm"', 1))
+    code, told = check(boat, "--json")
+    found = by_subject(told)
+    assert (code, told["verdict"], found["compass"]["level"]) == (1, "fail", "fail")
+    assert "bytes, but nothing understood: baud rate?" in found["compass"]["text"]
+    assert found["position"]["level"] == "pass"

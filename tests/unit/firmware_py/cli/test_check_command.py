@@ -1,0 +1,202 @@
+"""`rambler check`: what it finds, how grave that is, and how it is told to people and to programs."""
+
+import json
+import os
+import pty
+import shutil
+import socket
+from types import SimpleNamespace
+
+import pytest
+
+from firmware_py.__main__ import main
+from firmware_py.cli.bench_session import BenchDevice
+from firmware_py.cli.check import _judge_device
+from firmware_py.cli.preflight import Level
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, to_text
+from firmware_py.common.records import (
+    DeviceHealth,
+    DeviceRole,
+    DeviceState,
+    FixType,
+    HeadingSample,
+    NorthReference,
+    PositionSample,
+)
+from firmware_py.system.store import Store
+
+VEHICLE = """
+[compass]
+driver = "nmea"
+port = "{}"
+baud = 4800
+[rudder]
+driver = "volz"
+port = "{}"
+baud = 115200
+[parameters]
+LOG_KEEP_MB = 2
+LOG_FREE_MB = 1
+"""
+
+
+@pytest.fixture
+def state(tmp_path):
+    (tmp_path / "state").mkdir()
+    return tmp_path / "state"
+
+
+@pytest.fixture
+def check(tmp_path, state, capsys, monkeypatch):
+    """Check a boat on ptys that say nothing; return the exit code and the findings, by subject."""
+    monkeypatch.setattr("firmware_py.cli.check.LISTEN_S", 0.1)
+    ends = [pty.openpty() for _ in range(2)]
+    path = tmp_path / "boat.toml"
+    path.write_text(VEHICLE.format(*(os.ttyname(slave) for _, slave in ends)))
+
+    def run(*words):
+        code = main(["check", str(path), "--state", str(state), "--json", *words])
+        told = json.loads(capsys.readouterr().out)
+        assert (code == 1) == (told["verdict"] == "fail") == any(row["level"] == "fail" for row in told["findings"])
+        found = {}
+        for row in told["findings"]:
+            found.setdefault(row["subject"], []).append(row)
+        return found
+
+    yield run
+    for end in (end for pair in ends for end in pair):
+        os.close(end)
+
+
+def levels(rows):
+    return [row["level"] for row in rows]
+
+
+def store(state, **files):
+    held = Store(state)
+    for name, content in files.items():
+        held.save(name.replace("_", "."), content.encode())
+    held.close()
+
+
+def test_a_fresh_boat_has_no_link_and_devices_that_say_nothing(check):
+    found = check()
+    assert levels(found["parameters"]) == levels(found["state"]) == ["pass"]
+    assert levels(found["storage"])[0] == "pass"
+    assert found["storage"][0]["free_mb"] > 0
+    (links,) = found["links"]
+    assert (links["level"], "no ground station" in links["text"]) == ("warn", True)
+    assert levels(found["compass"]) == levels(found["rudder"]) == ["fail"]
+    assert found["compass"][0]["text"].endswith("silent; check power, wiring and baud rate")
+    assert (found["compass"][0]["driver"], found["compass"][0]["accepted"]) == ("nmea", 0)
+
+
+def test_people_get_a_line_each(tmp_path, state, capsys, monkeypatch, check):
+    assert main(["check", str(tmp_path / "boat.toml"), "--state", str(state)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert {line[:6] for line in lines} <= {"PASS  ", "WARN  ", "FAIL  "}
+    assert any(line.startswith("WARN  links") for line in lines)
+
+
+def test_what_is_stored_is_counted_and_what_is_damaged_or_of_no_use_is_warned_of(check, state):
+    mission = to_text(Plan.of(PlanKind.MISSION, (PlanItem(16, 3, x=1, y=2),)))
+    store(state, parameters_param="CTL_K1 33\n", mission_plan=mission)
+    found = check()
+    assert (found["parameters"][0]["stored"], found["state"][0]["mission"]) == (1, 1)
+    store(state, parameters_param="CTL_K1 33\nCTL_K1 4444444\nODD 1\n", fence_plan="?", resume_state="?")
+    (state / "mission.plan.0").write_text("spoiled")
+    found = check()
+    assert levels(found["parameters"]) == ["warn", "warn"]
+    texts = [row["text"] for row in found["state"]]
+    assert levels(found["state"]) == ["warn"] * 3
+    assert "mission.plan.0 is damaged" in texts[0]
+    assert any("fence.plan left out" in text for text in texts)
+    assert any("resume.state left out" in text for text in texts)
+
+
+def test_a_key_that_was_lost_fails_and_one_that_others_read_is_warned_of(check, state):
+    (state / "signing.key.0").write_text("spoiled")
+    (state / "signing.key.0").chmod(0o644)
+    found = check()
+    assert levels(found["state"]) == ["warn", "fail"]
+    assert "rambler key" in found["state"][1]["text"]
+
+
+def test_a_running_boat_is_named(check, state, monkeypatch):
+    from firmware_py.system.status_file import Found, Freshness  # noqa: PLC0415
+
+    monkeypatch.setattr(
+        "firmware_py.cli.preflight.find", lambda _directory, _now_s: Found(Freshness.RUNNING, {"pid": 77}, 0.1)
+    )
+    found = check()
+    assert found["state"][0]["level"] == "warn"
+    assert "process 77" in found["state"][0]["text"]
+
+
+@pytest.mark.parametrize(
+    ("free_mb", "level", "word"), [(0.5, "fail", "LOG_FREE_MB"), (2.5, "warn", "LOG_KEEP_MB"), (900, "pass", "free")]
+)
+def test_the_room_is_measured_by_what_the_logs_may_take(check, state, monkeypatch, free_mb, level, word):
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: SimpleNamespace(free=free_mb * 1e6))
+    found = check()
+    assert found["storage"][0]["level"] == level
+    assert word in found["storage"][0]["text"]
+
+
+def test_a_state_directory_that_cannot_be_made_fails(check, state):
+    state.rmdir()
+    state.write_text("a file")
+    found = check()
+    assert levels(found["storage"]) == ["fail"]
+
+
+def test_each_link_is_opened_and_who_may_command_over_it_is_told(check, state):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken, socket.socket() as free:
+        taken.bind(("127.0.0.1", 0))
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+        urls = [
+            "udpout:127.0.0.1:14550",
+            f"udpin:127.0.0.1:{taken.getsockname()[1]}",
+            f"udpin:0.0.0.0:{port}",
+            f"udpin:0.0.0.0:{port}",
+            "serial:/dev/none:57600",
+            "carrier pigeon",
+            f"tcpin:0.0.0.0:{port + 1}?trusted=1",
+        ]
+        found = check(*(word for url in urls for word in ("--link", url)))
+    assert [row["url"] for row in found["links"]] == urls
+    assert levels(found["links"])[:6] == ["pass", "fail", "warn", "fail", "fail", "fail"]
+    texts = [row["text"] for row in found["links"]]
+    assert "end the program that has the port" in texts[1]
+    assert "rambler key set" in texts[2]
+    assert "no such port" in texts[4]
+
+
+HEADING = HeadingSample(2.0, 1.0, NorthReference.TRUE)
+NO_FIX, FIX = PositionSample(2.0, FixType.NONE), PositionSample(2.0, FixType.FIX_3D, 0.1, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("sample", "state", "accepted", "rejected", "text", "level", "word"),
+    [
+        (HEADING, DeviceState.RUNNING, 30, 1, "", Level.PASS, "14.5 Hz"),
+        (HEADING, DeviceState.RUNNING, 30, 4, "", Level.WARN, "4 of its messages are bad"),
+        (HEADING, DeviceState.RUNNING, 30, 31, "", Level.FAIL, "31 of its messages are bad"),
+        (HEADING, DeviceState.FAULTY, 30, 0, "broken", Level.FAIL, "broken"),
+        (HEADING, DeviceState.SILENT, 30, 0, "", Level.FAIL, "silent"),
+        (HEADING, DeviceState.ABSENT, 30, 0, "no port x", Level.FAIL, "no port x"),
+        (NO_FIX, DeviceState.RUNNING, 30, 0, "no fix", Level.WARN, "no fix yet"),
+        (FIX, DeviceState.RUNNING, 30, 0, "", Level.PASS, "FIX_3D"),
+        (None, DeviceState.STARTING, 0, 0, "bytes, but nothing understood: baud rate?", Level.FAIL, "baud rate?"),
+        (None, DeviceState.STARTING, 0, 9, "checksum", Level.FAIL, "checksum"),
+    ],
+)
+def test_a_device_is_judged_by_what_it_says(sample, state, accepted, rejected, text, level, word):
+    health = DeviceHealth(3.0, DeviceRole.COMPASS, state, accepted, rejected, text)
+    count = 0 if sample is None else 30
+    device = BenchDevice("compass", "nmea", "/dev/x", count=count, first_s=0.0, last=sample, health=health)
+    finding = _judge_device(device)
+    assert (finding.level, finding.subject) == (level, "compass")
+    assert word in finding.text
+    assert finding.values["rejected"] == rejected
