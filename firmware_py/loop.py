@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import gc
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 from firmware_py.common.interfaces import Clock, Compass, Device, Link, Position, Recorder, Rudder
-from firmware_py.common.records import Event, HeadingSample, Inputs, RudderCommand, Tick
+from firmware_py.common.records import Event, HeadingSample, Inputs, Progress, RudderCommand, Tick
 from firmware_py.common.reports import Output
 from firmware_py.core.autopilot import Autopilot
+from firmware_py.core.liveness import Liveness, StuckError, devices_progress
 from firmware_py.core.state import settings_of
 from firmware_py.core.state_codec import state_to_text
 from firmware_py.system.clock import Metronome
@@ -19,6 +21,7 @@ from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.health import HealthMonitor
 from firmware_py.system.serial_port import SerialPort
 from firmware_py.system.store import Store
+from firmware_py.system.watchdogs import Watchdogs, waits_in_kernel
 
 # Before a deadline the link is left alone for this long, or for this part of a short period.
 GUARD_S = 0.003
@@ -34,6 +37,7 @@ BUSY_GUARD_PART = 0.5
 # bring it there.
 LINK_PART = 0.75
 COLLECT_INTERVAL_S = 60.0
+LIFE_INTERVAL_S = 1.0  # and with the first tick; whoever watches over her waits for several
 SAFE_TIMEOUT_S = 2.0
 SAFE_INTERVAL_S = 0.1
 SAFE_ANGLE_RAD = 0.02
@@ -61,6 +65,10 @@ class LoopParts:
     compass_b: Compass | None = None
     health: HealthMonitor = field(default_factory=HealthMonitor)
     show_status: Callable[[Output, float], None] = lambda _output, _now_s: None  # to who looks on; never raises
+    watchdogs: Watchdogs = field(default_factory=Watchdogs)
+    liveness: Liveness = field(default_factory=Liveness)
+    samples: int = 0  # taken from all devices since the start
+    life_due_s: float = -math.inf
     devices: tuple[Device, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -85,6 +93,7 @@ def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
             late_s = max(0.0, clock.now_s() - metronome.deadline_s)
             tick = Tick(index, metronome.deadline_s, late_s, skipped, metronome.rate_hz)
             newest = _tick(parts, tick)
+            _show_life(parts, clock.now_s())
             parameters = parts.autopilot.state.parameters
             metronome.set_rate(parameters["LOOP_RATE_HZ"])
             if newest is not None and parameters["LOOP_LOCK"]:
@@ -132,10 +141,45 @@ def _tick(parts: LoopParts, tick: Tick) -> HeadingSample | None:
         parts.show_event(event)
     for line in parts.lines:
         line.reopen(now_s)
+    parts.samples += len(inputs.headings) + len(inputs.positions) + len(inputs.rudder)
     parts.health.update(parts.devices, (parts.store, parts.recorder), clock, parts.link, now_s)
     parts.autopilot.keep_resume(now_s, clock.utc_s())
     parts.show_status(output, now_s)
     return headings[-1] if headings else None
+
+
+def _show_life(parts: LoopParts, now_s: float) -> None:
+    """Tell the watchdogs that all that the tick does is done; StuckError when a part beside it is stuck.
+
+    A thread that waits for the disk inside the kernel cannot be ended either: that is a fault of the storage, and she
+    steers on.
+    """
+    watchdogs = parts.watchdogs
+    if not watchdogs.awaited or now_s < parts.life_due_s:
+        return
+    parts.life_due_s = now_s + LIFE_INTERVAL_S
+    stuck = parts.liveness.update(_progress(parts), now_s)
+    hanging = tuple(part for part in stuck if part.thread is not None and waits_in_kernel(part.thread))
+    for part in stuck:
+        if part not in hanging:
+            done = "has ended" if not part.alive else f"nothing done for {part.patience_s:.0f} s"
+            raise StuckError(f"{part.name}: {done}")
+    parts.health.hanging = ", ".join(part.name for part in hanging)
+    modes = parts.autopilot.state.modes
+    watchdogs.show_life(now_s, f"{modes.mode.name}, {'armed' if modes.armed else 'disarmed'}")
+
+
+def _progress(parts: LoopParts) -> list[Progress]:
+    """Return what has been done by all that a watchdog vouches for."""
+    lines = parts.lines
+    devices = devices_progress(
+        parts.samples,
+        sum(line.written for line in lines),
+        [line.connected for line in lines],
+        rudder_connected=parts.rudder.fileno() >= 0,
+    )
+    workers = [parts.store.progress(), *parts.link.progress()]
+    return [*devices, *workers, *(parts.recorder.progress() if parts.recorder is not None else ())]
 
 
 def _serve_until_deadline(parts: LoopParts, metronome: Metronome, link_busy: bool) -> bool:  # noqa: FBT001 - its own answer of before
@@ -177,6 +221,7 @@ def _serve_until_deadline(parts: LoopParts, metronome: Metronome, link_busy: boo
 def make_safe(parts: LoopParts) -> None:
     """Bring the rudder amidships and wait, within bounds, until it stands there."""
     clock, rudder = parts.clock, parts.rudder
+    parts.watchdogs.show_life(clock.now_s())  # this may take a while
     linkage = settings_of(parts.autopilot.state.parameters).rudder.linkage
     command = RudderCommand(linkage.to_shaft(0.0), torque_on=True)
     rudder.poll()  # what was measured before

@@ -4,23 +4,34 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
+import threading
+import time
 import traceback
 from pathlib import Path
+from typing import NoReturn
 
 from firmware_py import __version__
+from firmware_py.assemble.supervision import Supervision
 from firmware_py.assemble.wiring import Assembly, Options, assemble
 from firmware_py.cli.refusal import refused
+from firmware_py.core.liveness import StuckError
 from firmware_py.files.making import exact_modes
 from firmware_py.link.wire.transport import LinkError
 from firmware_py.link.wire.worker import THREAD as FILES_THREAD
 from firmware_py.loop import run as run_loop
 from firmware_py.system import realtime
 from firmware_py.system.clock import ClockError
+from firmware_py.system.endings import STUCK
+from firmware_py.system.hardware_watchdog import WatchdogError
 from firmware_py.system.hold import StoreError
 from firmware_py.system.serial_port import PortError
+from firmware_py.system.service_manager import ServiceManager
 from firmware_py.system.signals import Signals
 from firmware_py.vehicle import VehicleError, load
 
+HOLD_OFF_S = 5.0  # under a service manager, a start that has failed is tried again after this long
+CLOSE_S = 2.0  # for all that may be closed in good order beside what is stuck
 SHUT_DOWN = 10  # the exit code of an autopilot that was told to shut down; a supervisor should leave it so
 
 
@@ -40,6 +51,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--wait",
         action="store_true",
         help="start even while a port or the state directory is not to be had, and take it up when it is",
+    )
+    parser.add_argument(
+        "--watchdog",
+        metavar="DEVICE",
+        type=Path,
+        help="the computer's own watchdog, such as /dev/watchdog: it starts the computer anew when the autopilot hangs",
     )
     parser.add_argument("--lockstep", metavar="SOCKET", help=argparse.SUPPRESS)
     # For the harness: an autopilot without its box would take up the ports of the next one.
@@ -69,10 +86,12 @@ def run(arguments: argparse.Namespace) -> int:
                 may_set_clock=arguments.lockstep is None and arguments.with_parent is None,
             )
             assembly = assemble(vehicle, options)
-        except (VehicleError, PortError, StoreError, LinkError, ClockError) as error:
+            supervision = _supervise(assembly, arguments)
+        except (VehicleError, PortError, StoreError, LinkError, ClockError, WatchdogError) as error:
+            _hold_off(str(error), signals)
             return refused("run", error)
         assembly.console.line(f"rambler {__version__}: {vehicle.name}, state in {options.state_directory}")
-        code = _steer(assembly, signals)
+        code = _steer(assembly, supervision, signals)
         restart = assembly.parts.autopilot.restart
         if code != 0 or restart is None or signals.stopping:
             return code
@@ -82,20 +101,55 @@ def run(arguments: argparse.Namespace) -> int:
         return SHUT_DOWN
 
 
-def _steer(assembly: Assembly, signals: Signals) -> int:
+def _supervise(assembly: Assembly, arguments: argparse.Namespace) -> Supervision:
+    """Put the run under the watch of whom there is; what has been opened is closed again when that cannot be."""
+    try:
+        console = assembly.console.line
+        return Supervision(assembly.parts, console, os.environ, arguments.watchdog, wait=arguments.wait)
+    except WatchdogError:
+        assembly.close()
+        raise
+
+
+def _hold_off(why: str, signals: Signals) -> None:
+    """Wait a little, where a service manager would start it again at once and for ever."""
+    manager = ServiceManager(os.environ)
+    end_s = time.monotonic() + (HOLD_OFF_S if manager.present else 0.0)
+    manager.say_status(why)
+    while time.monotonic() < end_s and not signals.stopping:
+        time.sleep(0.1)
+
+
+def _steer(assembly: Assembly, supervision: Supervision, signals: Signals) -> int:
     assembly.parts.take_signals = signals.take_events
     # After all threads are there: theirs is lower than the loop's, and that of the files is for stations to load.
     for refusal in realtime.prepare(ordinary=(FILES_THREAD,)):
         assembly.console.line(refusal)
     try:
         run_loop(assembly.parts, lambda: signals.stopping)
+    except StuckError as error:
+        supervision.end_badly(str(error))
+        assembly.console.line(f"rambler run: {error}; the rudder is safe, started anew")
+        _leave(assembly)
     except ClockError as error:
         assembly.console.line(f"rambler run: {error}")
         return 0 if signals.stopping else 1
-    except Exception:  # noqa: BLE001 - the rudder is safe; Python's own traceback would wait for a reader that is stuck
+    except Exception as error:  # noqa: BLE001 - the rudder is safe; Python's own traceback would wait for a reader that is stuck
         for line in traceback.format_exc().splitlines():
             assembly.console.line(line)
+        supervision.end_badly(f"{type(error).__name__}: {error}")
         return 1
+    else:
+        restart = assembly.parts.autopilot.restart
+        supervision.end(anew=restart is not None and not restart.shutdown and not signals.stopping)
+        return 0
     finally:
         assembly.close()
-    return 0
+
+
+def _leave(assembly: Assembly) -> NoReturn:
+    """End the process, whatever a part of it that is stuck may hold; the rest is closed if that is quick."""
+    closing = threading.Thread(target=assembly.close, daemon=True)
+    closing.start()
+    closing.join(CLOSE_S)
+    os._exit(STUCK)

@@ -18,6 +18,7 @@ from firmware_py.common.records import (
     HeadingSample,
     Inputs,
     PositionSample,
+    Progress,
     RudderCommand,
     RudderFeedback,
     Stored,
@@ -206,6 +207,9 @@ class Link(Protocol):
     def status(self, now_s: float) -> Sequence[LinkStatus]:
         """Return who is on each link, and how it fares."""
 
+    def progress(self) -> Sequence[Progress]:
+        """What its threads have done."""
+
 
 class Recorder(Protocol):
     """The onboard log."""
@@ -219,6 +223,9 @@ class Recorder(Protocol):
 
     def health(self, now_s: float) -> DeviceHealth:
         """Whether the log is being written; `rejected` counts the ticks dropped."""
+
+    def progress(self) -> Sequence[Progress]:
+        """What its thread has done."""
 
     def close(self) -> None:
         """Write what is queued and close the file."""

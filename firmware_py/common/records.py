@@ -219,6 +219,21 @@ class Stored:
 
 
 @dataclass(frozen=True, slots=True)
+class Progress:
+    """What a part that works beside the tick has done so far; `owing`: it has something to do.
+
+    It is stuck when it owes and `done` has not changed for `patience_s`. `thread` is the kernel's number of it.
+    """
+
+    name: str
+    owing: bool
+    done: int
+    patience_s: float = 15.0
+    alive: bool = True
+    thread: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Event:
     """A message to the operator."""
 

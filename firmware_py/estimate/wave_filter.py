@@ -175,14 +175,13 @@ def correct_velocity(
     course_rad: float,
     mean: tuple[float, float] | None = None,
 ) -> WaveFilterState:
-    """Take one velocity over the ground in; before the first heading, out of range, or told again, it changes nothing.
+    """Take one velocity over the ground in; before the first heading, or out of range, it changes nothing.
 
     `mean`, for a velocity that is the mean over a while: cosine and sine of the heading, their means over that while.
     """
     if not state.x or not (math.isfinite(t_s) and math.isfinite(course_rad) and 0.0 <= speed_m_s <= FASTEST_M_S):
         return state
-    told = state.fix_t_s is not None and t_s <= state.fix_t_s  # another word of one moment is no second measurement
-    if told or not -LATEST_S <= t_s - state.t_s <= LONGEST_SILENCE_S:
+    if not -LATEST_S <= t_s - state.t_s <= LONGEST_SILENCE_S:
         return state
     work = _Workspace(settings, state)
     work.predict_to(t_s)

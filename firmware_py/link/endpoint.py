@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from firmware_py.common.interfaces import Calibrator, RequestHandler, Vault
-from firmware_py.common.records import Event, Severity, Stored
+from firmware_py.common.records import Event, Progress, Severity, Stored
 from firmware_py.common.reports import LinkStatus, Output, Snapshot
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.commands.table import TABLE as COMMANDS
@@ -198,6 +198,10 @@ class Endpoint:
         self._telemetry.send_due(self._peers, 1.0 / max(output.snapshot.rate_hz, 1.0), now_s)
         self._services.pump(self._peers.everybody(), now_s)
         self._flush(now_s)
+
+    def progress(self) -> Sequence[Progress]:
+        """Return what the thread for the disk work has done."""
+        return self._worker.progress()
 
     def close(self) -> None:
         """Send what waits and close the transports."""

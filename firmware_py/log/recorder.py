@@ -11,7 +11,7 @@ from typing import Final
 from firmware_py.common.intents import SetParameter
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Tick
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Progress, Tick
 from firmware_py.common.reports import Output
 from firmware_py.log import ardupilot, schema
 from firmware_py.log.dataflash import header
@@ -110,6 +110,10 @@ class LogRecorder:
         elif text:
             state = DeviceState.FAULTY
         return DeviceHealth(now_s, DeviceRole.STORAGE, state, self._sequence - lost, lost, text)
+
+    def progress(self) -> tuple[Progress, ...]:
+        """Return what the writer's thread has done; nothing where there is none."""
+        return self.writer.progress()
 
     def close(self) -> None:
         """Write what is queued and close the file."""

@@ -17,6 +17,7 @@ from collections import deque
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from firmware_py.common.records import Progress
 from firmware_py.log.disk import Disk
 
 CHUNK_BYTES: Final = 1 << 18  # written at once, and so the most that is held beside the queue
@@ -66,6 +67,7 @@ class LogWriter:
         self._file_batches = 0
         self._unsynced = 0
         self.wanted_files = 1
+        self._turns = 0
         self.lost = 0
         self.failure = ""
         self.short = False  # of room
@@ -102,6 +104,13 @@ class LogWriter:
         """Whether the thread is there as it should be."""
         return self._thread is None or self._closing or self._thread.is_alive()
 
+    def progress(self) -> tuple[Progress, ...]:
+        """Return how often the thread has turned, as it is to once in `flush_s`; nothing without one."""
+        thread = self._thread
+        if thread is None or self._closing:
+            return ()
+        return (Progress("log", True, self._turns, alive=thread.is_alive(), thread=thread.native_id),)
+
     def close(self) -> None:
         """Write what is queued and close the file; gives up on a disk that hangs."""
         self._closing = True
@@ -118,6 +127,7 @@ class LogWriter:
             self._wake.wait(self._flush_s)
             self._wake.clear()
             self.drain()
+            self._turns += 1
         self._finish()
 
     def _finish(self) -> None:

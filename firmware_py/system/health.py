@@ -48,6 +48,7 @@ class HealthMonitor:
         }
         self._changes: tuple[DeviceHealth, ...] = ()
         self.latest: Mapping[DeviceRole, DeviceHealth] = {}  # what each said last, changed or not
+        self.hanging = ""  # which threads wait for the disk in vain
         self._due_s = -math.inf
         self._clock = ClockMonitor()
 
@@ -64,7 +65,12 @@ class HealthMonitor:
             return
         self._due_s = now_s + INTERVAL_S
         reports = [device.health(now_s) for device in devices]
-        reports += [_storage(*storage, now_s), self._clock.update(clock, now_s), _link(link, now_s), _key(link, now_s)]
+        reports += [
+            _storage(*storage, self.hanging, now_s),
+            self._clock.update(clock, now_s),
+            _link(link, now_s),
+            _key(link, now_s),
+        ]
         self.latest = {report.role: report for report in reports}
         for report in reports:
             if self._reported.get(report.role) != (report.state, report.text):
@@ -77,8 +83,11 @@ class HealthMonitor:
         return changes
 
 
-def _storage(store: Store, recorder: Recorder | None, now_s: float) -> DeviceHealth:
+def _storage(store: Store, recorder: Recorder | None, hanging: str, now_s: float) -> DeviceHealth:
     """The log and the store as one device: what fails of either is a fault of the storage."""
+    if hanging:
+        text = f"the disk does not answer: {hanging}"
+        return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.FAULTY, 0, 1, text)
     if failure := store.failure:
         return DeviceHealth(now_s, DeviceRole.STORAGE, DeviceState.FAULTY, 0, 1, failure)
     if recorder is not None:

@@ -21,6 +21,7 @@ from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.common.records import Stored
 from firmware_py.plans.validation import problem_of
+from firmware_py.system.endings import ENDINGS_FILE
 from firmware_py.system.slots import SLOTS, examine, slot_path
 from firmware_py.system.store import Store
 
@@ -38,6 +39,7 @@ _INSTEAD: Final = {
     PLAN_FILES[PlanKind.FENCE]: "there is no fence",
     PLAN_FILES[PlanKind.RALLY]: "there are no rally points",
     RESUME_FILE: "not resumed",
+    ENDINGS_FILE: "how earlier runs have ended is forgotten",
 }
 OTHER_SLOT: Final = "the other slot is used, perhaps an older version"
 _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)")

@@ -15,32 +15,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
-from firmware_py.common.records import Stored
+from firmware_py.common.records import Progress, Stored
 from firmware_py.system.hold import Hold, InUseError, StoreError
 from firmware_py.system.slots import SlotWriter, examine
+from firmware_py.system.store_jobs import Failure, Job, write_job
 
 RETRY_S = 2.0  # after a pause of this length, what has failed is tried again
 _ARRIVING = "the state directory is being taken up"
-
-
-@dataclass(frozen=True, slots=True)
-class _Job:
-    """A version to be written; None: the failed one is withdrawn. `once`: it is not tried again.
-
-    `both`: into both slots, one after the other.
-    """
-
-    content: bytes | None
-    once: bool = False
-    both: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class _Failure:
-    """What went wrong with a name, and what is still to be done for it."""
-
-    text: str
-    job: _Job
 
 
 @dataclass(slots=True)
@@ -82,10 +63,13 @@ class Store:
         self._lock = threading.Lock()
         self._idle = threading.Condition(self._lock)
         self._wake: SimpleQueue[bool] = SimpleQueue()  # of the writer: half the cost of a condition; True: it ends
-        self._jobs: dict[str, _Job] = {}
+        self._jobs: dict[str, Job] = {}
         self._asked: dict[str, int] = {}  # saves asked for, by name
         self._settled: dict[str, int] = {}  # saves finished, well or badly
-        self._failed: dict[str, _Failure] = {}
+        self._saves = self._finished = (
+            0  # of all names; the first is changed by the caller's thread, the other by the writer
+        )
+        self._failed: dict[str, Failure] = {}
         self._written = (0, 0)
         self._waiting: deque[_Waiter] = deque()
         self._due: deque[tuple[Callable[[bool], None], bool]] = deque()
@@ -122,7 +106,7 @@ class Store:
         """
         with self._lock:
             waiting = self._jobs.get(name)
-            self._queue(name, _Job(content, both=both or (waiting is not None and waiting.both)))
+            self._queue(name, Job(content, both=both or (waiting is not None and waiting.both)))
 
     def try_save(self, name: str, content: bytes, done: Callable[[bool], None]) -> None:
         """Queue a new version, tried once; run done(True) from `service` when it is on disk.
@@ -130,7 +114,7 @@ class Store:
         When it cannot be stored it is withdrawn, so that the version before stands at the next start: done(False).
         """
         with self._lock:
-            self._queue(name, _Job(content, once=True))
+            self._queue(name, Job(content, once=True))
             self._waiting.append(_Waiter({name: self._asked[name]}, done))
 
     def when_stored(self, names: Collection[str], call: Callable[[bool], None]) -> None:
@@ -184,6 +168,13 @@ class Store:
         """Versions written since the start, and their bytes in whole blocks of 4 KiB."""
         return self._written
 
+    def progress(self) -> Progress:
+        """Return how many saves the writer has finished, well or badly, and whether more are asked for."""
+        thread, finished = self._thread, self._finished
+        return Progress(
+            "state store", self._saves > finished, finished, alive=thread.is_alive(), thread=thread.native_id
+        )
+
     def close(self) -> None:
         """Finish the queued saves, try once more what has failed, and release the directory."""
         self._wake.put(True)
@@ -196,11 +187,12 @@ class Store:
         with contextlib.suppress(OSError):
             self._hold.release()
 
-    def _queue(self, name: str, job: _Job) -> None:
+    def _queue(self, name: str, job: Job) -> None:
         """Hand a job to the writer; the lock is held."""
         first = not self._jobs
         self._jobs[name] = job
         self._asked[name] = self._asked.get(name, 0) + 1
+        self._saves += 1
         if first:
             self._wake.put(False)
 
@@ -227,7 +219,7 @@ class Store:
                 asked = {name: self._asked[name] for name in jobs}
                 self._jobs = {}
             for name, job in jobs.items():
-                result = _write_job(writer, name, job, self._unheld)
+                result = write_job(writer, name, job, self._unheld)
                 self._written = (writer.versions, writer.written_bytes)
                 self._settle(name, asked[name], result)
         writer.close()
@@ -258,9 +250,10 @@ class Store:
             self._due.append((welcome, True))
         os.eventfd_write(self._wake_fd, 1)
 
-    def _settle(self, name: str, asked: int, failure: _Failure | None) -> None:
+    def _settle(self, name: str, asked: int, failure: Failure | None) -> None:
         """Note how the saves of a name have ended, by this writing and not by one that may follow."""
         with self._lock:
+            self._finished += asked - self._settled.get(name, 0)
             self._settled[name] = asked
             if failure is None:
                 self._failed.pop(name, None)
@@ -278,21 +271,3 @@ class Store:
             self._waiting = still
             os.eventfd_write(self._wake_fd, 1)
             self._idle.notify_all()
-
-
-def _write_job(writer: SlotWriter, name: str, job: _Job, unheld: str) -> _Failure | None:
-    """Do a job, unless the directory is not held; return what went wrong, None when nothing did."""
-    if unheld:
-        return _Failure(f"{name} cannot be stored: {unheld}", _Job(None) if job.once else job)
-    try:
-        if job.content is None:
-            writer.withdraw(name)
-        else:
-            for _ in range(1 + job.both):
-                writer.write(name, job.content)
-    except OSError as error:
-        text = f"{name} cannot be stored: {error.strerror or error}"
-        if writer.is_unproven(name):
-            text += "; the next start may find it all the same"
-        return _Failure(text, _Job(None) if job.once else job)
-    return None

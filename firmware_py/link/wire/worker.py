@@ -10,8 +10,11 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import Any
 
+from firmware_py.common.records import Progress
+
 THREAD = "link files"
 _MOST_JOBS = 32
+_PATIENCE_S = 300.0  # a job may read a log of 2 GiB
 
 Job = Callable[[], Any]
 Done = Callable[[Any], None]  # takes the result, or the exception that ended the job
@@ -28,6 +31,7 @@ class Worker:
         self._jobs: SimpleQueue[tuple[Job, Done] | None] = SimpleQueue()
         self._results: deque[tuple[Done, Any]] = deque()
         self._under_way = 0
+        self._done = 0  # changed by the thread alone
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC) if background else -1
         self._thread: threading.Thread | None = None
         if background:
@@ -64,6 +68,14 @@ class Worker:
             self._under_way -= 1
             done(result)
 
+    def progress(self) -> tuple[Progress, ...]:
+        """Return what the thread has done; nothing where there is none."""
+        thread = self._thread
+        if thread is None:
+            return ()
+        owing = self._under_way > len(self._results)
+        return (Progress(THREAD, owing, self._done, _PATIENCE_S, thread.is_alive(), thread.native_id),)
+
     def close(self) -> None:
         """Finish what is queued and end the thread; gives up on a disk that hangs."""
         if self._thread is None:
@@ -82,6 +94,7 @@ class Worker:
             job, done = entry
             # First the result, then the sign: whoever sees the sign finds the result.
             self._results.append((done, _result_of(job)))
+            self._done += 1
             os.eventfd_write(self._wake_fd, 1)
 
 

@@ -1,0 +1,94 @@
+"""A run under watch: who wants to hear that it is alive, how the runs before have ended, and how this one does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from firmware_py.common.records import Event, Severity
+from firmware_py.loop import LoopParts
+from firmware_py.system.endings import (
+    CUT_OFF,
+    ENDINGS_FILE,
+    EXPECTED,
+    Ending,
+    Endings,
+    Watcher,
+    from_text,
+    take_endings,
+    to_text,
+)
+from firmware_py.system.hardware_watchdog import HardwareWatchdog, WatchdogError
+from firmware_py.system.service_manager import ServiceManager, runtime_directory
+from firmware_py.system.store import Store
+from firmware_py.system.watchdogs import Watchdogs
+
+
+class Supervision:
+    """Tells the watchdogs of a run, and keeps how it ends."""
+
+    def __init__(
+        self,
+        parts: LoopParts,
+        say: Callable[[str], None],
+        environment: Mapping[str, str],
+        hardware: Path | None,
+        *,
+        wait: bool,
+    ) -> None:
+        """Arm what there is, and tell how the runs before have ended.
+
+        WatchdogError for a watchdog device that cannot be had, unless `wait`: then that is told, and she sails without.
+        """
+        self._store = parts.store
+        runtime = runtime_directory(environment)
+        self._endings = read_endings(parts.store, runtime, parts.clock.utc_s(), parts.notices)
+        for event in parts.notices:
+            if event.text.startswith(AGAIN):
+                say(event.text)
+        self._store.save(ENDINGS_FILE, to_text(replace(self._endings, running=True)).encode())
+        self._watcher = Watcher(runtime)
+        device: HardwareWatchdog | None = None
+        try:
+            device = HardwareWatchdog(hardware) if hardware is not None else None
+            note = device.note if device is not None else ""
+        except WatchdogError as error:
+            if not wait:
+                raise
+            note = str(error)
+        if note:
+            say(note)
+            parts.notices.append(Event(Severity.WARNING, note))
+        parts.watchdogs = self._watchdogs = Watchdogs(ServiceManager(environment), device)
+
+    def end(self, *, anew: bool) -> None:
+        """Say that the run ends as it should; `anew`: another one follows in this process."""
+        self._watchdogs.stop(anew=anew)
+        self._store.save(ENDINGS_FILE, to_text(replace(self._endings, running=False)).encode())
+
+    def end_badly(self, why: str) -> None:
+        """Say why the run ends although nobody has asked for it, so that it is started anew."""
+        self._watcher.say_why(why)
+        self._watchdogs.stop(anew=True)
+
+
+AGAIN = "Started again: "
+
+
+def read_endings(store: Store, runtime: Path | None, utc_s: float, notices: list[Event]) -> Endings:
+    """Return how the runs before have ended; what was not as it should be is added to the notices."""
+    content = store.load(ENDINGS_FILE)
+    try:
+        kept = Endings() if content is None else from_text(content.decode("utf-8", "replace"))
+    except ValueError as error:
+        notices.append(Event(Severity.WARNING, f"stored {ENDINGS_FILE} left out: {error}"))
+        kept = Endings()
+    found = take_endings(runtime, utc_s)
+    if not found and kept.running:
+        found = (Ending(CUT_OFF, "", utc_s),)
+    kept = kept.with_more(found)
+    if found and (last := found[-1]).why not in EXPECTED:
+        times = f"{kept.counts[last.why]} times so far" if kept.counts[last.why] > 1 else "the first time"
+        notices.append(Event(Severity.WARNING, f"{AGAIN}{last.why}{last.text and f', {last.text}'} ({times})"))
+    return kept

@@ -1,0 +1,158 @@
+"""How the runs before have ended: what their service manager and they themselves have left, counted and kept.
+
+Beside the state, which may be on a disk that hangs, there is the runtime directory: it is in memory, and goes with the
+computer's run. The service manager adds a line to ENDED for each run that ends (ExecStopPost of the unit); the run
+itself leaves its LAST_WORDS, and Python the place where each thread was in TRACEBACK when a signal ends the process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import json
+import math
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+from firmware_py.files.making import FILE_MODE
+from firmware_py.files.reading import read_regular
+
+ENDED, LAST_WORDS, TRACEBACK = "ended", "last-words", "traceback"
+ENDINGS_FILE: Final = "endings.state"
+STUCK = 11  # the exit code of an autopilot of which a part was stuck
+MOST_KEPT = 20
+_MOST_BYTES = 1 << 16
+_TEXT_CHARACTERS = 160
+STOPPED, SHUT_DOWN, STUCK_PART, FAILED, WATCHDOG, KILLED, CRASHED, MEMORY, CUT_OFF = (
+    "stopped", "shut down", "stuck", "failed", "watchdog", "killed", "crashed", "out of memory", "cut off",
+)  # fmt: skip
+EXPECTED = (STOPPED, SHUT_DOWN)
+_BY_EXIT_STATUS: Final[Mapping[str, str]] = {"0": STOPPED, "10": SHUT_DOWN, str(STUCK): STUCK_PART}
+# SERVICE_RESULT of systemd.exec(5).
+_BY_RESULT: Final[Mapping[str, str]] = {
+    "watchdog": WATCHDOG, "signal": KILLED, "core-dump": CRASHED, "oom-kill": MEMORY, "timeout": WATCHDOG,
+}  # fmt: skip
+_CRASHES = ("SEGV", "ABRT", "BUS", "FPE", "ILL", "SYS")
+_PLACE = re.compile(r'File "(?:[^"]*/)?([^"/]+/[^"/]+)", line (\d+) in (\S+)')
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How one run has ended: why, in words of our own, and what is known besides; when, as far as the machine knew."""
+
+    why: str
+    text: str = ""
+    utc_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Endings:
+    """All that is kept: how often a run has ended why, the last endings (newest last), and whether one is under way."""
+
+    counts: Mapping[str, int] = field(default_factory=dict)
+    last: tuple[Ending, ...] = ()
+    running: bool = False
+
+    def with_more(self, endings: tuple[Ending, ...]) -> Endings:
+        """Return these and more of them."""
+        counts = dict(self.counts)
+        for ending in endings:
+            counts[ending.why] = counts.get(ending.why, 0) + 1
+        return replace(self, counts=counts, last=(*self.last, *endings)[-MOST_KEPT:])
+
+
+def to_text(endings: Endings) -> str:
+    """Write them as JSON."""
+    return json.dumps(asdict(endings), indent=None, separators=(",", ":"), allow_nan=False) + "\n"
+
+
+def from_text(text: str) -> Endings:
+    """Read what `to_text` has written, by this version or another; ValueError for what is no such text."""
+    try:
+        data = json.loads(text)
+        counts = {str(why): int(count) for why, count in dict(data.get("counts", {})).items()}
+        last = tuple(_ending(entry) for entry in list(data.get("last", []))[-MOST_KEPT:])
+        return Endings(counts, last, bool(data.get("running", False)))
+    except (AttributeError, KeyError, TypeError, RecursionError) as error:
+        raise ValueError(f"it is no list of endings: {error}") from None
+
+
+def _ending(data: Mapping[str, Any]) -> Ending:
+    utc_s = float(data.get("utc_s", 0.0))
+    return Ending(
+        str(data["why"]), str(data.get("text", ""))[:_TEXT_CHARACTERS], utc_s if math.isfinite(utc_s) else 0.0
+    )
+
+
+def take_endings(runtime: Path | None, utc_s: float) -> tuple[Ending, ...]:
+    """Return how the runs since the last call have ended, oldest first, and forget it."""
+    if runtime is None:
+        return ()
+    lines = _take(runtime / ENDED).splitlines()
+    words = _one_line(_take(runtime / LAST_WORDS))
+    place = place_of(_take(runtime / TRACEBACK))
+    endings = [ending_of(line, utc_s) for line in lines if line.strip()]
+    if endings and endings[-1].why not in EXPECTED and (words or place):
+        endings[-1] = replace(endings[-1], text=words or f"{endings[-1].text}{endings[-1].text and ', '}{place}")
+    return tuple(endings)
+
+
+def ending_of(line: str, now_s: float) -> Ending:
+    """Read a line of the service manager: when, SERVICE_RESULT, EXIT_CODE, EXIT_STATUS; what is missing is unknown."""
+    when, result, _code, status = (*line.split(), "", "", "", "")[:4]
+    utc_s = float(when) if when.isdecimal() else now_s
+    if result == "success" or (result == "exit-code" and status in _BY_EXIT_STATUS):
+        return Ending(_BY_EXIT_STATUS.get(status, STOPPED), "", utc_s)
+    if result == "exit-code":
+        return Ending(FAILED, f"exit code {status[:20]}", utc_s)
+    if result == "signal" and status in _CRASHES:
+        return Ending(CRASHED, f"SIG{status}", utc_s)
+    text = f"SIG{status[:20]}" if result == "signal" else ""
+    return Ending(_BY_RESULT.get(result, FAILED), text, utc_s)
+
+
+def place_of(traceback: str) -> str:
+    """Return where the thread of the loop was, by Python's own words on a signal; empty when they do not say."""
+    _, _, current = traceback.rpartition("Current thread")
+    match = _PLACE.search(current)
+    return f"in {match[1]}:{match[2]} {match[3]}" if match else ""
+
+
+class Watcher:
+    """Notes in the runtime directory how this run ends, where there is one."""
+
+    def __init__(self, runtime: Path | None) -> None:
+        """Have Python write where each thread is when a signal ends the process."""
+        self._runtime = runtime
+        if runtime is None:
+            return
+        with contextlib.suppress(OSError):
+            self._traceback = (runtime / TRACEBACK).open("w", encoding="utf-8")
+            faulthandler.enable(self._traceback)
+
+    def say_why(self, text: str) -> None:
+        """Leave the last words of this run."""
+        if self._runtime is None:
+            return
+        with contextlib.suppress(OSError):
+            descriptor = os.open(self._runtime / LAST_WORDS, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, FILE_MODE)
+            os.write(descriptor, text.encode("utf-8", "replace"))
+            os.close(descriptor)
+
+
+def _take(path: Path) -> str:
+    try:
+        text = read_regular(path, _MOST_BYTES, follow=False).decode("utf-8", "replace")
+    except OSError:
+        text = ""
+    with contextlib.suppress(OSError):
+        path.unlink()
+    return text
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())[:_TEXT_CHARACTERS]
