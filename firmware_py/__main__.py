@@ -26,6 +26,8 @@ COMMANDS = {
     "key": ("firmware_py.cli.key", "the key of signed frames in a state directory: show its state, set it, remove it"),
     "params": ("firmware_py.cli.params", "the parameter table; check a parameter file"),
     "check": ("firmware_py.cli.check", "a preflight of devices, storage, clock and parameters"),
+    "example": ("firmware_py.cli.example", "write a commented vehicle file to begin with"),
+    "service": ("firmware_py.cli.service", "the autopilot as a service: print its files, install, status, remove"),
 }
 
 

@@ -6,7 +6,6 @@ The proof kills it a thousand times, or `KILLS=100 pytest -m proof tests/process
 import math
 import os
 import random
-import socket
 import threading
 import time
 from dataclasses import dataclass, field, replace
@@ -15,17 +14,15 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from hil.sim.process import AutopilotProcess
-from support.program import unused_ports
-from support.station import PATIENCE_S, off_deg, yaw_deg
+from support.asking_station import AskingStation, answered
+from support.station import off_deg, yaw_deg
 
 FEW, MANY = 4, int(os.environ.get("KILLS", "1000"))
 SETTINGS = {"BOOT_RESUME": 2, "LOG_ENABLE": 0, "WP_RADIUS": 5.0}
 MANUAL, STEERING, HOLD, AUTO, GUIDED = 0, 3, 4, 10, 15
-ARM, SET_MODE, SET_HOME, SET_CURRENT, CHANGE_HEADING, REQUEST = 400, 176, 179, 224, 43002, 512
+ARM, SET_MODE, SET_HOME, SET_CURRENT, CHANGE_HEADING = 400, 176, 179, 224, 43002
 HEARTBEAT, CURRENT, TARGET, HOME = 0, 42, 83, 242
-ACCEPTED, IN_PROGRESS = 0, 5
 UNACKNOWLEDGED_S = 0.2  # what is not acknowledged is on disk by then
-AGAIN_S = 0.5
 SEEN_S = 5.0
 
 
@@ -52,89 +49,6 @@ class Known:
         return found.goal_deg is not None and abs(off_deg(found.goal_deg, self.goal_deg)) < 0.01
 
 
-class Station:
-    """A ground station that believes every acknowledgement."""
-
-    def __init__(self):
-        self.gone = lambda: ""  # says how the autopilot has ended, if it has
-
-    def connect(self):
-        """Forget what the last autopilot has said; return the port of the next one."""
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
-        self.mav.robust_parsing = True
-        # Another one each time: between two starts anybody may take it.
-        (port,) = unused_ports(["udpin"])
-        self.address = ("127.0.0.1", port)
-        return port
-
-    def send(self, message):
-        self.socket.sendto(message.pack(self.mav), self.address)
-        self.mav.seq = (self.mav.seq + 1) % 256
-
-    def messages(self):
-        """Return what has come within a moment."""
-        self.socket.settimeout(0.02)
-        try:
-            return self.mav.parse_buffer(self.socket.recv(65536)) or []
-        except (TimeoutError, ConnectionRefusedError):
-            return []
-
-    def ask(self, question, wanted):
-        """Ask until an answer comes for which `wanted` returns something, and return that."""
-        give_up_s = time.monotonic() + PATIENCE_S
-        while time.monotonic() < give_up_s:
-            for message in question:
-                self.send(message)
-            if said := self.gone():
-                pytest.fail(said)
-            again_s = time.monotonic() + AGAIN_S
-            while time.monotonic() < again_s:
-                for message in self.messages():
-                    if (found := wanted(message)) is not None:
-                        return found
-        return pytest.fail(f"no answer to {question}")
-
-    def command(self, number, *values):
-        values = (*values, *(0.0,) * (7 - len(values)))
-        return [mavlink.MAVLink_command_long_message(1, 1, number, 0, *values)]
-
-    def told(self, number):
-        """Ask for a message; it comes once there was a tick."""
-        return self.ask(self.command(REQUEST, number), lambda one: one if one.get_msgId() == number else None)
-
-    def upload(self, places):
-        """Send a mission; a generator that is through when it is acknowledged."""
-        items = [(0, 0), *places]
-        self.send(mavlink.MAVLink_mission_count_message(1, 1, len(items), 0))
-        give_up_s = time.monotonic() + PATIENCE_S
-        while time.monotonic() < give_up_s:
-            for message in self.messages():
-                kind = message.get_type()
-                if kind in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
-                    x, y = items[message.seq]
-                    fields = (1, 1, message.seq, 6, 16, 0, 1, 0.0, 0.0, 0.0, 0.0, x, y, 0.0)
-                    self.send(mavlink.MAVLink_mission_item_int_message(*fields))
-                elif kind == "MISSION_ACK":
-                    return message.type == ACCEPTED
-            yield
-        return pytest.fail("no end of an upload")
-
-    def download(self):
-        count = self.ask(
-            [mavlink.MAVLink_mission_request_list_message(1, 1)],
-            lambda one: one.count if one.get_type() == "MISSION_COUNT" else None,
-        )
-
-        def place(number):
-            return self.ask(
-                [mavlink.MAVLink_mission_request_int_message(1, 1, number)],
-                lambda one: (one.x, one.y) if one.get_type() == "MISSION_ITEM_INT" and one.seq == number else None,
-            )
-
-        return tuple(place(number) for number in range(1, count))
-
-
 @dataclass
 class Order:
     """Something that a station asks for: how it is sent, when it is acknowledged, and what is known then."""
@@ -144,19 +58,6 @@ class Order:
         object  # station: sends it and returns a generator that is through when it is answered: whether it was accepted
     )
     known: object  # Known before: Known after
-
-
-def answered(station, question, number):
-    """Send a command once; through when its answer has come."""
-    for message in question:
-        station.send(message)
-    give_up_s = time.monotonic() + PATIENCE_S
-    while time.monotonic() < give_up_s:
-        for one in station.messages():
-            if one.get_type() == "COMMAND_ACK" and one.command == number and one.result != IN_PROGRESS:
-                return one.result == ACCEPTED
-        yield
-    return pytest.fail(f"command {number} is not acknowledged")
 
 
 def arm(numbers, _known):
@@ -271,7 +172,7 @@ class Voyage:
     """A boat whose autopilot is killed again and again, and what its station knows."""
 
     boat: object
-    station: Station
+    station: AskingStation
     numbers: random.Random
     known: Known = field(default_factory=Known)
     possible: tuple[Known, ...] = ()
@@ -368,7 +269,7 @@ def common(first, second):
 @pytest.fixture
 def voyage(make_boat):
     boat = make_boat(speed=None, settings=SETTINGS, without=("link",))
-    made = Voyage(boat, Station(), random.Random(20180825))
+    made = Voyage(boat, AskingStation(), random.Random(20180825))
     ended = threading.Event()
 
     def live():

@@ -1,0 +1,39 @@
+"""`rambler example`: a commented vehicle file to begin with."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tomllib
+from pathlib import Path
+
+from firmware_py.install.service_files import example
+
+NAMES = {"wave-glider": "ocean_rambler.toml", "shared-port": "shared_port_volz.toml"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument(
+        "file", metavar="FILE", type=Path, help="where to write it, such as boat.toml; never over a file"
+    )
+    parser.add_argument("--kind", choices=tuple(NAMES), default="wave-glider", help="which boat (default: wave-glider)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the example and the parameter file that it names; 2 where something is there already."""
+    text = example(NAMES[arguments.kind]).read_text(encoding="utf-8")
+    wanted = {arguments.file: text}
+    if name := tomllib.loads(text).get("parameters", {}).get("file"):
+        wanted[arguments.file.parent / name] = example(name).read_text(encoding="utf-8")
+    for path in wanted:
+        if path.exists():
+            print(f"rambler example: {path} is there already; give another name", file=sys.stderr)
+            return 2
+    for path, content in wanted.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("x", encoding="utf-8") as file:
+            file.write(content)
+        print(f"wrote {path}")
+    print(f"name your ports and drivers in it, then: rambler check {arguments.file}")
+    return 0

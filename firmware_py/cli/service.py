@@ -1,0 +1,119 @@
+"""`rambler service`: the autopilot as a service of the computer that starts, watches and restarts it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from firmware_py.install.service_files import NAME, STATE, Service, service_files
+from firmware_py.install.steps import InstallError, check, install, may_change_system, remove
+from firmware_py.install.steps import run as run_program
+from firmware_py.vehicle import VehicleError, load
+
+# systemctl's property -> ours.
+_PROPERTIES: Mapping[str, str] = {
+    "LoadState": "load", "UnitFileState": "enabled", "ActiveState": "active", "SubState": "sub", "Result": "result",
+    "NRestarts": "restarts", "MainPID": "pid", "StatusText": "status", "ActiveEnterTimestamp": "since",
+}  # fmt: skip
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    commands = parser.add_subparsers(dest="service_command", metavar="WHAT", required=True)
+    show = commands.add_parser("print", help="print the files that install would write, each with its place")
+    put = commands.add_parser("install", help="write them, make the user and enable the service; it is not started yet")
+    status = commands.add_parser("status", help="is it installed, enabled, running? exit 0 when it runs")
+    take = commands.add_parser("remove", help="stop the service and remove its files; the state stays")
+    for command in (show, put):
+        command.add_argument(
+            "vehicle", metavar="VEHICLE.toml", type=Path, help="the vehicle file, such as /etc/rambler/boat.toml"
+        )
+        command.add_argument(
+            "--state", metavar="DIR", type=Path, default=STATE, help=f"the state directory (default {STATE})"
+        )
+        command.add_argument("--watchdog", metavar="DEVICE", type=Path, help="as of rambler run: /dev/watchdog")
+        command.add_argument("--program", metavar="FILE", type=Path, help="the program to run (default: this one)")
+    for command in (put, take):
+        command.add_argument(
+            "--root", metavar="DIR", type=Path, default=Path("/"), help="of a system that is not running: an image"
+        )
+    status.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do what is asked; one line on standard error and 2 when it cannot be."""
+    command: Callable[[argparse.Namespace], int] = {
+        "print": _print, "install": _install, "status": _status, "remove": _remove,
+    }[arguments.service_command]  # fmt: skip
+    try:
+        return command(arguments)
+    except (InstallError, VehicleError) as error:
+        print(f"rambler service {arguments.service_command}: {error}", file=sys.stderr)
+        return 2
+
+
+def _print(arguments: argparse.Namespace) -> int:
+    for file in service_files(_service_of(arguments)):
+        print(f"# {file.path}\n{file.text}")
+    return 0
+
+
+def _install(arguments: argparse.Namespace) -> int:
+    _check_root(arguments.root)
+    load(arguments.root / str(arguments.vehicle).lstrip("/") if arguments.root != Path("/") else arguments.vehicle)
+    service = _service_of(arguments)
+    check(service, arguments.root)
+    install(service, arguments.root, print)
+    print(f"enabled: it starts with the computer; now, by systemctl start {NAME}")
+    return 0
+
+
+def _remove(arguments: argparse.Namespace) -> int:
+    _check_root(arguments.root)
+    remove(arguments.root, print)
+    return 0
+
+
+def _status(arguments: argparse.Namespace) -> int:
+    text = run_program(["systemctl", "show", NAME, "--property", ",".join(_PROPERTIES)])
+    found = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
+    status = {ours: found.get(theirs, "") for theirs, ours in _PROPERTIES.items()}
+    if arguments.json:
+        print(json.dumps(status))
+    elif status["load"] != "loaded":
+        print("not installed")
+    else:
+        running = f"{status['active']} ({status['sub']}) since {status['since'] or 'never'}"
+        print(f"{status['enabled']}, {running}, {status['restarts']} restarts, last result {status['result']}")
+        if status["status"]:
+            print(status["status"])
+    return 0 if status["active"] == "active" else 1
+
+
+def _service_of(arguments: argparse.Namespace) -> Service:
+    program = _program() if arguments.program is None else (str(_absolute(arguments.program)),)
+    return Service(program, _absolute(arguments.vehicle), _absolute(arguments.state), arguments.watchdog)
+
+
+def _program() -> tuple[str, ...]:
+    """Return how this program was started, by names that an update may lead elsewhere: links are not followed."""
+    script = shutil.which(sys.argv[0])
+    if script is not None and Path(script).name == NAME:
+        return (os.path.abspath(script),)  # noqa: PTH100 - resolve() would follow links
+    return (sys.executable, "-m", "firmware_py")
+
+
+def _absolute(path: Path) -> Path:
+    return Path(os.path.abspath(path))  # noqa: PTH100 - resolve() would follow links
+
+
+def _check_root(root: Path) -> None:
+    if root == Path("/") and not may_change_system():
+        raise InstallError("it changes the system: run it as root (sudo)")
+    if not root.is_dir():
+        raise InstallError(f"--root {root}: no such directory; name the root of a system")

@@ -1,0 +1,122 @@
+"""Puts the files of the service where the system looks for them, has it take them up, and takes them away again."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import subprocess
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from firmware_py.install.service_files import NAME, STATE, Service, ServiceFile, file_places, hidden, service_files
+
+_MODE = 0o644
+_PATIENCE_S = 120.0
+Say = Callable[[str], None]
+
+
+class InstallError(RuntimeError):
+    """The service cannot be installed or removed; the text names what is in the way and the remedy."""
+
+
+def check(service: Service, root: Path) -> None:
+    """Raise InstallError for what would keep the service from starting on this computer."""
+    for what, path in (("vehicle file", service.vehicle), ("program", Path(service.program[0]))):
+        if hidden(path):
+            raise InstallError(f"{what} {path}: a service does not see that place; put it under /etc or /opt")
+        if root == Path("/") and (closed := _closed_to_others(path)) is not None:
+            raise InstallError(f"{what} {path}: user {NAME} may not read {closed}; chmod o+rX {closed}")
+    if not service.state.is_absolute() or hidden(service.state):
+        raise InstallError(f"state directory {service.state}: a service does not see that place; leave --state out")
+
+
+def install(service: Service, root: Path, say: Say) -> None:
+    """Write the files and have the system take them up; it starts with the computer from then on, and not before."""
+    for file in service_files(service):
+        say(_write(file, root))
+    if root == Path("/"):
+        run(["systemd-sysusers"])
+        run(["systemd-tmpfiles", "--create", str(Path("/etc/tmpfiles.d/rambler.conf"))])
+        run(["systemctl", "daemon-reload"])
+        if shutil.which("udevadm") and Path("/run/udev/control").exists():
+            run(["udevadm", "control", "--reload"])
+            run(["udevadm", "trigger", "--subsystem-match=tty", "--subsystem-match=watchdog"])
+    else:
+        run(["systemd-sysusers", f"--root={root}"])
+    run([*_systemctl(root), "--quiet", "enable", NAME])
+
+
+def remove(root: Path, say: Say) -> None:
+    """Stop the service and remove its files; state, user and vehicle file stay."""
+    present = [path for path in file_places() if _below(root, path).exists()]
+    if not present:
+        say("the service is not installed")
+        return
+    stop = [] if root != Path("/") else ["--now"]
+    run([*_systemctl(root), "--quiet", "disable", *stop, NAME])
+    for path in present:
+        _below(root, path).unlink()
+        say(f"removed {path}")
+    if root == Path("/"):
+        run(["systemctl", "daemon-reload"])
+    say(f"kept: {STATE}, user {NAME}, the vehicle file")
+
+
+def run(words: Sequence[str]) -> str:
+    """Run a program of the system and return what it prints; InstallError with its last line when it fails."""
+    try:
+        done = subprocess.run(  # noqa: S603 - words of our own
+            words, capture_output=True, text=True, timeout=_PATIENCE_S, check=False, errors="replace"
+        )
+    except FileNotFoundError:
+        raise InstallError(f"{words[0]} is not on this computer: the service needs systemd") from None
+    except (OSError, subprocess.SubprocessError) as error:
+        raise InstallError(f"{words[0]}: {error}") from None
+    if done.returncode != 0:
+        said = (done.stderr or done.stdout).strip().splitlines() or [f"exit code {done.returncode}"]
+        raise InstallError(f"{' '.join(words)}: {said[-1]}")
+    return done.stdout
+
+
+def _systemctl(root: Path) -> list[str]:
+    return ["systemctl"] if root == Path("/") else ["systemctl", f"--root={root}"]
+
+
+def _below(root: Path, path: Path) -> Path:
+    return root / path.relative_to("/")
+
+
+def _write(file: ServiceFile, root: Path) -> str:
+    """Write a file as a whole or not at all; return what was done."""
+    path = _below(root, file.path)
+    new = path.with_name(f".{path.name}.new")
+    try:
+        if path.is_file() and path.read_text(encoding="utf-8", errors="replace") == file.text:
+            return f"unchanged {file.path}"
+        path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+        new.write_text(file.text, encoding="utf-8")
+        new.chmod(_MODE)
+        new.replace(path)
+    except OSError as error:
+        remedy = "run it as root (sudo)" if isinstance(error, PermissionError) else "give another --root"
+        raise InstallError(f"{path}: {error.strerror}; {remedy}") from None
+    return f"wrote {file.path}"
+
+
+def _closed_to_others(path: Path) -> Path | None:
+    """Return what of a path others may not read or pass, None when they may all of it."""
+    for place in (path, *path.parents):
+        wanted = stat.S_IXOTH if place.is_dir() else stat.S_IROTH
+        try:
+            mode = place.stat().st_mode
+        except OSError:
+            return place
+        if not mode & wanted:
+            return place
+    return None
+
+
+def may_change_system() -> bool:
+    """Whether this process may change the system."""
+    return os.geteuid() == 0
