@@ -12,7 +12,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from fastcrc import crc16
+from firmware_py.common import crc16
 
 HEADER = b"\xff\xff\xfd\x00"
 STUFFED, UNSTUFFED = b"\xff\xff\xfd\xfd", b"\xff\xff\xfd"

@@ -13,8 +13,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from fastcrc import crc16
-
+from firmware_py.common import crc16
 from firmware_py.common.angles import clamp, radians
 
 SET_POSITION, READ_CURRENT, READ_VOLTAGE, READ_TEMPERATURE = 0xDC, 0xB0, 0xB1, 0xC0

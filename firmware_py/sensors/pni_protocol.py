@@ -10,8 +10,7 @@ import struct
 from collections.abc import Mapping
 from enum import IntEnum
 
-import fastcrc
-
+from firmware_py.common.crc16 import xmodem
 from firmware_py.sensors.binary_framing import EachAlone, PacketFramer
 
 # Byte count (all components of a TRAX together take less than 128), then a known frame
@@ -59,7 +58,7 @@ _SIZES: Mapping[int, int] = {**dict.fromkeys(_FLOATS, 4), 8: 1, 9: 1, 77: 16, 79
 def encode(frame_id: int, payload: bytes = b"") -> bytes:
     """Wrap a payload: byte count, frame id, payload, CRC-16 (poly 0x1021, init 0), big endian."""
     body = struct.pack(">HB", len(payload) + 5, frame_id) + payload
-    return body + struct.pack(">H", fastcrc.crc16.xmodem(body))
+    return body + struct.pack(">H", xmodem(body))
 
 
 def framer() -> PacketFramer:
@@ -68,7 +67,7 @@ def framer() -> PacketFramer:
 
 
 def _is_whole(packet: bytes) -> bool:
-    return bool(fastcrc.crc16.xmodem(packet[:-2]) == int.from_bytes(packet[-2:], "big"))
+    return bool(xmodem(packet[:-2]) == int.from_bytes(packet[-2:], "big"))
 
 
 def frame_id(packet: bytes) -> int:

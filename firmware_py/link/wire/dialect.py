@@ -11,8 +11,9 @@ from __future__ import annotations
 import struct
 from typing import Any, NamedTuple, TypeAlias
 
-from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.crc16 import mcrf4xx
 
 Message: TypeAlias = Any  # pymavlink's message classes are generated and untyped
 

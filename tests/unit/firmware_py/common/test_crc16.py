@@ -1,0 +1,30 @@
+"""The checksums in Python are those of fastcrc."""
+
+import fastcrc
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.common.crc16 import in_python
+
+ALGORITHMS = {
+    "cms": (0x8005, 0xFFFF, False),
+    "umts": (0x8005, 0x0000, False),
+    "xmodem": (0x1021, 0x0000, False),
+    "mcrf4xx": (0x8408, 0xFFFF, True),
+}
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+@given(data=st.binary(max_size=300))
+def test_in_python_as_by_fastcrc(name, data):
+    polynomial, start, reflected = ALGORITHMS[name]
+    assert in_python(polynomial, start, reflected=reflected)(data) == getattr(fastcrc.crc16, name)(data)
+
+
+@pytest.mark.parametrize(
+    ("name", "check"), [("cms", 0xAEE7), ("umts", 0xFEE8), ("xmodem", 0x31C3), ("mcrf4xx", 0x6F91)]
+)
+def test_the_check_values_of_the_catalogue(name, check):
+    polynomial, start, reflected = ALGORITHMS[name]
+    assert in_python(polynomial, start, reflected=reflected)(b"123456789") == check
