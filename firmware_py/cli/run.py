@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import threading
 import time
 import traceback
@@ -88,8 +87,9 @@ def run(arguments: argparse.Namespace) -> int:
             assembly = assemble(vehicle, options)
             supervision = _supervise(assembly, arguments)
         except (VehicleError, PortError, StoreError, LinkError, ClockError, WatchdogError) as error:
+            code = refused("run", error)
             _hold_off(str(error), signals)
-            return refused("run", error)
+            return code
         assembly.console.line(f"rambler {__version__}: {vehicle.name}, state in {options.state_directory}")
         code = _steer(assembly, supervision, signals)
         restart = assembly.parts.autopilot.restart

@@ -22,7 +22,6 @@ class ServiceManager:
         """Look up in the environment whom to tell, and how often it wants to hear that the process is alive."""
         self._address = _address(environment.get("NOTIFY_SOCKET", ""))
         self.watchdog_s = _watchdog_s(environment) if self._address else None
-        self._socket: socket.socket | None = None
         self._ready = False
         self._status = ""
 
@@ -56,9 +55,8 @@ class ServiceManager:
         if not self._address:
             return False
         try:
-            if self._socket is None:
-                self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
-            self._socket.sendto("\n".join(lines).encode("utf-8", "replace"), self._address)
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as ours:
+                ours.sendto("\n".join(lines).encode("utf-8", "replace"), self._address)
         except OSError:
             return False
         return True

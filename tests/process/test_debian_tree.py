@@ -1,0 +1,128 @@
+"""In a fresh Debian tree the handbook's own steps reach a service that systemd starts, watches and starts again.
+
+`.ci/debian_tree` makes the tree; where none can be booted the test says why and is skipped.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from support.asking_station import AskingStation
+from support.debian_tree import BootedTree, why_not
+from support.paths import ROOT
+
+DIALOUT = 20  # the number of the group, in Debian
+HEARTBEAT, CURRENT = 0, 42
+ARM, SET_MODE, SET_CURRENT = 400, 176, 224
+AUTO, ARMED = 10, 128
+SETTINGS = {"BOOT_RESUME": 2, "CLK_SET": 0}
+PATIENCE_S = 60.0
+PORTS_OF_THE_BOX = "[Service]\nDeviceAllow=char-pts rw\n"
+
+WHY_NOT = why_not()
+pytestmark = [pytest.mark.proof, pytest.mark.timeout(1800), pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT or "-")]
+
+
+def steps():
+    """The blocks of the handbook that are its script, in their order."""
+    page = (ROOT / "docs/how-to/on-the-float.md").read_text()
+    return re.findall(r"^```sh\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def tree(tmp_path):
+    (shared := tmp_path / "srv").mkdir()
+    wheel = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(shared), str(ROOT)]
+    subprocess.run(wheel, check=True)
+    shutil.copy(ROOT / ".ci/requirements-onboard.txt", shared)
+    (layer := tmp_path / "layer").mkdir()
+    tmp_path.chmod(0o755)
+    shared.chmod(0o755)
+    with BootedTree(layer, shared) as booted:
+        yield booted
+
+
+@pytest.fixture
+def boat(make_boat, tree, tmp_path):
+    """A boat whose ports are to be seen in the tree."""
+    made = make_boat(speed=None, settings=SETTINGS, without=("link",))
+    ended = threading.Event()
+
+    def live():
+        while not ended.is_set():
+            made.time.step(made.board, made.now_s + 0.05)
+
+    made.time.begin(made.board, None)
+    text = (made.directory / "boat.toml").read_text()
+    for name, path in made.board.paths().items():
+        os.chown(Path(path).resolve(), -1, DIALOUT)
+        Path(path).resolve().chmod(0o660)
+        (tree.shared / name).symlink_to(Path(path).resolve())
+        text = text.replace(path, f"/srv/boat/{name}")
+    station = AskingStation()
+    text += f'[link]\nurls = ["udpin:127.0.0.1:{station.connect()}"]\n'
+    (tree.shared / "boat.toml").write_text(text)
+    thread = threading.Thread(target=live)
+    thread.start()
+    with station.socket:
+        yield station
+    ended.set()
+    thread.join()
+
+
+def until(found, what):
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not (value := found()):
+        assert time.monotonic() < give_up_s, f"no {what}"
+        time.sleep(0.1)
+    return value
+
+
+def pid_of(tree):
+    return int(tree.run("systemctl show rambler --property MainPID --value") or "0")
+
+
+def restarted(tree, before, command):
+    """Run what disturbs the service, and wait until another process answers."""
+    tree.run(command)
+    return until(lambda: (pid := pid_of(tree)) not in (0, before) and pid, "new process")
+
+
+def test_the_handbook_reaches_a_service_that_lives_on(tree, boat):
+    install, example, service = steps()
+    tree.run(f"cd /srv/boat\n{install}")
+    tree.run(example)
+    assert "[compass]" in tree.run("cat /etc/rambler/boat.toml")
+    tree.run("cp /srv/boat/boat.toml /etc/rambler/boat.toml")  # whoever reads the handbook writes it by hand
+    (tree.shared / "box.conf").write_text(PORTS_OF_THE_BOX)
+    tree.run("install -D --mode=644 /srv/boat/box.conf /etc/systemd/system/rambler.service.d/box.conf")
+    print(tree.run(service))
+    assert tree.run("systemctl is-enabled rambler").strip() == "enabled"
+    assert boat.told(HEARTBEAT).autopilot is not None
+    print(tree.run("systemd-analyze security --no-pager rambler | tail -1"))
+    assert tree.run("systemd-analyze verify /etc/systemd/system/rambler.service 2>&1") == ""
+    assert "not allowed" not in tree.run("journalctl --no-pager -u rambler"), "priority, memory or clock are refused"
+
+    first = pid_of(tree)
+    second = restarted(tree, first, f"kill -KILL {first}")
+    assert boat.told(HEARTBEAT)
+    third = restarted(tree, second, f"kill -STOP {second}")
+    assert boat.told(HEARTBEAT)
+    journal = tree.run("journalctl --no-pager -u rambler")
+    assert "Started again: killed, SIGKILL (the first time)" in journal
+    assert "Started again: watchdog" in journal
+    fourth = restarted(tree, third, "systemctl restart rambler")
+    tree.cut_power()
+    tree.boot()
+    assert boat.told(HEARTBEAT)
+    assert pid_of(tree) != fourth
+    assert "Started again: cut off" in tree.run("journalctl --no-pager --boot -u rambler")
+    print(tree.run("rambler service remove"))
+    assert pid_of(tree) == 0

@@ -1,0 +1,204 @@
+"""What the service is made of, and that systemd reads it without a word."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from firmware_py.__main__ import main
+from firmware_py.cli.example import NAMES
+from firmware_py.cli.run import HOLD_OFF_S, SHUT_DOWN
+from firmware_py.core.liveness import DEVICES_S
+from firmware_py.install.service_files import STATE, Service, example, hidden, service_files, unit_text
+from firmware_py.loop import LIFE_INTERVAL_S
+from firmware_py.system.hardware_watchdog import TIMEOUT_S
+from firmware_py.vehicle import load
+from support.paths import ROOT
+from support.service_manager import parse, seconds, words
+
+ANALYZE = shutil.which("systemd-analyze")
+NO_SYSTEMD = "systemd-analyze is not there (apt-get install systemd)"
+MOST_EXPOSURE = 3.0
+SERVICE = Service((sys.executable, "-m", "firmware_py"), Path("/etc/rambler/boat.toml"))
+
+
+@pytest.fixture
+def unit_file(tmp_path):
+    path = tmp_path / "rambler.service"
+    path.write_text(unit_text(SERVICE))
+    return path
+
+
+def test_the_unit_never_gives_up_and_leaves_down_what_was_shut_down():
+    unit = parse(unit_text(SERVICE))
+    service = unit["Service"]
+    assert (service["Type"], service["Restart"], unit["Unit"]["StartLimitIntervalSec"]) == ("notify", "always", "0")
+    assert service["RestartPreventExitStatus"] == service["SuccessExitStatus"] == str(SHUT_DOWN)
+    assert unit["Install"]["WantedBy"] == "multi-user.target"
+    # Twice a sign of life may be lost, at the slowest rate of the loop, too.
+    assert seconds(service["WatchdogSec"]) > 2.0 * (LIFE_INTERVAL_S + 1.0)
+    assert seconds(service["RestartSec"]) < HOLD_OFF_S
+    assert words(service["ExecStart"])[-5:] == ["run", "/etc/rambler/boat.toml", "--state", str(STATE), "--wait"]
+
+
+@pytest.mark.parametrize("word", ["plain", "with space", 'a"quote', "per%cent", "dol$lar", "back\\slash", "semi;colon"])
+def test_words_of_the_command_are_quoted_as_systemd_reads_them(word):
+    text = unit_text(Service(("/opt/rambler",), Path("/etc") / word, Path("/srv") / word, Path("/dev/watchdog")))
+    settings = parse(text)["Service"]
+    assert words(settings["ExecStart"])[2] == f"/etc/{word}"
+    assert "DeviceAllow=/dev/watchdog rw\n" in text
+    assert f"ReadWritePaths=-/srv/{word.replace('%', '%%')}\n" in text
+
+
+def test_what_is_not_asked_for_is_not_in_the_unit():
+    text = unit_text(SERVICE)
+    assert "watchdog" not in text.lower().replace("watchdogsec", "")
+    assert "ReadWritePaths" not in text
+    assert "@COMMAND@" not in text
+    assert "ReadWritePaths" not in unit_text(Service(("/x",), Path("/y"), STATE / "disk"))
+
+
+@pytest.mark.skipif(ANALYZE is None, reason=NO_SYSTEMD)
+def test_systemd_reads_the_unit_without_a_word(unit_file):
+    done = subprocess.run(
+        [ANALYZE, "verify", "--man=no", str(unit_file)], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.skipif(ANALYZE is None, reason=NO_SYSTEMD)
+def test_its_exposure_is_below_3(unit_file):
+    done = subprocess.run(
+        [ANALYZE, "security", "--offline=true", "--no-pager", str(unit_file)],
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    exposure = float(re.search(r"Overall exposure level for rambler\.service: ([0-9.]+)", done.stdout)[1])
+    assert exposure < MOST_EXPOSURE
+
+
+def test_the_handbook_says_what_is_so():
+    page = (ROOT / "docs/how-to/on-the-float.md").read_text()
+    service = parse(unit_text(SERVICE))["Service"]
+    assert f"After {service['WatchdogSec']} s\nwithout a word" in page
+    assert f"every {HOLD_OFF_S:.0f} s" in page
+    assert f"| {DEVICES_S:.0f} s |" in page
+    assert f"{TIMEOUT_S} s, with `--watchdog`" in page
+
+
+def test_names_are_those_of_sockets():
+    rules = next(file.text for file in service_files(SERVICE) if file.path.suffix == ".rules")
+    lines = [line for line in rules.splitlines() if line and not line.startswith("#")]
+    assert any('SYMLINK+="rambler/usb-%b"' in line and "bInterfaceNumber" in line for line in lines)
+    for line in lines:
+        for part in line.split(", "):
+            assert re.fullmatch(r'[A-Z]+(\{\w+\})?(==|=|\+=)"[^"]*"', part), part
+
+
+@pytest.mark.parametrize(
+    ("path", "is_hidden"),
+    [("/home/pi/boat.toml", True), ("/root", True), ("/tmp/x", True), ("/etc/rambler/boat.toml", False)],
+)
+def test_what_the_service_would_not_see(path, is_hidden):
+    assert hidden(Path(path)) is is_hidden
+
+
+def test_examples_and_pages_come_with_the_program():
+    for name in ("REFERENCE.md", "FAULTS.md", "MESSAGES.md", *NAMES.values()):
+        assert example(name).is_file()
+    with pytest.raises(FileNotFoundError):
+        example("missing")
+
+
+@pytest.mark.parametrize("kind", NAMES)
+def test_an_example_is_a_vehicle_file_that_is_never_written_over_another(tmp_path, kind, capsys):
+    path = tmp_path / "new" / "boat.toml"
+    assert main(["example", str(path), "--kind", kind]) == 0
+    assert load(path).compass.driver
+    before = path.read_text()
+    assert main(["example", str(path), "--kind", "shared-port"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert path.read_text() == before
+
+
+@pytest.fixture
+def image(tmp_path, monkeypatch):
+    """The root of a system that is not running, and the words that its programs were called with."""
+    root = tmp_path / "image"
+    (root / "etc/rambler").mkdir(parents=True)
+    assert main(["example", str(root / "etc/rambler/boat.toml")]) == 0
+    called = tmp_path / "called"
+    (programs := tmp_path / "bin").mkdir()
+    for name in ("systemctl", "systemd-sysusers"):
+        (programs / name).write_text(f'#!/bin/sh\necho "{name} $*" >>{shlex.quote(str(called))}\n')
+        (programs / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{programs}:{os.environ['PATH']}")
+    return root, lambda: called.read_text().splitlines() if called.exists() else []
+
+
+def install(root, *more):
+    return main(
+        ["service", "install", "/etc/rambler/boat.toml", "--root", str(root), "--program", "/opt/rambler/x", *more]
+    )
+
+
+def test_it_is_installed_in_an_image_again_without_a_change_and_removed(image, capsys):
+    root, called = image
+    assert install(root) == 0
+    assert called() == [f"systemd-sysusers --root={root}", f"systemctl --root={root} --quiet enable rambler"]
+    files = [root / file.path.relative_to("/") for file in service_files(SERVICE)]
+    assert all(path.stat().st_mode & 0o777 == 0o644 for path in files)
+    assert "ExecStart=/opt/rambler/x run /etc/rambler/boat.toml" in files[0].read_text()
+    capsys.readouterr()
+    assert install(root) == 0
+    assert capsys.readouterr().out.count("unchanged ") == len(files)
+    assert install(root, "--state", "/srv/state") == 0
+    assert "wrote /etc/systemd/system/rambler.service" in capsys.readouterr().out
+    assert main(["service", "remove", "--root", str(root)]) == 0
+    assert not any(path.exists() for path in files)
+    assert (root / "etc/rambler/boat.toml").exists()
+    assert main(["service", "remove", "--root", str(root)]) == 0
+    assert "not installed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("more", "remedy"),
+    [
+        (["--state", "/home/pi/state"], "leave --state out"),
+        (["--program", "/root/rambler"], "/etc or /opt"),
+        (["--root", "/nowhere/at/all"], "no such directory"),
+    ],
+)
+def test_what_could_not_work_is_refused_and_changes_nothing(image, capsys, more, remedy):
+    root, called = image
+    assert install(root, *more) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert remedy in said
+    assert called() == []
+    assert not (root / "etc/systemd").exists()
+
+
+def test_a_wrong_vehicle_file_is_refused(image, capsys):
+    root, _ = image
+    (root / "etc/rambler/boat.toml").write_text("nonsense = 1\n")
+    assert install(root) == 2
+    assert "boat.toml" in capsys.readouterr().err
+
+
+def test_only_root_changes_the_system(monkeypatch, capsys):
+    monkeypatch.setattr(os, "geteuid", lambda: 1000)
+    for words_of in (["install", "/etc/rambler/boat.toml"], ["remove"]):
+        assert main(["service", *words_of]) == 2
+        assert "sudo" in capsys.readouterr().err
+
+
+def test_what_a_program_of_the_system_says_is_told(image, capsys):
+    root, _ = image
+    (root.parent / "bin/systemctl").write_text("#!/bin/sh\necho 'no such unit' >&2\nexit 1\n")
+    assert install(root) == 2
+    assert "no such unit" in capsys.readouterr().err

@@ -1,0 +1,103 @@
+"""How the runs before have ended: read from what they left, counted, kept."""
+
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.system.endings import (
+    ENDED,
+    LAST_WORDS,
+    MOST_KEPT,
+    TRACEBACK,
+    Ending,
+    Endings,
+    Watcher,
+    ending_of,
+    from_text,
+    take_endings,
+    to_text,
+)
+
+NOW_S = 1_767_225_600.0
+
+
+@pytest.mark.parametrize(
+    ("line", "why", "text"),
+    [
+        ("1767225500 success exited 0", "stopped", ""),
+        ("1767225500 success exited 10", "shut down", ""),
+        ("1767225500 exit-code exited 10", "shut down", ""),
+        ("1767225500 exit-code exited 11", "stuck", ""),
+        ("1767225500 exit-code exited 2", "failed", "exit code 2"),
+        ("1767225500 signal killed KILL", "killed", "SIGKILL"),
+        ("1767225500 signal killed SEGV", "crashed", "SIGSEGV"),
+        ("1767225500 core-dump dumped ABRT", "crashed", ""),
+        ("1767225500 watchdog killed ABRT", "watchdog", ""),
+        ("1767225500 oom-kill killed KILL", "out of memory", ""),
+        ("1767225500 timeout killed ABRT", "watchdog", ""),
+        ("1767225500 protocol", "failed", ""),
+    ],
+)
+def test_each_result_of_the_service_manager_has_its_word(line, why, text):
+    assert ending_of(line, NOW_S) == Ending(why, text, 1767225500.0)
+
+
+def test_they_are_taken_once_with_the_last_words(tmp_path):
+    (tmp_path / ENDED).write_text("1 exit-code exited 2\n\n2 exit-code exited 11\n")
+    (tmp_path / LAST_WORDS).write_text("log: nothing done\nfor 15 s")
+    assert take_endings(tmp_path, NOW_S) == (
+        Ending("failed", "exit code 2", 1.0),
+        Ending("stuck", "log: nothing done for 15 s", 2.0),
+    )
+    assert take_endings(tmp_path, NOW_S) == ()
+    assert take_endings(None, NOW_S) == ()
+
+
+def test_a_signal_that_ends_a_run_leaves_the_place_where_it_was(tmp_path):
+    program = (
+        "import os, sys, pathlib\n"
+        "from firmware_py.system.endings import Watcher\n"
+        "watcher = Watcher(pathlib.Path(sys.argv[1]))\n"
+        "def stuck(): os.abort()\n"
+        "stuck()\n"
+    )
+    (tmp_path / "place").mkdir()
+    script = tmp_path / "place" / "script.py"
+    script.write_text(program)
+    done = subprocess.run([sys.executable, str(script), str(tmp_path)], check=False)
+    assert done.returncode == -6
+    (tmp_path / ENDED).write_text("2 watchdog killed ABRT\n")
+    assert take_endings(tmp_path, NOW_S) == (Ending("watchdog", "in place/script.py:4 stuck", 2.0),)
+    assert not (tmp_path / TRACEBACK).exists()
+
+
+def test_a_directory_that_takes_nothing_costs_nothing(tmp_path):
+    watcher = Watcher(tmp_path / "missing")
+    watcher.say_why("why")
+    Watcher(None).say_why("why")
+
+
+def test_they_are_counted_and_the_last_ones_kept():
+    endings = Endings()
+    for count in range(MOST_KEPT + 5):
+        endings = endings.with_more((Ending("killed", "", float(count)),))
+    assert endings.counts == {"killed": MOST_KEPT + 5}
+    assert [ending.utc_s for ending in endings.last] == [float(count) for count in range(5, MOST_KEPT + 5)]
+    assert from_text(to_text(endings)) == endings
+
+
+@given(st.text(max_size=200) | st.recursive(st.none() | st.integers() | st.text(max_size=5), st.lists).map(str))
+def test_whatever_is_stored_is_endings_or_no_such_text(text):
+    try:
+        assert isinstance(from_text(text), Endings)
+    except ValueError:
+        pass
+
+
+@pytest.mark.parametrize("text", ["[]", "3", '{"last": 3}', '{"last": [{}]}', '{"counts": [1]}', "{"])
+def test_what_is_no_such_text_is_refused(text):
+    with pytest.raises(ValueError):
+        from_text(text)

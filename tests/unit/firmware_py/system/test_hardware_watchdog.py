@@ -1,0 +1,64 @@
+"""The computer's own watchdog: a terminal stands in for it, which takes bytes and no ioctl of a watchdog."""
+
+import os
+import pty
+import tty
+from pathlib import Path
+
+import pytest
+
+from firmware_py.system import hardware_watchdog
+from firmware_py.system.hardware_watchdog import INTERVAL_S, TIMEOUT_S, HardwareWatchdog, WatchdogError
+
+
+@pytest.fixture
+def device():
+    """A device: its path, and what has been written to it."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    path = Path(os.ttyname(slave))
+
+    def written():
+        try:
+            return os.read(master, 4096)
+        except BlockingIOError:
+            return b""
+
+    yield path, written
+    os.close(master)
+    os.close(slave)
+
+
+def test_a_sign_of_life_every_two_seconds_and_disarmed_at_the_end(device):
+    path, written = device
+    watchdog = HardwareWatchdog(path)
+    assert "cannot be set" in watchdog.note
+    for tenth in range(41):
+        watchdog.show_life(tenth / 10.0)
+    assert written() == b"\0" * (1 + round(4.0 / INTERVAL_S))
+    watchdog.disarm()
+    assert written() == b"V"
+
+
+@pytest.mark.parametrize(("granted_s", "note"), [(TIMEOUT_S, ""), (60, "60 s instead of 15 s")])
+def test_its_time_is_set_and_what_it_grants_is_told(device, monkeypatch, granted_s, note):
+    asked = []
+
+    def ioctl(_descriptor, number, data):
+        asked.append((number, int.from_bytes(data, "little")))
+        return granted_s.to_bytes(4, "little")
+
+    monkeypatch.setattr(hardware_watchdog.fcntl, "ioctl", ioctl)
+    watchdog = HardwareWatchdog(device[0])
+    assert note in watchdog.note
+    assert bool(note) == bool(watchdog.note)
+    assert asked == [(0xC0045706, TIMEOUT_S)]
+    watchdog.disarm()
+
+
+def test_what_is_no_watchdog_is_refused(tmp_path):
+    (tmp_path / "file").touch()
+    for name in ("file", "missing", "."):
+        with pytest.raises(WatchdogError, match="leave it out"):
+            HardwareWatchdog(tmp_path / name)
