@@ -24,7 +24,7 @@ from firmware_py.link.files.root import FileRoot
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import open_transport
 from firmware_py.link.wire.transport import Transport
-from firmware_py.log.disk import log_files
+from firmware_py.log.disk import LocalDisk, log_files
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.loop import LoopParts
 from firmware_py.sensors.line_tee import LineTee
@@ -279,6 +279,8 @@ def _recorder(
         least_bytes=int(parameters["LOG_FREE_MB"] * 1e6),
         utc_s=clock.utc_s(),
         software=version_text("rambler", commit),
+        disk=LocalDisk(kept_days=parameters["LOG_KEEP_DAYS"]),
+        clock_utc_s=clock.utc_s,
     )
     opened.callback(recorder.close)
     return recorder

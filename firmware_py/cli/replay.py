@@ -15,7 +15,7 @@ from firmware_py.log.replay import ReplayReport, replay_log
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("log", metavar="LOG", type=Path, help="an onboard log (.BIN)")
+    parser.add_argument("log", metavar="LOG", type=Path, help="an onboard log (.BIN or .BIN.gz)")
     parser.add_argument("--json", action="store_true", help="the report as one JSON object")
 
 

@@ -183,12 +183,22 @@ TABLE: tuple[Parameter, ...] = (
     ),
     real("LOG_FREE_MB", 50.0, 0.0, 1e6, "MB", "Storage with less room than this is full; no more logs are begun."),
     real(
+        "LOG_KEEP_DAYS",
+        0.0,
+        0.0,
+        10000.0,
+        "d",
+        "Full logs older than this are removed; 0: they stay as long as there is room.",
+        reboot=True,
+    ),
+    real(
         "LOG_KEEP_MB",
         2048.0,
         2.0,
         1000000.0,
         "MB",
-        "The oldest logs are removed when all together are larger than this.",
+        "The oldest full logs are removed when all together are larger than this, the last minutes before restarts and "
+        "severe faults at last.",
         reboot=True,
     ),
     real(

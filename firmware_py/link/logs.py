@@ -2,12 +2,13 @@
 
 The numbers are a ring, because ground stations do not agree where they begin: N logs are listed as 0 to N - 1, as
 MAVSDK wants it, and N is 0 again, the newest log; so 1 to N are all logs too, the oldest first, as QGroundControl wants
-it of ArduPilot (it asks for N when it has not come).
+it of ArduPilot (it asks for N when it has not come). A log that is compressed on disk is listed and sent as it was
+written: stations know no other.
 """
 
 from __future__ import annotations
 
-import os
+import contextlib
 import struct
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator, Mapping
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_py.common.records import Severity
+from firmware_py.files.packed import PackedFile, PlainFile, open_log, packed_path
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, Packed
@@ -61,24 +63,22 @@ class _Download:
         self.ranges: deque[_Range] = deque()
         self.logs: tuple[LogFile, ...] = ()  # as listed to this peer, so that the numbers keep their meaning
         self.open_log: LogFile | None = None
-        self.descriptor = -1
+        self.file: PlainFile | PackedFile | None = None
         self.granted_bytes = _STREAM_BYTES  # of ranges that are longer than a chunk, in this tick
 
     def read(self, log: LogFile, offset: int, count: int) -> bytes:
         """Return what a log holds there; OSError when it cannot be read."""
-        if self.open_log != log:
+        if self.file is None or self.open_log != log:
             self.close()
-            # It was a file when it was listed; a pipe put in its place would be waited for.
-            flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-            self.descriptor = os.open(log.path, flags)
+            self.file = open_log(log.path)
             self.open_log = log
-        return os.pread(self.descriptor, count, offset)
+        return self.file.read(offset, count)
 
     def close(self) -> None:
         """Give up the file."""
-        if self.descriptor >= 0:
-            os.close(self.descriptor)
-        self.descriptor, self.open_log = -1, None
+        if self.file is not None:
+            self.file.close()
+        self.file = self.open_log = None
 
 
 class LogServer:
@@ -175,17 +175,18 @@ class LogServer:
         logs = []
         for _, path in sorted(self._catalogue().items())[-_MOST_LOGS + 1 :]:
             try:
-                status = path.stat()
+                size, modified_s = _size_and_time(path)
             except OSError:
-                continue  # removed meanwhile to make room
-            logs.append(LogFile(path, min(status.st_size, 0xFFFFFFFF), max(0, int(status.st_mtime)) & 0xFFFFFFFF))
+                continue  # removed meanwhile to make room, or compressed and damaged since
+            logs.append(LogFile(path, min(size, 0xFFFFFFFF), max(0, int(modified_s)) & 0xFFFFFFFF))
         return (*logs[-1:], *logs[:-1])
 
     def _erase_all(self) -> int:
         logs = sorted(self._catalogue().items())
         erased = logs[:-1] if self._logging else logs
         for _, path in erased:
-            path.unlink(missing_ok=True)
+            for name in {path, packed_path(path)}:  # which may just have taken its place
+                name.unlink(missing_ok=True)
         return len(erased)
 
     # ------------------------------------------------------------------ sent
@@ -281,3 +282,9 @@ class LogServer:
             sent = 1
         download.ranges.popleft()
         return sent
+
+
+def _size_and_time(path: Path) -> tuple[int, float]:
+    """Return the size of a log as it was written, and when it was; OSError."""
+    with contextlib.closing(open_log(path)) as file:
+        return file.size, file.modified_s

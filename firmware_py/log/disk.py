@@ -1,4 +1,8 @@
-"""The directory of numbered log files: the only place where the log touches the disk."""
+"""The directories of numbered log files: where the log touches the disk.
+
+`00000001.BIN` is a log as it is written, `00000001.BIN.gz` one that was closed and compressed since. Beside the full
+logs stand the thin ones, in `thin`, and the last minutes before restarts and severe faults, in `boxes`.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,24 @@ import contextlib
 import errno
 import os
 import re
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
 
+from firmware_py.common.calendar import is_possible
 from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE
+from firmware_py.files.packed import SUFFIX, packed_path
 
-NAME = re.compile(r"(\d{8,})\.BIN")
+NAME = re.compile(r"(\d{8,})\.BIN(\.gz)?")
+THIN: Final = "thin"
+BOXES: Final = "boxes"
+DAY_S: Final = 86_400.0
+BOX_SHARE: Final = 0.25  # of the room of all logs: what the boxes may take of it while there are others
+MOST_BOXES: Final = 200
+_PART: Final = ".part"
 
 
 class Disk(Protocol):
@@ -33,7 +49,7 @@ class Disk(Protocol):
         """Remove a file."""
 
     def prune(self, directory: Path, room_bytes: int) -> None:
-        """Remove the oldest files until the rest takes no more than room_bytes."""
+        """Remove logs until the rest takes no more than room_bytes."""
 
     def free_bytes(self, directory: Path) -> int:
         """Return how much room there is for the likes of us."""
@@ -41,6 +57,11 @@ class Disk(Protocol):
 
 class LocalDisk:
     """A Disk of the operating system's."""
+
+    def __init__(self, kept_days: float = 0.0, utc_s: Callable[[], float] = time.time) -> None:
+        """Keep full logs for so many days, 0 for as long as there is room, by the clock that times of files are of."""
+        self._kept_days = kept_days
+        self._utc_s = utc_s
 
     def create(self, directory: Path) -> tuple[int, Path]:
         """Open the next file, making the directory (not its parents: they may be a medium that is gone)."""
@@ -53,7 +74,7 @@ class LocalDisk:
             with contextlib.suppress(FileExistsError):
                 descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, FILE_MODE)
                 break
-        _sync_directory(directory)  # else the file itself may be missing after a power cut
+        sync_directory(directory)  # else the file itself may be missing after a power cut
         return descriptor, path
 
     def write(self, descriptor: int, data: memoryview) -> int:
@@ -75,15 +96,24 @@ class LocalDisk:
         path.unlink()
 
     def prune(self, directory: Path, room_bytes: int) -> None:
-        """Remove the oldest."""
-        files = log_files(directory) if directory.is_dir() else {}
-        sizes = {number: path.stat().st_size for number, path in files.items()}
-        total = sum(sizes.values())
-        for number in sorted(files):
+        """Remove boxes beyond their share, then the oldest logs by age and by room, and boxes if need be."""
+        if not directory.is_dir():
+            return
+        logs = [_Kept.of(path) for _, path in sorted(log_files(directory).items())]
+        boxes = sorted((_Kept.of(path) for path in _box_files(directory)), key=lambda box: box.modified_s)
+        total = sum(kept.size for kept in (*logs, *boxes)) + _unfinished_bytes(directory)
+        while boxes and (len(boxes) > MOST_BOXES or sum(box.size for box in boxes) > BOX_SHARE * room_bytes):
+            total -= _remove(boxes.pop(_densest(boxes)))
+        if self._kept_days > 0.0 and is_possible(now_s := self._utc_s()):
+            oldest_s = now_s - self._kept_days * DAY_S
+            # A log of a clock that was wrong has no age.
+            for kept in [kept for kept in logs if is_possible(kept.modified_s) and kept.modified_s < oldest_s]:
+                total -= _remove(kept)
+                logs.remove(kept)
+        for kept in (*logs, *boxes):
             if total <= room_bytes:
                 return
-            files[number].unlink()
-            total -= sizes[number]
+            total -= _remove(kept)
 
     def free_bytes(self, directory: Path) -> int:
         """Ask the file system; one that is not there yet is its parent's."""
@@ -94,20 +124,72 @@ class LocalDisk:
 def log_files(directory: Path) -> dict[int, Path]:
     """Return the log files of a directory by number; OSError when it cannot be read.
 
+    Of a log that is there compressed and not, between two steps of compressing it, that is named which is not.
     Links, pipes and whatever else is no file are none of ours, whatever their names.
     """
-    with os.scandir(directory) as entries:
-        matches = [(NAME.fullmatch(entry.name), entry) for entry in entries]
-        return {
-            int(match[1]): directory / entry.name
-            for match, entry in matches
-            if match is not None and entry.is_file(follow_symlinks=False)
-        }
+    found: dict[int, Path] = {}
+    for name in _file_names(directory):
+        match = NAME.fullmatch(name)
+        if match is not None and (match[2] is None or int(match[1]) not in found):
+            found[int(match[1])] = directory / name
+    return found
 
 
-def _sync_directory(directory: Path) -> None:
-    descriptor = os.open(directory, os.O_RDONLY)
+def part_path(path: Path) -> Path:
+    """Return where a file is made before it is whole; stations do not see such names."""
+    return path.with_name(f".{path.name}{_PART}")
+
+
+def sync_directory(directory: Path) -> None:
+    """Bring the names in a directory to the medium; OSError."""
+    descriptor = os.open(directory, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    path: Path
+    size: int
+    modified_s: float
+
+    @classmethod
+    def of(cls, path: Path) -> _Kept:
+        status = path.stat()
+        return cls(path, status.st_size, status.st_mtime)
+
+
+def _remove(kept: _Kept) -> int:
+    """Remove a log, and what an interrupted step of compressing it has left; return its size."""
+    size, part = kept.size, part_path(packed_path(kept.path))
+    with contextlib.suppress(FileNotFoundError):
+        size += part.stat().st_size
+        part.unlink()
+    kept.path.unlink()
+    return size
+
+
+def _densest(boxes: list[_Kept]) -> int:
+    """Return which of boxes in order of time stands closest behind the one before; never the newest of several.
+
+    So a boat that restarts again and again thins out the boxes of that, not those of months.
+    """
+    gaps = [(after.modified_s - before.modified_s, place) for place, (before, after) in enumerate(pairwise(boxes), 1)]
+    return min(gaps[:-1], default=(0.0, 0))[1]
+
+
+def _box_files(directory: Path) -> list[Path]:
+    boxes = directory / BOXES
+    return [boxes / name for name in _file_names(boxes) if name.endswith(SUFFIX)] if boxes.is_dir() else []
+
+
+def _unfinished_bytes(directory: Path) -> int:
+    parts = [directory / name for name in _file_names(directory) if name.endswith(_PART)]
+    return sum(path.stat().st_size for path in parts)
+
+
+def _file_names(directory: Path) -> list[str]:
+    with os.scandir(directory) as entries:
+        return sorted(entry.name for entry in entries if entry.is_file(follow_symlinks=False))

@@ -6,8 +6,6 @@ lacking. TICK, END and the decision in CTL are the frame that every version has.
 
 from __future__ import annotations
 
-import mmap
-import os
 import zlib
 from collections import Counter
 from collections.abc import Iterator
@@ -16,14 +14,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_py.common.records import Inputs, RudderCommand
-from firmware_py.files.reading import open_regular
 from firmware_py.log import ardupilot, schema
 from firmware_py.log.dataflash import Buffer, Format, LogError, MessageType, Parser, text_of
+from firmware_py.log.open_file import open_buffer
 from firmware_py.log.rows import RowReader
 
 MAX_RECORDS: Final = 1 << 17  # of one tick: two texts of the longest kind; bounds what damage can gather
-MOST_BYTES: Final = 2 << 30  # of a file: twice what LOG_FILE_MB lets it become
-
 
 _FRAME: Final = (schema.TICK, schema.CONTROL)
 _PASSED_OVER: Final = frozenset(one.name for one in (*schema.TYPES, *ardupilot.TYPES)) - schema.READ.keys()
@@ -64,7 +60,7 @@ class LogReader:
     """An iterable of the ticks of one log; `reading` tells how it went, once the ticks have been taken."""
 
     def __init__(self, source: Path | bytes) -> None:
-        """Read from a file, or from the bytes of one."""
+        """Read from a file, compressed or not, or from the bytes of one."""
         self._source = source
         self.reading = Reading()
 
@@ -74,13 +70,10 @@ class LogReader:
             yield from self._ticks(self._source)
             return
         try:
-            with os.fdopen(open_regular(self._source, most_bytes=MOST_BYTES), "rb") as file:
-                if not file.seek(0, 2):
-                    return  # an empty file cannot be mapped
-                with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-                    yield from self._ticks(data)
+            with open_buffer(self._source) as data:
+                yield from self._ticks(data)
         except OSError as error:
-            raise LogError(f"{error.strerror or error}: give the path of a .BIN file") from error
+            raise LogError(f"{error.strerror or error}: give the path of a .BIN or .BIN.gz file") from error
 
     def _ticks(self, buffer: Buffer) -> Iterator[LoggedTick]:
         parser = Parser(buffer)

@@ -11,15 +11,21 @@ from typing import Final
 from firmware_py.common.intents import SetParameter
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Progress, Tick
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Progress, Severity, Tick
 from firmware_py.common.reports import Output
+from firmware_py.faults.table import TABLE
 from firmware_py.log import ardupilot, schema
+from firmware_py.log.archivist import Archivist
 from firmware_py.log.dataflash import header
 from firmware_py.log.disk import Disk, LocalDisk
 from firmware_py.log.rows import microseconds
+from firmware_py.log.thin import HEAD, ThinLog
+from firmware_py.log.thin_file import ThinFile
 from firmware_py.log.writer import LogWriter
 
 FLUSH_S: Final = 1.0
+# The faults that the minutes before are kept of.
+_SEVERE: Final = sum(1 << fault for fault, row in TABLE.items() if row.severity <= Severity.ERROR)
 
 
 class LogRecorder:
@@ -43,6 +49,7 @@ class LogRecorder:
         queue_bytes: int = 4 << 20,
         background: bool = True,
         disk: Disk | None = None,
+        clock_utc_s: Callable[[], float] | None = None,
     ) -> None:
         """Begin; the first file is made with the first tick, and nothing is raised.
 
@@ -50,7 +57,8 @@ class LogRecorder:
         the oldest goes; none is begun with less than least_bytes free. `utc_s` is the time of
         the start. Without `background` the ticks
         are written on the caller's thread whenever the queue is half full: nothing is
-        dropped, but the caller waits for the disk (lockstep runs).
+        dropped, but the caller waits for the disk. With the computer's clock a thin log is kept beside,
+        and what is closed is compressed.
         """
         self._file_bytes = min(file_bytes, keep_bytes // 2)
         self._parameters = parameters
@@ -61,6 +69,10 @@ class LogRecorder:
         self._opened_files = 0  # of those that the writer wanted
         self._file_size = 0
         self._mode: int | None = None
+        self._severe = 0  # faults of the last tick, those that a black box is kept of
+        self._archivist = Archivist(directory)
+        self._thin_file = ThinFile(directory, HEAD)
+        self._thin = None if clock_utc_s is None else ThinLog(clock_utc_s, self._opening)
         self.writer = LogWriter(
             directory,
             disk if disk is not None else LocalDisk(),
@@ -69,6 +81,8 @@ class LogRecorder:
             queue_bytes=queue_bytes,
             flush_s=FLUSH_S,
             least_bytes=least_bytes,
+            turn=self._keep_house,
+            finish=self._finish_thin_log,
         )
         if background:
             self.writer.start()
@@ -77,6 +91,7 @@ class LogRecorder:
         """Queue a tick without blocking, or drop and count it."""
         sequence = self._sequence
         self._sequence += 1
+        self._offer_beside(inputs, output)
         changed = self._follow_parameters(inputs)
         if self.writer.full():
             self._drop("log: the disk does not keep up")
@@ -101,7 +116,7 @@ class LogRecorder:
     def health(self, now_s: float) -> DeviceHealth:
         """Whether the log is being written; `rejected` counts the ticks dropped or lost."""
         lost = self._dropped + self.writer.lost
-        text = self._complaint or self.writer.failure
+        text = self._complaint or self.writer.failure or self._thin_file.failure or self._archivist.failure
         if not self.writer.alive():
             text = text or "log: the writer has ended"
         state = DeviceState.RUNNING if self.writer.proven else DeviceState.STARTING
@@ -118,6 +133,30 @@ class LogRecorder:
     def close(self) -> None:
         """Write what is queued and close the file."""
         self.writer.close()
+
+    def _offer_beside(self, inputs: Inputs, output: Output) -> None:
+        """Hand the tick to the thin log, and have the minutes around a severe fault that is new kept."""
+        severe = output.snapshot.faults & _SEVERE
+        self._archivist.note_tick(inputs.tick.t_s, severe=bool(severe & ~self._severe))
+        self._severe = severe
+        if self._thin is None:
+            return
+        try:
+            rows = self._thin.update(inputs, output)
+        except (struct.error, ValueError, TypeError, OverflowError):  # the full log tells of such a tick
+            return
+        if rows:
+            self._thin_file.put(rows)
+
+    def _keep_house(self, written_bytes: int) -> None:
+        """Do on the writer's thread what can wait."""
+        if self._thin is not None:
+            self._thin_file.drain()
+            self._archivist.work(written_bytes)
+
+    def _finish_thin_log(self) -> None:
+        self._thin_file.drain()
+        self._thin_file.close()
 
     def _drop(self, reason: str) -> None:
         self._dropped += 1

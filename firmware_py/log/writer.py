@@ -14,6 +14,7 @@ import errno
 import os
 import threading
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -48,15 +49,20 @@ class LogWriter:
         queue_bytes: int,
         flush_s: float,
         least_bytes: int = 0,
+        turn: Callable[[int], None] = lambda _written_bytes: None,
+        finish: Callable[[], None] = lambda: None,
     ) -> None:
         """Write into directory, whose older files are removed beyond room_bytes.
 
-        No file is begun while the disk has less than least_bytes free.
+        No file is begun while the disk has less than least_bytes free. `turn` is called on the writer's thread every
+        flush_s, with what has been written since, `finish` at the end; neither may raise.
         """
         self._directory = directory
         self._disk = disk
         self._room_bytes = room_bytes
         self._least_bytes = least_bytes
+        self._turn = turn
+        self._finish_turns = finish
         self._queue_batches = queue_batches
         self._queue_bytes = queue_bytes
         self._flush_s = flush_s
@@ -126,12 +132,15 @@ class LogWriter:
         while not self._closing:
             self._wake.wait(self._flush_s)
             self._wake.clear()
+            before = self._taken_bytes
             self.drain()
+            self._turn(self._taken_bytes - before)
             self._turns += 1
         self._finish()
 
     def _finish(self) -> None:
         self.drain()
+        self._finish_turns()
         self._end_file()
 
     def drain(self) -> None:

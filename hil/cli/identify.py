@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import mmap
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -12,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
-from firmware_py.files.reading import open_regular
+from firmware_py.log.open_file import open_buffer
 from hil.cli import outputs
 from hil.errors import UsageError
 from hil.lab.compiled import being_compiled
@@ -113,7 +111,7 @@ def _read(sources: Sequence[Source], unit: str) -> list[Recording]:
     whole: dict[Path, Recording] = {}
     for source in sources:
         if source.path not in whole:
-            onboard = source.path.suffix.lower() == ".bin"
+            onboard = source.path.name.lower().removesuffix(".gz").endswith(".bin")
             whole[source.path] = _log(source.path) if onboard else manoeuvre_file.read(source.path, unit)
     return [whole[source.path].part(source) for source in sources]
 
@@ -121,10 +119,10 @@ def _read(sources: Sequence[Source], unit: str) -> list[Recording]:
 def _log(path: Path) -> Recording:
     """Read an onboard log, ours or ArduPilot's."""
     try:
-        with os.fdopen(open_regular(path), "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        with open_buffer(path) as data:
             if ardupilot_log.is_one(data):
                 return ardupilot_log.read(path, data)
-    except (OSError, ValueError):  # missing, empty or no file: our own reader says so
+    except OSError:  # missing or no file: our own reader says so
         pass
     return onboard_log.read(path)
 

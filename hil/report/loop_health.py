@@ -11,6 +11,7 @@ import numpy as np
 
 from firmware_py.common.records import Tick
 from firmware_py.log.dataflash import LogError
+from firmware_py.log.disk import log_files
 from firmware_py.log.reader import read_log
 
 MICROSECONDS = 1e6
@@ -47,7 +48,7 @@ def loop_health(ticks: Iterable[Tick], *, lockstep: bool) -> LoopHealth:
 
 def from_logs(directory: Path, *, lockstep: bool) -> LoopHealth | None:
     """Read every onboard log of a run; None when there is none."""
-    paths = sorted(directory.glob("*.BIN"))
+    paths = [path for _, path in sorted(log_files(directory).items())] if directory.is_dir() else []
     if not paths:
         return None
     try:

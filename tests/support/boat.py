@@ -10,6 +10,7 @@ from itertools import count
 
 import numpy as np
 
+from firmware_py.log.disk import log_files
 from firmware_py.system.status_file import DIRECTORIES, file_name
 from firmware_py.system.store import Store
 from hil.devices.dynamixel import DynamixelEmulator
@@ -228,7 +229,7 @@ class Boat:
         return self.logs()
 
     def logs(self):
-        return sorted((self.state / "logs").glob("*.BIN"))
+        return [path for _, path in sorted(log_files(self.state / "logs").items())]
 
     @property
     def now_s(self):

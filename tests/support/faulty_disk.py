@@ -103,4 +103,6 @@ class FaultyDisk:
             self._paths[result] = path
         elif name == "close":
             self._paths.pop(words[0], None)
+        elif name in ("rename", "replace"):  # the file on the platters is the same, by another name
+            self.durable[Path(words[1]).name] = self.durable.get(path.name, b"")
         return result

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 
+from firmware_py.log.disk import log_files
 from hil.sim.truth import read
 from support.paths import ROOT
 from support.program import Program, assert_nobody_left, unused_ports
@@ -50,7 +51,7 @@ def replay(log, *words):
 
 def replays(out):
     """Whether every rudder command of a run's logs is recomputed to the same bits."""
-    logs = sorted((out / "state" / "logs").glob("*.BIN"))
+    logs = [path for _, path in sorted(log_files(out / "state" / "logs").items())]
     return bool(logs) and all(replay(log).returncode == 0 for log in logs)
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE
+from firmware_py.files.packed import SUFFIX, PackedFile, PlainFile
 from firmware_py.link.files.payload import Error, Refusal
 
 LONGEST_NAME = 64
@@ -70,37 +71,32 @@ class Area:
                 raise
         return tuple(sorted(listing))
 
-    def open_read(self, parts: Parts) -> int:
-        """Open a file and return its descriptor."""
+    def open_read(self, parts: Parts) -> PlainFile | PackedFile:
+        """Open a file; a log that has been compressed since it was listed is read as it was written."""
         with self._directory(parts[:-1]) as directory:
-            # Without O_NONBLOCK a pipe would be waited for.
-            flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-            descriptor = os.open(_name(parts), flags, dir_fd=directory)
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            os.close(descriptor)
-            raise Refusal(Error.FILE_PROTECTED)
-        return descriptor
+            try:
+                return PlainFile(_open_regular(_name(parts), directory))
+            except FileNotFoundError:
+                if self.writable:
+                    raise
+                with contextlib.suppress(FileNotFoundError):
+                    return PackedFile(_open_regular(_name(parts) + SUFFIX, directory))
+                raise
 
     def read_whole(self, parts: Parts) -> bytes:
         """Return the content of a file that is small enough to be written anew."""
-        descriptor = self.open_read(parts)
-        try:
-            if os.fstat(descriptor).st_size > FILE_BYTES:
+        with contextlib.closing(self.open_read(parts)) as file:
+            if file.size > FILE_BYTES:
                 raise OSError(errno.EFBIG, "too large")
-            return os.pread(descriptor, FILE_BYTES, 0)
-        finally:
-            os.close(descriptor)
+            return file.read(0, FILE_BYTES)
 
     def checksum(self, parts: Parts) -> int:
         """Return MAVLink's CRC-32 of a file."""
-        descriptor = self.open_read(parts)
-        try:
+        with contextlib.closing(self.open_read(parts)) as file:
             checksum, offset = 0, 0
-            while chunk := os.pread(descriptor, _CHUNK, offset):
+            while chunk := file.read(offset, _CHUNK):
                 checksum = mavlink_crc32(chunk, checksum)
                 offset += len(chunk)
-        finally:
-            os.close(descriptor)
         return checksum
 
     def store(self, parts: Parts, content: bytes) -> None:
@@ -188,6 +184,16 @@ class Area:
                     waiting.append(path)
         if count >= AREA_FILES or total > AREA_BYTES:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _open_regular(name: str, directory: int) -> int:
+    # Without O_NONBLOCK a pipe would be waited for.
+    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    descriptor = os.open(name, flags, dir_fd=directory)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise Refusal(Error.FILE_PROTECTED)
+    return descriptor
 
 
 def _name(parts: Parts) -> str:

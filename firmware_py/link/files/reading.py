@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
+from firmware_py.files.packed import PackedFile, PlainFile
 from firmware_py.link.files.answers import Answers, FileAction, FileCall
 from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.files.payload import DATA_BYTES, Error, Opcode, Refusal
@@ -67,12 +68,12 @@ class ReadingRequests:
         make = self._tree.generated.get(parts)
         if make is None:
             area, within = self._tree.area(parts)
-            source: Callable[[], int | bytes] = partial(area.open_read, within)
+            source: Callable[[], PlainFile | PackedFile | bytes] = partial(area.open_read, within)
         else:
             source = partial(make, query)
         self._sessions.check_room(call.client, call.request.session, call.now_s)
 
-        def opened(content: int | bytes) -> bytes:
+        def opened(content: PlainFile | PackedFile | bytes) -> bytes:
             reading = OpenFile(parts, content)
             try:
                 self._sessions.check_room(call.client, call.request.session, call.now_s)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import errno
-import os
 from collections import OrderedDict
 from typing import NamedTuple
 
+from firmware_py.files.packed import PackedFile, PlainFile
 from firmware_py.link.files.area import FILE_BYTES, Entry, Parts
 from firmware_py.link.files.payload import Error, FileRequest, Refusal
 from firmware_py.link.peer import Peer
@@ -21,29 +21,28 @@ _BURST_PARTS = 160  # then the client asks again: what a receive buffer of 208 K
 class OpenFile:
     """A file as it was when it was opened: what is appended later is not part of it."""
 
-    __slots__ = ("_content", "_descriptor", "path", "size")
+    __slots__ = ("_content", "_file", "path", "size")
 
-    def __init__(self, path: Parts, source: int | bytes) -> None:
-        """Take a descriptor, or the content of a file in memory."""
+    def __init__(self, path: Parts, source: PlainFile | PackedFile | bytes) -> None:
+        """Take a file of the disk, or the content of one in memory."""
         self.path = path
-        self._descriptor = source if isinstance(source, int) else -1
-        self._content = b"" if isinstance(source, int) else source
-        self.size = os.fstat(source).st_size if isinstance(source, int) else len(source)
+        self._file = None if isinstance(source, bytes) else source
+        self._content = source if isinstance(source, bytes) else b""
+        self.size = len(source) if isinstance(source, bytes) else source.size
 
     def read(self, offset: int, count: int) -> bytes:
         """Return what is there, at most count bytes; Refusal at the end."""
         if offset >= self.size:
             raise Refusal(Error.END_OF_FILE)
         count = min(count, self.size - offset)
-        if self._descriptor < 0:
+        if self._file is None:
             return self._content[offset : offset + count]
-        return os.pread(self._descriptor, count, offset)
+        return self._file.read(offset, count)
 
     def close(self) -> None:
-        """Give up the descriptor."""
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
+        """Give up the file."""
+        if self._file is not None:
+            self._file.close()
 
 
 class FileUpload:

@@ -36,7 +36,7 @@ class _Gathered:
 
 
 def read(path: Path) -> Recording:
-    """Read a .BIN log; time is counted from its first tick. UsageError names the remedy."""
+    """Read a .BIN or .BIN.gz log; time is counted from its first tick. UsageError names the remedy."""
     reader = LogReader(path)
     try:
         got = _gather(reader)

@@ -3,6 +3,7 @@
 import pytest
 
 from firmware_py.link.files.root import FileRoot
+from firmware_py.log.disk import log_files
 from support.ftp import FtpStation
 from support.link import SNAPSHOT, Rig, of_type
 
@@ -15,7 +16,7 @@ def stored(tmp_path):
         for name in ("logs", "uploads"):
             (tmp_path / name).mkdir(exist_ok=True)
         storage = FileRoot(
-            lambda: {int(path.stem): path for path in (tmp_path / "logs").glob("*.BIN")},
+            lambda: log_files(tmp_path / "logs"),
             tmp_path / "logs",
             tmp_path / "uploads",
             logging=True,

@@ -7,6 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.mode_table import Mode
+from firmware_py.log.pack import pack_log
 
 OPEN_END = 0xFFFFFFFF
 SIZES = {1: 900, 2: 50_000, 5: 777}  # the first is a whole number of blocks
@@ -232,6 +233,69 @@ def test_an_erasure_ends_a_download(boat, of):
     boat.tell(ERASE)
     boat.tick_silently(armed=False)
     assert blocks(boat.give(b"")) == {}
+
+
+# ---------------------------------------------------------------------- compressed
+
+
+def compressed(disk, number):
+    """Take every step of compressing a log but the first; each is a moment that a station may come at."""
+    path = disk / f"{number:08d}.BIN"
+    job = pack_log(path)
+    for _ in job:
+        yield
+    assert not path.exists()
+
+
+def test_a_compressed_log_is_listed_and_sent_as_it_was_written(boat, disk, of):
+    before = {number: (one.size, one.time_utc) for number, one in entries(boat, of).items()}
+    for number in (1, 2):
+        list(compressed(disk, number))
+    assert {number: (one.size, one.time_utc) for number, one in entries(boat, of).items()} == before
+    assert joined(blocks(download(boat, 2))) == content_of(2)
+    assert joined(blocks(download(boat, 1))) == content_of(1)
+
+
+def test_a_log_is_sent_on_while_it_is_compressed(boat, disk, of):
+    before = entries(boat, of)
+    found = blocks(ask_data(boat, 2, 0, 900))
+    for _ in compressed(disk, 2):
+        assert {number: one.size for number, one in entries(boat, of).items()} == {
+            number: one.size for number, one in before.items()
+        }
+        found.update(blocks(ask_data(boat, 2, 0, 900)))
+    found.update(blocks(download(boat, 2)))
+    assert joined(found) == content_of(2)
+
+
+def test_a_log_that_was_compressed_since_it_was_listed_is_found(boat, disk, of):
+    entries(boat, of)
+    list(compressed(disk, 2))
+    assert joined(blocks(download(boat, 2))) == content_of(2)
+
+
+def test_a_compressed_log_that_is_damaged_ends_the_download_and_one_that_is_cut_is_not_listed(boat, disk, of):
+    list(compressed(disk, 2))
+    path = disk / "00000002.BIN.gz"
+    data = bytearray(path.read_bytes())
+    data[200] ^= 1
+    path.write_bytes(data)
+    assert list(entries(boat, of)) == [0, 1, 2]
+    assert blocks(ask_data(boat, 2)) == {}
+    assert not boat.endpoint.busy
+    path.write_bytes(data[:300])
+    assert list(entries(boat, of)) == [0, 1]
+
+
+def test_a_log_is_erased_by_both_of_its_names(boat, disk, texts):
+    copy = (disk / "00000002.BIN").read_bytes()
+    list(compressed(disk, 1))
+    list(compressed(disk, 2))
+    (disk / "00000002.BIN").write_bytes(copy)  # as between the last two steps
+    boat.tick_silently(armed=False, mode=Mode.HOLD)
+    boat.said()
+    assert "2 logs erased" in texts(boat.tell(ERASE))
+    assert [path.name for path in disk.iterdir()] == ["00000005.BIN"]
 
 
 # ---------------------------------------------------------------------- removed while they are read

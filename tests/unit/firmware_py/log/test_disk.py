@@ -4,6 +4,8 @@ import pytest
 
 from firmware_py.log.disk import LocalDisk, log_files
 
+NOW_S = 1_900_000_000.0
+
 
 def write(directory, name, size):
     (directory / name).write_bytes(b"x" * size)
@@ -46,6 +48,74 @@ def test_the_oldest_files_go(tmp_path):
     LocalDisk().prune(tmp_path, 0)
     assert log_files(tmp_path) == {}
     assert (tmp_path / "notes.txt").exists()
+
+
+def aged(directory, name, size, days):
+    path = directory / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(b"x" * size)
+    os.utime(path, (NOW_S - days * 86_400, NOW_S - days * 86_400))
+    return path
+
+
+def left(directory):
+    return sorted(str(path.relative_to(directory)) for path in directory.rglob("*") if path.is_file())
+
+
+def test_a_log_is_listed_once_by_its_number_compressed_or_not(tmp_path):
+    for name in ("00000001.BIN.gz", "00000002.BIN", "00000002.BIN.gz", "00000003.BIN", ".00000003.BIN.gz.part", "x.gz"):
+        write(tmp_path, name, 3)
+    names = {number: path.name for number, path in log_files(tmp_path).items()}
+    assert names == {1: "00000001.BIN.gz", 2: "00000002.BIN", 3: "00000003.BIN"}
+    assert closed(LocalDisk().create(tmp_path)) == "00000004.BIN"
+
+
+def test_full_logs_go_by_age_and_boxes_stay(tmp_path):
+    for number, days in enumerate((40.0, 20.0, 1.0), start=1):
+        aged(tmp_path, f"{number:08d}.BIN.gz", 10, days)
+    aged(tmp_path, "boxes/00000001-end.BIN.gz", 10, 40.0)
+    LocalDisk(kept_days=30.0, utc_s=lambda: NOW_S).prune(tmp_path, 1000)
+    assert left(tmp_path) == ["00000002.BIN.gz", "00000003.BIN.gz", "boxes/00000001-end.BIN.gz"]
+
+
+@pytest.mark.parametrize("now_s", [0.0, 5e9])
+def test_nothing_goes_by_age_while_the_clock_is_wrong(tmp_path, now_s):
+    aged(tmp_path, "00000001.BIN", 10, 400.0)
+    LocalDisk(kept_days=30.0, utc_s=lambda: now_s).prune(tmp_path, 1000)
+    assert left(tmp_path) == ["00000001.BIN"]
+
+
+def test_a_log_of_a_clock_that_was_wrong_has_no_age(tmp_path):
+    write(tmp_path, "00000001.BIN", 10)
+    os.utime(tmp_path / "00000001.BIN", (1000.0, 1000.0))
+    LocalDisk(kept_days=30.0, utc_s=lambda: NOW_S).prune(tmp_path, 1000)
+    assert left(tmp_path) == ["00000001.BIN"]
+
+
+def test_boxes_go_last_and_what_was_left_of_compressing_goes_with_its_log(tmp_path):
+    aged(tmp_path, "00000001.BIN", 100, 2.0)
+    write(tmp_path, ".00000001.BIN.gz.part", 50)
+    aged(tmp_path, "00000002.BIN.gz", 100, 1.0)
+    aged(tmp_path, "boxes/00000001-end.BIN.gz", 20, 9.0)
+    LocalDisk().prune(tmp_path, 270)
+    assert len(left(tmp_path)) == 4
+    LocalDisk().prune(tmp_path, 150)
+    assert left(tmp_path) == ["00000002.BIN.gz", "boxes/00000001-end.BIN.gz"]
+    LocalDisk().prune(tmp_path, 80)
+    assert left(tmp_path) == ["boxes/00000001-end.BIN.gz"]
+    LocalDisk().prune(tmp_path, 10)
+    assert left(tmp_path) == []
+
+
+def test_boxes_take_a_quarter_at_most_and_go_where_they_are_densest(tmp_path):
+    months = [aged(tmp_path, f"boxes/{number:08d}-end.BIN.gz", 10, 300.0 - 30.0 * number) for number in range(5)]
+    for number in range(20):  # she restarts every minute
+        aged(tmp_path, f"boxes/{100 + number:08d}-end.BIN.gz", 10, 1.0 - number / 1440.0)
+    LocalDisk().prune(tmp_path, 400)
+    kept = left(tmp_path)
+    assert len(kept) == 10
+    assert {f"boxes/{path.name}" for path in months} < set(kept)
+    assert "boxes/00000119-end.BIN.gz" in kept  # the newest
 
 
 def test_pruning_a_directory_that_is_not_there_is_nothing(tmp_path):

@@ -1,11 +1,14 @@
 """File transfer: what is asked, answered, refused and kept."""
 
+import gzip
 import os
 import random
 import zlib
 from pathlib import Path
 
 import pytest
+
+from firmware_py.log.pack import pack_log
 
 FAIL, ERRNO, SIZE, SESSION, NO_SESSIONS, END, UNKNOWN, EXISTS, PROTECTED, NOT_FOUND = range(1, 11)
 TERMINATE, RESET, LIST, OPEN, READ, CREATE, WRITE, REMOVE, MKDIR, RMDIR = range(1, 11)
@@ -66,6 +69,27 @@ def test_a_listing_with_times_has_them(client, disk):
     os.utime(disk / "logs" / "00000001.BIN", (1_700_000_000, 1_700_000_000))
     assert client.list("logs", LIST_TIMES) == [f"F00000001.BIN\t{len(CONTENT)}\t1700000000"]
     assert client.list("logs") == [f"F00000001.BIN\t{len(CONTENT)}"]
+
+
+def test_a_log_is_read_by_both_names_once_it_is_compressed(client, disk):
+    (packing,) = [pack_log(disk / "logs" / "00000001.BIN")]
+    next(packing)
+    assert client.list("logs") == [f"F00000001.BIN\t{len(CONTENT)}"]  # what is not whole yet is not shown
+    client.ask(OPEN, "logs/00000001.BIN")
+    for _ in packing:
+        pass
+    assert client.ask(READ, offset=256 * 2, size=200).data == CONTENT[512:712]  # open all the while
+    client.ask(TERMINATE)
+    packed = (disk / "logs" / "00000001.BIN.gz").read_bytes()
+    assert client.list("logs") == [f"F00000001.BIN.gz\t{len(packed)}"]
+    assert client.get("logs/00000001.BIN.gz") == packed
+    assert gzip.decompress(packed) == client.get("logs/00000001.BIN") == CONTENT
+    assert client.ask(CHECKSUM, "logs/00000001.BIN").ok
+
+
+def test_an_upload_has_one_name(client, disk):
+    (disk / "uploads" / "a.gz").write_bytes(b"not of ours")
+    assert client.ask(OPEN, "uploads/a").error == (NOT_FOUND,)
 
 
 def test_a_long_listing_comes_page_by_page_and_is_of_one_moment(client, disk):

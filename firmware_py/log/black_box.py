@@ -1,0 +1,148 @@
+"""The last minutes before a restart or a severe fault, cut out of a log: they outlast the log itself.
+
+A box is a log: the head of the file that it was cut from, which describes all columns, and whole ticks behind it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from firmware_py.files.making import DIRECTORY_MODE
+from firmware_py.files.packed import SUFFIX
+from firmware_py.log import schema
+from firmware_py.log.dataflash import HEAD_BYTES, MARK, Format
+from firmware_py.log.disk import BOXES, sync_directory
+from firmware_py.log.pack import Span, Spans, pack
+
+BEFORE_S: Final = 300.0
+AFTER_S: Final = 30.0
+_TICK_MARK: Final = MARK + bytes((schema.TICK.type.number,))
+_END_MARK: Final = MARK + bytes((schema.END.number,))
+_TYPE: Final = schema.TICK.type
+_TICK: Final = Format(_TYPE.number, _TYPE.size, _TYPE.name, _TYPE.values, _TYPE.labels)
+_CHUNK_BYTES: Final = 1 << 16
+_NEAR_BYTES: Final = 1 << 17  # a stretch this short is searched from its begin on
+
+
+class TickPlace(NamedTuple):
+    """Where a tick begins in a log, which one it is and when it was."""
+
+    offset: int
+    number: int
+    t_s: float
+
+
+def box_path(log: Path, moment: str) -> Path:
+    """Return the path of the box of a moment of a log: its time in seconds, or `end`."""
+    return log.parent / BOXES / f"{log.name.partition('.')[0]}-{moment}.BIN{SUFFIX}"
+
+
+def make_box(log: Path, moment: str, event_s: float = math.inf) -> Iterator[None]:
+    """Cut out the minutes before a time and half a minute after it, by default those before the end. OSError.
+
+    Where the log begins within these minutes and the one before goes on without a gap, its end is taken, too. Nothing
+    is made of a log without a whole tick. A step is a block.
+    """
+    path = box_path(log, moment)
+    if path.exists():
+        return
+    with contextlib.ExitStack() as opened:
+        descriptor, size = _open(log, opened)
+        first = next_tick(descriptor, 0, size)
+        if first is None:
+            return
+        if math.isinf(event_s):
+            event_s = last_tick(descriptor, first, size).t_s
+        begin = tick_from(descriptor, first, size, event_s - BEFORE_S)
+        end = tick_from(descriptor, first, size, event_s + AFTER_S)
+        spans = [Span(descriptor, 0, first.offset)]
+        if begin == first.offset:
+            spans += _end_of_the_one_before(log, first, event_s - BEFORE_S, opened)
+        spans.append(Span(descriptor, begin, end))
+        with contextlib.suppress(FileExistsError):
+            os.mkdir(path.parent, DIRECTORY_MODE)  # noqa: PTH102 - the calls of os are what the tests let fail
+            sync_directory(log.parent)
+        yield from pack(Spans(spans), path, os.fstat(descriptor).st_mtime)
+
+
+def begins_a_run(log: Path) -> bool:
+    """Return whether a log is the first of a start of the program; OSError."""
+    with contextlib.ExitStack() as opened:
+        descriptor, size = _open(log, opened)
+        first = next_tick(descriptor, 0, size)
+        return first is None or first.number == 0
+
+
+def next_tick(descriptor: int, offset: int, end: int) -> TickPlace | None:
+    """Return the first tick of a stretch of a file; None without one. The first of a file stands behind its head."""
+    behind_end = offset > 0
+    before = schema.END.size if behind_end else 0
+    size = _TICK.length
+    while offset + size <= end:
+        data = os.pread(descriptor, min(_CHUNK_BYTES + before + size, end - offset), offset)
+        at = data.find(_TICK_MARK, before)
+        while 0 <= at <= len(data) - size:
+            if not behind_end or data[at - before : at - before + HEAD_BYTES] == _END_MARK:
+                values = dict(zip(_TICK.labels, _TICK.unpack(data, at), strict=True))
+                if math.isfinite(values["T"]):
+                    return TickPlace(offset + at, values["Tick"], values["T"])
+            at = data.find(_TICK_MARK, at + 1)
+        if len(data) <= before + size:
+            return None
+        offset += len(data) - before - size
+    return None
+
+
+def tick_from(descriptor: int, first: TickPlace, end: int, t_s: float) -> int:
+    """Return where the first tick of a time or later stands, or the end; ticks are in order of time."""
+    if first.t_s >= t_s:
+        return first.offset
+    low, high = first.offset, end
+    while high - low > _NEAR_BYTES:
+        middle = (low + high) // 2
+        found = next_tick(descriptor, middle, high)
+        if found is None or found.t_s >= t_s:
+            high = middle
+        else:
+            low = found.offset
+    at: TickPlace | None = TickPlace(low, 0, -math.inf)
+    while at is not None and at.t_s < t_s:
+        at = next_tick(descriptor, at.offset + 1, end)
+    return end if at is None else at.offset
+
+
+def last_tick(descriptor: int, first: TickPlace, end: int) -> TickPlace:
+    """Return the last tick that begins in a file."""
+    back = _NEAR_BYTES
+    at: TickPlace | None = None
+    while at is None and end - back > first.offset:
+        at = next_tick(descriptor, end - back, end)
+        back *= 2
+    found = at or first
+    while (at := next_tick(descriptor, found.offset + 1, end)) is not None:
+        found = at
+    return found
+
+
+def _end_of_the_one_before(log: Path, first: TickPlace, t_s: float, opened: contextlib.ExitStack) -> list[Span]:
+    """Return the ticks from a time on of the log before, if it is not packed yet and this one goes on where it ends."""
+    before = log.with_name(f"{int(log.name.partition('.')[0]) - 1:08d}.BIN")
+    try:
+        descriptor, size = _open(before, opened)
+    except OSError:
+        return []
+    its_first = next_tick(descriptor, 0, size)
+    if its_first is None or last_tick(descriptor, its_first, size).number + 1 != first.number:
+        return []
+    return [Span(descriptor, tick_from(descriptor, its_first, size, t_s), size)]
+
+
+def _open(path: Path, opened: contextlib.ExitStack) -> tuple[int, int]:
+    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    opened.callback(os.close, descriptor)
+    return descriptor, os.fstat(descriptor).st_size

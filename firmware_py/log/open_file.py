@@ -1,0 +1,65 @@
+"""Opens a log for reading, compressed or not, however long it is: the buffer is the file, not a copy in memory."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import mmap
+import os
+import tempfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Final
+
+from firmware_py.files.packed import packed_path
+from firmware_py.files.reading import open_regular
+from firmware_py.log.dataflash import Buffer
+
+MOST_BYTES: Final = 2 << 30  # of a log, unpacked: twice what LOG_FILE_MB lets it become
+_GZIP: Final = b"\x1f\x8b"
+_CHUNK_BYTES: Final = 1 << 20
+
+
+@contextlib.contextmanager
+def open_buffer(path: Path) -> Iterator[Buffer]:
+    """Map a log; one that has been compressed since it was named is found too. OSError, whose strerror says why.
+
+    A compressed one is unpacked into a temporary file; where it is cut short or damaged, what stands before is read.
+    """
+    try:
+        file = os.fdopen(open_regular(path, most_bytes=MOST_BYTES), "rb")
+    except FileNotFoundError:
+        if not packed_path(path).is_file():
+            raise
+        file = os.fdopen(open_regular(packed_path(path), most_bytes=MOST_BYTES), "rb")
+    with contextlib.ExitStack() as opened:
+        plain: IO[bytes] = opened.enter_context(file)
+        if file.peek(len(_GZIP))[: len(_GZIP)] == _GZIP:
+            plain = opened.enter_context(tempfile.TemporaryFile(prefix="rambler-"))
+            _unpack(file, plain)
+            plain.flush()
+        if not plain.seek(0, os.SEEK_END):
+            yield b""  # an empty file cannot be mapped
+            return
+        yield opened.enter_context(mmap.mmap(plain.fileno(), 0, access=mmap.ACCESS_READ))
+
+
+def _unpack(source: IO[bytes], target: IO[bytes]) -> None:
+    """Unpack member after member up to the end, or to what is no whole member."""
+    unpacker = zlib.decompressobj(zlib.MAX_WBITS | 16)
+    size, data = 0, b""
+    while data or (data := source.read(_CHUNK_BYTES)):
+        try:
+            part = unpacker.decompress(data, _CHUNK_BYTES)
+        except zlib.error:
+            return
+        size += len(part)
+        if size > MOST_BYTES:
+            raise OSError(errno.EFBIG, f"unpacks to more than {MOST_BYTES >> 20} MiB")
+        target.write(part)
+        if unpacker.eof:
+            data = unpacker.unused_data
+            unpacker = zlib.decompressobj(zlib.MAX_WBITS | 16)
+        else:
+            data = unpacker.unconsumed_tail

@@ -1,0 +1,125 @@
+import gzip
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.files.packed import (
+    BLOCK_BYTES,
+    PackedFile,
+    open_log,
+    pack_block,
+    pack_index,
+    packed_path,
+    whole_members,
+)
+
+SIZES = (0, 1, 90, BLOCK_BYTES - 1, BLOCK_BYTES, BLOCK_BYTES + 1, 3 * BLOCK_BYTES + 77)
+
+
+def content_of(size):
+    return (b"rudder %d, " * (size // 9 + 2) % tuple(range(size // 9 + 2)))[:size]
+
+
+def packed(content):
+    members = [pack_block(content[at : at + BLOCK_BYTES]) for at in range(0, len(content), BLOCK_BYTES)]
+    return b"".join(members) + pack_index(len(content), [len(member) for member in members])
+
+
+def opened(path, data):
+    path.write_bytes(data)
+    return PackedFile(os.open(path, os.O_RDONLY))
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_gzip_reads_it_and_so_do_we(tmp_path, size):
+    content = content_of(size)
+    data = packed(content)
+    assert gzip.decompress(data) == content
+    file = opened(tmp_path / "a.BIN.gz", data)
+    assert (file.size, file.read(0, size + 10)) == (size, content)
+    file.close()
+    assert size < BLOCK_BYTES or len(data) < size / 2
+
+
+@given(st.integers(0, 3 * BLOCK_BYTES + 100), st.integers(0, 2 * BLOCK_BYTES))
+def test_any_place_is_read_as_of_the_log_itself(tmp_path_factory, offset, count):
+    content = content_of(SIZES[-1])
+    file = opened(tmp_path_factory.getbasetemp() / "any.BIN.gz", packed(content))
+    assert file.read(offset, count) == content[offset : offset + count]
+    file.close()
+
+
+def test_a_damaged_block_is_an_error_and_the_others_are_read(tmp_path):
+    content = content_of(SIZES[-1])
+    data = bytearray(packed(content))
+    data[len(pack_block(content[:BLOCK_BYTES])) + 100] ^= 0x10  # in the second block
+    file = opened(tmp_path / "a.BIN.gz", bytes(data))
+    assert file.read(0, 1000) == content[:1000]
+    assert file.read(2 * BLOCK_BYTES, 1000) == content[2 * BLOCK_BYTES :][:1000]
+    with pytest.raises(OSError, match="damaged"):
+        file.read(BLOCK_BYTES - 10, 100)
+    file.close()
+
+
+@pytest.mark.parametrize("cut", [0, 1, 13, 14, 20, 1000])
+def test_what_is_not_whole_or_not_ours_is_refused_and_leaves_nothing_open(tmp_path, cut):
+    data = packed(content_of(SIZES[-1]))
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    for other in (data[: len(data) - cut - 1], gzip.compress(b"of somebody else"), data[cut + 1 :]):
+        with pytest.raises(OSError, match="gzip -d"):
+            opened(tmp_path / "a.BIN.gz", other)
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+@given(st.data())
+def test_no_bytes_make_it_fail_otherwise(tmp_path_factory, data):
+    content = bytearray(packed(content_of(BLOCK_BYTES + 5)))
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    path = tmp_path_factory.getbasetemp() / "odd.BIN.gz"
+    try:
+        file = opened(path, bytes(content))
+    except OSError:
+        return
+    try:
+        for offset in range(0, min(file.size, 1 << 20), BLOCK_BYTES):
+            file.read(offset, BLOCK_BYTES)
+    except OSError:
+        pass
+    finally:
+        file.close()
+
+
+def test_an_unfinished_file_is_known_by_its_whole_members(tmp_path):
+    content = content_of(SIZES[-1])
+    members = [pack_block(content[at : at + BLOCK_BYTES]) for at in range(0, len(content), BLOCK_BYTES)]
+    sizes = [len(member) for member in members]
+    path = tmp_path / "part"
+    data = b"".join(members)
+    for kept, expected in ((0, []), (sizes[0], sizes[:1]), (sum(sizes[:2]) + 7, sizes[:2]), (len(data), sizes)):
+        path.write_bytes(data[:kept])
+        descriptor = os.open(path, os.O_RDONLY)
+        assert whole_members(descriptor) == expected
+        os.close(descriptor)
+    path.write_bytes(data[: sizes[0]] + bytes(500))  # after a power cut
+    descriptor = os.open(path, os.O_RDONLY)
+    assert whole_members(descriptor) == sizes[:1]
+    os.close(descriptor)
+
+
+def test_a_log_is_found_by_its_first_name_once_it_is_compressed(tmp_path):
+    path = tmp_path / "00000001.BIN"
+    with pytest.raises(FileNotFoundError):
+        open_log(path)
+    packed_path(path).write_bytes(packed(b"abc"))
+    for name in (path, packed_path(path)):
+        file = open_log(name)
+        assert (file.size, file.read(1, 9)) == (3, b"bc")
+        file.close()
+    path.write_bytes(b"abcd")
+    file = open_log(path)
+    assert (file.size, file.read(1, 9)) == (4, b"bcd")
+    file.close()

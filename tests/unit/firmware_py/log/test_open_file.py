@@ -1,0 +1,64 @@
+"""A compressed log is read as it was written, by whoever compressed it, and a damaged one up to the damage."""
+
+import gzip
+
+import pytest
+
+from firmware_py.log import open_file
+from firmware_py.log.dataflash import LogError
+from firmware_py.log.disk import log_files
+from firmware_py.log.pack import pack_log
+from firmware_py.log.reader import LogReader
+from firmware_py.log.replay import replay_log
+
+
+@pytest.fixture
+def log(tmp_path, pretend):
+    pretend.logged(tmp_path, 60)
+    return tmp_path / "00000001.BIN"
+
+
+def packed(log):
+    ticks = list(LogReader(log))
+    assert [None for _ in pack_log(log)]
+    (path,) = log_files(log.parent).values()
+    assert path.name == "00000001.BIN.gz"
+    return path, ticks
+
+
+def test_it_is_read_and_replayed_by_either_name(log, pretend):
+    path, ticks = packed(log)
+    assert not log.exists()
+    assert list(LogReader(path)) == list(LogReader(log)) == ticks
+    assert replay_log(path, pretend.restore, pretend.step).identical
+
+
+def test_one_of_gzip_is_read_too(log):
+    ticks = list(LogReader(log))
+    content = log.read_bytes()
+    (log.parent / "a.BIN.gz").write_bytes(gzip.compress(content[:9000]) + gzip.compress(content[9000:]))
+    assert list(LogReader(log.parent / "a.BIN.gz")) == ticks
+
+
+@pytest.mark.parametrize("part", [0.0, 0.3, 0.9])
+def test_one_that_is_cut_or_damaged_is_read_up_to_there(log, part):
+    path, ticks = packed(log)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(part * len(data))])
+    found = list(LogReader(path))
+    assert found == ticks[: len(found)]
+    assert len(found) < len(ticks)
+    path.write_bytes(data[: int(part * len(data))] + b"\x00" * 1000)
+    assert list(LogReader(path)) == found or part == 0.0
+
+
+def test_one_that_unpacks_without_end_is_refused(log, monkeypatch):
+    path, _ = packed(log)
+    monkeypatch.setattr(open_file, "MOST_BYTES", path.stat().st_size + 1)
+    with pytest.raises(LogError, match="unpacks to more than"):
+        list(LogReader(path))
+
+
+def test_one_that_is_neither_there_nor_compressed_is_told_by_what_to_give(tmp_path):
+    with pytest.raises(LogError, match=r"No such file or directory: give the path of a \.BIN or \.BIN\.gz file"):
+        list(LogReader(tmp_path / "00000007.BIN"))

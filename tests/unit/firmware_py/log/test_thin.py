@@ -1,0 +1,201 @@
+"""The thin log: a row a minute, one at each event, and a bound on how much of that there can be."""
+
+import dataclasses
+import math
+import os
+
+import pytest
+from pymavlink.DFReader import DFReader_binary
+
+from firmware_py.common.records import Event, Severity
+from firmware_py.common.reports import Energy
+from firmware_py.faults.table import Fault
+from firmware_py.log import thin_file
+from firmware_py.log.disk import log_files
+from firmware_py.log.thin import BURST, HEAD, ThinLog
+from firmware_py.log.thin_file import ThinFile
+from support.faulty_disk import KINDS, FaultyDisk
+
+UTC_S = 1.8e9
+
+
+def outputs(pretend, times_s, **changes):
+    """Ticks of the pretend autopilot at these times; `changes` are fields of the snapshot, perhaps by time."""
+    state = pretend.State()
+    for t_s in times_s:
+        inputs = pretend.inputs_of(2)
+        inputs = dataclasses.replace(inputs, tick=dataclasses.replace(inputs.tick, t_s=t_s), devices=())
+        state, output = pretend.step(state, inputs)
+        values = {name: value(t_s) if callable(value) else value for name, value in changes.items()}
+        events = values.pop("events", ())
+        snapshot = dataclasses.replace(output.snapshot, t_s=t_s, **{"faults": 0, **values})
+        yield inputs, dataclasses.replace(output, snapshot=snapshot, events=events)
+
+
+def rows_of(log, ticks):
+    return b"".join(log.update(inputs, output) for inputs, output in ticks)
+
+
+def messages(tmp_path, data, kind):
+    path = tmp_path / "read.BIN"
+    path.write_bytes(data)
+    reader = DFReader_binary(str(path))
+    found = []
+    while (message := reader.recv_msg()) is not None:
+        if message.get_type() == kind:
+            found.append(message)
+    reader.close()
+    return found
+
+
+def test_a_row_a_minute_sums_up_what_was_since_the_one_before(tmp_path, pretend):
+    log = ThinLog(lambda: UTC_S)
+    error_rad = {True: 0.1, False: -0.3}
+    data = rows_of(
+        log,
+        outputs(
+            pretend,
+            range(601),
+            heading_error_rad=lambda t_s: error_rad[t_s % 2 == 0],
+            energy=lambda t_s: Energy(travel_rad=0.01 * t_s, energy_j=2.0 * t_s),
+            skipped_total=lambda t_s: t_s // 30,
+        ),
+    )
+    sailing, upkeep = (messages(tmp_path, HEAD + data, kind) for kind in ("THIN", "THNE"))
+    assert len(sailing) == len(upkeep) == 11  # the first tick, and ten minutes
+    for row, more in zip(sailing[1:], upkeep[1:], strict=True):
+        assert (row.Utc, row.Sec, row.Arm, row.Flt) == (UTC_S, 60.0, 0, 0)
+        assert row.Err == pytest.approx(-0.1, abs=0.01)
+        assert row.Rms == pytest.approx(math.sqrt(0.05), abs=0.01)
+        assert row.Trv == pytest.approx(0.6)
+        assert more.Enr == pytest.approx(120.0)
+        assert more.Skip == 2
+        assert math.isnan(row.Lat)
+        assert math.isnan(more.BatV)  # nobody measures it yet
+
+
+def test_modes_and_faults_have_a_row_at_once_and_a_fault_within_a_minute_is_not_missed(tmp_path, pretend):
+    bit = 1 << Fault.COMPASS_LOST
+    log = ThinLog(lambda: UTC_S)
+    data = rows_of(log, outputs(pretend, range(80), faults=lambda t_s: bit if 10 <= t_s < 12 else 0))
+    rows = messages(tmp_path, HEAD + data, "THIN")
+    expected = [(0, 0), (10, bit), (12, bit), (72, 0)]  # a row has what stood since the one before
+    assert [(row.TimeUS / 1e6, row.Flt) for row in rows] == expected
+    log = ThinLog(lambda: UTC_S)
+    log._allowance._level = 1.0  # of the first row: there are no more at once
+    data = rows_of(log, outputs(pretend, range(61), faults=lambda t_s: bit if 10 <= t_s < 12 else 0))
+    rows = messages(tmp_path, HEAD + data, "THIN")
+    assert [(row.TimeUS, row.Flt) for row in rows] == [(0, 0), (60_000_000, bit)]
+
+
+def test_texts_are_kept_and_a_flood_of_them_is_counted(tmp_path, pretend):
+    def events(t_s):
+        return tuple(Event(Severity.WARNING, f"{t_s}: text {number}") for number in range(3 if t_s else 40))
+
+    log = ThinLog(lambda: UTC_S, (Event(Severity.INFO, "rambler 1"),))
+    data = rows_of(log, outputs(pretend, range(62), events=events))
+    told = messages(tmp_path, HEAD + data, "MSG")
+    assert told[0].Message == "rambler 1"
+    assert len(told) == BURST
+    assert sum(row.Lost for row in messages(tmp_path, HEAD + data, "THNE")) == 1 + 40 + 60 * 3 - len(told)
+    later = rows_of(log, outputs(pretend, range(10_000, 10_001), events=events))
+    assert len(messages(tmp_path, HEAD + later, "MSG")) == 3  # quiet for long: there is room again
+
+
+def test_it_says_the_same_for_the_same_ticks(pretend):
+    first, second = (rows_of(ThinLog(lambda: UTC_S), outputs(pretend, range(200))) for _ in range(2))
+    assert first == second
+
+
+# ------------------------------------------------------------------------ the file
+
+
+def content(directory):
+    return {path.name: path.read_bytes() for path in log_files(directory / "thin").values()}
+
+
+def test_the_next_start_goes_on_with_the_file(tmp_path):
+    for rows in (b"one", b"two"):
+        file = ThinFile(tmp_path, b"head")
+        file.put(rows)
+        file.drain()
+        file.close()
+    assert content(tmp_path) == {"00000001.BIN": b"headonetwo"}
+
+
+def test_a_full_file_and_one_of_another_version_are_left(tmp_path, monkeypatch):
+    monkeypatch.setattr(thin_file, "FILE_BYTES", 10)
+    file = ThinFile(tmp_path, b"head")
+    for rows in (b"1" * 6, b"2" * 6):
+        file.put(rows)
+        file.drain()
+    file.close()
+    later = ThinFile(tmp_path, b"other")
+    later.put(b"3")
+    later.drain()
+    later.close()
+    assert content(tmp_path) == {
+        "00000001.BIN": b"head111111",
+        "00000002.BIN": b"head222222",
+        "00000003.BIN": b"other3",
+    }
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_row_is_lost_to_a_disk_that_fails_for_a_while(tmp_path, kind, monkeypatch):
+    number = 0
+    while True:
+        logs = tmp_path / f"{kind}{number}"
+        (logs / "thin").mkdir(parents=True)
+        file = ThinFile(logs, b"head")
+        with monkeypatch.context() as patches:
+            disk = FaultyDisk(logs / "thin", patches)
+            disk.arm(number, kind)
+            for rows in (b"<one>", b"<two>", b"<three>"):
+                file.put(rows)
+                file.drain()
+            was_reached = bool(disk.failed)
+            disk.arm(None)
+            file.drain()
+            assert file.failure == ""
+            file.close()
+        files = content(logs)
+        assert "".join(data.decode().replace("head", "") for _, data in sorted(files.items())) == "<one><two><three>"
+        assert len(files) <= 2
+        if not was_reached:
+            break
+        number += 1
+    assert number > 5
+
+
+def test_a_disk_that_is_away_for_days_is_waited_for(tmp_path):
+    (tmp_path / "logs").write_text("in the way")
+    file = ThinFile(tmp_path / "logs", b"head")
+    for number in range(thin_file.MOST_WAITING + 3):
+        file.put(b"%d," % number)
+    file.drain()
+    assert file.failure.startswith("thin log: ")
+    assert file.lost == 3
+    (tmp_path / "logs").unlink()
+    file.drain()
+    assert file.failure == ""
+    ((_, data),) = content(tmp_path / "logs").items()
+    assert data.count(b",") == thin_file.MOST_WAITING
+    file.close()
+
+
+def test_a_disk_that_stays_full_is_not_filled_with_empty_files(tmp_path, monkeypatch):
+    file = ThinFile(tmp_path, b"head")
+    file.put(b"row")
+
+    def full(*_words):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patches:
+        patches.setattr(os, "write", full)
+        for _ in range(5):
+            file.drain()
+    assert content(tmp_path) == {}
+    file.drain()
+    assert content(tmp_path) == {"00000001.BIN": b"headrow"}
+    file.close()
