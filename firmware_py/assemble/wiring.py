@@ -8,8 +8,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from firmware_py import ROOT, __version__, commit_of, version_text
+from firmware_py import ROOT, __version__, commit_of
 from firmware_py.assemble.earlier_runs import read_state, report_key, resume
+from firmware_py.assemble.logs import dated, recorder_of, storage_of
 from firmware_py.assemble.status import show_status
 from firmware_py.common.interfaces import ByteLine, Calibrator, Clock, Compass, Position, Rudder
 from firmware_py.common.parameter_table import INDEX, TABLE
@@ -20,12 +21,9 @@ from firmware_py.core.state import State
 from firmware_py.devices import COMPASSES, POSITIONS, RUDDERS, calibrator_of
 from firmware_py.files.reading import read_regular
 from firmware_py.link.endpoint import Endpoint
-from firmware_py.link.files.root import FileRoot
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import open_transport
 from firmware_py.link.wire.transport import Transport
-from firmware_py.log.disk import LocalDisk, log_files
-from firmware_py.log.recorder import LogRecorder
 from firmware_py.loop import LoopParts
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.sensors.relabelled import RelabelledCompass
@@ -36,9 +34,7 @@ from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.realtime import LoadMeter, clock_is_kept
 from firmware_py.system.serial_port import PortError, SerialPort
 from firmware_py.system.state_directory import (
-    LOG_DIRECTORY,
     SIGNING_FILE,
-    UPLOAD_DIRECTORY,
     KeyVault,
 )
 from firmware_py.system.store import Store
@@ -166,7 +162,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     version = _version()
     state = State.at_start(parameters, plans)
     autopilot = Autopilot(resume(state, kept.resume_record(), clock.utc_s(), console.line), kept)
-    recorder = _recorder(options.state_directory / LOG_DIRECTORY, parameters, clock, version.commit, opened)
+    recorder = recorder_of(options.state_directory, parameters, clock, version.commit, opened)
     vault = KeyVault(store)
     endpoint = Endpoint(
         transports,
@@ -177,7 +173,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         vault=vault,
         offer_utc=None if clock_setter is None else clock_setter.add_station_time,
         calibrator=devices.calibrator,
-        storage=_storage(options.state_directory, parameters),
+        storage=storage_of(options.state_directory, parameters),
         written=lambda: store.written,
         start_events=notices,
     )
@@ -189,7 +185,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         autopilot=autopilot,
         compass=devices.compass,
         compass_b=devices.compass_b,
-        position=devices.position,
+        position=dated(devices.position, clock, options.state_directory, say),
         rudder=devices.rudder,
         link=endpoint,
         recorder=recorder,
@@ -252,38 +248,6 @@ def _open_transports(urls: Sequence[str], lines: list[SerialPort], opened: ExitS
         transports.append(open_transport(url, open_line))
         opened.callback(transports[-1].close)
     return transports
-
-
-def _storage(directory: Path, parameters: ParameterSet) -> FileRoot:
-    """What ground stations see of the state directory: its logs, and a place for what they upload."""
-    logs = directory / LOG_DIRECTORY
-    return FileRoot(
-        lambda: log_files(logs) if logs.is_dir() else {},
-        logs,
-        directory / UPLOAD_DIRECTORY,
-        logging=bool(parameters["LOG_ENABLE"]),
-        background=True,
-    )
-
-
-def _recorder(
-    directory: Path, parameters: ParameterSet, clock: Clock, commit: str, opened: ExitStack
-) -> LogRecorder | None:
-    if not parameters["LOG_ENABLE"]:
-        return None
-    recorder = LogRecorder(
-        directory,
-        parameters=parameters,
-        file_bytes=int(parameters["LOG_FILE_MB"] * 1e6),
-        keep_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
-        least_bytes=int(parameters["LOG_FREE_MB"] * 1e6),
-        utc_s=clock.utc_s(),
-        software=version_text("rambler", commit),
-        disk=LocalDisk(kept_days=parameters["LOG_KEEP_DAYS"]),
-        clock_utc_s=clock.utc_s,
-    )
-    opened.callback(recorder.close)
-    return recorder
 
 
 def _version() -> Version:

@@ -135,6 +135,16 @@ def log_files(directory: Path) -> dict[int, Path]:
     return found
 
 
+def last_written_s(directory: Path) -> float:
+    """Return when the newest log of any kind was written, by the clock of then; 0 when there is none or no telling."""
+    times_s = [0.0]
+    with contextlib.suppress(OSError):
+        for kind in ("", THIN):
+            if (directory / kind).is_dir():
+                times_s += (path.stat().st_mtime for path in log_files(directory / kind).values())
+    return max(times_s)
+
+
 def part_path(path: Path) -> Path:
     """Return where a file is made before it is whole; stations do not see such names."""
     return path.with_name(f".{path.name}{_PART}")

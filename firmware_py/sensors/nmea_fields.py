@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 
 from firmware_py.common.angles import METRES_PER_SECOND_PER_KNOT
+from firmware_py.common.calendar import full_year
 from firmware_py.sensors.message_error import MALFORMED, RANGE, MessageError, within
 
 Fields = Sequence[str]
@@ -17,6 +18,7 @@ Reader = Callable[[Fields], float | None]
 
 SECONDS_PER_DAY = 86400
 FASTEST_M_S = 200.0
+FIRST_YEAR = 1980  # of GPS: what a receiver says that knows no date yet
 _EPOCH_ORDINAL = dt.date(1970, 1, 1).toordinal()
 _METRES_PER_SECOND = {"N": METRES_PER_SECOND_PER_KNOT, "K": 1.0 / 3.6, "M": 1.0, "S": 0.44704}
 
@@ -132,7 +134,7 @@ def time_of_day(index: int) -> Reader:
 
 
 def utc_of_short_date(time_index: int, date_index: int) -> Reader:
-    """Read a time and ddmmyy, of this century, as seconds since 1970-01-01 UTC."""
+    """Read a time and ddmmyy, the year nearest to this version's, as seconds since 1970-01-01 UTC."""
     read_time = time_of_day(time_index)
 
     def read(fields: Fields) -> float | None:
@@ -142,13 +144,13 @@ def utc_of_short_date(time_index: int, date_index: int) -> Reader:
         match = _DATE.fullmatch(fields[date_index])
         if match is None:
             raise MessageError(MALFORMED, "not a date")
-        return _utc_s(2000 + int(match[3]), int(match[2]), int(match[1]), seconds)
+        return _utc_s(full_year(int(match[3])), int(match[2]), int(match[1]), seconds)
 
     return read
 
 
 def utc_of_long_date(time_index: int, day_index: int) -> Reader:
-    """Read a time and the fields day, month, year (2000 to 2099) as seconds since 1970-01-01 UTC."""
+    """Read a time and the fields day, month, year (1980 to 2099) as seconds since 1970-01-01 UTC."""
     read_time = time_of_day(time_index)
 
     def read(fields: Fields) -> float | None:
@@ -167,5 +169,5 @@ def _utc_s(year: int, month: int, day: int, seconds: float | None) -> float | No
         days = dt.date(year, month, day).toordinal() - _EPOCH_ORDINAL
     except ValueError:
         raise MessageError(RANGE, "no such date") from None
-    within(year, 2000, 2099)
+    within(year, FIRST_YEAR, 2099)
     return None if seconds is None else days * SECONDS_PER_DAY + seconds

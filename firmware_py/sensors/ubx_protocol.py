@@ -119,7 +119,7 @@ def _utc_s(fields: tuple[int, ...]) -> float | None:
     _, year, month, day, hour, minute, second, valid, _, nanosecond = fields[:10]
     if valid & 3 != 3:
         return None
-    if not (2000 <= year <= 2099 and hour <= 23 and minute <= 59 and second <= 60 and abs(nanosecond) <= 10**9):
+    if not (1980 <= year <= 2099 and hour <= 23 and minute <= 59 and second <= 60 and abs(nanosecond) <= 10**9):
         raise MessageError(RANGE, "NAV-PVT time out of range")
     try:
         midnight = dt.datetime(year, month, day, tzinfo=dt.UTC)

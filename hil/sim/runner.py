@@ -96,6 +96,8 @@ def _made(options: RunOptions, truth: TruthFile) -> Run:
             model=model_of(options.vehicle),
             mounting=mounting_of(options.vehicle),
             truth=truth,
+            # Beside a computer whose clock goes on, a receiver of another year would be at fault.
+            start_utc_s=START_UTC_S if options.lockstep else time.time(),
         )
     except ValueError as error:
         raise UsageError(f"the vehicle file describes no ship: {error}") from None

@@ -73,6 +73,7 @@ class World:
 
     `advance_to` moves all of it to a moment; the emulators then read and act at that
     moment. `end_s` is where the recording of the truth stops, which goes to `truth`: a list, if nothing is given.
+    `start_utc_s` is the time of day at moment 0, which the receiver tells of.
     """
 
     def __init__(
@@ -85,6 +86,7 @@ class World:
         model: KtModel = OCEAN_RAMBLER,
         mounting: Mounting | None = None,
         truth: Rows | None = None,
+        start_utc_s: float = START_UTC_S,
     ) -> None:
         """Lie at the start at time 0 with the rudder amidships; ValueError for a model that is no ship."""
         self._mounting = mounting or Mounting()
@@ -101,6 +103,7 @@ class World:
         self.jam, self.free = self._mechanics.jam, self._mechanics.free
         self.extras = scenario.extras
         self._hull = Hull(scenario, model, seed)
+        self._start_utc_s = start_utc_s
         self._goals = list(reversed(goals))
         self._goal_rad: float | None = None
         self._last_row = math.floor(end_s * ROWS_PER_SECOND + 1e-9) if math.isfinite(end_s) else None
@@ -173,7 +176,7 @@ class World:
 
     def utc_s(self) -> float:
         """Seconds since 1970-01-01 UTC."""
-        return START_UTC_S + self._now_s
+        return self._start_utc_s + self._now_s
 
     def _record(self) -> None:
         row = self._step // STEPS_PER_ROW

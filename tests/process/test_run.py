@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from firmware_py.log.disk import log_files
+from firmware_py.log.reader import read_log
 from hil.sim.truth import COLUMNS, FLOAT_COLUMN, read
 from support.harness import rambler_hil, replays, start_rambler_hil
 
@@ -97,6 +99,7 @@ def test_a_paced_run_is_the_same_run(tmp_path):
 @pytest.mark.parametrize(("compass", "servo"), [("nmea", "volz"), ("pni", "dynamixel")])
 def test_in_real_time_she_turns_too_and_lateness_is_measured(tmp_path, compass, servo):
     words = ["run", "tank", "--speed", "real", "--seconds", "12", "--goal", "0:60"]
+    began_s = time.time()
     code, said, errors = rambler_hil(*words, "--compass", compass, "--servo", servo, "--out", str(tmp_path))
     assert (code, errors) == (0, "")
     summary = json.loads((tmp_path / "summary.json").read_text())
@@ -106,6 +109,10 @@ def test_in_real_time_she_turns_too_and_lateness_is_measured(tmp_path, compass, 
     assert read(tmp_path / "truth.csv").heading_low_rad[-1] > 0.08
     assert "ticks late by" in said
     assert replays(tmp_path)
+    (log,) = log_files(tmp_path / "state" / "logs").values()
+    fixes = [fix for tick in read_log(log) for fix in tick.inputs.positions if fix.utc_s is not None]
+    assert all(began_s - 1.0 < fix.utc_s < time.time() for fix in fixes)  # the receiver has the computer's time
+    assert len(fixes) > 5
 
 
 def test_an_autopilot_that_cannot_start_is_told_with_its_own_words(tmp_path):

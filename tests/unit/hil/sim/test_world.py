@@ -120,3 +120,10 @@ def test_a_compass_as_bought_errs_and_the_truth_does_not():
     world.advance_to(5.0)
     assert degrees(world.heading_rad()) == pytest.approx(-5.0)
     assert world.truth[-1][2] == 0.0
+
+
+def test_the_time_of_day_is_that_of_its_start_and_goes_on():
+    world = World(CALM, 1, start_utc_s=1_900_000_000.0)
+    world.advance_to(5.0)
+    assert world.utc_s() == 1_900_000_005.0
+    assert World(CALM, 1).utc_s() == START_UTC_S  # every lockstep run begins at the same moment

@@ -1,0 +1,56 @@
+"""What is wired around the logs of a state directory: who writes them, who sees them, and the date they know."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from firmware_py import version_text
+from firmware_py.common.interfaces import Clock, Position
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.link.files.root import FileRoot
+from firmware_py.log.disk import LocalDisk, last_written_s, log_files
+from firmware_py.log.recorder import LogRecorder
+from firmware_py.sensors.receiver_time import DatedPosition
+from firmware_py.system.state_directory import LOG_DIRECTORY, UPLOAD_DIRECTORY
+
+
+def storage_of(directory: Path, parameters: ParameterSet) -> FileRoot:
+    """What ground stations see of the state directory: its logs, and a place for what they upload."""
+    logs = directory / LOG_DIRECTORY
+    return FileRoot(
+        lambda: log_files(logs) if logs.is_dir() else {},
+        logs,
+        directory / UPLOAD_DIRECTORY,
+        logging=bool(parameters["LOG_ENABLE"]),
+        background=True,
+    )
+
+
+def recorder_of(
+    directory: Path, parameters: ParameterSet, clock: Clock, commit: str, opened: ExitStack
+) -> LogRecorder | None:
+    """Return what writes the logs of a state directory, closed with the rest; None where parameters want none."""
+    if not parameters["LOG_ENABLE"]:
+        return None
+    recorder = LogRecorder(
+        directory / LOG_DIRECTORY,
+        parameters=parameters,
+        file_bytes=int(parameters["LOG_FILE_MB"] * 1e6),
+        keep_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
+        least_bytes=int(parameters["LOG_FREE_MB"] * 1e6),
+        utc_s=clock.utc_s(),
+        software=version_text("rambler", commit),
+        disk=LocalDisk(kept_days=parameters["LOG_KEEP_DAYS"]),
+        clock_utc_s=clock.utc_s,
+    )
+    opened.callback(recorder.close)
+    return recorder
+
+
+def dated(position: Position | None, clock: Clock, directory: Path, say: Callable[[str], None]) -> Position | None:
+    """Return a receiver with the dates that it means, as far as clock and logs tell; None without one."""
+    if position is None:
+        return None
+    return DatedPosition(position, clock.utc_s, last_written_s(directory / LOG_DIRECTORY), say)
