@@ -179,10 +179,10 @@ class Endpoint:
                     for address, data in transport.receive(descriptor):
                         self._receive_queue.offer(index, address, data)
         self._answer(now_s)
-        self._flush(now_s)  # acknowledgements first
+        self._peers.flush(now_s)  # acknowledgements first
         self._peers.update(now_s)
         self._services.pump(self._peers.everybody(), now_s)
-        self._flush(now_s)
+        self._peers.flush(now_s)
 
     def publish(self, output: Output, now_s: float) -> None:
         """Send the telemetry that is due and what the tick has to say."""
@@ -197,7 +197,7 @@ class Endpoint:
         self._send_events(output.events)
         self._telemetry.send_due(self._peers, 1.0 / max(output.snapshot.rate_hz, 1.0), now_s)
         self._services.pump(self._peers.everybody(), now_s)
-        self._flush(now_s)
+        self._peers.flush(now_s)
 
     def progress(self) -> Sequence[Progress]:
         """Return what the thread for the disk work has done."""
@@ -296,7 +296,3 @@ class Endpoint:
             self._context.send_text_all(event.severity, event.text)
             if event.severity <= Severity.WARNING and event not in self.start_events:
                 self._recent.append(event)
-
-    def _flush(self, now_s: float) -> None:
-        for peer in self._peers.everybody():
-            peer.outbox.flush(now_s)

@@ -81,6 +81,11 @@ class Peers:
         """Return the number of broken frames from all peers since start."""
         return self._gone_rejected + sum(peer.splitter.rejected for peer in self.everybody())
 
+    def flush(self, now_s: float) -> None:
+        """Hand what waits for anybody to the transports."""
+        for peer in self.everybody():
+            peer.outbox.flush(now_s)
+
     def status(self, now_s: float) -> tuple[LinkStatus, ...]:
         """Return who is on each transport, those who wait for a place last."""
         seated = [(key[0], peer.status(now_s, has_place=True)) for key, peer in self._peers.items()]
