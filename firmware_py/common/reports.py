@@ -165,8 +165,9 @@ class Energy:
 class Snapshot:
     """The state of the boat after a tick, for the log and the link.
 
-    `rudder_rad` is measured, `rudder_command_rad` is commanded, both in the frame of
-    the rudder. `heading_ok` and `position_ok` say that the values are fresh.
+    `heading_rad` and `yaw_rate_rad_s` are those of the body with the compass; `heading_error_rad` counts from the
+    estimate's, the glider's, which is steered by. `rudder_rad` is measured, `rudder_command_rad` is commanded, both in
+    the frame of the rudder. `heading_ok` and `position_ok` say that the values are fresh.
     `distance_m` is None without a position goal.
     """
 

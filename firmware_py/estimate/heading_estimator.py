@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from firmware_py.common.angles import clamp, radians
+from firmware_py.common.angles import clamp, radians, wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, FixType, HeadingSample, PositionSample, Severity
 from firmware_py.common.reports import Estimate, HeadingEstimate
@@ -24,6 +24,7 @@ from firmware_py.estimate.wave_filter_state import WaveFilterSettings, WaveFilte
 
 SLOWEST_COURSE_M_S: Final = 0.02  # below it a receiver gives no course worth the name
 WIDEST_COURSE_RAD: Final = radians(20.0)  # a heading less certain than this is not steered by without a compass
+LONGEST_CARRIED_S: Final = 2.0  # a yaw rate says nothing of what comes later
 COMPASSES: Final = (Source.COMPASS_A, Source.COMPASS_B)
 
 
@@ -207,6 +208,20 @@ def heading_estimate(settings: HeadingEstimatorSettings, state: HeadingEstimator
         speed_sd_m_s=waves.spread(kalman.SPEED),
         turning_factor=waves.x[kalman.FACTOR],
     )
+
+
+def shown_heading(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> tuple[float, float]:
+    """Return the heading and yaw rate that an operator is shown: those of the body that the compass rides on.
+
+    It is what the compass shows without the waves and what one sees of the boat. The glider, which is steered by,
+    is ahead of it in a turn; on a steady course both are the same.
+    """
+    heading, waves = state.heading, state.wave_filter
+    if settings.observer_only or not waves.x:
+        return heading.heading_rad, heading.yaw_rate_rad_s
+    rate_rad_s = waves.x[kalman.FLOAT_RATE]
+    since_s = clamp(heading.t_s - waves.t_s, 0.0, LONGEST_CARRIED_S)
+    return wrap_two_pi(waves.x[kalman.FLOAT] + since_s * rate_rad_s), rate_rad_s
 
 
 def report(settings: HeadingEstimatorSettings, state: HeadingEstimatorState) -> Estimate | None:

@@ -49,7 +49,7 @@ def report(state: WaterState, waves: WaveFilterState) -> Water:
         leeway_sd_rad,
         follow_rad_s=waves.noise_model.follow_rad_s,
         course_lag_s=waves.x[kalman.COURSE_LAG] if waves.x else FIRST_COURSE_LAG_S,
-        orbit_m_s=math.exp(0.5 * waves.noise_model.log_orbit),
+        orbit_m_s=waves.noise_model.orbit_m_s,
         too_strong=state.too_strong,
     )
 

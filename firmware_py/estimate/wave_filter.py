@@ -17,9 +17,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
-from firmware_py.estimate import kalman, learning
+from firmware_py.estimate import kalman, learning, over_ground
 from firmware_py.estimate.kalman import Floats, Numbers
-from firmware_py.estimate.learning import NoiseModel
 from firmware_py.estimate.wave_filter_state import SPEEDS_M_S, WaveFilterSettings, WaveFilterState, start
 
 LONGEST_STEP_S: Final = 1.0  # one step of the covariance; a longer one takes several
@@ -30,14 +29,12 @@ FASTEST_M_S: Final = 10.0  # a velocity over the ground beyond it is a receiver'
 GATE_SIGMAS: Final = 6.0
 GATE_RAD: Final = radians(20.0)
 HEADING_LIMIT: Final = 5.0  # a normalised innovation beyond it counts as this many
-LEG_RAD: Final = radians(12.0)
 FIX_LIMIT: Final = 9.0
 
-_CURRENT, _ORBIT = (kalman.NORTH, kalman.EAST), (kalman.ORBIT_NORTH, kalman.ORBIT_EAST)
 # What each state gains in a second, in their order, but for the rudder bias and the motions of the waves, which learn
 # it, and the float's yaw rate, which gains by its frequency.
 WHITE: Final = (
-    *(0.0, 1e-6 * radians(1.0) ** 2, 0.0, 0.0, 1e-4 * radians(1.0) ** 2),
+    *(0.0, 1e-6 * radians(1.0) ** 2, 0.0, 0.0, 0.1 * radians(1.0) ** 2),
     *(5e-7, 5e-7),  # the current 2 cm/s in a quarter of an hour
     *(1e-5, 1e-6, 1e-7, 0.0),
 )
@@ -110,6 +107,14 @@ class _Workspace:
             self.noise_model, innovation, measured.variance, by_omega, by_follow, step_s
         )
 
+    def learn_from_heading(self, innovation_rad: float, variance: float, step_s: float) -> None:
+        """Learn strengths from the innovation of a heading that has been taken in."""
+        (angle, rate), squares = self.x[kalman.WAVE : kalman.WAVE + 2], self.p.diagonal()
+        omega_rad_s = self.noise_model.omega_rad_s
+        rate_square = (rate * rate + float(squares[kalman.WAVE_RATE])) / (omega_rad_s * omega_rad_s)
+        swing_square = 0.5 * (angle * angle + float(squares[kalman.WAVE]) + rate_square)
+        self.noise_model = learning.learn_from_heading(self.noise_model, innovation_rad, variance, step_s, swing_square)
+
 
 @dataclass(frozen=True, slots=True)
 class Measured:
@@ -157,7 +162,7 @@ def correct_heading(
     work.correct(measured, innovation_rad, max(variance, (innovation_rad / HEADING_LIMIT) ** 2))
     if step_s > 0.0:
         work.learn_frequencies(measured, innovation_rad, step_s)
-        work.noise_model = learning.learn_from_heading(work.noise_model, innovation_rad, variance, step_s)
+        work.learn_from_heading(innovation_rad, variance, step_s)
     return replace(
         _finish(work, state),
         sample_t_s=max(t_s, state.sample_t_s or t_s),
@@ -185,59 +190,28 @@ def correct_velocity(
         return state
     work = _Workspace(settings, state)
     work.predict_to(t_s)
-    leg_rad = _leg_rad(state.leg_rad, work.x)
-    normalised, noise = [], math.exp(work.noise_model.log_velocity_noise)
-    over_ground_m_s = (speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad))
-    for axis, shown_m_s in enumerate(over_ground_m_s):
-        expected_m_s, parts = _velocity_parts(work.x, axis, leg_rad, work.noise_model, mean)
-        innovation_m_s = shown_m_s - expected_m_s
-        measured = work.measure(parts, noise)
+    leg_rad = over_ground.leg_rad(state.leg_rad, work.x)
+    normalised, moved_m_s = [], []
+    swing_rad = (work.x[kalman.WAVE], work.x[kalman.WAVE_RATE] / work.noise_model.omega_rad_s)
+    velocity_m_s = (speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad))
+    for axis, shown_m_s in enumerate(velocity_m_s):
+        expected = over_ground.expect(work.x, axis, leg_rad, work.noise_model, mean)
+        innovation_m_s = shown_m_s - expected.velocity_m_s
+        measured = work.measure(expected.parts, expected.noise)
         square = innovation_m_s * innovation_m_s / measured.variance
         work.learn_frequencies(measured, innovation_m_s, 0.0)
         work.correct(measured, innovation_m_s, measured.variance * max(1.0, square / FIX_LIMIT))
         normalised.append(innovation_m_s / math.sqrt(measured.variance))
+        moved_m_s.append(shown_m_s - expected.way_m_s)
     step_s = t_s - state.fix_t_s if state.fix_t_s is not None else LONGEST_SILENCE_S
     if step_s > 0.0:  # of two that have waited in the same buffer, the second tells nothing about noise
-        work.noise_model = learning.learn_from_velocity(
+        model = learning.learn_from_velocity(
             work.noise_model, (normalised[0], normalised[1]), step_s, in_waves=mean is None
         )
+        if mean is None:
+            model = replace(model, coupling=learning.learn_coupling(model.coupling, swing_rad, moved_m_s, step_s))
+        work.noise_model = model
     return replace(_finish(work, state), fix_t_s=t_s, leg_rad=leg_rad)
-
-
-def _leg_rad(leg_rad: float | None, x: Numbers) -> float:
-    """Return the way of the leg that the boat is on: it stays the same until the boat has turned from it."""
-    way_rad = x[kalman.HEADING] + x[kalman.LEEWAY]
-    return way_rad if leg_rad is None or abs(wrap_pi(way_rad - leg_rad)) > LEG_RAD else leg_rad
-
-
-def _velocity_parts(
-    x: Numbers, axis: int, leg_rad: float, noise_model: NoiseModel, mean: tuple[float, float] | None
-) -> tuple[float, tuple[tuple[int, float], ...]]:
-    """Return the velocity north (axis 0) or east (1) that the states give, and its derivatives by them.
-
-    North is U cos(way) + c_north, east U sin(way) + c_east; momentary ones show the waves' motion besides, and lag.
-    By the speed they are taken on the way of the leg: what the estimated way errs by from fix to fix would be
-    taken for turns that the track did not follow, and so for a slower boat that is surely known.
-    """
-    speed_m_s, rate_rad_s, lag_s = x[kalman.SPEED], x[kalman.RATE], x[kalman.COURSE_LAG]
-    if mean is None:
-        way_rad = x[kalman.HEADING] + x[kalman.LEEWAY] - lag_s * rate_rad_s
-        cosine, sine = math.cos(way_rad), math.sin(way_rad)
-    else:
-        along, across = math.cos(x[kalman.LEEWAY]), math.sin(x[kalman.LEEWAY])
-        cosine, sine = mean[0] * along - mean[1] * across, mean[1] * along + mean[0] * across
-    towards, by_way = ((cosine, -speed_m_s * sine), (sine, speed_m_s * cosine))[axis]
-    by_speed = (math.cos, math.sin)[axis](leg_rad)
-    current, orbit = _CURRENT[axis], _ORBIT[axis]
-    expected_m_s = speed_m_s * towards + x[current]
-    parts = ((kalman.HEADING, by_way), (kalman.LEEWAY, by_way), (kalman.SPEED, by_speed), (current, 1.0))
-    if mean is not None:
-        return expected_m_s, parts
-    lagging = ((kalman.RATE, -lag_s * by_way), (kalman.COURSE_LAG, -rate_rad_s * by_way))
-    by_swing, by_rate = noise_model.orbit_shares
-    swinging = ((orbit, by_swing), (orbit + 1, by_rate / noise_model.omega_rad_s))
-    expected_m_s += sum([part * x[place] for place, part in swinging])
-    return expected_m_s, (*parts, *lagging, *swinging)
 
 
 def _finish(work: _Workspace, state: WaveFilterState) -> WaveFilterState:
