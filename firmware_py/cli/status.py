@@ -6,18 +6,24 @@ import argparse
 import json
 import os
 import shutil
+import time
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from firmware_py.cli.refusal import refused
+from firmware_py.common.calendar import is_possible
 from firmware_py.system.clock import machine_s
+from firmware_py.system.endings import ENDINGS_FILE, from_text
 from firmware_py.system.readings import device_line, values_line
+from firmware_py.system.slots import examine
 from firmware_py.system.status_file import Found, Freshness, find, find_all
 
 # What has lines of its own; any other section of a status is a line of names and values.
 _TOLD = ("status", "reason", "age_s", "user", "vehicle", "state_directory", "written_machine_s")
 _INDENT = "  "
+_LAST_ENDINGS = 3  # the JSON has them all
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,7 +71,20 @@ def _whole(found: Found, directory: Path | None) -> dict[str, Any]:
     }
     if directory is not None:
         told |= {"state_directory": os.path.realpath(directory), "disk": _disk(directory)}
+        told["endings"] = _endings(directory)
     return told
+
+
+def _endings(directory: Path) -> dict[str, Any]:
+    """Return how the runs before have ended, as far as the state directory tells: it can be read when nothing runs."""
+    stored = examine(directory, ENDINGS_FILE)
+    if stored.content is None:
+        return {"error": stored.damage} if stored.damage else {}
+    try:
+        endings = from_text(stored.content.decode("utf-8", "replace"))
+    except ValueError as error:
+        return {"error": f"{ENDINGS_FILE}: {error}"}
+    return {"counts": dict(endings.counts), "last": [asdict(ending) for ending in endings.last]}
 
 
 def _disk(directory: Path) -> dict[str, Any]:
@@ -83,6 +102,7 @@ def _lines(told: Mapping[str, Any]) -> Iterator[str]:
     who = f" by user {told['user']}" if "user" in told else ""
     what = f"{told.get('vehicle', 'autopilot')} in {told.get('state_directory', '?')}"
     yield f"{what}: {told['status']}{age}{who}{reason}"
+    yield from _block("endings", list(_ending_lines(told.get("endings", {}))))
     if "mode" not in told:
         return
     faults = [
@@ -94,8 +114,20 @@ def _lines(told: Mapping[str, Any]) -> Iterator[str]:
     single = {name: value for name, value in told.items() if not isinstance(value, (dict, list)) and name not in _TOLD}
     yield from _block("now", [values_line({name: value for name, value in single.items() if value != ""})])
     for name, value in told.items():
-        if isinstance(value, dict) and value:
+        if isinstance(value, dict) and value and name != "endings":
             yield from _block(name, [values_line(value)])
+
+
+def _ending_lines(endings: Mapping[str, Any]) -> Iterator[str]:
+    """Tell how often the runs before have ended why, and when the last ones did."""
+    if "error" in endings:
+        yield endings["error"]
+    if endings.get("counts"):
+        yield ", ".join(f"{why} {count}" for why, count in endings["counts"].items())
+    for ending in reversed(endings.get("last", [])[-_LAST_ENDINGS:]):
+        known = is_possible(ending["utc_s"])  # by a clock that was right
+        when = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(ending["utc_s"])) if known else "at an unknown time"
+        yield f"{_INDENT}{when}  {ending['why']}{ending['text'] and ', '}{ending['text']}"
 
 
 def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:

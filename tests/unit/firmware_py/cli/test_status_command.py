@@ -1,0 +1,57 @@
+"""`rambler status` of what earlier runs have left: it is told whether one runs or not."""
+
+import json
+
+import pytest
+
+from firmware_py.__main__ import main
+from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, to_text
+from firmware_py.system.slots import slot_path
+from firmware_py.system.store import Store
+
+UTC_S = 1_800_000_000.0
+ENDINGS = Endings(
+    {"watchdog": 3, "killed": 1, "stopped": 9},
+    (*(Ending("watchdog", f"in core/step.py:{line} step", UTC_S + line) for line in range(5)), Ending("killed")),
+)
+
+
+@pytest.fixture
+def state(tmp_path):
+    directory = tmp_path / "state"
+    store = Store(directory)
+    store.save(ENDINGS_FILE, to_text(ENDINGS).encode())
+    store.close()
+    return directory
+
+
+def status(capsys, directory, *words):
+    assert main(["status", "--state", str(directory), *words]) == 1  # nothing runs
+    return capsys.readouterr().out
+
+
+def test_json_has_all_that_is_kept(state, capsys):
+    told = json.loads(status(capsys, state, "--json"))["endings"]
+    assert told["counts"] == {"watchdog": 3, "killed": 1, "stopped": 9}
+    assert told["last"][0] == {"why": "watchdog", "text": "in core/step.py:0 step", "utc_s": UTC_S}
+    assert told["last"][-1] == {"why": "killed", "text": "", "utc_s": 0.0}
+    assert len(told["last"]) == 6
+
+
+def test_lines_have_the_counts_and_the_last_few_newest_first(state, capsys):
+    lines = status(capsys, state).splitlines()[1:]
+    assert [line.strip() for line in lines] == [
+        "endings       watchdog 3, killed 1, stopped 9",
+        "at an unknown time  killed",
+        "2027-01-15 08:00:04 UTC  watchdog, in core/step.py:4 step",
+        "2027-01-15 08:00:03 UTC  watchdog, in core/step.py:3 step",
+    ]
+
+
+def test_what_cannot_be_read_is_told_and_nothing_is_where_nothing_was(state, tmp_path, capsys):
+    (tmp_path / "new").mkdir()
+    assert json.loads(status(capsys, tmp_path / "new", "--json"))["endings"] == {}
+    path = slot_path(state, ENDINGS_FILE, 0)
+    path.write_bytes(path.read_bytes().replace(b"watchdog", b"watchdig", 1))
+    assert json.loads(status(capsys, state, "--json"))["endings"] == {"error": f"{ENDINGS_FILE}.0 is damaged"}
+    assert f"{ENDINGS_FILE}.0 is damaged" in status(capsys, state)
