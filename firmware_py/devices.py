@@ -8,14 +8,15 @@ from typing import Any, Generic, TypeVar
 
 from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
-from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Position, Rudder
-from firmware_py.sensors import mti_reading, nmea_reader, pni_reading, ubx_protocol
+from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Position, Power, Rudder
+from firmware_py.sensors import mti_reading, nmea_reader, pni_reading, ubx_protocol, vedirect_blocks
 from firmware_py.sensors.decode import CaptureFormat, Result
 from firmware_py.sensors.mti import MtiCompass, MtiOptions
 from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
 from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
 from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
 from firmware_py.sensors.ubx import UbxOptions, UbxPosition
+from firmware_py.sensors.vedirect import VeDirectOptions, VeDirectPower
 
 DeviceT = TypeVar("DeviceT")
 
@@ -82,6 +83,14 @@ RUDDERS: Mapping[str, Driver[Rudder]] = {
         make=volz_rudder,
     ),
 }
+POWERS: Mapping[str, Driver[Power]] = {
+    "vedirect": Driver(
+        device="Victron chargers and battery monitors that speak VE.Direct (MPPT, SmartShunt, BMV)",
+        options=VeDirectOptions,
+        make=lambda line, _options: VeDirectPower(line),
+        capture=vedirect_blocks.CAPTURE_FORMAT,
+    ),
+}
 
 # The drivers that each section of a vehicle file may name.
 SECTIONS: Mapping[str, Mapping[str, Driver[Any]]] = {
@@ -89,6 +98,8 @@ SECTIONS: Mapping[str, Mapping[str, Driver[Any]]] = {
     "compass_b": COMPASSES,
     "position": POSITIONS,
     "rudder": RUDDERS,
+    "power": POWERS,
+    "power_b": POWERS,
 }
 
 # By the names of `rambler decode`.

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from firmware_py.common.interfaces import Clock, Compass, Device, Link, Position, Recorder, Rudder
+from firmware_py.common.interfaces import Clock, Compass, Device, Link, Position, Power, Recorder, Rudder
 from firmware_py.common.records import Event, HeadingSample, Inputs, Progress, RudderCommand, Tick
 from firmware_py.common.reports import Output
 from firmware_py.core.autopilot import Autopilot
@@ -63,6 +63,7 @@ class LoopParts:
     notices: list[Event] = field(default_factory=list)  # of what is found on disk: told with the next tick
     take_signals: Callable[[], tuple[Event, ...]] = tuple  # what is to be told of the process's signals
     compass_b: Compass | None = None
+    power: tuple[Power, ...] = ()
     health: HealthMonitor = field(default_factory=HealthMonitor)
     show_status: Callable[[Output, float], None] = lambda _output, _now_s: None  # to who looks on; never raises
     watchdogs: Watchdogs = field(default_factory=Watchdogs)
@@ -73,7 +74,7 @@ class LoopParts:
 
     def __post_init__(self) -> None:
         """List the devices once."""
-        present = (self.compass, self.compass_b, self.rudder, self.position)
+        present = (self.compass, self.compass_b, self.rudder, self.position, *self.power)
         self.devices = tuple(device for device in present if device is not None)
 
 
@@ -124,6 +125,7 @@ def _tick(parts: LoopParts, tick: Tick) -> HeadingSample | None:
         tuple(parts.rudder.poll()),
         parts.health.take_reports(),
         parts.autopilot.take_requests(),
+        tuple(sample for device in parts.power for sample in device.poll()),
     )
     output = parts.autopilot.step(inputs)
     parts.rudder.command(output.command, now_s)

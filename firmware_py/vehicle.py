@@ -40,7 +40,7 @@ class _Connection:
 
 @dataclass(frozen=True, slots=True)
 class DeviceEntry:
-    """[compass], [compass_b], [position] or [rudder]; `options` is the record of the driver's own (devices.Driver)."""
+    """The section of a device, or of a second one; `options` is the record of the driver's own (devices.Driver)."""
 
     driver: str
     port: str
@@ -75,11 +75,14 @@ class Vehicle:
     link_urls: tuple[str, ...]
     parameters: Mapping[str, float]
     compass_b: DeviceEntry | None = None
+    power: DeviceEntry | None = None
+    power_b: DeviceEntry | None = None
 
 
 MOST_BYTES = 1 << 20  # of a vehicle or parameter file
 _MOST_BITS = 4096  # of a whole number: Python refuses to write much longer ones
-_SECTIONS = ("vehicle", "compass", "compass_b", "position", "rudder", "link", "hull", "parameters")
+_OPTIONAL = ("position", "compass_b", "power", "power_b")  # devices
+_SECTIONS = ("vehicle", "compass", "rudder", *_OPTIONAL, "link", "hull", "parameters")
 _CONNECTION = tuple(row.name for row in fields(_Connection))
 
 
@@ -118,7 +121,7 @@ def _check_values(data: Mapping[str, Any], path: Path) -> None:
 
 def parse(data: Mapping[str, Any], path: Path) -> Vehicle:
     """Check the content of a vehicle file read from path; VehicleError tells all that is wrong with it."""
-    optional = [name for name in ("position", "compass_b") if name in data]
+    optional = [name for name in _OPTIONAL if name in data]
     _, values = _all_read(
         {
             "sections": lambda: _only_known(data, _SECTIONS, f"{path}: section"),

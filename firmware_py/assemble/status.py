@@ -76,5 +76,7 @@ def _ports(vehicle: Vehicle) -> dict[DeviceRole, tuple[str, str]]:
         DeviceRole.COMPASS_B: vehicle.compass_b,
         DeviceRole.POSITION: vehicle.position,
         DeviceRole.RUDDER: vehicle.rudder,
+        DeviceRole.POWER: vehicle.power,
+        DeviceRole.POWER_B: vehicle.power_b,
     }
     return {role: (entry.driver, entry.port) for role, entry in entries.items() if entry is not None}

@@ -12,13 +12,13 @@ from firmware_py import ROOT, __version__, commit_of
 from firmware_py.assemble.earlier_runs import read_state, report_key, resume
 from firmware_py.assemble.logs import dated, recorder_of, storage_of
 from firmware_py.assemble.status import show_status
-from firmware_py.common.interfaces import ByteLine, Calibrator, Clock, Compass, Position, Rudder
+from firmware_py.common.interfaces import ByteLine, Calibrator, Clock, Compass, Position, Power, Rudder
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import Event, Severity, Stored
+from firmware_py.common.records import DeviceRole, Event, Severity, Stored
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.state import State
-from firmware_py.devices import COMPASSES, POSITIONS, RUDDERS, calibrator_of
+from firmware_py.devices import COMPASSES, POSITIONS, POWERS, RUDDERS, calibrator_of
 from firmware_py.files.reading import read_regular
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
@@ -26,7 +26,7 @@ from firmware_py.link.wire.open_transport import open_transport
 from firmware_py.link.wire.transport import Transport
 from firmware_py.loop import LoopParts
 from firmware_py.sensors.line_tee import LineTee
-from firmware_py.sensors.relabelled import RelabelledCompass
+from firmware_py.sensors.relabelled import Relabelled
 from firmware_py.system.clock import LockstepClock, RealClock, set_utc_s
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.console import Console
@@ -50,6 +50,7 @@ class Devices:
     rudder: Rudder
     compass_b: Compass | None
     calibrator: Calibrator | None
+    power: tuple[Power, ...]
     lines: tuple[SerialPort, ...]
 
 
@@ -78,11 +79,23 @@ def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
     if (entry_b := vehicle.compass_b) is not None:
         line_b = SerialPort(entry_b.port, entry_b.baud)
         lines.append(line_b)
-        second = RelabelledCompass(COMPASSES[entry_b.driver].make(line_b, entry_b.options))
+        second = Relabelled(COMPASSES[entry_b.driver].make(line_b, entry_b.options), DeviceRole.COMPASS_B)
     rudder = RUDDERS[vehicle.rudder.driver].make(rudder_line, vehicle.rudder.options)
+    power = _power_monitors(vehicle, lines)
     open_lines(lines, wait=wait)
     calibrator = calibrator_of(vehicle.compass.driver, compass)
-    return Devices(compass, position, rudder, second, calibrator, tuple(lines))
+    return Devices(compass, position, rudder, second, calibrator, power, tuple(lines))
+
+
+def _power_monitors(vehicle: Vehicle, lines: list[SerialPort]) -> tuple[Power, ...]:
+    """Make the drivers of what measures battery and panels; their lines are added to the others."""
+    made: list[Power] = []
+    for entry, role in ((vehicle.power, DeviceRole.POWER), (vehicle.power_b, DeviceRole.POWER_B)):
+        if entry is not None:
+            lines.append(SerialPort(entry.port, entry.baud))
+            monitor = POWERS[entry.driver].make(lines[-1], entry.options)
+            made.append(monitor if role is DeviceRole.POWER else Relabelled(monitor, role))
+    return tuple(made)
 
 
 def open_lines(lines: Sequence[SerialPort], *, wait: bool) -> None:
@@ -187,6 +200,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         compass_b=devices.compass_b,
         position=dated(devices.position, clock, options.state_directory, say),
         rudder=devices.rudder,
+        power=devices.power,
         link=endpoint,
         recorder=recorder,
         store=store,

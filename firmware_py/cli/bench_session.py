@@ -6,8 +6,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from firmware_py.common.interfaces import Compass, Position, Rudder
-from firmware_py.common.records import DeviceHealth, HeadingSample, PositionSample, RudderCommand, RudderFeedback
+from firmware_py.common.interfaces import Compass, Position, Power, Rudder
+from firmware_py.common.records import (
+    DeviceHealth,
+    HeadingSample,
+    PositionSample,
+    PowerSample,
+    RudderCommand,
+    RudderFeedback,
+)
 from firmware_py.devices import COMPASSES, POSITIONS, SECTIONS
 from firmware_py.sensors.line_tee import LineTee
 from firmware_py.system.clock import RealClock
@@ -15,6 +22,7 @@ from firmware_py.system.readings import (
     device_values,
     heading_values,
     position_values,
+    power_values,
     rudder_values,
 )
 from firmware_py.system.serial_port import PortError, SerialPort
@@ -24,7 +32,7 @@ POLL_INTERVAL_S = 0.1
 # The servo is asked for its state and told to let go: listening moves nothing.
 RELEASED = RudderCommand(0.0, torque_on=False)
 
-Sample = HeadingSample | PositionSample | RudderFeedback
+Sample = HeadingSample | PositionSample | RudderFeedback | PowerSample
 
 
 @dataclass(slots=True)
@@ -34,7 +42,7 @@ class BenchDevice:
     role: str
     driver_name: str
     port: str
-    driver: Compass | Position | Rudder | None = None
+    driver: Compass | Position | Rudder | Power | None = None
     error: str = ""
     count: int = 0
     first_s: float | None = None
@@ -62,6 +70,7 @@ _VALUES: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
     HeadingSample: heading_values,
     PositionSample: position_values,
     RudderFeedback: rudder_values,
+    PowerSample: power_values,
 }
 
 
@@ -85,8 +94,8 @@ class BenchSession:
         """Open each port; a failure stands in that device's record."""
         self._clock = RealClock()
         entries = [("compass", vehicle.compass), ("rudder", vehicle.rudder)]
-        if vehicle.compass_b is not None:
-            entries.append(("compass_b", vehicle.compass_b))
+        more = {"compass_b": vehicle.compass_b, "power": vehicle.power, "power_b": vehicle.power_b}
+        entries += [(name, entry) for name, entry in more.items() if entry is not None]
         shared = vehicle.position is not None and vehicle.position.port == vehicle.compass.port
         if vehicle.position is not None and not shared:
             entries.append(("position", vehicle.position))

@@ -18,6 +18,7 @@ from firmware_py.common.records import (
     HeadingSample,
     Inputs,
     PositionSample,
+    PowerSample,
     Progress,
     RudderCommand,
     RudderFeedback,
@@ -89,6 +90,13 @@ class Position(Device, Protocol):
 
     def poll(self) -> Sequence[PositionSample]:
         """The fixes since the last poll, oldest first."""
+
+
+class Power(Device, Protocol):
+    """A monitor of the battery, or a charger."""
+
+    def poll(self) -> Sequence[PowerSample]:
+        """The samples since the last poll, oldest first."""
 
 
 class Rudder(Device, Protocol):

@@ -42,6 +42,8 @@ class DeviceRole(IntEnum):
     CLOCK = 5  # the computer's clock against the loop's: FAULTY when it has just jumped
     COMPASS_B = 6
     KEY = 7  # of signed frames: FAULTY when it was lost
+    POWER = 8
+    POWER_B = 9
 
 
 class DeviceState(IntEnum):
@@ -134,6 +136,25 @@ class RudderFeedback:
 
 
 @dataclass(frozen=True, slots=True)
+class PowerSample:
+    """What a monitor of the battery or a charger has measured, None for what it does not measure.
+
+    `current_a` flows into the battery, all loads that the device sees taken off. `charge` is the state of
+    charge, 0 to 1. `solar_w` is what the panels give: who measures that is a charger. `load_a` goes out of a charger's
+    load output. `source` is 0 for the device of [power], 1 for that of [power_b], 2 for another MAVLink component.
+    """
+
+    t_s: float
+    source: int = 0
+    voltage_v: float | None = None
+    current_a: float | None = None
+    charge: float | None = None
+    solar_w: float | None = None
+    load_a: float | None = None
+    temperature_c: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class DeviceHealth:
     """State of a device and its counters since start; given to the loop on change."""
 
@@ -176,6 +197,7 @@ class Inputs:
     rudder: tuple[RudderFeedback, ...] = ()
     devices: tuple[DeviceHealth, ...] = ()
     requests: tuple[Request, ...] = ()
+    power: tuple[PowerSample, ...] = ()
 
 
 # --------------------------------------------------------------------------- outputs

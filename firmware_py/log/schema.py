@@ -2,8 +2,8 @@
 
 A tick is a run of records from TICK to END. Between them stand, at a checkpoint, the
 state before the tick (CHK) and the ticks lost so far (DROP); all inputs (HDG, FIX, RFB,
-DEV, REQ); the decision (CTL); and, for reading along only, NAV and the messages of
-ardupilot.py. END has the number of the tick, which shows missing ones, and a checksum over
+DEV, REQ, PWR); the decision (CTL); and, for reading along only, the messages of
+beside.py and ardupilot.py. END has the number of the tick, which shows missing ones, and a checksum over
 all since TICK, which shows damage.
 
 Inputs and decisions are doubles, in SI units and radians; T is the exact time that
@@ -29,11 +29,13 @@ from firmware_py.common.records import (
     Inputs,
     NorthReference,
     PositionSample,
+    PowerSample,
     RudderCommand,
     RudderFeedback,
     Tick,
 )
 from firmware_py.common.reports import Output
+from firmware_py.log import beside
 from firmware_py.log.dataflash import MessageType
 from firmware_py.log.rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
 
@@ -48,10 +50,6 @@ def _text(text: str) -> str:
 
 def _request(text: str) -> tuple[Any, tuple[str, ...]]:
     return _REQUESTS.read(text)
-
-
-def _not_read() -> None:
-    return None
 
 
 TICK: Final = Row(
@@ -147,111 +145,32 @@ CONTROL: Final = Row(
     ),
     RudderCommand,
 )
-NAVIGATION: Final = Row(
-    148,
-    "NAV",
+POWER: Final = Row(
+    157,  # a flipped bit of 156 would be that of TICK
+    "PWR",
     (
-        maybe("Hdg", "r", "heading_rad"),
-        flag("HdgOk", "heading_ok"),
-        maybe("YawR", "E", "yaw_rate_rad_s"),
-        maybe("Roll", "r", "roll_rad"),
-        maybe("Pitch", "r", "pitch_rad"),
-        maybe("Goal", "r", "goal_heading_rad"),
-        maybe("Err", "r", "heading_error_rad"),
-        maybe("Brg", "r", "bearing_rad"),
-        maybe("Dist", "m", "distance_m"),
-        flag("PosOk", "position_ok"),
-        real("Soft", "-", "helm_softness"),
+        whole("I", "B", "source", "#"),
+        real("T", "s", "t_s"),
+        maybe("Volt", "v", "voltage_v"),
+        maybe("Curr", "A", "current_a"),
+        maybe("SoC", "-", "charge"),
+        maybe("Sun", "W", "solar_w"),
+        maybe("Load", "A", "load_a"),
+        maybe("Temp", "O", "temperature_c"),
     ),
-    _not_read,
-)
-GUIDANCE: Final = Row(
-    153,
-    "GDN",
-    (
-        whole("Do", "B", "navigation.activity"),
-        maybe("Lat", "r", "navigation.target_latitude_rad"),
-        maybe("Lng", "r", "navigation.target_longitude_rad"),
-        maybe("Rad", "m", "navigation.radius_m"),
-        maybe("XTrk", "m", "navigation.cross_track_m"),
-        flag("Arr", "navigation.arrived"),
-        maybe("Fnc", "m", "navigation.fence_margin_m"),
-        whole("MSt", "B", "mission.state"),
-        maybe("MItm", "-", "mission.index"),
-    ),
-    _not_read,
-)
-WATER: Final = Row(
-    154,
-    "WTR",
-    (
-        real("U", "n", "speed_m_s"),
-        real("USd", "n", "speed_sd_m_s"),
-        real("CN", "n", "current_north_m_s"),
-        real("CE", "n", "current_east_m_s"),
-        real("CSd", "n", "current_sd_m_s"),
-        real("Lee", "r", "leeway_rad"),
-        real("LSd", "r", "leeway_sd_rad"),
-        real("Fol", "E", "follow_rad_s"),
-        real("CLag", "s", "course_lag_s"),
-        real("Orb", "n", "orbit_m_s"),
-        flag("Strg", "too_strong"),
-    ),
-    _not_read,
-)
-ESTIMATE: Final = Row(
-    151,
-    "EST",
-    (
-        real("Hdg", "r", "heading_rad"),
-        real("HSd", "r", "heading_sd_rad"),
-        real("YawR", "E", "yaw_rate_rad_s"),
-        whole("Src", "B", "source"),
-        real("Bias", "r", "bias_rad"),
-        real("BSd", "r", "bias_sd_rad"),
-        real("WT", "s", "wave_period_s"),
-        real("WSd", "r", "wave_sd_rad"),
-        real("U", "n", "speed_m_s"),
-        real("CN", "n", "current_north_m_s"),
-        real("CE", "n", "current_east_m_s"),
-        real("Fac", "-", "turning_factor"),
-        real("In", "r", "innovation_rad"),
-        real("ISd", "r", "innovation_sd_rad"),
-        real("I2", "-", "innovation_square"),
-    ),
-    _not_read,
-)
-ENERGY: Final = Row(
-    155,
-    "ENRG",
-    (
-        real("Trav", "r", "travel_rad"),
-        whole("Rev", "Q", "reversals"),
-        real("Enrg", "J", "energy_j"),
-        real("TrvH", "r", "travel_rad_per_h"),
-        real("RevH", "-", "reversals_per_h"),
-        maybe("Pow", "W", "power_w"),
-        flag("Rest", "resting"),
-    ),
-    _not_read,
+    PowerSample,
 )
 DROP: Final = MessageType(149, "DROP", "TimeUS,Lost", "QQ", "s-", "F-")
 END: Final = MessageType(150, "END", "TimeUS,Seq,Crc", "QQI", "s--", "F--")
 CRC_BYTES: Final = 4
-# Where she goes and what the water does changes slowly: it is told once in so many ticks.
-GUIDANCE_TICKS: Final = 10
 
 # The rows that a reader makes records of, by message name.
 READ: Final[Mapping[str, Row]] = {
-    row.type.name: row for row in (TICK, CHECKPOINT, HEADING, POSITION, FEEDBACK, DEVICE, REQUEST, CONTROL)
+    row.type.name: row for row in (TICK, CHECKPOINT, HEADING, POSITION, FEEDBACK, DEVICE, REQUEST, CONTROL, POWER)
 }
 TYPES: Final = (
     *(row.type for row in READ.values()),
-    NAVIGATION.type,
-    ESTIMATE.type,
-    GUIDANCE.type,
-    WATER.type,
-    ENERGY.type,
+    *beside.TYPES,
     DROP,
     END,
 )
@@ -264,21 +183,13 @@ def inputs_bytes(inputs: Inputs) -> bytes:
     parts += [FEEDBACK.pack(sample.t_s, sample) for sample in inputs.rudder]
     parts += [DEVICE.pack_text(health.t_s, health, health.text) for health in inputs.devices]
     parts += [REQUEST.pack_text(one.t_s, one, _REQUESTS.to_text(one)) for one in inputs.requests]
+    parts += [POWER.pack(sample.t_s, sample) for sample in inputs.power]
     return b"".join(parts)
 
 
 def output_bytes(output: Output) -> bytes:
     """Return the messages of a decision."""
-    t_s, boat = output.snapshot.t_s, output.snapshot
-    decided = CONTROL.pack(t_s, output) + NAVIGATION.pack(t_s, boat)
-    if boat.estimate is not None:
-        decided += ESTIMATE.pack(t_s, boat.estimate)
-    if boat.tick % GUIDANCE_TICKS:
-        return decided
-    decided += GUIDANCE.pack(t_s, boat)
-    if boat.energy is not None:
-        decided += ENERGY.pack(t_s, boat.energy)
-    return decided if boat.water is None else decided + WATER.pack(t_s, boat.water)
+    return CONTROL.pack(output.snapshot.t_s, output) + beside.snapshot_bytes(output.snapshot)
 
 
 def end_bytes(batch: bytes, t_s: float, sequence: int) -> bytes:

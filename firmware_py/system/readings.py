@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from firmware_py.common.angles import compass_degrees, degrees
-from firmware_py.common.records import DeviceHealth, HeadingSample, PositionSample, RudderFeedback
+from firmware_py.common.records import DeviceHealth, HeadingSample, PositionSample, PowerSample, RudderFeedback
 
 Values = dict[str, Any]
 
@@ -47,6 +47,18 @@ def rudder_values(sample: RudderFeedback) -> Values:
         "voltage_v": rounded(sample.voltage_v, 2),
         "current_a": rounded(sample.current_a, 3),
         "hardware_error": sample.hardware_error,
+    }
+
+
+def power_values(sample: PowerSample) -> Values:
+    """Return what a battery monitor or a charger says; a current into the battery is positive."""
+    return {
+        "voltage_v": rounded(sample.voltage_v, 3),
+        "current_a": rounded(sample.current_a, 3),
+        "charge_percent": rounded(sample.charge, 1, lambda charge: 100.0 * charge),
+        "solar_w": rounded(sample.solar_w, 0),
+        "load_a": rounded(sample.load_a, 3),
+        "temperature_c": sample.temperature_c,
     }
 
 

@@ -115,6 +115,11 @@ class DynamixelEmulator:
         self._restart_ram()
         self._ready_s = now_s + off_s + self._boot_s
 
+    @property
+    def energy_j(self) -> float:
+        """What the motor has taken so far."""
+        return self.motor.energy_j
+
     def inject_error(self, bits: int) -> None:
         """Raise bits of the hardware error status, as a fault inside the servo would."""
         self.motor.raise_error(bits)

@@ -56,6 +56,9 @@ class VolzEmulator:
         self.voltage_v = 24.0
         self.temperature_c = 25.0
         self.load_a = 0.0  # drawn in addition, as by a shaft that binds
+        self.energy_j = 0.0  # taken so far, as if the current stayed the same from one command to the next
+        self._drawn_s: float | None = None
+        self._drawn_w = 0.0
         self._shaft = shaft
         self._rng = rng
         self._device_id = device_id
@@ -119,6 +122,8 @@ class VolzEmulator:
         command, device_id = head[0], head[1]
         if device_id != self._device_id or command not in self._commands:
             return
+        self.energy_j += 0.0 if self._drawn_s is None else self._drawn_w * (now_s - self._drawn_s)
+        self._drawn_s, self._drawn_w = now_s, self._drawn_a() * self.voltage_v
         answer, execute = self._commands[command]
         frame = bytes([answer, device_id]) + execute(int.from_bytes(head[2:], "big")).to_bytes(2, "big")
         self._line.send(now_s + _ANSWER_DELAY_S, frame + crc16_8005(frame, _CRC_START).to_bytes(2, "big"))
@@ -131,9 +136,12 @@ class VolzEmulator:
         counts = round(degrees(self._shaft.angle_rad()) * _COUNTS_PER_DEGREE) + _CENTRE
         return int(clamp(counts, 0, 0x0FFF))
 
-    def _current_a(self) -> float:
+    def _drawn_a(self) -> float:
         arrived = abs(self._shaft.angle_rad() - self._target_rad) < _ARRIVED_RAD
-        return self.load_a + (_HOLDING_A if arrived else _MOVING_A) + self._rng.normal(0.0, _CURRENT_NOISE_A)
+        return self.load_a + (_HOLDING_A if arrived else _MOVING_A)
+
+    def _current_a(self) -> float:
+        return self._drawn_a() + self._rng.normal(0.0, _CURRENT_NOISE_A)
 
     def _measured_v(self) -> float:
         return self.voltage_v + self._rng.normal(0.0, _VOLTAGE_NOISE_V)

@@ -11,7 +11,7 @@ from typing import Any
 
 from hil.report.figures import RudderTravel, goal_figures, steady_rudder_travel_deg_per_h
 from hil.report.loop_health import from_logs
-from hil.ship import extras_table
+from hil.ship import extras_table, power_plant
 from hil.sim.runner import STATE, Run
 
 PACKAGES = ("rambler-autopilot", "numpy", "pymavlink")
@@ -42,6 +42,7 @@ def summarise(run: Run) -> Summary:
         "goals": goals,
         "rudder_travel_deg_per_h": steady_rudder_travel_deg_per_h(figures),
         "rudder_travel_whole_deg_per_h": travel.deg_per_h(),
+        **({} if run.plant is None else {"supply": power_plant.figures(run.plant)}),
         "loop": None if health is None else asdict(health),
         "lockstep": options.lockstep,
         "speed_ratio": run.speed_ratio,

@@ -98,6 +98,17 @@ class Delay:
 
 
 @dataclass(frozen=True, slots=True)
+class Supply:
+    """Panels, battery and steady load of the boat: peak power, share of clouds, capacity, load, charge at the start."""
+
+    panel_w: float = number("W", 0.0, 5000.0, 60.0)
+    clouds: float = number("share", 0.0, 1.0, 0.4)
+    battery_wh: float = number("Wh", 1.0, 1e5, 500.0)
+    load_w: float = number("W", 0.0, 1000.0, 4.0)
+    charge: float = number("share", 0.0, 1.0, 0.8)
+
+
+@dataclass(frozen=True, slots=True)
 class Extras:
     """What a sea is sailed with; None is without."""
 
@@ -110,6 +121,7 @@ class Extras:
     compass: Compass | None = None
     other_ship: OtherShip | None = None
     delay: Delay | None = None
+    supply: Supply | None = None
 
 
 NONE = Extras()

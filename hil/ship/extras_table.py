@@ -22,6 +22,7 @@ from hil.ship.extras import (
     OtherShip,
     Receiver,
     Slide,
+    Supply,
     WaveSpeed,
 )
 
@@ -103,6 +104,13 @@ TABLE: tuple[Option, ...] = (
         "margins: K x2, K x0.5, T x3",
     ),
     Option("delay", Delay, "delay", "the rudder turns her so much later", "margins: 2 s"),
+    Option(
+        "supply",
+        Supply,
+        "supply",
+        "panels under sun and clouds, a battery, a steady load beside the servo; a charger and a monitor tell of it",
+        "clear sky: Haurwitz 1945; lengths of clouds assumed; four cells of lithium iron phosphate",
+    ),
 )
 BY_NAME: Mapping[str, Option] = {row.name: row for row in TABLE}
 

@@ -24,6 +24,8 @@ class Stream(IntEnum):
     ROLL = 9
     GAPS = 10
     ORBIT_ALONE = 11
+    CLOUDS = 12
+    POWER = 13
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:

@@ -15,10 +15,14 @@ from hil.devices.mti import MtiEmulator
 from hil.devices.nmea_compass import Kind, NmeaCompassEmulator
 from hil.devices.nmea_gps import Gaps, NmeaGpsEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
+from hil.devices.vedirect import Kind as PowerKind
+from hil.devices.vedirect import VeDirectEmulator
 from hil.devices.volz import VolzEmulator
 from hil.errors import UsageError
+from hil.ship.extras import Supply
 from hil.ship.noise import Stream, generator
-from hil.sim.world import World
+from hil.ship.power_plant import Place, PowerPlant
+from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, World
 
 FREQUENCY_ERROR_PPM = 20.0  # spread of ordinary crystal oscillators
 COMPASS_RATE_HZ = 10.0
@@ -121,6 +125,7 @@ SERVOS: Mapping[str, EmulatedDevice] = {
     "volz": EmulatedDevice("volz", 115200, _volz),
 }
 POSITION = EmulatedDevice("nmea", 9600, _gps)
+POWER_DRIVER, POWER_BAUD = "vedirect", 19200
 
 
 def _answering(devices: Mapping[str, EmulatedDevice], driver: str) -> EmulatedDevice:
@@ -133,9 +138,10 @@ def _answering(devices: Mapping[str, EmulatedDevice], driver: str) -> EmulatedDe
 
 
 def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Emulator]:
-    """Build compass, position and rudder as the vehicle names them, or raise UsageError.
+    """Build compass, position and rudder as the vehicle names them, and what measures its supply, or raise UsageError.
 
-    The place's declination is the one that the vehicle steers with.
+    The place's declination is the one that the vehicle steers with. A vehicle without a power monitor gets a charger
+    and a monitor where the sea comes with a supply.
     """
     chances = generator(seed, Stream.PHASES)
     compass, rudder = vehicle.compass, vehicle.rudder
@@ -154,10 +160,39 @@ def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Emulator]:
 
     compass_device, servo = _answering(COMPASSES, compass.driver), _answering(SERVOS, rudder.driver)
     try:
-        return {
+        devices: dict[str, Emulator] = {
             "compass": compass_device.make(context(compass.baud, compass.options, Stream.COMPASS, 0.1)),
             "position": POSITION.make(context(POSITION.baud, None, Stream.POSITION, 1.0)),
             "rudder": servo.make(context(rudder.baud, rudder.options, Stream.RUDDER, 1.0)),
         }
+        return devices | _power(world, vehicle, devices["rudder"], seed)
     except ValueError as error:
         raise UsageError(f"the vehicle file describes a device that cannot be emulated: {error}") from None
+
+
+def _power(world: World, vehicle: Vehicle, servo: Emulator, seed: int) -> dict[str, Emulator]:
+    """Build what measures the supply: a charger with all loads on it, and a monitor besides where there are two."""
+    supply = world.extras.supply
+    entries = {"power": vehicle.power, "power_b": vehicle.power_b}
+    named = [name for name, entry in entries.items() if entry is not None]
+    if supply is None and not named:
+        return {}
+    place = Place(START_LATITUDE_DEG, START_LONGITUDE_DEG, world.utc_s() - world.now_s)
+    plant = PowerPlant(supply or Supply(), place, generator(seed, Stream.CLOUDS), lambda: taken_j(servo))
+    chances = generator(seed, Stream.POWER)
+    names = named or list(entries)
+    return {
+        name: VeDirectEmulator(
+            plant,
+            PowerKind.MONITOR if number else PowerKind.CHARGER if len(names) > 1 else PowerKind.CHARGER_WITH_LOAD,
+            phase_s=float(chances.uniform(0.0, 1.0)),
+            frequency_error_ppm=float(chances.normal(0.0, FREQUENCY_ERROR_PPM)),
+            baud=POWER_BAUD,
+        )
+        for number, name in enumerate(names)
+    }
+
+
+def taken_j(servo: Emulator) -> float:
+    """Return the energy that an emulated servo has taken so far."""
+    return servo.energy_j if isinstance(servo, DynamixelEmulator | VolzEmulator) else 0.0

@@ -15,8 +15,10 @@ from pathlib import Path
 from firmware_py.files.reading import read_regular
 from firmware_py.vehicle import Vehicle
 from hil.devices.pty_line import PtyLine
+from hil.devices.vedirect import VeDirectEmulator
 from hil.errors import HilError, UsageError
 from hil.ship import extras_table
+from hil.ship.power_plant import PowerPlant
 from hil.ship.scenarios import Scenario
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
@@ -68,6 +70,7 @@ class Run:
     truth: TruthFile
     orders: tuple[Order, ...]
     wall_s: float
+    plant: PowerPlant | None = None  # of a run with a supply
 
     @property
     def speed_ratio(self) -> float:
@@ -112,7 +115,9 @@ def _made(options: RunOptions, truth: TruthFile) -> Run:
         wall_s = _Run(options, board, station, Path(directory)).make()
     if complaint := station.verdict():
         raise HilError(f"{complaint}; see {options.out / FIRMWARE_LOG}")
-    return Run(options, truth, station.orders, wall_s)
+    power = devices.get("power") or devices.get("power_b")
+    plant = power.plant if isinstance(power, VeDirectEmulator) else None
+    return Run(options, truth, station.orders, wall_s, plant if isinstance(plant, PowerPlant) else None)
 
 
 def prepare_directory(out: Path) -> None:

@@ -17,7 +17,7 @@ from firmware_py.common.parameters import index_of
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from firmware_py.vehicle import DeviceEntry, Hull, Vehicle, VehicleError
 from hil.errors import UsageError
-from hil.sim.device_factory import COMPASSES, POSITION, SERVOS, EmulatedDevice
+from hil.sim.device_factory import COMPASSES, POSITION, POWER_BAUD, POWER_DRIVER, SERVOS, EmulatedDevice
 from hil.sim.world import Mounting
 
 Section = dict[str, Any]
@@ -82,12 +82,17 @@ def mounting_of(vehicle: Vehicle) -> Mounting:
 
 
 def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str, float]) -> str:
-    """Write the file for the ports compass, position, rudder and link, with settings over its parameters."""
+    """Write the file for the ports compass, position, rudder, link and power, with settings over its parameters."""
     sections: dict[str, Section] = {
         "vehicle": {"name": vehicle.name},
         "compass": _device_section(vehicle.compass, ports["compass"]),
         "position": {"driver": POSITION.driver, "port": ports["position"], "baud": POSITION.baud},
         "rudder": _device_section(vehicle.rudder, ports["rudder"]),
+        **{
+            name: {"driver": POWER_DRIVER, "port": ports[name], "baud": POWER_BAUD}
+            for name in ("power", "power_b")
+            if name in ports
+        },
         "link": {"urls": [f"serial:{ports['link']}:{LINK_BAUD}"]},
         "hull": {name: value for name, value in asdict(vehicle.hull).items() if value is not None},
         "parameters": {**vehicle.parameters, **settings},

@@ -49,6 +49,11 @@ def volz(body):
     return volz_frames.request(code, 1, argument)
 
 
+def vedirect(body):
+    data = body + b"\r\nChecksum\t"
+    return data + bytes([-sum(data) & 0xFF])
+
+
 FRAMINGS = {
     "nmea": nmea,
     "pni_tcm": partial(headed, pni_protocol.encode),
@@ -56,6 +61,7 @@ FRAMINGS = {
     "ubx": ubx,
     "dynamixel": dynamixel,
     "volz": volz,
+    "vedirect": vedirect,
 }
 
 
@@ -111,6 +117,8 @@ RANGES = {
     "hdop": (0.0, 1e3),
     "satellites": (0, 255),
     "utc_s": (0.0, LATEST_UTC_S),
+    "charge": (0.0, 1.0),
+    "solar_w": (0.0, 1e5),
 }
 
 
@@ -172,9 +180,14 @@ NMEA_WORDS = tuple(
         "235960", "310299", "290224", "9000.000", "18000.000", "*", "\\s:x*00\\", "$", "!",
     )
 )  # fmt: skip
+VEDIRECT_WORDS = (
+    b"\r\nV\t12800", b"\r\nI\t-310", b"\r\nSOC\t876", b"\r\nPPV\t20", b"\r\nIL\t300", b"\r\nT\t---", b"\r\nERR\t17",
+    b"\r\nAlarm\tON", b"\r\nAR\t1", b"\r\nChecksum\t", b":7F0ED0071\n", b"\t", b"-", b"1_0",
+)  # fmt: skip
+WORDS = {"nmea": NMEA_WORDS, "vedirect": VEDIRECT_WORDS}
 TARGETS = {
-    f"{section}_{name}": Target(partial(drive, section, name), words=NMEA_WORDS if name == "nmea" else ())
+    f"{section}_{name}": Target(partial(drive, section, name), words=WORDS.get(name, ()))
     for section, drivers in SECTIONS.items()
-    if section != "compass_b"  # of the same drivers
+    if not section.endswith("_b")  # of the same drivers
     for name in drivers
 } | {"capture": Target(read_capture, words=NMEA_WORDS)}

@@ -45,6 +45,6 @@ def test_of_the_compasses_only_the_pni_calibrates_itself():
 
 
 def test_captures_are_decoded_by_the_names_of_the_protocols():
-    assert list(CAPTURE_FORMATS) == ["nmea", "pni", "mti", "ubx"]
+    assert list(CAPTURE_FORMATS) == ["nmea", "pni", "mti", "ubx", "vedirect"]
     (result,) = decode("nmea", b"$HEHDT,341.8,T*21\r\n")
     assert (result["type"], result["true_deg"]) == ("heading", 341.8)

@@ -21,6 +21,7 @@ from firmware_py.common.records import (
     Inputs,
     NorthReference,
     PositionSample,
+    PowerSample,
     RudderCommand,
     RudderFeedback,
     Severity,
@@ -103,6 +104,9 @@ def inputs_of(index):
         rudder=(RudderFeedback(t_s, 0.1, 31.0, 12.1, None, 0x20, None), RudderFeedback(t_s, torque_on=False)),
         devices=(DeviceHealth(t_s, DeviceRole.COMPASS, DeviceState.RUNNING, index, 2, "é" * 50),),
         requests=requests.get(index, ()),
+        power=(PowerSample(t_s, 1, 12.8, -0.31, 0.8), PowerSample(t_s, 2, solar_w=20.0, load_a=0.3, temperature_c=9.0))
+        if index in requests
+        else (),
     )
 
 

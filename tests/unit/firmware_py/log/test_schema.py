@@ -7,6 +7,7 @@ from firmware_py.common.records import (
     HeadingSample,
     Inputs,
     PositionSample,
+    PowerSample,
     RudderCommand,
     RudderFeedback,
     Tick,
@@ -22,6 +23,7 @@ from firmware_py.log import ardupilot, schema
         (schema.POSITION, PositionSample),
         (schema.FEEDBACK, RudderFeedback),
         (schema.DEVICE, DeviceHealth),
+        (schema.POWER, PowerSample),
         (schema.CONTROL, RudderCommand),
     ],
 )
@@ -39,6 +41,7 @@ def test_every_kind_of_input_is_logged():
         "rudder",
         "devices",
         "requests",
+        "power",
     ]
 
 

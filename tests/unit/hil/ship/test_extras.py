@@ -15,7 +15,7 @@ from hil.ship.scenarios import TABLE as SEAS
 from hil.ship.scenarios import named, sea_of, with_extras
 from hil.ship.wave_speed import MOST
 
-EVERYTHING = "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2"
+EVERYTHING = "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2,supply"
 
 
 def test_a_list_is_read_and_printed_so_that_it_reads_the_same():

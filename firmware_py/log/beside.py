@@ -1,0 +1,123 @@
+"""What the log tells of the boat for reading along only: nothing of it is read back, a replay computes it anew.
+
+In SI units and radians, as in schema.py.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from firmware_py.common.reports import Snapshot
+from firmware_py.log.rows import Row, flag, maybe, real, whole
+
+# Where she goes and what the water does changes slowly: it is told once in so many ticks.
+GUIDANCE_TICKS: Final = 10
+
+
+def _not_read() -> None:
+    return None
+
+
+NAVIGATION: Final = Row(
+    148,
+    "NAV",
+    (
+        maybe("Hdg", "r", "heading_rad"),
+        flag("HdgOk", "heading_ok"),
+        maybe("YawR", "E", "yaw_rate_rad_s"),
+        maybe("Roll", "r", "roll_rad"),
+        maybe("Pitch", "r", "pitch_rad"),
+        maybe("Goal", "r", "goal_heading_rad"),
+        maybe("Err", "r", "heading_error_rad"),
+        maybe("Brg", "r", "bearing_rad"),
+        maybe("Dist", "m", "distance_m"),
+        flag("PosOk", "position_ok"),
+        real("Soft", "-", "helm_softness"),
+    ),
+    _not_read,
+)
+GUIDANCE: Final = Row(
+    153,
+    "GDN",
+    (
+        whole("Do", "B", "navigation.activity"),
+        maybe("Lat", "r", "navigation.target_latitude_rad"),
+        maybe("Lng", "r", "navigation.target_longitude_rad"),
+        maybe("Rad", "m", "navigation.radius_m"),
+        maybe("XTrk", "m", "navigation.cross_track_m"),
+        flag("Arr", "navigation.arrived"),
+        maybe("Fnc", "m", "navigation.fence_margin_m"),
+        whole("MSt", "B", "mission.state"),
+        maybe("MItm", "-", "mission.index"),
+    ),
+    _not_read,
+)
+WATER: Final = Row(
+    154,
+    "WTR",
+    (
+        real("U", "n", "speed_m_s"),
+        real("USd", "n", "speed_sd_m_s"),
+        real("CN", "n", "current_north_m_s"),
+        real("CE", "n", "current_east_m_s"),
+        real("CSd", "n", "current_sd_m_s"),
+        real("Lee", "r", "leeway_rad"),
+        real("LSd", "r", "leeway_sd_rad"),
+        real("Fol", "E", "follow_rad_s"),
+        real("CLag", "s", "course_lag_s"),
+        real("Orb", "n", "orbit_m_s"),
+        flag("Strg", "too_strong"),
+    ),
+    _not_read,
+)
+ESTIMATE: Final = Row(
+    151,
+    "EST",
+    (
+        real("Hdg", "r", "heading_rad"),
+        real("HSd", "r", "heading_sd_rad"),
+        real("YawR", "E", "yaw_rate_rad_s"),
+        whole("Src", "B", "source"),
+        real("Bias", "r", "bias_rad"),
+        real("BSd", "r", "bias_sd_rad"),
+        real("WT", "s", "wave_period_s"),
+        real("WSd", "r", "wave_sd_rad"),
+        real("U", "n", "speed_m_s"),
+        real("CN", "n", "current_north_m_s"),
+        real("CE", "n", "current_east_m_s"),
+        real("Fac", "-", "turning_factor"),
+        real("In", "r", "innovation_rad"),
+        real("ISd", "r", "innovation_sd_rad"),
+        real("I2", "-", "innovation_square"),
+    ),
+    _not_read,
+)
+ENERGY: Final = Row(
+    155,
+    "ENRG",
+    (
+        real("Trav", "r", "travel_rad"),
+        whole("Rev", "Q", "reversals"),
+        real("Enrg", "J", "energy_j"),
+        real("TrvH", "r", "travel_rad_per_h"),
+        real("RevH", "-", "reversals_per_h"),
+        maybe("Pow", "W", "power_w"),
+        flag("Rest", "resting"),
+    ),
+    _not_read,
+)
+TYPES: Final = (NAVIGATION.type, ESTIMATE.type, GUIDANCE.type, WATER.type, ENERGY.type)
+
+
+def snapshot_bytes(boat: Snapshot) -> bytes:
+    """Return the messages of a snapshot."""
+    t_s = boat.t_s
+    told = NAVIGATION.pack(t_s, boat)
+    if boat.estimate is not None:
+        told += ESTIMATE.pack(t_s, boat.estimate)
+    if boat.tick % GUIDANCE_TICKS:
+        return told
+    told += GUIDANCE.pack(t_s, boat)
+    if boat.energy is not None:
+        told += ENERGY.pack(t_s, boat.energy)
+    return told if boat.water is None else told + WATER.pack(t_s, boat.water)

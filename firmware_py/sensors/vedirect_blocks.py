@@ -1,0 +1,146 @@
+"""The text protocol of Victron's VE.Direct port: blocks of labelled values, each with a checksum.
+
+A field is CR LF, the label, a tab and the value; the byte behind the last label, Checksum, makes the sum of all bytes
+of the block 0 modulo 256 and may be any byte. Answers of the hexadecimal protocol, a colon to a line feed, may stand
+between the fields and count for nothing. Source: Victron, VE.Direct Protocol, version 3.32.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from firmware_py.sensors.decode import CaptureFormat, Result, chunks, values_of
+from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, MessageError, within
+
+LONGEST_BLOCK = 1024  # 22 fields of 43 bytes at most
+_END = b"\r\nChecksum\t"
+_HEX = re.compile(rb":[0-9A-F]*\n")
+_FIELD = re.compile(r"[A-Za-z0-9#]{1,9}\t[ -~]{0,40}", re.ASCII)
+_NUMBER = re.compile(r"[+-]?[0-9]{1,9}", re.ASCII)
+_UNKNOWN = "---"
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """The values of a block by label; `fault` is empty, CHECKSUM or MALFORMED (cut off or far too long)."""
+
+    fields: Mapping[str, str]
+    fault: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What a block says, None for what it does not; a current into the battery is positive.
+
+    `error` is a charger's number of what it reports against itself, 0 for nothing; `alarm` the reasons, as bits, of a
+    monitor that is in alarm.
+    """
+
+    voltage_v: float | None = None
+    current_a: float | None = None
+    charge: float | None = None
+    solar_w: float | None = None
+    load_a: float | None = None
+    temperature_c: float | None = None
+    error: int = 0
+    alarm: int = 0
+
+
+class BlockFramer:
+    """Cuts a stream into blocks; however it is cut into pieces, the result is the same.
+
+    A first block that is not whole was under way when the port was opened, and is passed over.
+    """
+
+    def __init__(self) -> None:
+        """Begin with nothing in the buffer."""
+        self._buffer = bytearray()
+        self._begun = False  # whether the buffer begins where a block ended
+
+    def feed(self, data: bytes) -> list[Block]:
+        """Take more bytes and return the blocks that they complete."""
+        self._buffer += data
+        blocks: list[Block] = []
+        while (end := self._buffer.find(_END)) >= 0 and len(self._buffer) > end + len(_END):
+            size = end + len(_END) + 1
+            whole = bytes(self._buffer[:size])
+            del self._buffer[:size]
+            block = _block(whole)
+            if self._begun or not block.fault:
+                blocks.append(block)
+            self._begun = True
+        if len(self._buffer) > LONGEST_BLOCK:
+            del self._buffer[: -len(_END)]
+            if self._begun:
+                blocks.append(Block({}, MALFORMED))
+            self._begun = False
+        return blocks
+
+
+def _block(data: bytes) -> Block:
+    """Return what stands in the bytes from behind a checksum to the next one, that included."""
+    body = _HEX.sub(b"", data[: -len(_END) - 1])
+    if sum(body) + sum(data[-len(_END) - 1 :]) & 0xFF:
+        return Block({}, CHECKSUM)
+    lines = body.decode("latin-1").split("\r\n")
+    if lines[0] or not all(_FIELD.fullmatch(line) for line in lines[1:]):
+        return Block({}, MALFORMED)
+    return Block(dict(line.split("\t", 1) for line in lines[1:]))
+
+
+# What of a block is of use: its label, the field, how many of its units make one of ours, and what it may be.
+_QUANTITIES = (
+    ("V", "voltage_v", 1e-3, 0.0, 1000.0),
+    ("I", "current_a", 1e-3, -5000.0, 5000.0),
+    ("SOC", "charge", 1e-3, 0.0, 1.0),
+    ("PPV", "solar_w", 1.0, 0.0, 100_000.0),
+    ("IL", "load_a", 1e-3, 0.0, 1000.0),
+    ("T", "temperature_c", 1.0, -60.0, 150.0),
+)
+
+
+def measured(block: Block) -> Measured | None:
+    """Return what a whole block measures, None for one without (a monitor's history); MessageError out of range."""
+    values = {field: _number(block, label, unit, low, high) for label, field, unit, low, high in _QUANTITIES}
+    error, alarm = _number(block, "ERR", 1.0, 0.0, 255.0), _number(block, "AR", 1.0, 0.0, 65535.0)
+    if all(value is None for value in values.values()) and error is None:
+        return None
+    in_alarm = block.fields.get("Alarm", "OFF").upper() == "ON"
+    return Measured(**values, error=int(error or 0), alarm=int(alarm or 0) if in_alarm else 0)
+
+
+def _number(block: Block, label: str, unit: float, low: float, high: float) -> float | None:
+    text = block.fields.get(label, _UNKNOWN)
+    if text == _UNKNOWN:
+        return None
+    if not _NUMBER.fullmatch(text):
+        raise MessageError(MALFORMED, f"{label} {text[:12]!r} is no number")
+    return within(int(text) * unit, low, high, label)
+
+
+def _decode_capture(data: bytes) -> Iterator[Result]:
+    framer = BlockFramer()
+    line = 0
+    for chunk in chunks(data):
+        for block in framer.feed(chunk):
+            line += 1
+            yield {"line": line, **_result(block)}
+
+
+def _result(block: Block) -> Result:
+    if block.fault:
+        return {"type": "error", "error": block.fault}
+    try:
+        found = measured(block)
+    except MessageError as error:
+        return {"type": "error", "error": error.error, "detail": str(error)}
+    if found is None:
+        return {"type": "other"}
+    values = {field: getattr(found, field) for _, field, *_ in _QUANTITIES}
+    known = {name: value for name, value in values.items() if value is not None}
+    return {"type": "power", **values_of("power", known), "charger_error": found.error, "alarm": found.alarm}
+
+
+CAPTURE_FORMAT = CaptureFormat("vedirect", _decode_capture)

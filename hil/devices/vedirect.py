@@ -1,0 +1,184 @@
+"""A Victron charger or battery monitor on its VE.Direct port: text blocks, one a second.
+
+Currents and powers are means since the block before, as the converters of such devices make them; the last digit is
+what the protocol gives: 1 mV, 1 mA, 1 W, 0.1 %.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Protocol
+
+from hil.devices.timing import Pace, Transmitter
+
+PERIOD_S = 1.0
+_CHECKSUM = b"\r\nChecksum\t"
+
+
+class Flows(Protocol):
+    """What has flowed since the start, in joules and coulombs."""
+
+    @property
+    def panel_j(self) -> float:
+        """Out of the panels."""
+
+    @property
+    def charger_j(self) -> float:
+        """Out of the charger."""
+
+    @property
+    def into_battery_j(self) -> float:
+        """Into the battery."""
+
+    @property
+    def out_of_battery_j(self) -> float:
+        """Out of the battery."""
+
+    @property
+    def battery_c(self) -> float:
+        """Into the battery, what came out taken off."""
+
+    @property
+    def load_c(self) -> float:
+        """Into the loads."""
+
+
+class Plant(Protocol):
+    """Panels, battery and loads."""
+
+    @property
+    def voltage_v(self) -> float:
+        """Of the battery."""
+
+    @property
+    def panel_v(self) -> float:
+        """Of the panels."""
+
+    @property
+    def charge(self) -> float:
+        """State of charge, 0 to 1."""
+
+    @property
+    def totals(self) -> Flows:
+        """What has flowed so far."""
+
+    def advance_to(self, now_s: float) -> None:
+        """Move on to a moment."""
+
+
+class Kind(Enum):
+    """What hangs on the line."""
+
+    CHARGER = "charger"  # the loads hang on the battery
+    CHARGER_WITH_LOAD = "charger with the loads on its load output"
+    MONITOR = "monitor"
+
+
+def block(fields: dict[str, object]) -> bytes:
+    """Return a whole block with its checksum."""
+    body = b"".join(f"\r\n{label}\t{value}".encode("ascii") for label, value in fields.items()) + _CHECKSUM
+    return body + bytes([-sum(body) & 0xFF])
+
+
+class VeDirectEmulator:
+    """A device on a plant; `error` is what a charger reports against itself, `known` whether the charge is known."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        kind: Kind,
+        *,
+        phase_s: float = 0.0,
+        frequency_error_ppm: float = 0.0,
+        baud: int = 19200,
+    ) -> None:
+        """Start at phase_s."""
+        self.plant = plant
+        self.error = 0
+        self.known = True
+        self._kind = kind
+        self._pace = Pace(PERIOD_S, start_s=phase_s, error_ppm=frequency_error_ppm)
+        self._line = Transmitter(baud)
+        self._before = (0.0, plant.totals)  # when the last block was made, and what had flowed by then
+        self._history = False
+
+    def receive(self, now_s: float, data: bytes) -> None:
+        """Ignore what is sent to it."""
+
+    def next_output_s(self) -> float:
+        """When the next block is made or complete."""
+        return min(self._pace.next_s, self._line.next_s())
+
+    def take_output(self, now_s: float) -> bytes:
+        """Measure what is due and return the blocks that are complete."""
+        for turn_s in self._pace.take(now_s):
+            self.plant.advance_to(turn_s)
+            self._line.send(turn_s, self._talk(turn_s))
+        return self._line.take(now_s)
+
+    def _talk(self, turn_s: float) -> bytes:
+        totals, voltage_v = self.plant.totals, self.plant.voltage_v
+        before_s, before = self._before
+        # The plant moves by whole seconds: between two turns lies one, or none by a clock that is too fast.
+        elapsed_s = max(1.0, float(int(turn_s) - int(before_s)))
+        self._before = (turn_s, totals)
+        battery_a = (totals.battery_c - before.battery_c) / elapsed_s
+        load_a = (totals.load_c - before.load_c) / elapsed_s
+        millivolts = round(voltage_v * 1e3)
+        if self._kind is Kind.MONITOR:
+            return self._monitor(millivolts, battery_a, totals)
+        with_load = self._kind is Kind.CHARGER_WITH_LOAD
+        panel_w = (totals.panel_j - before.panel_j) / elapsed_s
+        return block(
+            {
+                "PID": "0xA053",
+                "FW": "161",
+                "SER#": "HQ2140RAMBL",
+                "V": millivolts,
+                "I": round((battery_a if with_load else battery_a + load_a) * 1e3),
+                "VPV": round(self.plant.panel_v * 1e3),
+                "PPV": round(panel_w),
+                "CS": 3 if panel_w > 0.5 else 0,
+                "MPPT": 2 if panel_w > 0.5 else 0,
+                "OR": "0x00000000" if panel_w > 0.5 else "0x00000001",
+                "ERR": self.error,
+                **({"LOAD": "ON", "IL": round(load_a * 1e3)} if with_load else {}),
+                "H19": round(totals.charger_j / 36e3),
+                "H20": round(totals.charger_j / 36e3),
+                "H21": 0,
+                "H22": 0,
+                "H23": 0,
+                "HSDS": 0,
+            }
+        )
+
+    def _monitor(self, millivolts: int, battery_a: float, totals: Flows) -> bytes:
+        measured = block(
+            {
+                "PID": "0xA389",
+                "V": millivolts,
+                "VS": 12,
+                "I": round(battery_a * 1e3),
+                "P": round(battery_a * millivolts * 1e-3),
+                "CE": round(min(0.0, totals.battery_c) / 3.6),
+                "SOC": round(self.plant.charge * 1e3) if self.known else "---",
+                "TTG": -1,
+                "Alarm": "OFF",
+                "AR": 0,
+                "BMV": "SmartShunt 500A/50mV",
+                "FW": "0413",
+                "MON": 0,
+            }
+        )
+        self._history = not self._history
+        if not self._history:
+            return measured
+        return measured + block(
+            {
+                "H1": 0,
+                "H7": millivolts,
+                "H8": millivolts,
+                "H17": round(totals.out_of_battery_j / 36e3),
+                "H18": round(totals.into_battery_j / 36e3),
+            }
+        )

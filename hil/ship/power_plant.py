@@ -1,0 +1,155 @@
+"""Panels, battery and loads of a boat: what a charger and a battery monitor measure, and the truth of it.
+
+The sun stands where time and place put it, on panels that lie flat. Of a clear sky comes Haurwitz's irradiance
+(Journal of Meteorology 2, 1945: 1098 sin h exp(-0.057 / sin h) W/m2); clouds come and go with exponential lengths and
+let a part of it through that is drawn for each. The charger gives the battery what the loads leave, until it is full.
+The battery is an open-circuit voltage by its charge behind a resistance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hil.ship.extras import Supply
+
+STEP_S = 1.0
+EFFICIENCY = 0.97  # of a charger, by data sheets 0.96 to 0.98
+RESISTANCE_OHM = 0.03
+CLOUD_S = 600.0  # mean length of a cloud
+EDGE_S = 10.0  # in which one comes or goes
+THROUGH = (0.1, 0.6)  # of the irradiance, by what sort of cloud it is
+DAY_S = 86_400.0
+_YEAR_S = 365.2422 * DAY_S
+_TILT_RAD = math.radians(23.44)
+_SOLSTICE_S = 10.0 * DAY_S  # before the year's end
+# Four cells of lithium iron phosphate at rest, by charge.
+_CHARGES = (0.0, 0.05, 0.1, 0.2, 0.4, 0.7, 0.9, 0.99, 1.0)
+_REST_V = (10.0, 12.0, 12.8, 12.9, 13.1, 13.2, 13.3, 13.5, 13.8)
+_NOMINAL_V = 12.8
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where and since when the panels lie."""
+
+    latitude_deg: float
+    longitude_deg: float
+    begin_utc_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Totals:
+    """What has flowed since the start, in joules and coulombs; `charger_j` is what left the charger."""
+
+    panel_j: float = 0.0
+    charger_j: float = 0.0
+    load_j: float = 0.0
+    servo_j: float = 0.0
+    into_battery_j: float = 0.0
+    out_of_battery_j: float = 0.0
+    battery_c: float = 0.0
+    load_c: float = 0.0
+    empty_s: float = 0.0
+
+
+class PowerPlant:
+    """Moves on by whole seconds; `servo_j` tells what the servo has taken so far."""
+
+    def __init__(
+        self, supply: Supply, place: Place, chances: np.random.Generator, servo_j: Callable[[], float]
+    ) -> None:
+        """Begin at time 0 with a clear sky."""
+        self._supply, self._place, self._chances, self._servo_j = supply, place, chances, servo_j
+        self._step = 0
+        self._servo_before_j = servo_j()
+        self._covered, self._through, self._sky = False, 1.0, 1.0
+        self._until_s = self._drawn_s()
+        self.charge = supply.charge
+        self.voltage_v = float(np.interp(self.charge, _CHARGES, _REST_V))
+        self.panel_v = 0.0
+        self.totals = Totals()
+
+    def advance_to(self, now_s: float) -> None:
+        """Move on to the last whole second at or before now_s."""
+        while (self._step + 1) * STEP_S <= now_s:
+            self._step += 1
+            self._advance(self._step * STEP_S)
+
+    def elevation_rad(self, t_s: float) -> float:
+        """Return how high the sun stands, in mean solar time."""
+        utc_s = self._place.begin_utc_s + t_s
+        year = (utc_s + _SOLSTICE_S) % _YEAR_S / _YEAR_S
+        declination_rad = -_TILT_RAD * math.cos(math.tau * year)
+        hour_rad = math.tau * ((utc_s % DAY_S) / DAY_S - 0.5) + math.radians(self._place.longitude_deg)
+        latitude_rad = math.radians(self._place.latitude_deg)
+        return math.asin(
+            math.sin(latitude_rad) * math.sin(declination_rad)
+            + math.cos(latitude_rad) * math.cos(declination_rad) * math.cos(hour_rad)
+        )
+
+    def _advance(self, t_s: float) -> None:
+        self._change_sky(t_s)
+        sine = math.sin(self.elevation_rad(t_s))
+        clear_w_m2 = 1098.0 * sine * math.exp(-0.057 / sine) if sine > 1e-3 else 0.0
+        offered_w = EFFICIENCY * self._supply.panel_w * self._sky * clear_w_m2 / 1000.0
+        servo_j = self._servo_j()
+        servo_w = (servo_j - self._servo_before_j) / STEP_S
+        self._servo_before_j = servo_j
+        load_w = self._supply.load_w + servo_w
+        full, empty = self.charge >= 1.0, self.charge <= 0.0
+        charger_w = min(offered_w, load_w) if full else offered_w
+        net_w = charger_w - load_w
+        rest_v = float(np.interp(self.charge, _CHARGES, _REST_V))
+        # V = E + R I and I = P / V.
+        self.voltage_v = 0.5 * (rest_v + math.sqrt(max(0.0, rest_v * rest_v + 4.0 * RESISTANCE_OHM * net_w)))
+        self.panel_v = 0.0 if sine <= 0.0 else 18.0 + 2.0 * self._sky
+        current_a = net_w / self.voltage_v
+        capacity_c = self._supply.battery_wh / _NOMINAL_V * 3600.0
+        self.charge = min(1.0, max(0.0, self.charge + current_a * STEP_S / capacity_c))
+        before = self.totals
+        self.totals = replace(
+            before,
+            panel_j=before.panel_j + charger_w / EFFICIENCY * STEP_S,
+            charger_j=before.charger_j + charger_w * STEP_S,
+            load_j=before.load_j + load_w * STEP_S,
+            servo_j=servo_j,
+            into_battery_j=before.into_battery_j + max(0.0, net_w) * STEP_S,
+            out_of_battery_j=before.out_of_battery_j + max(0.0, -net_w) * STEP_S,
+            battery_c=before.battery_c + current_a * STEP_S,
+            load_c=before.load_c + load_w / self.voltage_v * STEP_S,
+            empty_s=before.empty_s + (STEP_S if empty and net_w < 0.0 else 0.0),
+        )
+
+    def _change_sky(self, t_s: float) -> None:
+        while t_s >= self._until_s:
+            self._covered = not self._covered
+            self._through = float(self._chances.uniform(*THROUGH)) if self._covered else 1.0
+            self._until_s += self._drawn_s()
+        self._sky += (self._through - self._sky) * -math.expm1(-STEP_S / EDGE_S)
+
+    def _drawn_s(self) -> float:
+        """Return how long the sky stays as it is."""
+        share = self._supply.clouds
+        if share <= 0.0:
+            return math.inf
+        mean_s = CLOUD_S if self._covered else CLOUD_S * (1.0 - share) / share
+        return float(self._chances.exponential(mean_s)) + STEP_S
+
+
+def figures(plant: PowerPlant) -> dict[str, float]:
+    """Return what has flowed so far, in watt-hours, for the figures of a run."""
+    totals = plant.totals
+    return {
+        "panel_wh": totals.panel_j / 3600.0,
+        "charger_wh": totals.charger_j / 3600.0,
+        "load_wh": totals.load_j / 3600.0,
+        "servo_wh": totals.servo_j / 3600.0,
+        "into_battery_wh": totals.into_battery_j / 3600.0,
+        "out_of_battery_wh": totals.out_of_battery_j / 3600.0,
+        "charge": plant.charge,
+        "empty_h": totals.empty_s / 3600.0,
+    }
