@@ -121,6 +121,16 @@ class Restart:
 
 
 @dataclass(frozen=True, slots=True)
+class ReportBattery:
+    """What another component of the boat has measured of the battery; a current into it is positive."""
+
+    voltage_v: float | None = None
+    current_a: float | None = None
+    charge: float | None = None
+    temperature_c: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class ForgetParameters:
     """Forget, from the next start on, every parameter that was set over a link: the vehicle file's values come back."""
 
@@ -139,6 +149,7 @@ Intent = (
     | EnableFence
     | BenchRudder
     | Restart
+    | ReportBattery
     | ForgetParameters
 )
 

@@ -162,6 +162,33 @@ class Energy:
 
 
 @dataclass(frozen=True, slots=True)
+class Flow:
+    """Energy that has flowed one way since start, and for how long of that time it was measured."""
+
+    energy_j: float = 0.0
+    measured_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Power:
+    """Battery, panels and loads as they are measured, None for what nobody measures, and what has flowed.
+
+    A current into the battery is positive; `charge` is 0 to 1.
+    """
+
+    voltage_v: float | None = None
+    current_a: float | None = None
+    charge: float | None = None
+    temperature_c: float | None = None
+    solar_w: float | None = None
+    load_w: float | None = None
+    solar: Flow = Flow()
+    load: Flow = Flow()
+    charged: Flow = Flow()
+    discharged: Flow = Flow()
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """The state of the boat after a tick, for the log and the link.
 
@@ -202,6 +229,7 @@ class Snapshot:
     navigation: Navigation = Navigation()
     energy: Energy | None = None
     helm_softness: float = 1.0  # by what factor the helm is softer than as delivered
+    power: Power | None = None  # of battery and panels, where somebody measures them
 
 
 @dataclass(frozen=True, slots=True)

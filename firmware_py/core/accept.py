@@ -11,6 +11,7 @@ from firmware_py.common.intents import (
     EnableFence,
     PauseMission,
     ReplacePlan,
+    ReportBattery,
     Request,
     SetHome,
     SetMissionItem,
@@ -22,12 +23,14 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import index_of
+from firmware_py.common.records import PowerSample
 from firmware_py.common.reports import Home
 from firmware_py.core.state import State, situation_at
 from firmware_py.guidance import mission_progress
 from firmware_py.guidance.mission_step import steps_of
 from firmware_py.modes import ACCEPTED, decide
 from firmware_py.plans.validation import problem_of
+from firmware_py.safety import power_monitor
 
 
 def accept(state: State, request: Request) -> tuple[State, Answer]:
@@ -114,6 +117,25 @@ def _enable_fence(state: State, intent: EnableFence, _t_s: float) -> tuple[State
     return replace(state, guidance=replace(state.guidance, fence_enabled=intent.enabled)), ACCEPTED
 
 
+# What a battery of a boat can be, as PowerSample has it.
+_BATTERY = {
+    "voltage_v": (0.0, 1000.0),
+    "current_a": (-5000.0, 5000.0),
+    "charge": (0.0, 1.0),
+    "temperature_c": (-60.0, 150.0),
+}
+
+
+def _report_battery(state: State, intent: ReportBattery, t_s: float) -> tuple[State, Answer]:
+    values = {name: getattr(intent, name) for name in _BATTERY}
+    for name, (low, high) in _BATTERY.items():
+        # Written so that NaN fails the comparison.
+        if values[name] is not None and not low <= values[name] <= high:
+            return state, Answer(Verdict.DENIED, "Battery report is out of range")
+    sample = PowerSample(t_s, power_monitor.COMPANION, **values)
+    return replace(state, power=power_monitor.update(state.power, (sample,))), ACCEPTED
+
+
 # What is judged on the whole state; the rest is a matter of modes.
 _JUDGES: Mapping[type, Callable[..., tuple[State, Answer]]] = {
     SetParameter: _set_parameter,
@@ -123,4 +145,5 @@ _JUDGES: Mapping[type, Callable[..., tuple[State, Answer]]] = {
     PauseMission: _pause_mission,
     EnableFence: _enable_fence,
     SetMode: _set_mode,
+    ReportBattery: _report_battery,
 }

@@ -9,7 +9,7 @@ from firmware_py.estimate import heading_estimator
 from firmware_py.guidance import guidance
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import Situation, arming_obstacle
-from firmware_py.safety import energy_meter
+from firmware_py.safety import energy_meter, power_monitor
 
 
 def snapshot_of(
@@ -56,4 +56,5 @@ def snapshot_of(
         estimate=heading_estimator.report(settings.heading_estimator, state.heading_estimator),
         energy=energy_meter.report(state.energy_meter, resting=state.torque_release.released),
         helm_softness=state.supervisor.oscillation.softness,
+        power=power_monitor.report(state.power, inputs.tick.t_s),
     )

@@ -26,6 +26,7 @@ from firmware_py.guidance import guidance
 from firmware_py.guidance.guidance import GuidanceSettings, GuidanceState
 from firmware_py.modes import ModeState, Situation
 from firmware_py.safety.energy_meter import EnergyMeterState
+from firmware_py.safety.power_monitor import PowerMonitorState
 from firmware_py.safety.supervisor import SupervisorSettings, SupervisorState
 from firmware_py.safety.torque_release import TorqueReleaseSettings, TorqueReleaseState
 
@@ -86,6 +87,7 @@ class State:
     controller: HeadingControllerState = HeadingControllerState()  # noqa: RUF009 - frozen
     torque_release: TorqueReleaseState = TorqueReleaseState()  # noqa: RUF009 - frozen
     energy_meter: EnergyMeterState = EnergyMeterState()  # noqa: RUF009 - frozen
+    power: PowerMonitorState = PowerMonitorState()  # noqa: RUF009 - frozen
 
     @classmethod
     def at_start(cls, parameters: ParameterSet, plans: Plans | None = None) -> State:

@@ -28,7 +28,7 @@ from firmware_py.guidance import guidance
 from firmware_py.guidance.guidance import GuidanceInput
 from firmware_py.guidance.steering import SteeringTarget, steering_target, update_goal
 from firmware_py.modes import Situation, live_bench
-from firmware_py.safety import energy_meter, rudder_monitor, supervisor, torque_release
+from firmware_py.safety import energy_meter, power_monitor, rudder_monitor, supervisor, torque_release
 from firmware_py.safety.oscillation import OscillationInput
 from firmware_py.safety.steering_monitor import SteeringInput
 
@@ -42,6 +42,8 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
 
     state, rudder, estimate_events = estimate(settings, state, inputs)
     state = _monitor_rudder(settings, state, rudder, step_s)
+    if inputs.power:
+        state = replace(state, power=power_monitor.update(state.power, inputs.power))
     freshness = freshness_of(settings, state, now_s)
 
     conditions = latch.judge_conditions(fault_input(settings, state, freshness, now_s))

@@ -9,6 +9,7 @@ from firmware_py.common.reports import Snapshot
 from firmware_py.link.commands.requests import request_data_stream
 from firmware_py.link.commands.server import CommandServer
 from firmware_py.link.commands.table import TABLE as COMMANDS
+from firmware_py.link.companion import Companion
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.files.root import PACKED_PARAMETERS, FileRoot, tree_of
 from firmware_py.link.files.server import FileServer
@@ -63,7 +64,7 @@ class Services:
         self._mission = MissionServer(context)
         self._all: tuple[Service, ...] = (
             *(commands, parameters, self._mission, files, logs),
-            *(Setpoints(context), ManualControl(context), Timesync(context), key_setup),
+            *(Setpoints(context), ManualControl(context), Timesync(context), Companion(context), key_setup),
         )
         self._ticked: tuple[TickedService, ...] = (self._mission, commands, logs)
         self._pumped: tuple[PumpedService, ...] = (parameters, files, logs)

@@ -106,7 +106,23 @@ ENERGY: Final = Row(
     ),
     _not_read,
 )
-TYPES: Final = (NAVIGATION.type, ESTIMATE.type, GUIDANCE.type, WATER.type, ENERGY.type)
+SUPPLY: Final = Row(
+    158,
+    "SUPL",
+    (
+        maybe("Volt", "v", "voltage_v"),
+        maybe("Curr", "A", "current_a"),
+        maybe("SoC", "-", "charge"),
+        maybe("Sun", "W", "solar_w"),
+        maybe("Load", "W", "load_w"),
+        real("ESun", "J", "solar.energy_j"),
+        real("ELod", "J", "load.energy_j"),
+        real("EIn", "J", "charged.energy_j"),
+        real("EOut", "J", "discharged.energy_j"),
+    ),
+    _not_read,
+)
+TYPES: Final = (NAVIGATION.type, ESTIMATE.type, GUIDANCE.type, WATER.type, ENERGY.type, SUPPLY.type)
 
 
 def snapshot_bytes(boat: Snapshot) -> bytes:
@@ -120,4 +136,6 @@ def snapshot_bytes(boat: Snapshot) -> bytes:
     told += GUIDANCE.pack(t_s, boat)
     if boat.energy is not None:
         told += ENERGY.pack(t_s, boat.energy)
+    if boat.power is not None:
+        told += SUPPLY.pack(t_s, boat.power)
     return told if boat.water is None else told + WATER.pack(t_s, boat.water)

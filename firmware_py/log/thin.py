@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.records import Event, Inputs
-from firmware_py.common.reports import Output, Snapshot
+from firmware_py.common.reports import Flow, Output, Power, Snapshot
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.log import ardupilot
 from firmware_py.log.dataflash import header
@@ -28,7 +28,7 @@ RATE_HZ: Final = 1.0 / 120.0
 class Minute:
     """What a row says: the figures of `span_s`, and the last value of what is no figure; None for what is not known.
 
-    Faults are all that stood in the span, as bits. `battery_` to `load_w` are for a power monitor.
+    Faults are all that stood in the span, as bits. Panels, loads and the battery's current are means of the span.
     """
 
     utc_s: float
@@ -145,15 +145,35 @@ class _Sums:
     travel_rad: float = 0.0
     energy_j: float = 0.0
     skipped: int = 0
+    power: Power = Power()  # noqa: RUF009 - frozen
 
     @classmethod
     def of(cls, boat: Snapshot) -> _Sums:
-        energy = boat.energy
-        return (
-            cls(skipped=boat.skipped_total)
-            if energy is None
-            else cls(energy.travel_rad, energy.energy_j, boat.skipped_total)
-        )
+        energy, power = boat.energy, boat.power or Power()
+        if energy is None:
+            return cls(skipped=boat.skipped_total, power=power)
+        return cls(energy.travel_rad, energy.energy_j, boat.skipped_total, power)
+
+
+def _mean_w(now: Flow, before: Flow) -> float | None:
+    """Return the mean power since before, None when it was not measured."""
+    measured_s = now.measured_s - before.measured_s
+    return (now.energy_j - before.energy_j) / measured_s if measured_s > 0.0 else None
+
+
+def _power(now: Power, before: Power) -> dict[str, float | None]:
+    """Return what a row says of battery, panels and loads."""
+    charged_w, discharged_w = _mean_w(now.charged, before.charged), _mean_w(now.discharged, before.discharged)
+    battery_a = None
+    if charged_w is not None and discharged_w is not None and now.voltage_v:
+        battery_a = (charged_w - discharged_w) / now.voltage_v  # so that voltage times current is the mean power
+    return {
+        "battery_v": now.voltage_v,
+        "battery_a": battery_a,
+        "charge": now.charge,
+        "solar_w": _mean_w(now.solar, before.solar),
+        "load_w": _mean_w(now.load, before.load),
+    }
 
 
 class ThinLog:
@@ -215,6 +235,7 @@ class ThinLog:
             servo_c=None if servo is None else servo.temperature_c,
             compass_c=span.compass_c,
             servo_v=None if servo is None else servo.voltage_v,
+            **_power(sums.power, before.power),
             skipped=sums.skipped - before.skipped,
             lost=self._lost,
         )

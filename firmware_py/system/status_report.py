@@ -202,6 +202,22 @@ def _energy(snapshot: Snapshot) -> Values:
     }
 
 
+def _power(snapshot: Snapshot) -> Values:
+    power = snapshot.power
+    if power is None:
+        return {}
+    flows = {"solar": power.solar, "load": power.load, "charged": power.charged, "discharged": power.discharged}
+    return {
+        "battery_v": rounded(power.voltage_v, 2),
+        "battery_a": rounded(power.current_a, 2),
+        "charge_percent": rounded(power.charge, 1, lambda charge: 100.0 * charge),
+        "battery_c": rounded(power.temperature_c, 0),
+        "solar_w": rounded(power.solar_w, 1),
+        "load_w": rounded(power.load_w, 2),
+        **{f"{name}_wh": rounded(flow.energy_j / 3600.0, 2) for name, flow in flows.items() if flow.measured_s},
+    }
+
+
 # A part of the snapshot that is to be seen is a row here: its name in the JSON, and what makes it.
 SECTIONS: Mapping[str, Callable[[Snapshot], Values]] = {
     "rudder": _rudder,
@@ -209,6 +225,7 @@ SECTIONS: Mapping[str, Callable[[Snapshot], Values]] = {
     "navigation": _navigation,
     "estimate": _estimate,
     "energy": _energy,
+    "power": _power,
 }
 
 

@@ -75,7 +75,7 @@ MESSAGES = {
     "signing": (256, 76, 0, 23, 111),
     "timesync": (111, 4, 2, 0),
     "setpoints": (86, 84, 82, 76, 243),
-    "manual": (69, 70, 76, 11),
+    "manual": (69, 70, 76, 11, 147),
 }
 NAMES = tuple(row.name.encode() for row in PARAMETERS)
 PATHS = (

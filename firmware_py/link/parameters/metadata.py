@@ -45,6 +45,7 @@ _GROUPS: Mapping[str, str] = {
     "MDL": "Model",
     "NAV": "Navigation",
     "POS": "Position",
+    "PWR": "Energy",
     "RALLY": "Navigation",
     "RUD": "Rudder",
     "STAT": "Statistics",

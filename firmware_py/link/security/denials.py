@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from firmware_py.common.records import Severity
+from firmware_py.link.companion import BATTERY_STATUS, is_chosen
 from firmware_py.link.context import LinkContext
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
@@ -17,6 +18,8 @@ _PAYLOAD_BYTES = 251
 
 def deny(context: LinkContext, peer: Peer, message: Message, now_s: float) -> None:
     """Answer a message that its sender has no right to, unless too many were answered just now."""
+    if type(message).id == BATTERY_STATUS and not is_chosen(context, message):
+        return  # said to everybody, and nothing that was asked of us
     if not peer.denial_tokens.spend_one(now_s):
         return
     build = _ANSWERS.get(type(message).id)

@@ -42,15 +42,17 @@ _ARMED, _HEADING_OK = 1, 2  # in custom2
 def high_latency2(context: TelemetryContext) -> Message:
     """Return HIGH_LATENCY2; what is not known is 0, as the message has no number for it.
 
-    custom0 is the measured rudder angle in degrees, -128 without one; custom1 the voltage at
-    the servo in fifths of a volt, -1 without one; custom2 says by bits whether the boat
-    is armed (1) and has a valid heading (2).
+    custom0 is the measured rudder angle in degrees, -128 without one; custom1 the voltage of
+    the battery in fifths of a volt, at the servo where nobody measures it, -1 without one; custom2
+    says by bits whether the boat is armed (1) and has a valid heading (2).
     """
     boat, fix = context.snapshot, fresh_fix(context)
     failures = 0
     for fault, flags in _FAILURES:
         failures |= flags if boat.faults >> fault & 1 else 0
-    voltage_v = boat.servo.voltage_v if boat.servo else None
+    voltage_v, charge = boat.servo.voltage_v if boat.servo else None, None
+    if boat.power is not None and boat.power.voltage_v is not None:
+        voltage_v, charge = boat.power.voltage_v, boat.power.charge
     rudder_deg = None if boat.rudder_rad is None else math.degrees(boat.rudder_rad)
     return mavlink.MAVLink_high_latency2_message(
         timestamp=boot_ms(boat.t_s),
@@ -74,7 +76,7 @@ def high_latency2(context: TelemetryContext) -> Message:
         epv=UINT8_MAX,
         temperature_air=0,
         climb_rate=0,
-        battery=_NO_BATTERY,
+        battery=whole(None if charge is None else charge * 100.0, 0, 100, _NO_BATTERY),
         wp_num=whole(_item(context), 0, UINT16_MAX, 0),
         failure_flags=failures,
         custom0=whole(rudder_deg, -INT8_MAX, INT8_MAX, -INT8_MAX - 1),

@@ -78,6 +78,16 @@ def servo_watts(context: TelemetryContext) -> float | None:
     return None if context.snapshot.energy is None else context.snapshot.energy.power_w
 
 
+def solar_watts(context: TelemetryContext) -> float | None:
+    """Return what the panels give, behind the charger."""
+    return None if context.snapshot.power is None else context.snapshot.power.solar_w
+
+
+def load_watts(context: TelemetryContext) -> float | None:
+    """Return what all loads take."""
+    return None if context.snapshot.power is None else context.snapshot.power.load_w
+
+
 def _estimate_value(read: Callable[[Estimate], float]) -> Value:
     def value(context: TelemetryContext) -> float | None:
         return None if context.snapshot.estimate is None else read(context.snapshot.estimate)

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from firmware_py.common.calendar import LAST_UTC_S
 from firmware_py.faults.table import Fault
-from firmware_py.link.telemetry.context_fields import INT16_MAX, UINT16_MAX, TelemetryContext, boot_ms, whole
+from firmware_py.link.telemetry.context_fields import (
+    INT16_MAX,
+    INT32_MAX,
+    UINT16_MAX,
+    TelemetryContext,
+    boot_ms,
+    whole,
+)
 from firmware_py.link.wire.dialect import Message, mavlink
 
 _COMPASS = (
@@ -15,6 +22,7 @@ _COMPASS = (
 _POSITION = mavlink.MAV_SYS_STATUS_SENSOR_GPS
 _RUDDER = mavlink.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
 _STORAGE = mavlink.MAV_SYS_STATUS_LOGGING
+_BATTERY = mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
 _PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
 # Healthy while not breached, also without a fence: MAVProxy cries "fence breach" when this bit is not.
 _FENCE = mavlink.MAV_SYS_STATUS_GEOFENCE
@@ -31,11 +39,13 @@ def sys_status(context: TelemetryContext) -> Message:
     boat = context.snapshot
     fence = _FENCE if boat.mission.identities[1] else 0
     present = _COMPASS | _RUDDER | _STORAGE | _PREARM | (0 if boat.position is None else _POSITION)
+    present |= 0 if boat.power is None else _BATTERY
     states = (
         (_COMPASS, boat.heading_ok),
         (_POSITION, boat.position_ok),
         (_RUDDER, boat.rudder_ok and not boat.faults & _RUDDER_FAULTS),
         (_STORAGE, not boat.faults >> Fault.STORAGE_FAILING & 1),
+        (_BATTERY, boat.power is not None and boat.power.voltage_v is not None),
         (_PREARM, boat.prearm_refusal == ""),
     )
     breached = boat.faults >> Fault.FENCE_BREACHED & 1
@@ -43,32 +53,60 @@ def sys_status(context: TelemetryContext) -> Message:
     heeded = fence if boat.navigation.fence_enabled else 0
     errors = whole(context.refused_frames, 0, UINT16_MAX, 0)
     skipped = whole(boat.skipped_total, 0, UINT16_MAX, 0)
-    millivolts, centiamperes = _supply(context)
+    millivolts, centiamperes, percent = _supply(context)
     load = whole(context.load * 1e3, 0, 1000, 0)
     return mavlink.MAVLink_sys_status_message(
-        present | fence, present | heeded, healthy, load, millivolts, centiamperes, -1, 0, errors, skipped, 0, 0, 0
+        present | fence, present | heeded, healthy, load, millivolts, centiamperes, percent, 0, errors, skipped, 0, 0, 0
     )
 
 
-def _supply(context: TelemetryContext) -> tuple[int, int]:
-    """Return the voltage (mV) and current (cA) at the rudder servo, the one place where they are measured."""
-    servo = context.snapshot.servo
-    voltage_v = servo.voltage_v if servo else None
-    current_a = servo.current_a if servo else None
+def _supply(context: TelemetryContext) -> tuple[int, int, int]:
+    """Return voltage (mV), current (cA, out of the battery) and charge (%) of the battery.
+
+    Where nobody measures it, voltage and current are those at the rudder servo.
+    """
+    power, servo = context.snapshot.power, context.snapshot.servo
+    voltage_v, current_a, charge = None, None, None
+    if power is not None and power.voltage_v is not None:
+        voltage_v, charge = power.voltage_v, power.charge
+        current_a = None if power.current_a is None else -power.current_a
+    elif servo is not None:
+        voltage_v = servo.voltage_v
+        current_a = None if servo.current_a is None else abs(servo.current_a)
+    centiamperes = whole(None if current_a is None else current_a * 100.0, -INT16_MAX, INT16_MAX, UINT16_MAX)
     return (
         whole(None if voltage_v is None else voltage_v * 1e3, 0, UINT16_MAX - 1, UINT16_MAX),
-        whole(None if current_a is None else abs(current_a) * 100.0, 0, INT16_MAX, -1),
+        # -1 is the number for unknown: so small a current is none.
+        {UINT16_MAX: -1, -1: 0}.get(centiamperes, centiamperes),
+        whole(None if charge is None else charge * 100.0, 0, 100, -1),
     )
 
 
 def battery_status(context: TelemetryContext) -> Message | None:
-    """Return BATTERY_STATUS while the servo tells the voltage of its supply."""
-    millivolts, centiamperes = _supply(context)
+    """Return BATTERY_STATUS while the voltage of the battery, or that at the servo, is known.
+
+    What was consumed is what the loads have taken since start; where that is not measured, what left the battery.
+    """
+    millivolts, centiamperes, percent = _supply(context)
     if millivolts == UINT16_MAX:
         return None
-    voltages = (millivolts, *(_MISSING_CELL,) * 9)
-    function, chemistry = mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_UNKNOWN
-    return mavlink.MAVLink_battery_status_message(0, function, chemistry, INT16_MAX, voltages, centiamperes, -1, -1, -1)
+    power = context.snapshot.power
+    temperature_c = consumed_j = None
+    if power is not None:
+        temperature_c = power.temperature_c
+        flow = power.load if power.load.measured_s else power.discharged
+        consumed_j = flow.energy_j if flow.measured_s else None
+    return mavlink.MAVLink_battery_status_message(
+        0,
+        mavlink.MAV_BATTERY_FUNCTION_ALL,
+        mavlink.MAV_BATTERY_TYPE_UNKNOWN,
+        whole(None if temperature_c is None else temperature_c * 100.0, -INT16_MAX, INT16_MAX - 1, INT16_MAX),
+        (millivolts, *(_MISSING_CELL,) * 9),
+        centiamperes,
+        -1,
+        whole(None if consumed_j is None else consumed_j / 100.0, 0, INT32_MAX, -1),
+        percent,
+    )
 
 
 def system_time(context: TelemetryContext) -> Message:

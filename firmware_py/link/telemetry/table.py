@@ -93,6 +93,8 @@ TABLE: tuple[TelemetryRow, ...] = (
     _named("HELM_SOFT", named_values.helm_softness, 0.2, 0.02),
     _named("RUD_WH", named_values.servo_watt_hours, 0.2, 0.02),
     _named("RUD_WATT", named_values.servo_watts, 0.2, 0.02),
+    _named("SOLAR_W", named_values.solar_watts, 0.2, 0.02),
+    _named("LOAD_W", named_values.load_watts, 0.2, 0.02),
     _named("HDG_SRC", named_values.heading_source, 0.5, 0.02),
     _named("HDG_SD", named_values.heading_sd_deg, 0.5, 0.02),
     _named("HDG_INNOV", named_values.innovation_deg, 1.0, 0.0),

@@ -8,7 +8,7 @@ import pytest
 from pymavlink.DFReader import DFReader_binary
 
 from firmware_py.common.records import Event, Severity
-from firmware_py.common.reports import Energy
+from firmware_py.common.reports import Energy, Flow, Power
 from firmware_py.faults.table import Fault
 from firmware_py.log import thin_file
 from firmware_py.log.disk import log_files
@@ -72,6 +72,21 @@ def test_a_row_a_minute_sums_up_what_was_since_the_one_before(tmp_path, pretend)
         assert more.Skip == 2
         assert math.isnan(row.Lat)
         assert math.isnan(more.BatV)  # nobody measures it yet
+
+
+def test_a_row_has_the_mean_powers_of_its_minute_where_they_are_measured(tmp_path, pretend):
+    def power(t_s):
+        # Panels from 90 s on; a minute of which half is measured has the mean of that half.
+        sun, taken = Flow(20.0 * max(0.0, t_s - 90.0), max(0.0, t_s - 90.0)), Flow(5.0 * t_s, t_s)
+        return Power(12.5, -1.0, 0.8, solar_w=99.0, solar=sun, load=taken, charged=Flow(0.0, t_s), discharged=taken)
+
+    data = rows_of(ThinLog(lambda: UTC_S), outputs(pretend, range(181), power=power))
+    rows = messages(tmp_path, HEAD + data, "THNE")[1:]
+    assert [row.Load for row in rows] == [pytest.approx(5.0)] * 3
+    assert [row.BatV * row.BatA for row in rows] == [pytest.approx(-5.0)] * 3
+    assert [row.SoC for row in rows] == [pytest.approx(0.8)] * 3
+    assert math.isnan(rows[0].Sun)
+    assert [row.Sun for row in rows[1:]] == [pytest.approx(20.0)] * 2
 
 
 def test_modes_and_faults_have_a_row_at_once_and_a_fault_within_a_minute_is_not_missed(tmp_path, pretend):

@@ -9,7 +9,7 @@ import pytest
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Tick
-from firmware_py.common.reports import Energy, LinkStatus, PeerStatus
+from firmware_py.common.reports import Energy, Flow, LinkStatus, PeerStatus, Power
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
@@ -96,6 +96,15 @@ def test_energy_is_there_when_the_snapshot_has_it(boat):
     status = boat.status(12.0, energy=Energy(energy_j=7200.0, power_w=1.234, travel_rad_per_h=math.pi))
     assert status["energy"]["steering_wh"] == 2.0
     assert (status["energy"]["servo_power_w"], status["energy"]["travel_deg_per_h"]) == (1.23, 180.0)
+
+
+def test_battery_and_panels_are_there_when_somebody_measures_them(boat):
+    assert boat.status()["power"] == {}
+    power = Power(13.123, -0.5, 0.876, solar=Flow(3600.0, 60.0), discharged=Flow(7200.0, 60.0))
+    shown = boat.status(12.0, power=power)["power"]
+    assert (shown["battery_v"], shown["charge_percent"], shown["load_w"]) == (13.12, 87.6, None)
+    assert (shown["solar_wh"], shown["discharged_wh"]) == (1.0, 2.0)
+    assert "load_wh" not in shown  # which nobody measures
 
 
 def test_a_fault_is_told_with_its_text_and_how_long_it_stands(boat):

@@ -9,7 +9,17 @@ from hypothesis import strategies as st
 
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import FixType, PositionSample, RudderFeedback
-from firmware_py.common.reports import Activity, Estimate, Home, MissionReport, Navigation, Snapshot, Water
+from firmware_py.common.reports import (
+    Activity,
+    Estimate,
+    Flow,
+    Home,
+    MissionReport,
+    Navigation,
+    Power,
+    Snapshot,
+    Water,
+)
 from firmware_py.faults.table import Fault
 from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
@@ -179,6 +189,37 @@ def test_battery_status_knows_only_one_voltage(build):
     assert battery.voltages == [12_300] + [65535] * 9
     assert (battery.temperature, battery.current_consumed, battery.battery_remaining) == (32767, -1, -1)
     assert build("BATTERY_STATUS") is None
+
+
+BATTERY = Power(13.1, -1.5, 0.876, 9.5, 20.0, 39.65, load=Flow(7200.0, 60.0), discharged=Flow(720.0, 60.0))
+
+
+def test_a_battery_that_is_measured_goes_before_the_servos_supply(build):
+    battery = build("BATTERY_STATUS", servo=SERVO, power=BATTERY)
+    assert (battery.voltages[0], battery.current_battery, battery.battery_remaining) == (13_100, 150, 88)
+    assert (battery.temperature, battery.energy_consumed) == (950, 72)
+    status = build("SYS_STATUS", servo=SERVO, power=BATTERY)
+    assert (status.voltage_battery, status.current_battery, status.battery_remaining) == (13_100, 150, 88)
+    bit = mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
+    assert status.onboard_control_sensors_present & status.onboard_control_sensors_health & bit
+    high = build("HIGH_LATENCY2", servo=SERVO, power=BATTERY)
+    assert (high.battery, high.custom1) == (88, 66)
+    assert build("NAMED_VALUE_FLOAT SOLAR_W", power=BATTERY).value == 20.0
+    assert build("NAMED_VALUE_FLOAT LOAD_W", power=BATTERY).value == pytest.approx(39.65)
+
+
+def test_a_battery_of_which_nothing_is_known_any_more_is_not_healthy(build):
+    status = build("SYS_STATUS", servo=SERVO, power=Power())
+    bit = mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
+    assert (status.onboard_control_sensors_present & bit, status.onboard_control_sensors_health & bit) == (bit, 0)
+    assert (status.voltage_battery, status.battery_remaining) == (12_300, -1)
+
+
+def test_a_battery_that_is_charged_has_a_negative_current_that_is_never_the_number_for_unknown(build):
+    assert build("SYS_STATUS", power=Power(13.1, 4.2)).current_battery == -420
+    assert build("SYS_STATUS", power=Power(13.1, 0.01)).current_battery == 0
+    assert build("SYS_STATUS", power=Power(13.1)).current_battery == -1
+    assert build("BATTERY_STATUS", power=Power(13.1, discharged=Flow(720.0, 60.0))).energy_consumed == 7
 
 
 def test_times(build):

@@ -1,0 +1,90 @@
+"""The battery as another component of the boat measures it."""
+
+import math
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.intents import ReportBattery, Request, Verdict
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.core.accept import accept
+from firmware_py.core.state import State
+from firmware_py.link.companion import reported
+from firmware_py.safety.power_monitor import supply
+
+NONE = 65535
+
+
+def battery(number=0, cells=(13_100,), current=-150, percent=87, celsius=1234, more=(0, 0, 0, 0)):
+    voltages = (*cells, *(NONE,) * (10 - len(cells)))
+    return mavlink.MAVLink_battery_status_message(
+        number, 0, 0, celsius, voltages, current, -1, -1, percent, 0, 0, more, 0, 0
+    )
+
+
+@pytest.mark.parametrize(
+    ("message", "expected"),
+    [
+        (battery(), ReportBattery(13.1, 1.5, 0.87, 12.34)),
+        (battery(cells=(3300, 3310, 3290, 3300)), ReportBattery(13.2, 1.5, 0.87, 12.34)),
+        (battery(cells=(3300,) * 10, more=(3300, 0, 0, 0)), ReportBattery(36.3, 1.5, 0.87, 12.34)),
+        (battery(cells=(), current=-1, percent=-1, celsius=32767), ReportBattery()),
+        (battery(current=420), ReportBattery(13.1, -4.2, 0.87, 12.34)),
+    ],
+)
+def test_what_a_battery_status_says(message, expected):
+    said = reported(message)
+    for name in ReportBattery.__slots__:
+        assert getattr(said, name) == (
+            None if getattr(expected, name) is None else pytest.approx(getattr(expected, name))
+        )
+
+
+@pytest.fixture
+def companion(rig):
+    """Have a component of a system tell of a battery; returns what she was asked because of it."""
+
+    def tell(message, system=1, component=200, chosen=200):
+        rig.request_handler.values = rig.request_handler.values.replaced("PWR_COMPANION", chosen)
+        rig.station.srcSystem, rig.station.srcComponent = system, component
+        before = len(rig.request_handler.intents)
+        rig.tell(message)
+        return rig.request_handler.intents[before:]
+
+    return tell
+
+
+def test_the_component_that_was_chosen_is_believed(companion):
+    assert companion(battery()) == [reported(battery())]
+
+
+@pytest.mark.parametrize("who", [{"chosen": 0}, {"chosen": 201}, {"system": 2}, {"component": 0, "chosen": 0}])
+def test_what_others_say_of_theirs_is_left_alone(companion, who):
+    assert companion(battery(), **who) == []
+
+
+def test_only_the_first_battery_is_looked_at_and_not_too_often(companion):
+    assert companion(battery(number=1)) == []
+    assert len(companion(battery())) == 1
+    assert companion(battery()) == []
+
+
+def judged(**values):
+    request = Request(5.0, ReportBattery(**values), 1, 200)
+    return accept(State.at_start(ParameterSet()), request)
+
+
+def test_a_report_counts_as_what_is_measured():
+    state, answer = judged(voltage_v=13.1, current_a=-0.4, charge=0.87)
+    assert answer.verdict is Verdict.ACCEPTED
+    assert supply(state.power, 6.0).charge == 0.87
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"charge": 1.01}, {"charge": -0.1}, {"voltage_v": math.nan}, {"current_a": math.inf}, {"temperature_c": 200}],
+)
+def test_a_report_that_cannot_be_is_refused_and_changes_nothing(values):
+    state, answer = judged(**{"voltage_v": 13.0} | values)
+    assert (answer.verdict, answer.text) == (Verdict.DENIED, "Battery report is out of range")
+    assert state.power.samples == (None, None, None)

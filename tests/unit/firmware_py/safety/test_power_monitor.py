@@ -1,0 +1,123 @@
+"""What battery, panels and loads do, from those who measure parts of it."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from firmware_py.common.records import PowerSample
+from firmware_py.safety import power_monitor
+from firmware_py.safety.power_monitor import COMPANION, FRESH_S, PowerMonitorState, supply, update
+from firmware_py.sensors.vedirect import VeDirectPower
+from hil.devices.vedirect import Kind, VeDirectEmulator
+from hil.ship.extras import Supply as Plan
+from hil.ship.power_plant import Place, PowerPlant
+from support.line import FakeLine
+
+MIDNIGHT_UTC_S = 1_782_000_000.0 - 1_782_000_000.0 % 86_400.0
+
+
+def known(*samples, now_s=1.0):
+    return supply(update(PowerMonitorState(), samples), now_s)
+
+
+def charger(source=0, voltage_v=13.0, current_a=2.0, solar_w=40.0, **more):
+    return PowerSample(1.0, source, voltage_v, current_a, solar_w=solar_w, **more)
+
+
+def monitor(source=1, voltage_v=12.9, current_a=0.5, charge=0.8, **more):
+    return PowerSample(1.0, source, voltage_v, current_a, charge, **more)
+
+
+def test_nobody_measures_anything():
+    assert supply(PowerMonitorState(), 1.0) == power_monitor.Supply()
+    assert power_monitor.report(PowerMonitorState(), 1.0) is None
+
+
+def test_a_charger_alone_knows_neither_battery_current_nor_loads():
+    found = known(charger())
+    assert (found.voltage_v, found.solar_w) == (13.0, pytest.approx(26.0))
+    assert (found.current_a, found.load_w, found.charge) == (None, None, None)
+
+
+def test_a_charger_with_the_loads_on_it_knows_both():
+    found = known(charger(current_a=-0.1, load_a=0.4, solar_w=4.0))
+    assert found.current_a == -0.1
+    assert (found.load_w, found.solar_w) == (pytest.approx(5.2), pytest.approx(3.9))
+    assert found.battery_w == pytest.approx(found.solar_w - found.load_w)
+
+
+def test_a_charger_that_draws_for_itself_at_night_gives_nothing():
+    assert known(charger(current_a=-0.01, solar_w=0.0)).solar_w == 0.0
+
+
+def test_a_monitor_alone_knows_the_battery_and_not_what_panels_hide():
+    found = known(monitor(current_a=-0.4, temperature_c=9.0))
+    assert (found.voltage_v, found.current_a, found.charge, found.temperature_c) == (12.9, -0.4, 0.8, 9.0)
+    assert (found.solar_w, found.load_w) == (None, None)
+
+
+def test_with_both_the_loads_take_what_does_not_reach_the_battery():
+    found = known(charger(), monitor())
+    assert (found.voltage_v, found.current_a) == (12.9, 0.5)
+    assert found.load_w == pytest.approx(26.0 - 12.9 * 0.5)
+
+
+def test_the_panels_of_two_chargers_add_up():
+    assert known(charger(), charger(source=1, current_a=1.0)).solar_w == pytest.approx(39.0)
+
+
+def test_her_own_monitor_goes_before_that_of_another_component_which_fills_what_is_lacking():
+    found = known(monitor(charge=None), monitor(source=COMPANION, voltage_v=11.0, current_a=9.0, charge=0.3))
+    assert (found.voltage_v, found.current_a, found.charge) == (12.9, 0.5, 0.3)
+
+
+def test_what_is_old_is_not_known_and_who_has_fallen_silent_is_told():
+    state = update(PowerMonitorState(), [monitor()])
+    assert supply(state, 1.0 + FRESH_S).charge == 0.8
+    assert not power_monitor.silent(state, 1.0 + FRESH_S)
+    assert supply(state, 1.1 + FRESH_S).charge is None
+    assert power_monitor.silent(state, 1.1 + FRESH_S)
+
+
+def test_a_gap_is_not_measured_and_not_guessed():
+    times = [0.0, 1.0, 2.0, 2.0 + FRESH_S + 1.0, 3.0 + FRESH_S + 1.0]
+    state = update(PowerMonitorState(), [PowerSample(t_s, 1, 10.0, -1.0) for t_s in times])
+    assert (state.discharged.energy_j, state.discharged.measured_s) == (pytest.approx(30.0), pytest.approx(3.0))
+    assert (state.charged.energy_j, state.load.measured_s) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("kinds", [(Kind.CHARGER, Kind.MONITOR), (Kind.CHARGER_WITH_LOAD,)])
+@pytest.mark.parametrize("hours", [(18.0, 20.0), pytest.param((0.0, 48.0), marks=pytest.mark.proof)])
+def test_an_evening_under_clouds_adds_up_within_one_percent_of_what_really_flowed(kinds, hours):
+    begin_utc_s = MIDNIGHT_UTC_S + 3600.0 * hours[0]
+    plant = PowerPlant(Plan(clouds=0.5, charge=0.4), Place(36.0, 0.0, begin_utc_s), np.random.default_rng(3), servo())
+    devices = [
+        (VeDirectEmulator(plant, kind, phase_s=0.3 * source), VeDirectPower(wire), wire, source)
+        for source, (kind, wire) in enumerate(zip(kinds, (FakeLine(), FakeLine()), strict=False))
+    ]
+    state, until_s = PowerMonitorState(), 3600.0 * (hours[1] - hours[0])
+    while (now_s := min(emulator.next_output_s() for emulator, *_ in devices)) < until_s:
+        for emulator, driver, wire, source in devices:
+            if emulator.next_output_s() <= now_s:
+                wire.inbox += emulator.take_output(now_s)
+                driver.receive(now_s)
+                samples = [PowerSample(**{**as_dict(one), "source": source}) for one in driver.poll()]
+                state = update(state, samples)
+    truth = plant.totals
+    assert state.solar.energy_j == pytest.approx(truth.charger_j, rel=0.01)
+    assert state.load.energy_j == pytest.approx(truth.load_j, rel=0.01)
+    assert state.charged.energy_j == pytest.approx(truth.into_battery_j, rel=0.01)
+    assert state.discharged.energy_j == pytest.approx(truth.out_of_battery_j, rel=0.01)
+    assert truth.out_of_battery_j > 0.0
+    assert state.load.measured_s == pytest.approx(until_s, abs=5.0)
+
+
+def servo():
+    """Joules that a servo has taken: in bursts, as it moves."""
+    taken = itertools.accumulate(3.0 if number % 7 == 0 else 0.2 for number in itertools.count())
+    return lambda: next(taken)
+
+
+def as_dict(sample):
+    return {name: getattr(sample, name) for name in PowerSample.__slots__}
