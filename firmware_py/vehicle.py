@@ -80,6 +80,7 @@ class Vehicle:
 
 
 MOST_BYTES = 1 << 20  # of a vehicle or parameter file
+_MOST_CHARACTERS = 60  # that are told of a name
 _MOST_BITS = 4096  # of a whole number: Python refuses to write much longer ones
 _OPTIONAL = ("position", "compass_b", "power", "power_b")  # devices
 _SECTIONS = ("vehicle", "compass", "rudder", *_OPTIONAL, "link", "hull", "parameters")
@@ -114,9 +115,9 @@ def _check_values(data: Mapping[str, Any], path: Path) -> None:
         elif isinstance(value, list):
             waiting += ((name, item) for item in value)
         elif isinstance(value, int) and value.bit_length() > _MOST_BITS:
-            raise VehicleError(f"{path}: {name[:60]!r} is a number of too many digits")
+            raise VehicleError(f"{path}: {name[:_MOST_CHARACTERS]!r} is a number of too many digits")
         elif isinstance(value, str) and "\0" in value:
-            raise VehicleError(f"{path}: {name[:60]!r} holds a NUL; remove it")
+            raise VehicleError(f"{path}: {name[:_MOST_CHARACTERS]!r} holds a NUL; remove it")
 
 
 def parse(data: Mapping[str, Any], path: Path) -> Vehicle:
@@ -186,7 +187,8 @@ def _refuse(problems: Iterable[str]) -> None:
 
 def _only_known(section: Mapping[str, Any], known: tuple[str, ...], place: str) -> None:
     hint = f"; known: {', '.join(known)}"
-    _refuse(f"{place} {key!r} is not known{_meant(key, known) or hint}" for key in section if key not in known)
+    unknown = [key[:_MOST_CHARACTERS] for key in section if key not in known]
+    _refuse(f"{place} {key!r} is not known{_meant(key, known) or hint}" for key in unknown)
 
 
 def _meant(key: str, known: tuple[str, ...]) -> str:
@@ -229,7 +231,8 @@ def _only_read(values: Mapping[str, Any], driver: str, options: tuple[str, ...],
     """Refuse an option that the driver does not read: whoever wrote it believes that it does something."""
     own = ", ".join(options) or "no option of its own"
     reason, known = f"is not read by driver {driver}, which has {own}", (*_CONNECTION, *options)
-    _refuse(f"{place} {key!r} {reason}{_meant(key, known)}" for key in values if key not in options)
+    unknown = [key[:_MOST_CHARACTERS] for key in values if key not in options]
+    _refuse(f"{place} {key!r} {reason}{_meant(key, known)}" for key in unknown)
 
 
 def _hull(data: Mapping[str, Any], path: Path) -> Hull:

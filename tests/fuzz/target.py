@@ -12,7 +12,7 @@ MOST_LINE = 1000  # characters of a refusal
 
 @dataclass(frozen=True)
 class Target:
-    """`run` takes any bytes; it may raise `refusals`, each with one line, and nothing else.
+    """`run` takes any bytes; it may raise `refusals`, each with one line (or as many as `lines`), and nothing else.
 
     `words` are pieces that an input may well hold; `largest` is the longest input that is tried.
     """
@@ -21,13 +21,17 @@ class Target:
     refusals: tuple[type[Exception], ...] = ()
     words: tuple[bytes, ...] = ()
     largest: int = 4096
+    lines: int = 1
 
     def play(self, data: bytes) -> bool:
         """Run an input; return whether it was taken, False when it was refused."""
         try:
             self.run(data)
         except self.refusals as refusal:
-            check_line(str(refusal))
+            lines = str(refusal).split("\n")
+            assert len(lines) <= self.lines, len(lines)
+            for line in lines:
+                check_line(line)
             return False
         return True
 
