@@ -35,6 +35,7 @@ PARAMETER = b"RUD_LIMIT_DEG"
 TURN_S = 12.0
 TURNS = max(1, round(1.6 * SECONDS / TURN_S))
 REST_S = 1.0
+LOOK_S = 0.5
 TOGETHER_HZ = 50
 MOST_BUSY = 0.9
 
@@ -49,6 +50,12 @@ class Line:
 
     def greet(self):
         self._write(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(self._mav))
+
+    def keep_up(self):
+        """Read what has come, and say that somebody is there: whoever is silent or does not read loses the line."""
+        while self._read():
+            pass
+        self.greet()
 
     def seconds_until_answered(self, patience_s):
         """Ask again and again, as ground stations do, until a PARAM_VALUE comes; None in vain."""
@@ -192,10 +199,10 @@ def test_floods_of_every_link_and_of_the_disk_together_do_not_move_the_loop(tmp_
         pid = sea.autopilot()
         ahead_s = boat_time(sea) - time.monotonic()  # neither clock ever jumps
         for _ in range(TURNS):
-            sea.listen(REST_S)
-            windows["quiet"].append(window(ahead_s, sea.listen, TURN_S))
+            listened(sea, lines, REST_S)
+            windows["quiet"].append(window(ahead_s, listened, sea, lines, TURN_S))
             used_s, start_s = cpu_of(pid), time.monotonic()
-            windows["flooded"].append(window(ahead_s, poured, sea, links, tmp_path, taken))
+            windows["flooded"].append(window(ahead_s, poured, sea, lines, links, tmp_path, taken))
             busy = busy or min(MOST_BUSY, (cpu_of(pid) - used_s) / (time.monotonic() - start_s))
             words = [
                 sys.executable,
@@ -204,7 +211,7 @@ def test_floods_of_every_link_and_of_the_disk_together_do_not_move_the_loop(tmp_
                 *map(str, (TOGETHER_HZ, int(TURN_S * TOGETHER_HZ), busy)),
             ]
             with subprocess.Popen(words, stdout=subprocess.PIPE) as bare:
-                poured(sea, sinks, tmp_path, [])
+                poured(sea, lines, sinks, tmp_path, [])
                 bare_s += json.loads(bare.communicate()[0])
         answered_s = [line.seconds_until_answered(5.0) for line in lines]
         assert sea.autopilot() == pid
@@ -238,6 +245,14 @@ def window(ahead_s, act, *arguments):
     return end_s - TURN_S, end_s
 
 
+def listened(sea, lines, seconds):
+    """Let the stations at the lines listen and tell of themselves, as ground stations do."""
+    for _ in range(round(seconds / LOOK_S)):
+        sea.listen(LOOK_S)
+        for line in lines:
+            line.keep_up()
+
+
 def sink_of(closing, links):
     """A process that reads all that is poured into links of nobody's."""
     udp, tcp, serial = links
@@ -250,7 +265,7 @@ def sink_of(closing, links):
     return sink
 
 
-def poured(sea, links, directory, taken):
+def poured(sea, lines, links, directory, taken):
     """Flood links and the disk for a turn; `taken` gets how many bytes each of them took."""
     ways = [*(link.words for link in links), ["disk", str(directory)]]
     handed = tuple(number for link in links for number in link.inherited)
@@ -260,7 +275,7 @@ def poured(sea, links, directory, taken):
     ]
     try:
         while all(flood.poll() is None for flood in floods):
-            sea.listen(0.2)
+            listened(sea, lines, LOOK_S)
         taken += [json.loads(flood.communicate()[0]) for flood in floods]
     finally:
         for flood in floods:
