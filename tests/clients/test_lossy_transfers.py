@@ -12,6 +12,7 @@ import zlib
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from support.paths import log_bytes
 from support.relay import RETRY_S, asked, check_losses
 from support.station import PATIENCE_S
 
@@ -167,7 +168,7 @@ class Files:
 
 def check_files(station, tmp_path):
     files = Files(station)
-    assert files.get("/logs/00000001.BIN") == log_path(tmp_path).read_bytes()
+    assert files.get("/logs/00000001.BIN") == log_bytes(tmp_path / "state", 1)
     sent = random.Random(11).randbytes(UPLOAD_BYTES)
     # The CRC32 of the protocol begins at 0 and is not inverted in the end.
     assert files.put("/uploads/up.bin", sent) == ~zlib.crc32(sent, 0xFFFFFFFF) & 0xFFFFFFFF
@@ -189,7 +190,7 @@ def check_logs(station, tmp_path):
         "LOG_ENTRY",
         lambda one: one.id == 1,
     )
-    assert entry.size == log_path(tmp_path).stat().st_size
+    assert entry.size == len(log_bytes(tmp_path / "state", 1))
     found = {}
     give_up_s = time.monotonic() + 3.0 * PATIENCE_S
     while (missing := holes(found, entry.size)) and time.monotonic() < give_up_s:
@@ -199,7 +200,7 @@ def check_logs(station, tmp_path):
             if row.id == 1:
                 found[row.ofs] = bytes(row.data[: row.count])
     station.mav.log_request_end_send(1, 1)
-    assert b"".join(found[at] for at in sorted(found)) == log_path(tmp_path).read_bytes()
+    assert b"".join(found[at] for at in sorted(found)) == log_bytes(tmp_path / "state", 1)
 
 
 def holes(found, size):

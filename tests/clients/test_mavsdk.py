@@ -105,7 +105,9 @@ def check_against_truth(seen, truth):
     heading_deg = truth.heading_low_rad * 180.0 / math.pi
     assert (abs(heading_deg - 10.0) < 3.0).sum() > ROWS_PER_SECOND // 2
     assert abs(math.remainder(heading_deg[-1] - 30.0, 360.0)) < 8.0
-    assert abs(math.remainder(heading_deg[-1] - seen["goto"][0], 360.0)) < 3.0
+    # She still turns by some degrees a second: MAVSDK told of one of the moments before the end.
+    lately_deg = heading_deg[-3 * ROWS_PER_SECOND :]
+    assert min(abs(math.remainder(one - seen["goto"][0], 360.0)) for one in lately_deg) < 3.0
     last = seen["last_position"]
     north_m = METRES_PER_DEGREE * (last["latitude_deg"] - START_LATITUDE_DEG)
     assert north_m == pytest.approx(truth.north_m[-1], abs=3.0)

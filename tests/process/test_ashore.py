@@ -178,7 +178,7 @@ def test_files_are_made_for_owner_and_group_whatever_the_umask(umask, place, veh
     before = os.umask(umask)
     try:
         with started(vehicle, tmp_path, "--state", state) as program:
-            program.wait_for(lambda: list(state.glob("logs/*.BIN")), "no log")
+            program.wait_for(lambda: list(state.glob("logs/thin/*.BIN")), "no log")
     finally:
         os.umask(before)
     made = (state.parent, state, *state.rglob("*"))
@@ -187,9 +187,13 @@ def test_files_are_made_for_owner_and_group_whatever_the_umask(umask, place, veh
         "new": 0o750,
         "new/state": 0o750,
         "new/state/lock": 0o640,
+        "new/state/endings.state.0": 0o640,
+        "new/state/endings.state.1": 0o640,
         "new/state/parameters.param.0": 0o640,
         "new/state/logs": 0o750,
         "new/state/logs/00000001.BIN": 0o640,
+        "new/state/logs/thin": 0o750,
+        "new/state/logs/thin/00000001.BIN": 0o640,
     }
 
 

@@ -78,7 +78,7 @@ def help_of(program, *words):
 def commands_in(text):
     """Program and words of each command line in the code of a page."""
     for span in code_in(text):
-        for program, rest in re.findall(r"(?<![\w/.-])(rambler(?:-hil)?)((?: [^\n#]*)?)", span.replace("\\\n", " ")):
+        for program, rest in re.findall(r"(?<![\w/.:-])(rambler(?:-hil)?)((?: [^\n#]*)?)", span.replace("\\\n", " ")):
             yield program, rest.split()
 
 
@@ -89,7 +89,7 @@ def wrong_with(program, words):
         return ""
     if words[0] not in commands and words[0] != "--version":
         return f"{program} {words[0]}"
-    depth = 2 if words[0] in ("key", "plan") and len(words) > 1 and not words[1].startswith("-") else 1
+    depth = 2 if words[0] in ("key", "plan", "service") and len(words) > 1 and not words[1].startswith("-") else 1
     text = help_of(program, *words[:depth])
     if not text.startswith("usage:"):
         return f"{program} {' '.join(words[:depth])}"
