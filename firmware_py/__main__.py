@@ -24,6 +24,7 @@ COMMANDS = {
     "replay": ("firmware_py.cli.replay", "recompute a log and compare every rudder command"),
     "plan": ("firmware_py.cli.plan", "check plan files; take plans into and out of a stopped autopilot's state"),
     "key": ("firmware_py.cli.key", "the key of signed frames in a state directory: show its state, set it, remove it"),
+    "state": ("firmware_py.cli.state", "take the state of an autopilot to another computer: one file out, one in"),
     "params": ("firmware_py.cli.params", "the parameter table; check a parameter file"),
     "check": ("firmware_py.cli.check", "a preflight of devices, storage, clock and parameters"),
     "example": ("firmware_py.cli.example", "write a commented vehicle file to begin with"),

@@ -10,13 +10,13 @@ import argparse
 import getpass
 import json
 import os
-import pwd
 import re
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+from firmware_py.cli.state_owner import check_directory, check_owner, user_text
 from firmware_py.link.security.key_record import KEY_BYTES, KeyState, find_key, key_of_passphrase
 from firmware_py.link.security.signing import Signing, timestamp_of
 from firmware_py.system.hold import StoreError
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.key_command
     ]
     try:
-        _check_directory(arguments.state)
+        check_directory(arguments.state)
         command(arguments)
     except (KeyInputError, StoreError) as error:
         print(f"rambler key {arguments.key_command}: {error}", file=sys.stderr)
@@ -62,19 +62,13 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _check_directory(directory: Path) -> None:
-    if not directory.is_dir():
-        text = f"state directory {directory} is not there; name that of `rambler run --state`, or make it first"
-        raise StoreError(text)
-
-
 def _show(arguments: argparse.Namespace) -> None:
     """Tell what the autopilot would find, which may be running meanwhile."""
     stored = stored_key(arguments.state)
     finding = find_key(stored)
     state, problem = finding.state.value, finding.problem or stored.damage
     if finding.state is KeyState.LOST and os.geteuid() not in (0, owner := arguments.state.stat().st_uid):
-        state, problem = _UNREADABLE, f"{problem}; look as {_user(owner)}"
+        state, problem = _UNREADABLE, f"{problem}; look as {user_text(owner)}"
     exposed = exposed_key_files(arguments.state)
     if arguments.json:
         print(json.dumps({"state": state, "problem": problem, "readable_by_others": list(exposed)}))
@@ -100,9 +94,7 @@ def _remove(arguments: argparse.Namespace) -> None:
 
 def _change(arguments: argparse.Namespace, state: KeyState, change: Callable[[Signing], object]) -> None:
     """Change the key of a stopped autopilot and tell what it is now."""
-    owner_uid = arguments.state.stat().st_uid
-    if os.geteuid() != owner_uid:  # the autopilot could not read what another user has written
-        raise StoreError(f"state directory {arguments.state} belongs to {_user(owner_uid)}; run this as that user")
+    check_owner(arguments.state)
     try:
         store = Store(arguments.state, private=(SIGNING_FILE,))
     except StoreError as error:
@@ -143,10 +135,3 @@ def _read_line(file: Path | None, *, digits: bool) -> str:
     if not words or not words.isprintable() or len(data) > MOST_BYTES:
         raise KeyInputError(f"one line of text is needed, not empty and of at most {MOST_BYTES} bytes")
     return words
-
-
-def _user(uid: int) -> str:
-    try:
-        return f"user {pwd.getpwuid(uid).pw_name}"
-    except KeyError:
-        return f"user {uid}"

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from firmware_py.cli.state_owner import check_directory, check_owner
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
 from firmware_py.files.making import exact_modes
 from firmware_py.files.reading import read_regular
@@ -92,7 +93,8 @@ def _check(arguments: argparse.Namespace) -> None:
 
 def _load(arguments: argparse.Namespace) -> None:
     plans = _read_plans(arguments.file, home=not arguments.no_home)
-    _check_directory(arguments.state)
+    check_directory(arguments.state)
+    check_owner(arguments.state)
     with exact_modes():
         try:
             store = Store(arguments.state)
@@ -134,14 +136,9 @@ def _save(arguments: argparse.Namespace) -> None:
 # ------------------------------------------------------------------------------------ parts
 
 
-def _check_directory(directory: Path) -> None:
-    if not directory.is_dir():
-        raise StoreError(f"state directory {directory} is not there; name that of `rambler run --state`")
-
-
 def _stored_plans(directory: Path) -> Plans:
     """Read the plans as the autopilot would, which may be running meanwhile."""
-    _check_directory(directory)
+    check_directory(directory)
     plans = Plans()
     for name in PLAN_FILES.values():
         stored = examine(directory, name)

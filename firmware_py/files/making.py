@@ -1,4 +1,4 @@
-"""The modes of what is kept on disk, and directories made with them: of the owner and the group, never of others."""
+"""How what is kept on disk is made: its modes, of the owner and the group, never of others; files as a whole or not."""
 
 from __future__ import annotations
 
@@ -32,3 +32,40 @@ def make_directory(path: Path) -> None:
         path.mkdir(DIRECTORY_MODE)
     if not path.is_dir():
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+
+
+def write_whole(path: Path, content: bytes, mode: int = FILE_MODE) -> None:
+    """Put a new file of this very mode in place of what is there, on disk when this returns; OSError: nothing is done.
+
+    An OSError after the new one is in place can only be that of forcing its name to disk.
+    """
+    fresh = path.with_name(f".{path.name}.new")
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(fresh)  # noqa: PTH108 - the tests' disk stands before the calls of os
+    descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
+    try:
+        try:
+            os.fchmod(descriptor, mode)  # whatever the umask is
+            left = memoryview(content)
+            while left:
+                if not (written := os.write(descriptor, left)):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                left = left[written:]
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+        os.replace(fresh, path)  # noqa: PTH105
+    except OSError:
+        with contextlib.suppress(OSError):
+            os.unlink(fresh)  # noqa: PTH108
+        raise
+    sync_directory(path.parent)
+
+
+def sync_directory(directory: Path) -> None:
+    """Force the names in a directory to disk; OSError."""
+    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

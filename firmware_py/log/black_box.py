@@ -12,11 +12,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from firmware_py.files.making import DIRECTORY_MODE
+from firmware_py.files.making import DIRECTORY_MODE, sync_directory
 from firmware_py.files.packed import SUFFIX
 from firmware_py.log import schema
 from firmware_py.log.dataflash import HEAD_BYTES, MARK, Format
-from firmware_py.log.disk import BOXES, sync_directory
+from firmware_py.log.disk import BOXES
 from firmware_py.log.pack import Span, Spans, pack
 
 BEFORE_S: Final = 300.0

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from firmware_py.common.calendar import is_possible
-from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE
+from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE, sync_directory
 from firmware_py.files.packed import SUFFIX, packed_path
 
 NAME = re.compile(r"(\d{8,})\.BIN(\.gz)?")
@@ -148,15 +148,6 @@ def last_written_s(directory: Path) -> float:
 def part_path(path: Path) -> Path:
     """Return where a file is made before it is whole; stations do not see such names."""
     return path.with_name(f".{path.name}{_PART}")
-
-
-def sync_directory(directory: Path) -> None:
-    """Bring the names in a directory to the medium; OSError."""
-    descriptor = os.open(directory, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 @dataclass(frozen=True, slots=True)

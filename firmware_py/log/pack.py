@@ -13,7 +13,7 @@ from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from firmware_py.files.making import FILE_MODE
+from firmware_py.files.making import FILE_MODE, sync_directory
 from firmware_py.files.packed import (
     BLOCK_BYTES,
     MOST_BLOCKS,
@@ -23,7 +23,7 @@ from firmware_py.files.packed import (
     packed_path,
     whole_members,
 )
-from firmware_py.log.disk import part_path, sync_directory
+from firmware_py.log.disk import part_path
 
 SYNCED_BLOCKS: Final = 16
 COMPARED_BLOCKS: Final = 8  # in a step: reading back costs less than compressing

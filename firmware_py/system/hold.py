@@ -5,6 +5,7 @@ The first can be had where nothing can be written. The second keeps out those wh
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 from collections.abc import Callable
@@ -58,7 +59,8 @@ class Hold:
     def release(self) -> None:
         """Give the locks up."""
         for descriptor in self._descriptors:
-            os.close(descriptor)
+            with contextlib.suppress(OSError):  # it is closed all the same, and nothing was written through it
+                os.close(descriptor)
         self._descriptors = []
 
     def stands(self) -> bool:

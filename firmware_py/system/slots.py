@@ -21,13 +21,15 @@ from enum import Enum
 from pathlib import Path
 
 from firmware_py.common.records import Stored
-from firmware_py.files.making import FILE_MODE, PRIVATE_MODE
+from firmware_py.files.making import FILE_MODE, PRIVATE_MODE, sync_directory
 from firmware_py.files.reading import open_regular, read_regular
+from firmware_py.system.state_export import BrokenExportError, awaited_import
 
 SLOTS = (0, 1)
 SLOT_BYTES = 4096  # a slot is made this large at once, and grows by as much
+_KEY_ENDING = ".key"
 # The largest slot that is read or written, by the ending of its name: no plan comes near it.
-_LARGEST_BYTES = {".plan": 4 << 20, ".key": 64 << 10}
+_LARGEST_BYTES = {".plan": 4 << 20, _KEY_ENDING: 64 << 10}
 _LARGEST_BYTES_ELSE = 1 << 20
 _HEAD = re.compile(rb"# rambler state (\d{1,18}) (\d{1,12}) ([0-9a-f]{8})\n")
 _EMPTY = b"# rambler empty\n"
@@ -62,8 +64,12 @@ def stored_content(directory: Path, name: str) -> bytes | None:
 def examine(directory: Path, name: str, owner_uid: int | None = None) -> Stored:
     """Return the newest whole version of a name and what is wrong: a slot may be damaged, unreadable or missing.
 
-    `owner_uid` is given for a secret: whose slots they must be.
+    `owner_uid` is given for a secret: whose slots they must be. What an import that was cut off has brought counts.
     """
+    with contextlib.suppress(BrokenExportError):  # which the store tells
+        awaited = awaited_import(directory)
+        if awaited is not None and name in awaited.files:
+            return Stored(awaited.content(name))
     slots = _read_slots(directory, name, owner_uid)
     newest = _newest(slots)
     # The second version went into the other slot: since then neither is missing.
@@ -74,6 +80,11 @@ def examine(directory: Path, name: str, owner_uid: int | None = None) -> Stored:
         if slot.condition in (Condition.DAMAGED, Condition.UNREADABLE) or (both and slot.condition is Condition.ABSENT)
     ]
     return Stored(None if newest is None else newest.content, ", ".join(wrong))
+
+
+def is_secret(name: str) -> bool:
+    """Whether what has this name is for nobody but the owner to read."""
+    return Path(name).suffix == _KEY_ENDING
 
 
 def slot_path(directory: Path, name: str, slot: int) -> Path:
@@ -179,6 +190,13 @@ class SlotWriter:
                 self._close_slot(name, slot)
             raise
 
+    def clear(self, name: str) -> None:
+        """Leave nothing of a name that is no secret, as a start without it finds; OSError when that cannot be."""
+        for slot in SLOTS:
+            if slot_path(self._directory, name, slot).exists():
+                self._blank(name, slot)
+        self._places.pop(name, None)
+
     def is_unproven(self, name: str) -> bool:
         """Whether a version whose storing has failed may be read at the next start."""
         return name in self._unproven
@@ -193,7 +211,7 @@ class SlotWriter:
         except OSError:
             self._close_slot(name, slot)
             slot_path(self._directory, name, slot).unlink(missing_ok=True)
-            self._sync_directory()
+            sync_directory(self._directory)
         del self._unproven[name]
 
     def _blank(self, name: str, slot: int) -> None:
@@ -237,7 +255,7 @@ class SlotWriter:
         self._write_whole(descriptor, data)
         os.fdatasync(descriptor)
         if self._named:
-            self._sync_directory()
+            sync_directory(self._directory)
             self._named = False
         return slot, number
 
@@ -246,13 +264,6 @@ class SlotWriter:
         self.written_bytes += _in_blocks(len(data))
         if os.pwrite(descriptor, data, 0) < len(data):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    def _sync_directory(self) -> None:
-        descriptor = os.open(self._directory, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
     def _open_slot(self, name: str, slot: int) -> tuple[int, int]:
         """Return the descriptor of a slot and its size."""

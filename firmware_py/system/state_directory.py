@@ -41,6 +41,7 @@ _INSTEAD: Final = {
     RESUME_FILE: "not resumed",
     ENDINGS_FILE: "how earlier runs have ended is forgotten",
 }
+KEPT_NAMES: Final = (*_INSTEAD, SIGNING_FILE)  # all that there is of a state
 OTHER_SLOT: Final = "the other slot is used, perhaps an older version"
 _LINE = re.compile(r"([A-Z][A-Z0-9_]{0,15}) (-?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?)")
 
@@ -253,7 +254,7 @@ def load_plans(store: Stock, say: Callable[[str], None]) -> Plans:
         if content is None:
             continue
         try:
-            plan, notes = _sound_plan(kind, content.decode("ascii", "replace"))
+            plan, notes = sound_plan(kind, content.decode("ascii", "replace"))
         except ValueError as error:
             say(f"stored {name} left out: {error}")
             continue
@@ -263,7 +264,8 @@ def load_plans(store: Stock, say: Callable[[str], None]) -> Plans:
     return plans
 
 
-def _sound_plan(kind: PlanKind, text: str) -> tuple[Plan, tuple[str, ...]]:
+def sound_plan(kind: PlanKind, text: str) -> tuple[Plan, tuple[str, ...]]:
+    """Read the stored plan of a kind, and notes on what another version has made of it; ValueError."""
     plan, notes = plan_from_text(text)
     if plan.kind is not kind:
         raise ValueError(f"it is a {plan.kind.name.lower()}")

@@ -18,7 +18,7 @@ from queue import Empty, SimpleQueue
 from firmware_py.common.records import Progress, Stored
 from firmware_py.system.hold import Hold, InUseError, StoreError
 from firmware_py.system.slots import SlotWriter, examine
-from firmware_py.system.store_jobs import Failure, Job, write_job
+from firmware_py.system.store_jobs import Failure, Job, finish_import, write_job
 
 RETRY_S = 2.0  # after a pause of this length, what has failed is tried again
 _ARRIVING = "the state directory is being taken up"
@@ -53,10 +53,12 @@ class Store:
         self._unheld = ""  # why nothing can be written now: the directory is not held
         try:
             self.obstacle = self._hold.take(strict=not wait)
+            self.obstacle = self._finish_import(strict=not wait) or self.obstacle
         except InUseError:
             raise
         except StoreError as error:
             if not wait:
+                self._hold.release()
                 raise
             self.obstacle = self._unheld = str(error)
         self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
@@ -184,8 +186,14 @@ class Store:
     def _release(self) -> None:
         with contextlib.suppress(OSError):
             os.close(self._wake_fd)
-        with contextlib.suppress(OSError):
-            self._hold.release()
+        self._hold.release()
+
+    def _finish_import(self, *, strict: bool) -> str:
+        """Finish an import that was cut off; return why one does not count, or raise it as a StoreError."""
+        problem = finish_import(self._directory)
+        if problem and strict:
+            raise StoreError(problem)
+        return problem
 
     def _queue(self, name: str, job: Job) -> None:
         """Hand a job to the writer; the lock is held."""
@@ -231,6 +239,7 @@ class Store:
         before = self._hold.identity
         try:
             self._hold.take(strict=False)
+            self._finish_import(strict=False)
         except StoreError as error:
             self._unheld = str(error)
             return

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
-from firmware_py.system.slots import SlotWriter
+from firmware_py.system.hold import StoreError
+from firmware_py.system.slots import SlotWriter, is_secret
+from firmware_py.system.state_export import BrokenExportError, awaited_import, end_import, remove_leftovers
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,3 +46,33 @@ def write_job(writer: SlotWriter, name: str, job: Job, unheld: str) -> Failure |
             text += "; the next start may find it all the same"
         return Failure(text, Job(None) if job.once else job)
     return None
+
+
+def finish_import(directory: Path) -> str:
+    """Bring what an import has begun into the slots of a directory that is held, before anything else is written there.
+
+    Returns what is wrong with one that cannot be read, which does not count; StoreError when one that counts cannot
+    be written.
+    """
+    try:
+        remove_leftovers(directory)
+        awaited = awaited_import(directory)
+        if awaited is None:
+            return ""
+        writer = SlotWriter(directory, frozenset(filter(is_secret, awaited.files)))
+        try:
+            for name in awaited.files:
+                content = awaited.content(name)
+                if content is None:
+                    writer.clear(name)
+                for _ in range(0 if content is None else 1 + is_secret(name)):  # nothing is left of another secret
+                    writer.write(name, content or b"")
+        finally:
+            writer.close()
+        end_import(directory)
+    except BrokenExportError as error:
+        return f"state directory {directory}: {error}"
+    except OSError as error:
+        text = f"state directory {directory}: what was imported cannot be written: {error.strerror}"
+        raise StoreError(f"{text}; make room and start again") from None
+    return ""

@@ -1,0 +1,148 @@
+"""The state as one file: a line with format, length and SHA-256, then JSON with the content of each name as text.
+
+In a state directory such a file, by the name of AWAITED, is an import that counts and is not in the slots yet.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from firmware_py.files.making import PRIVATE_MODE, sync_directory, write_whole
+from firmware_py.files.reading import read_regular
+
+FORMAT: Final = 1
+MOST_BYTES: Final = 64 << 20  # more than all slots can hold, escaped
+AWAITED: Final = "import.awaited"
+_DONE: Final = ".import.done"
+_HEAD = re.compile(rb"# rambler exported state (\d{1,9}) (\d{1,12}) ([0-9a-f]{64})\n")
+_NAME = re.compile(r"[a-z]{1,32}\.[a-z]{1,8}")  # of a file of the state: it leads nowhere else
+_ANY_HEAD = b"# rambler exported state "
+
+
+class BrokenExportError(ValueError):
+    """What was read is no exported state, or none that this version can read; the text names the remedy."""
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """The content of each name, None for one that holds nothing; `about` says where it comes from."""
+
+    files: Mapping[str, str | None]
+    about: Mapping[str, str] = field(default_factory=dict)
+
+    def content(self, name: str) -> bytes | None:
+        """Return what a name holds."""
+        text = self.files.get(name)
+        return None if text is None else text.encode()
+
+
+def pack(export: Export) -> bytes:
+    """Return the file."""
+    body = json.dumps({"about": dict(export.about), "files": dict(export.files)}, indent=1).encode() + b"\n"
+    return b"# rambler exported state %d %d %s\n" % (FORMAT, len(body), _digest(body)) + body
+
+
+def unpack(data: bytes) -> Export:
+    """Read what `pack` has written; BrokenExportError."""
+    head = _HEAD.match(data)
+    if head is None:
+        known = data.startswith(_ANY_HEAD)
+        raise BrokenExportError(f"is {'damaged' if known else 'no state that rambler has exported'}")
+    if int(head[1]) != FORMAT:
+        raise BrokenExportError(f"is of format {int(head[1])}, this version reads {FORMAT}; take a newer version")
+    body = data[head.end() :]
+    if len(body) != int(head[2]) or _digest(body) != head[3]:
+        raise BrokenExportError("is damaged")
+    try:
+        content = json.loads(body)
+        files = {_name(name): None if text is None else _text(text) for name, text in content["files"].items()}
+        return Export(files, {str(key): str(value) for key, value in content["about"].items()})
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        raise BrokenExportError(f"is no state that rambler has exported: {error}") from None
+
+
+def await_import(directory: Path, export: Export) -> None:
+    """Let a directory that this process holds count for what is imported from now on.
+
+    OSError: nothing has changed, unless its strerror says that the next start may find it all the same.
+    """
+    path = directory / AWAITED
+    try:
+        write_whole(path, pack(export), PRIVATE_MODE)
+    except OSError as error:
+        try:
+            with contextlib.suppress(FileNotFoundError):
+                os.unlink(path)  # noqa: PTH108 - the tests' disk stands before the calls of os
+            sync_directory(directory)
+        except OSError:
+            raise OSError(error.errno, f"{error.strerror}; the next start may find it all the same") from None
+        raise
+
+
+def awaited_import(directory: Path) -> Export | None:
+    """Return the import that counts and is not in the slots, None when there is none; BrokenExportError.
+
+    Only the owner of the directory may have begun one.
+    """
+    path = directory / AWAITED
+    try:
+        stranger = path.lstat().st_uid != directory.stat().st_uid
+        return _refuse("belongs to another user") if stranger else unpack(read_regular(path, MOST_BYTES, follow=False))
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, BrokenExportError) as error:
+        text = error.strerror if isinstance(error, OSError) else error
+        raise BrokenExportError(f"{AWAITED} {text}; remove it, and import again") from None
+
+
+def end_import(directory: Path) -> None:
+    """Forget an import that is in the slots; what it held of a secret is overwritten. OSError."""
+    done = directory / _DONE
+    os.replace(directory / AWAITED, done)  # noqa: PTH105
+    sync_directory(directory)
+    remove_leftovers(directory)
+
+
+def remove_leftovers(directory: Path) -> None:
+    """Remove what imports that were cut off have left and does not count, overwritten. OSError."""
+    for name in (_DONE, f".{AWAITED}.new"):
+        _wipe(directory / name)
+
+
+def _wipe(path: Path) -> None:
+    with contextlib.suppress(FileNotFoundError):
+        descriptor = os.open(path, os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
+        try:
+            os.pwrite(descriptor, bytes(os.fstat(descriptor).st_size), 0)
+            os.fdatasync(descriptor)
+        finally:
+            os.close(descriptor)
+        os.unlink(path)  # noqa: PTH108
+
+
+def _refuse(text: str) -> Export:
+    raise BrokenExportError(text)
+
+
+def _digest(body: bytes) -> bytes:
+    return hashlib.sha256(body).hexdigest().encode()
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError("a content is no text")
+    return value
+
+
+def _name(value: str) -> str:
+    if not _NAME.fullmatch(value):
+        raise ValueError(f"{value[:40]!r} is no name of a state")
+    return value

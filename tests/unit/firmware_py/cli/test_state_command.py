@@ -1,0 +1,278 @@
+"""`rambler state`: one file out, one in; what is refused changes nothing, and no failure leaves half of an import."""
+
+import json
+import os
+import re
+import shutil
+import stat
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_py.__main__ import main
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, to_text
+from firmware_py.link.security.key_record import KeyRecord, find_key
+from firmware_py.link.security.key_record import to_text as key_to_text
+from firmware_py.system.endings import ENDINGS_FILE, Ending, Endings, from_text
+from firmware_py.system.endings import to_text as endings_to_text
+from firmware_py.system.slots import SLOTS, slot_path
+from firmware_py.system.state_directory import (
+    KEPT_NAMES,
+    PARAMETER_FILE,
+    PLAN_FILES,
+    RESUME_FILE,
+    SIGNING_FILE,
+    StateFiles,
+    stored_key,
+)
+from firmware_py.system.state_export import AWAITED, BrokenExportError, Export, pack, unpack
+from firmware_py.system.store import Store
+from support.faulty_disk import CUTS, KINDS, FaultyDisk
+
+MISSION, FENCE = PLAN_FILES[PlanKind.MISSION], PLAN_FILES[PlanKind.FENCE]
+KEY, OTHER_KEY = bytes(range(1, 33)), bytes(range(2, 34))
+OPEN_NAMES = tuple(name for name in KEPT_NAMES if name != SIGNING_FILE)
+DOUBT, COUNTS, REFUSED = "may find it all the same", "counts all the same", "nothing was imported"
+
+
+def mission(number):
+    return to_text(Plan.of(PlanKind.MISSION, (PlanItem(16, 6, x=number, y=number),))).encode()
+
+
+ENDED = endings_to_text(Endings({"killed": 2}, (Ending("killed", "SIGKILL", 1.8e9),), running=True)).encode()
+OLD = {PARAMETER_FILE: b"CTL_K1 3\n", MISSION: mission(1), RESUME_FILE: b""}
+NEW = {PARAMETER_FILE: b"CTL_K1 7\nWP_RADIUS 9\n", MISSION: mission(2), ENDINGS_FILE: ENDED}
+
+
+def fill(directory, contents, key=None):
+    directory.mkdir()
+    store = Store(directory, private=(SIGNING_FILE,))
+    for name, content in contents.items():
+        if content:
+            store.save(name, content)
+    if key is not None:
+        store.save(SIGNING_FILE, key_to_text(KeyRecord(key, 1000, {(255, 190, 0): 900})), both=True)
+    store.close()
+    return directory
+
+
+@pytest.fixture
+def old(tmp_path):
+    return fill(tmp_path / "old", OLD)
+
+
+@pytest.fixture
+def new(tmp_path):
+    return fill(tmp_path / "new", NEW, KEY)
+
+
+@pytest.fixture
+def exported(new, tmp_path, capsys):
+    path = tmp_path / "boat.state"
+    assert main(["state", "export", str(path), "--state", str(new)]) == 0
+    capsys.readouterr()
+    return path
+
+
+def contents(directory):
+    return {name: StateFiles(directory).load(name) for name in OPEN_NAMES}
+
+
+def import_it(path, directory):
+    return main(["state", "import", str(path), "--state", str(directory)])
+
+
+def refused(capsys, path, directory):
+    before = {entry.name: entry.read_bytes() for entry in directory.iterdir()}
+    assert import_it(path, directory) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    changed = {entry.name: entry.read_bytes() for entry in directory.iterdir() if entry.name != "lock"}
+    assert changed == {name: content for name, content in before.items() if name != "lock"}
+    return captured.err.splitlines()[-1]
+
+
+def test_what_is_exported_is_imported_and_what_it_does_not_hold_is_gone(exported, new, old, capsys):
+    assert import_it(exported, old) == 0
+    assert {**contents(old), ENDINGS_FILE: None} == {**contents(new), ENDINGS_FILE: None}
+    kept = from_text(contents(old)[ENDINGS_FILE].decode())
+    assert (kept.counts, kept.running) == ({"killed": 2}, False)  # the run under way is not that of the other computer
+    assert "signing.key        not in the file, stays as it is" in capsys.readouterr().out
+    assert not (old / AWAITED).exists()
+    # Into one that had more: nothing of it is left.
+    more = fill(old.parent / "more", {**OLD, FENCE: to_text(Plan.of(PlanKind.FENCE, ())).encode()})
+    assert import_it(exported, more) == 0
+    assert contents(more)[FENCE] is None
+    assert StateFiles(more).examine(FENCE).damage == ""
+
+
+def test_the_key_is_in_the_file_only_when_it_is_asked_for(exported, new, old, tmp_path, capsys):
+    assert KEY.hex() not in exported.read_text()
+    assert stat.S_IMODE(exported.stat().st_mode) == 0o640
+    secret = tmp_path / "secret.state"
+    assert main(["state", "export", str(secret), "--state", str(new), "--with-key", "--json"]) == 0
+    assert SIGNING_FILE in json.loads(capsys.readouterr().out)["names"]
+    assert KEY.hex() in secret.read_text()
+    assert stat.S_IMODE(secret.stat().st_mode) == 0o600
+    assert import_it(secret, old) == 0
+    taken = find_key(stored_key(old)).record
+    assert taken.key == KEY
+    assert taken.timestamp > 10**15 / 100  # of now, not of then: what was signed before is not heard again
+    for slot in SLOTS:
+        assert stat.S_IMODE(slot_path(old, SIGNING_FILE, slot).stat().st_mode) == 0o600
+    assert not any(KEY.hex() in path.read_text("latin-1") for path in old.iterdir() if SIGNING_FILE not in path.name)
+
+
+def test_a_directory_keeps_its_own_key_beside_an_import_without_one(exported, tmp_path):
+    keyed = fill(tmp_path / "keyed", OLD, OTHER_KEY)
+    assert import_it(exported, keyed) == 0
+    assert find_key(stored_key(keyed)).record.key == OTHER_KEY
+
+
+def test_damage_is_refused_wherever_it_is(exported, old, capsys, tmp_path):
+    whole = exported.read_bytes()
+    bad = tmp_path / "bad"
+    for place in range(0, len(whole), 7):
+        bad.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+        assert re.search("damaged|no state|of format", refused(capsys, bad, old))
+    for length in (0, 10, 60, len(whole) - 1):
+        bad.write_bytes(whole[:length])
+        assert re.search("damaged|no state", refused(capsys, bad, old))
+    bad.write_bytes(whole + b"\n")
+    assert "damaged" in refused(capsys, bad, old)
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        ({MISSION: "no plan"}, "mission.plan"),
+        ({MISSION: to_text(Plan.of(PlanKind.FENCE, ()))}, "it is a fence"),
+        ({RESUME_FILE: "{}"}, "resume.state"),
+        ({ENDINGS_FILE: "[]"}, "endings.state"),
+        ({SIGNING_FILE: "secret"}, "it is no signing key"),
+        ({"../passwd": ""}, "no name of a state"),
+        ({MISSION: 7}, "a content is no text"),
+    ],
+)
+def test_what_the_next_start_could_not_use_is_refused(files, words, old, capsys, tmp_path):
+    (tmp_path / "bad").write_bytes(pack(Export(files)))
+    assert words in refused(capsys, tmp_path / "bad", old)
+
+
+def test_a_newer_format_a_foreign_file_and_one_that_is_not_there_are_refused(exported, old, capsys, tmp_path):
+    newer = tmp_path / "newer"
+    newer.write_bytes(exported.read_bytes().replace(b"state 1 ", b"state 2 ", 1))
+    assert "is of format 2, this version reads 1" in refused(capsys, newer, old)
+    newer.write_bytes(b"# rambler state 1 0 00000000\n")
+    assert "is no state that rambler has exported" in refused(capsys, newer, old)
+    assert "No such file" in refused(capsys, tmp_path / "none", old)
+    os.mkfifo(tmp_path / "pipe")
+    assert "is a pipe" in refused(capsys, tmp_path / "pipe", old)
+
+
+def test_names_and_parameters_of_another_version_are_told(old, capsys, tmp_path):
+    (tmp_path / "other").write_bytes(pack(Export({"sails.state": "x", PARAMETER_FILE: "CTL_K1 5\nNEW_ONE 1\n"})))
+    assert import_it(tmp_path / "other", old) == 0
+    told = capsys.readouterr().err
+    assert "sails.state left out: it is of another version" in told
+    assert "kept for another version" in told
+    assert contents(old)[PARAMETER_FILE] == b"CTL_K1 5\nNEW_ONE 1\n"
+
+
+def test_a_running_boat_is_exported_and_never_imported_over(exported, old, capsys, tmp_path):
+    store = Store(old)
+    assert "in use by another autopilot" in refused(capsys, exported, old)
+    assert main(["state", "export", str(tmp_path / "out"), "--state", str(old)]) == 0
+    store.close()
+    assert unpack((tmp_path / "out").read_bytes()).content(MISSION) == OLD[MISSION]
+
+
+def test_a_damaged_slot_is_told_and_the_other_one_exported(new, tmp_path, capsys):
+    store = Store(new)
+    store.save(MISSION, mission(3))
+    store.close()
+    path = slot_path(new, MISSION, 1)
+    path.write_bytes(path.read_bytes().replace(mission(3), mission(4)))
+    assert main(["state", "export", str(tmp_path / "out"), "--state", str(new)]) == 1
+    assert "mission.plan.1 is damaged: the other slot is taken" in capsys.readouterr().err
+    assert unpack((tmp_path / "out").read_bytes()).content(MISSION) == mission(2)
+
+
+def test_an_empty_directory_and_a_missing_one_are_no_state(tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    for name, words in (("empty", "holds no state"), ("none", "is not there")):
+        assert main(["state", "export", str(tmp_path / "out"), "--state", str(tmp_path / name)]) == 2
+        assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def attempt(exported, before, folder, monkeypatch, failing, capsys):
+    """Import on a failing disk; return the code, what was said, what each image of the disk holds, and what failed."""
+    at, kind, lasting = failing
+    shutil.copytree(before, folder / "state")
+    with monkeypatch.context() as patches:
+        disk = FaultyDisk(folder / "state", patches)
+        for path in disk.directory.iterdir():
+            disk.named[path.name], disk.durable[path.name] = None, path.read_bytes()
+        disk.arm(at, kind, lasting=lasting)
+        code = import_it(exported, disk.directory)
+        failed = list(disk.failed)
+        shutil.copytree(disk.directory, folder / "killed")
+        for pattern in CUTS:
+            disk.cut(folder / pattern, pattern)
+        disk.arm(None)
+    images = []
+    for name in ("killed", *CUTS):
+        seen = contents(folder / name)
+        Store(folder / name).close()
+        assert contents(folder / name) == seen, "the next start finds what whoever looked on has found"
+        assert not (folder / name / AWAITED).exists()
+        images.append(seen)
+    return code, capsys.readouterr().err, images, failed
+
+
+FAILINGS = [(kind, lasting) for lasting in (False, True) for kind in KINDS]
+QUICK = (("late", False), ("refused", True))  # the last one is what a kill leaves
+MARKED = [pytest.param(*one, marks=() if one in QUICK else pytest.mark.proof) for one in FAILINGS]
+
+
+@pytest.mark.parametrize(("kind", "lasting"), MARKED)
+def test_killed_or_failing_at_any_call_all_is_imported_or_nothing(
+    exported, old, tmp_path, monkeypatch, capsys, kind, lasting
+):
+    before = contents(old)
+    code, _, (after, *_), _ = attempt(exported, old, tmp_path / "well", monkeypatch, (None, kind, False), capsys)
+    assert (code, after[MISSION]) == (0, NEW[MISSION])
+    at, failed, outcomes = 0, ["it"], set()
+    while failed:
+        folder = tmp_path / f"{at}"
+        code, said, images, failed = attempt(exported, old, folder, monkeypatch, (at, kind, lasting), capsys)
+        wanted = [after] if code == 0 or COUNTS in said else [before, after] if DOUBT in said else [before]
+        assert all(image in wanted for image in images), (at, failed, said, images)
+        outcomes.add(code)
+        shutil.rmtree(folder)
+        at += 1
+    assert outcomes == {0, 2}
+
+
+def test_the_autopilot_at_sea_goes_on_without_an_import_that_is_damaged(old):
+    (old / AWAITED).write_bytes(b"# rambler exported state 1 5 ")
+    store = Store(old, wait=True)
+    assert f"{AWAITED} is damaged; remove it, and import again" in store.obstacle
+    assert store.failure == ""
+    assert store.load(MISSION) == OLD[MISSION]
+    store.close()
+
+
+@given(st.dictionaries(st.sampled_from(KEPT_NAMES), st.none() | st.text(st.characters(codec="utf-8"), max_size=9)))
+def test_any_text_is_packed_and_unpacked(files):
+    assert unpack(pack(Export(files, {"host": "a"}))) == Export(files, {"host": "a"})
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(data):
+    head = b"# rambler exported state 1 "
+    for one in (data, head + data):
+        with pytest.raises(BrokenExportError):
+            unpack(one)
