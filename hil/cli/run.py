@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import math
 import sys
 from dataclasses import replace
@@ -96,10 +97,17 @@ def run(arguments: argparse.Namespace) -> int:
     finished = runner.run(options)
     figures = summary.summarise(finished)
     summary.write(figures, options.out / "summary.json")
-    report = run_page.write(finished, figures, options.out)
+    report = _page(finished, figures, options.out)
     print(figures_text(figures))
     print(f"report: {report}")
     return 0
+
+
+def _page(finished: runner.Run, figures: summary.Summary, out: Path) -> str:
+    """Write the page, where there is what draws its pictures: a float that tries the box has it not."""
+    if importlib.util.find_spec("matplotlib") is None:
+        return "none, matplotlib is not installed; pip install 'rambler-autopilot[hil]'"
+    return str(run_page.write(finished, figures, out))
 
 
 def read_options(arguments: argparse.Namespace) -> RunOptions:

@@ -1,32 +1,16 @@
-"""The run as it happens, on a terminal; in a pipe nothing is shown."""
+"""What a run shows while it happens: a picture on a terminal, where rich is installed; nothing in a pipe."""
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import sys
-import time
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self
 
-from rich.console import Console, Group, RenderableType
-from rich.live import Live
-from rich.panel import Panel
-from rich.progress_bar import ProgressBar
-from rich.table import Table
-from rich.text import Text
-
-from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
 from hil.sim.ground_station import GroundStation
 from hil.sim.world import World
-
-REFRESH_S = 0.2
-ROSE_WIDTH = 61
-ROSE_SPAN_DEG = 180.0
-TEXTS_SHOWN = 4
-RENDER_S = 0.02  # what drawing may take; in real time it waits for a pause as long as this
-POINTS = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 315: "NW"}
-SEVERE = 4  # MAV_SEVERITY_WARNING and graver stand out
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,124 +54,12 @@ class Silence:
         """Show nothing."""
 
 
-class LiveDisplay:
-    """Draws the run at most five times a second, from the caller's own thread."""
-
-    def __init__(self, banner: Banner, world: World, station: GroundStation, console: Console) -> None:
-        """Take what is shown."""
-        self._banner = banner
-        self._world = world
-        self._station = station
-        self._live = Live(console=console, auto_refresh=False, transient=True)
-        self._next_s = 0.0
-        self._last: tuple[float, float] | None = None
-        self._speed = math.nan
-
-    def __enter__(self) -> Self:
-        """Begin to draw."""
-        self._live.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Clear the drawing away."""
-        self._live.stop()
-
-    def update(self, slack_s: float = math.inf) -> None:
-        """Draw the present state, if it is time to and slack_s is enough for drawing."""
-        now_s = time.monotonic()
-        if now_s < self._next_s or slack_s < RENDER_S:
-            return
-        self._next_s = now_s + REFRESH_S
-        self._measure_speed(now_s)
-        self._live.update(self.picture(), refresh=True)
-
-    def picture(self) -> RenderableType:
-        """Return the present state as a panel."""
-        world = self._world
-        banner = self._banner
-        body = Table.grid(padding=(0, 2))
-        body.add_column(style="bold", min_width=8)
-        body.add_column()
-        heading_rad, goal_rad = world.heading_low_rad(), world.goal_rad()
-        body.add_row("time", self._progress())
-        body.add_row("", rose(degrees(heading_rad), None if goal_rad is None else degrees(goal_rad)))
-        body.add_row("heading", _steering(heading_rad, goal_rad))
-        body.add_row("rudder", self._rudder())
-        body.add_row("mode", self._station.mode())
-        body.add_row("loop", self._loop())
-        body.add_row("link", Text(", ".join(banner.links) or "none besides the run's own"))
-        for t_s, severity, text in list(self._station.texts)[-TEXTS_SHOWN:]:
-            body.add_row("", Text(f"{t_s:7.1f} s  {text}", style="yellow" if severity <= SEVERE else "dim"))
-        return Panel(Group(body), title=banner.title, title_align="left", border_style="cyan", width=84)
-
-    def _progress(self) -> RenderableType:
-        now_s, end_s = self._world.now_s, self._banner.end_s
-        row = Table.grid(padding=(0, 1))
-        speed = "" if math.isnan(self._speed) else f"  {self._speed:.0f} x real time"
-        row.add_row(ProgressBar(end_s, min(now_s, end_s), width=30), f"{now_s:.0f} of {end_s:.0f} s{speed}")
-        return row
-
-    def _rudder(self) -> str:
-        command, measured = self._station.named_value("RUD_CMD"), self._station.named_value("RUDDER")
-        return f"commanded {_signed(command)}   measured {_signed(measured)}"
-
-    def _loop(self) -> str:
-        skipped, late_ms = self._station.named_value("SKIPPED"), self._station.named_value("LATE_MS")
-        words = ["ticks skipped " + ("-" if skipped is None else f"{skipped:.0f}")]
-        if self._banner.lockstep:
-            words.append("lockstep: never late")
-        elif late_ms is not None:
-            words.append(f"last tick {late_ms:.2f} ms late")
-        return "   ".join(words)
-
-    def _measure_speed(self, now_s: float) -> None:
-        simulated_s = self._world.now_s
-        if self._last is not None and now_s > self._last[0]:
-            self._speed = (simulated_s - self._last[1]) / (now_s - self._last[0])
-        self._last = (now_s, simulated_s)
-
-
-def rose(heading_deg: float, goal_deg: float | None) -> Text:
-    """Draw the part of the compass rose around the heading, the heading in its middle and the goal where it is."""
-    cells = []
-    middle = ROSE_WIDTH // 2
-    step_deg = ROSE_SPAN_DEG / (ROSE_WIDTH - 1)
-    for column in range(ROSE_WIDTH):
-        angle_deg = heading_deg + (column - middle) * step_deg
-        mark = 45 * round(angle_deg / 45.0)
-        cells.append(POINTS[mark % 360][0] if abs(angle_deg - mark) <= step_deg / 2.0 else "·")
-        if cells[-1] != "·" and len(POINTS[mark % 360]) > 1:
-            cells[-1] = "+"
-    text = Text("".join(cells), style="dim")
-    if goal_deg is not None:
-        error_deg = degrees(wrap_pi(math.radians(goal_deg - heading_deg)))
-        column = middle + round(max(-ROSE_SPAN_DEG / 2.0, min(ROSE_SPAN_DEG / 2.0, error_deg)) / step_deg)
-        text = _with(text, column, "◆", "bold green")
-    return _with(text, middle, "▲", "bold cyan")
-
-
 def make_display(banner: Banner, world: World, station: GroundStation) -> Display:
-    """Return the live display on a terminal, and silence in a pipe."""
-    if sys.stdout.isatty():
-        return LiveDisplay(banner, world, station, Console())
-    return Silence()
+    """Return the live display on a terminal, and silence in a pipe or where there is nothing to draw with."""
+    if not sys.stdout.isatty() or importlib.util.find_spec("rich") is None:
+        return Silence()
+    from rich.console import Console  # noqa: PLC0415 - a float that tries the box has none
 
+    from hil.sim.live_display import LiveDisplay  # noqa: PLC0415 - likewise
 
-def _with(text: Text, column: int, mark: str, style: str) -> Text:
-    return text[:column] + Text(mark, style=style) + text[column + 1 :]
-
-
-def _steering(heading_rad: float, goal_rad: float | None) -> str:
-    words = [f"{compass_degrees(heading_rad):5.1f}°"]
-    if goal_rad is None:
-        words.append("no goal yet")
-    else:
-        error_deg = degrees(wrap_pi(heading_rad - goal_rad))
-        words += [f"goal {compass_degrees(goal_rad):5.1f}°", f"error {error_deg:+6.1f}°"]
-    return "   ".join(words)
-
-
-def _signed(angle_deg: float | None) -> str:
-    return "  -   " if angle_deg is None else f"{angle_deg:+6.1f}°"
+    return LiveDisplay(banner, world, station, Console())

@@ -6,10 +6,11 @@ import pytest
 from rich.console import Console
 
 from hil.ship import scenarios
-from hil.sim import display as live
-from hil.sim.display import Banner, LiveDisplay, Silence, make_display, rose
+from hil.sim import live_display as live
+from hil.sim.display import Banner, Silence, make_display
 from hil.sim.goals import parse_goals
 from hil.sim.ground_station import GroundStation
+from hil.sim.live_display import LiveDisplay, rose
 from hil.sim.world import World
 
 
@@ -81,7 +82,7 @@ def test_it_draws_only_in_a_pause_and_not_too_often(parts, monkeypatch):
 
 
 def test_in_a_pipe_nothing_is_shown(parts, monkeypatch, capsys):
-    monkeypatch.setattr(live.sys, "stdout", io.StringIO())
+    monkeypatch.setattr("sys.stdout", io.StringIO())
     with make_display(*parts) as display:
         assert isinstance(display, Silence)
         display.update()
