@@ -17,7 +17,7 @@ ONBOARD_LOCK := .ci/requirements-onboard.txt
 SUPPLY_READY := $(VENV)/.ready-supply
 ONBOARD_VENV := build/onboard
 
-.PHONY: help sail test fuzz lint types house pages pages-check docs bench proof lock sbom audit clean
+.PHONY: help sail test fuzz lint types house pages pages-check docs bench proof lock bundle sbom audit clean
 
 help:
 	@echo "make sail   a heading run in the tank, live in the terminal, MAVLink on udp 14550"
@@ -28,6 +28,7 @@ help:
 	@echo "make pages  write the generated pages anew"
 	@echo "make docs   the documentation, into docs/_build/html"
 	@echo "make bench  lateness, latency, load, memory, round trips and the speed of the tools on this machine"
+	@echo "make bundle  what rambler update installs without a network: FOR=\"aarch64:3.13 ...\" SIGN=KEY"
 	@echo "make sbom   what is on the float besides the autopilot itself, as CycloneDX, into build/sbom.json"
 	@echo "make audit  known vulnerabilities of it; asks the Python package index"
 	@echo "make proof  the longer proofs: seas, stations, identification, lossy links, floods; some hours"
@@ -117,6 +118,12 @@ lock: $(SUPPLY_READY)
 	$(BIN)/python -m pip freeze --exclude-editable | grep -v -e '^-e' -e '^atheris=' > .ci/constraints.txt
 	$(BIN)/uv pip compile pyproject.toml --quiet --no-config --universal --python-version 3.11 --generate-hashes \
 	  --constraint .ci/constraints.txt --no-header --no-annotate --output-file $(ONBOARD_LOCK)
+
+# Of the lock, as wheels, with pip and a list of all hashes; for this computer, or those that FOR names.
+FOR ?=
+SIGN ?=
+bundle: $(READY)
+	@$(BIN)/python .ci/bundle.py $(if $(FOR),--for $(FOR)) $(if $(SIGN),--sign $(SIGN))
 
 # Of an environment that is made of the lock, so that it lists what is on the float and nothing of the bench.
 sbom: $(SUPPLY_READY)

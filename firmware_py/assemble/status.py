@@ -1,4 +1,4 @@
-"""Wires what `rambler status` shows."""
+"""Wires what looks on after each tick: what `rambler status` shows, and whether a version on trial has passed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ import pymavlink
 import serial
 
 from firmware_py import __version__
+from firmware_py.assemble.trial import TrialWatch, link_of
 from firmware_py.common.records import DeviceRole
+from firmware_py.common.reports import Output
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.loop import LoopParts
 from firmware_py.system.clock import machine_s
@@ -34,6 +36,7 @@ def show_status(
     opened: ExitStack,
 ) -> None:
     """Have a wired autopilot write its status; `opened` takes it away at the end."""
+    trial = TrialWatch(link_of(sys.argv[0]), parts.store, parts.notices, say)
     about = {
         "vehicle": vehicle.name,
         "state_directory": os.path.realpath(state_directory),
@@ -51,10 +54,16 @@ def show_status(
         load=LoadMeter(parts.clock).share,
         utc_s=parts.clock.utc_s,
         machine_s=machine_s,
+        update=lambda: trial.text,
     )
     reporter = StatusReporter(sources, StatusFile(state_directory), say)
     opened.callback(reporter.close)
-    parts.show_status = reporter.update
+
+    def look_on(output: Output, now_s: float) -> None:
+        trial.update(output, now_s)
+        reporter.update(output, now_s)
+
+    parts.show_status = look_on
 
 
 def _versions(commit: str) -> dict[str, str]:

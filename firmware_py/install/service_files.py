@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from firmware_py import ROOT
+from firmware_py.install.program_link import STARTS
 
 NAME = "rambler"
 STATE = Path("/var/lib/rambler")
 UNIT = Path("/etc/systemd/system/rambler.service")
+TRIAL = Path("/usr/local/lib/rambler/trial")
 # What is for nobody but its user, or away for a service that is kept from it (ProtectHome, PrivateTmp).
 HIDDEN = tuple(map(Path, ("/home", "/root", "/run/user", "/tmp", "/var/tmp")))  # noqa: S108 - they are refused
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -42,6 +44,7 @@ def service_files(service: Service) -> tuple[ServiceFile, ...]:
         ServiceFile(Path("/etc/udev/rules.d/60-rambler.rules"), _template("rambler.rules")),
         ServiceFile(Path("/etc/sysusers.d/rambler.conf"), _template("rambler.sysusers")),
         ServiceFile(Path("/etc/tmpfiles.d/rambler.conf"), _template("rambler.tmpfiles")),
+        ServiceFile(TRIAL, trial_text()),
     )
 
 
@@ -63,11 +66,17 @@ def unit_text(service: Service) -> str:
     text = _template("rambler.service")
     for mark, value in (
         ("@COMMAND@\n", f"{_command(words)}\n"),
+        ("@TRIAL@\n", f"{_command([str(TRIAL), words[0], str(service.state)])}\n"),
         ("@WRITABLE@\n", writable),
         ("@WATCHDOG@\n", watchdog),
     ):
         text = text.replace(mark, value)
     return text
+
+
+def trial_text() -> str:
+    """Return the script that counts the starts of a program on trial."""
+    return _template("rambler.trial").replace("@STARTS@", str(STARTS))
 
 
 def hidden(path: Path) -> bool:

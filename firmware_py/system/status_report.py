@@ -38,6 +38,7 @@ class StatusSources:
     load: Callable[[], float]
     utc_s: Callable[[], float]
     machine_s: Callable[[], float]
+    update: Callable[[], str]  # of a version on trial, or one that was taken back; empty else
 
 
 class StatusReporter:
@@ -79,6 +80,7 @@ class StatusReporter:
             "utc_s": round(sources.utc_s(), 3),
             "uptime_s": round(now_s, 1),
             "starts": sources.starts(),
+            "update": sources.update(),
             **_condition(snapshot),
             "faults": _faults(snapshot, sources.faults()),
             "devices": self._devices(now_s),

@@ -1,7 +1,7 @@
 """A stand-in for systemd: it runs a unit by the unit's own rules, on a notify socket, where no systemd can be booted.
 
 Of systemd.service(5): Type=notify, Restart=always with RestartSec and RestartPreventExitStatus, WatchdogSec with
-SIGABRT and TimeoutAbortSec, TimeoutStartSec, TimeoutStopSec, ExecStopPost with what it is told.
+SIGABRT and TimeoutAbortSec, TimeoutStartSec, TimeoutStopSec, ExecStartPre, ExecStopPost with what it is told.
 """
 
 import os
@@ -51,7 +51,7 @@ def seconds(text):
 
 
 def words(command):
-    return [word.replace("%%", "%").replace("$$", "$") for word in shlex.split(command.lstrip("-"))]
+    return [word.replace("%%", "%").replace("$$", "$") for word in shlex.split(command.lstrip("-+"))]
 
 
 class ServiceManager:
@@ -101,6 +101,8 @@ class ServiceManager:
     def _run(self):
         while select.select([self._socket], [], [], 0)[0]:
             self._socket.recv(4096)  # of the run before
+        before = words(self.service["ExecStartPre"])
+        subprocess.run(before, env=self._environment, stdout=self._log, stderr=self._log, check=False)
         begun_s = time.monotonic()
         process = subprocess.Popen(
             words(self.service["ExecStart"]), env=self._environment, stdin=subprocess.DEVNULL, stdout=self._log,

@@ -89,7 +89,8 @@ def wrong_with(program, words):
         return ""
     if words[0] not in commands and words[0] != "--version":
         return f"{program} {words[0]}"
-    depth = 2 if words[0] in ("key", "plan", "service", "state") and len(words) > 1 and not words[1].startswith("-") else 1
+    two = words[0] in ("key", "plan", "service", "state") and len(words) > 1 and not words[1].startswith("-")
+    depth = 2 if two else 1
     text = help_of(program, *words[:depth])
     if not text.startswith("usage:"):
         return f"{program} {' '.join(words[:depth])}"

@@ -46,6 +46,7 @@ class Boat:
                 links=lambda _now_s: (LinkStatus("udpin:0.0.0.0:14550", "fast", (peer,)), LinkStatus("x", "radio", ())),
                 faults=lambda: self.latch,
                 starts=lambda: 7,
+                update=lambda: "",
                 written=lambda: (3, 12288),
                 load=lambda: 0.0125,
                 utc_s=lambda: 1.7e9,

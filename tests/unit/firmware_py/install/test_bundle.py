@@ -1,0 +1,190 @@
+"""A bundle is taken whole and as it was made, or not at all."""
+
+import io
+import json
+import shutil
+import subprocess
+import tarfile
+
+import pytest
+
+from firmware_py.install.bundle import LIST, SIGNATURE, UpdateError, is_older, read_list, unpack, version_key
+from support.small_bundle import bundle_maker
+
+FILES = {"a-1.0-py3-none-any.whl": b"x" * 700, "requirements.txt": b"a==1.0\n", "pip-25.3-py3-none-any.whl": b""}
+KEYGEN = shutil.which("ssh-keygen")
+
+
+@pytest.fixture
+def make(tmp_path):
+    def made(version="0.2.0", utc_s=1000, key=None, name="b.bundle", files=FILES):
+        (folder := tmp_path / f"files of {name}").mkdir()
+        for file, content in files.items():
+            (folder / file).write_bytes(content)
+        bundle_maker().pack(folder, tmp_path / name, version, "abcd1234", utc_s, key)
+        return tmp_path / name
+
+    return made
+
+
+def refusal(path, folder, signers=None):
+    shutil.rmtree(folder, ignore_errors=True)
+    with pytest.raises(UpdateError) as caught:
+        unpack(path, folder, signers)
+    return str(caught.value)
+
+
+def repacked(path, change):
+    """The members of a bundle, changed, as a bundle again."""
+    with tarfile.open(path) as archive:
+        members = [(member, archive.extractfile(member).read()) for member in archive]
+    with tarfile.open(path, "w:") as archive:
+        for member, content in change(members):
+            member.size = len(content) if member.isreg() else 0
+            archive.addfile(member, io.BytesIO(content))
+    return path
+
+
+def test_what_was_packed_is_unpacked(make, tmp_path):
+    bundle = unpack(make(), tmp_path / "out", None)
+    assert (bundle.version, bundle.commit, bundle.commit_utc_s) == ("0.2.0", "abcd1234", 1000)
+    assert bundle.title == "0.2.0 (git abcd1234)"
+    assert {name: (tmp_path / "out" / name).read_bytes() for name in FILES} == FILES
+    assert read_list((tmp_path / "out" / LIST).read_bytes()) == bundle
+    assert bundle.of("pip") == "pip-25.3-py3-none-any.whl"
+    with pytest.raises(UpdateError, match="no wheel of numpy"):
+        bundle.of("numpy")
+
+
+def test_the_same_files_make_the_same_bundle(make):
+    assert make(name="one").read_bytes() == make(name="two").read_bytes()
+
+
+def test_a_bundle_that_is_cut_off_anywhere_is_refused(make, tmp_path):
+    path = make()
+    whole = path.read_bytes()
+    with tarfile.open(path) as archive:
+        end = max(member.offset_data + member.size for member in archive)
+    for length in (*range(0, end, 97), end - 1):
+        path.write_bytes(whole[:length])
+        assert "copy it anew" in (said := refusal(path, tmp_path / "out")) or "no bundle" in said, length
+
+
+def test_a_byte_that_is_another_anywhere_is_found_or_has_no_effect(make, tmp_path):
+    path = make()
+    whole = path.read_bytes()
+    for place in range(0, len(whole), 61):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :])
+        shutil.rmtree(tmp_path / "out", ignore_errors=True)
+        try:
+            unpack(path, tmp_path / "out", None)
+        except UpdateError:
+            continue
+        assert {name: (tmp_path / "out" / name).read_bytes() for name in FILES} == FILES, place
+
+
+def test_what_the_list_does_not_name_is_refused(make, tmp_path):
+    def add(members):
+        return [*members, (tarfile.TarInfo("more.whl"), b"")]
+
+    assert "more.whl" in refusal(repacked(make(), add), tmp_path / "out")
+
+
+def test_a_file_twice_is_refused(make, tmp_path):
+    assert "does not name" in refusal(repacked(make(), lambda members: [*members, members[-1]]), tmp_path / "out")
+
+
+def test_a_link_in_place_of_a_file_is_refused(make, tmp_path):
+    def link(members):
+        members[-1][0].type, members[-1][0].linkname = tarfile.SYMTYPE, "/etc/passwd"
+        return members
+
+    assert "has 0 bytes" in refusal(repacked(make(), link), tmp_path / "out")
+
+
+@pytest.mark.parametrize("name", ["../evil", "/etc/evil", "a/b", "", ".hidden", "x" * 300])
+def test_names_that_lead_elsewhere_are_refused(name):
+    listed = {name: {"bytes": 1, "sha256": "0" * 64}}
+    data = {"format": 1, "version": "1.0.0", "commit": "", "commit_utc_s": 0, "files": listed}
+    with pytest.raises(UpdateError, match="no bundle holds"):
+        read_list(json.dumps(data).encode())
+
+
+@pytest.mark.parametrize("content", [b"", b"[]", b"{}", b"\xff", b'{"format": 2}', b"[" * 100_000, b'{"format": 1}'])
+def test_what_is_no_list_is_refused_in_a_line(content):
+    with pytest.raises(UpdateError) as caught:
+        read_list(content)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.fixture
+def key(tmp_path):
+    if KEYGEN is None:
+        pytest.skip("ssh-keygen is not there (openssh-client)")
+
+    def made(name):
+        words = [KEYGEN, "-q", "-t", "ed25519", "-N", "", "-C", name, "-f", str(tmp_path / name)]
+        subprocess.run(words, check=True)
+        return tmp_path / name
+
+    return made
+
+
+@pytest.fixture
+def signers(tmp_path, key):
+    public = key("owner").with_suffix(".pub").read_text()
+    (tmp_path / "signers").write_text(f"rambler {public}")
+    return tmp_path / "signers"
+
+
+def test_only_what_a_signer_has_signed_is_taken(make, tmp_path, key, signers):
+    assert unpack(make(key=tmp_path / "owner"), tmp_path / "out", signers).version == "0.2.0"
+    assert unpack(tmp_path / "b.bundle", tmp_path / "out2", None).version == "0.2.0", "nobody asks"
+    assert "not signed, and" in refusal(make(name="unsigned"), tmp_path / "out", signers)
+    assert "not signed by one of" in refusal(make(name="stranger", key=key("stranger")), tmp_path / "out", signers)
+
+
+def test_a_signature_is_for_this_list_alone_and_nothing_is_written_without_it(make, tmp_path, signers):
+    signed = make(key=tmp_path / "owner")
+    with tarfile.open(signed) as archive:
+        signature = archive.extractfile(SIGNATURE).read()
+    other = make(version="0.3.0", name="other", key=tmp_path / "owner")
+
+    def exchange(members):
+        return [(member, signature if member.name == SIGNATURE else content) for member, content in members]
+
+    assert "not signed by one of" in refusal(repacked(other, exchange), tmp_path / "out", signers)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {SIGNATURE}
+
+
+def test_a_signature_for_another_use_is_refused(make, tmp_path, signers):
+    def other_use(members):
+        content = members[0][1]
+        words = [KEYGEN, "-Y", "sign", "-f", str(tmp_path / "owner"), "-n", "file"]
+        signature = subprocess.run(words, input=content, check=True, capture_output=True).stdout
+        return [members[0], (tarfile.TarInfo(SIGNATURE), signature), *members[2:]]
+
+    signed = make(key=tmp_path / "owner")
+    assert "not signed by one of" in refusal(repacked(signed, other_use), tmp_path / "out", signers)
+
+
+def test_versions_are_ordered():
+    order = ["0.1.0.dev0", "0.1.0.dev1", "0.1.0a1", "0.1.0rc1", "0.1.0", "0.1.1.dev0", "0.2.0", "0.10.0", "1.0.0"]
+    assert sorted(order, key=version_key) == order
+    for text in ("", "1", "1.0", "1.0.0.0", "1.0.0+local", "v1.0.0", "1.0.x"):
+        with pytest.raises(UpdateError):
+            version_key(text)
+
+
+@pytest.mark.parametrize(
+    ("version", "commit_utc_s", "older"),
+    [
+        ("0.3.0", None, True),
+        ("0.2.0", None, False),
+        ("0.2.0", 2000, True),
+        ("0.2.0", 1000, False),
+        ("0.1.9", 9000, False),
+    ],
+)
+def test_older_is_by_version_and_then_by_commit(make, tmp_path, version, commit_utc_s, older):
+    assert is_older(unpack(make(), tmp_path / "out", None), version, commit_utc_s) is older

@@ -1,0 +1,259 @@
+"""An update is refused, with the remedy, wherever it would not be safe; what it tries is beside what sails."""
+
+import json
+import os
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from firmware_py import __version__
+from firmware_py.__main__ import main
+from firmware_py.install import environment, update
+from firmware_py.install.bundle import UpdateError
+from firmware_py.install.environment import Environment, check_room
+from firmware_py.install.program_link import UPDATE_FILE, passed_text
+from firmware_py.install.self_check import CHECKS, Candidate, dry_text, self_check
+from firmware_py.install.service_files import Service, unit_text
+from firmware_py.system.clock import machine_s
+from firmware_py.system.status_file import DIRECTORIES, file_name
+from firmware_py.system.store import Store
+from support.killed_update import begin, build
+from support.small_bundle import small_bundle
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A tree of small programs in which an update goes through unless something is in the way."""
+    begin(tmp_path / "place", small_bundle(tmp_path))
+    monkeypatch.setattr(environment, "_run", build)
+    monkeypatch.setattr(environment, "check_room", lambda *_: None)
+    monkeypatch.setattr(update, "self_check", lambda _candidate: iter(["tried"]))
+    monkeypatch.setattr("firmware_py.cli.update.await_trial", lambda *_: True)
+    yield tmp_path / "place"
+    for directory in DIRECTORIES:
+        (directory / file_name(tmp_path / "place/state")).unlink(missing_ok=True)
+
+
+@pytest.fixture
+def ask(place, capsys):
+    """Run `rambler update` in the tree; return its exit code and what it said."""
+
+    def asked(*words):
+        words = words or (str(place / "new.bundle"),)
+        code = main(["update", *words, "--unit", str(place / "rambler.service")])
+        said = capsys.readouterr()
+        return code, said.err or said.out
+
+    return asked
+
+
+def in_force(place):
+    return (place / "bin/rambler").resolve().parents[1].name
+
+
+def says(place, **status):
+    """Have an autopilot say something of itself, as far as a file can."""
+    whole = {"written_machine_s": machine_s(), "pid": os.getpid(), "state_directory": str(place / "state"), **status}
+    (DIRECTORIES[1] / file_name(place / "state")).write_text(json.dumps(whole))
+
+
+def test_forward_and_back_and_forward(place, ask):
+    code, said = ask()
+    assert code == 0
+    assert "9.9.9 (git abcd1234), whole" in said
+    assert "on trial for 3 starts" in said
+    forward = in_force(place)
+    assert forward.startswith("rambler-9.9.9-")
+    assert "is on trial (0 starts so far)" in ask()[1]
+    assert ask("--back")[0] == 0
+    assert in_force(place) == "rambler"
+    (place / "bin/.rambler.trial").unlink()
+    assert ask()[0] == 0
+    assert in_force(place) == forward
+
+
+def test_what_is_in_force_is_not_installed_again(place, ask):
+    ask()
+    (place / "bin/.rambler.trial").unlink()
+    assert ask() == (2, "rambler update: 9.9.9 (git abcd1234) is in force already\n")
+
+
+def test_nothing_is_before_the_first_update(ask):
+    assert ask("--back") == (2, "rambler update: there is no version before this one\n")
+
+
+def test_an_armed_boat_is_left_alone_unless_told(place, ask):
+    says(place, armed=True)
+    code, said = ask()
+    assert (code, in_force(place)) == (2, "rambler")
+    assert "she is armed: disarm her, or --armed" in said
+    code, said = ask(str(place / "new.bundle"), "--armed")
+    assert code == 0
+    assert "nothing runs on its state" in said, "whose number is in the status is no autopilot of this link"
+
+
+@pytest.mark.parametrize("status", [{}, {"armed": False, "written_machine_s": 1.0}, {"armed": False, "pid": 2**22 + 1}])
+def test_one_that_does_not_say_whether_she_is_armed_is_left_alone(place, ask, status):
+    says(place, **status)
+    code, said = ask()
+    assert (code, in_force(place)) == (2, "rambler")
+    assert "--armed" in said
+
+
+def test_a_disarmed_boat_is_updated(place, ask):
+    says(place, armed=False)
+    assert ask()[0] == 0
+
+
+def test_an_older_version_is_told_and_refused_unless_asked_for(place, ask, tmp_path):
+    older = small_bundle(tmp_path, version="0.0.1")
+    code, said = ask(str(older))
+    assert (code, in_force(place)) == (2, "rambler")
+    assert f"0.0.1 (git abcd1234) is older than {__version__}" in said
+    code, said = ask(str(older), "--older")
+    assert code == 0
+    assert "is older than" in said
+
+
+def test_only_signed_bundles_where_there_are_signers(place, ask):
+    (place / "signers").write_text("")
+    code, said = ask(str(place / "new.bundle"), "--signers", str(place / "signers"))
+    assert (code, in_force(place)) == (2, "rambler")
+    assert "not signed" in said
+
+
+def test_one_update_at_a_time(place, ask):
+    link = update.installation_of(place / "rambler.service").link
+    with update._held(link):
+        assert ask() == (2, "rambler update: another update is under way; wait for its end\n")
+
+
+def test_a_check_that_fails_leaves_nothing_behind(place, ask, monkeypatch):
+    def fails(_candidate):
+        yield "tried"
+        raise UpdateError("it does not start: no")
+
+    monkeypatch.setattr(update, "self_check", fails)
+    assert ask() == (2, "rambler update: it does not start: no\n")
+    assert [path.name for path in (place / "opt").iterdir()] == ["rambler"]
+    assert [path.name for path in (place / "bin").iterdir()] == ["rambler"]
+
+
+def test_a_file_that_is_no_bundle_or_not_there_is_refused(place, ask):
+    (place / "text").write_text("hello")
+    assert "no bundle" in ask(str(place / "text"))[1]
+    assert ask(str(place / "nothing"))[0] == 2
+
+
+def test_what_is_no_service_of_ours_is_not_updated(place, ask):
+    unit = place / "rambler.service"
+    text = unit.read_text()
+    unit.write_text(text.replace("ExecStartPre", "#"))
+    assert "is of a version before" in ask()[1]
+    unit.write_text(text.replace(" run ", " walk "))
+    assert "is of a version before" in ask()[1]
+    unit.unlink()
+    assert "only a service is updated" in ask()[1]
+
+
+def test_a_program_that_is_no_link_cannot_be_led_elsewhere(place, ask):
+    (place / "bin/rambler").unlink()
+    shutil.copy(place / "opt/rambler/bin/rambler", place / "bin/rambler")
+    assert "is no link" in ask()[1]
+
+
+def test_packages_of_the_system_are_not_replaced(place, ask):
+    (place / "opt/rambler/pyvenv.cfg").write_text("include-system-site-packages = true\n")
+    assert "A board without wheels" in ask()[1]
+    (place / "opt/rambler/pyvenv.cfg").unlink()
+    assert "is in no environment of its own" in ask()[1]
+
+
+def test_the_disk_must_have_room(tmp_path, monkeypatch):
+    (tmp_path / "wheels").mkdir()
+    wheel = shutil.make_archive(str(tmp_path / "wheel"), "zip", tmp_path, "wheels")
+    shutil.move(wheel, tmp_path / "wheels/a-1-py3-none-any.whl")
+    check_room(Environment(tmp_path / "rambler"), tmp_path / "wheels")
+    monkeypatch.setattr(environment, "_SPARE_BYTES", 10**15)
+    with pytest.raises(UpdateError, match="make room"):
+        check_room(Environment(tmp_path / "rambler"), tmp_path / "wheels")
+
+
+def test_the_unit_says_what_runs(tmp_path):
+    service = Service(("/usr/bin/a b/rambler",), Path("/etc/per%cent/boat.toml"), Path("/srv/state dir"))
+    (tmp_path / "unit").write_text(unit_text(service))
+    found = update.installation_of(tmp_path / "unit")
+    assert (found.link.path, found.vehicle, found.state) == (Path(service.program[0]), service.vehicle, service.state)
+
+
+def test_how_a_trial_has_ended_is_told(place, ask):
+    installation, said = update.installation_of(place / "rambler.service"), []
+    ask()
+    program = installation.link.target()
+    store = Store(place / "state")
+    store.save(UPDATE_FILE, passed_text(program).encode())
+    store.close()
+    assert update.await_trial(installation, said.append)
+    assert installation.link.trial() is None
+    for slot in (place / "state").glob(f"{UPDATE_FILE}.*"):
+        slot.unlink()
+    assert update.await_trial(installation, said.append), "the service has ended it"
+    ask("--back")
+    (place / "bin/.rambler.before").replace(place / "bin/rambler")
+    (place / "bin/.rambler.trial").replace(place / "bin/.rambler.failed")
+    assert not update.await_trial(installation, said.append)
+    assert said[:2] == ["passed: it stays", "it has passed a trial before: it stays"]
+    assert said[2].startswith("taken back: rambler was started 0 times")
+
+
+VEHICLE = """
+[compass]
+driver = "nmea"
+port = "/dev/ttyUSB0"
+baud = 4800
+[position]
+driver = "nmea"
+port = "/dev/ttyUSB0"
+baud = 4800
+[rudder]
+driver = "volz"
+port = "/dev/tty \\"odd\\""
+baud = 115200
+[link]
+urls = ["udpin:127.0.0.1:14550"]
+[parameters]
+file = "more.param"
+CTL_K1 = 30.5
+"""
+
+
+def test_what_is_tried_opens_no_port_and_no_link_of_hers(tmp_path):
+    (tmp_path / "boat.toml").write_text(VEHICLE)
+    (work := tmp_path / "work").mkdir()
+    dry = tomllib.loads(dry_text(tmp_path / "boat.toml", work))
+    assert "link" not in dry
+    assert dry["compass"]["port"] == dry["position"]["port"] == str(work / "port0")
+    assert dry["rudder"]["port"] == str(work / "port1")
+    assert dry["parameters"] == {"file": str(tmp_path / "more.param"), "CTL_K1": 30.5}
+    (tmp_path / "boat.toml").write_text("[")
+    with pytest.raises(UpdateError, match=r"boat\.toml"):
+        dry_text(tmp_path / "boat.toml", work)
+
+
+def test_what_is_tried_works_on_a_copy_of_the_state(tmp_path, monkeypatch):
+    for name in ("state", "work", "state/logs"):
+        (tmp_path / name).mkdir()
+    for name in ("parameters.param.0", "signing.key.1", "lock", "logs/00000001.BIN"):
+        (tmp_path / "state" / name).write_text(name)
+    (tmp_path / "boat.toml").write_text(VEHICLE)
+    candidate = Candidate(
+        Environment(tmp_path / "new"), None, tmp_path / "boat.toml", tmp_path / "state", tmp_path / "work"
+    )
+    for name in CHECKS:
+        monkeypatch.setitem(CHECKS, name, lambda _candidate: "good")
+    assert list(self_check(candidate)) == [f"{name}: good" for name in CHECKS]
+    copies = {path.name: path for path in candidate.copy.iterdir()}
+    assert set(copies) == {"parameters.param.0", "signing.key.1"}
+    assert copies["signing.key.1"].stat().st_mode & 0o777 == 0o600
