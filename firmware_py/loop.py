@@ -13,7 +13,7 @@ from firmware_py.common.records import Event, HeadingSample, Inputs, Progress, R
 from firmware_py.common.reports import Output
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.liveness import Liveness, StuckError, devices_progress
-from firmware_py.core.state import settings_of
+from firmware_py.core.state import parameters_in_force, settings_of
 from firmware_py.core.state_codec import state_to_text
 from firmware_py.system.clock import Metronome
 from firmware_py.system.clock_setter import ClockSetter
@@ -95,7 +95,7 @@ def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
             tick = Tick(index, metronome.deadline_s, late_s, skipped, metronome.rate_hz)
             newest = _tick(parts, tick)
             _show_life(parts, clock.now_s())
-            parameters = parts.autopilot.state.parameters
+            parameters = parameters_in_force(parts.autopilot.state)
             metronome.set_rate(parameters["LOOP_RATE_HZ"])
             if newest is not None and parameters["LOOP_LOCK"]:
                 metronome.lock(newest.t_s)

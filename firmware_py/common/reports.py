@@ -230,6 +230,7 @@ class Snapshot:
     energy: Energy | None = None
     helm_softness: float = 1.0  # by what factor the helm is softer than as delivered
     power: Power | None = None  # of battery and panels, where somebody measures them
+    saving: int = 0  # how far she saves power (safety.power_saving.Saving)
 
 
 @dataclass(frozen=True, slots=True)

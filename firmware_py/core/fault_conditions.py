@@ -7,6 +7,7 @@ from firmware_py.core.freshness import Age, Freshness
 from firmware_py.core.state import Settings, State, fence_enabled, heading_timeouts_of
 from firmware_py.faults.row import FaultInput
 from firmware_py.guidance import guidance
+from firmware_py.safety import power_monitor
 
 
 def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: float) -> FaultInput:
@@ -16,6 +17,8 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
     timeouts_s = heading_timeouts_of(settings, devices).compass_s
     compasses = tuple(zip(sources.compasses, timeouts_s, strict=True))
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
+
+    battery, limits = power_monitor.supply(state.power, now_s), settings.battery_limits
 
     def age_s(t_s: float | None) -> float | None:
         return None if t_s is None else now_s - t_s
@@ -49,6 +52,13 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
         oscillating=state.supervisor.oscillation.oscillating,
         supply_v=None if servo is None else servo.voltage_v,
         supply_low_v=settings.supervisor.low_v,
+        battery_charge=battery.charge,
+        battery_v=battery.voltage_v,
+        save_charge=limits.save_charge,
+        save_v=limits.save_v,
+        keep_charge=limits.keep_charge,
+        keep_v=limits.keep_v,
+        power_silent=power_monitor.silent(state.power, now_s),
         current_too_strong=state.water.too_strong,
         mission_unusable=state.modes.armed and state.modes.mode is Mode.AUTO and state.guidance.mission.unusable,
         outside_fence=margin_m is not None and margin_m < 0.0,

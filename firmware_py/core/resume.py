@@ -16,6 +16,7 @@ from firmware_py.common.reports import Home
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import CHANGES
 from firmware_py.estimate import heading_estimator, water
+from firmware_py.faults.table import TABLE
 from firmware_py.guidance.guidance import GuidanceState, take_changes
 from firmware_py.guidance.line import LineState
 from firmware_py.guidance.mission_progress import MissionProgress, is_halted
@@ -55,7 +56,7 @@ def resume_of(state: State, utc_s: float) -> Resume:
     nav = take_changes(state.guidance, state.modes, state.plans)
     return Resume(
         math.floor(utc_s / REFRESH_S) * REFRESH_S,
-        replace(state.modes, stick=None, stick_t_s=0.0, bench=None, bench_until_s=0.0),
+        replace(_lasting_modes(state), stick=None, stick_t_s=0.0, bench=None, bench_until_s=0.0),
         replace(nav.mission, elapsed_s=_rounded(nav.mission.elapsed_s, ELAPSED_STEP_S), idle_items=0),
         nav.task,
         nav.follower.arrived,
@@ -65,6 +66,15 @@ def resume_of(state: State, utc_s: float) -> Resume:
         state.home,
         _expected_water(state),
     )
+
+
+def _lasting_modes(state: State) -> ModeState:
+    """Return mode and goal: those before a failsafe after which she goes on in any case."""
+    supervisor = state.supervisor
+    fault, before = supervisor.failsafe.fault, supervisor.interrupted
+    if fault is None or before is None or not TABLE[fault].resumes:
+        return state.modes
+    return replace(state.modes, mode=before.mode, goal=before.goal)
 
 
 def _expected_water(state: State) -> tuple[float, float, float]:

@@ -9,7 +9,7 @@ from firmware_py.estimate import heading_estimator
 from firmware_py.guidance import guidance
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import Situation, arming_obstacle
-from firmware_py.safety import energy_meter, power_monitor
+from firmware_py.safety import energy_meter, power_monitor, power_saving
 
 
 def snapshot_of(
@@ -57,4 +57,5 @@ def snapshot_of(
         energy=energy_meter.report(state.energy_meter, resting=state.torque_release.released),
         helm_softness=state.supervisor.oscillation.softness,
         power=power_monitor.report(state.power, inputs.tick.t_s),
+        saving=power_saving.saving(state.fault_latch.active),
     )

@@ -25,8 +25,10 @@ from firmware_py.faults.latch import LatchState, arming_obstacle
 from firmware_py.guidance import guidance
 from firmware_py.guidance.guidance import GuidanceSettings, GuidanceState
 from firmware_py.modes import ModeState, Situation
+from firmware_py.safety import power_saving
 from firmware_py.safety.energy_meter import EnergyMeterState
 from firmware_py.safety.power_monitor import PowerMonitorState
+from firmware_py.safety.power_saving import BatteryLimits
 from firmware_py.safety.supervisor import SupervisorSettings, SupervisorState
 from firmware_py.safety.torque_release import TorqueReleaseSettings, TorqueReleaseState
 
@@ -43,6 +45,7 @@ class Settings:
     controller: HeadingControllerSettings
     rudder: RudderSettings
     torque_release: TorqueReleaseSettings
+    battery_limits: BatteryLimits
     fence_enabled: bool
 
 
@@ -58,6 +61,7 @@ def settings_of(parameters: ParameterSet) -> Settings:
         controller=HeadingControllerSettings.of(parameters),
         rudder=RudderSettings.of(parameters),
         torque_release=TorqueReleaseSettings.of(parameters),
+        battery_limits=BatteryLimits.of(parameters),
         fence_enabled=bool(parameters["FENCE_ENABLE"]),
     )
 
@@ -98,6 +102,11 @@ class State:
             modes=ModeState.at_start(parameters),
             heading_estimator=HeadingEstimatorState.at_start(parameters),
         )
+
+
+def parameters_in_force(state: State) -> ParameterSet:
+    """Return the parameters that hold now: those that were set, but for what she saves on."""
+    return power_saving.parameters_in_force(state.parameters, power_saving.saving(state.fault_latch.active))
 
 
 def heading_timeouts_of(settings: Settings, devices: DeviceReports) -> HeadingTimeouts:
@@ -146,7 +155,7 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
 
 def situation_at(state: State, now_s: float) -> Situation:
     """Return what a decision between two ticks may depend on."""
-    settings = settings_of(state.parameters)
+    settings = settings_of(parameters_in_force(state))
     return situation_of(settings, state, freshness_of(settings, state, now_s))
 
 

@@ -21,7 +21,7 @@ from firmware_py.core.estimate_step import estimate
 from firmware_py.core.fault_conditions import fault_input
 from firmware_py.core.rudder_demand import rudder_demand
 from firmware_py.core.snapshot import snapshot_of
-from firmware_py.core.state import Settings, State, freshness_of, settings_of, situation_of
+from firmware_py.core.state import Settings, State, freshness_of, parameters_in_force, settings_of, situation_of
 from firmware_py.estimate import kalman
 from firmware_py.faults import latch
 from firmware_py.guidance import guidance
@@ -37,7 +37,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     """Compute one tick: the next state, the rudder command, the snapshot and the events."""
     before, now_s = state, inputs.tick.t_s
     state, overruled = _accept_requests(state, inputs.requests)
-    settings = settings_of(state.parameters)
+    settings = settings_of(parameters_in_force(state))
     step_s = before.timing.step_s(now_s)
 
     state, rudder, estimate_events = estimate(settings, state, inputs)

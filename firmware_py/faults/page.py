@@ -22,6 +22,10 @@ def _in_manual() -> str:
     return ", ".join(fault.name for fault, row in TABLE.items() if row.in_manual)
 
 
+def _resuming() -> str:
+    return ", ".join(fault.name for fault, row in TABLE.items() if row.resumes)
+
+
 def markdown() -> str:
     """Return the page."""
     lines = [
@@ -31,7 +35,8 @@ def markdown() -> str:
         "debounce and clears when it has been gone for the time beside it; both are told. An action that changes the",
         f"mode is taken once, only while armed, never in HOLD, and in MANUAL only by {_in_manual()}; an order",
         "of the operator after it wins. When the fault clears, `FS_RESUME` says whether she goes on with what she did",
-        "before, except in MANUAL, which an operator has to choose anew. Every fault is looked for while disarmed,",
+        f"before, except in MANUAL, which an operator has to choose anew; after {_resuming()} she does in any case.",
+        "Every fault is looked for while disarmed,",
         "too; those with a text in the last column forbid arming unless it is forced.",
         "",
         "| bit | fault | condition | set / clear after s | severity | action | text | when it goes | forbids arming |",

@@ -21,6 +21,7 @@ class Action(Enum):
     POINT_INTO_IT = "point into the current"
     SOFTER_HELM = "a softer helm, which grows stiff again over tens of minutes"
     KEEP_STATION = "keep station where she is"
+    SAVE_POWER = "save power: quieter links, a slower loop, a dearer rudder (PWR_...)"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +54,13 @@ class FaultInput:
     oscillating: bool
     supply_v: float | None
     supply_low_v: float
+    battery_charge: float | None
+    battery_v: float | None
+    save_charge: float
+    save_v: float
+    keep_charge: float
+    keep_v: float
+    power_silent: bool
     current_too_strong: bool
     mission_unusable: bool
     outside_fence: bool
@@ -84,6 +92,7 @@ class FaultRow:
 
     `condition` says in words what `stands` judges. `action` is done in any case; `parameter` names
     the one that chooses a mode to be entered beside, in MANUAL too where `in_manual` says so.
+    `resumes`: what a failsafe of it has interrupted goes on after it whatever FS_RESUME says.
     `arming` says why arming is refused while the fault is set, empty where it is not.
     """
 
@@ -95,6 +104,7 @@ class FaultRow:
     action: Action = Action.ALERT
     parameter: str = ""
     in_manual: bool = False
+    resumes: bool = False
     text: str
     recovery: str
     arming: str = ""

@@ -7,56 +7,17 @@ safety/failsafe.py and the parts named by the action do what follows.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import IntEnum
 from typing import Final
 
 from firmware_py.common.records import DeviceState, Severity
-from firmware_py.faults.row import Action, FaultInput, FaultRow, exceeds, within
+from firmware_py.faults.conditions import battery_is_below, servo_is_hot, supply_is_low
+from firmware_py.faults.fault import Fault
+from firmware_py.faults.row import Action, FaultRow, exceeds, within
 
 LATE_MEMORY_S: Final = 2.0
 RESTART_MEMORY_S: Final = 5.0
-COOLER_C: Final = 5.0
-FULLER: Final = 1.03  # of BAT_LOW_VOLT
 
-
-class Fault(IntEnum):
-    """The faults; the number of each is its bit in Snapshot.faults, logs and telemetry."""
-
-    COMPASS_LOST = 0
-    POSITION_LOST = 1
-    RUDDER_SILENT = 2
-    RUDDER_ERROR = 3
-    LOOP_LATE = 4
-    STORAGE_FAILING = 5
-    CURRENT_STRONG = 6
-    MISSION_UNUSABLE = 7
-    FENCE_BREACHED = 8
-    COMPASS_SILENT = 9
-    COMPASS_FROZEN = 10
-    COMPASS_JUMPING = 11
-    COMPASS_DISAGREES = 12
-    POSITION_JUMPING = 13
-    RUDDER_ASTRAY = 14
-    RUDDER_JAMMED = 15
-    RUDDER_HOT = 16
-    RUDDER_OVERLOADED = 17
-    RUDDER_REPOWERED = 18
-    SUPPLY_LOW = 19
-    STORAGE_FULL = 20
-    CLOCK_STEPPED = 21
-    STATION_SILENT = 22
-    STEERING_LOST = 23
-    KEY_LOST = 24
-    HELM_OSCILLATES = 25
-
-
-def _hot_c(tick: FaultInput) -> float:
-    margin_c = COOLER_C if tick.is_set(Fault.RUDDER_HOT) else 0.0
-    return tick.servo_hot_c - margin_c
-
-
-def _low_v(tick: FaultInput) -> float:
-    return tick.supply_low_v * (FULLER if tick.is_set(Fault.SUPPLY_LOW) else 1.0)
+__all__ = ["TABLE", "Fault"]
 
 
 # In the order of the numbers.
@@ -212,7 +173,7 @@ TABLE: Mapping[Fault, FaultRow] = {
     ),
     Fault.RUDDER_HOT: FaultRow(
         condition="the servo is hotter than RUD_TEMP_MAX (until 5 deg below it)",
-        stands=lambda tick: exceeds(tick.servo_temperature_c, _hot_c(tick)),
+        stands=servo_is_hot,
         debounce_s=2.0,
         clear_s=2.0,
         severity=Severity.WARNING,
@@ -240,7 +201,7 @@ TABLE: Mapping[Fault, FaultRow] = {
     ),
     Fault.SUPPLY_LOW: FaultRow(
         condition="the supply, as the servo measures it, is below BAT_LOW_VOLT (until 3 % above it)",
-        stands=lambda tick: tick.supply_v is not None and tick.supply_v < _low_v(tick),
+        stands=supply_is_low,
         debounce_s=5.0,
         clear_s=10.0,
         severity=Severity.ERROR,
@@ -296,5 +257,35 @@ TABLE: Mapping[Fault, FaultRow] = {
         action=Action.SOFTER_HELM,
         text="Helm oscillates: it is softened",
         recovery="Helm oscillates no more",
+    ),
+    Fault.BATTERY_LOW: FaultRow(
+        condition="the battery is below PWR_SAVE_PCT or PWR_SAVE_VOLT (until 5 % of charge or 3 % of voltage above it)",
+        stands=lambda tick: battery_is_below(tick, Fault.BATTERY_LOW, tick.save_charge, tick.save_v),
+        debounce_s=30.0,
+        clear_s=60.0,
+        severity=Severity.WARNING,
+        action=Action.SAVE_POWER,
+        text="Battery is low: she saves power",
+        recovery="Battery is charged again: she saves no more",
+    ),
+    Fault.BATTERY_CRITICAL: FaultRow(
+        condition="the battery is below PWR_KEEP_PCT or PWR_KEEP_VOLT (until 5 % of charge or 3 % of voltage above it)",
+        stands=lambda tick: battery_is_below(tick, Fault.BATTERY_CRITICAL, tick.keep_charge, tick.keep_v),
+        debounce_s=30.0,
+        clear_s=60.0,
+        severity=Severity.ERROR,
+        action=Action.SAVE_POWER,
+        parameter="FS_BATT_ACT",
+        resumes=True,
+        text="Battery is nearly empty",
+        recovery="Battery is no longer nearly empty",
+        arming="battery is nearly empty",
+    ),
+    Fault.POWER_SILENT: FaultRow(
+        condition="one who measures battery or panels, and was heard, has said nothing for 15 s",
+        stands=lambda tick: tick.power_silent,
+        severity=Severity.WARNING,
+        text="Power monitor is silent: battery not all known",
+        recovery="Power monitor speaks again",
     ),
 }

@@ -92,7 +92,8 @@ def _end(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, Dec
     """Go on with what was interrupted, or stay, once nothing calls for a mode any more."""
     if state.fault is None:
         return state, NOTHING
+    resumes = given.resume or TABLE[state.fault].resumes
     state = FailsafeState(active=state.active)
-    if given.resume:
+    if resumes:
         return state, Decision(resume=True)
     return state, Decision(events=(Event(Severity.NOTICE, f"Failsafe over: {given.mode.name} stays"),))

@@ -210,6 +210,7 @@ def _power(snapshot: Snapshot) -> Values:
         return {}
     flows = {"solar": power.solar, "load": power.load, "charged": power.charged, "discharged": power.discharged}
     return {
+        "saving": ("nothing", "saves", "keeps heading")[snapshot.saving],
         "battery_v": rounded(power.voltage_v, 2),
         "battery_a": rounded(power.current_a, 2),
         "charge_percent": rounded(power.charge, 1, lambda charge: 100.0 * charge),

@@ -13,6 +13,7 @@ from firmware_py.__main__ import main
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.faults.table import TABLE, Fault
+from hil.ship.extras import Supply
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
 
 LOITER, AUTO, GUIDED = 5, 10, 15
@@ -211,7 +212,12 @@ def breached(bench):
     return bench.now_s
 
 
+def charged(charge):
+    return lambda bench: setattr(bench.plant, "charge", charge)
+
+
 FAILSAFE = {"FS_RESUME": 1}
+BATTERY = {"PWR_SAVE_PCT": 30.0, "PWR_KEEP_PCT": 10.0}
 EAST = {"current_toward_deg": 90.0}
 DRILLS = (
     Drill(
@@ -271,6 +277,18 @@ DRILLS = (
     Drill(
         Fault.SUPPLY_LOW, servo_is(voltage_v=10.5), 6.0, in_mode("RTL"), servo_is(voltage_v=12.0), 11.0,
         back_in("GUIDED"), stands_s=1.0, options={"settings": FAILSAFE | {"BAT_LOW_VOLT": 11, "FS_VOLT_ACT": 4}},
+    ),
+    Drill(
+        Fault.BATTERY_LOW, charged(0.25), 35.0, sails_on, charged(0.5), 65.0, back_in("GUIDED"),
+        options={"settings": BATTERY, "supply": Supply()},
+    ),
+    Drill(
+        Fault.BATTERY_CRITICAL, charged(0.05), 35.0, in_mode("STEERING"), charged(0.5), 65.0, back_in("GUIDED"),
+        stands_s=32.0, options={"settings": BATTERY, "supply": Supply()},
+    ),
+    Drill(
+        Fault.POWER_SILENT, lambda bench: setattr(bench.monitor, "silent", True), 17.0, sails_on,
+        lambda bench: setattr(bench.monitor, "silent", False), 3.0, options={"supply": Supply()},
     ),
     Drill(Fault.LOOP_LATE, lambda bench: bench.server.stall(0.5), 1.5, alert_only, nothing, 3.0, stands_s=0.1),
     Drill(Fault.STORAGE_FAILING, logs_gone, 60.0, sails_on, logs_back, 60.0, options={"speed": 10.0}),

@@ -21,7 +21,9 @@ from hil.devices.nmea_gps import NmeaGpsEmulator
 from hil.devices.pni_tcm import PniTcmEmulator
 from hil.devices.pty_line import PtyLine
 from hil.devices.spoiled import SpoiledAttitude, SpoiledWhereabouts
+from hil.devices.vedirect import Kind, VeDirectEmulator
 from hil.devices.volz import VolzEmulator
+from hil.ship.power_plant import Place, PowerPlant
 from hil.ship.scenarios import Scenario, named
 from hil.sim.board import Board
 from hil.sim.goals import parse_goals
@@ -29,7 +31,7 @@ from hil.sim.ground_station import MODE_NAMES, GroundStation, Order
 from hil.sim.lockstep import LockstepServer
 from hil.sim.pace import Pacer
 from hil.sim.process import AutopilotProcess
-from hil.sim.world import START_UTC_S, World
+from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
 SERVOS = {"dynamixel": (DynamixelEmulator, 57600), "volz": (VolzEmulator, 115200)}
 COMPASSES = {"nmea": ("nmea", NmeaCompassEmulator), "pni": ("pni_tcm", PniTcmEmulator), "mti": ("mti", MtiEmulator)}
@@ -111,7 +113,7 @@ class Boat:
     """A boat at sea with the real autopilot aboard, which may be killed and started again.
 
     `speed` is None in real time. `without` leaves out position, link or both. `plans` are files
-    that the state directory holds from the start, by name.
+    that the state directory holds from the start, by name; `supply` gives panels, battery, charger and monitor.
     """
 
     def __init__(
@@ -126,6 +128,7 @@ class Boat:
         goals="0:0",
         mode=GUIDED,
         second_compass=False,
+        supply=None,
         without=(),
         plans=(),
         speed=math.inf,
@@ -152,11 +155,19 @@ class Boat:
             "position": '[position]\ndriver = "nmea"\nport = "{port}"\nbaud = 9600\n',
             "rudder": f'[rudder]\ndriver = "{servo}"\nport = "{{port}}"\nbaud = {baud}\n',
             "compass_b": '[compass_b]\ndriver = "nmea"\nport = "{port}"\nbaud = 38400\n',
+            "power": '[power]\ndriver = "vedirect"\nport = "{port}"\nbaud = 19200\n',
+            "power_b": '[power_b]\ndriver = "vedirect"\nport = "{port}"\nbaud = 19200\n',
             "link": '[link]\nurls = ["serial:{port}:57600"]\n',
         }
         if second_compass:
             self.other_attitude = SpoiledAttitude(self.world)
             devices["compass_b"] = NmeaCompassEmulator(self.other_attitude, rng(5))
+        if supply is not None:
+            place = Place(START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S)
+            self.plant = PowerPlant(supply, place, rng(6), lambda: self.servo.energy_j)
+            self.charger = Impaired(VeDirectEmulator(self.plant, Kind.CHARGER), rng(7))
+            self.monitor = Impaired(VeDirectEmulator(self.plant, Kind.MONITOR, phase_s=0.4), rng(8))
+            devices |= {"power": self.charger, "power_b": self.monitor}
         for name in without:
             del devices[name]
         self.board = Board(self.world, devices, directory, self.time.send)

@@ -22,7 +22,10 @@ class TelemetryPublisher:
         self._context = context
 
     def report_changes(self, before: Snapshot | None, snapshot: Snapshot, peers: Peers, now_s: float) -> None:
-        """Make what has changed due at once: mode and arming; home is sent."""
+        """Make what has changed due at once: mode and arming, all of it when the rates change; home is sent."""
+        if before is not None and bool(before.saving) != bool(snapshot.saving):
+            for peer in peers:
+                peer.streams.make_all_due(now_s)
         if before is None or (before.mode, before.armed) != (snapshot.mode, snapshot.armed):
             for peer in peers:
                 peer.streams.make_due(_HEARTBEAT, now_s)
@@ -41,6 +44,8 @@ class TelemetryPublisher:
         telemetry = self._context.telemetry_context()
         if telemetry is None:
             return
+        saves = telemetry.snapshot.saving
+        stretch = self._context.request_handler.parameters()["PWR_LNK_FACTOR"] if saves else 1.0
         packed_rows: dict[int, Packed | None] = {}  # every row is built and packed once for all peers
         for peer in peers:
             room_bytes = peer.outbox.room_bytes(now_s)
@@ -55,7 +60,8 @@ class TelemetryPublisher:
                             # The rest stays due, and the longest due goes first next time.
                             continue
                     peer.outbox.push(packed, priority)
-                peer.streams.mark_sent(row, now_s)
+                # Without heartbeats she would be gone for every ground station.
+                peer.streams.mark_sent(row, now_s, 1.0 if priority is Priority.URGENT else stretch)
 
     def _pack(self, row: int, telemetry: TelemetryContext) -> Packed | None:
         message = TABLE[row].build(telemetry)

@@ -41,9 +41,9 @@ class Streams:
         rows.sort(key=self._due_s.__getitem__)
         return rows
 
-    def mark_sent(self, row: int, now_s: float) -> None:
-        """Note that a row was sent, or had nothing to say: in phase, and never catching up."""
-        interval_s = self._interval_s[row]
+    def mark_sent(self, row: int, now_s: float, stretch: float = 1.0) -> None:
+        """Note that a row was sent, or had nothing to say: in phase, and never catching up; next so much later."""
+        interval_s = self._interval_s[row] * stretch
         next_s = self._due_s[row] + interval_s
         self._due_s[row] = next_s if next_s > now_s else now_s + interval_s
 
@@ -52,6 +52,10 @@ class Streams:
         for row in ROWS_OF.get(number, ()):
             if self._interval_s[row] < _OFF:
                 self._due_s[row] = now_s
+
+    def make_all_due(self, now_s: float) -> None:
+        """Make all that is sent due now, as when intervals begin to count otherwise."""
+        self._due_s = [now_s if interval_s < _OFF else _OFF for interval_s in self._interval_s]
 
     def interval_us(self, number: int) -> int | None:
         """Return the interval of a message in microseconds, -1 when it is off, None when it is not ours."""

@@ -31,12 +31,14 @@ from firmware_py.common.records import (
     Inputs,
     NorthReference,
     PositionSample,
+    PowerSample,
     RudderFeedback,
     Tick,
 )
 from firmware_py.common.reports import Activity, Home
 from firmware_py.core.accept import accept
-from firmware_py.core.state import State
+from firmware_py.core.resume import resume_of
+from firmware_py.core.state import State, parameters_in_force
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
 from firmware_py.faults.table import Fault
@@ -55,6 +57,7 @@ class Boat:
         self.position = None
         self.noise_rad, self.rng = noise_rad, random.Random(seed)
         self.hardware_error = 0
+        self.charge = None  # of a battery that somebody measures
         self.events = []
         self.outputs = []
         self.inputs = []
@@ -76,6 +79,7 @@ class Boat:
             (feedback,) if self.servo and self.index % self.servo_every == 0 else (),
             devices,
             tuple(Request(t_s - 0.01, intent) for intent in intents),
+            () if self.charge is None else (PowerSample(t_s, 0, 12.8, -0.3, self.charge),),
         )
         self.state, output = step(self.state, inputs)
         self.inputs.append(inputs)
@@ -463,3 +467,64 @@ def test_a_read_only_parameter_is_refused():
     state, answer = accept(State.at_start(ParameterSet()), Request(0.0, SetParameter("STAT_BOOTCNT", 5.0)))
     assert (answer.verdict, answer.text) == (Verdict.DENIED, "STAT_BOOTCNT is read-only")
     assert state.parameters == ParameterSet()
+
+
+SAVING = ParameterSet().replaced("PWR_SAVE_PCT", 30.0).replaced("PWR_KEEP_PCT", 10.0)
+
+
+def test_a_battery_that_runs_low_is_saved_step_by_step_and_all_of_it_is_undone():
+    boat = Boat(SAVING).under_way()
+    boat.tick(SteerHeading(1.0))
+    steps = []
+    for charge, seconds in (
+        (0.8, 5.0),
+        (0.25, 35.0),
+        (0.05, 35.0),
+        (0.12, 65.0),
+        (0.2, 65.0),
+        (0.32, 65.0),
+        (0.4, 65.0),
+    ):
+        boat.charge = charge
+        snapshot = boat.run(seconds).snapshot
+        steps.append((snapshot.saving, snapshot.mode.name, parameters_in_force(boat.state)["CTL_PRICE"]))
+    assert steps == [
+        (0, "GUIDED", 1.0),
+        (1, "GUIDED", 3.0),
+        (2, "STEERING", 3.0),
+        (2, "STEERING", 3.0),  # not yet 5 % above the limit
+        (1, "GUIDED", 3.0),
+        (1, "GUIDED", 3.0),
+        (0, "GUIDED", 1.0),
+    ]
+    told = [text for text in boat.events if "attery" in text or "Failsafe" in text]
+    assert told == [
+        "Battery is low: she saves power",
+        "Battery is nearly empty",
+        "Failsafe: STEERING",
+        "Battery is no longer nearly empty",
+        "Failsafe over: GUIDED goes on",
+        "Battery is charged again: she saves no more",
+    ]
+
+
+def test_a_restart_with_an_empty_battery_does_not_forget_what_she_was_doing():
+    boat = Boat(SAVING.replaced("BOOT_RESUME", 2)).under_way()
+    boat.tick(SteerHeading(1.0))
+    boat.charge = 0.05
+    assert boat.run(40.0).snapshot.mode is Mode.STEERING
+    kept = resume_of(boat.state, 1.8e9)
+    assert (kept.modes.mode, kept.modes.goal, kept.modes.armed) == (
+        Mode.GUIDED,
+        boat.state.supervisor.interrupted.goal,
+        True,
+    )
+
+
+def test_a_power_monitor_that_falls_silent_is_told_and_she_saves_on():
+    boat = Boat(SAVING).under_way()
+    boat.charge = 0.2
+    assert boat.run(35.0).snapshot.saving == 1
+    boat.charge = None
+    assert boat.run(120.0).snapshot.saving == 1
+    assert "Power monitor is silent: battery not all known" in boat.events

@@ -32,6 +32,13 @@ WELL = FaultInput(
     oscillating=False,
     supply_v=12.0,
     supply_low_v=11.0,
+    battery_charge=0.8,
+    battery_v=12.8,
+    save_charge=0.3,
+    save_v=12.0,
+    keep_charge=0.1,
+    keep_v=11.5,
+    power_silent=False,
     current_too_strong=False,
     mission_unusable=False,
     outside_fence=False,
@@ -50,7 +57,14 @@ def standing(**changes):
 
 def test_nothing_stands_while_all_is_well_or_nothing_is_known():
     assert standing() == []
-    assert standing(**dict.fromkeys(("servo_temperature_c", "supply_v", "storage", "clock", "station"))) == []
+    assert (
+        standing(
+            **dict.fromkeys(
+                ("servo_temperature_c", "supply_v", "battery_charge", "battery_v", "storage", "clock", "station")
+            )
+        )
+        == []
+    )
 
 
 @pytest.mark.parametrize(
@@ -63,6 +77,9 @@ def test_nothing_stands_while_all_is_well_or_nothing_is_known():
         (Fault.RUDDER_REPOWERED, {"servo_restart_age_s": 5.01}, {"servo_restart_age_s": 5.0}),
         (Fault.RUDDER_HOT, {"servo_temperature_c": 70.0}, {"servo_temperature_c": 70.1}),
         (Fault.SUPPLY_LOW, {"supply_v": 11.0}, {"supply_v": 10.9}),
+        (Fault.BATTERY_LOW, {"battery_charge": 0.3}, {"battery_charge": 0.299}),
+        (Fault.BATTERY_LOW, {"battery_v": 12.0}, {"battery_v": 11.99}),
+        (Fault.POWER_SILENT, {"power_silent": False}, {"power_silent": True}),
         (Fault.STORAGE_FULL, {"storage": DeviceState.RUNNING}, {"storage": DeviceState.FULL}),
         (Fault.STORAGE_FAILING, {"storage": DeviceState.RUNNING}, {"storage": DeviceState.FAULTY}),
         (Fault.CLOCK_STEPPED, {"clock": DeviceState.RUNNING}, {"clock": DeviceState.FAULTY}),
@@ -83,12 +100,32 @@ def test_a_condition_stands_from_its_limit_on_and_no_other_with_it(fault, before
     [
         (Fault.RUDDER_HOT, {"servo_temperature_c": 65.1}, {"servo_temperature_c": 65.0}),
         (Fault.SUPPLY_LOW, {"supply_v": 11.32}, {"supply_v": 11.34}),
+        (Fault.BATTERY_LOW, {"battery_charge": 0.349}, {"battery_charge": 0.351}),
+        (Fault.BATTERY_LOW, {"battery_v": 12.35}, {"battery_v": 12.37}),
+        (Fault.BATTERY_CRITICAL, {"battery_charge": 0.149, "save_charge": 0.0}, {"battery_charge": 0.36}),
     ],
 )
 def test_a_limit_lies_further_back_once_its_fault_is_set(fault, kept, gone):
     assert standing(**kept) == []
     assert standing(**kept, faults=1 << fault) == [fault]
     assert standing(**gone, faults=1 << fault) == []
+
+
+LOW_AND_CRITICAL = [Fault.BATTERY_LOW, Fault.BATTERY_CRITICAL]
+
+
+def test_an_empty_battery_is_both_low_and_critical_unless_nothing_is_to_be_done_then():
+    assert standing(battery_charge=0.05) == LOW_AND_CRITICAL
+    assert standing(battery_charge=0.05, keep_charge=0.0, keep_v=0.0) == LOW_AND_CRITICAL[:1]
+    assert standing(battery_charge=0.0, battery_v=0.0, save_charge=0.0, save_v=0.0, keep_charge=0.0, keep_v=0.0) == []
+
+
+def test_what_is_not_known_of_the_battery_keeps_the_step_and_a_limit_that_was_taken_away_ends_it():
+    both = sum(1 << fault for fault in LOW_AND_CRITICAL)
+    unknown = {"battery_charge": None, "battery_v": None}
+    assert standing(**unknown, faults=both) == LOW_AND_CRITICAL
+    assert standing(**unknown, faults=both, save_charge=0.0, save_v=0.0) == LOW_AND_CRITICAL[1:]
+    assert standing(battery_charge=None, faults=both) == []  # the voltage is right
 
 
 def test_a_station_that_was_never_silent_for_its_device_is_not_silent_for_its_age():

@@ -272,3 +272,16 @@ def test_an_independent_client_over_a_serial_line(rig):
     finally:
         os.close(boats)
         os.close(stations)
+
+
+def test_while_she_saves_power_all_but_heartbeats_comes_less_often(rig, of):
+    def heard(**changes):
+        said = [message for _ in range(200) for message in rig.tick(**changes)]
+        return len(of(said, "ATTITUDE")), len(of(said, "HEARTBEAT")), len(of(said, "CURRENT_MODE"))
+
+    attitudes, beats, modes = heard()
+    fewer, same, rare = heard(saving=1)
+    assert fewer == pytest.approx(attitudes / 5, abs=2)
+    assert same == pytest.approx(beats, abs=1)
+    assert rare < modes
+    assert heard()[0] == pytest.approx(attitudes, abs=2)

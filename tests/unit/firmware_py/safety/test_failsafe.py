@@ -50,6 +50,14 @@ def test_a_fault_changes_the_mode_once_and_what_was_done_goes_on_after_it():
     assert helm.tick() is Mode.AUTO
 
 
+def test_after_an_empty_battery_she_goes_on_whatever_the_parameter_says():
+    helm = Helm(resume=False)
+    helm.modes = {Fault.BATTERY_CRITICAL: Mode.STEERING}
+    helm.tick()
+    assert helm.tick(Fault.BATTERY_CRITICAL) is Mode.STEERING
+    assert helm.tick() is Mode.AUTO
+
+
 def test_without_resume_the_mode_stays_and_that_is_said():
     helm = Helm(resume=False)
     helm.tick(GCS)

@@ -29,6 +29,20 @@ def test_a_rate_is_kept_on_average(asked_hz, rate_hz):
     assert count(streams, ATTITUDE, rate_hz=rate_hz, seconds=60) == pytest.approx(60 * asked_hz, abs=1.01)
 
 
+def test_a_row_that_is_stretched_comes_so_many_times_less_often():
+    streams = Streams(LinkClass.FAST, 0.0)
+    row = ROWS_OF[ATTITUDE][0]
+    sent = 0
+    for tick in range(1000):
+        for due in streams.due(0.1 * tick, 0.1):
+            sent += due == row
+            streams.mark_sent(due, 0.1 * tick, 5.0)
+    assert sent == 200
+    streams.make_all_due(100.0)
+    assert row in streams.due(100.0, 0.1)
+    assert ROWS_OF[235][0] not in streams.due(100.0, 0.1)  # HIGH_LATENCY2, which nobody has asked for
+
+
 def test_a_rate_above_the_loop_gives_one_each_tick():
     streams = Streams(LinkClass.FAST, 0.0)
     assert streams.set_interval(ATTITUDE, 20_000, 0.0)
