@@ -116,8 +116,8 @@ def _check_values(data: Mapping[str, Any], path: Path) -> None:
             waiting += ((name, item) for item in value)
         elif isinstance(value, int) and value.bit_length() > _MOST_BITS:
             raise VehicleError(f"{path}: {name[:_MOST_CHARACTERS]!r} is a number of too many digits")
-        elif isinstance(value, str) and "\0" in value:
-            raise VehicleError(f"{path}: {name[:_MOST_CHARACTERS]!r} holds a NUL; remove it")
+        elif isinstance(value, str) and not value.isprintable():
+            raise VehicleError(f"{path}: {name[:_MOST_CHARACTERS]!r} holds what cannot be printed: {value[:30]!r}")
 
 
 def parse(data: Mapping[str, Any], path: Path) -> Vehicle:
