@@ -251,7 +251,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         recovery="Signing key is no longer lost",
     ),
     Fault.HELM_OSCILLATES: FaultRow(
-        condition="heading and rudder swing to and fro by themselves, two to four whole swings that are alike",
+        condition="heading and rudder swing to and fro by themselves: one whole swing that is plain, or several",
         stands=lambda tick: tick.oscillating,
         severity=Severity.WARNING,
         action=Action.SOFTER_HELM,

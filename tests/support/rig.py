@@ -20,7 +20,9 @@ from firmware_py.common.records import (
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.model.kt import OCEAN_RAMBLER
+from hil.devices.nmea_gps import Gaps
 from hil.ship.drift import RudderDrift
+from hil.ship.extras import NONE, Receiver
 from hil.ship.gusts import Gusts
 from hil.ship.hull import Hull
 from hil.ship.kt_plant import KtPlant
@@ -38,12 +40,14 @@ SLEW_RAD_S = radians(30.0)
 COUNT_RAD = TWO_PI / 4096.0
 RESOLUTION_RAD = radians(0.1)
 FIX_NOISE_M, FIX_MEMORY_S, VELOCITY_NOISE_M_S = 1.5, 60.0, 0.03
+AT_ONCE = Receiver(latency_s=0.0, lost=0.0, filter_s=0.0, noise_m_s=VELOCITY_NOISE_M_S)
 
 
 class TickHull:
     """hil.ship.hull.Hull on a grid of one tick, of the same parts; test_rig.py holds the two together."""
 
     def __init__(self, scenario, seed):
+        assert scenario.extras == NONE, "the extras of a sea are FineHull's"
         scaled = OCEAN_RAMBLER.at_speed(scenario.speed_m_s)
         bias_rad = scaled.rudder_offset_rad + radians(scenario.bias_deg)
         self.plant = KtPlant(replace(scaled, rudder_offset_rad=bias_rad), STEP_S)
@@ -76,6 +80,9 @@ class TickHull:
     def heading_rad(self, offset_s):
         return self.plant.heading_rad + self.waves.angle_rad(offset_s)
 
+    def shown_heading_rad(self, offset_s):
+        return self.heading_rad(offset_s)
+
     def velocity_m_s(self, _offset_s):
         return self.track.velocity_m_s(self.plant.heading_rad, self.t_s)
 
@@ -90,15 +97,15 @@ class TickHull:
 
 
 class FineHull(Hull):
-    """The hull itself, five steps of its grid at a time; the rudder moves evenly in between."""
+    """The hull itself with all extras, five steps of its grid at a time; the rudder moves evenly in between."""
 
     def __init__(self, scenario, seed):
         super().__init__(scenario, OCEAN_RAMBLER, seed)
-        self.before_rad = 0.0
+        self.before_rad, self.grip = 0.0, 1.0
 
     def step(self, rudder_rad):
         for part in range(1, 6):
-            super().step(self.before_rad + 0.2 * part * (rudder_rad - self.before_rad))
+            super().step(self.grip * (self.before_rad + 0.2 * part * (rudder_rad - self.before_rad)))
         self.before_rad = rudder_rad
 
 
@@ -118,6 +125,10 @@ class Sailing:
         self.rudder_rad = self.target_rad = 0.0
         self.fix_error_m = self.rng.normal(0.0, FIX_NOISE_M, 2)
         self.fix_every = 10  # ticks
+        self.receiver = scenario.extras.receiver or AT_ONCE
+        self.gaps = Gaps(self.receiver.lost, self.receiver.gap_s, generator(seed, Stream.GAPS))
+        self.velocity_m_s = None
+        self.late = [()] * round(self.receiver.latency_s / STEP_S)
         self.jump_m = (0.0, 0.0)
         self.events = []
         self.inputs = []
@@ -135,13 +146,13 @@ class Sailing:
 
     def tick(self, *intents):
         t_s = self.t_s
-        heading_rad = self.hull.heading_rad(0.0) + radians(0.3) * self.numbers.draw()
+        heading_rad = self.hull.shown_heading_rad(0.0) + radians(0.3) * self.numbers.draw()
         heading_rad = round(heading_rad / RESOLUTION_RAD) * RESOLUTION_RAD % TWO_PI
         shaft_rad = round(self.rudder_rad / COUNT_RAD) * COUNT_RAD
         inputs = Inputs(
             Tick(self.index, t_s, 0.0001, 0, 10.0),
             (HeadingSample(t_s, heading_rad, NorthReference.TRUE),),
-            (self.fix(),) if self.index % self.fix_every == 0 else (),
+            self.fixes(),
             (RudderFeedback(t_s, shaft_rad),),
             (),
             tuple(Request(t_s, intent) for intent in intents),
@@ -160,11 +171,23 @@ class Sailing:
             self.track.append((self.t_s, *self.where, self.hull.heading_low_rad(0.0)))
         return output
 
+    def fixes(self):
+        """The fix that comes in now, if one does: taken a while ago, told as of now."""
+        now_m_s = np.array(self.hull.velocity_in_waves_m_s(0.0))
+        before_m_s = now_m_s if self.velocity_m_s is None else self.velocity_m_s
+        part = -math.expm1(-STEP_S / self.receiver.filter_s) if self.receiver.filter_s > 0.0 else 1.0
+        self.velocity_m_s = before_m_s + part * (now_m_s - before_m_s)
+        self.late.append((self.fix(),) if self.index % self.fix_every == 0 else ())
+        come = self.late.pop(0)
+        return tuple(replace(fix, t_s=self.t_s, utc_s=UTC_S + self.t_s) for fix in come if fix is not None)
+
     def fix(self):
         keep = math.exp(-0.1 * self.fix_every / FIX_MEMORY_S)
         self.fix_error_m = keep * self.fix_error_m + math.sqrt(1.0 - keep**2) * self.rng.normal(0.0, FIX_NOISE_M, 2)
         north_m, east_m = self.hull.position_in_waves_m(0.0)
-        v_north, v_east = np.array(self.hull.velocity_in_waves_m_s(0.0)) + self.rng.normal(0.0, VELOCITY_NOISE_M_S, 2)
+        v_north, v_east = self.velocity_m_s + self.rng.normal(0.0, self.receiver.noise_m_s, 2)
+        if self.gaps.cover(self.t_s):
+            return None
         place = placed(north_m + self.fix_error_m[0] + self.jump_m[0], east_m + self.fix_error_m[1] + self.jump_m[1])
         return PositionSample(
             self.t_s, FixType.FIX_3D, *place, 2.0, math.hypot(v_north, v_east),

@@ -1,0 +1,85 @@
+"""Margins by injection: the delivered helm in ships that are not what she was told, and how far that may go."""
+
+import math
+
+import numpy as np
+import pytest
+
+from firmware_py.common.intents import SteerHeading
+from firmware_py.common.mode_table import Mode
+from firmware_py.faults.table import TABLE, Fault
+from hil.report.figure_file import key_of
+from hil.ship.scenarios import sea_of
+from support import rig
+
+TOLD = TABLE[Fault.HELM_OSCILLATES].text
+SEAS = ("calm", "tank", "sea", "swell", "weak")
+# Put into the ship, by the options of `--with`; the helm is not told of it.
+ILLS = {
+    "half the gain": "kt=0.5",
+    "twice the gain": "kt=2",
+    "two seconds late": "delay=2",
+    "a float": "float=0.3:0.6",
+    "K 30 % more and T 30 % less": "kt=1.3:0.7",
+    "K 30 % less and T 30 % more": "kt=0.7:1.3",
+    "three times as sluggish": "kt=1:3",
+}
+TURN_S, QUIET_AFTER_S, END_S = 120.0, 420.0, 720.0
+MOST_RMS = 2.0  # by the same ship's as told, in the same sea
+LEAST_RMS_DEG = 0.3  # of flat water, where that is next to nothing
+GAINS = (2.0, 3.0, 4.0, 6.0, 8.0, 10.0)
+DELAYS_S = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+
+
+def steady(sea, ill=None, seed=1):
+    """Return the rms error [deg] of the last five of ten minutes after a turn, infinite for an oscillation."""
+    boat = rig.Sailing(sea_of(sea if ill is None else f"{sea}+{ill}"), seed, hull=rig.FineHull).under_way(Mode.GUIDED)
+    boat.tick(SteerHeading(0.0))
+    boat.run(TURN_S - boat.t_s)
+    boat.tick(SteerHeading(math.radians(60.0)))
+    boat.run(END_S - boat.t_s)
+    track = np.array(boat.track)
+    error_deg = np.degrees(track[track[:, 0] > QUIET_AFTER_S, 3]) - 60.0
+    return math.inf if boat.said(TOLD) else float(np.sqrt(np.mean(np.square(error_deg))))
+
+
+def limit_deg(sea):
+    """Return what a ship in this sea may have, of what it has as told."""
+    return max(MOST_RMS * steady(sea), LEAST_RMS_DEG)
+
+
+@pytest.mark.parametrize("ill", ["twice the gain", "two seconds late"])
+def test_a_ship_other_than_told_is_steady_in_flat_water(ill):
+    assert steady("calm", ILLS[ill]) < LEAST_RMS_DEG
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("sea", SEAS)
+def test_a_ship_other_than_told_is_steady_in_every_sea(sea, figures):
+    most_deg, found = limit_deg(sea), {}
+    for ill, option in ILLS.items():
+        found[ill] = steady(sea, option)
+        figures.keep(key_of("margins", sea, ill, "rms"), found[ill], "deg")
+    print(sea, round(most_deg, 2), {ill: round(rms, 2) for ill, rms in found.items()})
+    assert {ill: rms for ill, rms in found.items() if not rms <= most_deg} == {}
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("sea", SEAS)
+def test_how_much_gain_and_delay_she_bears(sea, figures):
+    """More than is asked for: twice the gain, and two seconds at 0.4 m/s."""
+    most_deg = limit_deg(sea)
+    for name, unit, least, options in (
+        ("gain", "times", 2.0, {gain: f"kt={gain:g}" for gain in GAINS}),
+        ("delay", "s", 2.0, {delay: f"delay={delay:g}" for delay in DELAYS_S}),
+    ):
+        borne = 0.0
+        for size, option in options.items():
+            if not steady(sea, option) <= most_deg:
+                break
+            borne = size
+        print(sea, name, borne)
+        figures.keep(key_of("margins", sea, name), borne, unit)
+        assert borne >= least
