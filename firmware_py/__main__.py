@@ -19,6 +19,7 @@ from firmware_py.system.console import keep_standard_streams
 COMMANDS = {
     "run": ("firmware_py.cli.run", "run the autopilot on the ports that a vehicle file names"),
     "status": ("firmware_py.cli.status", "what the autopilot that runs on this computer says of itself"),
+    "energy": ("firmware_py.cli.energy", "watt-hours by day and by consumer, from the thin log"),
     "listen": ("firmware_py.cli.listen", "open each device and show what it says"),
     "decode": ("firmware_py.cli.decode", "decode a capture with the drivers themselves"),
     "replay": ("firmware_py.cli.replay", "recompute a log and compare every rudder command"),
