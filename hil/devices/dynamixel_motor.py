@@ -36,8 +36,7 @@ class MotorMonitor:
         self._rng = rng
         self._table = table
         self._overload_s = overload_s
-        self.energy_j = 0.0  # taken so far, as if the current stayed the same from one measurement to the next
-        self._drawn_w = 0.0
+        self.energy_j = 0.0  # taken so far, by the current of each measurement for the time before it
         self._drawn_s: float | None = None
         self._seen_s = -math.inf
         self._seen_rad = shaft.angle_rad()
@@ -115,8 +114,9 @@ class MotorMonitor:
         velocity = round(self._sign() * self._velocity_rad_s / _VELOCITY_UNIT_RAD_S)
         moving = abs(velocity) > table[Address.MOVING_THRESHOLD]
         drawn_a = self._current_a(moving=moving)
-        self.energy_j += 0.0 if self._drawn_s is None else self._drawn_w * (now_s - self._drawn_s)
-        self._drawn_s, self._drawn_w = now_s, abs(drawn_a) * self.voltage_v
+        # Whether the motor moves is told by what the shaft has done since the last look, so this is that time's power.
+        self.energy_j += 0.0 if self._drawn_s is None else abs(drawn_a) * self.voltage_v * (now_s - self._drawn_s)
+        self._drawn_s = now_s
         current_a = drawn_a + self._rng.normal(0.0, _CURRENT_NOISE_A)
         voltage_v = self.voltage_v + self._rng.normal(0.0, _VOLTAGE_NOISE_V)
         table[Address.REALTIME_TICK] = int(now_s * 1000.0) % 32_768
