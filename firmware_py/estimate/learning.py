@@ -262,7 +262,7 @@ def learn_from_velocity(
     part = min(step_s / SLOW_TIME_S, 0.5)
     slow_north, slow_east = model.slow_velocities
     slow = (slow_north + part * (north - slow_north), slow_east + part * (east - slow_east))
-    slow_excess = sum([_slow_excess(each, part) for each in slow])
+    slow_excess = _slow_excess(slow[0], part) + _slow_excess(slow[1], part)
     pull = SHARE_PULL * (math.log(FIRST_SLOW_SHARE) - model.log_slow_share)
     share = model.log_slow_share + SHARE_GAIN * part * (slow_excess + pull)
     return replace(

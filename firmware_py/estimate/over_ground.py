@@ -67,5 +67,7 @@ def expect(
     noise += LATE_S * math.exp(noise_model.log_power) * late * late
     swinging = ((orbit, by_swing), (orbit + 1, by_swing_rate / omega_rad_s), (kalman.WAVE, by_yaw))
     moving = (*swinging, (kalman.WAVE_RATE, late))
-    expected_m_s = way_m_s + sum([part * x[place] for place, part in moving])
-    return Expected(expected_m_s, way_m_s, (*parts, *lagging, *moving), noise)
+    moved_m_s = 0.0
+    for place, part in moving:
+        moved_m_s += part * x[place]
+    return Expected(way_m_s + moved_m_s, way_m_s, (*parts, *lagging, *moving), noise)

@@ -94,11 +94,13 @@ class _Workspace:
 
     def measure(self, parts: Sequence[tuple[int, float]], noise: float) -> Measured:
         """Return how a measurement shows the states; `parts` are the places of H that are not 0, and what is there."""
-        shown, slope = np.zeros(kalman.STATES), np.zeros(2)
+        shown, slope, variance = np.zeros(kalman.STATES), np.zeros(2), 0.0
         for place, part in parts:
             shown += part * self.p[place]
             slope += part * self.slopes[place]
-        return Measured(shown, slope, sum(part * float(shown[place]) for place, part in parts) + noise)
+        for place, part in parts:
+            variance += part * float(shown[place])
+        return Measured(shown, slope, variance + noise)
 
     def learn_frequencies(self, measured: Measured, innovation: float, step_s: float) -> None:
         """Learn the frequencies of waves and float from an innovation."""
@@ -159,7 +161,8 @@ def correct_heading(
     if abs(innovation_rad) > max(GATE_SIGMAS * deviation_rad, GATE_RAD):
         return replace(_finish(work, state), refusals=state.refusals + 1, innovation_rad=innovation_rad)
     step_s = t_s - state.sample_t_s if state.sample_t_s is not None else 0.0
-    work.correct(measured, innovation_rad, max(variance, (innovation_rad / HEADING_LIMIT) ** 2))
+    limited_rad = innovation_rad / HEADING_LIMIT
+    work.correct(measured, innovation_rad, max(variance, limited_rad * limited_rad))
     if step_s > 0.0:
         work.learn_frequencies(measured, innovation_rad, step_s)
         work.learn_from_heading(innovation_rad, variance, step_s)
