@@ -1,0 +1,141 @@
+"""Twin of firmware_py/control/scheduled.py and reference_model.py.
+
+`stiffness_of` and `band_of` are the law; what it is made of stands in LAW, in the order of the names beside it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from firmware_py.common.angles import DEGREES_PER_RADIAN, RADIANS_PER_DEGREE
+from firmware_py.model.kt import decay_over, exact_step
+from hil.lab.compiled import compiled
+from hil.lab.tune.twins import clamp, rudder_demand, wrap_pi, wrap_two_pi
+from hil.lab.twin.kalman import Floats
+
+# The helm's constants, and parameters: what a run is given.
+LAW_NAMES = (
+    "STIFFNESS", "STIFFNESS_BY_SPREAD", "STIFFNESS_BY_SPEED", "SPREAD_LOW_DEG", "SPREAD_HIGH_DEG",
+    "BAND_DEG", "BAND_BY_SPREAD", "BAND_BY_SPEED", "TURNING_DEG", "TURNING_SHARE", "SLOWER_BIAS_S",
+    "EASING_DEG", "BRAKING_SHARE", "RATE_GAIN", "LEAST_FEEDFORWARD_DEG", "LEAD_DEG",
+    "CTL_PRICE", "CTL_WAY_MIN",
+)  # fmt: skip
+(STIFFNESS, STIFFNESS_BY_SPREAD, STIFFNESS_BY_SPEED, SPREAD_LOW_DEG, SPREAD_HIGH_DEG, BAND_DEG, BAND_BY_SPREAD,
+ BAND_BY_SPEED, TURNING_DEG, TURNING_SHARE, SLOWER_BIAS_S, EASING_DEG, BRAKING_SHARE, RATE_GAIN,
+ LEAST_FEEDFORWARD_DEG, LEAD_DEG, PRICE, WAY_MIN) = range(18)  # fmt: skip
+# As delivered, the parameters apart, which come last.
+DELIVERED = (3.1, 0.55, -0.6, 0.1, 4.0, 0.25, 0.65, 0.3, 3.0, 0.3, 50.0, 5.6, 0.8, 0.55, 5.0, 6.0)
+
+# What the helm knows in a tick.
+(E_HEADING, E_HEADING_SD, E_RATE, E_BIAS, E_SPEED, E_SPEED_SD, E_FACTOR,
+ M_K, M_T, M_ALPHA, M_SPEED, LIMIT, TRIM) = range(13)  # fmt: skip
+KNOWN = 13
+# What it remembers; NaN stands for None.
+REF_HEADING, REF_RATE, FEEDFORWARD, FOLLOWED_BIAS = range(4)
+HELM_STATES = 4
+
+
+@compiled
+def heading_sd_deg(law: Floats, e: Floats) -> float:
+    """Return the spread of the heading within bounds."""
+    return clamp(e[E_HEADING_SD] * DEGREES_PER_RADIAN, law[SPREAD_LOW_DEG], law[SPREAD_HIGH_DEG])
+
+
+@compiled
+def stiffness_of(law: Floats, e: Floats) -> float:
+    """Return the rudder angle per angle of heading error."""
+    ratio = e[E_SPEED] / e[M_SPEED]
+    by_knowledge = math.pow(heading_sd_deg(law, e), law[STIFFNESS_BY_SPREAD])
+    return float(law[STIFFNESS] / law[PRICE] * by_knowledge * math.pow(ratio, law[STIFFNESS_BY_SPEED]))
+
+
+@compiled
+def band_of(law: Floats, e: Floats, stiffness: float) -> float:
+    """Return how far the demand may leave the command."""
+    ratio = e[E_SPEED] / e[M_SPEED]
+    band_deg = law[BAND_DEG] + law[BAND_BY_SPREAD] * stiffness * heading_sd_deg(law, e)
+    return float(law[PRICE] * band_deg * math.pow(ratio, law[BAND_BY_SPEED]) * RADIANS_PER_DEGREE)
+
+
+@compiled
+def steady_yaw_rate(rudder_rad: float, turning_ability_1_s: float, norrbin_s2: float) -> float:
+    """Twin of kt.steady_yaw_rate, whose cube is a power in Python."""
+    drive_rad_s = turning_ability_1_s * rudder_rad
+    rate_rad_s = drive_rad_s
+    if norrbin_s2 <= 0.0:
+        return rate_rad_s
+    for _ in range(100):
+        residual = rate_rad_s + norrbin_s2 * math.pow(rate_rad_s, 3.0) - drive_rad_s
+        step = residual / (1.0 + 3.0 * norrbin_s2 * rate_rad_s * rate_rad_s)
+        rate_rad_s -= step
+        if abs(step) <= 1e-15 * (abs(rate_rad_s) + 1e-12):
+            break
+    return rate_rad_s
+
+
+@compiled
+def advance_reference(
+    law: Floats, state: Floats, ability: float, lag_s: float, norrbin: float, limit_rad: float, bias_rad: float,
+    error_rad: float, heading_rad: float, step_s: float,
+) -> None:  # fmt: skip
+    """Carry the reference over a step toward a goal that lies error_rad from it (reference_model.update)."""
+    least_rad, lead_most_rad = law[LEAST_FEEDFORWARD_DEG] * RADIANS_PER_DEGREE, law[LEAD_DEG] * RADIANS_PER_DEGREE
+    high_rad = max(limit_rad - bias_rad, least_rad)
+    low_rad = min(-limit_rad - bias_rad, -least_rad)
+    r = state[REF_RATE]
+    brake_rad = law[BRAKING_SHARE] * (high_rad if r < 0.0 else -low_rad)
+    against_rad_s = ability * brake_rad
+    rate_rad_s = abs(r)
+    stopping_rad = math.copysign(lag_s * (rate_rad_s - against_rad_s * math.log1p(rate_rad_s / against_rad_s)), r)
+    left_rad = error_rad - stopping_rad
+    feedforward_rad = limit_rad * left_rad / (law[EASING_DEG] * RADIANS_PER_DEGREE) - law[RATE_GAIN] * r / ability
+    feedforward_rad = clamp(feedforward_rad, low_rad, high_rad)
+    steady = ability * feedforward_rad - norrbin * r * r * r
+    decay = decay_over(step_s, lag_s)
+    turned_rad, new_rate_rad_s = exact_step(r, steady, decay, step_s, lag_s)
+    lead_rad = clamp(wrap_pi(state[REF_HEADING] - heading_rad) + turned_rad, -lead_most_rad, lead_most_rad)
+    state[REF_HEADING], state[REF_RATE] = wrap_two_pi(heading_rad + lead_rad), new_rate_rad_s
+    state[FEEDFORWARD] = feedforward_rad
+
+
+@compiled
+def steer(
+    law: Floats, state: Floats, e: Floats, error_rad: float, command_rad: float, step_s: float, softness: float
+) -> float:
+    """Return the rudder asked for (scheduled.update)."""
+    if softness <= 1.0:
+        state[FOLLOWED_BIAS] = np.nan
+    else:
+        if math.isnan(state[FOLLOWED_BIAS]):
+            state[FOLLOWED_BIAS] = e[E_BIAS]
+        else:
+            part = -math.expm1(-step_s / (law[SLOWER_BIAS_S] * (softness - 1.0)))
+            state[FOLLOWED_BIAS] = state[FOLLOWED_BIAS] + part * (e[E_BIAS] - state[FOLLOWED_BIAS])
+        e[E_BIAS] = state[FOLLOWED_BIAS]
+    if math.isnan(state[REF_HEADING]):
+        state[REF_HEADING], state[REF_RATE], state[FEEDFORWARD] = e[E_HEADING], e[E_RATE], 0.0
+    if e[E_SPEED] + e[E_SPEED_SD] < law[WAY_MIN]:
+        state[REF_HEADING], state[REF_RATE], state[FEEDFORWARD] = e[E_HEADING], e[E_RATE], 0.0
+        return command_rad
+    ratio = e[E_SPEED] / e[M_SPEED]
+    ability, lag_s, norrbin = e[M_K] * ratio * e[E_FACTOR], e[M_T] / ratio, e[M_ALPHA] / (ratio * ratio)
+    limit_rad = e[LIMIT]
+    bias_rad = clamp(e[E_BIAS] + e[TRIM], -limit_rad, limit_rad)
+    left_rad = error_rad - wrap_pi(state[REF_HEADING] - e[E_HEADING])
+    if abs(error_rad) < math.pi:
+        left_rad = wrap_pi(left_rad)
+    advance_reference(law, state, ability, lag_s, norrbin, limit_rad, bias_rad, left_rad, e[E_HEADING], step_s)
+    stiffness = stiffness_of(law, e) / softness
+    off_rad = wrap_pi(state[REF_HEADING] - e[E_HEADING])
+    rate_gain_s = (math.sqrt(1.0 + 2.0 * ability * lag_s * stiffness) - 1.0) / ability
+    rate_max_rad_s = steady_yaw_rate(limit_rad, ability, norrbin)
+    k1, k2 = 2.0 * math.pi * stiffness / limit_rad, 2.0 * rate_gain_s * rate_max_rad_s / limit_rad
+    feedback_rad = rudder_demand(off_rad, e[E_RATE] - state[REF_RATE], k1, k2, limit_rad, rate_max_rad_s, 0.0)
+    demand_rad = bias_rad + state[FEEDFORWARD] / softness + feedback_rad
+    band_rad = band_of(law, e, stiffness)
+    if abs(left_rad) > law[TURNING_DEG] * RADIANS_PER_DEGREE:
+        band_rad *= law[TURNING_SHARE]
+    demand_rad = clamp(demand_rad, -limit_rad, limit_rad)
+    return clamp(command_rad, demand_rad - band_rad, demand_rad + band_rad)

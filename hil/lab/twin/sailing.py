@@ -1,0 +1,67 @@
+"""Sails runs of the twin: from parameters, a sea and goals to what truth.csv would hold of heading and rudder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from firmware_py.common.angles import TWO_PI, compass_degrees, radians
+from firmware_py.common.parameters import ParameterSet
+from hil.lab.twin import helm
+from hil.lab.twin.afloat import Record, Sea
+from hil.lab.twin.kalman import Floats
+from hil.lab.twin.loop import TICK_COLUMNS, voyage
+from hil.lab.twin.pilot import Boat, Task
+from hil.sim.goals import Goal
+from hil.sim.truth import ROWS_PER_SECOND, Truth
+
+
+def boat_of(parameters: ParameterSet) -> Boat:
+    """Return what the twin takes of the parameters, computed as the autopilot computes it."""
+    return Boat(
+        (parameters["MDL_K"], parameters["MDL_T_S"], parameters["MDL_ALPHA_S2"], parameters["MDL_SPEED"]),
+        radians(parameters["RUD_LIMIT_DEG"]),
+        radians(parameters["CTL_TRIM_DEG"]),
+        radians(parameters["RUD_SLEW_DEG_S"]),
+        radians(parameters["RUD_DBAND_DEG"]),
+        parameters["CMP_TIMEOUT_S"],
+        parameters["POS_TIMEOUT_S"],
+        parameters["CMP_FROZEN_S"],
+        parameters["COG_SPEED_MIN"],
+        parameters["CRUISE_SPEED"],
+    )
+
+
+def law_of(parameters: ParameterSet) -> Floats:
+    """Return the numbers of the delivered helm, in the order of helm.LAW_NAMES."""
+    return np.array((*helm.DELIVERED, parameters["CTL_PRICE"], parameters["CTL_WAY_MIN"]))
+
+
+def task_of(goals: Sequence[Goal]) -> Task:
+    """Return the goals as the operator's message, of single precision, brings them."""
+    given = [radians(float(np.float32(compass_degrees(goal.heading_rad)))) for goal in goals]
+    return Task(np.array([goal.t_s for goal in goals], np.float64), np.array(given, np.float64))
+
+
+def sail(boat: Boat, law: Floats, sea: Sea, task: Task, seconds: float) -> tuple[Record, int]:
+    """Sail a run; return the record and how many ticks there were."""
+    rows = int(seconds * ROWS_PER_SECOND + 1e-9) + 1
+    record = Record(np.zeros(rows), np.zeros(rows), np.zeros((rows + 8, TICK_COLUMNS)))
+    return record, voyage(boat, law, sea, task, record)
+
+
+def truth_of(record: Record, goals: Sequence[Goal]) -> Truth:
+    """Return heading, rudder and goals as truth.csv holds them; what a score does not look at is 0."""
+    heading_rad = record.heading_rad
+    rows = heading_rad.size
+    goal_rad, nothing = np.full(rows, np.nan), np.zeros(rows)
+    for goal in goals:
+        first = int(np.ceil(goal.t_s * ROWS_PER_SECOND - 1e-9))
+        if first < rows:
+            # On the turn nearest to the heading at which it is given.
+            turns = round((float(heading_rad[first]) - goal.heading_rad) / TWO_PI)
+            goal_rad[first:] = goal.heading_rad + TWO_PI * turns
+    time_s = np.arange(rows) / ROWS_PER_SECOND
+    rudder_rad = record.rudder_rad
+    return Truth(time_s, heading_rad, nothing, nothing, rudder_rad, nothing, goal_rad, nothing, nothing, nothing)

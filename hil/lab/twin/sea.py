@@ -1,0 +1,239 @@
+"""Draws a sea for the twin: the same numbers, of the same streams and in the same order, as hil/ship and hil/sim do."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from firmware_py.common.angles import TWO_PI, radians
+from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
+from hil.devices.nmea_gps import Gaps
+from hil.lab.compiled import compiled
+from hil.lab.twin.afloat import Sea
+from hil.lab.twin.devices import Devices
+from hil.lab.twin.kalman import Floats
+from hil.lab.twin.ship import GRID_S, STEPS_PER_SECOND, Series, Ship
+from hil.ship import drift as drifting
+from hil.ship import wave_speed as speeds
+from hil.ship.extras import Compass, Leeway, Receiver
+from hil.ship.float_body import transition
+from hil.ship.gusts import Gusts
+from hil.ship.kt_plant import inner_steps
+from hil.ship.manoeuvring import sway_ratios
+from hil.ship.noise import BLOCK, Stream, generator
+from hil.ship.regressions import FLOAT, sway_model
+from hil.ship.scenarios import Scenario
+from hil.ship.waves import DAMPING, discretised
+from hil.sim.device_factory import FREQUENCY_ERROR_PPM
+
+COMPASS_NOISE_DEG = 0.3
+COMPASS_PERIOD_S, FIX_PERIOD_S = 0.1, 1.0
+NOTHING = np.zeros(1)
+NO_PROCESS = np.zeros((1, 2))
+
+
+def normals(seed: int, stream: Stream, count: int) -> Floats:
+    """Return the numbers of NormalNumbers in the order in which it gives them."""
+    source = generator(seed, stream)
+    blocks = [source.standard_normal(BLOCK)[::-1] for _ in range(count // BLOCK + 1)]
+    return np.concatenate(blocks)[:count]
+
+
+@compiled
+def _swing(
+    spreads: tuple[float, float], a: tuple[tuple[float, float], tuple[float, float]], n: tuple[float, float, float],
+    numbers: Floats, out: Floats,
+) -> None:  # fmt: skip
+    out[0, 0], out[0, 1] = spreads[0] * numbers[0], spreads[1] * numbers[1]
+    for k in range(1, out.shape[0]):
+        y, v, first, second = out[k - 1, 0], out[k - 1, 1], numbers[2 * k], numbers[2 * k + 1]
+        out[k, 0] = a[0][0] * y + a[0][1] * v + n[0] * first
+        out[k, 1] = a[1][0] * y + a[1][1] * v + n[1] * first + n[2] * second
+
+
+@compiled
+def _wander(first: float, keep: float, add: float, numbers: Floats, out: Floats) -> None:
+    out[0] = first * numbers[0]
+    for k in range(1, out.size):
+        out[k] = keep * out[k - 1] + add * numbers[k]
+
+
+def process_of(spread: float, period_s: float, seed: int, stream: Stream, steps: int) -> Floats:
+    """Return angle and rate of hil.ship.waves.WaveYaw at each grid step."""
+    if spread <= 0.0:
+        return NO_PROCESS
+    omega_rad_s = 2.0 * math.pi / period_s / math.sqrt(1.0 - 2.0 * DAMPING**2)
+    spreads = (spread, spread * omega_rad_s)
+    out = np.zeros((steps + 2, 2))
+    _swing(spreads, *discretised(spreads, omega_rad_s, GRID_S), normals(seed, stream, 2 * steps + 4), out)
+    return out
+
+
+def offset_of(scenario: Scenario, seed: int, steps: int) -> Floats:
+    """Return the rudder angle that drift and gusts add at each grid step."""
+    spread_rad = radians(scenario.drift_deg)
+    keep = math.exp(-GRID_S / drifting.TIME_CONSTANT_S)
+    out = np.zeros(steps + 1)
+    _wander(spread_rad, keep, spread_rad * math.sqrt(1.0 - keep**2), normals(seed, Stream.DRIFT, steps + 1), out)
+    if scenario.gust_deg:
+        gusts = Gusts(radians(scenario.gust_deg), GRID_S, generator(seed, Stream.GUSTS))
+        for k in range(steps + 1):
+            out[k] += gusts.angle_rad
+            gusts.step()
+    return out
+
+
+def speed_of(scenario: Scenario, seed: int, steps: int) -> tuple[Floats, Floats]:
+    """Return the shares of speed and waves at each grid step."""
+    how = scenario.extras.wave_speed
+    if how is None:
+        return NOTHING, NOTHING
+    keep = math.exp(-GRID_S / how.memory_s)
+    groups = np.zeros(steps + 1)
+    _wander(how.spread, keep, how.spread * math.sqrt(1.0 - keep**2), normals(seed, Stream.SPEED, steps + 1), groups)
+    fade, calm_until_s = math.exp(-GRID_S / speeds.DYING_S), how.calm_at_s + how.calm_for_s
+    waves = np.ones(steps + 1)
+    for k in range(1, steps + 1):
+        level = 0.0 if how.calm_at_s <= k * GRID_S < calm_until_s else 1.0
+        waves[k] = level + fade * (waves[k - 1] - level)
+    return waves * np.minimum(np.maximum(1.0 + groups, 0.0), speeds.MOST), waves
+
+
+def ship_of(scenario: Scenario, model: KtModel) -> Ship:
+    """Return the numbers of the hull; ValueError for a model that is no ship."""
+    extras = scenario.extras
+    ability, lag = model.turning_ability_1_s, model.turning_lag_s
+    if (other := extras.other_ship) is not None:
+        ability, lag = ability * other.ability, lag * other.lag
+    bias_rad = model.rudder_offset_rad + radians(scenario.bias_deg)
+    ship = replace(model, turning_ability_1_s=ability, turning_lag_s=lag, rudder_offset_rad=bias_rad)
+    quickest = scenario.speed_m_s * (1.0 if extras.wave_speed is None else speeds.MOST)
+    body, leeway = extras.float_body, extras.leeway or Leeway(0.0)
+    (f00, f01), (f10, f11) = (
+        ((0.0, 0.0), (0.0, 0.0)) if body is None else transition(body.own_frequency_rad_s, body.damping, GRID_S)
+    )
+    drive, damping_1_m = sway_ratios(sway_model(FLOAT), 1.0)
+    along_m, across_m = _crests_m(scenario)
+    yaw_rad = radians(scenario.wave_yaw_deg)
+    compass = extras.compass or Compass(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    toward_rad = radians(scenario.current_toward_deg)
+    return Ship(
+        ability,
+        lag,
+        model.norrbin_s2,
+        model.speed_m_s,
+        bias_rad,
+        scenario.speed_m_s,
+        inner_steps(ship.at_speed(quickest), GRID_S),
+        extras.wave_speed is not None,
+        body is not None,
+        f00,
+        f01,
+        f10,
+        f11,
+        0.0 if body is None else body.own_frequency_rad_s**2,
+        0.0 if body is None else 2.0 * body.damping * body.own_frequency_rad_s,
+        extras.leeway is not None or extras.slide is not None,
+        radians(leeway.body_deg),
+        radians(leeway.wind_deg),
+        radians(leeway.wind_from_deg),
+        0.0 if extras.slide is None else extras.slide.share,
+        drive,
+        damping_1_m,
+        extras.orbital is not None,
+        not yaw_rad > 0.0,
+        1.0 / yaw_rad if yaw_rad > 0.0 else 1.0,
+        along_m,
+        across_m,
+        radians(scenario.waves_toward_deg),
+        scenario.orbital_m_s > 0.0 and scenario.wave_period_s > 0.0,
+        extras.compass is not None,
+        *_deviation(compass),
+        compass.lag_s,
+        1.0 if compass.lag_s <= 0.0 else -math.expm1(-GRID_S / compass.lag_s),
+        0 if extras.delay is None else round(extras.delay.delay_s / GRID_S),
+        scenario.current_m_s * math.cos(toward_rad),
+        scenario.current_m_s * math.sin(toward_rad),
+        scenario.tide_s,
+        scenario.tide_rotary,
+        yaw_rad > 0.0,
+        _heel_rad(scenario) > 0.0,
+    )
+
+
+def _crests_m(scenario: Scenario) -> tuple[float, float]:
+    """Return the standard deviations of the receiver's way along and across a short-crested sea."""
+    orbital = scenario.extras.orbital
+    if orbital is None:
+        return 0.0, 0.0
+    spread_m, spread_rad = orbital.velocity_m_s * scenario.wave_period_s / TWO_PI, radians(orbital.spread_deg)
+    across = math.sqrt(0.5 * -math.expm1(-2.0 * spread_rad * spread_rad))
+    return spread_m * math.sqrt(1.0 - across * across), spread_m * across
+
+
+def _deviation(compass: Compass) -> tuple[float, float, float, float, float]:
+    a, b, c, d, e = compass.a_deg, compass.b_deg, compass.c_deg, compass.d_deg, compass.e_deg
+    return radians(a), radians(b), radians(c), radians(d), radians(e)
+
+
+def _heel_rad(scenario: Scenario) -> float:
+    compass = scenario.extras.compass
+    return radians(compass.heel_deg) if compass is not None and scenario.wave_period_s > 0.0 else 0.0
+
+
+def series_of(scenario: Scenario, seed: int, steps: int) -> Series:
+    """Return what moves by itself at each grid step."""
+    period_s, orbital = scenario.wave_period_s, scenario.extras.orbital
+    yaw_rad = radians(scenario.wave_yaw_deg)
+    calm = scenario.orbital_m_s <= 0.0 or period_s <= 0.0
+    orbit_m = 0.0 if calm else scenario.orbital_m_s * period_s / TWO_PI
+    speed, waves = speed_of(scenario, seed, steps)
+    return Series(
+        offset_of(scenario, seed, steps),
+        process_of(yaw_rad, period_s, seed, Stream.WAVES, steps),
+        process_of(orbit_m, period_s, seed, Stream.ORBIT, steps),
+        NO_PROCESS if orbital is None else process_of(1.0, period_s, seed, Stream.ORBIT, steps),
+        process_of(1.0, period_s, seed, Stream.ORBIT_ALONE, steps)
+        if orbital is not None and yaw_rad <= 0.0
+        else NO_PROCESS,
+        process_of(_heel_rad(scenario), period_s, seed, Stream.ROLL, steps),
+        speed,
+        waves,
+    )
+
+
+def devices_of(scenario: Scenario, seed: int, seconds: float) -> Devices:
+    """Return the samples' moments and noise."""
+    chances = generator(seed, Stream.PHASES)
+    compass_phase_s = float(chances.uniform(0.0, COMPASS_PERIOD_S))
+    compass_ppm = float(chances.normal(0.0, FREQUENCY_ERROR_PPM))
+    fix_phase_s = float(chances.uniform(0.0, FIX_PERIOD_S))
+    fix_ppm = float(chances.normal(0.0, FREQUENCY_ERROR_PPM))
+    epochs, receiver = int(seconds) + 3, scenario.extras.receiver
+    noise_m_s = 0.03 if receiver is None else receiver.noise_m_s
+    fix_period_s = FIX_PERIOD_S / (1.0 + fix_ppm * 1e-6)
+    numbers = generator(seed, Stream.POSITION).standard_normal(2 + 4 * epochs)[2:].reshape(-1, 4)
+    lost = np.zeros(epochs, dtype=np.bool_)
+    bought = receiver or Receiver(0.06, 0.0, 10.0, 0.0, noise_m_s)
+    gaps = Gaps(bought.lost, bought.gap_s, generator(seed, Stream.GAPS))
+    for k in range(epochs):
+        lost[k] = gaps.cover(fix_phase_s + k * fix_period_s)
+    return Devices(
+        compass_phase_s,
+        COMPASS_PERIOD_S / (1.0 + compass_ppm * 1e-6),
+        generator(seed, Stream.COMPASS).normal(0.0, COMPASS_NOISE_DEG, int(seconds * 10.01) + 20),
+        fix_phase_s,
+        fix_period_s,
+        np.ascontiguousarray(0.0 + noise_m_s * numbers[:, 2:]),
+        lost,
+        bought.latency_s,
+        bought.filter_s,
+    )
+
+
+def sea_of(scenario: Scenario, seed: int, seconds: float, model: KtModel = OCEAN_RAMBLER) -> Sea:
+    """Draw the sea of a run."""
+    steps = math.floor(seconds * STEPS_PER_SECOND) + 2 * STEPS_PER_SECOND
+    return Sea(ship_of(scenario, model), series_of(scenario, seed, steps), devices_of(scenario, seed, seconds))

@@ -1,0 +1,260 @@
+"""Twin of hil/ship: the hull in its sea, on the same grid of time, of series that do not depend on the boat."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from firmware_py.common.angles import TWO_PI
+from firmware_py.model.kt import rk4_step, yaw_acceleration
+from hil.lab.compiled import compiled
+from hil.lab.twin.kalman import Floats
+
+STEPS_PER_SECOND = 50
+GRID_S = 1.0 / STEPS_PER_SECOND
+STEERAGE_M_S = 0.05
+
+
+class Series(NamedTuple):
+    """What moves by itself, at each grid step; what there is not is one number long.
+
+    The processes of the waves are rows of angle and rate: yaw, `orbit` along the waves, and of a short-crested sea
+    what is `beside` the yaw and, without a yaw, the motion `alone`; the roll of the compass.
+    """
+
+    offset_rad: Floats
+    yaw: Floats
+    orbit: Floats
+    beside: Floats
+    alone: Floats
+    roll: Floats
+    speed: Floats
+    waves: Floats
+
+
+class Ship(NamedTuple):
+    """The numbers of a ship and of what is unkind in its sea; `has_` says what there is of it."""
+
+    ability_1_s: float
+    lag_s: float
+    norrbin_s2: float
+    model_speed_m_s: float
+    bias_rad: float
+    speed_m_s: float
+    inner_steps: int
+    has_speed: bool
+    has_float: bool
+    f00: float
+    f01: float
+    f10: float
+    f11: float
+    float_w2: float
+    float_damp: float
+    has_sideways: bool
+    body_rad: float
+    wind_rad: float
+    wind_from_rad: float
+    slide_share: float
+    slide_drive: float
+    slide_damping_1_m: float
+    has_crests: bool
+    crests_own: bool
+    crests_per_yaw: float
+    crests_along_m: float
+    crests_across_m: float
+    toward_rad: float
+    has_orbit: bool
+    has_compass: bool
+    c_a: float
+    c_b: float
+    c_c: float
+    c_d: float
+    c_e: float
+    c_lag_s: float
+    c_follow: float
+    delay_steps: int
+    current_north_m_s: float
+    current_east_m_s: float
+    tide_s: float
+    rotary: float
+    has_yaw: bool
+    has_roll: bool
+
+
+# What a hull remembers.
+(PSI, YAW_RATE, RUDDER, FLOAT_PSI, FLOAT_RATE, SIDEWAYS, SLIDE, SHOWN, NOW_K, NOW_T, NOW_ALPHA, NOW_SPEED) = range(12)
+HULL_STATES = 12
+
+
+@compiled
+def be_at(hull: Floats, ship: Ship, speed_m_s: float) -> None:
+    """Be the ship at a speed (KtModel.at_speed)."""
+    ratio = speed_m_s / ship.model_speed_m_s
+    hull[NOW_K], hull[NOW_T] = ship.ability_1_s * ratio, ship.lag_s / ratio
+    hull[NOW_ALPHA] = ship.norrbin_s2 / (ratio * ratio)
+    hull[NOW_SPEED] = speed_m_s
+
+
+@compiled
+def take_speed(hull: Floats, ship: Ship, series: Series, step: int) -> None:
+    """Be the ship of the speed that the waves give at a grid step."""
+    speed_m_s = ship.speed_m_s * series.speed[step]
+    be_at(hull, ship, max(speed_m_s, STEERAGE_M_S))
+    if speed_m_s < STEERAGE_M_S:
+        hull[NOW_K] = hull[NOW_K] * speed_m_s / STEERAGE_M_S
+    hull[NOW_SPEED] = speed_m_s
+
+
+@compiled
+def waves_share(ship: Ship, series: Series, step: int) -> float:
+    """Return how much of the waves there is, when they die."""
+    return series.waves[step] if ship.has_speed else 1.0
+
+
+@compiled
+def process_angle(process: Floats, step: int, since_s: float) -> float:
+    """Return the angle of a wave process, since_s into a grid step."""
+    y0, v0, y1, v1 = process[step, 0], process[step, 1], process[step + 1, 0], process[step + 1, 1]
+    h = GRID_S
+    x = since_s / h
+    bend = 3.0 * (y1 - y0) - h * (2.0 * v0 + v1) + x * (2.0 * (y0 - y1) + h * (v0 + v1))
+    return float(y0 + x * (h * v0 + x * bend))
+
+
+@compiled
+def process_rate(process: Floats, step: int, since_s: float) -> float:
+    """Return the rate of a wave process, since_s into a grid step."""
+    y0, v0, y1, v1 = process[step, 0], process[step, 1], process[step + 1, 0], process[step + 1, 1]
+    h = GRID_S
+    x = since_s / h
+    bend = 6.0 * (y1 - y0) / h - 2.0 * (2.0 * v0 + v1) + x * (6.0 * (y0 - y1) / h + 3.0 * (v0 + v1))
+    return float(v0 + x * bend)
+
+
+@compiled
+def glider_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
+    """Return where the body with the rudder points, unwrapped."""
+    acceleration = yaw_acceleration(
+        hull[YAW_RATE], hull[RUDDER], hull[NOW_K], hull[NOW_T], hull[NOW_ALPHA], ship.bias_rad + series.offset_rad[step]
+    )
+    return float(hull[PSI] + offset_s * (hull[YAW_RATE] + 0.5 * offset_s * acceleration))
+
+
+@compiled
+def float_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
+    """Return where the body with the compass points without the yaw of the waves, unwrapped."""
+    if not ship.has_float:
+        return glider_heading(hull, ship, series, step, offset_s)
+    acceleration = ship.float_w2 * (hull[PSI] - hull[FLOAT_PSI]) - ship.float_damp * hull[FLOAT_RATE]
+    return float(hull[FLOAT_PSI] + offset_s * (hull[FLOAT_RATE] + 0.5 * offset_s * acceleration))
+
+
+@compiled
+def heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
+    """Return the heading that a perfect compass shows, unwrapped."""
+    yaw_rad = process_angle(series.yaw, step, offset_s) if ship.has_yaw else 0.0
+    if not ship.has_float and not ship.has_speed:
+        return glider_heading(hull, ship, series, step, offset_s) + yaw_rad
+    return float_heading(hull, ship, series, step, offset_s) + waves_share(ship, series, step) * yaw_rad
+
+
+@compiled
+def sensed_heading(ship: Ship, series: Series, step: int, heading_rad: float, offset_s: float) -> float:
+    """Return what a compass as bought makes of a heading, its lag apart."""
+    sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
+    deviation_rad = (
+        ship.c_a
+        + ship.c_b * sine
+        + ship.c_c * cosine
+        + ship.c_d * 2.0 * sine * cosine
+        + ship.c_e * (cosine * cosine - sine * sine)
+    )
+    roll_rad = process_angle(series.roll, step, offset_s) if ship.has_roll else 0.0
+    return heading_rad - deviation_rad - waves_share(ship, series, step) * roll_rad * cosine
+
+
+@compiled
+def shown_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
+    """Return the heading that the sea's compass shows, unwrapped."""
+    heading_rad = heading(hull, ship, series, step, offset_s)
+    if not ship.has_compass:
+        return heading_rad
+    sensed_rad = sensed_heading(ship, series, step, heading_rad, offset_s)
+    if ship.c_lag_s <= 0.0 or math.isnan(hull[SHOWN]):
+        return sensed_rad
+    return float(hull[SHOWN] - math.expm1(-offset_s / ship.c_lag_s) * (sensed_rad - hull[SHOWN]))
+
+
+@compiled
+def velocity(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> tuple[float, float]:
+    """Return the velocity over the ground with that of the waves, north and east."""
+    heading_rad, t_s = glider_heading(hull, ship, series, step, offset_s), step * GRID_S + offset_s
+    north_m_s, east_m_s = ship.current_north_m_s, ship.current_east_m_s
+    if ship.tide_s > 0.0:
+        phase_rad = TWO_PI * np.fmod(t_s, ship.tide_s) / ship.tide_s
+        along, across = math.cos(phase_rad), ship.rotary * math.sin(phase_rad)
+        north_m_s, east_m_s = along * north_m_s - across * east_m_s, along * east_m_s + across * north_m_s
+    cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
+    speed_m_s, sideways_m_s = hull[NOW_SPEED], hull[SIDEWAYS]
+    north_m_s = speed_m_s * cosine - sideways_m_s * sine + north_m_s
+    east_m_s = speed_m_s * sine + sideways_m_s * cosine + east_m_s
+    ahead, aside = math.cos(ship.toward_rad), math.sin(ship.toward_rad)
+    more_north = more_east = 0.0
+    if ship.has_crests:
+        with_yaw = ship.crests_per_yaw * process_rate(series.alone if ship.crests_own else series.yaw, step, offset_s)
+        rest = process_rate(series.beside, step, offset_s)
+        twice_rad = 2.0 * (ship.toward_rad - float_heading(hull, ship, series, step, offset_s))
+        sine, cosine = math.sin(twice_rad), math.cos(twice_rad)
+        along_m = ship.crests_along_m * (sine * with_yaw + cosine * rest)
+        across_m = ship.crests_across_m * (cosine * with_yaw - sine * rest)
+        more_north, more_east = along_m * ahead - across_m * aside, along_m * aside + across_m * ahead
+    elif ship.has_orbit:
+        along_m_s = process_rate(series.orbit, step, offset_s)
+        more_north, more_east = along_m_s * ahead, along_m_s * aside
+    share = waves_share(ship, series, step)
+    return north_m_s + share * more_north, east_m_s + share * more_east
+
+
+@compiled
+def begin_hull(hull: Floats, ship: Ship) -> None:
+    """Lie at the start, under way at the mean speed."""
+    hull[SHOWN] = np.nan
+    be_at(hull, ship, ship.speed_m_s)
+
+
+@compiled
+def step_hull(hull: Floats, ship: Ship, series: Series, waiting: Floats, step: int, rudder_rad: float) -> None:
+    """Advance from a grid step to the next, which ends with the rudder at rudder_rad."""
+    if ship.delay_steps > 0:
+        place = step % ship.delay_steps
+        rudder_rad, waiting[place] = waiting[place], rudder_rad
+    before_rad, r = hull[PSI], hull[YAW_RATE]
+    psi, driven_rad = before_rad, 0.5 * (hull[RUDDER] + rudder_rad)
+    offset_rad = ship.bias_rad + series.offset_rad[step]
+    inner_s = GRID_S / ship.inner_steps
+    for _ in range(ship.inner_steps):
+        psi, r = rk4_step(psi, r, driven_rad, inner_s, hull[NOW_K], hull[NOW_T], hull[NOW_ALPHA], offset_rad)
+    hull[PSI], hull[YAW_RATE] = psi, r
+    middle_rad = 0.5 * (before_rad + psi)
+    if ship.has_sideways:
+        speed_m_s = hull[NOW_SPEED]
+        angle_rad = ship.body_rad + ship.wind_rad * math.sin(middle_rad - ship.wind_from_rad)
+        if ship.slide_share != 0.0:
+            last_m_s = -ship.slide_drive / ship.slide_damping_1_m * r
+            keep = math.exp(ship.slide_damping_1_m * speed_m_s * GRID_S)
+            hull[SLIDE] = last_m_s + keep * (hull[SLIDE] - last_m_s)
+        hull[SIDEWAYS] = speed_m_s * math.tan(angle_rad) + ship.slide_share * hull[SLIDE]
+    hull[RUDDER] = rudder_rad
+    if ship.has_float:
+        behind_rad, rate_rad_s = hull[FLOAT_PSI] - middle_rad, hull[FLOAT_RATE]
+        hull[FLOAT_PSI] = middle_rad + ship.f00 * behind_rad + ship.f01 * rate_rad_s
+        hull[FLOAT_RATE] = ship.f10 * behind_rad + ship.f11 * rate_rad_s
+    if ship.has_speed:
+        take_speed(hull, ship, series, step + 1)
+    if ship.has_compass:
+        sensed_rad = sensed_heading(ship, series, step + 1, heading(hull, ship, series, step + 1, 0.0), 0.0)
+        if math.isnan(hull[SHOWN]):
+            hull[SHOWN] = sensed_rad
+        hull[SHOWN] += ship.c_follow * (sensed_rad - hull[SHOWN])

@@ -1,0 +1,65 @@
+"""The compiled twin against the real autopilot on ptys: the same rudder, to the last bit, in every sea."""
+
+import numpy as np
+import pytest
+
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.log.disk import log_files
+from firmware_py.log.reader import read_log
+from hil.lab.twin import loop, sailing
+from hil.lab.twin.sea import sea_of as drawn
+from hil.ship.scenarios import TABLE, sea_of
+from hil.sim.goals import parse_goals
+from hil.sim.runner import RunOptions, run
+
+pytestmark = pytest.mark.timeout(600)  # the twin is compiled first: half a minute of one processor
+
+SHORT = ("0:0,25:60", 45.0)
+TASK = ("0:0,120:60,720:-30", 1320.0)
+# What the scenarios leave out: a receiver that never has a fix, and a float on which the helm swings and is softened.
+MORE = ("sea+float=0.3:0.6,receiver=0:1", "calm+float=0.15:0.3", "swell+kt=0.5:2,delay=2")
+
+
+def compared(directory, text, seed, goals, seconds, **parameters):
+    """Sail a sea by the autopilot and by the twin; return the largest softness and what differs: rows, ticks."""
+    scenario, given = sea_of(text), parse_goals(goals)
+    options = RunOptions(scenario, seconds, directory, seed=seed, goals=given, settings=parameters)
+    truth = run(options).truth.table()
+    told = ParameterSet()
+    for name, value in parameters.items():
+        told = told.replaced(name, value)
+    sea = drawn(scenario, seed, seconds)
+    record, count = sailing.sail(sailing.boat_of(told), sailing.law_of(told), sea, sailing.task_of(given), seconds)
+    ours = sailing.truth_of(record, given)
+    # truth.csv holds nine digits.
+    rows = np.char.mod("%.9g", np.stack((ours.heading_low_rad, ours.rudder_rad))).astype(float)
+    differs = int(np.sum(rows != np.stack((truth.heading_low_rad, truth.rudder_rad))))
+    assert np.array_equal(np.char.mod("%.9g", ours.goal_rad), np.char.mod("%.9g", truth.goal_rad))
+    log = next(path for _, path in sorted(log_files(directory / "state" / "logs").items()))
+    ticks = [
+        (tick.inputs.tick.t_s, tick.command.shaft_rad) for tick in read_log(log) if tick.inputs.tick.t_s <= seconds
+    ]
+    assert len(ticks) > 9.9 * seconds
+    found = record.ticks[:count, [loop.TICK_S, loop.COMMAND_RAD]]
+    differs += sum(theirs != tuple(mine) for theirs, mine in zip(ticks, found, strict=False))
+    return float(record.ticks[:count, loop.SOFTNESS].max()), differs
+
+
+@pytest.mark.parametrize("name", ["ocean-1", "ocean-2", "ocean-3", "ocean-4"])
+def test_the_twin_sails_every_mixture_as_the_autopilot_does(tmp_path, name):
+    assert compared(tmp_path, name, 1, *SHORT) == (1.0, 0)
+
+
+def test_the_twin_takes_the_parameters(tmp_path):
+    told = {"CTL_PRICE": 2.0, "MDL_K": 0.04, "MDL_T_S": 5.0, "RUD_SLEW_DEG_S": 20.0, "RUD_DBAND_DEG": 0.5}
+    assert compared(tmp_path, "gusts", 2, *SHORT, **told) == (1.0, 0)
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("text", [*(row.name for row in TABLE), *MORE])
+def test_the_twin_sails_the_whole_task_as_the_autopilot_does(tmp_path, text, seed):
+    softness, differs = compared(tmp_path, text, seed, *TASK)
+    assert differs == 0
+    assert (softness > 1.0) == text.startswith("calm+float")

@@ -1,0 +1,199 @@
+"""Each part of the twin against the firmware's, and its ship against the harness's, to the last bit."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_py.common.angles import degrees, radians
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.reports import HeadingEstimate
+from firmware_py.control import reference_model, scheduled
+from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState
+from firmware_py.control.reference_model import Reference
+from firmware_py.estimate import kalman, learning, over_ground, wave_filter, wave_filter_state
+from firmware_py.estimate import sources as choosing
+from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
+from firmware_py.safety import oscillation as watching
+from hil.lab.twin import devices, helm, oscillation, sailing, sources
+from hil.lab.twin import kalman as twin_kalman
+from hil.lab.twin import learning as twin_learning
+from hil.lab.twin import over_ground as twin_over_ground
+from hil.lab.twin import ship as ships
+from hil.lab.twin import wave_filter as twin_filter
+from hil.lab.twin.sea import sea_of as drawn
+from hil.ship.hull import GRID_S, Hull
+from hil.ship.scenarios import TABLE, sea_of
+
+pytestmark = pytest.mark.timeout(600)  # parts are compiled first
+
+PARAMETERS = ParameterSet()
+SHARED = {
+    twin_kalman: (kalman,),
+    twin_learning: (learning,),
+    twin_filter: (wave_filter, wave_filter_state, over_ground),
+    twin_over_ground: (wave_filter, over_ground),
+    oscillation: (watching,),
+    sources: (choosing,),
+}
+OTHERS = {"FIRST", "T", "STATES", "HEADING", "COURSE"}  # of the twin alone, or of another kind
+
+
+@pytest.mark.parametrize("twin", SHARED, ids=lambda twin: twin.__name__.rpartition(".")[2])
+def test_every_constant_is_the_firmware_s(twin):
+    compared = 0
+    for name, value in vars(twin).items():
+        if not name.isupper() or name in OTHERS or not isinstance(value, float | int | np.ndarray):
+            continue
+        for original in SHARED[twin]:
+            if isinstance(theirs := getattr(original, name, None), float | int | tuple):
+                assert np.array_equal(value, theirs), name
+                compared += 1
+    assert compared >= 4
+
+
+def test_the_helm_s_numbers_are_the_firmware_s():
+    ours = dict(zip(helm.LAW_NAMES, sailing.law_of(PARAMETERS), strict=True))
+    for name, value in ours.items():
+        base = name.removesuffix("_DEG")
+        for original in (scheduled, reference_model):
+            for theirs in (getattr(original, name, None), getattr(original, f"{base}_RAD", None)):
+                if theirs is not None:
+                    assert value in (theirs, pytest.approx(degrees(theirs), abs=1e-12)), name
+    assert (ours["SPREAD_LOW_DEG"], ours["SPREAD_HIGH_DEG"]) == scheduled.SPREADS_DEG
+    assert np.array_equal(twin_filter.FIRST, wave_filter_state.FIRST)
+    model, first = learning.NoiseModel(), twin_learning.FIRST
+    assert model.log_power == first[twin_learning.LOG_POWER]
+    assert model.log_slow_share == first[twin_learning.LOG_SHARE]
+
+
+def test_a_covariance_is_carried_on_as_the_firmware_does():
+    numbers = np.random.default_rng(5)
+    for _ in range(20):
+        half = numbers.normal(size=(17, 17))
+        p, slopes = half @ half.T, numbers.normal(size=(17, 2))
+        p = 0.5 * (p + p.T)
+        turned, follow, wave = (tuple(numbers.normal(size=size).tolist()) for size in (8, 4, 4))
+        transition = kalman.Transition(kalman.Turn(*turned), follow, wave)
+        after, carried = kalman.predict(p, slopes, transition, [0.0] * 11, ((0.0, 0.0, 0.0),) * 3)
+        beside = np.concatenate((p, slopes), axis=1)
+        room = np.zeros((17, 19)), np.zeros((17, 17)), np.zeros((17, 17))
+        twin_kalman.predict(beside, *room, turned, follow, wave)
+        assert np.array_equal(beside, np.concatenate((after, carried), axis=1))
+
+
+spread = st.floats(0.0005, 0.3)
+
+
+@settings(max_examples=200)
+@given(
+    st.floats(0.0, 6.28), spread, st.floats(-0.3, 0.3), st.floats(-0.5, 0.5), st.floats(0.05, 2.0), spread,
+    st.floats(0.5, 2.0), st.floats(-3.2, 3.2), st.floats(-0.5, 0.5), st.floats(1.0, 8.0), st.floats(0.0, 6.28),
+)  # fmt: skip
+def test_the_helm_steers_as_the_firmware_does(
+    heading, sd, rate, bias, speed, speed_sd, factor, error, command, soft, ref
+):
+    parameters = PARAMETERS.replaced("CTL_PRICE", 1.5).replaced("CTL_TRIM_DEG", 2.0)
+    known = HeadingEstimate(heading, sd, rate, bias, speed, speed_sd, factor)
+    state = HeadingControllerState(Reference(ref, 0.3 * rate, 0.1), 0.02 if soft > 1.0 else None)
+    given_input = HeadingControllerInput(error, rate, known, command, 0.1, soft)
+    after, wanted = scheduled.update(scheduled.ScheduledSettings.of(parameters), state, given_input)
+    ours, e = np.array([ref, 0.3 * rate, 0.1, 0.02 if soft > 1.0 else np.nan]), np.zeros(helm.KNOWN)
+    boat = sailing.boat_of(parameters)
+    e[: helm.KNOWN] = (heading, sd, rate, bias, speed, speed_sd, factor, *boat.model, boat.limit_rad, boat.trim_rad)
+    found = helm.steer(sailing.law_of(parameters), ours, e, error, command, 0.1, soft)
+    assert found == (command if wanted is None else wanted)
+    assert tuple(ours[:3]) == (
+        after.reference.heading_rad,
+        after.reference.yaw_rate_rad_s,
+        after.reference.feedforward_rad,
+    )
+    assert ours[3] == after.bias_rad or (math.isnan(ours[3]) and after.bias_rad is None)
+
+
+def test_the_watch_over_the_helm_softens_when_the_firmware_s_does():
+    model = KtModel.of(PARAMETERS)
+    known, theirs, ours = watching.OscillationSettings(model), watching.OscillationState(), oscillation.new_watch()
+    e = np.zeros(helm.KNOWN)
+    e[helm.E_HEADING_SD], e[helm.E_BIAS], e[helm.E_SPEED] = radians(1.0), 0.01, 0.38
+    e[helm.M_T], e[helm.M_SPEED] = model.turning_lag_s, model.speed_m_s
+    softest = 1.0
+    for tick in range(24000):
+        now_s = 0.1 * tick
+        size = 0.1 if 200.0 < now_s < 500.0 else 0.002
+        error, rudder = size * math.sin(0.22 * now_s), 3.0 * size * math.sin(0.22 * now_s)
+        steered = not 350.0 < now_s < 351.0
+        input_ = watching.OscillationInput(error if steered else None, 1.0, radians(1.0), rudder, 0.01, 0.38, 4.0)
+        theirs = watching.update(known, theirs, input_, now_s)
+        oscillation.watch(ours, now_s, error if steered else np.nan, 1.0, rudder, e, 4.0)
+        assert (ours[oscillation.SOFTNESS], bool(ours[oscillation.OSCILLATING])) == (
+            theirs.softness,
+            theirs.oscillating,
+        )
+        softest = max(softest, theirs.softness)
+    assert softest == 8.0
+    assert 1.0 < theirs.softness < 8.0  # and stiffer again
+
+
+def test_the_source_is_chosen_as_the_firmware_chooses():
+    theirs, ours = choosing.SourceState(), sources.new_sources()
+    known, numbers = choosing.SourceSettings.of(PARAMETERS), np.random.default_rng(3)
+    seen = set()
+    for tick in range(4000):
+        now_s, heading = 0.1 * tick, 1.0 + 0.01 * numbers.standard_normal()
+        if 100.0 < now_s < 104.0:
+            heading += 1.0  # a jump; then silence, and a compass that stands still
+        elif 200.0 < now_s < 300.0:
+            heading = 1.0
+        theirs, step_s = choosing.decay_offsets(theirs, 0.1), 0.1
+        sources.decay_offset(ours, step_s)
+        if not 150.0 < now_s < 160.0:
+            theirs = choosing.add_sample(theirs, choosing.TrueHeadingSample(now_s, heading, heading, 0), 1.01)
+            sources.add_sample(ours, now_s, heading, heading, 1.01)
+        course_ok = tick % 2000 < 1000
+        theirs, _ = choosing.select(theirs, now_s, known, (1.0, 1.0), course_ok=course_ok)
+        sources.select(ours, now_s, 1.0, known.frozen_s, course_ok)
+        compass = theirs.compasses[0]
+        assert ours[sources.IN_USE] == int(theirs.in_use)
+        assert (ours[sources.OFFSET], ours[sources.DIFFERENCE]) == (compass.offset_rad, compass.difference_rad)
+        assert sources.contradicts(ours, now_s, 1.0) == choosing.needs_restart(theirs, now_s, (1.0, 1.0))
+        seen.add(theirs.in_use)
+    assert seen == {choosing.Source.COMPASS_A, choosing.Source.COURSE, choosing.Source.NONE}
+
+
+KINDER = "float=0.4:1.2,leeway=6:3:80,sway=0.5,orbital=0.3,speed=0.5:30:8:6,compass=2:3:1:1:1:4:0,kt=0.7:1.3,delay=0.33"
+
+
+@pytest.mark.parametrize(
+    "text", [*(row.name for row in TABLE), "tank+orbital=0.2,compass", f"mission+{KINDER}", "calm+sway,compass"]
+)
+def test_the_ship_in_her_sea_is_the_harness_s(text):
+    scenario, seconds = sea_of(text), 20.0
+    hull, sea = Hull(scenario, OCEAN_RAMBLER, 3), drawn(scenario, 3, seconds)
+    state, waiting = np.zeros(ships.HULL_STATES), np.zeros(max(sea.ship.delay_steps, 1))
+    ships.begin_hull(state, sea.ship)
+    numbers = np.random.default_rng(1)
+    rudder = 0.0
+    for step in range(int(seconds / GRID_S)):
+        offset_s = float(numbers.uniform(0.0, GRID_S))
+        ours = ships.shown_heading(state, sea.ship, sea.series, step, offset_s)
+        assert ours == hull.shown_heading_rad(offset_s)
+        assert ships.velocity(state, sea.ship, sea.series, step, offset_s) == hull.velocity_in_waves_m_s(offset_s)
+        rudder = min(max(rudder + float(numbers.normal(0.0, 0.02)), -0.5), 0.5)
+        hull.step(rudder)
+        ships.step_hull(state, sea.ship, sea.series, waiting, step, rudder)
+        assert state[ships.PSI] == hull.glider_heading_rad(0.0)
+
+
+def test_a_ship_that_is_none_is_refused():
+    with pytest.raises(ValueError, match="not a ship"):
+        drawn(sea_of("tank"), 1, 10.0, replace(OCEAN_RAMBLER, turning_lag_s=-1.0))
+
+
+def test_a_bearing_is_printed_as_a_device_prints_it():
+    assert devices.bearing(359.97, 0.1) == 0.0
+    assert devices.bearing(-0.26, 0.1) == pytest.approx(359.7)
+    assert [devices.digits_of(number) for number in (0.0, 9.9, 10.0, 359.9)] == [1, 1, 2, 3]
