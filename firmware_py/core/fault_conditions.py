@@ -49,6 +49,7 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
         rudder_jammed=rudder_monitor.jammed,
         rudder_overloaded=rudder_monitor.overloaded,
         steering_lost=state.supervisor.steering_monitor.unresponsive,
+        steering_reversed=state.supervisor.steering_monitor.wrong_way.reversed,
         oscillating=state.supervisor.oscillation.oscillating,
         supply_v=None if servo is None else servo.voltage_v,
         supply_low_v=settings.supervisor.low_v,

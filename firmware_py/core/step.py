@@ -115,13 +115,14 @@ def _monitor_steering(
     settings: Settings, state: State, rudder: RudderStatus, target: SteeringTarget, situation: Situation, now_s: float
 ) -> State:
     """Judge whether the boat answers the rudder; disarmed nobody steers."""
-    waves = state.heading_estimator.wave_filter
+    waves, sources = state.heading_estimator.wave_filter, state.heading_estimator.sources
     given = SteeringInput(
         rudder_rad=rudder.angle_rad,
         heading_rad=situation.heading_rad if state.modes.armed else None,
         heading_sd_rad=waves.spread(kalman.HEADING),
         speed_m_s=waves.x[kalman.SPEED] if waves.x else settings.supervisor.steering_monitor.model.speed_m_s,
         error_rad=target.error_rad,
+        shown_rad=sources.shown_rad,
     )
     monitored = supervisor.update_steering(settings.supervisor, state.supervisor, given, now_s)
     return state if monitored is state.supervisor else replace(state, supervisor=monitored)

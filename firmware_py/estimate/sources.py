@@ -102,6 +102,11 @@ class SourceState:
     compasses: tuple[CompassState, CompassState] = (CompassState(), CompassState())
     in_use: Source = Source.NONE
 
+    @property
+    def shown_rad(self) -> float | None:
+        """What the compass in use shows, as it gives it; None without one."""
+        return self.compasses[self.in_use].raw_rad if self.in_use in (Source.COMPASS_A, Source.COMPASS_B) else None
+
     def disagree(self) -> bool:
         """Whether two sound compasses differ by more than they should."""
         a, b = self.compasses

@@ -37,3 +37,4 @@ class Fault(IntEnum):
     BATTERY_LOW = 26
     BATTERY_CRITICAL = 27
     POWER_SILENT = 28
+    STEERING_REVERSED = 29

@@ -51,6 +51,7 @@ class FaultInput:
     rudder_jammed: bool
     rudder_overloaded: bool
     steering_lost: bool
+    steering_reversed: bool
     oscillating: bool
     supply_v: float | None
     supply_low_v: float

@@ -288,4 +288,12 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Power monitor is silent: battery not all known",
         recovery="Power monitor speaks again",
     ),
+    Fault.STEERING_REVERSED: FaultRow(
+        condition="her rudder is far over and she turns the other way, for half a minute and longer",
+        stands=lambda tick: tick.steering_reversed,
+        severity=Severity.CRITICAL,
+        parameter="FS_STEER_ACT",
+        text="She turns the wrong way: is RUD_REVERSE right?",
+        recovery="She turns the right way",
+    ),
 }

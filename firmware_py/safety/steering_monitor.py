@@ -8,6 +8,8 @@ could not have missed; a rudder that has only just been put over tells nothing.
 A rudder that holds a heading against wind and current moves as well, and the boat does not turn: that it should
 not is what the rudder moves for. So only a rudder far from where it was, while the boat is far from where it
 should be and the rudder is to bring her there, speaks against it; wind and trim do not come to so much.
+
+A boat that turns the other way, again and again, has a servo that is set up the wrong way round.
 """
 
 from __future__ import annotations
@@ -23,6 +25,9 @@ from firmware_py.model.kt import KtModel, decay_over, exact_step
 SLOW_S: Final = 60.0  # what changes slower than this is trim
 MEMORY_S: Final = 120.0  # for what was seen, while nothing can be told
 LOST, REGAINED = 0.125, 0.5  # of the turn that the model expects
+REVERSED: Final = -0.5  # of it, and the more the worse, is a turn the wrong way
+# The estimate may take a turn that it does not expect for waves; the compass does not, once it is larger than theirs.
+SHOWN_REVERSED, SHOWN_TURN_RAD = -0.6, radians(150.0)
 OWN_SHARE: Final = 0.5  # of what turns her without a rudder, that is taken for sure
 FAR_RUDDER_RAD: Final = radians(12.0)
 FAR_OFF_RAD: Final = radians(15.0)
@@ -36,21 +41,23 @@ LEAST_SPREADS: Final = 8.0
 
 @dataclass(frozen=True, slots=True)
 class SteeringMonitorSettings:
-    """The boat's model."""
+    """The boat's model, and which way round the servo is set up."""
 
     model: KtModel
+    servo_reversed: bool = False
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> SteeringMonitorSettings:
         """Read the settings from the parameters."""
-        return cls(model=KtModel.of(parameters))
+        return cls(model=KtModel.of(parameters), servo_reversed=bool(parameters["RUD_REVERSE"]))
 
 
 @dataclass(frozen=True, slots=True)
 class SteeringInput:
     """What a tick shows: the measured rudder, the estimated heading and its standard deviation, the speed, the error.
 
-    `heading_rad` is None while nothing is to be learned. `error_rad` is how far the boat is off the heading to
+    `heading_rad` is None while nothing is to be learned. `shown_rad` is what the compass shows, None without one.
+    `error_rad` is how far the boat is off the heading to
     steer, None while nobody steers for one.
     """
 
@@ -59,16 +66,41 @@ class SteeringInput:
     heading_sd_rad: float
     speed_m_s: float
     error_rad: float | None
+    shown_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A stretch of time: when and with what heading it began, and the integral of the rudder [rad s] up to `t_s`."""
+    """A stretch of time: when and with what headings it began, and the integral of the rudder [rad s] up to `t_s`."""
 
     begun_s: float
     heading_rad: float
     t_s: float
     rudder_rad_s: float = 0.0
+    shown_rad: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """For how long the rudder has told of one and the same, what she should have turned in it, and what she has."""
+
+    telling_s: float = 0.0
+    expected_rad: float = 0.0
+    turned_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class WrongWay:
+    """Whether she turns the wrong way with RUD_REVERSE as `servo_reversed` says, and what speaks for a change of that.
+
+    `rate_rad_s` is the yaw rate that the model has with no more trim than there can be.
+    """
+
+    rate_rad_s: float = 0.0
+    by_estimate: Evidence = Evidence()
+    by_compass: Evidence = Evidence()
+    reversed: bool = False
+    servo_reversed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +123,7 @@ class SteeringMonitorState:
     turned_rad: float = 0.0
     unresponsive: bool = False
     block: Block | None = None
+    wrong_way: WrongWay = WrongWay()
 
 
 def update(
@@ -101,18 +134,20 @@ def update(
     The estimated yaw rate would not do: it expects a turn of the rudder, and the heading is drawn back to what the
     compass says.
     """
+    if settings.servo_reversed is not state.wrong_way.servo_reversed:
+        state = replace(state, wrong_way=WrongWay(servo_reversed=settings.servo_reversed))
     if given.heading_rad is None or not math.isfinite(given.rudder_rad):
         return state if state.block is None else replace(state, block=None)
     block = state.block
     if block is None or now_s < block.t_s:
-        return replace(state, block=Block(now_s, given.heading_rad, now_s))
+        return replace(state, block=Block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))
     rudder_rad_s = block.rudder_rad_s + given.rudder_rad * (now_s - block.t_s)
     step_s = now_s - block.begun_s
     if step_s < BLOCK_S:
         return replace(state, block=replace(block, t_s=now_s, rudder_rad_s=rudder_rad_s))
     turned_rad = wrap_pi(given.heading_rad - block.heading_rad)
     state = compare(settings.model, state, given, rudder_rad_s / step_s, turned_rad, step_s)
-    return replace(state, block=Block(now_s, given.heading_rad, now_s))
+    return replace(state, block=Block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))
 
 
 def compare(
@@ -131,9 +166,10 @@ def compare(
     steady_rad_s = model.turning_ability_1_s * over_rad
     expected_rad, rate_rad_s = exact_step(state.rate_rad_s, steady_rad_s, decay, step_s, model.turning_lag_s)
     error_rad = given.error_rad
-    # A rudder that stops a turn is no order to turn.
-    ordered = error_rad is None or (abs(error_rad) >= FAR_OFF_RAD and error_rad * over_rad > 0.0)
-    telling = ordered and abs(over_rad) >= FAR_RUDDER_RAD
+    wrong_way = judge_way(model, state, given, rudder_rad, turned_rad, step_s)
+    if wrong_way is not state.wrong_way:
+        state = replace(state, wrong_way=wrong_way)
+    telling = is_order(over_rad, error_rad)
     if telling:
         sign = math.copysign(1.0, expected_rad)
         # Without her blade she is turned by what the trim held her against, and that is no answer to the rudder.
@@ -166,13 +202,73 @@ def compare(
     return replace(state, rate_rad_s=rate_rad_s)
 
 
+def is_order(over_rad: float, error_rad: float | None) -> bool:
+    """Whether a rudder so far over is an order to turn; one that stops a turn is none."""
+    ordered = error_rad is None or (abs(error_rad) >= FAR_OFF_RAD and error_rad * over_rad > 0.0)
+    return ordered and abs(over_rad) >= FAR_RUDDER_RAD
+
+
+def judge_way(
+    model: KtModel,
+    state: SteeringMonitorState,
+    given: SteeringInput,
+    rudder_rad: float,
+    turned_rad: float,
+    step_s: float,
+) -> WrongWay:
+    """Judge whether the boat turns the other way than its rudder is to turn it.
+
+    What a rudder that is set up the wrong way round makes her do is slow at first, and looks like trim; so no more of
+    it is taken for trim than there can be, and none of the turn.
+    """
+    way = state.wrong_way
+    over_rad = rudder_rad - clamp(state.slow_rudder_rad, -FAR_RUDDER_RAD, FAR_RUDDER_RAD)
+    decay = decay_over(step_s, model.turning_lag_s)
+    steady_rad_s = model.turning_ability_1_s * over_rad
+    expected_rad, rate_rad_s = exact_step(way.rate_rad_s, steady_rad_s, decay, step_s, model.turning_lag_s)
+    way = replace(way, rate_rad_s=rate_rad_s)
+    if not is_order(over_rad, given.error_rad):
+        keep = math.exp(-step_s / MEMORY_S)
+        return replace(way, by_estimate=_faded(way.by_estimate, keep), by_compass=_faded(way.by_compass, keep))
+    begun_rad = None if state.block is None else state.block.shown_rad
+    shown_rad = 0.0 if begun_rad is None or given.shown_rad is None else wrap_pi(given.shown_rad - begun_rad)
+    # What speaks against what has been found: that she turns the wrong way, or the right one again.
+    sign = -math.copysign(1.0, expected_rad) if way.reversed else math.copysign(1.0, expected_rad)
+    block = Evidence(step_s, abs(expected_rad), sign * turned_rad)
+    by_estimate = _taken(way.by_estimate, block, REVERSED)
+    by_compass = _taken(way.by_compass, replace(block, turned_rad=sign * shown_rad), SHOWN_REVERSED)
+    estimated = is_enough(by_estimate.telling_s, by_estimate.expected_rad, given.heading_sd_rad, model.turning_lag_s)
+    # An estimate that has been led astray is not believed alone.
+    shown = by_compass.expected_rad >= SHOWN_TURN_RAD
+    if shown or (estimated and (not way.reversed or by_compass.telling_s >= LEAST_S)):
+        return WrongWay(rate_rad_s, reversed=not way.reversed, servo_reversed=way.servo_reversed)
+    return replace(way, by_estimate=by_estimate, by_compass=by_compass)
+
+
+def _faded(evidence: Evidence, keep: float) -> Evidence:
+    return Evidence(keep * evidence.telling_s, keep * evidence.expected_rad, keep * evidence.turned_rad)
+
+
+def _taken(evidence: Evidence, block: Evidence, share: float) -> Evidence:
+    """Return the evidence with a block more, none as long as she does not turn against what was found by a share."""
+    expected_rad, turned_rad = evidence.expected_rad + block.expected_rad, evidence.turned_rad + block.turned_rad
+    if turned_rad > share * expected_rad:
+        return Evidence()
+    return Evidence(evidence.telling_s + block.telling_s, expected_rad, turned_rad)
+
+
+def is_enough(telling_s: float, expected_rad: float, heading_sd_rad: float, lag_s: float) -> bool:
+    """Whether the rudder has told for long, and of a turn that could not have been missed."""
+    return telling_s >= max(LEAST_S, LEAST_LAGS * lag_s) and expected_rad >= max(
+        LEAST_TURN_RAD, LEAST_SPREADS * heading_sd_rad
+    )
+
+
 def judge(state: SteeringMonitorState, heading_sd_rad: float, lag_s: float) -> SteeringMonitorState:
     """Change the verdict once there is enough to tell; begin the sums anew where they bear out the one there is."""
     share = REGAINED if state.unresponsive else LOST
     answers = state.turned_rad >= share * state.expected_rad
-    enough = state.telling_s >= max(LEAST_S, LEAST_LAGS * lag_s) and state.expected_rad >= max(
-        LEAST_TURN_RAD, LEAST_SPREADS * heading_sd_rad
-    )
+    enough = is_enough(state.telling_s, state.expected_rad, heading_sd_rad, lag_s)
     if answers != state.unresponsive:
         return replace(state, telling_s=0.0, expected_rad=0.0, turned_rad=0.0)
     if not enough:

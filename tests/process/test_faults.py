@@ -318,6 +318,11 @@ DRILLS = (
         lambda bench: setattr(bench.world, "rudder_grip", 1.0), 240.0, start_s=10.0, stands_s=1.0,
         options={"goals": TURN},
     ),
+    Drill(
+        Fault.STEERING_REVERSED, lambda bench: setattr(bench.world, "rudder_grip", -1.0), 180.0, alert_only,
+        lambda bench: setattr(bench.world, "rudder_grip", 1.0), 400.0, start_s=10.0, stands_s=1.0,
+        options={"goals": TURN},
+    ),
     Drill(Fault.KEY_LOST, key_lost, 5.0, told_with_its_cause, key_removed, 3.0, stands_s=1.0),
     Drill(
         Fault.HELM_OSCILLATES, nothing, 300.0, alert_only, nothing, 400.0, stands_s=1.0,

@@ -1,4 +1,4 @@
-"""A lost rudder blade is told in every sea, and never where there is a blade."""
+"""A lost rudder blade is told in every sea, and never where there is a blade; so is a servo the wrong way round."""
 
 import math
 import random
@@ -14,6 +14,8 @@ from support.ill_ship import ill
 
 SEAS = ("tank", "sea", "swell", "weak")
 TOLD = TABLE[Fault.STEERING_LOST].text
+TOLD_REVERSED = TABLE[Fault.STEERING_REVERSED].text
+ARMED_S = 180.0  # in which a wrong servo direction is to be told
 OVER_RAD = math.radians(10.0)  # a rudder so far from where it kept her straight is at work
 
 
@@ -29,7 +31,7 @@ def turning(name, seed, hours, leg_s=300.0):
         goal_rad += turns.choice((-1.0, 1.0)) * math.radians(turns.uniform(60.0, 180.0))
         boat.tick(SteerHeading(goal_rad))
         boat.run(leg_s)
-    return legs, boat.said(TOLD)
+    return legs, boat.said(TOLD) + boat.said(TOLD_REVERSED)
 
 
 def bladeless(name, seed, turn_deg, after_s=5.0, most_s=400.0):
@@ -45,6 +47,7 @@ def bladeless(name, seed, turn_deg, after_s=5.0, most_s=400.0):
     for _ in range(round(10.0 * most_s)):
         boat.tick()
         work_s += rig.STEP_S * (abs(boat.rudder_rad - straight_rad) > OVER_RAD)
+        assert not boat.said(TOLD_REVERSED)
         if boat.said(TOLD):
             return work_s
     return None
@@ -61,6 +64,32 @@ def test_a_ship_that_answers_late_is_no_ship_without_a_rudder(how):
     boat.run(50.0)
     boat.tick(SteerHeading(math.radians(60.0)))
     assert boat.run(60.0).said(TOLD) == []
+
+
+def wrong_way_round(name, seed, turn_deg):
+    """Arm a boat whose RUD_REVERSE is wrong; return after how long that is told, None if it is not in ARMED_S."""
+    boat = rig.Sailing(rig.sea(name), seed, hull=rig.FineHull, RUD_REVERSE=1).under_way(Mode.GUIDED)
+    armed_s, before = boat.t_s, boat.state.parameters
+    boat.tick(SteerHeading(boat.snapshot.heading_rad + math.radians(turn_deg)))
+    boat.run(ARMED_S, until=lambda boat: boat.said(TOLD_REVERSED))
+    assert boat.state.parameters == before
+    return boat.t_s - armed_s if boat.said(TOLD_REVERSED) else None
+
+
+@pytest.mark.parametrize(("name", "seed"), [("sea", 2), ("swell", 1)])
+def test_a_wrong_servo_direction_is_told(name, seed):
+    """In the sea the estimate of this seed takes her turning for waves."""
+    assert wrong_way_round(name, seed, 0.0) is not None
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("name", [*SEAS, "storm", "gusts", "ocean-1", "ocean-2", "ocean-3", "ocean-4"])
+def test_a_wrong_servo_direction_is_told_within_three_minutes(name, figures):
+    found = [wrong_way_round(name, seed, turn_deg) for seed in range(1, 11) for turn_deg in (0.0, 60.0)]
+    assert None not in found
+    figures.keep(f"steering_reversed_told_median_{name}", float(np.median(found)), "s")
+    figures.keep(f"steering_reversed_told_worst_{name}", max(found), "s")
 
 
 @pytest.mark.proof

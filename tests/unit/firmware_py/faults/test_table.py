@@ -29,6 +29,7 @@ WELL = FaultInput(
     rudder_jammed=False,
     rudder_overloaded=False,
     steering_lost=False,
+    steering_reversed=False,
     oscillating=False,
     supply_v=12.0,
     supply_low_v=11.0,

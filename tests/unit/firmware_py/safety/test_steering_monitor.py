@@ -28,7 +28,7 @@ class Boat:
         shown_rad = wrap_two_pi(self.heading + self.noise.gauss(0.0, self.noise_rad))
         before, self.t_s = self.state.unresponsive, self.t_s + 0.1
         self.state = update(
-            SETTINGS, self.state, SteeringInput(rudder_rad, shown_rad, SD_RAD, 0.4, error_rad), self.t_s
+            SETTINGS, self.state, SteeringInput(rudder_rad, shown_rad, SD_RAD, 0.4, error_rad, shown_rad), self.t_s
         )
         if self.state.unresponsive is not before:
             self.told.append((self.t_s, self.state.unresponsive))
@@ -77,6 +77,39 @@ def test_a_blade_lost_in_a_turn_is_told_within_a_minute_and_its_return_too():
     assert [lost for _, lost in boat.told] == [True]
     boat.steer(60.0, 7.5)
     assert [lost for _, lost in boat.told] == [True, False]
+
+
+def test_a_servo_that_is_set_up_the_wrong_way_round_is_told_and_its_mending_too():
+    boat = Boat(bias_rad=0.0).steer(120.0, 7.0, answers=-1.0)
+    assert boat.state.wrong_way.reversed
+    for goal_rad in (9.0, 6.0, 9.0):
+        boat.steer(60.0, goal_rad)
+    assert not boat.state.wrong_way.reversed
+
+
+def test_a_wrong_servo_direction_is_judged_anew_once_the_parameter_has_changed():
+    boat = Boat(bias_rad=0.0).steer(120.0, 7.0, answers=-1.0)
+    other = SteeringMonitorSettings.of(ParameterSet().replaced("RUD_REVERSE", 1))
+    given = SteeringInput(0.0, None, SD_RAD, 0.4, None)
+    assert update(SETTINGS, boat.state, given, boat.t_s).wrong_way.reversed
+    assert not update(other, boat.state, given, boat.t_s).wrong_way.reversed
+
+
+def test_an_estimate_that_takes_the_wrong_turn_for_waves_hides_nothing():
+    """The heading stays where it is, the compass goes round."""
+    state = SteeringMonitorState()
+    for tick in range(1800):
+        shown_rad = wrap_two_pi(-0.03 * 0.1 * tick)
+        state = update(SETTINGS, state, SteeringInput(0.5, 1.0, SD_RAD, 0.4, 1.0, shown_rad), 0.1 * tick)
+    assert state.wrong_way.reversed
+
+
+@pytest.mark.parametrize("answers", [0.0, 0.3, 1.0])
+def test_a_lost_or_weak_rudder_is_no_wrong_one(answers):
+    boat = Boat()
+    for goal_rad in (7.5, 5.0, 8.0):
+        boat.steer(120.0, goal_rad, answers=answers, pushed_rad=-0.01)
+        assert not boat.state.wrong_way.reversed
 
 
 def test_a_blade_lost_while_she_is_steered_by_hand_is_told():
