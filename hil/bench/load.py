@@ -12,7 +12,7 @@ from hil.bench.setting import Setting
 
 WARM_UP_S = 2.0
 MOST_CPU_PERCENT = 1.5
-MOST_RSS_MIB = 60.0
+MOST_RSS_MIB = 45.0
 SLEEPER = """
 import time
 print("ready", flush=True)

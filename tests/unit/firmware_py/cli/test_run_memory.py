@@ -1,0 +1,28 @@
+"""What `rambler run` leaves alone, for it is small that way: OpenSSL, and what of pymavlink nothing onboard uses."""
+
+import subprocess
+import sys
+
+from support.paths import ROOT
+
+PROGRAM = """
+import sys
+from pathlib import Path
+from firmware_py.__main__ import main
+code = main(["run", "none.toml"])
+import hashlib
+print(code, hashlib.sha256(b"abc").hexdigest()[:8], "libcrypto" in Path("/proc/self/maps").read_text())
+from firmware_py.link.wire.dialect import Codec, forget_what_is_not_used, mavlink
+forget_what_is_not_used()
+forget_what_is_not_used()
+codec, message = Codec(1, 1), mavlink.MAVLink_heartbeat_message(11, 3, 0, 15, 4, 3)
+frame = codec.pack(message).frame
+print(codec.decode(frame).custom_mode, len(mavlink.enums), hasattr(mavlink.MAVLink, "heartbeat_encode"))
+"""
+
+
+def test_openssl_is_not_drawn_in_and_frames_are_packed_and_read_without_the_texts():
+    ended = subprocess.run(
+        [sys.executable, "-c", PROGRAM], cwd=ROOT, check=True, capture_output=True, text=True, timeout=60
+    )
+    assert ended.stdout.splitlines() == ["2 ba7816bf False", "15 0 False"], ended.stderr
