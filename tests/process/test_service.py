@@ -81,7 +81,8 @@ def test_back_under_way_within_two_seconds_of_each_restart(make_service, what, t
     assert back_s[-1] < BACK_S
 
 
-@pytest.mark.parametrize("part", ["tick", pytest.param("store", marks=pytest.mark.proof)])
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("part", ["tick", *(pytest.param(part, marks=pytest.mark.proof) for part in HANGS[1:])])
 def test_what_hangs_is_found_and_mended_by_a_restart(make_service, tmp_path, part):
     hang_and_restart(make_service, tmp_path, part)
 
@@ -116,14 +117,6 @@ def hang_and_restart(make_service, tmp_path, part):
     )  # fmt: skip
     assert last.why == ("watchdog" if part == "tick" else "stuck"), last
     return last
-
-
-@pytest.mark.proof
-@pytest.mark.timeout(600)
-def test_the_watchdog_table(make_service, tmp_path):
-    for part in HANGS:
-        (folder := tmp_path / part).mkdir()
-        hang_and_restart(make_service, folder, part)
 
 
 def test_the_stand_in_reads_the_unit_as_it_is():
