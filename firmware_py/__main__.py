@@ -33,6 +33,7 @@ COMMANDS = {
     "check": ("firmware_py.cli.check", "a preflight of devices, storage, clock and parameters"),
     "example": ("firmware_py.cli.example", "write a commented vehicle file to begin with"),
     "service": ("firmware_py.cli.service", "the autopilot as a service: print its files, install, status, remove"),
+    "report": ("firmware_py.cli.report", "a page with the pictures and figures of logs, or of a state directory"),
     "update": ("firmware_py.cli.update", "put another version in force, on trial, from a bundle; or the one before"),
 }
 

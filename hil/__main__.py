@@ -18,6 +18,7 @@ from hil.errors import HilError, UsageError
 # and is imported only when its command is asked for.
 COMMANDS = {
     "run": ("hil.cli.run", "sail the autopilot in a simulated sea and measure how well it steers"),
+    "report": ("hil.cli.report", "a page with the pictures and figures of logs from a boat, or of a state directory"),
     "identify": ("hil.cli.identify", "identify K, T, alpha and the rudder offset from manoeuvres and onboard logs"),
     "compare": ("hil.cli.compare", "controllers side by side in the same seas: the paper's, a tuned PID, ours"),
     "bench": ("hil.cli.bench", "measure the autopilot and the tools on this machine"),

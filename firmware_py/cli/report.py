@@ -1,0 +1,29 @@
+"""`rambler report`: the page of a boat's own logs, drawn by the harness where its extra is installed."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import subprocess
+import sys
+
+from firmware_py.cli.refusal import refused
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument("places", metavar="LOG|STATE", nargs="+", help="onboard logs, or a state directory")
+    parser.add_argument("--out", metavar="FILE", help="where to write (default report.html)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Exit 0 when the page is written, 2 when something is missing for it."""
+    if importlib.util.find_spec("matplotlib") is None:
+        return refused(
+            "report",
+            "matplotlib draws it and is not installed: pip install 'rambler-autopilot[hil]', or take the logs home",
+        )
+    words = [] if arguments.out is None else ["--out", arguments.out]
+    # The autopilot does not import the harness; it may be asked to do something, as by anybody.
+    done = subprocess.run([sys.executable, "-m", "hil", "report", *words, "--", *arguments.places], check=False)  # noqa: S603 - words of our own
+    return done.returncode

@@ -1,0 +1,176 @@
+"""Onboard logs as a run is shown: the boat's own estimate in place of what really happened, and what she said.
+
+The columns are read by name, so that a log of another version shows what it has. Logs of several starts are put end to
+end, whatever time lay between them.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from firmware_py.common.angles import wrap_pi
+from firmware_py.common.geodesy import EARTH_RADIUS_M
+from firmware_py.common.parameter_table import TABLE
+from firmware_py.log.dataflash import LogError
+from firmware_py.log.open_file import open_buffer
+from hil.errors import UsageError
+from hil.report.log_records import Gathered, LogFile
+from hil.sim.truth import Array, Truth
+
+HELD_S = 60.0  # a goal that stands so long is judged as one
+_DEFAULTS: Final = {row.name: row.default for row in TABLE}
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A time in one mode: from when, how long, and in degrees the errors of the heading and the rudder's travel."""
+
+    t_s: float
+    seconds: float
+    mode: int
+    armed: bool
+    mean_error_deg: float
+    rms_error_deg: float
+    travel_deg_per_h: float
+
+
+@dataclass(frozen=True, slots=True)
+class FieldLog:
+    """What logs hold; `goal_held_rad` is the goal where it stood for HELD_S, NaN else; `texts`: time, severity, text.
+
+    `late_us` are percentiles by name; `utc_s` is the calendar's time of time 0, None when no fix has told it.
+    """
+
+    truth: Truth
+    goal_held_rad: Array
+    stretches: tuple[Stretch, ...]
+    texts: tuple[tuple[float, int, str], ...]
+    settings: Mapping[str, float]
+    software: str
+    utc_s: float | None
+    ticks: int
+    skipped: int
+    late_us: Mapping[str, float]
+    steering_wh: float
+    notes: tuple[str, ...]
+
+
+def read(paths: Sequence[Path]) -> FieldLog:
+    """Read logs in their order; UsageError names the one that cannot be read, or that none holds a tick."""
+    got = Gathered()
+    for path in paths:
+        try:
+            with open_buffer(path) as data:
+                LogFile(path, got).take(data)
+        except OSError as error:
+            raise UsageError(f"{path}: {error.strerror or error}") from None
+        except LogError as error:
+            raise UsageError(f"{path}: {error}") from None
+    if not got.columns["time_s"]:
+        raise UsageError(f"{paths[0] if paths else 'no log'}: no tick in it; give a log that the autopilot wrote")
+    return _made(got)
+
+
+def _made(got: Gathered) -> FieldLog:
+    columns = {name: np.asarray(column) for name, column in got.columns.items()}
+    time_s = columns["time_s"]
+    heading = _filled(columns["heading"])
+    hull = np.unwrap(np.where(np.isnan(columns["hull"]), heading, _filled(columns["hull"])))
+    error = np.array([wrap_pi(value) if math.isfinite(value) else math.nan for value in columns["error"]])
+    goal = hull + error  # beside the heading, however often she has turned round
+    rudder = np.where(np.isnan(columns["rudder"]), columns["command"], columns["rudder"])
+    north_m, east_m, speed_m_s = _track(got.fixes, time_s)
+    truth = Truth(
+        time_s, hull, hull + _wrapped(heading - hull), _filled(columns["yaw_rate"]), _filled(rudder),
+        _filled(columns["command"]), goal, north_m, east_m, speed_m_s,
+    )  # fmt: skip
+    late_us = np.asarray(got.late_s) * 1e6
+    late_us = late_us[np.isfinite(late_us)]
+    percentiles = {"p50": 50.0, "p99": 99.0, "max": 100.0}
+    return FieldLog(
+        truth=truth,
+        goal_held_rad=_held(time_s, columns["goal"], goal),
+        stretches=tuple(_stretches(truth, columns["mode"], columns["armed"], error)),
+        texts=tuple(got.texts),
+        settings={name: value for name, value in got.settings.items() if _is_set(name, value)},
+        software=got.software,
+        utc_s=got.utc_s,
+        ticks=time_s.size,
+        skipped=got.skipped,
+        late_us={name: float(np.percentile(late_us, part)) for name, part in percentiles.items()}
+        if late_us.size
+        else {},
+        steering_wh=got.steering_j / 3600.0,
+        notes=tuple(got.notes),
+    )
+
+
+def _is_set(name: str, value: float) -> bool:
+    return not math.isclose(value, _DEFAULTS.get(name, math.nan), rel_tol=1e-6, abs_tol=1e-9)
+
+
+def _filled(values: Array) -> Array:
+    """Return values with what is missing as it was before, 0 before the first."""
+    known = np.flatnonzero(np.isfinite(values))
+    if not known.size:
+        return np.zeros_like(values)
+    place = np.searchsorted(known, np.arange(values.size), side="right") - 1
+    return np.asarray(np.where(place < 0, values[known[0]], values[known[np.maximum(place, 0)]]))
+
+
+def _wrapped(angle_rad: Array) -> Array:
+    return np.asarray(np.remainder(angle_rad + math.pi, math.tau) - math.pi)
+
+
+def _track(fixes: Mapping[str, array[float]], time_s: Array) -> tuple[Array, Array, Array]:
+    """Return north and east of the first fix and the speed over the ground at the ticks; zeros without fixes."""
+    t, lat, lng, speed = (np.asarray(column) for column in fixes.values())
+    if not t.size:
+        return np.zeros_like(time_s), np.zeros_like(time_s), np.zeros_like(time_s)
+    order = np.argsort(t, kind="stable")
+    north = (lat - lat[0]) * EARTH_RADIUS_M
+    east = _wrapped(lng - lng[0]) * math.cos(float(lat[0])) * EARTH_RADIUS_M
+    return (
+        np.interp(time_s, t[order], north[order]),
+        np.interp(time_s, t[order], east[order]),
+        np.interp(time_s, t[order], _filled(speed)[order]),
+    )
+
+
+def _held(time_s: Array, named_rad: Array, goal_rad: Array) -> Array:
+    """Return the goal, one number for each stretch in which it stood for HELD_S, NaN elsewhere."""
+    held = np.full_like(goal_rad, np.nan)
+    if not time_s.size:
+        return held
+    changes = np.flatnonzero((named_rad[1:] != named_rad[:-1]) | (np.abs(np.diff(goal_rad)) > math.pi)) + 1
+    for first, last in zip([0, *changes], [*changes, time_s.size], strict=True):
+        if last - first > 1 and time_s[last - 1] - time_s[first] >= HELD_S and np.isfinite(goal_rad[first]):
+            turns = round((goal_rad[first] - named_rad[first]) / math.tau)  # she may have turned round
+            held[first:last] = named_rad[first] + turns * math.tau
+    return held
+
+
+def _stretches(truth: Truth, mode: Array, armed: Array, error_rad: Array) -> Iterator[Stretch]:
+    state = np.nan_to_num(mode) * 2.0 + np.nan_to_num(armed)
+    changes = np.flatnonzero(np.diff(state)) + 1
+    for first, last in zip([0, *changes], [*changes, state.size], strict=True):
+        part = slice(int(first), int(last))
+        seconds = float(truth.time_s[part][-1] - truth.time_s[part][0])
+        errors = np.degrees(error_rad[part][np.isfinite(error_rad[part])])
+        travel_deg = float(np.degrees(np.sum(np.abs(np.diff(truth.rudder_rad[part])))))
+        yield Stretch(
+            float(truth.time_s[part][0]),
+            seconds,
+            int(state[part][0]) // 2,
+            bool(int(state[part][0]) % 2),
+            -float(errors.mean()) if errors.size else math.nan,
+            float(np.sqrt(np.mean(errors**2))) if errors.size else math.nan,
+            travel_deg * 3600.0 / seconds if seconds > 0.0 else 0.0,
+        )

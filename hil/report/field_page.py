@@ -1,0 +1,161 @@
+"""report.html of a boat's own logs: the page of a run, from what she has kept."""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from firmware_py.log.disk import THIN, log_files
+from hil.errors import UsageError
+from hil.report import field_log, page, thin_log
+from hil.report.field_log import FieldLog
+from hil.report.figures import goal_figures
+from hil.report.run_page import NOTE
+from hil.report.text import COLUMNS, goal_cells
+from hil.sim.ground_station import MODE_NAMES
+from hil.sim.truth import PIECE_ROWS, Truth
+
+LOG_DIRECTORY = "logs"
+NEWEST = 3  # full logs of a state directory that are shown, with all of its thin log
+TEXTS_SHOWN, GOALS_SHOWN, STRETCHES_SHOWN = 200, 40, 60
+FIELD_NOTE = (
+    "The heading is the boat's own estimate, without the yaw of the waves: a compass that is off is off here, too. A "
+    "goal that stood for a minute is judged as one."
+)
+SEVERE = 4  # MAV_SEVERITY_WARNING and graver stand out
+
+
+def logs_of(places: Sequence[Path]) -> tuple[list[Path], list[Path], list[str]]:
+    """Return the full and the thin logs of files and directories in order, and what was left out."""
+    full: list[Path] = []
+    thin: list[Path] = []
+    notes = []
+    for place in places:
+        if not place.is_dir():
+            (thin if place.parent.name == THIN else full).append(place)
+            continue
+        directories = (place / "state" / LOG_DIRECTORY, place / LOG_DIRECTORY, place)
+        logs = next((directory for directory in directories if directory.is_dir() and _numbered(directory)), None)
+        if logs is None:
+            raise UsageError(f"{place} holds no logs; name logs, a state directory or that of a run")
+        numbered = _numbered(logs)
+        full += numbered[-NEWEST:]
+        if len(numbered) > NEWEST:
+            notes.append(f"the newest {NEWEST} of {len(numbered)} full logs; name others to see them")
+        thin += _numbered(logs / THIN)
+    return full, thin, notes
+
+
+def _numbered(directory: Path) -> list[Path]:
+    return [path for _, path in sorted(log_files(directory).items())] if directory.is_dir() else []
+
+
+def write(places: Sequence[Path], target: Path) -> None:
+    """Write the page of logs or directories of them; UsageError for what holds none or cannot be read."""
+    full, thin, notes = logs_of(places)
+    parts: list[str] = []
+    title = ", ".join(str(place) for place in places)
+    with tempfile.TemporaryDirectory() as folder:
+        picture = Path(folder) / "picture.png"
+        if full:
+            parts += _full_parts(field_log.read(full), picture, notes)
+        if thin and (table := thin_log.read(thin)).rows:
+            thin_log.draw(table, "From the thin log, a row a minute", picture)
+            parts += [
+                page.heading("Day by day"),
+                page.image(picture.read_bytes(), "error, rudder travel, power, faults, waves and track over days"),
+                page.table(thin_log.days(table)),
+            ]
+    if not parts:
+        raise UsageError(f"{title}: nothing in it to be shown")
+    try:
+        target.write_text(page.page(title, parts), encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"--out {target} cannot be written: {error.strerror}; give another") from None
+
+
+def _full_parts(log: FieldLog, picture: Path, notes: Sequence[str]) -> Iterator[str]:
+    from hil.report.run_picture import draw, thinned  # noqa: PLC0415 - matplotlib is slow to import
+
+    truth = log.truth
+    goals = goal_figures(_pieces(replace(truth, goal_rad=log.goal_held_rad)))
+    begin = "" if log.utc_s is None else f"{_calendar(log.utc_s + float(truth.time_s[0]))}, "
+    hours = float(truth.time_s[-1] - truth.time_s[0]) / 3600.0
+    draw(thinned(_pieces(truth), truth.time_s.size), goals[:GOALS_SHOWN], f"{begin}{hours:.2f} h", picture)
+    yield page.paragraph(f"{begin}{hours:.2f} h; {log.software or 'software unknown'}", "lead")
+    yield page.image(picture.read_bytes(), "heading, error, yaw rate, rudder and track")
+    yield page.heading("Figures")
+    if goals:
+        yield page.table([COLUMNS, *(goal_cells(asdict(goal)) for goal in goals[:GOALS_SHOWN])])
+    yield page.table(
+        [
+            ("under way", "for", "mean error", "rms error", "rudder travel"),
+            *(_stretch_cells(one) for one in log.stretches[:STRETCHES_SHOWN]),
+        ]
+    )
+    late = ", ".join(f"{name} {value:.0f} us" for name, value in log.late_us.items())
+    yield page.paragraph(
+        f"loop: {log.ticks} ticks, {log.skipped} skipped; ticks late by {late}; steering took {log.steering_wh:.2f} Wh."
+    )
+    more = [f"{len(rest)} more {what} are not shown" for what, rest in _left_out(log, len(goals)) if rest]
+    yield page.paragraph(f"{NOTE} {FIELD_NOTE}", "note")
+    if lines := [*notes, *log.notes, *more]:
+        yield page.bullets(lines)
+    yield page.heading("What she said")
+    yield page.table(
+        [
+            ("at", "text"),
+            *((_clock(t_s, log), _text_cell(severity, text)) for t_s, severity, text in log.texts[-TEXTS_SHOWN:]),
+        ]
+    )
+    yield page.heading("Settings")
+    rows = [(name, f"{value:g}") for name, value in sorted(log.settings.items())]
+    yield page.table(rows, head=False) if rows else page.paragraph("Every parameter at its default.")
+
+
+def _left_out(log: FieldLog, goals: int) -> tuple[tuple[str, range], ...]:
+    return (
+        ("goals", range(GOALS_SHOWN, goals)),
+        ("stretches of one mode", range(STRETCHES_SHOWN, len(log.stretches))),
+        ("older texts", range(TEXTS_SHOWN, len(log.texts))),
+    )
+
+
+def _pieces(truth: Truth) -> list[Truth]:
+    """Return a truth in pieces, as a run's is read."""
+    names = truth.__dataclass_fields__
+    return [
+        Truth(*(getattr(truth, name)[first : first + PIECE_ROWS] for name in names))
+        for first in range(0, truth.time_s.size, PIECE_ROWS)
+    ]
+
+
+def _stretch_cells(one: field_log.Stretch) -> tuple[str, ...]:
+    armed = "armed" if one.armed else "disarmed"
+    known = math.isfinite(one.rms_error_deg)
+    return (
+        f"{MODE_NAMES.get(one.mode, f'mode {one.mode}')}, {armed}, from {one.t_s:.0f} s",
+        f"{one.seconds:.0f} s",
+        f"{one.mean_error_deg:+.2f} deg" if known else "-",
+        f"{one.rms_error_deg:.2f} deg" if known else "-",
+        f"{one.travel_deg_per_h:.0f} deg/h",
+    )
+
+
+def _text_cell(severity: int, text: str) -> page.Cell:
+    return page.Cell(text, "words bad" if severity <= SEVERE else "words")
+
+
+def _clock(t_s: float, log: FieldLog) -> str:
+    return f"{t_s:.1f} s" if log.utc_s is None else _calendar(log.utc_s + t_s)
+
+
+def _calendar(utc_s: float) -> str:
+    try:
+        return dt.datetime.fromtimestamp(utc_s, tz=dt.UTC).strftime("%Y-%m-%d %H:%M:%S")
+    except (OverflowError, OSError, ValueError):
+        return f"{utc_s:.0f} s"

@@ -1,0 +1,154 @@
+"""The records of onboard logs that a page shows, taken by name, however long the logs are and wherever they are cut."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from firmware_py.log.dataflash import Buffer, Format, Parser, text_of
+
+BETWEEN_S = 0.1  # the end of one start and the begin of the next
+_MOST_SKIPPED = 1e9  # ticks between two: more is damage
+_WITH_TEXT = ("MSG", "PARM")
+_LONGEST_S = 1e9  # of a process: what is beyond it is damage
+_TICK_COLUMNS = ("time_s", "hull", "heading", "yaw_rate", "rudder", "command", "goal", "error", "mode", "armed")
+_FIX_COLUMNS = ("time_s", "latitude_rad", "longitude_rad", "speed_m_s")
+_READ_BY_TICK: Final[Mapping[str, Mapping[str, str]]] = {
+    "NAV": {"Hdg": "heading", "YawR": "yaw_rate", "Goal": "goal", "Err": "error"},
+    "EST": {"Hdg": "hull"},
+    "CTL": {"RudC": "command", "Rud": "rudder", "Mode": "mode", "Arm": "armed"},
+}
+_WANTED: Final[dict[str, Sequence[str]]] = {
+    "TICK": ("T", "Late", "Skip"),
+    "FIX": ("T", "LatR", "LngR", "Sog", "Utc"),
+    "MSG": ("TimeUS", "Message", "Sev"),
+    "PARM": ("Name", "Value"),
+    "ENRG": ("Enrg",),
+}
+
+
+@dataclass(slots=True)
+class Gathered:
+    """What is taken of logs, one after the other: a row a tick, fixes, texts, parameters; times are the page's."""
+
+    columns: dict[str, array[float]] = field(default_factory=lambda: {name: array("d") for name in _TICK_COLUMNS})
+    fixes: dict[str, array[float]] = field(
+        default_factory=lambda: {name: array("d") for name in ("t", "lat", "lng", "v")}
+    )
+    late_s: array[float] = field(default_factory=lambda: array("d"))
+    texts: list[tuple[float, int, str]] = field(default_factory=list)
+    settings: dict[str, float] = field(default_factory=dict)
+    software: str = ""
+    skipped: int = 0
+    steering_j: float = 0.0
+    end_s: float = 0.0  # of what has been taken
+    shift_s: float = 0.0  # from the time of the process to that of the page
+    utc_s: float | None = None  # of time 0 of the page
+    notes: list[str] = field(default_factory=list)
+
+
+def records(data: Buffer, wanted: Mapping[str, Sequence[str]]) -> Iterator[tuple[str, tuple[Any, ...]]]:
+    """Yield name and columns of each wanted record, in order; a column that a log lacks is NaN."""
+    places: dict[Format, tuple[int | None, ...]] = {}
+    for found, at in Parser(data):
+        labels = wanted.get(found.name)
+        if labels is None:
+            continue
+        if found not in places:
+            places[found] = tuple(found.labels.index(label) if label in found.labels else None for label in labels)
+        values = found.unpack(data, at)
+        yield found.name, tuple(math.nan if place is None else values[place] for place in places[found])
+
+
+class LogFile:
+    """Takes the records of one file."""
+
+    def __init__(self, path: Path, got: Gathered) -> None:
+        """Take the records of a file to what was taken before."""
+        self._path, self._got = path, got
+        self._row: dict[str, float] = {}
+        self._first_s: float | None = None
+        self._energy: tuple[float, float] | None = None
+        self._take: Mapping[str, Callable[..., None]] = {
+            "TICK": self._tick, "FIX": self._fix, "MSG": self._text, "PARM": self._parameter, "ENRG": self._steering,
+        }  # fmt: skip
+
+    def take(self, data: Buffer) -> None:
+        """Take all records."""
+        wanted = _WANTED | {name: tuple(row) for name, row in _READ_BY_TICK.items()}
+        for name, values in records(data, wanted):
+            if name in _READ_BY_TICK:
+                self._row.update(zip(_READ_BY_TICK[name].values(), map(_number, values), strict=True))
+            elif name in _WITH_TEXT:
+                self._take[name](*values)
+            else:
+                self._take[name](*map(_number, values))
+        self._flush()
+        if self._energy is not None:
+            self._got.steering_j += self._energy[1] - self._energy[0]
+        if self._first_s is None:
+            self._got.notes.append(f"{self._path.name} holds no tick")
+
+    def _tick(self, t_s: float, late_s: float, skipped: float) -> None:
+        self._flush()
+        if not 0.0 <= t_s < _LONGEST_S:
+            return
+        got = self._got
+        if self._first_s is None:
+            self._first_s = t_s
+            if not got.columns["time_s"]:
+                got.shift_s = -t_s
+            elif t_s + got.shift_s <= got.end_s:  # of another start
+                got.shift_s = got.end_s + BETWEEN_S - t_s
+        self._row = {"time_s": t_s + got.shift_s}
+        got.late_s.append(late_s)
+        got.skipped += int(skipped) if skipped < _MOST_SKIPPED else 0
+
+    def _flush(self) -> None:
+        row, got = self._row, self._got
+        if "time_s" in row and (row["time_s"] > got.end_s or not got.columns["time_s"]):
+            for name, column in got.columns.items():
+                column.append(row.get(name, math.nan))
+            got.end_s = row["time_s"]
+        self._row = {}
+
+    def _fix(self, t_s: float, latitude_rad: float, longitude_rad: float, speed_m_s: float, utc_s: float) -> None:
+        if self._first_s is None or not (abs(latitude_rad) <= math.pi and abs(longitude_rad) <= math.tau):
+            return
+        got = self._got
+        if math.isfinite(utc_s) and 0.0 <= t_s < _LONGEST_S:
+            zero_utc_s = utc_s - t_s - got.shift_s
+            if got.utc_s is None:
+                got.utc_s = zero_utc_s
+        for column, value in zip(
+            got.fixes.values(), (t_s + got.shift_s, latitude_rad, longitude_rad, speed_m_s), strict=True
+        ):
+            column.append(value)
+
+    def _text(self, time_us: Any, message: Any, severity: Any) -> None:
+        if not isinstance(message, bytes):  # its description is damaged
+            return
+        text = text_of(message)
+        if not self._got.software and text.startswith("rambler"):
+            self._got.software = text
+        self._got.texts.append(
+            (_number(time_us) / 1e6 + self._got.shift_s, int(np.nan_to_num(_number(severity))), text)
+        )
+
+    def _parameter(self, name: Any, value: Any) -> None:
+        if isinstance(name, bytes):
+            self._got.settings[text_of(name)] = _number(value)
+
+    def _steering(self, energy_j: float) -> None:
+        self._energy = (energy_j if self._energy is None else self._energy[0], energy_j)
+
+
+def _number(value: Any) -> float:
+    """Return a number as it is, and NaN for what is none where damage has changed what a column is."""
+    return value if isinstance(value, (int, float)) else math.nan

@@ -1,0 +1,159 @@
+"""The thin log of a boat: a row a minute for a year, as arrays, and its picture over days."""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from firmware_py.common.geodesy import EARTH_RADIUS_M
+from firmware_py.log.open_file import open_buffer
+from hil.errors import UsageError
+from hil.report.log_records import records
+from hil.sim.truth import Array
+
+DAY_S: Final = 86_400.0
+_GAP_S: Final = 600.0  # longer than this between two rows, and no line is drawn between them
+_UTC_S: Final = (946_684_800.0, 4_102_444_800.0)  # 2000 to 2100: else it is damage, or a clock that was never set
+_SAILING = ("Utc", "Sec", "Mod", "Arm", "Flt", "Lat", "Lng", "Rms", "Trv", "WT", "WSd")
+_UPKEEP = ("Enr", "TSrv", "BatV", "SoC", "Sun", "Load", "Skip")
+
+
+@dataclass(frozen=True, slots=True)
+class ThinTable:
+    """Rows of the thin log by their labels there, in order of time; NaN for what was not known."""
+
+    columns: dict[str, Array]
+
+    def __getitem__(self, label: str) -> Array:
+        """Return a column."""
+        return self.columns[label]
+
+    @property
+    def rows(self) -> int:
+        """Return how many rows there are."""
+        return self.columns["Utc"].size
+
+
+def read(paths: Sequence[Path]) -> ThinTable:
+    """Read thin logs; rows whose time cannot be are left out. UsageError names the one that cannot be read."""
+    rows: list[tuple[float, ...]] = []
+    wanted = {"THIN": _SAILING, "THNE": _UPKEEP}
+    for path in paths:
+        sailing: tuple[float, ...] | None = None
+        try:
+            with open_buffer(path) as data:
+                for name, values in records(data, wanted):
+                    if name == "THIN":
+                        sailing = values
+                    elif sailing is not None:
+                        rows.append((*sailing, *values))
+                        sailing = None
+        except OSError as error:
+            raise UsageError(f"{path}: {error.strerror or error}") from None
+    rows = [row for row in rows if _UTC_S[0] <= row[0] <= _UTC_S[1]]
+    table = np.array(sorted(rows), dtype=np.float64).reshape(-1, len(_SAILING) + len(_UPKEEP))
+    return ThinTable(dict(zip((*_SAILING, *_UPKEEP), table.T.copy(), strict=True)))
+
+
+def days(table: ThinTable) -> Iterator[tuple[str, ...]]:
+    """Yield a row of texts for each day: what it was and what it took; the head first."""
+    yield "day (UTC)", "logged", "armed", "rms error", "rudder travel", "steering", "made good", "faults", "skipped"
+    utc_s = table["Utc"]
+    numbers = np.floor(utc_s / DAY_S).astype(int)
+    for number in np.unique(numbers):
+        day = numbers == number
+        seconds = np.nan_to_num(table["Sec"][day])
+        hours = float(seconds.sum()) / 3600.0
+        rms = table["Rms"][day]
+        known = np.isfinite(rms)
+        mean = math.sqrt(float(np.average(rms[known] ** 2))) if known.any() else math.nan
+        yield (
+            dt.datetime.fromtimestamp(number * DAY_S, tz=dt.UTC).strftime("%Y-%m-%d"),
+            f"{hours:.1f} h",
+            f"{float(np.sum(seconds * table['Arm'][day])) / 3600.0:.1f} h",
+            f"{math.degrees(mean):.1f} deg" if known.any() else "-",
+            f"{math.degrees(float(np.nansum(table['Trv'][day]))):.0f} deg",
+            f"{float(np.nansum(table['Enr'][day])) / 3600.0:.2f} Wh",
+            f"{made_good_m(table, day) / 1000.0:.1f} km",
+            f"{float(np.sum(seconds[table['Flt'][day] > 0])) / 60.0:.0f} min",
+            f"{float(np.nansum(table['Skip'][day])):.0f}",
+        )
+
+
+def made_good_m(table: ThinTable, rows: Any) -> float:
+    """Return how far she got between the first and the last place of some rows."""
+    north_m, east_m = places_m(table)
+    known = np.flatnonzero(rows & np.isfinite(north_m))
+    if known.size < 2:
+        return 0.0
+    return float(np.hypot(north_m[known[-1]] - north_m[known[0]], east_m[known[-1]] - east_m[known[0]]))
+
+
+def places_m(table: ThinTable) -> tuple[Array, Array]:
+    """Return north and east of the first place that is known."""
+    lat, lng = table["Lat"], table["Lng"]
+    known = np.flatnonzero(np.isfinite(lat) & np.isfinite(lng))
+    if not known.size:
+        return lat, lng
+    east_rad = np.remainder(lng - lng[known[0]] + math.pi, math.tau) - math.pi
+    return (lat - lat[known[0]]) * EARTH_RADIUS_M, east_rad * math.cos(float(lat[known[0]])) * EARTH_RADIUS_M
+
+
+def draw(table: ThinTable, title: str, path: Path) -> None:
+    """Write the picture of a table with rows as a PNG file."""
+    from hil.report import style  # noqa: PLC0415 - matplotlib is slow to import
+
+    figure = style.new_figure(title, 13.0, 8.4)
+    left, right = figure.subfigures(1, 2, width_ratios=(2.2, 1.0))
+    day = (table["Utc"] - table["Utc"][0]) / DAY_S
+    panels = [panel for panel in _PANELS if np.isfinite(_values(table, panel)).any()]
+    for axes, panel in zip(np.atleast_1d(left.subplots(max(1, len(panels)), 1, sharex=True)), panels, strict=False):
+        axes.plot(*_broken(day, _values(table, panel)), color=style.HULL, lw=0.8)
+        axes.set_ylabel(panel[0], fontsize=9)
+        if panel[1] == "Flt":
+            axes.set_ylim(-0.05, 1.05)
+        style.finish(axes)
+    left.axes[-1].set_xlabel(
+        f"days since {dt.datetime.fromtimestamp(float(table['Utc'][0]), tz=dt.UTC):%Y-%m-%d %H:%M} UTC"
+    )
+    axes = right.subplots()
+    north_m, east_m = places_m(table)
+    axes.plot(east_m / 1000.0, north_m / 1000.0, color=style.HULL, lw=1.2)
+    axes.set_aspect("equal", adjustable="datalim")
+    style.name_panel(axes, "track over the ground", x="east, km", y="north, km")
+    style.finish(axes)
+    figure.savefig(path)
+
+
+# What is drawn where any of it is known: its name with the unit, the column, and by what it is multiplied.
+_PANELS = (
+    ("rms error, deg", "Rms", math.degrees(1.0)),
+    ("rudder travel, deg/h", "Trv", math.degrees(3600.0)),
+    ("steering, W", "Enr", 1.0),
+    ("faults (1: any)", "Flt", 1.0),
+    ("wave period, s", "WT", 1.0),
+    ("servo, deg C", "TSrv", 1.0),
+    ("battery, V", "BatV", 1.0),
+    ("charge, %", "SoC", 100.0),
+)
+
+
+def _values(table: ThinTable, panel: tuple[str, str, float]) -> Array:
+    _, label, factor = panel
+    values = table[label] * factor
+    if label in ("Trv", "Enr"):  # counted over the span of the row
+        seconds = table["Sec"]
+        values = np.divide(values, seconds, out=np.full_like(values, np.nan), where=seconds > 1.0)
+    return np.asarray((values > 0.0).astype(float) if label == "Flt" else values)
+
+
+def _broken(day: Array, values: Array) -> tuple[Array, Array]:
+    """Return a line that is broken where nothing was logged."""
+    gaps = np.flatnonzero(np.diff(day) * DAY_S > _GAP_S) + 1
+    return np.insert(day, gaps, np.nan), np.insert(values, gaps, np.nan)

@@ -1,0 +1,149 @@
+"""The page of a boat's own logs: the same as that of a run, made of what she has kept, whatever state it is in."""
+
+import math
+import random
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firmware_py import __main__ as rambler
+from firmware_py.log.dataflash import header
+from firmware_py.log.thin import HEAD, SAILING, UPKEEP, Minute
+from hil.__main__ import main
+from hil.errors import UsageError
+from hil.report import field_log, field_page, thin_log
+from hil.report.log_records import Gathered, LogFile
+from support.paths import REPLAY
+
+LOG = REPLAY / "tank_pni_volz.BIN"
+MINUTE = Minute(
+    utc_s=1.8e9, span_s=60.0, mode=15, armed=True, faults=0, latitude_rad=0.6, longitude_rad=2.1, rms_error_rad=0.02,
+    travel_rad=0.1, steering_j=36.0, wave_period_s=6.0, servo_c=20.0,
+)  # fmt: skip
+
+
+def thin_bytes(minutes):
+    rows = [SAILING.pack(60.0 * n, one) + UPKEEP.pack(60.0 * n, one) for n, one in enumerate(minutes)]
+    return HEAD + b"".join(rows)
+
+
+@pytest.fixture
+def state(tmp_path):
+    """A state directory with five full logs and a thin one of three days, the last of them with a fault."""
+    logs = tmp_path / "state/logs"
+    (logs / "thin").mkdir(parents=True)
+    for number in range(1, 6):
+        shutil.copy(LOG, logs / f"{number:08d}.BIN")
+    minutes = [
+        replace(MINUTE, utc_s=1.8e9 + 60.0 * n, latitude_rad=0.6 + 1e-7 * n, faults=int(n > 4000)) for n in range(4320)
+    ]
+    (logs / "thin/00000001.BIN").write_bytes(thin_bytes(minutes))
+    return tmp_path / "state"
+
+
+def test_a_log_is_read_as_a_run_is_shown():
+    log = field_log.read([LOG])
+    truth = log.truth
+    assert np.all(np.diff(truth.time_s) > 0.0)
+    assert all(np.isfinite(getattr(truth, name)).all() for name in ("heading_low_rad", "rudder_rad", "north_m"))
+    assert np.abs(np.diff(truth.heading_low_rad)).max() < 1.0, "it does not jump at north"
+    assert log.ticks == truth.time_s.size
+    assert sum(one.seconds for one in log.stretches) == pytest.approx(truth.time_s[-1] - truth.time_s[0], abs=1.0)
+    assert log.texts
+    assert log.late_us["p50"] <= log.late_us["p99"] <= log.late_us["max"]
+
+
+def test_logs_of_two_starts_are_put_end_to_end():
+    one, two = field_log.read([LOG]), field_log.read([LOG, LOG])
+    assert two.ticks == pytest.approx(2 * one.ticks, abs=1)
+    assert np.all(np.diff(two.truth.time_s) > 0.0)
+    assert two.truth.time_s[-1] == pytest.approx(2.0 * one.truth.time_s[-1] - one.truth.time_s[0], rel=0.01)
+
+
+def test_the_page_holds_all_that_it_shows(state, tmp_path, capsys):
+    assert main(["report", str(state), "--out", str(tmp_path / "page.html")]) == 0
+    assert capsys.readouterr().out == f"report: {tmp_path / 'page.html'}\n"
+    text = (tmp_path / "page.html").read_text()
+    assert text.count('src="data:image/png;base64,') == 2
+    assert not re.search(r'(?:src|href)="(?!data:)', text)
+    words = re.sub(r"<[^>]+>", " ", text)
+    for said in ("Figures", "under way", "What she said", "Settings", "Day by day", "2027-01-15", "newest 3 of 5"):
+        assert said in words
+
+
+def test_days_are_summed_up(state):
+    table = thin_log.read([state / "logs/thin/00000001.BIN"])
+    head, *rows = thin_log.days(table)
+    assert len(rows) == 4, "three days that begin at 08:00"
+    day = dict(zip(head, rows[1], strict=True))
+    assert day["logged"] == day["armed"] == "24.0 h"
+    assert day["steering"] == f"{1440 * 36.0 / 3600.0:.2f} Wh"
+    assert day["rudder travel"] == f"{math.degrees(144.0):.0f} deg"
+    assert day["rms error"] == f"{math.degrees(0.02):.1f} deg"
+    assert day["made good"] == f"{1439 * 1e-7 * 6371.0088:.1f} km"
+    assert sum(float(row[head.index("faults")].split()[0]) for row in rows) == 4320 - 4001
+
+
+def test_rows_of_a_time_that_cannot_be_are_left_out(tmp_path):
+    times = (1.8e9, math.nan, 0.0, -1.0, 1e300, 1.8e9 + 60.0)
+    (tmp_path / "1.BIN").write_bytes(thin_bytes(replace(MINUTE, utc_s=utc_s) for utc_s in times))
+    assert thin_log.read([tmp_path / "1.BIN"]).rows == 2
+
+
+def test_a_run_directory_is_taken_for_what_it_is(state, tmp_path):
+    (tmp_path / "run").mkdir()
+    shutil.move(state, tmp_path / "run/state")
+    full, thin, _ = field_page.logs_of([tmp_path / "run"])
+    assert ([path.name for path in full], len(thin)) == ([f"{n:08d}.BIN" for n in (3, 4, 5)], 1)
+
+
+def test_what_is_no_log_is_told_in_a_line(tmp_path, capsys):
+    (tmp_path / "text.BIN").write_text("hello")
+    (tmp_path / "empty.BIN").write_bytes(header((), 0))
+    (tmp_path / "nothing").mkdir()
+    for place in ("text.BIN", "empty.BIN", "nothing", "not there"):
+        assert main(["report", str(tmp_path / place), "--out", str(tmp_path / "page.html")]) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1
+        assert place in said
+    assert main(["report", str(LOG), "--out", str(tmp_path / "no/page.html")]) == 2
+
+
+def test_a_damaged_log_is_a_page_or_a_line():
+    whole = LOG.read_bytes()
+    numbers = random.Random(20180825)
+    for _ in range(12):
+        data = bytearray(whole[: numbers.randrange(1, len(whole))])
+        for _ in range(numbers.randrange(40)):
+            data[numbers.randrange(len(data))] = numbers.randrange(256)
+        got = Gathered()
+        LogFile(LOG, got).take(bytes(data))
+        if got.columns["time_s"]:
+            assert np.isfinite(field_log._made(got).truth.heading_low_rad).all()
+
+
+def test_without_what_draws_it_is_told_in_a_line(monkeypatch, capsys):
+    monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
+    assert rambler.main(["report", str(LOG)]) == 2
+    assert "matplotlib" in capsys.readouterr().err
+    assert main(["report", str(LOG)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_rambler_report_has_the_harness_make_it(monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        "subprocess.run", lambda words, check: asked.append(words) or subprocess.CompletedProcess(words, 0)
+    )
+    assert rambler.main(["report", "a.BIN", "b.BIN", "--out", "page.html"]) == 0
+    assert asked[0][1:] == ["-m", "hil", "report", "--out", "page.html", "--", "a.BIN", "b.BIN"]
+
+
+def test_a_log_without_a_tick_says_so(tmp_path):
+    (tmp_path / "a.BIN").write_bytes(b"")
+    with pytest.raises(UsageError, match=r"a\.BIN"):
+        field_log.read([tmp_path / "a.BIN"])
