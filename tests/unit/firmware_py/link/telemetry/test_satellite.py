@@ -128,3 +128,15 @@ def test_the_message_says_where_she_is_and_how(satellite, of):
     assert (said.wp_num, said.battery, said.eph) == (7, -1, 255)
     assert said.failure_flags == 32 | 4096 | 1024
     assert (said.custom0, said.custom1, said.custom2) == (-12, 61, 3)
+
+
+def test_a_step_of_saving_power_is_told_at_once_and_then_seldom(satellite):
+    satellite.tick()
+    satellite.command(2600, 1)
+    satellite.ticks(100)
+    low = {"saving": 1, "faults": 1 << Fault.BATTERY_LOW}
+    (said,) = satellite.tick(**low)
+    assert said.failure_flags & mavlink.HL_FAILURE_FLAG_BATTERY
+    later = [message for _ in range(6000) for message in satellite.tick(**low)]
+    assert len(later) == pytest.approx(600 / (5 * 120), abs=1)
+    assert len(satellite.tick()) == 1  # and that it is over
