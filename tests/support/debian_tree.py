@@ -132,7 +132,7 @@ class BootedTree:
 
     def _command(self, command):
         passed_on = {name: value for name, value in os.environ.items() if name.startswith(PASSED_ON)}
-        path = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "HOME": "/root", "DEBIAN_FRONTEND": "noninteractive"}
+        path = {"PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin", "HOME": "/root", "DEBIAN_FRONTEND": "noninteractive"}
         return subprocess.run(
             ["nsenter", f"--target={self.pid}", "--mount", "--pid", "--uts", "--ipc", "--cgroup", "sh", "-ec", command],
             env={**passed_on, **path}, capture_output=True, text=True, timeout=COMMAND_S, check=False,
