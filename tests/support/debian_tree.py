@@ -13,6 +13,7 @@ from pathlib import Path
 from support.paths import ROOT
 
 TREE = Path(os.environ.get("DEBIAN_TREE", ROOT / "build/debian-trixie"))
+PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"  # root's, in Debian
 BOOT_S, COMMAND_S = 120.0, 600.0
 # How programs in the tree reach the network from here.
 PASSED_ON = (
@@ -132,7 +133,7 @@ class BootedTree:
 
     def _command(self, command):
         passed_on = {name: value for name, value in os.environ.items() if name.startswith(PASSED_ON)}
-        path = {"PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin", "HOME": "/root", "DEBIAN_FRONTEND": "noninteractive"}
+        path = {"PATH": PATH, "HOME": "/root", "DEBIAN_FRONTEND": "noninteractive"}
         return subprocess.run(
             ["nsenter", f"--target={self.pid}", "--mount", "--pid", "--uts", "--ipc", "--cgroup", "sh", "-ec", command],
             env={**passed_on, **path}, capture_output=True, text=True, timeout=COMMAND_S, check=False,
