@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     except UpdateError as error:
         return refused("update", error)
     except OSError as error:
-        return refused("update", f"{error.filename or ''}: {error.strerror}; what is in force stays")
+        return refused("update", f"{error.filename or 'the disk'}: {error.strerror}; what is in force stays")
     return 0 if await_trial(installation, _say) else 1
 
 

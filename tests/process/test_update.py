@@ -1,6 +1,7 @@
 """An update that is ended anywhere leaves a boat that steers, and the next one goes through."""
 
 import contextlib
+import fcntl
 import json
 import os
 import random
@@ -119,6 +120,12 @@ class UpdatedBoat:
         print(done.stdout + done.stderr)
         return done.returncode, done.stdout + done.stderr
 
+    def await_programs(self):
+        """Until pip of an update that was killed has ended, which holds on to its lock."""
+        descriptor = os.open(self.link.parent, os.O_RDONLY)
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        os.close(descriptor)
+
     def version(self):
         done = subprocess.run([str(self.link), "--version"], capture_output=True, text=True, check=True, env=CLEAN)
         return done.stdout.split()[1]
@@ -200,13 +207,13 @@ def test_real_updates_killed_at_any_moment(updated_boat, whole_bundle, tmp_path)
         except subprocess.TimeoutExpired:
             process.kill()
             said = process.communicate()[0]
+        boat.await_programs()
         print(f"kill {count} after {time.monotonic() - begun_s:.1f} s: {(said.splitlines() or ['nothing said'])[-1]}")
         boat.steers()
         assert boat.version() in (version_of_checkout(), "97.0.0")
         if boat.version() == "97.0.0":
             break
-    while "another update" in (ended := boat.update(better, "--armed"))[1]:
-        time.sleep(1.0)  # pip of the one that was killed
+    ended = boat.update(better, "--armed")
     if "is on trial" in ended[1] or "in force already" in ended[1]:
         return
     assert (ended[0], boat.version()) == (0, "97.0.0")
@@ -220,7 +227,7 @@ def test_a_disk_that_is_full_or_gets_full_under_way(updated_boat, whole_bundle, 
     """The environments are on a disk of their own, which is too small, or is filled while pip works."""
     boat, better = updated_boat, other_version(tmp_path, whole_bundle, "97.0.0", same)
     (small := tmp_path / "small").mkdir()
-    for megabytes, wrong in ((200, "make room"), (600, "cannot be made")):
+    for megabytes, wrong in ((300, "make room"), (600, "cannot be made")):
         subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={megabytes}m", "tmpfs", str(small)], check=True)
         try:
             shutil.copytree(boat.places / "opt/rambler", small / "rambler", symlinks=True)
