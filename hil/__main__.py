@@ -24,7 +24,7 @@ COMMANDS = {
     "bench": ("hil.cli.bench", "measure the autopilot and the tools on this machine"),
     "scenarios": ("hil.cli.scenarios", "list the seas that a run can be made in"),
     "similarity": ("hil.cli.similarity", "the model of the ship at other speeds"),
-    "tune": ("hil.cli.tune", "find the gains of the heading controller by artificial fish swarm"),
+    "tune": ("hil.cli.tune", "tune the delivered controller, or fixed gains, by artificial fish swarm"),
     "reproduce": ("hil.cli.reproduce", "the paper's chain from manoeuvre to closed loop, and its figures against ours"),
     "swarm-table": ("hil.cli.swarm_table", "the fish swarm beside other searches on the standard functions"),
 }

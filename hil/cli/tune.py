@@ -1,4 +1,4 @@
-"""`rambler-hil tune`: the gains of the heading controller by artificial fish swarm."""
+"""`rambler-hil tune`: the delivered controller, or the paper's fixed gains, by artificial fish swarm."""
 
 from __future__ import annotations
 
@@ -13,25 +13,41 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.vehicle import Vehicle
 from hil.cli import outputs
 from hil.errors import UsageError
-from hil.lab.tune import cases, paper
+from hil.lab.tune import cases, delivered, delivered_report, delivered_search, paper
 from hil.lab.tune.report import Report, as_json, parameter_file, text
-from hil.lab.tune.search import tune
+from hil.lab.tune.search import Tell, tune
 from hil.lab.tune.trials import Setting, Trials
 from hil.ship import scenarios
+from hil.ship.extras_table import ExtrasError
 from hil.sim.vehicle_file import load, model_of, standard_vehicle
 
-EVALUATIONS = 400
+EVALUATIONS, FIXED_EVALUATIONS = 60, 400
+FEWEST, FIXED_FEWEST = 20, 150
 EPILOG = """\
+The delivered controller is tuned on its compiled twin (hil/lab/twin), which steers to the last bit as the autopilot
+does: CTL_PRICE and RUD_DBAND_DEG. Seas may have options of their own, as in "swell+float=0.3:0.6,leeway=8". The choice
+is checked in seas with other seeds; what is not better there too is not kept, and the file then holds the delivered
+defaults.
+
 The JSON holds:
+  seeds, fresh_seeds, scenarios, ships   what the trial runs were
+  delivered   error (1 by definition) and travel_deg_per_h of the delivered defaults over all cases
+  chosen      the same of the choice, and travel by that of the delivered; why; kept_as_delivered; parameters
+  fresh_seas  both with other waves and noise
+  tried       every setting that was tried
+  cases       for each sea, ship and fresh seed the errors and the rudder travel of both
+  evaluations, trial_runs, seconds
+
+With --fixed-gains what is tuned is the paper's S-surface behind the plain observer (hil/lab/tune/twins.py): k1, k2,
+EST_TAU_S and RUD_DBAND_DEG. Its file switches the delivered controller off. Its JSON holds:
   paper       for a 30 and a 90 deg step: k1, k2 and itae_deg_s2 of the least ITAE, what the paper's gains come to
   reference   error (1 by definition) and travel_deg_per_h of the paper's gains over all cases
   chosen      k1, k2, tau_s, deadband_deg; error and worst_error (of one case) by the reference; why; parameters
   fresh_seas  the chosen setting with other waves and noise
   front       the settings that no other beats in both error and travel
   cases       for each sea, speed, K_factor and T_factor the errors of the paper's gains and of the chosen setting
-  evaluations, trial_runs, seconds
-
-What is tried is a copy of the firmware's observer, S-surface and rudder limit (hil/lab/tune/twins.py)."""
+  switched_off  in each sea rms_error_deg and rudder_travel_deg_per_h of the delivered controller and of this one
+  evaluations, trial_runs, seconds"""
 FRESH_SEED = 1_000_003  # added to the seed for the seas that the choice is checked in
 
 
@@ -48,22 +64,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help=f"seas to be good in, of {names} (default {' '.join(cases.DEFAULT_SCENARIOS)})",
     )
+    parser.add_argument("--with", dest="extras", metavar="OPTIONS", help="options of every sea, as `run --with` takes")
+    parser.add_argument(
+        "--fixed-gains",
+        action="store_true",
+        help="tune the paper's S-surface with fixed gains instead; its file switches the delivered controller off",
+    )
     parser.add_argument(
         "--price",
         type=float,
         metavar="P",
-        help="what rudder travel costs against error, both in parts of what the paper's gains come to (0: error "
-        "alone; 1: both weigh the same); default: the knee of the front",
+        help="what rudder travel costs against error, both in parts of what the delivered defaults, or the paper's "
+        "gains, come to (0: error alone; 1: both weigh the same); default: neither more than as delivered, or the "
+        "knee of the front",
     )
     parser.add_argument(
-        "--only-gains", action="store_true", help="search k1 and k2 alone, not EST_TAU_S and RUD_DBAND_DEG"
+        "--only-gains",
+        action="store_true",
+        help="with --fixed-gains: search k1 and k2 alone, not EST_TAU_S and RUD_DBAND_DEG",
     )
     parser.add_argument(
         "--evaluations",
         type=int,
-        default=EVALUATIONS,
         metavar="N",
-        help=f"the most settings to try at each of some six prices (default {EVALUATIONS})",
+        help=f"the most settings to try (default {EVALUATIONS}), with --fixed-gains at each of some six prices "
+        f"(default {FIXED_EVALUATIONS})",
     )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of waves, noise and fish (default 1)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there")
@@ -75,6 +100,74 @@ def run(arguments: argparse.Namespace) -> int:
     """Tune, print, and write what was asked for."""
     _check(arguments)
     vehicle = load(arguments.vehicle) if arguments.vehicle is not None else standard_vehicle()
+    return _run_fixed(vehicle, arguments) if arguments.fixed_gains else _run_delivered(vehicle, arguments)
+
+
+def _run_delivered(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
+    report = delivered_of(vehicle, arguments)
+    print(delivered_report.text(report))
+    if arguments.out_params is not None:
+        outputs.write("--out-params", arguments.out_params, delivered_report.parameter_file(report))
+        print(f"parameters: {arguments.out_params}")
+    if arguments.json is not None:
+        outputs.write("--json", arguments.json, json.dumps(delivered_report.as_json(report), indent=2) + "\n")
+    if arguments.plot is not None:
+        from hil.lab.tune import delivered_page  # noqa: PLC0415 - matplotlib is slow to import, and not always needed
+
+        picture, html = delivered_page.write(report, arguments.plot)
+        print(f"picture: {picture}, page: {html}")
+    return 0
+
+
+def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_report.Report:
+    """Tune the delivered controller, or raise UsageError."""
+    begin_s = time.monotonic()
+    parameters, seed, tell = _parameters_of(vehicle), arguments.seed, _teller()
+    model, names = model_of(vehicle), arguments.scenarios
+    try:
+        if any(scenarios.sea_of(name).extras.supply is not None for name in names):
+            raise UsageError("--with supply: the trial runs know no power; leave it out")
+        trials, fresh = (
+            delivered.Trials(model, parameters, names, range(first, first + count))
+            for first, count in ((seed, delivered.SEEDS), (seed + FRESH_SEED, delivered.FRESH_SEEDS))
+        )
+    except (scenarios.UnknownScenarioError, ExtrasError) as error:
+        raise UsageError(f"--scenarios: {error}") from None
+    except ValueError as error:
+        raise UsageError(f"the vehicle file describes no ship that can be tuned: {error}") from None
+    tuned = delivered_search.tune(
+        trials,
+        fresh,
+        parameters,
+        price=arguments.price,
+        evaluations=arguments.evaluations or EVALUATIONS,
+        seed=seed,
+        tell=tell,
+    )
+    tell("", 1.0)
+    seconds = time.monotonic() - begin_s
+    notes = _notes(parameters)
+    return delivered_report.Report(vehicle.name, seed, tuple(names), trials, fresh, tuned, seconds, notes)
+
+
+def _notes(parameters: ParameterSet) -> tuple[str, ...]:
+    """Say what of the vehicle the trial runs do not have."""
+    usual = ParameterSet()
+    other = [name for name in ("LOOP_RATE_HZ", "LOOP_LOCK") if parameters[name] != usual[name]]
+    off = [name for name in delivered_report.DELIVERED if parameters[name] == 0.0]
+    notes = [f"trial runs sail {name} {usual[name]:g}, not the vehicle's {parameters[name]:g}" for name in other]
+    notes += [f"the vehicle's {name} 0 is not what was tuned; the parameter file sets it to 1" for name in off]
+    return tuple(notes)
+
+
+def _parameters_of(vehicle: Vehicle) -> ParameterSet:
+    parameters = ParameterSet()
+    for name, value in vehicle.parameters.items():
+        parameters = parameters.replaced(name, value)
+    return parameters
+
+
+def _run_fixed(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
     report = make_report(vehicle, arguments)
     print(text(report))
     if arguments.out_params is not None:
@@ -93,16 +186,14 @@ def run(arguments: argparse.Namespace) -> int:
 def make_report(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
     """Solve the paper's problem and the practical one, or raise UsageError."""
     begin_s = time.monotonic()
-    parameters = ParameterSet()
-    for name, value in vehicle.parameters.items():
-        parameters = parameters.replaced(name, value)
-    model, seed = model_of(vehicle), arguments.seed
+    parameters, seed, tell = _parameters_of(vehicle), arguments.seed, _teller()
+    model = model_of(vehicle)
     present = Setting.of(parameters)
-    tell = _tell if sys.stderr.isatty() else _say_nothing
     try:
         trials = Trials(model, parameters, arguments.scenarios, seed)
         fresh = Trials(model, parameters, arguments.scenarios, seed + FRESH_SEED)
         studies = tuple(paper.study(step_deg, model, trials.pilot, seed) for step_deg in paper.STEPS_DEG)
+        twin = delivered.Trials(model, parameters, arguments.scenarios, [seed + FRESH_SEED])
     except scenarios.UnknownScenarioError as error:
         raise UsageError(f"--scenarios: {error}") from None
     except ValueError as error:
@@ -112,14 +203,14 @@ def make_report(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
         present,
         price=arguments.price,
         only_gains=arguments.only_gains,
-        evaluations=arguments.evaluations,
+        evaluations=arguments.evaluations or FIXED_EVALUATIONS,
         seed=seed,
         tell=tell,
     )
     tell("", 1.0)
     fresh_score = fresh.scores([tuned.chosen.setting])[0]
     seconds = time.monotonic() - begin_s
-    return Report(vehicle.name, seed, present, studies, trials, fresh, tuned, fresh_score, seconds)
+    return Report(vehicle.name, seed, present, studies, trials, fresh, tuned, fresh_score, twin, seconds)
 
 
 def _check(arguments: argparse.Namespace) -> None:
@@ -128,17 +219,35 @@ def _check(arguments: argparse.Namespace) -> None:
         raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
     if arguments.price is not None and not (math.isfinite(arguments.price) and 0.0 <= arguments.price <= 1e6):
         raise UsageError(f"--price {arguments.price}: give a number from 0 to 1e6")
-    if not 150 <= arguments.evaluations <= 1_000_000:
-        raise UsageError(f"--evaluations {arguments.evaluations}: give a number from 150 to 1000000")
-    arguments.scenarios = [name for words in arguments.scenarios for name in words.split(",") if name]
-    if not arguments.scenarios:
-        raise UsageError("--scenarios: name at least one; rambler-hil scenarios lists them")
+    fewest, given = FIXED_FEWEST if arguments.fixed_gains else FEWEST, arguments.evaluations
+    if given is not None and not fewest <= given <= 1_000_000:
+        raise UsageError(f"--evaluations {given}: give a number from {fewest} to 1000000")
+    if arguments.only_gains and not arguments.fixed_gains:
+        raise UsageError("--only-gains: the delivered controller has none; give --fixed-gains beside it")
+    arguments.scenarios = _seas(arguments)
     if arguments.plot is not None and arguments.plot.suffix not in (".png", ".html"):
         raise UsageError(f"--plot {arguments.plot}: the name must end in .png or .html; both are written")
     for option, path in (
         ("--json", arguments.json), ("--plot", arguments.plot), ("--out-params", arguments.out_params)
     ):  # fmt: skip
         outputs.check(option, path)
+
+
+def _seas(arguments: argparse.Namespace) -> list[str]:
+    """Return the seas, each with the options of all; a comma parts names as long as no options follow."""
+    words = arguments.scenarios
+    names = [name for word in words for name in ([word] if "+" in word else word.split(",")) if name]
+    if not names:
+        raise UsageError("--scenarios: name at least one; rambler-hil scenarios lists them")
+    if arguments.extras is None:
+        return names
+    if arguments.fixed_gains:
+        raise UsageError("--with: the trial runs of --fixed-gains know no options; leave one of them out")
+    return [f"{name}{',' if '+' in name else '+'}{arguments.extras}" for name in names]
+
+
+def _teller() -> Tell:
+    return _tell if sys.stderr.isatty() else _say_nothing
 
 
 def _tell(what: str, part: float) -> None:

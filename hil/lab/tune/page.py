@@ -6,7 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hil.lab.tune import picture
-from hil.lab.tune.report import Report, case_rows, choice_lines, parameter_file, study_line
+from hil.lab.tune.report import (
+    Report,
+    case_rows,
+    choice_lines,
+    parameter_file,
+    study_line,
+    switched_off_lines,
+)
 from hil.report import page
 
 NOTE = (
@@ -27,7 +34,7 @@ def write(report: Report, path: Path) -> tuple[Path, Path]:
 
 
 def _page(report: Report, png: bytes) -> str:
-    lines = [*map(study_line, report.studies), *choice_lines(report)]
+    lines = [*map(study_line, report.studies), *choice_lines(report), *switched_off_lines(report)]
     settings, cases = report.tuned.evaluations, len(report.trials.cases)
     return page.page(
         f"Tuning of {report.vehicle}",

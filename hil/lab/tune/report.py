@@ -10,6 +10,7 @@ import numpy as np
 
 from firmware_py.common.angles import DEGREES_PER_RADIAN
 from firmware_py.common.parameters import format_file
+from hil.lab.tune import delivered
 from hil.lab.tune.loop_kernel import ITAE, MEAN, OVERSHOOT, RMS, TRAVEL, Floats, closed_loop
 from hil.lab.tune.paper import StepStudy
 from hil.lab.tune.search import Tuned
@@ -35,7 +36,7 @@ class Trace:
 class Report:
     """A tuning: the paper's problem, the practical one, and how the choice does in seas it was not chosen in.
 
-    fresh: the same cases with other waves and noise.
+    fresh: the same cases with other waves and noise. delivered: the delivered controller in the same seas, by its twin.
     """
 
     vehicle: str
@@ -46,6 +47,7 @@ class Report:
     fresh: Trials
     tuned: Tuned
     fresh_score: Score
+    delivered: delivered.Trials
     seconds: float
 
     @property
@@ -96,6 +98,7 @@ def parameter_file(report: Report) -> str:
         ),
     ]
     values = chosen.setting.parameters()
+    head += [f"# {line}" for line in switched_off_lines(report)]
     return (
         "\n".join(head) + "\n" + format_file({**FIXED_GAINS, **{name: values[name] for name in report.tuned.changed}})
     )
@@ -121,6 +124,14 @@ def as_json(report: Report) -> dict[str, Any]:
         "fresh_seas": _score_json(report.fresh_score),
         "front": [_score_json(score) for score in report.tuned.front],
         "cases": _cases_json(report),
+        "switched_off": [
+            {
+                "scenario": name,
+                "delivered": {"rms_error_deg": round(rms, 4), "rudder_travel_deg_per_h": round(travel, 1)},
+                "chosen": {"rms_error_deg": round(own_rms, 4), "rudder_travel_deg_per_h": round(own_travel, 1)},
+            }
+            for name, (rms, travel), (own_rms, own_travel) in _switched_off(report)
+        ],
         "evaluations": report.tuned.evaluations,
         "trial_runs": report.tuned.evaluations * len(report.trials.cases),
         "seconds": round(report.seconds, 3),
@@ -223,6 +234,34 @@ def choice_lines(report: Report) -> list[str]:
     return lines
 
 
+def _switched_off(report: Report) -> list[tuple[str, tuple[float, float], tuple[float, float]]]:
+    """Return sea by sea rms [deg] and travel [deg/h] of the delivered controller and of the choice, on the model."""
+    own = report.fresh.results([report.tuned.chosen.setting])[0]
+    ours = {case.scenario.name: own[number] for number, case in enumerate(report.fresh.cases) if case.nominal}
+    twin = report.delivered
+    rows = []
+    for case, result in zip(twin.cases, twin.reference, strict=True):
+        if case.ship == delivered.SHIPS[0]:
+            theirs, mine = ((one[RMS], one[TRAVEL]) for one in (result, ours[case.scenario.name]))
+            rows.append((case.text, _in_degrees(*theirs), _in_degrees(*mine)))
+    return rows
+
+
+def _in_degrees(rms_rad: float, travel_rad_s: float) -> tuple[float, float]:
+    return float(rms_rad) * DEGREES_PER_RADIAN, float(travel_rad_s) * DEG_PER_H
+
+
+def switched_off_lines(report: Report) -> list[str]:
+    """Say that these parameters switch the delivered controller off, and what that costs."""
+    lines = ["the file switches the delivered controller off (CTL_MODE 0, EST_MODE 0); by that, in the same seas:"]
+    for name, (rms, travel), (own_rms, own_travel) in _switched_off(report):
+        lines.append(
+            f"  {name}: rms {rms:.2f} deg becomes {own_rms:.2f}, rudder travel {travel:.0f} deg/h becomes "
+            f"{own_travel:.0f} ({own_travel / max(travel, 1e-9):.1f} x)"
+        )
+    return lines
+
+
 def text(report: Report) -> str:
     """Return what the terminal shows."""
     rows = case_rows(report)
@@ -231,4 +270,5 @@ def text(report: Report) -> str:
     split = sum(widths[1:4]) + 4
     table = [margin + "the paper's gains".ljust(split + 2) + "chosen"]
     table += ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
-    return "\n".join([*map(study_line, report.studies), "", *choice_lines(report), "", *table])
+    lines = [*map(study_line, report.studies), "", *choice_lines(report), "", *switched_off_lines(report), "", *table]
+    return "\n".join(lines)

@@ -1,0 +1,100 @@
+"""Picture and page of a tuning of the delivered controller: what was tried, and runs side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firmware_py.common.angles import DEGREES_PER_RADIAN
+from hil.lab.tune.delivered import DEG_PER_H, Setting, default_setting
+from hil.lab.tune.delivered_report import Report, case_rows, choice_lines, parameter_file
+from hil.lab.tune.loop_kernel import TRAVEL
+from hil.report import page
+from hil.report.style import (
+    COMMAND,
+    COMPASS,
+    GOAL,
+    HULL,
+    INK,
+    add_headroom,
+    add_legend,
+    finish,
+    name_panel,
+    new_figure,
+)  # fmt: skip
+from hil.sim.truth import ROWS_PER_SECOND
+
+SIZE_INCHES = (13.0, 4.6)
+NOTE = (
+    "Error is ITAE, the absolute heading error weighted by the time since the goal was given, in each case by that "
+    "of the delivered defaults, root mean square over the cases. Rudder travel is of the steady last third after each "
+    "goal, mean over the cases. The autopilot keeps the vehicle file's model. The table is of seas that the search has "
+    "not seen; its mean is that of the goal where it is larger."
+)
+
+
+def write(report: Report, path: Path) -> tuple[Path, Path]:
+    """Write the picture and the page beside each other; return the paths of both."""
+    png, html = path.with_suffix(".png"), path.with_suffix(".html")
+    _draw(report, png)
+    html.write_text(_page(report, png.read_bytes()), encoding="utf-8")
+    return png, html
+
+
+def _page(report: Report, png: bytes) -> str:
+    lead = f"{report.tuned.evaluations} settings in {len(report.trials.cases)} trial runs each, seed {report.seed}"
+    return page.page(
+        f"Tuning of {report.vehicle}",
+        [
+            page.paragraph(lead, "lead"),
+            page.image(png, "what was tried, headings and rudders"),
+            page.bullets(choice_lines(report)),
+            page.heading("As delivered (left) and the chosen setting (right)"),
+            page.table(case_rows(report)),
+            page.paragraph(NOTE, "note"),
+            page.heading("Parameters"),
+            page.verbatim(parameter_file(report)),
+        ],
+    )
+
+
+def _draw(report: Report, path: Path) -> None:
+    figure = new_figure(f"Tuning of {report.vehicle}", *SIZE_INCHES)
+    tried, headings, rudders = figure.subplots(1, 3)
+    _tried(tried, report)
+    delivered = _run(report, default_setting())
+    runs = [("as delivered", GOAL, delivered)]
+    if not report.tuned.kept:
+        runs.append(("chosen", HULL, _run(report, report.tuned.chosen.setting)))
+    for name, colour, (time_s, heading_rad, rudder_rad, travel) in runs:
+        headings.plot(time_s, heading_rad * DEGREES_PER_RADIAN, color=colour, lw=1.2, label=name)
+        rudders.plot(time_s, rudder_rad * DEGREES_PER_RADIAN, color=colour, lw=0.8, label=f"{name}: {travel:.0f} deg/h")
+    shown = report.fresh.cases[0].text
+    name_panel(headings, f"hull's heading, {shown}", x="time, s", y="deg")
+    name_panel(rudders, f"rudder, {shown}", x="time, s", y="deg")
+    add_legend(headings)
+    add_headroom(rudders)
+    add_legend(rudders)
+    for axes in (tried, headings, rudders):
+        finish(axes)
+    figure.savefig(path)
+
+
+def _tried(axes: Any, report: Report) -> None:
+    trials = report.trials
+    scores = [score for score in trials.archive if score.error < 4.0]
+    axes.plot([trials.travel(score) for score in scores], [score.error for score in scores], ".", color=COMPASS, ms=4)
+    axes.plot(1.0, 1.0, "o", color=GOAL, ms=8, mec="white", label="as delivered")
+    chosen = report.tuned.chosen
+    axes.plot(trials.travel(chosen), chosen.error, "*", color=COMMAND, ms=14, mec=INK, mew=0.6, label="chosen")
+    name_panel(axes, "what was tried, all cases", x="rudder travel, as delivered = 1", y="error, as delivered = 1")
+    axes.legend(loc="upper right", fontsize=8, edgecolor="none", framealpha=0.9)
+
+
+def _run(report: Report, setting: Setting) -> tuple[Any, Any, Any, float]:
+    """Return time, heading, rudder and travel of the first case in fresh seas."""
+    record = report.fresh.record(setting, report.fresh.seas[0])
+    travel = float(report.fresh.results(setting)[0, TRAVEL]) * DEG_PER_H
+    return np.arange(record.heading_rad.size) / ROWS_PER_SECOND, record.heading_rad, record.rudder_rad, travel

@@ -1,0 +1,186 @@
+"""What a tuning of the delivered controller came to: for the terminal, for programs, and as a parameter file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from firmware_py.common.angles import DEGREES_PER_RADIAN
+from firmware_py.common.parameters import format_file
+from hil.lab.tune.delivered import DEG_PER_H, SEARCHED, SHIPS, Score, Trials, default_setting, parameters_of
+from hil.lab.tune.delivered_search import Tuned
+from hil.lab.tune.loop_kernel import ITAE, MEAN, OVERSHOOT, RMS, TRAVEL, Floats
+
+COLUMNS = ("case", "rms deg", "worst mean", "travel deg/h", "rms deg", "worst mean", "travel deg/h")
+# The controller that these parameters belong to.
+DELIVERED = {"CTL_MODE": 1.0, "EST_MODE": 1.0}
+RATIO = 3  # digits of what is by how much better
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A tuning; `fresh` are the same seas and ships with other waves and noise."""
+
+    vehicle: str
+    seed: int
+    scenarios: tuple[str, ...]
+    trials: Trials
+    fresh: Trials
+    tuned: Tuned
+    seconds: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def values(self) -> dict[str, float]:
+        """What is chosen, by the names of the parameters."""
+        return parameters_of(self.tuned.chosen.setting)
+
+
+def parameter_file(report: Report) -> str:
+    """Write the chosen parameters as `NAME VALUE` lines, with the seas and seeds that they were chosen in."""
+    fresh, beside = report.tuned.fresh, report.fresh.delivered
+    head = [
+        f"# Tuned for {report.vehicle} by rambler-hil tune, seed {report.seed}: {report.tuned.why}.",
+        f"# Seas: {' '.join(report.scenarios)}; {_ships()}; seeds {_seeds(report.trials)}.",
+        (
+            f"# In fresh seas, seeds {_seeds(report.fresh)}: error {fresh.error:.{RATIO}f} and rudder travel "
+            f"{report.fresh.travel(fresh):.{RATIO}f} of the delivered defaults' ({beside.travel_deg_per_h:.0f} deg/h)."
+        ),
+    ]
+    return "\n".join(head) + "\n" + format_file({**DELIVERED, **report.values})
+
+
+def as_json(report: Report) -> dict[str, Any]:
+    """Return what was found as numbers and texts."""
+    tuned = report.tuned
+    return {
+        "vehicle": report.vehicle,
+        "controller": "delivered",
+        "seed": report.seed,
+        "scenarios": list(report.scenarios),
+        "ships": [dict(zip(("K_factor", "T_factor", "alpha_factor"), ship, strict=True)) for ship in SHIPS],
+        "seeds": list(report.trials.seeds),
+        "fresh_seeds": list(report.fresh.seeds),
+        "delivered": _score_json(report.trials, report.trials.delivered),
+        "chosen": {
+            **_score_json(report.trials, tuned.chosen),
+            "why": tuned.why,
+            "kept_as_delivered": tuned.kept,
+            "parameters": report.values,
+        },
+        "fresh_seas": {
+            "delivered": _score_json(report.fresh, report.fresh.delivered),
+            "chosen": _score_json(report.fresh, tuned.fresh),
+        },
+        "tried": [_score_json(report.trials, score) for score in report.trials.archive],
+        "cases": _cases_json(report),
+        "evaluations": tuned.evaluations,
+        "trial_runs": tuned.evaluations * len(report.trials.cases),
+        "seconds": round(report.seconds, 3),
+    }
+
+
+def _score_json(trials: Trials, score: Score) -> dict[str, Any]:
+    return {
+        **{name: round(value, 4) for name, value in zip(SEARCHED, score.setting, strict=True)},
+        "error": round(score.error, 5),
+        "worst_error": round(score.worst_error, 5),
+        "travel_deg_per_h": round(score.travel_deg_per_h, 1),
+        "travel": round(trials.travel(score), 5),
+    }
+
+
+def _cases_json(report: Report) -> list[dict[str, Any]]:
+    both = _both(report)
+    rows = []
+    for number, case in enumerate(report.fresh.cases):
+        ability, lag, norrbin = case.ship
+        row: dict[str, Any] = {
+            "scenario": case.text,
+            "speed_m_s": case.scenario.speed_m_s,
+            "K_factor": ability,
+            "T_factor": lag,
+            "alpha_factor": norrbin,
+            "seed": case.seed,
+        }
+        for name, results in zip(("delivered", "chosen"), both, strict=True):
+            result = results[number]
+            row[name] = {
+                "itae_mean_error_deg": round(float(result[ITAE]) * DEGREES_PER_RADIAN, 4),
+                "rms_error_deg": round(float(result[RMS]) * DEGREES_PER_RADIAN, 4),
+                "mean_error_deg": round(float(result[MEAN]) * DEGREES_PER_RADIAN, 4),
+                "overshoot": round(float(result[OVERSHOOT]), 4),
+                "rudder_travel_deg_per_h": round(float(result[TRAVEL]) * DEG_PER_H, 1),
+            }
+        rows.append(row)
+    return rows
+
+
+def _both(report: Report) -> tuple[Floats, Floats]:
+    """Return the results of the delivered defaults and of the choice in fresh seas."""
+    reference = report.fresh.reference
+    return reference, reference if report.tuned.kept else report.fresh.results(report.tuned.chosen.setting)
+
+
+def case_rows(report: Report) -> list[Sequence[str]]:
+    """Return the table of sea by ship in fresh seas, the first of their seeds: as delivered, and the choice."""
+    both = _both(report)
+    rows: list[Sequence[str]] = [COLUMNS]
+    for number, case in enumerate(report.fresh.cases):
+        if case.seed != report.fresh.seeds[0]:
+            continue
+        cells = [f"{case.text}, K T alpha x {' '.join(f'{factor:g}' for factor in case.ship)}"]
+        for results in both:
+            result = results[number]
+            cells += [
+                f"{result[RMS] * DEGREES_PER_RADIAN:.2f}",
+                f"{result[MEAN] * DEGREES_PER_RADIAN:+.2f}",
+                f"{result[TRAVEL] * DEG_PER_H:.0f}",
+            ]
+        rows.append(cells)
+    return rows
+
+
+def choice_lines(report: Report) -> list[str]:
+    """Say what was chosen, why, and what it brings beside the delivered defaults."""
+    tuned, default = report.tuned, parameters_of(default_setting())
+    chosen = ", ".join(f"{name} {value:g}" for name, value in report.values.items())
+    usual = ", ".join(f"{name} {value:g}" for name, value in default.items())
+    lines = [
+        f"seas: {' '.join(report.scenarios)}; {_ships()}; seeds {_seeds(report.trials)}",
+        f"delivered defaults: {usual}",
+    ]
+    if tuned.kept:
+        lines.append(f"chosen: the delivered defaults stay; {tuned.why}")
+    else:
+        lines.append(f"chosen: {chosen} ({tuned.why})")
+        lines.append(_beside("in these seas", report.trials, tuned.chosen))
+        lines.append(_beside(f"in fresh seas, seeds {_seeds(report.fresh)}", report.fresh, tuned.fresh))
+    return [*lines, *report.notes]
+
+
+def _beside(where: str, trials: Trials, score: Score) -> str:
+    return (
+        f"{where}: error {score.error:.{RATIO}f} x the delivered defaults' (worst case {score.worst_error:.2f} x), "
+        f"rudder travel {score.travel_deg_per_h:.0f} deg/h against {trials.delivered.travel_deg_per_h:.0f} "
+        f"({trials.travel(score):.{RATIO}f} x)"
+    )
+
+
+def text(report: Report) -> str:
+    """Return what the terminal shows."""
+    rows = case_rows(report)
+    widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
+    margin, split = " " * (widths[0] + 2), sum(widths[1:4]) + 4
+    table = [margin + "as delivered".ljust(split + 2) + "chosen"]
+    table += ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
+    return "\n".join([*choice_lines(report), "", *table])
+
+
+def _ships() -> str:
+    return "ships K T alpha x " + ", ".join(" ".join(f"{factor:g}" for factor in ship) for ship in SHIPS)
+
+
+def _seeds(trials: Trials) -> str:
+    return " ".join(map(str, trials.seeds))

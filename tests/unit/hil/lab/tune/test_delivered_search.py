@@ -1,0 +1,85 @@
+"""What the tuner of the delivered controller chooses, on made-up seas that need no voyage."""
+
+import math
+
+import pytest
+
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
+from hil.lab.tune.delivered import Score, Trials, cases_of, default_setting, task_of
+from hil.lab.tune.delivered_search import no_worse, tune
+from hil.ship.scenarios import UnknownScenarioError
+
+PRICE, BAND = default_setting()
+
+
+class MadeUp(Trials):
+    """Error and travel as functions of the setting, in parts of the delivered."""
+
+    def __init__(self, error, travel):
+        self.made_up = error, travel
+        self.archive = []
+        self.delivered = self.score(default_setting())
+
+    def score(self, setting):
+        error, travel = (one(*setting) for one in self.made_up)
+        self.archive.append(Score(setting, error, error, 500.0 * travel))
+        return self.archive[-1]
+
+
+def hollow(price, band):
+    """Least at a price of 0.6."""
+    return 0.9 + 0.3 * math.log(price / 0.6) ** 2 - 0.3 * math.log(PRICE / 0.6) ** 2 + 0.1 + 0.05 * abs(band - BAND)
+
+
+def less_with_price(price, band):
+    return (PRICE / price) ** 0.2 + 0.02 * abs(band - BAND)
+
+
+def flat(_price, _band):
+    return 1.0
+
+
+def test_what_is_better_in_both_is_found_and_what_need_not_change_is_left():
+    found = tune(MadeUp(hollow, flat), MadeUp(hollow, flat), ParameterSet(), evaluations=60)
+    assert not found.kept
+    assert found.chosen.setting[0] == pytest.approx(0.6, rel=0.1)
+    assert found.chosen.setting[1] == BAND
+    assert found.fresh.error < 1.0
+    assert "neither of them more than as delivered" in found.why
+
+
+def test_neither_error_nor_travel_may_be_more_than_as_delivered_unless_a_price_is_asked_for():
+    trials, fresh = MadeUp(hollow, less_with_price), MadeUp(hollow, less_with_price)
+    found = tune(trials, fresh, ParameterSet(), evaluations=60)
+    assert no_worse(trials, found.chosen)
+    close = tune(MadeUp(hollow, less_with_price), fresh, ParameterSet(), price=0.1, evaluations=60)
+    assert not close.kept
+    assert close.chosen.setting[0] < PRICE
+    assert close.chosen.travel_deg_per_h > 500.0
+
+
+def test_what_fresh_seas_do_not_bear_out_is_not_kept():
+    found = tune(MadeUp(hollow, flat), MadeUp(lambda price, _: 1.0 + abs(price - PRICE), flat), ParameterSet())
+    assert found.kept
+    assert found.chosen.setting == default_setting()
+    assert "not in fresh ones" in found.why
+
+
+def test_where_nothing_is_better_the_delivered_defaults_stay():
+    found = tune(MadeUp(lambda price, _: 1.0 + abs(price - PRICE), flat), MadeUp(flat, flat), ParameterSet())
+    assert (found.kept, found.why) == (True, "nothing better was found")
+
+
+def test_each_sea_is_sailed_by_each_ship_with_each_seed():
+    cases = cases_of(["tank", "swell+leeway=8"], (4, 5))
+    assert len({(case.text, case.ship, case.seed) for case in cases}) == len(cases) == 12
+    assert cases[-1].scenario.extras.leeway.body_deg == 8.0
+    with pytest.raises(UnknownScenarioError):
+        cases_of(["pond"], (1,))
+
+
+def test_a_slow_ship_has_the_time_that_she_needs():
+    usual, slow = task_of(OCEAN_RAMBLER, 0.5), task_of(KtModel(0.005, 60.0, 100.0, 0.0, 0.4), 0.5)
+    assert slow[2] > 2.0 * usual[2]
+    assert usual[0].leg_ticks * 2 == round((usual[2] - 150.0) * 10)
