@@ -1,0 +1,295 @@
+"""Swinging a compass under way: its deviation from how its headings and the way over the ground differ, day by day.
+
+A minute in which the boat hardly turns is one observation: the means of what the deviation is made of (A to E of
+deviation.py) over every reading of the minute, so that the yaw of the waves takes nothing from it, and the mean
+velocity over the ground. A Kalman filter of its own makes five coefficients, current and speed of them:
+
+    v = U (cos way, sin way) + c        way = compass + declination + A + B sin h + C cos h + D sin 2h + E cos 2h
+
+c and U may change from hour to hour. What stays unknown, however long she sails: A is that of the compass and the
+leeway together, and a boat that is faster one way than the other by a share of her speed looks like one with half a
+degree of B or C for each percent of it. It looks on: nothing is steered by what it finds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from firmware_py.common.angles import TWO_PI, radians, wrap_pi
+from firmware_py.common.geodesy import EARTH_RADIUS_M
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import FixType, HeadingSample, NorthReference, PositionSample
+from firmware_py.estimate.deviation import Deviation, deviation_of, deviation_rad
+
+BLOCK_S: Final = 60.0
+TURNED_RAD: Final = radians(20.0)  # a minute in which she turns farther says nothing: velocity lags behind heading
+FASTEST_M_S: Final = 10.0  # a velocity beyond it is a receiver's error
+LEAST_HEADINGS, LEAST_FIXES = 20, 5  # in a minute
+SECTORS: Final = 12
+
+COEFFICIENTS: Final = 5
+NORTH, EAST, SPEED, STATES = 5, 6, 7, 8  # behind the five coefficients
+# Standard deviations at the start, and what each state gains in a second.
+FIRST: Final = (radians(20.0), *[radians(12.0)] * 2, *[radians(6.0)] * 2, 0.4, 0.4, 0.3)
+GAINED: Final = (*[(radians(0.1) ** 2) / 86400.0] * 5, 2e-7, 2e-7, 1e-6)
+LONGEST_STEP_S: Final = 6.0 * 3600.0
+FIRST_NOISE_M_S: Final = 0.05  # of the mean of a minute, along and across the way
+LEAST_LOG_NOISE: Final = 2.0 * math.log(0.003)
+NOISE_GAIN: Final = 0.05
+LEG_RAD: Final = radians(12.0)
+SLOWEST_M_S: Final = 0.1
+FARTHEST: Final = 9.0  # a normalised square beyond it counts as this one
+
+# What it takes to propose: the sectors that she has sailed in, and the standard deviation on the worst heading.
+ENOUGH_SECTORS: Final = 8
+ENOUGH_RAD: Final = radians(0.75)
+_CARD: Final = tuple(TWO_PI * number / 36 for number in range(36))
+
+
+@dataclass(frozen=True, slots=True)
+class SwingSettings:
+    """How the compass is mounted, and the deviation in force."""
+
+    offset_rad: float
+    deviation: Deviation
+
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> SwingSettings:
+        """Read the settings of compass A from the parameters."""
+        return cls(radians(parameters["CMP_OFFSET_DEG"]), deviation_of(parameters, "CMP"))
+
+
+@dataclass(frozen=True, slots=True)
+class SwingInput:
+    """What a tick shows: new headings of compass A, the declination, a new believed fix, and the estimated heading.
+
+    `water` is what the filter begins with: current north and east, speed through the water [m/s].
+    """
+
+    headings: Sequence[HeadingSample]
+    declination_rad: float
+    fix: PositionSample | None
+    heading_rad: float
+    water: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Minute:
+    """An observation under way: where it began, and sums since.
+
+    `readings`: number, turned since the first reading, and the sines and cosines of the heading and of its double.
+    `velocities`: number, north and east. `first_fix` and `last_fix` are of a receiver that states none.
+    """
+
+    begun_s: float
+    heading_rad: float
+    first_rad: float
+    declination_rad: float
+    readings: tuple[float, ...] = (0.0,) * 6
+    velocities: tuple[float, float, float] = (0.0,) * 3
+    first_fix: PositionSample | None = None
+    last_fix: PositionSample | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Swing:
+    """The deviation as she has sailed it: A to E, their standard deviations, and how sure the curve is.
+
+    `sd_rad` is the standard deviation on the heading where it is worst known, `off_rad` how far the curve in force is
+    from it at most. `ready`: enough is known to propose it.
+    """
+
+    coefficients_rad: Deviation
+    sds_rad: tuple[float, ...]
+    sd_rad: float
+    off_rad: float
+    ready: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SwingState:
+    """The minute under way, and the filter at t_s.
+
+    `x` and the covariance `p` (8 x 8, the bytes of its numbers, row by row) are of A to E, current north and east, and
+    speed; empty before the first minute. `log_noise`: of the variance along and across the way. `leg`: the way and the
+    speed of the leg that she is on. `sectors`: minutes in each twelfth of the circle.
+    """
+
+    minute: Minute | None = None
+    t_s: float = 0.0
+    offset_rad: float = 0.0
+    x: tuple[float, ...] = ()
+    p: bytes = b""
+    log_noise: tuple[float, float] = (2.0 * math.log(FIRST_NOISE_M_S), 2.0 * math.log(FIRST_NOISE_M_S))
+    leg: tuple[float, ...] | None = None
+    sectors: tuple[int, ...] = (0,) * SECTORS
+
+
+def update(settings: SwingSettings, state: SwingState, given: SwingInput, now_s: float) -> SwingState:
+    """Take a tick in; a compass that is mounted anew begins anew."""
+    minute = state.minute
+    if settings.offset_rad != state.offset_rad:
+        state, minute = SwingState(offset_rad=settings.offset_rad), None
+    for sample in given.headings:
+        if sample.source == 0 and math.isfinite(sample.heading_rad):
+            minute = _with_heading(minute, sample, settings.offset_rad, given, now_s)
+    if minute is None:
+        return state
+    if given.fix is not None:
+        minute = _with_fix(minute, given.fix)
+    if abs(wrap_pi(given.heading_rad - minute.heading_rad)) > TURNED_RAD:
+        return replace(state, minute=None)
+    if now_s - minute.begun_s < BLOCK_S:
+        return state if minute is state.minute else replace(state, minute=minute)
+    state = replace(state, minute=None)
+    velocity = _velocity(minute)
+    if minute.readings[0] < LEAST_HEADINGS or velocity is None:
+        return state
+    return _observed(settings, state, minute, velocity, given.water, now_s)
+
+
+def without_minute(state: SwingState) -> SwingState:
+    """Return the state without the minute under way: what comes is of another run."""
+    return replace(state, minute=None)
+
+
+def _with_heading(
+    minute: Minute | None, sample: HeadingSample, offset_rad: float, given: SwingInput, now_s: float
+) -> Minute:
+    """Return the minute with a reading more, or a new one with its first."""
+    mounted_rad = sample.heading_rad + offset_rad
+    if minute is None:
+        # A compass that gives true headings has added the declination itself.
+        declination_rad = given.declination_rad if sample.reference is NorthReference.MAGNETIC else 0.0
+        minute = Minute(now_s, given.heading_rad, mounted_rad, declination_rad)
+    sine, cosine = math.sin(mounted_rad), math.cos(mounted_rad)
+    number, turned_rad, by_sine, by_cosine, by_sine_2, by_cosine_2 = minute.readings
+    readings = (
+        number + 1.0,
+        turned_rad + wrap_pi(mounted_rad - minute.first_rad),
+        by_sine + sine,
+        by_cosine + cosine,
+        by_sine_2 + 2.0 * sine * cosine,
+        by_cosine_2 + cosine * cosine - sine * sine,
+    )
+    return Minute(
+        minute.begun_s,
+        minute.heading_rad,
+        minute.first_rad,
+        minute.declination_rad,
+        readings,
+        minute.velocities,
+        minute.first_fix,
+        minute.last_fix,
+    )
+
+
+def _with_fix(minute: Minute, fix: PositionSample) -> Minute:
+    """Return the minute with a fix more."""
+    speed_m_s, course_rad = fix.speed_over_ground_m_s, fix.course_over_ground_rad
+    if fix.fix is FixType.NONE:
+        return minute
+    if speed_m_s is None:
+        return replace(minute, first_fix=minute.first_fix or fix, last_fix=fix)
+    course_rad = course_rad or 0.0  # without way a receiver gives none
+    # Written so that NaN fails the comparison.
+    if not (0.0 <= speed_m_s <= FASTEST_M_S and abs(course_rad) <= 2.0 * TWO_PI):
+        return minute
+    number, north_m_s, east_m_s = minute.velocities
+    north_m_s += speed_m_s * math.cos(course_rad)
+    east_m_s += speed_m_s * math.sin(course_rad)
+    return replace(minute, velocities=(number + 1.0, north_m_s, east_m_s))
+
+
+def _velocity(minute: Minute) -> tuple[float, float] | None:
+    """Return the mean velocity of a minute, by the positions where the receiver states none; None without either."""
+    number, north_m_s, east_m_s = minute.velocities
+    if number >= LEAST_FIXES:
+        return north_m_s / number, east_m_s / number
+    first, last = minute.first_fix, minute.last_fix
+    if number or first is None or last is None or last.t_s - first.t_s < 0.75 * BLOCK_S:
+        return None
+    if None in (first.latitude_rad, first.longitude_rad, last.latitude_rad, last.longitude_rad):
+        return None
+    latitude_rad, length_s = last.latitude_rad or 0.0, last.t_s - first.t_s
+    north_rad = latitude_rad - (first.latitude_rad or 0.0)
+    east_rad = math.cos(latitude_rad) * wrap_pi((last.longitude_rad or 0.0) - (first.longitude_rad or 0.0))
+    north_m_s, east_m_s = EARTH_RADIUS_M * north_rad / length_s, EARTH_RADIUS_M * east_rad / length_s
+    return (north_m_s, east_m_s) if math.hypot(north_m_s, east_m_s) <= FASTEST_M_S else None
+
+
+def _observed(
+    settings: SwingSettings,
+    state: SwingState,
+    minute: Minute,
+    velocity: tuple[float, float],
+    water: tuple[float, float, float],
+    now_s: float,
+) -> SwingState:
+    """Take a minute in."""
+    if state.x:
+        x, p = state.x, np.frombuffer(state.p).reshape(STATES, STATES).copy()
+        p.flat[:: STATES + 1] += np.array(GAINED) * min(max(now_s - state.t_s, 0.0), LONGEST_STEP_S)
+    else:
+        x, p = (*settings.deviation, *water), np.diag(np.square(FIRST))
+    number, turned_rad, *sums = minute.readings
+    parts = (1.0, *(each / number for each in sums))
+    compass_rad = minute.first_rad + turned_rad / number + minute.declination_rad
+    way_rad = compass_rad + sum(own * part for own, part in zip(x, parts, strict=False))
+    # Slopes stay the same until she has turned: what the estimates err by from minute to minute would be taken for
+    # turns that the track did not follow, and so tell speed, current and deviation apart that nothing has told apart.
+    leg = state.leg
+    if leg is None or abs(wrap_pi(way_rad - leg[0])) > LEG_RAD:
+        leg = (wrap_pi(way_rad), *(max(x[SPEED], SLOWEST_M_S) * part for part in parts))
+    cosine, sine = math.cos(leg[0]), math.sin(leg[0])
+    off = (
+        velocity[0] - x[NORTH] - x[SPEED] * math.cos(way_rad),
+        velocity[1] - x[EAST] - x[SPEED] * math.sin(way_rad),
+    )
+    slopes = (
+        (*(0.0,) * COEFFICIENTS, cosine, sine, 1.0),
+        (*leg[1:], -sine, cosine, 0.0),
+    )
+    before, log_noise = x, list(state.log_noise)
+    for axis, slope in enumerate(slopes):
+        moved = sum(part * (now - then) for part, now, then in zip(slope, x, before, strict=True))
+        innovation = slope[NORTH] * off[0] + slope[EAST] * off[1] - moved
+        shown = np.zeros(STATES)
+        for place, part in enumerate(slope):
+            shown += part * p[place]
+        variance = sum(part * float(shown[place]) for place, part in enumerate(slope)) + math.exp(log_noise[axis])
+        square = innovation * innovation / variance
+        log_noise[axis] = max(log_noise[axis] + NOISE_GAIN * (min(square, FARTHEST) - 1.0), LEAST_LOG_NOISE)
+        variance *= max(1.0, square / FARTHEST)
+        x = tuple(own + gain * innovation for own, gain in zip(x, (shown / variance).tolist(), strict=True))
+        p = p - np.multiply.outer(shown, shown) / variance
+    if not (math.isfinite(sum(x)) and p.diagonal().min() > 0.0):
+        return SwingState(offset_rad=state.offset_rad)
+    sector = int((compass_rad % TWO_PI) / TWO_PI * SECTORS) % SECTORS
+    sectors = tuple(own + (place == sector) for place, own in enumerate(state.sectors))
+    noise = (log_noise[0], log_noise[1])
+    return replace(state, t_s=now_s, x=x, p=p.tobytes(), log_noise=noise, leg=leg, sectors=sectors)
+
+
+def result(settings: SwingSettings, state: SwingState) -> Swing | None:
+    """Return what has been found, None before the first minute."""
+    if not state.x:
+        return None
+    p = np.frombuffer(state.p).reshape(STATES, STATES)[:COEFFICIENTS, :COEFFICIENTS]
+    a, b, c, d, e = state.x[:COEFFICIENTS]
+    worst = off_rad = 0.0
+    for heading_rad in _CARD:
+        sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
+        parts = np.array((1.0, sine, cosine, 2.0 * sine * cosine, cosine * cosine - sine * sine))
+        worst = max(worst, float((np.multiply.outer(parts, parts) * p).sum()))
+        apart_rad = deviation_rad((a, b, c, d, e), heading_rad) - deviation_rad(settings.deviation, heading_rad)
+        off_rad = max(off_rad, abs(apart_rad))
+    sd_rad = math.sqrt(worst)
+    sailed = sum(minutes > 0 for minutes in state.sectors)
+    ready = sailed >= ENOUGH_SECTORS and sd_rad <= ENOUGH_RAD
+    return Swing((a, b, c, d, e), tuple(np.sqrt(p.diagonal()).tolist()), sd_rad, off_rad, ready)

@@ -1,0 +1,79 @@
+"""The deviation of a compass that nobody has corrected, from what her sensors say in a day of courses."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+
+from firmware_py.cli.calibrate import Swinging
+from firmware_py.common.angles import TWO_PI, clamp, degrees, radians, wrap_pi
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import FixType, HeadingSample, Inputs, NorthReference, PositionSample, Tick
+from hil.ship.noise import NormalNumbers, Stream, generator
+from support import rig
+from support.plans import placed
+
+LEG_S = 900.0
+RESOLUTION_RAD = radians(0.1)
+
+
+def sailed(name, seed, hours, leg_s=LEG_S):
+    """Sail courses drawn by chance, by a helm that knows her true heading; return what her sensors have told."""
+    scenario, courses = rig.sea(name), random.Random(seed)
+    hull, swinging = rig.FineHull(scenario, seed), Swinging(ParameterSet())
+    noise, goal_rad, rudder_rad = NormalNumbers(generator(seed, Stream.COMPASS)), 0.0, 0.0
+    for tick in range(round(hours * 36000)):
+        t_s = 0.1 * tick
+        if tick % round(10 * leg_s) == 0:
+            goal_rad = courses.uniform(-math.pi, math.pi)
+        error_rad = wrap_pi(goal_rad - hull.heading_low_rad(0.0))
+        wanted_rad = clamp(0.8 * error_rad - 6.0 * hull.yaw_rate_low_rad_s(0.0), -radians(30.0), radians(30.0))
+        rudder_rad += clamp(wanted_rad - rudder_rad, -radians(3.0), radians(3.0))
+        shown_rad = hull.shown_heading_rad(0.0) + radians(0.3) * noise.draw()
+        shown_rad = round(shown_rad / RESOLUTION_RAD) * RESOLUTION_RAD % TWO_PI
+        fixes = ()
+        if tick % 10 == 0:
+            north, east = (own + 0.03 * noise.draw() for own in hull.velocity_in_waves_m_s(0.0))
+            place = placed(*hull.position_in_waves_m(0.0))
+            course_rad = math.atan2(east, north) % TWO_PI
+            fixes = (PositionSample(t_s, FixType.FIX_3D, *place, 0.0, math.hypot(north, east), course_rad),)
+        headings = (HeadingSample(t_s, shown_rad, NorthReference.TRUE),)
+        swinging.take(Inputs(Tick(tick, t_s, 0.0, 0, 10.0), headings, fixes))
+        hull.step(rudder_rad)
+    return swinging
+
+
+def truth_of(name):
+    """Return A to E [deg] as a function of what the compass shows; the sea has them by the true heading."""
+    how = rig.sea(name).extras.compass
+    true_rad = np.linspace(0.0, TWO_PI, 720, endpoint=False)
+
+    def parts(heading_rad):
+        sines = (np.sin(heading_rad), np.cos(heading_rad), np.sin(2.0 * heading_rad), np.cos(2.0 * heading_rad))
+        return np.stack([np.ones_like(heading_rad), *sines], axis=1)
+
+    deviation = parts(true_rad) @ np.radians([how.a_deg, how.b_deg, how.c_deg, how.d_deg, how.e_deg])
+    return np.degrees(np.linalg.lstsq(parts(true_rad - deviation), deviation, rcond=None)[0])
+
+
+def errors_of(swinging, name):
+    return np.array([degrees(one) for one in swinging.result().coefficients_rad]) - truth_of(name)
+
+
+def test_an_hour_on_two_courses_is_no_proposal():
+    swinging = sailed("ocean-2", 1, 0.2, leg_s=360.0)
+    assert sum(swinging.state.sectors) >= 5
+    assert not swinging.result().ready
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(7200)
+def test_the_deviation_is_known_within_half_a_degree_in_a_day(figures):
+    runs = [sailed("ocean-2", seed, 24.0) for seed in range(1, 6)]
+    errors_deg = np.abs([errors_of(run, "ocean-2") for run in runs])
+    print(np.round(errors_deg, 2), [np.round(np.degrees(run.result().sds_rad), 2) for run in runs])
+    figures.keep("swing_error_95", float(np.quantile(errors_deg, 0.95)), "deg")
+    figures.keep("swing_error_worst", float(errors_deg.max()), "deg")
+    assert all(run.result().ready for run in runs)
+    assert np.quantile(errors_deg, 0.95) <= 0.5
