@@ -13,7 +13,7 @@ from firmware_py.log.reader import read_log
 from hil.sim.truth import COLUMNS, FLOAT_COLUMN, read
 from support.harness import rambler_hil, replays, start_rambler_hil
 
-# Tank, paper gains: six seeds, and all compasses and servos among them.
+# The tank as delivered: six seeds, and all compasses and servos among them.
 TANK_RUNS = [
     (1, "nmea", "dynamixel"),
     (2, "pni", "volz"),
@@ -40,7 +40,6 @@ def test_she_holds_her_heading_in_the_tank(tmp_path, seed, compass, servo):
         "--out",
         str(tmp_path),
     ]
-    words += ["--set", "CTL_MODE=0", "EST_MODE=0"]
     code, said, errors = rambler_hil(*words, "--compass", compass, "--servo", servo)
     assert (code, errors) == (0, "")
     summary = json.loads((tmp_path / "summary.json").read_text())
