@@ -30,7 +30,7 @@ def changed(before, how):
 
 def test_with_a_full_battery_what_was_set_holds():
     values = ParameterSet()
-    assert parameters_in_force(values, Saving.NOTHING) is values
+    assert parameters_in_force(values, Saving.NOTHING) == values
 
 
 @pytest.mark.parametrize("how", [Saving.SAVES, Saving.KEEPS_HEADING])
