@@ -3,6 +3,8 @@
 # needed, and .ci/find_python finds that. Another one: make PYTHON=/path/to/python3.12 ...
 
 PYTHON ?=
+# Without bytecode each process that tests start compiles pymavlink anew, for seconds; on the float it is there.
+unexport PYTHONDONTWRITEBYTECODE
 VENV := .venv
 BIN := $(VENV)/bin
 # What is installed: enough to sail; the tools and clients of the tests besides; what builds the documentation.

@@ -28,6 +28,7 @@ SENTENCE = whole_sentence("HEHDT,0.123,T")
 BACK_TO_BACK_S = 0.0005
 BACK_TO_BACK_ECHOES = 300
 PATIENCE_S = 1.0
+ALIVE_S = 60.0
 DECODINGS = 100
 DECODING_GAP_S = 0.02
 
@@ -67,11 +68,13 @@ def measure(setting: Setting) -> Finding:
         busy = spread(echo.times(BACK_TO_BACK_ECHOES, BACK_TO_BACK_S))
     decoding = spread(_decodings())
     with Rig(directory / "rig") as rig, steady():
-        rig.serve(setting.lock_s + setting.sense_s)
+        rig.serve_until_alive(ALIVE_S)
+        counted_from_s = rig.now_s() + setting.lock_s
+        rig.serve(counted_from_s + setting.sense_s)
     with _echo(directory) as echo:
         bare_s += echo.times(setting.echoes - len(bare_s), 1.0 / COMPASS_HZ)
     found = passages(logged(rig.out), rig.sentences_s, rig.goals_s)
-    counted = [passage for passage in found if passage.sentence_s >= setting.lock_s]
+    counted = [passage for passage in found if passage.sentence_s >= counted_from_s]
     if not counted:
         raise HilError("no heading was followed to the servo; see what the onboard log says")
     whole = spread([passage.whole_s for passage in counted])
@@ -80,7 +83,7 @@ def measure(setting: Setting) -> Finding:
     wait_us, decoding_us, busy_us = (one.p50 * MICROSECONDS for one in (wait, decoding, busy))
     notes = (
         f"{whole.count} headings of a free-running {COMPASS_HZ:g} Hz NMEA compass, told apart in the onboard log",
-        f"counted from {setting.lock_s:g} s after the start, when the ticks have locked to the compass",
+        f"counted from {setting.lock_s:g} s after the first goal, when the ticks have locked to the compass",
         f"computing: whole less the wait for the tick (p50 {wait_us:.0f} us), its decoding ({decoding_us:.0f} us) kept",
         "bare: a Python process that carries the same bytes from pty to pty, at the compass's pace",
         f"the same back to back, with warm caches: p50 {busy_us:.0f} us",

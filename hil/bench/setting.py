@@ -10,7 +10,7 @@ from pathlib import Path
 class Setting:
     """Seconds and counts of all measurements.
 
-    `lateness_s` is by rate in Hz. A sense-to-actuate run counts from `lock_s` on: the
+    `lateness_s` is by rate in Hz. A sense-to-actuate run counts from `lock_s` after the first goal on: the
     ticks approach the compass by 0.5 ms a tick, half a period at most, and the last
     of the way takes a time constant of ten ticks. What is compared with a program of others runs
     in `pairs`, one after the other; `fish_evaluations` and `plain_evaluations` are those of a search with
