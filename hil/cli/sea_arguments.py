@@ -1,0 +1,90 @@
+"""The part of a command line that says which sea, which boat and which chances."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import replace
+from pathlib import Path
+
+from firmware_py.vehicle import Vehicle
+from hil.errors import UsageError
+from hil.ship import scenarios
+from hil.ship.extras_table import ExtrasError
+from hil.ship.scenarios import Scenario
+from hil.sim.device_factory import COMPASSES, SERVOS
+from hil.sim.vehicle_file import load, standard_vehicle, with_devices
+
+SCENARIO_NAMES = ", ".join(row.name for row in scenarios.TABLE)
+
+
+def add_sea_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define what all commands that put a boat to sea have in common, the name of the scenario apart."""
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything that is random (default 1)")
+    parser.add_argument(
+        "--current",
+        metavar="M/S:DEG[:HOURS[:ROTARY]]",
+        help="another current: strength and where it sets, at the start if it turns; the hours of its tide, and how"
+        " much it turns round: 0 (default) to and fro, 1 clockwise at full strength, -1 anticlockwise",
+    )
+    parser.add_argument(
+        "--with",
+        metavar="OPTION[=NUMBER:...],...",
+        action="append",
+        default=[],
+        dest="extras",
+        help="more that the sea does to her, as in float=0.3:0.6,leeway=8,sway; rambler-hil scenarios lists them",
+    )
+    parser.add_argument("--compass", choices=tuple(COMPASSES), help="default nmea, or the vehicle file's")
+    parser.add_argument("--servo", choices=tuple(SERVOS), help="default dynamixel, or the vehicle file's")
+    parser.add_argument("--vehicle", type=Path, metavar="FILE", help="a vehicle file: devices, model, parameters")
+
+
+def sea_of(arguments: argparse.Namespace) -> Scenario:
+    """Return the sea that a command line asks for, or raise UsageError."""
+    if arguments.seed < 0:
+        raise UsageError(f"--seed {arguments.seed}: give a whole number from 0 up")
+    try:
+        scenario = scenarios.named(arguments.scenario)
+    except scenarios.UnknownScenarioError as error:
+        raise UsageError(str(error)) from None
+    if arguments.current is not None:
+        scenario = _with_current(scenario, arguments.current)
+    try:
+        return scenarios.with_extras(scenario, ",".join(arguments.extras)) if arguments.extras else scenario
+    except ExtrasError as error:
+        raise UsageError(f"--with: {error}") from None
+
+
+def vehicle_of(arguments: argparse.Namespace) -> Vehicle:
+    """Return the vehicle that a command line asks for, or raise UsageError."""
+    vehicle = load(arguments.vehicle) if arguments.vehicle is not None else standard_vehicle()
+    return with_devices(vehicle, arguments.compass, arguments.servo)
+
+
+def _with_current(scenario: Scenario, text: str) -> Scenario:
+    remedy = 'write M/S:DEG or M/S:DEG:HOURS:ROTARY, as in "0.3:90" or "0.3:90:12.42:0.5"'
+    try:
+        numbers = [float(piece) for piece in text.split(":")]
+    except ValueError:
+        numbers = []
+    if not 2 <= len(numbers) <= 4:
+        raise UsageError(f"--current {text[:40]!r}: {remedy}")
+    speed_m_s, toward_deg, hours, rotary = (*numbers, 0.0, 0.0)[:4]
+    # Written so that NaN fails the comparisons.
+    if not (0.0 <= speed_m_s <= 10.0 and abs(toward_deg) <= 360.0 and 0.0 <= hours <= 1e4 and abs(rotary) <= 1.0):
+        raise UsageError(f"--current {text[:40]!r}: a number is out of range; {remedy}")
+    return replace(
+        scenario,
+        current_m_s=speed_m_s,
+        current_toward_deg=toward_deg,
+        tide_s=hours * 3600.0,
+        tide_rotary=rotary,
+    )
+
+
+def seconds_of(seconds: float, longest_s: float) -> float:
+    """Return the length of a run, or raise UsageError."""
+    if not (math.isfinite(seconds) and 0.0 < seconds <= longest_s):
+        raise UsageError(f"--seconds {seconds:g}: give a number of seconds up to {longest_s:g}")
+    return seconds
