@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--markdown", action="store_true", help="print params/REFERENCE.md")
     parser.add_argument("--faults", action="store_true", help="print params/FAULTS.md")
     parser.add_argument("--messages", action="store_true", help="print params/MESSAGES.md")
+    parser.add_argument("--texts", action="store_true", help="print params/TEXTS.md")
     parser.add_argument("--metadata", action="store_true", help="print parameter.json, the component metadata")
     parser.add_argument(
         "--save",
@@ -61,12 +62,20 @@ def _messages() -> str:
     return link_page.markdown()
 
 
+def _texts() -> str:
+    # Imported here: hundreds of sentences that nobody else needs.
+    from firmware_py.cli.texts import page  # noqa: PLC0415
+
+    return page.markdown()
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Print the table, or check a file and say what it changes, or write one."""
     for wanted, page in (
         (arguments.markdown, parameter_page.markdown),
         (arguments.faults, faults.markdown),
         (arguments.messages, _messages),
+        (arguments.texts, _texts),
     ):
         if wanted:
             print(page(), end="")

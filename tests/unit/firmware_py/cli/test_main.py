@@ -117,7 +117,7 @@ def test_params_prints_the_table_and_checks_files(capsys, tmp_path):
 def test_generated_pages_are_the_repository_s(capsys):
 
     params = ROOT / "params"
-    for option, name in (("--markdown", "REFERENCE.md"), ("--faults", "FAULTS.md")):
+    for option, name in (("--markdown", "REFERENCE.md"), ("--faults", "FAULTS.md"), ("--texts", "TEXTS.md")):
         assert main(["params", option]) == 0
         assert capsys.readouterr().out == (params / name).read_text(), "make pages writes them anew"
 

@@ -108,7 +108,7 @@ def test_what_the_service_would_not_see(path, is_hidden):
 
 
 def test_examples_and_pages_come_with_the_program():
-    for name in ("REFERENCE.md", "FAULTS.md", "MESSAGES.md", *NAMES.values()):
+    for name in ("REFERENCE.md", "FAULTS.md", "MESSAGES.md", "TEXTS.md", *NAMES.values()):
         assert example(name).is_file()
     with pytest.raises(FileNotFoundError):
         example("missing")

@@ -1,0 +1,65 @@
+"""Texts of plans, parameter files, other files and logs, sent and fetched."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+_MEND = "mend the item named, send the plan again; the old plan stands"
+_AGAIN = "send it again; the old one stands"
+_BROKEN = "the file is cut off, or not of this kind"
+
+TEXTS: Mapping[str, tuple[str, str]] = {
+    "New <plan>: <number> items": ("a plan is in force and on disk", "nothing"),
+    "<plan> cleared": ("it is gone, from the disk too", "nothing"),
+    "<plan> not cleared: <why>": ("it stands as it was", "see what is named; clear it again"),
+    "<plan> not taken: <why>": ("the plan was refused as a whole; why is a row of this page", _MEND),
+    "it was refused": ("the plan was not taken", _AGAIN),
+    "Item <number> was refused": ("she goes on with the item that she was at", "name an item that there is"),
+    "the plan could not be stored; the old one stands": ("the disk did not take it", "see STORAGE_FAILING"),
+    "the plan has been changed meanwhile": ("somebody else has sent one while yours came", "look at it, send again"),
+    "there are no such items to be written anew": ("a part of a plan was sent for items that there are not", _AGAIN),
+    "the station fell silent at item <number>": ("an upload has not gone on for seconds", _AGAIN),
+    "system <number> takes its turn": ("another station uploads now", "wait for it, then send again"),
+    "system <number> is uploading one now": ("another station uploads now", "wait for it, then send again"),
+    "<number> items; at most <number> are kept": ("the plan is too long", "shorten it; DO_JUMP repeats a part"),
+    "<command> is not known in a <plan> plan": ("she does not sail that item; see plan items", _MEND),
+    "<item>: frame <number> is not supported": ("places are latitude and longitude", _MEND),
+    "<item>: param<number> is infinite": ("a broken number", _MEND),
+    "<item>: param<number> is <value>; allowed: <values>": ("she cannot sail it so", _MEND),
+    "<item>: the latitude is not on this planet": ("beyond 90 deg, or no number", _MEND),
+    "<item>: the longitude is not on this planet": ("beyond 180 deg, or no number", _MEND),
+    "<item>: the altitude is infinite": ("a broken number", _MEND),
+    "<item>: the altitude is not a number": ("a broken number", _MEND),
+    "<item>: a time is not negative, unless -1": ("-1 means any", _MEND),
+    "<item>: a time of day needs an hour": ("minutes and seconds alone are none", _MEND),
+    "DO_JUMP: there is no item <number>": ("it leads nowhere", _MEND),
+    "DO_JUMP: goes round for ever without an item that takes time": ("she would never go on", _MEND),
+    "a second fence return point": ("there is one at most", _MEND),
+    "the polygon crosses itself": ("inside and outside are not plain", _MEND),
+    "the polygon has fewer than 3 different vertices": ("it has no inside", _MEND),
+    "the polygon is too intricate to be checked; use fewer vertices": ("nearly all edges lie close together", _MEND),
+    "the polygon ends after <number> of <number> vertices": ("vertices are missing", _MEND),
+    "vertex <number> of <number> is not one of its polygon": ("two polygons are mixed", _MEND),
+    "x is out of range": ("the item's place is broken", _MEND),
+    "y is out of range": ("the item's place is broken", _MEND),
+    "is numbered <number>": ("items of a plan file are not in order", _AGAIN),
+    "holds a plan of kind <number> instead of <number>": ("the file went to the wrong name", _AGAIN),
+    "only whole plans are taken": ("a plan file begins with its first item", _AGAIN),
+    "<number> bytes do not hold <number> items": (_BROKEN, _AGAIN),
+    "shorter than its head": (_BROKEN, _AGAIN),
+    "begins with <number> instead of <number>": (_BROKEN, _AGAIN),
+    "byte <number> begins no parameter": (_BROKEN, _AGAIN),
+    "the parameter at byte <number> is cut off": (_BROKEN, _AGAIN),
+    "unknown parameter <name>": ("the file is of another version", "leave that parameter out"),
+    "<number> bytes of <number> have come": (_BROKEN, _AGAIN),
+    "<number> parameters instead of <number>": (_BROKEN, _AGAIN),
+    "<number> values for <number> parameters": (_BROKEN, _AGAIN),
+    "expected NAME VALUE, found <line>": ("a parameter file has a line of another kind", "mend the line"),
+    "<value> is not a number": ("in a parameter file", "mend the line"),
+    "The disk has too much to do: send the file again": ("too many files wait to be written", "send it again"),
+    "Log download: others are being served, try again": ("four stations fetch logs at once", "try again later"),
+    "Log <number> does not exist": ("the list is old, or the log has been tidied away", "list the logs again"),
+    "Logs are erased only while she is disarmed": ("a log may be wanted at sea", "disarm her first"),
+    "Logs could not be erased: <why>": ("some logs are still there", "see what is named; STORAGE_FAILING"),
+    "<number> logs erased": ("the log that is being written stays", "nothing"),
+}

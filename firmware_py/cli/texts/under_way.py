@@ -1,0 +1,94 @@
+"""Texts of sailing: modes, goals, missions, what she steers by, clock and signals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+_NOTHING = "nothing"
+
+TEXTS: Mapping[str, tuple[str, str]] = {
+    "Armed": ("the rudder follows the mode from now on", _NOTHING),
+    "Disarmed": ("the rudder is not steered any more", "arm her when she is to sail"),
+    "Mode <mode>": ("she has entered a mode, by your order or a failsafe's", _NOTHING),
+    "Failsafe: <mode>": (
+        "a fault that stands has chosen this mode, as its `FS_...` parameter says",
+        "see the fault told just before; any order of yours overrules it until the fault comes again",
+    ),
+    "Failsafe: <mode>, <mode> is impossible": (
+        "a failsafe could not enter the mode that it was to, and took the next best",
+        "see the fault told just before, and what the better mode needs (position, home, heading)",
+    ),
+    "Failsafe over: <mode> goes on": ("the fault is gone, she does again what she did before (`FS_RESUME`)", _NOTHING),
+    "Failsafe over: <mode> stays": (
+        "the fault is gone, and `FS_RESUME` says that you choose what she does now",
+        "choose a mode",
+    ),
+    "Failsafe over: <mode> stays, <why>": (
+        "the fault is gone, and what she did before is not possible now",
+        "mend what is named, or choose a mode",
+    ),
+    "Mission: item <number>": ("she goes on with this item, counted from 0", _NOTHING),
+    "Mission complete: keeping station": (
+        "the last item is done; she stays near it",
+        "send another mission, or a mode",
+    ),
+    "Mission paused: keeping station": ("as you have ordered", "DO_PAUSE_CONTINUE (1) or AUTO again: she goes on"),
+    "Mission paused after item <number>: no autocontinue": (
+        "that item has no autocontinue, so she waits for you",
+        "DO_PAUSE_CONTINUE (1), or name the item to go on with",
+    ),
+    "Mission goes on": ("the pause is over", _NOTHING),
+    "Heading from <source>": ("she has found something to take her heading from", _NOTHING),
+    "Heading from <source>, not <source>": (
+        "she steers by another source: the better one has failed, or is back",
+        "if it is a worse one: see the fault of the compass; by course over ground she steers roughly",
+    ),
+    "Heading lost: <source> fails": (
+        "no source of heading is left; the rudder is held, then amidships (fault COMPASS_LOST)",
+        "power and cable of the compass; `rambler listen`, once ashore",
+    ),
+    "Heading estimate is begun anew": (
+        "headings differed from what was expected for so long that the filter believes them now",
+        "once: nothing; again and again: the compass jumps, or something magnetic moves near it",
+    ),
+    "Clock set from <source>: it was <seconds> s off": ("the computer's clock has been set", _NOTHING),
+    "Clock is <seconds> s off and may not be set (needs CAP_SYS_TIME)": (
+        "log names and time stamps are wrong by this; steering is not concerned",
+        "install her as the service (`rambler service install`), which may set the clock",
+    ),
+    "GPS date <date> cannot be: its time is not used": (
+        "the receiver states a date before this program was made, or far ahead",
+        "nothing, if it goes; an old receiver may have counted its weeks over: replace it",
+    ),
+    "GPS date is right again": ("the receiver's time is used again", _NOTHING),
+    "GPS week rolled over: <date> is taken for <date>": (
+        "an old receiver counts 1024 weeks and begins again; its date is mended here",
+        "nothing; new firmware of the receiver cures it",
+    ),
+    "<signal>: <why>, she sails on": (
+        "somebody on the computer has sent a signal that is not to end her",
+        "to end her: `systemctl stop rambler`, or SIGTERM",
+    ),
+    "Link: <error> inside, she steers on": (
+        "a defect of the program in the part that talks to you; it is begun anew, the loop has gone on",
+        "keep the log and report it; if it comes often, use another link or station",
+    ),
+    "rambler status has nothing to show: <why>": (
+        "the file that `rambler status` reads cannot be written",
+        "room and rights of the runtime directory (`/run/rambler`)",
+    ),
+    "Compass calibration: turn her slowly through a full circle": (
+        "the compass samples its own field",
+        "turn her round within a quarter of an hour, with some pitch and roll; COMMAND_CANCEL breaks off",
+    ),
+    "Compass calibrated and saved: score <score>": ("the compass has kept its own calibration", _NOTHING),
+    "Compass calibration was broken off": ("by your cancelling, or the compass did not go on", "try again"),
+    "Compass calibration: <problem>": (
+        "the compass's own calibration has ended without a result; the old one stands",
+        "its power and cable; begin again, turning more slowly",
+    ),
+    "Compass calibration not saved: score <score>, at most <score>; switch the compass off and on": (
+        "the compass's score is too bad to be kept; its old calibration comes back when it is switched off and on",
+        "switch it off and on; try again away from iron, through the whole circle, with more pitch and roll",
+    ),
+}

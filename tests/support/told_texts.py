@@ -1,0 +1,204 @@
+"""Every text that a ground station can be told, as the source has it: found where texts are made, never by running."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import firmware_py
+
+ROOT = Path(firmware_py.__file__).parent
+HOLE = "<>"
+_DEEPEST = 8
+_ASHORE = {"cli", "install", "vehicle.py"}  # they print, and tell no station
+# Who takes a text that may be told, and where in its arguments; or by the keyword beside it.
+MAKERS = {
+    "Event": (1, "text"),
+    "send_text": (2, "text"),
+    "send_text_limited": (2, "text"),
+    "send_text_all": (1, "text"),
+    "Answer": (1, "text"),
+    "denied": (0, "reason"),
+    "Refusal": (2, "text"),
+    "PlanProblem": (2, "text"),
+    "ParameterError": (0, ""),
+    "Calibration": (2, "text"),
+    "say": (0, "text"),
+    "_say": (0, "text"),
+    "tell": (0, "text"),
+    "State": (99, "greeting"),
+    "replace": (99, "greeting"),
+    "request_or_warn": (2, "intent"),
+    "StoreError": (0, ""),
+    "WatchdogError": (0, ""),
+}
+_KEPT = {"note", "obstacle"}  # attributes that keep a text until it is told
+
+
+def told():
+    """Yield the form, with a hole for each value, and the place of every text that is made."""
+    for path in sorted(ROOT.rglob("*.py")):
+        if path.relative_to(ROOT).parts[0] not in _ASHORE:
+            for node, scopes in _calls(_tree(path), ()):
+                argument = _text_of(node)
+                if argument is not None:
+                    forms = dict.fromkeys(re.sub("(<>)+", HOLE, form) for form in _Forms(path, scopes).of(argument))
+                    yield from ((form, f"{path.relative_to(ROOT)}: {ast.unparse(argument)}") for form in forms if form)
+
+
+@cache
+def _tree(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _calls(node, scopes):
+    """Yield each call, and each keeping of a text, with the functions around it."""
+    inside = (*scopes, node) if isinstance(node, ast.FunctionDef | ast.Lambda) else scopes
+    if isinstance(node, ast.Call) or (isinstance(node, ast.Assign) and _kept(node)):
+        yield node, inside
+    for child in ast.iter_child_nodes(node):
+        yield from _calls(child, inside)
+
+
+def _name(function):
+    return getattr(function, "id", getattr(function, "attr", ""))
+
+
+def _kept(node):
+    return isinstance(node.targets[0], ast.Attribute) and node.targets[0].attr in _KEPT
+
+
+def _text_of(call):
+    if isinstance(call, ast.Assign):
+        return call.value
+    place = MAKERS.get(_name(call.func))
+    if place is None:
+        return None
+    number, keyword = place
+    by_name = next((given.value for given in call.keywords if given.arg == keyword), None)
+    return call.args[number] if len(call.args) > number else by_name
+
+
+class _Forms:
+    """What an expression can be, as far as the source says it: constants, and holes for the rest."""
+
+    def __init__(self, path, scopes, deep=0):
+        self.path, self.scopes, self.deep = path, scopes, deep
+
+    def of(self, node):
+        """Return the forms of an expression."""
+        if self.deep > _DEEPEST:
+            return [HOLE]
+        read = {
+            ast.Constant: lambda: [node.value if isinstance(node.value, str) else HOLE],
+            ast.JoinedStr: lambda: self._joined([getattr(part, "value", part) for part in node.values]),
+            ast.BinOp: lambda: self._joined([node.left, node.right]),
+            ast.IfExp: lambda: self.of(node.body) + self.of(node.orelse),
+            ast.BoolOp: lambda: self._either(node),
+            ast.Subscript: lambda: self.of(node.value) if isinstance(node.slice, ast.Slice) else [HOLE],
+            ast.Name: lambda: self._named(node.id),
+            ast.Call: lambda: self._returned(node),
+        }.get(type(node))
+        return [HOLE] if read is None else read() or [HOLE]
+
+    def _joined(self, parts):
+        forms = [""]
+        for part in parts:
+            ends = [part] if isinstance(part, str) else self.of(part)
+            forms = [form + end for form in forms for end in ends]
+        return forms
+
+    def _either(self, node):
+        if isinstance(node.op, ast.Or):
+            return [form for value in node.values for form in self.of(value)]
+        return [*self.of(node.values[-1]), ""]
+
+    def _below(self, path, scopes):
+        return _Forms(path, scopes, self.deep + 1)
+
+    def _named(self, name):
+        for number in range(len(self.scopes), 0, -1):
+            scope = self.scopes[number - 1]
+            inside = self._below(self.path, self.scopes[:number])
+            if values := _assigned(scope, name):
+                return [form for value in values for form in inside.of(value)]
+            if name in [argument.arg for argument in (*scope.args.args, *scope.args.kwonlyargs)]:
+                return self._passed(scope, name)
+        path, value = _constant(self.path, name)
+        return [HOLE] if value is None else self._below(path, ()).of(value)
+
+    def _passed(self, function, name):
+        """Return the forms that callers in the same module pass for a parameter."""
+        names = [argument.arg for argument in function.args.args if argument.arg != "self"]
+        forms = []
+        for call, scopes in _calls(_tree(self.path), ()):
+            if (
+                not isinstance(call, ast.Call)
+                or isinstance(function, ast.Lambda)
+                or _name(call.func) != function.name
+                or function in scopes
+            ):
+                continue
+            given = {word.arg: word.value for word in call.keywords} | dict(zip(names, call.args, strict=False))
+            if name in given:
+                forms += self._below(self.path, scopes).of(given[name])
+        return forms
+
+    def _returned(self, call):
+        if _name(call.func) == "str":
+            return [HOLE]
+        if _name(call.func) in {"format", "capitalize"}:
+            return [re.sub(r"\{[^}]*\}", HOLE, form) for form in self.of(call.func.value)]
+        path, function = _function(self.path, _name(call.func))
+        if function is None:
+            return [HOLE]
+        inside = self._below(path, (function,))
+        values = [node.value for node in ast.walk(function) if isinstance(node, ast.Return) and node.value is not None]
+        return [form for value in values for form in inside.of(value)]
+
+
+def _assigned(scope, name):
+    """Return all that a name is given in a function: by =, by :=, and in a pair by either branch."""
+    values = []
+    for node in ast.walk(scope):
+        if isinstance(node, ast.NamedExpr) and node.target.id == name:
+            values.append(node.value)
+        if not isinstance(node, ast.Assign):
+            continue
+        branches = [node.value.body, node.value.orelse] if isinstance(node.value, ast.IfExp) else [node.value]
+        for target in node.targets:
+            if _name(target) == name and isinstance(target, ast.Name):
+                values.append(node.value)
+            elif isinstance(target, ast.Tuple):
+                number = next((at for at, one in enumerate(target.elts) if _name(one) == name), None)
+                if number is not None:
+                    values += [value.elts[number] for value in branches if isinstance(value, ast.Tuple)]
+    return values
+
+
+def _origins(path):
+    """Return the modules of the firmware that a module takes names from, by name."""
+    origins = {}
+    for node in ast.walk(_tree(path)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("firmware_py"):
+            where = ROOT.parent.joinpath(*node.module.split("."))
+            file = next((one for one in (where.with_suffix(".py"), where / "__init__.py") if one.is_file()), None)
+            origins |= {alias.asname or alias.name: file for alias in node.names if file is not None}
+    return origins
+
+
+def _constant(path, name):
+    for node in _tree(path).body:
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        if name in [_name(target) for target in targets]:
+            return path, node.value
+    origin = _origins(path).get(name)
+    return (path, None) if origin is None else _constant(origin, name)
+
+
+def _function(path, name):
+    for node in ast.walk(_tree(path)):
+        if isinstance(node, ast.FunctionDef) and node.name == name:
+            return path, node
+    origin = _origins(path).get(name)
+    return (path, None) if origin is None else _function(origin, name)
