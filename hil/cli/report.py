@@ -1,4 +1,4 @@
-"""`rambler-hil report`: the page of a boat's own logs."""
+"""`rambler-hil report`: the page of a boat's own logs, or of a run, made anew."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from pathlib import Path
 
 from hil.cli import outputs
 from hil.errors import UsageError
-from hil.report import field_page
+from hil.report import field_page, run_page
+from hil.report.text import figures_text
+from hil.sim import run_directory, run_file
 
 PAGE = Path("report.html")
 
@@ -16,9 +18,14 @@ PAGE = Path("report.html")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     parser.add_argument(
-        "places", metavar="LOG|DIR", nargs="+", type=Path, help="onboard logs, a state directory or that of a run"
+        "places",
+        metavar="LOG|DIR",
+        nargs="+",
+        type=Path,
+        help="onboard logs or a state directory; or the directory of a run, in which report.html and summary.json are"
+        " made anew",
     )
-    parser.add_argument("--out", metavar="FILE", type=Path, default=PAGE, help=f"where to write (default {PAGE})")
+    parser.add_argument("--out", metavar="FILE", type=Path, help=f"where to write the page of logs (default {PAGE})")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -27,7 +34,15 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(
             "matplotlib is not installed; pip install 'rambler-autopilot[hil]', or take the logs where it is"
         )
-    outputs.check("--out", arguments.out)
-    field_page.write(arguments.places, arguments.out)
-    print(f"report: {arguments.out}")
+    first = arguments.places[0]
+    if arguments.out is None and len(arguments.places) == 1 and (first / run_file.NAME).exists():
+        with run_directory.held(first):
+            figures, report = run_page.make(first)
+        print(figures_text(figures))
+        print(f"report: {report}")
+        return 0
+    target = arguments.out or PAGE
+    outputs.check("--out", target)
+    field_page.write(arguments.places, target)
+    print(f"report: {target}")
     return 0

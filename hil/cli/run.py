@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import math
 import sys
 from pathlib import Path
 
 from hil.cli.sea_arguments import SCENARIO_NAMES, add_sea_arguments, sea_of, seconds_of, vehicle_of
-from hil.errors import UsageError
-from hil.report import run_page, summary
+from hil.errors import HilError, UsageError
+from hil.report import run_page
 from hil.report.text import figures_text
-from hil.sim import runner
+from hil.sim import run_directory, run_file, runner
 from hil.sim.goals import Goal, GoalError, parse_goals
 from hil.sim.ground_station import GUIDED, MODE_NAMES
 from hil.sim.runner import RunOptions
@@ -71,22 +70,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make a run, write its figures and its page, print them."""
+    """Make a run, write its figures and its page however it ends, print them."""
     options = read_options(arguments)
-    finished = runner.run(options)
-    figures = summary.summarise(finished)
-    summary.write(figures, options.out / "summary.json")
-    report = _page(finished, figures, options.out)
+    with run_directory.held(options.out), runner.interruptible():
+        try:
+            runner.run(options)
+        except BaseException as error:
+            _report_what_there_is(options.out, told=isinstance(error, KeyboardInterrupt))
+            raise
+        figures, report = run_page.make(options.out)
     print(figures_text(figures))
     print(f"report: {report}")
     return 0
 
 
-def _page(finished: runner.Run, figures: summary.Summary, out: Path) -> str:
-    """Write the page, where there is what draws its pictures: a float that tries the box has it not."""
-    if importlib.util.find_spec("matplotlib") is None:
-        return "none, matplotlib is not installed; pip install 'rambler-autopilot[hil]'"
-    return str(run_page.write(finished, figures, out))
+def _report_what_there_is(out: Path, *, told: bool) -> None:
+    """Make the page of a run that was cut short, if it had begun."""
+    if not (out / run_file.NAME).exists():
+        return
+    try:
+        figures, report = run_page.make(out)
+    except HilError as error:  # what has ended the run is told, too
+        print(f"rambler-hil: no report: {error}", file=sys.stderr)
+        return
+    if told:
+        print(f"{figures['ending']}\nreport: {report}")
 
 
 def read_options(arguments: argparse.Namespace) -> RunOptions:

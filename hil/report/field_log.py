@@ -45,7 +45,8 @@ class Stretch:
 class FieldLog:
     """What logs hold; `goal_held_rad` is the goal where it stood for HELD_S, NaN else; `texts`: time, severity, text.
 
-    `late_us` are percentiles by name; `utc_s` is the calendar's time of time 0, None when no fix has told it.
+    `late_us` are percentiles by name; `utc_s` is the calendar's time of time 0, None when no fix has told it, `start_s`
+    that of the process.
     """
 
     truth: Truth
@@ -55,6 +56,7 @@ class FieldLog:
     settings: Mapping[str, float]
     software: str
     utc_s: float | None
+    start_s: float
     ticks: int
     skipped: int
     late_us: Mapping[str, float]
@@ -102,6 +104,7 @@ def _made(got: Gathered) -> FieldLog:
         settings={name: value for name, value in got.settings.items() if _is_set(name, value)},
         software=got.software,
         utc_s=got.utc_s,
+        start_s=got.start_s,
         ticks=time_s.size,
         skipped=got.skipped,
         late_us={name: float(np.percentile(late_us, part)) for name, part in percentiles.items()}

@@ -49,6 +49,7 @@ class Gathered:
     steering_j: float = 0.0
     end_s: float = 0.0  # of what has been taken
     shift_s: float = 0.0  # from the time of the process to that of the page
+    start_s: float = 0.0  # of the process, at the first tick: time 0 of the page
     utc_s: float | None = None  # of time 0 of the page
     notes: list[str] = field(default_factory=list)
 
@@ -103,7 +104,7 @@ class LogFile:
         if self._first_s is None:
             self._first_s = t_s
             if not got.columns["time_s"]:
-                got.shift_s = -t_s
+                got.shift_s, got.start_s = -t_s, t_s
             elif t_s + got.shift_s <= got.end_s:  # of another start
                 got.shift_s = got.end_s + BETWEEN_S - t_s
         self._row = {"time_s": t_s + got.shift_s}

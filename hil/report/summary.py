@@ -1,71 +1,105 @@
-"""summary.json: what a run came to, for other programs."""
+"""summary.json: what a run came to, for other programs; made of what lies in the directory of the run."""
 
 from __future__ import annotations
 
 import json
-import platform
+from collections.abc import Sequence
 from dataclasses import asdict
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from firmware_py.log.disk import log_files
+from hil.errors import HilError, UsageError
+from hil.report import field_log
+from hil.report.field_log import FieldLog
 from hil.report.figures import RudderTravel, goal_figures, steady_rudder_travel_deg_per_h
 from hil.report.loop_health import from_logs
-from hil.ship import extras_table, power_plant
-from hil.sim.runner import STATE, Run
+from hil.sim.run_directory import STATE, SUMMARY, TRUTH_FILE
+from hil.sim.run_file import OrderRecord, RunFile
+from hil.sim.truth import Recorded
 
-PACKAGES = ("rambler-autopilot", "numpy", "pymavlink")
 DIGITS = 4
 Summary = dict[str, Any]
 
 
-def summarise(run: Run) -> Summary:
+def summarise(record: RunFile, out: Path) -> Summary:
     """Return the content of summary.json; errors are heading less goal, of the hull's low-frequency heading."""
-    options = run.options
-    figures = goal_figures(run.truth)
-    travel = RudderTravel()
-    for piece in run.truth:
-        travel.add(piece.time_s, piece.rudder_rad)
-    accepted = {order.goal.t_s: order.accepted_s for order in run.orders if order.goal is not None}
+    truth = Recorded(out / TRUTH_FILE)
+    try:
+        figures = goal_figures(truth)
+        travel, end_s = RudderTravel(), 0.0
+        for piece in truth:
+            travel.add(piece.time_s, piece.rudder_rad)
+            end_s = float(piece.time_s[-1])
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{out}: {error}; name the directory of a run") from None
     goals = [asdict(one) for one in figures]
     for goal in goals:
-        goal["accepted_s"] = next((at_s for t_s, at_s in accepted.items() if abs(t_s - goal["t_s"]) <= 0.1), None)
-    health = from_logs(options.out / STATE / "logs", lockstep=options.lockstep)
+        goal["accepted_s"] = _accepted_s(goal["t_s"], record.orders)
+    health = from_logs(out / STATE / "logs", lockstep=record.lockstep)
     summary: Summary = {
-        "scenario": options.scenario.name,
-        "with": extras_table.text_of(options.scenario.extras),
-        "seed": options.seed,
-        "seconds": options.seconds,
-        "compass": options.vehicle.compass.driver,
-        "servo": options.vehicle.rudder.driver,
-        "settings": {**options.vehicle.parameters, **options.settings},
+        "scenario": record.scenario,
+        "with": record.extras,
+        "seed": record.seed,
+        "seconds": record.seconds,
+        "ending": record.ending,
+        "command": list(record.command),
+        "begun": record.begun,
+        "compass": record.compass,
+        "servo": record.servo,
+        "settings": record.settings,
         "goals": goals,
         "rudder_travel_deg_per_h": steady_rudder_travel_deg_per_h(figures),
         "rudder_travel_whole_deg_per_h": travel.deg_per_h(),
-        **({} if run.plant is None else {"supply": power_plant.figures(run.plant)}),
+        **({} if record.supply is None else {"supply": record.supply}),
+        "events": _events(record, onboard(out)),
         "loop": None if health is None else asdict(health),
-        "lockstep": options.lockstep,
-        "speed_ratio": run.speed_ratio,
-        "versions": versions(),
+        "lockstep": record.lockstep,
+        "sailed_s": end_s,
+        "speed_ratio": end_s / record.wall_s if record.wall_s else None,
+        "versions": record.versions,
     }
     rounded: Summary = _rounded(summary)
     return rounded
 
 
-def write(summary: Summary, path: Path) -> None:
-    """Write summary.json."""
-    path.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+def onboard(out: Path) -> FieldLog | None:
+    """Return what the logs of a run hold; None when there are none, or none that can be read."""
+    logs = out / STATE / "logs"
+    paths = [path for _, path in sorted(log_files(logs).items())] if logs.is_dir() else []
+    try:
+        return field_log.read(paths) if paths else None
+    except UsageError:  # the health of the loop tells of it
+        return None
 
 
-def versions() -> dict[str, str]:
-    """Return the versions that the figures depend on."""
-    found = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
+def onboard_shift_s(record: RunFile, log: FieldLog) -> float:
+    """Return from the times of a log to those of the truth: in real time by the receiver's clock, some 0.3 s off."""
+    if record.lockstep or log.utc_s is None:
+        return log.start_s
+    return log.utc_s - record.start_utc_s
+
+
+def write(summary: Summary, out: Path) -> None:
+    """Write summary.json, or raise HilError."""
+    try:
+        (out / SUMMARY).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise HilError(f"{out / SUMMARY} cannot be written: {error.strerror}") from None
+
+
+def _accepted_s(goal_s: float, orders: Sequence[OrderRecord]) -> float | None:
+    for order in orders:
+        if order.goal_s is not None and order.accepted_s is not None and abs(order.goal_s - goal_s) <= 0.1:
+            return order.accepted_s
+    return None
+
+
+def _events(record: RunFile, log: FieldLog | None) -> list[dict[str, Any]]:
+    if log is None:
+        return []
+    shift_s = onboard_shift_s(record, log)
+    return [{"time_s": t_s + shift_s, "severity": severity, "text": text} for t_s, severity, text in log.texts]
 
 
 def _rounded(value: Any) -> Any:

@@ -34,7 +34,8 @@ def goal_cells(goal: dict[str, Any]) -> tuple[str, ...]:
 def loop_line(summary: Summary) -> str:
     """Return how the control loop kept time."""
     loop = summary["loop"]
-    speed = f"{summary['speed_ratio']:.1f} x real time"
+    ratio = summary["speed_ratio"]
+    speed = "speed unknown" if ratio is None else f"{ratio:.1f} x real time"
     if loop is None:
         return f"loop: no onboard log; {speed}"
     lateness = loop["lateness_us"]

@@ -138,3 +138,22 @@ def sea_of(text: str) -> Scenario:
     """Return the sea of "swell" or "swell+float=0.3:0.6,leeway=8"; UnknownScenarioError or ExtrasError."""
     name, plus, options = text.partition("+")
     return with_extras(named(name), options) if plus else named(name)
+
+
+def rows_of(sea: Scenario) -> list[tuple[str, str]]:
+    """Return what a sea is, in words, for a report."""
+    return [
+        ("speed through the water", f"{sea.speed_m_s:g} m/s"),
+        ("wave period", f"{sea.wave_period_s:g} s" if sea.wave_period_s else "no waves"),
+        ("wave yaw, standard deviation", f"{sea.wave_yaw_deg:g} deg"),
+        ("rudder angle at which she runs straight", f"{sea.bias_deg:g} deg, wandering by {sea.drift_deg:g} deg"),
+        ("current", _current(sea)),
+        *extras_table.rows_of(sea.extras),
+    ]
+
+
+def _current(sea: Scenario) -> str:
+    if not sea.current_m_s:
+        return "none"
+    steady = f"{sea.current_m_s:g} m/s toward {sea.current_toward_deg:g} deg"
+    return f"{steady}, turning with a tide of {sea.tide_s / 3600.0:g} h" if sea.tide_s else steady

@@ -3,32 +3,35 @@
 from __future__ import annotations
 
 import math
-import shutil
 import signal
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from firmware_py.files.reading import read_regular
 from firmware_py.vehicle import Vehicle
 from hil.devices.pty_line import PtyLine
 from hil.devices.vedirect import VeDirectEmulator
 from hil.errors import HilError, UsageError
 from hil.ship import extras_table
 from hil.ship.power_plant import PowerPlant
-from hil.ship.scenarios import Scenario
+from hil.ship.power_plant import figures as power_figures
+from hil.ship.scenarios import Scenario, rows_of
+from hil.sim import run_file
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
 from hil.sim.display import Banner, Display, make_display
 from hil.sim.goals import Goal
-from hil.sim.ground_station import GUIDED, GroundStation, Order
+from hil.sim.ground_station import GUIDED, GroundStation
 from hil.sim.lockstep import LockstepError, LockstepServer
 from hil.sim.pace import Pacer
 from hil.sim.process import AutopilotProcess
 from hil.sim.realtime import RealTimeServer
+from hil.sim.run_directory import FIRMWARE_LOG, STATE, TRUTH_FILE, VEHICLE_NAME, copy_state, prepare_directory
+from hil.sim.run_file import FINISHED, OrderRecord, RunFile
 from hil.sim.truth import TruthFile
 from hil.sim.vehicle_file import file_text, model_of, mounting_of, standard_vehicle
 from hil.sim.world import START_UTC_S, World, columns_beside
@@ -36,8 +39,6 @@ from hil.sim.world import START_UTC_S, World, columns_beside
 END_S = 15.0  # the rudder goes amidships, the log is written out
 LOOK_S = 0.03  # in real time: a pause this long means that tick and servo exchange are over, and there is time to draw
 JUDGE_S = 1.0
-MOST_STATE_BYTES = 8 << 20  # of one file; an upload has 1 MiB at most
-TRUTH_FILE, FIRMWARE_LOG, VEHICLE_NAME, STATE = "truth.csv", "firmware.log", "vehicle.toml", "state"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,32 +65,53 @@ class RunOptions:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What came of a run: the truth, the operator's orders and how long it took."""
+    """A run that is over: its directory and what really happened."""
 
-    options: RunOptions
+    out: Path
     truth: TruthFile
-    orders: tuple[Order, ...]
-    wall_s: float
-    plant: PowerPlant | None = None  # of a run with a supply
-
-    @property
-    def speed_ratio(self) -> float:
-        """Simulated by real seconds."""
-        return self.truth.end_s / self.wall_s if self.wall_s > 0.0 else math.nan
 
 
 def run(options: RunOptions) -> Run:
-    """Make a run and write its truth.csv as it goes; HilError when it fails, the truth so far is there then too."""
+    """Make a run into its directory, which the caller holds if others could use it; HilError when it fails.
+
+    truth.csv is written as the run goes, run.json at its start and, however it ends, at its end.
+    """
     prepare_directory(options.out)
-    _copy_state(options)
+    if options.state is not None:
+        copy_state(options.state, options.out)
+    # Beside a computer whose clock goes on, a receiver of another year would be at fault.
+    record = _record(options, START_UTC_S if options.lockstep else time.time())
+    record.write(options.out)
     truth = TruthFile(options.out / TRUTH_FILE, columns_beside(options.scenario))
     try:
-        return _made(options, truth)
+        _make(options, truth, record)
     finally:
         truth.close()
+    return Run(options.out, truth)
 
 
-def _made(options: RunOptions, truth: TruthFile) -> Run:
+def _record(options: RunOptions, start_utc_s: float) -> RunFile:
+    scenario, vehicle = options.scenario, options.vehicle
+    names = extras_table.names_of(scenario.extras)
+    return RunFile(
+        command=("rambler-hil", *sys.argv[1:]),
+        begun=run_file.now_text(),
+        title=f"{scenario.name}: {scenario.text}" + (f"; {', '.join(names)}" if names else ""),
+        scenario=scenario.name,
+        extras=extras_table.text_of(scenario.extras),
+        sea=tuple(rows_of(scenario)),
+        seed=options.seed,
+        seconds=options.seconds,
+        compass=vehicle.compass.driver,
+        servo=vehicle.rudder.driver,
+        settings={**vehicle.parameters, **options.settings},
+        lockstep=options.lockstep,
+        start_utc_s=start_utc_s,
+        versions=run_file.versions(),
+    )
+
+
+def _make(options: RunOptions, truth: TruthFile, record: RunFile) -> None:
     try:
         world = World(
             options.scenario,
@@ -99,63 +121,48 @@ def _made(options: RunOptions, truth: TruthFile) -> Run:
             model=model_of(options.vehicle),
             mounting=mounting_of(options.vehicle),
             truth=truth,
-            # Beside a computer whose clock goes on, a receiver of another year would be at fault.
-            start_utc_s=START_UTC_S if options.lockstep else time.time(),
+            start_utc_s=record.start_utc_s,
         )
     except ValueError as error:
         raise UsageError(f"the vehicle file describes no ship: {error}") from None
     station = GroundStation(options.goals, options.mode)
     devices = {**emulators(world, options.vehicle, options.seed), "link": station}
     send = PtyLine.deliver if options.lockstep else PtyLine.write
-    with (
-        _interruptible(),
-        tempfile.TemporaryDirectory(prefix="rambler-") as directory,
-        Board(world, devices, Path(directory), send) as board,
-    ):
-        wall_s = _Run(options, board, station, Path(directory)).make()
+    ending = FINISHED
+    begun_s = time.monotonic()
+    wall_s: float | None = None
+    try:
+        with (
+            interruptible(),
+            tempfile.TemporaryDirectory(prefix="rambler-") as directory,
+            Board(world, devices, Path(directory), send) as board,
+        ):
+            wall_s = _Run(options, board, station, Path(directory)).make()
+        _judge(station, options.out)
+    except BaseException as error:
+        ending = _ending(error, truth.end_s)
+        wall_s = wall_s or time.monotonic() - begun_s
+        raise
+    finally:
+        power = devices.get("power") or devices.get("power_b")
+        plant = power.plant if isinstance(power, VeDirectEmulator) else None
+        supply = power_figures(plant) if isinstance(plant, PowerPlant) else None
+        orders = tuple(
+            OrderRecord(one.text, None if one.goal is None else one.goal.t_s, one.first_sent_s, one.accepted_s)
+            for one in station.orders
+        )
+        replace(record, ending=ending, orders=orders, wall_s=wall_s, supply=supply).write(options.out)
+
+
+def _judge(station: GroundStation, out: Path) -> None:
     if complaint := station.verdict():
-        raise HilError(f"{complaint}; see {options.out / FIRMWARE_LOG}")
-    power = devices.get("power") or devices.get("power_b")
-    plant = power.plant if isinstance(power, VeDirectEmulator) else None
-    return Run(options, truth, station.orders, wall_s, plant if isinstance(plant, PowerPlant) else None)
+        raise HilError(f"{complaint}; see {out / FIRMWARE_LOG}")
 
 
-def prepare_directory(out: Path) -> None:
-    """Make the output directory and clear an earlier run's state out of it, or raise UsageError."""
-    state = out / STATE
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        if state.exists():
-            # What the autopilot remembers would change the run. But never remove what no run has made.
-            if not (out / VEHICLE_NAME).exists():
-                raise UsageError(f"{state} exists and is not of an earlier run; give another --out")
-            shutil.rmtree(state)
-        for name in (TRUTH_FILE, FIRMWARE_LOG, VEHICLE_NAME):
-            (out / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise UsageError(f"output directory {out}: {error.strerror}; give another --out") from None
-
-
-def _copy_state(options: RunOptions) -> None:
-    """Copy the state directory that the autopilot is to begin with, the logs left out."""
-    if options.state is None:
-        return
-    try:
-        ignored = shutil.ignore_patterns("logs", "lock")
-        shutil.copytree(options.state, options.out / STATE, ignore=ignored, copy_function=_copy_file)
-    except shutil.Error as error:
-        reasons = "; ".join(str(reason) for *_, reason in error.args[0])
-        raise UsageError(f"state directory {options.state} cannot be copied: {reasons}") from None
-    except OSError as error:
-        raise UsageError(f"state directory {options.state} cannot be copied: {error}") from None
-
-
-def _copy_file(source: str, target: str) -> None:
-    """Copy a file of a state directory, and nothing that is no file or has no end."""
-    try:
-        Path(target).write_bytes(read_regular(Path(source), MOST_STATE_BYTES, follow=False))
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, source) from None
+def _ending(error: BaseException, end_s: float) -> str:
+    if isinstance(error, KeyboardInterrupt):
+        return f"interrupted after {end_s:.0f} s"
+    return str(error) if isinstance(error, HilError) else f"{type(error).__name__}: {error}"
 
 
 class _Run:
@@ -270,7 +277,7 @@ def _with_last_words(text: str, autopilot: AutopilotProcess) -> str:
 
 
 @contextmanager
-def _interruptible() -> Iterator[None]:
+def interruptible() -> Iterator[None]:
     """Let SIGTERM unwind as Ctrl-C does, so that no process and no port is left behind."""
 
     def interrupt(_number: int, _frame: object) -> None:

@@ -106,10 +106,23 @@ class Truth:
     speed_m_s: Array
 
 
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """The truth.csv of a run that is over, to be read in pieces as often as wanted, as far as it goes."""
+
+    path: Path
+
+    def __iter__(self) -> Iterator[Truth]:
+        """Yield the file in pieces, none where not even its head is whole; ValueError when it is no truth.csv."""
+        with self.path.open("rb") as file:
+            begun = file.readline(1 << 12).endswith(b"\n")
+        return pieces(self.path) if begun else iter(())
+
+
 def pieces(path: Path, rows: int = PIECE_ROWS) -> Iterator[Truth]:
     """Yield a truth.csv in pieces of so many rows, the last one shorter; ValueError when it is none."""
     with path.open(newline="", encoding="ascii") as file:
-        reader = csv.reader(file)
+        reader = csv.reader(line for line in file if line.endswith("\n"))  # a run that was killed may end amid a line
         if tuple(next(reader, []))[: len(COLUMNS)] != COLUMNS:
             raise ValueError(f"{path}: not a truth.csv; expected the columns {', '.join(COLUMNS)}")
         while some := list(islice(reader, rows)):

@@ -1,5 +1,6 @@
 """`rambler-hil run` end to end: the real autopilot as a process of its own, through ptys."""
 
+import contextlib
 import json
 import os
 import signal
@@ -136,11 +137,52 @@ def test_a_goal_that_cannot_be_accepted_fails_the_run(tmp_path):
     assert len(errors.splitlines()) == 1
     assert "arming was never accepted" in errors
     assert (tmp_path / "out" / "truth.csv").exists()
+    assert "arming was never accepted" in reported(tmp_path / "out")["ending"]
+
+
+def reported(out):
+    """The figures of a run that was cut short, which has its page, too."""
+    assert "Cut short" in (out / "report.html").read_text(encoding="utf-8")
+    return json.loads((out / "summary.json").read_text())
+
+
+def test_a_run_whose_autopilot_is_killed_leaves_its_page(tmp_path):
+    process = start_rambler_hil("run", "tank", "--seconds", "100000", "--speed", "max", "--out", str(tmp_path / "out"))
+    pid = wait_for(lambda: next(iter(pids_of(tmp_path / "out" / "vehicle.toml")), None))
+    wait_for(lambda: (tmp_path / "out" / "truth.csv").stat().st_size > 1 << 16)
+    os.kill(pid, signal.SIGKILL)
+    _, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 1
+    assert len(errors.splitlines()) == 1
+    figures = reported(tmp_path / "out")
+    assert "the autopilot ended" in figures["ending"]
+    assert any(event["text"] == "Armed" for event in figures["events"])
+    assert len(figures["goals"]) > 0
+    (tmp_path / "out" / "report.html").unlink()
+    assert rambler_hil("report", tmp_path / "out")[0] == 0
+    assert reported(tmp_path / "out") == figures
+
+
+def wait_for(condition):
+    give_up_s = time.monotonic() + 60.0
+    while not (found := condition()):
+        assert time.monotonic() < give_up_s
+        time.sleep(0.05)
+    return found
+
+
+def pids_of(vehicle):
+    """The processes of the autopilot on a vehicle file."""
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            words = path.read_bytes().split(b"\0")
+            if b"firmware_py" in words and str(vehicle).encode() in words:
+                yield int(path.parent.name)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("speed", ["max", "real"])
-def test_an_interrupted_run_leaves_its_truth_and_nothing_else(tmp_path, number, speed):
+def test_an_interrupted_run_leaves_its_truth_its_page_and_nothing_else(tmp_path, number, speed):
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     process = start_rambler_hil(
@@ -153,8 +195,10 @@ def test_an_interrupted_run_leaves_its_truth_and_nothing_else(tmp_path, number, 
         time.sleep(0.05)
     time.sleep(0.5)
     process.send_signal(number)
-    process.communicate(timeout=30.0)
+    said, _ = process.communicate(timeout=60.0)
     assert process.returncode == 130
+    assert f"report: {tmp_path / 'out' / 'report.html'}" in said
+    assert reported(tmp_path / "out")["ending"].startswith("interrupted after")
     assert list(scratch.iterdir()) == []
     assert read(tmp_path / "out" / "truth.csv").time_s.size > 1
     assert str(tmp_path).encode() not in b"".join(command_lines())

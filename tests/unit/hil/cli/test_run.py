@@ -11,7 +11,7 @@ from hil.errors import UsageError
 from hil.ship.extras import NONE
 from hil.ship.extras_table import text_of
 from hil.sim.goals import Goal
-from hil.sim.runner import prepare_directory
+from hil.sim.run_directory import prepare_directory
 
 
 def options(*words):

@@ -1,47 +1,68 @@
 """Summary, page and text of a run that was made by hand."""
 
 import json
-import math
 import re
+import shutil
 import tracemalloc
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from firmware_py.common.angles import radians
+from hil.__main__ import main
 from hil.report import run_page, summary
 from hil.report.figures import goal_figures
 from hil.report.run_picture import MOST_POINTS, thinned
 from hil.report.text import figures_text
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
-from hil.sim.ground_station import GroundStation
-from hil.sim.runner import Run, RunOptions
+from hil.sim.run_directory import held
+from hil.sim.run_file import FINISHED, UNDER_WAY, OrderRecord, RunFile, read
 from hil.sim.truth import COLUMNS, Truth, TruthFile
 from hil.sim.world import World
+from support.paths import REPLAY
+
+RECORD = RunFile(
+    command=("rambler-hil", "run", "tank"),
+    begun="2026-01-01 00:00:00 UTC",
+    title="tank: a tank",
+    scenario="tank",
+    extras="",
+    sea=(("current", "none"),),
+    seed=1,
+    seconds=300.0,
+    compass="nmea",
+    servo="dynamixel",
+    settings={"CTL_K1": 30.0},
+    lockstep=True,
+    start_utc_s=1.8e9,
+    versions={"numpy": "2"},
+    ending=FINISHED,
+    orders=(OrderRecord("goal 30 deg at 60 s", 60.0, 60.0, 60.02),),
+    wall_s=3.0,
+)
 
 
 @pytest.fixture
-def run(tmp_path):
-    goals = parse_goals("0:0,60:30")
+def out(tmp_path):
+    """The directory of a run that was made by hand."""
     truth = TruthFile(tmp_path / "truth.csv")
-    world = World(scenarios.named("tank"), 1, goals, end_s=300.0, truth=truth)
+    world = World(scenarios.named("tank"), 1, parse_goals("0:0,60:30"), end_s=300.0, truth=truth)
     world.shaft.set_torque(on=True)
     world.advance_to(60.0)
     world.shaft.set_target(radians(20.0))
     world.advance_to(95.0)
     world.shaft.set_target(0.0)
     world.advance_to(300.0)
-    options = RunOptions(scenarios.named("tank"), 300.0, tmp_path, goals=goals, settings={"CTL_K1": 30.0})
-    orders = GroundStation(goals).orders
-    orders[-1].accepted_s = 60.02
     truth.close()
-    return Run(options, truth, orders, 3.0)
+    RECORD.write(tmp_path)
+    return tmp_path
 
 
-def test_the_summary_has_what_others_read(run):
-    found = summary.summarise(run)
+def test_the_summary_has_what_others_read(out):
+    found = summary.summarise(RECORD, out)
     assert set(found["goals"][1]) >= {
         "overshoot_deg",
         "settling_s",
@@ -56,26 +77,37 @@ def test_the_summary_has_what_others_read(run):
     assert found["speed_ratio"] == 100.0
     assert found["with"] == ""
     assert found["loop"] is None
+    assert found["events"] == []
     assert found["settings"] == {"CTL_K1": 30.0}
     assert found["rudder_travel_deg_per_h"] == 0.0
     assert found["rudder_travel_whole_deg_per_h"] == pytest.approx(40.0 * 12.0, rel=0.01)
-    summary.write(found, run.options.out / "summary.json")
-    assert json.loads((run.options.out / "summary.json").read_text()) == found
+    summary.write(found, out)
+    assert json.loads((out / "summary.json").read_text()) == found
 
 
-def test_the_page_stands_alone_and_shows_the_figures(run):
-    found = summary.summarise(run)
-    path = run_page.write(run, found, run.options.out)
-    text = path.read_text(encoding="utf-8")
-    assert (run.options.out / "run.png").read_bytes().startswith(b"\x89PNG")
+def test_what_the_boat_said_is_in_the_summary_at_the_times_of_the_truth(out):
+    (out / "state/logs").mkdir(parents=True)
+    shutil.copy(REPLAY / "tank_pni_volz.BIN", out / "state/logs/00000001.BIN")
+    events = summary.summarise(RECORD, out)["events"]
+    assert {"time_s", "severity", "text"} == set(events[0])
+    armed = next(event for event in events if event["text"] == "Armed")
+    assert 0.0 < armed["time_s"] < 10.0
+    assert armed["severity"] == 5
+
+
+def test_the_page_stands_alone_and_shows_the_figures(out):
+    found, path = run_page.make(out)
+    text = Path(path).read_text(encoding="utf-8")
+    assert (out / "run.png").read_bytes().startswith(b"\x89PNG")
     assert "data:image/png;base64," in text
     assert not re.search(r'(src|href)="(?!data:)', text)
     assert "30 deg at 60 s" in text
     assert "CTL_K1" in text
+    assert json.loads((out / "summary.json").read_text()) == found
 
 
-def test_the_text_names_units_and_the_loop(run):
-    found = summary.summarise(run)
+def test_the_text_names_units_and_the_loop(out):
+    found = summary.summarise(RECORD, out)
     found["loop"] = {"ticks": 9, "skipped": 1, "lateness_us": {"p50": 60.0, "max": 200.0}, "note": ""}
     found["goals"][0]["settling_s"] = None
     text = figures_text(found)
@@ -83,17 +115,41 @@ def test_the_text_names_units_and_the_loop(run):
     assert "never" in text
 
 
-def test_a_run_without_a_row_of_goals_still_makes_a_page(tmp_path):
-    truth = TruthFile(tmp_path / "truth.csv")
-    world = World(scenarios.named("calm"), 1, end_s=1.0, truth=truth)
-    world.advance_to(1.0)
-    truth.close()
-    run = Run(RunOptions(scenarios.named("calm"), 1.0, tmp_path), truth, (), 0.0)
-    found = summary.summarise(replace(run, wall_s=0.5))
-    assert found["goals"] == []
-    assert found["rudder_travel_deg_per_h"] is None
-    assert run_page.write(run, found, tmp_path).exists()
-    assert math.isnan(run.speed_ratio)
+@pytest.mark.parametrize("content", ["", "time_", "whole", "cut"])
+def test_a_run_that_was_cut_off_anywhere_still_makes_a_page(out, content):
+    whole = (out / "truth.csv").read_text()
+    kept = {"whole": whole[: whole.index("\n") + 1], "cut": whole[: len(whole) // 2 - 3]}
+    (out / "truth.csv").write_text(kept.get(content, content))
+    replace(RECORD, ending=UNDER_WAY, orders=(), wall_s=None).write(out)
+    found, path = run_page.make(out)
+    assert (len(found["goals"]) > 0) == (content == "cut")
+    assert found["speed_ratio"] is None
+    assert "speed unknown" in figures_text(found)
+    assert "Cut short: under way" in Path(path).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"orders": 1}', "\x00"])
+def test_a_directory_of_no_run_is_told_in_a_line(out, text, capsys):
+    (out / "run.json").write_text(text)
+    assert main(["report", str(out)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_report_makes_the_page_of_a_run_anew(out, capsys):
+    assert main(["report", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert f"report: {out / 'report.html'}" in said
+    assert "overshoot" in said
+    assert (out / "summary.json").exists()
+
+
+def test_a_directory_is_one_runs_alone(out, capsys):
+    with held(out):
+        assert main(["report", str(out)]) == 2
+        assert "another run is under way" in capsys.readouterr().err
+        assert main(["run", "calm", "--seconds", "1", "--out", str(out)]) == 2
+        assert "another run is under way" in capsys.readouterr().err
+    assert read(out) == RECORD, "the second run has touched nothing"
 
 
 @pytest.mark.parametrize("rows", [36_001, 86_401, 864_001])
@@ -137,11 +193,9 @@ def test_figures_and_picture_of_a_day_take_little_memory(use):
     assert most < 6e6
 
 
-def test_what_the_sea_was_sailed_with_is_told(run):
-    sea = scenarios.sea_of("tank+float=0.3:0.7,sway")
-    run = replace(run, options=replace(run.options, scenario=sea))
-    found = summary.summarise(run)
+def test_what_the_sea_was_sailed_with_is_told(out):
+    rows = scenarios.rows_of(scenarios.sea_of("tank+float=0.3:0.7,sway"))
+    replace(RECORD, extras="float=0.3:0.7,sway=1", sea=tuple(rows)).write(out)
+    found, path = run_page.make(out)
     assert found["with"] == "float=0.3:0.7,sway=1"
-    text = run_page.write(run, found, run.options.out).read_text(encoding="utf-8")
-    assert "own frequency 0.3 rad/s, damping 0.7" in text
-    assert "10 m long; float, sway" in text
+    assert "own frequency 0.3 rad/s, damping 0.7" in Path(path).read_text(encoding="utf-8")

@@ -1,0 +1,79 @@
+"""The directory of a run: kept to oneself, cleared of the run before, begun with a state that was given."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from firmware_py.files.reading import read_regular
+from hil.errors import UsageError
+from hil.sim import run_file
+
+MOST_STATE_BYTES = 8 << 20  # of one file; an upload has 1 MiB at most
+TRUTH_FILE, FIRMWARE_LOG, VEHICLE_NAME, STATE = "truth.csv", "firmware.log", "vehicle.toml", "state"
+SUMMARY, PAGE, PICTURE = "summary.json", "report.html", "run.png"
+# What an earlier run has left: nobody shall take it for what this one came to.
+FILES = (TRUTH_FILE, FIRMWARE_LOG, VEHICLE_NAME, run_file.NAME, SUMMARY, PAGE, PICTURE)
+
+
+@contextmanager
+def held(out: Path) -> Iterator[None]:
+    """Keep a directory of a run to oneself; UsageError while another run or report has it.
+
+    The lock is the kernel's and of the directory itself: nothing is left behind, however this process ends.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(out, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError as error:
+        raise UsageError(f"output directory {out}: {error.strerror}; give another --out") from None
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise UsageError(
+                f"output directory {out}: another run is under way in it; give another --out, or wait for its end"
+            ) from None
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def prepare_directory(out: Path) -> None:
+    """Make the output directory and clear an earlier run's state out of it, or raise UsageError."""
+    state = out / STATE
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if state.exists():
+            # What the autopilot remembers would change the run. But never remove what no run has made.
+            if not (out / VEHICLE_NAME).exists():
+                raise UsageError(f"{state} exists and is not of an earlier run; give another --out")
+            shutil.rmtree(state)
+        for name in FILES:
+            (out / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise UsageError(f"output directory {out}: {error.strerror}; give another --out") from None
+
+
+def copy_state(state: Path, out: Path) -> None:
+    """Copy the state directory that the autopilot is to begin with, the logs left out; UsageError when it cannot be."""
+    try:
+        ignored = shutil.ignore_patterns("logs", "lock")
+        shutil.copytree(state, out / STATE, ignore=ignored, copy_function=_copy_file)
+    except shutil.Error as error:
+        reasons = "; ".join(str(reason) for *_, reason in error.args[0])
+        raise UsageError(f"state directory {state} cannot be copied: {reasons}") from None
+    except OSError as error:
+        raise UsageError(f"state directory {state} cannot be copied: {error}") from None
+
+
+def _copy_file(source: str, target: str) -> None:
+    """Copy a file of a state directory, and nothing that is no file or has no end."""
+    try:
+        Path(target).write_bytes(read_regular(Path(source), MOST_STATE_BYTES, follow=False))
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, source) from None

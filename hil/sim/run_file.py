@@ -1,0 +1,99 @@
+"""run.json: what a run was asked for, from its first moment, and how it ended; figures and page are made of it."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+import platform
+from dataclasses import asdict, dataclass, fields
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from firmware_py import ROOT, commit_of
+from hil.errors import HilError, UsageError
+
+NAME = "run.json"
+UNDER_WAY, FINISHED = "under way", "finished"
+MOST_BYTES = 1 << 24
+_PACKAGES = ("rambler-autopilot", "numpy", "pymavlink")
+
+
+@dataclass(frozen=True, slots=True)
+class OrderRecord:
+    """An order of the operator and when the autopilot took it; `goal_s` is when a heading was due, None for others."""
+
+    text: str
+    goal_s: float | None
+    given_s: float | None
+    accepted_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class RunFile:
+    """What is known of a run beside its truth and its logs; `ending` is FINISHED, or says what cut it short.
+
+    `sea` is a table for people. `wall_s` and `supply` are None where the run could not tell them any more. Moment 0
+    is at `start_utc_s` by the receiver.
+    """
+
+    command: tuple[str, ...]
+    begun: str
+    title: str
+    scenario: str
+    extras: str
+    sea: tuple[tuple[str, str], ...]
+    seed: int
+    seconds: float
+    compass: str
+    servo: str
+    settings: dict[str, float]
+    lockstep: bool
+    start_utc_s: float
+    versions: dict[str, str]
+    ending: str = UNDER_WAY
+    orders: tuple[OrderRecord, ...] = ()
+    wall_s: float | None = None
+    supply: dict[str, float] | None = None
+
+    def write(self, out: Path) -> None:
+        """Write it whole, or raise HilError."""
+        fresh = out / f"{NAME}.new"
+        try:
+            fresh.write_text(json.dumps(asdict(self), indent=2) + "\n", encoding="utf-8")
+            fresh.replace(out / NAME)
+        except OSError as error:
+            raise HilError(f"{out / NAME} cannot be written: {error.strerror}") from None
+
+
+def read(out: Path) -> RunFile:
+    """Read the record of a run; UsageError when there is none that this version understands."""
+    try:
+        with (out / NAME).open("rb") as file:
+            content = json.loads(file.read(MOST_BYTES))
+        known = {one.name for one in fields(RunFile)}
+        values: dict[str, Any] = {name: value for name, value in content.items() if name in known}
+        values["command"] = tuple(map(str, content["command"]))
+        values["orders"] = tuple(OrderRecord(**order) for order in content["orders"])
+        values["sea"] = tuple((str(name), str(value)) for name, value in content["sea"])
+        return RunFile(**values)
+    except OSError as error:
+        raise UsageError(f"{out / NAME}: {error.strerror}; name the directory of a run") from None
+    except (ValueError, TypeError, KeyError, AttributeError):
+        raise UsageError(f"{out / NAME} is not that of a run of this version; make the run anew") from None
+
+
+def now_text() -> str:
+    """Return the date and time of day, UTC."""
+    return dt.datetime.now(tz=dt.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a run depends on."""
+    found = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found | ({"git": commit} if (commit := commit_of(ROOT)) else {})
