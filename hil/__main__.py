@@ -18,6 +18,7 @@ from hil.errors import HilError, UsageError
 # and is imported only when its command is asked for.
 COMMANDS = {
     "run": ("hil.cli.run", "sail the autopilot in a simulated sea and measure how well it steers"),
+    "board": ("hil.cli.board", "the devices of a boat on ports of their own, for whatever is to steer them"),
     "report": ("hil.cli.report", "a page with the pictures and figures of logs from a boat, or of a state directory"),
     "identify": ("hil.cli.identify", "identify K, T, alpha and the rudder offset from manoeuvres and onboard logs"),
     "compare": ("hil.cli.compare", "controllers side by side in the same seas: the paper's, a tuned PID, ours"),

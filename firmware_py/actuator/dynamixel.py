@@ -34,6 +34,7 @@ from firmware_py.actuator import dynamixel_frames as frames
 from firmware_py.actuator import dynamixel_registers as table
 from firmware_py.actuator.dynamixel_readings import Readings
 from firmware_py.actuator.dynamixel_upkeep import Kind, Request, RestartCounter, Upkeep
+from firmware_py.actuator.half_duplex import reply_timeout_s
 from firmware_py.actuator.servo_driver import Answer, ServoDriver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
@@ -43,7 +44,7 @@ REBOOT_DELAY_S, REBOOT_EVERY_S = 3.0, 30.0
 COOL_ENOUGH_C = 60.0
 GOALS_REFUSED = 3  # in a row: one or two are a tripped watchdog
 LARGEST_REPLY_LENGTH = 64  # the telemetry has 25, and its stuffing
-REPLY_TIMEOUT_S = 0.035  # an exchange at 57600 baud and the 16 ms latency timer of a USB adapter
+LONGEST_EXCHANGE_BYTES = 110  # a question of 14 or 16, the largest reply, and the delay that the servo may answer with
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,8 +239,7 @@ class DynamixelServo:
         return not (errors & table.OVERHEATING_ERROR and hot)
 
 
-def dynamixel_rudder(
-    line: ByteLine, options: DynamixelOptions, *, reply_timeout_s: float = REPLY_TIMEOUT_S
-) -> ServoDriver[Request, frames.StatusPacket]:
+def dynamixel_rudder(line: ByteLine, options: DynamixelOptions) -> ServoDriver[Request, frames.StatusPacket]:
     """Make the driver of a Dynamixel servo on a line."""
-    return ServoDriver(line, DynamixelServo(options), reply_timeout_s=reply_timeout_s)
+    timeout_s = reply_timeout_s(line.baud, LONGEST_EXCHANGE_BYTES)
+    return ServoDriver(line, DynamixelServo(options), reply_timeout_s=timeout_s)

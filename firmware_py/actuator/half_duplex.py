@@ -14,6 +14,14 @@ SILENT_AFTER_REQUESTS = 3  # so that one lost reply of a slow loop is no silence
 EARLY_PART = 0.5
 OVERDUE_S, OVERDUE_PERIODS = 0.25, 2.5
 LONGEST_PERIOD_S = 1.0
+LONGEST_REPLY_TIMEOUT_S = 1.0
+ADAPTER_LATENCY_S = 0.016  # the latency timer of a USB adapter
+BITS_PER_BYTE = 10
+
+
+def reply_timeout_s(baud: int, exchange_bytes: int) -> float:
+    """Return after how long a reply is given up on a line where question and reply have at most so many bytes."""
+    return min(ADAPTER_LATENCY_S + exchange_bytes * BITS_PER_BYTE / baud, LONGEST_REPLY_TIMEOUT_S)
 
 
 class HalfDuplex(Generic[RequestT]):

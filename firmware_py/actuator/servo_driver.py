@@ -14,12 +14,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
-from firmware_py.actuator.half_duplex import HalfDuplex
+from firmware_py.actuator.half_duplex import LONGEST_REPLY_TIMEOUT_S, HalfDuplex
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, RudderCommand, RudderFeedback
 
 FEEDBACK_KEPT = 8
-LONGEST_REPLY_TIMEOUT_S = 1.0
 
 
 class Frame(Protocol):

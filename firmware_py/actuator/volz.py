@@ -20,13 +20,13 @@ from collections import deque
 from dataclasses import dataclass
 
 from firmware_py.actuator import volz_frames as frames
-from firmware_py.actuator.half_duplex import Pace
+from firmware_py.actuator.half_duplex import Pace, reply_timeout_s
 from firmware_py.actuator.servo_driver import Answer, ServoDriver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
 from firmware_py.common.records import DeviceState, RudderFeedback
 
-REPLY_TIMEOUT_S = 0.018  # 1.56 ms of an exchange and the 16 ms latency timer of a USB adapter
+LONGEST_EXCHANGE_BYTES = 23  # six and six, and half a millisecond in which the servo thinks
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +140,7 @@ class VolzServo:
         """Do nothing: the next command repeats the position, and the readings come round."""
 
 
-def volz_rudder(
-    line: ByteLine, options: VolzOptions, *, reply_timeout_s: float = REPLY_TIMEOUT_S
-) -> ServoDriver[Request, frames.Reply]:
+def volz_rudder(line: ByteLine, options: VolzOptions) -> ServoDriver[Request, frames.Reply]:
     """Make the driver of a Volz servo on a line."""
-    return ServoDriver(line, VolzServo(options), reply_timeout_s=reply_timeout_s)
+    timeout_s = reply_timeout_s(line.baud, LONGEST_EXCHANGE_BYTES)
+    return ServoDriver(line, VolzServo(options), reply_timeout_s=timeout_s)

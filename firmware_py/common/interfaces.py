@@ -35,6 +35,10 @@ class ByteLine(Protocol):
         """The path of the port, for messages."""
 
     @property
+    def baud(self) -> int:
+        """Bits a second."""
+
+    @property
     def openings(self) -> int:
         """How often the line has been opened; a driver that sees it change starts its device again."""
 

@@ -58,6 +58,10 @@ class _First:
         return self._line.name
 
     @property
+    def baud(self) -> int:
+        return self._line.baud
+
+    @property
     def openings(self) -> int:
         return self._line.openings
 
@@ -85,6 +89,10 @@ class _Second:
     @property
     def name(self) -> str:
         return self._line.name
+
+    @property
+    def baud(self) -> int:
+        return self._line.baud
 
     @property
     def openings(self) -> int:

@@ -39,6 +39,11 @@ class SerialPort:
         return self._path
 
     @property
+    def baud(self) -> int:
+        """Bits a second."""
+        return self._baud
+
+    @property
     def openings(self) -> int:
         """How often the port has been opened."""
         return self._openings

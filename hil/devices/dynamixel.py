@@ -68,7 +68,7 @@ class DynamixelEmulator:
         self._table[Address.RETURN_DELAY] = return_delay
         self.motor = MotorMonitor(shaft, rng, self._table, overload_s=overload_s)
         self._reader = PacketReader()
-        self._line = Transmitter(baud)
+        self.transmitter = Transmitter(baud)
         self._registered: list[tuple[Register, int]] = []
         self._ready_s = -math.inf
         self._heard_s = -math.inf
@@ -89,9 +89,9 @@ class DynamixelEmulator:
         self._protect(now_s)
         if now_s < self._ready_s or not data:
             return
-        begin_s = now_s - transfer_s(len(data), self._line.baud)
-        if self._collisions and self._line.occupies(begin_s, now_s):
-            self._line.clear()
+        begin_s = now_s - transfer_s(len(data), self.transmitter.baud)
+        if self._collisions and self.transmitter.occupies(begin_s, now_s):
+            self.transmitter.clear()
             self._reader.clear()
             self.collision_count += 1
             return
@@ -101,16 +101,16 @@ class DynamixelEmulator:
 
     def next_output_s(self) -> float:
         """When the next reply is complete or the bus watchdog would trip."""
-        return min(self._line.next_s(), self._watchdog_s())
+        return min(self.transmitter.next_s(), self._watchdog_s())
 
     def take_output(self, now_s: float) -> bytes:
         """Look after the protections and return the replies that are complete."""
         self._protect(now_s)
-        return self._line.take(now_s)
+        return self.transmitter.take(now_s)
 
     def power_cycle(self, now_s: float, off_s: float = 1.0) -> None:
         """Cut the power for off_s (infinity: until the next call); the EEPROM area survives."""
-        self._line.clear()
+        self.transmitter.clear()
         self._reader.clear()
         self._restart_ram()
         self._ready_s = now_s + off_s + self._boot_s
@@ -147,14 +147,14 @@ class DynamixelEmulator:
             self._reply(now_s, speaker, *result)
         if packet.instruction == Instruction.REBOOT:
             self._restart_ram()
-            self._ready_s = max(now_s, self._line.last_s()) + self._boot_s
+            self._ready_s = max(now_s, self.transmitter.last_s()) + self._boot_s
 
     def _reply(self, now_s: float, speaker: int, fault: Fault, parameters: bytes = b"") -> None:
         error = fault | (ALERT if self._table[Address.HARDWARE_ERROR] else 0)
         delay_s = self._table[Address.RETURN_DELAY] * _DELAY_UNIT_S
-        self._line.send(now_s + delay_s, status_packet(speaker, error, parameters))
+        self.transmitter.send(now_s + delay_s, status_packet(speaker, error, parameters))
         # A new baud rate holds from the next packet on.
-        self._line.baud = BAUD_RATES[self._table[Address.BAUD_RATE]]
+        self.transmitter.baud = BAUD_RATES[self._table[Address.BAUD_RATE]]
 
     def _ping(self, _now_s: float, _packet: Packet) -> _Result:
         return Fault.NONE, self._read_table(Address.MODEL, 2) + self._read_table(Address.FIRMWARE, 1)

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import Final, Protocol
 
+from hil.devices.timing import Transmitter
+
 # Of latitude, on a sphere of 6371 km: the earth of the harness. It is not the firmware's
 # common/geodesy on purpose, for an earth that both shared could be wrong without showing.
 METRES_PER_DEGREE: Final = 111_194.93
@@ -25,6 +27,12 @@ class Emulator(Protocol):
 
     def take_output(self, now_s: float) -> bytes:
         """Sample what is due, return all bytes complete at or before now_s (often none), in order, and forget them."""
+
+
+class Device(Emulator, Protocol):
+    """An emulator of a device with a UART."""
+
+    transmitter: Transmitter
 
 
 class Attitude(Protocol):

@@ -88,7 +88,7 @@ class MtiEmulator:
         self._error_ppm = frequency_error_ppm
         self._boot_s = boot_s
         self._settle_s = settle_s
-        self._line = Transmitter(baud)
+        self.transmitter = Transmitter(baud)
         self._reader = MessageReader()
         self._output: tuple[tuple[int, int], ...] = _FACTORY_OUTPUT
         self._state = _State.OFF
@@ -120,19 +120,19 @@ class MtiEmulator:
     def next_output_s(self) -> float:
         """When the next message is sampled or complete, or the state changes."""
         sample_s = math.inf if self._pace is None else self._pace.next_s
-        return min(sample_s, self._change_s, self._line.next_s())
+        return min(sample_s, self._change_s, self.transmitter.next_s())
 
     def take_output(self, now_s: float) -> bytes:
         """Sample what is due and return the messages that are complete."""
         self._pass_time(now_s)
         if self._pace is not None:
             for sample_s in self._pace.take(now_s):
-                self._line.send(sample_s, self._data_message(sample_s))
-        return self._line.take(now_s)
+                self.transmitter.send(sample_s, self._data_message(sample_s))
+        return self.transmitter.take(now_s)
 
     def power_cycle(self, now_s: float, off_s: float = 1.0) -> None:
         """Cut the power for off_s (infinity: until the next call); the outputs are remembered."""
-        self._line.clear()
+        self.transmitter.clear()
         self._reader.clear()
         self._pace = None
         self._state = _State.OFF
@@ -146,10 +146,10 @@ class MtiEmulator:
             change_s, self._change_s = self._change_s, math.inf
             if self._state is _State.OFF:
                 self._state = _State.WAKING
-                self._line.send(change_s, pack_message(Mid.WAKEUP))
+                self.transmitter.send(change_s, pack_message(Mid.WAKEUP))
                 self._change_s = change_s + _WAKE_UP_WINDOW_S
             else:
-                self._line.send(change_s, pack_message(Mid.CONFIGURATION, bytes(118)))
+                self.transmitter.send(change_s, pack_message(Mid.CONFIGURATION, bytes(118)))
                 self._measure(change_s)
 
     def _measure(self, now_s: float) -> None:
@@ -212,10 +212,10 @@ class MtiEmulator:
         return tuple(outputs)
 
     def _refuse(self, now_s: float, code: int) -> None:
-        self._line.send(now_s + _ANSWER_DELAY_S, pack_message(Mid.ERROR, bytes([code])))
+        self.transmitter.send(now_s + _ANSWER_DELAY_S, pack_message(Mid.ERROR, bytes([code])))
 
     def _answer(self, now_s: float, command: Mid, content: bytes = b"") -> None:
-        self._line.send(now_s + _ANSWER_DELAY_S, pack_message(command + 1, content))
+        self.transmitter.send(now_s + _ANSWER_DELAY_S, pack_message(command + 1, content))
 
     # ------------------------------------------------------------------ data
 

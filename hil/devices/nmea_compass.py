@@ -62,20 +62,20 @@ class NmeaCompassEmulator:
         self._rot = rot
         self._rate_noise_deg_s = rate_noise_deg_s
         self._pace = Pace(1.0 / rate_hz, start_s=phase_s, error_ppm=frequency_error_ppm)
-        self._line = Transmitter(baud)
+        self.transmitter = Transmitter(baud)
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Ignore what is sent to it: the maker did not connect the receiver."""
 
     def next_output_s(self) -> float:
         """When the next sample is taken or the next sentence is complete."""
-        return min(self._pace.next_s, self._line.next_s())
+        return min(self._pace.next_s, self.transmitter.next_s())
 
     def take_output(self, now_s: float) -> bytes:
         """Take the samples that are due and return the sentences that are complete."""
         for sample_s in self._pace.take(now_s):
-            self._line.send(sample_s, self._talk())
-        return self._line.take(now_s)
+            self.transmitter.send(sample_s, self._talk())
+        return self.transmitter.take(now_s)
 
     def _talk(self) -> bytes:
         true_deg = degrees(self._attitude.heading_rad()) + self._rng.normal(0.0, self._noise_deg)

@@ -61,14 +61,14 @@ class NmeaGpsEmulator:
         self._gaps = gaps
         self._talker = talker
         self._pace = Pace(1.0 / rate_hz, start_s=phase_s, error_ppm=frequency_error_ppm)
-        self._line = Transmitter(baud)
+        self.transmitter = Transmitter(baud)
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Ignore what is sent to it."""
 
     def next_output_s(self) -> float:
         """When the next epoch is sampled or the next burst is complete."""
-        next_s = min(self._pace.next_s, self._line.next_s())
+        next_s = min(self._pace.next_s, self.transmitter.next_s())
         return next_s if self._filter is None else min(next_s, self._filter.next_s)
 
     def take_output(self, now_s: float) -> bytes:
@@ -76,8 +76,8 @@ class NmeaGpsEmulator:
         if self._filter is not None:
             self._filter.take(now_s, self._whereabouts)
         for epoch_s in self._pace.take(now_s):
-            self._line.send(epoch_s + self._latency_s, self._talk(epoch_s))
-        return self._line.take(now_s)
+            self.transmitter.send(epoch_s + self._latency_s, self._talk(epoch_s))
+        return self.transmitter.take(now_s)
 
     def _talk(self, epoch_s: float) -> bytes:
         clock, date = clock_and_date(self._whereabouts.utc_s())

@@ -69,7 +69,7 @@ class PniTcmEmulator:
         self._error_ppm = frequency_error_ppm
         self._push_mode = push_mode
         self._boot_s = boot_s
-        self._line = Transmitter(baud)
+        self.transmitter = Transmitter(baud)
         self._reader = FrameReader()
         self._saved = ModuleSettings()
         self._settings = self._saved
@@ -95,7 +95,7 @@ class PniTcmEmulator:
         """When the next push is sampled or the next frame is complete."""
         push_s = math.inf if self._pace is None else self._pace.next_s
         look_s = math.inf if self._calibration is None else self._calibration.next_s
-        return min(push_s, look_s, self._line.next_s())
+        return min(push_s, look_s, self.transmitter.next_s())
 
     def take_output(self, now_s: float) -> bytes:
         """Sample the pushes that are due and return the frames that are complete."""
@@ -103,12 +103,12 @@ class PniTcmEmulator:
             self._calibrate(self._calibration)
         if self._pace is not None:
             for sample_s in self._pace.take(now_s):
-                self._line.send(sample_s, self._data_frame())
-        return self._line.take(now_s)
+                self.transmitter.send(sample_s, self._data_frame())
+        return self.transmitter.take(now_s)
 
     def power_cycle(self, now_s: float, off_s: float = 1.0) -> None:
         """Cut the power for off_s (infinity: until the next call); what was not saved is lost."""
-        self._line.clear()
+        self.transmitter.clear()
         self._reader.clear()
         self._asleep = False
         self._restart(now_s + off_s)
@@ -144,7 +144,7 @@ class PniTcmEmulator:
 
     def _get_data(self, now_s: float, payload: bytes) -> None:
         if not payload:
-            self._line.send(now_s + _ANSWER_DELAY_S, self._data_frame())
+            self.transmitter.send(now_s + _ANSWER_DELAY_S, self._data_frame())
 
     def _set_config(self, now_s: float, payload: bytes) -> None:
         setting = SETTINGS.get(payload[0]) if payload else None
@@ -248,7 +248,7 @@ class PniTcmEmulator:
         self._asleep = False
         self._reader.clear()
         self._restart(now_s)
-        self._line.send(self._ready_s, b"\x00" + pack_frame(Frame.POWER_UP_DONE))
+        self.transmitter.send(self._ready_s, b"\x00" + pack_frame(Frame.POWER_UP_DONE))
 
     def _restart(self, power_s: float) -> None:
         self._ready_s = power_s + self._boot_s
@@ -267,7 +267,7 @@ class PniTcmEmulator:
         self._pace = Pace(period_s, start_s=now_s + period_s, error_ppm=self._error_ppm)
 
     def _answer(self, now_s: float, frame: Frame, payload: bytes = b"") -> None:
-        self._line.send(now_s + _ANSWER_DELAY_S, pack_frame(frame, payload))
+        self.transmitter.send(now_s + _ANSWER_DELAY_S, pack_frame(frame, payload))
 
     def _data_frame(self) -> bytes:
         payload = bytes([len(self._settings.components)])

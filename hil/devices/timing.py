@@ -55,7 +55,8 @@ class Pace:
 class Transmitter:
     """The sending half of a UART: messages leave one after the other at the baud rate.
 
-    A message becomes visible when its last byte is complete.
+    A message becomes visible when its last byte is complete; or, where a real line takes that time (`on_a_wire`),
+    when its first byte may leave.
     """
 
     def __init__(self, baud: int) -> None:
@@ -63,6 +64,7 @@ class Transmitter:
         if baud <= 0:
             raise ValueError(f"the baud rate must be positive, not {baud}")
         self.baud = baud
+        self.on_a_wire = False
         self._queue: deque[tuple[float, float, bytes]] = deque()
 
     def send(self, start_s: float, data: bytes) -> float:
@@ -70,7 +72,7 @@ class Transmitter:
         if len(self._queue) >= LONGEST_QUEUE:
             return math.inf
         begin_s = max(start_s, self._queue[-1][1]) if self._queue else start_s
-        end_s = begin_s + transfer_s(len(data), self.baud)
+        end_s = begin_s + (0.0 if self.on_a_wire else transfer_s(len(data), self.baud))
         self._queue.append((begin_s, end_s, data))
         return end_s
 

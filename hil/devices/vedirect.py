@@ -98,7 +98,7 @@ class VeDirectEmulator:
         self.known = True
         self._kind = kind
         self._pace = Pace(PERIOD_S, start_s=phase_s, error_ppm=frequency_error_ppm)
-        self._line = Transmitter(baud)
+        self.transmitter = Transmitter(baud)
         self._before = (0.0, plant.totals)  # when the last block was made, and what had flowed by then
         self._history = False
 
@@ -107,14 +107,14 @@ class VeDirectEmulator:
 
     def next_output_s(self) -> float:
         """When the next block is made or complete."""
-        return min(self._pace.next_s, self._line.next_s())
+        return min(self._pace.next_s, self.transmitter.next_s())
 
     def take_output(self, now_s: float) -> bytes:
         """Measure what is due and return the blocks that are complete."""
         for turn_s in self._pace.take(now_s):
             self.plant.advance_to(turn_s)
-            self._line.send(turn_s, self._talk(turn_s))
-        return self._line.take(now_s)
+            self.transmitter.send(turn_s, self._talk(turn_s))
+        return self.transmitter.take(now_s)
 
     def _talk(self, turn_s: float) -> bytes:
         totals, voltage_v = self.plant.totals, self.plant.voltage_v

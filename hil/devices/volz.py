@@ -66,7 +66,7 @@ class VolzEmulator:
         self._boot_s = boot_s
         self._target_rad = shaft.angle_rad()
         self._buffer = ReceiveBuffer(longest=16 * _FRAME)
-        self._line = Transmitter(baud)
+        self.transmitter = Transmitter(baud)
         self._ready_s = -math.inf
         self._booting = True
         self._commands: dict[int, tuple[int, Callable[[int], int]]] = {
@@ -95,16 +95,16 @@ class VolzEmulator:
     def next_output_s(self) -> float:
         """When the next reply is complete or the servo has booted."""
         boot_s = self._ready_s if self._booting else math.inf
-        return min(self._line.next_s(), boot_s)
+        return min(self.transmitter.next_s(), boot_s)
 
     def take_output(self, now_s: float) -> bytes:
         """Return the replies that are complete."""
         self._boot_when_ready(now_s)
-        return self._line.take(now_s)
+        return self.transmitter.take(now_s)
 
     def power_cycle(self, now_s: float, off_s: float = 1.0) -> None:
         """Cut the power for off_s (infinity: until the next call); the shaft is free meanwhile."""
-        self._line.clear()
+        self.transmitter.clear()
         self._buffer.clear()
         self._shaft.set_torque(on=False)
         self._ready_s = now_s + off_s + self._boot_s
@@ -126,7 +126,7 @@ class VolzEmulator:
         self._drawn_s, self._drawn_w = now_s, self._drawn_a() * self.voltage_v
         answer, execute = self._commands[command]
         frame = bytes([answer, device_id]) + execute(int.from_bytes(head[2:], "big")).to_bytes(2, "big")
-        self._line.send(now_s + _ANSWER_DELAY_S, frame + crc16_8005(frame, _CRC_START).to_bytes(2, "big"))
+        self.transmitter.send(now_s + _ANSWER_DELAY_S, frame + crc16_8005(frame, _CRC_START).to_bytes(2, "big"))
 
     def _set_position(self, argument: int) -> int:
         """Go there, within protocol and electrical limits; return where the shaft is now."""

@@ -10,8 +10,10 @@ from typing import Self
 
 from hil.devices.emulator import Emulator
 from hil.devices.pty_line import PtyLine
+from hil.devices.serial_line import SerialLine
 from hil.sim.world import World
 
+Line = PtyLine | SerialLine
 Send = Callable[[PtyLine, bytes], object]
 
 
@@ -20,7 +22,7 @@ class Port:
     """A line, the path that the autopilot opens it by, and the device behind it."""
 
     path: Path
-    line: PtyLine
+    line: Line
     emulator: Emulator
 
 
@@ -30,16 +32,26 @@ class Board:
     Close it (or use it as a context) to give the lines back.
     """
 
-    def __init__(self, world: World, emulators: Mapping[str, Emulator], directory: Path, send: Send) -> None:
-        """Make a line named as each emulator in a directory.
+    def __init__(
+        self,
+        world: World,
+        emulators: Mapping[str, Emulator],
+        directory: Path,
+        send: Send = PtyLine.write,
+        *,
+        wired: Mapping[str, SerialLine] | None = None,
+    ) -> None:
+        """Make a line named as each emulator in a directory, or take the adapter that is `wired` to its name.
 
-        `send` hands bytes to a line: PtyLine.write in real time, and in lockstep
+        `send` hands bytes to a pty: PtyLine.write in real time, and in lockstep
         PtyLine.deliver, which returns when the autopilot can read them.
         """
         self.world = world
         self._send = send
+        wired = wired or {}
         self.ports = tuple(
-            Port(directory / name, PtyLine(directory / name), emulator) for name, emulator in emulators.items()
+            Port(directory / name, wired.get(name) or PtyLine(directory / name), emulator)
+            for name, emulator in emulators.items()
         )
         self._emulators = tuple(emulators.values())
 
@@ -94,6 +106,9 @@ class Board:
         delivered = False
         for port, port_due_s in zip(self.ports, due_s, strict=True):
             if port_due_s <= now_s and (data := port.emulator.take_output(now_s)):
-                self._send(port.line, data)
+                if isinstance(port.line, PtyLine):
+                    self._send(port.line, data)
+                else:
+                    port.line.write(data)
                 delivered = True
         return delivered

@@ -10,7 +10,7 @@ import numpy as np
 
 from firmware_py.vehicle import Vehicle
 from hil.devices.dynamixel import DynamixelEmulator
-from hil.devices.emulator import Emulator
+from hil.devices.emulator import Device
 from hil.devices.mti import MtiEmulator
 from hil.devices.nmea_compass import Kind, NmeaCompassEmulator
 from hil.devices.nmea_gps import Gaps, NmeaGpsEmulator
@@ -49,10 +49,10 @@ class EmulatedDevice:
 
     driver: str
     baud: int
-    make: Callable[[DeviceContext], Emulator]
+    make: Callable[[DeviceContext], Device]
 
 
-def _nmea(context: DeviceContext) -> Emulator:
+def _nmea(context: DeviceContext) -> Device:
     sentences = [sentence for sentence in context.options.sentences if sentence in get_args(Kind)]
     return NmeaCompassEmulator(
         context.world,
@@ -66,7 +66,7 @@ def _nmea(context: DeviceContext) -> Emulator:
     )
 
 
-def _pni(context: DeviceContext) -> Emulator:
+def _pni(context: DeviceContext) -> Device:
     return PniTcmEmulator(
         context.world,
         context.numbers,
@@ -76,7 +76,7 @@ def _pni(context: DeviceContext) -> Emulator:
     )
 
 
-def _mti(context: DeviceContext) -> Emulator:
+def _mti(context: DeviceContext) -> Device:
     return MtiEmulator(
         context.world,
         context.numbers,
@@ -86,15 +86,15 @@ def _mti(context: DeviceContext) -> Emulator:
     )
 
 
-def _dynamixel(context: DeviceContext) -> Emulator:
+def _dynamixel(context: DeviceContext) -> Device:
     return DynamixelEmulator(context.world.shaft, context.numbers, device_id=context.options.id, baud=context.baud)
 
 
-def _volz(context: DeviceContext) -> Emulator:
+def _volz(context: DeviceContext) -> Device:
     return VolzEmulator(context.world.shaft, context.numbers, device_id=context.options.id, baud=context.baud)
 
 
-def _gps(context: DeviceContext) -> Emulator:
+def _gps(context: DeviceContext) -> Device:
     bought: dict[str, Any] = {}
     if (receiver := context.world.extras.receiver) is not None:
         bought = {
@@ -137,7 +137,7 @@ def _answering(devices: Mapping[str, EmulatedDevice], driver: str) -> EmulatedDe
     raise UsageError(f"no device is emulated for driver {driver!r}; there are {drivers}")
 
 
-def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Emulator]:
+def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
     """Build compass, position and rudder as the vehicle names them, and what measures its supply, or raise UsageError.
 
     The place's declination is the one that the vehicle steers with. A vehicle without a power monitor gets a charger
@@ -160,7 +160,7 @@ def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Emulator]:
 
     compass_device, servo = _answering(COMPASSES, compass.driver), _answering(SERVOS, rudder.driver)
     try:
-        devices: dict[str, Emulator] = {
+        devices: dict[str, Device] = {
             "compass": compass_device.make(context(compass.baud, compass.options, Stream.COMPASS, 0.1)),
             "position": POSITION.make(context(POSITION.baud, None, Stream.POSITION, 1.0)),
             "rudder": servo.make(context(rudder.baud, rudder.options, Stream.RUDDER, 1.0)),
@@ -170,7 +170,7 @@ def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Emulator]:
         raise UsageError(f"the vehicle file describes a device that cannot be emulated: {error}") from None
 
 
-def _power(world: World, vehicle: Vehicle, servo: Emulator, seed: int) -> dict[str, Emulator]:
+def _power(world: World, vehicle: Vehicle, servo: Device, seed: int) -> dict[str, Device]:
     """Build what measures the supply: a charger with all loads on it, and a monitor besides where there are two."""
     supply = world.extras.supply
     entries = {"power": vehicle.power, "power_b": vehicle.power_b}
@@ -193,6 +193,6 @@ def _power(world: World, vehicle: Vehicle, servo: Emulator, seed: int) -> dict[s
     }
 
 
-def taken_j(servo: Emulator) -> float:
+def taken_j(servo: Device) -> float:
     """Return the energy that an emulated servo has taken so far."""
     return servo.energy_j if isinstance(servo, DynamixelEmulator | VolzEmulator) else 0.0

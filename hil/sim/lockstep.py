@@ -21,6 +21,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from hil.devices.pty_line import PtyLine
 from hil.errors import HilError
 from hil.sim.board import Board, Port
 from hil.sim.pace import Pacer
@@ -137,16 +138,16 @@ class LockstepServer:
 
     def _take_in(self, written: list[int]) -> None:
         for index, total in enumerate(written):
-            port = self._ports[index]
-            if not port.line.plugged:
+            port, line = self._ports[index], self._ports[index].line
+            if not (isinstance(line, PtyLine) and line.plugged):
                 self._received[index] = total  # what was under way is lost with the cable
                 continue
             if total < self._received[index]:  # the port has been opened anew behind a new plug
                 self._received[index] = self._before[index] = 0
             if total > self._received[index]:
                 wanted = self._before[index] + total
-                data = port.line.read_until_total(wanted)
-                if port.line.total_read < wanted:
+                data = line.read_until_total(wanted)
+                if line.total_read < wanted:
                     raise LockstepError(f"bytes that the autopilot wrote to {port.path.name} have not come through")
                 self._received[index] = total
                 self._board.receive(port, data)

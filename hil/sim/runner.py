@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from firmware_py.vehicle import Vehicle
+from hil.devices.emulator import Emulator
 from hil.devices.pty_line import PtyLine
 from hil.devices.vedirect import VeDirectEmulator
 from hil.errors import HilError, UsageError
@@ -126,7 +127,7 @@ def _make(options: RunOptions, truth: TruthFile, record: RunFile) -> None:
     except ValueError as error:
         raise UsageError(f"the vehicle file describes no ship: {error}") from None
     station = GroundStation(options.goals, options.mode)
-    devices = {**emulators(world, options.vehicle, options.seed), "link": station}
+    devices: dict[str, Emulator] = {**emulators(world, options.vehicle, options.seed), "link": station}
     send = PtyLine.deliver if options.lockstep else PtyLine.write
     ending = FINISHED
     begun_s = time.monotonic()

@@ -82,7 +82,10 @@ def mounting_of(vehicle: Vehicle) -> Mounting:
 
 
 def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str, float]) -> str:
-    """Write the file for the ports compass, position, rudder, link and power, with settings over its parameters."""
+    """Write the file for the ports compass, position, rudder, link and power, with settings over its parameters.
+
+    Without a port for it the links are the vehicle's own.
+    """
     sections: dict[str, Section] = {
         "vehicle": {"name": vehicle.name},
         "compass": _device_section(vehicle.compass, ports["compass"]),
@@ -93,7 +96,7 @@ def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str,
             for name in ("power", "power_b")
             if name in ports
         },
-        "link": {"urls": [f"serial:{ports['link']}:{LINK_BAUD}"]},
+        "link": {"urls": [f"serial:{ports['link']}:{LINK_BAUD}"] if "link" in ports else list(vehicle.link_urls)},
         "hull": {name: value for name, value in asdict(vehicle.hull).items() if value is not None},
         "parameters": {**vehicle.parameters, **settings},
     }

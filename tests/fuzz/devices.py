@@ -68,7 +68,7 @@ FRAMINGS = {
 class Line:
     """A line that says what it is told to, and may vanish."""
 
-    name = "/dev/fuzz"
+    name, baud = "/dev/fuzz", 57600
 
     def __init__(self):
         self.inbox = bytearray()

@@ -9,9 +9,10 @@ class FakeLine:
     takes nothing.
     """
 
-    def __init__(self, device=None, name="/dev/fake"):
+    def __init__(self, device=None, name="/dev/fake", baud=57600):
         self.device = device
         self.name = name
+        self.baud = baud
         self.openings = 1
         self.connected = True
         self.full = False

@@ -10,6 +10,7 @@ ROLES = {"compass": DeviceRole.COMPASS, "position": DeviceRole.POSITION, "rudder
 
 class UnpluggedLine:
     name = "/dev/x"
+    baud = 57600
     openings = 0
     connected = False
 

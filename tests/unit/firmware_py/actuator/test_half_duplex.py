@@ -2,7 +2,7 @@
 
 import pytest
 
-from firmware_py.actuator.half_duplex import HalfDuplex, Pace
+from firmware_py.actuator.half_duplex import LONGEST_REPLY_TIMEOUT_S, HalfDuplex, Pace, reply_timeout_s
 
 
 @pytest.fixture
@@ -73,3 +73,10 @@ def test_pace():
     assert pace.is_overdue(0.3)
     pace.note_command(11.1)
     assert not pace.is_overdue(2.0)
+
+
+def test_a_slow_line_is_waited_for_as_long_as_its_bytes_take():
+    """At 9600 baud a Dynamixel's telemetry takes longer than any exchange at 57600."""
+    assert reply_timeout_s(57600, 110) == pytest.approx(0.0351, abs=1e-4)
+    assert reply_timeout_s(9600, 110) > 0.016 + 70 * 10 / 9600
+    assert reply_timeout_s(300, 110) == LONGEST_REPLY_TIMEOUT_S

@@ -87,6 +87,12 @@ def driver(line, servo):
     return ServoDriver(line, servo, reply_timeout_s=0.02)
 
 
+@pytest.mark.parametrize("reply_timeout_s", [0.0, 2.0, math.nan])
+def test_a_wait_for_replies_that_cannot_be_is_refused(line, servo, reply_timeout_s):
+    with pytest.raises(ValueError, match="allowed"):
+        ServoDriver(line, servo, reply_timeout_s=reply_timeout_s)
+
+
 def reply(line, driver, data, now_s):
     line.inbox += data
     driver.receive(now_s)

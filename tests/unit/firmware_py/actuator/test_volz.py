@@ -173,9 +173,3 @@ def test_late_replies_are_refused(sail, line, fakes):
 def test_a_number_that_no_servo_has_is_refused(device_id):
     with pytest.raises(ValueError, match=r"id: .* allowed: 1 to 30"):
         VolzOptions(id=device_id)
-
-
-@pytest.mark.parametrize("reply_timeout_s", [0.0, 2.0, math.nan])
-def test_a_wait_for_replies_that_cannot_be_is_refused(line, reply_timeout_s):
-    with pytest.raises(ValueError, match="allowed"):
-        volz_rudder(line, VolzOptions(), reply_timeout_s=reply_timeout_s)

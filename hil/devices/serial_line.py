@@ -1,0 +1,73 @@
+"""A line that is a real serial adapter, with the float computer at its other end."""
+
+from __future__ import annotations
+
+import os
+
+import serial
+
+_READ_SIZE = 65_536
+
+
+class SerialLineError(OSError):
+    """An adapter that cannot be opened; the text names it and the reason."""
+
+
+class SerialLine:
+    """The far end of a PtyLine's interface on an adapter of this computer: the wire itself takes its time.
+
+    Bytes that the adapter has no room for are counted (`overrun_bytes`), as on a pty. An adapter that goes away ends
+    the line: `plugged` is False from then on.
+    """
+
+    def __init__(self, path: str, baud: int) -> None:
+        """Open the adapter for nobody else; SerialLineError when that fails."""
+        self.overrun_bytes = 0
+        self.total_read = 0
+        self.total_written = 0
+        try:
+            self._port = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise SerialLineError(f"{path}: {error}") from None
+        self._descriptor: int = self._port.fileno()
+        os.set_blocking(self._descriptor, False)
+
+    @property
+    def plugged(self) -> bool:
+        """Whether the adapter is there."""
+        return self._descriptor >= 0
+
+    def fileno(self) -> int:
+        """The descriptor to wait on, or -1 when the adapter has gone."""
+        return self._descriptor
+
+    def close(self) -> None:
+        """Give the adapter back."""
+        self._descriptor = -1
+        self._port.close()
+
+    def read(self) -> bytes:
+        """Return what has come, without waiting."""
+        try:
+            data = os.read(self._descriptor, _READ_SIZE) if self.plugged else b""
+        except (BlockingIOError, InterruptedError):
+            return b""
+        except OSError:
+            self.close()
+            return b""
+        self.total_read += len(data)
+        return data
+
+    def write(self, data: bytes) -> int:
+        """Hand bytes to the adapter and return how many it took."""
+        sent = 0
+        try:
+            while self.plugged and sent < len(data):
+                sent += os.write(self._descriptor, data[sent:])
+        except (BlockingIOError, InterruptedError):
+            pass
+        except OSError:
+            self.close()
+        self.total_written += sent
+        self.overrun_bytes += len(data) - sent
+        return sent

@@ -1,0 +1,98 @@
+"""The devices of a boat on ports of their own, read and steered by programs that the board knows nothing of."""
+
+import json
+import signal
+import sys
+from contextlib import ExitStack, closing
+
+import pytest
+
+from hil.sim.device_factory import COMPASSES, POSITION, SERVOS
+from hil.sim.truth import read
+from support.program import Program
+from support.wire import Wire
+
+BENCH, FLOAT = [sys.executable, "-m", "hil"], [sys.executable, "-m", "firmware_py"]
+BAUDS = {"compass": COMPASSES["nmea"].baud, "rudder": SERVOS["dynamixel"].baud, "position": POSITION.baud}
+
+# She steers for 30 degrees from the start, with nobody on a link.
+BOAT = """
+[compass]
+driver = "nmea"
+port = "{compass}"
+baud = {compass_baud}
+[position]
+driver = "nmea"
+port = "{position}"
+baud = {position_baud}
+[rudder]
+driver = "dynamixel"
+port = "{rudder}"
+baud = {rudder_baud}
+[parameters]
+BOOT_ARM = 1
+BOOT_MODE = 15
+"""
+
+
+def vehicle_file(path, ports, bauds):
+    path.write_text(BOAT.format(**ports, **{f"{name}_baud": baud for name, baud in bauds.items()}))
+    return str(path)
+
+
+@pytest.fixture
+def program(tmp_path):
+    """Start programs that are gone after the test."""
+    with ExitStack() as stack:
+        yield lambda name, *command: stack.enter_context(closing(Program(name, command, tmp_path)))
+
+
+def heard(program, file, seconds=3):
+    """What `listen` says of each device at last."""
+    listener = program("listen", *FLOAT, "listen", file, "--json", "--seconds", str(seconds))
+    listener.exit_code()
+    return {line["device"]: line for line in map(json.loads, listener.text().splitlines())}
+
+
+def test_a_board_is_read_and_steered_by_whoever_comes(program, tmp_path):
+    board = program("board", *BENCH, "board", str(tmp_path / "board"), "gusts")
+    board.expect("Ctrl-C ends it")
+    devices = heard(program, str(tmp_path / "board" / "vehicle.toml"))
+    assert {name for name, line in devices.items() if line["accepted"] > 0} == {"compass", "position", "rudder"}
+    assert all(line["rejected"] == 0 for line in devices.values())
+    ports = {name: tmp_path / "board" / name for name in BAUDS}
+    file = vehicle_file(tmp_path / "boat.toml", ports, BAUDS)
+    program("boat", *FLOAT, "run", file, "--state", str(tmp_path / "state"))
+    board.expect(r"rudder +[+-](?!0\.0 )")
+    board.send_signal(signal.SIGINT)
+    assert board.exit_code() == 0
+    assert "what she did" in board.text()
+    assert read(tmp_path / "board" / "truth.csv").rudder_rad.any()
+
+
+@pytest.mark.parametrize("servo_baud", [57600, 9600])
+def test_devices_hang_on_adapters_whose_bus_is_half_duplex_and_echoes(servo_baud, program, tmp_path):
+    """Every byte takes its time, and both ends hear what they say themselves."""
+    bauds = {**BAUDS, "rudder": servo_baud}
+    with ExitStack() as wires:
+        for name, baud in bauds.items():
+            ends = tmp_path / f"{name}.float", tmp_path / f"{name}.bench"
+            wires.enter_context(Wire(*ends, baud, echo=name == "rudder", half_duplex=name == "rudder"))
+        file = vehicle_file(tmp_path / "boat.toml", {name: tmp_path / f"{name}.float" for name in bauds}, bauds)
+        adapters = {"compass": "--compass-port", "rudder": "--servo-port", "position": "--position-port"}
+        words = [word for name in bauds for word in (adapters[name], str(tmp_path / f"{name}.bench"))]
+        board = program("board", *BENCH, "board", str(tmp_path / "board"), "calm", "--vehicle", file, *words)
+        board.expect("rudder: on the adapter")
+        board.expect("Ctrl-C ends it")
+        devices = heard(program, file)
+        assert {name for name, line in devices.items() if line["accepted"] > 0} == set(bauds)
+        assert all(line["rejected"] == 0 for line in devices.values()), devices
+        board.send_signal(signal.SIGTERM)
+        assert board.exit_code() == 0
+
+
+def test_an_adapter_that_is_not_there_is_named(program, tmp_path):
+    board = program("board", *BENCH, "board", str(tmp_path / "board"), "--servo-port", str(tmp_path / "none"))
+    assert board.exit_code() == 2
+    assert "--servo-port" in board.text()
+    assert len(board.text().splitlines()) == 1
