@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 
 import serial
 
@@ -31,6 +32,8 @@ class SerialLine:
             raise SerialLineError(f"{path}: {error}") from None
         self._descriptor: int = self._port.fileno()
         os.set_blocking(self._descriptor, False)
+        self._poll = select.poll()
+        self._poll.register(self._descriptor, select.POLLHUP | select.POLLERR)
 
     @property
     def plugged(self) -> bool:
@@ -53,8 +56,9 @@ class SerialLine:
         except (BlockingIOError, InterruptedError):
             return b""
         except OSError:
-            self.close()
-            return b""
+            data = b""
+        if not data and self.plugged and self._poll.poll(0):
+            self.close()  # ready without a byte: it has hung up
         self.total_read += len(data)
         return data
 
