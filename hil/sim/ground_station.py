@@ -25,6 +25,8 @@ HEARTBEAT_S = 1.0
 RETRY_S = 0.5
 REACTION_S = 0.02  # a person's program answers soon, not at once
 PATIENCE_S = 60.0
+READY_PATIENCE_S = 10.0  # then the boat is armed all the same, so that its refusal is told
+READY_S = 0.2  # between questions
 TEXTS_KEPT = 8
 LONGEST_TEXT = 200
 
@@ -47,8 +49,9 @@ class Order:
 class GroundStation:
     """A ground station as a device on the far end of the link's serial line.
 
-    Orders are given one after the other, each repeated every half second until it is
-    acknowledged as accepted; a goal that is still open when the next one is due is left.
+    Like a careful operator it asks whether the boat is ready before it arms it. Orders are given one after the
+    other, each repeated every half second until it is acknowledged as accepted; a goal that is still open when the
+    next one is due is left.
     """
 
     def __init__(self, goals: Sequence[Goal], mode: int = GUIDED) -> None:
@@ -75,6 +78,7 @@ class GroundStation:
                 dialect.MAVLINK_MSG_ID_HEARTBEAT,
                 dialect.MAVLINK_MSG_ID_COMMAND_ACK,
                 dialect.MAVLINK_MSG_ID_STATUSTEXT,
+                dialect.MAVLINK_MSG_ID_SYS_STATUS,
             )
         )
         self._sender = dialect.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
@@ -83,6 +87,7 @@ class GroundStation:
         self._unsent: list[Any] = []
         self._heartbeat_s = math.inf
         self._order_s = math.inf
+        self._ready_by_s = math.inf  # no order before the boat is ready, or this
 
     # The Emulator that the board of lines sees.
 
@@ -105,7 +110,7 @@ class GroundStation:
             self._unsent.clear()
         if self._order_s <= now_s:
             self._leave_overtaken(now_s)
-            frames.append(self._give(self._open[0], now_s))
+            frames.append(self._give(self._open[0], now_s) if now_s >= self._ready_by_s else self._ask_ready(now_s))
         return b"" if self.silent else b"".join(frames)
 
     # What the run and its display ask.
@@ -152,6 +157,13 @@ class GroundStation:
         if self._vehicle is None:
             self._vehicle = message.get_srcSystem()
             self._heartbeat_s = now_s + REACTION_S
+            self._ready_by_s = now_s + READY_PATIENCE_S
+            self._plan(now_s)
+
+    def _hear_status(self, now_s: float, message: Any) -> None:
+        ready = message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK
+        if ready and message.get_srcComponent() == 1 and now_s < self._ready_by_s < math.inf:
+            self._ready_by_s = now_s
             self._plan(now_s)
 
     def _hear_acknowledgement(self, now_s: float, message: Any) -> None:
@@ -182,14 +194,21 @@ class GroundStation:
         while len(self._open) > 1 and self._open[0].goal and self._open[1].due_s <= now_s:
             self._open.popleft()
 
+    def _ask_ready(self, now_s: float) -> bytes:
+        self._order_s = min(now_s + READY_S, self._ready_by_s)
+        return self._command(dialect.MAV_CMD_REQUEST_MESSAGE, (float(dialect.MAVLINK_MSG_ID_SYS_STATUS),), 0)
+
     def _give(self, order: Order, now_s: float) -> bytes:
         if order.first_sent_s is None:
             order.first_sent_s = now_s
-        values = (*order.parameters, *(0.0,) * (7 - len(order.parameters)))
-        message = dialect.MAVLink_command_long_message(self._vehicle, 1, order.command, order.confirmation, *values)
+        frame = self._command(order.command, order.parameters, order.confirmation)
         order.confirmation = min(order.confirmation + 1, 255)
         self._order_s = now_s + RETRY_S
-        return self._pack(message)
+        return frame
+
+    def _command(self, command: int, parameters: tuple[float, ...], confirmation: int) -> bytes:
+        values = (*parameters, *(0.0,) * (7 - len(parameters)))
+        return self._pack(dialect.MAVLink_command_long_message(self._vehicle, 1, command, confirmation, *values))
 
     def _heartbeat(self) -> bytes:
         return self._pack(
@@ -207,6 +226,7 @@ class GroundStation:
         "HEARTBEAT": _hear_heartbeat,
         "COMMAND_ACK": _hear_acknowledgement,
         "STATUSTEXT": _hear_text,
+        "SYS_STATUS": _hear_status,
     }
 
 

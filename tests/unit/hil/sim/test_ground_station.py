@@ -6,16 +6,18 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from hil.sim.goals import parse_goals
-from hil.sim.ground_station import PATIENCE_S, GroundStation
+from hil.sim.ground_station import PATIENCE_S, READY_PATIENCE_S, READY_S, GroundStation
 from hil.sim.mavlink_tap import MavlinkTap
 
 ACCEPTED, TEMPORARILY, DENIED = 0, 1, 2
+REQUEST_MESSAGE = 512
 
 
 class Vehicle:
-    """Answers commands with the results that `judge` gives."""
+    """Answers commands with the results that `judge` gives; asked for SYS_STATUS it is ready after some questions."""
 
-    def __init__(self, judge=lambda _message: ACCEPTED):
+    def __init__(self, judge=lambda _message: ACCEPTED, ready_after=0):
+        self.questions_left = ready_after
         self.heard = []
         self.judge = judge
         self.mav = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
@@ -31,14 +33,24 @@ class Vehicle:
         answers = b""
         for message in self.parser.parse_buffer(data) or []:
             self.heard.append(message)
-            if message.get_type() == "COMMAND_LONG":
+            if message.get_type() == "COMMAND_LONG" and message.command == REQUEST_MESSAGE:
+                answers += self.status()
+            elif message.get_type() == "COMMAND_LONG":
                 result = self.judge(message)
                 if result is not None:
                     answers += bytes(mavlink.MAVLink_command_ack_message(message.command, result).pack(self.mav))
         return answers
 
+    def status(self):
+        health = mavlink.MAV_SYS_STATUS_PREARM_CHECK if self.questions_left <= 0 else 0
+        self.questions_left -= 1
+        return bytes(
+            mavlink.MAVLink_sys_status_message(health, health, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0).pack(self.mav)
+        )
+
     def commands(self):
-        return [message for message in self.heard if message.get_type() == "COMMAND_LONG"]
+        commands = [message for message in self.heard if message.get_type() == "COMMAND_LONG"]
+        return [message for message in commands if message.command != REQUEST_MESSAGE]
 
 
 def play(station: GroundStation, vehicle: Vehicle, end_s: float, *, start_s: float = 1.0) -> None:
@@ -71,6 +83,20 @@ def test_arms_sets_guided_and_gives_each_goal_at_its_time():
     assert times[4] == pytest.approx(40.0, abs=0.1)
     assert station.verdict() is None
     assert station.failure(1000.0) is None
+
+
+def test_arms_once_she_is_ready_and_is_not_refused_before():
+    station, vehicle = GroundStation(parse_goals("0:0")), Vehicle(ready_after=7)
+    play(station, vehicle, 20.0)
+    assert [message.command for message in vehicle.commands()] == [400, 176, 43002]
+    assert station.orders[0].first_sent_s == pytest.approx(1.0 + 7 * READY_S, abs=0.1)
+
+
+def test_who_never_gets_ready_is_armed_all_the_same_and_its_refusal_told():
+    station, vehicle = GroundStation(parse_goals("0:0")), Vehicle(lambda _message: TEMPORARILY, ready_after=10_000)
+    play(station, vehicle, 100.0)
+    assert station.orders[0].first_sent_s == pytest.approx(1.0 + READY_PATIENCE_S, abs=0.1)
+    assert "TEMPORARILY_REJECTED" in station.failure(100.0)
 
 
 def test_heartbeats_once_a_second():
