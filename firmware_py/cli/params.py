@@ -117,7 +117,7 @@ def _explain(name: str) -> int:
     if row.reboot:
         print("takes effect at the next start")
     if row.read_only:
-        print("read-only: counted onboard")
+        print("read-only")
     return 0
 
 

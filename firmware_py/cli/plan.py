@@ -14,7 +14,7 @@ from firmware_py.cli.state_owner import check_directory, check_owner
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
 from firmware_py.files.making import exact_modes
 from firmware_py.files.reading import read_regular
-from firmware_py.plans.items import ROWS, has_place, markdown
+from firmware_py.plans.items import ROWS, Command, has_place, markdown
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import write_plan
 from firmware_py.plans.read_file import MOST_BYTES, read_plan_file
@@ -116,8 +116,9 @@ def _show(arguments: argparse.Namespace) -> None:
         return
     for plan in plans:
         print(f"{plan.kind.name.lower()}: {_count(plan)}" + (f", id {plan.identity:08x}" if plan.items else ""))
-        for index, item in enumerate(plan.items):
-            print(_line(index, item))
+        first = int(plan.kind is PlanKind.MISSION)  # home is item 0
+        for number, item in enumerate(plan.items, start=first):
+            print(_line(number, item, first))
 
 
 def _save(arguments: argparse.Namespace) -> None:
@@ -168,10 +169,11 @@ def _name(item: PlanItem) -> str:
     return str(item.command) if row is None else row.name
 
 
-def _line(index: int, item: PlanItem) -> str:
-    params = " ".join(f"{value:g}" for value in item.params)
+def _line(number: int, item: PlanItem, first: int) -> str:
+    target = first if item.command == Command.JUMP else 0  # numbered as the items are
+    params = " ".join(f"{value:g}" for value in (item.params[0] + target, *item.params[1:]))
     place = f"  {item.x * 1e-7:.7f} {item.y * 1e-7:.7f}" if has_place(item.command) else ""
-    return f"{index:>5}  {_name(item)}  {params}{place}"
+    return f"{number:>5}  {_name(item)}  {params}{place}"
 
 
 def _print_json(plans: Iterable[Plan]) -> None:

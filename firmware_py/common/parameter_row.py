@@ -96,3 +96,8 @@ def count(name: str, text: str) -> Parameter:
     """Return a row that the autopilot counts itself and nobody else sets."""
     # Far within what a single counts exactly.
     return Parameter(name, 0.0, 0, 1_000_000, "", Kind.INTEGER, text, None, reboot=False, read_only=True)
+
+
+def constant(name: str, value: int, meaning: str, text: str) -> Parameter:
+    """Return a row that is there to be read alone."""
+    return Parameter(name, value, value, value, "", Kind.INTEGER, text, {value: meaning}, reboot=False, read_only=True)

@@ -3,7 +3,8 @@
 An item carries the numbers of MAVLink (MAV_CMD, MAV_FRAME, degrees times 1e7), because plans
 come from ground stations and go back to them to the last bit; what an item means in the
 units of the boat is the business of guidance. Items are counted from 0; the home that
-ArduPilot's ground stations expect as item 0 of a mission is put there by the link alone.
+ArduPilot's ground stations expect as item 0 of a mission is put there by the link alone, and whatever
+a person reads counts as those do (`homes`).
 """
 
 from __future__ import annotations
@@ -31,6 +32,17 @@ class PlanKind(IntEnum):
     MISSION = 0
     FENCE = 1
     RALLY = 2
+
+
+_ARDUPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA, of LNK_IDENTITY
+
+
+def homes(identity: int, kind: PlanKind) -> int:
+    """Return the number of a plan's first item as people and ground stations count.
+
+    ArduPilot's stations expect home as item 0 of a mission. `identity` is that of LNK_IDENTITY.
+    """
+    return int(identity == _ARDUPILOT and kind is PlanKind.MISSION)
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,8 +35,8 @@ class Home:
 class MissionReport:
     """The mission as the operator follows it: `index` counts from 0, None without a current item.
 
-    `reached` are the items that were reached in this very tick; `identities` are the
-    checksums of mission, fence and rally points (plan.Plan.identity).
+    The operator counts from `first`, the number of the first item (plan.homes). `reached` are the items that were
+    reached in this very tick; `identities` are the checksums of mission, fence and rally points (plan.Plan.identity).
     """
 
     state: MissionState = MissionState.NO_MISSION
@@ -44,6 +44,7 @@ class MissionReport:
     count: int = 0
     reached: tuple[int, ...] = ()
     identities: tuple[int, int, int] = (0, 0, 0)
+    first: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,9 +23,10 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import index_of
+from firmware_py.common.plan import PlanKind
 from firmware_py.common.records import PowerSample
 from firmware_py.common.reports import Home
-from firmware_py.core.state import State, situation_at
+from firmware_py.core.state import State, first_item, situation_at
 from firmware_py.guidance import mission_progress
 from firmware_py.guidance.mission_step import steps_of
 from firmware_py.modes import ACCEPTED, decide
@@ -58,7 +59,8 @@ def _set_parameter(state: State, intent: SetParameter, _t_s: float) -> tuple[Sta
 
 def _replace_plan(state: State, intent: ReplacePlan, _t_s: float) -> tuple[State, Answer]:
     if problem := problem_of(intent.plan):
-        return state, Answer(Verdict.DENIED, str(problem))
+        first = first_item(state) if intent.plan.kind is PlanKind.MISSION else 0
+        return state, Answer(Verdict.DENIED, problem.shown(first))
     return replace(state, plans=state.plans.replaced(intent.plan)), ACCEPTED
 
 
@@ -81,7 +83,9 @@ def _set_mission_item(state: State, intent: SetMissionItem, _t_s: float) -> tupl
     if not count:
         return state, Answer(Verdict.TEMPORARILY_REJECTED, "There is no mission")
     if not 0 <= intent.index < count:
-        return state, Answer(Verdict.DENIED, f"The mission has items 0 to {count - 1}, not {intent.index}")
+        first = first_item(state)
+        text = f"The mission has items {first} to {first + count - 1}, not {first + intent.index}"
+        return state, Answer(Verdict.DENIED, text)
     progress = mission_progress.for_plan(state.guidance.mission, state.plans.mission.identity)
     progress = mission_progress.at_item(progress, intent.index, restart=intent.restart)
     return replace(state, guidance=replace(state.guidance, mission=progress)), ACCEPTED

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from firmware_py.common.records import Inputs, RudderStatus
 from firmware_py.common.reports import Snapshot
-from firmware_py.core.state import Settings, State, fence_enabled
+from firmware_py.core.state import Settings, State, fence_enabled, first_item
 from firmware_py.estimate import heading_estimator
 from firmware_py.guidance import guidance
 from firmware_py.guidance.steering import SteeringTarget
@@ -50,7 +50,7 @@ def snapshot_of(
         late_s=inputs.tick.late_s,
         home=state.home,
         prearm_refusal=arming_obstacle(situation),
-        mission=guidance.mission_report(state.guidance, state.plans, state.modes),
+        mission=guidance.mission_report(state.guidance, state.plans, state.modes, first_item(state)),
         water=situation.water,
         navigation=guidance.report(state.guidance, state.plans, fence_enabled=fence_enabled(settings, state)),
         estimate=heading_estimator.report(settings.heading_estimator, state.heading_estimator),

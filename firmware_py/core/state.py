@@ -9,7 +9,7 @@ import functools
 from dataclasses import dataclass
 
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.plan import Plans
+from firmware_py.common.plan import PlanKind, Plans, homes
 from firmware_py.common.reports import Home
 from firmware_py.common.silence import timeout_s
 from firmware_py.control.heading_controller import HeadingControllerSettings, HeadingControllerState
@@ -157,6 +157,11 @@ def situation_at(state: State, now_s: float) -> Situation:
     """Return what a decision between two ticks may depend on."""
     settings = settings_of(parameters_in_force(state))
     return situation_of(settings, state, freshness_of(settings, state, now_s))
+
+
+def first_item(state: State) -> int:
+    """Return the number of a mission's first item as the operator counts."""
+    return homes(int(state.parameters["LNK_IDENTITY"]), PlanKind.MISSION)
 
 
 def fence_enabled(settings: Settings, state: State) -> bool:

@@ -21,7 +21,15 @@ from firmware_py.core.estimate_step import estimate
 from firmware_py.core.fault_conditions import fault_input
 from firmware_py.core.rudder_demand import rudder_demand
 from firmware_py.core.snapshot import snapshot_of
-from firmware_py.core.state import Settings, State, freshness_of, parameters_in_force, settings_of, situation_of
+from firmware_py.core.state import (
+    Settings,
+    State,
+    first_item,
+    freshness_of,
+    parameters_in_force,
+    settings_of,
+    situation_of,
+)
 from firmware_py.estimate import kalman
 from firmware_py.faults import latch
 from firmware_py.guidance import guidance
@@ -58,7 +66,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     state = replace(state, supervisor=supervised, modes=modes)
 
     state = _guide(settings, state, situation, inputs)
-    mission_events = guidance.mission_events(before.guidance.mission, state.guidance.mission)
+    mission_events = guidance.mission_events(before.guidance.mission, state.guidance.mission, first_item(state))
     target = steering_target(modes, state.guidance.status, situation)
     state = _monitor_steering(settings, state, rudder, target, situation, now_s)
     state = _monitor_oscillation(settings, state, target, now_s)

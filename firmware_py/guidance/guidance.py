@@ -224,20 +224,23 @@ def _update_mission(
     return GuidanceOutput(state, home)
 
 
-def mission_events(before: MissionProgress, after: MissionProgress) -> tuple[Event, ...]:
-    """Return what is told of the mission after a tick, the requests of which may have changed it, too."""
+def mission_events(before: MissionProgress, after: MissionProgress, first: int) -> tuple[Event, ...]:
+    """Return what is told of the mission after a tick, the requests of which may have changed it, too.
+
+    `first` is the number of the first item as the operator counts (plan.homes).
+    """
     if after.complete and not before.complete:
         # That it cannot be sailed is a fault of its own.
         return () if after.unusable else (Event(Severity.NOTICE, "Mission complete: keeping station"),)
     events: list[Event] = []
     if after.waiting and not before.waiting:
-        events.append(Event(Severity.NOTICE, f"Mission paused after item {after.index}: no autocontinue"))
+        events.append(Event(Severity.NOTICE, f"Mission paused after item {first + after.index}: no autocontinue"))
     if after.paused and not before.paused:
         events.append(Event(Severity.NOTICE, "Mission paused: keeping station"))
     if mission_progress.is_halted(before) and not mission_progress.is_halted(after):
         events.append(Event(Severity.NOTICE, "Mission goes on"))
     if after.begun and not after.waiting and (after.index != before.index or not before.begun):
-        events.append(Event(Severity.INFO, f"Mission: item {after.index}"))
+        events.append(Event(Severity.INFO, f"Mission: item {first + after.index}"))
     return tuple(events)
 
 
@@ -271,13 +274,14 @@ def report(state: GuidanceState, plans: Plans, *, fence_enabled: bool) -> Naviga
     )
 
 
-def mission_report(state: GuidanceState, plans: Plans, modes: ModeState) -> MissionReport:
-    """Return the mission as the operator follows it."""
+def mission_report(state: GuidanceState, plans: Plans, modes: ModeState, first: int) -> MissionReport:
+    """Return the mission as the operator follows it, who counts its items from `first` (plan.homes)."""
     count = len(plans.mission.items)
     progress = mission_progress.for_plan(state.mission, plans.mission.identity)
     return MissionReport(
         state=mission_progress.state_of(progress, count, running=modes.mode is Mode.AUTO and modes.armed),
         index=min(progress.index, count - 1) if count else None,
+        first=first,
         count=count,
         reached=state.reached,
         identities=(plans.mission.identity, plans.fence.identity, plans.rally.identity),

@@ -11,7 +11,7 @@ What an item means for a boat that cannot stop:
 | NAV_RETURN_TO_LAUNCH | goes home or to the best rally point |
 | NAV_DELAY | goes on with what it does for param1 seconds, or until a time of day (UTC): with a heading after a heading item, otherwise keeping station |
 | CONDITION_YAW, NAV_SET_YAW_SPEED | turns to the heading; the item ends when it is within 5 deg of that, or after 10 min. A NAV_DELAY after it holds that heading; the speed is the sea's |
-| DO_JUMP | goes on with item param1 (counted from 0 here), param2 times, -1: always |
+| DO_JUMP | goes on with item param1 (an index here, the link's is one more), param2 times, -1: always |
 | DO_CHANGE_SPEED | nothing: a speed for planning |
 | DO_SET_HOME | sets home, to where it is (param1 = 1) or to the place |
 

@@ -12,6 +12,7 @@ from firmware_py.common.interfaces import Calibrator, RequestHandler
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Home, Snapshot
+from firmware_py.faults.table import Fault
 from firmware_py.link.parameters.metadata import Metadata
 from firmware_py.link.peer import Peer
 from firmware_py.link.telemetry import identity
@@ -55,6 +56,8 @@ class LinkContext:
         self.intended_mode: int | None = None  # custom_mode that was last asked for and entered
         self.home_report_due = False  # since it was last told; whoever sets it is told also where it was there before
         self.high_latency = False  # asked for on the satellite links
+        self.override_us: tuple[float, int] | None = None  # when channel 1 was overridden last, and by what
+        self.fence_breaches: tuple[int, float] = (0, 0.0)  # how many since start, and when the last one began
         self.now_s = 0.0  # of the latest call of the loop
         self.peers: Iterable[Peer] = ()
         self.everybody: Callable[[], Iterable[Peer]] = lambda: self.peers  # those without a place, too
@@ -63,6 +66,9 @@ class LinkContext:
 
     def see(self, snapshot: Snapshot) -> None:
         """Take the state after a tick."""
+        breached = snapshot.faults >> Fault.FENCE_BREACHED & 1
+        if breached and (self.snapshot is None or not self.snapshot.faults >> Fault.FENCE_BREACHED & 1):
+            self.fence_breaches = (self.fence_breaches[0] + 1, snapshot.t_s)
         self.snapshot = snapshot
 
     @property
@@ -83,7 +89,16 @@ class LinkContext:
             load=self.suppliers.load(),
             refused_frames=self.refused_frames,
             written=self.suppliers.written(),
+            fence_breaches=self.fence_breaches,
+            override_us=self._override_in_force(),
         )
+
+    def _override_in_force(self) -> int | None:
+        """Return the pulse on channel 1 that a station overrides it with; None when none does."""
+        if self.override_us is None:
+            return None
+        since_s, pulse_us = self.override_us
+        return pulse_us if self.now_s - since_s <= self.request_handler.parameters()["MAN_TIMEOUT_S"] else None
 
     # ------------------------------------------------------------------ who is meant
 

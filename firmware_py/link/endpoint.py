@@ -287,7 +287,7 @@ class Endpoint:
         before = self._context.snapshot
         self._context.refused_frames = self._peers.refused_frames() + self._peers.rejected + self._gate.refused_frames
         self._gate.mavlink1 = bool(self._context.request_handler.parameters()["LNK_MAVLINK1"])
-        self._context.snapshot = snapshot
+        self._context.see(snapshot)
         self._services.report_changes(before, snapshot, now_s)
         self._telemetry.report_changes(before, snapshot, self._peers, now_s)
 

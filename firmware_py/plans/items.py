@@ -167,7 +167,7 @@ TABLE: tuple[ItemRow, ...] = (
         place=False,
         lasts=False,
         meanings=(
-            Meaning(1, "goes on with this item, counted from 0", 0.0, MOST_ITEMS - 1.0, whole=True),
+            Meaning(1, "goes on with this item, numbered as the station does", 0.0, MOST_ITEMS - 1.0, whole=True),
             Meaning(2, "so many times, -1: always", -1.0, MOST_JUMPS, whole=True),
         ),
     ),

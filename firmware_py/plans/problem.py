@@ -29,15 +29,12 @@ class PlanResult(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class PlanProblem:
-    """The first thing that is wrong with a plan: the item, counted from 0 (None: the whole), how, and in words.
-
-    The words do not number the item, since links and files number items each in their own way.
-    """
+    """The first thing that is wrong with a plan: the item by its index (None: the whole), how, and in words."""
 
     index: int | None
     result: PlanResult
     text: str
 
-    def __str__(self) -> str:
-        """Return the words with the number of the item."""
-        return self.text if self.index is None else f"item {self.index}: {self.text}"
+    def shown(self, first: int) -> str:
+        """Return the words with the number of the item, by that of the plan's first one (`homes`)."""
+        return self.text if self.index is None else f"item {self.index + first}: {self.text}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_py.common.plan import Plan
+from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.plans.numbers import PlanFileError
 from firmware_py.plans.qgc_file import read_plan
 from firmware_py.plans.text_files import read_text
@@ -24,5 +24,7 @@ def read_plan_file(content: bytes, source: str, *, home: bool = True) -> tuple[P
     for plan in plans:
         if problem := problem_of(plan):
             kind = plan.kind.name.lower()
-            raise PlanFileError(f"{source}: {kind}: {problem}; mend it (items are counted from 0 here)")
+            first = int(home and plan.kind is PlanKind.MISSION)
+            counted = "home is item 0" if first else "items are counted from 0"
+            raise PlanFileError(f"{source}: {kind}: {problem.shown(first)}; mend it ({counted})")
     return plans

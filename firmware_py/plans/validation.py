@@ -88,8 +88,7 @@ def _jumps_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
     """Return the first jump that leads nowhere, or that goes round for ever without an item that takes time."""
     for index, item in enumerate(items):
         if item.command == Command.JUMP and item.params[0] >= len(items):
-            text = f"DO_JUMP: there is no item {item.params[0]:.0f}"
-            return PlanProblem(index, PlanResult.INVALID_PARAM1, text)
+            return PlanProblem(index, PlanResult.INVALID_PARAM1, "DO_JUMP: leads to an item that is not there")
     visited = bytearray(len(items))  # 1: being followed, 2: leads on
     for start, item in enumerate(items):
         if item.command != Command.JUMP or visited[start]:

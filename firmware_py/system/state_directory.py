@@ -270,5 +270,5 @@ def sound_plan(kind: PlanKind, text: str) -> tuple[Plan, tuple[str, ...]]:
     if plan.kind is not kind:
         raise ValueError(f"it is a {plan.kind.name.lower()}")
     if problem := problem_of(plan):
-        raise ValueError(str(problem))
+        raise ValueError(problem.shown(int(kind is PlanKind.MISSION)))  # home is item 0
     return plan, notes

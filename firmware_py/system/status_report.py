@@ -160,7 +160,7 @@ def _navigation(snapshot: Snapshot) -> Values:
         "cross_track_m": rounded(navigation.cross_track_m, 1),
         "fence_margin_m": rounded(navigation.fence_margin_m, 1),
         "mission": mission.state.name,
-        "item": mission.index,
+        "item": None if mission.index is None else mission.first + mission.index,
         "items": mission.count,
     }
 

@@ -26,7 +26,7 @@ def test_a_key_set_over_the_cable_guards_the_radio(tmp_path, boot, free_ports, c
     near, far = connect(f"tcp:127.0.0.1:{cable}"), connect(f"udpout:127.0.0.1:{radio}", 201)
     assert far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, HOLD) == ACCEPTED
     far.mav.setup_signing_send(1, 1, list(KEY), 0)
-    far.heard("STATUSTEXT", lambda text: "link is not trusted" in text.text)
+    far.heard("STATUSTEXT", lambda text: "SETUP_SIGNING refused" in text.text)
     near.mav.setup_signing_send(1, 1, list(KEY), 0)
     near.heard("STATUSTEXT", lambda text: text.text == "Signing key set")
     # Who has no key may look on, but no more.

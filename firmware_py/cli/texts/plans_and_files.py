@@ -10,6 +10,7 @@ _BROKEN = "the file is cut off, or not of this kind"
 
 TEXTS: Mapping[str, tuple[str, str]] = {
     "New <plan>: <number> items": ("a plan is in force and on disk", "nothing"),
+    "New <plan>: items <number> to <number>": ("a mission is in force and on disk; home is item 0", "nothing"),
     "<plan> cleared": ("it is gone, from the disk too", "nothing"),
     "<plan> not cleared: <why>": ("it stands as it was", "see what is named; clear it again"),
     "<plan> not taken: <why>": ("the plan was refused as a whole; why is a row of this page", _MEND),
@@ -32,7 +33,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "<item>: the altitude is not a number": ("a broken number", _MEND),
     "<item>: a time is not negative, unless -1": ("-1 means any", _MEND),
     "<item>: a time of day needs an hour": ("minutes and seconds alone are none", _MEND),
-    "DO_JUMP: there is no item <number>": ("it leads nowhere", _MEND),
+    "DO_JUMP: leads to an item that is not there": ("it leads nowhere", _MEND),
     "DO_JUMP: goes round for ever without an item that takes time": ("she would never go on", _MEND),
     "a second fence return point": ("there is one at most", _MEND),
     "the polygon crosses itself": ("inside and outside are not plain", _MEND),

@@ -72,9 +72,9 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the key counts until the next start, and not after",
         "see STORAGE_FAILING; set it again when the disk works",
     ),
-    "SETUP_SIGNING refused: the link is not trusted": (
+    "SETUP_SIGNING refused: set the key by `rambler key set`, or over a link with ?trusted=1 in its URL": (
         "a key is set over links with `trusted` alone, since it is sent in the clear",
-        "use a cable, or `rambler key`",
+        "as it says; a cable's link may be trusted",
     ),
     "SETUP_SIGNING refused: no key, or no timestamp": ("all zeros, of one of them", "set a key of 32 bytes"),
     "Signature refused: wrong key or old timestamp": (

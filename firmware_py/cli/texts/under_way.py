@@ -27,7 +27,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the fault is gone, and what she did before is not possible now",
         "mend what is named, or choose a mode",
     ),
-    "Mission: item <number>": ("she goes on with this item, counted from 0", _NOTHING),
+    "Mission: item <number>": ("she goes on with this item, numbered as stations do: home is 0", _NOTHING),
     "Mission complete: keeping station": (
         "the last item is done; she stays near it",
         "send another mission, or a mode",

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from firmware_py.common.intents import Answer, EnableFence, PauseMission, SetHome, SetMissionItem, SetMode, Verdict
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.plan import PlanKind
+from firmware_py.common.plan import PlanKind, homes
+from firmware_py.common.records import Severity
 from firmware_py.link.commands.server import NEITHER, CommandCall
 from firmware_py.link.context import LinkContext, within
-from firmware_py.link.mission.numbers import homes
 from firmware_py.link.positions import GLOBAL_FRAMES, home_of
 from firmware_py.link.telemetry.context_fields import UINT16_MAX
+from firmware_py.plans.items import ROWS, Command
 
 _PRESENT = -1.0  # the current item
 
@@ -88,3 +89,13 @@ def enable_fence(context: LinkContext, call: CommandCall) -> Answer:
     if kinds > 0:
         return Answer(Verdict.UNSUPPORTED, f"{call.name}: the fence is heeded as a whole")
     return context.request(call.message, EnableFence(wanted == 1.0), call.now_s)
+
+
+def change_speed(context: LinkContext, call: CommandCall) -> Answer:
+    """Take a speed as a mission's item of this name does: it is one for planning."""
+    for meaning in ROWS[Command.CHANGE_SPEED].meanings:
+        value = call.parameters[meaning.number - 1]
+        if not meaning.admits(value):
+            return call.denied(f"param{meaning.number} is {value:g}; allowed: {meaning.allowed()}")
+    context.send_text_limited(call.peer, Severity.NOTICE, "Speed is for planning: her own is the sea's", call.now_s)
+    return Answer(Verdict.ACCEPTED)

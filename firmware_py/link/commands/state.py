@@ -82,3 +82,12 @@ def run_prearm_checks(context: LinkContext, call: CommandCall) -> Answer:
     severity, text = (Severity.WARNING, f"PreArm: {refusal}") if refusal else (Severity.INFO, "PreArm: all good")
     context.send_text_limited(call.peer, severity, text, call.now_s)
     return ACCEPTED
+
+
+def send_banner(context: LinkContext, call: CommandCall) -> Answer:
+    """Say which program this is."""
+    version = context.version
+    number = f"{version.major}.{version.minor}.{version.patch}"
+    commit = f" (git {version.commit})" if version.commit else ""
+    context.send_text_limited(call.peer, Severity.INFO, f"Rambler {number}{commit}", call.now_s)
+    return ACCEPTED

@@ -16,6 +16,7 @@ TABLE: tuple[CommandRow, ...] = (
         relative=True,
     ),
     CommandRow(176, "DO_SET_MODE", state.set_mode, "enter the custom mode param2"),
+    CommandRow(178, "DO_CHANGE_SPEED", plan.change_speed, "nothing, and says so: her speed is the sea's"),
     CommandRow(179, "DO_SET_HOME", plan.set_home, "home is where she is (param1 = 1), or param5 to param7 (0)"),
     CommandRow(
         183,
@@ -103,6 +104,7 @@ TABLE: tuple[CommandRow, ...] = (
         upkeep.align_compass,
         "disarmed: she heads param1 (deg true) now; sets `CMP_OFFSET_DEG`",
     ),
+    CommandRow(42428, "DO_SEND_BANNER", state.send_banner, "say the version", repeatable=True),
     CommandRow(
         43002,
         "GUIDED_CHANGE_HEADING",

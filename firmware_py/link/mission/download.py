@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import dataclass
 
-from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, homes
 from firmware_py.link.context import LinkContext
 from firmware_py.link.mission.items import Correspondent, acknowledge, home_item, item_message, sender_of
-from firmware_py.link.mission.numbers import homes, wire_count
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.timeouts import timeouts_of
@@ -44,7 +43,7 @@ class PlanDownloads:
         self._readings.move_to_end((reader, kind))
         if len(self._readings) > _REMEMBERED:
             self._readings.popitem(last=False)
-        count = wire_count(plan, homes(self._context.autopilot, kind))
+        count = _wire_count(plan, homes(self._context.autopilot, kind))
         self._context.send(peer, _COUNT(*reader.sender, count, int(kind), plan.identity))
 
     def send_item(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
@@ -56,7 +55,7 @@ class PlanDownloads:
     def send_part(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_PARTIAL_LIST with the items themselves; -1 is the end of the list."""
         plan = self._plan(Correspondent(peer, sender_of(message)), kind, now_s)
-        count = wire_count(plan, homes(self._context.autopilot, kind))
+        count = _wire_count(plan, homes(self._context.autopilot, kind))
         first, last = message.start_index, message.end_index if message.end_index != -1 else count - 1
         if not 0 <= first <= last < count:
             acknowledge(self._context, peer, sender_of(message), int(kind), PlanResult.INVALID_SEQUENCE)
@@ -80,7 +79,7 @@ class PlanDownloads:
 
     def _send(self, peer: Peer, message: Message, kind: PlanKind, plan: Plan, sequence: int, *, whole: bool) -> bool:
         home_count = homes(self._context.autopilot, kind)
-        if not 0 <= sequence < wire_count(plan, home_count):
+        if not 0 <= sequence < _wire_count(plan, home_count):
             return False
         index = sequence - home_count
         item: PlanItem = home_item(self._context.home) if index < 0 else plan.items[index]
@@ -98,3 +97,8 @@ class PlanDownloads:
 
     def _current(self) -> int | None:
         return None if self._context.snapshot is None else self._context.snapshot.mission.index
+
+
+def _wire_count(plan: Plan, home_count: int) -> int:
+    """Return the number of items of a plan as stations count them: an empty mission has no home either."""
+    return len(plan.items) + home_count if plan.items else 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from firmware_py.common.plan import PlanItem, PlanKind
+from firmware_py.common.plan import Plan, PlanItem, PlanKind, homes
 from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
 from firmware_py.link.peer import Peer
@@ -61,6 +61,13 @@ def _whole(value: float, *, scaled: bool) -> int | None:
         return None
     number = round(value * 1e7) if scaled else int(value)
     return number if -_INT32 <= number < _INT32 else None
+
+
+def news_of(plan: Plan, autopilot: int) -> str:
+    """Say which plan there is now; a mission by its numbers, since stations differ in whether home counts as one."""
+    first, count = homes(autopilot, plan.kind), len(plan.items)
+    extent = f"items {first} to {first + count - 1}" if first and count else f"{count} items"
+    return f"New {NAMES[plan.kind]}: {extent}"
 
 
 def home_item(home: Home | None) -> PlanItem:

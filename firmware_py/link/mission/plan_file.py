@@ -12,14 +12,13 @@ from dataclasses import replace
 from functools import partial
 
 from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
-from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, homes
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
 from firmware_py.link.files.area import Parts
 from firmware_py.link.files.tree import Generate, Origin, Query, Sink
-from firmware_py.link.mission.items import NAMES, home_item, item_message, item_of
-from firmware_py.link.mission.numbers import homes
+from firmware_py.link.mission.items import home_item, item_message, item_of, news_of
 from firmware_py.link.wire.dialect import mavlink
 from firmware_py.link.wire.worker import Worker
 from firmware_py.plans.problem import PlanProblem, PlanResult
@@ -111,7 +110,7 @@ class PlanFiles:
                 if isinstance(plan, Plan):
                     self._replace(plan, origin, done)
                 elif isinstance(plan, PlanProblem):
-                    done(plan.text if plan.index is None else f"item {plan.index + home_count}: {plan.text}")
+                    done(plan.shown(home_count))
                 else:
                     done(f"{type(plan).__name__}: {plan}")
 
@@ -123,7 +122,7 @@ class PlanFiles:
     def _replace(self, plan: Plan, origin: Origin, done: Callable[[str], None]) -> None:
         def stored(answer: Answer) -> None:
             if answer.verdict is Verdict.ACCEPTED:
-                self._context.send_text_all(Severity.INFO, f"New {NAMES[plan.kind]}: {len(plan.items)} items")
+                self._context.send_text_all(Severity.INFO, news_of(plan, self._context.autopilot))
             done("" if answer.verdict is Verdict.ACCEPTED else answer.text or "refused")
 
         request = Request(origin.now_s, ReplacePlan(plan), origin.system, origin.component)

@@ -6,13 +6,12 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 from firmware_py.common.intents import Answer, ReplacePlan, Request, SetMissionItem, Verdict
-from firmware_py.common.plan import Plan, PlanKind
+from firmware_py.common.plan import Plan, PlanKind, homes
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Snapshot
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.mission.download import PlanDownloads
 from firmware_py.link.mission.items import KINDS, NAMES, Correspondent, Sender, acknowledge, sender_of
-from firmware_py.link.mission.numbers import homes
 from firmware_py.link.mission.upload import PlanUploads
 from firmware_py.link.peer import Peer
 from firmware_py.link.setpoints import GUIDED, go_to_waypoint

@@ -12,11 +12,10 @@ from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 
 from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
-from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, homes
 from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
-from firmware_py.link.mission.items import NAMES, Correspondent, acknowledge, item_of, sender_of
-from firmware_py.link.mission.numbers import homes
+from firmware_py.link.mission.items import NAMES, Correspondent, acknowledge, item_of, news_of, sender_of
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.timeouts import RetryTimer, Timeouts, timeouts_of
@@ -229,7 +228,7 @@ class PlanUploads:
 
     def _stored(self, upload: PlanUpload, plan: Plan, answer: Answer) -> None:
         if answer.verdict is Verdict.ACCEPTED:
-            self._context.send_text_all(Severity.INFO, f"New {NAMES[upload.kind]}: {len(plan.items)} items")
+            self._context.send_text_all(Severity.INFO, news_of(plan, self._context.autopilot))
         # An upload that another has followed is over for its station, which waits for the other's end.
         if self._active.get(upload.kind) is upload:
             fault = None
@@ -257,9 +256,9 @@ class PlanUploads:
         self, to: Correspondent, fault: PlanProblem, kind: PlanKind, now_s: float, shown: int | None = None
     ) -> None:
         acknowledge(self._context, *to, int(kind) if shown is None else shown, fault.result)
-        where = "" if fault.index is None else f"item {fault.index + homes(self._context.autopilot, kind)}: "
+        why = fault.shown(homes(self._context.autopilot, kind))
         self._context.send_text_limited(
-            to.peer, Severity.WARNING, f"{NAMES[kind].capitalize()} not taken: {where}{fault.text}", now_s
+            to.peer, Severity.WARNING, f"{NAMES[kind].capitalize()} not taken: {why}", now_s
         )
 
     def _answer_stray_item(self, owner: Correspondent, message: Message, kind: PlanKind) -> None:

@@ -12,6 +12,8 @@ from firmware_py.link.security.access import SETUP_SIGNING
 from firmware_py.link.security.signing import Signing
 from firmware_py.link.wire.dialect import Message
 
+_UNTRUSTED = "SETUP_SIGNING refused: set the key by `rambler key set`, or over a link with ?trusted=1 in its URL"
+
 
 class KeySetup:
     """Sets the key that frames are signed with, or removes it (a key of zeros and a timestamp of zero)."""
@@ -28,9 +30,7 @@ class KeySetup:
 
     def _set(self, peer: Peer, message: Message, now_s: float) -> None:
         if not peer.transport.options.trusted:
-            self._context.send_text_limited(
-                peer, Severity.WARNING, "SETUP_SIGNING refused: the link is not trusted", now_s
-            )
+            self._context.send_text_limited(peer, Severity.WARNING, _UNTRUSTED, now_s)
             return
         key, timestamp = bytes(message.secret_key), message.initial_timestamp
         if not any(key) and timestamp == 0:

@@ -29,6 +29,8 @@ class TelemetryContext:
     load: float  # of one core, 0 to 1
     refused_frames: int  # received and broken, on all links
     written: tuple[int, int] | None = None  # versions of the state put on disk since the start, and their bytes
+    fence_breaches: tuple[int, float] = (0, 0.0)  # how many since the start, and when the last one began
+    override_us: int | None = None  # pulse that a station overrides channel 1 with, None when none does
     intended_mode: int | None = None  # custom_mode that was last asked for, None when none was
 
 

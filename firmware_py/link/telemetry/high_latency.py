@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 from firmware_py.common.angles import compass_degrees
-from firmware_py.common.plan import PlanKind
+from firmware_py.common.plan import PlanKind, homes
 from firmware_py.faults.table import Fault
-from firmware_py.link.mission.numbers import homes
 from firmware_py.link.telemetry.context_fields import (
     INT8_MAX,
     INT16_MAX,

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.plan import PlanKind
-from firmware_py.link.mission.numbers import homes
+from firmware_py.common.plan import PlanKind, homes
 from firmware_py.link.telemetry.context_fields import UINT16_MAX, TelemetryContext, whole
 from firmware_py.link.wire.dialect import Message, mavlink
 

@@ -11,7 +11,7 @@ from firmware_py.link.telemetry.table import TABLE
 from firmware_py.link.wire.dialect import Packed
 from firmware_py.link.wire.outbox import Priority
 
-_HEARTBEAT, _CURRENT_MODE = 0, 436
+_HEARTBEAT, _HOME_POSITION, _CURRENT_MODE = 0, 242, 436
 
 
 class TelemetryPublisher:
@@ -36,6 +36,8 @@ class TelemetryPublisher:
             self._context.home_report_due = False
             self._context.send_all(motion.home_position(telemetry))
             self._context.send_all(estimates.gps_global_origin(telemetry))
+            for peer in peers:
+                peer.streams.postpone(_HOME_POSITION, now_s)
 
     def send_due(self, peers: Peers, tick_s: float, now_s: float) -> None:
         """Queue to each peer the rows that are due before the next tick, as far as its line has room."""

@@ -7,6 +7,7 @@ from firmware_py.faults.table import Fault
 from firmware_py.link.telemetry.context_fields import (
     INT16_MAX,
     INT32_MAX,
+    UINT8_MAX,
     UINT16_MAX,
     TelemetryContext,
     boot_ms,
@@ -83,19 +84,17 @@ def _supply(context: TelemetryContext) -> tuple[int, int, int]:
 
 
 def battery_status(context: TelemetryContext) -> Message | None:
-    """Return BATTERY_STATUS while the voltage of the battery, or that at the servo, is known.
+    """Return BATTERY_STATUS while somebody measures a battery; the voltage at the servo alone is that of SYS_STATUS.
 
     What was consumed is what the loads have taken since start; where that is not measured, what left the battery.
     """
-    millivolts, centiamperes, percent = _supply(context)
-    if millivolts == UINT16_MAX:
-        return None
     power = context.snapshot.power
-    temperature_c = consumed_j = None
-    if power is not None:
-        temperature_c = power.temperature_c
-        flow = power.load if power.load.measured_s else power.discharged
-        consumed_j = flow.energy_j if flow.measured_s else None
+    if power is None or power.voltage_v is None:
+        return None
+    millivolts, centiamperes, percent = _supply(context)
+    temperature_c = power.temperature_c
+    flow = power.load if power.load.measured_s else power.discharged
+    consumed_j = flow.energy_j if flow.measured_s else None
     return mavlink.MAVLink_battery_status_message(
         0,
         mavlink.MAV_BATTERY_FUNCTION_ALL,
@@ -119,4 +118,26 @@ def extended_sys_state(context: TelemetryContext) -> Message:  # noqa: ARG001 - 
     """Return EXTENDED_SYS_STATE: a boat neither flies nor stands on the ground."""
     return mavlink.MAVLink_extended_sys_state_message(
         mavlink.MAV_VTOL_STATE_UNDEFINED, mavlink.MAV_LANDED_STATE_UNDEFINED
+    )
+
+
+def fence_status(context: TelemetryContext) -> Message | None:
+    """Return FENCE_STATUS while there is a fence."""
+    boat, (count, since_s) = context.snapshot, context.fence_breaches
+    if not boat.mission.identities[1]:
+        return None
+    breached = bool(boat.faults >> Fault.FENCE_BREACHED & 1)
+    kind = mavlink.FENCE_BREACH_BOUNDARY if breached else mavlink.FENCE_BREACH_NONE
+    return mavlink.MAVLink_fence_status_message(
+        int(breached), whole(count, 0, UINT16_MAX, 0), kind, boot_ms(since_s) if count else 0
+    )
+
+
+def rc_channels(context: TelemetryContext) -> Message | None:
+    """Return RC_CHANNELS while a station overrides channel 1, the only one that does something."""
+    if context.override_us is None:
+        return None
+    others = (UINT16_MAX,) * 17
+    return mavlink.MAVLink_rc_channels_message(
+        boot_ms(context.snapshot.t_s), 1, context.override_us, *others, UINT8_MAX
     )

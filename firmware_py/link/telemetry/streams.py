@@ -53,6 +53,11 @@ class Streams:
             if self._interval_s[row] < _OFF:
                 self._due_s[row] = now_s
 
+    def postpone(self, number: int, now_s: float) -> None:
+        """Note that a message was sent outside its turn."""
+        for row in ROWS_OF.get(number, ()):
+            self._due_s[row] = now_s + self._interval_s[row]
+
     def make_all_due(self, now_s: float) -> None:
         """Make all that is sent due now, as when intervals begin to count otherwise."""
         self._due_s = [now_s if interval_s < _OFF else _OFF for interval_s in self._interval_s]

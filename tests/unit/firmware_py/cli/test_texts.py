@@ -22,7 +22,7 @@ HANDED_ON = {
     "assemble/wiring.py: text": (),  # say
     "common/parameters.py: '\\n'.join(problems)": (),  # ParameterError
     "core/accept.py: str(error)": (),  # ParameterError
-    "core/accept.py: str(problem)": (),  # PlanProblem
+    "core/accept.py: problem.shown(first)": (),  # PlanProblem
     "core/step.py: after.greeting": (),
     "faults/latch.py: row.recovery": (),  # the table of faults
     "faults/latch.py: row.text": (),
@@ -42,6 +42,7 @@ HANDED_ON = {
     "link/files/answers.py: refusal.text": (),
     "link/files/writing.py: f'{name}: {reason}'": (),  # PlanProblem, ParameterError
     "link/manual_control.py: intent": (),
+    "link/manual_control.py: ManualRudder(deflection)": (),
     "link/mission/server.py: answer.text or f'Item {message.seq} was refused'": (),
     "link/mission/upload.py: answer.text or 'it was refused'": (),
     "link/parameters/server.py: text": (),

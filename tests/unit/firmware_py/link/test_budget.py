@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.records import Event, FixType, PositionSample, RudderFeedback, Severity
-from firmware_py.common.reports import Activity, Home, Navigation
+from firmware_py.common.reports import Activity, Home, MissionReport, Navigation, Power
 from firmware_py.link.telemetry.table import TABLE
 
 BITS_PER_BYTE = 10
@@ -17,8 +17,12 @@ FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1
 BOAT = {
     "position": FIX, "position_ok": True, "home": Home(0.7, -0.2, 1.0),
     "servo": RudderFeedback(0.0, 0.1, 31.0, 12.0, 0.2), "bearing_rad": 1.0, "distance_m": 50.0,
-    "navigation": Navigation(Activity.LINE, 0.7, -0.2),
+    "navigation": Navigation(Activity.LINE, 0.7, -0.2), "power": Power(12.6),
+    "mission": MissionReport(identities=(0, 7, 0)),
 }  # fmt: skip
+
+
+OVERRIDE = mavlink.MAVLink_rc_channels_override_message(1, 1, 1600, 0, 0, 0, 0, 0, 0, 0)
 
 
 class Line:
@@ -52,14 +56,14 @@ def test_with_everything_asked_at_the_fastest_rate_the_line_is_full_and_no_more(
     rate = baud / BITS_PER_BYTE
     rig = make_rig(byte_rate=rate, radio=True, datagrams=False)
     line = Line(rig)
-    for row in TABLE[1:]:
-        rig.transport.inbox.append(("station", rig.frame(long_command(511, row.number, 20_000))))
+    for number in sorted({row.number for row in TABLE} - {0}):
+        rig.transport.inbox.append(("station", rig.frame(long_command(511, number, 20_000))))
         rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
     line.take()
     acknowledged = []
     while rig.now_s < SECONDS:
         if round(rig.now_s / TICK_S) % 10 == 5:
-            rig.transport.inbox.append(("station", rig.frame(long_command(401))))
+            rig.transport.inbox += [("station", rig.frame(one)) for one in (OVERRIDE, long_command(401))]
             acknowledged.append(rig.now_s)
             rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
             line.take()

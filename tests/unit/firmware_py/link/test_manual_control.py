@@ -4,6 +4,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import ManualRudder
+from firmware_py.common.mode_table import Mode
 
 INVALID = 32767
 
@@ -40,6 +41,7 @@ def override(pulse_us, target=(1, 1)):
 
 @pytest.mark.parametrize(("pulse_us", "expected"), [(1000, -1.0), (1500, 0.0), (1750, 0.5), (2000, 1.0), (0, None)])
 def test_channel_one_is_the_rudder(rig, pulse_us, expected):
+    rig.tick(mode=Mode.MANUAL)
     assert rig.tell(override(pulse_us)) == []
     assert rig.request_handler.intents == [ManualRudder(expected)]
 
@@ -53,3 +55,28 @@ def test_other_pulses_change_nothing(rig, texts, pulse_us, said):
 def test_an_override_for_another_boat_is_left_alone(rig):
     rig.tell(override(2000, (2, 1)))
     assert rig.request_handler.intents == []
+
+
+def test_an_override_that_does_nothing_says_so_once(rig, texts):
+    rig.tick(mode=Mode.GUIDED, armed=True)
+    said = [text for _ in range(5) for text in texts(rig.tell(override(1600)))]
+    assert said == ["RC override does nothing in GUIDED: channel 1 is the rudder in MANUAL, the heading in STEERING"]
+    rig.tick(mode=Mode.MANUAL, armed=False)
+    assert texts(rig.tell(override(1600), override(1600))) == ["RC override does nothing: disarmed"]
+    rig.tick(mode=Mode.MANUAL, armed=True)
+    assert texts(rig.tell(override(1600), override(0))) == []
+    other = mavlink.MAVLink_rc_channels_override_message(1, 1, 65535, 0, 1700, 0, 0, 0, 0, 0)
+    assert texts(rig.tell(other, other)) == [
+        "RC override does nothing: channel 1 is the rudder in MANUAL, the heading in STEERING"
+    ]
+
+
+def test_rc_channels_are_told_while_an_override_is_in_force(rig, of):
+    assert of(rig.ticks(20), "RC_CHANNELS") == []
+    rig.tell(override(1600))
+    shown = of(rig.ticks(10), "RC_CHANNELS")
+    assert {(one.chancount, one.chan1_raw, one.chan2_raw) for one in shown} == {(1, 1600, 65535)}
+    rig.tick(seconds=3.1)
+    assert of(rig.ticks(10), "RC_CHANNELS") == []
+    rig.tell(override(1600), override(0))
+    assert of(rig.ticks(10), "RC_CHANNELS") == []

@@ -125,7 +125,7 @@ def test_files_that_cannot_be_read(tmp_path):
     for path, error in (
         (huge, "larger than"),
         (binary, "this is no text"),
-        (wrong, "mission: item 1: NAV_WAYPOINT: frame 1 is not supported"),
+        (wrong, "mission: item 2: NAV_WAYPOINT: frame 1 is not supported.*home is item 0"),
     ):
         with pytest.raises(PlanFileError, match=error):
             read_plan_file(path.read_bytes(), path.name)

@@ -155,7 +155,7 @@ def test_too_many_items():
 
 def test_the_first_bad_item_is_named():
     found = problem_of(Plan.of(MISSION, (HERE, item(16, frame=1), item(21))))
-    assert str(found) == "item 1: NAV_WAYPOINT: frame 1 is not supported"
+    assert (found.shown(0), found.shown(1)[:6]) == ("item 1: NAV_WAYPOINT: frame 1 is not supported", "item 2")
 
 
 @pytest.mark.parametrize(

@@ -163,3 +163,12 @@ def test_the_fence(rig):
     assert results(rig.command(207, 1, math.inf)) == results(rig.command(207, 1, -1)) == [DENIED]
     assert results(rig.command(207, 1, 4)) == [UNSUPPORTED]
     assert len(rig.request_handler.intents) == 2
+
+
+def test_a_speed_is_answered_as_in_a_mission_and_changes_nothing(rig, of, texts):
+    said = rig.command(178, 1.0, 0.5)
+    assert (of(said, "COMMAND_ACK")[0].result, texts(said)) == (0, ["Speed is for planning: her own is the sea's"])
+    said = rig.command(178, 2.0, 0.5)
+    assert of(said, "COMMAND_ACK")[0].result == 2
+    assert rig.command(178, 1.0, float("nan"))[0].result == 2
+    assert rig.request_handler.intents == []

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import FixType, PositionSample, RudderFeedback
-from firmware_py.common.reports import Activity, Home, Navigation
+from firmware_py.common.reports import Activity, Home, MissionReport, Navigation, Power
 from firmware_py.link.telemetry.table import TABLE
 
 FIX = {"position": PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2), "position_ok": True}
@@ -21,7 +21,9 @@ def result(messages):
 
 @pytest.mark.parametrize("number", sorted({row.number for row in TABLE} | {148, 300, 395, 397, 435, 437}))
 def test_every_message_can_be_requested(rig, number):
-    rig.tick(**FIX, **SERVO, home=Home(0.7, -0.2, 1.0), navigation=Navigation(Activity.LINE, 0.7, -0.2))
+    rig.tell(mavlink.MAVLink_rc_channels_override_message(1, 1, 1600, 0, 0, 0, 0, 0, 0, 0))
+    place = {"home": Home(0.7, -0.2, 1.0), "navigation": Navigation(Activity.LINE, 0.7, -0.2)}
+    rig.tick(**FIX, **SERVO, **place, power=Power(12.6), mission=MissionReport(identities=(0, 7, 0)))
     said = rig.command(512, number)
     assert said[0].result == 0
     assert {message.get_msgId() for message in said[1:]} == {number}

@@ -123,3 +123,7 @@ def test_the_checks_say_what_is_wrong(rig, texts, changes, text):
 def test_no_checks_while_armed_or_before_the_first_tick(rig, make_rig):
     assert results(rig.command(401)) == [1]
     assert results(make_rig().command(401)) == [1]
+
+
+def test_the_banner_names_version_and_commit(rig, texts):
+    assert texts(rig.command(42428)) == ["Rambler 0.1.0 (git 0123abcd)"]

@@ -33,9 +33,8 @@ SERVO = RudderFeedback(0.0, 0.1, 31.0, 12.3, -0.25)
 @pytest.fixture
 def build(snapshot):
     def built(name, **changes):
-        outside = {
-            key: changes.pop(key) for key in ("load", "refused_frames", "intended_mode", "utc_s") if key in changes
-        }
+        names = ("load", "refused_frames", "intended_mode", "utc_s", "fence_breaches", "override_us")
+        outside = {key: changes.pop(key) for key in names if key in changes}
         values = {"load": 0.0, "refused_frames": 0, "utc_s": 1.7e9} | outside
         scene = TelemetryContext(
             dataclasses.replace(snapshot, **changes),
@@ -185,7 +184,8 @@ def test_what_the_estimator_has_learned_is_told_by_name(build):
 
 
 def test_battery_status_knows_only_one_voltage(build):
-    battery = build("BATTERY_STATUS", servo=SERVO)
+    assert build("BATTERY_STATUS", servo=SERVO) is None  # the servo's supply is no battery
+    battery = build("BATTERY_STATUS", power=Power(12.3))
     assert battery.voltages == [12_300] + [65535] * 9
     assert (battery.temperature, battery.current_consumed, battery.battery_remaining) == (32767, -1, -1)
     assert build("BATTERY_STATUS") is None
@@ -220,6 +220,16 @@ def test_a_battery_that_is_charged_has_a_negative_current_that_is_never_the_numb
     assert build("SYS_STATUS", power=Power(13.1, 0.01)).current_battery == 0
     assert build("SYS_STATUS", power=Power(13.1)).current_battery == -1
     assert build("BATTERY_STATUS", power=Power(13.1, discharged=Flow(720.0, 60.0))).energy_consumed == 7
+
+
+def test_the_fence_is_told_while_there_is_one(build):
+    there = MissionReport(identities=(0, 7, 0))
+    assert build("FENCE_STATUS") is None
+    whole = build("FENCE_STATUS", mission=there)
+    assert (whole.breach_status, whole.breach_count, whole.breach_type) == (0, 0, 0)
+    broken = build("FENCE_STATUS", mission=there, faults=1 << Fault.FENCE_BREACHED, fence_breaches=(3, 12.5))
+    shown = (broken.breach_status, broken.breach_count, broken.breach_type, broken.breach_time)
+    assert shown == (1, 3, mavlink.FENCE_BREACH_BOUNDARY, 12_500)
 
 
 def test_times(build):
