@@ -20,7 +20,7 @@ from hil.sim.board import Board
 from hil.sim.device_factory import POSITION, emulators
 from hil.sim.realtime import RealTimeServer
 from hil.sim.run_directory import TRUTH_FILE, VEHICLE_NAME
-from hil.sim.runner import interruptible
+from hil.sim.signals import interruptible
 from hil.sim.truth import TruthFile
 from hil.sim.vehicle_file import file_text, model_of, mounting_of
 from hil.sim.world import World, columns_beside

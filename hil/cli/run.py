@@ -15,12 +15,14 @@ from hil.sim import run_directory, run_file, runner
 from hil.sim.goals import Goal, GoalError, parse_goals
 from hil.sim.ground_station import GUIDED, MODE_NAMES
 from hil.sim.runner import RunOptions
+from hil.sim.signals import interruptible
 from hil.sim.vehicle_file import parse_settings
 
 DEFAULT_GOALS = "0:0,120:60,720:-90"
 DEFAULT_SECONDS = 1320.0
 SECONDS_AFTER_LAST_GOAL = 300.0
 LONGEST_S = 1e7
+PLAY_LINKS = ("udpout:127.0.0.1:14550", "tcpin:127.0.0.1:5760")
 RUNS = Path("runs")
 MODES = {name.lower(): number for number, name in MODE_NAMES.items()}
 
@@ -48,6 +50,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=tuple(MODES),
         help="the mode to be set instead of giving headings: auto sails the mission that --state holds",
     )
+    parser.add_argument(
+        "--play",
+        action="store_true",
+        help="she is yours: no goals but --goal's, no end but Ctrl-C or --seconds, and no order an error",
+    )
     parser.add_argument("--state", type=Path, metavar="DIR", help="begin with a copy of this state directory")
     parser.add_argument(
         "--link",
@@ -72,7 +79,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Make a run, write its figures and its page however it ends, print them."""
     options = read_options(arguments)
-    with run_directory.held(options.out), runner.interruptible():
+    if options.play:
+        print(f"she listens on {' and '.join(options.links)}; Ctrl-C ends the game", flush=True)
+    with run_directory.held(options.out), interruptible():
         try:
             runner.run(options)
         except BaseException as error:
@@ -102,10 +111,11 @@ def read_options(arguments: argparse.Namespace) -> RunOptions:
     mode = GUIDED if arguments.mode is None else MODES[arguments.mode]
     scenario = sea_of(arguments)
     try:
-        goals = parse_goals(arguments.goal or DEFAULT_GOALS) if arguments.goal or mode == GUIDED else ()
+        given = arguments.goal or (DEFAULT_GOALS if mode == GUIDED and not arguments.play else "")
+        goals = parse_goals(given) if given else ()
     except GoalError as error:
         raise UsageError(str(error)) from None
-    if not goals and arguments.seconds is None:
+    if not goals and arguments.seconds is None and not arguments.play:
         raise UsageError(f"--mode {arguments.mode} has no end of its own; give --seconds")
     seconds = _seconds(arguments, goals)
     out = arguments.out
@@ -121,9 +131,10 @@ def read_options(arguments: argparse.Namespace) -> RunOptions:
         goals=_within(goals, seconds) if goals else (),
         vehicle=vehicle_of(arguments),
         settings=parse_settings(arguments.settings),
-        links=tuple(arguments.link),
+        links=tuple(arguments.link) or (PLAY_LINKS if arguments.play else ()),
         mode=mode,
         state=arguments.state,
+        play=arguments.play,
     )
 
 
@@ -142,6 +153,8 @@ def _speed(text: str) -> float | None:
 
 
 def _seconds(arguments: argparse.Namespace, goals: tuple[Goal, ...]) -> float:
+    if arguments.seconds is None and arguments.play:
+        return LONGEST_S
     if arguments.seconds is None:
         return DEFAULT_SECONDS if arguments.goal is None else goals[-1].t_s + SECONDS_AFTER_LAST_GOAL
     return seconds_of(arguments.seconds, LONGEST_S)

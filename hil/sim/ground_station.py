@@ -44,6 +44,7 @@ class Order:
     accepted_s: float | None = None
     confirmation: int = 0
     refusal: str = ""
+    left: bool = False  # to somebody else who steers
 
 
 class GroundStation:
@@ -51,11 +52,14 @@ class GroundStation:
 
     Like a careful operator it asks whether the boat is ready before it arms it. Orders are given one after the
     other, each repeated every half second until it is acknowledged as accepted; a goal that is still open when the
-    next one is due is left.
+    next one is due is left. Where others steer too (`shared`), a goal that is refused in a mode that they have set is
+    left to them, and `gave_way` says so.
     """
 
-    def __init__(self, goals: Sequence[Goal], mode: int = GUIDED) -> None:
+    def __init__(self, goals: Sequence[Goal], mode: int = GUIDED, *, shared: bool = False) -> None:
         """Take the goals in order of time, and the mode to set; without goals GUIDED is not set."""
+        self._mode, self._shared = mode, shared
+        self.gave_way = ""
         arm = Order("arming", 0.0, dialect.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,))
         enter = Order(f"mode {MODE_NAMES.get(mode, mode)}", 0.0, dialect.MAV_CMD_DO_SET_MODE, (1.0, float(mode)))
         steer = [
@@ -146,7 +150,7 @@ class GroundStation:
         if self.orders and self._vehicle is None:
             return "the autopilot sent no MAVLink heartbeat"
         for order in self.orders:
-            if order.accepted_s is None and order.first_sent_s is not None:
+            if order.accepted_s is None and order.first_sent_s is not None and not order.left:
                 return _complaint(order)
         return None
 
@@ -177,7 +181,19 @@ class GroundStation:
         elif message.result != dialect.MAV_RESULT_IN_PROGRESS:
             name = dialect.enums["MAV_RESULT"].get(message.result)
             order.refusal = name.name.removeprefix("MAV_RESULT_") if name else f"result {message.result}"
+            if self._shared and order.goal is not None and self._mode_now() != self._mode:
+                self._give_way(order, now_s)
             order.confirmation = 0  # the next one is a new order, not a repetition of this one
+
+    def _mode_now(self) -> int | None:
+        return None if self.heartbeat is None else self.heartbeat.custom_mode
+
+    def _give_way(self, order: Order, now_s: float) -> None:
+        order.left = True
+        self._open.popleft()
+        self._plan(now_s)
+        if not self.gave_way:
+            self.gave_way = f"{order.text} was left to whoever steers: she is in {self.mode()}"
 
     def _hear_text(self, now_s: float, message: Any) -> None:
         text = message.text

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -33,6 +32,7 @@ from hil.sim.process import AutopilotProcess
 from hil.sim.realtime import RealTimeServer
 from hil.sim.run_directory import FIRMWARE_LOG, STATE, TRUTH_FILE, VEHICLE_NAME, copy_state, prepare_directory
 from hil.sim.run_file import FINISHED, OrderRecord, RunFile
+from hil.sim.signals import interruptible, stopped_by_signal
 from hil.sim.truth import TruthFile
 from hil.sim.vehicle_file import file_text, model_of, mounting_of, standard_vehicle
 from hil.sim.world import START_UTC_S, World, columns_beside
@@ -57,6 +57,7 @@ class RunOptions:
     links: tuple[str, ...] = ()
     mode: int = GUIDED
     state: Path | None = None  # what the autopilot is to remember of earlier runs: a directory that is copied
+    play: bool = False  # until somebody ends it, and nothing that people do is a failure
 
     @property
     def lockstep(self) -> bool:
@@ -126,7 +127,8 @@ def _make(options: RunOptions, truth: TruthFile, record: RunFile) -> None:
         )
     except ValueError as error:
         raise UsageError(f"the vehicle file describes no ship: {error}") from None
-    station = GroundStation(options.goals, options.mode)
+    station = GroundStation(options.goals, options.mode, shared=options.play or bool(options.links))
+    station.silent = options.play and not station.orders  # who plays is alone with her
     devices: dict[str, Emulator] = {**emulators(world, options.vehicle, options.seed), "link": station}
     send = PtyLine.deliver if options.lockstep else PtyLine.write
     ending = FINISHED
@@ -139,7 +141,8 @@ def _make(options: RunOptions, truth: TruthFile, record: RunFile) -> None:
             Board(world, devices, Path(directory), send) as board,
         ):
             wall_s = _Run(options, board, station, Path(directory)).make()
-        _judge(station, options.out)
+        if not options.play:
+            _judge(station, options.out)
     except BaseException as error:
         ending = _ending(error, truth.end_s)
         wall_s = wall_s or time.monotonic() - begun_s
@@ -152,7 +155,10 @@ def _make(options: RunOptions, truth: TruthFile, record: RunFile) -> None:
             OrderRecord(one.text, None if one.goal is None else one.goal.t_s, one.first_sent_s, one.accepted_s)
             for one in station.orders
         )
-        replace(record, ending=ending, orders=orders, wall_s=wall_s, supply=supply).write(options.out)
+        seconds = truth.end_s if options.play else options.seconds
+        replace(record, ending=ending, orders=orders, wall_s=wall_s, supply=supply, seconds=seconds).write(options.out)
+        if station.gave_way:
+            print(f"rambler-hil: {station.gave_way}", file=sys.stderr)
 
 
 def _judge(station: GroundStation, out: Path) -> None:
@@ -175,6 +181,7 @@ class _Run:
         self._station = station
         self._socket_path = directory / "clock"
         self._judge_s = 0.0
+        self._stopped: Callable[[], bool] = lambda: False
 
     def make(self) -> float:
         """Run to the end; return how many seconds it took, the start of the autopilot left out."""
@@ -186,9 +193,12 @@ class _Run:
         for url in options.links:
             arguments += ["--link", url]
         display = make_display(self._banner(), self._board.world, self._station)
-        if options.lockstep:
-            return self._in_lockstep([*arguments, "--lockstep", str(self._socket_path)], display)
-        return self._in_real_time(arguments, display)
+        with contextlib.ExitStack() as stack:
+            if options.play:
+                self._stopped = stack.enter_context(stopped_by_signal())
+            if options.lockstep:
+                return self._in_lockstep([*arguments, "--lockstep", str(self._socket_path)], display)
+            return self._in_real_time(arguments, display)
 
     def _banner(self) -> Banner:
         options = self._options
@@ -253,6 +263,8 @@ class _Run:
 
     def _under_way(self) -> bool:
         now_s = self._board.world.now_s
+        if self._options.play:
+            return now_s < self._options.seconds and not self._stopped()
         if now_s >= self._judge_s:
             self._judge_s = now_s + JUDGE_S
             if failure := self._station.failure(now_s):
@@ -275,21 +287,3 @@ def _end(autopilot: AutopilotProcess) -> None:
 def _with_last_words(text: str, autopilot: AutopilotProcess) -> str:
     words = autopilot.last_words()
     return f"{text}; its last words: {words}" if words else text
-
-
-@contextmanager
-def interruptible() -> Iterator[None]:
-    """Let SIGTERM unwind as Ctrl-C does, so that no process and no port is left behind."""
-
-    def interrupt(_number: int, _frame: object) -> None:
-        raise KeyboardInterrupt
-
-    try:
-        before = signal.signal(signal.SIGTERM, interrupt)
-    except ValueError:  # not the main thread: the caller looks after signals
-        yield
-        return
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

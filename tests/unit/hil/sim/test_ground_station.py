@@ -186,3 +186,28 @@ def test_a_text_cut_into_pieces_is_joined():
         station.receive(1.0, bytes(mavlink.MAVLink_statustext_message(4, piece, 9, number).pack(vehicle.mav)))
     station.receive(2.0, bytes(mavlink.MAVLink_statustext_message(6, b"next").pack(vehicle.mav)))
     assert [text for _, _, text in station.texts] == ["x" * 50 + "tail", "next"]
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_goals_are_left_to_whoever_has_set_another_mode(shared):
+    """Only where somebody else can steer; else a goal that is refused is what is wrong with the run."""
+    in_hold = []
+    vehicle = Vehicle(lambda message: DENIED if in_hold and message.command == 43002 else ACCEPTED)
+    station = GroundStation(parse_goals("0:10,60:20,120:30,180:40"), shared=shared)
+    play(station, vehicle, 50.0)
+    in_hold.append(True)
+    station.receive(55.0, bytes(mavlink.MAVLink_heartbeat_message(11, 3, 128, 4, 4, 3).pack(vehicle.mav)))
+    while (now_s := station.next_output_s()) <= 150.0:
+        if answers := vehicle.hear(station.take_output(now_s)):
+            station.receive(now_s + 0.005, answers)
+    if not shared:
+        assert "DENIED" in station.verdict()
+        assert station.gave_way == ""
+        return
+    assert station.failure(150.0) is None
+    assert station.verdict() is None
+    assert station.gave_way == "goal 20 deg at 60 s was left to whoever steers: she is in HOLD, armed"
+    assert [order.left for order in station.orders if order.goal] == [False, True, True, False]
+    in_hold.clear()
+    play(station, vehicle, 200.0, start_s=155.0)  # back in GUIDED
+    assert station.orders[-1].accepted_s == pytest.approx(180.0, abs=0.1)

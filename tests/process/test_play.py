@@ -1,0 +1,36 @@
+"""A run that belongs to whoever plays with it."""
+
+import json
+import signal
+import sys
+from contextlib import closing
+
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from firmware_py.modes import Mode
+from support.program import Program, unused_ports
+from support.station import Station
+
+
+def test_who_plays_steers_as_he_likes_and_ends_it_when_he_likes(tmp_path):
+    (port,) = unused_ports(["udpin"])
+    out = tmp_path / "out"
+    words = ["run", "calm", "--play", "--speed", "20", "--link", f"udpout:127.0.0.1:{port}", "--out", str(out)]
+    with (
+        closing(Program("play", [sys.executable, "-m", "hil", *words], tmp_path)) as game,
+        closing(mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")) as link,
+    ):
+        game.expect("Ctrl-C ends the game")
+        station = Station(link, tmp_path)
+        assert not station.heard("HEARTBEAT").base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED  # nobody else orders
+        assert station.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0) == mavlink.MAV_RESULT_ACCEPTED
+        for mode in (Mode.GUIDED, Mode.HOLD, Mode.MANUAL):
+            assert station.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, mode.value) == mavlink.MAV_RESULT_ACCEPTED
+        assert station.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0) == mavlink.MAV_RESULT_ACCEPTED
+        game.send_signal(signal.SIGINT)
+        assert game.exit_code() == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["ending"] == "finished"
+    assert 0.0 < summary["seconds"] < 1e6
+    assert (out / "report.html").exists()
