@@ -72,7 +72,8 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     state = _monitor_oscillation(settings, state, target, now_s)
 
     state, command = _steer(settings, state, situation, rudder, target, step_s)
-    events = (*_change_events(before, state), *estimate_events, *fault_events, *failsafe_events, *mission_events)
+    guidance_events = (*mission_events, *guidance.fence_events(before.guidance, state.guidance))
+    events = (*_change_events(before, state), *estimate_events, *fault_events, *failsafe_events, *guidance_events)
     return state, Output(command, snapshot_of(settings, state, situation, rudder, target, inputs), events)
 
 

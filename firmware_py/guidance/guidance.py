@@ -217,11 +217,19 @@ def _update_mission(
     if output.home is not None:
         altitude_m = 0.0 if given.home is None else given.home.altitude_m
         home = Home(output.home.latitude_rad, output.home.longitude_rad, altitude_m)
-    state = replace(state, mission=progress, reached=output.reached)
+    fence_enabled = state.fence_enabled if output.fence_enabled is None else output.fence_enabled
+    state = replace(state, mission=progress, reached=output.reached, fence_enabled=fence_enabled)
     task = progress.pause_task if progress.paused else progress.task
     if task is not None:  # None where it is not known yet where to stay: what was wanted last stands
         state = _carry_out(settings, state, task, motion, step_s)
     return GuidanceOutput(state, home)
+
+
+def fence_events(before: GuidanceState, after: GuidanceState) -> tuple[Event, ...]:
+    """Return what is told when a command or an item of the mission has the fence heeded or not."""
+    if after.fence_enabled is None or after.fence_enabled is before.fence_enabled:
+        return ()
+    return (Event(Severity.NOTICE, "Fence heeded" if after.fence_enabled else "Fence not heeded"),)
 
 
 def mission_events(before: MissionProgress, after: MissionProgress, first: int) -> tuple[Event, ...]:

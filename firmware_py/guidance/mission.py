@@ -23,11 +23,12 @@ IDLE_ITEMS: Final = 100  # done with at once, beyond those there are: then the j
 
 @dataclass(frozen=True, slots=True)
 class MissionOutput:
-    """The mission after a step, and the items that were reached: `home` where an item sets it, else None."""
+    """The mission after a step, and the items that were reached; `home` and `fence_enabled` where an item sets them."""
 
     progress: MissionProgress
     reached: tuple[int, ...] = ()
     home: Place | None = None
+    fence_enabled: bool | None = None
 
 
 def update(progress: MissionProgress, given: MissionInput) -> MissionOutput:
@@ -42,6 +43,7 @@ def update(progress: MissionProgress, given: MissionInput) -> MissionOutput:
         return MissionOutput(replace(progress, pause_task=pause_task))
     reached: list[int] = []
     home: Place | None = None
+    fence_enabled: bool | None = None
     for _ in range(ITEMS_PER_STEP):
         if progress.complete or progress.waiting:
             break
@@ -57,6 +59,8 @@ def update(progress: MissionProgress, given: MissionInput) -> MissionOutput:
             progress = begun
             if step.command is Command.SET_HOME:
                 home = home_here
+            elif step.command is Command.FENCE_ENABLE:
+                fence_enabled = step.enabled
         progress = _run_time(progress, step, given)
         if not _is_done(progress, step, given):
             progress = replace(progress, idle_items=0)
@@ -66,7 +70,7 @@ def update(progress: MissionProgress, given: MissionInput) -> MissionOutput:
     if progress.task is None:
         # No item has given one yet: the boat stays, and does not drift.
         progress = replace(progress, task=station_task(progress, given))
-    return MissionOutput(progress, tuple(reached), home)
+    return MissionOutput(progress, tuple(reached), home, fence_enabled)
 
 
 def _begin(progress: MissionProgress, step: MissionStep, given: MissionInput) -> MissionProgress | None:

@@ -106,6 +106,15 @@ def _delay(progress: MissionProgress, _step: MissionStep, given: MissionInput) -
     return _station(progress, given, progress.line_start)
 
 
+def _approach(progress: MissionProgress, step: MissionStep, given: MissionInput) -> Beginning | None:
+    """Sail the line to the next place, which the item of that place will go on with."""
+    if step.place is None:
+        return _station(progress, given, progress.line_start)
+    settings = given.settings
+    task = GoTo(step.place, progress.line_start, settings.acceptance_radius_m, settings.station_radius_m)
+    return task, progress.line_start
+
+
 def _station(progress: MissionProgress, given: MissionInput, line_start: Place | None) -> Beginning | None:
     task = station_task(progress, given)
     return None if task is None else (task, line_start)
@@ -147,6 +156,12 @@ def _delay_over(progress: MissionProgress, step: MissionStep, given: MissionInpu
     return since_s < min(0.5 * SECONDS_PER_DAY, progress.elapsed_s + given.step_s)
 
 
+def _near(progress: MissionProgress, step: MissionStep, given: MissionInput) -> bool:
+    if step.place is None or has_arrived(progress, given):
+        return True
+    return given.place is not None and given.place.distance_and_bearing(step.place)[0] <= step.distance_m
+
+
 # A command that is not here takes no time and leaves the boat doing what it does.
 TABLE: Final[Mapping[Command | None, CommandRow]] = {
     Command.WAYPOINT: CommandRow(_go_to, _after_hold),
@@ -156,5 +171,7 @@ TABLE: Final[Mapping[Command | None, CommandRow]] = {
     Command.RETURN: CommandRow(_return, _on_arrival),
     Command.YAW: CommandRow(_hold_heading, _on_heading, timed_from_beginning=True),
     Command.YAW_SPEED: CommandRow(_hold_heading, _on_heading, timed_from_beginning=True),
+    Command.CONDITION_DELAY: CommandRow(_delay, _delay_over, timed_from_beginning=True),
+    Command.CONDITION_DISTANCE: CommandRow(_approach, _near),
     Command.DELAY: CommandRow(_delay, _delay_over, timed_from_beginning=True),
 }

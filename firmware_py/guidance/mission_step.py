@@ -10,8 +10,12 @@ What an item means for a boat that cannot stop:
 | NAV_LOITER_TURNS | goes round it param1 times (param3: radius, negative: anticlockwise) |
 | NAV_RETURN_TO_LAUNCH | goes home or to the best rally point |
 | NAV_DELAY | goes on with what it does for param1 seconds, or until a time of day (UTC): with a heading after a heading item, otherwise keeping station |
+| CONDITION_DELAY | as NAV_DELAY for param1 seconds; the items after it wait |
+| CONDITION_DISTANCE | sails to the place of the next waypoint or loiter item; the items before that one wait until it is within param1 metres |
 | CONDITION_YAW, NAV_SET_YAW_SPEED | turns to the heading; the item ends when it is within 5 deg of that, or after 10 min. A NAV_DELAY after it holds that heading; the speed is the sea's |
 | DO_JUMP | goes on with item param1 (an index here, the link's is one more), param2 times, -1: always |
+| DO_JUMP_TAG | goes on with the first JUMP_TAG of tag param1, param2 times, -1: always |
+| DO_FENCE_ENABLE | heeds the fence from now on (param1 = 1) or not (0), whatever mode follows |
 | DO_CHANGE_SPEED | nothing: a speed for planning |
 | DO_SET_HOME | sets home, to where it is (param1 = 1) or to the place |
 
@@ -27,13 +31,14 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem
-from firmware_py.plans.items import LONGEST_S, MOST_TURNS, Command
+from firmware_py.plans.items import FARTHEST_M, LONGEST_S, MOST_TURNS, Command
+from firmware_py.plans.sequence import next_places, tags_of
 
 LARGEST_RADIUS_M = 100_000.0
 SECONDS_PER_DAY = 86_400
@@ -52,6 +57,8 @@ class MissionStep:
     clockwise: bool = True
     angle_rad: float = 0.0
     relative: bool = False
+    distance_m: float = 0.0
+    enabled: bool = False
     target: int = 0
     times: int = 0  # -1: always
     autocontinue: bool = True
@@ -59,8 +66,18 @@ class MissionStep:
 
 @functools.lru_cache(maxsize=4)
 def steps_of(mission: Plan) -> tuple[MissionStep, ...]:
-    """Convert a mission, once."""
-    return tuple(step_of(item) for item in mission.items)
+    """Convert a mission, once; what refers to another item is resolved."""
+    items, tags = mission.items, tags_of(mission.items)
+    return tuple(_resolved(items, tags, *pair) for pair in zip(items, next_places(items), strict=True))
+
+
+def _resolved(items: Sequence[PlanItem], tags: Mapping[int, int], item: PlanItem, following: int | None) -> MissionStep:
+    step = step_of(item)
+    if step.command is Command.CONDITION_DISTANCE and following is not None:
+        return replace(step, place=place_of(items[following]))
+    if item.command == Command.JUMP_TO_TAG:
+        return replace(step, target=tags.get(round(number(item.params[0], 0.0, 65535.0)), -1))
+    return step
 
 
 def step_of(item: PlanItem) -> MissionStep:
@@ -155,6 +172,24 @@ def _jump(item: PlanItem) -> MissionStep:
     )
 
 
+def _jump_to_tag(item: PlanItem) -> MissionStep:
+    return replace(_jump(item), target=-1)
+
+
+def _distance(item: PlanItem) -> MissionStep:
+    distance_m = number(item.params[0], 0.0, FARTHEST_M)
+    return MissionStep(Command.CONDITION_DISTANCE, distance_m=distance_m, autocontinue=item.autocontinue)
+
+
+def _condition_delay(item: PlanItem) -> MissionStep:
+    seconds = number(item.params[0], 0.0, LONGEST_S)
+    return MissionStep(Command.CONDITION_DELAY, seconds=seconds, autocontinue=item.autocontinue)
+
+
+def _fence_enable(item: PlanItem) -> MissionStep:
+    return MissionStep(Command.FENCE_ENABLE, enabled=item.params[0] == 1.0, autocontinue=item.autocontinue)
+
+
 def _set_home(item: PlanItem) -> MissionStep:
     here = item.params[0] == 1.0
     return MissionStep(Command.SET_HOME, None if here else place_of(item), autocontinue=item.autocontinue)
@@ -171,8 +206,13 @@ _READERS: Mapping[int, Callable[[PlanItem], MissionStep]] = {
     Command.LOITER_TIME: _loiter,
     Command.RETURN: _plain,
     Command.DELAY: _delay,
+    Command.CONDITION_DELAY: _condition_delay,
+    Command.CONDITION_DISTANCE: _distance,
     Command.YAW: _yaw,
     Command.JUMP: _jump,
+    Command.JUMP_TAG: _plain,
+    Command.JUMP_TO_TAG: _jump_to_tag,
+    Command.FENCE_ENABLE: _fence_enable,
     Command.CHANGE_SPEED: _plain,
     Command.SET_HOME: _set_home,
     Command.YAW_SPEED: _yaw_speed,

@@ -35,11 +35,16 @@ class Command(IntEnum):
     LOITER_TIME = 19
     RETURN = 20
     DELAY = 93
+    CONDITION_DELAY = 112
+    CONDITION_DISTANCE = 114
     YAW = 115
     JUMP = 177
     CHANGE_SPEED = 178
     SET_HOME = 179
+    FENCE_ENABLE = 207
     YAW_SPEED = 213
+    JUMP_TAG = 600
+    JUMP_TO_TAG = 601
     FENCE_RETURN = 5000
     INCLUDED_VERTEX = 5001
     EXCLUDED_VERTEX = 5002
@@ -92,7 +97,9 @@ def _radius(text: str) -> Meaning:
 
 _ANGLE = "degrees clockwise from north, or (relative) from her heading, to starboard"
 _RELATIVE = "0: absolute, 1: relative"
-_GROUP = Meaning(2, "inclusion group: there is only group 0", 0.0, 0.0, unset=True)
+_GROUP = Meaning(2, "inclusion group: she is inside all areas of one", 0.0, 255.0, whole=True, unset=True)
+_TAG = Meaning(1, "tag", 0.0, 65535.0, whole=True)
+_TIMES = Meaning(2, "so many times, -1: always", -1.0, MOST_JUMPS, whole=True)
 _VERTICES = Meaning(1, "vertices of this polygon, the same in each of them", 3.0, float(MOST_ITEMS), whole=True)
 _CIRCLE = Meaning(1, "radius", 1.0, FARTHEST_M, "m")
 
@@ -149,6 +156,22 @@ TABLE: tuple[ItemRow, ...] = (
         ),
     ),
     ItemRow(
+        Command.CONDITION_DELAY,
+        "CONDITION_DELAY",
+        _MISSION,
+        place=False,
+        lasts=True,
+        meanings=(Meaning(1, "so long", 0.0, LONGEST_S, "s"),),
+    ),
+    ItemRow(
+        Command.CONDITION_DISTANCE,
+        "CONDITION_DISTANCE",
+        _MISSION,
+        place=False,
+        lasts=True,
+        meanings=(Meaning(1, "until she is so near to the next place", 0.0, FARTHEST_M, "m"),),
+    ),
+    ItemRow(
         Command.YAW,
         "CONDITION_YAW",
         _MISSION,
@@ -168,8 +191,17 @@ TABLE: tuple[ItemRow, ...] = (
         lasts=False,
         meanings=(
             Meaning(1, "goes on with this item, numbered as the station does", 0.0, MOST_ITEMS - 1.0, whole=True),
-            Meaning(2, "so many times, -1: always", -1.0, MOST_JUMPS, whole=True),
+            _TIMES,
         ),
+    ),
+    ItemRow(Command.JUMP_TAG, "JUMP_TAG", _MISSION, place=False, lasts=False, meanings=(_TAG,)),
+    ItemRow(
+        Command.JUMP_TO_TAG,
+        "DO_JUMP_TAG",
+        _MISSION,
+        place=False,
+        lasts=False,
+        meanings=(Meaning(1, "goes on with the first JUMP_TAG of this tag", 0.0, 65535.0, whole=True), _TIMES),
     ),
     ItemRow(
         Command.CHANGE_SPEED,
@@ -189,6 +221,17 @@ TABLE: tuple[ItemRow, ...] = (
         place=True,
         lasts=False,
         meanings=(Meaning(1, "1: where she is, 0: the place", 0.0, 1.0, whole=True),),
+    ),
+    ItemRow(
+        Command.FENCE_ENABLE,
+        "DO_FENCE_ENABLE",
+        _MISSION,
+        place=False,
+        lasts=False,
+        meanings=(
+            Meaning(1, "1: the fence is heeded, 0: it is not", 0.0, 1.0, whole=True),
+            Meaning(2, "kinds of fence; 0: all", 0.0, 0.0, unset=True),
+        ),
     ),
     ItemRow(
         Command.YAW_SPEED,

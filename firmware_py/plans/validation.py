@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
 from firmware_py.plans.items import MISSION_FRAME, PLACE_FRAMES, ROWS, Command, ItemRow
 from firmware_py.plans.polygons import polygons_problem
 from firmware_py.plans.problem import PlanProblem, PlanResult
+from firmware_py.plans.sequence import order_problem
 
 __all__ = ["PlanProblem", "PlanResult", "item_problem", "problem_of"]
 
@@ -39,7 +39,7 @@ def _first_problem(plan: Plan) -> PlanProblem | None:
         if problem := item_problem(plan.kind, index, item):
             return problem
     if plan.kind is PlanKind.MISSION:
-        return _jumps_problem(plan.items)
+        return order_problem(plan.items)
     return polygons_problem(plan.items) if plan.kind is PlanKind.FENCE else None
 
 
@@ -82,48 +82,3 @@ def _special_problem(row: ItemRow, index: int, item: PlanItem) -> PlanProblem | 
         if not item.params[1] >= 0.0:
             return PlanProblem(index, PlanResult.INVALID_PARAM2, f"{row.name}: a time of day needs an hour")
     return None
-
-
-def _jumps_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
-    """Return the first jump that leads nowhere, or that goes round for ever without an item that takes time."""
-    for index, item in enumerate(items):
-        if item.command == Command.JUMP and item.params[0] >= len(items):
-            return PlanProblem(index, PlanResult.INVALID_PARAM1, "DO_JUMP: leads to an item that is not there")
-    visited = bytearray(len(items))  # 1: being followed, 2: leads on
-    for start, item in enumerate(items):
-        if item.command != Command.JUMP or visited[start]:
-            continue
-        last_jump = _endless_loop(items, start, visited)
-        if last_jump is not None:
-            text = "DO_JUMP: goes round for ever without an item that takes time"
-            return PlanProblem(last_jump, PlanResult.INVALID_PARAM1, text)
-    return None
-
-
-def _endless_loop(items: Sequence[PlanItem], start: int, visited: bytearray) -> int | None:
-    """Follow what comes after an item as far as nothing takes time; return the last jump of a loop."""
-    stack = [(start, iter(_successors(items, start)))]
-    visited[start] = 1
-    while stack:
-        index, successors = stack[-1]
-        successor = next(successors, None)
-        if successor is None:
-            visited[index] = 2
-            stack.pop()
-        elif visited[successor] == 1:
-            # Only a jump leads back, so there is one in every loop.
-            return next(jump for jump, _ in reversed(stack) if items[jump].command == Command.JUMP)
-        elif not visited[successor]:
-            visited[successor] = 1
-            stack.append((successor, iter(_successors(items, successor))))
-    return None
-
-
-def _successors(items: Sequence[PlanItem], index: int) -> tuple[int, ...]:
-    """Return what follows an item in the long run: a jump that is made so many times leads on after them."""
-    item = items[index]
-    if ROWS[item.command].lasts:
-        return ()
-    if item.command == Command.JUMP and item.params[1] < 0.0:
-        return (int(item.params[0]),)
-    return (index + 1,) if index + 1 < len(items) else ()

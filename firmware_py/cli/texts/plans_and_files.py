@@ -34,7 +34,12 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "<item>: a time is not negative, unless -1": ("-1 means any", _MEND),
     "<item>: a time of day needs an hour": ("minutes and seconds alone are none", _MEND),
     "DO_JUMP: leads to an item that is not there": ("it leads nowhere", _MEND),
-    "DO_JUMP: goes round for ever without an item that takes time": ("she would never go on", _MEND),
+    "DO_JUMP_TAG: there is no such JUMP_TAG": ("it leads nowhere", _MEND),
+    "CONDITION_DISTANCE: no place to go to follows": (
+        "before the next jump or item without a place there is no waypoint whose distance could count",
+        _MEND,
+    ),
+    "<item>: goes round for ever without an item that takes time": ("she would never go on", _MEND),
     "a second fence return point": ("there is one at most", _MEND),
     "the polygon crosses itself": ("inside and outside are not plain", _MEND),
     "the polygon has fewer than 3 different vertices": ("it has no inside", _MEND),

@@ -28,6 +28,11 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "mend what is named, or choose a mode",
     ),
     "Mission: item <number>": ("she goes on with this item, numbered as stations do: home is 0", _NOTHING),
+    "Fence heeded": ("a command or an item of the mission asks for it", _NOTHING),
+    "Fence not heeded": (
+        "a command or an item of the mission asks for it",
+        "DO_FENCE_ENABLE has it kept",
+    ),
     "Mission complete: keeping station": (
         "the last item is done; she stays near it",
         "send another mission, or a mode",

@@ -8,6 +8,7 @@ from functools import partial
 
 from firmware_py.link.context import LinkContext
 from firmware_py.link.files.answers import Answers, FileAction, FileCall
+from firmware_py.link.files.area import Area, Parts
 from firmware_py.link.files.payload import Error, Opcode, Refusal
 from firmware_py.link.files.sessions import IDLE_S, FileSessions, FileUpload
 from firmware_py.link.files.tree import Origin, Tree, parse_path
@@ -66,8 +67,12 @@ class WritingRequests:
             raise Refusal(Error.NO_SESSIONS_AVAILABLE)
         sessions.discard(*uploads[0])
 
-    def _open_write(self, call: FileCall) -> None:
+    def _open_write(self, call: FileCall) -> bytes | None:
+        """Open a file as it is, or a new one: older clients never create one before."""
         parts, _ = parse_path(call.request.data)
+        if parts in self._tree.sinks:
+            self._create(call)
+            return struct.pack("<I", 0)
         self._check_room(call)
         area, within = self._tree.area(parts, write=True)
 
@@ -76,7 +81,8 @@ class WritingRequests:
             self._sessions.open(call.client, call.request.session, FileUpload(parts, content), call.now_s)
             return struct.pack("<I", len(content))
 
-        self._answers.finish_later(call, partial(area.read_whole, within), opened)
+        self._answers.finish_later(call, partial(_content, area, within), opened)
+        return None
 
     def _write(self, call: FileCall) -> bytes:
         handle = self._sessions.use(call.client, call.request.session, call.now_s).handle
@@ -164,3 +170,11 @@ class WritingRequests:
         if area is not other:
             raise Refusal(Error.FILE_PROTECTED)
         self._answers.finish_later(call, partial(area.rename, source, target))
+
+
+def _content(area: Area, within: Parts) -> bytes:
+    """Return what is in a file, nothing for one that is not there yet."""
+    try:
+        return area.read_whole(within)
+    except FileNotFoundError:
+        return b""

@@ -42,6 +42,7 @@ class Crew:
         self.utc_s = None
         self.reached = []
         self.home = None
+        self.fence = None
 
     def go_on(self, *, arrived=False, turned_rad=0.0, step_s=1.0, position=True):
         follower = TaskFollowerState(self.progress.task, arrived, orbit=OrbitState(0.0, turned_rad))
@@ -59,6 +60,7 @@ class Crew:
         self.progress = output.progress
         self.reached += output.reached
         self.home = output.home or self.home
+        self.fence = output.fence_enabled if output.fence_enabled is not None else self.fence
         return self.progress.task
 
 
@@ -87,6 +89,28 @@ def test_a_hold_time_counts_from_the_arrival():
     for _ in range(9):
         assert crew.go_on(arrived=True).place == A
     assert crew.go_on(arrived=True).place == B
+
+
+def test_what_waits_for_a_distance_is_done_on_the_way_there():
+    near = MissionStep(Command.CONDITION_DISTANCE, A, distance_m=120.0)
+    crew = Crew(waypoint(C), near, MissionStep(Command.FENCE_ENABLE, enabled=True), waypoint(A))
+    crew.go_on()
+    assert crew.go_on(arrived=True) == GoTo(A, C, 20.0, 100.0)  # on the line that A's own item will go on with
+    assert (crew.progress.index, crew.fence) == (1, None)
+    crew.motion = replace(crew.motion, place=A.at_offset(0.0, 119.0))
+    assert crew.go_on() == GoTo(A, C, 20.0, 100.0)
+    assert (crew.progress.index, crew.fence) == (3, True)
+
+
+def test_an_arrival_is_near_enough_and_a_delay_waits_where_she_is():
+    near = MissionStep(Command.CONDITION_DISTANCE, A, distance_m=1.0)
+    crew = Crew(near, MissionStep(Command.CONDITION_DELAY, seconds=3.0), waypoint(A))
+    crew.go_on()
+    crew.go_on(arrived=True)
+    assert crew.progress.index == 1
+    for _ in range(2):
+        crew.go_on()
+    assert crew.progress.index == 2
 
 
 def test_loiter_for_a_time_for_turns_and_for_ever():

@@ -80,3 +80,15 @@ def test_whatever_an_item_holds_its_step_is_finite(found):
     if step.place is not None:
         assert abs(step.place.latitude_rad) <= math.pi / 2
         assert abs(step.place.longitude_rad) <= math.pi
+
+
+def test_tags_and_distances_are_resolved_to_items_and_places():
+    place = {"x": 360000000, "y": 1210000000}
+    items = [item(600, 7), item(114, 80), item(207, 0), item(112, 30), item(16, **place), item(601, 7, 2), item(601, 9)]
+    tag, distance, fence, delay, _, to_tag, astray = steps_of(Plan.of(PlanKind.MISSION, items))
+    assert tag == MissionStep(Command.JUMP_TAG)
+    assert (distance.distance_m, distance.place) == (80.0, step_of(item(16, **place)).place)
+    assert (fence.command, fence.enabled, step_of(item(207, 1)).enabled) == (Command.FENCE_ENABLE, False, True)
+    assert (delay.command, delay.seconds) == (Command.CONDITION_DELAY, 30.0)
+    assert (to_tag.command, to_tag.target, to_tag.times) == (Command.JUMP, 0, 2)
+    assert astray.target == -1  # passed over; no plan that is accepted has one

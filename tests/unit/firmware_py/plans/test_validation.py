@@ -53,6 +53,7 @@ GOOD = [
     (MISSION, item(213, -20.0, NAN, 1.0, frame=2)),
     (FENCE, item(5000, frame=0)),
     (FENCE, item(5003, 100.0, NAN, frame=5)),
+    (FENCE, item(5003, 100.0, 3.0, frame=5)),
     (FENCE, item(5004, 100.0, x=0, y=0, frame=0)),
     (RALLY, item(5100, NAN, frame=3)),
 ]
@@ -65,7 +66,8 @@ def test_good_items(kind, one):
 
 BAD = [
     (MISSION, item(21), PlanResult.UNSUPPORTED),
-    (MISSION, item(112, frame=2), PlanResult.UNSUPPORTED),
+    (MISSION, item(113, frame=2), PlanResult.UNSUPPORTED),
+    (MISSION, item(112, NAN, frame=2), PlanResult.INVALID_PARAM1),
     (MISSION, item(5100), PlanResult.UNSUPPORTED),
     (FENCE, item(16), PlanResult.UNSUPPORTED),
     (RALLY, item(16), PlanResult.UNSUPPORTED),
@@ -104,7 +106,8 @@ BAD = [
     (MISSION, item(177, 0.0, -2.0), PlanResult.INVALID_PARAM2),
     (FENCE, item(5003, 0.0), PlanResult.INVALID_PARAM1),
     (FENCE, item(5004, NAN), PlanResult.INVALID_PARAM1),
-    (FENCE, item(5003, 10.0, 1.0), PlanResult.INVALID_PARAM2),
+    (FENCE, item(5003, 10.0, 256.0), PlanResult.INVALID_PARAM2),
+    (FENCE, item(5003, 10.0, 0.5), PlanResult.INVALID_PARAM2),
     (FENCE, item(5001, 2.0), PlanResult.INVALID_PARAM1),
     (FENCE, item(5005, 10.0), PlanResult.UNSUPPORTED),
     (RALLY, item(5100, frame=2), PlanResult.UNSUPPORTED_FRAME),
@@ -190,6 +193,33 @@ def test_jumps_that_lead_on(items):
 )
 def test_jumps_that_lead_nowhere_or_round_without_end(items, index):
     assert problem(MISSION, *items) == (index, PlanResult.INVALID_PARAM1)
+
+
+NEAR, DELAY, TAG = item(114, 50.0, frame=2), item(112, 5.0, frame=2), item(600, 3.0, frame=2)
+
+
+@pytest.mark.parametrize(
+    ("items", "expected"),
+    [
+        ((TAG, HERE, item(601, 3.0, -1.0, frame=2)), None),
+        ((item(601, 4.0, 1.0, frame=2), TAG), (0, PlanResult.INVALID_PARAM1)),
+        ((HERE, TAG, item(601, 3.0, -1.0, frame=2)), (2, PlanResult.INVALID_PARAM1)),
+        ((TAG, DELAY, item(601, 3.0, -1.0, frame=2)), None),
+        ((item(600, 0.5, frame=2),), (0, PlanResult.INVALID_PARAM1)),
+        ((NEAR, item(207, 1.0, frame=2), DELAY, HERE), None),
+        ((NEAR, item(16, x=0, y=0), HERE), (0, PlanResult.INVALID)),  # where she is
+        ((NEAR, jump(2), HERE), (0, PlanResult.INVALID)),
+        ((NEAR, RETURN), (0, PlanResult.INVALID)),
+        ((item(207, 2.0, frame=2),), (0, PlanResult.INVALID_PARAM1)),
+        ((item(207, 1.0, 4.0, frame=2),), (0, PlanResult.INVALID_PARAM2)),
+    ],
+)
+def test_tags_distances_and_the_fence(items, expected):
+    assert problem(MISSION, *items) == expected
+
+
+def test_two_thousand_conditions_and_tags_are_judged_at_once():
+    assert problem(MISSION, *[NEAR] * 1000, *[TAG] * 998, HERE) is None
 
 
 def test_two_thousand_jumps_are_followed_without_recursion():
