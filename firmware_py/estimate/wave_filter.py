@@ -26,10 +26,12 @@ LONGEST_SILENCE_S: Final = 600.0  # after this the filter starts anew
 LATEST_S: Final = 1.0  # a sample older than the filter by more than this is not taken
 FACTORS: Final = (0.4, 2.5)
 FASTEST_M_S: Final = 10.0  # a velocity over the ground beyond it is a receiver's error
-GATE_SIGMAS: Final = 6.0
-GATE_RAD: Final = radians(20.0)
+GATE_SIGMAS, GATE_RAD = 6.0, radians(20.0)
 HEADING_LIMIT: Final = 5.0  # a normalised innovation beyond it counts as this many
 FIX_LIMIT: Final = 9.0
+SWING_PERIODS: Final = 4.0  # over so many the waves' own yaw has a mean of less than half its spread
+LEAST_TURN_RAD, TURN_SPREADS = radians(15.0), 0.6
+TURN_RATE_RAD_S, TURN_BIAS_RAD = radians(2.0), radians(20.0)  # uncertain beside a turn that was not expected
 
 # What each state gains in a second, in their order, but for the rudder bias and the motions of the waves, which learn
 # it, and the float's yaw rate, which gains by its frequency.
@@ -117,6 +119,25 @@ class _Workspace:
         swing_square = 0.5 * (angle * angle + float(squares[kalman.WAVE]) + rate_square)
         self.noise_model = learning.learn_from_heading(self.noise_model, innovation_rad, variance, step_s, swing_square)
 
+    def give_turn_back(self, slow_wave_rad: float, step_s: float) -> float:
+        """Follow the mean of the waves' yaw, and take from them what is a turn; return the mean.
+
+        Waves swing about nothing. Where the boat circles against all that its model expects, as with a servo the wrong
+        way round, their yaw would make up for whole turns.
+        """
+        model, x = self.noise_model, self.x
+        part = min(model.omega_rad_s * step_s / (2.0 * math.pi * SWING_PERIODS), 0.5)
+        turned_rad = slow_wave_rad + part * (x[kalman.WAVE] - slow_wave_rad)
+        if abs(turned_rad) <= LEAST_TURN_RAD or abs(turned_rad) <= TURN_SPREADS * model.wave_spread_rad:
+            return turned_rad
+        moved = list(x)
+        for place, by_rad in ((kalman.HEADING, turned_rad), (kalman.FLOAT, turned_rad), (kalman.WAVE, -turned_rad)):
+            moved[place] += by_rad
+        self.x = tuple(moved)
+        self.p[kalman.RATE, kalman.RATE] += TURN_RATE_RAD_S * TURN_RATE_RAD_S
+        self.p[kalman.BIAS, kalman.BIAS] += TURN_BIAS_RAD * TURN_BIAS_RAD
+        return 0.0
+
 
 @dataclass(frozen=True, slots=True)
 class Measured:
@@ -160,18 +181,20 @@ def correct_heading(
     deviation_rad = math.sqrt(variance)
     if abs(innovation_rad) > max(GATE_SIGMAS * deviation_rad, GATE_RAD):
         return replace(_finish(work, state), refusals=state.refusals + 1, innovation_rad=innovation_rad)
-    step_s = t_s - state.sample_t_s if state.sample_t_s is not None else 0.0
+    step_s, slow_wave_rad = 0.0 if state.sample_t_s is None else t_s - state.sample_t_s, state.slow_wave_rad
     limited_rad = innovation_rad / HEADING_LIMIT
     work.correct(measured, innovation_rad, max(variance, limited_rad * limited_rad))
     if step_s > 0.0:
         work.learn_frequencies(measured, innovation_rad, step_s)
         work.learn_from_heading(innovation_rad, variance, step_s)
+        slow_wave_rad = work.give_turn_back(slow_wave_rad, step_s)
     return replace(
         _finish(work, state),
         sample_t_s=max(t_s, state.sample_t_s or t_s),
         refusals=0,
         innovation_rad=innovation_rad,
         innovation_sd_rad=deviation_rad,
+        slow_wave_rad=slow_wave_rad,
     )
 
 

@@ -23,6 +23,7 @@ from hil.lab.twin.kalman import (
     NORTH,
     ORBIT_EAST,
     ORBIT_NORTH,
+    RATE,
     SPEED,
     STATES,
     WAVE,
@@ -40,17 +41,14 @@ from hil.lab.twin.learning import (
 )  # fmt: skip
 
 FIRST_NOISES = learning.FIRST
-
-LONGEST_STEP_S = 1.0
-LONGEST_SILENCE_S = 600.0
-LATEST_S = 1.0
+LONGEST_STEP_S, LONGEST_SILENCE_S, LATEST_S = 1.0, 600.0, 1.0
 LOW_FACTOR, HIGH_FACTOR = 0.4, 2.5
 LOW_SPEED_M_S, HIGH_SPEED_M_S = 0.08, 2.5
-GATE_SIGMAS = 6.0
-GATE_RAD = radians(20.0)
+GATE_SIGMAS, GATE_RAD = 6.0, radians(20.0)
 HEADING_LIMIT = 5.0
-FIRST_COURSE_LAG_S = 0.5
-TOGETHER = 0.98
+SWING_PERIODS, LEAST_TURN_RAD, TURN_SPREADS = 4.0, radians(15.0), 0.6
+TURN_RATE_RAD_S, TURN_BIAS_RAD = radians(2.0), radians(20.0)
+FIRST_COURSE_LAG_S, TOGETHER = 0.5, 0.98
 WHITE = np.array(
     (
         *(0.0, 1e-6 * radians(1.0) ** 2, 0.0, 0.0, 0.1 * radians(1.0) ** 2),
@@ -68,8 +66,8 @@ FIRST = np.array(
 
 # Columns of what else the filter keeps; NaN stands for None.
 (T, RUDDER, SAMPLE_T, FIX_T, REFUSALS, INNOVATION, INNOVATION_SD, WATER_NORTH, WATER_EAST, WATER_SPEED, LEG,
- STARTED) = range(12)  # fmt: skip
-REST = 12
+ STARTED, SLOW_WAVE) = range(13)  # fmt: skip
+REST = 13
 
 
 class WaveFilter(NamedTuple):
@@ -89,7 +87,7 @@ class WaveFilter(NamedTuple):
 def forget(f: WaveFilter) -> None:
     """Be a filter before its first heading again; what the water is expected to be, and the rudder, stay."""
     w = f.w
-    w[STARTED] = w[T] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = 0.0
+    w[STARTED] = w[T] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = w[SLOW_WAVE] = 0.0
     w[SAMPLE_T] = w[FIX_T] = w[LEG] = np.nan
     for i in range(NOISES):
         f.n[i] = FIRST_NOISES[i]
@@ -141,7 +139,7 @@ def start(f: WaveFilter, t_s: float, heading_rad: float) -> None:
     both = TOGETHER * FIRST[HEADING] * FIRST[FLOAT]
     p[HEADING, FLOAT] = p[FLOAT, HEADING] = both
     w[T], w[SAMPLE_T] = t_s, t_s
-    w[RUDDER] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = 0.0
+    w[RUDDER] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = w[SLOW_WAVE] = 0.0
     w[FIX_T] = w[LEG] = np.nan
     w[STARTED] = 1.0
 
@@ -238,6 +236,23 @@ def finish(f: WaveFilter) -> bool:
 
 
 @compiled
+def give_turn_back(f: WaveFilter, step_s: float) -> None:
+    """Follow the mean of the waves' yaw, and take from them what is a turn."""
+    x, p, n, w = f.x, f.p, f.n, f.w
+    part = min(math.exp(n[LOG_OMEGA]) * step_s / (2.0 * math.pi * SWING_PERIODS), 0.5)
+    turned_rad = w[SLOW_WAVE] + part * (x[WAVE] - w[SLOW_WAVE])
+    w[SLOW_WAVE] = turned_rad
+    if abs(turned_rad) <= LEAST_TURN_RAD or abs(turned_rad) <= TURN_SPREADS * learning.wave_spread_rad(n):
+        return
+    x[HEADING] += turned_rad
+    x[FLOAT] += turned_rad
+    x[WAVE] -= turned_rad
+    p[RATE, RATE] += TURN_RATE_RAD_S * TURN_RATE_RAD_S
+    p[BIAS, BIAS] += TURN_BIAS_RAD * TURN_BIAS_RAD
+    w[SLOW_WAVE] = 0.0
+
+
+@compiled
 def correct_heading(f: WaveFilter, model: tuple[float, float, float, float], t_s: float, heading_rad: float) -> None:
     """Take one true heading in."""
     x, p, n, w, shown = f.x, f.p, f.n, f.w, f.shown
@@ -271,6 +286,7 @@ def correct_heading(f: WaveFilter, model: tuple[float, float, float, float], t_s
         rate_square = (rate * rate + p[WAVE_RATE, WAVE_RATE]) / (omega_rad_s * omega_rad_s)
         swing_square = 0.5 * (angle * angle + p[WAVE, WAVE] + rate_square)
         learning.learn_from_heading(n, innovation_rad, variance, step_s, swing_square)
+        give_turn_back(f, step_s)
     if finish(f):
         w[SAMPLE_T] = t_s if math.isnan(w[SAMPLE_T]) else max(t_s, w[SAMPLE_T])
         w[REFUSALS], w[INNOVATION], w[INNOVATION_SD] = 0.0, innovation_rad, deviation_rad

@@ -219,6 +219,22 @@ def test_a_jump_is_refused_and_counted():
     assert correct_heading(SETTINGS, state, 31.0, 1.0).refusals == 0
 
 
+def test_no_turn_is_taken_for_waves():
+    """A boat that circles against its rudder, to and fro: the yaw of the waves made up for more than half a turn."""
+    waves = WaveYaw(radians(20.0), 8.0, 0.1, NormalNumbers(np.random.default_rng(1)))
+    state, headings, turned_rad = WaveFilterState(), [], np.zeros(4000)
+    for tick in range(4000):
+        side = math.copysign(1.0, math.sin(0.005 * tick)) if tick > 600 else 0.0
+        turned_rad[tick] = turned_rad[tick - 1] - 0.0075 * side
+        shown = Heading(0.1 * tick, turned_rad[tick] + waves.angle_rad(0.0))
+        state = update(SETTINGS, state, [shown], [], radians(30.0) * side)
+        waves.step()
+        headings.append(state.x[kalman.HEADING])
+    errors = np.degrees(np.unwrap(headings) - turned_rad)
+    assert np.abs(errors).max() < 100.0
+    assert abs(errors[-1]) < 20.0
+
+
 @pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf, 1e300])
 def test_what_is_no_number_changes_nothing(odd):
     state = start(WaveFilterState(), 0.0, 1.0)

@@ -138,6 +138,26 @@ def test_the_watch_over_the_helm_softens_when_the_firmware_s_does():
     assert 1.0 < theirs.softness < 8.0  # and stiffer again
 
 
+def test_a_turn_is_taken_from_the_waves_as_the_firmware_does():
+    """The compass circles against the rudder; that the estimate would go astray is its own test."""
+    boat, numbers = sailing.boat_of(PARAMETERS), np.random.default_rng(4)
+    known, theirs = wave_filter_state.WaveFilterSettings.of(PARAMETERS), wave_filter_state.WaveFilterState()
+    ours, given_back = twin_filter.new_filter(0.5), 0
+    for tick in range(1500):
+        t_s, rudder_rad = 0.1 * tick, radians(30.0) if tick > 300 else 0.0
+        heading_rad = math.remainder(0.2 * math.sin(t_s) - 0.005 * max(tick - 300, 0), math.tau)
+        heading_rad += 0.005 * float(numbers.standard_normal())
+        before_rad = theirs.slow_wave_rad
+        theirs = wave_filter.update(known, theirs, [wave_filter.Heading(t_s, heading_rad)], [], rudder_rad)
+        twin_filter.correct_heading(ours, boat.model, t_s, heading_rad)
+        ours.w[twin_filter.RUDDER] = rudder_rad
+        assert tuple(ours.x) == theirs.x
+        assert ours.w[twin_filter.SLOW_WAVE] == theirs.slow_wave_rad
+        given_back += theirs.slow_wave_rad == 0.0 != before_rad
+    assert np.array_equal(ours.p[:, :17].ravel(), np.frombuffer(theirs.p))
+    assert given_back > 0
+
+
 def test_the_source_is_chosen_as_the_firmware_chooses():
     theirs, ours = choosing.SourceState(), sources.new_sources()
     known, numbers = choosing.SourceSettings.of(PARAMETERS), np.random.default_rng(3)
