@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from firmware_py.common.parameters import ParameterSet
+from firmware_py.core.state_codec import state_from_text
+from firmware_py.core.step import step
 from firmware_py.log.disk import log_files
 from firmware_py.log.reader import read_log
 from hil.lab.twin import loop, sailing
@@ -11,6 +12,7 @@ from hil.lab.twin.sea import sea_of as drawn
 from hil.ship.scenarios import TABLE, sea_of
 from hil.sim.goals import parse_goals
 from hil.sim.runner import RunOptions, run
+from support import voyage
 
 pytestmark = pytest.mark.timeout(600)  # the twin is compiled first: half a minute of one processor
 
@@ -20,14 +22,22 @@ TASK = ("0:0,120:60,720:-30", 1320.0)
 MORE = ("sea+float=0.3:0.6,receiver=0:1", "calm+float=0.15:0.3", "swell+kt=0.5:2,delay=2")
 
 
+def watches(log):
+    """Yield what the firmware's watch over the steering holds after each tick, as a replay computes it."""
+    state = None
+    for tick in read_log(log):
+        if state is None:
+            state, _ = state_from_text(tick.checkpoint)
+        state, _ = step(state, tick.inputs)
+        yield state.supervisor.steering_monitor
+
+
 def compared(directory, text, seed, goals, seconds, **parameters):
     """Sail a sea by the autopilot and by the twin; return the largest softness and what differs: rows, ticks."""
     scenario, given = sea_of(text), parse_goals(goals)
     options = RunOptions(scenario, seconds, directory, seed=seed, goals=given, settings=parameters)
     truth = run(options).truth.table()
-    told = ParameterSet()
-    for name, value in parameters.items():
-        told = told.replaced(name, value)
+    told = voyage.told(**parameters)
     sea = drawn(scenario, seed, seconds)
     record, count = sailing.sail(sailing.boat_of(told), sailing.law_of(told), sea, sailing.task_of(given), seconds)
     ours = sailing.truth_of(record, given)
@@ -42,6 +52,8 @@ def compared(directory, text, seed, goals, seconds, **parameters):
     assert len(ticks) > 9.9 * seconds
     found = record.ticks[:count, [loop.TICK_S, loop.COMMAND_RAD]]
     differs += sum(theirs != tuple(mine) for theirs, mine in zip(ticks, found, strict=False))
+    watched = voyage.watched(record.ticks[:count], told)
+    differs += sum(theirs != mine for theirs, mine in zip(watches(log), watched, strict=False))
     return float(record.ticks[:count, loop.SOFTNESS].max()), differs
 
 

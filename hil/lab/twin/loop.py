@@ -9,18 +9,22 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from hil.lab.compiled import compiled
 from hil.lab.twin import devices as told
-from hil.lab.twin import helm, oscillation, wave_filter
+from hil.lab.twin import helm, kalman, oscillation, sources, wave_filter
 from hil.lab.twin.afloat import MEASURE_S, ROW, Record, Sea, new_afloat, until_tick
 from hil.lab.twin.kalman import Floats
 from hil.lab.twin.pilot import (
     BEFORE_S,
     NEWEST_S,
     OWN_COMMAND_RAD,
+    OWN_ERROR_RAD,
     OWN_HEADING_RAD,
     OWN_RATE_RAD_S,
     Boat,
+    Pilot,
     Task,
     estimate,
     new_pilot,
@@ -32,8 +36,22 @@ from hil.lab.twin.pilot import (
 LONGEST_STEP_S = 1.0
 
 # Columns of the ticks of a record.
-TICK_S, COMMAND_RAD, MEASURED_RAD, HEADING_RAD, YAW_RATE_RAD_S, HEADING_SD_RAD, SOFTNESS = range(7)
-TICK_COLUMNS = 7
+# Those of what the autopilot makes of a tick are NaN while it steers for no heading, or shows none.
+(TICK_S, COMMAND_RAD, MEASURED_RAD, HEADING_RAD, YAW_RATE_RAD_S, HEADING_SD_RAD, SPEED_M_S, ERROR_RAD, SHOWN_RAD,
+ SOFTNESS, OSCILLATING) = range(11)  # fmt: skip
+TICK_COLUMNS = 11
+
+
+@compiled
+def note(row: Floats, pilot: Pilot, now_s: float) -> None:
+    """Fill the row of a tick."""
+    own, f, source = pilot.own, pilot.waves, pilot.source
+    row[TICK_S], row[COMMAND_RAD], row[MEASURED_RAD] = now_s, own[OWN_COMMAND_RAD], f.w[wave_filter.RUDDER]
+    row[HEADING_RAD], row[YAW_RATE_RAD_S] = own[OWN_HEADING_RAD], own[OWN_RATE_RAD_S]
+    row[HEADING_SD_RAD], row[SPEED_M_S] = pilot.known[helm.E_HEADING_SD], f.x[kalman.SPEED]
+    row[ERROR_RAD] = own[OWN_ERROR_RAD]
+    row[SHOWN_RAD] = source[sources.RAW] if source[sources.IN_USE] == sources.COMPASS else np.nan
+    row[SOFTNESS], row[OSCILLATING] = pilot.swing[oscillation.SOFTNESS], pilot.swing[oscillation.OSCILLATING]
 
 
 @compiled
@@ -47,13 +65,9 @@ def voyage(boat: Boat, law: Floats, sea: Sea, task: Task, record: Record) -> int
         armed = take_goals(own, task, deadline_s)
         estimate(pilot, boat, at, deadline_s)
         steer(pilot, boat, law, deadline_s, step_s, armed)
-        told.send_shaft(at.shaft, deadline_s, own[OWN_COMMAND_RAD])
+        told.send_shaft(at.shaft, deadline_s, boat.servo_sign * own[OWN_COMMAND_RAD])
         at.clock[MEASURE_S] = deadline_s + told.ACKNOWLEDGED_S
-        record.ticks[tick, TICK_S], record.ticks[tick, COMMAND_RAD] = deadline_s, own[OWN_COMMAND_RAD]
-        record.ticks[tick, MEASURED_RAD] = pilot.waves.w[wave_filter.RUDDER]
-        record.ticks[tick, HEADING_RAD], record.ticks[tick, YAW_RATE_RAD_S] = own[OWN_HEADING_RAD], own[OWN_RATE_RAD_S]
-        record.ticks[tick, HEADING_SD_RAD] = pilot.known[helm.E_HEADING_SD]
-        record.ticks[tick, SOFTNESS] = pilot.swing[oscillation.SOFTNESS]
+        note(record.ticks[tick], pilot, deadline_s)
         tick += 1
         own[BEFORE_S] = deadline_s
         deadline_s = next_deadline(deadline_s, own[NEWEST_S])

@@ -24,7 +24,8 @@ PERIOD_S = 1.0 / 10.0
 WIDEST_COURSE_RAD = radians(20.0)
 
 # Of Pilot.own, where NaN is what there is not yet.
-BEFORE_S, OWN_COMMAND_RAD, OWN_HEADING_RAD, OWN_RATE_RAD_S, STEERED_S, SAMPLE_S, GOAL_RAD, GOALS, NEWEST_S = range(9)
+(BEFORE_S, OWN_COMMAND_RAD, OWN_HEADING_RAD, OWN_RATE_RAD_S, STEERED_S, SAMPLE_S, GOAL_RAD, GOALS, NEWEST_S,
+ OWN_ERROR_RAD) = range(10)  # fmt: skip
 
 
 class Boat(NamedTuple):
@@ -40,6 +41,7 @@ class Boat(NamedTuple):
     frozen_s: float
     course_speed_m_s: float
     cruise_speed_m_s: float
+    servo_sign: float
 
 
 class Task(NamedTuple):
@@ -69,7 +71,7 @@ def new_pilot(boat: Boat) -> Pilot:
         np.zeros(helm.KNOWN),
         oscillation.new_watch(),
         sources.new_sources(),
-        np.zeros(9),
+        np.zeros(10),
     )
     pilot.helm[helm.REF_HEADING] = pilot.helm[helm.FOLLOWED_BIAS] = np.nan
     e = pilot.known
@@ -160,7 +162,7 @@ def estimate(pilot: Pilot, boat: Boat, at: Afloat, now_s: float) -> None:
     drop(fixes, fix_count, at.counts[FIXES])
     at.counts[HEADINGS] -= there
     at.counts[FIXES] -= fix_count
-    f.w[wave_filter.RUDDER] = at.clock[FEEDBACK_RAD]
+    f.w[wave_filter.RUDDER] = boat.servo_sign * at.clock[FEEDBACK_RAD]
     if f.w[wave_filter.STARTED] > 0.0:
         own[OWN_HEADING_RAD], own[OWN_RATE_RAD_S] = wave_filter.predict_heading(f, boat.model, now_s)
         own[SAMPLE_S] = now_s if s[sources.IN_USE] == sources.COURSE else f.w[wave_filter.SAMPLE_T]
@@ -174,7 +176,7 @@ def steer(pilot: Pilot, boat: Boat, law: Floats, now_s: float, step_s: float, ar
     begun = f.w[wave_filter.STARTED] > 0.0
     lost_after_s = sources.timeout_s(pilot.source[sources.INTERVAL], boat.compass_timeout_s)
     steered = armed and now_s - own[SAMPLE_S] <= lost_after_s and not math.isnan(own[GOAL_RAD])
-    error_rad = wrap_pi(own[GOAL_RAD] - own[OWN_HEADING_RAD]) if steered else np.nan
+    own[OWN_ERROR_RAD] = error_rad = wrap_pi(own[GOAL_RAD] - own[OWN_HEADING_RAD]) if steered else np.nan
     if begun:
         e[helm.E_HEADING], e[helm.E_RATE] = own[OWN_HEADING_RAD], own[OWN_RATE_RAD_S]
         e[helm.E_HEADING_SD] = math.sqrt(f.p[kalman.HEADING, kalman.HEADING])

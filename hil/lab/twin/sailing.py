@@ -30,6 +30,7 @@ def boat_of(parameters: ParameterSet) -> Boat:
         parameters["CMP_FROZEN_S"],
         parameters["COG_SPEED_MIN"],
         parameters["CRUISE_SPEED"],
+        -1.0 if parameters["RUD_REVERSE"] else 1.0,
     )
 
 

@@ -81,6 +81,7 @@ class Ship(NamedTuple):
     rotary: float
     has_yaw: bool
     has_roll: bool
+    blade_lost_s: float = math.inf  # from then on the rudder turns nothing
 
 
 # What a hull remembers.
@@ -227,6 +228,8 @@ def begin_hull(hull: Floats, ship: Ship) -> None:
 @compiled
 def step_hull(hull: Floats, ship: Ship, series: Series, waiting: Floats, step: int, rudder_rad: float) -> None:
     """Advance from a grid step to the next, which ends with the rudder at rudder_rad."""
+    if step * GRID_S >= ship.blade_lost_s:
+        rudder_rad = 0.0
     if ship.delay_steps > 0:
         place = step % ship.delay_steps
         rudder_rad, waiting[place] = waiting[place], rudder_rad
