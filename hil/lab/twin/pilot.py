@@ -18,7 +18,7 @@ from hil.lab.twin.learning import LOG_OMEGA
 from hil.lab.twin.wave_filter import WaveFilter
 
 EPOCH_ENDS_AFTER_S = 0.5
-ARMED_S, GUARD_S = 0.56, 0.003  # when the operator has armed and set the mode; before a tick the link waits
+ARMED_S, GUARD_S = 0.28, 0.003  # when the operator has armed and set the mode; before a tick the link waits
 LOCK_MARGIN_S, LOCK_SLEW, LOCK_GAIN = 0.002, 0.005, 0.1
 PERIOD_S = 1.0 / 10.0
 WIDEST_COURSE_RAD = radians(20.0)
