@@ -54,6 +54,7 @@ def show_status(
         load=LoadMeter(parts.clock).share,
         utc_s=parts.clock.utc_s,
         machine_s=machine_s,
+        swing=lambda: parts.autopilot.compass_swing.report,
         update=lambda: trial.text,
     )
     reporter = StatusReporter(sources, StatusFile(state_directory), say)

@@ -10,6 +10,7 @@ from firmware_py import link
 from firmware_py.common.intents import Answer, Request, Verdict
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
+from firmware_py.core.compass_swing import CompassSwing
 from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import MODES, Version
@@ -26,6 +27,8 @@ _STREAMS = {
 
 class _NoAutopilot:
     """An authority for a link that is made only to see which messages it handles."""
+
+    compass_swing = CompassSwing()
 
     def decide(self, _request: Request) -> Answer:
         return Answer(Verdict.UNSUPPORTED)

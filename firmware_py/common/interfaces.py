@@ -6,7 +6,7 @@ All of them are non-blocking and none raises inside a tick: a fault becomes a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from firmware_py.common.intents import Answer, Request
@@ -24,7 +24,7 @@ from firmware_py.common.records import (
     RudderFeedback,
     Stored,
 )
-from firmware_py.common.reports import LinkStatus, Output
+from firmware_py.common.reports import LinkStatus, Output, SwingReport
 
 
 class ByteLine(Protocol):
@@ -89,6 +89,22 @@ class Calibrator(Protocol):
         """End it without a result."""
 
 
+class CompassSwing(Protocol):
+    """Looks on while she sails, and finds the deviation of compass A; nothing is set by it."""
+
+    former: Mapping[str, float] | None  # parameters as they were before a proposal was accepted, to go back to
+
+    @property
+    def report(self) -> SwingReport:
+        """How far it is, and what is proposed."""
+
+    def begin(self, parameters: ParameterSet) -> None:
+        """Begin anew."""
+
+    def end(self, former: Mapping[str, float] | None = None) -> None:
+        """End it, and forget what was found; `former`: what its acceptance has replaced."""
+
+
 class Position(Device, Protocol):
     """A position sensor."""
 
@@ -128,6 +144,10 @@ class Clock(Protocol):
 
 class RequestHandler(Protocol):
     """The side of the loop that the link talks to, on the loop's own thread."""
+
+    @property
+    def compass_swing(self) -> CompassSwing:
+        """What finds the compass's deviation under way."""
 
     def decide(self, request: Request) -> Answer:
         """Judge a request at once; when accepted it is in force, and an input of the next tick."""

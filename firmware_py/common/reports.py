@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.records import Event, PositionSample, RudderCommand, RudderFeedback
+from firmware_py.common.records import CalibrationState, Event, PositionSample, RudderCommand, RudderFeedback
 
 
 class MissionState(IntEnum):
@@ -241,6 +241,27 @@ class Output:
     command: RudderCommand
     snapshot: Snapshot
     events: tuple[Event, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class SwingReport:
+    """A swing of the compass under way: nothing, RUNNING while there is too little for a proposal, DONE with one.
+
+    `percent`: of what a proposal needs. `sectors`: bit n is set when she has sailed in that twelfth of the circle. The
+    coefficients are A to E, in force and as found; `sd_rad` is that of the found curve where it is worst known,
+    `off_rad` how far the one in force is from it at most, the residuals by what minutes differ with either (rms).
+    """
+
+    state: CalibrationState = CalibrationState.NONE
+    percent: int = 0
+    minutes: int = 0
+    sectors: int = 0
+    in_force_rad: tuple[float, ...] = ()
+    found_rad: tuple[float, ...] = ()
+    sd_rad: float | None = None
+    off_rad: float | None = None
+    residual_before_rad: float | None = None
+    residual_after_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from firmware_py.common.plan import Plans
 from firmware_py.common.records import Inputs
 from firmware_py.common.reports import Output
 from firmware_py.core.accept import accept
+from firmware_py.core.compass_swing import CompassSwing
 from firmware_py.core.resume_keeper import ResumeKeeper
 from firmware_py.core.state import State
 from firmware_py.core.step import step
@@ -40,6 +41,7 @@ class Autopilot:
         self._awaited = 0  # calls that wait for a record, handed over or not
         self._now_s = 0.0
         self._utc_offset_s: float | None = None  # None until the loop has told the time
+        self.compass_swing = CompassSwing()  # is given the ticks by the loop, once they are done
         self.restart: Restart | None = None  # accepted in a tick: the loop ends behind it
 
     @property

@@ -12,6 +12,8 @@ from firmware_py.common.parameters import ParameterSet
 
 Deviation = tuple[float, float, float, float, float]
 
+NAMES = tuple(f"CMP_DEV_{letter}" for letter in "ABCDE")  # of compass A's parameters
+
 
 def deviation_of(parameters: ParameterSet, prefix: str) -> Deviation:
     """Read the coefficients of the compass whose parameters begin with the prefix."""

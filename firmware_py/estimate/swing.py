@@ -117,7 +117,8 @@ class SwingState:
 
     `x` and the covariance `p` (8 x 8, the bytes of its numbers, row by row) are of A to E, current north and east, and
     speed; empty before the first minute. `log_noise`: of the variance along and across the way. `leg`: the way and the
-    speed of the leg that she is on. `sectors`: minutes in each twelfth of the circle.
+    speed of the leg that she is on. `sectors`: minutes in each twelfth of the circle. `seen`: the last minute: time,
+    compass and declination, the parts of B to E, velocity north and east.
     """
 
     minute: Minute | None = None
@@ -128,6 +129,7 @@ class SwingState:
     log_noise: tuple[float, float] = (2.0 * math.log(FIRST_NOISE_M_S), 2.0 * math.log(FIRST_NOISE_M_S))
     leg: tuple[float, ...] | None = None
     sectors: tuple[int, ...] = (0,) * SECTORS
+    seen: tuple[float, ...] = ()
 
 
 def update(settings: SwingSettings, state: SwingState, given: SwingInput, now_s: float) -> SwingState:
@@ -273,7 +275,8 @@ def _observed(
     sector = int((compass_rad % TWO_PI) / TWO_PI * SECTORS) % SECTORS
     sectors = tuple(own + (place == sector) for place, own in enumerate(state.sectors))
     noise = (log_noise[0], log_noise[1])
-    return replace(state, t_s=now_s, x=x, p=p.tobytes(), log_noise=noise, leg=leg, sectors=sectors)
+    seen = (now_s, compass_rad, *parts[1:], *velocity)
+    return replace(state, t_s=now_s, x=x, p=p.tobytes(), log_noise=noise, leg=leg, sectors=sectors, seen=seen)
 
 
 def result(settings: SwingSettings, state: SwingState) -> Swing | None:

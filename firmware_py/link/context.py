@@ -91,6 +91,7 @@ class LinkContext:
             written=self.suppliers.written(),
             fence_breaches=self.fence_breaches,
             override_us=self._override_in_force(),
+            swing=self.request_handler.compass_swing.report,
         )
 
     def _override_in_force(self) -> int | None:

@@ -10,8 +10,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from firmware_py.common.angles import compass_degrees, degrees
-from firmware_py.common.records import DeviceHealth, DeviceRole
-from firmware_py.common.reports import LinkStatus, Output, Snapshot
+from firmware_py.common.records import CalibrationState, DeviceHealth, DeviceRole
+from firmware_py.common.reports import LinkStatus, Output, Snapshot, SwingReport
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import TABLE as FAULTS
 from firmware_py.system.readings import Values, device_values, position_values, rounded, rudder_values
@@ -38,6 +38,7 @@ class StatusSources:
     load: Callable[[], float]
     utc_s: Callable[[], float]
     machine_s: Callable[[], float]
+    swing: Callable[[], SwingReport]
     update: Callable[[], str]  # of a version on trial, or one that was taken back; empty else
 
 
@@ -85,6 +86,7 @@ class StatusReporter:
             "faults": _faults(snapshot, sources.faults()),
             "devices": self._devices(now_s),
             **{name: make(snapshot) for name, make in SECTIONS.items()},
+            "calibration": _calibration(sources.swing()),
             "links": [_link(link) for link in sources.links(now_s)],
             "state_written": {"versions": versions, "bytes": written_bytes},
             "loop": {
@@ -218,6 +220,26 @@ def _power(snapshot: Snapshot) -> Values:
         "solar_w": rounded(power.solar_w, 1),
         "load_w": rounded(power.load_w, 2),
         **{f"{name}_wh": rounded(flow.energy_j / 3600.0, 2) for name, flow in flows.items() if flow.measured_s},
+    }
+
+
+_COEFFICIENTS = ("a_deg", "b_deg", "c_deg", "d_deg", "e_deg")
+
+
+def _calibration(swing: SwingReport) -> Values:
+    """Return a swing of the compass under way and its proposal; nothing without one."""
+    if swing.state is CalibrationState.NONE:
+        return {}
+    return {
+        "compass": "proposal waits" if swing.state is CalibrationState.DONE else "under way",
+        "percent": swing.percent,
+        "minutes": swing.minutes,
+        "sectors": swing.sectors.bit_count(),
+        **{name: rounded(value, 2, degrees) for name, value in zip(_COEFFICIENTS, swing.found_rad, strict=False)},
+        "sd_deg": rounded(swing.sd_rad, 2, degrees),
+        "in_force_off_deg": rounded(swing.off_rad, 2, degrees),
+        "residual_before_deg": rounded(swing.residual_before_rad, 2, degrees),
+        "residual_after_deg": rounded(swing.residual_after_rad, 2, degrees),
     }
 
 

@@ -100,6 +100,7 @@ class Judge:
         self.allowed = True  # whether who speaks may command
         self.changed = False  # whether anything was accepted
         self.parameters, self.plans = pilot.parameters, pilot.plans
+        self.compass_swing = pilot.compass_swing
         self.when_stored, self.when_orders_stored = pilot.when_stored, pilot.when_orders_stored
 
     def decide(self, request):

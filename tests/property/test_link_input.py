@@ -38,6 +38,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import FixType, PositionSample, RudderCommand, RudderFeedback
 from firmware_py.common.reports import MissionReport, MissionState, Output, Snapshot
+from firmware_py.core.compass_swing import CompassSwing
 from firmware_py.link.commands.table import TABLE as COMMAND_TABLE
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
@@ -63,6 +64,7 @@ class Authority:
         self.intents = []
         self.values = ParameterSet()
         self.kept = Plans()
+        self.compass_swing = CompassSwing()
 
     def decide(self, request):
         assert math.isfinite(request.t_s)

@@ -10,6 +10,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import RudderCommand, Stored
 from firmware_py.common.reports import Output, Snapshot
+from firmware_py.core.compass_swing import CompassSwing
 from firmware_py.link.endpoint import NO_STORAGE, Endpoint
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.url_options import PLAIN
@@ -48,6 +49,7 @@ class FakeRequestHandler:
         self.requests = []
         self.answer = Answer(Verdict.ACCEPTED)
         self.values = ParameterSet()
+        self.compass_swing = CompassSwing()
         self.at_once = True
         self.plans_kept = Plans()
         self.plans_stored = True

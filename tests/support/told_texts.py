@@ -31,7 +31,9 @@ MAKERS = {
     "request_or_warn": (2, "intent"),
     "StoreError": (0, ""),
     "WatchdogError": (0, ""),
+    "once_stored": (2, "text"),
 }
+_SECOND = {"once_stored": (3, "failure")}  # and another one
 _KEPT = {"note", "obstacle"}  # attributes that keep a text until it is told
 
 
@@ -40,8 +42,7 @@ def told():
     for path in sorted(ROOT.rglob("*.py")):
         if path.relative_to(ROOT).parts[0] not in _ASHORE:
             for node, scopes in _calls(_tree(path), ()):
-                argument = _text_of(node)
-                if argument is not None:
+                for argument in _texts_of(node):
                     forms = dict.fromkeys(re.sub("(<>)+", HOLE, form) for form in _Forms(path, scopes).of(argument))
                     yield from ((form, f"{path.relative_to(ROOT)}: {ast.unparse(argument)}") for form in forms if form)
 
@@ -68,15 +69,14 @@ def _kept(node):
     return isinstance(node.targets[0], ast.Attribute) and node.targets[0].attr in _KEPT
 
 
-def _text_of(call):
+def _texts_of(call):
     if isinstance(call, ast.Assign):
-        return call.value
-    place = MAKERS.get(_name(call.func))
-    if place is None:
-        return None
-    number, keyword = place
-    by_name = next((given.value for given in call.keywords if given.arg == keyword), None)
-    return call.args[number] if len(call.args) > number else by_name
+        yield call.value
+        return
+    for makers in (MAKERS, _SECOND):
+        number, keyword = makers.get(_name(call.func), (99, ""))
+        yield from call.args[number : number + 1]
+        yield from (given.value for given in call.keywords if given.arg == keyword)
 
 
 class _Forms:

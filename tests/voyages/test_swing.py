@@ -6,10 +6,10 @@ import random
 import numpy as np
 import pytest
 
-from firmware_py.cli.calibrate import Swinging
 from firmware_py.common.angles import TWO_PI, clamp, degrees, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, HeadingSample, Inputs, NorthReference, PositionSample, Tick
+from firmware_py.estimate.swinging import Swinging
 from hil.ship.noise import NormalNumbers, Stream, generator
 from support import rig
 from support.plans import placed

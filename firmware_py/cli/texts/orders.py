@@ -107,9 +107,9 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "param1 is neither 0 (read), 1 (write) nor 2 (reset)": ("of PREFLIGHT_STORAGE", _AS_NAMED),
     "<command>: plans are cleared by MISSION_CLEAR_ALL": ("PREFLIGHT_STORAGE concerns parameters", _AS_NAMED),
     "Parameters are those of the vehicle file from the next start on": ("what links have set is forgotten", "restart"),
-    "<command>: this could not be stored; they stay as they are": ("the reset was not done", _DISK),
+    "this could not be stored; they stay as they are": ("the reset was not done", _DISK),
     "All is stored": ("everything in force is on disk", "nothing"),
-    "<command>: not all could be stored; it is tried again by itself": ("something in force is not on disk", _DISK),
+    "not all could be stored; it is tried again by itself": ("something in force is not on disk", _DISK),
     "<parameter> is now <value>": ("a calibration has set a parameter, and it is on disk", "nothing"),
     "<parameter> is in force but could not be stored": (_UNKEPT, _DISK),
     "<parameter>: takes effect at the next start": ("it is stored", "restart her (PREFLIGHT_REBOOT_SHUTDOWN)"),
@@ -132,5 +132,25 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     ),
     "the yaw is not within -360 to 360 deg": ("of FIXED_MAG_CAL_YAW, param1", _AS_NAMED),
     "there is one compass, mask 0 or 1": ("of a compass's calibration", _AS_NAMED),
+    "Compass swing refused: <why>": (
+        "a swing is made armed, under way, with compass and receiver",
+        "mend what is named; one that runs is ended by DO_CANCEL_MAG_CAL",
+    ),
+    "Compass swing: nothing to accept, <number> percent of it is done": (
+        "there is no proposal yet",
+        "sail on, on courses that she has not sailed yet (`rambler status`)",
+    ),
+    "Compass swing: sail courses all round, a quarter of an hour each; nothing is set until you accept": (
+        "a swing was begun; it looks on and does not steer",
+        "a loiter of 150 m radius, or a mission with legs all round",
+    ),
+    "Compass swing: <proposal>; DO_ACCEPT_MAG_CAL takes it": (
+        "proposed `CMP_DEV_A` to `CMP_DEV_E`, how sure, by how much those in force are off, what is left over",
+        "accept it when it is off by clearly more than the sd; it becomes better until then",
+    ),
+    "Compass swing: <coefficients> deg is in force": ("the proposal was accepted", "DO_CANCEL_MAG_CAL takes it back"),
+    "Compass swing: <coefficients> deg is taken back": ("what was in force before is again", "nothing"),
+    "Compass swing: cancelled, nothing was set": ("what was found is forgotten", "nothing"),
+    "the deviation is in force but could not be stored": (_UNKEPT, _DISK),
     "not HEARTBEAT, and 20 ms (satellite: 10 s) to 1 h, 0 or -1": ("what SET_MESSAGE_INTERVAL takes", _AS_NAMED),
 }

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from firmware_py.common.intents import Answer, Verdict
+from firmware_py.common.records import Severity
+
+if TYPE_CHECKING:
+    from firmware_py.link.commands.server import CommandCall
+    from firmware_py.link.context import LinkContext
 
 IN_PROGRESS, CANCELLED = 5, 6  # MAV_RESULT
 _LATE = Answer(Verdict.FAILED, "not done in time")
@@ -89,3 +96,16 @@ class PendingCommand:
     def timed_out(self, now_s: float) -> bool:
         """Return whether it has taken too long."""
         return now_s - self._begun_s > self._timeout_s
+
+
+def once_stored(context: LinkContext, call: CommandCall, text: str, failure: str) -> PendingCommand:
+    """Be done once the disk has answered: until then nobody can say whether it will be stored."""
+    pending = PendingCommand(timeout_s=math.inf)
+
+    def stored(well: bool) -> None:  # noqa: FBT001 - the request handler's callback
+        if well:
+            context.send_text(call.peer, Severity.NOTICE, text)
+        pending.finish(Answer(Verdict.ACCEPTED) if well else Answer(Verdict.FAILED, f"{call.name}: {failure}"))
+
+    context.request_handler.when_stored(stored)
+    return pending

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_py.link.commands import goals, plan, requests, state, upkeep
+from firmware_py.link.commands import compass_swing, goals, plan, requests, state, upkeep
 from firmware_py.link.commands.server import CommandRow
 
 TABLE: tuple[CommandRow, ...] = (
@@ -50,7 +50,8 @@ TABLE: tuple[CommandRow, ...] = (
         "PREFLIGHT_CALIBRATION",
         upkeep.calibrate,
         "disarmed: param4 = 2 takes the rudder as it stands for amidships (`RUD_CENTRE_DEG`); param2 = 1 has a PNI "
-        "compass calibrate itself while she is turned through a circle (IN_PROGRESS, COMMAND_CANCEL)",
+        "compass calibrate itself while she is turned through a circle (IN_PROGRESS, COMMAND_CANCEL); with any other "
+        "it is DO_START_MAG_CAL",
     ),
     CommandRow(
         245,
@@ -105,6 +106,25 @@ TABLE: tuple[CommandRow, ...] = (
         "disarmed: she heads param1 (deg true) now; sets `CMP_OFFSET_DEG`",
     ),
     CommandRow(42428, "DO_SEND_BANNER", state.send_banner, "say the version", repeatable=True),
+    CommandRow(
+        42424,
+        "DO_START_MAG_CAL",
+        compass_swing.start,
+        "armed, under way: look on for the deviation of compass A; MAG_CAL_PROGRESS, MAG_CAL_REPORT and a text tell "
+        "how far it is; nothing is saved by itself (param3), retry and delays are ignored",
+    ),
+    CommandRow(
+        42425,
+        "DO_ACCEPT_MAG_CAL",
+        compass_swing.accept,
+        "take what a swing of the compass proposes (`CMP_DEV_A` to `CMP_DEV_E`)",
+    ),
+    CommandRow(
+        42426,
+        "DO_CANCEL_MAG_CAL",
+        compass_swing.cancel,
+        "end a swing and drop its proposal; after it was accepted: put back what it replaced",
+    ),
     CommandRow(
         43002,
         "GUIDED_CHANGE_HEADING",

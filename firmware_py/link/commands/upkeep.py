@@ -8,7 +8,8 @@ from firmware_py.common.angles import degrees, radians, wrap_pi
 from firmware_py.common.intents import Answer, BenchRudder, ForgetParameters, SetParameter, Verdict
 from firmware_py.common.interfaces import Calibrator
 from firmware_py.common.records import CalibrationState, Severity
-from firmware_py.link.commands.pending import PendingCommand
+from firmware_py.link.commands import compass_swing
+from firmware_py.link.commands.pending import PendingCommand, once_stored
 from firmware_py.link.commands.server import ACCEPTED, CommandCall
 from firmware_py.link.context import LinkContext, within
 
@@ -20,7 +21,7 @@ _TRIM = 2.0  # param4 of PREFLIGHT_CALIBRATION: the present position is neutral
 _READ, _WRITE, _RESET = 0.0, 1.0, 2.0
 _ARMED = Answer(Verdict.TEMPORARILY_REJECTED, "Calibration refused: armed")
 _NOT_CALIBRATED_HERE = (
-    "there are the rudder's centre (param4 = 2) and a PNI compass (param2 = 1); "
+    "there are the rudder's centre (param4 = 2) and the compass (param2 = 1, or DO_START_MAG_CAL under way); "
     "FIXED_MAG_CAL_YAW aligns any compass to a known heading"
 )
 CIRCLE_TIMEOUT_S = 900.0
@@ -37,16 +38,18 @@ def set_servo(context: LinkContext, call: CommandCall) -> Answer:
 
 
 def calibrate(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
-    """Take the rudder as it stands for amidships (param4 = 2), or have the compass calibrate itself (param2 = 1).
+    """Take the rudder as it stands for amidships (param4 = 2), or calibrate the compass (param2 = 1).
 
-    The rest is refused with what to do instead.
+    A compass that can does so by itself, disarmed; else a swing under way is begun. The rest is refused with what to do
+    instead.
     """
     asked = (*call.parameters, call.x, call.y, call.z)
     wanted = {number: value for number, value in enumerate(asked, start=1) if value and not math.isnan(value)}
     if not wanted:
         return ACCEPTED
-    if wanted == {2: 1.0} and context.suppliers.calibrator is not None:
-        return _calibrate_compass(context, call, context.suppliers.calibrator)
+    if wanted == {2: 1.0}:
+        compass = context.suppliers.calibrator
+        return compass_swing.begin(context) if compass is None else _calibrate_compass(context, call, compass)
     if wanted != {4: _TRIM}:
         return Answer(Verdict.UNSUPPORTED, f"{call.name}: {_NOT_CALIBRATED_HERE}")
     boat = context.snapshot
@@ -110,20 +113,7 @@ def _set(context: LinkContext, call: CommandCall, name: str, value: float) -> An
     if answer.verdict is not Verdict.ACCEPTED:
         return answer
     text = f"{name} is now {context.request_handler.parameters()[name]:.2f}"
-    return _once_stored(context, call, text, f"{name} is in force but could not be stored")
-
-
-def _once_stored(context: LinkContext, call: CommandCall, text: str, failure: str) -> PendingCommand:
-    """Be done once the disk has answered: until then nobody can say whether it will be stored."""
-    pending = PendingCommand(timeout_s=math.inf)
-
-    def stored(well: bool) -> None:  # noqa: FBT001 - the request handler's callback
-        if well:
-            context.send_text(call.peer, Severity.NOTICE, text)
-        pending.finish(ACCEPTED if well else Answer(Verdict.FAILED, f"{call.name}: {failure}"))
-
-    context.request_handler.when_stored(stored)
-    return pending
+    return once_stored(context, call, text, f"{name} is in force but could not be stored")
 
 
 def storage(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
@@ -138,7 +128,7 @@ def storage(context: LinkContext, call: CommandCall) -> Answer | PendingCommand:
         if answer.verdict is not Verdict.ACCEPTED:
             return answer
         text = "Parameters are those of the vehicle file from the next start on"
-        return _once_stored(context, call, text, "this could not be stored; they stay as they are")
+        return once_stored(context, call, text, "this could not be stored; they stay as they are")
     if parameters == _READ:
         return ACCEPTED
-    return _once_stored(context, call, "All is stored", "not all could be stored; it is tried again by itself")
+    return once_stored(context, call, "All is stored", "not all could be stored; it is tried again by itself")

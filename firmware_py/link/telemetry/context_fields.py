@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from firmware_py.common.angles import degrees
 from firmware_py.common.records import PositionSample
-from firmware_py.common.reports import Snapshot
+from firmware_py.common.reports import Snapshot, SwingReport
 
 INT8_MAX = 0x7F
 UINT8_MAX = 0xFF
@@ -31,6 +31,7 @@ class TelemetryContext:
     written: tuple[int, int] | None = None  # versions of the state put on disk since the start, and their bytes
     fence_breaches: tuple[int, float] = (0, 0.0)  # how many since the start, and when the last one began
     override_us: int | None = None  # pulse that a station overrides channel 1 with, None when none does
+    swing: SwingReport = field(default_factory=SwingReport)  # of the compass
     intended_mode: int | None = None  # custom_mode that was last asked for, None when none was
 
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from firmware_py.link.telemetry import (
+    compass_swing,
     estimates,
     high_latency,
     identity,
@@ -77,6 +78,8 @@ TABLE: tuple[TelemetryRow, ...] = (
     TelemetryRow(87, "POSITION_TARGET_GLOBAL_INT", estimates.position_target, 2.0, 0.2, _POSITION),
     TelemetryRow(147, "BATTERY_STATUS", status.battery_status, 1.0, 0.2, _EXTRA3),
     TelemetryRow(162, "FENCE_STATUS", status.fence_status, 0.5, 0.1, _STATUS),
+    TelemetryRow(191, "MAG_CAL_PROGRESS", compass_swing.mag_cal_progress, 0.2, 0.05, None),
+    TelemetryRow(192, "MAG_CAL_REPORT", compass_swing.mag_cal_report, 0.2, 0.05, None),
     TelemetryRow(230, "ESTIMATOR_STATUS", estimates.estimator_status, 1.0, 0.2, _EXTRA3),
     TelemetryRow(235, "HIGH_LATENCY2", high_latency.high_latency2, 0.0, 0.0, None),
     TelemetryRow(242, "HOME_POSITION", motion.home_position, 0.2, 0.02, None),

@@ -72,6 +72,20 @@ ADDITIONS = (
         ("tc1", "ts1", "target_system", "target_component"),
         ("tc1", "ts1", "target_system", "target_component"),
     ),
+    Addition(  # of ardupilotmega's definitions
+        "MAG_CAL_PROGRESS",
+        191,
+        92,
+        "<fffBBBBB10s",
+        (
+            *("direction_x", "direction_y", "direction_z", "compass_id", "cal_mask", "cal_status", "attempt"),
+            *("completion_pct", "completion_mask"),
+        ),
+        (
+            *("compass_id", "cal_mask", "cal_status", "attempt", "completion_pct", "completion_mask"),
+            *("direction_x", "direction_y", "direction_z"),
+        ),
+    ),
     Addition(
         "PROTOCOL_VERSION",
         300,

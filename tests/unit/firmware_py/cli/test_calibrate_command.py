@@ -1,53 +1,18 @@
 """`rambler calibrate compass`: a proposal and what it is worth, or why there is none; nothing is set."""
 
 import json
-import math
-import random
 
 import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.cli import calibrate
-from firmware_py.common.angles import TWO_PI, radians
-from firmware_py.common.intents import Request, SetParameter
-from firmware_py.common.parameters import ParameterSet, parse_file
-from firmware_py.common.records import (
-    FixType,
-    HeadingSample,
-    Inputs,
-    NorthReference,
-    PositionSample,
-    RudderCommand,
-    Tick,
-)
-from firmware_py.core.state import State
-from firmware_py.core.state_codec import state_to_text
-from firmware_py.log.reader import LoggedTick
+from firmware_py.common.intents import SetParameter
+from firmware_py.common.parameters import parse_file
+from firmware_py.estimate.deviation import NAMES
 from support.paths import REPLAY
-from support.plans import placed
+from support.swing import voyage
 
 LOG = REPLAY / "tank_pni_volz.BIN"
-
-
-def voyage(legs=30, leg_s=900, restart=False, requests=()):
-    """Yield the ticks, one each 2 s, of straight legs by a compass that shows 5 deg too little on all headings."""
-    courses, north_m, east_m, late_s = random.Random(1), 0.0, 0.0, 0.0
-    text = state_to_text(State.at_start(ParameterSet().replaced("CMP_DEV_B", 2.0)))
-    for index in range(legs * leg_s // 2):
-        if index % (leg_s // 2) == 0:
-            compass_rad = courses.uniform(0.0, TWO_PI)
-        if restart and index == legs * leg_s // 4:
-            late_s = 2.0 * index
-        t_s = 2.0 * index - late_s
-        way_rad = compass_rad + radians(5.0)
-        north, east = 0.1 + 0.6 * math.cos(way_rad), 0.6 * math.sin(way_rad)
-        north_m, east_m = north_m + 2.0 * north, east_m + 2.0 * east
-        course_rad = math.atan2(east, north) % TWO_PI
-        fix = PositionSample(t_s, FixType.FIX_3D, *placed(north_m, east_m), 0.0, math.hypot(north, east), course_rad)
-        asked = tuple(Request(t_s, intent) for intent in requests) if index == 5 else ()
-        headings = (HeadingSample(t_s, compass_rad, NorthReference.TRUE),)
-        inputs = Inputs(Tick(index, t_s, 0.0, 0, 0.5), headings, (fix,), requests=asked)
-        yield LoggedTick(inputs, RudderCommand(0.0, torque_on=True), text if index == 0 else None, gap=False)
 
 
 def told(monkeypatch, capsys, *words, **how):
@@ -65,6 +30,8 @@ def test_a_proposal_is_shown_beside_what_is_in_force(monkeypatch, capsys, restar
     assert found["proposed_deg"]["CMP_DEV_A"] == pytest.approx(5.0, abs=0.3)
     assert found["proposed_deg"]["CMP_DEV_B"] == pytest.approx(0.0, abs=0.5)
     assert found["off_deg"] == pytest.approx(7.0, abs=0.7)
+    assert found["mounting_deg"] == pytest.approx(found["proposed_deg"]["CMP_DEV_A"], abs=0.01)
+    assert found["residual_after_deg"] < 0.2 * found["residual_before_deg"]
 
 
 def test_a_proposal_is_saved_as_a_parameter_file(monkeypatch, capsys, tmp_path):
@@ -73,7 +40,8 @@ def test_a_proposal_is_saved_as_a_parameter_file(monkeypatch, capsys, tmp_path):
     assert code == 0
     assert "CMP_DEV_A      0.00" in text
     assert "leeway" in text
-    assert list(parse_file(path.read_text(), "-")) == list(calibrate.NAMES)
+    assert "alignment: CMP_OFFSET_DEG " in text
+    assert list(parse_file(path.read_text(), "-")) == list(NAMES)
 
 
 def test_too_little_is_no_proposal_and_nothing_is_saved(monkeypatch, capsys, tmp_path):

@@ -33,6 +33,9 @@ HANDED_ON = {
     "link/commands/state.py: text": (),  # as the refusal of arming
     "link/commands/upkeep.py: now.text": (),  # Calibration
     "link/commands/upkeep.py: now.text or 'Compass calibration was broken off'": (),
+    "link/commands/compass_swing.py: str(error)": (),  # ParameterError
+    "link/commands/pending.py: f'{call.name}: {failure}'": (),  # once_stored
+    "link/commands/pending.py: text": (),
     "link/companion.py: reported(message)": (),
     "link/context.py: answer.text or f'{name} refused'": (),
     "link/context.py: f'{name}: {intent}'": (),

@@ -9,7 +9,7 @@ import pytest
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Tick
-from firmware_py.common.reports import Energy, Flow, LinkStatus, PeerStatus, Power
+from firmware_py.common.reports import Energy, Flow, LinkStatus, PeerStatus, Power, SwingReport
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
@@ -36,6 +36,7 @@ class Boat:
     def __init__(self):
         self.file, self.said = Shown(), []
         self.accepted = 0
+        self.swing = SwingReport()
         self.latch = LatchState()
         peer = PeerStatus("10.0.0.7:14550", True, True, False, 0.45, 1200, 3, 1)
         self.reporter = StatusReporter(
@@ -46,6 +47,7 @@ class Boat:
                 links=lambda _now_s: (LinkStatus("udpin:0.0.0.0:14550", "fast", (peer,)), LinkStatus("x", "radio", ())),
                 faults=lambda: self.latch,
                 starts=lambda: 7,
+                swing=lambda: self.swing,
                 update=lambda: "",
                 written=lambda: (3, 12288),
                 load=lambda: 0.0125,

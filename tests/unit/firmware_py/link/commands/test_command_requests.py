@@ -1,17 +1,19 @@
 """Messages on request and at an interval."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.records import FixType, PositionSample, RudderFeedback
-from firmware_py.common.reports import Activity, Home, MissionReport, Navigation, Power
+from firmware_py.common.records import CalibrationState, FixType, PositionSample, RudderFeedback
+from firmware_py.common.reports import Activity, Home, MissionReport, Navigation, Power, SwingReport
 from firmware_py.link.telemetry.table import TABLE
 
 FIX = {"position": PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2), "position_ok": True}
 SERVO = {"servo": RudderFeedback(0.0, 0.1, 30.0, 12.0, 0.2)}
+MAG_CAL_REPORT = 192
 UNSUPPORTED, DENIED, NOT_NOW = 3, 2, 1
 
 
@@ -21,6 +23,8 @@ def result(messages):
 
 @pytest.mark.parametrize("number", sorted({row.number for row in TABLE} | {148, 300, 395, 397, 435, 437}))
 def test_every_message_can_be_requested(rig, number):
+    swing = SwingReport(CalibrationState.DONE if number == MAG_CAL_REPORT else CalibrationState.RUNNING)
+    rig.request_handler.compass_swing = SimpleNamespace(report=swing)
     rig.tell(mavlink.MAVLink_rc_channels_override_message(1, 1, 1600, 0, 0, 0, 0, 0, 0, 0))
     place = {"home": Home(0.7, -0.2, 1.0), "navigation": Navigation(Activity.LINE, 0.7, -0.2)}
     rig.tick(**FIX, **SERVO, **place, power=Power(12.6), mission=MissionReport(identities=(0, 7, 0)))

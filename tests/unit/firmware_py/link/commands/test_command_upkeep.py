@@ -54,7 +54,7 @@ def test_no_centre_while_armed_or_without_an_angle(rig, changes):
 
 
 @pytest.mark.parametrize(
-    "values", [(1,), (0, 1), (0, 76), (0, 0, 1), (0, 0, 0, 1), (0, 0, 0, 2, 1), (0, math.inf), (0, 0, 0, 0, 0, 0, 3)]
+    "values", [(1,), (0, 76), (0, 0, 1), (0, 0, 0, 1), (0, 0, 0, 2, 1), (0, math.inf), (0, 0, 0, 0, 0, 0, 3)]
 )
 def test_other_calibrations_are_unsupported_and_say_what_to_do_instead(rig, texts, values):
     rig.tick(**BENCH)

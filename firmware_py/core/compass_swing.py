@@ -1,0 +1,72 @@
+"""The swing of the compass that an operator has asked for: looks on at the ticks, and keeps what it has found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+from firmware_py.common.angles import degrees
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import CalibrationState, Event, Inputs, Severity
+from firmware_py.common.reports import SwingReport
+
+if TYPE_CHECKING:
+    from firmware_py.estimate.swinging import Swinging
+
+NOTHING = SwingReport()
+
+
+class CompassSwing:
+    """Swings while it is running, and goes on when there is a proposal: it becomes the better. Does not steer."""
+
+    def __init__(self) -> None:
+        """Begin without one."""
+        self._swinging: Swinging | None = None
+        self._report = NOTHING
+        self.former: Mapping[str, float] | None = None  # what an accepted proposal has replaced
+
+    @property
+    def running(self) -> bool:
+        """Whether it wants the ticks."""
+        return self._swinging is not None
+
+    @property
+    def report(self) -> SwingReport:
+        """How far it is, and what is proposed."""
+        return self._report
+
+    def begin(self, parameters: ParameterSet) -> None:
+        """Begin anew, with the parameters in force."""
+        # Imported here: who never swings her compass need not load it at the start.
+        from firmware_py.estimate.swinging import Swinging  # noqa: PLC0415
+
+        self._swinging = Swinging(parameters)
+        self._report = SwingReport(CalibrationState.RUNNING)
+        self.former = None
+
+    def end(self, former: Mapping[str, float] | None = None) -> None:
+        """End it, and forget what was found; `former`: what its acceptance has replaced."""
+        self._swinging, self._report, self.former = None, NOTHING, former
+
+    def take(self, inputs: Inputs, parameters: ParameterSet) -> Iterator[Event]:
+        """Take a tick in, once it is decided; yield that there is a proposal."""
+        swinging = self._swinging
+        if swinging is None:
+            return
+        seen = swinging.state.seen
+        swinging.set_parameters(parameters)
+        swinging.take(inputs)
+        if swinging.state.seen is seen:
+            return
+        before, self._report = self._report.state, swinging.report()
+        if self._report.state is CalibrationState.DONE and before is not CalibrationState.DONE:
+            yield Event(Severity.NOTICE, f"Compass swing: {_proposal(self._report)}; DO_ACCEPT_MAG_CAL takes it")
+
+
+def _proposal(report: SwingReport) -> str:
+    found = zip("ABCDE", report.found_rad, strict=True)
+    coefficients = " ".join(f"{letter} {degrees(value):.1f}" for letter, value in found)
+    sd_deg, off_deg = degrees(report.sd_rad or 0.0), degrees(report.off_rad or 0.0)
+    rest = (report.residual_before_rad, report.residual_after_rad)
+    left = "" if None in rest else f", residual {degrees(rest[0] or 0.0):.1f} to {degrees(rest[1] or 0.0):.1f}"
+    return f"{coefficients} deg, sd {sd_deg:.1f}, now {off_deg:.1f} off{left}"
