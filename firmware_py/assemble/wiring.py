@@ -22,7 +22,7 @@ from firmware_py.devices import COMPASSES, POSITIONS, POWERS, RUDDERS, calibrato
 from firmware_py.files.reading import read_regular
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.wire.open_transport import open_transport
+from firmware_py.link.wire.open_transport import Ashore, open_transport
 from firmware_py.link.wire.transport import Transport
 from firmware_py.loop import LoopParts
 from firmware_py.sensors.line_tee import LineTee
@@ -33,10 +33,7 @@ from firmware_py.system.console import Console
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.realtime import LoadMeter, clock_is_kept
 from firmware_py.system.serial_port import PortError, SerialPort
-from firmware_py.system.state_directory import (
-    SIGNING_FILE,
-    KeyVault,
-)
+from firmware_py.system.state_directory import SATELLITE_FILE, SIGNING_FILE, KeyVault
 from firmware_py.system.store import Store
 from firmware_py.vehicle import Vehicle
 
@@ -166,17 +163,17 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     notices: list[Event] = []
     say = _teller(console, notices)
     kept, plans = read_state(options.state_directory, store, say)
-    parameters = kept.parameters_over(base_parameters(vehicle))
-    transports = _open_transports((*vehicle.link_urls, *options.link_urls), lines, opened, wait=options.wait)
+    parameters, version = kept.parameters_over(base_parameters(vehicle)), _version()
     clock: Clock = RealClock()
+    # The clock of lockstep is made after the lines.
+    ashore = Ashore(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
+    transports = _open_transports(vehicle, options, lines, ashore, opened)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
     if options.lockstep is not None:
         clock = _lockstep_clock(options.lockstep, lines, store)
-    version = _version()
-    state = State.at_start(parameters, plans)
-    autopilot = Autopilot(resume(state, kept.resume_record(), clock.utc_s(), console.line), kept)
+    state = resume(State.at_start(parameters, plans), kept.resume_record(), clock.utc_s(), console.line)
+    autopilot, vault = Autopilot(state, kept), KeyVault(store)
     recorder = recorder_of(options.state_directory, parameters, clock, version.commit, opened)
-    vault = KeyVault(store)
     endpoint = Endpoint(
         transports,
         autopilot,
@@ -248,18 +245,20 @@ def _close_all(lines: Sequence[SerialPort]) -> None:
         line.close()
 
 
-def _open_transports(urls: Sequence[str], lines: list[SerialPort], opened: ExitStack, *, wait: bool) -> list[Transport]:
+def _open_transports(
+    vehicle: Vehicle, options: Options, lines: list[SerialPort], ashore: Ashore, opened: ExitStack
+) -> list[Transport]:
     """Open the links; the serial lines among them are added to those of the devices."""
 
     def open_line(path: str, baud: int) -> SerialPort:
         line = SerialPort(path, baud)
-        open_lines([line], wait=wait)
+        open_lines([line], wait=options.wait)
         lines.append(line)
         return line
 
     transports: list[Transport] = []
-    for url in urls:
-        transports.append(open_transport(url, open_line))
+    for url in (*vehicle.link_urls, *options.link_urls):
+        transports.append(open_transport(url, open_line, ashore))
         opened.callback(transports[-1].close)
     return transports
 

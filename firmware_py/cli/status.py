@@ -132,12 +132,32 @@ def _ending_lines(endings: Mapping[str, Any]) -> Iterator[str]:
 
 def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:
     yield f"{link['url']}  {link['rates']}" + ("" if link["peers"] else "  nobody")
+    if (satellite := link.get("satellite")) is not None:
+        yield from _satellite_lines(satellite)
     for peer in link["peers"]:
         who = "station" if peer["ground_station"] else "correspondent"
         heard = "never heard" if peer["heard_age_s"] is None else f"heard {peer['heard_age_s']:g} s ago"
         more = "" if peer["has_place"] else "  waits for a place"
         counts = f"{peer['sent_bytes']} bytes sent, {peer['dropped']} messages dropped, {peer['rejected']} bad frames"
         yield f"{_INDENT}{who} {peer['address']}  {heard}  {counts}{'  signs' if peer['signs'] else ''}{more}"
+
+
+def _satellite_lines(satellite: Mapping[str, Any]) -> Iterator[str]:
+    """Tell of a modem, its sessions, and what they have cost."""
+    age = "none yet" if satellite["session_age_s"] is None else f"last {_duration(satellite['session_age_s'])} ago"
+    signal = "unknown" if satellite["signal"] is None else f"{satellite['signal']} of 5"
+    yield f"{_INDENT}modem {satellite['imei'] or 'not found'}  signal {signal}  {satellite['waiting']} frames wait"
+    yield (
+        f"{_INDENT}{satellite['sessions']} sessions, {satellite['failed']} failed, {age}; {satellite['sent']} messages "
+        f"of {satellite['sent_bytes']} bytes sent, {satellite['received']} received, {satellite['dropped']} dropped"
+    )
+    of = {name: f" of {satellite[f'{name}_limit']}" if satellite[f"{name}_limit"] else "" for name in ("day", "month")}
+    yield (
+        f"{_INDENT}credits {satellite['day_credits']}{of['day']} today, {satellite['month_credits']}{of['month']} "
+        f"this month"
+    )
+    if satellite["refused"]:
+        yield _INDENT + "refused " + ", ".join(f"{count} {reason}" for reason, count in satellite["refused"].items())
 
 
 def _block(name: str, lines: list[str]) -> Iterator[str]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from firmware_py.common.mode_table import FAILSAFE_MODES, MODES, Mode
 from firmware_py.common.parameter_row import Parameter, choice, constant, count, real, whole
+from firmware_py.common.satellite_parameters import SATELLITE
 
 _OFF_ON = {0: "off", 1: "on"}
 # Of the time-outs that common/silence.py lengthens.
@@ -280,6 +281,7 @@ TABLE: tuple[Parameter, ...] = (
     real("RUD_SLEW_DEG_S", 30.0, 0.5, 360.0, "deg/s", "Fastest change of the rudder command."),
     real("RUD_TEMP_MAX", 70.0, 0.0, 150.0, "degC", "Temperature above which the rudder servo is hot."),
     real("RUD_TIMEOUT_S", 1.0, 0.2, 60.0, "s", f"A servo that has not answered for this long is silent; {_SELDOM}"),
+    *SATELLITE,
     count("STAT_BOOTCNT", "Starts of the autopilot that this state directory has seen."),
     real("STK_RATE_DEG_S", 2.0, 0.1, 30.0, "deg/s", "In STEERING, how fast a full stick turns the goal."),
     real(

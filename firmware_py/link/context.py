@@ -143,9 +143,12 @@ class LinkContext:
             self.send(peer, message)
 
     def send_text_all(self, severity: Severity, text: str) -> None:
-        """Tell every peer something, except the quiet ones."""
+        """Tell every peer something, except the quiet ones; those who are paid by the message, what is a warning."""
         for message in self._text(severity, text):
             self.send_all(message)
+            for peer in self.peers:
+                if peer.by_message and severity <= Severity.WARNING:
+                    self.send(peer, message)
 
     def _text(self, severity: Severity, text: str) -> list[Message]:
         self._text_number = self._text_number % 0xFFFF + 1

@@ -16,6 +16,7 @@ from firmware_py.link.peer import Peer
 from firmware_py.link.peers import Peers
 from firmware_py.link.security.access import Admitted, Gate, Standing, invites_anybody, reads_only
 from firmware_py.link.security.denials import deny
+from firmware_py.link.security.key_record import NO_VAULT
 from firmware_py.link.security.key_setup import KeySetup
 from firmware_py.link.security.signing import LinkSealer, Signing
 from firmware_py.link.services import Services
@@ -25,7 +26,7 @@ from firmware_py.link.telemetry.table import ROWS_OF
 from firmware_py.link.wire.dialect import Message
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.link.wire.receive_queue import ReceiveQueue
-from firmware_py.link.wire.transport import Address, Transport
+from firmware_py.link.wire.transport import Address, Satellite, Transport
 from firmware_py.link.wire.worker import Worker
 
 _HEARTBEAT = 0
@@ -53,24 +54,6 @@ def _nothing_written() -> None:
     return None
 
 
-class _NoVault:
-    """Keeps nothing."""
-
-    def load(self) -> Stored:
-        """Return that there is nothing."""
-        return Stored()
-
-    def save(self, content: bytes, *, both: bool = False) -> None:
-        """Forget it."""
-
-    def when_stored(self, call: Callable[[bool], None]) -> None:
-        """Say that it is not stored."""
-        call(False)
-
-
-_NO_VAULT = _NoVault()
-
-
 class Endpoint:
     """One MAVLink component on several transports; fulfils interfaces.Link."""
 
@@ -82,7 +65,7 @@ class Endpoint:
         utc_s: Callable[[], float],
         version: Version,
         load: Callable[[], float] = _no_load,
-        vault: Vault = _NO_VAULT,
+        vault: Vault = NO_VAULT,
         offer_utc: Callable[[float, float], None] | None = None,
         calibrator: Calibrator | None = None,
         storage: FileRoot = NO_STORAGE,
@@ -102,6 +85,8 @@ class Endpoint:
         self._signing = Signing(utc_s, vault.save)
         self._signing.restore(vault.load())
         self._gate = Gate(self._signing)
+        for satellite in (transport for transport in transports if isinstance(transport, Satellite)):
+            satellite.attach(request_handler.parameters, self._signing.code, self._gate.vouch)
         self._reads_only = reads_only(frozenset(row.command for row in COMMANDS if row.repeatable))
         self._notices = TokenBucket(_NOTICES, _NOTICES_HZ)
         self._peers = Peers(

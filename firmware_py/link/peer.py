@@ -78,7 +78,12 @@ class Peer:
     @property
     def quiet(self) -> bool:
         """Whether it gets only what it has asked for: a satellite's bytes are paid for one by one."""
-        return self.link_class is LinkClass.SATELLITE
+        return self.link_class is LinkClass.SATELLITE or self.by_message
+
+    @property
+    def by_message(self) -> bool:
+        """Whether reports and warnings go there unasked, and each is paid for."""
+        return self.link_class is LinkClass.MESSAGES
 
     @property
     def proven(self) -> bool:

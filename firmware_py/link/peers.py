@@ -12,7 +12,7 @@ from firmware_py.link.security.access import Admitted, Gate, Standing
 from firmware_py.link.security.places import QUIET_S, Guest, who_leaves, who_waits_no_more
 from firmware_py.link.wire.framing import Splitter
 from firmware_py.link.wire.outbox import Sealer
-from firmware_py.link.wire.transport import Address, Transport
+from firmware_py.link.wire.transport import Address, Satellite, Transport
 
 DOUBT_S = 10.0  # a datagram peer silent for this long has to prove anew that it is there, unless it signs
 FORGET_S = 300.0  # and whoever is silent for this long loses his place
@@ -95,6 +95,7 @@ class Peers:
                 transport.name,
                 usual_class(transport).value,
                 tuple(peer for index, peer in (*seated, *waiting) if index == number),
+                transport.satellite_status(now_s) if isinstance(transport, Satellite) else None,
             )
             for number, transport in enumerate(self._transports)
         )

@@ -19,6 +19,7 @@ from firmware_py.link.mission.plan_file import PlanFiles
 from firmware_py.link.mission.server import MissionServer
 from firmware_py.link.parameters.server import ParameterServer
 from firmware_py.link.peer import Peer
+from firmware_py.link.satellite.reports import SatelliteReports
 from firmware_py.link.security.key_setup import KeySetup
 from firmware_py.link.setpoints import Setpoints
 from firmware_py.link.timesync import Timesync
@@ -66,7 +67,7 @@ class Services:
             *(commands, parameters, self._mission, files, logs),
             *(Setpoints(context), ManualControl(context), Timesync(context), Companion(context), key_setup),
         )
-        self._ticked: tuple[TickedService, ...] = (self._mission, commands, logs)
+        self._ticked: tuple[TickedService, ...] = (self._mission, commands, logs, SatelliteReports(context))
         self._pumped: tuple[PumpedService, ...] = (parameters, files, logs)
         self._next_peer = 0  # whose long answer goes on next
         self.pumping = False  # whether one did in the last call

@@ -29,6 +29,7 @@ PARAMETER_FILE: Final = "parameters.param"
 PLAN_FILES: Final = {PlanKind.MISSION: "mission.plan", PlanKind.FENCE: "fence.plan", PlanKind.RALLY: "rally.plan"}
 RESUME_FILE: Final = "resume.state"
 SIGNING_FILE: Final = "signing.key"
+SATELLITE_FILE: Final = "satellite.state"
 LOG_DIRECTORY: Final = "logs"
 UPLOAD_DIRECTORY: Final = "uploads"
 BOOT_COUNT: Final = "STAT_BOOTCNT"
@@ -40,6 +41,7 @@ _INSTEAD: Final = {
     PLAN_FILES[PlanKind.RALLY]: "there are no rally points",
     RESUME_FILE: "not resumed",
     ENDINGS_FILE: "how earlier runs have ended is forgotten",
+    SATELLITE_FILE: "what was spent on messages is forgotten, and no message counts that was written before",
 }
 KEPT_NAMES: Final = (*_INSTEAD, SIGNING_FILE)  # all that there is of a state
 OTHER_SLOT: Final = "the other slot is used, perhaps an older version"
@@ -170,25 +172,26 @@ class StateDirectory:
 
 @dataclass(frozen=True, slots=True)
 class KeyVault:
-    """Keeps the signing key in the store; a Vault."""
+    """Keeps the signing key, or what else is named, in the store; a Vault."""
 
     store: Store
+    name: str = SIGNING_FILE
 
     def load(self) -> Stored:
         """Return what was saved last."""
-        return self.store.examine(SIGNING_FILE)
+        return self.store.examine(self.name)
 
     def on_arrival(self, call: Callable[[Stored], None]) -> None:
         """Call back, on the loop's thread, with what a directory holds that was not there at the start."""
-        self.store.on_arrival((SIGNING_FILE,), lambda found: call(found[SIGNING_FILE]))
+        self.store.on_arrival((self.name,), lambda found: call(found[self.name]))
 
     def save(self, content: bytes, *, both: bool = False) -> None:
         """Keep this instead, in the background; `both`: so that nothing is left of what was kept before."""
-        self.store.save(SIGNING_FILE, content, both=both)
+        self.store.save(self.name, content, both=both)
 
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Call back, on the loop's thread, once this is on disk (True) or cannot be (False)."""
-        self.store.when_stored((SIGNING_FILE,), call)
+        self.store.when_stored((self.name,), call)
 
 
 def _one_more(count: float) -> float:

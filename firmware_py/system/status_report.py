@@ -256,4 +256,7 @@ SECTIONS: Mapping[str, Callable[[Snapshot], Values]] = {
 
 def _link(link: LinkStatus) -> Values:
     peers = [asdict(peer) | {"heard_age_s": rounded(peer.heard_age_s, 1)} for peer in link.peers]
-    return {"url": link.url, "rates": link.rates, "peers": peers}
+    told: Values = {"url": link.url, "rates": link.rates, "peers": peers}
+    if (satellite := link.satellite) is not None:
+        told["satellite"] = asdict(satellite) | {"session_age_s": rounded(satellite.session_age_s, 0)}
+    return told

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from hashlib import sha256
@@ -41,6 +42,24 @@ class KeyFinding:
     record: KeyRecord | None = None
     problem: str = ""
     aged: bool = False
+
+
+class NoVault:
+    """A Vault that keeps nothing."""
+
+    def load(self) -> Stored:
+        """Return that there is nothing."""
+        return Stored()
+
+    def save(self, content: bytes, *, both: bool = False) -> None:
+        """Forget it."""
+
+    def when_stored(self, call: Callable[[bool], None]) -> None:
+        """Say that it is not stored."""
+        call(False)
+
+
+NO_VAULT = NoVault()
 
 
 def find_key(stored: Stored) -> KeyFinding:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from hashlib import sha256
-from hmac import compare_digest
+from hmac import compare_digest, digest
 from typing import Protocol
 
 from firmware_py.common.records import Stored
@@ -170,6 +170,10 @@ class Signing:
         block = link.to_bytes(1, "little") + self._timestamp.to_bytes(_TIMESTAMP_BYTES, "little")
         covered = frame[:1] + body + checksum(body, packed.seed).to_bytes(2, "little") + block
         return covered + signature(self._key, covered)
+
+    def code(self, covered: bytes) -> bytes | None:
+        """Return the HMAC-SHA256 of what is no frame, by the key; None without one."""
+        return None if self._key is None else digest(self._key, covered, "sha256")
 
     # ------------------------------------------------------------------ in
 

@@ -9,7 +9,9 @@ from firmware_py.link.telemetry.table import ROWS_OF, TABLE, TelemetryRow
 from firmware_py.link.wire.url_options import LinkClass
 
 FASTEST_S = 0.02  # 50 Hz, the fastest loop
-FASTEST_SATELLITE_S = 10.0  # what clients ask for by habit is refused there
+# What clients ask for by habit is refused there.
+FASTEST_SATELLITE_S = 10.0
+FASTEST_MESSAGE_S = 600.0
 SLOWEST_S = 3600.0
 HIGH_LATENCY = 235  # HIGH_LATENCY2
 _OFF = math.inf
@@ -18,6 +20,11 @@ _RATES: Mapping[LinkClass, Callable[[TelemetryRow], float]] = {
     LinkClass.FAST: lambda row: row.fast_hz,
     LinkClass.RADIO: lambda row: row.radio_hz,
     LinkClass.SATELLITE: lambda _row: 0.0,
+    LinkClass.MESSAGES: lambda _row: 0.0,
+}
+_FASTEST_S: Mapping[LinkClass, float] = {
+    LinkClass.SATELLITE: FASTEST_SATELLITE_S,
+    LinkClass.MESSAGES: FASTEST_MESSAGE_S,
 }
 
 
@@ -28,7 +35,7 @@ class Streams:
 
     def __init__(self, link_class: LinkClass, now_s: float) -> None:
         """Start with the rates of the class, everything due at once; a satellite link starts with nothing at all."""
-        self._fastest_s = FASTEST_SATELLITE_S if link_class is LinkClass.SATELLITE else FASTEST_S
+        self._fastest_s = _FASTEST_S.get(link_class, FASTEST_S)
         rates = [_RATES[link_class](row) for row in TABLE]
         self._defaults = [1.0 / rate if rate else _OFF for rate in rates]
         self._interval_s = list(self._defaults)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
-from firmware_py.common.interfaces import ByteLine
+from firmware_py.common.interfaces import ByteLine, Vault
+from firmware_py.common.records import Event
+from firmware_py.link.security.key_record import NO_VAULT
 from firmware_py.link.wire.transport import LinkUrl, Transport, parse_url
 from firmware_py.link.wire.transport_serial import SerialTransport
 from firmware_py.link.wire.transport_tcp import TcpClient, TcpServer
@@ -18,9 +21,26 @@ _SOCKETS: dict[str, Callable[[LinkUrl], Transport]] = {
 }
 
 
-def open_transport(url: str, open_line: Callable[[str, int], ByteLine]) -> Transport:
+@dataclass(frozen=True, slots=True)
+class Ashore:
+    """What a link by satellite needs beside its line: what keeps its record, the clock, and what tells an event."""
+
+    vault: Vault = NO_VAULT
+    utc_s: Callable[[], float] = lambda: 0.0
+    tell: Callable[[Event], None] = lambda _event: None
+
+
+_ALONE = Ashore()
+
+
+def open_transport(url: str, open_line: Callable[[str, int], ByteLine], ashore: Ashore = _ALONE) -> Transport:
     """Open the transport of a URL, or raise LinkError; `open_line` takes the path and baud rate of a serial line."""
     parsed = parse_url(url)
+    if parsed.kind == "sbd":
+        from firmware_py.link.wire.transport_sbd import SbdTransport  # noqa: PLC0415 - who has none pays nothing
+
+        line = open_line(parsed.host, parsed.number)
+        return SbdTransport(parsed, line, ashore.vault, ashore.utc_s, ashore.tell)
     if parsed.kind == "serial":
         return SerialTransport(parsed.text, open_line(parsed.host, parsed.number), parsed.number, parsed.options)
     return _SOCKETS[parsed.kind](parsed)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
+from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reading_notes import shown
+from firmware_py.common.reports import SatelliteStatus
 from firmware_py.link.wire.url_options import PLAIN, LinkOptions, OptionError, parse_options
 
 Address: TypeAlias = Hashable  # one correspondent on a transport
@@ -14,7 +16,7 @@ Address: TypeAlias = Hashable  # one correspondent on a transport
 RADIO_BAUD = 115_200  # a serial line no faster than this is taken for a radio modem
 READ_BYTES = 256  # one read of a stream: the rest stays with the system, and the descriptor readable
 
-_FORMS = "udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT or serial:PATH:BAUD"
+_FORMS = "udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT, serial:PATH:BAUD or sbd:PATH"
 _KINDS = {
     "udpout": "udpout",
     "udpin": "udpin",
@@ -23,7 +25,9 @@ _KINDS = {
     "tcpout": "tcpout",
     "tcp": "tcpout",  # as in pymavlink
     "serial": "serial",
+    "sbd": "sbd",
 }
+_USUAL_BAUD = {"sbd": "19200"}  # where the baud rate may be left away
 
 
 class LinkError(ValueError):
@@ -85,9 +89,25 @@ class Transport(Protocol):
         """Give up all descriptors."""
 
 
+@runtime_checkable
+class Satellite(Protocol):
+    """What a transport has beside that, if it carries messages that are paid for."""
+
+    def attach(
+        self,
+        parameters: Callable[[], ParameterSet],
+        code: Callable[[bytes], bytes | None],
+        vouch: Callable[[bytes], None],
+    ) -> None:
+        """Take the parameters in force, what makes a code with the boat's key, and what lets a frame pass as signed."""
+
+    def satellite_status(self, now_s: float) -> SatelliteStatus:
+        """How modem, sessions and budget fare."""
+
+
 @dataclass(frozen=True, slots=True)
 class LinkUrl:
-    """A parsed URL; `host` and `number` are a port's path and baud rate for `serial`."""
+    """A parsed URL; `host` and `number` are a port's path and baud rate for `serial` and `sbd`."""
 
     kind: str
     host: str
@@ -108,7 +128,9 @@ def parse_url(text: str) -> LinkUrl:
         raise LinkError(f"{link}: {shown(scheme)} is not a kind of link; use {_FORMS}")
     # From the right: the paths of /dev/serial/by-path hold colons.
     host, _, number = rest.rpartition(":")
-    what, low, high = ("baud rate", 300, 4_000_000) if kind == "serial" else ("port", 1, 65535)
+    if kind in _USUAL_BAUD and not number.isdigit():
+        host, number = rest, _USUAL_BAUD[kind]
+    what, low, high = ("baud rate", 300, 4_000_000) if kind in ("serial", "sbd") else ("port", 1, 65535)
     if not host:
         raise LinkError(f"{link}: the {what} is missing; use {_FORMS}")
     if not (number.isascii() and number.isdigit() and len(number) < 10 and low <= int(number) <= high):

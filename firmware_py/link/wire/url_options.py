@@ -29,6 +29,7 @@ class LinkClass(Enum):
     FAST = "fast"
     RADIO = "radio"
     SATELLITE = "satellite"
+    MESSAGES = "messages"  # of a satellite, each paid for: that of an sbd link, and of no other
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ PLAIN = LinkOptions()  # of a URL without options
 
 _SWITCH: Mapping[str, bool] = {"1": True, "0": False, "true": True, "false": False, "yes": True, "no": False}
 _POLICIES: Mapping[str, Policy] = {policy.value: policy for policy in Policy}
-_CLASSES: Mapping[str, LinkClass] = {kind.value: kind for kind in LinkClass}
+_CLASSES: Mapping[str, LinkClass] = {kind.value: kind for kind in LinkClass if kind is not LinkClass.MESSAGES}
 
 
 def _systems(text: str) -> frozenset[int] | None:

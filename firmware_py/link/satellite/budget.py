@@ -1,0 +1,83 @@
+"""What messages cost: credits by day and month, counted before they are spent."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import date
+from enum import IntEnum
+
+_DAY_S = 86400.0
+_EPOCH_DAY = date(1970, 1, 1).toordinal()
+_LATEST_S = 1e11  # what shows more is not a clock
+
+
+class Kind(IntEnum):
+    """What goes first."""
+
+    EVENT = 0  # faults, and another mode
+    REPORT = 1
+    ANSWER = 2
+    MAILBOX = 3  # nothing is sent: a look for what waits ashore
+
+
+# The part of a budget that each kind may use up, so that what is urgent finds something left late in the day, and that
+# commands still come when nothing more is sent.
+_SHARES: Mapping[Kind, float] = {Kind.EVENT: 0.95, Kind.REPORT: 0.9, Kind.ANSWER: 0.7, Kind.MAILBOX: 1.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Credits for a day and a month of UTC, 0 for no limit, and how many bytes one credit carries."""
+
+    day: int
+    month: int
+    credit_bytes: int
+
+    def cost(self, size_bytes: int) -> int:
+        """Return the credits of a message; looking for one costs as much as the shortest."""
+        return max(1, math.ceil(size_bytes / self.credit_bytes))
+
+
+@dataclass(frozen=True, slots=True)
+class Ledger:
+    """Credits of this day and this month (both counted from 1970), and since the record began."""
+
+    day: int = 0
+    month: int = 0
+    day_used: int = 0
+    month_used: int = 0
+    total: int = 0
+
+    def at(self, utc_s: float, under_way: int = 0) -> Ledger:
+        """Return it on the day that it is: a later one begins with what is `under_way`, an earlier one takes all along.
+
+        So a clock that is set back does not give anything away.
+        """
+        day = int(utc_s // _DAY_S) if math.isfinite(utc_s) and 0.0 <= utc_s < _LATEST_S else self.day
+        date_ = date.fromordinal(_EPOCH_DAY + day)
+        months = (date_.year - 1970) * 12 + date_.month - 1
+        if (day, months) == (self.day, self.month):
+            return self
+        return replace(
+            self,
+            day=day,
+            month=months,
+            day_used=min(self.day_used, under_way) if day > self.day else self.day_used,
+            month_used=min(self.month_used, under_way) if months > self.month else self.month_used,
+        )
+
+    def charged(self, credits_: int) -> Ledger:
+        """Return it with credits spent, or given back (negative)."""
+        return replace(
+            self,
+            day_used=max(0, self.day_used + credits_),
+            month_used=max(0, self.month_used + credits_),
+            total=max(0, self.total + credits_),
+        )
+
+    def room(self, limits: Limits, kind: Kind) -> float:
+        """Return how many credits may be spent now on a message of a kind."""
+        pairs = ((limits.day, self.day_used), (limits.month, self.month_used))
+        return min((math.floor(limit * _SHARES[kind]) - used if limit else math.inf) for limit, used in pairs)

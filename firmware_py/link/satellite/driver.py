@@ -1,0 +1,223 @@
+"""Messages by satellite: when a session is worth its price, what it carries, and what is made of how it ends."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from firmware_py.common.records import Event, Severity
+from firmware_py.link.satellite.budget import Kind, Ledger, Limits
+from firmware_py.link.satellite.messages import Bundle, MessageQueue
+from firmware_py.link.satellite.modem import Modem, Session
+
+# After each failure a random time up to this, after more the last of them. Source: Ground Control, Adaptive Retry.
+_RETRY_S = (5.0, 5.0, 30.0, 30.0)
+_RETRY_LATER_S = 300.0
+_RETRY_LATEST_S = 3600.0  # where each try may have cost something: twice as long each time, up to this
+_REGISTERED_S = 180.0  # after status 36: so long after the last registration
+_TOO_EARLY = 36
+# With these the gateway may have got the message all the same: it is paid for, for all that is known.
+_UNCLEAR = frozenset({None, 13, 17, 18, 19})
+_WEAK_S, _WEAK_LONGEST_S = 15.0, 120.0  # between looks for a signal, doubled each time
+_SILENT_S = 60.0  # a modem that has said nothing for this long is told
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What parameters say: limits, the least signal, and after how long without a session one looks for messages."""
+
+    limits: Limits
+    least_signal: int
+    mailbox_s: float  # 0: never
+
+
+@dataclass(slots=True)
+class Counts:
+    """What has happened since the start."""
+
+    sessions: int = 0
+    failed: int = 0
+    sent: int = 0  # messages
+    sent_bytes: int = 0
+    received: int = 0
+    refused: dict[str, int] = field(default_factory=dict)  # messages received, by the reason
+
+
+class SatelliteDriver:
+    """One modem, what waits for it, and what it may cost; pure, time passed in.
+
+    A session is charged before it begins and given back when it has certainly cost nothing, so that no power cut and no
+    lost answer makes the bill larger than the count. What a message ashore to her costs is counted when it comes.
+    """
+
+    def __init__(
+        self,
+        ledger: Ledger,
+        settings: Settings,
+        spent: Callable[[Ledger], None],
+        tell: Callable[[Event], None],
+        seed: int = 0,
+    ) -> None:
+        """Take what was spent before, what keeps it on disk, and what tells an event."""
+        self.modem = Modem()
+        self.queue = MessageQueue()
+        self.counts = Counts()
+        self.ledger = ledger
+        self.settings = settings
+        self.received: list[tuple[int, bytes]] = []  # number of the network, message
+        self.session_s: float | None = None  # when a session has succeeded last
+        self.status: int | None = None  # of the last session
+        self._spent, self._tell = spent, tell
+        self._chance = random.Random(seed)  # noqa: S311 - it spreads calls, and guards nothing
+        self._bundle: Bundle | None = None  # under way
+        self._charge = 0
+        self._failures = 0
+        self._unclear = 0  # of these, in a row, such as may have cost something
+        self._next_s = 0.0
+        self._weak_s = _WEAK_S
+        self._measured_s: float | None = None
+        self._looked_s = 0.0
+        self._more_ashore = False
+        self._told_silent = False
+        self._told_spent_day = -1
+
+    # ------------------------------------------------------------------ bytes
+
+    def restart(self, now_s: float) -> None:
+        """Begin anew with a modem whose line was away."""
+        if self._bundle is not None:
+            self._end(Session(tried=True), now_s)
+        self.modem.restart()
+
+    def feed(self, data: bytes, now_s: float) -> None:
+        """Take bytes of the modem."""
+        self.modem.feed(data, now_s)
+        self._take_sessions(now_s)
+
+    def update(self, now_s: float, utc_s: float) -> bytes:
+        """Do what is due and return what is to be written to the modem."""
+        out = self.modem.update(now_s)
+        self._take_sessions(now_s)
+        self.ledger = self.ledger.at(utc_s, self._charge)
+        self._watch(now_s)
+        if not out and self.modem.ready and self._bundle is None and now_s >= self._next_s:
+            self._call(now_s)
+            out = self.modem.update(now_s)
+        return out
+
+    # ------------------------------------------------------------------ out
+
+    def _call(self, now_s: float) -> None:
+        bundle = self._due(now_s)
+        if bundle is None:
+            return
+        if self._measured_s is None or now_s - self._measured_s > _WEAK_S:
+            self._measured_s = now_s
+            self.modem.measure_signal(now_s)
+            return
+        signal = self.modem.signal
+        if signal is None or signal < self.settings.least_signal:
+            self._next_s = now_s + self._weak_s
+            self._weak_s = min(2.0 * self._weak_s, _WEAK_LONGEST_S)
+            self._measured_s = None
+            return
+        self._weak_s, self._measured_s = _WEAK_S, None
+        self._charge = self.settings.limits.cost(len(bundle.content))
+        self._bundle = bundle
+        self._keep(self.ledger.charged(self._charge))
+        self.counts.sessions += 1
+        self.modem.begin(bundle.content, now_s)
+
+    def _due(self, now_s: float) -> Bundle | None:
+        """Return what is to be sent now, an empty bundle for a look into the mailbox; None for nothing."""
+        limits, ledger = self.settings.limits, self.ledger
+        rooms = {kind: ledger.room(limits, kind) for kind in Kind}
+        bundle = self.queue.compose(lambda kind, size: limits.cost(size) <= rooms[kind])
+        if bundle.frames:
+            return bundle
+        if len(self.queue):
+            self._tell_spent(rooms)
+        mailbox_s = self.settings.mailbox_s
+        look = mailbox_s > 0.0 and now_s - self._looked_s >= mailbox_s
+        wanted = self.modem.ringing or self._more_ashore or look
+        return bundle if wanted and rooms[Kind.MAILBOX] >= 1 else None
+
+    def _tell_spent(self, rooms: Mapping[Kind, float]) -> None:
+        if rooms[Kind.REPORT] < 1 and self._told_spent_day != self.ledger.day:
+            self._told_spent_day = self.ledger.day
+            used = f"{self.ledger.day_used} today, {self.ledger.month_used} this month"
+            self._tell(Event(Severity.WARNING, f"Satellite credits used up: {used}"))
+
+    # ------------------------------------------------------------------ in
+
+    def _take_sessions(self, now_s: float) -> None:
+        while (session := self.modem.take_session()) is not None:
+            self._end(session, now_s)
+
+    def _end(self, session: Session, now_s: float) -> None:
+        bundle, self._bundle = self._bundle, None
+        charge, self._charge = self._charge, 0
+        ledger = self.ledger
+        if session.content is not None:
+            self.received.append((session.number, session.content))
+            self.counts.received += 1
+        elif session.damaged:
+            self.refuse("damaged on the line of the modem")
+        if session.length:
+            ledger = ledger.charged(self.settings.limits.cost(session.length))
+        if bundle is not None:
+            self.status = session.status
+            if session.sent:
+                self._succeed(bundle, now_s)
+                if not bundle.frames and session.length:
+                    ledger = ledger.charged(-charge)  # who gets a message pays for that alone
+            else:
+                unclear = session.tried and session.status in _UNCLEAR
+                self._unclear = self._unclear + 1 if unclear else 0
+                if not unclear:
+                    ledger = ledger.charged(-charge)
+                self._fail(session, now_s)
+        if session.sent:
+            self._more_ashore = session.queued > 0
+        self._keep(ledger)
+
+    def _succeed(self, bundle: Bundle, now_s: float) -> None:
+        self.queue.remove(bundle)
+        self.counts.sent += bool(bundle.frames)
+        self.counts.sent_bytes += len(bundle.content)
+        self.session_s = self._looked_s = now_s
+        self._failures = self._unclear = 0
+        self._next_s = now_s
+
+    def _fail(self, session: Session, now_s: float) -> None:
+        self.counts.failed += 1
+        if self._failures < len(_RETRY_S):
+            wait_s = self._chance.uniform(0.0, _RETRY_S[self._failures])
+        else:
+            later_s = min(_RETRY_LATER_S * 2.0 ** max(0, self._unclear - len(_RETRY_S)), _RETRY_LATEST_S)
+            wait_s = later_s * self._chance.uniform(0.8, 1.2)
+        self._next_s = now_s + max(wait_s, _REGISTERED_S if session.status == _TOO_EARLY else 0.0)
+        self._failures += 1
+
+    def refuse(self, reason: str) -> None:
+        """Count a message that changes nothing; the first of a kind is told."""
+        first = reason not in self.counts.refused
+        self.counts.refused[reason] = self.counts.refused.get(reason, 0) + 1
+        if first:
+            self._tell(Event(Severity.NOTICE, f"Satellite message refused: {reason}"))
+
+    # ------------------------------------------------------------------
+
+    def _keep(self, ledger: Ledger) -> None:
+        if ledger != self.ledger:
+            self.ledger = ledger
+            self._spent(ledger)
+
+    def _watch(self, now_s: float) -> None:
+        since_s = self.modem.failing_since_s
+        silent = since_s is not None and now_s - since_s > _SILENT_S
+        if silent != self._told_silent:
+            self._told_silent = silent
+            text = "Satellite modem does not answer" if silent else "Satellite modem answers again"
+            self._tell(Event(Severity.WARNING if silent else Severity.NOTICE, text))

@@ -1,0 +1,247 @@
+"""MAVLink by messages over a satellite: an Iridium modem on a serial line, with one correspondent ashore."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from firmware_py.common.calendar import is_possible
+from firmware_py.common.interfaces import ByteLine, Vault
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import Event, Severity
+from firmware_py.common.reports import SatelliteStatus
+from firmware_py.common.token_bucket import TokenBucket
+from firmware_py.link.satellite import framing
+from firmware_py.link.satellite.budget import Ledger, Limits
+from firmware_py.link.satellite.driver import SatelliteDriver, Settings
+from firmware_py.link.satellite.keyed import EPOCH_S, MARK, UNITS_HZ, Keyed, Window, open_keyed
+from firmware_py.link.satellite.record import KEPT_MESSAGES, Record, from_text, to_text
+from firmware_py.link.wire.framing import Splitter
+from firmware_py.link.wire.transport import Address, LinkUrl
+from firmware_py.link.wire.url_options import LinkClass
+
+_SHORE: Address = "shore"
+_BYTE_RATE = 30.0  # a session of 340 bytes takes ten seconds and more
+_HOUR_S, _DAY_S = 3600.0, 86400.0
+_AHEAD_S = _DAY_S  # a message may be written by a clock so much ahead of hers
+_TEXTS, _TEXTS_HZ = 6, 1.0 / 1800.0  # told at once, and in the long run
+_SAME_TEXT_S = 3600.0
+
+
+class SbdTransport:
+    """The correspondent ashore; fulfils transport.MessageTransport.
+
+    A message that is to count is handed on once it is on disk that it has: a power cut does not make it count twice.
+    """
+
+    datagrams = False
+    radio = True
+    exposed = True  # to whoever may send messages to the modem
+    byte_rate: float | None = _BYTE_RATE
+
+    def __init__(
+        self,
+        url: LinkUrl,
+        line: ByteLine,
+        vault: Vault,
+        utc_s: Callable[[], float],
+        tell: Callable[[Event], None],
+    ) -> None:
+        """Take the line of the modem, what keeps the record of the link, the clock, and what tells an event."""
+        self.name = url.text
+        self.options = replace(url.options, link_class=LinkClass.MESSAGES)
+        self._line, self._vault, self._utc_s, self._tell = line, vault, utc_s, tell
+        self._record = self._read_record()
+        self._driver = SatelliteDriver(self._record.ledger, _settings(ParameterSet()), self._keep_ledger, tell)
+        self._parameters: Callable[[], ParameterSet] = ParameterSet
+        self._code: Callable[[bytes], bytes | None] = lambda _covered: None
+        self._vouch: Callable[[bytes], None] = lambda _frame: None
+        self._importance = framing.Importance()
+        self._texts = TokenBucket(_TEXTS, _TEXTS_HZ)
+        self._told_s: dict[bytes, float] = {}
+        self._ready: list[tuple[bytes, bool]] = []  # frames that count, and whether the key vouches for them
+        self._wake_fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._openings = line.openings
+        self._now_s = 0.0
+
+    def attach(
+        self,
+        parameters: Callable[[], ParameterSet],
+        code: Callable[[bytes], bytes | None],
+        vouch: Callable[[bytes], None],
+    ) -> None:
+        """Take the parameters in force, what makes a code with the boat's key, and what lets a frame pass as signed."""
+        self._parameters, self._code, self._vouch = parameters, code, vouch
+
+    # ------------------------------------------------------------------ transport.Transport
+
+    def descriptors(self) -> Sequence[int]:
+        """Return the line's descriptor while it is there, and the one of messages that count by now."""
+        descriptor = self._line.fileno()
+        return (self._wake_fd,) if descriptor < 0 else (descriptor, self._wake_fd)
+
+    def receive(self, descriptor: int) -> Sequence[tuple[Address, bytes]]:
+        """Take what the modem says; return frames that have come and count."""
+        if descriptor == self._wake_fd:
+            with contextlib.suppress(BlockingIOError):
+                os.eventfd_read(self._wake_fd)
+            ready, self._ready = self._ready, []
+            for frame, vouched in ready:
+                if vouched:
+                    self._vouch(frame)
+            return [(_SHORE, frame) for frame, _ in ready]
+        self._driver.feed(self._line.read(), self._now_s)
+        self._go_on()
+        return ()
+
+    def send(self, address: Address, data: bytes) -> bool:  # noqa: ARG002 - it has one only
+        """Queue frames for the next session; True, since what it has no room for is counted there."""
+        for frame in framing.frames_of(data):
+            kind, shortest = self._importance.kind_of(frame), framing.shortest(frame)
+            if shortest is None:
+                continue
+            if framing.is_text(frame) and not self._may_tell(shortest):
+                self._driver.queue.dropped[kind] += 1
+            else:
+                self._driver.queue.offer(kind, shortest)
+        return True
+
+    def _may_tell(self, text: bytes) -> bool:
+        """Return whether a text is worth its price: not again soon, and not more than now and then."""
+        same, now_s = text[framing.TEXT_PLACE : -2], self._now_s
+        told_s = self._told_s.get(same)
+        if (told_s is not None and now_s - told_s < _SAME_TEXT_S) or not self._texts.spend_one(now_s):
+            return False
+        self._told_s = {text: at_s for text, at_s in self._told_s.items() if now_s - at_s < _SAME_TEXT_S}
+        self._told_s[same] = now_s
+        return True
+
+    def addresses(self) -> Sequence[Address]:
+        """Return the correspondent ashore."""
+        return (_SHORE,)
+
+    def guests(self) -> Sequence[Address]:
+        """Return nobody: nobody connects to a modem."""
+        return ()
+
+    def host(self, address: Address) -> Address:
+        """Return the correspondent itself."""
+        return address
+
+    def drop(self, address: Address) -> None:
+        """Do nothing: he is there for good."""
+
+    def poll(self, now_s: float) -> None:
+        """Let the dialogue with the modem go on."""
+        self._now_s = now_s
+        self._go_on()
+
+    def close(self) -> None:
+        """Give up the descriptor; the line belongs to whoever opened it."""
+        os.close(self._wake_fd)
+
+    # ------------------------------------------------------------------ satellite
+
+    def satellite_status(self, now_s: float) -> SatelliteStatus:
+        """Return how modem, sessions and budget fare."""
+        driver = self._driver
+        ledger, limits, counts = driver.ledger, driver.settings.limits, driver.counts
+        return SatelliteStatus(
+            imei=driver.modem.imei,
+            signal=driver.modem.signal,
+            waiting=len(driver.queue),
+            dropped=sum(driver.queue.dropped.values()),
+            sessions=counts.sessions,
+            failed=counts.failed,
+            last_status=driver.status,
+            session_age_s=None if driver.session_s is None else now_s - driver.session_s,
+            sent=counts.sent,
+            sent_bytes=counts.sent_bytes,
+            received=counts.received,
+            refused=dict(counts.refused),
+            day_credits=ledger.day_used,
+            day_limit=limits.day,
+            month_credits=ledger.month_used,
+            month_limit=limits.month,
+            total_credits=ledger.total,
+        )
+
+    def _go_on(self) -> None:
+        if self._line.openings != self._openings:
+            self._openings = self._line.openings
+            self._driver.restart(self._now_s)
+        self._driver.settings = _settings(self._parameters())
+        out = self._driver.update(self._now_s, self._utc_s())
+        if out:
+            self._line.write(out)
+        received, self._driver.received = self._driver.received, []
+        for number, content in received:
+            self._judge(number, content)
+
+    # ------------------------------------------------------------------ what has come
+
+    def _judge(self, number: int, content: bytes) -> None:
+        """Hand on the frames of a message, once it is kept that it has counted; refuse it otherwise."""
+        if content[:1] == bytes((MARK,)):
+            opened = open_keyed(content, self._driver.modem.imei, self._code)
+            if isinstance(opened, str):
+                self._driver.refuse(opened)
+            elif problem := self._problem_of(opened):
+                self._driver.refuse(problem)
+            else:
+                self._keep(replace(self._record, window=self._record.window.with_number(opened.number)))
+                self._hand_on([(opened.frame, True)])
+            return
+        frames = [(frame.data, False) for frame in Splitter().feed(content, 0.0)]
+        check = (number, zlib.crc32(content))
+        if not frames:
+            self._driver.refuse("no whole frame")
+        elif check in self._record.seen:
+            self._driver.refuse("came before")
+        else:
+            self._keep(replace(self._record, seen=(*self._record.seen, check)[-KEPT_MESSAGES:]))
+            self._hand_on(frames)
+
+    def _problem_of(self, opened: Keyed) -> str:
+        age_s, oldest_s = opened.age_s(self._utc_s()), self._parameters()["SBD_MT_DAYS"] * _DAY_S
+        if not self._record.window.admits(opened.number):
+            return "came before"
+        if is_possible(self._utc_s()) and not -_AHEAD_S <= age_s <= oldest_s:
+            return "too old" if age_s > 0.0 else "written in the future"
+        return ""
+
+    def _hand_on(self, frames: Sequence[tuple[bytes, bool]]) -> None:
+        def stored(_well: bool) -> None:  # noqa: FBT001 - the vault's callback; a disk that fails must not make her deaf
+            self._ready += frames
+            os.eventfd_write(self._wake_fd, 1)
+
+        self._vault.when_stored(stored)
+
+    # ------------------------------------------------------------------ the record
+
+    def _keep(self, record: Record) -> None:
+        self._record = record
+        self._vault.save(to_text(record))
+
+    def _keep_ledger(self, ledger: Ledger) -> None:
+        self._keep(replace(self._record, ledger=ledger))
+
+    def _read_record(self) -> Record:
+        """Return what earlier runs have kept; where that is lost, nothing that was written before now counts."""
+        stored = self._vault.load()
+        if stored.content:
+            try:
+                return from_text(stored.content)
+            except ValueError as error:
+                self._tell(Event(Severity.WARNING, f"Satellite record begun anew: {error}"))
+        elif not stored.damage:
+            return Record()
+        return Record(window=Window(max(0, int((self._utc_s() - EPOCH_S) * UNITS_HZ))))
+
+
+def _settings(parameters: ParameterSet) -> Settings:
+    limits = Limits(int(parameters["SBD_DAY_CRED"]), int(parameters["SBD_MONTH_CRED"]), int(parameters["SBD_CREDIT_B"]))
+    return Settings(limits, int(parameters["SBD_CSQ_MIN"]), parameters["SBD_CHECK_H"] * _HOUR_S)

@@ -1,0 +1,126 @@
+"""The far side of an Iridium modem: a sky that is better or worse, a gateway with its queue, and the bill."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+CREDIT_BYTES: Final = 50
+NO_SERVICE, BUSY, TIMED_OUT, DROPPED, TOO_SOON = 32, 35, 17, 18, 36
+NOT_COMPLETED = 13
+_FAILURES = (NO_SERVICE, DROPPED, TIMED_OUT, BUSY, TOO_SOON, NOT_COMPLETED)
+
+
+def clear_sky(_now_s: float) -> int:
+    """Return five bars."""
+    return 5
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a session goes: how long it takes, what the modem is told, and the message for the boat, if any."""
+
+    duration_s: float
+    status: int
+    counted: bool  # the modem counts its message on
+    message: tuple[int, bytes] | None
+    waiting: int
+
+
+@dataclass(slots=True)
+class Bill:
+    """What the provider asks for: whole credits for each message either way, one for a look at an empty mailbox."""
+
+    from_boat: int = 0
+    to_boat: int = 0
+    looks: int = 0
+
+    @property
+    def total(self) -> int:
+        """All credits."""
+        return self.from_boat + self.to_boat + self.looks
+
+
+class IridiumNetwork:
+    """Hands messages over, sometimes; every chance is drawn from the numbers given.
+
+    `failed` is the part of sessions that fail; `lost_answers` the part of those with a message that arrives although
+    the modem is told that it did not. `signal` gives the bars at a time, `lost_rings` is the part of alerts that nobody
+    hears.
+    """
+
+    def __init__(
+        self,
+        numbers: np.random.Generator,
+        *,
+        failed: float = 0.0,
+        lost_answers: float = 0.0,
+        lost_rings: float = 0.0,
+        duration_s: tuple[float, float] = (6.0, 25.0),
+        signal: Callable[[float], int] = clear_sky,
+    ) -> None:
+        """Start with nothing in either direction."""
+        self.failed = failed
+        self.signal = signal
+        self.bill = Bill()
+        self.delivered: deque[tuple[float, int, bytes]] = (
+            deque()
+        )  # time, number of the modem, message: for who takes it
+        self.attempts = 0
+        self._numbers = numbers
+        self._lost_answers, self._lost_rings = lost_answers, lost_rings
+        self._duration_s = duration_s
+        self._queue: deque[tuple[int, bytes]] = deque()
+        self._number = int(numbers.integers(0, 65536))
+        self._rings = 0
+
+    def send(self, message: bytes) -> None:
+        """Queue a message to the boat; ValueError for one that no modem takes."""
+        if not 1 <= len(message) <= 270:
+            raise ValueError(f"a message to the boat has 1 to 270 bytes, not {len(message)}")
+        self._number = (self._number + 1) & 0xFFFF
+        self._queue.append((self._number, message))
+        self._rings += 1
+
+    @property
+    def waiting(self) -> int:
+        """Messages for the boat."""
+        return len(self._queue)
+
+    def take_ring(self, now_s: float) -> bool:
+        """Return whether the modem hears an alert now; one that it has no signal for is gone."""
+        if not self._rings:
+            return False
+        self._rings -= 1
+        return self.signal(now_s) > 0 and float(self._numbers.random()) >= self._lost_rings
+
+    def session(self, now_s: float, number: int, message: bytes) -> Outcome:
+        """Carry out a session with what the modem holds, an empty message for none."""
+        self.attempts += 1
+        duration_s = float(self._numbers.uniform(*self._duration_s))
+        chance, lot = float(self._numbers.random()), float(self._numbers.random())
+        if self.signal(now_s) == 0:
+            return Outcome(duration_s, NO_SERVICE, counted=False, message=None, waiting=0)
+        if chance < self.failed:
+            if message and lot < self._lost_answers:
+                self._take(now_s, number, message)
+                return Outcome(duration_s, NOT_COMPLETED, counted=False, message=None, waiting=0)
+            status = _FAILURES[int(self._numbers.integers(0, len(_FAILURES)))]
+            return Outcome(duration_s, status, counted=False, message=None, waiting=0)
+        if message:
+            self._take(now_s, number, message)
+        handed = self._queue.popleft() if self._queue else None
+        if handed is not None:
+            self.bill.to_boat += math.ceil(len(handed[1]) / CREDIT_BYTES)
+        elif not message:
+            self.bill.looks += 1
+        return Outcome(duration_s, 0, counted=True, message=handed, waiting=len(self._queue))
+
+    def _take(self, now_s: float, number: int, message: bytes) -> None:
+        self.delivered.append((now_s, number, message))
+        self.bill.from_boat += math.ceil(len(message) / CREDIT_BYTES)
