@@ -14,7 +14,7 @@ from hil.report.text import figures_text
 from hil.sim import run_directory, run_file, runner
 from hil.sim.goals import Goal, GoalError, parse_goals
 from hil.sim.ground_station import GUIDED, MODE_NAMES
-from hil.sim.runner import RunOptions
+from hil.sim.logbook import RunOptions
 from hil.sim.signals import interruptible
 from hil.sim.vehicle_file import parse_settings
 

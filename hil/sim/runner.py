@@ -8,61 +8,35 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-from firmware_py.vehicle import Vehicle
 from hil.devices.emulator import Emulator
 from hil.devices.pty_line import PtyLine
 from hil.devices.vedirect import VeDirectEmulator
-from hil.errors import HilError, UsageError
+from hil.errors import HilError
 from hil.ship import extras_table
 from hil.ship.power_plant import PowerPlant
 from hil.ship.power_plant import figures as power_figures
-from hil.ship.scenarios import Scenario, rows_of
-from hil.sim import run_file
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
 from hil.sim.display import Banner, Display, make_display
-from hil.sim.goals import Goal
-from hil.sim.ground_station import GUIDED, GroundStation
+from hil.sim.ground_station import GroundStation
 from hil.sim.lockstep import LockstepError, LockstepServer
+from hil.sim.logbook import Logbook, RunOptions, put_to_sea
 from hil.sim.pace import Pacer
 from hil.sim.process import AutopilotProcess
 from hil.sim.realtime import RealTimeServer
-from hil.sim.run_directory import FIRMWARE_LOG, STATE, TRUTH_FILE, VEHICLE_NAME, copy_state, prepare_directory
-from hil.sim.run_file import FINISHED, OrderRecord, RunFile
+from hil.sim.run_directory import FIRMWARE_LOG, STATE, VEHICLE_NAME
+from hil.sim.run_file import OrderRecord
 from hil.sim.signals import interruptible, stopped_by_signal
 from hil.sim.truth import TruthFile
-from hil.sim.vehicle_file import file_text, model_of, mounting_of, standard_vehicle
-from hil.sim.world import START_UTC_S, World, columns_beside
+from hil.sim.vehicle_file import file_text
+from hil.sim.world import START_UTC_S
 
 END_S = 15.0  # the rudder goes amidships, the log is written out
 LOOK_S = 0.03  # in real time: a pause this long means that tick and servo exchange are over, and there is time to draw
 JUDGE_S = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class RunOptions:
-    """What is run; `speed` is None in real time, infinity for as fast as it goes."""
-
-    scenario: Scenario
-    seconds: float
-    out: Path
-    speed: float | None = math.inf
-    seed: int = 1
-    goals: tuple[Goal, ...] = ()
-    vehicle: Vehicle = field(default_factory=standard_vehicle)
-    settings: dict[str, float] = field(default_factory=dict)
-    links: tuple[str, ...] = ()
-    mode: int = GUIDED
-    state: Path | None = None  # what the autopilot is to remember of earlier runs: a directory that is copied
-    play: bool = False  # until somebody ends it, and nothing that people do is a failure
-
-    @property
-    def lockstep(self) -> bool:
-        """Whether the HIL is the autopilot's clock."""
-        return self.speed is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,98 +52,41 @@ def run(options: RunOptions) -> Run:
 
     truth.csv is written as the run goes, run.json at its start and, however it ends, at its end.
     """
-    prepare_directory(options.out)
-    if options.state is not None:
-        copy_state(options.state, options.out)
     # Beside a computer whose clock goes on, a receiver of another year would be at fault.
-    record = _record(options, START_UTC_S if options.lockstep else time.time())
-    record.write(options.out)
-    truth = TruthFile(options.out / TRUTH_FILE, columns_beside(options.scenario))
-    try:
-        _make(options, truth, record)
-    finally:
-        truth.close()
-    return Run(options.out, truth)
+    with put_to_sea(options, START_UTC_S if options.lockstep else time.time()) as book:
+        station = GroundStation(options.goals, options.mode, shared=options.play or bool(options.links))
+        station.silent = options.play and not station.orders  # who plays is alone with her
+        devices: dict[str, Emulator] = {**emulators(book.world, options.vehicle, options.seed), "link": station}
+        try:
+            _make(options, book, station, devices)
+        finally:
+            power = devices.get("power") or devices.get("power_b")
+            plant = power.plant if isinstance(power, VeDirectEmulator) else None
+            book.supply = power_figures(plant) if isinstance(plant, PowerPlant) else None
+            book.orders = tuple(
+                OrderRecord(one.text, None if one.goal is None else one.goal.t_s, one.first_sent_s, one.accepted_s)
+                for one in station.orders
+            )
+    return Run(options.out, book.truth)
 
 
-def _record(options: RunOptions, start_utc_s: float) -> RunFile:
-    scenario, vehicle = options.scenario, options.vehicle
-    names = extras_table.names_of(scenario.extras)
-    return RunFile(
-        command=("rambler-hil", *sys.argv[1:]),
-        begun=run_file.now_text(),
-        title=f"{scenario.name}: {scenario.text}" + (f"; {', '.join(names)}" if names else ""),
-        scenario=scenario.name,
-        extras=extras_table.text_of(scenario.extras),
-        sea=tuple(rows_of(scenario)),
-        seed=options.seed,
-        seconds=options.seconds,
-        compass=vehicle.compass.driver,
-        servo=vehicle.rudder.driver,
-        settings={**vehicle.parameters, **options.settings},
-        lockstep=options.lockstep,
-        start_utc_s=start_utc_s,
-        versions=run_file.versions(),
-    )
-
-
-def _make(options: RunOptions, truth: TruthFile, record: RunFile) -> None:
-    try:
-        world = World(
-            options.scenario,
-            options.seed,
-            options.goals,
-            end_s=options.seconds,
-            model=model_of(options.vehicle),
-            mounting=mounting_of(options.vehicle),
-            truth=truth,
-            start_utc_s=record.start_utc_s,
-        )
-    except ValueError as error:
-        raise UsageError(f"the vehicle file describes no ship: {error}") from None
-    station = GroundStation(options.goals, options.mode, shared=options.play or bool(options.links))
-    station.silent = options.play and not station.orders  # who plays is alone with her
-    devices: dict[str, Emulator] = {**emulators(world, options.vehicle, options.seed), "link": station}
+def _make(options: RunOptions, book: Logbook, station: GroundStation, devices: dict[str, Emulator]) -> None:
     send = PtyLine.deliver if options.lockstep else PtyLine.write
-    ending = FINISHED
-    begun_s = time.monotonic()
-    wall_s: float | None = None
-    try:
-        with (
-            interruptible(),
-            tempfile.TemporaryDirectory(prefix="rambler-") as directory,
-            Board(world, devices, Path(directory), send) as board,
-        ):
-            wall_s = _Run(options, board, station, Path(directory)).make()
-        if not options.play:
-            _judge(station, options.out)
-    except BaseException as error:
-        ending = _ending(error, truth.end_s)
-        wall_s = wall_s or time.monotonic() - begun_s
-        raise
-    finally:
-        power = devices.get("power") or devices.get("power_b")
-        plant = power.plant if isinstance(power, VeDirectEmulator) else None
-        supply = power_figures(plant) if isinstance(plant, PowerPlant) else None
-        orders = tuple(
-            OrderRecord(one.text, None if one.goal is None else one.goal.t_s, one.first_sent_s, one.accepted_s)
-            for one in station.orders
-        )
-        seconds = truth.end_s if options.play else options.seconds
-        replace(record, ending=ending, orders=orders, wall_s=wall_s, supply=supply, seconds=seconds).write(options.out)
-        if station.gave_way:
-            print(f"rambler-hil: {station.gave_way}", file=sys.stderr)
+    with (
+        interruptible(),
+        tempfile.TemporaryDirectory(prefix="rambler-") as directory,
+        Board(book.world, devices, Path(directory), send) as board,
+    ):
+        book.wall_s = _Run(options, board, station, Path(directory)).make()
+    if station.gave_way:
+        print(f"rambler-hil: {station.gave_way}", file=sys.stderr)
+    if not options.play:
+        _judge(station, options.out)
 
 
 def _judge(station: GroundStation, out: Path) -> None:
     if complaint := station.verdict():
         raise HilError(f"{complaint}; see {out / FIRMWARE_LOG}")
-
-
-def _ending(error: BaseException, end_s: float) -> str:
-    if isinstance(error, KeyboardInterrupt):
-        return f"interrupted after {end_s:.0f} s"
-    return str(error) if isinstance(error, HilError) else f"{type(error).__name__}: {error}"
 
 
 class _Run:

@@ -7,7 +7,8 @@ import pytest
 from hil.report.figure_file import entry
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
-from hil.sim.runner import RunOptions, run
+from hil.sim.logbook import RunOptions
+from hil.sim.runner import run
 from support.harness import rambler_hil
 
 LOG = "state/logs/00000001.BIN"

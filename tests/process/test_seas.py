@@ -11,7 +11,8 @@ from hil.lab.compare.voyages import OURS, Task, compare
 from hil.report.figure_file import key_of
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
-from hil.sim.runner import RunOptions, run
+from hil.sim.logbook import RunOptions
+from hil.sim.runner import run
 from hil.sim.vehicle_file import standard_vehicle
 from support.harness import replay
 

@@ -14,7 +14,8 @@ from hil.report.figure_file import entry, key_of
 from hil.report.figures import rudder_travel_deg_per_h
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
-from hil.sim.runner import RunOptions, run
+from hil.sim.logbook import RunOptions
+from hil.sim.runner import run
 from support.harness import rambler_hil
 
 SECONDS = 200

@@ -11,7 +11,8 @@ from hil.lab.twin import loop, sailing
 from hil.lab.twin.sea import sea_of as drawn
 from hil.ship.scenarios import TABLE, sea_of
 from hil.sim.goals import parse_goals
-from hil.sim.runner import RunOptions, run
+from hil.sim.logbook import RunOptions
+from hil.sim.runner import run
 from support import voyage
 
 pytestmark = pytest.mark.timeout(600)  # the twin is compiled first: half a minute of one processor

@@ -101,7 +101,8 @@ def truth_of(task: Task, scenario_name: str, controller: Controller, seed: int) 
         from hil.lab.compare import pid  # noqa: PLC0415 - compiles, which the other rows need not wait for
 
         return pid.sail(scenario, seed, task.goals, task.seconds, OCEAN_RAMBLER, pid.TUNED)
-    from hil.sim.runner import RunOptions, run  # noqa: PLC0415 - not needed by the twin
+    from hil.sim.logbook import RunOptions  # noqa: PLC0415 - not needed by the twin
+    from hil.sim.runner import run  # noqa: PLC0415 - likewise
 
     with tempfile.TemporaryDirectory(prefix="rambler-compare-") as directory:
         options = RunOptions(

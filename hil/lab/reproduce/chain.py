@@ -23,7 +23,7 @@ from hil.lab.tune.trials import FIXED_GAINS, Setting, Trials
 from hil.report.figures import GoalFigures, goal_figures, goal_spans
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
-from hil.sim.runner import RunOptions
+from hil.sim.logbook import RunOptions
 from hil.sim.runner import run as sail_autopilot
 from hil.sim.truth import Truth
 

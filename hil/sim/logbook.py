@@ -1,0 +1,130 @@
+"""A boat put to sea: what was asked for, its world, and what is written down of how it went and ended."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from firmware_py.vehicle import Vehicle
+from hil.errors import HilError, UsageError
+from hil.ship import extras_table
+from hil.ship.scenarios import Scenario, rows_of
+from hil.sim import run_file
+from hil.sim.goals import Goal
+from hil.sim.ground_station import GUIDED
+from hil.sim.run_directory import TRUTH_FILE, copy_state, prepare_directory
+from hil.sim.run_file import FINISHED, OrderRecord, RunFile
+from hil.sim.truth import TruthFile
+from hil.sim.vehicle_file import model_of, mounting_of, standard_vehicle
+from hil.sim.world import World, columns_beside
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """What is run; `speed` is None in real time, infinity for as fast as it goes."""
+
+    scenario: Scenario
+    seconds: float
+    out: Path
+    speed: float | None = math.inf
+    seed: int = 1
+    goals: tuple[Goal, ...] = ()
+    vehicle: Vehicle = field(default_factory=standard_vehicle)
+    settings: dict[str, float] = field(default_factory=dict)
+    links: tuple[str, ...] = ()
+    mode: int = GUIDED
+    state: Path | None = None  # what the autopilot is to remember of earlier runs: a directory that is copied
+    play: bool = False  # until somebody ends it, and nothing that people do is a failure
+
+    @property
+    def lockstep(self) -> bool:
+        """Whether the HIL is the autopilot's clock."""
+        return self.speed is not None
+
+
+@dataclass(slots=True)
+class Logbook:
+    """A boat at sea and what is to be written of it at the end; `wall_s` is what it took, the start left out."""
+
+    world: World
+    truth: TruthFile
+    wall_s: float | None = None
+    orders: tuple[OrderRecord, ...] = ()
+    supply: dict[str, float] | None = None
+
+
+@contextmanager
+def put_to_sea(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
+    """Begin a run's directory and its world, and write down how it ended; HilError when that cannot be."""
+    prepare_directory(options.out)
+    if options.state is not None:
+        copy_state(options.state, options.out)
+    record = _record(options, start_utc_s)
+    record.write(options.out)
+    truth = TruthFile(options.out / TRUTH_FILE, columns_beside(options.scenario))
+    ending, begun_s = FINISHED, time.monotonic()
+    book: Logbook | None = None
+    try:
+        book = Logbook(_world(options, truth, start_utc_s), truth)
+        yield book
+    except BaseException as error:
+        ending = _ending(error, truth.end_s)
+        raise
+    finally:
+        truth.close()
+        replace(
+            record,
+            ending=ending,
+            seconds=truth.end_s if options.play else options.seconds,
+            wall_s=(book.wall_s if book else None) or time.monotonic() - begun_s,
+            orders=book.orders if book else (),
+            supply=book.supply if book else None,
+        ).write(options.out)
+
+
+def _world(options: RunOptions, truth: TruthFile, start_utc_s: float) -> World:
+    try:
+        return World(
+            options.scenario,
+            options.seed,
+            options.goals,
+            end_s=options.seconds,
+            model=model_of(options.vehicle),
+            mounting=mounting_of(options.vehicle),
+            truth=truth,
+            start_utc_s=start_utc_s,
+        )
+    except ValueError as error:
+        raise UsageError(f"the vehicle file describes no ship: {error}") from None
+
+
+def _record(options: RunOptions, start_utc_s: float) -> RunFile:
+    scenario, vehicle = options.scenario, options.vehicle
+    names = extras_table.names_of(scenario.extras)
+    return RunFile(
+        command=("rambler-hil", *sys.argv[1:]),
+        begun=run_file.now_text(),
+        title=f"{scenario.name}: {scenario.text}" + (f"; {', '.join(names)}" if names else ""),
+        scenario=scenario.name,
+        extras=extras_table.text_of(scenario.extras),
+        sea=tuple(rows_of(scenario)),
+        seed=options.seed,
+        seconds=options.seconds,
+        compass=vehicle.compass.driver,
+        servo=vehicle.rudder.driver,
+        settings={**vehicle.parameters, **options.settings},
+        lockstep=options.lockstep,
+        start_utc_s=start_utc_s,
+        versions=run_file.versions(),
+    )
+
+
+def _ending(error: BaseException, end_s: float) -> str:
+    if isinstance(error, KeyboardInterrupt):
+        return f"interrupted after {end_s:.0f} s"
+    return str(error) if isinstance(error, HilError) else f"{type(error).__name__}: {error}"
