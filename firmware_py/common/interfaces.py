@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from firmware_py.common.intents import Answer, Request
+from firmware_py.common.link_status import LinkStatus
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, Plans
 from firmware_py.common.records import (
@@ -24,7 +25,7 @@ from firmware_py.common.records import (
     RudderFeedback,
     Stored,
 )
-from firmware_py.common.reports import LinkStatus, Output, SwingReport
+from firmware_py.common.reports import Output, SwingReport
 
 
 class ByteLine(Protocol):

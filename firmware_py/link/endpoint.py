@@ -6,8 +6,9 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from firmware_py.common.interfaces import Calibrator, RequestHandler, Vault
+from firmware_py.common.link_status import LinkStatus
 from firmware_py.common.records import Event, Progress, Severity, Stored
-from firmware_py.common.reports import LinkStatus, Output, Snapshot
+from firmware_py.common.reports import Output, Snapshot
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.context import Handler, LinkContext, Suppliers

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from firmware_py.common.reports import PeerStatus
+from firmware_py.common.link_status import PeerStatus
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.telemetry.statustext import TextLimiter
 from firmware_py.link.telemetry.streams import Streams

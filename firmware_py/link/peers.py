@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Protocol, TypeAlias
 
-from firmware_py.common.reports import LinkStatus
+from firmware_py.common.link_status import LinkStatus
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.peer import Peer, usual_class
 from firmware_py.link.security.access import Admitted, Gate, Standing

@@ -10,8 +10,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from firmware_py.common.angles import compass_degrees, degrees
+from firmware_py.common.link_status import LinkStatus
 from firmware_py.common.records import CalibrationState, DeviceHealth, DeviceRole
-from firmware_py.common.reports import LinkStatus, Output, Snapshot, SwingReport
+from firmware_py.common.reports import Output, Snapshot, SwingReport
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import TABLE as FAULTS
 from firmware_py.system.readings import Values, device_values, position_values, rounded, rudder_values

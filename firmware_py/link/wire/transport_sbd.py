@@ -10,9 +10,9 @@ from dataclasses import replace
 
 from firmware_py.common.calendar import is_possible
 from firmware_py.common.interfaces import ByteLine, Vault
+from firmware_py.common.link_status import SatelliteStatus
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, Severity
-from firmware_py.common.reports import SatelliteStatus
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.satellite import framing
 from firmware_py.link.satellite.budget import Ledger, Limits

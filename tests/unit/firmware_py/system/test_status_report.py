@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import pytest
 
+from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Tick
-from firmware_py.common.reports import Energy, Flow, LinkStatus, PeerStatus, Power, SwingReport
+from firmware_py.common.reports import Energy, Flow, Power, SwingReport
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
