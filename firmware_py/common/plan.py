@@ -173,3 +173,8 @@ def from_text(text: str) -> tuple[Plan, tuple[str, ...]]:
     """Read a stored plan, and what is to be said of it; ValueError for anything else, or a wrong checksum."""
     stored, notes = _CODEC.read(text)
     return stored.plan, notes
+
+
+def from_record(data: Any) -> Plan:
+    """Read a plan as a state in a log carries it; ValueError for anything else."""
+    return _plan_from_record(data, Spot("plan", {}))

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 from pathlib import Path
 
 from hil.cli import outputs
-from hil.errors import UsageError
 from hil.report import field_page, run_page
 from hil.report.text import figures_text
 from hil.sim import run_directory, run_file
@@ -30,10 +28,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the page and say where it is."""
-    if importlib.util.find_spec("matplotlib") is None:
-        raise UsageError(
-            "matplotlib is not installed; pip install 'rambler-autopilot[hil]', or take the logs where it is"
-        )
     first = arguments.places[0]
     if arguments.out is None and len(arguments.places) == 1 and (first / run_file.NAME).exists():
         with run_directory.held(first):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -18,12 +18,16 @@ import numpy as np
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.parameter_table import TABLE
+from firmware_py.common.plan import Plan
+from firmware_py.common.reports import Activity
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.open_file import open_buffer
 from hil.errors import UsageError
 from hil.report.log_records import Gathered, LogFile
 from hil.sim.truth import Array, Truth
 
+_LINE: Final = Activity.LINE.value
+_ANY_FAULTS: Final = float(1 << 63)
 HELD_S = 60.0  # a goal that stands so long is judged as one
 _DEFAULTS: Final = {row.name: row.default for row in TABLE}
 
@@ -45,6 +49,8 @@ class Stretch:
 class FieldLog:
     """What logs hold; `goal_held_rad` is the goal where it stood for HELD_S, NaN else; `texts`: time, severity, text.
 
+    `more` holds columns beside the truth by the names of the page's model, in its units, NaN where nothing was logged
+    at a tick. `plans` and `home` (degrees) are the newest, north and east count from `origin`.
     `late_us` are percentiles by name; `utc_s` is the calendar's time of time 0, None when no fix has told it, `start_s`
     that of the process.
     """
@@ -62,11 +68,18 @@ class FieldLog:
     late_us: Mapping[str, float]
     steering_wh: float
     notes: tuple[str, ...]
+    more: Mapping[str, Array] = field(default_factory=dict)
+    plans: Mapping[str, Plan] = field(default_factory=dict)
+    home: tuple[float, float] | None = None
+    origin: tuple[float, float] | None = None
 
 
-def read(paths: Sequence[Path]) -> FieldLog:
-    """Read logs in their order; UsageError names the one that cannot be read, or that none holds a tick."""
-    got = Gathered()
+def read(paths: Sequence[Path], *, every: int = 1) -> FieldLog:
+    """Read logs in their order, a row for one tick of each `every`.
+
+    UsageError names the one that cannot be read, or that none holds a tick.
+    """
+    got = Gathered(every=every)
     for path in paths:
         try:
             with open_buffer(path) as data:
@@ -90,9 +103,10 @@ def _made(got: Gathered) -> FieldLog:
     rudder = np.where(np.isnan(columns["rudder"]), columns["command"], columns["rudder"])
     north_m, east_m, speed_m_s = _track(got.fixes, time_s)
     truth = Truth(
-        time_s, hull, hull + _wrapped(heading - hull), _filled(columns["yaw_rate"]), _filled(rudder),
+        time_s, hull, _beside(hull, columns["compass"], heading), _filled(columns["yaw_rate"]), _filled(rudder),
         _filled(columns["command"]), goal, north_m, east_m, speed_m_s,
     )  # fmt: skip
+    first = (math.degrees(got.fixes["lat"][0]), math.degrees(got.fixes["lng"][0])) if got.fixes["t"] else None
     late_us = np.asarray(got.late_s) * 1e6
     late_us = late_us[np.isfinite(late_us)]
     percentiles = {"p50": 50.0, "p99": 99.0, "max": 100.0}
@@ -105,14 +119,41 @@ def _made(got: Gathered) -> FieldLog:
         software=got.software,
         utc_s=got.utc_s,
         start_s=got.start_s,
-        ticks=time_s.size,
+        ticks=got.ticks,
         skipped=got.skipped,
         late_us={name: float(np.percentile(late_us, part)) for name, part in percentiles.items()}
         if late_us.size
         else {},
         steering_wh=got.steering_j / 3600.0,
         notes=tuple(got.notes),
+        more=_more(columns),
+        plans=got.orders.plans,
+        home=got.orders.home or first,
+        origin=first,
     )
+
+
+def _more(columns: Mapping[str, Array]) -> dict[str, Array]:
+    faults = columns["faults"]
+    counts = np.array([float(int(mask).bit_count()) if 0.0 <= mask < _ANY_FAULTS else math.nan for mask in faults])
+    return {
+        "ground_m_s": columns["ground"],
+        "water_m_s": columns["water"],
+        "current_m_s": np.hypot(columns["current_north"], columns["current_east"]),
+        "goal_deg": np.degrees(columns["goal"]),
+        "error_deg": -np.degrees(columns["error"]),
+        "cross_track_m": np.where(columns["activity"] == _LINE, columns["cross_track"], math.nan),
+        "fence_margin_m": columns["fence_margin"],
+        "wave_period_s": columns["wave_period"],
+        "wave_sd_deg": np.degrees(columns["wave_sd"]),
+        "battery_v": columns["battery_v"],
+        "charge_percent": columns["charge"] * 100.0,
+        "servo_w": columns["servo_w"],
+        "solar_w": columns["solar_w"],
+        "load_w": columns["load_w"],
+        "item": columns["item"],
+        "faults": counts,
+    }
 
 
 def _is_set(name: str, value: float) -> bool:
@@ -126,6 +167,14 @@ def _filled(values: Array) -> Array:
         return np.zeros_like(values)
     place = np.searchsorted(known, np.arange(values.size), side="right") - 1
     return np.asarray(np.where(place < 0, values[known[0]], values[known[np.maximum(place, 0)]]))
+
+
+def _beside(hull_rad: Array, compass_rad: Array, heading_rad: Array) -> Array:
+    """Return what the compass says beside the hull's heading, the mean difference taken off."""
+    compass_rad = _filled(np.where(np.isfinite(compass_rad), compass_rad, heading_rad))
+    off_rad = _wrapped(compass_rad - hull_rad)
+    mean_rad = math.atan2(float(np.mean(np.sin(off_rad))), float(np.mean(np.cos(off_rad))))
+    return hull_rad + _wrapped(off_rad - mean_rad)
 
 
 def _wrapped(angle_rad: Array) -> Array:

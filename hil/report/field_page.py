@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import datetime as dt
 import math
-import tempfile
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
 from firmware_py.log.disk import THIN, log_files
+from firmware_py.view.document import PLOTS
 from hil.errors import UsageError
 from hil.report import field_log, page, thin_log
 from hil.report.field_log import FieldLog
 from hil.report.figures import goal_figures
 from hil.report.run_page import NOTE
 from hil.report.text import COLUMNS, goal_cells
+from hil.report.voyages import days_voyage, field_voyage
 from hil.sim.ground_station import MODE_NAMES
 from hil.sim.truth import PIECE_ROWS, Truth
 
@@ -24,9 +26,9 @@ NEWEST = 3  # full logs of a state directory that are shown, with all of its thi
 TEXTS_SHOWN, GOALS_SHOWN, STRETCHES_SHOWN = 200, 40, 60
 FIELD_NOTE = (
     "The heading is the boat's own estimate, without the yaw of the waves: a compass that is off is off here, too. A "
-    "goal that stood for a minute is judged as one."
+    "goal that stood for a minute is judged as one. The line of the compass is moved onto the heading by what the two "
+    "differ in the mean."
 )
-SEVERE = 4  # MAV_SEVERITY_WARNING and graver stand out
 
 
 def logs_of(places: Sequence[Path]) -> tuple[list[Path], list[Path], list[str]]:
@@ -59,35 +61,25 @@ def write(places: Sequence[Path], target: Path) -> None:
     full, thin, notes = logs_of(places)
     parts: list[str] = []
     title = ", ".join(str(place) for place in places)
-    with tempfile.TemporaryDirectory() as folder:
-        picture = Path(folder) / "picture.png"
-        if full:
-            parts += _full_parts(field_log.read(full), picture, notes)
-        if thin and (table := thin_log.read(thin)).rows:
-            thin_log.draw(table, "From the thin log, a row a minute", picture)
-            parts += [
-                page.heading("Day by day"),
-                page.image(picture.read_bytes(), "error, rudder travel, power, faults, waves and track over days"),
-                page.table(thin_log.days(table)),
-            ]
+    if full:
+        parts += _full_parts(field_log.read(full), full, notes)
+    if thin and (table := thin_log.read(thin)).rows:
+        parts += [page.heading("Day by day"), *page.voyage(days_voyage(table)), page.table(thin_log.days(table))]
     if not parts:
         raise UsageError(f"{title}: nothing in it to be shown")
     try:
-        target.write_text(page.page(title, parts), encoding="utf-8")
+        target.write_text(page.page(title, parts, PLOTS), encoding="utf-8")
     except OSError as error:
         raise UsageError(f"--out {target} cannot be written: {error.strerror}; give another") from None
 
 
-def _full_parts(log: FieldLog, picture: Path, notes: Sequence[str]) -> Iterator[str]:
-    from hil.report.run_picture import draw, thinned  # noqa: PLC0415 - matplotlib is slow to import
-
+def _full_parts(log: FieldLog, paths: Sequence[Path], notes: Sequence[str]) -> Iterator[str]:
     truth = log.truth
     goals = goal_figures(_pieces(replace(truth, goal_rad=log.goal_held_rad)))
-    begin = "" if log.utc_s is None else f"{_calendar(log.utc_s + float(truth.time_s[0]))}, "
+    begin = "" if log.utc_s is None else f"{_calendar(log.utc_s + float(truth.time_s[0]))} UTC, "
     hours = float(truth.time_s[-1] - truth.time_s[0]) / 3600.0
-    draw(thinned(_pieces(truth), truth.time_s.size), goals[:GOALS_SHOWN], f"{begin}{hours:.2f} h", picture)
     yield page.paragraph(f"{begin}{hours:.2f} h; {log.software or 'software unknown'}", "lead")
-    yield page.image(picture.read_bytes(), "heading, error, yaw rate, rudder and track")
+    yield from page.voyage(field_voyage(log))
     yield page.heading("Figures")
     if goals:
         yield page.table([COLUMNS, *(goal_cells(asdict(goal)) for goal in goals[:GOALS_SHOWN])])
@@ -106,12 +98,9 @@ def _full_parts(log: FieldLog, picture: Path, notes: Sequence[str]) -> Iterator[
     if lines := [*notes, *log.notes, *more]:
         yield page.bullets(lines)
     yield page.heading("What she said")
-    yield page.table(
-        [
-            ("at", "text"),
-            *((_clock(t_s, log), _text_cell(severity, text)) for t_s, severity, text in log.texts[-TEXTS_SHOWN:]),
-        ]
-    )
+    yield page.said(log.texts[-TEXTS_SHOWN:], lambda t_s: _clock(t_s, log))
+    yield page.heading("Logs")
+    yield page.table([(str(path), page.Cell(f"rambler replay {shlex.quote(str(path))}")) for path in paths], head=False)
     yield page.heading("Settings")
     rows = [(name, f"{value:g}") for name, value in sorted(log.settings.items())]
     yield page.table(rows, head=False) if rows else page.paragraph("Every parameter at its default.")
@@ -144,10 +133,6 @@ def _stretch_cells(one: field_log.Stretch) -> tuple[str, ...]:
         f"{one.rms_error_deg:.2f} deg" if known else "-",
         f"{one.travel_deg_per_h:.0f} deg/h",
     )
-
-
-def _text_cell(severity: int, text: str) -> page.Cell:
-    return page.Cell(text, "words bad" if severity <= SEVERE else "words")
 
 
 def _clock(t_s: float, log: FieldLog) -> str:

@@ -6,36 +6,60 @@ import math
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from firmware_py.log.dataflash import Buffer, Format, Parser, text_of
+from firmware_py.log.rows import TEXT
+from hil.report.orders import Orders
 
 BETWEEN_S = 0.1  # the end of one start and the begin of the next
 _MOST_SKIPPED = 1e9  # ticks between two: more is damage
-_WITH_TEXT = ("MSG", "PARM")
+_WITH_TEXT = ("MSG", "PARM", "CHK", "REQ")
+_MOST_PARTS = 1 << 12  # of a state: more is damage
 _LONGEST_S = 1e9  # of a process: what is beyond it is damage
-_TICK_COLUMNS = ("time_s", "hull", "heading", "yaw_rate", "rudder", "command", "goal", "error", "mode", "armed")
 _FIX_COLUMNS = ("time_s", "latitude_rad", "longitude_rad", "speed_m_s")
 _READ_BY_TICK: Final[Mapping[str, Mapping[str, str]]] = {
     "NAV": {"Hdg": "heading", "YawR": "yaw_rate", "Goal": "goal", "Err": "error"},
-    "EST": {"Hdg": "hull"},
-    "CTL": {"RudC": "command", "Rud": "rudder", "Mode": "mode", "Arm": "armed"},
+    "EST": {"Hdg": "hull", "WT": "wave_period", "WSd": "wave_sd"},
+    "CTL": {"RudC": "command", "Rud": "rudder", "Mode": "mode", "Arm": "armed", "Flt": "faults"},
+    "GDN": {"Do": "activity", "XTrk": "cross_track", "Fnc": "fence_margin", "MItm": "item"},
+    "WTR": {"U": "water", "CN": "current_north", "CE": "current_east"},
+    "SUPL": {"Volt": "battery_v", "SoC": "charge", "Sun": "solar_w", "Load": "load_w"},
 }
+# The speed of a fix, the servo's power and the compass's own words come into the row of their tick, too.
+_TICK_COLUMNS: Final = (
+    "time_s",
+    "ground",
+    "servo_w",
+    "compass",
+    *(name for row in _READ_BY_TICK.values() for name in row.values()),
+)
 _WANTED: Final[dict[str, Sequence[str]]] = {
     "TICK": ("T", "Late", "Skip"),
     "FIX": ("T", "LatR", "LngR", "Sog", "Utc"),
     "MSG": ("TimeUS", "Message", "Sev"),
     "PARM": ("Name", "Value"),
-    "ENRG": ("Enrg",),
+    "ENRG": ("Enrg", "Pow"),
+    "CHK": tuple(column.label for column in TEXT),
+    "REQ": tuple(column.label for column in TEXT),
+    "HDG": ("I", "Hdg"),
 }
 
 
 @dataclass(slots=True)
 class Gathered:
-    """What is taken of logs, one after the other: a row a tick, fixes, texts, parameters; times are the page's."""
+    """What is taken of logs, one after the other: a row a tick, fixes, texts, parameters; times are the page's.
+
+    Of the ticks one in `every` has a row.
+    """
+
+    every: int = 1
+    ticks: int = 0
+    orders: Orders = field(default_factory=Orders)
 
     columns: dict[str, array[float]] = field(default_factory=lambda: {name: array("d") for name in _TICK_COLUMNS})
     fixes: dict[str, array[float]] = field(
@@ -76,8 +100,10 @@ class LogFile:
         self._row: dict[str, float] = {}
         self._first_s: float | None = None
         self._energy: tuple[float, float] | None = None
+        self._pieces: list[bytes] = []
         self._take: Mapping[str, Callable[..., None]] = {
             "TICK": self._tick, "FIX": self._fix, "MSG": self._text, "PARM": self._parameter, "ENRG": self._steering,
+            "CHK": partial(self._join, "CHK"), "REQ": partial(self._join, "REQ"), "HDG": self._compass,
         }  # fmt: skip
 
     def take(self, data: Buffer) -> None:
@@ -114,8 +140,10 @@ class LogFile:
     def _flush(self) -> None:
         row, got = self._row, self._got
         if "time_s" in row and (row["time_s"] > got.end_s or not got.columns["time_s"]):
-            for name, column in got.columns.items():
-                column.append(row.get(name, math.nan))
+            if got.ticks % got.every == 0:
+                for name, column in got.columns.items():
+                    column.append(row.get(name, math.nan))
+            got.ticks += 1
             got.end_s = row["time_s"]
         self._row = {}
 
@@ -123,6 +151,7 @@ class LogFile:
         if self._first_s is None or not (abs(latitude_rad) <= math.pi and abs(longitude_rad) <= math.tau):
             return
         got = self._got
+        self._row["ground"] = speed_m_s
         if math.isfinite(utc_s) and 0.0 <= t_s < _LONGEST_S:
             zero_utc_s = utc_s - t_s - got.shift_s
             if got.utc_s is None:
@@ -146,7 +175,29 @@ class LogFile:
         if isinstance(name, bytes):
             self._got.settings[text_of(name)] = _number(value)
 
-    def _steering(self, energy_j: float) -> None:
+    def _join(self, kind: str, part: Any, parts: Any, length: Any, piece: Any) -> None:
+        """Take a part of a text, and the whole when it is there: a state, or a request."""
+        if part == 0:
+            self._pieces = []
+        if not isinstance(piece, bytes) or part != len(self._pieces) or len(self._pieces) >= _MOST_PARTS:
+            return
+        self._pieces.append(piece[: int(length)])
+        if part + 1 != parts:
+            return
+        text = b"".join(self._pieces).decode("utf-8", "replace")
+        if kind == "CHK":
+            self._got.orders.take_state(text)
+        else:
+            self._got.orders.take_request(
+                text, {name: column[-1] for name, column in self._got.fixes.items() if column}
+            )
+
+    def _compass(self, source: float, heading_rad: float) -> None:
+        if source == 0:
+            self._row["compass"] = heading_rad
+
+    def _steering(self, energy_j: float, power_w: float) -> None:
+        self._row["servo_w"] = power_w
         self._energy = (energy_j if self._energy is None else self._energy[0], energy_j)
 
 

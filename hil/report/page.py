@@ -1,22 +1,16 @@
-"""The shell of a self-contained HTML page: its style, pictures within it, tables."""
+"""The parts of a self-contained HTML page: plots of voyages, pictures within it, tables."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #333b44; max-width: 1180px; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.5rem; margin-bottom: .2rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
-p.lead { color: #66717d; margin-top: 0; } img { width: 100%; height: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { text-align: right; vertical-align: top; padding: .3rem .9rem; border-bottom: 1px solid #dde3e8; }
-th { color: #66717d; font-weight: 600; } td:first-child, th:first-child { text-align: left; padding-left: 0; }
-td.words, th.words { text-align: left; } .good { color: #1d7a46; } .bad { color: #b3402f; }
-.note { color: #66717d; font-size: .9rem; max-width: 60rem; } pre { white-space: pre-wrap; font-size: .85rem; }
-"""
+from firmware_py.view.document import data_block, document
+from firmware_py.view.model import Voyage
+
+SEVERE = 4  # MAV_SEVERITY_WARNING and graver stand out
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +22,9 @@ class Cell:
     note: str = ""
 
 
-def page(title: str, parts: Iterable[str]) -> str:
-    """Return a whole page of parts, which are HTML, under a title, which is plain text."""
-    head = f'<meta charset="utf-8">\n<title>{escape(title)}</title><style>{STYLE}</style>'
-    return "\n".join(
-        [f'<!doctype html><html lang="en"><head>{head}</head><body>', heading(title, 1), *parts, "</body></html>\n"]
-    )
+def page(title: str, parts: Iterable[str], scripts: tuple[str, ...] = ()) -> str:
+    """Return a whole page of parts, which are HTML, under a title, which is plain text; scripts draw voyages."""
+    return document(title, parts, scripts)
 
 
 def heading(text: str, level: int = 2) -> str:
@@ -68,7 +59,23 @@ def table(rows: Iterable[Sequence[str | Cell]], *, head: bool = True) -> str:
     for number, row in enumerate(rows):
         tag = "th" if head and number == 0 else "td"
         lines.append("<tr>" + "".join(_cell(tag, cell) for cell in row) + "</tr>")
-    return "<table>" + "\n".join(lines) + "</table>"
+    return '<div class="scroll"><table>' + "\n".join(lines) + "</table></div>"
+
+
+def voyage(content: Voyage) -> list[str]:
+    """Return the plots of a voyage, and what stands in their place where no script runs."""
+    return [data_block("voyage", content), "<noscript><p>The plots need a browser that runs scripts.</p></noscript>"]
+
+
+def said(marks: Iterable[tuple[float, int, str]], moment: Callable[[float], str]) -> str:
+    """Return what was said as a table, whose rows lead into the plots; graver words stand out."""
+    rows = [
+        f'<tr data-time="{t_s:.2f}" data-voyage=""><td>{escape(moment(t_s))}</td>'
+        f'<td class="words{" bad" if severity <= SEVERE else ""}">{escape(text)}</td></tr>'
+        for t_s, severity, text in marks
+    ]
+    head = '<tr><th>at</th><th class="words">text</th></tr>'
+    return f'<div class="scroll"><table>{head}{"".join(rows)}</table></div>'
 
 
 def _cell(tag: str, cell: str | Cell) -> str:

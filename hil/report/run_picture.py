@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.common.angles import DEGREES_PER_RADIAN
 from hil.report.figures import STEADY_AFTER_S, GoalFigures, goal_spans
@@ -26,12 +24,10 @@ from hil.report.style import (
     name_panel,
     new_figure,
 )
-from hil.sim.truth import COLUMNS, Array, Truth
+from hil.sim.truth import Truth
 
 SIZE_INCHES = (13.0, 8.4)
 TABLE_ROWS = 4
-WHOLE_ROWS = 20_000  # a truth of no more is drawn whole
-MOST_POINTS = 4000  # of a line that is thinned: two for each dot of the picture and more
 
 
 def draw(truth: Truth, goals: Sequence[GoalFigures], title: str, path: Path) -> None:
@@ -44,28 +40,6 @@ def draw(truth: Truth, goals: Sequence[GoalFigures], title: str, path: Path) -> 
     finish(track)
     _table(table, goals)
     figure.savefig(path)
-
-
-def thinned(truth: Iterable[Truth], rows: int) -> Truth:
-    """Return few rows where there are many: of each column the least and the greatest of every so many, in order.
-
-    No peak is lost, and nothing is moved by more than the width of a line.
-    """
-    every = 1 if rows <= WHOLE_ROWS else 2 * math.ceil(rows / MOST_POINTS)
-    kept = [[_extremes(getattr(piece, name), every) for name in COLUMNS] for piece in truth]
-    return Truth(*(np.concatenate(column) for column in zip(*kept, strict=True)))
-
-
-def _extremes(values: Array, every: int) -> Array:
-    if every == 1:
-        return values
-    whole = values.size // every * every
-    parts = [values[:whole].reshape(-1, every), values[np.newaxis, whole:]]
-    return np.concatenate([np.take_along_axis(bins, _places(bins), axis=1).ravel() for bins in parts if bins.size])
-
-
-def _places(bins: Array) -> NDArray[np.intp]:
-    return np.sort(np.stack((np.argmin(bins, axis=1), np.argmax(bins, axis=1)), axis=1), axis=1)
 
 
 def _panels(figure: Any, truth: Truth) -> None:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from firmware_py.log.disk import log_files
 from hil.errors import HilError, UsageError
@@ -19,10 +23,11 @@ from hil.sim.run_file import OrderRecord, RunFile
 from hil.sim.truth import Recorded
 
 DIGITS = 4
+WHOLE_BYTES = 64 << 20  # of logs, more than 3 h of them
 Summary = dict[str, Any]
 
 
-def summarise(record: RunFile, out: Path) -> Summary:
+def summarise(record: RunFile, out: Path, log: FieldLog | None = None) -> Summary:
     """Return the content of summary.json; errors are heading less goal, of the hull's low-frequency heading."""
     truth = Recorded(out / TRUTH_FILE)
     try:
@@ -52,7 +57,7 @@ def summarise(record: RunFile, out: Path) -> Summary:
         "rudder_travel_deg_per_h": steady_rudder_travel_deg_per_h(figures),
         "rudder_travel_whole_deg_per_h": travel.deg_per_h(),
         **({} if record.supply is None else {"supply": record.supply}),
-        "events": _events(record, onboard(out)),
+        **_told(record, log),
         "loop": None if health is None else asdict(health),
         "lockstep": record.lockstep,
         "sailed_s": end_s,
@@ -64,11 +69,12 @@ def summarise(record: RunFile, out: Path) -> Summary:
 
 
 def onboard(out: Path) -> FieldLog | None:
-    """Return what the logs of a run hold; None when there are none, or none that can be read."""
+    """Return what the logs of a run hold, of long ones some ticks; None without any that can be read."""
     logs = out / STATE / "logs"
     paths = [path for _, path in sorted(log_files(logs).items())] if logs.is_dir() else []
+    every = math.ceil(sum(path.stat().st_size for path in paths) / WHOLE_BYTES)
     try:
-        return field_log.read(paths) if paths else None
+        return field_log.read(paths, every=max(1, every)) if paths else None
     except UsageError:  # the health of the loop tells of it
         return None
 
@@ -95,11 +101,32 @@ def _accepted_s(goal_s: float, orders: Sequence[OrderRecord]) -> float | None:
     return None
 
 
-def _events(record: RunFile, log: FieldLog | None) -> list[dict[str, Any]]:
+def _told(record: RunFile, log: FieldLog | None) -> Summary:
+    """Return what the boat has said, how far off her lines she was, and when she was done with items of her mission."""
     if log is None:
-        return []
+        return {"events": [], "cross_track": None, "arrivals": []}
     shift_s = onboard_shift_s(record, log)
-    return [{"time_s": t_s + shift_s, "severity": severity, "text": text} for t_s, severity, text in log.texts]
+    off_m = np.abs(log.more["cross_track_m"])
+    off_m = off_m[np.isfinite(off_m)]
+    return {
+        "events": [{"time_s": t_s + shift_s, "severity": severity, "text": text} for t_s, severity, text in log.texts],
+        "cross_track": {
+            "rms_m": float(np.sqrt(np.mean(np.square(off_m)))),
+            "p95_m": float(np.percentile(off_m, 95.0)),
+        }
+        if off_m.size
+        else None,
+        "arrivals": [{"time_s": t_s + shift_s, "item": item} for t_s, item in _arrivals(log)],
+    }
+
+
+def _arrivals(log: FieldLog) -> Iterator[tuple[float, int]]:
+    """Yield when each item of the mission was over: another one began."""
+    items, time_s = log.more["item"], log.truth.time_s
+    known = np.flatnonzero(np.isfinite(items))
+    for before, after in pairwise(known):
+        if items[after] != items[before]:
+            yield float(time_s[after]), int(items[before])
 
 
 def _rounded(value: Any) -> Any:

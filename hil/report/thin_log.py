@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import datetime as dt
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.log.open_file import open_buffer
@@ -86,7 +87,7 @@ def days(table: ThinTable) -> Iterator[tuple[str, ...]]:
         )
 
 
-def made_good_m(table: ThinTable, rows: Any) -> float:
+def made_good_m(table: ThinTable, rows: NDArray[np.bool_]) -> float:
     """Return how far she got between the first and the last place of some rows."""
     north_m, east_m = places_m(table)
     known = np.flatnonzero(rows & np.isfinite(north_m))
@@ -105,34 +106,8 @@ def places_m(table: ThinTable) -> tuple[Array, Array]:
     return (lat - lat[known[0]]) * EARTH_RADIUS_M, east_rad * math.cos(float(lat[known[0]])) * EARTH_RADIUS_M
 
 
-def draw(table: ThinTable, title: str, path: Path) -> None:
-    """Write the picture of a table with rows as a PNG file."""
-    from hil.report import style  # noqa: PLC0415 - matplotlib is slow to import
-
-    figure = style.new_figure(title, 13.0, 8.4)
-    left, right = figure.subfigures(1, 2, width_ratios=(2.2, 1.0))
-    day = (table["Utc"] - table["Utc"][0]) / DAY_S
-    panels = [panel for panel in _PANELS if np.isfinite(_values(table, panel)).any()]
-    for axes, panel in zip(np.atleast_1d(left.subplots(max(1, len(panels)), 1, sharex=True)), panels, strict=False):
-        axes.plot(*_broken(day, _values(table, panel)), color=style.HULL, lw=0.8)
-        axes.set_ylabel(panel[0], fontsize=9)
-        if panel[1] == "Flt":
-            axes.set_ylim(-0.05, 1.05)
-        style.finish(axes)
-    left.axes[-1].set_xlabel(
-        f"days since {dt.datetime.fromtimestamp(float(table['Utc'][0]), tz=dt.UTC):%Y-%m-%d %H:%M} UTC"
-    )
-    axes = right.subplots()
-    north_m, east_m = places_m(table)
-    axes.plot(east_m / 1000.0, north_m / 1000.0, color=style.HULL, lw=1.2)
-    axes.set_aspect("equal", adjustable="datalim")
-    style.name_panel(axes, "track over the ground", x="east, km", y="north, km")
-    style.finish(axes)
-    figure.savefig(path)
-
-
 # What is drawn where any of it is known: its name with the unit, the column, and by what it is multiplied.
-_PANELS = (
+PANELS: Final = (
     ("rms error, deg", "Rms", math.degrees(1.0)),
     ("rudder travel, deg/h", "Trv", math.degrees(3600.0)),
     ("steering, W", "Enr", 1.0),
@@ -144,7 +119,8 @@ _PANELS = (
 )
 
 
-def _values(table: ThinTable, panel: tuple[str, str, float]) -> Array:
+def panel_values(table: ThinTable, panel: tuple[str, str, float]) -> Array:
+    """Return what a panel shows, a value a row."""
     _, label, factor = panel
     values = table[label] * factor
     if label in ("Trv", "Enr"):  # counted over the span of the row
@@ -153,7 +129,8 @@ def _values(table: ThinTable, panel: tuple[str, str, float]) -> Array:
     return np.asarray((values > 0.0).astype(float) if label == "Flt" else values)
 
 
-def _broken(day: Array, values: Array) -> tuple[Array, Array]:
-    """Return a line that is broken where nothing was logged."""
-    gaps = np.flatnonzero(np.diff(day) * DAY_S > _GAP_S) + 1
-    return np.insert(day, gaps, np.nan), np.insert(values, gaps, np.nan)
+def broken(time_s: Array, columns: Mapping[str, Array]) -> dict[str, Array]:
+    """Return columns over time, as lines that are broken where nothing was logged."""
+    gaps = np.flatnonzero(np.diff(time_s) > _GAP_S) + 1
+    found = {name: np.insert(values, gaps, np.nan) for name, values in columns.items()}
+    return {"time_s": np.insert(time_s, gaps, time_s[gaps - 1] + 1.0), **found}

@@ -14,8 +14,8 @@ from firmware_py.common.angles import radians
 from hil.__main__ import main
 from hil.report import run_page, summary
 from hil.report.figures import goal_figures
-from hil.report.run_picture import MOST_POINTS, thinned
 from hil.report.text import figures_text
+from hil.report.thinning import MOST_POINTS, thinned
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.run_directory import held
@@ -88,7 +88,7 @@ def test_the_summary_has_what_others_read(out):
 def test_what_the_boat_said_is_in_the_summary_at_the_times_of_the_truth(out):
     (out / "state/logs").mkdir(parents=True)
     shutil.copy(REPLAY / "tank_pni_volz.BIN", out / "state/logs/00000001.BIN")
-    events = summary.summarise(RECORD, out)["events"]
+    events = summary.summarise(RECORD, out, summary.onboard(out))["events"]
     assert {"time_s", "severity", "text"} == set(events[0])
     armed = next(event for event in events if event["text"] == "Armed")
     assert 0.0 < armed["time_s"] < 10.0
@@ -99,10 +99,14 @@ def test_the_page_stands_alone_and_shows_the_figures(out):
     found, path = run_page.make(out)
     text = Path(path).read_text(encoding="utf-8")
     assert (out / "run.png").read_bytes().startswith(b"\x89PNG")
-    assert "data:image/png;base64," in text
-    assert not re.search(r'(src|href)="(?!data:)', text)
+    assert not re.search(r'(src|href)="(?!data:)|url\(|@import', text)
     assert "30 deg at 60 s" in text
     assert "CTL_K1" in text
+    for said in ("rambler-hil run tank", "2026-01-01", "numpy 2", f"rambler-hil report {out}"):
+        assert said in text
+    columns = json.loads(re.search(r'class="voyage">(.*?)</script>', text)[1])["columns"]
+    assert len(columns["heading_deg"]) == len(columns["time_s"]) == 3001
+    assert columns["goal_deg"][-1] == 30.0
     assert json.loads((out / "summary.json").read_text()) == found
 
 

@@ -1,0 +1,129 @@
+"""What a page shows: columns over time, panels of lines, marks, plans; the one model of all pages that show a voyage.
+
+A voyage is a mapping of JSON values, which plots.js draws:
+
+    columns   name -> numbers, null where unknown, all as long as time_s; a row of nulls breaks the lines
+    panels    below; a line whose column is missing or empty is left out, and so is a panel without lines
+    marks     [time_s, severity (0 to 7, MAVLink's), text]
+    origin    [latitude, longitude] of north_m and east_m; columns lat_deg and lon_deg may stand in their place
+    plans     mission, fence, rally: [MAV_CMD, param1 to param4, latitude, longitude] for each item; home: a place
+    begin_utc_s  of time 0, where the calendar matters
+    spectrum  frequency_hz, lines [label, look, numbers], marks [hertz, label]
+
+Angles in degrees, because people read them; headings as they come, wrapped by whoever draws them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+from firmware_py.common.plan import Plan
+
+Voyage = dict[str, Any]
+PLACE_DIGITS, DIGITS = 7, 3
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A column drawn as a line; its look is a class of view.css."""
+
+    column: str
+    label: str
+    look: str = "main"
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """Lines over time with one axis: `least` is the least span of it, `band` shades +- so much around 0.
+
+    An axis with a band does not follow what lies far outside of it. `wrap`: degrees of the compass. `step`: a value
+    holds until the next.
+    """
+
+    title: str
+    lines: tuple[Line, ...]
+    least: float = 0.0
+    band: float = 0.0
+    wrap: bool = False
+    zero: bool = False
+    step: bool = False
+    tall: bool = False
+
+
+PANELS: Final = (
+    Panel(
+        "heading, deg",
+        (
+            Line("compass_deg", "compass", "faint"),
+            Line("true_heading_deg", "true", "second"),
+            Line("heading_deg", "heading", "main"),
+            Line("goal_deg", "goal", "goal"),
+        ),
+        least=10.0,
+        wrap=True,
+        tall=True,
+    ),
+    Panel("heading less goal, deg", (Line("error_deg", "error"),), least=2.0, band=3.0, zero=True),
+    Panel("yaw rate, deg/s", (Line("yaw_rate_deg_s", "yaw rate"),), least=0.2, zero=True),
+    Panel(
+        "rudder, deg",
+        (Line("command_deg", "commanded", "command"), Line("rudder_deg", "angle")),
+        least=4.0,
+        zero=True,
+    ),
+    Panel("off the line, m to starboard", (Line("cross_track_m", "cross-track"),), least=4.0, zero=True),
+    Panel("to the fence, m", (Line("fence_margin_m", "margin"),), least=10.0, zero=True),
+    Panel(
+        "speed, m/s",
+        (
+            Line("ground_m_s", "over ground"),
+            Line("water_m_s", "in water", "second"),
+            Line("current_m_s", "current", "command"),
+        ),
+        least=0.2,
+        zero=True,
+    ),
+    Panel(
+        "waves as estimated",
+        (Line("wave_period_s", "period, s"), Line("wave_sd_deg", "yaw, deg", "command")),
+        least=2.0,
+        zero=True,
+    ),
+    Panel("battery, V", (Line("battery_v", "battery"),), least=0.5),
+    Panel("charge, %", (Line("charge_percent", "charge"),), least=5.0),
+    Panel(
+        "power, W",
+        (Line("solar_w", "panels", "command"), Line("load_w", "loads", "second"), Line("servo_w", "servo")),
+        least=1.0,
+        zero=True,
+    ),
+    Panel("faults in force", (Line("faults", "faults", "bad"),), least=1.0, zero=True, step=True),
+)
+
+
+def voyage(
+    columns: Mapping[str, Iterable[float]], marks: Sequence[tuple[float, int, str]], panels: Sequence[Panel] = PANELS
+) -> Voyage:
+    """Return a voyage of columns; what is not finite is null, and rounded is what nobody sees."""
+    digits = {"lat_deg": PLACE_DIGITS, "lon_deg": PLACE_DIGITS}
+    return {
+        "columns": {name: numbers(values, digits.get(name, DIGITS)) for name, values in columns.items()},
+        "panels": [asdict(panel) for panel in panels],
+        "marks": [[round(t_s, 2), severity, text] for t_s, severity, text in marks if math.isfinite(t_s)],
+    }
+
+
+def numbers(values: Iterable[float], digits: int = DIGITS) -> list[float | None]:
+    """Return numbers for JSON, None for what is not finite."""
+    return [round(value, digits) if math.isfinite(value) else None for value in values]
+
+
+def plan_rows(plan: Plan) -> list[list[float | None]]:
+    """Return the items of a plan."""
+    return [
+        [item.command, *numbers(item.params, PLACE_DIGITS), *numbers((item.x / 1e7, item.y / 1e7), PLACE_DIGITS)]
+        for item in plan.items
+    ]

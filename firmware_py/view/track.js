@@ -1,0 +1,259 @@
+"use strict";
+// The track over the ground with plans, circle, fence and vessels; the spectrum of the yaw.
+
+const EARTH_M = 6371008.8;
+// Of MAV_CMD: what stands at a place in a mission, and how wide its circle is (param3 where it has one).
+const PLACES = { 16: null, 17: 3, 18: 3, 19: 3, 31: 2, 82: null };
+const VERTEX = { 5001: "fence", 5002: "fence out" }, CIRCLES = { 5003: "fence", 5004: "fence out" };
+
+const metres = ([latitude, longitude], [latitude0, longitude0]) => {
+  const east = ((longitude - longitude0 + 540) % 360) - 180;
+  return [(latitude - latitude0) * Math.PI / 180 * EARTH_M,
+    east * Math.PI / 180 * EARTH_M * Math.cos(latitude0 * Math.PI / 180)];
+};
+
+class Track {
+  constructor(card, voyage) {
+    this.view = null; // [north, east, metres to a dot] once somebody has moved it
+    this.span = null;
+    this.cursor = null;
+    const header = html(card, "header");
+    html(header, "span", {}, "Track");
+    this.said = html(header, "span", { class: "said" });
+    for (const [text, title, act] of [["−", "show more", () => this.zoom(1.6)], ["+", "show less", () => this.zoom(0.625)],
+      ["whole", "show all of it", () => { this.view = null; this.draw(); }]]) {
+      html(header, "button", { type: "button", title }, text).addEventListener("click", act);
+    }
+    this.svg = draw(card, "svg", { class: "track", role: "img", "aria-label": "track over the ground, with plans" });
+    this.listen();
+    this.set(voyage);
+  }
+
+  set(voyage) {
+    this.voyage = voyage;
+    const { columns } = voyage;
+    this.origin = voyage.origin || null;
+    if (columns.lat_deg) {
+      const first = columns.lat_deg.findIndex((value, i) => known(value) && known(columns.lon_deg[i]));
+      if (first >= 0) this.origin = [columns.lat_deg[first], columns.lon_deg[first]];
+      const spots = columns.lat_deg.map((value, i) => (this.origin && known(value) && known(columns.lon_deg[i])
+        ? metres([value, columns.lon_deg[i]], this.origin) : [null, null]));
+      this.north = spots.map((spot) => spot[0]);
+      this.east = spots.map((spot) => spot[1]);
+    } else {
+      this.north = columns.north_m || [];
+      this.east = columns.east_m || [];
+    }
+    this.shapes = this.origin ? shapesOf(voyage, this.origin) : [];
+    this.draw();
+  }
+
+  follow(cursor, span) {
+    const moved = !this.span || span[0] !== this.span[0] || span[1] !== this.span[1];
+    this.cursor = cursor;
+    this.span = span;
+    if (moved) this.draw();
+    else this.drawBoat();
+  }
+
+  bounds() {
+    const [first, last] = this.part();
+    const points = [];
+    for (let i = first; i < last; i += 1) if (known(this.north[i])) points.push([this.north[i], this.east[i]]);
+    const whole = last - first === this.north.length;
+    if (whole || !points.length) for (const shape of this.shapes) {
+      const reach = shape.radius || 0;
+      for (const [n, e] of shape.points) points.push([n - reach, e - reach], [n + reach, e + reach]);
+    }
+    const box = [Infinity, -Infinity, Infinity, -Infinity];
+    for (const [n, e] of points) {
+      box[0] = Math.min(box[0], n); box[1] = Math.max(box[1], n);
+      box[2] = Math.min(box[2], e); box[3] = Math.max(box[3], e);
+    }
+    return points.length ? box : [-10, 10, -10, 10];
+  }
+
+  part() {
+    const times = this.voyage.columns.time_s || [];
+    return this.span ? [Math.max(0, firstAfter(times, this.span[0]) - 1), Math.min(times.length, firstAfter(times, this.span[1]) + 1)]
+      : [0, times.length];
+  }
+
+  draw() {
+    const width = Math.max(240, this.svg.parentNode.clientWidth - 20), height = Math.min(460, Math.max(280, width));
+    const [south, north, west, east] = this.bounds();
+    const fit = Math.max((north - south) / (height - 70), (east - west) / (width - 90), 0.02);
+    const [cn, ce, scale] = this.view || [(north + south) / 2, (east + west) / 2, fit];
+    const x = (m) => width / 2 + 14 + (m - ce) / scale, y = (m) => (height - 20) / 2 - (m - cn) / scale;
+    Object.assign(this, { width, height, x, y, at: [cn, ce, scale] });
+    const { svg } = this;
+    svg.replaceChildren();
+    svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    svg.style.height = `${height}px`;
+    const step = niceStep(width * scale, width / 80), far = step >= 1000;
+    for (const at of ticks(ce - (x(0) - x(0) + width / 2 + 14) * scale, ce + width / 2 * scale, step)) {
+      draw(svg, "line", { class: "grid", x1: x(at), x2: x(at), y1: 0, y2: height - 18 });
+      if (x(at) > 30 && x(at) < width - 20) draw(svg, "text", { x: x(at), y: height - 4, "text-anchor": "middle" }, distance(at, step, far));
+    }
+    for (const at of ticks(cn - height / 2 * scale, cn + height / 2 * scale, step)) {
+      draw(svg, "line", { class: "grid", x1: 0, x2: width, y1: y(at), y2: y(at) });
+      if (y(at) > 14 && y(at) < height - 30) draw(svg, "text", { x: 2, y: y(at) - 3 }, distance(at, step, far));
+    }
+    draw(svg, "text", { x: width - 2, y: height - 22, "text-anchor": "end" }, far ? "east, km" : "east, m");
+    draw(svg, "text", { x: 2, y: 11 }, far ? "north, km" : "north, m");
+    for (const shape of this.shapes) this.drawShape(shape, scale);
+    const [first, last] = this.part();
+    const path = (from, to) => {
+      const parts = [];
+      let px = null, py = null;
+      for (let i = from; i < to; i += 1) {
+        if (!known(this.north[i])) { px = null; continue; }
+        const qx = x(this.east[i]), qy = y(this.north[i]);
+        if (px !== null && Math.hypot(qx - px, qy - py) < 0.7 && i < to - 1) continue;
+        parts.push(`${px === null ? "M" : "L"}${qx.toFixed(1)} ${qy.toFixed(1)}`);
+        [px, py] = [qx, qy];
+      }
+      return parts.join("");
+    };
+    if (last - first < this.north.length) draw(svg, "path", { class: "line whole", d: path(0, this.north.length) });
+    draw(svg, "path", { class: "line", d: path(first, last) });
+    const begin = this.north.findIndex(known);
+    if (begin >= 0) draw(svg, "circle", { class: "start", cx: x(this.east[begin]), cy: y(this.north[begin]), r: 4 })
+      .appendChild(document.createElementNS(SVG, "title")).textContent = "start";
+    this.boat = draw(svg, "g");
+    this.drawBoat();
+  }
+
+  drawShape(shape, scale) {
+    const { svg, x, y } = this;
+    const points = shape.points.map(([n, e]) => `${x(e).toFixed(1)},${y(n).toFixed(1)}`).join(" ");
+    const [n, e] = shape.points[0];
+    if (shape.kind === "polygon") draw(svg, "polygon", { class: shape.look, points });
+    if (shape.kind === "legs") draw(svg, "polyline", { class: "leg", points });
+    if (shape.radius) draw(svg, "circle", { class: shape.look, cx: x(e), cy: y(n), r: shape.radius / scale });
+    if (shape.kind === "spot") {
+      draw(svg, "circle", { class: `spot${shape.now ? " now" : ""}`, cx: x(e), cy: y(n), r: 4 });
+      draw(svg, "text", { x: x(e) + 7, y: y(n) - 5, class: "command" }, shape.label);
+    }
+    if (shape.kind === "home") {
+      draw(svg, "path", { class: "home", d: `M${x(e)} ${y(n) - 7}l7 6v7h-14v-7z` }).appendChild(
+        document.createElementNS(SVG, "title")).textContent = "home";
+    }
+    if (shape.kind === "rally") draw(svg, "path", { class: "home", d: `M${x(e)} ${y(n) - 7}l6 10h-12z` });
+    if (shape.kind === "vessel") {
+      const turn = known(shape.course) ? ` rotate(${shape.course})` : "";
+      draw(svg, "path", { class: "vessel", d: "M0 -8L5 6H-5z", transform: `translate(${x(e)} ${y(n)})${turn}` });
+      draw(svg, "text", { x: x(e) + 8, y: y(n) + 4, class: "goal" }, shape.label);
+    }
+  }
+
+  drawBoat() {
+    const times = this.voyage.columns.time_s || [];
+    let i = this.cursor === null ? times.length - 1 : nearest(times, this.cursor);
+    while (i > 0 && !known(this.north[i])) i -= 1;
+    this.boat.replaceChildren();
+    if (i < 0 || !known(this.north[i])) { this.said.textContent = ""; return; }
+    const columns = this.voyage.columns;
+    const heading = (columns.true_heading_deg || [])[i] ?? (columns.heading_deg || [])[i];
+    const turn = known(heading) ? ` rotate(${heading})` : "";
+    draw(this.boat, "path", { class: "boat", d: known(heading) ? "M0 -10L6 8L0 5L-6 8z" : "M-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0",
+      transform: `translate(${this.x(this.east[i])} ${this.y(this.north[i])})${turn}` });
+    this.said.textContent = this.origin && columns.lat_deg && known(columns.lat_deg[i])
+      ? `${columns.lat_deg[i].toFixed(5)}, ${columns.lon_deg[i].toFixed(5)}`
+      : `${Math.abs(this.north[i]).toFixed(0)} m ${this.north[i] < 0 ? "S" : "N"} ${Math.abs(this.east[i]).toFixed(0)} m ${this.east[i] < 0 ? "W" : "E"}`;
+  }
+
+  zoom(factor, around = null) {
+    const [cn, ce, scale] = this.at;
+    const [n, e] = around || [cn, ce];
+    this.view = [n + (cn - n) * factor, e + (ce - e) * factor, scale * factor];
+    this.draw();
+  }
+
+  listen() {
+    let begun = null;
+    this.svg.addEventListener("pointerdown", (event) => {
+      begun = [event.clientX, event.clientY, ...this.at];
+      this.svg.setPointerCapture(event.pointerId);
+    });
+    this.svg.addEventListener("pointermove", (event) => {
+      if (!begun || !event.buttons) return;
+      const [px, py, cn, ce, scale] = begun, dot = scale * this.width / this.svg.getBoundingClientRect().width;
+      this.view = [cn + (event.clientY - py) * dot, ce - (event.clientX - px) * dot, scale];
+      this.draw();
+    });
+    for (const name of ["pointerup", "pointercancel"]) this.svg.addEventListener(name, () => { begun = null; });
+    this.svg.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.zoom(event.deltaY > 0 ? 1.25 : 0.8);
+    }, { passive: false });
+    this.svg.addEventListener("dblclick", () => { this.view = null; this.draw(); });
+  }
+}
+
+const distance = (value, step, far) => (far ? shown(value / 1000, step / 1000) : shown(value, step));
+
+// What stands on the chart beside the track; points are north and east of the origin in metres.
+function shapesOf(voyage, origin) {
+  const plans = voyage.plans || {}, found = [];
+  const at = (item) => metres([item[5], item[6]], origin);
+  let rest = [];
+  for (const item of plans.fence || []) {
+    if (VERTEX[item[0]]) {
+      rest.push(at(item));
+      if (rest.length >= item[1]) { found.push({ kind: "polygon", look: VERTEX[item[0]], points: rest }); rest = []; }
+    } else if (CIRCLES[item[0]]) found.push({ kind: "ring", look: CIRCLES[item[0]], points: [at(item)], radius: item[1] });
+  }
+  const legs = [];
+  (plans.mission || []).forEach((item, number) => {
+    if (!(item[0] in PLACES) || (!item[5] && !item[6])) return;
+    const spot = at(item), radius = PLACES[item[0]] ? Math.abs(item[PLACES[item[0]]] || 0) : 0;
+    legs.push(spot);
+    found.push({ kind: "spot", points: [spot], label: String(number), radius, look: "circle", now: number === voyage.item });
+  });
+  if (legs.length > 1) found.unshift({ kind: "legs", points: legs });
+  for (const item of plans.rally || []) found.push({ kind: "rally", points: [at(item)] });
+  if (plans.home) found.push({ kind: "home", points: [metres(plans.home, origin)] });
+  if (voyage.target) {
+    const [latitude, longitude, radius] = voyage.target;
+    found.push({ kind: "target", look: "circle", points: [metres([latitude, longitude], origin)], radius });
+  }
+  for (const vessel of voyage.vessels || []) {
+    found.push({ kind: "vessel", points: [metres([vessel.lat_deg, vessel.lon_deg], origin)], course: vessel.course_deg,
+      label: vessel.name });
+  }
+  return found;
+}
+
+function drawSpectrum(card, spectrum) {
+  html(html(card, "header"), "span", {}, "Yaw by frequency, deg² / Hz");
+  const width = Math.max(240, card.clientWidth - 20), height = 220, bottom = height - 34, top = 22;
+  const svg = draw(card, "svg", { role: "img", "aria-label": "spectrum of the yaw", viewBox: `0 0 ${width} ${height}` });
+  svg.style.height = `${height}px`;
+  const hertz = spectrum.frequency_hz, low = Math.log10(hertz[0]), high = Math.log10(hertz[hertz.length - 1]);
+  const values = spectrum.lines.flatMap((line) => line[2]).filter((value) => value > 0);
+  const most = Math.ceil(Math.log10(Math.max(...values, 1e-3))), least = Math.max(most - 6, Math.floor(Math.log10(Math.min(...values, 1e3))));
+  const x = (f) => LEFT + (Math.log10(f) - low) / (high - low) * (width - LEFT - RIGHT);
+  const y = (v) => bottom - (clamp(Math.log10(Math.max(v, 1e-30)), least, most) - least) / (most - least) * (bottom - top);
+  for (let power = least; power <= most; power += 1) {
+    draw(svg, "line", { class: "grid", x1: LEFT, x2: width - RIGHT, y1: y(10 ** power), y2: y(10 ** power) });
+    if ((power - least) % 2 === 0) draw(svg, "text", { x: LEFT - 5, y: y(10 ** power) + 4, "text-anchor": "end" }, power < 4 && power > -4 ? String(Number((10 ** power).toPrecision(1))) : `1e${power}`);
+  }
+  for (const period of [100, 50, 20, 10, 5, 2, 1, 0.5]) {
+    if (x(1 / period) < LEFT || x(1 / period) > width - RIGHT) continue;
+    draw(svg, "line", { class: "grid", x1: x(1 / period), x2: x(1 / period), y1: top, y2: bottom });
+    draw(svg, "text", { x: x(1 / period), y: bottom + 14, "text-anchor": "middle" }, String(period));
+  }
+  draw(svg, "text", { x: width - RIGHT, y: height - 4, "text-anchor": "end" }, "period, s");
+  for (const [f, label] of spectrum.marks) {
+    draw(svg, "line", { class: "mark bad", x1: x(f), x2: x(f), y1: top, y2: bottom });
+    draw(svg, "text", { class: "bad", x: clamp(x(f), LEFT + 50, width - 60), y: height - 4, "text-anchor": "middle" }, label);
+  }
+  let right = LEFT;
+  for (const [label, look, line] of spectrum.lines) {
+    draw(svg, "path", { class: `line ${look}`, d: line.map((value, i) => `${i ? "L" : "M"}${x(hertz[i]).toFixed(1)} ${y(value).toFixed(1)}`).join("") });
+    const text = draw(svg, "text", { class: look, x: right, y: 12 }, label);
+    right += text.getComputedTextLength() + 12;
+  }
+  draw(svg, "rect", { class: "frame", x: LEFT, y: top, width: width - LEFT - RIGHT, height: bottom - top });
+}

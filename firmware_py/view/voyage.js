@@ -1,0 +1,53 @@
+"use strict";
+// Puts each voyage of a page where its data stands, and joins its plots.
+
+class VoyageView {
+  constructor(place, voyage) {
+    const grid = html(null, "div", { class: "voyage" });
+    place.replaceWith(grid);
+    const left = html(html(grid, "div"), "div", { class: "card" });
+    const right = html(grid, "div");
+    this.track = null;
+    this.panels = new TimePanels(left, voyage, (cursor, span) => this.track && this.track.follow(cursor, span));
+    const { columns } = voyage;
+    if (columns.lat_deg || columns.north_m) {
+      this.track = new Track(html(right, "div", { class: "card" }), voyage);
+    }
+    if (voyage.spectrum) {
+      const card = html(right, "div", { class: "card" });
+      this.spectrum = () => { card.replaceChildren(); drawSpectrum(card, voyage.spectrum); };
+      this.spectrum();
+    }
+    if (!right.childNodes.length) grid.style.gridTemplateColumns = "minmax(0, 1fr)";
+    let waiting = 0;
+    window.addEventListener("resize", () => {
+      cancelAnimationFrame(waiting);
+      waiting = requestAnimationFrame(() => this.draw());
+    });
+  }
+
+  draw() {
+    this.panels.draw();
+    if (this.track) this.track.draw();
+    if (this.spectrum) this.spectrum();
+  }
+
+  set(voyage) {
+    this.panels.set(voyage);
+    if (this.track) this.track.set(voyage);
+  }
+}
+
+for (const data of document.querySelectorAll("script.voyage")) {
+  const view = new VoyageView(data, JSON.parse(data.textContent));
+  // A moment in a table leads to its place in the plots.
+  for (const row of document.querySelectorAll(`tr[data-time][data-voyage="${data.dataset.name || ""}"]`)) {
+    row.tabIndex = 0;
+    const show = () => {
+      view.panels.point(Number(row.dataset.time));
+      view.panels.svg.scrollIntoView({ behavior: "smooth", block: "nearest" });
+    };
+    row.addEventListener("click", show);
+    row.addEventListener("keydown", (event) => { if (event.key === "Enter") show(); });
+  }
+}

@@ -1,0 +1,61 @@
+"""Plans and home as a log tells of them: in the state that it begins with, and in requests after it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+from firmware_py.common.intents import ReplacePlan, SetHome
+from firmware_py.common.plan import Plan, from_record
+from firmware_py.log.schema import REQUEST
+
+PLANS: Final = ("mission", "fence", "rally")
+_WANTED: Final = (ReplacePlan.__name__, SetHome.__name__)
+
+
+class Orders:
+    """The newest plans, and home in degrees; None while nobody has set it: it is the first fix then."""
+
+    def __init__(self) -> None:
+        """Begin without any."""
+        self.plans: dict[str, Plan] = {}
+        self.home: tuple[float, float] | None = None
+
+    def take_state(self, text: str) -> None:
+        """Take a checkpoint, as far as it can be read."""
+        try:
+            state = json.loads(text)
+            plans, home = state.get("plans") or {}, state.get("home")
+            self.plans = {name: from_record(plans[name]) for name in PLANS if name in plans}
+            if home:
+                self._set_home(home["latitude_rad"], home["longitude_rad"])
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            return  # of another version, or damaged
+
+    def take_request(self, text: str, fix: Mapping[str, float]) -> None:
+        """Take a request of an operator; `fix` is the newest, `lat` and `lng` in radians."""
+        if not any(name in text for name in _WANTED):
+            return
+        try:
+            intent = _intent(text)
+        except (ValueError, TypeError, RecursionError):
+            return
+        if isinstance(intent, ReplacePlan):
+            self.plans[intent.plan.kind.name.lower()] = intent.plan
+        elif isinstance(intent, SetHome):
+            here = intent.latitude_rad is None or intent.longitude_rad is None
+            if here and fix:
+                self._set_home(fix["lat"], fix["lng"])
+            elif not here:
+                self._set_home(intent.latitude_rad, intent.longitude_rad)
+
+    def _set_home(self, latitude_rad: Any, longitude_rad: Any) -> None:
+        if math.isfinite(latitude_rad) and math.isfinite(longitude_rad):
+            self.home = (math.degrees(latitude_rad), math.degrees(longitude_rad))
+
+
+def _intent(text: str) -> object:
+    request, _ = REQUEST.make(text=text)
+    return request.intent

@@ -1,0 +1,80 @@
+"""The spectrum of a boat's yaw: what the compass shows, what she steers by, and what the filter took for waves."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+
+from firmware_py.view.model import numbers
+from hil.report.field_log import FieldLog
+from hil.sim.truth import Array
+
+SEGMENT_S: Final = 200.0
+_LEAST_SEGMENT_S: Final = 20.0
+_LONGEST_S: Final = 60.0  # of the periods shown: turns are slower
+_LINES: Final = 160  # of the page: equally far apart by octaves
+_DIGITS: Final = 8
+_LEAST_WAVES_DEG: Final = 0.2  # below, the filter's period is that of nothing
+
+
+def spectrum_of(log: FieldLog) -> dict[str, Any] | None:
+    """Return the spectra for a page, in deg2/Hz; None for a log that is too short, or without an estimate."""
+    truth = log.truth
+    steps = np.diff(truth.time_s)
+    if steps.size < 2 or np.array_equal(truth.heading_rad, truth.heading_low_rad):
+        return None
+    step_s = float(np.median(steps))
+    even_s = np.arange(truth.time_s[0], truth.time_s[-1], step_s)
+    rows = min(int(SEGMENT_S / step_s), even_s.size)
+    if rows * step_s < _LEAST_SEGMENT_S:
+        return None
+    compass, steered = (
+        np.degrees(np.interp(even_s, truth.time_s, heading)) for heading in (truth.heading_rad, truth.heading_low_rad)
+    )
+    hertz: Array = np.asarray(np.fft.rfftfreq(rows, step_s)[1:], dtype=np.float64)
+    lines = [
+        [label, look, numbers(_smoothed(hertz, density(values, rows, step_s)[1:]), _DIGITS)]
+        for label, look, values in (
+            ("compass", "faint", compass),
+            ("taken for waves", "command", compass - steered),
+            ("steered by", "main", steered),
+        )
+    ]
+    period_s, waves_deg = log.more["wave_period_s"], log.more["wave_sd_deg"]
+    told = np.isfinite(period_s) & (waves_deg > _LEAST_WAVES_DEG)
+    told[: told.size // 2] = False  # it has to learn first
+    marks = []
+    if told.any():
+        middle_s = float(np.median(period_s[told]))
+        marks.append([round(1.0 / middle_s, 5), f"filter: {middle_s:.1f} s"])
+    return {"frequency_hz": numbers(_places(hertz), _DIGITS), "lines": lines, "marks": marks}
+
+
+def density(values: Array, rows: int, step_s: float) -> Array:
+    """Return the one-sided power spectral density: Welch's mean over half-overlapping Hann windows without trends."""
+    window = np.hanning(rows)
+    line = np.linspace(-1.0, 1.0, rows)
+    total, count = np.zeros(rows // 2 + 1), 0
+    for begin in range(0, values.size - rows + 1, max(1, rows // 2)):
+        part = values[begin : begin + rows]
+        part = part - part.mean() - line * (part @ line) / (line @ line)
+        total += np.abs(np.fft.rfft(part * window)) ** 2
+        count += 1
+    return np.asarray(2.0 * step_s * total / (max(count, 1) * float(window @ window)))
+
+
+def _places(hertz: Array) -> Array:
+    return np.geomspace(max(hertz[0], 1.0 / _LONGEST_S), hertz[-1], _LINES)
+
+
+def _smoothed(hertz: Array, values: Array) -> Array:
+    """Return the means around places that are equally far apart by octaves; between two frequencies on the line."""
+    places = _places(hertz)
+    width = math.sqrt(places[1] / places[0])
+    first, last = (np.searchsorted(hertz, places * factor) for factor in (1.0 / width, width))
+    sums = np.concatenate(([0.0], np.cumsum(values)))
+    counts = last - first
+    means = (sums[last] - sums[first]) / np.maximum(counts, 1)
+    return np.where(counts > 1, means, np.interp(places, hertz, values))

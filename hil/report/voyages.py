@@ -1,0 +1,106 @@
+"""Runs and logs as voyages: what the pages of firmware_py.view draw, few rows of whatever length."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from firmware_py.common.plan import Plan
+from firmware_py.view.model import Line, Panel, Voyage, numbers, plan_rows, voyage
+from hil.report import thin_log
+from hil.report.field_log import FieldLog
+from hil.report.spectrum import spectrum_of
+from hil.report.thin_log import ThinTable, broken, panel_values, places_m
+from hil.report.thinning import thinned
+from hil.sim.truth import Array, Truth
+from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG
+
+HELD_S: Final = 2.5  # so long a slow value counts: it is logged every second
+_DAY_LINES: Final = 20_000
+
+
+def run_voyage(truth: Truth, log: FieldLog | None, shift_s: float) -> Voyage:
+    """Return the voyage of a run: a thinned truth, beside it what the boat has logged `shift_s` earlier."""
+    # What the run itself has ordered stands before what the boat went by: on a mission there is only the latter.
+    known = {name: column for name, column in _columns(truth).items() if np.isfinite(column).any()}
+    made = voyage(
+        {**({} if log is None else _onboard(log, truth.time_s - shift_s)), **known},
+        [] if log is None else [(t_s + shift_s, severity, text) for t_s, severity, text in log.texts],
+    )
+    made["origin"] = [START_LATITUDE_DEG, START_LONGITUDE_DEG]
+    if log is not None:
+        made |= _beside(log)
+    return made
+
+
+def field_voyage(log: FieldLog) -> Voyage:
+    """Return the voyage that a boat's own logs tell of."""
+    truth = log.truth
+    few = thinned((truth,), truth.time_s.size)
+    made = voyage({**_onboard(log, few.time_s), **_columns(few)}, log.texts) | _beside(log)
+    made["begin_utc_s"], made["origin"] = log.utc_s, None if log.origin is None else numbers(log.origin, 7)
+    return made
+
+
+def days_voyage(table: ThinTable) -> Voyage:
+    """Return the voyage of a thin log: a row a minute, lines broken where nothing was logged."""
+    begin_s = float(table["Utc"][0])
+    every = max(1, math.ceil(table.rows / _DAY_LINES))
+    north_m, east_m = places_m(table)
+    named = {f"day_{number}": panel_values(table, panel) for number, panel in enumerate(thin_log.PANELS)}
+    columns = broken(table["Utc"] - begin_s, {**named, "north_m": north_m, "east_m": east_m})
+    panels = [
+        Panel(title, (Line(f"day_{number}", title),), step=label == "Flt")
+        for number, (title, label, _) in enumerate(thin_log.PANELS)
+    ]
+    made = voyage({name: column[::every] for name, column in columns.items()}, (), panels)
+    return made | {"begin_utc_s": begin_s}
+
+
+def _columns(truth: Truth) -> dict[str, Array]:
+    bare = np.array_equal(truth.heading_rad, truth.heading_low_rad)
+    lying = not (np.any(truth.north_m) or np.any(truth.east_m))  # without a receiver there is no track
+    return {
+        "time_s": truth.time_s,
+        **({} if bare else {"compass_deg": np.degrees(truth.heading_rad)}),
+        "heading_deg": np.degrees(truth.heading_low_rad),
+        "goal_deg": np.degrees(truth.goal_rad),
+        "error_deg": np.degrees(truth.heading_low_rad - truth.goal_rad),
+        "yaw_rate_deg_s": np.degrees(truth.yaw_rate_rad_s),
+        "rudder_deg": np.degrees(truth.rudder_rad),
+        "command_deg": np.degrees(truth.rudder_command_rad),
+        **({} if lying else {"north_m": truth.north_m, "east_m": truth.east_m}),
+    }
+
+
+def _onboard(log: FieldLog, at_s: Array) -> dict[str, Array]:
+    """Return what the boat knew at some moments of her log's time; NaN where she said nothing just before."""
+    time_s = log.truth.time_s
+    place = np.searchsorted(time_s, at_s + 1e-6, side="right") - 1
+    found: dict[str, Array] = {}
+    for name, values in log.more.items():
+        known = np.flatnonzero(np.isfinite(values))
+        if not known.size:
+            continue
+        newest = np.searchsorted(known, place, side="right") - 1
+        source = known[np.maximum(newest, 0)]
+        fresh = (newest >= 0) & (at_s - time_s[source] <= HELD_S)
+        found[name] = np.where(fresh, values[source], math.nan)
+    return found
+
+
+def _beside(log: FieldLog) -> dict[str, Any]:
+    plans: dict[str, Any] = {name: plan_rows(plan) for name, plan in _plans(log.plans)}
+    if log.home is not None:
+        plans["home"] = numbers(log.home, 7)
+    made: dict[str, Any] = {"plans": plans} if plans else {}
+    if (spectrum := spectrum_of(log)) is not None:
+        made["spectrum"] = spectrum
+    return made
+
+
+def _plans(plans: Mapping[str, Plan]) -> Iterator[tuple[str, Plan]]:
+    return ((name, plan) for name, plan in plans.items() if plan.items)

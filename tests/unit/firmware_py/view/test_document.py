@@ -1,0 +1,61 @@
+"""The shell of a page: what it holds cannot become part of it, and nothing comes from outside."""
+
+import base64
+import hashlib
+import json
+import math
+import re
+
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
+from firmware_py.view.document import LIVE, PLOTS, asset, data_block, document
+from firmware_py.view.model import PANELS, plan_rows, voyage
+
+
+def test_what_somebody_said_does_not_become_a_script():
+    text = "</script><script>alert(1)</script>"
+    page = document(text, [data_block("voyage", {"marks": [[1.0, 4, text]]})], PLOTS)
+    assert page.count("<script") == 2
+    assert "<title>&lt;/script&gt;" in page
+    block = re.search(r'class="voyage">(.*?)</script>', page)[1]
+    assert json.loads(block)["marks"][0][2] == text
+
+
+def test_the_browser_is_told_to_run_and_load_nothing_else():
+    page = document("a page", [], PLOTS)
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)[1]
+    assert policy.startswith("default-src 'none'")
+    assert "connect-src" not in policy
+    for kind, tag in (("script", "script"), ("style", "style")):
+        (content,) = re.findall(rf"<{tag}>(.*?)</{tag}>", page, re.DOTALL)
+        digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()
+        assert f"{kind}-src 'sha256-{digest}'" in policy
+
+
+def test_scripts_are_small_and_ask_nobody():
+    assert len(asset(*LIVE)) + len(asset("view.css")) < 60_000
+    assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)|fetch\(|import\(|innerHTML|eval\(", asset(*LIVE))
+
+
+def test_every_page_fits_a_phone_and_both_schemes():
+    page = document("a page", [])
+    assert 'name="viewport" content="width=device-width' in page
+    assert "prefers-color-scheme: dark" in page
+    assert "<script" not in page
+
+
+def test_what_is_not_known_is_null():
+    made = voyage({"time_s": [0.0, 1.0], "heading_deg": [math.nan, 1.23456]}, [(math.nan, 1, "x"), (1.0, 2, "y")])
+    assert made["columns"] == {"time_s": [0.0, 1.0], "heading_deg": [None, 1.235]}
+    assert made["marks"] == [[1.0, 2, "y"]]
+    json.dumps(made, allow_nan=False)
+
+
+def test_a_plan_is_rows_of_places_in_degrees():
+    item = PlanItem(17, params=(0.0, math.nan, 40.0, 0.0), x=361234567, y=-1210000000)
+    assert plan_rows(Plan.of(PlanKind.MISSION, [item])) == [[17, 0.0, None, 40.0, 0.0, 36.1234567, -121.0]]
+
+
+def test_looks_of_lines_are_classes_of_the_style():
+    for panel in PANELS:
+        for line in panel.lines:
+            assert line.look == "main" or f".line.{line.look}" in asset("view.css")

@@ -1,0 +1,47 @@
+"""The spectrum of the yaw, on signals whose spectrum is known."""
+
+import numpy as np
+import pytest
+
+from hil.report import field_log, spectrum
+from hil.report.spectrum import density, spectrum_of
+from support.paths import REPLAY
+
+STEP_S = 0.1
+
+
+def test_the_power_of_a_sine_is_at_its_frequency_and_is_half_its_square():
+    time_s = np.arange(20_000) * STEP_S
+    found = density(3.0 * np.sin(2.0 * np.pi * 0.4 * time_s), 2000, STEP_S)
+    hertz = np.fft.rfftfreq(2000, STEP_S)
+    assert hertz[np.argmax(found)] == pytest.approx(0.4, abs=hertz[1])
+    assert np.sum(found) * hertz[1] == pytest.approx(4.5, rel=0.01)
+
+
+def test_the_power_of_noise_is_its_variance():
+    found = density(2.0 * np.random.default_rng(1).standard_normal(100_000), 2000, STEP_S)
+    assert np.mean(found) / (2.0 * STEP_S) == pytest.approx(4.0, rel=0.05)
+
+
+def test_a_slow_turn_is_no_yaw():
+    assert density(np.linspace(0.0, 300.0, 2000), 2000, STEP_S).max() < 1e-15
+
+
+def test_what_the_filter_takes_for_waves_is_what_the_compass_shows_and_nobody_steers_by():
+    log = field_log.read([REPLAY / "tank_pni_volz.BIN"])
+    found = spectrum_of(log)
+    assert [label for label, _, _ in found["lines"]] == ["compass", "taken for waves", "steered by"]
+    lines = {label: np.array(values) for label, _, values in found["lines"]}
+    hertz = np.array(found["frequency_hz"])
+    assert all(values.size == hertz.size for values in lines.values())
+    waves = (hertz > 0.3) & (hertz < 0.6)
+    assert lines["taken for waves"][waves].sum() > 5.0 * lines["steered by"][waves].sum()
+    (at_hz, label), *more = found["marks"]
+    assert not more
+    assert at_hz == pytest.approx(1.0 / 2.53, rel=0.2)
+    assert label.startswith("filter: 2.")
+
+
+def test_a_log_too_short_for_it_has_none(monkeypatch):
+    monkeypatch.setattr(spectrum, "_LEAST_SEGMENT_S", 1e6)
+    assert spectrum_of(field_log.read([REPLAY / "tank_pni_volz.BIN"])) is None
