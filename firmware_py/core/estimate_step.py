@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Inputs, PositionSample, RudderStatus
 from firmware_py.common.reports import Home
 from firmware_py.core import device_reports, rudder, tick_timing

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import Request, Verdict
 from firmware_py.common.mode_table import MODES, RudderBy
+from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Inputs, RudderCommand, RudderStatus, Severity
 from firmware_py.common.reports import Output
 from firmware_py.control.rudder_limit import limited_command

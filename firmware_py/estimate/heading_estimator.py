@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import clamp, radians, wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, FixType, HeadingSample, PositionSample, Severity
 from firmware_py.common.reports import Estimate, HeadingEstimate
 from firmware_py.estimate import declination, kalman, observer, sources, track_average, wave_filter

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,13 +126,20 @@ def advance(x: Numbers, transition: Transition) -> Numbers:
     # fmt: on
 
 
-def carry(columns: Floats, transition: Transition) -> Floats:
-    """Return F M: the columns of M (17 x n) carried on by the derivative of `advance`."""
+class Derivative(NamedTuple):
+    """The derivative of `advance`: a row for each of _TURNING, a column for each of _DRIVING; and that of a motion."""
+
+    turning: Floats
+    motion: Floats
+
+
+def derivative(transition: Transition) -> Derivative:
+    """Return what `carry` carries columns on by."""
     turned, (f00, f01, f10, f11) = transition.turn, transition.follow
     reach, by_rate, half, share = turned.reach_s, turned.by_rate, 0.5 * turned.reach_s, turned.share_s
     bias, speed, factor = turned.by_bias, turned.by_speed, turned.by_factor
     left, by_push = 1.0 - f00, 0.5 * share
-    # A row for each of _TURNING, a column for each of _DRIVING; the float follows the middle of the glider's way.
+    # The float follows the middle of the glider's way.
     shares = np.array(
         (
             (1.0, reach, share * bias, 0.0, 0.0, share * speed, share * factor),
@@ -141,11 +148,15 @@ def carry(columns: Floats, transition: Transition) -> Floats:
             (-f10, -f10 * half, -f10 * by_push * bias, f10, f11, -f10 * by_push * speed, -f10 * by_push * factor),
         )
     )
+    return Derivative(shares[:, :, None], np.array(transition.wave).reshape(2, 2, 1))
+
+
+def carry(columns: Floats, by: Derivative) -> Floats:
+    """Return F M: the columns of M (17 x n) carried on."""
     after = columns.copy()
-    after[_TURNING] = np.add.reduce(shares[:, :, None] * columns[_DRIVING], axis=1)
+    after[_TURNING] = np.add.reduce(by.turning * columns[_DRIVING], axis=1)
     pairs = columns[WAVE:].reshape(len(_MOTIONS), 1, 2, -1)
-    wave = np.array(transition.wave).reshape(2, 2, 1)
-    after[WAVE:] = np.add.reduce(wave * pairs, axis=2).reshape(2 * len(_MOTIONS), -1)
+    after[WAVE:] = np.add.reduce(by.motion * pairs, axis=2).reshape(2 * len(_MOTIONS), -1)
     return after
 
 
@@ -153,8 +164,9 @@ def predict(
     covariance: Floats, slopes: Floats, transition: Transition, noise: Sequence[float], motions: Sequence[Noise]
 ) -> tuple[Floats, Floats]:
     """Return F P F' + Q and F S; `noise` is what each state but the motions gains, `motions` what each of them does."""
-    once = carry(np.concatenate((covariance, slopes), axis=1), transition)
-    after = carry(once[:, :STATES].T, transition)
+    by = derivative(transition)
+    once = carry(np.concatenate((covariance, slopes), axis=1), by)
+    after = carry(once[:, :STATES].T, by)
     after = 0.5 * (after + after.T)
     own = [gain for angle, _, rate in motions for gain in (angle, rate)]
     both = [both for _, both, _ in motions]

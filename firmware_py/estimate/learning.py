@@ -17,10 +17,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import clamp, radians
+from firmware_py.common.record_copy import replace
 from firmware_py.estimate.kalman import DAMPING
 
 LARGEST_NORMALISED: Final = 4.0  # one slap of the sea must not teach more than this

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,6 +24,7 @@ FIRST: Final = (
 )
 TOGETHER: Final = 0.98  # correlation of the headings of float and glider at the start
 FIRST_COURSE_LAG_S: Final = 0.5
+_NUMBER: Final = struct.Struct("d")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +72,8 @@ class WaveFilterState:
 
     def covariance(self, row: int, column: int) -> float:
         """Return the covariance of two states of a filter that has started."""
-        return float(np.frombuffer(self.p)[kalman.STATES * row + column])
+        number: float = _NUMBER.unpack_from(self.p, _NUMBER.size * (kalman.STATES * row + column))[0]
+        return number
 
 
 def start(state: WaveFilterState, t_s: float, heading_rad: float) -> WaveFilterState:

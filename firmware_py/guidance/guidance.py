@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
+from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.reports import Activity, Home, MissionReport, Navigation, Water
 from firmware_py.guidance import fence, mission, mission_progress, task_follower

@@ -9,11 +9,12 @@ pulls, and it is tried again now and then for a moment shorter than a stall that
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_copy import replace
 from firmware_py.common.records import RudderStatus
 
 AT_COMMAND_RAD: Final = radians(3.0)  # nearer than this to the command it is where it shall be

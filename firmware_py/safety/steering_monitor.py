@@ -15,11 +15,12 @@ A boat that turns the other way, again and again, has a servo that is set up the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_copy import replace
 from firmware_py.model.kt import KtModel, decay_over, exact_step
 
 SLOW_S: Final = 60.0  # what changes slower than this is trim

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import radians
 from firmware_py.common.intents import Arm, Intent, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition
 from firmware_py.common.mode_table import FAILSAFE_MODES, MODES, Mode, RudderBy
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, RudderStatus, Severity
 from firmware_py.faults.table import TABLE, Fault
 from firmware_py.modes import ModeState, Situation, enter, obstacle_to
