@@ -55,7 +55,8 @@ class LogWriter:
         """Write into directory, whose older files are removed beyond room_bytes.
 
         No file is begun while the disk has less than least_bytes free. `turn` is called on the writer's thread every
-        flush_s, with what has been written since, `finish` at the end; neither may raise.
+        flush_s, or without one whenever the queue is half full, with what has been written since, `finish` at the end;
+        neither may raise.
         """
         self._directory = directory
         self._disk = disk
@@ -97,7 +98,7 @@ class LogWriter:
             2 * len(self._queue) > self._queue_batches or 2 * (self._put_bytes - self._taken_bytes) > self._queue_bytes
         )
         if busy and self._thread is None:
-            self.drain()
+            self._work()
         elif busy and not self._wake.is_set():
             self._wake.set()
 
@@ -132,11 +133,14 @@ class LogWriter:
         while not self._closing:
             self._wake.wait(self._flush_s)
             self._wake.clear()
-            before = self._taken_bytes
-            self.drain()
-            self._turn(self._taken_bytes - before)
-            self._turns += 1
+            self._work()
         self._finish()
+
+    def _work(self) -> None:
+        before = self._taken_bytes
+        self.drain()
+        self._turn(self._taken_bytes - before)
+        self._turns += 1
 
     def _finish(self) -> None:
         self.drain()

@@ -1,0 +1,479 @@
+"""A boat alone for months, in one process: the real loop, power drivers, log and state; ship, servo, sun in figures.
+
+She sails for some hours of each day, a tick a second. For the rest of the day she lies at a mooring, disarmed, her
+sensors off, a tick in fourteen seconds. What happens to her stands in a script, and so does which faults that explains.
+"""
+
+import errno
+import gc
+import math
+import operator
+import os
+import select
+from array import array
+from collections import Counter
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from firmware_py.assemble.earlier_runs import read_state, resume
+from firmware_py.assemble.logs import dated, storage_of
+from firmware_py.assemble.supervision import Supervision
+from firmware_py.common.angles import TWO_PI, radians
+from firmware_py.common.intents import Arm, Request, SetMode
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import (
+    DeviceHealth,
+    DeviceRole,
+    DeviceState,
+    FixType,
+    HeadingSample,
+    NorthReference,
+    PositionSample,
+    RudderFeedback,
+)
+from firmware_py.core.autopilot import Autopilot
+from firmware_py.core.state import State
+from firmware_py.link.endpoint import Endpoint
+from firmware_py.link.telemetry.identity import Version
+from firmware_py.log.disk import LocalDisk
+from firmware_py.log.recorder import LogRecorder
+from firmware_py.loop import LoopParts, run
+from firmware_py.sensors.relabelled import Relabelled
+from firmware_py.sensors.vedirect import VeDirectPower
+from firmware_py.system.clock import Metronome
+from firmware_py.system.fault_barrier import FaultBarrier
+from firmware_py.system.state_directory import LOG_DIRECTORY, KeyVault
+from firmware_py.system.store import Store
+from hil.devices.vedirect import Kind, VeDirectEmulator
+from hil.ship.extras import Supply
+from hil.ship.power_plant import Place, PowerPlant
+from support.line import FakeLine
+from support.plans import START_RAD, placed
+
+DAY_S = 86_400.0
+UTC_S = 1_785_542_400.0  # midnight, the first of August 2026
+SPARSE_HZ = 1.0 / 14.0
+PAGE_KIB = os.sysconf("SC_PAGE_SIZE") // 1024
+WARM_S = 120.0  # the compass is on before she sets out
+SUPPLY = Supply(panel_w=26.0, clouds=0.55, battery_wh=400.0, load_w=4.0, charge=0.7)
+SETTINGS = {
+    "LOOP_RATE_HZ": 1.0,
+    "BOOT_RESUME": 2.0,
+    "RUD_DISARMED": 1.0,
+    "LOG_FILE_MB": 4.0,
+    "LOG_KEEP_MB": 48.0,
+    "LOG_KEEP_DAYS": 20.0,
+    "PWR_SAVE_PCT": 40.0,
+}
+K_1_S, T_S, SPEED_M_S = 0.05, 4.0, 0.6
+SLEW_RAD_S, SERVO_V, MOVING_A, HOLDING_A = radians(30.0), 12.0, 0.25, 0.015
+
+
+class PowerCutError(Exception):
+    """The float computer is without power from one moment to the next."""
+
+
+class CrashError(Exception):
+    """Something in the program has failed."""
+
+
+RAISED = {"cut": PowerCutError, "crash": CrashError}
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What goes wrong from when to when, by the clock of the boat, and the faults that it explains."""
+
+    what: str
+    begin_s: float
+    end_s: float
+    faults: frozenset
+
+
+@dataclass(frozen=True)
+class End:
+    """An end of the autopilot: cut, crash or stop, and for how long the computer is off."""
+
+    how: str
+    at_s: float
+    off_s: float = 30.0
+
+
+class Ship:
+    """Heading by Nomoto's equation, exactly, in two regular waves; she moves along her heading in a current."""
+
+    def __init__(self):
+        self.heading_rad = self.rate_rad_s = self.north_m = self.east_m = 0.0
+        self.t_s = 0.0
+
+    def step(self, rudder_rad, step_s):
+        part = -math.expm1(-step_s / T_S)
+        aim_rad_s = K_1_S * (rudder_rad + radians(2.0))
+        mean_rad_s = aim_rad_s + (self.rate_rad_s - aim_rad_s) * part * T_S / step_s
+        self.rate_rad_s += (aim_rad_s - self.rate_rad_s) * part
+        middle_rad = self.heading_rad + 0.5 * mean_rad_s * step_s
+        self.heading_rad += mean_rad_s * step_s
+        self.t_s += step_s
+        self.north_m += (SPEED_M_S * math.cos(middle_rad) + 0.05) * step_s
+        self.east_m += SPEED_M_S * math.sin(middle_rad) * step_s
+
+    def wave_rad(self):
+        return radians(2.0) * math.sin(self.t_s * 0.9) + radians(1.0) * math.sin(self.t_s * 0.71 + 1.0)
+
+    def velocity_m_s(self):
+        return SPEED_M_S * math.cos(self.heading_rad) + 0.05, SPEED_M_S * math.sin(self.heading_rad)
+
+
+class Gauge(VeDirectEmulator):
+    """A charger or monitor that measures when it is asked, and then since it was asked last."""
+
+    def said(self, now_s):
+        return self._talk(now_s) if int(now_s) > int(self._before[0]) else b""
+
+
+class World:
+    """Ship, servo, sun and the devices' bytes, up to a moment; a part that is in `dead` says nothing."""
+
+    def __init__(self, seed):
+        self.rng = np.random.default_rng(seed)
+        self.ship = Ship()
+        self.t_s = 0.0
+        self.under_way = False
+        self.dead = frozenset()
+        self.shaft_rad = self.target_rad = self.servo_j = 0.0
+        self.torque = False
+        place = Place(math.degrees(START_RAD[0]), math.degrees(START_RAD[1]), UTC_S)
+        self.plant = PowerPlant(SUPPLY, place, np.random.default_rng(seed + 1), lambda: self.servo_j)
+        self.charger = Gauge(self.plant, Kind.CHARGER)
+        self.monitor = Gauge(self.plant, Kind.MONITOR)
+
+    def advance_to(self, now_s):
+        while (step_s := min(1.0, now_s - self.t_s)) > 0.0:
+            self.t_s += step_s
+            if self.torque:
+                way_rad = min(max(self.target_rad - self.shaft_rad, -SLEW_RAD_S * step_s), SLEW_RAD_S * step_s)
+                self.shaft_rad += way_rad
+                moving_s = abs(way_rad) / SLEW_RAD_S
+                self.servo_j += SERVO_V * (MOVING_A * moving_s + HOLDING_A * (step_s - moving_s))
+            if self.under_way:
+                self.ship.step(self.shaft_rad, step_s)
+            self.plant.advance_to(self.t_s)
+
+
+class Instrument:
+    """What all devices without bytes have in common."""
+
+    role = DeviceRole.COMPASS
+    name = "compass"
+
+    def __init__(self, world):
+        self.world = world
+        self.samples = []
+
+    def fileno(self):
+        return -1
+
+    def speaks(self):
+        return self.name not in self.world.dead
+
+    def receive(self, now_s):
+        self.world.advance_to(now_s)
+        if self.speaks():
+            self.samples.append(self.sample(now_s))
+
+    def poll(self):
+        samples, self.samples = self.samples, []
+        return samples
+
+    def health(self, now_s):
+        return DeviceHealth(now_s, self.role, DeviceState.RUNNING if self.speaks() else DeviceState.SILENT, 0, 0)
+
+
+class Sensor(Instrument):
+    """What is switched off at the mooring."""
+
+    def speaks(self):
+        return self.world.under_way and super().speaks()
+
+
+class Compass(Sensor):
+    """A compass of 0.1 degrees with some noise."""
+
+    def sample(self, now_s):
+        ship = self.world.ship
+        shown_rad = ship.heading_rad + ship.wave_rad() + radians(0.3) * self.world.rng.standard_normal()
+        shown_rad = round(shown_rad / radians(0.1)) * radians(0.1) % TWO_PI
+        return HeadingSample(now_s, shown_rad, NorthReference.TRUE, temperature_c=18.0)
+
+
+class Receiver(Sensor):
+    """A receiver of satellites."""
+
+    role, name = DeviceRole.POSITION, "receiver"
+
+    def sample(self, now_s):
+        ship, rng = self.world.ship, self.world.rng
+        place = placed(ship.north_m + rng.standard_normal(), ship.east_m + rng.standard_normal())
+        north, east = (each + 0.03 * rng.standard_normal() for each in ship.velocity_m_s())
+        course_rad = math.atan2(east, north) % TWO_PI
+        over_ground = (math.hypot(north, east), course_rad)
+        return PositionSample(now_s, FixType.FIX_3D, *place, 2.0, *over_ground, 11, 0.9, UTC_S + now_s)
+
+
+class Servo(Instrument):
+    """A servo whose current is the mean since it was asked last."""
+
+    role, name = DeviceRole.RUDDER, "servo"
+
+    def __init__(self, world):
+        super().__init__(world)
+        self.before = (world.t_s, world.servo_j)
+
+    def sample(self, now_s):
+        world, (before_s, before_j) = self.world, self.before
+        self.before = (now_s, world.servo_j)
+        mean_a = (world.servo_j - before_j) / (SERVO_V * (now_s - before_s)) if now_s > before_s else 0.0
+        return RudderFeedback(now_s, world.shaft_rad, 25.0, SERVO_V, mean_a, torque_on=world.torque)
+
+    def command(self, command, now_s):
+        self.world.advance_to(now_s)
+        if self.speaks():
+            self.world.target_rad, self.world.torque = command.shaft_rad, command.torque_on
+
+
+class PowerLine(FakeLine):
+    """The line of a charger or monitor: what it has said by now is there to be read."""
+
+    def __init__(self, world, device, name):
+        super().__init__(name=name)
+        self.world, self.device_name, self.emulator = world, name, device
+
+    def fileno(self):
+        return -1
+
+    def read(self):
+        said = self.emulator.said(self.world.t_s)
+        return b"" if self.device_name in self.world.dead else said
+
+
+class SimulatedDisk(LocalDisk):
+    """A disk whose files are of the boat's time, and which is full when the world says so."""
+
+    def __init__(self, world, kept_days):
+        super().__init__(kept_days, lambda: UTC_S + world.t_s)
+        self.world = world
+
+    def write(self, descriptor, data):
+        if "disk" in self.world.dead:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return super().write(descriptor, data)
+
+    def close(self, descriptor):
+        os.utime(descriptor, (UTC_S + self.world.t_s,) * 2)
+        super().close(descriptor)
+
+
+class Clock:
+    """The boat's time: a wait lets the world move on, and `act` do what the script says."""
+
+    def __init__(self, world, begin_s):
+        self.world, self.begin_s = world, begin_s
+        self._now_s = 0.0  # no difference, which may come out before the deadline by its last bit
+        self.act = lambda: None
+        self.store = None
+
+    def now_s(self):
+        return self._now_s
+
+    def utc_s(self):
+        return UTC_S + self.world.t_s
+
+    def wait(self, deadline_s, descriptors):
+        if self.store.settle() and (ready := select.select(descriptors, [], [], 0.0)[0]):
+            return ready
+        self._now_s = max(self._now_s, deadline_s)
+        self.world.advance_to(self.begin_s + self._now_s)
+        self.act()
+        return []
+
+
+class Shifted:
+    """A device as a run of the program sees it, whose clock begins anew at each start."""
+
+    def __init__(self, device, begin_s):
+        self._device, self._begin_s = device, begin_s
+        self.fileno = device.fileno
+
+    def receive(self, now_s):
+        self._device.receive(self._begin_s + now_s)
+
+    def poll(self):
+        return [replace(sample, t_s=sample.t_s - self._begin_s) for sample in self._device.poll()]
+
+    def health(self, now_s):
+        return self._device.health(now_s)
+
+    def command(self, command, now_s):
+        self._device.command(command, self._begin_s + now_s)
+
+
+class Flows(NamedTuple):
+    """Watt-hours by the names of `rambler energy`."""
+
+    solar: float = 0.0
+    load: float = 0.0
+    servo: float = 0.0
+    charged: float = 0.0
+    discharged: float = 0.0
+
+    @classmethod
+    def of(cls, totals):
+        joules = (totals.charger_j, totals.load_j, totals.servo_j, totals.into_battery_j, totals.out_of_battery_j)
+        return cls(*(each / 3600.0 for each in joules))
+
+    def __add__(self, other):
+        return Flows(*map(operator.add, self, other))
+
+    def __sub__(self, other):
+        return Flows(*map(operator.sub, self, other))
+
+
+class Months:
+    """The boat over her days: `run` sails them; what was true, and what the process took, is kept beside."""
+
+    def __init__(self, directory, days, sailing_s, causes=(), ends=(), seed=1):
+        self.directory, self.days, self.sailing_s = directory, days, sailing_s
+        self.causes, self.ends = causes, [*ends, End("stop", days * DAY_S)]
+        self.world = World(seed)
+        self.charge = array("d", bytes(8 * (int(days * 1440.0) + 1)))  # of each minute in which she ran
+        self.resident_kib, self.disk_bytes = array("q"), array("q")  # each hour
+        self.truth = Flows()
+        self.told = Counter()
+        self.ticks = 0
+
+    def run(self):
+        for end in self.ends:
+            self._run_until(end)
+            self.world.torque = False  # by the servo's own watchdog
+            self.world.advance_to(end.at_s + end.off_s)
+        return self
+
+    # -------------------------------------------------------------------- one run of the program
+
+    def _run_until(self, end):
+        world = self.world
+        begin_s, before = world.t_s, Flows.of(world.plant.totals)
+        with ExitStack() as opened:
+            parts = self._wired(begin_s, opened)
+            parts.clock.act = lambda: self._act(parts, end)
+            try:
+                run(parts, lambda: world.t_s >= end.at_s)
+            except PowerCutError:
+                pass
+            except CrashError as error:
+                self._supervision.end_badly(str(error))
+                parts.recorder.close()
+            else:
+                self._supervision.end(anew=False)
+                parts.recorder.close()
+        self.truth += Flows.of(world.plant.totals) - before
+
+    def _act(self, parts, end):
+        """Do what the script says for now, before the tick."""
+        world = self.world
+        now_s = world.t_s
+        self.ticks += 1
+        if now_s >= end.at_s:
+            if end.how in RAISED:
+                raise RAISED[end.how](end.how)
+            return
+        time_s = now_s % DAY_S
+        world.under_way = DAY_S - time_s <= WARM_S or time_s < self.sailing_s
+        world.dead = frozenset(cause.what for cause in self.causes if cause.begin_s <= now_s < cause.end_s)
+        wanted = time_s < self.sailing_s
+        state = parts.autopilot.state
+        if wanted != state.modes.armed and state.timing.started_s is not None:
+            mode = Mode.AUTO if wanted else Mode.HOLD
+            for intent in (Arm(armed=wanted), SetMode(mode)):
+                parts.autopilot.decide(Request(parts.clock.now_s(), intent))
+        minute = int(now_s // 60.0)
+        if self.charge[minute] == 0.0:
+            self.charge[minute] = world.plant.charge
+            if minute % 60 == 30:
+                self._look()
+
+    def _look(self):
+        gc.collect()
+        self.resident_kib.append(int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * PAGE_KIB)
+        logs = self.directory / LOG_DIRECTORY
+        self.disk_bytes.append(sum(path.stat().st_size for path in logs.rglob("*") if path.is_file()))
+
+    def _wired(self, begin_s, opened):
+        world, say = self.world, self._say
+        clock = Clock(world, begin_s)
+        store = clock.store = Store(self.directory)
+        opened.callback(store.close)
+        kept, plans = read_state(self.directory, store, say)
+        values = ParameterSet()
+        for name, value in SETTINGS.items():
+            values = values.replaced(name, value)
+        parameters = kept.parameters_over(values)
+        state = resume(State.at_start(parameters, plans), kept.resume_record(), clock.utc_s(), say)
+        autopilot = Autopilot(state, kept)
+        recorder = LogRecorder(
+            self.directory / LOG_DIRECTORY,
+            parameters=parameters,
+            file_bytes=int(parameters["LOG_FILE_MB"] * 1e6),
+            keep_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
+            utc_s=clock.utc_s(),
+            software="rambler",
+            queue_batches=120,
+            background=False,
+            disk=SimulatedDisk(world, parameters["LOG_KEEP_DAYS"]),
+            clock_utc_s=clock.utc_s,
+        )
+        endpoint = Endpoint(
+            [],
+            autopilot,
+            utc_s=clock.utc_s,
+            version=Version(0, 1, 0, "", 1),
+            vault=KeyVault(store),
+            storage=replace(storage_of(self.directory, parameters), background=False),
+        )
+        opened.callback(endpoint.close)
+        lines = (PowerLine(world, world.charger, "charger"), PowerLine(world, world.monitor, "monitor"))
+        charger, monitor = (VeDirectPower(line) for line in lines)
+        parts = LoopParts(
+            clock=clock,
+            autopilot=autopilot,
+            compass=Shifted(Compass(world), begin_s),
+            position=dated(Shifted(Receiver(world), begin_s), clock, self.directory, say),
+            rudder=Shifted(Servo(world), begin_s),
+            power=(charger, Relabelled(monitor, DeviceRole.POWER_B)),
+            link=endpoint,
+            recorder=recorder,
+            store=store,
+            lines=(),
+            show_event=lambda event: say(event.text),
+            fault_barrier=FaultBarrier(say),
+        )
+        self._supervision = Supervision(parts, say, {}, None, wait=False)
+        return parts
+
+    def _say(self, text):
+        self.told[text] += 1
+
+
+def sparse(world):
+    """Return a metronome for the loop that beats once in fourteen seconds while she lies at her mooring."""
+
+    class SparseMetronome(Metronome):
+        def set_rate(self, rate_hz):
+            super().set_rate(rate_hz if world.under_way else SPARSE_HZ)
+
+    return SparseMetronome

@@ -1,0 +1,168 @@
+"""Alone for months: what is to be read afterwards is complete, and nothing has grown.
+
+`pytest -m proof tests/voyages/test_months.py -s` lives through 60 days, in some ten minutes of one core: an hour of
+each day she sails, a tick a second; the rest she lies at a mooring, a tick in fourteen seconds.
+"""
+
+import gc
+import math
+import os
+from itertools import pairwise
+
+import pytest
+
+from firmware_py import loop
+from firmware_py.core.state_codec import state_from_text
+from firmware_py.core.step import step
+from firmware_py.faults.fault import Fault
+from firmware_py.log import energy_days
+from firmware_py.log.disk import THIN, log_files
+from firmware_py.log.replay import replay_log
+from firmware_py.system.state_directory import LOG_DIRECTORY
+from firmware_py.system.store import Store
+from support.months import DAY_S, SETTINGS, UTC_S, WARM_S, Cause, End, Months, sparse
+from support.plans import item, mission_file
+
+HOUR_S, MINUTE_S = 3600.0, 60.0
+SQUARE = (item(16, 600, 0), item(16, 600, 600), item(16, 0, 600), item(16, 0, 0), item(177, None, None, 0, -1))
+MOORED = frozenset({Fault.COMPASS_LOST, Fault.COMPASS_SILENT, Fault.POSITION_LOST})
+AFTER_S = 150.0  # a fault has to clear, and stands in the row of the minute in which it was there
+LOW, LOW_GONE = 0.405, 0.455  # of charge, about PWR_SAVE_PCT and what it clears above
+
+
+def sailed(directory, monkeypatch, days, sailing_s, causes, ends):
+    """Sail some days; return the boat, once what is left on disk has been looked at."""
+    store = Store(directory)
+    name, content = mission_file(*SQUARE)
+    store.save(name, content.encode())
+    store.close()
+    # That the disk keeps its promises is shown elsewhere; here it would cost minutes.
+    monkeypatch.setattr(os, "fsync", lambda _descriptor: None)
+    monkeypatch.setattr(os, "fdatasync", lambda _descriptor: None)
+    boat = Months(directory, days, sailing_s, causes, ends)
+    monkeypatch.setattr(loop, "Metronome", sparse(boat.world))
+    gc.collect()
+    gc.freeze()  # as the program does at its start
+    try:
+        return boat.run()
+    finally:
+        gc.unfreeze()
+
+
+def rows_of(boat):
+    return list(energy_days.rows(energy_days.thin_logs(boat.directory / LOG_DIRECTORY)))
+
+
+def holes(boat, rows):
+    """Where the thin log says nothing, as seconds of the boat's time."""
+    ends = [(row.utc_s - row.span_s - UTC_S, row.utc_s - UTC_S) for row in rows]
+    between = [(before[1], after[0]) for before, after in pairwise([(0.0, 0.0), *ends, (boat.days * DAY_S,) * 2])]
+    return [(begin_s, end_s) for begin_s, end_s in between if end_s - begin_s > 1.5]
+
+
+def unexplained(boat, rows):
+    """Each fault of a row that neither the script nor the charge of the battery explains: its day, its name."""
+    moorings = [
+        Cause("mooring", day * DAY_S + boat.sailing_s, (day + 1) * DAY_S - WARM_S, MOORED)
+        for day in range(math.ceil(boat.days))
+    ]
+    found = []
+    for row in rows:
+        end_s = row.utc_s - UTC_S
+        begin_s = end_s - row.span_s
+        because = {Fault.BATTERY_LOW} if 0.0 < min(_charges(boat, begin_s, end_s), default=1.0) < LOW_GONE else set()
+        for cause in (*boat.causes, *moorings):
+            if begin_s < cause.end_s + AFTER_S and end_s > cause.begin_s:
+                because |= cause.faults
+        stood = {fault for fault in Fault if int(row.values["Flt"]) >> fault & 1}
+        found += [(round(end_s / DAY_S, 4), fault.name) for fault in stood - because]
+    return found
+
+
+def _charges(boat, begin_s, end_s):
+    first, last = int(begin_s // MINUTE_S) - 2, int(end_s // MINUTE_S) + 2
+    return [charge for charge in boat.charge[max(0, first) : last] if charge > 0.0]
+
+
+def seen(rows):
+    """All faults that stood at some time."""
+    bits = 0
+    for row in rows:
+        bits |= int(row.values["Flt"])
+    return {fault for fault in Fault if bits >> fault & 1}
+
+
+def measured_wh(rows):
+    """What `rambler energy` adds up to, by name."""
+    days = [day.amounts(None) for day in energy_days.days(rows)]
+    return {name: sum(day[name].wh for day in days) for name in ("solar", "load", "servo", "charged", "discharged")}
+
+
+def assert_good(boat, ends):
+    """What holds of a voyage of any length; returns by which part the energies told differ from the truth."""
+    rows = rows_of(boat)
+    allowed = [(end.at_s - 130.0, end.at_s + end.off_s + 5.0) for end in (*ends, End("stop", boat.days * DAY_S))]
+    lost = [
+        hole
+        for hole in holes(boat, rows)
+        if not any(low_s <= hole[0] and hole[1] <= high_s for low_s, high_s in allowed)
+    ]
+    assert lost == []
+    assert unexplained(boat, rows) == []
+    assert {fault for cause in boat.causes for fault in cause.faults} <= seen(rows)
+    truth, told = boat.truth._asdict(), measured_wh(rows)
+    logs = log_files(boat.directory / LOG_DIRECTORY)
+    assert replay_log(logs[max(logs)], state_from_text, step).identical
+    return {name: abs(told[name] / truth[name] - 1.0) for name in truth}
+
+
+def test_six_hours(tmp_path, monkeypatch):
+    """A power cut under way, and a monitor that falls silent at the mooring."""
+    causes = (Cause("monitor", 7200.0, 7800.0, frozenset({Fault.POWER_SILENT})),)
+    ends = (End("cut", 150.0),)
+    boat = sailed(tmp_path, monkeypatch, 0.25, 300.0, causes, ends)
+    errors = assert_good(boat, ends)
+    assert max(errors["solar"], errors["load"]) < 0.01  # the rest is so little that what the cut has lost counts
+    assert "Started again: cut off (the first time)" in boat.told
+    assert boat.told["Armed"] == 1  # and she sails on after the cut as she did before
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(4 * HOUR_S)
+def test_sixty_days(tmp_path, monkeypatch, figures):
+    """`pytest -m proof tests/voyages/test_months.py -s`."""
+    days, sailing_s = int(os.environ.get("MONTHS_DAYS", "60")), HOUR_S
+
+    def at(day, hour):
+        return day * days // 60 * DAY_S + hour * HOUR_S
+
+    causes = (
+        Cause("receiver", at(9, 0.3), at(9, 0.7), frozenset({Fault.POSITION_LOST})),
+        Cause("compass", at(14, 0.5), at(14, 0.6), frozenset({Fault.COMPASS_SILENT})),
+        Cause("monitor", at(17, 7.0), at(17, 8.0), frozenset({Fault.POWER_SILENT})),
+        Cause("disk", at(23, 0.4), at(23, 0.8), frozenset({Fault.STORAGE_FAILING})),
+        Cause("servo", at(28, 0.5), at(28, 0.6), frozenset({Fault.RUDDER_SILENT})),
+    )
+    ends = (
+        End("cut", at(5, 0.5)),
+        End("stop", at(12, 0.5), 60.0),
+        End("cut", at(20, 0.5)),
+        End("cut", at(20, 0.6)),
+        End("crash", at(33, 0.7), 5.0),
+        End("stop", at(41, 10.0), 6.0 * HOUR_S),
+        End("cut", at(50, 12.0)),
+    )
+    boat = sailed(tmp_path, monkeypatch, days, sailing_s, causes, ends)
+    print(boat.ticks, "ticks", dict(boat.told))
+    errors = assert_good(boat, ends)
+    settled = boat.resident_kib[24:]
+    growth_mib = (max(settled) - min(settled)) / 1024.0
+    thin_bytes = sum(path.stat().st_size for path in (tmp_path / LOG_DIRECTORY / THIN).iterdir())
+    figures.keep("months_memory", growth_mib, "MiB")
+    figures.keep("months_thin_year", thin_bytes / 1e6 * 365.0 / days, "MB")
+    figures.keep("months_logs", max(boat.disk_bytes) / 1e6, "MB")
+    figures.keep("months_energy", 100.0 * max(errors.values()), "%")
+    assert max(errors.values()) <= 0.01
+    assert growth_mib <= 1.0
+    assert thin_bytes / days * 365.0 <= 100e6
+    assert max(boat.disk_bytes) <= (SETTINGS["LOG_KEEP_MB"] + SETTINGS["LOG_FILE_MB"]) * 1e6 + thin_bytes
