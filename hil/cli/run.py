@@ -7,7 +7,7 @@ import math
 import sys
 from pathlib import Path
 
-from hil.cli.sea_arguments import SCENARIO_NAMES, add_sea_arguments, sea_of, seconds_of, vehicle_of
+from hil.cli.sea_arguments import RUNS, SCENARIO_NAMES, add_sea_arguments, hide_from_git, sea_of, seconds_of, vehicle_of
 from hil.errors import HilError, UsageError
 from hil.report import run_page
 from hil.report.text import figures_text
@@ -23,7 +23,6 @@ DEFAULT_SECONDS = 1320.0
 SECONDS_AFTER_LAST_GOAL = 300.0
 LONGEST_S = 1e7
 PLAY_LINKS = ("udpout:127.0.0.1:14550", "tcpin:127.0.0.1:5760")
-RUNS = Path("runs")
 MODES = {name.lower(): number for number, name in MODE_NAMES.items()}
 
 
@@ -121,7 +120,7 @@ def read_options(arguments: argparse.Namespace) -> RunOptions:
     out = arguments.out
     if out is None:
         out = RUNS / f"{scenario.name}-{arguments.seed}"
-        _hide_from_git(RUNS)
+        hide_from_git(RUNS)
     return RunOptions(
         scenario=scenario,
         seconds=seconds,
@@ -167,11 +166,3 @@ def _within(goals: tuple[Goal, ...], seconds: float) -> tuple[Goal, ...]:
     if not kept:
         raise UsageError(f"no goal before the end at {seconds:g} s; lengthen with --seconds")
     return kept
-
-
-def _hide_from_git(directory: Path) -> None:
-    try:
-        directory.mkdir(exist_ok=True)
-        (directory / ".gitignore").write_text("*\n", encoding="ascii")
-    except OSError as error:
-        raise UsageError(f"output directory {directory}: {error.strerror}; give another --out") from None

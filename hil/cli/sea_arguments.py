@@ -15,6 +15,7 @@ from hil.ship.scenarios import Scenario
 from hil.sim.device_factory import COMPASSES, SERVOS
 from hil.sim.vehicle_file import load, standard_vehicle, with_devices
 
+RUNS = Path("runs")
 SCENARIO_NAMES = ", ".join(row.name for row in scenarios.TABLE)
 
 
@@ -88,3 +89,12 @@ def seconds_of(seconds: float, longest_s: float) -> float:
     if not (math.isfinite(seconds) and 0.0 < seconds <= longest_s):
         raise UsageError(f"--seconds {seconds:g}: give a number of seconds up to {longest_s:g}")
     return seconds
+
+
+def hide_from_git(directory: Path) -> None:
+    """Make the directory of all runs, which git is not to see; UsageError when that fails."""
+    try:
+        directory.mkdir(exist_ok=True)
+        (directory / ".gitignore").write_text("*\n", encoding="ascii")
+    except OSError as error:
+        raise UsageError(f"output directory {directory}: {error.strerror}; give another --out") from None

@@ -1,0 +1,135 @@
+"""`rambler-hil serve-json`: ArduPilot's autopilots on our ship, in our seas, scored as ours is."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import socket
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+from firmware_py.common.angles import radians
+from hil.cli.sea_arguments import RUNS, SCENARIO_NAMES, add_sea_arguments, hide_from_git, sea_of, seconds_of, vehicle_of
+from hil.errors import UsageError
+from hil.report import run_page
+from hil.report.text import figures_text
+from hil.sim import run_directory
+from hil.sim.goals import GoalError, parse_goals
+from hil.sim.json_ship import JsonShip, PacketError, read_packet
+from hil.sim.logbook import Logbook, RunOptions, put_to_sea
+from hil.sim.signals import interruptible
+from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S
+
+ADDRESS, PORT = "127.0.0.1", 9002
+DEFAULT_GOALS, DEFAULT_SECONDS, LONGEST_S = "0:0,120:60,720:-90", 1320.0, 1e7
+SERVOS = range(1, 17)
+TRAVEL_DEG = (1.0, 45.0)
+QUIET_S = 60.0
+LOOK_S = 0.5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument("scenario", metavar="SCENARIO", help=SCENARIO_NAMES)
+    add_sea_arguments(parser)
+    parser.add_argument(
+        "--seconds", type=float, metavar="N", default=DEFAULT_SECONDS, help="of the ship (default 1320)"
+    )
+    parser.add_argument(
+        "--goal",
+        metavar="T:DEG,...",
+        default=DEFAULT_GOALS,
+        help="the headings that she is scored by, which whoever operates the autopilot gives it at these seconds"
+        f' (default "{DEFAULT_GOALS}")',
+    )
+    parser.add_argument("--port", type=int, default=PORT, metavar="N", help=f"UDP port on {ADDRESS} (default {PORT})")
+    parser.add_argument("--steering", type=int, default=1, metavar="N", help="the servo output that steers (default 1)")
+    parser.add_argument(
+        "--travel", type=float, default=30.0, metavar="DEG", help="the rudder at 1900 us, starboard (default 30)"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where to write (default runs/json-SCENARIO-SEED)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until her time is over, she hears nothing more, or Ctrl-C; write her figures and her page."""
+    options = _options(arguments)
+    if arguments.steering not in SERVOS or not TRAVEL_DEG[0] <= arguments.travel <= TRAVEL_DEG[1]:
+        raise UsageError("--steering is 1 to 16, --travel 1 to 45 degrees")
+    with closing(_listener(arguments.port)) as listener, run_directory.held(options.out), interruptible():
+        print(
+            f"waiting on udp {ADDRESS}:{arguments.port}; start the autopilot with --model json:{ADDRESS} and"
+            f" --home {START_LATITUDE_DEG:g},{START_LONGITUDE_DEG:g},0,0",
+            flush=True,
+        )
+        try:
+            with put_to_sea(options, START_UTC_S) as book:
+                ship = JsonShip(book.world, servo=arguments.steering, travel_rad=radians(arguments.travel))
+                _serve(listener, ship, book, options.seconds)
+        except KeyboardInterrupt:
+            print("ended by hand", file=sys.stderr)
+        figures, report = run_page.make(options.out)
+    print(figures_text(figures))
+    print(f"report: {report}")
+    return 0
+
+
+def _options(arguments: argparse.Namespace) -> RunOptions:
+    scenario = sea_of(arguments)
+    try:
+        goals = parse_goals(arguments.goal)
+    except GoalError as error:
+        raise UsageError(str(error)) from None
+    out = arguments.out
+    if out is None:
+        out = RUNS / f"json-{scenario.name}-{arguments.seed}"
+        hide_from_git(RUNS)
+    return RunOptions(
+        scenario=scenario,
+        seconds=seconds_of(arguments.seconds, LONGEST_S),
+        out=out,
+        speed=math.inf,
+        seed=arguments.seed,
+        goals=goals,
+        vehicle=vehicle_of(arguments),
+    )
+
+
+def _listener(port: int) -> socket.socket:
+    listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        listener.bind((ADDRESS, port))
+    except (OSError, OverflowError) as error:
+        listener.close()
+        raise UsageError(f"--port {port}: {getattr(error, 'strerror', None) or error}; give another") from None
+    listener.settimeout(LOOK_S)
+    return listener
+
+
+def _serve(listener: socket.socket, ship: JsonShip, book: Logbook, end_s: float) -> None:
+    """Answer packets until the ship's time is over or none comes any more; what is none is told, once of a kind."""
+    told: set[str] = set()
+    heard_s: float | None = None
+    begun_s = time.monotonic()
+    while book.world.now_s < end_s:
+        try:
+            data, address = listener.recvfrom(2048)
+        except TimeoutError:
+            if heard_s is not None and time.monotonic() - heard_s > QUIET_S:
+                print(f"nothing from the autopilot for {QUIET_S:g} s: the end", file=sys.stderr)
+                break
+            continue
+        try:
+            answer = ship.answer(read_packet(data))
+        except PacketError as error:
+            if str(error) not in told and len(told) < 10:
+                told.add(str(error))
+                print(f"rambler-hil: {error}", file=sys.stderr)
+            continue
+        if heard_s is None:
+            print(f"steered from {address[0]}:{address[1]}", flush=True)
+            begun_s = time.monotonic()
+        heard_s = time.monotonic()
+        listener.sendto(answer, address)
+    book.wall_s = time.monotonic() - begun_s

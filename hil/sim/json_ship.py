@@ -1,0 +1,113 @@
+"""The ship as ArduPilot's simulator sees it: a packet of servo pulses in, a line of JSON with her motion out.
+
+The protocol is that of ArduPilot's SITL JSON backend (libraries/SITL/examples/JSON/readme.md): the autopilot sends
+UDP packets `<HHI16H` (magic 18458, the rate of its frames, their number, 16 pulses in us) and waits for one line each;
+so it is the ship's clock, and the ship moves on by one frame for each packet.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from dataclasses import dataclass
+
+from firmware_py.common.angles import radians, wrap_pi
+from hil.devices.emulator import METRES_PER_DEGREE
+from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, World
+
+PACKET = struct.Struct("<HHI16H")
+MAGIC = 18458
+MOST_FRAMES = 100  # that one packet makes up for; more, and the autopilot has been away
+RATES_HZ = (10, 10_000)
+CENTRE_US, HALF_US = 1500.0, 400.0  # ArduPilot's defaults for a servo: 1100 to 1900
+LEAST_US, MOST_US = 800, 2200  # beyond is no pulse: a servo that gets none stays where it is
+GRAVITY_M_S2 = 9.80665
+
+
+class PacketError(ValueError):
+    """Bytes that are no packet of ArduPilot's; the text says what they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pulses:
+    """One packet: how many frames a second, its number, and the pulses in us."""
+
+    rate_hz: int
+    frame: int
+    pulses_us: tuple[int, ...]
+
+
+def read_packet(data: bytes) -> Pulses:
+    """Read a packet, or raise PacketError."""
+    if len(data) != PACKET.size:
+        raise PacketError(f"a packet of {len(data)} bytes; ArduPilot's have {PACKET.size}")
+    magic, rate_hz, frame, *pulses_us = PACKET.unpack(data)
+    if magic != MAGIC:
+        raise PacketError(f"a packet that begins with {magic}; ArduPilot's begin with {MAGIC}")
+    if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
+        raise PacketError(f"{rate_hz} frames a second; {RATES_HZ[0]} to {RATES_HZ[1]} can be served")
+    return Pulses(rate_hz, frame, tuple(pulses_us))
+
+
+class JsonShip:
+    """Moves a world on with the frames of an autopilot and says what its sensors see.
+
+    `servo` is the number of the steering output from 1 on, `travel_rad` the rudder angle at 1900 us.
+    """
+
+    def __init__(self, world: World, *, servo: int, travel_rad: float) -> None:
+        """Lie as the world lies; no frame has come."""
+        self._world = world
+        world.shaft.set_torque(on=True)
+        self._servo, self._travel_rad = servo, travel_rad
+        self._frame: int | None = None
+        self._velocity_m_s = self._velocity()
+        self._answer = b""
+
+    def answer(self, packet: Pulses) -> bytes:
+        """Return the line for a packet; the same one again for a packet that comes again."""
+        passed = 1 if self._frame is None else packet.frame - self._frame
+        if passed == 0 and self._answer:
+            return self._answer
+        if not 1 <= passed <= MOST_FRAMES:  # it has started anew, or has been away
+            passed = 1
+        self._frame = packet.frame
+        pulse_us = packet.pulses_us[self._servo - 1]
+        if LEAST_US <= pulse_us <= MOST_US:
+            share = max(-1.0, min((pulse_us - CENTRE_US) / HALF_US, 1.0))
+            self._world.shaft.set_target(share * self._travel_rad)
+        duration_s = passed / packet.rate_hz
+        self._world.advance_to(self._world.now_s + duration_s)
+        self._answer = self._line(duration_s)
+        return self._answer
+
+    def _line(self, duration_s: float) -> bytes:
+        world = self._world
+        heading_rad = wrap_pi(world.heading_rad())
+        then, self._velocity_m_s = self._velocity_m_s, self._velocity()
+        north_m_s2 = (self._velocity_m_s[0] - then[0]) / duration_s
+        east_m_s2 = (self._velocity_m_s[1] - then[1]) / duration_s
+        ahead, abeam = math.cos(heading_rad), math.sin(heading_rad)
+        longitude_m = METRES_PER_DEGREE * math.cos(radians(START_LATITUDE_DEG))
+        state = {
+            "timestamp": world.now_s,
+            "imu": {
+                "gyro": [0.0, 0.0, world.yaw_rate_rad_s()],
+                "accel_body": [
+                    north_m_s2 * ahead + east_m_s2 * abeam, east_m_s2 * ahead - north_m_s2 * abeam, -GRAVITY_M_S2,
+                ],
+            },
+            "position": [
+                (world.latitude_deg() - START_LATITUDE_DEG) * METRES_PER_DEGREE,
+                (world.longitude_deg() - START_LONGITUDE_DEG) * longitude_m,
+                0.0,
+            ],
+            "attitude": [0.0, 0.0, heading_rad],
+            "velocity": [*self._velocity_m_s, 0.0],
+        }  # fmt: skip
+        return b"\n" + json.dumps(state, allow_nan=False).encode("ascii") + b"\n"
+
+    def _velocity(self) -> tuple[float, float]:
+        speed_m_s, course_rad = self._world.speed_over_ground_m_s(), self._world.course_over_ground_rad()
+        return speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad)

@@ -1,0 +1,40 @@
+"""An autopilot of others on our ship: a stand-in that speaks ArduPilot's side of the protocol from outside."""
+
+import json
+import math
+import socket
+import struct
+import sys
+from contextlib import closing
+
+from support.program import Program, unused_ports
+
+RATE_HZ = 50
+
+
+def test_another_s_autopilot_sails_and_is_scored_as_ours_is(tmp_path):
+    (port,) = unused_ports(["udpin"])
+    out = tmp_path / "out"
+    words = ["serve-json", "tank", "--port", str(port), "--seconds", "60", "--goal", "0:20", "--out", str(out)]
+    with (
+        closing(Program("ship", [sys.executable, "-m", "hil", *words], tmp_path)) as ship,
+        closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as autopilot,
+    ):
+        ship.expect("waiting on udp")
+        autopilot.settimeout(20.0)
+        autopilot.sendto(b"not a packet", ("127.0.0.1", port))
+        steering_us, state = 1500, {"timestamp": 0.0}
+        frame = 0
+        while state["timestamp"] < 60.0 - 0.5 / RATE_HZ:
+            frame += 1
+            pulses = [steering_us] + [1500] * 15
+            autopilot.sendto(struct.pack("<HHI16H", 18458, RATE_HZ, frame, *pulses), ("127.0.0.1", port))
+            state = json.loads(autopilot.recv(4096))
+            error_rad = math.radians(20.0) - state["attitude"][2]
+            command = 1.0 * error_rad - 3.0 * state["imu"]["gyro"][2]
+            steering_us = round(1500 + 400 * max(-1.0, min(command / math.radians(30.0), 1.0)))
+        assert ship.exit_code() == 0
+    assert "a packet of 12 bytes" in ship.text()
+    (goal,) = json.loads((out / "summary.json").read_text())["goals"]
+    assert goal["rms_error_deg"] < 5.0
+    assert (out / "report.html").exists()

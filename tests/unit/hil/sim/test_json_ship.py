@@ -1,0 +1,70 @@
+"""The ship as ArduPilot's simulator sees it, by packets made as its documentation says."""
+
+import json
+import math
+import struct
+
+import pytest
+
+from hil.ship.scenarios import named
+from hil.sim.json_ship import MAGIC, JsonShip, PacketError, read_packet
+from hil.sim.world import World
+
+TRAVEL_RAD = math.radians(30.0)
+
+
+def packet(frame, steering_us=1500, rate_hz=50, magic=MAGIC, servo=1):
+    pulses = [1500] * 16
+    pulses[servo - 1] = steering_us
+    return struct.pack("<HHI16H", magic, rate_hz, frame, *pulses)
+
+
+@pytest.fixture
+def ship():
+    return JsonShip(World(named("calm"), 1), servo=1, travel_rad=TRAVEL_RAD)
+
+
+def told(ship, *args, **options):
+    line = ship.answer(read_packet(packet(*args, **options)))
+    assert line.endswith(b"\n")
+    return json.loads(line)
+
+
+def test_the_ship_s_time_is_the_frames(ship):
+    assert told(ship, 1)["timestamp"] == pytest.approx(0.02)
+    assert told(ship, 2)["timestamp"] == pytest.approx(0.04)
+    assert told(ship, 2)["timestamp"] == pytest.approx(0.04)  # the same packet again
+    assert told(ship, 5)["timestamp"] == pytest.approx(0.10)  # two were lost
+    assert told(ship, 1)["timestamp"] == pytest.approx(0.12)  # the autopilot has started anew
+    assert told(ship, 2, rate_hz=400)["timestamp"] == pytest.approx(0.1225)
+
+
+def test_a_pulse_to_starboard_turns_her_to_starboard(ship):
+    for frame in range(1, 1000):
+        state = told(ship, frame, 1900)
+    assert state["attitude"][2] > 0.3
+    assert state["imu"]["gyro"][2] > 0.0
+    east = state["velocity"][1]
+    assert east > 0.0
+    assert ship._world.rudder_rad() == pytest.approx(TRAVEL_RAD, abs=1e-3)
+    turned_rad = state["attitude"][2]
+    # In a turn to starboard she is accelerated to starboard: speed times rate.
+    assert state["imu"]["accel_body"][1] == pytest.approx(0.4 * state["imu"]["gyro"][2], rel=0.1)
+    for frame in range(1000, 1100):
+        state = told(ship, frame, 0)  # no pulse: the servo stays where it is
+    assert ship._world.rudder_rad() == pytest.approx(TRAVEL_RAD, abs=1e-3)
+    assert state["attitude"][2] > turned_rad
+
+
+@pytest.mark.parametrize(
+    ("data", "complaint"),
+    [
+        (b"", "0 bytes"),
+        (packet(1)[:-1], "39 bytes"),
+        (packet(1, magic=29569), "29569"),
+        (packet(1, rate_hz=0), "0 frames"),
+    ],
+)
+def test_what_is_no_packet_is_named(data, complaint):
+    with pytest.raises(PacketError, match=complaint):
+        read_packet(data)
