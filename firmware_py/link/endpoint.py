@@ -15,6 +15,7 @@ from firmware_py.link.context import Handler, LinkContext, Suppliers
 from firmware_py.link.files.root import FileRoot
 from firmware_py.link.peer import Peer
 from firmware_py.link.peers import Peers
+from firmware_py.link.routing import Router
 from firmware_py.link.security.access import Admitted, Gate, Standing, invites_anybody, reads_only
 from firmware_py.link.security.denials import deny
 from firmware_py.link.security.key_record import NO_VAULT
@@ -42,8 +43,6 @@ _STRANGER_BYTES = 64  # to take up a stranger costs as much as to search these
 _REMEMBERED_EVENTS = 5
 _NOTICES, _NOTICES_HZ = 4, 1.0 / 30.0  # of who has no place: at once, and in the long run
 NO_STORAGE = FileRoot()
-
-
 _FALSE_SIGNATURE = "Signature refused: wrong key or old timestamp"
 
 
@@ -98,6 +97,7 @@ class Endpoint:
         )
         self._context.peers = self._peers
         self._context.everybody = self._peers.everybody
+        self._router = Router((self._context.system, self._context.component), self._peers, self.tell)
         self._worker = Worker(background=storage.background)
         self._services = Services(self._context, KeySetup(self._context, self._signing, vault), storage, self._worker)
         self._telemetry = TelemetryPublisher(self._context)
@@ -208,6 +208,7 @@ class Endpoint:
         peer.rest_follows = len(data) > _PIECE_BYTES
         if peer.rest_follows:
             self._receive_queue.put_back(index, address, data[_PIECE_BYTES:])
+        self._router.pass_on(peer, frames, now_s)
         self._unread.extend((peer, admitted) for admitted in frames if admitted.frame.number in self._handlers)
         if self._gate.false_signatures > false_before:
             self._context.send_text_limited(peer, Severity.WARNING, _FALSE_SIGNATURE, now_s)

@@ -86,6 +86,14 @@ class Peer:
         return self.link_class is LinkClass.MESSAGES
 
     @property
+    def routes(self) -> bool:
+        """Whether what others say to one another passes over its link."""
+        route = self.transport.options.route
+        if self.link_class is LinkClass.MESSAGES:
+            return False
+        return self.link_class is LinkClass.FAST if route is None else route
+
+    @property
     def proven(self) -> bool:
         """Whether what is sent to its address is known to arrive there."""
         return self.outbox.credit_bytes is None

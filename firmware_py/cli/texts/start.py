@@ -90,6 +90,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the link is open and no key is set",
         "`rambler key set`, or `systems=` and `policy=` of the link: see who may command",
     ),
+    "More than <number> messages a second to pass on between links: some are lost": (
+        "a station or a companion computer says more than the boat routes",
+        "ask it for less, or keep its link out of it with `?route=0`",
+    ),
     "No place for <address> on <link>": ("as many stations as are served are there already", "close one of them"),
     "Place of <address> on <link> given to <address>": (
         "one that was silent or not signed made room for a better one",

@@ -193,7 +193,7 @@ class Packed(NamedTuple):
     """A message ready to be stamped with a peer's sequence number."""
 
     frame: bytes  # MAVLink 2, with sequence number 0
-    seed: bytes  # crc_extra, one byte
+    seed: bytes  # crc_extra, one byte; empty for a frame that somebody else has numbered and signed
 
 
 def checksum(covered: bytes, seed: bytes) -> int:

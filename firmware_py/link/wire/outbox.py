@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from typing import Protocol
 
@@ -128,18 +128,29 @@ class Outbox:
             batch = self._batch(now_s)
             if not batch:
                 break
-            seal = self._sealer.seal if self._sealer.overhead_bytes else stamp
-            data = b"".join(seal(packed, (self._sequence + index) & 0xFF) for index, packed in enumerate(batch))
+            data, sequence = self._stamped(batch)
             if not self._send(data):
                 self._drop_when_blocked(now_s)
                 break
             self._blocked_since_s = None
-            self._sequence = (self._sequence + len(batch)) & 0xFF
+            self._sequence = sequence
             self.sent_bytes += len(data)
             if self._bytes is not None:
                 self._bytes.spend(len(data))
             self._forget(len(batch))
         self._drop(self._queues[Priority.TELEMETRY])
+
+    def _stamped(self, batch: Sequence[Packed]) -> tuple[bytes, int]:
+        """Return the frames as they leave, and the number of the next; what others have packed stays as it is."""
+        seal = self._sealer.seal if self._sealer.overhead_bytes else stamp
+        frames, sequence = [], self._sequence
+        for packed in batch:
+            if not packed.seed:
+                frames.append(packed.frame)
+                continue
+            frames.append(seal(packed, sequence))
+            sequence = (sequence + 1) & 0xFF
+        return b"".join(frames), sequence
 
     def _drop_when_blocked(self, now_s: float) -> None:
         """Forget what waits once a line has been away for long: old acknowledgements would mislead."""

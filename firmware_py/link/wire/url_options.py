@@ -38,13 +38,15 @@ class LinkOptions:
 
     `trusted`: nobody but the owner can reach it (a cable), so that a signing key may be
     set over it. `link_class` None is what the kind of the link suggests. `systems` are
-    the MAVLink system ids that may command; None is all of them.
+    the MAVLink system ids that may command; None is all of them. `route`: messages between
+    others pass over it; None is as the class suggests.
     """
 
     trusted: bool = False
     policy: Policy = Policy.AUTO
     link_class: LinkClass | None = None
     systems: frozenset[int] | None = None
+    route: bool | None = None
 
     def at_radio_rates(self, *, usual: bool) -> bool:
         """Return whether telemetry goes out at the lower rates; `usual` is what the kind of the link suggests."""
@@ -70,6 +72,7 @@ _OPTIONS: Mapping[str, tuple[str, Callable[[str], object], str]] = {
     "trusted": ("trusted", _SWITCH.get, "1 or 0"),
     "policy": ("policy", _POLICIES.get, ", ".join(_POLICIES)),
     "class": ("link_class", _CLASSES.get, ", ".join(_CLASSES)),
+    "route": ("route", _SWITCH.get, "1 or 0"),
     "systems": ("systems", _systems, "system ids from 1 to 255, with commas between them"),
 }
 

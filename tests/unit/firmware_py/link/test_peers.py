@@ -188,7 +188,7 @@ def test_a_connection_that_is_lost_goes_at_once(make_rig):
 
 
 def test_parsers_do_not_mix_peers(make_rig):
-    rig = make_rig(addresses=("one", "two"))
+    rig = make_rig(addresses=("one", "two"), options=parse_options("route=0"))
     rig.tick()
     frame = rig.frame(mavlink.MAVLink_ping_message(1, 1, 0, 0))
     assert rig.give(frame[:10], "one") == []

@@ -1,0 +1,140 @@
+"""Routes between links: what others of the network say to one another passes through the boat.
+
+A companion computer and a ground station, or two stations, hear each other over the boat's links. Each system and
+component is known by the correspondent that it was heard from last; a message for it goes there alone, one for all goes
+to everybody. Only who may command is routed, and only over links that route: fast ones, others when their URL says so.
+
+A frame goes round in no loop, however others have wired links together: it passes on from the correspondent that its
+sender belongs to alone, and never twice.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Mapping
+
+from firmware_py.common.token_bucket import TokenBucket
+from firmware_py.link.peer import Peer
+from firmware_py.link.security.access import Admitted, Standing
+from firmware_py.link.wire.dialect import Packed, mavlink
+from firmware_py.link.wire.framing import Frame
+from firmware_py.link.wire.outbox import Priority
+
+ROUTES = 64  # of the network's components, those heard last
+MOVES_S = 10.0  # a sender that is heard over another correspondent is believed to be there after this silence
+SEEN_S = 3.0  # the same bytes within this are the same frame: a sender counts its frames
+SEEN = 1024
+BURST, RATE_HZ = 100, 200.0  # messages that are passed on, from all together
+_WAITING = 32  # a correspondent for whom so many messages wait gets no more
+_OVERLOAD = f"More than {RATE_HZ:g} messages a second to pass on between links: some are lost"
+_MAVLINK2, _HEADER2, _HEADER1 = 0xFD, 10, 6
+
+Address = tuple[int, int]  # MAVLink system and component
+ALL: Address = (0, 0)
+
+
+class Router:
+    """Learns who is where, and passes frames on as they came, signature and number included."""
+
+    def __init__(self, own: Address, peers: Iterable[Peer], tell: Callable[[str, float], None]) -> None:
+        """Take the boat's own address, those who have a place, and what tells the operator."""
+        self._own = own
+        self._peers = peers
+        self.tell = tell
+        self._routes: OrderedDict[Address, tuple[Peer, float]] = OrderedDict()
+        self._seen: OrderedDict[int, float] = OrderedDict()
+        self._tokens = TokenBucket(BURST, RATE_HZ)
+
+    def pass_on(self, peer: Peer, frames: Iterable[Admitted], now_s: float) -> None:
+        """Learn from the frames of a correspondent where they come from, and pass on those for others."""
+        if not peer.routes:
+            return
+        present = [other for other in self._peers if other.routes and other.proven]
+        if len(present) < 2 or peer not in present:
+            return
+        for frame, standing, _ in frames:
+            if standing is Standing.COMMANDER and self._learn(_source(frame.data), peer, present, now_s):
+                self._pass(peer, frame, present, now_s)
+
+    def _learn(self, source: Address, peer: Peer, present: Iterable[Peer], now_s: float) -> bool:
+        """Note where a sender is; False for the boat's own frame, and for one that comes a strange way."""
+        if source == self._own:
+            return False
+        known, heard_s = self._routes.get(source, (peer, now_s))
+        if known is not peer and known in present and now_s - heard_s < MOVES_S:
+            return False
+        self._routes[source] = (peer, now_s)
+        self._routes.move_to_end(source)
+        if len(self._routes) > ROUTES:
+            self._routes.popitem(last=False)
+        return True
+
+    def _pass(self, peer: Peer, frame: Frame, present: Iterable[Peer], now_s: float) -> None:
+        target = _target(frame)
+        if target == self._own:
+            return
+        hearers = [other for other in self._hearers(target, present) if other is not peer]
+        if not hearers or self._is_known(frame.data, now_s):
+            return
+        if not self._tokens.spend_one(now_s):
+            self.tell(_OVERLOAD, now_s)
+            return
+        priority = Priority.REPLY if target[0] else Priority.TELEMETRY
+        for other in hearers:
+            if other.outbox.waiting(priority) < _WAITING:
+                other.outbox.push(Packed(frame.data, b""), priority)
+
+    def _hearers(self, target: Address, present: Iterable[Peer]) -> Iterable[Peer]:
+        """Return whom a message is for: everybody, or those who have spoken for its target."""
+        system, component = target
+        if not system:
+            return present
+        of_target = {
+            id(peer)
+            for (route_system, route_component), (peer, _) in self._routes.items()
+            if route_system == system and component in (0, route_component)
+        }
+        return [other for other in present if id(other) in of_target]
+
+    def _is_known(self, data: bytes, now_s: float) -> bool:
+        while self._seen and (len(self._seen) >= SEEN or now_s - next(iter(self._seen.values())) > SEEN_S):
+            self._seen.popitem(last=False)
+        mark = hash(data)
+        if mark in self._seen:
+            return True
+        self._seen[mark] = now_s
+        return False
+
+
+def _source(data: bytes) -> Address:
+    return (data[5], data[6]) if data[0] == _MAVLINK2 else (data[3], data[4])
+
+
+def _target(frame: Frame) -> Address:
+    """Return whom a frame is for; a message without an address, or with a part of one, is for all."""
+    data, places = frame.data, _TARGETS.get(frame.number, ())
+    start = _HEADER2 if data[0] == _MAVLINK2 else _HEADER1
+    # MAVLink 2 leaves zeros at the end of a payload away.
+    system, component = ((*(data[start + place] if place < data[1] else 0 for place in places), 0, 0))[:2]
+    return system, component
+
+
+def _places(kind: type) -> tuple[int, ...]:
+    """Return where in its payload a message has the target's system and component, as far as it has."""
+    layout = re.findall(r"\d*[a-zA-Z]", kind.unpacker.format.lstrip("<"))  # type: ignore[attr-defined]
+    names, place, found = kind.ordered_fieldnames, 0, {}  # type: ignore[attr-defined]
+    for name, part in zip(names, layout, strict=True):
+        found[name] = place
+        place += struct.calcsize(f"<{part}")
+    system = found.get("target_system", found.get("target"))
+    if system is None:
+        return ()
+    component = found.get("target_component")
+    return (system,) if component is None else (system, component)
+
+
+_TARGETS: Mapping[int, tuple[int, ...]] = {
+    number: places for number, kind in mavlink.mavlink_map.items() if (places := _places(kind))
+}

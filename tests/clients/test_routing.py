@@ -1,0 +1,20 @@
+"""A companion computer on one link and a station on another: they hear and command each other through the boat."""
+
+COMPANION = 191
+
+
+def test_a_station_commands_the_companion_behind_the_boat(boot, free_ports, connect):
+    ports = free_ports(["udpin", "tcpin"])
+    boot("boat", f"udpout:127.0.0.1:{ports[0]}", f"tcpin:127.0.0.1:{ports[1]}")
+    companion = connect(f"tcp:127.0.0.1:{ports[1]}", source_system=1)
+    companion.mav.srcComponent = COMPANION
+    station = connect(f"udpin:127.0.0.1:{ports[0]}", source_system=255)
+    companion.show_presence()
+    station.heard("HEARTBEAT", lambda beat: beat.get_srcComponent() == COMPANION)
+    companion.heard("HEARTBEAT", lambda beat: beat.get_srcSystem() == 255)
+    station.mav.command_long_send(1, COMPANION, 2000, 0, *[0.0] * 7)
+    order = companion.heard("COMMAND_LONG", lambda command: command.command == 2000)
+    assert (order.get_srcSystem(), order.target_component) == (255, COMPANION)
+    companion.mav.command_ack_send(2000, 0, 0, 0, 255, order.get_srcComponent())
+    ack = station.heard("COMMAND_ACK", lambda answer: answer.command == 2000)
+    assert (ack.get_srcComponent(), ack.result) == (COMPANION, 0)
