@@ -8,8 +8,9 @@ from typing import Any, Generic, TypeVar
 
 from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
 from firmware_py.actuator.volz import VolzOptions, volz_rudder
-from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Position, Power, Rudder
+from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Position, Power, Rudder, Vessels
 from firmware_py.sensors import mti_reading, nmea_reader, pni_reading, ubx_protocol, vedirect_blocks
+from firmware_py.sensors.ais import AisOptions, AisReceiver
 from firmware_py.sensors.decode import CaptureFormat, Result
 from firmware_py.sensors.mti import MtiCompass, MtiOptions
 from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
@@ -91,6 +92,13 @@ POWERS: Mapping[str, Driver[Power]] = {
         capture=vedirect_blocks.CAPTURE_FORMAT,
     ),
 }
+AIS: Mapping[str, Driver[Vessels]] = {
+    "nmea": Driver(
+        device="receivers and transponders of AIS (VDM, VDO), also among the sentences of compass or receiver",
+        options=AisOptions,
+        make=AisReceiver,
+    ),
+}
 
 # The drivers that each section of a vehicle file may name.
 SECTIONS: Mapping[str, Mapping[str, Driver[Any]]] = {
@@ -100,6 +108,7 @@ SECTIONS: Mapping[str, Mapping[str, Driver[Any]]] = {
     "rudder": RUDDERS,
     "power": POWERS,
     "power_b": POWERS,
+    "ais": AIS,
 }
 
 # By the names of `rambler decode`.

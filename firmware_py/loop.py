@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from firmware_py.common.interfaces import Clock, Compass, Device, Link, Position, Power, Recorder, Rudder
+from firmware_py.common.interfaces import Clock, Compass, Device, Link, Position, Power, Recorder, Rudder, Vessels
 from firmware_py.common.records import Event, HeadingSample, Inputs, Progress, RudderCommand, Tick
 from firmware_py.common.reports import Output
 from firmware_py.core.autopilot import Autopilot
@@ -21,6 +21,7 @@ from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.health import HealthMonitor
 from firmware_py.system.serial_port import SerialPort
 from firmware_py.system.store import Store
+from firmware_py.system.udp_line import UdpLine
 from firmware_py.system.watchdogs import Watchdogs, waits_in_kernel
 
 # Before a deadline the link is left alone for this long, or for this part of a short period.
@@ -56,7 +57,7 @@ class LoopParts:
     link: Link
     recorder: Recorder | None
     store: Store
-    lines: Sequence[SerialPort]
+    lines: Sequence[SerialPort | UdpLine]
     show_event: Callable[[Event], None]
     fault_barrier: FaultBarrier
     clock_setter: ClockSetter | None = None
@@ -64,18 +65,21 @@ class LoopParts:
     take_signals: Callable[[], tuple[Event, ...]] = tuple  # what is to be told of the process's signals
     compass_b: Compass | None = None
     power: tuple[Power, ...] = ()
+    vessels: Vessels | None = None  # read behind all that steers; they are in no hurry
     health: HealthMonitor = field(default_factory=HealthMonitor)
     show_status: Callable[[Output, float], None] = lambda _output, _now_s: None  # to who looks on; never raises
     watchdogs: Watchdogs = field(default_factory=Watchdogs)
     liveness: Liveness = field(default_factory=Liveness)
     samples: int = 0  # taken from all devices since the start
     life_due_s: float = -math.inf
-    devices: tuple[Device, ...] = field(init=False)
+    devices: tuple[Device, ...] = field(init=False)  # whose bytes are taken as they arrive
+    reporting: tuple[Device, ...] = field(init=False)  # all
 
     def __post_init__(self) -> None:
         """List the devices once."""
         present = (self.compass, self.compass_b, self.rudder, self.position, *self.power)
         self.devices = tuple(device for device in present if device is not None)
+        self.reporting = self.devices if self.vessels is None else (*self.devices, self.vessels)
 
 
 def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
@@ -126,6 +130,7 @@ def _tick(parts: LoopParts, tick: Tick) -> HeadingSample | None:
         parts.health.take_reports(),
         parts.autopilot.take_requests(),
         tuple(sample for device in parts.power for sample in device.poll()),
+        tuple(parts.vessels.poll()) if parts.vessels is not None else (),
     )
     output = parts.autopilot.step(inputs)
     parts.rudder.command(output.command, now_s)
@@ -141,12 +146,14 @@ def _tick(parts: LoopParts, tick: Tick) -> HeadingSample | None:
     if parts.autopilot.compass_swing.running:
         parts.notices += parts.autopilot.compass_swing.take(inputs, parts.autopilot.state.parameters)
     parts.fault_barrier.call(now_s, partial(parts.link.publish, output, now_s))
+    if parts.vessels is not None:
+        parts.vessels.receive(now_s)
     for event in output.events:
         parts.show_event(event)
     for line in parts.lines:
         line.reopen(now_s)
     parts.samples += len(inputs.headings) + len(inputs.positions) + len(inputs.rudder)
-    parts.health.update(parts.devices, (parts.store, parts.recorder), clock, parts.link, now_s)
+    parts.health.update(parts.reporting, (parts.store, parts.recorder), clock, parts.link, now_s)
     parts.autopilot.keep_resume(now_s, clock.utc_s())
     parts.show_status(output, now_s)
     return headings[-1] if headings else None
@@ -179,7 +186,7 @@ def _progress(parts: LoopParts) -> list[Progress]:
     devices = devices_progress(
         parts.samples,
         sum(line.written for line in lines),
-        [line.connected for line in lines],
+        [device.fileno() >= 0 for device in parts.devices],  # who owes samples, and not AIS, which may be silent
         rudder_connected=parts.rudder.fileno() >= 0,
     )
     workers = [parts.store.progress(), *parts.link.progress()]

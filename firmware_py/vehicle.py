@@ -65,7 +65,7 @@ class Hull:
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """A vehicle file, checked; the position's port may be the compass's."""
+    """A vehicle file, checked; the position's port may be the compass's, that of AIS either's or `udp:[HOST:]PORT`."""
 
     name: str
     compass: DeviceEntry
@@ -77,12 +77,13 @@ class Vehicle:
     compass_b: DeviceEntry | None = None
     power: DeviceEntry | None = None
     power_b: DeviceEntry | None = None
+    ais: DeviceEntry | None = None
 
 
 MOST_BYTES = 1 << 20  # of a vehicle or parameter file
-_MOST_CHARACTERS = 60  # that are told of a name
-_MOST_BITS = 4096  # of a whole number: Python refuses to write much longer ones
-_OPTIONAL = ("position", "compass_b", "power", "power_b")  # devices
+UDP_PREFIX, _NO_BAUD = "udp:", 38400  # AIS may come by datagrams, which have no rate
+_MOST_CHARACTERS, _MOST_BITS = 60, 4096  # told of a name; of a whole number: Python refuses to write much longer ones
+_OPTIONAL = ("position", "compass_b", "power", "power_b", "ais")  # devices
 _SECTIONS = ("vehicle", "compass", "rudder", *_OPTIONAL, "link", "hull", "parameters")
 _CONNECTION = tuple(row.name for row in fields(_Connection))
 
@@ -216,10 +217,11 @@ def read_device(name: str, section: Mapping[str, Any], place: str) -> DeviceEntr
     own = {key: value for key, value in section.items() if key not in _CONNECTION}
     names = tuple(row.name for row in fields(kind))
     given = {key: section[key] for key in _CONNECTION if key in section}
+    datagrams = {"baud": _NO_BAUD} if str(section.get("port")).startswith(UDP_PREFIX) else {}
     _, values = _all_read(
         {
             "names": lambda: _only_read(own, driver, names, place),
-            "connection": lambda: _record(_Connection, given, place),
+            "connection": lambda: _record(_Connection, datagrams | given, place),
             "options": lambda: _record(kind, {key: value for key, value in own.items() if key in names}, place),
         }
     )

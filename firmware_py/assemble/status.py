@@ -88,5 +88,6 @@ def _ports(vehicle: Vehicle) -> dict[DeviceRole, tuple[str, str]]:
         DeviceRole.RUDDER: vehicle.rudder,
         DeviceRole.POWER: vehicle.power,
         DeviceRole.POWER_B: vehicle.power_b,
+        DeviceRole.AIS: vehicle.ais,
     }
     return {role: (entry.driver, entry.port) for role, entry in entries.items() if entry is not None}

@@ -9,104 +9,31 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from firmware_py import ROOT, __version__, commit_of
+from firmware_py.assemble.devices import Line, close_all, open_devices, open_lines
 from firmware_py.assemble.earlier_runs import read_state, report_key, resume
 from firmware_py.assemble.logs import dated, recorder_of, storage_of
 from firmware_py.assemble.status import show_status
-from firmware_py.common.interfaces import ByteLine, Calibrator, Clock, Compass, Position, Power, Rudder
+from firmware_py.common.interfaces import Clock
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.records import DeviceRole, Event, Severity, Stored
+from firmware_py.common.records import Event, Severity, Stored
 from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.state import State
-from firmware_py.devices import COMPASSES, POSITIONS, POWERS, RUDDERS, calibrator_of
 from firmware_py.files.reading import read_regular
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import Ashore, open_transport
 from firmware_py.link.wire.transport import Transport
 from firmware_py.loop import LoopParts
-from firmware_py.sensors.line_tee import LineTee
-from firmware_py.sensors.relabelled import Relabelled
 from firmware_py.system.clock import LockstepClock, RealClock, set_utc_s
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.console import Console
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.realtime import LoadMeter, clock_is_kept
-from firmware_py.system.serial_port import PortError, SerialPort
+from firmware_py.system.serial_port import SerialPort
 from firmware_py.system.state_directory import SATELLITE_FILE, SIGNING_FILE, KeyVault
 from firmware_py.system.store import Store
 from firmware_py.vehicle import Vehicle
-
-
-@dataclass(frozen=True, slots=True)
-class Devices:
-    """The drivers of a vehicle and the serial lines under them."""
-
-    compass: Compass
-    position: Position | None
-    rudder: Rudder
-    compass_b: Compass | None
-    calibrator: Calibrator | None
-    power: tuple[Power, ...]
-    lines: tuple[SerialPort, ...]
-
-
-def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
-    """Open the ports and make the drivers.
-
-    Raises PortError for a port that cannot be opened, unless `wait`: then it is taken up
-    when it appears.
-    """
-    compass_line = SerialPort(vehicle.compass.port, vehicle.compass.baud)
-    rudder_line = SerialPort(vehicle.rudder.port, vehicle.rudder.baud)
-    lines = [compass_line, rudder_line]
-    compass_view: ByteLine = compass_line
-    position = None
-    if (entry := vehicle.position) is not None:
-        if entry.port == vehicle.compass.port:
-            tee = LineTee(compass_line)
-            compass_view, position_view = tee.first, tee.second
-        else:
-            position_line = SerialPort(entry.port, entry.baud)
-            lines.append(position_line)
-            position_view = position_line
-        position = POSITIONS[entry.driver].make(position_view, entry.options)
-    compass = COMPASSES[vehicle.compass.driver].make(compass_view, vehicle.compass.options)
-    second = None
-    if (entry_b := vehicle.compass_b) is not None:
-        line_b = SerialPort(entry_b.port, entry_b.baud)
-        lines.append(line_b)
-        second = Relabelled(COMPASSES[entry_b.driver].make(line_b, entry_b.options), DeviceRole.COMPASS_B)
-    rudder = RUDDERS[vehicle.rudder.driver].make(rudder_line, vehicle.rudder.options)
-    power = _power_monitors(vehicle, lines)
-    open_lines(lines, wait=wait)
-    calibrator = calibrator_of(vehicle.compass.driver, compass)
-    return Devices(compass, position, rudder, second, calibrator, power, tuple(lines))
-
-
-def _power_monitors(vehicle: Vehicle, lines: list[SerialPort]) -> tuple[Power, ...]:
-    """Make the drivers of what measures battery and panels; their lines are added to the others."""
-    made: list[Power] = []
-    for entry, role in ((vehicle.power, DeviceRole.POWER), (vehicle.power_b, DeviceRole.POWER_B)):
-        if entry is not None:
-            lines.append(SerialPort(entry.port, entry.baud))
-            monitor = POWERS[entry.driver].make(lines[-1], entry.options)
-            made.append(monitor if role is DeviceRole.POWER else Relabelled(monitor, role))
-    return tuple(made)
-
-
-def open_lines(lines: Sequence[SerialPort], *, wait: bool) -> None:
-    """Open all lines, or close them again and raise PortError."""
-    try:
-        for line in lines:
-            try:
-                line.open()
-            except PortError:
-                if not wait:
-                    raise
-    except PortError:
-        _close_all(lines)
-        raise
 
 
 def base_parameters(vehicle: Vehicle) -> ParameterSet:
@@ -154,10 +81,9 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     """Open and wire everything; `opened` is to close it, the last first."""
     console = Console()
     opened.callback(console.close)
-    lines: list[SerialPort] = []
-    opened.callback(_close_all, lines)
     devices = open_devices(vehicle, wait=options.wait)
-    lines += devices.lines
+    lines = list(devices.lines)
+    opened.callback(close_all, lines)
     store = Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)
     opened.callback(store.close)
     notices: list[Event] = []
@@ -198,6 +124,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         position=dated(devices.position, clock, options.state_directory, say),
         rudder=devices.rudder,
         power=devices.power,
+        vessels=devices.vessels,
         link=endpoint,
         recorder=recorder,
         store=store,
@@ -236,17 +163,12 @@ def _taker_of_late_key(endpoint: Endpoint, directory: Path, say: Callable[[str],
     return take_up
 
 
-def _lockstep_clock(path: str, lines: Sequence[SerialPort], store: Store) -> LockstepClock:
+def _lockstep_clock(path: str, lines: Sequence[Line], store: Store) -> LockstepClock:
     return LockstepClock(path, [line.name for line in lines], lambda: [line.written for line in lines], store.settle)
 
 
-def _close_all(lines: Sequence[SerialPort]) -> None:
-    for line in lines:
-        line.close()
-
-
 def _open_transports(
-    vehicle: Vehicle, options: Options, lines: list[SerialPort], ashore: Ashore, opened: ExitStack
+    vehicle: Vehicle, options: Options, lines: list[Line], ashore: Ashore, opened: ExitStack
 ) -> list[Transport]:
     """Open the links; the serial lines among them are added to those of the devices."""
 

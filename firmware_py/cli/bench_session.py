@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from firmware_py.common.interfaces import Compass, Position, Power, Rudder
+from firmware_py.assemble.devices import Line, line_of, views
+from firmware_py.common.interfaces import Compass, Position, Power, Rudder, Vessels
 from firmware_py.common.records import (
     DeviceHealth,
     HeadingSample,
@@ -15,24 +16,26 @@ from firmware_py.common.records import (
     RudderCommand,
     RudderFeedback,
 )
-from firmware_py.devices import COMPASSES, POSITIONS, SECTIONS
-from firmware_py.sensors.line_tee import LineTee
+from firmware_py.common.vessels import VesselIdentity, VesselPosition
+from firmware_py.devices import SECTIONS
 from firmware_py.system.clock import RealClock
 from firmware_py.system.readings import (
     device_values,
     heading_values,
+    identity_values,
     position_values,
     power_values,
     rudder_values,
+    vessel_values,
 )
-from firmware_py.system.serial_port import PortError, SerialPort
+from firmware_py.system.serial_port import PortError
 from firmware_py.vehicle import DeviceEntry, Vehicle
 
 POLL_INTERVAL_S = 0.1
 # The servo is asked for its state and told to let go: listening moves nothing.
 RELEASED = RudderCommand(0.0, torque_on=False)
 
-Sample = HeadingSample | PositionSample | RudderFeedback | PowerSample
+Sample = HeadingSample | PositionSample | RudderFeedback | PowerSample | VesselPosition | VesselIdentity
 
 
 @dataclass(slots=True)
@@ -42,13 +45,13 @@ class BenchDevice:
     role: str
     driver_name: str
     port: str
-    driver: Compass | Position | Rudder | Power | None = None
+    driver: Compass | Position | Rudder | Power | Vessels | None = None
     error: str = ""
     count: int = 0
     first_s: float | None = None
     last: Sample | None = None
     health: DeviceHealth | None = None
-    line: SerialPort | None = field(default=None, repr=False)
+    line: Line | None = field(default=None, repr=False)
 
     def rate_hz(self) -> float | None:
         """Samples a second since the first one; None before the second."""
@@ -71,20 +74,25 @@ _VALUES: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
     PositionSample: position_values,
     RudderFeedback: rudder_values,
     PowerSample: power_values,
+    VesselPosition: vessel_values,
+    VesselIdentity: identity_values,
 }
 
 
-def _open(section: str, entry: DeviceEntry) -> BenchDevice:
-    device = BenchDevice(section, entry.driver, entry.port)
-    line = SerialPort(entry.port, entry.baud)
+def _open(group: Sequence[tuple[str, DeviceEntry]]) -> list[BenchDevice]:
+    """Open the port that some devices share and give each a view of it, or say of all why there is none."""
+    devices = [BenchDevice(section, entry.driver, entry.port) for section, entry in group]
+    line = line_of(group[0][1].port, group[0][1].baud)
     try:
         line.open()
     except PortError as error:
-        device.error = str(error)
-        return device
-    device.line = line
-    device.driver = SECTIONS[section][entry.driver].make(line, entry.options)
-    return device
+        for device in devices:
+            device.error = str(error)
+        return devices
+    devices[0].line = line
+    for device, (section, entry), view in zip(devices, group, views(line, len(group)), strict=True):
+        device.driver = SECTIONS[section][entry.driver].make(view, entry.options)
+    return devices
 
 
 class BenchSession:
@@ -93,27 +101,11 @@ class BenchSession:
     def __init__(self, vehicle: Vehicle) -> None:
         """Open each port; a failure stands in that device's record."""
         self._clock = RealClock()
-        entries = [("compass", vehicle.compass), ("rudder", vehicle.rudder)]
-        more = {"compass_b": vehicle.compass_b, "power": vehicle.power, "power_b": vehicle.power_b}
-        entries += [(name, entry) for name, entry in more.items() if entry is not None]
-        shared = vehicle.position is not None and vehicle.position.port == vehicle.compass.port
-        if vehicle.position is not None and not shared:
-            entries.append(("position", vehicle.position))
-        self.devices = [_open(*entry) for entry in entries]
-        if shared:
-            self._share(vehicle)
-
-    def _share(self, vehicle: Vehicle) -> None:
-        """Give compass and position one view each of their common port."""
-        compass, entry = self.devices[0], vehicle.position
-        if entry is None:
-            return
-        position = BenchDevice("position", entry.driver, entry.port, error=compass.error)
-        if compass.line is not None:
-            tee = LineTee(compass.line)
-            compass.driver = COMPASSES[vehicle.compass.driver].make(tee.first, vehicle.compass.options)
-            position.driver = POSITIONS[entry.driver].make(tee.second, entry.options)
-        self.devices.append(position)
+        groups: dict[str, list[tuple[str, DeviceEntry]]] = {}
+        for section in ("compass", "rudder", "compass_b", "power", "power_b", "position", "ais"):
+            if (entry := getattr(vehicle, section)) is not None:
+                groups.setdefault(entry.port, []).append((section, entry))
+        self.devices = [device for group in groups.values() for device in _open(group)]
 
     def listen(self, seconds: float | None) -> Iterator[Sequence[Sample]]:
         """Yield the new samples, ten times a second, for so many seconds or without end."""

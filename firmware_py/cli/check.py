@@ -82,6 +82,8 @@ def _judge_device(device: BenchDevice) -> Finding:
 
     if device.error:
         return finding(Level.FAIL, device.error)
+    if device.role == "ais" and health is not None and not device.count and not health.rejected:
+        return finding(Level.WARN, f"{where}: no vessel heard; there may be none, or antenna and baud rate are wrong")
     if not device.count or health is None:
         heard = health.text if health is not None else ""
         return finding(Level.FAIL, f"{where}: {heard or 'silent; check power, wiring and baud rate'}")

@@ -115,7 +115,9 @@ def _lines(told: Mapping[str, Any]) -> Iterator[str]:
     yield from _block("now", [values_line({name: value for name, value in single.items() if value != ""})])
     for name, value in told.items():
         if isinstance(value, dict) and value and name != "endings":
-            yield from _block(name, [values_line(value)])
+            rows = value.get("nearest", []) if name == "traffic" else []
+            plain = {key: item for key, item in value.items() if key != "nearest"}
+            yield from _block(name, [values_line(plain), *(f"{_INDENT}{values_line(row)}" for row in rows)])
 
 
 def _ending_lines(endings: Mapping[str, Any]) -> Iterator[str]:

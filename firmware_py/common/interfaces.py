@@ -26,6 +26,7 @@ from firmware_py.common.records import (
     Stored,
 )
 from firmware_py.common.reports import Output, SwingReport
+from firmware_py.common.vessels import VesselReport
 
 
 class ByteLine(Protocol):
@@ -118,6 +119,13 @@ class Power(Device, Protocol):
 
     def poll(self) -> Sequence[PowerSample]:
         """The samples since the last poll, oldest first."""
+
+
+class Vessels(Device, Protocol):
+    """A receiver of what other vessels say of themselves."""
+
+    def poll(self) -> Sequence[VesselReport]:
+        """The reports since the last poll, a bounded number, positions first."""
 
 
 class Rudder(Device, Protocol):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from firmware_py.common.ais_parameters import AIS
 from firmware_py.common.mode_table import FAILSAFE_MODES, MODES, Mode
 from firmware_py.common.parameter_row import Parameter, choice, constant, count, real, whole
 from firmware_py.common.satellite_parameters import SATELLITE
@@ -27,6 +28,7 @@ _FAILSAFE = {0: "alert only"} | {
 }
 
 TABLE: tuple[Parameter, ...] = (
+    *AIS,
     constant("ARMING_CHECK", 1, "all", "What is looked at before arming; for stations that say it when not all is."),
     real("BAT_LOW_VOLT", 0.0, 0.0, 100.0, "V", "Supply voltage below which it is low; 0: never."),
     whole("BOOT_ARM", 0, 0, 1, "", "Arm by itself at start: 1 for a boat that must go on after a power cut."),

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from firmware_py.common.intents import Request
+from firmware_py.common.vessels import VesselReport
 
 
 class NorthReference(IntEnum):
@@ -44,6 +45,7 @@ class DeviceRole(IntEnum):
     KEY = 7  # of signed frames: FAULTY when it was lost
     POWER = 8
     POWER_B = 9
+    AIS = 10
 
 
 class DeviceState(IntEnum):
@@ -198,6 +200,7 @@ class Inputs:
     devices: tuple[DeviceHealth, ...] = ()
     requests: tuple[Request, ...] = ()
     power: tuple[PowerSample, ...] = ()
+    vessels: tuple[VesselReport, ...] = ()
 
 
 # --------------------------------------------------------------------------- outputs

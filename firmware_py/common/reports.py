@@ -10,6 +10,7 @@ from enum import IntEnum
 
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import CalibrationState, Event, PositionSample, RudderCommand, RudderFeedback
+from firmware_py.common.vessels import Traffic
 
 
 class MissionState(IntEnum):
@@ -232,6 +233,7 @@ class Snapshot:
     helm_softness: float = 1.0  # by what factor the helm is softer than as delivered
     power: Power | None = None  # of battery and panels, where somebody measures them
     saving: int = 0  # how far she saves power (safety.power_saving.Saving)
+    traffic: Traffic | None = None  # other vessels, once one was heard
 
 
 @dataclass(frozen=True, slots=True)

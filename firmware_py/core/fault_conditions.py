@@ -17,7 +17,6 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
     timeouts_s = heading_timeouts_of(settings, devices).compass_s
     compasses = tuple(zip(sources.compasses, timeouts_s, strict=True))
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
-
     battery, limits = power_monitor.supply(state.power, now_s), settings.battery_limits
 
     def age_s(t_s: float | None) -> float | None:
@@ -69,4 +68,5 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
         station=None if devices.link is None else devices.link.state,
         station_age_s=age_s(None if devices.link is None else devices.link.t_s),
         station_timeout_s=settings.supervisor.station_s,
+        vessel_near=state.traffic.near,
     )

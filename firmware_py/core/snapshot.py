@@ -5,6 +5,7 @@ from __future__ import annotations
 from firmware_py.common.records import Inputs, RudderStatus
 from firmware_py.common.reports import Snapshot
 from firmware_py.core.state import Settings, State, fence_enabled, first_item
+from firmware_py.core.vessels_step import report as traffic_report
 from firmware_py.estimate import heading_estimator
 from firmware_py.guidance import guidance
 from firmware_py.guidance.steering import SteeringTarget
@@ -58,4 +59,5 @@ def snapshot_of(
         helm_softness=state.supervisor.oscillation.softness,
         power=power_monitor.report(state.power, inputs.tick.t_s),
         saving=power_saving.saving(state.fault_latch.active),
+        traffic=traffic_report(state),
     )

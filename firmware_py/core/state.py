@@ -22,8 +22,10 @@ from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, Hea
 from firmware_py.estimate.position import PositionSettings, PositionState
 from firmware_py.estimate.water import WaterState
 from firmware_py.faults.latch import LatchState, arming_obstacle
-from firmware_py.guidance import guidance
+from firmware_py.guidance import guidance, step_aside
 from firmware_py.guidance.guidance import GuidanceSettings, GuidanceState
+from firmware_py.guidance.step_aside import AsideSettings, AsideState
+from firmware_py.guidance.traffic import TrafficSettings, TrafficState
 from firmware_py.modes import ModeState, Situation
 from firmware_py.safety import power_saving
 from firmware_py.safety.energy_meter import EnergyMeterState
@@ -47,6 +49,8 @@ class Settings:
     torque_release: TorqueReleaseSettings
     battery_limits: BatteryLimits
     fence_enabled: bool
+    traffic: TrafficSettings
+    aside: AsideSettings
 
 
 @functools.lru_cache(maxsize=4)
@@ -63,6 +67,8 @@ def settings_of(parameters: ParameterSet) -> Settings:
         torque_release=TorqueReleaseSettings.of(parameters),
         battery_limits=BatteryLimits.of(parameters),
         fence_enabled=bool(parameters["FENCE_ENABLE"]),
+        traffic=TrafficSettings.of(parameters),
+        aside=AsideSettings.of(parameters),
     )
 
 
@@ -92,6 +98,8 @@ class State:
     torque_release: TorqueReleaseState = TorqueReleaseState()  # noqa: RUF009 - frozen
     energy_meter: EnergyMeterState = EnergyMeterState()  # noqa: RUF009 - frozen
     power: PowerMonitorState = PowerMonitorState()  # noqa: RUF009 - frozen
+    traffic: TrafficState = TrafficState()  # noqa: RUF009 - frozen
+    aside: AsideState = step_aside.IDLE
 
     @classmethod
     def at_start(cls, parameters: ParameterSet, plans: Plans | None = None) -> State:

@@ -30,6 +30,7 @@ from firmware_py.core.state import (
     settings_of,
     situation_of,
 )
+from firmware_py.core.vessels_step import avoid_vessels, watch_vessels
 from firmware_py.estimate import kalman
 from firmware_py.faults import latch
 from firmware_py.guidance import guidance
@@ -53,6 +54,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     if inputs.power:
         state = replace(state, power=power_monitor.update(state.power, inputs.power))
     freshness = freshness_of(settings, state, now_s)
+    state, vessel_events = watch_vessels(settings, state, inputs, freshness)
 
     conditions = latch.judge_conditions(fault_input(settings, state, freshness, now_s))
     faults, fault_events = latch.update(state.fault_latch, conditions, now_s)
@@ -68,12 +70,21 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     state = _guide(settings, state, situation, inputs)
     mission_events = guidance.mission_events(before.guidance.mission, state.guidance.mission, first_item(state))
     target = steering_target(modes, state.guidance.status, situation)
+    state, target, aside_events = avoid_vessels(settings, state, target, situation, now_s)
     state = _monitor_steering(settings, state, rudder, target, situation, now_s)
     state = _monitor_oscillation(settings, state, target, now_s)
 
     state, command = _steer(settings, state, situation, rudder, target, step_s)
     guidance_events = (*mission_events, *guidance.fence_events(before.guidance, state.guidance))
-    events = (*_change_events(before, state), *estimate_events, *fault_events, *failsafe_events, *guidance_events)
+    vessel_events = (*vessel_events, *aside_events)
+    events = (
+        *_change_events(before, state),
+        *estimate_events,
+        *fault_events,
+        *failsafe_events,
+        *guidance_events,
+        *vessel_events,
+    )
     return state, Output(command, snapshot_of(settings, state, situation, rudder, target, inputs), events)
 
 

@@ -38,3 +38,4 @@ class Fault(IntEnum):
     BATTERY_CRITICAL = 27
     POWER_SILENT = 28
     STEERING_REVERSED = 29
+    VESSEL_NEAR = 30

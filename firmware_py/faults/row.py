@@ -22,6 +22,7 @@ class Action(Enum):
     SOFTER_HELM = "a softer helm, which grows stiff again over tens of minutes"
     KEEP_STATION = "keep station where she is"
     SAVE_POWER = "save power: quieter links, a slower loop, a dearer rudder (PWR_...)"
+    STEP_ASIDE = "step aside while it comes, if AIS_ACT says so"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,6 +72,7 @@ class FaultInput:
     station: DeviceState | None
     station_age_s: float | None
     station_timeout_s: float
+    vessel_near: bool
 
     def is_set(self, fault: int) -> bool:
         """Whether a fault was set in the last tick."""

@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from typing import Final
 
 from firmware_py.common.records import DeviceState, Severity
-from firmware_py.faults.conditions import battery_is_below, servo_is_hot, supply_is_low
+from firmware_py.faults.conditions import servo_is_hot, supply_is_low
 from firmware_py.faults.fault import Fault
+from firmware_py.faults.power_rows import POWER
 from firmware_py.faults.row import Action, FaultRow, exceeds, within
 
 LATE_MEMORY_S: Final = 2.0
@@ -258,36 +259,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         text="Helm oscillates: it is softened",
         recovery="Helm oscillates no more",
     ),
-    Fault.BATTERY_LOW: FaultRow(
-        condition="the battery is below PWR_SAVE_PCT or PWR_SAVE_VOLT (until 5 % of charge or 3 % of voltage above it)",
-        stands=lambda tick: battery_is_below(tick, Fault.BATTERY_LOW, tick.save_charge, tick.save_v),
-        debounce_s=30.0,
-        clear_s=60.0,
-        severity=Severity.WARNING,
-        action=Action.SAVE_POWER,
-        text="Battery is low: she saves power",
-        recovery="Battery is charged again: she saves no more",
-    ),
-    Fault.BATTERY_CRITICAL: FaultRow(
-        condition="the battery is below PWR_KEEP_PCT or PWR_KEEP_VOLT (until 5 % of charge or 3 % of voltage above it)",
-        stands=lambda tick: battery_is_below(tick, Fault.BATTERY_CRITICAL, tick.keep_charge, tick.keep_v),
-        debounce_s=30.0,
-        clear_s=60.0,
-        severity=Severity.ERROR,
-        action=Action.SAVE_POWER,
-        parameter="FS_BATT_ACT",
-        resumes=True,
-        text="Battery is nearly empty",
-        recovery="Battery is no longer nearly empty",
-        arming="battery is nearly empty",
-    ),
-    Fault.POWER_SILENT: FaultRow(
-        condition="one who measures battery or panels, and was heard, has said nothing for 15 s",
-        stands=lambda tick: tick.power_silent,
-        severity=Severity.WARNING,
-        text="Power monitor is silent: battery not all known",
-        recovery="Power monitor speaks again",
-    ),
+    **POWER,
     Fault.STEERING_REVERSED: FaultRow(
         condition="her rudder is far over and she turns the other way, for half a minute and longer",
         stands=lambda tick: tick.steering_reversed,
@@ -295,5 +267,14 @@ TABLE: Mapping[Fault, FaultRow] = {
         parameter="FS_STEER_ACT",
         text="She turns the wrong way: is RUD_REVERSE right?",
         recovery="She turns the right way",
+    ),
+    Fault.VESSEL_NEAR: FaultRow(
+        condition="a vessel comes closer than AIS_NEAR_M (AIS_STILL_M if it lies still) within AIS_NEAR_S, until past",
+        stands=lambda tick: tick.vessel_near,
+        clear_s=10.0,
+        severity=Severity.WARNING,
+        action=Action.STEP_ASIDE,
+        text="A vessel comes near",
+        recovery="No vessel comes near any more",
     ),
 }

@@ -174,7 +174,7 @@ class _Scan:
                 return None
             if record is not None:
                 got[file_format.name].append(record)
-        ticks, headings, positions, rudder, devices, requests, power, commands, checkpoints = (
+        ticks, headings, positions, rudder, devices, requests, power, vessels, ships, commands, checkpoints = (
             tuple(got[row.type.name])
             for row in (
                 schema.TICK,
@@ -184,13 +184,15 @@ class _Scan:
                 schema.DEVICE,
                 schema.REQUEST,
                 schema.POWER,
+                schema.VESSEL,
+                schema.IDENTITY,
                 schema.CONTROL,
                 schema.CHECKPOINT,
             )
         )
         if len(ticks) != 1 or len(commands) != 1:
             return None
-        inputs = Inputs(ticks[0], headings, positions, rudder, devices, requests, power)
+        inputs = Inputs(ticks[0], headings, positions, rudder, devices, requests, power, (*vessels, *ships))
         return LoggedTick(inputs, commands[0], checkpoints[0] if checkpoints else None, gap)
 
 

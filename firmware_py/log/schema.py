@@ -2,7 +2,7 @@
 
 A tick is a run of records from TICK to END. Between them stand, at a checkpoint, the
 state before the tick (CHK) and the ticks lost so far (DROP); all inputs (HDG, FIX, RFB,
-DEV, REQ, PWR); the decision (CTL); and, for reading along only, the messages of
+DEV, REQ, PWR, AIS, SHIP); the decision (CTL); and, for reading along only, the messages of
 beside.py and ardupilot.py. END has the number of the tick, which shows missing ones, and a checksum over
 all since TICK, which shows damage.
 
@@ -35,6 +35,7 @@ from firmware_py.common.records import (
     Tick,
 )
 from firmware_py.common.reports import Output
+from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
 from firmware_py.log import beside
 from firmware_py.log.dataflash import MessageType
 from firmware_py.log.rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
@@ -42,6 +43,7 @@ from firmware_py.log.rows import Row, choice, flag, maybe, maybe_flag, microseco
 # How requests differ from version to version; plain_history.py says what a change is.
 CHANGES: Final[tuple[Change, ...]] = ()
 _REQUESTS: Final = Codec((Request,), (PLAN_HOOK,), changes=CHANGES)
+_IDENTITIES: Final = Codec((VesselIdentity,), changes=CHANGES)
 
 
 def _text(text: str) -> str:
@@ -50,6 +52,10 @@ def _text(text: str) -> str:
 
 def _request(text: str) -> tuple[Any, tuple[str, ...]]:
     return _REQUESTS.read(text)
+
+
+def _identity(text: str) -> tuple[Any, tuple[str, ...]]:
+    return _IDENTITIES.read(text)
 
 
 TICK: Final = Row(
@@ -160,13 +166,47 @@ POWER: Final = Row(
     ),
     PowerSample,
 )
+VESSEL: Final = Row(
+    164,
+    "AIS",
+    (
+        real("T", "s", "t_s"),
+        whole("Mmsi", "I", "mmsi", "#"),
+        choice("Kind", "kind", VesselKind),
+        real("LatR", "r", "latitude_rad"),
+        real("LngR", "r", "longitude_rad"),
+        maybe("Sog", "n", "speed_m_s"),
+        maybe("Cog", "r", "course_rad"),
+        maybe("Hdg", "r", "heading_rad"),
+        maybe("Turn", "E", "turn_rad_s"),
+        whole("Stat", "B", "status"),
+        flag("Acc", "accurate"),
+    ),
+    VesselPosition,
+)
+IDENTITY: Final = Row(
+    165, "SHIP", (real("T", "s", "t_s"), whole("Mmsi", "I", "mmsi", "#")), _identity, text=True, noted=True
+)
 DROP: Final = MessageType(149, "DROP", "TimeUS,Lost", "QQ", "s-", "F-")
 END: Final = MessageType(150, "END", "TimeUS,Seq,Crc", "QQI", "s--", "F--")
 CRC_BYTES: Final = 4
 
 # The rows that a reader makes records of, by message name.
 READ: Final[Mapping[str, Row]] = {
-    row.type.name: row for row in (TICK, CHECKPOINT, HEADING, POSITION, FEEDBACK, DEVICE, REQUEST, CONTROL, POWER)
+    row.type.name: row
+    for row in (
+        TICK,
+        CHECKPOINT,
+        HEADING,
+        POSITION,
+        FEEDBACK,
+        DEVICE,
+        REQUEST,
+        CONTROL,
+        POWER,
+        VESSEL,
+        IDENTITY,
+    )
 }
 TYPES: Final = (
     *(row.type for row in READ.values()),
@@ -184,6 +224,11 @@ def inputs_bytes(inputs: Inputs) -> bytes:
     parts += [DEVICE.pack_text(health.t_s, health, health.text) for health in inputs.devices]
     parts += [REQUEST.pack_text(one.t_s, one, _REQUESTS.to_text(one)) for one in inputs.requests]
     parts += [POWER.pack(sample.t_s, sample) for sample in inputs.power]
+    for report in inputs.vessels:
+        if isinstance(report, VesselPosition):
+            parts.append(VESSEL.pack(report.t_s, report))
+        else:
+            parts.append(IDENTITY.pack_text(report.t_s, report, _IDENTITIES.to_text(report)))
     return b"".join(parts)
 
 

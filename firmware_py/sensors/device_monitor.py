@@ -49,9 +49,9 @@ class DeviceMonitor:
             self._interval_s = learn_interval_s(self._interval_s, now_s - self._accepted_s, self._silent_after_s)
         self._accepted_s = now_s
 
-    def reject(self, now_s: float, text: str) -> None:
-        """Count a message that was refused, and say why."""
-        self._rejected += 1
+    def reject(self, now_s: float, text: str, count: int = 1) -> None:
+        """Count a message that was refused, or several, and say why."""
+        self._rejected += count
         self._error = _short(text)
         self._error_s = now_s
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from firmware_py.common.angles import compass_degrees, degrees
 from firmware_py.common.records import DeviceHealth, HeadingSample, PositionSample, PowerSample, RudderFeedback
+from firmware_py.common.vessels import VesselIdentity, VesselPosition
 
 Values = dict[str, Any]
 
@@ -60,6 +61,24 @@ def power_values(sample: PowerSample) -> Values:
         "load_a": rounded(sample.load_a, 3),
         "temperature_c": sample.temperature_c,
     }
+
+
+def vessel_values(report: VesselPosition) -> Values:
+    """Return where another vessel says that it is."""
+    return {
+        "mmsi": report.mmsi,
+        "kind": report.kind.name.lower(),
+        "lat_deg": rounded(report.latitude_rad, 6, degrees),
+        "lon_deg": rounded(report.longitude_rad, 6, degrees),
+        "sog_m_s": rounded(report.speed_m_s, 2),
+        "cog_deg": rounded(report.course_rad, 1, compass_degrees),
+        "heading_deg": rounded(report.heading_rad, 0, compass_degrees),
+    }
+
+
+def identity_values(report: VesselIdentity) -> Values:
+    """Return what another vessel says of itself."""
+    return {"mmsi": report.mmsi, "name": report.name, "call_sign": report.call_sign, "ship_type": report.ship_type}
 
 
 def device_values(

@@ -13,12 +13,14 @@ from firmware_py.common.angles import compass_degrees, degrees
 from firmware_py.common.link_status import LinkStatus
 from firmware_py.common.records import CalibrationState, DeviceHealth, DeviceRole
 from firmware_py.common.reports import Output, Snapshot, SwingReport
+from firmware_py.common.vessels import Vessel
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import TABLE as FAULTS
 from firmware_py.system.readings import Values, device_values, position_values, rounded, rudder_values
 from firmware_py.system.status_file import StatusFile
 
 INTERVAL_S = 1.0
+MOST_VESSELS_TOLD = 5
 RATE_OVER = 10  # intervals that a device's rate is averaged over
 
 
@@ -244,6 +246,36 @@ def _calibration(swing: SwingReport) -> Values:
     }
 
 
+def _traffic(snapshot: Snapshot) -> Values:
+    """Return how many vessels are known, and those that matter most: who comes near, then the nearest."""
+    traffic = snapshot.traffic
+    if traffic is None:
+        return {}
+    seen = [vessel for vessel in traffic.vessels if vessel.distance_m is not None]
+    seen.sort(key=lambda vessel: (vessel.near_s is None, vessel.distance_m))
+    return {
+        "vessels": len(traffic.vessels),
+        "no_room_for": traffic.turned_away,
+        "aside_deg": rounded(traffic.aside_rad, 0, compass_degrees),
+        "nearest": [_vessel(vessel, snapshot.t_s) for vessel in seen[:MOST_VESSELS_TOLD]],
+    }
+
+
+def _vessel(vessel: Vessel, now_s: float) -> Values:
+    return {
+        "mmsi": vessel.mmsi,
+        "title": vessel.title,
+        "age_s": rounded(now_s - vessel.position.t_s, 0),
+        "distance_m": rounded(vessel.distance_m, 0),
+        "bearing_deg": rounded(vessel.bearing_rad, 0, compass_degrees),
+        "sog_m_s": rounded(vessel.position.speed_m_s, 1),
+        "cog_deg": rounded(vessel.position.course_rad, 0, compass_degrees),
+        "cpa_m": rounded(vessel.cpa_m, 0),
+        "cpa_in_s": rounded(vessel.cpa_in_s, 0),
+        "near": vessel.near_s is not None,
+    }
+
+
 # A part of the snapshot that is to be seen is a row here: its name in the JSON, and what makes it.
 SECTIONS: Mapping[str, Callable[[Snapshot], Values]] = {
     "rudder": _rudder,
@@ -252,6 +284,7 @@ SECTIONS: Mapping[str, Callable[[Snapshot], Values]] = {
     "estimate": _estimate,
     "energy": _energy,
     "power": _power,
+    "traffic": _traffic,
 }
 
 

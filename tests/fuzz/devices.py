@@ -49,6 +49,22 @@ def volz(body):
     return volz_frames.request(code, 1, argument)
 
 
+def ais(body):
+    """Frame the last bytes as a message of one sentence, of the letters that payloads have."""
+    return sentences_of(b"".join(ARMOUR[byte & 63 : (byte & 63) + 1] for byte in body))
+
+
+def sentences_of(payload):
+    check = 0
+    text = b"AIVDM,1,1,,A,%s,0" % payload
+    for byte in text:
+        check ^= byte
+    return b"!%s*%02X\r\n" % (text, check)
+
+
+ARMOUR = b"0123456789:;<=>?@ABCDEFGHIJKLMNOPQRSTUVW`abcdefghijklmnopqrstuvw"
+
+
 def vedirect(body):
     data = body + b"\r\nChecksum\t"
     return data + bytes([-sum(data) & 0xFF])
@@ -62,6 +78,7 @@ FRAMINGS = {
     "dynamixel": dynamixel,
     "volz": volz,
     "vedirect": vedirect,
+    "ais": ais,
 }
 
 
@@ -119,6 +136,10 @@ RANGES = {
     "utc_s": (0.0, LATEST_UTC_S),
     "charge": (0.0, 1.0),
     "solar_w": (0.0, 1e5),
+    "speed_m_s": (0.0, 53.0),
+    "course_rad": (0.0, math.tau),
+    "turn_rad_s": (-0.3, 0.3),
+    "mmsi": (1, 999_999_999),
 }
 
 
@@ -128,12 +149,12 @@ def check_sample(sample, now_s):
     for name, (low, high) in RANGES.items():
         value = getattr(sample, name, None)
         assert value is None or low <= value <= high, f"{name} {value}"
-    assert getattr(sample, "heading_rad", 0.0) < math.tau
+    assert (getattr(sample, "heading_rad", 0.0) or 0.0) < math.tau
 
 
 def drive(section, name, data):
     """Give a driver the records one after the other, as chunks of what its line says."""
-    driver, framing, line = SECTIONS[section][name], FRAMINGS[name], Line()
+    driver, framing, line = SECTIONS[section][name], FRAMINGS["ais" if section == "ais" else name], Line()
     device = driver.make(line, driver.options())
     calibrator = calibrator_of(name, device) if section == "compass" else None
     counted, now_s = 0, 0.0
@@ -184,9 +205,15 @@ VEDIRECT_WORDS = (
     b"\r\nV\t12800", b"\r\nI\t-310", b"\r\nSOC\t876", b"\r\nPPV\t20", b"\r\nIL\t300", b"\r\nT\t---", b"\r\nERR\t17",
     b"\r\nAlarm\tON", b"\r\nAR\t1", b"\r\nChecksum\t", b":7F0ED0071\n", b"\t", b"-", b"1_0",
 )  # fmt: skip
+AIS_WORDS = (
+    b"!AIVDM,1,1,,A,", b"!AIVDM,2,1,3,B,", b"!AIVDM,2,2,3,B,", b"!AIVDO,1,1,,,", b",0*", b",2*", b"\\g:1-2-3*00\\",
+    b"15M67FC000G?ufbE`FepT@3n00Sa", b"B3KLehP0B@LTN6`Vl;rrBE063P06", b"H3KLehdt00000000?6ekkjm00000",
+)  # fmt: skip
 WORDS = {"nmea": NMEA_WORDS, "vedirect": VEDIRECT_WORDS}
 TARGETS = {
-    f"{section}_{name}": Target(partial(drive, section, name), words=WORDS.get(name, ()))
+    f"{section}_{name}": Target(
+        partial(drive, section, name), words=AIS_WORDS if section == "ais" else WORDS.get(name, ())
+    )
     for section, drivers in SECTIONS.items()
     if not section.endswith("_b")  # of the same drivers
     for name in drivers

@@ -133,6 +133,7 @@ class Sailing:
         self.events = []
         self.inputs = []
         self.keep_inputs = False
+        self.heard = lambda _t_s: ()  # what AIS gives in a tick
         self.snapshot = None
         self.track = []  # (t_s, north_m, east_m, heading_low_rad) each second
 
@@ -156,6 +157,7 @@ class Sailing:
             (RudderFeedback(t_s, shaft_rad),),
             (),
             tuple(Request(t_s, intent) for intent in intents),
+            vessels=tuple(self.heard(t_s)),
         )
         if self.keep_inputs:
             self.inputs.append(inputs)

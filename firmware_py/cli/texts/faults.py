@@ -36,5 +36,6 @@ REMEDIES: Mapping[Fault, str] = {
     Fault.BATTERY_LOW: "see the energy report (`rambler energy`); lighten the load",
     Fault.BATTERY_CRITICAL: "sun and time; arming waits until it is charged",
     Fault.POWER_SILENT: "cable of the charger or monitor; what it said is not known meanwhile",
+    Fault.VESSEL_NEAR: "see the vessel told just before; call it, or let her step aside (`AIS_ACT`)",
     Fault.STEERING_REVERSED: "disarm, change `RUD_REVERSE`, arm again; was the servo or the compass turned round?",
 }

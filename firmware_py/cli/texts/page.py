@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from firmware_py.cli.texts import orders, plans_and_files, satellite, start, under_way
+from firmware_py.cli.texts import orders, plans_and_files, satellite, start, under_way, vessels
 from firmware_py.cli.texts.faults import REMEDIES
 from firmware_py.faults.table import TABLE as FAULTS
 
 SECTIONS: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "Under way": under_way.TEXTS,
+    "Other vessels": vessels.TEXTS,
     "Orders and their refusals": orders.TEXTS,
     "Plans, files and logs": plans_and_files.TEXTS,
     "Messages by satellite": satellite.TEXTS,

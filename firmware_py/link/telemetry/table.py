@@ -20,6 +20,7 @@ from firmware_py.link.telemetry import (
     motion,
     named_values,
     status,
+    vessels,
 )
 from firmware_py.link.telemetry.context_fields import TelemetryContext, boot_ms, single
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
@@ -84,6 +85,7 @@ TABLE: tuple[TelemetryRow, ...] = (
     TelemetryRow(235, "HIGH_LATENCY2", high_latency.high_latency2, 0.0, 0.0, None),
     TelemetryRow(242, "HOME_POSITION", motion.home_position, 0.2, 0.02, None),
     TelemetryRow(245, "EXTENDED_SYS_STATE", status.extended_sys_state, 0.2, 0.02, None),
+    TelemetryRow(301, "AIS_VESSEL", vessels.ais_vessel, 4.0, 0.2, _EXTRA3),
     TelemetryRow(436, "CURRENT_MODE", identity.current_mode, 0.5, 0.5, None),
     TelemetryRow(437, "AVAILABLE_MODES_MONITOR", identity.available_modes_monitor, 0.3, 0.05, None),
     _named("RUDDER", named_values.rudder_degrees, 4.0, 1.0),

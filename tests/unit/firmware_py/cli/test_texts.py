@@ -26,6 +26,7 @@ HANDED_ON = {
     "core/step.py: after.greeting": (),
     "faults/latch.py: row.recovery": (),  # the table of faults
     "faults/latch.py: row.text": (),
+    "guidance/traffic.py: f'AIS: {texts[-1]}'": ("AIS: another ship sends her number 235000007",),
     "link/commands/goals.py: goal": (),
     "link/commands/plan.py: home": (),
     "link/commands/server.py: f'{self.name}: {reason}'": (),  # denied

@@ -49,6 +49,7 @@ WELL = FaultInput(
     station=DeviceState.RUNNING,
     station_age_s=0.5,
     station_timeout_s=600.0,
+    vessel_near=False,
 )
 
 
@@ -72,6 +73,7 @@ def test_nothing_stands_while_all_is_well_or_nothing_is_known():
     ("fault", "before", "at"),
     [
         (Fault.COMPASS_LOST, {"heading_old": False}, {"heading_old": True}),
+        (Fault.VESSEL_NEAR, {"vessel_near": False}, {"vessel_near": True}),
         (Fault.POSITION_LOST, {"position_old": False}, {"position_old": True}),
         (Fault.RUDDER_SILENT, {"servo_old": False}, {"servo_old": True}),
         (Fault.LOOP_LATE, {"late_age_s": 2.01}, {"late_age_s": 2.0}),

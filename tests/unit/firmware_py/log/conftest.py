@@ -28,6 +28,7 @@ from firmware_py.common.records import (
     Tick,
 )
 from firmware_py.common.reports import Output, Snapshot
+from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
 from firmware_py.log.recorder import LogRecorder
 
 
@@ -105,6 +106,13 @@ def inputs_of(index):
         devices=(DeviceHealth(t_s, DeviceRole.COMPASS, DeviceState.RUNNING, index, 2, "é" * 50),),
         requests=requests.get(index, ()),
         power=(PowerSample(t_s, 1, 12.8, -0.31, 0.8), PowerSample(t_s, 2, solar_w=20.0, load_a=0.3, temperature_c=9.0))
+        if index in requests
+        else (),
+        vessels=(
+            VesselPosition(t_s, 211000001, VesselKind.CLASS_B, 0.8, -1.2, 4.1 / 3.0, 2.0, status=index),
+            VesselPosition(t_s, 1, VesselKind.MARK, 0.8, -1.2, turn_rad_s=-0.01, heading_rad=1.0, accurate=True),
+            VesselIdentity(t_s, 211000001, "ANNA" * index, "D'A\"1", 70, (90, 10, 8, 8)),
+        )
         if index in requests
         else (),
     )

@@ -12,6 +12,7 @@ from firmware_py.common.records import (
     RudderFeedback,
     Tick,
 )
+from firmware_py.common.vessels import VesselPosition
 from firmware_py.log import ardupilot, schema
 
 
@@ -24,6 +25,7 @@ from firmware_py.log import ardupilot, schema
         (schema.FEEDBACK, RudderFeedback),
         (schema.DEVICE, DeviceHealth),
         (schema.POWER, PowerSample),
+        (schema.VESSEL, VesselPosition),
         (schema.CONTROL, RudderCommand),
     ],
 )
@@ -42,6 +44,7 @@ def test_every_kind_of_input_is_logged():
         "devices",
         "requests",
         "power",
+        "vessels",
     ]
 
 

@@ -1,0 +1,121 @@
+"""Opens the ports of a vehicle's devices and makes their drivers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Position, Power, Rudder, Vessels
+from firmware_py.common.records import DeviceRole
+from firmware_py.devices import AIS, COMPASSES, POSITIONS, POWERS, RUDDERS, calibrator_of
+from firmware_py.sensors.line_tee import LineTee
+from firmware_py.sensors.relabelled import Relabelled
+from firmware_py.system.serial_port import PortError, SerialPort
+from firmware_py.system.udp_line import UdpLine
+from firmware_py.vehicle import UDP_PREFIX, DeviceEntry, Vehicle
+
+Line = SerialPort | UdpLine
+
+
+@dataclass(frozen=True, slots=True)
+class Devices:
+    """The drivers of a vehicle, and the lines under them."""
+
+    compass: Compass
+    position: Position | None
+    rudder: Rudder
+    compass_b: Compass | None
+    calibrator: Calibrator | None
+    power: tuple[Power, ...]
+    vessels: Vessels | None
+    lines: tuple[Line, ...]
+
+
+def open_devices(vehicle: Vehicle, *, wait: bool) -> Devices:
+    """Open the ports and make the drivers.
+
+    Raises PortError for a port that cannot be opened, unless `wait`: then it is taken up
+    when it appears.
+    """
+    lines: list[Line] = []
+    shared = _shared_lines(vehicle, lines)
+    compass = COMPASSES[vehicle.compass.driver].make(shared["compass"], vehicle.compass.options)
+    rudder = RUDDERS[vehicle.rudder.driver].make(_line(vehicle.rudder, lines), vehicle.rudder.options)
+    position, second = None, None
+    if (entry := vehicle.position) is not None:
+        position = POSITIONS[entry.driver].make(shared["position"], entry.options)
+    if (entry_b := vehicle.compass_b) is not None:
+        driver = COMPASSES[entry_b.driver].make(_line(entry_b, lines), entry_b.options)
+        second = Relabelled(driver, DeviceRole.COMPASS_B)
+    power = _power_monitors(vehicle, lines)
+    vessels = None
+    if (ais := vehicle.ais) is not None:
+        vessels = AIS[ais.driver].make(shared["ais"], ais.options)
+    open_lines(lines, wait=wait)
+    calibrator = calibrator_of(vehicle.compass.driver, compass)
+    return Devices(compass, position, rudder, second, calibrator, power, vessels, tuple(lines))
+
+
+def _shared_lines(vehicle: Vehicle, lines: list[Line]) -> dict[str, ByteLine]:
+    """Return the lines of compass, position and AIS by name, views of one where they share a port.
+
+    The views are to be read in this order. The lines are added to the others.
+    """
+    entries = {"compass": vehicle.compass, "position": vehicle.position, "ais": vehicle.ais}
+    users: dict[str, dict[str, DeviceEntry]] = {}
+    for name, entry in entries.items():
+        if entry is not None:
+            users.setdefault(entry.port, {})[name] = entry
+    found: dict[str, ByteLine] = {}
+    for group in users.values():
+        line = _line(next(iter(group.values())), lines)
+        found.update(zip(group, views(line, len(group)), strict=True))
+    return found
+
+
+def views(line: ByteLine, count: int) -> list[ByteLine]:
+    """Return so many views of a line, each of which reads what those before it have read."""
+    if count == 1:
+        return [line]
+    tee = LineTee(line)
+    return [tee.first, *views(tee.second, count - 1)]
+
+
+def line_of(port: str, baud: int) -> Line:
+    """Return the line of a port of the vehicle file: a serial one, or UDP."""
+    return UdpLine(port) if port.startswith(UDP_PREFIX) else SerialPort(port, baud)
+
+
+def _line(entry: DeviceEntry, lines: list[Line]) -> Line:
+    lines.append(line_of(entry.port, entry.baud))
+    return lines[-1]
+
+
+def _power_monitors(vehicle: Vehicle, lines: list[Line]) -> tuple[Power, ...]:
+    """Make the drivers of what measures battery and panels; their lines are added to the others."""
+    made: list[Power] = []
+    for entry, role in ((vehicle.power, DeviceRole.POWER), (vehicle.power_b, DeviceRole.POWER_B)):
+        if entry is not None:
+            monitor = POWERS[entry.driver].make(_line(entry, lines), entry.options)
+            made.append(monitor if role is DeviceRole.POWER else Relabelled(monitor, role))
+    return tuple(made)
+
+
+def open_lines(lines: Sequence[Line], *, wait: bool) -> None:
+    """Open all lines, or close them again and raise PortError."""
+    try:
+        for line in lines:
+            try:
+                line.open()
+            except PortError:
+                if not wait:
+                    raise
+    except PortError:
+        close_all(lines)
+        raise
+
+
+def close_all(lines: Sequence[Line]) -> None:
+    """Close lines."""
+    for line in lines:
+        line.close()

@@ -1,0 +1,84 @@
+"""Other vessels in a tick: what is heard of them, who comes near, and stepping aside for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from firmware_py.common.angles import wrap_pi
+from firmware_py.common.geodesy import Place
+from firmware_py.common.mode_table import MODES
+from firmware_py.common.records import Event, Inputs
+from firmware_py.common.vessels import Traffic
+from firmware_py.core.freshness import Age, Freshness
+from firmware_py.core.state import Settings, State, fence_enabled
+from firmware_py.estimate import water
+from firmware_py.guidance import guidance, step_aside, traffic
+from firmware_py.guidance.steering import SteeringTarget
+from firmware_py.guidance.step_aside import AsideInput
+from firmware_py.guidance.traffic import OwnMotion
+from firmware_py.modes import Situation
+
+
+def watch_vessels(
+    settings: Settings, state: State, inputs: Inputs, freshness: Freshness
+) -> tuple[State, tuple[Event, ...]]:
+    """Take what vessels have sent in and judge who comes near; nothing to do, and done, where no AIS is aboard."""
+    if not (inputs.vessels or inputs.devices or state.traffic.vessels):
+        return state, ()
+    now_s = inputs.tick.t_s
+    told, events = traffic.receiver_events(state.traffic, inputs.devices, now_s)
+    if inputs.vessels or told.vessels:
+        own = None
+        if state.position.fix is not None and freshness.position is Age.FRESH:
+            place = Place(state.position.latitude_rad, state.position.longitude_rad)
+            estimator = state.heading_estimator
+            heading_rad = estimator.heading.heading_rad if freshness.heading is Age.FRESH else None
+            own = OwnMotion(place, water.over_ground_m_s(estimator.wave_filter, heading_rad))
+        told, more = traffic.update(settings.traffic, told, inputs.vessels, own, now_s)
+        events = (*events, *more)
+    return (state if told is state.traffic else replace(state, traffic=told)), events
+
+
+def avoid_vessels(
+    settings: Settings, state: State, target: SteeringTarget, situation: Situation, now_s: float
+) -> tuple[State, SteeringTarget, tuple[Event, ...]]:
+    """Return the heading to steer while a vessel comes near, the very target while she goes her own way."""
+    modes, known = state.modes, situation.water
+    if not (settings.aside.enabled and state.traffic.near and modes.armed and MODES[modes.mode].follows_task):
+        return _own_way(state, target)
+    heading_rad = situation.heading_rad
+    if target.heading_rad is None or heading_rad is None or not situation.position_ok or known is None:
+        return _own_way(state, target)
+    if known.too_strong:  # she needs all her way to hold her own
+        return _own_way(state, target)
+    given = AsideInput(
+        t_s=now_s,
+        wanted_rad=target.heading_rad,
+        motion=guidance.vessel_motion(
+            Place(state.position.latitude_rad, state.position.longitude_rad), heading_rad, known
+        ),
+        vessels=state.traffic.vessels,
+        fence=state.plans.fence if fence_enabled(settings, state) else None,
+        goal=modes.goal,
+        task=state.guidance.task,
+    )
+    aside, events = step_aside.update(settings.aside, settings.traffic, state.aside, given)
+    state = replace(state, aside=aside)
+    if aside.heading_rad is None:
+        return state, target, events
+    return state, SteeringTarget(aside.heading_rad, wrap_pi(aside.heading_rad - heading_rad)), events
+
+
+def _own_way(state: State, target: SteeringTarget) -> tuple[State, SteeringTarget, tuple[Event, ...]]:
+    if state.aside is step_aside.IDLE:
+        return state, target, ()
+    aside, events = step_aside.end(state.aside)
+    return replace(state, aside=aside), target, events
+
+
+def report(state: State) -> Traffic | None:
+    """Return the table of vessels for those who look on, None while none was ever heard."""
+    known = state.traffic
+    if known.looked_s is None:
+        return None
+    return Traffic(known.vessels, state.aside.heading_rad, known.turned_away)

@@ -1,0 +1,202 @@
+"""Stepping aside for vessels that come near: the heading that opens the distance most, and back when they are past.
+
+The boat makes 0.4 m/s: in the 25 minutes that a ship is seen ahead she can get 600 m off its line, at the last moment
+nothing. No rule of the road is known here. Every half a minute headings within a sector about the way she would go are
+tried, one a tick, each for how near any vessel would come if all go on so; one that would bring her near the fence is
+none. What is tried is that of the K-T model's ideal: she is on the heading at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from firmware_py.common.angles import compass_degrees, radians, wrap_pi, wrap_two_pi
+from firmware_py.common.geodesy import Place
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan
+from firmware_py.common.records import Event, Severity
+from firmware_py.common.vessels import Vessel
+from firmware_py.guidance import fence
+from firmware_py.guidance.approach import Velocity, relative
+from firmware_py.guidance.tasks import Task, VesselMotion
+from firmware_py.guidance.traffic import TrafficSettings
+from firmware_py.modes import HeadingGoal, PositionGoal
+
+TRY_EVERY_S = 30.0
+STEPS = 6  # headings tried to either side
+WORTH = 0.03  # of what is near: by so much the distance must open for another heading
+AMPLE = 3.0  # times what is near: more is not sought
+FENCE_M = 30.0  # that is kept from the fence
+LEGS = 4  # that a way is cut into, to be held against the fence
+
+Goal = HeadingGoal | PositionGoal
+
+
+@dataclass(frozen=True, slots=True)
+class AsideSettings:
+    """Whether she steps aside, and how far to either side of her way."""
+
+    enabled: bool
+    sector_rad: float
+
+    @classmethod
+    def of(cls, parameters: ParameterSet) -> AsideSettings:
+        """Read the settings from the parameters."""
+        return cls(enabled=parameters["AIS_ACT"] == 1, sector_rad=radians(parameters["AIS_SECTOR_DEG"]))
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What a heading comes to: how near the nearest vessel comes, as a distance and in parts of what is near."""
+
+    heading_rad: float
+    cpa_m: float
+    part: float
+
+
+@dataclass(frozen=True, slots=True)
+class AsideState:
+    """The heading steered aside, None while she goes her way; the trials under way, and what they are made about.
+
+    `way_rad` is the heading that the sector lies about, of the goal or task when she began. `told`: that there is no
+    better heading has been said.
+    """
+
+    heading_rad: float | None = None
+    way_rad: float | None = None
+    goal: Goal | None = None
+    task: Task | None = None
+    tried_s: float | None = None
+    next_trial: int | None = None  # None between two rounds
+    best: Trial | None = None
+    going_on: Trial | None = None
+    told: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class AsideInput:
+    """What stepping aside looks at; `wanted_rad` is the heading that she would steer, `fence` None while none holds."""
+
+    t_s: float
+    wanted_rad: float
+    motion: VesselMotion
+    vessels: Sequence[Vessel]
+    fence: Plan | None
+    goal: Goal | None
+    task: Task | None
+
+
+IDLE = AsideState()
+
+
+def update(
+    settings: AsideSettings, traffic: TrafficSettings, state: AsideState, given: AsideInput
+) -> tuple[AsideState, tuple[Event, ...]]:
+    """Try the next heading; at the end of a round take the best one, or go back on her way."""
+    if (given.goal, given.task) != (state.goal, state.task) or state.way_rad is None:
+        # Another way: tried at once, but a goal that changes ten times a second must not begin a round each time.
+        state = replace(state, way_rad=given.wanted_rad, goal=given.goal, task=given.task, tried_s=None)
+    if state.next_trial is None:
+        if state.tried_s is not None and 0.0 <= given.t_s - state.tried_s < TRY_EVERY_S:
+            return state, ()
+        # She would go back to her way, and on along it: the worse of the two counts.
+        ways = (given.wanted_rad, state.way_rad or 0.0)
+        going_on = min((_trial(traffic, given, one) for one in ways), key=lambda trial: trial.part)
+        return replace(state, tried_s=given.t_s, next_trial=0, best=None, going_on=going_on), ()
+    headings = _headings(settings, state)
+    if state.next_trial < len(headings):
+        trial = _trial(traffic, given, headings[state.next_trial])
+        better = state.best is None or trial.part > state.best.part + WORTH
+        best = trial if better and _clear_of_fence(given, trial.heading_rad) else state.best
+        return replace(state, next_trial=state.next_trial + 1, best=best), ()
+    return _choose(replace(state, next_trial=None))
+
+
+def end(state: AsideState) -> tuple[AsideState, tuple[Event, ...]]:
+    """Return to her way: nobody comes near any more, or somebody else steers."""
+    if state == IDLE:
+        return IDLE, ()
+    events = () if state.heading_rad is None else (Event(Severity.NOTICE, "Goes her own way again"),)
+    return IDLE, events
+
+
+def _headings(settings: AsideSettings, state: AsideState) -> tuple[float, ...]:
+    """Return the headings of a round: the one that is steered aside first, then from near her way outward."""
+    way_rad = state.way_rad or 0.0
+    fan = [
+        wrap_two_pi(way_rad + side * step * settings.sector_rad / STEPS)
+        for step in range(1, STEPS + 1)
+        for side in (1, -1)
+    ]
+    steered = () if state.heading_rad is None else (state.heading_rad,)
+    within = tuple(one for one in steered if abs(wrap_pi(one - way_rad)) <= settings.sector_rad + 1e-9)
+    return (*within, *fan)
+
+
+def _choose(state: AsideState) -> tuple[AsideState, tuple[Event, ...]]:
+    """Take the best heading of a round if it is worth it."""
+    best, going_on, before_rad = state.best, state.going_on, state.heading_rad
+    if going_on is None or going_on.part >= AMPLE or best is None or best.part < going_on.part + WORTH:
+        state = replace(state, heading_rad=None)
+        if before_rad is not None:
+            return replace(state, told=False), (Event(Severity.NOTICE, "Goes her own way again"),)
+        if state.told or going_on is None or going_on.part >= 1.0:
+            return state, ()
+        return replace(state, told=True), (Event(Severity.WARNING, "Cannot step aside: no heading is better"),)
+    state = replace(state, heading_rad=best.heading_rad, told=False)
+    if before_rad is not None:
+        return state, ()
+    text = (
+        f"Steps aside to {compass_degrees(best.heading_rad):.0f} deg: {going_on.cpa_m:.0f} m become {best.cpa_m:.0f} m"
+    )
+    return state, (Event(Severity.NOTICE, text),)
+
+
+# ------------------------------------------------------------------------------ trials
+
+
+def _trial(traffic: TrafficSettings, given: AsideInput, heading_rad: float) -> Trial:
+    """Return how near vessels come on a heading, by the nearest in parts of what is near."""
+    own_m_s = _velocity(given.motion, heading_rad)
+    cpa_m, part = math.inf, math.inf
+    for vessel in given.vessels:
+        near_m, _ = relative(given.motion.place, vessel.position, given.t_s).nearest(own_m_s, traffic.horizon_s)
+        share = near_m / traffic.limit_m(vessel.position)
+        if share < part:
+            cpa_m, part = near_m, share
+    return Trial(heading_rad, cpa_m, part)
+
+
+def _velocity(motion: VesselMotion, heading_rad: float) -> Velocity:
+    way_rad = heading_rad + motion.leeway_rad
+    return (
+        motion.current_north_m_s + motion.speed_m_s * math.cos(way_rad),
+        motion.current_east_m_s + motion.speed_m_s * math.sin(way_rad),
+    )
+
+
+def _clear_of_fence(given: AsideInput, heading_rad: float) -> bool:
+    """Whether the way on a heading stays clear of the fence, for as long as the last vessel that is near comes nearer.
+
+    Between two places a leg apart the margin is at least half of what their margins leave over the leg.
+    """
+    if given.fence is None or not given.fence.items:
+        return True
+    coming_s = [vessel.cpa_in_s or 0.0 for vessel in given.vessels if vessel.near_s is not None]
+    ahead_s = max(coming_s, default=0.0) + 2.0 * TRY_EVERY_S
+    north_m_s, east_m_s = _velocity(given.motion, heading_rad)
+    leg_m = math.hypot(north_m_s, east_m_s) * ahead_s / LEGS
+    before_m = fence.margin_m(given.fence, given.motion.place)
+    for leg in range(1, LEGS + 1):
+        part_s = ahead_s * leg / LEGS
+        margin_m = fence.margin_m(given.fence, _ahead(given.motion.place, north_m_s * part_s, east_m_s * part_s))
+        if 0.5 * (before_m + margin_m - leg_m) < FENCE_M:
+            return False
+        before_m = margin_m
+    return True
+
+
+def _ahead(place: Place, north_m: float, east_m: float) -> Place:
+    return place.at_offset(north_m, east_m)

@@ -1,0 +1,105 @@
+"""What an AIS message means: records in SI units of what it tells, each number range-checked.
+
+The numbers that the standard has for "not available", and those that it has no meaning for, are unknown. A position
+report without a position is none. ITU-R M.1371-5, annex 8, tables 46 to 88.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from firmware_py.common.angles import METRES_PER_SECOND_PER_KNOT, radians
+from firmware_py.common.vessels import STATUS_UNKNOWN, VesselIdentity, VesselKind, VesselPosition, VesselReport
+from firmware_py.sensors.ais_payload import Payload
+from firmware_py.sensors.message_error import RANGE, MessageError
+
+MOST_MMSI = 999_999_999
+_TENTH_MINUTES, _FINE_MINUTES = 600.0, 600_000.0  # of a degree: type 27, all others
+_UNKNOWN_SPEED, _UNKNOWN_COURSE, _UNKNOWN_HEADING = 1023, 3600, 511  # tenths of a knot and of a degree, degrees
+_COARSE_SPEED, _COARSE_COURSE = 63, 360  # knots, degrees: type 27
+_LONG_RANGE = 27
+_SHARPEST_TURN = 126  # 127 and -127 tell the side alone
+_TURN_SCALE = 4.733  # the number is this times the root of degrees a minute
+_SIZES = ("to_bow", "to_stern", "to_port", "to_starboard")
+_KINDS: Mapping[int, VesselKind] = {
+    1: VesselKind.CLASS_A,
+    2: VesselKind.CLASS_A,
+    3: VesselKind.CLASS_A,
+    4: VesselKind.BASE_STATION,
+    18: VesselKind.CLASS_B,
+    19: VesselKind.CLASS_B,
+    21: VesselKind.MARK,
+    27: VesselKind.CLASS_A,
+}
+
+
+def reports_of(payload: Payload, now_s: float) -> tuple[VesselReport, ...]:
+    """Return what a message tells, its position first; MessageError for a number or a place that cannot be."""
+    if not 0 < payload.mmsi <= MOST_MMSI:
+        raise MessageError(RANGE, f"no vessel has the number {payload.mmsi}")
+    position = _position(payload, now_s) if payload.kind in _KINDS else None
+    identity = _identity(payload, now_s)
+    return tuple(report for report in (position, identity) if report is not None)
+
+
+def _position(payload: Payload, now_s: float) -> VesselPosition | None:
+    numbers, coarse = payload.numbers, payload.kind == _LONG_RANGE
+    scale = _TENTH_MINUTES if coarse else _FINE_MINUTES
+    latitude_deg, longitude_deg = numbers["latitude"] / scale, numbers["longitude"] / scale
+    if latitude_deg == 91.0 or longitude_deg == 181.0:
+        return None
+    if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
+        raise MessageError(RANGE, f"{payload.mmsi:09d} is nowhere: {latitude_deg:.1f}, {longitude_deg:.1f}")
+    return VesselPosition(
+        t_s=now_s,
+        mmsi=payload.mmsi,
+        kind=_KINDS[payload.kind],
+        latitude_rad=radians(latitude_deg),
+        longitude_rad=radians(longitude_deg),
+        speed_m_s=_speed_m_s(numbers.get("speed"), coarse=coarse),
+        course_rad=_course_rad(numbers.get("course"), coarse=coarse),
+        heading_rad=_heading_rad(numbers.get("heading", _UNKNOWN_HEADING)),
+        turn_rad_s=_turn_rad_s(numbers.get("turn")),
+        status=numbers.get("status", STATUS_UNKNOWN),
+        accurate=bool(numbers["accurate"]),
+    )
+
+
+def _speed_m_s(number: int | None, *, coarse: bool) -> float | None:
+    if number is None or number >= (_COARSE_SPEED if coarse else _UNKNOWN_SPEED):
+        return None
+    return (number if coarse else number / 10.0) * METRES_PER_SECOND_PER_KNOT
+
+
+def _course_rad(number: int | None, *, coarse: bool) -> float | None:
+    if number is None or number >= (_COARSE_COURSE if coarse else _UNKNOWN_COURSE):
+        return None
+    return radians(float(number) if coarse else number / 10.0)
+
+
+def _heading_rad(number: int) -> float | None:
+    return radians(float(number)) if number < 360 else None
+
+
+def _turn_rad_s(number: int | None) -> float | None:
+    if number is None or abs(number) > _SHARPEST_TURN:
+        return None
+    turn_deg_min = (number / _TURN_SCALE) ** 2
+    return radians(turn_deg_min / 60.0) * (-1.0 if number < 0 else 1.0)
+
+
+def _identity(payload: Payload, now_s: float) -> VesselIdentity | None:
+    """Return what a message says of the vessel itself, None when that is nothing."""
+    numbers, texts = payload.numbers, payload.texts
+    sizes = tuple(numbers.get(name, 0) for name in _SIZES)
+    identity = VesselIdentity(
+        t_s=now_s,
+        mmsi=payload.mmsi,
+        name=texts.get("name", ""),
+        call_sign=texts.get("call_sign", ""),
+        ship_type=numbers.get("ship_type", 0),
+        # An auxiliary craft sends the number of its mother ship where others have their size.
+        dimensions_m=(sizes[0], sizes[1], sizes[2], sizes[3]) if any(sizes) and payload.mmsi // 10**7 != 98 else None,
+    )
+    known = identity.name or identity.call_sign or identity.ship_type or identity.dimensions_m
+    return identity if known else None

@@ -1,0 +1,155 @@
+"""The bits of an AIS message: from the letters of a payload to the numbers in it, by a table of fields.
+
+ITU-R M.1371-5, annex 8. Only what the boat uses of a message has a row; each type has the lengths at which all of that
+is in it.
+"""
+
+from __future__ import annotations
+
+import binascii
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from firmware_py.sensors.message_error import MALFORMED, MessageError
+
+LEAST_LETTERS, MOST_LETTERS = 7, 5 * 62  # type, number and part of a message; five sentences
+_ARMOUR = b"0123456789:;<=>?@ABCDEFGHIJKLMNOPQRSTUVW`abcdefghijklmnopqrstuvw"
+_BASE64 = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
+_TO_BASE64 = bytes.maketrans(_ARMOUR, _BASE64)
+_LETTERS = "@ABCDEFGHIJKLMNOPQRSTUVWXYZ[\\]^_ !\"#$%&'()*+,-./0123456789:;<=>?"
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """One sort of message: its least and greatest length in bits, and the first bit and width of each field.
+
+    A negative width is that of a number with a sign.
+    """
+
+    shortest: int
+    longest: int
+    fields: Mapping[str, tuple[int, int]]
+    texts: Mapping[str, tuple[int, int]]
+
+
+_NO_TEXTS: Mapping[str, tuple[int, int]] = {}
+_CLASS_A = Layout(
+    149,
+    174,
+    {
+        "status": (38, 4),
+        "turn": (42, -8),
+        "speed": (50, 10),
+        "accurate": (60, 1),
+        "longitude": (61, -28),
+        "latitude": (89, -27),
+        "course": (116, 12),
+        "heading": (128, 9),
+    },
+    _NO_TEXTS,
+)
+_CLASS_B = {
+    "speed": (46, 10),
+    "accurate": (56, 1),
+    "longitude": (57, -28),
+    "latitude": (85, -27),
+    "course": (112, 12),
+    "heading": (124, 9),
+}
+
+
+def _dimensions(start: int) -> dict[str, tuple[int, int]]:
+    return {
+        "to_bow": (start, 9),
+        "to_stern": (start + 9, 9),
+        "to_port": (start + 18, 6),
+        "to_starboard": (start + 24, 6),
+    }
+
+
+# Part B of 24 is 25 here. Some stations leave spare bits at the end out or count them wrongly, and the extension of
+# the name of a mark comes with bits to fill: the lengths are those that all that is read here is in.
+STATIC_B = 25
+LAYOUTS: Mapping[int, Layout] = {
+    1: _CLASS_A,
+    2: _CLASS_A,
+    3: _CLASS_A,
+    4: Layout(149, 174, {"accurate": (78, 1), "longitude": (79, -28), "latitude": (107, -27)}, _NO_TEXTS),
+    5: Layout(420, 426, {"ship_type": (232, 8), **_dimensions(240)}, {"call_sign": (70, 42), "name": (112, 120)}),
+    18: Layout(148, 174, _CLASS_B, _NO_TEXTS),
+    19: Layout(301, 318, {**_CLASS_B, "ship_type": (263, 8), **_dimensions(271)}, {"name": (143, 120)}),
+    21: Layout(
+        268,
+        400,
+        {
+            "ship_type": (38, 5),
+            "accurate": (163, 1),
+            "longitude": (164, -28),
+            "latitude": (192, -27),
+            **_dimensions(219),
+        },
+        {"name": (43, 120)},
+    ),
+    24: Layout(160, 312, {}, {"name": (40, 120)}),
+    STATIC_B: Layout(162, 312, {"ship_type": (40, 8), **_dimensions(132)}, {"call_sign": (90, 42)}),
+    27: Layout(
+        94,
+        168,
+        {
+            "accurate": (38, 1),
+            "status": (40, 4),
+            "longitude": (44, -18),
+            "latitude": (62, -17),
+            "speed": (79, 6),
+            "course": (85, 9),
+        },
+        _NO_TEXTS,
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Payload:
+    """The numbers and texts of one message as they were sent; None for a text that is empty."""
+
+    kind: int
+    mmsi: int
+    numbers: Mapping[str, int]
+    texts: Mapping[str, str]
+
+
+def read_payload(letters: bytes, fill_bits: int) -> Payload | None:
+    """Return what a payload holds; None for a type that is not read; MessageError for one that cannot be."""
+    if not letters:
+        return None  # as some receivers tell of an empty slot
+    if not LEAST_LETTERS <= len(letters) <= MOST_LETTERS or letters.translate(None, _ARMOUR):
+        raise MessageError(MALFORMED, "payload has no such letters, or is too long")
+    length = 6 * len(letters) - fill_bits
+    packed = binascii.a2b_base64(letters.translate(_TO_BASE64) + b"A" * (-len(letters) % 4))
+    bits = int.from_bytes(packed)
+    width = 8 * len(packed)
+
+    def number(start: int, size: int) -> int:
+        count = abs(size)
+        value = bits >> (width - start - count) & ((1 << count) - 1)
+        return value - (1 << count) if size < 0 and value >> (count - 1) else value
+
+    kind = number(0, 6)
+    part = number(38, 2) if kind == 24 else 0
+    if part > 1 or kind == STATIC_B:
+        return None
+    kind += part
+    layout = LAYOUTS.get(kind)
+    if layout is None:
+        return None
+    if not layout.shortest <= length <= layout.longest:
+        raise MessageError(MALFORMED, f"{length} bits for a message of type {24 if kind == STATIC_B else kind}")
+    numbers = {name: number(*place) for name, place in layout.fields.items()}
+    texts = {name: _text(number(*place), place[1]) for name, place in layout.texts.items()}
+    return Payload(kind, number(8, 30), numbers, texts)
+
+
+def _text(value: int, size: int) -> str:
+    """Return a text of six-bit letters; it ends at the first @."""
+    letters = (_LETTERS[value >> shift & 63] for shift in range(size - 6, -1, -6))
+    return "".join(letters).partition("@")[0].rstrip()

@@ -1,0 +1,87 @@
+"""Other vessels in the tick: told, stepped aside for, past, and recomputed from a checkpoint."""
+
+import math
+
+import pytest
+
+from firmware_py.common.intents import SteerHeading
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
+from firmware_py.core.state_codec import state_from_text, state_to_text
+from firmware_py.core.step import step
+from firmware_py.faults.table import Fault
+from support import rig
+from support.plans import placed
+
+
+def heard(north_m, east_m, speed_m_s=6.0, course_deg=180.0):
+    """A ship on a straight line, heard every ten seconds."""
+    course_rad = math.radians(course_deg)
+
+    def reports(t_s):
+        if round(t_s * 10) % 100:
+            return ()
+        place = placed(
+            north_m + speed_m_s * math.cos(course_rad) * t_s, east_m + speed_m_s * math.sin(course_rad) * t_s
+        )
+        position = VesselPosition(t_s, 211000001, VesselKind.CLASS_A, *place, speed_m_s, course_rad)
+        return position, VesselIdentity(t_s, 211000001, "ANNA", "DA1", 70, (90, 10, 8, 8))
+
+    return reports
+
+
+def under_way(**parameters):
+    boat = rig.Sailing(rig.sea("calm"), 1, AIS_NEAR_S=200.0, **parameters)
+    boat.heard = heard(1300.0, -30.0)
+    return boat.under_way(Mode.GUIDED, SteerHeading(0.0))
+
+
+def test_she_tells_steps_aside_and_goes_her_way_again():
+    boat = under_way(AIS_ACT=1).run(30.0)
+    (aside,) = boat.said("Steps aside to")
+    (told,) = boat.said("ANNA comes to")
+    assert told <= aside <= told + 3.0
+    assert boat.said("A vessel comes near") == [told]
+    assert boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
+    assert 40.0 <= math.degrees(boat.snapshot.goal_heading_rad) <= 60.001
+    boat.run(290.0)
+    assert boat.said("Goes her own way again")
+    assert not boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
+    assert boat.snapshot.goal_heading_rad == pytest.approx(0.0, abs=1e-9)
+    assert len(boat.said("ANNA comes to")) == 1
+
+
+def test_as_delivered_she_only_tells():
+    boat = under_way().run(30.0)
+    assert boat.said("ANNA comes to")
+    assert not boat.said("Steps aside")
+    assert boat.snapshot.goal_heading_rad == pytest.approx(0.0, abs=1e-9)
+    assert boat.snapshot.traffic.vessels[0].title == "ANNA"
+
+
+@pytest.mark.parametrize("mode", [Mode.STEERING, Mode.MANUAL, Mode.HOLD])
+def test_where_a_hand_steers_or_nobody_she_steps_aside_for_nobody(mode):
+    boat = rig.Sailing(rig.sea("calm"), 1, AIS_ACT=1)
+    boat.heard = heard(1300.0, -30.0)
+    boat.under_way(mode).run(20.0)
+    assert boat.said("ANNA comes to")
+    assert not boat.said("Steps aside")
+
+
+def test_from_a_checkpoint_in_the_midst_of_it_the_same_rudder_is_computed():
+    boat = under_way(AIS_ACT=1).run(1.0)
+    state, notes = state_from_text(state_to_text(boat.state))
+    assert state == boat.state
+    assert notes == ()
+    boat.keep_inputs = True
+    commands = [boat.tick().command for _ in range(200)]
+    for inputs, command in zip(boat.inputs, commands, strict=True):
+        state, output = step(state, inputs)
+        assert output.command == command
+    assert boat.said("Steps aside to")
+
+
+def test_without_ais_nothing_is_known_and_nothing_done():
+    boat = rig.Sailing(rig.sea("calm"), 1).run(3.0)
+    assert boat.snapshot.traffic is None
+    assert boat.state.traffic.vessels == ()

@@ -1,0 +1,136 @@
+"""Stepping aside: which heading is taken, what it keeps clear of, and the way back."""
+
+import math
+
+import pytest
+
+from firmware_py.common.geodesy import Place
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan, PlanKind
+from firmware_py.common.vessels import Vessel, VesselKind, VesselPosition
+from firmware_py.guidance import step_aside
+from firmware_py.guidance.step_aside import IDLE, AsideInput, AsideSettings
+from firmware_py.guidance.tasks import VesselMotion
+from firmware_py.guidance.traffic import TrafficSettings
+from firmware_py.modes import HeadingGoal
+from support.plans import item, placed
+
+PARAMETERS = ParameterSet().replaced("AIS_ACT", 1.0)
+SETTINGS, TRAFFIC = AsideSettings.of(PARAMETERS), TrafficSettings.of(PARAMETERS)
+MOTION = VesselMotion(Place(*placed(0.0, 0.0)), 0.0, 0.4, 0.0, 0.0)
+INCLUDED_VERTEX = 5001
+
+
+def ship(north_m, east_m, speed_m_s=6.0, course_deg=180.0, near_s=0.0, in_s=900.0):
+    position = VesselPosition(0.0, 1, VesselKind.CLASS_A, *placed(north_m, east_m), speed_m_s, math.radians(course_deg))
+    return Vessel(position, cpa_m=0.0, cpa_in_s=in_s, near_s=near_s)
+
+
+def given(*vessels, t_s=0.0, wanted_rad=0.0, motion=MOTION, fence=None, goal=HeadingGoal(0.0)):  # noqa: B008 - frozen
+    return AsideInput(t_s, wanted_rad, motion, vessels, fence, goal, None)
+
+
+def decided(*vessels, state=IDLE, **more):
+    """Run ticks until a round of trials has ended; return the state and what was told."""
+    told = []
+    for tick in range(20):
+        state, events = step_aside.update(SETTINGS, TRAFFIC, state, given(*vessels, **{"t_s": 0.1 * tick, **more}))
+        told += [event.text for event in events]
+    return state, told
+
+
+def fenced(east_m):
+    corners = [(-2000.0, -2000.0), (4000.0, -2000.0), (4000.0, east_m), (-2000.0, east_m)]
+    items = [item(INCLUDED_VERTEX, *corner, len(corners)) for corner in corners]
+    return Plan.of(PlanKind.FENCE, items)
+
+
+def test_a_ship_head_on_a_little_to_port_is_left_to_port_as_far_as_the_sector_lets():
+    state, told = decided(ship(6000.0, -50.0))
+    assert math.degrees(state.heading_rad) == pytest.approx(60.0)
+    assert told == ["Steps aside to 60 deg: 50 m become 384 m"]
+
+
+def test_one_to_starboard_is_left_to_starboard():
+    state, _ = decided(ship(6000.0, 50.0))
+    assert math.degrees(state.heading_rad) == pytest.approx(300.0)
+
+
+def test_the_sector_is_kept_about_any_way():
+    for way_deg in range(0, 360, 30):
+        state, _ = decided(ship(3000.0, 4000.0, 6.0, 230.0), wanted_rad=math.radians(way_deg))
+        if state.heading_rad is not None:
+            off = (math.degrees(state.heading_rad) - way_deg + 180.0) % 360.0 - 180.0
+            assert abs(off) <= 60.0 + 1e-6
+
+
+def test_the_other_side_is_taken_where_a_fence_stands():
+    free, _ = decided(ship(6000.0, -50.0), fence=fenced(3000.0))
+    assert math.degrees(free.heading_rad) == pytest.approx(60.0)
+    state, _ = decided(ship(6000.0, -50.0), fence=fenced(100.0))
+    assert math.degrees(state.heading_rad) > 180.0
+
+
+def test_between_fence_and_nothing_better_she_goes_on_and_says_so_once():
+    corners = [(-2000.0, -60.0), (9000.0, -60.0), (9000.0, 60.0), (-2000.0, 60.0)]
+    lane = Plan.of(PlanKind.FENCE, [item(INCLUDED_VERTEX, *corner, 4) for corner in corners])
+    state, told = decided(ship(6000.0, 0.0), fence=lane)
+    assert state.heading_rad is None
+    assert told == ["Cannot step aside: no heading is better"]
+    state, told = decided(ship(6000.0, 0.0), fence=lane, state=state, t_s=40.0)
+    assert told == []
+
+
+def test_a_current_is_taken_into_account():
+    set_east = VesselMotion(MOTION.place, 0.0, 0.4, 0.0, 0.3)
+    state, _ = decided(ship(6000.0, 330.0, 6.0), motion=set_east)
+    # Going on the current would carry her under the ship's bow, which is 330 m to the east by now.
+    assert math.degrees(state.heading_rad) > 180.0
+
+
+def test_of_several_vessels_the_nearest_to_come_counts():
+    state, _ = decided(ship(6000.0, -50.0), ship(6000.0, 450.0))
+    aside_deg = math.degrees(state.heading_rad)
+    assert aside_deg > 180.0  # to starboard the second one comes
+
+
+def test_she_goes_back_when_it_is_wide_open_and_when_nobody_comes_any_more():
+    state, _ = decided(ship(6000.0, -50.0))
+    back, told = decided(ship(6000.0, -2000.0), state=state, t_s=40.0)
+    assert back.heading_rad is None
+    assert told == ["Goes her own way again"]
+    ended, events = step_aside.end(state)
+    assert ended is IDLE
+    assert [event.text for event in events] == ["Goes her own way again"]
+    assert step_aside.end(IDLE) == (IDLE, ())
+
+
+def test_while_she_steps_aside_the_heading_stands_between_two_rounds():
+    state, _ = decided(ship(6000.0, -50.0))
+    for t_s in range(3, 30):
+        later, events = step_aside.update(
+            SETTINGS, TRAFFIC, state, given(ship(6000.0, -50.0), t_s=float(t_s), wanted_rad=-1.2)
+        )
+        assert later.heading_rad == state.heading_rad
+        assert events == ()
+
+
+def test_a_goal_that_changes_all_the_time_does_not_keep_her_from_deciding():
+    state = IDLE
+    for tick in range(60):
+        goal = HeadingGoal(0.001 * tick)
+        state, _ = step_aside.update(
+            SETTINGS, TRAFFIC, state, given(ship(6000.0, -50.0), t_s=0.1 * tick, wanted_rad=0.001 * tick, goal=goal)
+        )
+    assert state.heading_rad is not None
+
+
+def test_a_tick_tries_one_heading(monkeypatch):
+    counts = []
+    trial = step_aside._trial
+    monkeypatch.setattr(step_aside, "_trial", lambda *args: counts.append(1) or trial(*args))
+    state = IDLE
+    for tick in range(40):
+        before = len(counts)
+        state, _ = step_aside.update(SETTINGS, TRAFFIC, state, given(ship(6000.0, -50.0), t_s=0.1 * tick))
+        assert len(counts) - before <= 2

@@ -1,0 +1,176 @@
+"""The table of vessels: who is kept, who is believed, and who is told of, once."""
+
+import math
+import random
+
+import pytest
+
+from firmware_py.common.geodesy import Place
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState
+from firmware_py.common.vessels import VesselIdentity, VesselKind, VesselPosition
+from firmware_py.guidance import traffic
+from firmware_py.guidance.traffic import MOST_VESSELS, OwnMotion, TrafficSettings, TrafficState
+from support.plans import placed
+
+SETTINGS = TrafficSettings.of(ParameterSet())  # 500 m, 1500 s; still: 100 m, 0.5 m/s
+HERE = OwnMotion(Place(*placed(0.0, 0.0)), (0.0, 0.0))
+
+
+def position(mmsi, t_s, north_m, east_m, speed_m_s=5.0, course_deg=180.0, kind=VesselKind.CLASS_A):
+    return VesselPosition(t_s, mmsi, kind, *placed(north_m, east_m), speed_m_s, math.radians(course_deg))
+
+
+def look(state, t_s, *reports, own=HERE):
+    state, events = traffic.update(SETTINGS, state, reports, own, t_s)
+    return state, [event.text for event in events]
+
+
+def sail(seconds, *ships, state=None, every_s=10.0):
+    """Let ships go on in straight lines and report; return what was told, with the time."""
+    state, told = state or TrafficState(), []
+    for t_s in range(round(seconds)):
+        reports = [ship(float(t_s)) for ship in ships] if t_s % every_s == 0 else []
+        state, texts = look(state, float(t_s), *reports)
+        told += [(t_s, text) for text in texts]
+    return state, told
+
+
+def straight(mmsi, north_m, east_m, speed_m_s=5.0, course_deg=180.0):
+    course_rad = math.radians(course_deg)
+    north_m_s, east_m_s = speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad)
+    return lambda t_s: position(mmsi, t_s, north_m + north_m_s * t_s, east_m + east_m_s * t_s, speed_m_s, course_deg)
+
+
+def test_an_approach_is_told_once_in_time_and_is_over_when_the_vessel_is_past():
+    state, told = sail(3000.0, straight(211000001, 9000.0, 200.0))
+    assert len(told) == 1
+    when_s, text = told[0]
+    assert text == "MMSI 211000001 comes to 200 m in 27 min, from 1 deg"
+    assert when_s == pytest.approx((9000.0 - 7500.0 - 458.0) / 5.0, abs=20.0)  # 25 min before it is within 500 m
+    assert not state.near
+    assert sail(1850.0, straight(211000001, 9000.0, 200.0))[0].near
+
+
+def test_a_vessel_that_comes_again_is_told_again():
+    ship = straight(1, 3000.0, 0.0)
+    state, told = sail(1500.0, ship)
+    assert len(told) == 1
+    back = [position(1, 1500.0 + t, -4500.0 + 5.0 * t, 0.0, 5.0, 0.0) for t in range(0, 600, 10)]
+    texts = []
+    for report in back:
+        state, more = look(state, report.t_s, report)
+        texts += more
+    assert len(texts) == 1
+
+
+@pytest.mark.parametrize("east_m", [700.0, 5000.0])
+def test_who_passes_at_a_distance_is_not_told(east_m):
+    assert sail(3000.0, straight(1, 9000.0, east_m))[1] == []
+
+
+@pytest.mark.parametrize(("distance_m", "count"), [(90.0, 1), (300.0, 0)])
+def test_what_lies_still_is_near_at_a_distance_of_its_own(distance_m, count):
+    assert len(sail(100.0, straight(1, distance_m, 0.0, 0.1))[1]) == count
+    assert len(sail(100.0, straight(1, distance_m, 0.0, None or 0.0))[1]) == count
+
+
+def test_she_sails_on_an_anchored_ship():
+    own = OwnMotion(HERE.place, (0.4, 0.0))
+    state, texts = look(TrafficState(), 0.0, position(1, 0.0, 500.0, 20.0, 0.0), own=own)
+    assert texts == ["MMSI 000000001 comes to 20 m in 21 min, from 2 deg"]
+    assert state.near
+
+
+def test_a_vessel_without_speed_or_course_lies_where_it_is():
+    report = VesselPosition(0.0, 1, VesselKind.CLASS_B, *placed(80.0, 0.0))
+    state, texts = look(TrafficState(), 0.0, report)
+    assert len(texts) == 1
+    assert state.vessels[0].distance_m == pytest.approx(80.0, abs=0.1)
+
+
+def test_the_name_is_told_and_kept():
+    state, _ = look(TrafficState(), 0.0, position(1, 0.0, 3000.0, 0.0, 0.0), VesselIdentity(0.0, 1, "", "CALL", 70))
+    state, _ = look(state, 1.0, VesselIdentity(1.0, 1, "ANNA"))
+    assert state.vessels[0].identity == VesselIdentity(1.0, 1, "ANNA", "CALL", 70)
+    state, texts = look(state, 5.0, position(1, 5.0, 3000.0, 0.0))
+    assert texts == ["ANNA comes to 0 m in 10 min, from 0 deg"]
+    assert look(TrafficState(), 0.0, VesselIdentity(0.0, 2, "NOBODY"))[0].vessels == ()
+
+
+def test_without_a_position_of_her_own_nobody_is_near():
+    state, texts = look(TrafficState(), 0.0, position(1, 0.0, 100.0, 0.0), own=None)
+    assert texts == []
+    assert (state.vessels[0].distance_m, state.vessels[0].cpa_m) == (None, None)
+
+
+def test_who_is_silent_is_forgotten():
+    state, _ = look(TrafficState(), 0.0, position(1, 0.0, 3000.0, 0.0))
+    assert len(look(state, 600.0)[0].vessels) == 1
+    assert look(state, 602.0)[0].vessels == ()
+
+
+def test_a_leap_is_not_believed_until_others_bear_it_out():
+    state, _ = look(TrafficState(), 0.0, position(1, 0.0, 9000.0, 9000.0))
+    there = state.vessels[0].position
+    for t_s in (10.0, 20.0):
+        state, texts = look(state, t_s, position(1, t_s, 100.0, 0.0))
+        assert state.vessels[0].position == there
+        assert texts == []
+    state, texts = look(state, 30.0, position(1, 30.0, 100.0, 0.0))
+    assert state.vessels[0].distance_m == pytest.approx(100.0, abs=0.5)
+    assert len(texts) == 1
+
+
+def test_two_that_send_one_number_do_not_throw_each_other_about():
+    state, told = TrafficState(), []
+    for t_s in range(0, 300, 10):
+        state, texts = look(state, float(t_s), position(1, t_s, 9000.0 - 5.0 * t_s, 9000.0))
+        told += texts
+        state, texts = look(state, t_s + 5.0, position(1, t_s + 5.0, 100.0, 0.0))
+        told += texts
+    assert told == []
+    assert state.vessels[0].distance_m > 9000.0
+
+
+def test_of_ten_thousand_those_that_could_be_here_soonest_are_kept():
+    rng = random.Random(2)
+    state = TrafficState()
+    real = position(999, 0.0, 6000.0, 0.0, 8.0)
+    state, _ = look(state, 0.0, real)
+    for number in range(10_000):
+        far = rng.uniform(20_000.0, 60_000.0)
+        angle = rng.uniform(0.0, 2.0 * math.pi)
+        report = position(number + 1000, 0.1, far * math.cos(angle), far * math.sin(angle), rng.uniform(0.0, 10.0))
+        state, _ = look(state, 0.1, report)
+        assert len(state.vessels) <= MOST_VESSELS
+    assert any(vessel.mmsi == 999 for vessel in state.vessels)
+    assert state.turned_away == 10_001 - MOST_VESSELS
+    kept = [vessel.distance_m / (vessel.position.speed_m_s + 0.5) for vessel in state.vessels]
+    assert max(kept) < 60_000.0 / 10.5 + 100.0
+
+
+def test_of_many_that_come_near_one_is_told_after_the_other_the_first_to_come_first():
+    ghosts = [straight(number, 500.0 + 100.0 * number, 0.0) for number in range(1, 60)]
+    _, told = sail(60.0, *ghosts)
+    assert len(told) <= 12
+    assert told[0][1].startswith("MMSI 000000001 ")
+
+
+def test_who_was_told_of_stays_in_a_full_table():
+    state, _ = look(TrafficState(), 0.0, position(1, 0.0, 400.0, 0.0, 0.6, 0.0))
+    assert state.near
+    for number in range(2, 300):
+        state, _ = look(state, 0.1, position(number, 0.1, 300.0, 10.0 * (number % 20), 20.0))
+    assert any(vessel.mmsi == 1 and vessel.near_s is not None for vessel in state.vessels)
+
+
+def test_what_the_receiver_refuses_is_told_now_and_then():
+    def health(text, role=DeviceRole.AIS):
+        return (DeviceHealth(0.0, role, DeviceState.RUNNING, 1, 1, text),)
+
+    state, events = traffic.receiver_events(TrafficState(), health("checksum"), 0.0)
+    assert [event.text for event in events] == ["AIS: checksum"]
+    assert traffic.receiver_events(state, health("more than she reads, dropped"), 10.0)[1] == ()
+    assert len(traffic.receiver_events(state, health("checksum"), 700.0)[1]) == 1
+    assert traffic.receiver_events(TrafficState(), health("checksum", DeviceRole.COMPASS), 0.0)[1] == ()

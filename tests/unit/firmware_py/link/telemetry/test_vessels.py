@@ -1,0 +1,72 @@
+"""AIS_VESSEL: one vessel at a time, every one in turn, those that come near more often."""
+
+import dataclasses
+import math
+from collections import Counter
+
+import pytest
+
+from firmware_py.common.vessels import Traffic, Vessel, VesselIdentity, VesselKind, VesselPosition
+from firmware_py.link.telemetry import vessels
+from firmware_py.link.telemetry.context_fields import TelemetryContext
+from firmware_py.link.wire.dialect import Codec, mavlink
+
+CODEC = Codec(1, 1)
+SHIP = Vessel(
+    VesselPosition(
+        2.0, 211000001, VesselKind.CLASS_A, 0.7, -0.2, 5.123, math.radians(359.99), 1.0, -math.radians(2.0), 3, True
+    ),
+    VesselIdentity(1.0, 211000001, "ANNA OF THE SEVEN SE", "DA12345", 70, (511, 10, 63, 8)),
+)
+BARE = Vessel(VesselPosition(2.0, 7, VesselKind.MARK, 0.7, -0.2))
+
+
+@pytest.fixture
+def told(snapshot):
+    def message(t_s, *known):
+        traffic = Traffic(tuple(known)) if known else None
+        boat = dataclasses.replace(snapshot, t_s=t_s, traffic=traffic)
+        made = vessels.ais_vessel(TelemetryContext(boat, 1.7e9, 0.5, 3, 0.0, 0))
+        return None if made is None else CODEC.decode(CODEC.pack(made).frame)
+
+    return message
+
+
+def test_all_that_is_known_is_told_in_the_units_of_mavlink(told):
+    ship = told(12.4, SHIP)
+    latitude, longitude = (round(math.degrees(angle_rad) * 1e7) for angle_rad in (0.7, -0.2))
+    assert (ship.MMSI, ship.lat, ship.lon) == (211000001, latitude, longitude)
+    assert (ship.COG, ship.heading, ship.velocity, ship.turn_rate) == (35999, round(math.degrees(1.0) * 100), 512, -20)
+    assert (ship.navigational_status, ship.type, ship.tslc) == (3, 70, 10)
+    assert (ship.dimension_bow, ship.dimension_stern, ship.dimension_port, ship.dimension_starboard) == (511, 10, 63, 8)
+    assert (ship.name, ship.callsign) == ("ANNA OF THE SEVEN SE", "DA12345")
+    flags = mavlink.AIS_FLAGS_POSITION_ACCURACY | mavlink.AIS_FLAGS_VALID_COG | mavlink.AIS_FLAGS_VALID_VELOCITY
+    flags |= mavlink.AIS_FLAGS_VALID_TURN_RATE | mavlink.AIS_FLAGS_VALID_DIMENSIONS | mavlink.AIS_FLAGS_VALID_NAME
+    flags |= mavlink.AIS_FLAGS_LARGE_BOW_DIMENSION | mavlink.AIS_FLAGS_LARGE_PORT_DIMENSION
+    assert ship.flags == flags | mavlink.AIS_FLAGS_VALID_CALLSIGN
+
+
+def test_what_is_not_known_has_the_numbers_for_that(told):
+    mark = told(3.0, BARE)
+    assert (mark.COG, mark.heading, mark.velocity, mark.turn_rate) == (65535, 65535, 65535, 127)
+    assert (mark.dimension_bow, mark.dimension_stern, mark.dimension_port, mark.dimension_starboard) == (
+        65535,
+        65535,
+        255,
+        255,
+    )
+    assert (mark.navigational_status, mark.name, mark.callsign, mark.flags) == (15, "", "", 0)
+
+
+def test_nothing_is_told_where_nobody_was_heard(told):
+    assert told(1.0) is None
+
+
+@pytest.mark.parametrize("interval_s", [0.1, 0.25, 1.0, 5.0, 10.0])
+@pytest.mark.parametrize("count", [2, 5, 10, 100])
+def test_every_vessel_has_its_turn_at_any_interval(told, interval_s, count):
+    fleet = [dataclasses.replace(BARE, position=dataclasses.replace(BARE.position, mmsi=at + 1)) for at in range(count)]
+    fleet[1] = dataclasses.replace(fleet[1], near_s=0.0)
+    turns = Counter(told(2.0 + interval_s * turn, *fleet).MMSI for turn in range(12 * count))
+    assert set(turns) == set(range(1, count + 1))
+    assert turns[2] > 4 * count
