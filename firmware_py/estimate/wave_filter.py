@@ -3,8 +3,7 @@
 A Kalman filter (kalman.py) that tunes itself to the sea and to the float (learning.py). It is driven by the measured
 rudder, scaled to the estimated speed by similarity, and takes each sample at its own time. A compass shows the float:
 its heading and the yaw of the waves. Velocity over the ground shows the way of the glider through the water, the
-current and the waves' motion of the receiver. The sea it allows for is that of docs/explanation/physics.md, "The sea
-that acts on the boat".
+current and the waves' motion of the receiver. The sea it allows for is that of docs/explanation/physics.md.
 """
 
 from __future__ import annotations

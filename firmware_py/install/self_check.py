@@ -22,6 +22,7 @@ from typing import Any
 from firmware_py.files.reading import read_regular, read_text
 from firmware_py.install.bundle import Bundle, UpdateError
 from firmware_py.install.environment import Environment
+from firmware_py.install.service_files import UNIT
 from firmware_py.log.disk import log_files
 from firmware_py.system.state_directory import LOG_DIRECTORY, PARAMETER_FILE
 
@@ -214,6 +215,17 @@ CHECKS: Mapping[str, Callable[[Candidate], str]] = {
     "box": _sails_in_box,
     "newest log": _replays,
 }
+
+
+def printed_unit(program: Path, words: Sequence[str]) -> str | None:
+    """Return the unit that a program prints for a service, None when it prints none."""
+    head, between = f"# {UNIT}\n", "\n\n# /"
+    try:
+        done = _run([str(program), "service", "print", *words])
+    except (UpdateError, subprocess.TimeoutExpired):
+        return None
+    unit, found, _ = done.stdout.removeprefix(head).partition(between)
+    return f"{unit}\n" if done.returncode == 0 and done.stdout.startswith(head) and found else None
 
 
 def _run(words: Sequence[str], patience_s: float = COMMAND_S) -> subprocess.CompletedProcess[str]:

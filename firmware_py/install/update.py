@@ -24,7 +24,7 @@ from firmware_py.install import environment as environments
 from firmware_py.install.bundle import Bundle, UpdateError, is_older, unpack
 from firmware_py.install.environment import Environment, environment_of
 from firmware_py.install.program_link import STARTS, TRIAL_S, UPDATE_FILE, ProgramLink, passed_text
-from firmware_py.install.self_check import Candidate, self_check
+from firmware_py.install.self_check import Candidate, printed_unit, self_check
 from firmware_py.install.service_files import TRIAL
 from firmware_py.system.clock import machine_s
 from firmware_py.system.state_directory import StateFiles
@@ -44,6 +44,14 @@ class Installation:
     link: ProgramLink
     vehicle: Path
     state: Path
+    watchdog: Path | None = None
+    unit: str = ""
+
+    @property
+    def service_words(self) -> list[str]:
+        """Return what `rambler service print` or `install` is to be told."""
+        watchdog = [] if self.watchdog is None else ["--watchdog", str(self.watchdog)]
+        return [str(self.vehicle), "--state", str(self.state), *watchdog]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +73,9 @@ def installation_of(unit: Path) -> Installation:
     words = [word.replace("%%", "%").replace("$$", "$") for word in shlex.split(command)]
     if f"{TRIAL.parent.name}/{TRIAL.name}" not in counting or words[1:2] != ["run"] or "--state" not in words[:-1]:
         raise UpdateError(f"{unit} is of a version before or not ours: repeat rambler service install VEHICLE.toml")
-    return Installation(ProgramLink(Path(words[0])), Path(words[2]), Path(words[words.index("--state") + 1]))
+    watchdog = Path(words[words.index("--watchdog") + 1]) if "--watchdog" in words[:-1] else None
+    state = Path(words[words.index("--state") + 1])
+    return Installation(ProgramLink(Path(words[0])), Path(words[2]), state, watchdog, text)
 
 
 def update(installation: Installation, bundle_file: Path, signers: Path | None, may: Permissions, say: Say) -> None:
@@ -99,6 +109,7 @@ def update(installation: Installation, bundle_file: Path, signers: Path | None, 
         finally:
             shutil.rmtree(work, ignore_errors=True)
         _switch(installation, link, new, may, say)
+        _compare_units(installation, new, say)
 
 
 def go_back(installation: Installation, may: Permissions, say: Say) -> None:
@@ -110,6 +121,7 @@ def go_back(installation: Installation, may: Permissions, say: Say) -> None:
         if not os.access(before, os.X_OK):
             raise UpdateError(f"{before} is not there any more; update to a bundle of that version (--older)")
         _switch(installation, link, Environment(before.parents[1]), may, say)
+        _compare_units(installation, Environment(before.parents[1]), say)
 
 
 def await_trial(installation: Installation, say: Say) -> bool:
@@ -204,6 +216,14 @@ def _switch(installation: Installation, link: ProgramLink, new: Environment, may
         return
     os.kill(pid, signal.SIGTERM)
     say(f"process {pid} was told to end; the service starts the new one")
+
+
+def _compare_units(installation: Installation, new: Environment, say: Say) -> None:
+    """Say so when a version wants to be run by another unit than the one that is installed; this one still runs it."""
+    unit = printed_unit(new.program, [*installation.service_words, "--program", str(installation.link.path)])
+    if unit is not None and unit != installation.unit:
+        again = shlex.join(["rambler", "service", "install", *installation.service_words])
+        say(f"its unit is another one than that which is installed: when it has passed, sudo {again}")
 
 
 def _is_ours(pid: int, program: Path) -> bool:

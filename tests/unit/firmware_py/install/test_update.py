@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import sys
 import tomllib
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from firmware_py.install import environment, update
 from firmware_py.install.bundle import UpdateError
 from firmware_py.install.environment import Environment, check_room
 from firmware_py.install.program_link import UPDATE_FILE, passed_text
-from firmware_py.install.self_check import CHECKS, Candidate, dry_text, self_check
+from firmware_py.install.self_check import CHECKS, Candidate, dry_text, printed_unit, self_check
 from firmware_py.install.service_files import Service, unit_text
 from firmware_py.system.clock import machine_s
 from firmware_py.system.status_file import DIRECTORIES, file_name
@@ -257,3 +258,40 @@ def test_what_is_tried_works_on_a_copy_of_the_state(tmp_path, monkeypatch):
     copies = {path.name: path for path in candidate.copy.iterdir()}
     assert set(copies) == {"parameters.param.0", "signing.key.1"}
     assert copies["signing.key.1"].stat().st_mode & 0o777 == 0o600
+
+
+def test_a_unit_that_the_new_version_wants_otherwise_is_told(place, ask, monkeypatch):
+    installed = update.installation_of(place / "rambler.service").unit
+    monkeypatch.setattr(update, "printed_unit", lambda _program, _words: installed)
+    assert "its unit" not in ask()[1]
+    (place / "bin/.rambler.trial").unlink()
+    asked_for = []
+
+    def printed(program, words):
+        asked_for.append((program.parents[1].name, words))
+        return installed.replace("WatchdogSec=5", "WatchdogSec=4")
+
+    monkeypatch.setattr(update, "printed_unit", printed)
+    words = [str(place / "boat.toml"), "--state", str(place / "state")]
+    assert f"when it has passed, sudo rambler service install {' '.join(words)}" in ask("--back")[1]
+    assert asked_for == [("rambler", [*words, "--program", str(place / "bin/rambler")])]
+
+
+def test_the_unit_of_a_version_is_what_it_prints(tmp_path):
+    program = tmp_path / "rambler"
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m firmware_py "$@"\n')
+    program.chmod(0o755)
+    service = Service(("/opt/rambler",), Path("/etc/boat.toml"), Path("/srv/state"), Path("/dev/watchdog"))
+    words = ["/etc/boat.toml", "--state", "/srv/state", "--watchdog", "/dev/watchdog", "--program", "/opt/rambler"]
+    assert printed_unit(program, words) == unit_text(service)
+    program.write_text("#!/bin/sh\necho no\n")
+    assert printed_unit(program, words) is None
+    assert printed_unit(tmp_path / "gone", words) is None
+
+
+def test_a_unit_tells_what_its_service_runs(tmp_path):
+    service = Service(("/opt/rambler",), Path("/etc/boat.toml"), Path("/srv/state"), Path("/dev/watchdog"))
+    (tmp_path / "unit").write_text(unit_text(service))
+    found = update.installation_of(tmp_path / "unit")
+    assert (found.link.path, found.vehicle, found.state) == (Path("/opt/rambler"), service.vehicle, service.state)
+    assert (found.watchdog, found.unit) == (service.watchdog, unit_text(service))
