@@ -26,6 +26,7 @@ _URI = f"mftp://{DIRECTORY}/"
 _TYPES = {Kind.INTEGER: "Int32", Kind.REAL: "Float"}
 # What ground stations call the parameters that begin alike.
 _GROUPS: Mapping[str, str] = {
+    "AIS": "Navigation",
     "ARMING": "Start",
     "BAT": "Energy",
     "BOOT": "Start",
