@@ -79,7 +79,7 @@ _VALUES: Mapping[type[Any], Callable[[Any], dict[str, Any]]] = {
 }
 
 
-def _open(group: Sequence[tuple[str, DeviceEntry]]) -> list[BenchDevice]:
+def open_devices(group: Sequence[tuple[str, DeviceEntry]]) -> list[BenchDevice]:
     """Open the port that some devices share and give each a view of it, or say of all why there is none."""
     devices = [BenchDevice(section, entry.driver, entry.port) for section, entry in group]
     line = line_of(group[0][1].port, group[0][1].baud)
@@ -105,7 +105,7 @@ class BenchSession:
         for section in ("compass", "rudder", "compass_b", "power", "power_b", "position", "ais"):
             if (entry := getattr(vehicle, section)) is not None:
                 groups.setdefault(entry.port, []).append((section, entry))
-        self.devices = [device for group in groups.values() for device in _open(group)]
+        self.devices = [device for group in groups.values() for device in open_devices(group)]
 
     def listen(self, seconds: float | None) -> Iterator[Sequence[Sample]]:
         """Yield the new samples, ten times a second, for so many seconds or without end."""

@@ -1,26 +1,24 @@
-"""`rambler calibrate compass`: the compass's deviation as she has sailed it, from her logs; proposed, never set."""
+"""`rambler calibrate`: the compass's deviation as she has sailed it, the rudder's centre and limits; never set."""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterable, Iterator
-from itertools import chain
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from firmware_py.cli import calibrate_rudder
+from firmware_py.cli.logged import in_force, ticks_of
 from firmware_py.cli.refusal import refused
 from firmware_py.common.angles import degrees, radians, wrap_pi
-from firmware_py.common.intents import SetParameter
-from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameters import ParameterSet, format_file
-from firmware_py.core.state_codec import state_from_text
 from firmware_py.estimate import swing
 from firmware_py.estimate.deviation import NAMES, deviation_of, deviation_rad
 from firmware_py.estimate.swing import Swing
 from firmware_py.estimate.swinging import Swinging
 from firmware_py.log.dataflash import LogError
-from firmware_py.log.reader import LoggedTick, read_log
+from firmware_py.log.reader import LoggedTick
 
 NOT_ENOUGH = 1
 _WHAT_STAYS = (
@@ -29,61 +27,50 @@ _WHAT_STAYS = (
 )
 
 
-def swung(ticks: Iterable[LoggedTick], parameters: ParameterSet | None = None) -> Swinging:
+def swung(ticks: Iterable[LoggedTick]) -> Swinging:
     """Return the swing of logged ticks; ValueError for a checkpoint that cannot be read."""
-    swinging = Swinging(parameters or ParameterSet())
-    for tick in ticks:
-        if tick.checkpoint is not None:
-            swinging.set_parameters(state_from_text(tick.checkpoint)[0].parameters)
-        for request in tick.inputs.requests:
-            if isinstance(request.intent, SetParameter):
-                swinging.set_parameters(_with(swinging.parameters, request.intent))
+    swinging = Swinging(ParameterSet())
+    for tick, parameters, _armed in in_force(ticks):
+        swinging.set_parameters(parameters)
         swinging.take(tick.inputs)
     return swinging
 
 
-def _with(parameters: ParameterSet, intent: SetParameter) -> ParameterSet:
-    try:
-        return parameters.replaced(intent.name, intent.value)
-    except ParameterError:  # of another version
-        return parameters
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
-    parser.add_argument("what", choices=("compass",), help="compass: its deviation, by way and heading")
-    parser.add_argument("log", metavar="LOG", type=Path, nargs="+", help="onboard logs (.BIN, .BIN.gz), oldest first")
+    text = "compass: its deviation, by way and heading; rudder: centre, limits and direction"
+    parser.add_argument("what", choices=("compass", "rudder"), help=text)
+    text = "onboard logs (.BIN, .BIN.gz), oldest first; for the rudder on the bench the vehicle file (.toml)"
+    parser.add_argument("file", metavar="LOG|VEHICLE.toml", type=Path, nargs="+", help=text)
     parser.add_argument("--save", metavar="OUT", type=Path, help="write the proposal to OUT, a parameter file to load")
     parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--state", metavar="DIR", type=Path, help="bench: the state directory with what links have set")
+    text = "bench: the rudder has been laid amidships by hand, its centre is to be proposed"
+    parser.add_argument("--amidships", action="store_true", help=text)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Exit 0 with a proposal, 1 when the logs do not tell enough for one."""
+    """Exit 0 with a proposal, 1 when there is not enough for one, 2 when nothing can be read or moved."""
+    report = calibrate_rudder.report if arguments.what == "rudder" else _compass
     try:
-        swinging = swung(chain.from_iterable(_named(path) for path in arguments.log))
+        code, proposal = report(arguments, ticks_of(arguments.file))
     except (LogError, ValueError) as error:
         return refused("calibrate", str(error))
-    found = swinging.result()
-    if arguments.json:
-        print(json.dumps(_record(swinging, found)))
-    else:
-        print("\n".join(_lines(swinging, found)))
-    if found is None or not found.ready:
-        return NOT_ENOUGH
-    if arguments.save is not None:
-        values = {name: round(degrees(one), 2) for name, one in zip(NAMES, found.coefficients_rad, strict=True)}
+    if proposal and arguments.save is not None:
         try:
-            arguments.save.write_text(format_file(values), encoding="ascii")
+            arguments.save.write_text(format_file(proposal), encoding="ascii")
         except OSError as error:
             return refused("calibrate", f"{arguments.save}: cannot be written: {error.strerror}")
-    return 0
+    return code
 
 
-def _named(path: Path) -> Iterator[LoggedTick]:
-    try:
-        yield from read_log(path)
-    except LogError as error:
-        raise LogError(f"{path}: {error}") from error
+def _compass(arguments: argparse.Namespace, ticks: Iterable[LoggedTick]) -> tuple[int, Mapping[str, float]]:
+    swinging = swung(ticks)
+    found = swinging.result()
+    print(json.dumps(_record(swinging, found)) if arguments.json else "\n".join(_lines(swinging, found)))
+    if found is None or not found.ready:
+        return NOT_ENOUGH, {}
+    return 0, {name: round(degrees(one), 2) for name, one in zip(NAMES, found.coefficients_rad, strict=True)}
 
 
 def _record(swinging: Swinging, found: Swing | None) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from firmware_py.__main__ import main
-from firmware_py.cli import calibrate
+from firmware_py.cli import logged
 from firmware_py.common.intents import SetParameter
 from firmware_py.common.parameters import parse_file
 from firmware_py.estimate.deviation import NAMES
@@ -16,7 +16,7 @@ LOG = REPLAY / "tank_pni_volz.BIN"
 
 
 def told(monkeypatch, capsys, *words, **how):
-    monkeypatch.setattr(calibrate, "read_log", lambda _path: voyage(**how))
+    monkeypatch.setattr(logged, "read_log", lambda _path: voyage(**how))
     code = main(["calibrate", "compass", "any.BIN", *words])
     return code, capsys.readouterr().out
 

@@ -1,0 +1,25 @@
+"""`rambler calibrate rudder` from outside, on a servo that moves: the emulated one, in real time."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from support.paths import ROOT
+
+
+@pytest.mark.parametrize("servo", ["dynamixel", "volz"])
+def test_the_rudder_is_moved_by_small_steps_and_let_go(make_boat, servo):
+    boat = make_boat(speed=None, servo=servo, settings={"RUD_LIMIT_DEG": 1})
+    boat.time.begin(boat.board, None)
+    command = [sys.executable, "-m", "firmware_py", "calibrate", "rudder", str(boat._vehicle), "--json"]
+    command += ["--state", str(boat.state)]
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as program:
+        while program.poll() is None:
+            boat.run(0.2)
+        told = json.loads(program.stdout.read())
+    assert (program.returncode, told["stopped"]) == (0, [False, False])
+    assert told["proposed_deg"] == {"RUD_LIMIT_DEG": 1.0}
+    assert told["reached_deg"] == pytest.approx([6.0, 6.0], abs=0.5)
+    assert told["scale"] == pytest.approx(1.0, abs=0.05)
