@@ -24,6 +24,10 @@ COMMANDS = {
     "identify": ("hil.cli.identify", "identify K, T, alpha and the rudder offset from manoeuvres and onboard logs"),
     "compare": ("hil.cli.compare", "controllers side by side in the same seas: the paper's, a tuned PID, ours"),
     "bench": ("hil.cli.bench", "measure the autopilot and the tools on this machine"),
+    "sbd-gateway": (
+        "hil.cli.sbd_gateway",
+        "the shore's side of an Iridium link: messages in, ground station, orders out",
+    ),
     "scenarios": ("hil.cli.scenarios", "list the seas that a run can be made in"),
     "similarity": ("hil.cli.similarity", "the model of the ship at other speeds"),
     "tune": ("hil.cli.tune", "tune the delivered controller, or fixed gains, by artificial fish swarm"),

@@ -61,7 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         action="extend",
         default=[],
-        help="MAVLink links for ground stations, such as udpout:127.0.0.1:14550",
+        help="MAVLink links for ground stations, such as udpout:127.0.0.1:14550; sbd:DIR is an emulated Iridium modem"
+        " whose messages go through DIR, see sbd-gateway",
     )
     parser.add_argument(
         "--set",

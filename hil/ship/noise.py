@@ -26,6 +26,7 @@ class Stream(IntEnum):
     ORBIT_ALONE = 11
     CLOUDS = 12
     POWER = 13
+    SATELLITE = 14
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:

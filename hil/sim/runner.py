@@ -16,8 +16,10 @@ from hil.devices.pty_line import PtyLine
 from hil.devices.vedirect import VeDirectEmulator
 from hil.errors import HilError
 from hil.ship import extras_table
+from hil.ship.noise import Stream, generator
 from hil.ship.power_plant import PowerPlant
 from hil.ship.power_plant import figures as power_figures
+from hil.sim import posted_modem
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
 from hil.sim.display import Banner, Display, make_display
@@ -57,6 +59,8 @@ def run(options: RunOptions) -> Run:
         station = GroundStation(options.goals, options.mode, shared=options.play or bool(options.links))
         station.silent = options.play and not station.orders  # who plays is alone with her
         devices: dict[str, Emulator] = {**emulators(book.world, options.vehicle, options.seed), "link": station}
+        if (modem := posted_modem.modem_of(options.links, generator(options.seed, Stream.SATELLITE))) is not None:
+            devices[posted_modem.PORT] = modem
         try:
             _make(options, book, station, devices)
         finally:
@@ -108,7 +112,7 @@ class _Run:
         vehicle_path.write_text(text, encoding="utf-8")
         arguments = ["run", str(vehicle_path), "--state", str(options.out / STATE)]
         for url in options.links:
-            arguments += ["--link", url]
+            arguments += ["--link", posted_modem.on_port(url, str(self._board.paths().get(posted_modem.PORT)))]
         display = make_display(self._banner(), self._board.world, self._station)
         with contextlib.ExitStack() as stack:
             if options.play:

@@ -1,0 +1,224 @@
+"""`rambler-hil sbd-gateway`: a boat's Iridium messages ashore, as a MAVLink endpoint for a ground station."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import os
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from hil.devices.message_post import FROM_BOAT, IMEI_DIGITS, TO_BOAT, MessagePost
+from hil.errors import UsageError
+from hil.shore.gateway import Gateway
+from hil.shore.web import Inbox, Sender
+from hil.sim.signals import stopped_by_signal
+
+DEFAULT_STATION = "udpout:127.0.0.1:14550"
+_LOOK_S = 0.5
+_PAUSE_S = 0.02
+_TRIES, _TRY_S = 20, 30.0
+_MOST_ORDERS = 50  # of a station at once
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument(
+        "directory",
+        metavar="DIR",
+        type=Path,
+        help="messages as files IMEI_NUMBER.sbd: those of the boat in DIR/from-boat, those for it in DIR/to-boat",
+    )
+    parser.add_argument(
+        "--station",
+        metavar="URL",
+        default=DEFAULT_STATION,
+        help=f"the ground station's link: udpout, udpin, tcp (out) or tcpin:HOST:PORT (default {DEFAULT_STATION})",
+    )
+    parser.add_argument("--imei", help="the boat's modem, 15 digits; else that of the first message")
+    parser.add_argument(
+        "--key-file",
+        metavar="FILE",
+        type=Path,
+        help="the boat's key: a line with its passphrase; orders are keyed by it",
+    )
+    parser.add_argument("--hex", action="store_true", help="the line is the key itself, 64 hexadecimal digits")
+    parser.add_argument(
+        "--http",
+        metavar="HOST:PORT",
+        help="take messages of the boat by HTTP POST, too, as RockBLOCK's service sends them",
+    )
+    parser.add_argument(
+        "--send-url", metavar="URL", help="send messages to the boat by HTTP POST, as RockBLOCK's service takes them"
+    )
+    parser.add_argument(
+        "--account-file",
+        metavar="FILE",
+        type=Path,
+        help="for --send-url: a line with the user, a line with the password",
+    )
+
+
+class StationLink:
+    """A ground station through pymavlink; what goes there is signed when there is a key."""
+
+    def __init__(self, url: str, key: bytes | None) -> None:
+        """Open the link, or raise UsageError."""
+        os.environ["MAVLINK20"] = "1"  # mavutil looks there
+        from pymavlink import mavutil  # noqa: PLC0415 - it is heavy, and asks the environment
+
+        try:
+            self._link = mavutil.mavlink_connection(url, dialect="common", source_system=1, source_component=1)
+        except (OSError, ValueError, IndexError) as error:
+            raise UsageError(f"--station {url}: {error}; use udpout:HOST:PORT, udpin, tcp or tcpin") from None
+        self._link.mav.robust_parsing = True
+        if key is not None:
+            # What comes here goes out with the boat's key: from another computer only what has it.
+            local = ":127." in url
+            self._link.setup_signing(key, sign_outgoing=True, allow_unsigned_callback=lambda *_: local)
+
+    def send(self, message: Any, system: int, component: int) -> None:
+        """Send a message as somebody's."""
+        self._link.mav.srcSystem, self._link.mav.srcComponent = system, component
+        with contextlib.suppress(OSError):
+            self._link.mav.send(message)
+
+    def receive(self) -> Any | None:
+        """Return a message of the station, None when there is none."""
+        try:
+            message = self._link.recv_msg()
+        except OSError:
+            return None
+        return None if message is None or message.get_type() == "BAD_DATA" else message
+
+    def close(self) -> None:
+        """Close the link."""
+        self._link.close()
+
+
+class _Outbox:
+    """Messages to the boat: into a directory, or to the provider's service, which is tried again in the background."""
+
+    def __init__(self, post: MessagePost, sender: Sender | None) -> None:
+        self._post, self._sender = post, sender
+        self._thread = ThreadPoolExecutor(1)
+        self._number = int(time.time()) % 1_000_000
+        self.problems: list[str] = []
+
+    def hand_over(self, imei: str, message: bytes) -> None:
+        if self._sender is not None:
+            self._thread.submit(self._send, self._sender, imei, message)
+            return
+        self._number = (self._number + 1) % 1_000_000
+        self._post.put(imei, self._number, message)
+
+    def _send(self, sender: Sender, imei: str, message: bytes) -> None:
+        for _ in range(_TRIES):
+            try:
+                refusal = sender.send(imei, message)
+            except (OSError, ValueError) as error:
+                self.problems.append(f"Not sent yet: {error}")
+                time.sleep(_TRY_S)
+                continue
+            if refusal:
+                self.problems.append(f"Refused ashore: {refusal}")
+            return
+        self.problems.append("Not sent: given up")
+
+    def close(self) -> None:
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Carry messages until it is interrupted."""
+    key = _key_of(arguments)
+    imei = arguments.imei or ""
+    if imei and not (len(imei) == IMEI_DIGITS and imei.isascii() and imei.isdigit()):
+        raise UsageError(f"--imei {imei[:30]}: give the 15 digits of the modem")
+    try:
+        inbox, post = MessagePost(arguments.directory, FROM_BOAT), MessagePost(arguments.directory, TO_BOAT)
+    except OSError as error:
+        raise UsageError(f"directory {arguments.directory}: {error.strerror}; give another") from None
+    with contextlib.ExitStack() as stack:
+        stopped = stack.enter_context(stopped_by_signal())
+        station = stack.enter_context(contextlib.closing(StationLink(arguments.station, key)))
+        outbox = stack.enter_context(contextlib.closing(_Outbox(post, _sender_of(arguments))))
+        if arguments.http is not None:
+            web = stack.enter_context(contextlib.closing(Inbox(_place_of(arguments.http), inbox)))
+            print(f"takes messages on port {web.port}")
+        gateway = Gateway(station, outbox.hand_over, _say, key=key, imei=imei)
+        print(f"{arguments.directory}: messages of {imei or 'any boat'}; station {arguments.station}", flush=True)
+        look_s, heard = 0.0, False
+        while not stopped():
+            now_s = time.monotonic()
+            if now_s >= look_s:
+                look_s = now_s + _LOOK_S
+                for sender, _, content in inbox.take():
+                    gateway.take_message(sender, content)
+                while outbox.problems:
+                    gateway.complain(outbox.problems.pop(0))
+            for _ in range(_MOST_ORDERS):
+                message = station.receive()
+                if message is None:
+                    break
+                if not heard:
+                    heard = True
+                    gateway.greet()
+                gateway.take_order(message, now_s, time.time())
+            time.sleep(_PAUSE_S)
+    return 0
+
+
+def _say(text: str) -> None:
+    print(f"{time.strftime('%Y-%m-%d %H:%M:%S', time.gmtime())} {text}", flush=True)
+
+
+def _lines_of(path: Path, option: str) -> list[str]:
+    try:
+        return path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(
+            f"{option} {path}: {getattr(error, 'strerror', None) or 'no text'}; give another file"
+        ) from None
+
+
+def _key_of(arguments: argparse.Namespace) -> bytes | None:
+    if arguments.key_file is None:
+        print("without --key-file orders go out without a key; a boat that has one refuses them", file=sys.stderr)
+        return None
+    lines = _lines_of(arguments.key_file, "--key-file")
+    words = lines[0] if lines else ""
+    if not arguments.hex:
+        if not words:
+            raise UsageError(f"--key-file {arguments.key_file}: it is empty; write the passphrase into its first line")
+        return hashlib.sha256(words.encode()).digest()
+    try:
+        key = bytes.fromhex(words)
+    except ValueError:
+        key = b""
+    if len(key) != 32:
+        raise UsageError(f"--key-file {arguments.key_file}: with --hex its first line has 64 hexadecimal digits")
+    return key
+
+
+def _sender_of(arguments: argparse.Namespace) -> Sender | None:
+    if arguments.send_url is None:
+        return None
+    if not arguments.send_url.startswith(("http://", "https://")):
+        raise UsageError(f"--send-url {arguments.send_url[:60]}: it begins with http:// or https://")
+    lines = _lines_of(arguments.account_file, "--account-file") if arguments.account_file is not None else []
+    user, password = (*lines, "", "")[:2]
+    if not (user and password):
+        raise UsageError("--send-url: give --account-file, a file with two lines, user and password")
+    return Sender(arguments.send_url, user, password)
+
+
+def _place_of(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdigit() or not 0 <= int(port[:6]) <= 65535:
+        raise UsageError(f"--http {text[:60]}: write HOST:PORT, as in 127.0.0.1:8080")
+    return host, int(port)

@@ -1,0 +1,1 @@
+"""The shore's side of a boat's satellite link: messages in, a ground station, messages out."""

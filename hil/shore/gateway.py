@@ -1,0 +1,169 @@
+"""Between messages of a boat and a ground station: her MAVLink goes there, orders become messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from hil.shore.short_form import Numbers, encode
+
+LONGEST: Final = 270  # bytes of a message to the boat
+REPEAT_S: Final = 300.0  # a station that asks again within this is told to be patient, and nothing is sent
+COMPONENT: Final = 1
+_COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})
+# What is worth a message. Parameter lists, missions, logs and files are for other links.
+_SENT = _COMMANDS | {
+    "SET_MODE",
+    "PARAM_SET",
+    "MISSION_SET_CURRENT",
+    "SET_ATTITUDE_TARGET",
+    "SET_POSITION_TARGET_GLOBAL_INT",
+}
+# Commands that only ask for messages: stations send them by habit.
+_ASKING = frozenset({410, 510, 511, 512, 519, 520, 521, 522, 524, 525, 526, 527, 528})
+# Said by stations all the time, and meant for nobody here.
+_HABITS = frozenset({"HEARTBEAT", "SYSTEM_TIME", "TIMESYNC", "PING", "REQUEST_DATA_STREAM"})
+
+
+class Station(Protocol):
+    """The ground station's side."""
+
+    def send(self, message: Any, system: int, component: int) -> None:
+        """Send it a message as somebody's."""
+
+
+@dataclass(slots=True)
+class _Order:
+    """One that is on its way, and since when."""
+
+    sent_s: float
+    command: int | None
+
+
+class Gateway:
+    """Takes messages and orders one by one, time passed in; what it sends goes through `station` and `hand_over`.
+
+    `hand_over` takes the modem's IMEI and a message for it. The boat's system id is learnt from what she says.
+    """
+
+    def __init__(
+        self,
+        station: Station,
+        hand_over: Callable[[str, bytes], None],
+        say: Callable[[str], None],
+        *,
+        key: bytes | None = None,
+        imei: str = "",
+    ) -> None:
+        """Take both sides; without a key orders go out as plain MAVLink."""
+        self._station, self._hand_over, self._say = station, hand_over, say
+        self._key = key
+        self.imei = imei
+        self.system = 1
+        self._numbers = Numbers()
+        self._orders: dict[bytes, _Order] = {}
+        self._last: dict[str, Any] = {}
+        self._refused: set[str] = set()
+
+    # ------------------------------------------------------------------ from the boat
+
+    def take_message(self, imei: str, content: bytes) -> int:
+        """Pass on what a message holds; return how many frames that was."""
+        if self.imei and imei != self.imei:
+            self._say(f"message of modem {imei} left out: the boat's is {self.imei}")
+            return 0
+        self.imei = imei
+        frames = parse(content)
+        for frame in frames:
+            self.system = frame.get_srcSystem()
+            if frame.get_type() == "COMMAND_ACK":
+                self._orders = {order: row for order, row in self._orders.items() if row.command != frame.command}
+            self._station.send(frame, frame.get_srcSystem(), frame.get_srcComponent())
+            self._last[frame.get_type()] = frame
+        self._say(f"message of {len(content)} bytes: {', '.join(frame.get_type() for frame in frames) or 'nothing'}")
+        return len(frames)
+
+    def greet(self) -> None:
+        """Tell a station that has just come what was reported last."""
+        if (report := self._last.get("HIGH_LATENCY2")) is not None:
+            self._station.send(report, report.get_srcSystem(), report.get_srcComponent())
+
+    # ------------------------------------------------------------------ from the station
+
+    def take_order(self, message: Any, now_s: float, utc_s: float) -> None:
+        """Send an order to the boat as a message, or say why not."""
+        name = message.get_type()
+        target = getattr(message, "target_system", 0)
+        if name in _HABITS or target not in (0, self.system):
+            return
+        if name not in _SENT:
+            self._tell_once(name)
+            return
+        command = int(message.command) if name in _COMMANDS else None
+        if command in _ASKING:
+            self._acknowledge(command, mavlink.MAV_RESULT_UNSUPPORTED, message)
+            return
+        order = _order_of(message)
+        self._orders = {known: row for known, row in self._orders.items() if now_s - row.sent_s < REPEAT_S}
+        if order in self._orders:
+            self._acknowledge(command, mavlink.MAV_RESULT_IN_PROGRESS, message)
+            return
+        problem = self._send(message, utc_s)
+        if problem:
+            self._say(f"{name} not sent: {problem}")
+            self._tell(mavlink.MAV_SEVERITY_WARNING, f"Not sent: {problem}")
+            self._acknowledge(command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, message)
+            return
+        self._orders[order] = _Order(now_s, command)
+        self._acknowledge(command, mavlink.MAV_RESULT_IN_PROGRESS, message)
+
+    def _send(self, message: Any, utc_s: float) -> str:
+        if not self.imei:
+            return "no modem is known yet; give its IMEI"
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        if self._key is None:
+            content = message.pack(mavlink.MAVLink(None, srcSystem=sender[0], srcComponent=sender[1]))
+        else:
+            content = encode(message, sender, self._numbers.next(utc_s), self._key, self.imei)
+        if len(content) > LONGEST:
+            return f"{len(content)} bytes are too many"
+        self._hand_over(self.imei, bytes(content))
+        self._say(f"sent to the boat: {message.get_type()}, {len(content)} bytes")
+        return ""
+
+    def complain(self, text: str) -> None:
+        """Tell operator and station what has gone wrong with a message to the boat."""
+        self._say(text)
+        self._tell(mavlink.MAV_SEVERITY_WARNING, text)
+
+    # ------------------------------------------------------------------
+
+    def _acknowledge(self, command: int | None, result: int, message: Any) -> None:
+        if command is not None:
+            sender = (message.get_srcSystem(), message.get_srcComponent())
+            answer = mavlink.MAVLink_command_ack_message(command, result, 255, 0, *sender)
+            self._station.send(answer, self.system, COMPONENT)
+
+    def _tell_once(self, name: str) -> None:
+        if name not in self._refused:
+            self._refused.add(name)
+            self._tell(mavlink.MAV_SEVERITY_NOTICE, f"By satellite not: {name}")
+
+    def _tell(self, severity: int, text: str) -> None:
+        self._station.send(mavlink.MAVLink_statustext_message(severity, text.encode()[:50]), self.system, COMPONENT)
+
+
+def parse(content: bytes) -> list[Any]:
+    """Return the frames of a message; what is none is passed over."""
+    decoder = mavlink.MAVLink(None)
+    decoder.robust_parsing = True
+    return [frame for frame in decoder.parse_buffer(content) or () if frame.get_type() != "BAD_DATA"]
+
+
+def _order_of(message: Any) -> bytes:
+    """Return what makes an order the same as another: its payload without the count of its repetitions."""
+    fields: Mapping[str, Any] = message.to_dict()
+    return repr(sorted((name, str(value)) for name, value in fields.items() if name != "confirmation")).encode()

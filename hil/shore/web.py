@@ -1,0 +1,109 @@
+"""Messages over HTTP, as RockBLOCK's service posts those of the boat and takes those for it."""
+
+from __future__ import annotations
+
+import json
+import threading
+import urllib.error
+import urllib.parse
+import urllib.request
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+from hil.devices.message_post import IMEI_DIGITS, MessagePost
+from hil.errors import UsageError
+
+_MOST_BYTES = 16_384  # of a request
+_LONGEST_MESSAGE = 1960
+_TIMEOUT_S = 10.0
+
+
+def read_request(content_type: str, body: bytes) -> tuple[str, int, bytes]:
+    """Return IMEI, number and message of a request, as a form or JSON; ValueError for anything else."""
+    if content_type.partition(";")[0].strip() == "application/json":
+        values = json.loads(body)
+        if not isinstance(values, dict):
+            raise ValueError("no object")
+        fields = {str(name): str(value) for name, value in values.items()}
+    else:
+        fields = dict(urllib.parse.parse_qsl(body.decode("ascii"), max_num_fields=32))
+    imei, number, data = fields.get("imei", ""), fields.get("momsn", ""), fields.get("data", "")
+    if not (len(imei) == IMEI_DIGITS and imei.isascii() and imei.isdigit()):
+        raise ValueError("imei is not 15 digits")
+    if not (number.isascii() and number.isdigit() and int(number[:6]) <= 65535 and len(number) <= 5):
+        raise ValueError("momsn is not a number up to 65535")
+    message = bytes.fromhex(data)
+    if len(message) > _LONGEST_MESSAGE:
+        raise ValueError("data is too long")
+    return imei, int(number), message
+
+
+class Inbox:
+    """Answers POST requests from a thread of its own: a message that is on disk is answered 200."""
+
+    def __init__(self, place: tuple[str, int], post: MessagePost) -> None:
+        """Listen, or raise UsageError."""
+
+        class Handler(BaseHTTPRequestHandler):
+            """One request."""
+
+            timeout = _TIMEOUT_S
+
+            def do_POST(self) -> None:
+                size = self.headers.get("Content-Length", "")
+                if not (size.isascii() and size.isdigit() and len(size) < 8 and int(size) <= _MOST_BYTES):
+                    self._answer(413, "give Content-Length, up to 16384")
+                    return
+                try:
+                    message = read_request(self.headers.get("Content-Type", ""), self.rfile.read(int(size)))
+                except (ValueError, RecursionError) as error:
+                    self._answer(400, str(error)[:200])
+                    return
+                try:
+                    post.put(*message)
+                except OSError as error:
+                    self._answer(503, str(error.strerror))
+                    return
+                self._answer(200, "OK")
+
+            def _answer(self, code: int, text: str) -> None:
+                body = text.encode("ascii", "replace") + b"\n"
+                self.send_response(code)
+                self.send_header("Content-Type", "text/plain")
+                self.send_header("Content-Length", str(len(body)))
+                self.end_headers()
+                self.wfile.write(body)
+
+            def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - http.server's name
+                """Say nothing: what counts is told by the gateway."""
+
+        try:
+            self._server = ThreadingHTTPServer(place, Handler)
+        except OSError as error:
+            raise UsageError(f"--http {place[0]}:{place[1]}: {error.strerror}; give another port") from None
+        self._server.daemon_threads = True
+        self.port = int(self._server.server_address[1])
+        self._thread = threading.Thread(target=self._server.serve_forever, name="inbox", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._server.shutdown()
+        self._server.server_close()
+
+
+@dataclass(frozen=True, slots=True)
+class Sender:
+    """The provider's service for messages to the boat, and the account there."""
+
+    url: str
+    user: str
+    password: str
+
+    def send(self, imei: str, message: bytes) -> str:
+        """Hand a message over; return why the service refuses it, empty when it has taken it. OSError: try again."""
+        fields = {"imei": imei, "username": self.user, "password": self.password, "data": message.hex()}
+        request = urllib.request.Request(self.url, urllib.parse.urlencode(fields).encode(), method="POST")  # noqa: S310 - http only, checked
+        with urllib.request.urlopen(request, timeout=_TIMEOUT_S) as answer:  # noqa: S310
+            text = answer.read(400).decode("ascii", "replace").strip()
+        return "" if text.split(",")[0] == "OK" else text or "it says nothing"

@@ -1,0 +1,67 @@
+"""A boat with an emulated Iridium modem, the gateway ashore, and a ground station that sees and orders her."""
+
+import subprocess
+import sys
+
+import pytest
+from pymavlink import mavutil
+
+from support.harness import NIMBLE_BOAT
+from support.paths import ROOT
+from support.program import Program, unused_ports
+
+IMEI = "300234010753370"
+HOLD, GUIDED = 4, 15
+
+
+@pytest.fixture
+def programs():
+    """Start programs; whatever happens they are ended."""
+    started = []
+
+    def start(name, directory, *words):
+        started.append(Program(name, [sys.executable, "-m", *map(str, words)], directory))
+        return started[-1]
+
+    yield start
+    for program in reversed(started):
+        program.close()
+
+
+def test_a_station_sees_her_report_and_orders_a_mode_by_satellite(tmp_path, programs):
+    key, state, post = tmp_path / "key.txt", tmp_path / "state", tmp_path / "post"
+    key.write_text("a passphrase\n")
+    state.mkdir()
+    words = ["key", "set", "--state", str(state), "--key-file", str(key)]
+    subprocess.run([sys.executable, "-m", "firmware_py", *words], cwd=ROOT, check=True, capture_output=True)
+    (tmp_path / "boat.toml").write_text(NIMBLE_BOAT)
+    post.mkdir()
+    (port,) = unused_ports(["udpin"])
+    station = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="common", source_system=255)
+    gateway = programs(
+        "gateway", tmp_path, "hil", "sbd-gateway", post, "--station", f"udpout:127.0.0.1:{port}", "--key-file", key
+    )
+    hil = programs(
+        "hil", tmp_path, "hil", "run", "calm", "--play", "--seconds", 600, "--out", tmp_path / "run",
+        "--vehicle", tmp_path / "boat.toml", "--state", state, "--link", f"sbd:{post}",
+    )  # fmt: skip
+    log = tmp_path / "run" / "firmware.log"
+
+    def heard(kind, wanted):
+        def look():
+            message = station.recv_match(type=kind, blocking=False)
+            return message if message is not None and wanted(message) else None
+
+        return gateway.wait_for(look, f"no {kind}: {log.exists() and log.read_text()[-2000:]}")
+
+    report = heard("HIGH_LATENCY2", lambda message: message.custom_mode == HOLD)
+    assert report.get_srcSystem() == 1
+    station.mav.command_long_send(1, 1, 176, 0, 1, GUIDED, 0, 0, 0, 0, 0)
+    assert heard("COMMAND_ACK", lambda _: True).result == 5  # in progress
+    hil.wait_for(lambda: "Mode GUIDED" in log.read_text(), "she does not obey")
+    heard("HIGH_LATENCY2", lambda message: message.custom_mode == GUIDED)
+    words = [sys.executable, "-m", "firmware_py", "status", "--state", str(tmp_path / "run" / "state")]
+    told = subprocess.run(words, cwd=ROOT, check=False, capture_output=True, text=True).stdout
+    assert f"modem {IMEI}" in told
+    assert "credits" in told
+    assert log.read_text().count("Mode GUIDED") == 1

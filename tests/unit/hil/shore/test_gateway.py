@@ -1,0 +1,119 @@
+"""The shore's side of a satellite link: messages and orders, one by one."""
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from hil.shore.gateway import REPEAT_S, Gateway, parse
+from support.satellite import KEY, SatelliteBoat, set_mode
+
+IMEI = "300234010753370"
+UTC_S = 1_793_491_200.0
+
+
+class Desk:
+    """A gateway, what its station has got, and what has gone to the boat."""
+
+    def __init__(self, **more):
+        self.got, self.messages, self.said = [], [], []
+        self.gateway = Gateway(
+            self, lambda imei, message: self.messages.append((imei, message)), self.said.append, **more
+        )
+
+    def send(self, message, system, component):
+        self.got.append((message, system, component))
+
+    def order(self, message, now_s=0.0, utc_s=UTC_S):
+        """Have the station say something, as it comes over its link."""
+        (heard,) = parse(message.pack(mavlink.MAVLink(None, srcSystem=255, srcComponent=190)))
+        self.gateway.take_order(heard, now_s, utc_s)
+
+    def results(self):
+        return [message.result for message, _, _ in self.got if message.get_type() == "COMMAND_ACK"]
+
+    def texts(self):
+        return [message.text for message, _, _ in self.got if message.get_type() == "STATUSTEXT"]
+
+
+@pytest.fixture
+def desk():
+    return Desk(key=KEY, imei=IMEI)
+
+
+def test_what_the_boat_has_sent_reaches_the_station_as_hers():
+    boat, desk = SatelliteBoat(), Desk()
+    boat.run(60)
+    ((_, _, content),) = boat.network.delivered
+    assert desk.gateway.take_message(boat.modem.imei, content + b"noise") == 1
+    ((message, system, component),) = desk.got
+    assert (message.get_type(), message.custom_mode, system, component) == ("HIGH_LATENCY2", 15, 1, 1)
+    assert desk.gateway.imei == boat.modem.imei
+    desk.gateway.greet()
+    assert len(desk.got) == 2
+
+
+def test_the_boat_obeys_an_order_of_the_station_once_and_the_station_hears_so():
+    boat, desk = SatelliteBoat(key=KEY), Desk(key=KEY, imei=IMEI)
+    for second in range(4):  # as stations do
+        desk.order(set_mode(4), now_s=second, utc_s=boat.start_utc_s)
+    ((imei, message),) = desk.messages
+    assert (imei, len(message)) == (IMEI, 50)
+    assert desk.results() == [5, 5, 5, 5]  # in progress
+    boat.network.send(message)
+    boat.run(120)
+    assert [intent.mode for intent in boat.intents] == [4]
+    for _, _, content in boat.network.delivered:
+        desk.gateway.take_message(IMEI, content)
+    assert desk.results()[-1] == 0
+    desk.order(set_mode(4), now_s=9.0)
+    assert len(desk.messages) == 2  # meant anew, since the one before is done
+
+
+def test_numbers_never_repeat_even_when_the_clock_goes_back(desk):
+    for count in range(3):
+        desk.order(set_mode(4 + count), utc_s=UTC_S - 100.0 * count)
+    numbers = [int.from_bytes(message[1:6], "little") for _, message in desk.messages]
+    assert numbers == sorted(set(numbers))
+    assert len(numbers) == 3
+
+
+def test_an_order_that_is_given_again_much_later_is_sent_again(desk):
+    desk.order(set_mode(4), now_s=0.0)
+    desk.order(set_mode(4), now_s=REPEAT_S + 1.0)
+    assert len(desk.messages) == 2
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3),
+        mavlink.MAVLink_param_request_list_message(1, 1),
+        mavlink.MAVLink_mission_request_list_message(1, 1),
+        mavlink.MAVLink_command_long_message(1, 1, 512, 0, 148, 0, 0, 0, 0, 0, 0),
+        set_mode(4, target=2),
+    ],
+)
+def test_what_is_said_by_habit_or_to_others_costs_nothing(desk, message):
+    desk.order(message)
+    desk.order(message)
+    assert desk.messages == []
+    assert len(desk.texts()) <= 1
+
+
+def test_without_a_modem_nothing_can_be_sent_and_that_is_said():
+    desk = Desk(key=KEY)
+    desk.order(set_mode(4))
+    assert desk.results() == [1]  # temporarily rejected
+    assert desk.texts() == ["Not sent: no modem is known yet; give its IMEI"]
+
+
+def test_a_message_of_another_modem_is_left_out(desk):
+    assert desk.gateway.take_message("300234010753371", b"x") == 0
+    assert "left out" in desk.said[0]
+
+
+def test_without_a_key_orders_are_plain_frames():
+    desk = Desk(imei=IMEI)
+    desk.order(set_mode(4))
+    ((_, message),) = desk.messages
+    (frame,) = parse(message)
+    assert (frame.get_type(), frame.get_srcSystem()) == ("COMMAND_LONG", 255)
