@@ -98,7 +98,7 @@ class LogWriter:
             2 * len(self._queue) > self._queue_batches or 2 * (self._put_bytes - self._taken_bytes) > self._queue_bytes
         )
         if busy and self._thread is None:
-            self._work()
+            self.work()
         elif busy and not self._wake.is_set():
             self._wake.set()
 
@@ -133,10 +133,11 @@ class LogWriter:
         while not self._closing:
             self._wake.wait(self._flush_s)
             self._wake.clear()
-            self._work()
+            self.work()
         self._finish()
 
-    def _work(self) -> None:
+    def work(self) -> None:
+        """Do a turn: write what is queued, then what can wait."""
         before = self._taken_bytes
         self.drain()
         self._turn(self._taken_bytes - before)

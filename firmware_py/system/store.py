@@ -71,6 +71,8 @@ class Store:
         self._saves = self._finished = (
             0  # of all names; the first is changed by the caller's thread, the other by the writer
         )
+        self._settlings = 0  # saves finished, those that are tried again counted again
+        self._rested = (-1, -1)  # saves and settlings when nothing was under way and nothing due
         self._failed: dict[str, Failure] = {}
         self._written = (0, 0)
         self._waiting: deque[_Waiter] = deque()
@@ -157,12 +159,15 @@ class Store:
 
     def settle(self) -> bool:
         """Wait until nothing is under way; return whether callbacks are due. Only where time stands still meanwhile."""
+        if self._rested == (self._saves, self._settlings) and not self._due:
+            return False  # asked several times a tick, while something is saved once in many
         with self._lock:
             self._idle.wait_for(lambda: all(self._settled.get(name) == asked for name, asked in self._asked.items()))
             if self._due:
                 return True
             with contextlib.suppress(BlockingIOError):
                 os.eventfd_read(self._wake_fd)  # nobody is to be woken for nothing
+            self._rested = (self._saves, self._settlings)
             return False
 
     @property
@@ -263,6 +268,7 @@ class Store:
         """Note how the saves of a name have ended, by this writing and not by one that may follow."""
         with self._lock:
             self._finished += asked - self._settled.get(name, 0)
+            self._settlings += 1
             self._settled[name] = asked
             if failure is None:
                 self._failed.pop(name, None)

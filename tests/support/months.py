@@ -404,6 +404,7 @@ class Months:
         minute = int(now_s // 60.0)
         if self.charge[minute] == 0.0:
             self.charge[minute] = world.plant.charge
+            parts.recorder.writer.work()  # which has a thread of its own for this at sea, and does it each second
             if minute % 60 == 30:
                 self._look()
 
@@ -432,7 +433,6 @@ class Months:
             keep_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
             utc_s=clock.utc_s(),
             software="rambler",
-            queue_batches=120,
             background=False,
             disk=SimulatedDisk(world, parameters["LOG_KEEP_DAYS"]),
             clock_utc_s=clock.utc_s,
