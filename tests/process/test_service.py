@@ -10,18 +10,20 @@ import random
 import signal
 import sys
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
-from support.asking_station import ACCEPTED
+from support.asking_station import ACCEPTED, REQUEST
 from support.paths import ROOT
-from support.service_boat import ITEMS, SET_CURRENT
+from support.service_boat import HEARTBEAT, ITEMS, SET_CURRENT
 from support.service_manager import seconds
 
 KILLS, FREEZES = int(os.environ.get("KILLS", "200")), int(os.environ.get("FREEZES", "50"))
 BACK_S = 2.0  # from the start of a run to its first rudder frame
-HANGS = ("tick", "store", "log", "ended")
+HANGS = ("tick", "store", "log", "ended", "samples", "actuation")
+FAILS, WORKS = "Storage fails: log or settings are not kept", "Storage works again"
 
 
 def kill(pid):
@@ -87,6 +89,42 @@ def test_what_hangs_is_found_and_mended_by_a_restart(make_service, tmp_path, par
     hang_and_restart(make_service, tmp_path, part)
 
 
+def have_something_stored(service):
+    """Ask for what is acknowledged once it is stored; nobody waits for that."""
+    for number in (2.0, float(service.number)):
+        service.station.send(*service.station.command(SET_CURRENT, number))
+
+
+def await_text(station, text):
+    """Wait for a text, and go on asking for something: one who says nothing is told nothing."""
+    station.ask(station.command(REQUEST, HEARTBEAT), lambda one: one if getattr(one, "text", "") == text else None)
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(300)
+def test_a_disk_that_waits_in_the_kernel_is_told_and_she_steers_on(make_service, tmp_path):
+    """`pytest -m proof tests/process/test_service.py -k kernel -s`: a restart would not end the thread either."""
+    (hangs := tmp_path / "hangs").mkdir()
+    os.mkfifo(hangs / "pipe")
+    program = (sys.executable, Path(ROOT) / "tests/support/hanging.py")
+    with make_service(program=program, environment={"HANG_DIRECTORY": str(hangs)}) as service:
+        service.under_way()
+        (hangs / "disk").touch()
+        done_s = time.monotonic()
+        have_something_stored(service)
+        await_text(service.station, FAILS)
+        told_s = time.monotonic()
+        frames = len(service.goals.times_s)
+        time.sleep(10.0)
+        assert len(service.goals.times_s) > frames + 50
+        os.close(os.open(hangs / "pipe", os.O_WRONLY))
+        await_text(service.station, WORKS)
+        assert len(service.manager.runs) == 1
+        service.assert_as_before()
+    longest_s = max(after - before for before, after in pairwise(service.goals.times_s) if after > done_s)
+    print(f"told after {told_s - done_s:.1f} s, longest without a rudder frame {longest_s:.2f} s")
+
+
 def hang_and_restart(make_service, tmp_path, part):
     """Have a part hang; return when it did, the run that had it, and when the first frame of the next run came."""
     (hangs := tmp_path / "hangs").mkdir()
@@ -97,11 +135,8 @@ def hang_and_restart(make_service, tmp_path, part):
 
         def hang(_pid):
             (hangs / part).touch()
-            if part == "store":  # it has something to store; nobody is told that it is
-                message = service.station.command(SET_CURRENT, float(service.number))
-                other = service.station.command(SET_CURRENT, 2.0)
-                for one in (*other, *message):
-                    service.station.send(one)
+            if part == "store":
+                have_something_stored(service)
 
         done_s = time.monotonic()
         before, after, frame_s = service.disturbed(hang)
