@@ -141,7 +141,7 @@ def test_sixty_days(tmp_path, monkeypatch, figures):
         Cause("compass", at(14, 0.5), at(14, 0.6), frozenset({Fault.COMPASS_SILENT})),
         Cause("monitor", at(17, 7.0), at(17, 8.0), frozenset({Fault.POWER_SILENT})),
         Cause("disk", at(23, 0.4), at(23, 0.8), frozenset({Fault.STORAGE_FAILING})),
-        Cause("servo", at(28, 0.5), at(28, 0.6), frozenset({Fault.RUDDER_SILENT})),
+        Cause("servo", at(28, 0.75), at(28, 0.85), frozenset({Fault.RUDDER_SILENT})),
     )
     ends = (
         End("cut", at(5, 0.5)),
