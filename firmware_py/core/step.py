@@ -134,11 +134,12 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
 def _monitor_steering(
     settings: Settings, state: State, rudder: RudderStatus, target: SteeringTarget, situation: Situation, now_s: float
 ) -> State:
-    """Judge whether the boat answers the rudder; disarmed nobody steers."""
+    """Judge whether the boat answers the rudder; disarmed nobody steers, and a silent servo may stand anywhere."""
+    judged = state.modes.armed and situation.rudder_ok
     waves, sources = state.heading_estimator.wave_filter, state.heading_estimator.sources
     given = SteeringInput(
         rudder_rad=rudder.angle_rad,
-        heading_rad=situation.heading_rad if state.modes.armed else None,
+        heading_rad=situation.heading_rad if judged else None,
         heading_sd_rad=waves.spread(kalman.HEADING),
         speed_m_s=waves.x[kalman.SPEED] if waves.x else settings.supervisor.steering_monitor.model.speed_m_s,
         error_rad=target.error_rad,

@@ -6,11 +6,12 @@ The proofs sail by the compiled twin: `pytest -m proof tests/voyages/test_steeri
 import itertools
 import math
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from firmware_py.common.intents import SteerHeading
+from firmware_py.common.intents import Arm, SetMode, SteerHeading
 from firmware_py.common.mode_table import Mode
 from firmware_py.faults.table import TABLE, Fault
 from hil.lab.twin import loop
@@ -160,3 +161,20 @@ def test_a_lost_blade_is_told_within_a_minute_of_rudder_work(name, figures):
     itself = [bladeless(name, seed, turn_deg) for seed, turn_deg in enumerate(turns_deg[:3], 1)]
     assert None not in itself
     assert max(itself) <= 60.0
+
+
+def test_a_servo_that_never_answers_is_no_lost_blade(monkeypatch):
+    """Where the rudder stands is not known then, so that nothing is known of how she answers it."""
+    inputs = rig.Inputs
+
+    def unanswered(*parts, **more):
+        return replace(inputs(*parts, **more), rudder=())
+
+    monkeypatch.setattr(rig, "Inputs", unanswered)
+    boat = rig.Sailing(rig.sea("tank"), 1, hull=ill())
+    boat.hull.grip = 0.0
+    boat.run(1.5)
+    boat.tick(Arm(armed=True, force=True), SetMode(Mode.GUIDED), SteerHeading(math.radians(90.0)))
+    assert boat.run(120.0).said(TABLE[Fault.RUDDER_SILENT].text)
+    assert abs(boat.target_rad) > OVER_RAD
+    assert boat.said(TOLD) == []
