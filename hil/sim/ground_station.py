@@ -119,6 +119,11 @@ class GroundStation:
 
     # What the run and its display ask.
 
+    def order(self, order: Order, now_s: float) -> None:
+        """Give one more order, after those that are open."""
+        self._open.append(order)
+        self._plan(now_s)
+
     def tell(self, message: Any) -> None:
         """Send a message with the next heartbeat, once."""
         self._unsent.append(message)

@@ -45,8 +45,7 @@ class AutopilotProcess:
         """End what is still running, in good order if it can."""
         self.terminate()
         if not self.wait(GRACE_S):
-            self._process.kill()
-            self._process.wait()
+            self.kill()
         self._log.close()
 
     def running(self) -> bool:
@@ -61,6 +60,11 @@ class AutopilotProcess:
         """Ask it to end in good order."""
         if self.running():
             self._process.terminate()
+
+    def kill(self) -> None:
+        """End it as a power cut does."""
+        self._process.kill()
+        self._process.wait()
 
     def wait(self, timeout_s: float) -> bool:
         """Wait for the end; False when it has not come in time."""

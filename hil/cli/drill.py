@@ -1,0 +1,113 @@
+"""`rambler-hil drill`: the drill book, sailed; a table of what was told and done, exit 1 on any miss."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
+from pathlib import Path
+
+from hil.errors import UsageError
+from hil.lab.drill.book import BOOK
+from hil.lab.drill.sail import MOMENTS, Case, Outcome, cases, sail
+from hil.report import page
+
+COLUMNS = ("what breaks", "when", "told s", "over s", "worst deg", "")
+LEAD = (
+    "Each fault by the emulated devices, in lockstep with the real autopilot: how long after the break it was told, "
+    "how long after the mending it was over, and how far she was off her goal at most meanwhile. Nothing grave may be "
+    "told that what was broken does not explain."
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument("--only", metavar="WORD", action="append", default=[], help="drills with this in their name")
+    parser.add_argument("--moment", choices=tuple(MOMENTS), action="append", help="what she is doing (default all)")
+    parser.add_argument("--pairs", action="store_true", help="all pairs besides of those drills that go together")
+    parser.add_argument("--list", action="store_true", help="list the book and sail nothing")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of everything that is random (default 1)")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="boats at sea at a time (default: cores)"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the outcomes")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write a self-contained page")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Sail the drills, say how each went as it ends, and then the misses."""
+    chosen = _chosen(arguments)
+    if arguments.list:
+        print("\n".join(f"{case.name}: {case.moment}" for case in chosen))
+        return 0
+    outcomes = []
+    for outcome in _sailed(chosen, arguments.jobs):
+        outcomes.append(outcome)
+        print(f"{len(outcomes):4d} of {len(chosen)}  {'  '.join(_cells(outcome))}".rstrip(), flush=True)
+    missed = [outcome for outcome in outcomes if outcome.misses]
+    wall_s, sailed_s = sum(one.wall_s for one in outcomes), sum(one.sailed_s for one in outcomes)
+    print(f"{len(outcomes)} drills, {len(missed)} missed; {sailed_s / 3600.0:.1f} h sailed in {wall_s:.0f} s of boats")
+    try:
+        if arguments.json is not None:
+            text = json.dumps([asdict(outcome) for outcome in outcomes], indent=2)
+            arguments.json.write_text(text + "\n", encoding="utf-8")
+        if arguments.page is not None:
+            arguments.page.write_text(_page(outcomes), encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"{error.filename}: {error.strerror}") from None
+    return 1 if missed else 0
+
+
+def _chosen(arguments: argparse.Namespace) -> list[Case]:
+    if arguments.jobs < 1 or arguments.seed < 0:
+        raise UsageError("--jobs and --seed are whole numbers from 1 and from 0 up")
+    chosen = [
+        case
+        for case in cases(BOOK, arguments.seed, pairs=arguments.pairs)
+        if (not arguments.only or any(word in case.name for word in arguments.only))
+        and (not arguments.moment or case.moment in arguments.moment)
+    ]
+    if not chosen:
+        raise UsageError("no drill is called so; rambler-hil drill --list names them")
+    return chosen
+
+
+def _sailed(chosen: Sequence[Case], jobs: int) -> Iterator[Outcome]:
+    """Yield the outcomes in order, however many are at sea."""
+    if jobs == 1:
+        yield from map(sail, chosen)
+        return
+    with ProcessPoolExecutor(min(jobs, len(chosen))) as pool:
+        try:
+            yield from pool.map(sail, chosen)
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+            print("rambler-hil: interrupted", file=sys.stderr)
+            raise
+
+
+def _cells(outcome: Outcome) -> tuple[str, ...]:
+    return (
+        outcome.name,
+        outcome.moment,
+        _times(outcome.told_s),
+        _times(outcome.over_s),
+        f"{outcome.worst_error_deg:.0f}",
+        f"MISSED: {'; '.join(outcome.misses)}" if outcome.misses else "",
+    )
+
+
+def _times(times_s: Sequence[float | None]) -> str:
+    return ", ".join("-" if t_s is None else f"{t_s:.1f}" for t_s in times_s)
+
+
+def _page(outcomes: Sequence[Outcome]) -> str:
+    missed = sum(bool(outcome.misses) for outcome in outcomes)
+    count = f"{len(outcomes)} drills, {missed} missed."
+    return page.page(
+        "Drill book", [page.paragraph(f"{LEAD} {count}", "lead"), page.table([COLUMNS, *map(_cells, outcomes)])]
+    )

@@ -1,0 +1,218 @@
+"""A boat at sea in lockstep, with the real autopilot aboard, each of whose devices can be broken."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from firmware_py.common.angles import degrees, radians, wrap_pi
+from hil.devices.dynamixel import DynamixelEmulator
+from hil.devices.emulator import Emulator
+from hil.devices.impairment import Impaired
+from hil.devices.nmea_compass import NmeaCompassEmulator
+from hil.devices.nmea_gps import NmeaGpsEmulator
+from hil.devices.pty_line import PtyLine
+from hil.devices.spoiled import SpoiledAttitude, SpoiledWhereabouts
+from hil.devices.vedirect import Kind, VeDirectEmulator
+from hil.errors import HilError
+from hil.ship.extras import Supply
+from hil.ship.noise import Stream, generator
+from hil.ship.power_plant import Place, PowerPlant
+from hil.ship.scenarios import Scenario
+from hil.sim.board import Board
+from hil.sim.goals import Goal
+from hil.sim.ground_station import CHANGE_HEADING, GUIDED, HEADING_TYPE, GroundStation, Order
+from hil.sim.lockstep import LockstepServer
+from hil.sim.pace import Pacer
+from hil.sim.process import AutopilotProcess
+from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
+
+SET_MODE = 176
+TEXTS_KEPT = 4096
+# section -> driver and baud; a boat has those whose device is aboard
+SECTIONS = {
+    "compass": ("nmea", 38400),
+    "compass_b": ("nmea", 38400),
+    "position": ("nmea", 9600),
+    "rudder": ("dynamixel", 57600),
+    "power": ("vedirect", 19200),
+    "power_b": ("vedirect", 19200),
+}
+
+
+class DrillBoat:
+    """A boat whose devices a drill breaks and mends; a context that leaves no process behind.
+
+    `fitted` names what is aboard besides: "compass_b", "supply". `plans` are plan files that she has from the start.
+    Time is the world's and goes on with `run` alone; the same drill goes the same way each time.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        scenario: Scenario,
+        *,
+        seed: int = 1,
+        mode: int = GUIDED,
+        settings: Mapping[str, float] | None = None,
+        fitted: tuple[str, ...] = (),
+        plans: tuple[Path, ...] = (),
+    ) -> None:
+        """Build the boat in a directory that is there."""
+        self.directory = directory
+        self.state = directory / "state"
+        self.world = World(scenario, seed)
+        self.attitude, self.whereabouts = SpoiledAttitude(self.world), SpoiledWhereabouts(self.world)
+        self.servo = DynamixelEmulator(self.world.shaft, generator(seed, Stream.RUDDER))
+        self.compass = Impaired(
+            NmeaCompassEmulator(self.attitude, generator(seed, Stream.COMPASS)), generator(seed, Stream.PHASES)
+        )
+        self.receiver = NmeaGpsEmulator(self.whereabouts, generator(seed, Stream.POSITION))
+        self.receiver_line = Impaired(self.receiver, generator(seed, Stream.GAPS))
+        self.servo_line = Impaired(self.servo, generator(seed, Stream.PHASES))
+        self.station = GroundStation((Goal(0.0, 0.0),) if mode == GUIDED else (), mode)
+        self.station.texts = deque(maxlen=TEXTS_KEPT)
+        devices: dict[str, Emulator] = {
+            "compass": self.compass,
+            "position": self.receiver_line,
+            "rudder": self.servo_line,
+            "link": self.station,
+        }
+        if "compass_b" in fitted:
+            self.other_attitude = SpoiledAttitude(self.world)
+            devices["compass_b"] = NmeaCompassEmulator(self.other_attitude, generator(seed, Stream.PHASES))
+        if "supply" in fitted:
+            place = Place(START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S)
+            self.plant = PowerPlant(Supply(), place, generator(seed, Stream.CLOUDS), lambda: self.servo.energy_j)
+            self.monitor = Impaired(
+                VeDirectEmulator(self.plant, Kind.MONITOR, phase_s=0.4), generator(seed, Stream.POWER)
+            )
+            devices |= {"power": VeDirectEmulator(self.plant, Kind.CHARGER), "power_b": self.monitor}
+        self._stack = ExitStack()
+        self.board = self._stack.enter_context(Board(self.world, devices, directory, PtyLine.deliver))
+        self.lines = {port.path.name: port.line for port in self.board.ports}
+        self._vehicle = directory / "vehicle.toml"
+        self._vehicle.write_text(_vehicle_text(self.board.paths(), settings or {}), encoding="utf-8")
+        self.state.mkdir()
+        for plan in plans:
+            words = [sys.executable, "-m", "firmware_py", "plan", "load", str(plan), "--state", str(self.state)]
+            subprocess.run(words, check=True, capture_output=True)
+        self._starts = 0
+        self.goal_deg = self.goal_s = 0.0
+        self.errors_deg: list[tuple[float, float]] = []  # time and heading less goal, ten times a second
+
+    def __enter__(self) -> Self:
+        """Start the autopilot."""
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End it and give the ports back."""
+        self.server.close()
+        self._process.__exit__(kind, error, trace)
+        self._stack.close()
+
+    def start(self) -> None:
+        """Start an autopilot on the state that there is."""
+        self._starts += 1
+        clock = self.directory / f"clock{self._starts}"
+        self.server = LockstepServer(clock, self.board, Pacer(math.inf))
+        arguments = ["run", str(self._vehicle), "--state", str(self.state), "--lockstep", str(clock)]
+        self._process = AutopilotProcess(arguments, self.directory / f"firmware{self._starts}.log")
+        self.server.accept(self._process.running, START_UTC_S + self.world.now_s)
+
+    def kill(self) -> None:
+        """End the autopilot as a power cut does."""
+        self._process.kill()
+        self.server.close()
+
+    def run(self, seconds: float) -> None:
+        """Let the world go on; HilError when the autopilot has ended."""
+        end_s = self.now_s + seconds
+        while self.now_s < end_s - 1e-9:
+            if not self.server.serve(end_s):
+                raise HilError(f"the autopilot has ended: {self._process.last_words()}")
+            if not self.errors_deg or self.now_s - self.errors_deg[-1][0] > 0.099:
+                self.errors_deg.append((self.now_s, self.error_deg()))
+
+    def unplug(self, name: str) -> None:
+        """Pull a cable."""
+        line = self.lines[name]
+        if isinstance(line, PtyLine):
+            line.unplug()
+
+    def plug(self, name: str) -> None:
+        """Put it back."""
+        line = self.lines[name]
+        if isinstance(line, PtyLine):
+            line.plug()
+
+    @property
+    def now_s(self) -> float:
+        """The moment that the world stands at."""
+        return self.world.now_s
+
+    def order(self, text: str, command: int, *values: float) -> None:
+        """Have the operator give one more command."""
+        self.station.order(Order(text, self.now_s, command, values), self.now_s)
+
+    def steer(self, goal_deg: float) -> None:
+        """Order a heading."""
+        self.goal_deg, self.goal_s = goal_deg, self.now_s
+        self.order(f"heading {goal_deg:g}", CHANGE_HEADING, HEADING_TYPE, goal_deg % 360.0)
+
+    def set_mode(self, mode: int) -> None:
+        """Order a mode."""
+        self.order(f"mode {mode}", SET_MODE, 1.0, float(mode))
+
+    def under_way(self, seconds: float = 60.0) -> bool:
+        """Run until her operator's first orders are accepted; say whether that was so in time."""
+        while any(order.accepted_s is None for order in self.station.orders):
+            if self.now_s > seconds:
+                return False
+            self.run(0.5)
+        return True
+
+    def said(self, text: str, since_s: float) -> float | None:
+        """Return when a text was first said since a moment, or None; the beginning of it is enough."""
+        return next(
+            (t_s for t_s, _, said in self.station.texts if t_s >= since_s - 1e-9 and said.startswith(text)), None
+        )
+
+    def until(self, text: str, within_s: float, since_s: float) -> float | None:
+        """Run until a text is said; return when, or None when it is not in time."""
+        while (at_s := self.said(text, since_s)) is None and self.now_s < since_s + within_s:
+            self.run(0.1)
+        return at_s
+
+    def mode(self) -> str:
+        """The mode, once a heartbeat of now has told it."""
+        self.run(1.1)
+        return self.station.mode().split(",")[0]
+
+    def rudder_deg(self) -> float:
+        """The rudder's true angle."""
+        return degrees(self.world.rudder_rad())
+
+    def error_deg(self) -> float:
+        """Heading less goal, without the yaw of the waves."""
+        return degrees(wrap_pi(self.world.heading_low_rad() - radians(self.goal_deg)))
+
+
+def _vehicle_text(ports: Mapping[str, str], settings: Mapping[str, float]) -> str:
+    pieces = [
+        f'[{name}]\ndriver = "{driver}"\nport = "{ports[name]}"\nbaud = {baud}\n'
+        for name, (driver, baud) in SECTIONS.items()
+        if name in ports
+    ]
+    values = "".join(f"{name} = {float(value)!r}\n" for name, value in settings.items())
+    return "".join([*pieces, f'[link]\nurls = ["serial:{ports["link"]}:57600"]\n', f"[parameters]\n{values}"])

@@ -1,0 +1,289 @@
+"""The drill book: a row for each thing that breaks, with what must be told, how soon, and what must then be so.
+
+The texts are written out here on purpose: the harness does not read the firmware's own table of faults.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import common as dialect
+
+from firmware_py.common.angles import radians
+from hil.lab.drill.boat import DrillBoat
+from hil.ship.scenarios import Scenario, with_extras
+from hil.sim.ground_station import GUIDED
+
+LOITER, AUTO = 5, 10
+ON_COURSE_DEG = 15.0
+ARRIVED_S = 130.0  # after an order to turn as far as the moments do
+YEAR_S = 365.0 * 86400.0
+FENCE_M = 50.0
+SAILED = {"FS_RESUME": 1.0}
+BATTERY = {"PWR_SAVE_PCT": 30.0, "PWR_KEEP_PCT": 10.0}
+
+Change = Callable[[DrillBoat], object]
+Check = Callable[[DrillBoat, float], str]  # what is wrong a while after it broke, or ""
+
+
+@dataclass(frozen=True, slots=True)
+class Drill:
+    """How a fault is provoked and what must follow: told within `told_s`, over within `over_s` of its mending.
+
+    `stands_s` is how long it stands; `holds` looks at her then. `also` are other texts that belong to it. Drills that
+    can be sailed together with others have `pair`; one that needs a state of its own names its only `moment`.
+    `over_s` 0: it is not to end by itself within the drill.
+    """
+
+    name: str
+    text: str
+    recovery: str
+    broken: Change
+    mended: Change
+    told_s: float
+    over_s: float
+    stands_s: float = 5.0
+    holds: Check = lambda _boat, _at_s: ""
+    also: tuple[str, ...] = ()
+    moment: str = ""
+    pair: bool = False
+    mode: int = GUIDED
+    settings: dict[str, float] | None = None
+    fitted: tuple[str, ...] = ()
+    plan: Callable[[Path], Path] | None = None
+    sea: Callable[[Scenario], Scenario] = lambda scenario: scenario
+
+
+def nothing(_boat: DrillBoat) -> None:
+    """Neither break nor mend: it comes, or goes, by itself."""
+
+
+def in_mode(name: str) -> Check:
+    """She is in a mode."""
+    return lambda boat, _at_s: "" if (mode := boat.mode()) == name else f"mode {mode}, not {name}"
+
+
+def on_course(boat: DrillBoat, _at_s: float) -> str:
+    """She steers on for her goal."""
+    boat.run(max(0.0, boat.goal_s + ARRIVED_S - boat.now_s))
+    error_deg = boat.error_deg()
+    return "" if abs(error_deg) < ON_COURSE_DEG else f"{error_deg:+.0f} deg off her goal"
+
+
+def amidships(boat: DrillBoat, _at_s: float) -> str:
+    """The rudder has gone amidships."""
+    return "" if abs(boat.rudder_deg()) < 0.5 else f"rudder at {boat.rudder_deg():+.1f} deg"
+
+
+def put(path: str, value: object) -> Change:
+    """Set an attribute of the boat, or of something aboard."""
+    *owners, name = path.split(".")
+
+    def change(boat: DrillBoat) -> None:
+        owner: object = boat
+        for one in owners:
+            owner = getattr(owner, one)
+        setattr(owner, name, value)
+
+    return change
+
+
+def compass_and_receiver(silent: bool) -> Change:  # noqa: FBT001 - one switch
+    """Take away every heading that there is."""
+
+    def change(boat: DrillBoat) -> None:
+        boat.compass.silent = silent
+        boat.receiver.fix = not silent
+
+    return change
+
+
+def logs_gone(boat: DrillBoat) -> None:
+    """Put a file where the logs belong."""
+    shutil.rmtree(boat.state / "logs", ignore_errors=True)
+    (boat.state / "logs").write_text("in the way")
+
+
+def killed(boat: DrillBoat) -> None:
+    """End the autopilot as a power cut does, and start it again."""
+    boat.kill()
+    boat.start()
+
+
+def waiting(directory: Path) -> Path:
+    """Write a mission that waits at the start for ever."""
+    path = directory / "wait.waypoints"
+    path.write_text("QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t36\t121\t0\t1\n1\t0\t3\t17\t0\t0\t0\t0\t36\t121\t0\t1\n")
+    return path
+
+
+def mission_clear_all() -> Any:
+    """Return the message that clears a mission."""
+    return dialect.MAVLink_mission_clear_all_message(1, 1, 0)
+
+
+def fenced(directory: Path) -> Path:
+    """Write a plan with a round fence about the start."""
+    path = directory / "fence.plan"
+    path.write_text(
+        '{"fileType": "Plan", "version": 1, "groundStation": "QGroundControl", "mission": {"version": 2, "items": [],'
+        ' "firmwareType": 3, "vehicleType": 10, "cruiseSpeed": 1, "hoverSpeed": 1,'
+        ' "plannedHomePosition": [36, 121, 0]},'
+        f' "geoFence": {{"version": 2, "polygons": [], "circles": [{{"version": 1, "inclusion": true, "circle":'
+        f' {{"center": [36.0, 121.0], "radius": {FENCE_M}}}}}]}}, "rallyPoints": {{"version": 2, "points": []}}}}'
+    )
+    return path
+
+
+BOOK: tuple[Drill, ...] = (
+    Drill(
+        "no heading", "No heading", "Heading is back", compass_and_receiver(True), compass_and_receiver(False),
+        15.0, 70.0, 32.0, amidships, ("Compass is silent", "Position lost", "Heading from", "Heading lost"),
+        settings={"CTL_HOLD_S": 5.0},
+    ),
+    Drill(
+        "compass silent", "Compass is silent", "Compass speaks again", put("compass.silent", True),
+        put("compass.silent", False), 2.0, 4.0, 30.0, on_course, ("Heading from",), pair=True,
+    ),
+    Drill(
+        "compass frozen", "Compass is frozen", "Compass varies again", put("compass.frozen", True),
+        put("compass.frozen", False), 32.0, 5.0, 5.0, on_course, ("Heading from", "Compass jumps"), pair=True,
+    ),
+    Drill(
+        "compass turned by 180 deg", "Compass jumps", "Compass agrees again", put("attitude.error_rad",
+        radians(180.0)),
+        put("attitude.error_rad", 0.0), 4.0, 70.0, 20.0, on_course, ("Heading from", "Heading estimate", "No heading"),
+    ),
+    Drill(
+        "compasses disagree", "Compasses disagree", "Compasses agree again",
+        put("other_attitude.error_rad", radians(22.0)), put("other_attitude.error_rad", 0.0), 30.0, 30.0, 5.0,
+        on_course,
+        fitted=("compass_b",), pair=True,
+    ),
+    Drill(
+        "compass loses and flips bytes", "", "", lambda boat: _spoil(boat, 0.02), lambda boat: _spoil(boat, 0.0),
+        0.0, 0.0, 60.0, on_course, ("Compass",), pair=True,
+    ),
+    Drill(
+        "position lost", "Position lost", "Position is back", put("receiver.fix", False), put("receiver.fix", True),
+        9.0, 6.0, 20.0, on_course, pair=True,
+    ),
+    Drill(
+        "position lost while keeping station", "Position lost", "Position is back", put("receiver.fix", False),
+        put("receiver.fix", True), 9.0, 6.0, 3.0, in_mode("STEERING"), ("Failsafe", "Mode"), "straight",
+        mode=LOITER, settings=SAILED | {"FS_POS_ACT": 2.0},
+    ),
+    Drill(
+        "position jumps", "Position jumps", "Position is steady again", put("whereabouts.north_m", 1e4),
+        put("whereabouts.north_m", 0.0), 5.0, 8.0, 20.0, on_course, also=("Position lost",), pair=True,
+    ),
+    Drill(
+        "servo's cable out", "Rudder servo does not answer", "Rudder servo answers again",
+        lambda boat: boat.unplug("rudder"), lambda boat: boat.plug("rudder"), 1.5, 5.0, 3.0,
+        also=("Rudder",), pair=True,
+    ),
+    Drill(
+        "servo's hardware error", "Rudder servo reports a hardware error", "Rudder servo error has cleared",
+        lambda boat: boat.servo.inject_error(0x10), nothing, 1.5, 9.0, 0.5, also=("Rudder",), pair=True,
+    ),
+    Drill(
+        "rudder jammed", "Rudder jammed", "Rudder moves again", lambda boat: boat.world.jam(radians(-20.0)),
+        lambda boat: boat.world.free(), 30.0, 13.0, 5.0, also=("Rudder",),
+    ),
+    Drill(
+        "servo hot", "Rudder servo is hot", "Rudder servo has cooled down", put("servo.motor.temperature_c", 75.0),
+        put("servo.motor.temperature_c", 60.0), 4.0, 4.0, 2.0, in_mode("HOLD"), ("Failsafe", "Mode"),
+        settings=SAILED | {"FS_RUD_ACT": 1.0},
+    ),
+    Drill(
+        "servo overloaded", "Rudder servo draws too much current", "Rudder servo current is normal",
+        put("servo.motor.load_a", 4.0),
+        put("servo.motor.load_a", 0.0), 4.0, 14.0, 2.0, pair=True,
+    ),
+    Drill(
+        "servo's power cut", "Rudder servo was without power", "Rudder servo runs on",
+        lambda boat: boat.servo.power_cycle(
+            boat.now_s, off_s=2.0
+        ), nothing, 6.0, 9.0, 0.5, also=("Rudder",), pair=True,
+    ),
+    Drill(
+        "supply low", "Supply voltage is low", "Supply voltage is right again", put("servo.motor.voltage_v", 10.5),
+        put("servo.motor.voltage_v", 12.0), 7.0, 12.0, 1.0, in_mode("RTL"), ("Failsafe", "Mode", "Return"),
+        settings=SAILED | {"BAT_LOW_VOLT": 11.0, "FS_VOLT_ACT": 4.0},
+    ),
+    Drill(
+        "battery low", "Battery is low", "Battery is charged again", put("plant.charge", 0.25),
+        put("plant.charge", 0.5), 36.0, 66.0,
+        5.0, on_course, (), fitted=("supply",), settings=BATTERY, pair=True,
+    ),
+    Drill(
+        "battery nearly empty", "Battery is nearly empty", "Battery is no longer nearly empty",
+        put("plant.charge", 0.05), put("plant.charge", 0.5), 36.0, 66.0,
+        33.0, in_mode("STEERING"), ("Failsafe", "Battery is low"), "straight",
+        fitted=("supply",), settings=BATTERY | SAILED,
+    ),
+    Drill(
+        "power monitor silent", "Power monitor is silent", "Power monitor speaks again", put("monitor.silent", True),
+        put("monitor.silent", False), 18.0, 5.0, 2.0, on_course, ("Battery",), fitted=("supply",), pair=True,
+    ),
+    Drill(
+        "computer busy for half a second", "Control loop is late", "Control loop is in time again",
+        lambda boat: boat.server.stall(0.5), nothing, 2.0, 4.0, 0.1, pair=True,
+    ),
+    Drill(
+        "clock stepped by a year", "System clock was stepped", "System clock runs on",
+        lambda boat: boat.server.step_utc(YEAR_S), nothing, 2.0, 12.0, 5.0,
+        on_course, pair=True,
+    ),
+    Drill(
+        "station silent", "Ground station silent", "Ground station is back", put("station.silent", True),
+        put("station.silent", False),
+        12.0, 4.0, 3.0, in_mode("LOITER"), ("Failsafe", "Mode"),
+        settings=SAILED | {"FS_GCS_S": 10.0, "FS_GCS_ACT": 3.0},
+    ),
+    Drill(
+        "killed", "", "", killed, nothing, 0.0, 0.0, 10.0, on_course, ("",), settings={"BOOT_RESUME": 1.0},
+    ),
+    Drill(
+        "outside the fence", "Fence breached", "", nothing, nothing, 60.0, 0.0, 3.0, in_mode("RTL"),
+        ("Failsafe", "Mode", "Return"), "straight", settings={"FENCE_ENABLE": 1.0}, plan=fenced,
+        sea=lambda scenario: replace(scenario, speed_m_s=0.8),
+    ),
+    Drill(
+        "rudder blade lost", "Rudder moves and she does not turn", "", put("world.rudder_grip", 0.0),
+        put("world.rudder_grip", 1.0),
+        150.0, 0.0, 1.0, also=("She turns the wrong way",), moment="turning",
+    ),
+    Drill(
+        "servo the wrong way round", "She turns the wrong way", "", put("world.rudder_grip", -1.0),
+        put("world.rudder_grip", 1.0),
+        180.0, 0.0, 1.0, also=("Rudder moves",), moment="turning",
+    ),
+    Drill(
+        "ship far more sluggish than told", "Helm oscillates", "", nothing, nothing, 300.0, 0.0, 1.0,
+        moment="turning",
+        sea=lambda scenario: with_extras(scenario, "kt=1:3,delay=8"),
+    ),
+    Drill(
+        "mission cleared while it is sailed", "Mission cannot be sailed", "Mission can be sailed again",
+        lambda boat: boat.station.tell(mission_clear_all()), lambda boat: boat.set_mode(GUIDED), 4.0, 4.0, 2.0,
+        in_mode("AUTO"), ("Mission",), "straight", mode=AUTO, plan=waiting,
+    ),
+    Drill(
+        "current stronger than she is", "Current stronger than she is", "", lambda boat: boat.set_mode(LOITER),
+        nothing, 1800.0, 0.0, 60.0, also=("Failsafe",), moment="straight",
+        sea=lambda scenario: replace(scenario, current_m_s=0.48, current_toward_deg=90.0),
+    ),
+    Drill(
+        "logs gone", "Storage fails", "Storage works again", logs_gone, lambda boat: (boat.state / "logs").unlink(),
+        60.0, 60.0, 2.0, on_course, ("Log",), "straight",
+    ),
+)  # fmt: skip
+
+
+def _spoil(boat: DrillBoat, share: float) -> None:
+    boat.compass.drop = boat.compass.flip = share

@@ -1,0 +1,72 @@
+"""The drill book sailed from outside: passed by the firmware as it is, and not by one that is ill."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from support.paths import ROOT
+
+
+def drilled(tree, directory, *words):
+    """Sail drills with the firmware of a tree; return the exit code and the outcomes."""
+    file = directory / "outcomes.json"
+    command = [sys.executable, "-m", "hil", "drill", "--jobs", "1", "--json", str(file), *words]
+    done = subprocess.run(
+        command, cwd=tree, env={**os.environ, "PYTHONPATH": str(tree)}, capture_output=True, text=True, check=False
+    )
+    assert file.exists(), done.stdout + done.stderr
+    return done.returncode, json.loads(file.read_text())
+
+
+def test_a_drill_says_when_it_was_told_and_when_it_was_over(tmp_path):
+    code, (outcome,) = drilled(ROOT, tmp_path, "--only", "servo's cable", "--moment", "turning")
+    assert (code, outcome["misses"]) == (0, [])
+    assert 0.0 < outcome["told_s"][0] < 1.5
+    assert 0.0 < outcome["over_s"][0] < 5.0
+
+
+# Where, what stands there, what an ill firmware has instead, and the drills that must catch it.
+MUTATIONS = (
+    (
+        "faults/table.py",
+        "debounce_s=0.5,\n        clear_s=1.0",
+        "debounce_s=5.0,\n        clear_s=1.0",
+        "compass silent",
+    ),
+    ("common/parameter_table.py", '"POS_TIMEOUT_S", 5.0', '"POS_TIMEOUT_S", 50.0', "position lost"),
+    ("core/rudder_demand.py", "now_s - lost_s <= settings.rudder.hold_s", "now_s - lost_s >= 0.0", "no heading"),
+    ("common/angles.py", "angle_rad + math.pi, TWO_PI)", "angle_rad, TWO_PI)", "position jumps"),
+    ("safety/rudder_monitor.py", "OVERLOAD_S: Final = 2.0", "OVERLOAD_S: Final = 20.0", "servo overloaded"),
+    ("faults/conditions.py", "< least_charge +", "> least_charge +", "battery low"),
+    ("faults/conditions.py", "tick.supply_v < tick.supply_low_v", "tick.supply_v > tick.supply_low_v", "supply low"),
+    ("faults/table.py", 'recovery="Compass varies again"', 'recovery=""', "compass frozen"),
+    ("safety/rudder_monitor.py", "RESPONSE_S: Final = 1.5", "RESPONSE_S: Final = 150.0", "rudder jammed"),
+    ("faults/table.py", 'text="Fence breached"', 'text="Fence"', "outside the fence"),
+)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize(("file", "well", "ill", "drill"), MUTATIONS, ids=[f"{one[3]}: {one[2]}" for one in MUTATIONS])
+def test_an_ill_firmware_is_caught(file, well, ill, drill, tmp_path):
+    """`pytest -m proof tests/process/test_drill.py`: ten seeded mutations, each caught by its drill."""
+    for name in ("firmware_py", "hil", "params"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    path = tmp_path / "firmware_py" / file
+    text = path.read_text()
+    assert text.count(well) >= 1, f"{well!r} stands no more in {file}"
+    path.write_text(text.replace(well, ill))
+    code, outcomes = drilled(tmp_path, tmp_path, "--only", drill, "--moment", "straight", "--moment", "turning")
+    assert code == 1, outcomes
+    assert any(outcome["misses"] for outcome in outcomes)
+
+
+@pytest.mark.proof
+def test_the_whole_book_is_passed(tmp_path):
+    """`pytest -m proof tests/process/test_drill.py -k whole`: every drill at every moment, and all pairs."""
+    code, outcomes = drilled(ROOT, tmp_path, "--pairs")
+    print(f"{len(outcomes)} drills, {sum(bool(outcome['misses']) for outcome in outcomes)} missed")
+    assert code == 0, [outcome for outcome in outcomes if outcome["misses"]]
