@@ -158,7 +158,7 @@ def _select_source(
 ) -> tuple[SourceState, tuple[Event, ...]]:
     """Judge the sources by what they say and choose one."""
     waves, source_state = state.wave_filter, sources.decay_offsets(state.sources, clamp(now_s - before.t_s, 0.0, 1.0))
-    expected_rad = waves.x[kalman.HEADING] + waves.x[kalman.WAVE] if waves.x else None
+    expected_rad = waves.x[kalman.FLOAT] + waves.x[kalman.WAVE] if waves.x else None
     for sample in samples:
         source_state = sources.add_sample(source_state, sample, expected_rad)
     course_ok = (

@@ -3,7 +3,7 @@
 What the model expects her to turn of the rudder is compared, block by block, with what her heading shows, both
 without their slow parts (trim, wind, current). The two are summed up since she last answered. She does not
 answer once that has gone on for several of her turning lags, and for a turn that the estimate of the heading
-could not have missed; a rudder that has only just been put over tells nothing.
+could not have missed; a rudder that has only just been put over tells nothing, for a boat may answer late.
 
 A rudder that holds a heading against wind and current moves as well, and the boat does not turn: that it should
 not is what the rudder moves for. So only a rudder far from where it was, while the boat is far from where it
@@ -33,8 +33,10 @@ OWN_SHARE: Final = 0.5  # of what turns her without a rudder, that is taken for 
 FAR_RUDDER_RAD: Final = radians(12.0)
 FAR_OFF_RAD: Final = radians(15.0)
 BLOCK_S: Final = 2.0
-# What it takes to tell: time, the turn expected in it, and that by the uncertainty of the heading.
-LEAST_S: Final = 28.0
+# What it takes to tell: a rudder that has been over to one side for so long, then time, the turn expected in it, and
+# that by the uncertainty of the heading.
+LATE_S: Final = 16.0
+LEAST_S: Final = 20.0
 LEAST_LAGS: Final = 3.0
 LEAST_TURN_RAD: Final = radians(15.0)
 LEAST_SPREADS: Final = 8.0
@@ -94,10 +96,11 @@ class Evidence:
 class WrongWay:
     """Whether she turns the wrong way with RUD_REVERSE as `servo_reversed` says, and what speaks for a change of that.
 
-    `rate_rad_s` is the yaw rate that the model has with no more trim than there can be.
+    `rate_rad_s` is the yaw rate that the model has with no more trim than there can be; `order_s` as in the whole.
     """
 
     rate_rad_s: float = 0.0
+    order_s: float = 0.0
     by_estimate: Evidence = Evidence()
     by_compass: Evidence = Evidence()
     reversed: bool = False
@@ -112,10 +115,11 @@ class SteeringMonitorState:
     while the rudder tells, or a long turn would become the trim, and a turn that does not come a loss of way: a filter
     that expects a turn of the rudder believes that sooner than a lost blade. `telling_s`, `expected_rad` and
     `turned_rad`: for how long the rudder has told since she last bore the verdict out, what she should have turned in
-    it, and what she has.
+    it, and what she has. `order_s`: for how long the rudder has ordered a turn to starboard, negative to port.
     """
 
     rate_rad_s: float = 0.0
+    order_s: float = 0.0
     slow_rudder_rad: float = 0.0
     slow_rate_rad_s: float = 0.0
     slow_speed_m_s: float | None = None
@@ -170,8 +174,9 @@ def compare(
     wrong_way = judge_way(model, state, given, rudder_rad, turned_rad, step_s)
     if wrong_way is not state.wrong_way:
         state = replace(state, wrong_way=wrong_way)
-    telling = is_order(over_rad, error_rad)
-    if telling:
+    order_s = ordered_s(state.order_s, over_rad, error_rad, step_s)
+    state = replace(state, order_s=order_s)
+    if abs(order_s) > LATE_S:
         sign = math.copysign(1.0, expected_rad)
         # Without her blade she is turned by what the trim held her against, and that is no answer to the rudder.
         by_itself_rad = OWN_SHARE * max(-sign * state.slow_rudder_rad, 0.0) * model.turning_ability_1_s * step_s
@@ -183,7 +188,7 @@ def compare(
             turned_rad=state.turned_rad + answered_rad,
         )
         state = judge(state, given.heading_sd_rad, model.turning_lag_s)
-    else:
+    elif order_s == 0.0:
         keep = math.exp(-step_s / MEMORY_S)
         state = replace(
             state,
@@ -192,7 +197,7 @@ def compare(
             turned_rad=keep * state.turned_rad,
         )
     # By hand she may be kept straight with any trim.
-    if not telling or error_rad is None:
+    if order_s == 0.0 or error_rad is None:
         part = 1.0 - math.exp(-step_s / SLOW_S)
         state = replace(
             state,
@@ -201,6 +206,13 @@ def compare(
             slow_speed_m_s=slow_speed_m_s + part * (given.speed_m_s - slow_speed_m_s),
         )
     return replace(state, rate_rad_s=rate_rad_s)
+
+
+def ordered_s(before_s: float, over_rad: float, error_rad: float | None, step_s: float) -> float:
+    """Return for how long the rudder has ordered a turn to one side, negative to port; 0 where it orders none."""
+    if not is_order(over_rad, error_rad):
+        return 0.0
+    return math.copysign(step_s, over_rad) + (before_s if before_s * over_rad > 0.0 else 0.0)
 
 
 def is_order(over_rad: float, error_rad: float | None) -> bool:
@@ -227,8 +239,11 @@ def judge_way(
     decay = decay_over(step_s, model.turning_lag_s)
     steady_rad_s = model.turning_ability_1_s * over_rad
     expected_rad, rate_rad_s = exact_step(way.rate_rad_s, steady_rad_s, decay, step_s, model.turning_lag_s)
-    way = replace(way, rate_rad_s=rate_rad_s)
-    if not is_order(over_rad, given.error_rad):
+    order_s = ordered_s(way.order_s, over_rad, given.error_rad, step_s)
+    way = replace(way, rate_rad_s=rate_rad_s, order_s=order_s)
+    if abs(order_s) <= LATE_S:
+        if order_s != 0.0:
+            return way
         keep = math.exp(-step_s / MEMORY_S)
         return replace(way, by_estimate=_faded(way.by_estimate, keep), by_compass=_faded(way.by_compass, keep))
     begun_rad = None if state.block is None else state.block.shown_rad
@@ -238,11 +253,13 @@ def judge_way(
     block = Evidence(step_s, abs(expected_rad), sign * turned_rad)
     by_estimate = _taken(way.by_estimate, block, REVERSED)
     by_compass = _taken(way.by_compass, replace(block, turned_rad=sign * shown_rad), SHOWN_REVERSED)
-    estimated = is_enough(by_estimate.telling_s, by_estimate.expected_rad, given.heading_sd_rad, model.turning_lag_s)
+    # An estimate that does not know of it takes a turn the wrong way for lost way, and expects next to none.
+    most_rad = max(by_estimate.expected_rad, -by_estimate.turned_rad)
+    estimated = is_enough(by_estimate.telling_s, most_rad, given.heading_sd_rad, model.turning_lag_s)
     # An estimate that has been led astray is not believed alone.
     shown = by_compass.expected_rad >= SHOWN_TURN_RAD
     if shown or (estimated and (not way.reversed or by_compass.telling_s >= LEAST_S)):
-        return WrongWay(rate_rad_s, reversed=not way.reversed, servo_reversed=way.servo_reversed)
+        return WrongWay(rate_rad_s, order_s, reversed=not way.reversed, servo_reversed=way.servo_reversed)
     return replace(way, by_estimate=by_estimate, by_compass=by_compass)
 
 

@@ -108,7 +108,7 @@ def judge_source(pilot: Pilot, boat: Boat, at: Afloat, now_s: float) -> int:
         sources.begin_anew(s)
     sources.decay_offset(s, clamp(now_s - own[STEERED_S], 0.0, 1.0))
     begun = f.w[wave_filter.STARTED] > 0.0
-    expected_rad = f.x[kalman.HEADING] + f.x[kalman.WAVE] if begun else np.nan
+    expected_rad = f.x[kalman.FLOAT] + f.x[kalman.WAVE] if begun else np.nan
     count = 0
     own[NEWEST_S] = np.nan
     while count < at.counts[HEADINGS] and headings[count, THERE_S] <= now_s:

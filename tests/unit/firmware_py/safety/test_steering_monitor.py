@@ -131,7 +131,7 @@ def test_what_the_heading_could_have_missed_is_not_told():
         boat.tick(0.5, 1.0, answers=0.0)
     assert boat.state.unresponsive
     state, block = SteeringMonitorState(), SteeringInput(0.5, 1.0, math.radians(20.0), 0.4, 1.0)
-    for tick in range(400):
+    for tick in range(600):
         state = update(SETTINGS, state, block, 0.1 * tick)
     assert state.expected_rad > math.radians(40.0)
     assert not state.unresponsive
@@ -186,3 +186,13 @@ def test_the_mean_of_the_rudder_over_the_block_is_what_counts():
         state = update(SETTINGS, state, SteeringInput(0.5 if tick == 20 else 0.0, 1.0, SD_RAD, 0.4, 1.0), 0.1 * tick)
     assert state.rate_rad_s == pytest.approx(0.05 * 0.5 * OCEAN_RAMBLER.turning_ability_1_s * (1.0 - math.exp(-0.5)))
     assert state.telling_s == 0.0
+
+
+def test_a_rudder_that_goes_to_the_other_side_tells_nothing_at_first():
+    """A boat that answers ten seconds late turns the wrong way for as long."""
+    boat = Boat()
+    for side in (1.0, -1.0, 1.0, -1.0):
+        for tick in range(300):
+            boat.tick(side * 0.5, side, answers=-1.0 if tick < 100 else 0.5)
+    assert not boat.state.unresponsive
+    assert not boat.state.wrong_way.reversed
