@@ -22,7 +22,7 @@ ONBOARD_VENV := build/onboard
 .PHONY: help sail test fuzz lint types house pages pages-check docs bench proof lock bundle sbom audit clean
 
 help:
-	@echo "make sail   a heading run in the tank, live in the terminal, MAVLink on udp 14550"
+	@echo "make sail   a heading run in the tank, live in the terminal and in a browser, MAVLink on udp 14550"
 	@echo "make test   the whole test suite"
 	@echo "make fuzz   ten minutes of hostile bytes for every reader: FUZZ_SECONDS, FUZZ=\"--seed 2 TARGET ...\""
 	@echo "make lint types pages-check   what CI checks besides"
@@ -53,7 +53,7 @@ $(READY): $(SAIL_READY)
 
 sail: $(SAIL_READY)
 	@echo "sailing 14 minutes in the tank at 15 times real time: about a minute; figures and report at the end"
-	@$(BIN)/rambler-hil run tank --speed 15 --goal "0:0,120:60,480:-90" --seconds 840 \
+	@$(BIN)/rambler-hil run tank --speed 15 --goal "0:0,120:60,480:-90" --seconds 840 --view \
 	  --link udpout:127.0.0.1:14550 --link tcpin:127.0.0.1:5760
 
 # More workers than the machine has cores: many tests wait for programs that they have started.

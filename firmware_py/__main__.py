@@ -22,6 +22,7 @@ from firmware_py.system.console import keep_standard_streams
 COMMANDS = {
     "run": ("firmware_py.cli.run", "run the autopilot on the ports that a vehicle file names"),
     "status": ("firmware_py.cli.status", "what the autopilot that runs on this computer says of itself"),
+    "view": ("firmware_py.cli.view", "a page of the boat under way, for a browser"),
     "energy": ("firmware_py.cli.energy", "watt-hours by day and by consumer, from the thin log"),
     "listen": ("firmware_py.cli.listen", "open each device and show what it says"),
     "decode": ("firmware_py.cli.decode", "decode a capture with the drivers themselves"),

@@ -54,6 +54,7 @@ class Options:
     link_urls: tuple[str, ...] = ()
     wait: bool = False
     lockstep: str | None = None
+    status: bool = False  # in lockstep, too
     may_set_clock: bool = False
 
 
@@ -134,7 +135,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         clock_setter=clock_setter,
         notices=notices,
     )
-    if options.lockstep is None:  # else time is not what a clock on the wall shows
+    if options.lockstep is None or options.status:  # else nobody looks: time is not what a clock on the wall shows
         show_status(vehicle, options.state_directory, parts, endpoint, version.commit, console.line, opened)
     return parts, endpoint, console
 

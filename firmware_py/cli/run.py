@@ -60,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the computer's own watchdog, such as /dev/watchdog: it starts the computer anew when the autopilot hangs",
     )
     parser.add_argument("--lockstep", metavar="SOCKET", help=argparse.SUPPRESS)
+    parser.add_argument("--status", action="store_true", help=argparse.SUPPRESS)
     # For the harness: an autopilot without its box would take up the ports of the next one.
     parser.add_argument("--with-parent", metavar="PID", type=int, help=argparse.SUPPRESS)
 
@@ -83,6 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
                 tuple(arguments.link),
                 wait=arguments.wait,
                 lockstep=arguments.lockstep,
+                status=arguments.status,
                 # The harness's GPS shows the time of its own world.
                 may_set_clock=arguments.lockstep is None and arguments.with_parent is None,
             )

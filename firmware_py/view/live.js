@@ -45,7 +45,7 @@ class Live {
   draw() {
     const { now, voyage, values } = this, status = now.status || {};
     if (now.title) { this.title.textContent = now.title; document.title = `${DEGREES(values.heading_deg, 0)} ${now.title}`; }
-    Object.assign(voyage, { plans: now.plans, item: now.item, target: now.target, begin_utc_s: now.begin_utc_s,
+    Object.assign(voyage, { plans: now.plans, item: now.item, first_item: now.first_item, target: now.target, begin_utc_s: now.begin_utc_s,
       vessels: vesselsOf(status, values) });
     if (!voyage.columns.lat_deg.some(known)) delete voyage.columns.lat_deg;
     const hasTrack = Boolean(voyage.columns.lat_deg);
@@ -75,6 +75,7 @@ class Live {
       ["faults", status.faults ? String(status.faults.length) : "–", ((status.faults || [])[0] || {}).text || ""],
     ];
     this.cards.replaceChildren();
+    this.cards.dataset.time = values.time_s;
     for (const [name, value, note] of cards) {
       const card = html(this.cards, "div");
       html(card, "dt", {}, name);
@@ -102,7 +103,7 @@ class Live {
     table("What she said", this.voyage.marks.slice(-SHOWN).reverse().map(([time, severity, text]) => [
       momentText(time, Math.min(to - from, 599), this.voyage.begin_utc_s), text, severity <= SEVERE]));
     table("Devices", (status.devices || []).map((one) => [one.device, `${one.state}${known(one.rate_hz) ? `, ${one.rate_hz} Hz` : ""}`
-      + `, ${one.rejected} bad${one.error ? `; ${one.error}` : ""}`, one.state !== "ok"]));
+      + `, ${one.rejected} bad${one.error ? `; ${one.error}` : ""}`, one.state !== "running"]));
     table("Links", (status.links || []).map((one) => [one.url, one.peers.length ? one.peers.map((peer) => `${peer.address}, heard `
       + `${known(peer.heard_age_s) ? `${peer.heard_age_s} s ago` : "never"}`).join("; ") : "nobody", false]));
     for (const name of BESIDE) {

@@ -7,6 +7,7 @@ A voyage is a mapping of JSON values, which plots.js draws:
     marks     [time_s, severity (0 to 7, MAVLink's), text]
     origin    [latitude, longitude] of north_m and east_m; columns lat_deg and lon_deg may stand in their place
     plans     mission, fence, rally: [MAV_CMD, param1 to param4, latitude, longitude] for each item; home: a place
+    first_item  the number of the first item of the mission, as people count; item: the one that she is at
     begin_utc_s  of time 0, where the calendar matters
     spectrum  frequency_hz, lines [label, look, numbers], marks [hertz, label]
 

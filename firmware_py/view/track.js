@@ -97,7 +97,7 @@ class Track {
     }
     for (const at of ticks(cn - height / 2 * scale, cn + height / 2 * scale, step)) {
       draw(svg, "line", { class: "grid", x1: 0, x2: width, y1: y(at), y2: y(at) });
-      if (y(at) > 14 && y(at) < height - 30) draw(svg, "text", { x: 2, y: y(at) - 3 }, distance(at, step, far));
+      if (y(at) > 26 && y(at) < height - 30) draw(svg, "text", { x: 2, y: y(at) - 3 }, distance(at, step, far));
     }
     draw(svg, "text", { x: width - 2, y: height - 22, "text-anchor": "end" }, far ? "east, km" : "east, m");
     draw(svg, "text", { x: 2, y: 11 }, far ? "north, km" : "north, m");
@@ -204,12 +204,12 @@ function shapesOf(voyage, origin) {
       if (rest.length >= item[1]) { found.push({ kind: "polygon", look: VERTEX[item[0]], points: rest }); rest = []; }
     } else if (CIRCLES[item[0]]) found.push({ kind: "ring", look: CIRCLES[item[0]], points: [at(item)], radius: item[1] });
   }
-  const legs = [];
+  const legs = [], first = voyage.first_item || 0; // the number that she counts from
   (plans.mission || []).forEach((item, number) => {
     if (!(item[0] in PLACES) || (!item[5] && !item[6])) return;
     const spot = at(item), radius = PLACES[item[0]] ? Math.abs(item[PLACES[item[0]]] || 0) : 0;
     legs.push(spot);
-    found.push({ kind: "spot", points: [spot], label: String(number), radius, look: "circle", now: number === voyage.item });
+    found.push({ kind: "spot", points: [spot], label: String(number + first), radius, look: "circle", now: number + first === voyage.item });
   });
   if (legs.length > 1) found.unshift({ kind: "legs", points: legs });
   for (const item of plans.rally || []) found.push({ kind: "rally", points: [at(item)] });

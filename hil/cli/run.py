@@ -17,6 +17,7 @@ from hil.sim.ground_station import GUIDED, MODE_NAMES
 from hil.sim.logbook import RunOptions
 from hil.sim.signals import interruptible
 from hil.sim.vehicle_file import parse_settings
+from hil.sim.view_page import LISTEN
 
 DEFAULT_GOALS = "0:0,120:60,720:-90"
 DEFAULT_SECONDS = 1320.0
@@ -72,6 +73,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         dest="settings",
         help="parameters of the autopilot; the ship stays what it is",
+    )
+    parser.add_argument(
+        "--view",
+        metavar="HOST:PORT",
+        nargs="?",
+        const=LISTEN,
+        help=f"show the run under way as a page for a browser on this computer (default {LISTEN})",
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="where to write (default runs/SCENARIO-SEED)")
 
@@ -135,6 +143,7 @@ def read_options(arguments: argparse.Namespace) -> RunOptions:
         mode=mode,
         state=arguments.state,
         play=arguments.play,
+        view=arguments.view,
     )
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from firmware_py.common.angles import wrap_pi
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.parameter_table import TABLE
-from firmware_py.common.plan import Plan
+from firmware_py.common.plan import Plan, PlanKind, homes
 from firmware_py.common.reports import Activity
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.open_file import open_buffer
@@ -50,7 +50,8 @@ class FieldLog:
     """What logs hold; `goal_held_rad` is the goal where it stood for HELD_S, NaN else; `texts`: time, severity, text.
 
     `more` holds columns beside the truth by the names of the page's model, in its units, NaN where nothing was logged
-    at a tick. `plans` and `home` (degrees) are the newest, north and east count from `origin`.
+    at a tick. `plans` and `home` (degrees) are the newest, north and east count from `origin`, people
+    count the items of a mission from `first_item`.
     `late_us` are percentiles by name; `utc_s` is the calendar's time of time 0, None when no fix has told it, `start_s`
     that of the process.
     """
@@ -72,6 +73,7 @@ class FieldLog:
     plans: Mapping[str, Plan] = field(default_factory=dict)
     home: tuple[float, float] | None = None
     origin: tuple[float, float] | None = None
+    first_item: int = 0
 
 
 def read(paths: Sequence[Path], *, every: int = 1) -> FieldLog:
@@ -130,6 +132,7 @@ def _made(got: Gathered) -> FieldLog:
         plans=got.orders.plans,
         home=got.orders.home or first,
         origin=first,
+        first_item=homes(int(got.settings.get("LNK_IDENTITY", _DEFAULTS["LNK_IDENTITY"])), PlanKind.MISSION),
     )
 
 

@@ -126,7 +126,7 @@ def _arrivals(log: FieldLog) -> Iterator[tuple[float, int]]:
     known = np.flatnonzero(np.isfinite(items))
     for before, after in pairwise(known):
         if items[after] != items[before]:
-            yield float(time_s[after]), int(items[before])
+            yield float(time_s[after]), log.first_item + int(items[before])
 
 
 def _rounded(value: Any) -> Any:

@@ -96,7 +96,7 @@ def _beside(log: FieldLog) -> dict[str, Any]:
     plans: dict[str, Any] = {name: plan_rows(plan) for name, plan in _plans(log.plans)}
     if log.home is not None:
         plans["home"] = numbers(log.home, 7)
-    made: dict[str, Any] = {"plans": plans} if plans else {}
+    made: dict[str, Any] = {"plans": plans, "first_item": log.first_item} if plans else {}
     if (spectrum := spectrum_of(log)) is not None:
         made["spectrum"] = spectrum
     return made

@@ -39,6 +39,7 @@ class RunOptions:
     links: tuple[str, ...] = ()
     mode: int = GUIDED
     state: Path | None = None  # what the autopilot is to remember of earlier runs: a directory that is copied
+    view: str | None = None  # where the page of it is to be found under way: HOST:PORT
     play: bool = False  # until somebody ends it, and nothing that people do is a failure
 
     @property

@@ -34,6 +34,7 @@ from hil.sim.run_file import OrderRecord
 from hil.sim.signals import interruptible, stopped_by_signal
 from hil.sim.truth import TruthFile
 from hil.sim.vehicle_file import file_text
+from hil.sim.view_page import ViewPage
 from hil.sim.world import START_UTC_S
 
 END_S = 15.0  # the rudder goes amidships, the log is written out
@@ -113,8 +114,13 @@ class _Run:
         arguments = ["run", str(vehicle_path), "--state", str(options.out / STATE)]
         for url in options.links:
             arguments += ["--link", posted_modem.on_port(url, str(self._board.paths().get(posted_modem.PORT)))]
-        display = make_display(self._banner(), self._board.world, self._station)
+        display: Display = make_display(self._banner(), self._board.world, self._station)
         with contextlib.ExitStack() as stack:
+            if options.view is not None:
+                page = ViewPage(options.view, options.out / STATE, self._banner(), self._board.world, display)
+                stack.callback(page.close)
+                display = page
+                arguments.append("--status")
             if options.play:
                 self._stopped = stack.enter_context(stopped_by_signal())
             if options.lockstep:

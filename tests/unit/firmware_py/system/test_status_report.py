@@ -15,7 +15,8 @@ from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import TABLE, Fault
-from firmware_py.system.status_report import SECTIONS, StatusReporter, StatusSources
+from firmware_py.system.status_report import StatusReporter, StatusSources
+from firmware_py.system.status_sections import SECTIONS
 
 
 class Shown:

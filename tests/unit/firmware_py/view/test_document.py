@@ -6,6 +6,8 @@ import json
 import math
 import re
 
+import pytest
+
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.view.document import LIVE, PLOTS, asset, data_block, document
 from firmware_py.view.model import PANELS, plan_rows, voyage
@@ -41,6 +43,27 @@ def test_every_page_fits_a_phone_and_both_schemes():
     assert 'name="viewport" content="width=device-width' in page
     assert "prefers-color-scheme: dark" in page
     assert "<script" not in page
+
+
+def schemes():
+    """The colours by name, light and dark."""
+    blocks = re.findall(r":root \{(.*?)\}", asset("view.css"), re.DOTALL)
+    return [dict(re.findall(r"--(\w+): (#[0-9a-f]{6})\b", block)) for block in blocks]
+
+
+def luminance(colour):
+    """Of WCAG 2, relative luminance."""
+    parts = [int(colour[place : place + 2], 16) / 255.0 for place in (1, 3, 5)]
+    red, green, blue = (one / 12.92 if one <= 0.03928 else ((one + 0.055) / 1.055) ** 2.4 for one in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+@pytest.mark.parametrize("scheme", schemes(), ids=["light", "dark"])
+@pytest.mark.parametrize("text", ["ink", "soft", "main", "second", "goal", "command", "bad", "good"])
+@pytest.mark.parametrize("ground", ["page", "card"])
+def test_whatever_is_written_can_be_read(scheme, text, ground):
+    low, high = sorted((luminance(scheme[text]), luminance(scheme[ground])))
+    assert (high + 0.05) / (low + 0.05) >= 4.5  # WCAG 2, level AA
 
 
 def test_what_is_not_known_is_null():

@@ -1,0 +1,151 @@
+"""`rambler view`: a page of the boat under way, for a browser; reads what the autopilot says and touches nothing."""
+
+from __future__ import annotations
+
+import argparse
+import ipaddress
+import os
+import socket
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from firmware_py.cli.refusal import refused
+from firmware_py.common.plan import PlanKind, from_text
+from firmware_py.system import realtime
+from firmware_py.system.clock import machine_s
+from firmware_py.system.signals import Signals
+from firmware_py.system.slots import examine
+from firmware_py.system.state_directory import PLAN_FILES
+from firmware_py.system.status_file import Found, Freshness, find, find_all
+from firmware_py.view.feed import MOST_LINE_BYTES, Feed
+from firmware_py.view.guard import Guard, ViewError, read_token
+from firmware_py.view.history import History
+from firmware_py.view.model import plan_rows
+from firmware_py.view.server import Hub, ViewServer
+
+DEFAULT_LISTEN = "127.0.0.1:8046"
+POLL_S, POLL_BESIDE_S = 0.5, 0.1  # the autopilot writes each second; a harness may be many times faster
+NICENESS = 15  # whatever else this computer does comes first
+FAREWELL_S = 0.5  # for the readers to be told that it is over
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument(
+        "--state", metavar="DIR", type=Path, help="its state directory; not needed where only one autopilot runs"
+    )
+    parser.add_argument(
+        "--listen",
+        metavar="HOST:PORT",
+        default=DEFAULT_LISTEN,
+        help=f"where browsers find it (default {DEFAULT_LISTEN}); 0.0.0.0:PORT is for other computers, with --token",
+    )
+    parser.add_argument(
+        "--token",
+        metavar="FILE",
+        type=Path,
+        help="a file with the token that is asked for; needed beyond this computer",
+    )
+    # For the harness: it says on its standard input what it knows, and takes another port if this one is in use.
+    parser.add_argument("--with-parent", metavar="PID", type=int, help=argparse.SUPPRESS)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until told to stop; exit 2 when the address or the token is not to be had."""
+    beside = arguments.with_parent is not None
+    with Signals() as signals:
+        if beside and not realtime.end_with_parent(arguments.with_parent):
+            return 0
+        history = History()
+        feed = Feed(history, lambda: _look(arguments.state), lambda: _plans(_directory(arguments.state)))
+        hub = Hub(history.whole)
+        try:
+            server = _server(arguments.listen, arguments.token, hub, any_port=beside)
+        except ViewError as error:
+            return refused("view", error)
+        os.nice(NICENESS)
+        print(f"page: {_address(server)}", flush=True)
+        ended = threading.Event()
+        if beside:
+            threading.Thread(target=_listen_to, args=(feed, ended), daemon=True).start()
+        threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.5}, daemon=True).start()
+        while not signals.stopping and not ended.is_set():
+            hub.publish(lambda: (feed.poll(), history.epoch))
+            time.sleep(POLL_BESIDE_S if beside else POLL_S)
+        hub.publish(lambda: (feed.poll(), history.epoch))
+        hub.close()
+        time.sleep(FAREWELL_S)
+        server.server_close()
+    return 0
+
+
+def _server(listen: str, token_file: Path | None, hub: Hub, *, any_port: bool) -> ViewServer:
+    host, colon, port_text = listen.rpartition(":")
+    host = "127.0.0.1" if host == "localhost" else host.strip("[]")
+    try:
+        loopback, port = ipaddress.ip_address(host).is_loopback, int(port_text)
+    except ValueError:
+        colon = ""
+    if not colon or not 0 <= port <= 0xFFFF:
+        raise ViewError(f"--listen {listen[:60]}: write ADDRESS:PORT, as in {DEFAULT_LISTEN} or 0.0.0.0:8046")
+    if not loopback and token_file is None:
+        raise ViewError(f"--listen {listen}: beyond this computer the page asks for a token: rambler view --token FILE")
+    token = "" if token_file is None else read_token(token_file)
+    name = socket.gethostname().lower()
+    guard = Guard(token, loopback, frozenset() if loopback else frozenset((name, f"{name}.local")))
+    try:
+        return ViewServer((host, port), guard, hub)
+    except ViewError:
+        if not any_port:
+            raise
+        return ViewServer((host, 0), guard, hub)
+
+
+def _address(server: ViewServer) -> str:
+    host, port = str(server.server_address[0]), server.server_address[1]
+    shown = f"[{host}]" if ":" in host else host
+    return f"http://{shown}:{port}/" + ("?token=..." if server.guard.token else "")
+
+
+def _listen_to(feed: Feed, ended: threading.Event) -> None:
+    """Take the lines of a harness until it closes them."""
+    while line := sys.stdin.buffer.readline(MOST_LINE_BYTES):
+        feed.take_line(line)
+    ended.set()
+
+
+def _look(state: Path | None) -> Found:
+    if state is not None:
+        return find(state, machine_s())
+    running = [one for one in find_all(machine_s()).values() if one.freshness is Freshness.RUNNING]
+    if len(running) == 1:
+        return running[0]
+    reason = "several run here, name one with --state" if running else "no autopilot says anything here"
+    return Found(Freshness.ABSENT, reason=reason)
+
+
+def _directory(state: Path | None) -> Path | None:
+    if state is not None:
+        return state
+    found = _look(None)
+    return Path(found.content["state_directory"]) if found.content else None
+
+
+def _plans(directory: Path | None) -> Mapping[str, Any]:
+    """Return what of the plans in a state directory can be read."""
+    found: dict[str, Any] = {}
+    for kind in PlanKind:
+        if directory is None:
+            break
+        try:
+            stored = examine(directory, PLAN_FILES[kind])
+            if stored.content is not None:
+                plan, _ = from_text(stored.content.decode("ascii", "replace"))
+                found[kind.name.lower()] = plan_rows(plan)
+        except (OSError, ValueError):
+            continue  # the autopilot itself tells of it
+    return found

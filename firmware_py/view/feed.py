@@ -1,0 +1,152 @@
+"""Takes what an autopilot says of itself, and what a harness knows besides, into the history of a page.
+
+It reads the status that the autopilot writes into memory for anybody, and its plans on disk; the autopilot knows
+nothing of it and is never held up.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from firmware_py.system.status_file import Found, Freshness
+from firmware_py.view.history import History, Mark
+
+Status = Mapping[str, Any]
+MOST_SEEN: Final = 500
+MOST_LINE_BYTES: Final = 1 << 14
+
+# Column of a page: section of the status (empty: the status itself), key, factor.
+FROM_STATUS: Final[Mapping[str, tuple[str, str, float]]] = {
+    "lat_deg": ("position", "lat_deg", 1.0),
+    "lon_deg": ("position", "lon_deg", 1.0),
+    "compass_deg": ("", "heading_deg", 1.0),
+    "heading_deg": ("estimate", "heading_deg", 1.0),
+    "goal_deg": ("", "goal_deg", 1.0),
+    "error_deg": ("", "error_deg", -1.0),  # a page shows heading less goal
+    "yaw_rate_deg_s": ("", "yaw_rate_deg_s", 1.0),
+    "rudder_deg": ("rudder", "angle_deg", 1.0),
+    "command_deg": ("rudder", "command_deg", 1.0),
+    "cross_track_m": ("navigation", "cross_track_m", 1.0),
+    "fence_margin_m": ("navigation", "fence_margin_m", 1.0),
+    "ground_m_s": ("position", "sog_m_s", 1.0),
+    "water_m_s": ("estimate", "speed_m_s", 1.0),
+    "current_m_s": ("estimate", "current_m_s", 1.0),
+    "wave_period_s": ("estimate", "wave_period_s", 1.0),
+    "wave_sd_deg": ("estimate", "wave_sd_deg", 1.0),
+    "battery_v": ("power", "battery_v", 1.0),
+    "charge_percent": ("power", "charge_percent", 1.0),
+    "servo_w": ("energy", "servo_power_w", 1.0),
+    "solar_w": ("power", "solar_w", 1.0),
+    "load_w": ("power", "load_w", 1.0),
+}
+
+
+class Feed:
+    """Takes the newest at each `poll`; `look` returns the status, `read_plans` the plans as the page has them."""
+
+    def __init__(
+        self, history: History, look: Callable[[], Found], read_plans: Callable[[], Mapping[str, Any]]
+    ) -> None:
+        """Begin before the first look."""
+        self._history, self._look, self._read_plans = history, look, read_plans
+        self._truth: dict[str, Any] = {}
+        self._plan_key: object = None
+        self._plans: Mapping[str, Any] = {}
+        self._voyage: object = None
+        self._begin_s: float | None = None
+        self._last: object = None
+        self._seen: deque[tuple[Any, ...]] = deque(maxlen=MOST_SEEN)
+
+    def take_line(self, line: bytes) -> None:
+        """Take a line of a harness: JSON of what it knows, such as time_s and true_heading_deg."""
+        try:
+            told = json.loads(line) if len(line) <= MOST_LINE_BYTES else None
+        except (ValueError, RecursionError):
+            return
+        if isinstance(told, dict):
+            self._truth |= told
+
+    def poll(self) -> bytes | None:
+        """Return what is new, as JSON for the readers; None when nothing is."""
+        if self._truth and "time_s" not in self._truth:
+            return None  # a harness that has not begun
+        found = self._look()
+        key = (found.freshness, found.reason, found.content.get("written_machine_s"), self._truth.get("time_s"))
+        if key == self._last:
+            return None
+        self._last = key
+        try:
+            return self._take(found)
+        except (KeyError, TypeError, ValueError, AttributeError):  # of another version than this program
+            return self._history.add(
+                {}, (), {"freshness": Freshness.STALE.value, "reason": "it speaks another version"}
+            )
+
+    def _take(self, found: Found) -> bytes:
+        status = found.content
+        time_s = self._truth.get("time_s")
+        marks: tuple[Mark, ...] = ()
+        plans_before = self._plans
+        if status and found.freshness is Freshness.RUNNING:
+            if time_s is None:
+                self._note_voyage(status)
+                time_s = status["written_machine_s"] - (self._begin_s or 0.0)
+            marks = tuple(self._marks(status, time_s))
+            self._look_at_plans(status)
+        # A harness without an autopilot's status has its own, and a status that is old has no row.
+        current = status if found.freshness is Freshness.RUNNING else {}
+        columns = {name: _value(current, *place) for name, place in FROM_STATUS.items()}
+        if (current.get("navigation") or {}).get("activity") != "LINE":
+            columns["cross_track_m"] = None  # off no line, but toward a circle or home
+        columns |= {"faults": len(current["faults"]) if current else None, "time_s": time_s}
+        columns |= {name: value for name, value in self._truth.items() if isinstance(value, (int, float))}
+        now = {
+            "freshness": found.freshness.value,
+            "reason": found.reason,
+            "status": status,
+            "title": self._truth.get("title") or status.get("vehicle", ""),
+            **({} if self._plans is plans_before else {"plans": self._plans}),
+            "item": _value(status, "navigation", "item"),
+            "first_item": _value(status, "navigation", "first_item"),
+            "target": _target(status),
+        }
+        if "time_s" not in self._truth and status:
+            now["begin_utc_s"] = status["utc_s"] - status["written_machine_s"] + (self._begin_s or 0.0)
+        return self._history.add(columns if current or self._truth else {}, marks, now)
+
+    def _note_voyage(self, status: Status) -> None:
+        """Count the time from the first status; one of before is of a computer that has been started anew."""
+        written_s = status["written_machine_s"]
+        if self._begin_s is None or written_s < self._begin_s:
+            self._begin_s = written_s
+            self._history.begin_anew()
+
+    def _marks(self, status: Status, time_s: float) -> list[Mark]:
+        found = []
+        for event in status.get("events", ()):
+            key = (status["pid"], event["t_s"], event["text"])
+            if key not in self._seen:
+                self._seen.append(key)
+                found.append((round(time_s - (status["uptime_s"] - event["t_s"]), 1), event["severity"], event["text"]))
+        return found
+
+    def _look_at_plans(self, status: Status) -> None:
+        key = (status.get("plan_identities"), status.get("home"))
+        if key != self._plan_key:
+            self._plan_key = key
+            home = status.get("home") or {}
+            place = [home["lat_deg"], home["lon_deg"]] if home else None
+            self._plans = {**self._read_plans(), **({"home": place} if place else {})}
+
+
+def _value(status: Status, section: str, key: str, factor: float = 1.0) -> float | None:
+    value = (status.get(section) or {} if section else status).get(key)
+    return value * factor if isinstance(value, (int, float)) else None
+
+
+def _target(status: Status) -> list[float | None] | None:
+    place = [_value(status, "navigation", key) for key in ("target_lat_deg", "target_lon_deg", "radius_m")]
+    return None if place[0] is None or place[1] is None else place

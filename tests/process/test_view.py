@@ -1,0 +1,97 @@
+"""The pages in a real browser: of a run, and of one under way beside what really happens."""
+
+import http.client
+import json
+import re
+import threading
+
+import numpy as np
+import pytest
+
+from hil.sim.truth import read
+from support.browser import Browser
+from support.harness import rambler_hil, start_rambler_hil
+
+LOW_BATTERY = ("--with", "supply=20:0.9:30:6:0.22", "--set", "PWR_SAVE_PCT=21.9", "FS_BATT_ACT=0")
+SHOWN = "[Number(document.querySelector('.now').dataset.time), document.querySelector('#now-heading').textContent]"
+
+
+@pytest.fixture
+def browser(tmp_path):
+    made = Browser(tmp_path / "browser")
+    yield made
+    made.close()
+
+
+def address_of(process):
+    """Where the page of a run is, as it says itself."""
+    return re.fullmatch(r"page: (http://127\.0\.0\.1:\d+/)\n", process.stdout.readline())[1]
+
+
+def ended(process):
+    """What a run has said until its end, when it has gone well."""
+    said, errors = process.communicate(timeout=100.0)
+    assert (process.returncode, errors) == (0, "")
+    return said
+
+
+def test_the_page_under_way_shows_the_true_heading_and_a_fault_when_it_comes(tmp_path, browser):
+    out = tmp_path / "run"
+    words = ["run", "tank", "--speed", "15", "--goal", "0:30", "--seconds", "200", *LOW_BATTERY]
+    process = start_rambler_hil(*words, "--view", "127.0.0.1:0", "--out", out)
+    browser.look(400, 900)
+    browser.open(address_of(process))
+    browser.wait_for("document.querySelectorAll('path.line').length > 5")
+    seen = []
+    while len(seen) < 3 or not browser.value("document.querySelector('#now-faults').textContent > '0'"):
+        moment = browser.value(SHOWN)
+        if not seen or moment[0] > seen[-1][0]:
+            seen.append(moment)
+    assert "Battery is low" in browser.value("document.body.innerText")
+    browser.wait_for("document.querySelectorAll('line.mark.bad').length > 0")
+    assert browser.value("document.documentElement.scrollWidth") <= 400
+    browser.wait_for("document.querySelector('.banner').textContent.startsWith('It has ended')")
+    ended(process)
+    truth = read(out / "truth.csv")
+    true_deg = np.degrees(np.interp([moment[0] for moment in seen], truth.time_s, truth.heading_low_rad)) % 360.0
+    shown_deg = np.array([float(text.rstrip("\u00b0")) for _, text in seen])
+    assert np.abs((shown_deg - true_deg + 180.0) % 360.0 - 180.0).max() < 0.1
+    assert browser.complaints == []
+    browser.open((out / "report.html").as_uri())
+    assert browser.value("document.querySelectorAll('svg.time path.line').length") > 6
+    assert browser.value("document.querySelectorAll('line.mark.bad').length") > 0
+    assert browser.value("document.documentElement.scrollWidth") <= 400
+    assert browser.complaints == []
+
+
+def test_readers_change_nothing_of_a_run(tmp_path):
+    words = ["run", "sea", "--seconds", "40", "--goal", "0:30", "--set", "BOOT_RESUME=2"]
+    assert rambler_hil(*words, "--speed", "max", "--out", tmp_path / "alone")[0] == 0
+    process = start_rambler_hil(*words, "--speed", "10", "--view", "127.0.0.1:0", "--out", tmp_path / "watched")
+    port = int(address_of(process).rstrip("/").rpartition(":")[2])
+    told = []
+
+    def watch():
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60.0)
+        connection.request("GET", "/events")
+        told.append(connection.getresponse().read())
+
+    readers = [threading.Thread(target=watch) for _ in range(10)]
+    for one in readers:
+        one.start()
+    for one in readers:
+        one.join(90.0)
+    ended(process)
+    assert len(told) == 10
+    assert all(said.count(b"event: new") > 5 and said.rstrip().endswith(b"{}") for said in told)
+    names = ("alone", "watched")
+    truths = [(tmp_path / name / "truth.csv").read_bytes() for name in names]
+    assert truths[0] == truths[1]
+    assert [json.loads((tmp_path / name / "summary.json").read_text())["loop"]["skipped"] for name in names] == [0, 0]
+
+
+@pytest.mark.parametrize("listen", ["nowhere", "127.0.0.1:99999", "0.0.0.0:0"])
+def test_a_page_that_cannot_be_is_told_and_there_is_no_run(tmp_path, listen):
+    code, said, errors = rambler_hil("run", "calm", "--goal", "0:0", "--view", listen, "--out", tmp_path / "run")
+    assert (code, said, len(errors.splitlines())) == (2, "", 1)
+    assert listen in errors

@@ -1,0 +1,125 @@
+"""From what the autopilot says of itself to the rows of a page."""
+
+import json
+
+import pytest
+
+from firmware_py.system.status_file import Found, Freshness
+from firmware_py.view.feed import FROM_STATUS, Feed
+from firmware_py.view.history import COLUMNS, History
+
+STATUS = {
+    "vehicle": "boat", "pid": 7, "written_machine_s": 100.0, "utc_s": 1.8e9, "uptime_s": 50.0, "heading_deg": 12.0,
+    "goal_deg": 15.0, "error_deg": 3.0, "faults": [{"fault": "POSITION_LOST"}],
+    "events": [{"t_s": 48.0, "severity": 4, "text": "Position lost"}], "plan_identities": [1, 0, 0],
+    "home": {"lat_deg": 36.0, "lon_deg": 121.0}, "rudder": {"angle_deg": -4.0}, "estimate": {"heading_deg": 11.0},
+    "navigation": {"item": 2, "target_lat_deg": 36.1, "target_lon_deg": 121.1, "radius_m": 40.0},
+}  # fmt: skip
+
+
+class Rig:
+    def __init__(self):
+        self.found = Found(Freshness.RUNNING, dict(STATUS), 0.1)
+        self.plans_read = 0
+        self.history = History()
+        self.feed = Feed(self.history, lambda: self.found, self._plans)
+
+    def _plans(self):
+        self.plans_read += 1
+        return {"mission": [[16]]}
+
+    def later(self, seconds=1.0, **changes):
+        content = dict(self.found.content)
+        for name in ("written_machine_s", "utc_s", "uptime_s"):
+            content[name] += seconds
+        self.found = Found(Freshness.RUNNING, content | changes, 0.1)
+
+    def poll(self):
+        told = self.feed.poll()
+        return None if told is None else json.loads(told)
+
+    def values(self):
+        return dict(zip(COLUMNS, self.poll()["values"], strict=True))
+
+
+@pytest.fixture
+def rig():
+    return Rig()
+
+
+def test_a_status_is_a_row(rig):
+    values = rig.values()
+    assert (values["time_s"], values["compass_deg"], values["heading_deg"], values["goal_deg"]) == (
+        0.0,
+        12.0,
+        11.0,
+        15.0,
+    )
+    assert (values["error_deg"], values["rudder_deg"], values["faults"]) == (-3.0, -4.0, 1.0)
+    assert rig.poll() is None, "the same status again"
+    rig.later(2.0)
+    assert rig.values()["time_s"] == 2.0
+
+
+def test_every_column_of_a_page_is_known_to_it():
+    assert set(FROM_STATUS) | {"time_s", "true_heading_deg", "faults"} == set(COLUMNS)
+
+
+def test_what_she_said_is_told_once_and_when_it_was(rig):
+    assert rig.poll()["marks"] == [[-2.0, 4, "Position lost"]]
+    rig.later(1.0)
+    assert rig.poll()["marks"] == []
+    rig.later(1.0, events=[*STATUS["events"], {"t_s": 51.5, "severity": 6, "text": "Position is back"}])
+    assert rig.poll()["marks"] == [[1.5, 6, "Position is back"]]
+
+
+def test_plans_are_read_when_they_change(rig):
+    now = rig.poll()["now"]
+    assert now["plans"] == {"mission": [[16]], "home": [36.0, 121.0]}
+    assert now["target"] == [36.1, 121.1, 40.0]
+    rig.later()
+    assert "plans" not in rig.poll()["now"]
+    rig.later(plan_identities=[2, 0, 0])
+    assert "plans" in rig.poll()["now"]
+    assert rig.plans_read == 2
+
+
+def test_what_is_old_is_told_and_is_no_row(rig):
+    rig.poll()
+    rig.found = Found(Freshness.STALE, rig.found.content, 9.0, "process 7 is gone")
+    told = rig.poll()
+    assert (told["now"]["freshness"], told["now"]["reason"], told["rows"]) == ("stale", "process 7 is gone", [])
+    rig.found = Found(Freshness.ABSENT, reason="it is not running")
+    assert rig.poll()["now"]["freshness"] == "absent"
+
+
+def test_a_computer_that_was_started_anew_begins_another_voyage(rig):
+    rig.later(50.0)
+    rig.poll()
+    rig.later(-140.0)
+    assert rig.values()["time_s"] == 0.0
+    assert len(json.loads(rig.history.whole())["rows"]) == 1
+
+
+def test_a_harness_knows_what_really_happens(rig):
+    rig.feed.take_line(b'{"title": "tank"}')
+    assert rig.poll() is None, "it has not begun"
+    rig.feed.take_line(b'{"time_s": 50.5, "true_heading_deg": 371.2}\n')
+    values = rig.values()
+    assert (values["time_s"], values["true_heading_deg"], values["compass_deg"]) == (50.5, 371.2, 12.0)
+    assert rig.history.now["title"] == "tank"
+    assert "begin_utc_s" not in rig.history.now
+
+
+@pytest.mark.parametrize("line", [b"", b"\xff", b"[1]", b"{", b"[" * 9000, b'{"time_s": ' + b"1" * 20_000 + b"}"])
+def test_a_line_that_is_none_changes_nothing(rig, line):
+    rig.feed.take_line(line)
+    assert rig.values()["time_s"] == 0.0
+
+
+@pytest.mark.parametrize(
+    "changes", [{"events": 3}, {"faults": None}, {"rudder": [1]}, {"utc_s": "x"}, {"home": {"x": 1}}]
+)
+def test_the_words_of_another_version_end_nothing(rig, changes):
+    rig.later(**changes)
+    assert rig.poll()["now"]["freshness"] in ("stale", "running")

@@ -1,0 +1,95 @@
+"""Who may read the page: what its own browser sends passes, and nothing that another site can have sent."""
+
+import pytest
+
+from firmware_py.view.guard import Guard, ViewError, read_token
+
+TOKEN = "0123456789abcdef"
+LOCAL = Guard("", loopback=True)
+OPEN = Guard(TOKEN, loopback=False, names=frozenset(("boat", "boat.local")))
+COOKIE = {"Host": "10.0.0.7:8046", "Cookie": f"rambler_view={TOKEN}"}
+
+
+@pytest.mark.parametrize(
+    "host", ["localhost", "localhost:8046", "127.0.0.1:8046", "127.9.9.9", "[::1]:8046", "LOCALHOST:1"]
+)
+def test_on_this_computer_its_own_names_are_answered(host):
+    assert LOCAL.judge("GET", "/", {"Host": host}).status == 200
+    assert LOCAL.judge("HEAD", "/events", {"Host": host, "Origin": f"http://{host}"}).path == "/events"
+
+
+@pytest.mark.parametrize(
+    "host",
+    ["", "evil.example", "evil.example:8046", "127.0.0.1.evil.example", "localhost.evil.example:80", "10.0.0.7",
+     "boat:8046", "0x7f000001", "2130706433", "127.1", "[::1", "::ffff:10.0.0.7",
+     "localhost:80:80", "127.0.0.1:8046\r\nx", "\0"],
+)  # fmt: skip
+def test_a_name_that_is_none_of_ours_is_not(host):
+    assert LOCAL.judge("GET", "/", {"Host": host}).status == 421
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "https://localhost:8046"},
+        {"Origin": "http://localhost:8047"},
+        {"Sec-Fetch-Site": "cross-site"},
+        {"Sec-Fetch-Site": "same-site", "Sec-Fetch-Mode": "no-cors"},
+    ],
+)
+def test_another_page_may_not_ask(headers):
+    assert LOCAL.judge("GET", "/events", {"Host": "localhost:8046", **headers}).status == 403
+
+
+def test_a_person_may_follow_a_link():
+    headers = {"Host": "localhost:8046", "Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}
+    assert LOCAL.judge("GET", "/", headers).status == 200
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "PATCH", "TRACE", "CONNECT", "get"])
+def test_nothing_can_be_written(method):
+    assert LOCAL.judge(method, "/", {"Host": "localhost"}).status == 405
+
+
+def test_beyond_this_computer_the_token_is_asked_for():
+    assert OPEN.judge("GET", "/", {"Host": "10.0.0.7:8046"}).status == 403
+    assert OPEN.judge("GET", "/events", COOKIE).status == 200
+    verdict = OPEN.judge("GET", f"/?token={TOKEN}", {"Host": "boat.local:8046"})
+    assert (verdict.status, verdict.path, verdict.remember) == (303, "/", True)
+    assert OPEN.judge("GET", f"/events?token={TOKEN}", {"Host": "boat:8046"}).status == 403, "not in every address"
+
+
+@pytest.mark.parametrize(
+    "word", ["", "0123456789abcde", "0123456789abcdef0", "é" * 16, "%00", TOKEN.upper(), f"{TOKEN}&token={TOKEN}"]
+)
+def test_a_word_that_is_not_the_token_is_refused(word):
+    assert OPEN.judge("GET", f"/?token={word}", {"Host": "10.0.0.7"}).status == 403
+    assert OPEN.judge("GET", "/", {"Host": "10.0.0.7", "Cookie": "rambler_view=x; rambler_view"}).status == 403
+
+
+def test_an_address_has_an_end():
+    assert LOCAL.judge("GET", "/" + "x" * 2000, {"Host": "localhost"}).status == 414
+
+
+@pytest.mark.parametrize("target", ["//evil.example/", "http://[", "/?token=%ff%fe", "*", "\0"])
+def test_an_odd_address_is_judged_too(target):
+    assert OPEN.judge("GET", target, {"Host": "10.0.0.7"}).status == 403
+
+
+def test_a_token_is_read_from_a_file_of_ones_own(tmp_path):
+    path = tmp_path / "token"
+    path.write_text(TOKEN + "\n")
+    path.chmod(0o600)
+    assert read_token(path) == TOKEN
+    path.chmod(0o604)
+    with pytest.raises(ViewError, match="chmod 600"):
+        read_token(path)
+    path.chmod(0o600)
+    for text in ("", "short", "x" * 300, "with spaces in it here", "\xff" * 20):
+        path.write_text(text, encoding="latin-1")
+        with pytest.raises(ViewError, match="openssl rand"):
+            read_token(path)
+    with pytest.raises(ViewError, match="openssl rand"):
+        read_token(tmp_path / "nothing")

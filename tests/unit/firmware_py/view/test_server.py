@@ -1,0 +1,190 @@
+"""The page's server: what it answers, to how many, and that nobody who is slow holds up anybody."""
+
+import http.client
+import json
+import socket
+import threading
+
+import pytest
+
+from firmware_py.view import server as server_module
+from firmware_py.view.guard import Guard, ViewError
+from firmware_py.view.history import History
+from firmware_py.view.server import KEPT, MOST_CONNECTIONS, Hub, ViewServer
+
+PATIENCE_S = 30.0
+
+
+class Site:
+    def __init__(self, guard=None):
+        self.history = History()
+        self.hub = Hub(self.history.whole)
+        self.server = ViewServer(("127.0.0.1", 0), guard or Guard("", loopback=True), self.hub)
+        self.port = self.server.server_address[1]
+        self._thread = threading.Thread(target=self.server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True)
+        self._thread.start()
+        self.time_s = 0.0
+
+    def ask(self, method="GET", target="/", **headers):
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)
+        connection.request(method, target, headers={name.replace("_", "-"): value for name, value in headers.items()})
+        return connection.getresponse()
+
+    def read(self):
+        """An answer whose body comes piece by piece."""
+        return Reader(self.ask(target="/events"))
+
+    def publish(self, **row):
+        self.time_s += 1.0
+        self.hub.publish(lambda: (self.history.add({"time_s": self.time_s, **row}, [], {}), self.history.epoch))
+
+    def close(self):
+        self.hub.close()
+        self.server.shutdown()
+        self.server.server_close()
+        self._thread.join(PATIENCE_S)
+
+
+class Reader:
+    def __init__(self, response):
+        self.response = response
+
+    def next(self):
+        kind = data = ""
+        while line := self.response.readline().decode().strip():
+            name, _, rest = line.partition(": ")
+            kind = rest if name == "event" else kind
+            data = json.loads(rest) if name == "data" else None
+        return (kind, data) if kind else self.next()  # a sign of life says nothing
+
+
+@pytest.fixture
+def site():
+    made = Site()
+    yield made
+    made.close()
+
+
+def test_the_page_comes_with_what_a_browser_shall_not_do(site):
+    answer = site.ask()
+    assert answer.status == 200
+    assert answer.headers["Content-Security-Policy"].startswith("default-src 'none'")
+    assert "frame-ancestors 'none'" in answer.headers["Content-Security-Policy"]
+    assert answer.headers["X-Content-Type-Options"] == "nosniff"
+    assert answer.headers["Cache-Control"] == "no-store"
+    assert answer.headers["Server"] == "rambler"
+    assert b'id="live"' in answer.read()
+
+
+def test_there_is_nothing_else(site):
+    assert [site.ask(target=target).status for target in ("/etc/passwd", "/../", "/events/", "/status")] == [404] * 4
+    assert site.ask("POST").status == 405
+    assert site.ask(Host="evil.example").status == 421
+    assert site.ask("HEAD").read() == b""
+
+
+def test_a_token_becomes_a_cookie_that_no_script_reads():
+    site = Site(Guard("0123456789abcdef", loopback=False))
+    try:
+        assert site.ask().status == 403
+        answer = site.ask(target="/?token=0123456789abcdef")
+        assert (answer.status, answer.headers["Location"]) == (303, "/")
+        assert "HttpOnly" in answer.headers["Set-Cookie"]
+        cookie = answer.headers["Set-Cookie"].partition(";")[0]
+        assert site.ask(Cookie=cookie).status == 200
+    finally:
+        site.close()
+
+
+def test_a_reader_is_told_all_and_then_what_is_new(site):
+    site.publish(heading_deg=10.0)
+    reader = site.read()
+    kind, whole = reader.next()
+    assert (kind, len(whole["rows"])) == ("whole", 1)
+    site.publish(heading_deg=11.0)
+    kind, new = reader.next()
+    assert kind == "new"
+    assert new["rows"][0][whole["names"].index("heading_deg")] == 11.0
+    site.hub.close()
+    assert reader.next()[0] == "end"
+
+
+def test_who_is_far_behind_is_told_all_anew():
+    history = History()
+    hub = Hub(history.whole)
+    here, _ = hub.next(None)
+    for number in range(KEPT + 5):
+        hub.publish(lambda number=number: (history.add({"time_s": float(number)}, [], {}), 0))
+    here, news = hub.next(here)
+    assert [kind for kind, _ in news] == ["whole"]
+    hub.publish(lambda: (history.add({"time_s": 1e3}, [], {}), 0))
+    assert [kind for kind, _ in hub.next(here)[1]] == ["new"]
+    hub.publish(lambda: (history.add({"time_s": 2e3}, [], {}), 1))
+    assert [kind for kind, _ in hub.next(here)[1]] == ["whole"], "of another epoch"
+
+
+def test_ten_readers_of_whom_nine_read_nothing_hold_up_nobody(site):
+    site.publish()
+    sleepers = [socket.create_connection(("127.0.0.1", site.port)) for _ in range(9)]
+    for one in sleepers:
+        one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        one.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    reader = site.read()
+    assert reader.next()[0] == "whole"
+    for number in range(300):  # more than any socket holds for who does not read
+        site.publish(heading_deg=float(number))
+    seen = 0
+    while seen < 299.0:
+        kind, told = reader.next()
+        rows = told["rows"]
+        seen = rows[-1][told["names"].index("heading_deg")] if kind == "whole" else told["values"][5]
+    for one in sleepers:
+        one.close()
+
+
+def test_more_than_so_many_are_sent_away_and_room_comes_back(site, monkeypatch):
+    monkeypatch.setattr(server_module, "PATIENCE_S", 0.2)
+    idle = [socket.create_connection(("127.0.0.1", site.port)) for _ in range(MOST_CONNECTIONS + 5)]
+    for one in idle:  # who asks for nothing, and who is too many, is let go
+        one.settimeout(PATIENCE_S)
+        try:
+            assert one.recv(1) == b""
+        except ConnectionResetError:
+            pass
+        one.close()
+    assert site.ask().status == 200
+
+
+def test_a_request_that_never_ends_is_ended(site, monkeypatch):
+    monkeypatch.setattr(server_module, "PATIENCE_S", 0.2)
+    with socket.create_connection(("127.0.0.1", site.port)) as connection:
+        connection.settimeout(PATIENCE_S)
+        connection.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\nX: ")
+        assert connection.recv(1 << 16) == b""
+
+
+NO_REQUESTS = (
+    b"\0" * 100,
+    b"GET\r\n\r\n",
+    b"GET / HTTP/9.9\r\n\r\n",
+    b"A" * 70_000,
+    b"GET / HTTP/1.1\r\n" + b"x: y\r\n" * 200,
+)
+
+
+@pytest.mark.parametrize("data", NO_REQUESTS)
+def test_what_is_no_request_is_refused(site, data):
+    with socket.create_connection(("127.0.0.1", site.port)) as connection:
+        connection.settimeout(PATIENCE_S)
+        try:
+            connection.sendall(data + b"\r\n\r\n")
+            answer = connection.recv(1 << 16)
+        except (ConnectionResetError, BrokenPipeError):
+            answer = b""
+    assert b"200" not in answer.partition(b"\r\n")[0]
+    assert site.ask().status == 200
+
+
+def test_an_address_that_cannot_be_had_is_told_with_a_remedy(site):
+    with pytest.raises(ViewError, match="give another --listen"):
+        ViewServer(("127.0.0.1", site.port), Guard("", loopback=True), site.hub)
