@@ -9,6 +9,7 @@ from pathlib import Path
 from firmware_py import version_text
 from firmware_py.common.interfaces import Clock, Position
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plans
 from firmware_py.link.files.root import FileRoot
 from firmware_py.log.disk import LocalDisk, last_written_s, log_files
 from firmware_py.log.recorder import LogRecorder
@@ -29,7 +30,7 @@ def storage_of(directory: Path, parameters: ParameterSet) -> FileRoot:
 
 
 def recorder_of(
-    directory: Path, parameters: ParameterSet, clock: Clock, commit: str, opened: ExitStack
+    directory: Path, parameters: ParameterSet, plans: Plans, clock: Clock, commit: str, opened: ExitStack
 ) -> LogRecorder | None:
     """Return what writes the logs of a state directory, closed with the rest; None where parameters want none."""
     if not parameters["LOG_ENABLE"]:
@@ -37,6 +38,7 @@ def recorder_of(
     recorder = LogRecorder(
         directory / LOG_DIRECTORY,
         parameters=parameters,
+        plans=plans,
         file_bytes=int(parameters["LOG_FILE_MB"] * 1e6),
         keep_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
         least_bytes=int(parameters["LOG_FREE_MB"] * 1e6),

@@ -100,7 +100,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         clock = _lockstep_clock(options.lockstep, lines, store)
     state = resume(State.at_start(parameters, plans), kept.resume_record(), clock.utc_s(), console.line)
     autopilot, vault = Autopilot(state, kept), KeyVault(store)
-    recorder = recorder_of(options.state_directory, parameters, clock, version.commit, opened)
+    recorder = recorder_of(options.state_directory, parameters, plans, clock, version.commit, opened)
     endpoint = Endpoint(
         transports,
         autopilot,

@@ -15,6 +15,7 @@ from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
 from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, FixType, PositionSample, Severity
+from firmware_py.log import ardupilot_formats
 from firmware_py.log.dataflash import TEXT_BYTES, MessageType
 from firmware_py.log.rows import microseconds
 
@@ -29,7 +30,7 @@ GPS: Final = MessageType(
 MODE: Final = MessageType(161, "MODE", "TimeUS,Mode,ModeNum,Rsn", "QMBB", "s---", "F---")
 PARM: Final = MessageType(162, "PARM", "TimeUS,Name,Value,Default", "QNff", "s---", "F---")
 MSG: Final = MessageType(163, "MSG", "TimeUS,Message,Sev", "QZB", "s--", "F--")
-TYPES: Final = (GPS, MODE, PARM, MSG)
+TYPES: Final = (GPS, MODE, PARM, MSG, *ardupilot_formats.TYPES)
 
 GPS_EPOCH_S: Final = 315964800.0  # 1980-01-06 in seconds since 1970
 LEAP_SECONDS: Final = 18.0  # GPS ahead of UTC since 2017; pymavlink takes off the same

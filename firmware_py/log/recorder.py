@@ -8,14 +8,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from firmware_py.common.intents import SetParameter
+from firmware_py.common.intents import ReplacePlan, SetParameter
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Progress, Severity, Tick
 from firmware_py.common.reports import Output
 from firmware_py.faults.table import TABLE
 from firmware_py.log import ardupilot, schema
 from firmware_py.log.archivist import Archivist
+from firmware_py.log.ardupilot_plans import plan_bytes
+from firmware_py.log.ardupilot_state import ArduPilotState, version_bytes
 from firmware_py.log.dataflash import header
 from firmware_py.log.disk import Disk, LocalDisk
 from firmware_py.log.rows import microseconds
@@ -24,6 +27,7 @@ from firmware_py.log.thin_file import ThinFile
 from firmware_py.log.writer import LogWriter
 
 FLUSH_S: Final = 1.0
+NO_PLANS: Final = Plans()
 # The faults that the minutes before are kept of.
 _SEVERE: Final = sum(1 << fault for fault, row in TABLE.items() if row.severity <= Severity.ERROR)
 
@@ -40,6 +44,7 @@ class LogRecorder:
         directory: Path,
         *,
         parameters: ParameterSet,
+        plans: Plans = NO_PLANS,
         file_bytes: int,
         keep_bytes: int,
         least_bytes: int = 0,
@@ -62,6 +67,9 @@ class LogRecorder:
         """
         self._file_bytes = min(file_bytes, keep_bytes // 2)
         self._parameters = parameters
+        self._plans = plans
+        self._software = software
+        self._state = ArduPilotState()
         self._opening = ardupilot.opening(software, utc_s)
         self._sequence = 0  # of the next tick, dropped ones counted too
         self._dropped = 0
@@ -92,7 +100,7 @@ class LogRecorder:
         sequence = self._sequence
         self._sequence += 1
         self._offer_beside(inputs, output)
-        changed = self._follow_parameters(inputs)
+        changed = self._follow_settings(inputs)
         if self.writer.full():
             self._drop("log: the disk does not keep up")
             return
@@ -162,8 +170,12 @@ class LogRecorder:
         self._dropped += 1
         self._complaint = reason
 
-    def _follow_parameters(self, inputs: Inputs) -> bytes:
-        """Take over the parameters that the tick sets, and return their messages."""
+    def _plans_bytes(self, t_s: float, *plans: Plan) -> bytes:
+        identity = int(self._parameters["LNK_IDENTITY"])
+        return b"".join(plan_bytes(t_s, plan, identity) for plan in plans)
+
+    def _follow_settings(self, inputs: Inputs) -> bytes:
+        """Take over the parameters and plans that the tick sets, and return their messages."""
         changed = b""
         for request in inputs.requests:
             if isinstance(request.intent, SetParameter):
@@ -171,6 +183,9 @@ class LogRecorder:
                 with contextlib.suppress(ParameterError):
                     self._parameters = self._parameters.replaced(name, request.intent.value)
                     changed += ardupilot.parameter_bytes(inputs.tick.t_s, name, self._parameters[name])
+            elif isinstance(request.intent, ReplacePlan):
+                self._plans = self._plans.replaced(request.intent.plan)
+                changed += self._plans_bytes(inputs.tick.t_s, request.intent.plan)
         return changed
 
     def _file_head(self, tick: Tick) -> bytes:
@@ -179,6 +194,8 @@ class LogRecorder:
                 header((*schema.TYPES, *ardupilot.TYPES), microseconds(tick.t_s)),
                 ardupilot.parameters_bytes(tick.t_s, self._parameters),
                 ardupilot.message_bytes(tick.t_s, self._opening),
+                version_bytes(tick.t_s, self._software),
+                self._plans_bytes(tick.t_s, *(self._plans.of(kind) for kind in PlanKind)),
             )
         )
 
@@ -195,6 +212,8 @@ class LogRecorder:
         parts += [ardupilot.position_bytes(sample) for sample in inputs.positions]
         if renew_mode or output.snapshot.mode != self._mode:
             parts.append(ardupilot.mode_bytes(t_s, output.snapshot.mode))
+        renew = renew_mode or bool(self._complaint)
+        parts.append(self._state.tick_bytes(inputs, output, self._parameters, dropped=self._dropped, renew=renew))
         if output.events:
             parts.append(ardupilot.message_bytes(t_s, output.events))
         return b"".join(parts)

@@ -1,0 +1,295 @@
+"""What the boat does in the names and units of ArduPilot's tools, thinned; nothing here is read back.
+
+The names, columns and units are those of ArduPilot's rovers (libraries/AP_Logger/LogStructure.h and the structures of
+its libraries), so that MAVExplorer's graphs, UAVLogViewer and pymavlink's tools find them. What the boat does not know
+is NaN, or its column is left out; what it does not have (an engine, a height) is 0.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from firmware_py.common.angles import compass_degrees, degrees, radians, wrap_pi
+from firmware_py.common.geodesy import Place
+from firmware_py.common.intents import ManualRudder
+from firmware_py.common.parameter_row import SINGLE_MAX
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.records import Inputs
+from firmware_py.common.reports import Output, Snapshot
+from firmware_py.faults.fault import Fault
+from firmware_py.log.ardupilot_formats import (
+    ARMING,
+    ATTITUDE,
+    ATTITUDE_B,
+    BATTERY,
+    CHANNELS,
+    CONTROL,
+    ERROR,
+    ESTIMATE,
+    EVENT,
+    INPUTS,
+    LINE,
+    OUTPUTS,
+    PERFORMANCE,
+    PLACE,
+    RATES,
+    RECEIVER,
+    STATE,
+    STEERING,
+    TESTS,
+    THROTTLE,
+    VERSION,
+    WATER,
+)
+from firmware_py.log.rows import microseconds
+
+OFTEN_TICKS: Final = 10  # what moves is told once in so many ticks
+SELDOM_TICKS: Final = 100  # and what hardly does
+_CENTRE_US, _FULL_US = 1500.0, 500.0
+_SECONDS_PER_MAH: Final = 3.6
+_ATTITUDE_KNOWN, _PLACE_KNOWN = 1, 2 | 16  # of the solution's bits: attitude; way and place in the plane
+
+
+ARMED, DISARMED, HOME_SET, FENCE_ON, FENCE_OFF = 10, 11, 25, 41, 42  # LogEvent
+_ROVER: Final = 1  # build type, which names the modes
+_ALL_CHECKS: Final = 1
+_BY_MAVLINK: Final = 2
+# LogErrorSubsystem; what is not here is MAIN.
+_MAIN: Final = 1
+_SUBSYSTEMS: Final[Mapping[Fault, int]] = {
+    Fault.COMPASS_LOST: 3,
+    Fault.COMPASS_SILENT: 3,
+    Fault.COMPASS_FROZEN: 3,
+    Fault.COMPASS_JUMPING: 3,
+    Fault.BATTERY_LOW: 6,
+    Fault.BATTERY_CRITICAL: 6,
+    Fault.STATION_SILENT: 8,
+    Fault.FENCE_BREACHED: 9,
+    Fault.POSITION_LOST: 11,
+    Fault.POSITION_JUMPING: 11,
+}
+
+
+class ArduPilotState:
+    """The messages of a tick; what changed is told when it does, and anew in each file."""
+
+    def __init__(self) -> None:
+        """Start with nothing told."""
+        self._before: Snapshot | None = None
+        self._stick: tuple[float, float] | None = None  # when it was moved last, and where it is
+        self._fix_s: float | None = None
+        self._used_mah = [0.0, 0.0]  # out of the battery, and by the servo, since start
+        self._late_s = 0.0
+        self._skipped = 0
+
+    def tick_bytes(
+        self, inputs: Inputs, output: Output, parameters: ParameterSet, *, dropped: int, renew: bool
+    ) -> bytes:
+        """Return what a tick has to tell; `renew`: all of it, as at the start of a file."""
+        boat, before = output.snapshot, None if renew else self._before
+        self._before = boat
+        self._late_s = max(self._late_s, _finite(boat.late_s))
+        moved = self._follow_stick(inputs)
+        self._count_charge(boat)
+        parts = _changes(before, boat)
+        if self._fix_s is not None and inputs.positions:
+            interval_ms = min(max(0.0, inputs.positions[-1].t_s - self._fix_s), 1e6) * 1e3
+            if boat.tick % OFTEN_TICKS == 0:
+                parts.append(RECEIVER.pack(microseconds(boat.t_s), 0, int(interval_ms)))
+        self._fix_s = inputs.positions[-1].t_s if inputs.positions else self._fix_s
+        if renew or boat.tick % OFTEN_TICKS == 0:
+            parts += _often(boat, radians(parameters["RUD_LIMIT_DEG"]))
+        if renew or moved or boat.tick % SELDOM_TICKS == 0:
+            parts.append(self._inputs(boat, parameters["MAN_TIMEOUT_S"]))
+        if renew or boat.tick % SELDOM_TICKS == 0:
+            parts += [*_seldom(boat, parameters["CRUISE_SPEED"], self._used_mah), self._performance(boat, dropped)]
+        return b"".join(parts)
+
+    def _follow_stick(self, inputs: Inputs) -> bool:
+        before = self._stick
+        for request in inputs.requests:
+            if isinstance(request.intent, ManualRudder):
+                deflection = request.intent.deflection
+                self._stick = None if deflection is None else (request.t_s, deflection)
+        return (before is None) is not (self._stick is None) or (self._stick or (0, 0))[1] != (before or (0, 0))[1]
+
+    def _count_charge(self, boat: Snapshot) -> None:
+        step_s = 1.0 / max(boat.rate_hz, 0.1)
+        power, servo = boat.power, boat.servo
+        currents_a = (None if power is None else power.current_a, None if servo is None else servo.current_a)
+        for number, (current_a, sign) in enumerate(zip(currents_a, (-1.0, 1.0), strict=True)):
+            self._used_mah[number] += max(sign * _finite(current_a), 0.0) * step_s / _SECONDS_PER_MAH
+
+    def _inputs(self, boat: Snapshot, timeout_s: float) -> bytes:
+        """Return the stick as a pulse on channel 1; nobody sends the others."""
+        held = self._stick is not None and boat.t_s - self._stick[0] <= timeout_s
+        first = _pulse(self._stick[1]) if held and self._stick is not None else 0
+        return INPUTS.pack(microseconds(boat.t_s), first, *(0,) * (CHANNELS - 1))
+
+    def _performance(self, boat: Snapshot, dropped: int) -> bytes:
+        skipped = min(max(boat.skipped_total - self._skipped, 0), 0xFFFF)
+        longest_us = int(min(1.0 / max(boat.rate_hz, 0.1) + self._late_s, 4e3) * 1e6)
+        self._skipped, self._late_s = boat.skipped_total, 0.0
+        return PERFORMANCE.pack(microseconds(boat.t_s), skipped, SELDOM_TICKS, longest_us, dropped)
+
+
+def version_bytes(t_s: float, software: str) -> bytes:
+    """Return the version of the program: numbers and git hash as they stand in its name."""
+    numbers = re.search(r"(\d+)\.(\d+)\.(\d+)", software)
+    commit = re.search(r"\(git ([0-9a-f]{1,8})", software)
+    major, minor, patch = (min(int(text), 0xFF) for text in numbers.groups()) if numbers else (0, 0, 0)
+    git = int(commit[1], 16) if commit else 0
+    return VERSION.pack(microseconds(t_s), 0, major, minor, patch, 0, git, software.encode()[:64], _ROVER)
+
+
+def _changes(before: Snapshot | None, boat: Snapshot) -> list[bytes]:
+    """Return arming, home, fence and faults as far as they differ from before, or stand where nothing was before."""
+    time_us, parts = microseconds(boat.t_s), []
+    if before is None or before.armed is not boat.armed:
+        armed = int(boat.armed)
+        parts.append(ARMING.pack(time_us, armed, _ALL_CHECKS, 0, _BY_MAVLINK))
+        parts.append(EVENT.pack(time_us, ARMED if boat.armed else DISARMED))
+        parts.append(STATE.pack(time_us, armed, float(armed), armed, 0))
+    if before is not None and before.home != boat.home:
+        parts.append(EVENT.pack(time_us, HOME_SET))
+    heeded = boat.navigation.fence_enabled
+    if before is not None and before.navigation.fence_enabled is not heeded:
+        parts.append(EVENT.pack(time_us, FENCE_ON if heeded else FENCE_OFF))
+    changed = boat.faults ^ (0 if before is None else before.faults)
+    parts.extend(
+        ERROR.pack(time_us, _SUBSYSTEMS.get(fault, _MAIN), boat.faults >> fault & 1)
+        for fault in Fault
+        if changed >> fault & 1
+    )
+    return parts
+
+
+def _often(boat: Snapshot, limit_rad: float) -> list[bytes]:
+    """Return attitude, place, estimate, rudder and steering."""
+    time_us = microseconds(boat.t_s)
+    roll_deg, pitch_deg, yaw_deg = _deg(boat.roll_rad), _deg(boat.pitch_rad), _heading(boat.heading_rad)
+    desired_deg = _heading(boat.goal_heading_rad)
+    parts = [ATTITUDE.pack(time_us, 0.0, roll_deg, 0.0, pitch_deg, desired_deg, yaw_deg, 0)]
+    place = _place(boat)
+    if place is not None and boat.position is not None:
+        altitude_m = _finite(boat.position.altitude_m)
+        above_m = altitude_m - _finite(boat.home.altitude_m) if boat.home is not None else 0.0
+        parts.append(PLACE.pack(time_us, *_scaled(place), altitude_m, above_m, above_m))
+    parts.append(_estimate(boat, place, time_us, roll_deg, pitch_deg))
+    deflection = _finite(boat.rudder_command_rad) / max(limit_rad, 1e-3)
+    parts.append(OUTPUTS.pack(time_us, _pulse(deflection), *(0,) * (CHANNELS - 1)))
+    speed_m_s, rudder_deg = _water_speed(boat), _deg(boat.rudder_command_rad)
+    turn_rad_s = math.nan if boat.yaw_rate_rad_s is None else _single(boat.yaw_rate_rad_s)
+    turning = (_single(speed_m_s * turn_rad_s), _deg(boat.yaw_rate_rad_s))
+    parts.append(STEERING.pack(time_us, rudder_deg, _deg(boat.rudder_rad), *turning))
+    parts.append(CONTROL.pack(time_us, 0.0, roll_deg, 0.0, pitch_deg, 0.0, rudder_deg, speed_m_s, 1.0))
+    parts.append(RATES.pack(time_us, turning[1], 0.0, 0.0, _single(deflection), 0.0))
+    across_m = boat.navigation.cross_track_m
+    along = (_single(boat.distance_m), _heading(boat.bearing_rad), desired_deg, yaw_deg, _single(across_m))
+    return [*parts, LINE.pack(time_us, *along)]
+
+
+def _estimate(boat: Snapshot, place: Place | None, time_us: int, roll_deg: float, pitch_deg: float) -> bytes:
+    """Return the estimate: heading without waves, way over ground and place from home; she stays on the water."""
+    heading_rad = boat.heading_rad if boat.estimate is None else boat.estimate.heading_rad
+    north_m_s = east_m_s = north_m = east_m = math.nan
+    water = boat.water
+    if water is not None and heading_rad is not None:
+        course_rad = heading_rad + water.leeway_rad
+        north_m_s = _single(water.speed_m_s * math.cos(course_rad) + water.current_north_m_s)
+        east_m_s = _single(water.speed_m_s * math.sin(course_rad) + water.current_east_m_s)
+    if place is not None and boat.home is not None:
+        north_m, east_m = map(_single, Place(boat.home.latitude_rad, boat.home.longitude_rad).offset_m(place))
+    origin_m = math.nan if boat.home is None else _single(boat.home.altitude_m)
+    moved = (north_m_s, east_m_s, 0.0, 0.0, north_m, east_m, 0.0, origin_m)
+    return ESTIMATE.pack(time_us, 0, roll_deg, pitch_deg, _heading(heading_rad), *moved)
+
+
+def _seldom(boat: Snapshot, cruise_m_s: float, used_mah: Sequence[float]) -> list[bytes]:
+    """Return batteries, speed, arming, the estimator's tests and the compass's own attitude."""
+    time_us, armed = microseconds(boat.t_s), int(boat.armed)
+    parts = [STATE.pack(time_us, armed, float(armed), armed, 0)]
+    speed_m_s = _water_speed(boat)
+    parts.append(THROTTLE.pack(time_us, 0.0, 0.0, cruise_m_s, speed_m_s))
+    parts.append(WATER.pack(time_us, 0, speed_m_s))
+    parts += _tests(boat, time_us)
+    power, servo = boat.power, boat.servo
+    if power is not None and power.voltage_v is not None:
+        out_a = None if power.current_a is None else -power.current_a
+        rest = (power.temperature_c, None if power.charge is None else 100.0 * power.charge)
+        parts.append(_battery(time_us, 0, power.voltage_v, out_a, used_mah[0], rest))
+    if servo is not None and servo.voltage_v is not None:
+        parts.append(_battery(time_us, 1, servo.voltage_v, servo.current_a, used_mah[1], (servo.temperature_c, None)))
+    return parts
+
+
+def _tests(boat: Snapshot, time_us: int) -> list[bytes]:
+    """Return how honest the estimate of the heading is, what of it is known, and the compass's attitude as it came."""
+    parts = []
+    if boat.estimate is not None:
+        solution = _ATTITUDE_KNOWN | (_PLACE_KNOWN if boat.position_ok else 0)
+        ratio = _single(math.sqrt(max(_finite(boat.estimate.innovation_square), 0.0)))
+        parts.append(TESTS.pack(time_us, 0, 0.0, 0.0, 0.0, ratio, 0.0, solution, int(not boat.position_ok), 0))
+    place = _place(boat)
+    if place is not None and boat.heading_rad is not None:
+        attitude = (_deg(boat.roll_rad), _deg(boat.pitch_rad), _heading(boat.heading_rad))
+        altitude_m = _finite(None if boat.position is None else boat.position.altitude_m)
+        parts.append(ATTITUDE_B.pack(time_us, *attitude, altitude_m, *_scaled(place)))
+    return parts
+
+
+def _battery(
+    time_us: int,
+    number: int,
+    voltage_v: float,
+    current_a: float | None,
+    used_mah: float,
+    rest: tuple[float | None, float | None],
+) -> bytes:
+    """Return one battery: 0 is hers, 1 what the servo measures of its supply; `rest`: temperature, charge in percent.
+
+    The voltage at rest is the measured one, as in ArduPilot where no inner resistance is known.
+    """
+    voltage_v = _single(voltage_v)
+    return BATTERY.pack(time_us, number, voltage_v, voltage_v, _single(current_a), used_mah, *map(_single, rest))
+
+
+def _place(boat: Snapshot) -> Place | None:
+    fix = boat.position if boat.position_ok else None
+    if fix is None or fix.latitude_rad is None or fix.longitude_rad is None:
+        return None
+    return Place(fix.latitude_rad, fix.longitude_rad)
+
+
+def _scaled(place: Place) -> tuple[int, int]:
+    north, east = (round(degrees(wrap_pi(angle)) * 1e7) for angle in (place.latitude_rad, place.longitude_rad))
+    return north, east
+
+
+def _water_speed(boat: Snapshot) -> float:
+    return math.nan if boat.water is None else _single(boat.water.speed_m_s)
+
+
+def _pulse(deflection: float) -> int:
+    return round(_CENTRE_US + _FULL_US * min(max(deflection, -1.0), 1.0))
+
+
+def _single(value: float | None) -> float:
+    """Return a number that a single can hold; NaN for what is none."""
+    return math.nan if value is None or not abs(value) <= SINGLE_MAX else value
+
+
+def _finite(value: float | None) -> float:
+    number = _single(value)
+    return 0.0 if math.isnan(number) else number
+
+
+def _deg(angle_rad: float | None) -> float:
+    return math.nan if angle_rad is None else _single(degrees(angle_rad))
+
+
+def _heading(angle_rad: float | None) -> float:
+    return math.nan if angle_rad is None or not math.isfinite(angle_rad) else compass_degrees(angle_rad)
