@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -14,9 +14,9 @@ import serial
 
 from firmware_py import __version__
 from firmware_py.assemble.trial import TrialWatch, link_of
+from firmware_py.common.link_status import LinkStatus
 from firmware_py.common.records import DeviceRole
 from firmware_py.common.reports import Output
-from firmware_py.link.endpoint import Endpoint
 from firmware_py.loop import LoopParts
 from firmware_py.system.clock import machine_s
 from firmware_py.system.realtime import LoadMeter
@@ -30,7 +30,7 @@ def show_status(
     vehicle: Vehicle,
     state_directory: Path,
     parts: LoopParts,
-    endpoint: Endpoint,
+    links: Callable[[float], Sequence[LinkStatus]],
     commit: str,
     say: Callable[[str], None],
     opened: ExitStack,
@@ -47,7 +47,7 @@ def show_status(
         about=about,
         ports=_ports(vehicle),
         devices=lambda: parts.health.latest,
-        links=endpoint.status,
+        links=links,
         faults=lambda: parts.autopilot.state.fault_latch,
         starts=lambda: int(parts.autopilot.state.parameters[BOOT_COUNT]),
         written=lambda: parts.store.written,

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from firmware_py import ROOT, __version__, commit_of
 from firmware_py.assemble.devices import Line, close_all, open_devices, open_lines
 from firmware_py.assemble.earlier_runs import read_state, report_key, resume
 from firmware_py.assemble.logs import dated, recorder_of, storage_of
 from firmware_py.assemble.status import show_status
+from firmware_py.assemble.talkers import feed_talkers, links_of, open_talkers
 from firmware_py.common.interfaces import Clock
 from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
@@ -22,7 +24,7 @@ from firmware_py.core.state import State
 from firmware_py.files.reading import read_regular
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
-from firmware_py.link.wire.open_transport import Ashore, open_transport
+from firmware_py.link.wire.open_transport import NMEA, Ashore, open_transport
 from firmware_py.link.wire.transport import Transport
 from firmware_py.loop import LoopParts
 from firmware_py.system.clock import LockstepClock, RealClock, set_utc_s
@@ -34,6 +36,9 @@ from firmware_py.system.serial_port import SerialPort
 from firmware_py.system.state_directory import SATELLITE_FILE, SIGNING_FILE, KeyVault
 from firmware_py.system.store import Store
 from firmware_py.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from firmware_py.link.nmea.output import NmeaOutput
 
 
 def base_parameters(vehicle: Vehicle) -> ParameterSet:
@@ -80,13 +85,11 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
 
 def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopParts, Endpoint, Console]:
     """Open and wire everything; `opened` is to close it, the last first."""
-    console = Console()
-    opened.callback(console.close)
+    console = opened.enter_context(closing(Console()))
     devices = open_devices(vehicle, wait=options.wait)
     lines = list(devices.lines)
     opened.callback(close_all, lines)
-    store = Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)
-    opened.callback(store.close)
+    store = opened.enter_context(closing(Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)))
     notices: list[Event] = []
     say = _teller(console, notices)
     kept, plans = read_state(options.state_directory, store, say)
@@ -94,7 +97,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     clock: Clock = RealClock()
     # The clock of lockstep is made after the lines.
     ashore = Ashore(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
-    transports = _open_transports(vehicle, options, lines, ashore, opened)
+    transports, talkers = _open_links(vehicle, options, lines, ashore, opened)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
     if options.lockstep is not None:
         clock = _lockstep_clock(options.lockstep, lines, store)
@@ -136,7 +139,9 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         notices=notices,
     )
     if options.lockstep is None or options.status:  # else nobody looks: time is not what a clock on the wall shows
-        show_status(vehicle, options.state_directory, parts, endpoint, version.commit, console.line, opened)
+        links = links_of(endpoint, talkers)
+        show_status(vehicle, options.state_directory, parts, links, version.commit, console.line, opened)
+    feed_talkers(talkers, parts)
     return parts, endpoint, console
 
 
@@ -168,10 +173,10 @@ def _lockstep_clock(path: str, lines: Sequence[Line], store: Store) -> LockstepC
     return LockstepClock(path, [line.name for line in lines], lambda: [line.written for line in lines], store.settle)
 
 
-def _open_transports(
+def _open_links(
     vehicle: Vehicle, options: Options, lines: list[Line], ashore: Ashore, opened: ExitStack
-) -> list[Transport]:
-    """Open the links; the serial lines among them are added to those of the devices."""
+) -> tuple[list[Transport], list[NmeaOutput]]:
+    """Open the links and the outputs of NMEA 0183; the serial lines among them are added to those of the devices."""
 
     def open_line(path: str, baud: int) -> SerialPort:
         line = SerialPort(path, baud)
@@ -179,11 +184,13 @@ def _open_transports(
         lines.append(line)
         return line
 
+    urls = (*vehicle.link_urls, *options.link_urls)
     transports: list[Transport] = []
-    for url in (*vehicle.link_urls, *options.link_urls):
-        transports.append(open_transport(url, open_line, ashore))
-        opened.callback(transports[-1].close)
-    return transports
+    for url in urls:
+        if not url.startswith(NMEA):
+            transports.append(open_transport(url, open_line, ashore))
+            opened.callback(transports[-1].close)
+    return transports, open_talkers(urls, open_line, opened)
 
 
 def _version() -> Version:

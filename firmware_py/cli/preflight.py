@@ -19,10 +19,11 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
 from firmware_py.core.resume import from_text as resume_from_text
 from firmware_py.files.making import exact_modes, make_directory
+from firmware_py.link.nmea.output import open_output
 from firmware_py.link.security.access import Gate, invites_anybody
 from firmware_py.link.security.key_record import KeyState, find_key
 from firmware_py.link.security.signing import Signing
-from firmware_py.link.wire.open_transport import open_transport
+from firmware_py.link.wire.open_transport import NMEA, open_transport
 from firmware_py.link.wire.transport import LinkError
 from firmware_py.log.disk import log_files
 from firmware_py.system.clock import machine_s
@@ -194,6 +195,9 @@ def _look_at_link(url: str, gate: Gate, opened: ExitStack) -> Finding:
         return line
 
     try:
+        if url.startswith(NMEA):
+            opened.callback(open_output(url, open_line).close)
+            return Finding(Level.PASS, "links", f"{url} can be opened", {"url": url})
         transport = open_transport(url, open_line)
     except (LinkError, PortError) as error:
         return Finding(Level.FAIL, "links", str(error), {"url": url})

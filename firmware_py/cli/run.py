@@ -45,8 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         help="a MAVLink link besides those of the vehicle file: udpout:HOST:PORT, udpin:HOST:PORT, "
-        "tcpin:HOST:PORT, tcpout:HOST:PORT, serial:PATH:BAUD, or sbd:PATH of an Iridium modem; may be "
-        "given several times",
+        "tcpin:HOST:PORT, tcpout:HOST:PORT, serial:PATH:BAUD, or sbd:PATH of an Iridium modem; nmea: "
+        "before one says NMEA 0183 there; may be given several times",
     )
     parser.add_argument(
         "--wait",

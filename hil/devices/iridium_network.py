@@ -68,6 +68,7 @@ class IridiumNetwork:
         self.failed = failed
         self.signal = signal
         self.bill = Bill()
+        self.charges: list[tuple[float, int]] = []  # when, and how many credits
         self.delivered: deque[tuple[float, int, bytes]] = (
             deque()
         )  # time, number of the modem, message: for who takes it
@@ -116,11 +117,15 @@ class IridiumNetwork:
             self._take(now_s, number, message)
         handed = self._queue.popleft() if self._queue else None
         if handed is not None:
-            self.bill.to_boat += math.ceil(len(handed[1]) / CREDIT_BYTES)
+            self.bill.to_boat += self._charge(now_s, len(handed[1]))
         elif not message:
-            self.bill.looks += 1
+            self.bill.looks += self._charge(now_s, 1)
         return Outcome(duration_s, 0, counted=True, message=handed, waiting=len(self._queue))
 
     def _take(self, now_s: float, number: int, message: bytes) -> None:
         self.delivered.append((now_s, number, message))
-        self.bill.from_boat += math.ceil(len(message) / CREDIT_BYTES)
+        self.bill.from_boat += self._charge(now_s, len(message))
+
+    def _charge(self, now_s: float, size_bytes: int) -> int:
+        self.charges.append((now_s, math.ceil(size_bytes / CREDIT_BYTES)))
+        return self.charges[-1][1]

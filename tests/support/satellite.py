@@ -86,9 +86,12 @@ class SatelliteBoat:
     def tell(self, *events):
         self._publish(events)
 
-    def run(self, seconds, step_s=0.5, idle_s=None):
+    def run(self, seconds, idle_s=None):
         """Let time pass; with `idle_s` in longer steps while nothing goes on between the modem and her."""
-        end_s = self.now_s + seconds
+        self.run_to(self.now_s + seconds, idle_s)
+
+    def run_to(self, end_s, idle_s=None, step_s=0.5):
+        """Let time pass up to a moment, and to the end of the last step."""
         while self.now_s < end_s:
             busy = idle_s is None or not self.transport._driver.modem.ready or self.line.waiting
             self.now_s += step_s if busy else idle_s

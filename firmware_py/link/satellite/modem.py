@@ -134,7 +134,9 @@ class Modem:
         """Take what the modem has said."""
         self._held += data
         while self._held:
-            if self._ask is not None and self._ask.content and not self._content_read:
+            # What may come before a message, or instead, is text: no message is so long that it begins with a letter.
+            text = self._held[0] > LONGEST_OUT >> 8
+            if self._ask is not None and self._ask.content and not self._content_read and not text:
                 if not self._read_content():
                     return
                 continue

@@ -21,6 +21,9 @@ _SOCKETS: dict[str, Callable[[LinkUrl], Transport]] = {
 }
 
 
+NMEA = "nmea:"  # before the URL of an output of NMEA 0183, which is no link of MAVLink: see link.nmea
+
+
 @dataclass(frozen=True, slots=True)
 class Ashore:
     """What a link by satellite needs beside its line: what keeps its record, the clock, and what tells an event."""

@@ -1,0 +1,211 @@
+"""The sentences that she says, one row each: how a snapshot becomes fields.
+
+Source: NMEA 0183 as described in E. S. Raymond, "NMEA Revealed". A field without a value is empty, and so is what is
+not fresh: no instrument shall show what was.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from firmware_py.common.angles import compass_degrees, degrees, wrap_pi
+from firmware_py.common.calendar import is_possible
+from firmware_py.common.records import FixType, PositionSample
+from firmware_py.common.reports import Activity, Snapshot
+
+LONGEST = 82  # characters of a sentence, with its end
+_KNOT_M_S = 1852.0 / 3600.0
+_MILE_M = 1852.0
+_LONGEST_XTE = 9.99
+_GGA_QUALITY: Mapping[FixType, int] = {FixType.DGPS: 2, FixType.RTK_FIXED: 4, FixType.RTK_FLOAT: 5}
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """The boat after a tick, the time, and the declination in force (east positive)."""
+
+    snapshot: Snapshot
+    utc_s: float
+    declination_rad: float
+
+    @property
+    def fix(self) -> PositionSample | None:
+        """Return the position while it is fresh and one."""
+        fix = self.snapshot.position
+        usable = self.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)
+        return fix if usable else None
+
+    @property
+    def heading_rad(self) -> float | None:
+        """Return the heading from true north while it is fresh."""
+        return self.snapshot.heading_rad if self.snapshot.heading_ok else None
+
+    def magnetic(self, true_rad: float | None) -> float | None:
+        """Return an angle from magnetic north."""
+        return None if true_rad is None else true_rad - self.declination_rad
+
+
+Fields = Sequence[str] | None  # None: nothing to say
+
+
+def sentence(talker: str, name: str, fields: Sequence[str]) -> bytes:
+    """Return a sentence with its checksum."""
+    body = ",".join((talker + name, *fields))
+    check = 0
+    for byte in body.encode("ascii"):
+        check ^= byte
+    return f"${body}*{check:02X}\r\n".encode("ascii")
+
+
+def _number(value: float | None, places: int = 1, scale: float = 1.0) -> str:
+    if value is None or not math.isfinite(value):
+        return ""
+    return f"{round(value * scale, places) + 0.0:.{places}f}"
+
+
+def _angle(angle_rad: float | None) -> str:
+    if angle_rad is None or not math.isfinite(angle_rad):
+        return ""
+    return f"{round(compass_degrees(angle_rad), 1) % 360.0:.1f}"
+
+
+def _with_side(value: float, places: int, positive: str, negative: str) -> tuple[str, str]:
+    return _number(abs(value), places), positive if value >= 0.0 else negative
+
+
+def _place(fix: PositionSample | None) -> tuple[str, str, str, str]:
+    if fix is None or fix.latitude_rad is None or fix.longitude_rad is None:
+        return "", "", "", ""
+    longitude_rad = wrap_pi(fix.longitude_rad)
+    return (
+        *_degrees_minutes(fix.latitude_rad, 2, "NS"),
+        *_degrees_minutes(longitude_rad, 3, "EW"),
+    )
+
+
+def _degrees_minutes(angle_rad: float, width: int, sides: str) -> tuple[str, str]:
+    # Rounded as a whole, so that there are never 60 minutes.
+    units = round(abs(degrees(angle_rad)) * 600_000.0)
+    whole, minutes = divmod(units, 600_000)
+    return f"{whole:0{width}d}{minutes / 10_000.0:07.4f}", sides[angle_rad < 0.0]
+
+
+def _time_and_date(scene: Scene) -> tuple[str, str]:
+    """Return the receiver's time, or else the computer's if it can be right."""
+    fix = scene.fix
+    utc_s = fix.utc_s if fix is not None and fix.utc_s is not None else scene.utc_s
+    if not is_possible(utc_s):
+        return "", ""
+    whole_s, hundredths = divmod(math.floor(utc_s * 100.0), 100)
+    at = time.gmtime(whole_s)
+    return f"{time.strftime('%H%M%S', at)}.{hundredths:02d}", time.strftime("%d%m%y", at)
+
+
+def _hdt(scene: Scene) -> Fields:
+    return None if scene.heading_rad is None else (_angle(scene.heading_rad), "T")
+
+
+def _hdg(scene: Scene) -> Fields:
+    if scene.heading_rad is None:
+        return None
+    variation = _with_side(degrees(scene.declination_rad), 1, "E", "W")
+    return (_angle(scene.magnetic(scene.heading_rad)), "", "", *variation)
+
+
+def _rot(scene: Scene) -> Fields:
+    rate_rad_s = scene.snapshot.yaw_rate_rad_s
+    if scene.heading_rad is None or rate_rad_s is None:
+        return None
+    return (_number(degrees(rate_rad_s) * 60.0), "A")
+
+
+def _rmc(scene: Scene) -> Fields:
+    fix = scene.fix
+    state, mode = ("V", "N") if fix is None else ("A", "A")
+    speed = _number(fix.speed_over_ground_m_s, 2, 1.0 / _KNOT_M_S) if fix else ""
+    course = _angle(fix.course_over_ground_rad) if fix else ""
+    variation = _with_side(degrees(scene.declination_rad), 1, "E", "W")
+    clock, date = _time_and_date(scene)
+    return (clock, state, *_place(fix), speed, course, date, *variation, mode)
+
+
+def _gga(scene: Scene) -> Fields:
+    fix, clock = scene.fix, _time_and_date(scene)[0]
+    if fix is None:
+        return (clock, "", "", "", "", "0", "", "", "", "M", "", "M", "", "")
+    satellites = "" if fix.satellites is None else f"{min(max(fix.satellites, 0), 99):02d}"
+    quality = str(_GGA_QUALITY.get(fix.fix, 1))
+    height = (_number(fix.altitude_m), "M", "", "M", "", "")
+    return (clock, *_place(fix), quality, satellites, _number(fix.hdop), *height)
+
+
+def _rsa(scene: Scene) -> Fields:
+    angle_rad = scene.snapshot.rudder_rad if scene.snapshot.rudder_ok else None
+    # Positive turns her to starboard, in both ways of counting. She has one rudder.
+    return ("", "V", "", "V") if angle_rad is None else (_number(degrees(angle_rad)), "A", "", "V")
+
+
+def _off_track(scene: Scene) -> tuple[str, str, str] | None:
+    """Return how far off the line she is and to which side to steer, None without a line."""
+    navigation = scene.snapshot.navigation
+    if navigation.activity is not Activity.LINE or navigation.cross_track_m is None:
+        return None
+    distance = min(abs(navigation.cross_track_m) / _MILE_M, _LONGEST_XTE)
+    return _number(distance, 3), "L" if navigation.cross_track_m > 0.0 else "R", "N"
+
+
+def _xte(scene: Scene) -> Fields:
+    off = _off_track(scene)
+    return None if off is None or scene.fix is None else ("A", "A", *off, "A")
+
+
+def _apb(scene: Scene) -> Fields:
+    off, snapshot = _off_track(scene), scene.snapshot
+    if off is None or scene.fix is None:
+        return None
+    index = snapshot.mission.index
+    name = "GOAL" if index is None else f"{index + 1:03d}"
+    arrived = "A" if snapshot.navigation.arrived else "V"
+    line, bearing = _angle(_line_rad(snapshot)), _angle(snapshot.bearing_rad)
+    return ("A", "A", *off, arrived, "V", line, "T", name, bearing, "T", _angle(snapshot.goal_heading_rad), "T", "A")
+
+
+def _line_rad(snapshot: Snapshot) -> float | None:
+    """Return the direction of the line to the place: from there she is off by the cross-track distance."""
+    bearing_rad, distance_m, off_m = snapshot.bearing_rad, snapshot.distance_m, snapshot.navigation.cross_track_m
+    if bearing_rad is None or distance_m is None or off_m is None or abs(off_m) >= distance_m:
+        return None
+    return bearing_rad + math.asin(off_m / distance_m)
+
+
+def _vhw(scene: Scene) -> Fields:
+    water = scene.snapshot.water
+    speed_m_s = water.speed_m_s if water is not None else None
+    if speed_m_s is None and scene.heading_rad is None:
+        return None
+    heading, magnetic = _angle(scene.heading_rad), _angle(scene.magnetic(scene.heading_rad))
+    speeds = (_number(speed_m_s, 2, 1.0 / _KNOT_M_S), "N", _number(speed_m_s, 2, 3.6), "K")
+    return (heading, "T", magnetic, "M", *speeds)
+
+
+# name -> talker, fields. Talkers: compass, rate of turn, satellite receivers, autopilot, speed through the water.
+TABLE: Mapping[str, tuple[str, Callable[[Scene], Fields]]] = {
+    "HDT": ("HC", _hdt),
+    "HDG": ("HC", _hdg),
+    "ROT": ("TI", _rot),
+    "RMC": ("GN", _rmc),
+    "GGA": ("GN", _gga),
+    "RSA": ("AG", _rsa),
+    "XTE": ("AG", _xte),
+    "APB": ("AG", _apb),
+    "VHW": ("VW", _vhw),
+}
+
+
+def sentences(scene: Scene, names: Sequence[str]) -> list[bytes]:
+    """Return the sentences of a scene that have something to say, in the order of the names."""
+    said = ((talker, name, build(scene)) for name in names for talker, build in (TABLE[name],))
+    return [sentence(talker, name, fields) for talker, name, fields in said if fields is not None]

@@ -1,0 +1,93 @@
+"""An output of NMEA 0183: who listens, how often, and what the URL may say."""
+
+import math
+import socket
+from contextlib import closing
+
+import pytest
+
+from firmware_py.link.nmea.output import open_output
+from firmware_py.link.nmea.sentences import Scene
+from firmware_py.link.wire.transport import LinkError
+from support.line import FakeLine
+from support.link import SNAPSHOT
+from support.program import unused_ports
+
+
+def scene():
+    return Scene(SNAPSHOT, 1.79e9, math.radians(2.0))
+
+
+@pytest.fixture
+def listener():
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as made:
+        made.bind(("127.0.0.1", 0))
+        made.settimeout(30)
+        yield made
+
+
+@pytest.mark.parametrize("kind", ["udp", "udpout"])
+def test_a_datagram_holds_the_sentences_that_were_chosen_at_the_rate_that_was_chosen(listener, kind):
+    url = f"nmea:{kind}:127.0.0.1:{listener.getsockname()[1]}?sentences=RSA,HDT&rate=2"
+    with closing(open_output(url, None)) as output:
+        for tenth in range(10):
+            output.publish(scene, tenth / 10.0)
+        assert listener.recv(2000).split(b"\r\n")[:-1] == [b"$AGRSA,11.5,A,,V*4A", b"$HCHDT,57.3,T*18"]
+        told = output.status(1.0)
+        assert (told.url, told.rates, told.peers[0].sent_bytes) == (url, "NMEA 0183", 2 * (21 + 18))
+
+
+def test_late_ones_are_left_out(listener):
+    with closing(open_output(f"nmea:udpout:127.0.0.1:{listener.getsockname()[1]}", None)) as output:
+        output.publish(scene, 0.0)
+        once = output.status(0.0).peers[0].sent_bytes
+        output.publish(scene, 100.0)
+        output.publish(scene, 100.1)
+        assert output.status(0.0).peers[0].sent_bytes == 2 * once
+
+
+def test_several_listen_over_tcp_and_what_they_say_is_forgotten():
+    (port,) = unused_ports(["tcpin"])
+    with closing(open_output(f"nmea:tcpin:127.0.0.1:{port}?sentences=HDT", None)) as output:
+        clients = [socket.create_connection(("127.0.0.1", port), timeout=30) for _ in range(2)]
+        for client in clients:
+            client.sendall(b"$GPGLL,hello*00\r\n" * 50)
+        for second in range(4):  # one is accepted at a time
+            output.publish(scene, float(second))
+        assert output.status(0.0).peers[0].address == "2 listening"
+        for client in clients:
+            assert client.recv(18) == b"$HCHDT,57.3,T*18\r\n"
+            client.close()
+        for second in range(4, 8):
+            output.publish(scene, float(second))
+        assert output.status(0.0).peers[0].address == "0 listening"
+
+
+def test_a_line_without_room_loses_whole_sentences_and_counts_that():
+    line = FakeLine()
+    with closing(open_output("nmea:serial:/dev/ttyX:4800?sentences=HDT", lambda *_: line)) as output:
+        line.full = True
+        output.publish(scene, 0.0)
+        line.full = False
+        output.publish(scene, 1.0)
+        assert line.written == [b"$HCHDT,57.3,T*18\r\n"]
+        assert output.status(0.0).peers[0].dropped == 1
+
+
+@pytest.mark.parametrize(
+    ("url", "text"),
+    [
+        ("nmea:udpin:0.0.0.0:10110", "use nmea:udpout:"),
+        ("nmea:carrier:0", "use nmea:udpout:"),
+        ("nmea:udpout:127.0.0.1:10110?sentences=HDT,XYZ", "there are sentences=HDT,"),
+        ("nmea:udpout:127.0.0.1:10110?rate=nan", "rate=0.01 to 10"),
+        ("nmea:udpout:127.0.0.1:10110?rate=0", "rate=0.01 to 10"),
+        ("nmea:udpout:127.0.0.1:10110?policy=open", "there are sentences="),
+        ("nmea:udpout:127.0.0.1:99999", "not a port"),
+        ("nmea:serial:/dev/ttyX:4800", "738 bytes a second may be needed, and the line carries 480"),
+    ],
+)
+def test_what_cannot_be_names_the_remedy(url, text):
+    with pytest.raises(LinkError) as caught:
+        open_output(url, lambda *_: FakeLine())
+    assert text in str(caught.value)

@@ -1,0 +1,136 @@
+"""What she says in NMEA 0183, as two libraries that are not hers read it."""
+
+import dataclasses
+import math
+
+import pynmea2
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pynmeagps import NMEAReader
+
+from firmware_py.common.records import FixType, PositionSample
+from firmware_py.common.reports import Activity, MissionReport, MissionState, Navigation, Water
+from firmware_py.link.nmea.sentences import LONGEST, TABLE, Scene, sentences
+from support.link import SNAPSHOT
+
+UTC_S = 1_793_491_201.25  # 2026-11-01 00:00:01.25
+FIX = PositionSample(
+    0.0, FixType.FIX_3D, math.radians(-33.5), math.radians(151.25), 12.5, 0.5, math.radians(270.0), 8, 1.2, UTC_S
+)
+LINE = {
+    "navigation": Navigation(Activity.LINE, 0.1, 0.2, None, cross_track_m=185.2),
+    "bearing_rad": math.radians(80.0),
+    "distance_m": 370.4,
+    "mission": MissionReport(MissionState.ACTIVE, 6, 9),
+}
+
+
+def scene(declination_deg=-12.3, utc_s=UTC_S, **changes):
+    changes = {"position": FIX, "position_ok": True, "heading_rad": math.radians(350.0), **changes}
+    return Scene(dataclasses.replace(SNAPSHOT, **changes), utc_s, math.radians(declination_deg))
+
+
+def said(name, **changes):
+    """Return one sentence as pynmea2 reads it, which pynmeagps must read too; None when there is none."""
+    found = sentences(scene(**changes), [name])
+    if not found:
+        return None
+    NMEAReader.parse(found[0], validate=1)
+    return pynmea2.parse(found[0].decode("ascii"), check=True)
+
+
+def test_heading_true_and_magnetic_and_the_rate_of_turn():
+    assert said("HDT").data == ["350.0", "T"]
+    assert said("HDG").data == ["2.3", "", "", "12.3", "W"]
+    assert said("HDG", declination_deg=5.0).data == ["345.0", "", "", "5.0", "E"]
+    assert said("ROT", yaw_rate_rad_s=math.radians(-0.5)).data == ["-30.0", "A"]
+
+
+def test_north_is_never_360():
+    assert said("HDT", heading_rad=math.radians(359.97)).heading == 0
+    assert said("HDT", heading_rad=math.radians(-0.01)).heading == 0
+
+
+def test_place_time_and_way_over_ground():
+    rmc = said("RMC")
+    assert (rmc.latitude, rmc.longitude, rmc.status) == (-33.5, 151.25, "A")
+    assert (str(rmc.datestamp), rmc.timestamp.isoformat()) == ("2026-11-01", "00:00:01.250000+00:00")
+    assert (rmc.spd_over_grnd, rmc.true_course) == (0.97, 270.0)
+    gga = said("GGA")
+    assert (gga.latitude, gga.longitude, gga.gps_qual, gga.num_sats) == (-33.5, 151.25, 1, "08")
+    assert (float(gga.horizontal_dil), gga.altitude) == (1.2, 12.5)
+    assert said("GGA", position=dataclasses.replace(FIX, fix=FixType.RTK_FIXED)).gps_qual == 4
+
+
+def test_there_are_never_60_minutes():
+    position = dataclasses.replace(FIX, latitude_rad=math.radians(47.99999999), longitude_rad=math.radians(-8.99999999))
+    assert (said("RMC", position=position).lat, said("RMC", position=position).lon) == ("4800.0000", "00900.0000")
+
+
+def test_without_a_fix_nobody_is_shown_an_old_place():
+    assert (said("RMC", position_ok=False).status, said("RMC", position_ok=False).lat) == ("V", "")
+    assert (said("GGA", position_ok=False).gps_qual, said("GGA", position_ok=False).lat) == (0, "")
+    assert said("XTE", position_ok=False, **LINE) is None
+    assert (said("RMC", position_ok=False, utc_s=5.0).timestamp, said("RMC", position_ok=False).status) == (None, "V")
+
+
+def test_without_a_heading_and_without_a_line_nothing_is_said():
+    for name in ("HDT", "HDG", "ROT"):
+        assert said(name, heading_ok=False) is None
+    assert said("XTE") is None
+    assert said("APB") is None
+    assert said("VHW", heading_ok=False) is None
+
+
+def test_the_rudder_to_starboard_is_positive_and_one_that_is_not_measured_is_marked():
+    assert said("RSA", rudder_rad=math.radians(-11.6)).data == ["-11.6", "A", "", "V"]
+    assert said("RSA", rudder_ok=False).data == said("RSA", rudder_rad=None).data == ["", "V", "", "V"]
+
+
+def test_off_the_line_to_starboard_means_steer_left():
+    xte = said("XTE", **LINE)
+    assert (float(xte.cross_track_err_dist), xte.correction_dir, xte.dist_units) == (0.1, "L", "N")
+    port = LINE | {"navigation": dataclasses.replace(LINE["navigation"], cross_track_m=-185.2)}
+    assert said("XTE", **port).correction_dir == "R"
+    apb = said("APB", **LINE).data
+    # Half the distance to the place off the line: that lies 30 degrees to the left of the bearing.
+    assert apb[:7] == ["A", "A", "0.100", "L", "N", "V", "V"]
+    assert apb[7:] == ["110.0", "T", "007", "80.0", "T", "114.6", "T", "A"]
+
+
+def test_speed_through_the_water_in_knots_and_kilometres():
+    vhw = said("VHW", water=Water(0.4, 0.1, 0.0, 0.0, 0.1))
+    assert vhw.data == ["350.0", "T", "2.3", "M", "0.78", "N", "1.44", "K"]
+
+
+ANGLES = st.floats(-7.0, 7.0)
+MAYBE = st.none() | st.just(math.nan) | st.just(math.inf)
+
+
+@given(
+    st.tuples(
+        st.floats(-math.pi / 2, math.pi / 2), ANGLES, MAYBE | st.floats(-500.0, 9000.0), MAYBE | st.floats(0, 90)
+    ),
+    st.tuples(ANGLES, MAYBE | ANGLES, MAYBE | ANGLES, st.floats(-1e7, 1e7), st.floats(0.0, 1e7), ANGLES),
+    st.floats(0.0, 5e9),
+)
+def test_whatever_she_does_both_libraries_read_it(fix, motion, utc_s):
+    latitude_rad, longitude_rad, altitude_m, speed_m_s = fix
+    heading_rad, rate_rad_s, course_rad, off_m, distance_m, bearing_rad = motion
+    position = PositionSample(0.0, FixType.FIX_3D, latitude_rad, longitude_rad, altitude_m, speed_m_s, course_rad)
+    here = scene(
+        utc_s=utc_s, position=position, heading_rad=heading_rad, yaw_rate_rad_s=rate_rad_s, goal_heading_rad=course_rad,
+        bearing_rad=bearing_rad, distance_m=distance_m, navigation=Navigation(Activity.LINE, cross_track_m=off_m),
+    )  # fmt: skip
+    for data in sentences(here, list(TABLE)):
+        assert len(data) <= LONGEST
+        assert pynmea2.parse(data.decode("ascii"), check=True).render(checksum=False).encode() in data
+        assert NMEAReader.parse(data, validate=1) is not None
+
+
+@pytest.mark.parametrize("name", list(TABLE))
+def test_each_sentence_ends_as_it_should(name):
+    for data in sentences(scene(**LINE), [name]):
+        assert data.startswith(b"$")
+        assert data.endswith(b"\r\n")
