@@ -6,18 +6,26 @@ import argparse
 import contextlib
 import math
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
 from firmware_py.common.angles import compass_degrees, degrees
-from hil.cli.sea_arguments import SCENARIO_NAMES, add_sea_arguments, sea_of, seconds_of, vehicle_of
-from hil.devices.emulator import Device
-from hil.devices.serial_line import SerialLine, SerialLineError
+from hil.cli.sea_arguments import (
+    SCENARIO_NAMES,
+    adapters_of,
+    add_adapter_arguments,
+    add_sea_arguments,
+    sea_of,
+    seconds_of,
+    vehicle_of,
+)
+from hil.devices.serial_line import SerialLine
 from hil.errors import UsageError
+from hil.sim.adapters import wired
 from hil.sim.board import Board
-from hil.sim.device_factory import POSITION, emulators
+from hil.sim.device_factory import emulators
 from hil.sim.realtime import RealTimeServer
 from hil.sim.run_directory import TRUTH_FILE, VEHICLE_NAME
 from hil.sim.signals import interruptible
@@ -30,8 +38,6 @@ DEFAULT_LINK = "udpin:127.0.0.1:14550"
 LONGEST_S = 1e7
 TELL_S = 10.0
 LOOK_S = 0.1
-# option -> the device behind it, by the name of its port
-ADAPTERS = {"compass_port": "compass", "servo_port": "rudder", "position_port": "position"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,9 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenario", metavar="SCENARIO", nargs="?", default=DEFAULT_SEA, help=SCENARIO_NAMES)
     add_sea_arguments(parser)
     parser.add_argument("--seconds", type=float, metavar="N", help="end after so long (default: when interrupted)")
-    for option, name in ADAPTERS.items():
-        text = f"put the {name} on this serial adapter of this computer instead of a port in DIR"
-        parser.add_argument(f"--{option.replace('_', '-')}", metavar="PORT", help=text)
+    add_adapter_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -63,40 +67,22 @@ def run(arguments: argparse.Namespace) -> int:
                 start_utc_s=time.time(),
             )  # fmt: skip
             devices = emulators(world, vehicle, arguments.seed)
-            bauds = {"compass": vehicle.compass.baud, "rudder": vehicle.rudder.baud, "position": POSITION.baud}
-            wired = stack.enter_context(_wired(arguments, devices, bauds))
-            board = stack.enter_context(Board(world, devices, directory.absolute(), wired=wired))
+            lines = stack.enter_context(wired(adapters_of(arguments), devices, vehicle))
+            board = stack.enter_context(Board(world, devices, directory.absolute(), wired=lines))
             (directory / VEHICLE_NAME).write_text(file_text(vehicle, board.paths(), {}), encoding="utf-8")
         except ValueError as error:
             raise UsageError(f"the vehicle file describes no ship: {error}") from None
         except OSError as error:
             raise UsageError(f"directory {directory}: {error.strerror}; give another") from None
-        _introduce(directory, board, wired)
+        _introduce(directory, board, lines)
         _serve(board, end_s)
     print(f"what she did: {directory / TRUTH_FILE}")
     return 0
 
 
-@contextmanager
-def _wired(
-    arguments: argparse.Namespace, devices: Mapping[str, Device], bauds: Mapping[str, int]
-) -> Iterator[dict[str, SerialLine]]:
-    """Open the adapters that devices are to hang on; the wires then take the time that bytes need."""
-    with ExitStack() as stack:
-        lines = {}
-        for option, name in ADAPTERS.items():
-            if (path := getattr(arguments, option)) is not None:
-                try:
-                    lines[name] = stack.enter_context(contextlib.closing(SerialLine(path, bauds[name])))
-                except SerialLineError as error:
-                    raise UsageError(f"--{option.replace('_', '-')} {error}") from None
-                devices[name].transmitter.on_a_wire = True
-        yield lines
-
-
-def _introduce(directory: Path, board: Board, wired: Mapping[str, SerialLine]) -> None:
+def _introduce(directory: Path, board: Board, lines: Mapping[str, SerialLine]) -> None:
     for name, path in board.paths().items():
-        print(f"{name}: {'on the adapter' if name in wired else path}")
+        print(f"{name}: {'on the adapter' if name in lines else path}")
     file = directory / VEHICLE_NAME
     print(f"try:  rambler listen {file}   rambler check {file}   rambler run {file} --state {directory / 'state'}")
     print("Ctrl-C ends it", flush=True)

@@ -7,11 +7,21 @@ import math
 import sys
 from pathlib import Path
 
-from hil.cli.sea_arguments import RUNS, SCENARIO_NAMES, add_sea_arguments, hide_from_git, sea_of, seconds_of, vehicle_of
+from hil.cli.sea_arguments import (
+    RUNS,
+    SCENARIO_NAMES,
+    adapters_of,
+    add_adapter_arguments,
+    add_sea_arguments,
+    hide_from_git,
+    sea_of,
+    seconds_of,
+    vehicle_of,
+)
 from hil.errors import HilError, UsageError
 from hil.report import run_page
 from hil.report.text import figures_text
-from hil.sim import run_directory, run_file, runner
+from hil.sim import adapters, run_directory, run_file, runner
 from hil.sim.goals import Goal, GoalError, parse_goals
 from hil.sim.ground_station import GUIDED, MODE_NAMES
 from hil.sim.logbook import RunOptions
@@ -81,17 +91,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         const=LISTEN,
         help=f"show the run under way as a page for a browser on this computer (default {LISTEN})",
     )
+    add_adapter_arguments(parser)
+    parser.add_argument(
+        "--remote",
+        metavar="HOST|URL",
+        help="start no autopilot: the one at the adapters' other ends is given the goals, by MAVLink at tcp:HOST:5760,"
+        " or at tcp:, udpout: or udpin:HOST:PORT",
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="where to write (default runs/SCENARIO-SEED)")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Make a run, write its figures and its page however it ends, print them."""
     options = read_options(arguments)
+    if bool(adapters_of(arguments)) != (arguments.remote is not None) or (arguments.remote and options.lockstep):
+        raise UsageError("adapters and --remote belong together, in real time: the autopilot is at their other ends")
     if options.play:
         print(f"she listens on {' and '.join(options.links)}; Ctrl-C ends the game", flush=True)
     with run_directory.held(options.out), interruptible():
         try:
-            runner.run(options)
+            if arguments.remote is None:
+                runner.run(options)
+            else:
+                adapters.run(options, adapters_of(arguments), arguments.remote)
         except BaseException as error:
             _report_what_there_is(options.out, told=isinstance(error, KeyboardInterrupt))
             raise

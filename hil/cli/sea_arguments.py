@@ -12,6 +12,7 @@ from hil.errors import UsageError
 from hil.ship import scenarios
 from hil.ship.extras_table import ExtrasError
 from hil.ship.scenarios import Scenario
+from hil.sim.adapters import ADAPTERS
 from hil.sim.device_factory import COMPASSES, SERVOS
 from hil.sim.vehicle_file import load, standard_vehicle, with_devices
 
@@ -39,6 +40,19 @@ def add_sea_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--compass", choices=tuple(COMPASSES), help="default nmea, or the vehicle file's")
     parser.add_argument("--servo", choices=tuple(SERVOS), help="default dynamixel, or the vehicle file's")
     parser.add_argument("--vehicle", type=Path, metavar="FILE", help="a vehicle file: devices, model, parameters")
+
+
+def add_adapter_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define which devices hang on serial adapters of this computer."""
+    for option, name in ADAPTERS.items():
+        text = f"put the {name} on this serial adapter of this computer, wired to the float computer's"
+        parser.add_argument(f"--{option.replace('_', '-')}", metavar="PORT", help=text)
+
+
+def adapters_of(arguments: argparse.Namespace) -> dict[str, str]:
+    """Return the paths of the adapters by device."""
+    paths = {name: getattr(arguments, option) for option, name in ADAPTERS.items()}
+    return {name: path for name, path in paths.items() if path is not None}
 
 
 def sea_of(arguments: argparse.Namespace) -> Scenario:

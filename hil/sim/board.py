@@ -9,11 +9,12 @@ from types import TracebackType
 from typing import Self
 
 from hil.devices.emulator import Emulator
+from hil.devices.network_line import NetworkLine
 from hil.devices.pty_line import PtyLine
 from hil.devices.serial_line import SerialLine
 from hil.sim.world import World
 
-Line = PtyLine | SerialLine
+Line = PtyLine | SerialLine | NetworkLine
 Send = Callable[[PtyLine, bytes], object]
 
 
@@ -39,7 +40,7 @@ class Board:
         directory: Path,
         send: Send = PtyLine.write,
         *,
-        wired: Mapping[str, SerialLine] | None = None,
+        wired: Mapping[str, Line] | None = None,
     ) -> None:
         """Make a line named as each emulator in a directory, or take the adapter that is `wired` to its name.
 

@@ -47,16 +47,21 @@ class Order:
     left: bool = False  # to somebody else who steers
 
 
+def disarm(due_s: float) -> Order:
+    """Return the order to disarm."""
+    return Order("disarming", due_s, dialect.MAV_CMD_COMPONENT_ARM_DISARM, (0.0,))
+
+
 class GroundStation:
     """A ground station as a device on the far end of the link's serial line.
 
     Like a careful operator it asks whether the boat is ready before it arms it. Orders are given one after the
     other, each repeated every half second until it is acknowledged as accepted; a goal that is still open when the
     next one is due is left. Where others steer too (`shared`), a goal that is refused in a mode that they have set is
-    left to them, and `gave_way` says so.
+    left to them, and `gave_way` says so. One that `hails` speaks first, for links that serve only who has spoken.
     """
 
-    def __init__(self, goals: Sequence[Goal], mode: int = GUIDED, *, shared: bool = False) -> None:
+    def __init__(self, goals: Sequence[Goal], mode: int = GUIDED, *, shared: bool = False, hails: bool = False) -> None:
         """Take the goals in order of time, and the mode to set; without goals GUIDED is not set."""
         self._mode, self._shared = mode, shared
         self.gave_way = ""
@@ -89,7 +94,7 @@ class GroundStation:
         self._vehicle: int | None = None
         self._text_id = 0
         self._unsent: list[Any] = []
-        self._heartbeat_s = math.inf
+        self._heartbeat_s = 0.0 if hails else math.inf
         self._order_s = math.inf
         self._ready_by_s = math.inf  # no order before the boat is ready, or this
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import select
 import time
 
+from hil.errors import HilError
 from hil.sim.board import Board
 
 
@@ -37,6 +38,8 @@ class RealTimeServer:
             port = self._ports[fd]
             if data := port.line.read():
                 board.receive(port, data)
+            if not port.line.plugged:
+                raise HilError(f"the line of {port.path.name} has gone: is its adapter, or its link, still there?")
         busy = self._catch_up(limit_s) or busy
         return 0.0 if busy else board.next_output_s() - self.now_s()
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from firmware_py import ROOT, commit_of
 from hil.errors import HilError, UsageError
+from hil.sim.ground_station import Order
 
 NAME = "run.json"
 UNDER_WAY, FINISHED = "under way", "finished"
@@ -27,6 +28,11 @@ class OrderRecord:
     goal_s: float | None
     given_s: float | None
     accepted_s: float | None
+
+    @classmethod
+    def of(cls, order: Order) -> OrderRecord:
+        """Record an order of the operator."""
+        return cls(order.text, None if order.goal is None else order.goal.t_s, order.first_sent_s, order.accepted_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,10 +68,7 @@ def run(options: RunOptions) -> Run:
             power = devices.get("power") or devices.get("power_b")
             plant = power.plant if isinstance(power, VeDirectEmulator) else None
             book.supply = power_figures(plant) if isinstance(plant, PowerPlant) else None
-            book.orders = tuple(
-                OrderRecord(one.text, None if one.goal is None else one.goal.t_s, one.first_sent_s, one.accepted_s)
-                for one in station.orders
-            )
+            book.orders = tuple(map(OrderRecord.of, station.orders))
     return Run(options.out, book.truth)
 
 

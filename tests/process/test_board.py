@@ -2,6 +2,7 @@
 
 import json
 import signal
+import socket
 import sys
 from contextlib import ExitStack, closing
 
@@ -9,7 +10,7 @@ import pytest
 
 from hil.sim.device_factory import COMPASSES, POSITION, SERVOS
 from hil.sim.truth import read
-from support.program import Program
+from support.program import Program, unused_ports
 from support.wire import Wire
 
 BENCH, FLOAT = [sys.executable, "-m", "hil"], [sys.executable, "-m", "firmware_py"]
@@ -89,6 +90,51 @@ def test_devices_hang_on_adapters_whose_bus_is_half_duplex_and_echoes(servo_baud
         assert all(line["rejected"] == 0 for line in devices.values()), devices
         board.send_signal(signal.SIGTERM)
         assert board.exit_code() == 0
+
+
+def sailed_over_wires(program, tmp_path, servo_baud, words):
+    """Sail with an autopilot that is somebody else's: it has the far ends of the wires, and a TCP port."""
+    bauds = {**BAUDS, "rudder": servo_baud}
+    (port,) = unused_ports(["tcpin"])
+    with ExitStack() as stack:
+        for name, baud in bauds.items():
+            ends = tmp_path / f"{name}.float", tmp_path / f"{name}.bench"
+            stack.enter_context(Wire(*ends, baud, echo=name == "rudder", half_duplex=name == "rudder"))
+        file = vehicle_file(tmp_path / "boat.toml", {name: tmp_path / f"{name}.float" for name in bauds}, bauds)
+        link = ["--link", f"tcpin:127.0.0.1:{port}"]
+        boat = program("boat", *FLOAT, "run", file, "--state", str(tmp_path / "state"), "--wait", *link)
+        boat.wait_for(lambda: listening(port), "it does not listen")
+        adapters = {"compass": "--compass-port", "rudder": "--servo-port", "position": "--position-port"}
+        ports = [word for name in bauds for word in (adapters[name], str(tmp_path / f"{name}.bench"))]
+        words = [*words, "--vehicle", file, "--remote", f"tcp:127.0.0.1:{port}", "--out", str(tmp_path / "out"), *ports]
+        bench = program("bench", *BENCH, "run", *words)
+        assert bench.exit_code(900.0) == 0, bench.text()
+        return json.loads((tmp_path / "out" / "summary.json").read_text())
+
+
+def listening(port):
+    with closing(socket.socket()) as caller:
+        return caller.connect_ex(("127.0.0.1", port)) == 0
+
+
+def test_an_autopilot_at_the_far_ends_of_the_wires_is_given_goals(program, tmp_path):
+    summary = sailed_over_wires(program, tmp_path, 9600, ["calm", "--goal", "0:0,4:40", "--seconds", "14"])
+    assert all(goal["accepted_s"] is not None for goal in summary["goals"])
+    assert read(tmp_path / "out" / "truth.csv").rudder_rad.max() > 0.2
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("servo_baud", [57600, 9600])
+def test_over_wires_she_keeps_her_heading_as_in_the_box(servo_baud, program, tmp_path):
+    """`pytest -m proof tests/process/test_board.py`: ten minutes of sea over bridged ptys with pacing and echo."""
+    words = ["sea", "--goal", "0:0", "--seconds", "600"]
+    wired = sailed_over_wires(program, tmp_path, servo_baud, words)["goals"][0]["rms_error_deg"]
+    box = program("box", *BENCH, "run", *words, "--speed", "max", "--out", str(tmp_path / "box"))
+    assert box.exit_code(300.0) == 0, box.text()
+    boxed = json.loads((tmp_path / "box" / "summary.json").read_text())["goals"][0]["rms_error_deg"]
+    print(f"{servo_baud} baud: {wired:.3f} deg rms over wires, {boxed:.3f} in the box")
+    assert wired == pytest.approx(boxed, rel=0.05)
 
 
 def test_an_adapter_that_is_not_there_is_named(program, tmp_path):

@@ -1,0 +1,94 @@
+"""A line that is a network link to an autopilot on another computer."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+
+DEFAULT_PORT = 5760
+CONNECT_S = 10.0
+_READ_SIZE = 65_536
+KINDS = ("tcp", "udpout", "udpin")
+
+
+class NetworkLineError(OSError):
+    """A link that cannot be made; the text names it and the reason."""
+
+
+class NetworkLine:
+    """The far end of a PtyLine's interface on TCP or UDP, for what an operator says.
+
+    `tcp:HOST:PORT` calls the autopilot, and so does `udpout:HOST:PORT`, which it hears of with the first bytes;
+    `udpin:HOST:PORT` waits for it and answers whoever spoke last. HOST alone is tcp:HOST:5760.
+    """
+
+    def __init__(self, url: str) -> None:
+        """Make the link; NetworkLineError when that fails."""
+        self.overrun_bytes = 0
+        self.total_read = 0
+        self.total_written = 0
+        kind, host, port = _parts(url)
+        self._peer: tuple[str, int] | None = (host, port) if kind == "udpout" else None
+        self._datagrams = kind != "tcp"
+        try:
+            if kind == "tcp":
+                self._socket = socket.create_connection((host, port), CONNECT_S)
+            else:
+                self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                self._socket.bind((host, port) if kind == "udpin" else ("", 0))
+        except OSError as error:
+            raise NetworkLineError(f"{url}: {error.strerror or error}") from None
+        self._socket.setblocking(False)
+
+    @property
+    def plugged(self) -> bool:
+        """Whether the link is there."""
+        return self._socket.fileno() >= 0
+
+    def fileno(self) -> int:
+        """The descriptor to wait on, or -1 when the link is closed."""
+        return self._socket.fileno()
+
+    def close(self) -> None:
+        """End the link."""
+        self._socket.close()
+
+    def read(self) -> bytes:
+        """Return what has come, without waiting."""
+        data = b""
+        try:
+            if self._datagrams:
+                data, sender = self._socket.recvfrom(_READ_SIZE)
+                self._peer = (sender[0], sender[1])
+            elif not (data := self._socket.recv(_READ_SIZE)):
+                self.close()
+        except (BlockingIOError, InterruptedError):
+            return b""
+        except OSError:
+            # A refused datagram is nobody there yet; a stream that fails is over.
+            if not self._datagrams:
+                self.close()
+        self.total_read += len(data)
+        return data
+
+    def write(self, data: bytes) -> int:
+        """Send bytes and return how many went."""
+        sent = 0
+        with contextlib.suppress(OSError):
+            if not self._datagrams:
+                sent = self._socket.send(data)
+            elif self._peer is not None:
+                sent = self._socket.sendto(data, self._peer)
+        self.total_written += sent
+        self.overrun_bytes += len(data) - sent
+        return sent
+
+
+def _parts(url: str) -> tuple[str, str, int]:
+    kind, *rest = url.split(":")
+    if kind not in KINDS:
+        kind, rest = "tcp", [kind, *rest]
+    host, port = [*rest, str(DEFAULT_PORT)][:2]
+    if not host or len(rest) > 2 or not port.isdecimal() or not 0 < int(port) < 65_536:
+        raise NetworkLineError(f"{url}: write HOST, or tcp:HOST:PORT, udpout:HOST:PORT, udpin:HOST:PORT")
+    return kind, host, int(port)

@@ -1,0 +1,86 @@
+"""Devices on real serial adapters, whose wires lead to a float computer that is tested untouched."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from firmware_py.vehicle import Vehicle
+from hil.devices.emulator import Device, Emulator
+from hil.devices.network_line import NetworkLine, NetworkLineError
+from hil.devices.serial_line import SerialLine, SerialLineError
+from hil.errors import HilError, UsageError
+from hil.sim.board import Board, Line
+from hil.sim.device_factory import POSITION, emulators
+from hil.sim.display import Banner, make_display
+from hil.sim.ground_station import GroundStation, disarm
+from hil.sim.logbook import RunOptions, put_to_sea
+from hil.sim.realtime import RealTimeServer
+from hil.sim.run_file import OrderRecord
+from hil.sim.signals import interruptible
+
+# option -> the device behind it, by the name of its port
+ADAPTERS = {"compass_port": "compass", "servo_port": "rudder", "position_port": "position"}
+LOOK_S = 0.03
+JUDGE_S = 1.0
+FAREWELL_S = 2.0
+
+
+@contextmanager
+def wired(paths: Mapping[str, str], devices: Mapping[str, Device], vehicle: Vehicle) -> Iterator[dict[str, SerialLine]]:
+    """Open the adapters, by device, that devices are to hang on; the wires then take the time that bytes need."""
+    bauds = {"compass": vehicle.compass.baud, "rudder": vehicle.rudder.baud, "position": POSITION.baud}
+    with ExitStack() as stack:
+        lines = {}
+        for name, path in paths.items():
+            try:
+                lines[name] = stack.enter_context(contextlib.closing(SerialLine(path, bauds[name])))
+            except SerialLineError as error:
+                option = next(option for option, device in ADAPTERS.items() if device == name)
+                raise UsageError(f"--{option.replace('_', '-')} {error}") from None
+            devices[name].transmitter.on_a_wire = True
+        yield lines
+
+
+def run(options: RunOptions, paths: Mapping[str, str], url: str) -> None:
+    """Make a run with an autopilot that another computer runs: its devices on adapters here, its orders by `url`.
+
+    The directory gets what it gets of any run, but for what the float computer keeps itself. At the end she is
+    disarmed.
+    """
+    with put_to_sea(options, time.time()) as book, interruptible(), ExitStack() as stack:
+        station = GroundStation(options.goals, options.mode, shared=True, hails=True)
+        devices = emulators(book.world, options.vehicle, options.seed)
+        lines: dict[str, Line] = {**stack.enter_context(wired(paths, devices, options.vehicle))}
+        try:
+            lines["link"] = stack.enter_context(contextlib.closing(NetworkLine(url)))
+        except NetworkLineError as error:
+            raise UsageError(f"--remote {error}") from None
+        aboard: dict[str, Emulator] = {**{name: devices[name] for name in paths}, "link": station}
+        directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rambler-")))
+        board = stack.enter_context(Board(book.world, aboard, directory, wired=lines))
+        title = f"rambler-hil run {options.scenario.name}, seed {options.seed}, with the autopilot at {url}"
+        display = stack.enter_context(
+            make_display(Banner(title, options.seconds, (url,), lockstep=False), board.world, station)
+        )
+        server, judge_s = RealTimeServer(board), 0.0
+        try:
+            while board.world.now_s < options.seconds:
+                display.update(server.serve(min(options.seconds, server.now_s() + LOOK_S)))
+                if server.now_s() >= judge_s:
+                    judge_s = server.now_s() + JUDGE_S
+                    if failure := station.failure(board.world.now_s):
+                        raise HilError(failure)
+            book.wall_s = server.now_s()
+        finally:
+            station.order(disarm(server.now_s()), server.now_s())
+            end_s = server.now_s() + FAREWELL_S
+            while server.now_s() < end_s:
+                server.serve(server.now_s() + LOOK_S)
+            book.orders = tuple(map(OrderRecord.of, station.orders))
+        if complaint := station.verdict():
+            raise HilError(complaint)
