@@ -19,7 +19,7 @@ from firmware_py.sensors.message_error import RANGE, MessageError
 
 # The two channels have 75 slots a second; a tick of the slowest loop holds what one read gives.
 MOST_SENTENCES_HZ, MOST_SENTENCES_AT_ONCE = 80.0, 100
-MOST_REPORTS = 16  # handed to one tick
+MOST_REPORTS = 40  # handed to one tick
 MOST_WAITING = 256
 SILENT_AFTER_S = 600.0  # at sea there may be nobody
 

@@ -127,6 +127,8 @@ def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_r
     try:
         if any(scenarios.sea_of(name).extras.supply is not None for name in names):
             raise UsageError("--with supply: the trial runs know no power; leave it out")
+        if any(scenarios.sea_of(name).extras.vessels is not None for name in names):
+            raise UsageError("--with vessels: the trial runs know no other ships; leave it out")
         trials, fresh = (
             delivered.Trials(model, parameters, names, range(first, first + count))
             for first, count in ((seed, delivered.SEEDS), (seed + FRESH_SEED, delivered.FRESH_SEEDS))

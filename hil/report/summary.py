@@ -57,6 +57,7 @@ def summarise(record: RunFile, out: Path, log: FieldLog | None = None) -> Summar
         "rudder_travel_deg_per_h": steady_rudder_travel_deg_per_h(figures),
         "rudder_travel_whole_deg_per_h": travel.deg_per_h(),
         **({} if record.supply is None else {"supply": record.supply}),
+        **({} if record.vessels is None else {"vessels": record.vessels}),
         **_told(record, log),
         "loop": None if health is None else asdict(health),
         "lockstep": record.lockstep,

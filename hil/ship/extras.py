@@ -9,11 +9,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from hil.ship.traffic import SCENES
+
 
 def number(unit: str, low: float, high: float, default: float | None = None) -> Any:
     """Return the field of a number of an option; without a default it has to be given."""
     metadata = {"unit": unit, "low": low, "high": high}
     return field(metadata=metadata) if default is None else field(default=default, metadata=metadata)
+
+
+def word(choices: tuple[str, ...], default: str) -> Any:
+    """Return the field of a name of an option, one of several."""
+    return field(default=default, metadata={"choices": choices})
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +116,15 @@ class Supply:
 
 
 @dataclass(frozen=True, slots=True)
+class Vessels:
+    """Other ships: the scene, the share of what they send that is lost, and how far they are heard."""
+
+    scene: str = word(tuple(SCENES), "crossing")
+    lost: float = number("share", 0.0, 1.0, 0.1)
+    range_km: float = number("km", 0.1, 200.0, 40.0)
+
+
+@dataclass(frozen=True, slots=True)
 class Extras:
     """What a sea is sailed with; None is without."""
 
@@ -122,6 +138,7 @@ class Extras:
     other_ship: OtherShip | None = None
     delay: Delay | None = None
     supply: Supply | None = None
+    vessels: Vessels | None = None
 
 
 NONE = Extras()

@@ -23,6 +23,7 @@ from hil.ship.extras import (
     Receiver,
     Slide,
     Supply,
+    Vessels,
     WaveSpeed,
 )
 
@@ -111,6 +112,13 @@ TABLE: tuple[Option, ...] = (
         "panels under sun and clouds, a battery, a steady load beside the servo; a charger and a monitor tell of it",
         "clear sky: Haurwitz 1945; lengths of clouds assumed; four cells of lithium iron phosphate",
     ),
+    Option(
+        "vessels",
+        Vessels,
+        "vessels",
+        "other ships on straight lines, laid for a boat that steers north from the start, as she hears them",
+        "intervals: ITU-R M.1371-5; range and losses assumed: an antenna of 2 m hears ships some 20 nautical miles off",
+    ),
 )
 BY_NAME: Mapping[str, Option] = {row.name: row for row in TABLE}
 
@@ -141,7 +149,7 @@ def text_of(extras: Extras) -> str:
     for row in TABLE:
         record = getattr(extras, row.field)
         if record is not None:
-            pieces.append(f"{row.name}=" + ":".join(f"{getattr(record, one.name):.9g}" for one in fields(row.record)))
+            pieces.append(f"{row.name}=" + ":".join(_shown(getattr(record, one.name), 9) for one in fields(row.record)))
     return ",".join(pieces)
 
 
@@ -156,7 +164,7 @@ def rows_of(extras: Extras) -> list[tuple[str, str]]:
     for row in TABLE:
         record = getattr(extras, row.field)
         if record is not None:
-            values = [f"{_words(one)} {getattr(record, one.name):g}{_unit(one)}" for one in fields(row.record)]
+            values = [f"{_words(one)} {_shown(getattr(record, one.name))}{_unit(one)}" for one in fields(row.record)]
             found.append((f"{row.name}: {row.text}", ", ".join(values)))
     return found
 
@@ -168,9 +176,8 @@ def listing() -> str:
         lines.append(f"{_usage(row)}")
         lines.append(f"    {row.text}")
         for one in fields(row.record):
-            given = "to be given" if one.default is MISSING else f"default {one.default:g}"
-            low, high = one.metadata["low"], one.metadata["high"]
-            lines.append(f"    {_words(one)}: {low:g} to {high:g}{_unit(one)}, {given}")
+            given = "to be given" if one.default is MISSING else f"default {_shown(one.default)}"
+            lines.append(f"    {_words(one)}: {_allowed(one)}, {given}")
         lines.append(f"    source: {row.source}")
     return "\n".join(lines)
 
@@ -179,14 +186,18 @@ def _record(row: Option, texts: list[str]) -> Any:
     known = fields(row.record)
     if len(texts) > len(known):
         raise ExtrasError(f"option {row.name}: {len(texts)} numbers; write {_usage(row)}")
-    values = {one.name: _number(row, one, text) for one, text in zip(known, texts, strict=False)}
+    values = {one.name: _value(row, one, text) for one, text in zip(known, texts, strict=False)}
     lacking = [one for one in known if one.name not in values and one.default is MISSING]
     if lacking:
         raise ExtrasError(f"option {row.name}: a number is lacking; write {_usage(row)}")
     return row.record(**values)
 
 
-def _number(row: Option, one: Any, text: str) -> float:
+def _value(row: Option, one: Any, text: str) -> float | str:
+    if "choices" in one.metadata:
+        if text not in one.metadata["choices"]:
+            raise ExtrasError(f"option {row.name}: no {_words(one)} {text[:20]!r}; there are {_allowed(one)}")
+        return text
     low, high = one.metadata["low"], one.metadata["high"]
     try:
         value = float(text)
@@ -195,10 +206,20 @@ def _number(row: Option, one: Any, text: str) -> float:
     # Written so that NaN fails the comparison.
     if not low <= value <= high:
         raise ExtrasError(
-            f"option {row.name}: {_words(one)} {text[:20]!r} must be {low:g} to {high:g}{_unit(one)}; "
-            f"write {_usage(row)}"
+            f"option {row.name}: {_words(one)} {text[:20]!r} must be {_allowed(one)}; write {_usage(row)}"
         )
     return value
+
+
+def _allowed(one: Any) -> str:
+    """Return the range of a number, or the names that there are."""
+    if "choices" in one.metadata:
+        return ", ".join(one.metadata["choices"])
+    return f"{one.metadata['low']:g} to {one.metadata['high']:g}{_unit(one)}"
+
+
+def _shown(value: float | str, digits: int = 6) -> str:
+    return value if isinstance(value, str) else f"{value:.{digits}g}"
 
 
 def _usage(row: Option) -> str:
@@ -213,7 +234,7 @@ def _usage(row: Option) -> str:
 def _words(one: Any) -> str:
     """Return a field's name without its unit."""
     name = str(one.name)
-    for suffix in ("_rad_s", "_m_s", "_deg", "_s"):
+    for suffix in ("_rad_s", "_m_s", "_deg", "_km", "_s"):
         if name.endswith(suffix):
             name = name[: -len(suffix)]
             break
@@ -221,5 +242,5 @@ def _words(one: Any) -> str:
 
 
 def _unit(one: Any) -> str:
-    unit = one.metadata["unit"]
+    unit = one.metadata.get("unit", "-")
     return "" if unit == "-" else f" {unit}"

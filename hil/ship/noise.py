@@ -27,6 +27,8 @@ class Stream(IntEnum):
     CLOUDS = 12
     POWER = 13
     SATELLITE = 14
+    SHIPS = 15
+    AIR = 16
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:

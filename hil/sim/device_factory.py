@@ -9,6 +9,7 @@ from typing import Any, get_args
 import numpy as np
 
 from firmware_py.vehicle import Vehicle
+from hil.devices.ais import AisEmulator
 from hil.devices.dynamixel import DynamixelEmulator
 from hil.devices.emulator import Device
 from hil.devices.mti import MtiEmulator
@@ -19,13 +20,15 @@ from hil.devices.vedirect import Kind as PowerKind
 from hil.devices.vedirect import VeDirectEmulator
 from hil.devices.volz import VolzEmulator
 from hil.errors import UsageError
-from hil.ship.extras import Supply
+from hil.ship.extras import Supply, Vessels
 from hil.ship.noise import Stream, generator
 from hil.ship.power_plant import Place, PowerPlant
+from hil.ship.traffic import OWN_MMSI
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, World
 
 FREQUENCY_ERROR_PPM = 20.0  # spread of ordinary crystal oscillators
 COMPASS_RATE_HZ = 10.0
+AIS_BAUD = 38_400
 POSITION_RATE_HZ = 1.0
 
 
@@ -141,7 +144,7 @@ def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
     """Build compass, position and rudder as the vehicle names them, and what measures its supply, or raise UsageError.
 
     The place's declination is the one that the vehicle steers with. A vehicle without a power monitor gets a charger
-    and a monitor where the sea comes with a supply.
+    and a monitor where the sea comes with a supply, one without AIS a transponder where there are other ships.
     """
     chances = generator(seed, Stream.PHASES)
     compass, rudder = vehicle.compass, vehicle.rudder
@@ -165,7 +168,7 @@ def emulators(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
             "position": POSITION.make(context(POSITION.baud, None, Stream.POSITION, 1.0)),
             "rudder": servo.make(context(rudder.baud, rudder.options, Stream.RUDDER, 1.0)),
         }
-        return devices | _power(world, vehicle, devices["rudder"], seed)
+        return devices | _power(world, vehicle, devices["rudder"], seed) | _ais(world, vehicle, seed)
     except ValueError as error:
         raise UsageError(f"the vehicle file describes a device that cannot be emulated: {error}") from None
 
@@ -191,6 +194,25 @@ def _power(world: World, vehicle: Vehicle, servo: Device, seed: int) -> dict[str
         )
         for number, name in enumerate(names)
     }
+
+
+def _ais(world: World, vehicle: Vehicle, seed: int) -> dict[str, Device]:
+    """Build the transponder of a boat that has one, or is among other ships."""
+    vessels = world.extras.vessels
+    if vessels is None and vehicle.ais is None:
+        return {}
+    asked = vessels or Vessels()
+    transponder = AisEmulator(
+        world,
+        (START_LATITUDE_DEG, START_LONGITUDE_DEG),
+        world.ships,
+        generator(seed, Stream.AIR),
+        own_mmsi=OWN_MMSI,
+        range_m=1e3 * asked.range_km,
+        lost=asked.lost,
+        baud=AIS_BAUD,
+    )
+    return {"ais": transponder}
 
 
 def taken_j(servo: Device) -> float:

@@ -57,6 +57,7 @@ class Logbook:
     wall_s: float | None = None
     orders: tuple[OrderRecord, ...] = ()
     supply: dict[str, float] | None = None
+    vessels: list[dict[str, float | str]] | None = None
 
 
 @contextmanager
@@ -85,6 +86,7 @@ def put_to_sea(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
             wall_s=(book.wall_s if book else None) or time.monotonic() - begun_s,
             orders=book.orders if book else (),
             supply=book.supply if book else None,
+            vessels=book.vessels if book else None,
         ).write(options.out)
 
 

@@ -39,8 +39,8 @@ class OrderRecord:
 class RunFile:
     """What is known of a run beside its truth and its logs; `ending` is FINISHED, or says what cut it short.
 
-    `sea` is a table for people. `wall_s` and `supply` are None where the run could not tell them any more. Moment 0
-    is at `start_utc_s` by the receiver.
+    `sea` is a table for people. `wall_s`, `supply` and `vessels` are None where the run could not tell them any more.
+    Moment 0 is at `start_utc_s` by the receiver.
     """
 
     command: tuple[str, ...]
@@ -61,6 +61,7 @@ class RunFile:
     orders: tuple[OrderRecord, ...] = ()
     wall_s: float | None = None
     supply: dict[str, float] | None = None
+    vessels: list[dict[str, float | str]] | None = None
 
     def write(self, out: Path) -> None:
         """Write it whole, or raise HilError."""

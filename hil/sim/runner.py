@@ -19,6 +19,7 @@ from hil.ship import extras_table
 from hil.ship.noise import Stream, generator
 from hil.ship.power_plant import PowerPlant
 from hil.ship.power_plant import figures as power_figures
+from hil.ship.traffic import Closest
 from hil.sim import posted_modem
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
@@ -67,9 +68,20 @@ def run(options: RunOptions) -> Run:
         finally:
             power = devices.get("power") or devices.get("power_b")
             plant = power.plant if isinstance(power, VeDirectEmulator) else None
+            book.vessels = _closest(book)
             book.supply = power_figures(plant) if isinstance(plant, PowerPlant) else None
             book.orders = tuple(map(OrderRecord.of, station.orders))
     return Run(options.out, book.truth)
+
+
+def _closest(book: Logbook) -> list[dict[str, float | str]] | None:
+    """Return how near the other ships came, second by second, None without any."""
+    if not book.world.ships:
+        return None
+    closest = Closest(book.world.ships)
+    for piece in book.truth:
+        closest.add(piece.time_s[::10], piece.north_m[::10], piece.east_m[::10])
+    return closest.figures()
 
 
 def _make(options: RunOptions, book: Logbook, station: GroundStation, devices: dict[str, Emulator]) -> None:

@@ -17,7 +17,7 @@ from firmware_py.common.parameters import index_of
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from firmware_py.vehicle import DeviceEntry, Hull, Vehicle, VehicleError
 from hil.errors import UsageError
-from hil.sim.device_factory import COMPASSES, POSITION, POWER_BAUD, POWER_DRIVER, SERVOS, EmulatedDevice
+from hil.sim.device_factory import AIS_BAUD, COMPASSES, POSITION, POWER_BAUD, POWER_DRIVER, SERVOS, EmulatedDevice
 from hil.sim.world import Mounting
 
 Section = dict[str, Any]
@@ -96,6 +96,7 @@ def file_text(vehicle: Vehicle, ports: Mapping[str, str], settings: Mapping[str,
             for name in ("power", "power_b")
             if name in ports
         },
+        **({"ais": {"driver": "nmea", "port": ports["ais"], "baud": AIS_BAUD}} if "ais" in ports else {}),
         "link": {"urls": [f"serial:{ports['link']}:{LINK_BAUD}"] if "link" in ports else list(vehicle.link_urls)},
         "hull": {name: value for name, value in asdict(vehicle.hull).items() if value is not None},
         "parameters": {**vehicle.parameters, **settings},

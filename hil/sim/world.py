@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from firmware_py.common.angles import TWO_PI, radians, wrap_two_pi
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.devices.emulator import METRES_PER_DEGREE
+from hil.ship import traffic
 from hil.ship.hull import GRID_S, STEPS_PER_SECOND, Hull
 from hil.ship.scenarios import Scenario
 from hil.ship.servo import ServoShaft
@@ -101,7 +102,7 @@ class World:
         self._two_bodies = bool(columns_beside(scenario))
         self.rudder_grip = 1.0  # how much of the rudder angle turns the boat: 0 when its blade is gone
         self.jam, self.free = self._mechanics.jam, self._mechanics.free
-        self.extras = scenario.extras
+        self.extras, self.ships = scenario.extras, traffic.ships_of(scenario.extras.vessels, scenario.speed_m_s, seed)
         self._hull = Hull(scenario, model, seed)
         self._start_utc_s = start_utc_s
         self._goals = list(reversed(goals))

@@ -15,13 +15,14 @@ from hil.ship.scenarios import TABLE as SEAS
 from hil.ship.scenarios import named, sea_of, with_extras
 from hil.ship.wave_speed import MOST
 
-EVERYTHING = "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2,supply"
+EVERYTHING = "float,leeway,sway,orbital,speed,receiver,compass,kt=2,delay=2,supply,vessels=head-on:0.3"
 
 
 def test_a_list_is_read_and_printed_so_that_it_reads_the_same():
     found = parse("float=0.3:0.7, leeway=8,sway")
     assert found == Extras(float_body=FloatBody(0.3, 0.7), leeway=Leeway(8.0), slide=Slide(1.0))
     assert text_of(found) == "float=0.3:0.7,leeway=8:0:0,sway=1"
+    assert text_of(parse("vessels=flood")) == "vessels=flood:0.1:40"
     assert parse("kt=3").other_ship == OtherShip(3.0, 1.0)
     for text in (EVERYTHING, "float=0.123456789", *(text_of(sea.extras) for sea in SEAS if sea.extras != NONE)):
         assert parse(text_of(parse(text))) == parse(text)
@@ -50,6 +51,8 @@ def test_an_option_of_a_mixture_is_replaced_and_the_others_stay():
         ("receiver=0.5:1.01", "must be 0 to 1"),
         ("kt", "lacking; write kt=ABILITY"),
         ("delay", "lacking"),
+        ("vessels=regatta", "no scene 'regatta'; there are crossing, head-on, overtaking"),
+        ("vessels=flood:2", "lost '2' must be 0 to 1 share"),
         ("sway,sway", "twice"),
         ("sway,", "no option ''"),
         ("=", "no option ''"),
@@ -76,6 +79,9 @@ def test_the_table_has_every_extra_with_text_range_and_source():
         assert row.text in text
         assert row.source in text
         for one in fields(row.record):
+            if "choices" in one.metadata:
+                assert one.default in one.metadata["choices"]
+                continue
             low, high = one.metadata["low"], one.metadata["high"]
             assert low < high
             assert not isinstance(one.default, float) or low <= one.default <= high

@@ -1,0 +1,222 @@
+"""A transponder of AIS class B aboard: it passes on what it hears of other ships, and what it sends itself.
+
+Ships send at the intervals of ITU-R M.1371-5, by class, speed and whether they lie at anchor. What is out of range is
+not heard, and a share of the rest is lost, by chance. The line is as slow as it is: what has no room on it is lost too.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterator, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from firmware_py.common.angles import KNOTS_PER_METRE_PER_SECOND
+from hil.devices import ais_frames
+from hil.devices.ais_frames import Bits
+from hil.devices.emulator import METRES_PER_DEGREE, Whereabouts
+from hil.devices.timing import Transmitter
+
+STATIC_S = 360.0
+SLOTS_A_S = 75.0  # of both channels: of two in one slot the nearer one is heard, FM captures
+CAPTURE = 0.35  # of the range: who is nearer is heard in a full channel, too
+OWN_S = 30.0
+AT_ANCHOR = 1
+LEAP_M = 37_000.0
+OWN_SIZE, SHIP_SIZE, YACHT_SIZE = (1, 1, 1, 1), (150, 30, 14, 14), (8, 4, 2, 2)
+CARGO, SAILING = 70, 36
+
+
+class Ship(Protocol):
+    """Another ship, and what it sends with."""
+
+    @property
+    def mmsi(self) -> int:
+        """The number that it sends."""
+
+    @property
+    def name(self) -> str:
+        """Its name, in capitals."""
+
+    @property
+    def speed_m_s(self) -> float:
+        """Over ground."""
+
+    @property
+    def course_deg(self) -> float:
+        """Over ground."""
+
+    @property
+    def station(self) -> str:
+        """A or B for the class, or mark."""
+
+    @property
+    def at_anchor(self) -> bool:
+        """Whether it says so."""
+
+    @property
+    def trick(self) -> str:
+        """What is wrong with what it sends: leaps or absurd; empty for nothing."""
+
+    def position_m(self, t_s: float) -> tuple[float, float]:
+        """Return where it is, north and east of the boat's start."""
+
+
+def interval_s(ship: Ship) -> float:
+    """Return how often a ship sends its position."""
+    knots = ship.speed_m_s * KNOTS_PER_METRE_PER_SECOND
+    if ship.station == "mark":
+        return 180.0
+    if ship.station == "B":
+        return 180.0 if knots < 2.0 else 30.0
+    if ship.at_anchor and knots <= 3.0:
+        return 180.0
+    return 10.0 if knots <= 14.0 else 6.0 if knots <= 23.0 else 2.0
+
+
+class AisEmulator:
+    """The receiver half and the sending half of a transponder on one line."""
+
+    def __init__(
+        self,
+        whereabouts: Whereabouts,
+        start_deg: tuple[float, float],
+        ships: Sequence[Ship],
+        rng: np.random.Generator,
+        *,
+        own_mmsi: int,
+        range_m: float = 40_000.0,
+        lost: float = 0.1,
+        baud: int = 38_400,
+    ) -> None:
+        """Put the ships about the boat's start; each begins to send at a moment of its own."""
+        self._whereabouts = whereabouts
+        self._start_deg = start_deg
+        self._ships = tuple(ships)
+        self._own_mmsi = own_mmsi
+        self._rng = rng
+        self._range_m = range_m
+        self._lost = lost
+        self.transmitter = Transmitter(baud)
+        self._sent = 0
+        self._slots = SLOTS_A_S
+        self._slots_s = 0.0
+        self.unsent = 0  # messages that had no slot
+        # When, which ship (-1: the boat itself), whether it tells who it is, how many it has sent.
+        self._due: list[tuple[float, int, bool, int]] = [(1.0, -1, False, 0)]
+        for number, ship in enumerate(self._ships):
+            self._due.append((float(rng.uniform(0.0, interval_s(ship))), number, False, 0))
+            if ship.station != "mark":
+                self._due.append((float(rng.uniform(0.0, STATIC_S)), number, True, 0))
+        heapq.heapify(self._due)
+
+    def receive(self, now_s: float, data: bytes) -> None:
+        """Ignore what is sent to it."""
+
+    def next_output_s(self) -> float:
+        """When the next station sends, or a sentence is complete on the line."""
+        return min(self._due[0][0], self.transmitter.next_s())
+
+    def take_output(self, now_s: float) -> bytes:
+        """Let everybody send who is due and return the sentences that are complete."""
+        while self._due[0][0] <= now_s:
+            due_s, number, static, count = heapq.heappop(self._due)
+            every_s = OWN_S if number < 0 else STATIC_S if static else interval_s(self._ships[number])
+            heapq.heappush(self._due, (due_s + every_s, number, static, count + 1))
+            for data in self._said(due_s, number, count, static=static):
+                self._sent += 1
+                self.transmitter.send(due_s, data)
+        return self.transmitter.take(now_s)
+
+    def _said(self, t_s: float, number: int, count: int, *, static: bool) -> Iterator[bytes]:
+        """Yield what is heard of a station now."""
+        if number < 0:
+            yield ais_frames.sentences(self._own(), own=True)
+            return
+        ship = self._ships[number]
+        if not self._heard(ship, t_s):
+            return
+        for bits in _identity(ship) if static else (self._position(ship, t_s, count),):
+            data = ais_frames.sentences(bits, channel="AB"[self._sent % 2], sequence=self._sent)
+            yield _broken(data, count) if ship.trick == "absurd" else data
+
+    def _heard(self, ship: Ship, t_s: float) -> bool:
+        """Whether a ship is in range, has a slot to itself or is the nearer one in it, and is not lost."""
+        north_m, east_m = ship.position_m(t_s)
+        own_north_m, own_east_m = self._own_m()
+        distance_m = math.hypot(north_m - own_north_m, east_m - own_east_m)
+        if distance_m > self._range_m:
+            return False
+        self._slots = min(SLOTS_A_S, self._slots + (t_s - self._slots_s) * SLOTS_A_S)
+        self._slots_s = t_s
+        if self._slots < 1.0 and distance_m > CAPTURE * self._range_m:
+            self.unsent += 1
+            return False
+        self._slots = max(0.0, self._slots - 1.0)
+        return self._rng.random() >= self._lost
+
+    def _own_m(self) -> tuple[float, float]:
+        latitude_deg, longitude_deg = self._whereabouts.latitude_deg(), self._whereabouts.longitude_deg()
+        narrowing = math.cos(math.radians(self._start_deg[0]))
+        return (
+            (latitude_deg - self._start_deg[0]) * METRES_PER_DEGREE,
+            (longitude_deg - self._start_deg[1]) * METRES_PER_DEGREE * narrowing,
+        )
+
+    def _own(self) -> Bits:
+        knots = self._whereabouts.speed_over_ground_m_s() * KNOTS_PER_METRE_PER_SECOND
+        course_deg = math.degrees(self._whereabouts.course_over_ground_rad()) % 360.0
+        place = self._whereabouts.latitude_deg(), self._whereabouts.longitude_deg()
+        return ais_frames.position_b(self._own_mmsi, *place, knots, course_deg)
+
+    def _position(self, ship: Ship, t_s: float, count: int) -> Bits:
+        north_m, east_m = ship.position_m(t_s)
+        if ship.trick == "leaps" and count % 2:
+            north_m += LEAP_M
+        latitude_deg = self._start_deg[0] + north_m / METRES_PER_DEGREE
+        narrowing = math.cos(math.radians(self._start_deg[0]))
+        longitude_deg = self._start_deg[1] + east_m / (METRES_PER_DEGREE * narrowing)
+        knots = ship.speed_m_s * KNOTS_PER_METRE_PER_SECOND
+        if ship.trick == "absurd":
+            return _absurd(ship, latitude_deg, longitude_deg, count)
+        if ship.station == "mark":
+            return ais_frames.mark(ship.mmsi, ship.name, latitude_deg, longitude_deg)
+        second = int(self._whereabouts.utc_s()) % 60
+        if ship.station == "B":
+            return ais_frames.position_b(ship.mmsi, latitude_deg, longitude_deg, knots, ship.course_deg, second=second)
+        heading_deg, status = round(ship.course_deg) % 360, AT_ANCHOR if ship.at_anchor else 0
+        return ais_frames.position_a(
+            ship.mmsi, latitude_deg, longitude_deg, knots, ship.course_deg, heading_deg, status=status, second=second
+        )
+
+
+def _identity(ship: Ship) -> tuple[Bits, ...]:
+    if ship.station == "B":
+        return ais_frames.static_b(ship.mmsi, ship.name, "", SAILING, YACHT_SIZE)
+    return (ais_frames.static_a(ship.mmsi, ship.name, f"C{ship.mmsi % 100000}", CARGO, SHIP_SIZE),)
+
+
+def _absurd(ship: Ship, latitude_deg: float, longitude_deg: float, count: int) -> Bits:
+    """Return a position report with numbers that are for nothing known, or that cannot be."""
+    speed_kn, course_deg, heading_deg = ais_frames.NO_SPEED, ais_frames.NO_COURSE, ais_frames.NO_HEADING
+    places = (
+        (ais_frames.NO_LATITUDE_DEG, ais_frames.NO_LONGITUDE_DEG),
+        (-95.0, 10.0),
+        (latitude_deg, 222.0),
+        (ais_frames.NO_LATITUDE_DEG, longitude_deg),
+    )
+    mmsi = 0 if count % 7 == 6 else ship.mmsi
+    return ais_frames.position_a(mmsi, *places[count % 4], speed_kn, course_deg, heading_deg)
+
+
+def _broken(data: bytes, count: int) -> bytes:
+    """Return sentences, some of them cut, bent or made up of noise."""
+    if count % 5 == 1:
+        return data[: len(data) // 2]
+    if count % 5 == 2:
+        return data.replace(b"1", b"2", 1)
+    if count % 5 == 3:
+        return b"\x00\xff!!$*" + data + b"!AIVDM,9,9,9,Z,,9*00\r\n!AIVDM,2,2,1,A,00,0*16\r\n"
+    return data

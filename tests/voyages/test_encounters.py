@@ -1,0 +1,241 @@
+"""A hundred encounters drawn by chance: told in time, stepped aside for, the fence kept, and the mission sailed on.
+
+The whole way of the data is in it: ships, what a transponder hears of them, the driver, the tick. The boat is that of
+the K-T equation in closed form, on a tick of one second, in a calm sea.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from firmware_py.common.angles import TWO_PI
+from firmware_py.common.intents import Arm, Request, SetMode
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan, PlanKind, Plans
+from firmware_py.common.records import (
+    FixType,
+    HeadingSample,
+    Inputs,
+    NorthReference,
+    PositionSample,
+    RudderFeedback,
+    Tick,
+)
+from firmware_py.common.reports import MissionState
+from firmware_py.core.state import State
+from firmware_py.core.step import step
+from firmware_py.faults.table import Fault
+from firmware_py.guidance.traffic import MOST_VESSELS
+from firmware_py.model.kt import OCEAN_RAMBLER
+from firmware_py.sensors.ais import MOST_REPORTS, AisOptions, AisReceiver
+from hil.devices.ais import AisEmulator
+from hil.ship.kt_plant import KtPlant
+from hil.ship.traffic import OWN_MMSI, SCENES
+from support.line import FakeLine
+from support.plans import START_RAD, item, placed
+
+TICK_S = 1.0
+SPEED_M_S = 0.4
+GOAL_M = (800.0, 0.0)
+FENCE_M = 450.0  # to either side of her line
+LONGEST_S = 4500.0
+WAYPOINT, INCLUDED_VERTEX = 16, 5001
+CORNERS = ((-300.0, -FENCE_M), (1500.0, -FENCE_M), (1500.0, FENCE_M), (-300.0, FENCE_M))
+
+
+class Boat:
+    """Ship, perfect sensors, transponder and tick."""
+
+    def __init__(self, ships, seed, **parameters):
+        values = ParameterSet().replaced("LOOP_RATE_HZ", 1.0).replaced("FENCE_ENABLE", 1.0)
+        for name, value in parameters.items():
+            values = values.replaced(name, value)
+        mission = Plan.of(PlanKind.MISSION, [item(WAYPOINT, *GOAL_M)])
+        fence = Plan.of(PlanKind.FENCE, [item(INCLUDED_VERTEX, *corner, len(CORNERS)) for corner in CORNERS])
+        self.state = State.at_start(values, Plans(mission=mission, fence=fence))
+        self.plant = KtPlant(OCEAN_RAMBLER.at_speed(SPEED_M_S), TICK_S)
+        self.north_m = self.east_m = self.rudder_rad = self.t_s = 0.0
+        self.index = 0
+        self.ships = ships
+        self.line = FakeLine()
+        self.ears = AisReceiver(self.line, AisOptions(own_mmsi=OWN_MMSI))
+        start_deg = tuple(map(math.degrees, START_RAD))
+        rng = np.random.default_rng(seed)
+        self.transponder = AisEmulator(self, start_deg, ships, rng, own_mmsi=OWN_MMSI, range_m=40_000.0, lost=0.2)
+        self.events, self.closest, self.heard_s = [], [(math.inf, 0.0)] * min(3, len(ships)), None
+        self.least_margin_m, self.ears_said = math.inf, ""
+
+    # What the transponder asks.
+    def latitude_deg(self):
+        return math.degrees(placed(self.north_m, self.east_m)[0])
+
+    def longitude_deg(self):
+        return math.degrees(placed(self.north_m, self.east_m)[1])
+
+    def speed_over_ground_m_s(self):
+        return SPEED_M_S
+
+    def course_over_ground_rad(self):
+        return self.plant.heading_rad % TWO_PI
+
+    def utc_s(self):
+        return 1.767e9 + self.t_s
+
+    def tick(self, *intents):
+        t_s, heading_rad = self.t_s, self.plant.heading_rad % TWO_PI
+        self.line.inbox += self.transponder.take_output(t_s)
+        self.ears.receive(t_s)
+        vessels, health = tuple(self.ears.poll()), self.ears.health(t_s)
+        changed, self.ears_said = health.text != self.ears_said, health.text
+        self.reports = len(vessels)
+        self.heard_s = t_s if vessels and self.heard_s is None else self.heard_s
+        place = placed(self.north_m, self.east_m)
+        fix = PositionSample(t_s, FixType.FIX_3D, *place, 2.0, SPEED_M_S, heading_rad, 11, 0.9, self.utc_s())
+        inputs = Inputs(
+            Tick(self.index, t_s, 0.0, 0, 1.0 / TICK_S),
+            (HeadingSample(t_s, heading_rad, NorthReference.TRUE),),
+            (fix,),
+            (RudderFeedback(t_s, self.rudder_rad),),
+            (health,) if changed else (),
+            requests=tuple(Request(t_s, intent) for intent in intents),
+            vessels=vessels,
+        )
+        self.state, output = step(self.state, inputs)
+        self.snapshot = output.snapshot
+        self.events += [(t_s, event.text) for event in output.events]
+        before_rad, self.rudder_rad = self.plant.heading_rad, output.command.shaft_rad
+        self.plant.step(self.rudder_rad, 0.0)
+        way_rad = 0.5 * (before_rad + self.plant.heading_rad)
+        self.north_m += SPEED_M_S * TICK_S * math.cos(way_rad)
+        self.east_m += SPEED_M_S * TICK_S * math.sin(way_rad)
+        self.index += 1
+        self.t_s = TICK_S * self.index
+        for number, ship in enumerate(self.ships[:3]):
+            north_m, east_m = ship.position_m(self.t_s)
+            distance_m = math.hypot(north_m - self.north_m, east_m - self.east_m)
+            self.closest[number] = min(self.closest[number], (distance_m, self.t_s))
+        margin_m = min(FENCE_M - abs(self.east_m), self.north_m + 300.0, 1500.0 - self.north_m)
+        self.least_margin_m = min(self.least_margin_m, margin_m)
+
+    def sail(self):
+        """Sail the mission to its end; return this."""
+        for _ in range(6):
+            self.tick()
+        self.tick(Arm(armed=True), SetMode(Mode.AUTO))
+        assert self.state.modes.mode is Mode.AUTO
+        while self.t_s < LONGEST_S and self.snapshot.mission.state is not MissionState.COMPLETE:
+            self.tick()
+        return self
+
+    def said(self, text):
+        return [t_s for t_s, event in self.events if text in event]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of an encounter: how near on her own way and stepping aside, how long before it was told."""
+
+    seed: int
+    ship: object
+    plain_m: float
+    aside_m: float
+    warned_s: float
+    heard_before_s: float
+    stepped: bool
+    refused: bool
+    margin_m: float
+
+
+def on_her_way(ship):
+    """Return how near the ship would come to a boat that sails her line, and when."""
+    times = np.arange(0.0, GOAL_M[0] / SPEED_M_S)
+    places = np.array([ship.position_m(t_s) for t_s in times])
+    distances = np.hypot(places[:, 0] - SPEED_M_S * times, places[:, 1])
+    return float(distances.min()), float(times[distances.argmin()])
+
+
+def encountered(seed):
+    """Sail an encounter, stepping aside, and check what must hold in each."""
+    (ship,) = SCENES["encounter"](SPEED_M_S, np.random.default_rng(seed))
+    boat = Boat((ship,), seed, AIS_ACT=1.0).sail()
+    assert boat.snapshot.mission.state is MissionState.COMPLETE, (seed, ship, boat.events)
+    assert boat.least_margin_m > 0.0, (seed, ship)
+    assert not boat.said("Fence breached")
+    assert not boat.snapshot.faults >> Fault.VESSEL_NEAR & 1
+    assert len(boat.said(" comes to ")) == 1, (seed, ship, boat.events)
+    (told_s,) = boat.said(" comes to ")
+    plain_m, at_s = on_her_way(ship)
+    stepped, refused = bool(boat.said("Steps aside")), bool(boat.said("Cannot step aside"))
+    heard_s = at_s - boat.heard_s
+    return Outcome(
+        seed, ship, plain_m, boat.closest[0][0], at_s - told_s, heard_s, stepped, refused, boat.least_margin_m
+    )
+
+
+def check(outcome):
+    if outcome.heard_before_s >= 720.0:
+        assert outcome.warned_s >= 600.0, outcome
+    assert outcome.stepped or outcome.refused or outcome.plain_m > 450.0, outcome
+    if outcome.stepped:
+        assert outcome.aside_m > outcome.plain_m, outcome
+
+
+def test_an_encounter():
+    check(encountered(1))
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(7200)
+def test_a_hundred_encounters(figures):
+    """`pytest -m proof -s tests/voyages/test_encounters.py`."""
+    outcomes = [encountered(seed) for seed in range(1, 101)]
+    grown = [one.aside_m - one.plain_m for one in outcomes]
+    for one in outcomes:
+        print(
+            f"{one.seed:3d} {one.ship.speed_m_s:5.1f} m/s {one.ship.course_deg:5.0f} deg {one.ship.station}: "
+            f"{one.plain_m:4.0f} m -> {one.aside_m:4.0f} m, told {one.warned_s / 60.0:4.1f} min before, "
+            f"stepped {one.stepped:d} refused {one.refused:d}, fence {one.margin_m:4.0f} m"
+        )
+    for one in outcomes:
+        check(one)
+    figures.keep("encounter_told_least", min(one.warned_s for one in outcomes) / 60.0, "min", "of 100 encounters")
+    figures.keep("encounter_grown_least", min(grown), "m", "of 100 encounters")
+    figures.keep("encounter_grown_median", float(np.median(grown)), "m", "of 100 encounters")
+    figures.keep("encounter_stepped", sum(one.stepped for one in outcomes), "of 100", "encounters stepped aside in")
+    figures.keep("encounter_fence_least", min(one.margin_m for one in outcomes), "m", "of 100 encounters")
+
+
+def test_among_ghosts_leapers_and_her_own_number_the_real_ship_is_told():
+    ships = SCENES["spoofed"](SPEED_M_S, np.random.default_rng(1))
+    boat = Boat(ships, 1)
+    while boat.t_s < 500.0:
+        boat.tick()
+    assert boat.said("CROSSING LADY comes to") or boat.said("MMSI 211000001 comes to")
+    assert not boat.said("DOUBLE")
+    assert boat.said(f"AIS: another ship sends her number {OWN_MMSI:09d}")
+    assert len(boat.said(" comes to ")) <= 30
+
+
+def test_absurd_stations_are_no_ships():
+    ships = SCENES["absurd"](SPEED_M_S, np.random.default_rng(1))
+    boat = Boat(ships, 1)
+    while boat.t_s < 300.0:
+        boat.tick()
+    assert boat.said("CROSSING LADY comes to") or boat.said("MMSI 211000001 comes to")
+    assert {vessel.mmsi for vessel in boat.state.traffic.vessels} == {211_000_001}
+    assert boat.said("AIS: ")
+
+
+def test_in_a_flood_of_ten_thousand_each_tick_has_a_bounded_piece_of_work_and_the_real_ship_is_told():
+    """Work is counted, not timed: reports taken in and vessels looked through."""
+    boat = Boat(SCENES["flood"](SPEED_M_S, np.random.default_rng(1)), 1, AIS_NEAR_S=1800.0)
+    while boat.t_s < 100.0:
+        boat.tick()
+        assert len(boat.state.traffic.vessels) <= MOST_VESSELS
+        assert boat.reports <= MOST_REPORTS
+    assert boat.transponder.unsent > 50_000
+    assert boat.state.traffic.turned_away > 1000
+    assert boat.said("CROSSING LADY comes to") or boat.said("MMSI 211000001 comes to")
