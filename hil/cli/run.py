@@ -66,6 +66,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="she is yours: no goals but --goal's, no end but Ctrl-C or --seconds, and no order an error",
     )
     parser.add_argument("--state", type=Path, metavar="DIR", help="begin with a copy of this state directory")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where to write (default runs/SCENARIO-SEED)")
+    _add_autopilot_arguments(parser)
+
+
+def _add_autopilot_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define how the autopilot is set and reached."""
     parser.add_argument(
         "--link",
         metavar="URL",
@@ -98,7 +104,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="start no autopilot: the one at the adapters' other ends is given the goals, by MAVLink at tcp:HOST:5760,"
         " or at tcp:, udpout: or udpin:HOST:PORT",
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where to write (default runs/SCENARIO-SEED)")
 
 
 def run(arguments: argparse.Namespace) -> int:
