@@ -27,6 +27,7 @@ LEAST_SPREADS: Final = 2.0  # of the heading's standard deviation
 LEAST_RUDDER_RAD: Final = radians(2.0)  # well beyond the band in which the rudder waits
 RETURN_SHARE: Final = 0.2  # of the least error: so far on the other side it must be to have changed sides
 SHORTEST_LAGS, LONGEST_LAGS = 1.5, 16.0  # a half swing, by the turning lag that the model has
+LONGEST_S: Final = 64.0  # that much at least, for what comes late comes as late at any speed
 SHORTEST_WAVES: Final = 0.75  # and by the period of the waves
 ALIKE_LENGTH: Final = 1.5  # by how many times one may be longer or shorter than the one before
 GROWN, SHRUNK = 2.0, 0.7  # and by how many times larger or smaller
@@ -124,7 +125,7 @@ def update(
         not half.turned
         and half.peak_rad >= least_rad
         and half.rudder_rad >= LEAST_RUDDER_RAD
-        and shortest_s <= length_s <= LONGEST_LAGS * lag_s
+        and shortest_s <= length_s <= max(LONGEST_LAGS * lag_s, LONGEST_S)
     )
     count = _count_of(half, given.heading_sd_rad) if counts else 0.0
     state = _counted(state, half.peak_rad, length_s, count, now_s)

@@ -16,7 +16,7 @@ LEAST_RAD = radians(1.5)
 LEAST_SPREADS = 2.0
 LEAST_RUDDER_RAD = radians(2.0)
 RETURN_SHARE = 0.2
-SHORTEST_LAGS, LONGEST_LAGS = 1.5, 16.0
+SHORTEST_LAGS, LONGEST_LAGS, LONGEST_S = 1.5, 16.0, 64.0
 SHORTEST_WAVES = 0.75
 ALIKE_LENGTH = 1.5
 GROWN, SHRUNK = 2.0, 0.7
@@ -112,7 +112,7 @@ def watch(
         s[TURNED] == 0.0
         and peak_rad >= least_rad
         and s[BESIDE] >= LEAST_RUDDER_RAD
-        and shortest_s <= length_s <= LONGEST_LAGS * lag_s
+        and shortest_s <= length_s <= max(LONGEST_LAGS * lag_s, LONGEST_S)
     )
     count_half(s, peak_rad, length_s, count_of(s, e[E_HEADING_SD]) if counts else 0.0, now_s)
     begin_half(s, now_s, -side, goal_rad, 1.0 if jumped else 0.0)
