@@ -119,7 +119,7 @@ class Trials:
         self.archive: list[Score] = []
         with compiling("the boat's twin"):
             self.reference = self.results(default_setting())
-        self.delivered = self.score(default_setting())
+        self.delivered = self._keep(default_setting(), self.reference)
 
     def record(self, setting: Setting, sea: Sea) -> Record:
         """Sail a sea with a setting."""
@@ -144,8 +144,11 @@ class Trials:
         return results
 
     def score(self, setting: Setting) -> Score:
-        """Return and keep the score of a setting."""
-        results = self.results(setting)
+        """Return and keep the score of a setting; one that is kept is not sailed again."""
+        known = next((score for score in self.archive if score.setting == setting), None)
+        return known or self._keep(setting, self.results(setting))
+
+    def _keep(self, setting: Setting, results: Floats) -> Score:
         ratio = results[:, ITAE] / self.reference[:, ITAE]
         score = Score(
             setting,

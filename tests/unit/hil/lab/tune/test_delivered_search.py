@@ -2,12 +2,14 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.lab.tune.delivered import Score, Trials, cases_of, default_setting, task_of
 from hil.lab.tune.delivered_search import no_worse, tune
+from hil.lab.tune.loop_kernel import RESULTS
 from hil.ship.scenarios import UnknownScenarioError
 
 PRICE, BAND = default_setting()
@@ -69,6 +71,24 @@ def test_what_fresh_seas_do_not_bear_out_is_not_kept():
 def test_where_nothing_is_better_the_delivered_defaults_stay():
     found = tune(MadeUp(lambda price, _: 1.0 + abs(price - PRICE), flat), MadeUp(flat, flat), ParameterSet())
     assert (found.kept, found.why) == (True, "nothing better was found")
+
+
+class Counted(Trials):
+    """Trial runs of which only the number is of interest."""
+
+    def __init__(self):
+        self.archive, self.reference, self.sailed = [], np.ones((1, RESULTS)), 0
+
+    def results(self, setting):
+        self.sailed += 1
+        return self.reference
+
+
+def test_a_setting_that_has_been_sailed_is_not_sailed_again():
+    trials = Counted()
+    assert trials.score((1.0, 2.0)) is trials.score((1.0, 2.0))
+    trials.score((1.0, 2.5))
+    assert (trials.sailed, len(trials.archive)) == (2, 2)
 
 
 def test_each_sea_is_sailed_by_each_ship_with_each_seed():
