@@ -17,6 +17,8 @@ from firmware_py.view.history import History, Mark
 Status = Mapping[str, Any]
 MOST_SEEN: Final = 500
 MOST_LINE_BYTES: Final = 1 << 14
+MOST_TITLE: Final = 300
+MOST: Final = 1e15
 
 # Column of a page: section of the status (empty: the status itself), key, factor.
 FROM_STATUS: Final[Mapping[str, tuple[str, str, float]]] = {
@@ -66,8 +68,11 @@ class Feed:
             told = json.loads(line) if len(line) <= MOST_LINE_BYTES else None
         except (ValueError, RecursionError):
             return
-        if isinstance(told, dict):
-            self._truth |= told
+        for name, value in told.items() if isinstance(told, dict) else ():
+            if isinstance(value, str) and len(value) <= MOST_TITLE:
+                self._truth[name] = value
+            elif isinstance(value, (int, float)) and abs(value) <= MOST:  # False for NaN
+                self._truth[name] = float(value)
 
     def poll(self) -> bytes | None:
         """Return what is new, as JSON for the readers; None when nothing is."""
@@ -80,13 +85,21 @@ class Feed:
         self._last = key
         try:
             return self._take(found)
-        except (KeyError, TypeError, ValueError, AttributeError):  # of another version than this program
+        except (
+            KeyError,
+            TypeError,
+            ValueError,
+            AttributeError,
+            OverflowError,
+            RecursionError,
+        ):  # of another version than this program
             return self._history.add(
                 {}, (), {"freshness": Freshness.STALE.value, "reason": "it speaks another version"}
             )
 
     def _take(self, found: Found) -> bytes:
-        status = found.content
+        # Anybody may have written it: what is no number is null, else no reader could be told anything any more.
+        status = json.loads(json.dumps(found.content), parse_constant=lambda _: None)
         time_s = self._truth.get("time_s")
         marks: tuple[Mark, ...] = ()
         plans_before = self._plans
@@ -130,21 +143,21 @@ class Feed:
             key = (status["pid"], event["t_s"], event["text"])
             if key not in self._seen:
                 self._seen.append(key)
-                found.append((round(time_s - (status["uptime_s"] - event["t_s"]), 1), event["severity"], event["text"]))
+                ago_s = status["uptime_s"] - event["t_s"]
+                found.append((round(time_s - ago_s, 1), int(event["severity"]), str(event["text"])[:MOST_TITLE]))
         return found
 
     def _look_at_plans(self, status: Status) -> None:
         key = (status.get("plan_identities"), status.get("home"))
         if key != self._plan_key:
             self._plan_key = key
-            home = status.get("home") or {}
-            place = [home["lat_deg"], home["lon_deg"]] if home else None
-            self._plans = {**self._read_plans(), **({"home": place} if place else {})}
+            home = [_value(status, "home", key) for key in ("lat_deg", "lon_deg")]
+            self._plans = {**self._read_plans(), **({} if None in home else {"home": home})}
 
 
 def _value(status: Status, section: str, key: str, factor: float = 1.0) -> float | None:
     value = (status.get(section) or {} if section else status).get(key)
-    return value * factor if isinstance(value, (int, float)) else None
+    return value * factor if isinstance(value, (int, float)) and abs(value) <= MOST else None
 
 
 def _target(status: Status) -> list[float | None] | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -13,6 +12,7 @@ from firmware_py.view.model import DIGITS, PANELS, PLACE_DIGITS
 
 MOST_ROWS: Final = 2400  # then every other one is left out, and rows come half as often from then on
 MOST_MARKS: Final = 300
+MOST: Final = 1e15  # of a number that anybody could mean
 COLUMNS: Final = ("time_s", "lat_deg", "lon_deg", *dict.fromkeys(line.column for one in PANELS for line in one.lines))
 
 Row = Mapping[str, float | None]
@@ -68,7 +68,7 @@ class History:
 
 
 def _number(name: str, value: float | None) -> float | None:
-    if not isinstance(value, (int, float)) or not math.isfinite(value):
+    if not isinstance(value, (int, float)) or not abs(value) <= MOST:  # NaN is no number either
         return None
     return round(float(value), PLACE_DIGITS if name in ("lat_deg", "lon_deg") else DIGITS)
 

@@ -71,12 +71,7 @@ def test_readers_change_nothing_of_a_run(tmp_path):
     port = int(address_of(process).rstrip("/").rpartition(":")[2])
     told = []
 
-    def watch():
-        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60.0)
-        connection.request("GET", "/events")
-        told.append(connection.getresponse().read())
-
-    readers = [threading.Thread(target=watch) for _ in range(10)]
+    readers = [threading.Thread(target=lambda: told.append(read_all(port))) for _ in range(10)]
     for one in readers:
         one.start()
     for one in readers:
@@ -95,3 +90,32 @@ def test_a_page_that_cannot_be_is_told_and_there_is_no_run(tmp_path, listen):
     code, said, errors = rambler_hil("run", "calm", "--goal", "0:0", "--view", listen, "--out", tmp_path / "run")
     assert (code, said, len(errors.splitlines())) == (2, "", 1)
     assert listen in errors
+
+
+@pytest.mark.proof
+def test_ten_readers_move_no_tick(tmp_path):
+    """In real time; on a quiet machine: pytest -m proof tests/process/test_view.py -s."""
+    late_us = {}
+    for readers in (0, 10):
+        out = tmp_path / str(readers)
+        words = ["run", "sea", "--seconds", "120", "--goal", "0:30", "--view", "127.0.0.1:0", "--out", out]
+        process = start_rambler_hil(*words)
+        port = int(address_of(process).rstrip("/").rpartition(":")[2])
+        threads = [threading.Thread(target=read_all, args=(port,)) for _ in range(readers)]
+        for one in threads:
+            one.start()
+        assert process.wait(200.0) == 0
+        for one in threads:
+            one.join(60.0)
+        loop = json.loads((out / "summary.json").read_text())["loop"]
+        late_us[readers] = loop["lateness_us"]
+        print(f"{readers} readers: skipped {loop['skipped']}, late {loop['lateness_us']}")
+        assert loop["skipped"] == 0
+    assert late_us[10]["p50"] <= 2.0 * late_us[0]["p50"] + 100.0
+    assert late_us[10]["p99"] <= 2.0 * late_us[0]["p99"] + 1000.0
+
+
+def read_all(port):
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60.0)
+    connection.request("GET", "/events")
+    return connection.getresponse().read()

@@ -9,13 +9,13 @@ import pytest
 from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
-from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Inputs, Tick
-from firmware_py.common.reports import Energy, Flow, Power, SwingReport
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Event, Inputs, Severity, Tick
+from firmware_py.common.reports import Energy, Flow, Home, MissionReport, Navigation, Power, SwingReport
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
 from firmware_py.faults.table import TABLE, Fault
-from firmware_py.system.status_report import StatusReporter, StatusSources
+from firmware_py.system.status_report import MOST_EVENTS, StatusReporter, StatusSources
 from firmware_py.system.status_sections import SECTIONS
 
 
@@ -94,6 +94,25 @@ def test_it_has_what_the_operator_asks_for(boat):
     assert status["links"][0]["peers"][0]["heard_age_s"] == pytest.approx(0.45, abs=0.051)
     assert status["links"][1]["peers"] == []
     assert status["faults"] == []
+
+
+def test_what_she_said_between_two_statuses_is_told(boat):
+    boat.status(10.0)
+    said = replace(boat.output, events=(Event(Severity.WARNING, "Position lost"),))
+    boat.reporter.update(said, 10.1)
+    event = {"t_s": 10.1, "severity": 4, "text": "Position lost"}
+    assert event in boat.status(11.0)["events"]
+    for number in range(1000):
+        boat.reporter.update(said, 11.0 + 1e-4 * number)
+    assert len(boat.status(12.5)["events"]) == MOST_EVENTS
+
+
+def test_where_she_is_going_and_what_home_is_stand_beside_it(boat):
+    going = Navigation(target_latitude_rad=0.1, target_longitude_rad=0.2, radius_m=40.0)
+    status = boat.status(navigation=going, home=Home(0.3, 0.4, 0.0), mission=MissionReport(identities=(1, 2, 3)))
+    assert (status["navigation"]["target_lat_deg"], status["navigation"]["radius_m"]) == (5.7295780, 40.0)
+    assert status["home"] == {"lat_deg": 17.1887339, "lon_deg": 22.9183118}
+    assert status["plan_identities"] == [1, 2, 3]
 
 
 def test_energy_is_there_when_the_snapshot_has_it(boat):

@@ -1,0 +1,91 @@
+"""What the page under way takes from outside: requests of browsers, and lines of a harness."""
+
+import ipaddress
+import json
+
+from firmware_py.system.status_file import Found, Freshness
+from firmware_py.view.feed import Feed
+from firmware_py.view.guard import COOKIE, Guard
+from firmware_py.view.history import History
+from fuzz.target import Target
+
+TOKEN = "0123456789abcdef"
+HERE, OPEN = Guard("", loopback=True), Guard(TOKEN, loopback=False)
+STATUSES = {200, 303, 403, 405, 414, 421}
+
+
+def is_here(host):
+    """Whether a host is this computer itself, whatever its port: told by other means than the guard's."""
+    name = host.rsplit(":", 1)[0] if host.rsplit(":", 1)[-1].isdigit() else host
+    if name.strip("[]").lower() == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(name.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def request(data):
+    """Judge a request: its method, its target and its headers, a line each."""
+    method, _, rest = data.decode("latin-1").partition(" ")
+    target, *lines = rest.split("\n")
+    headers = {one.partition(":")[0].strip(): one.partition(":")[2].strip() for one in lines}
+    for guard in (HERE, OPEN):
+        verdict = guard.judge(method, target, headers)
+        assert verdict.status in STATUSES
+        if verdict.status in (200, 303):
+            assert method in ("GET", "HEAD")
+            assert headers.get("Origin", f"http://{headers['Host']}") == f"http://{headers['Host']}"
+        if verdict.status == 200:
+            assert is_here(headers["Host"]) if guard is HERE else TOKEN in headers["Cookie"]
+        assert (verdict.status == 303) == verdict.remember
+
+
+def line(data):
+    """Take a line of a harness; what the readers are told of it is JSON, whatever it was."""
+    history = History()
+    feed = Feed(history, lambda: Found(Freshness.ABSENT), dict)
+    for one in data.split(b"\n"):
+        feed.take_line(one)
+    told = feed.poll()
+    json.loads(history.whole())
+    assert told is None or json.loads(told)["marks"] == []
+
+
+def status(data):
+    """Take a status that anybody may have put where the autopilot's is looked for."""
+    try:
+        content = json.loads(data)
+        content |= {"written_machine_s": float(content.get("written_machine_s", 0.0)), "pid": 1, "state_directory": ""}
+    except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
+        return  # it is no status (system.status_file)
+    history = History()
+    feed = Feed(history, lambda: Found(Freshness.RUNNING, content, 0.1), dict)
+    told = feed.poll()
+    json.loads(history.whole(), parse_constant=refuse)
+    json.loads(told, parse_constant=refuse)
+
+
+def refuse(constant):
+    """No reader of JSON but Python's knows these."""
+    raise AssertionError(constant)
+
+
+TARGETS = {
+    "view_request": Target(
+        request,
+        words=(
+            b"GET /", b"HEAD /events", b"?token=", TOKEN.encode(), b"\nHost: localhost:8046", b"\nHost: 127.0.0.1",
+            b"\nHost: [::1]:1", b"\nOrigin: http://", b"\nSec-Fetch-Site: cross-site", b"\nSec-Fetch-Mode: navigate",
+            f"\nCookie: {COOKIE}={TOKEN}".encode(),
+        ),
+    ),
+    "view_line": Target(line, words=(b'{"time_s": 1.0, "true_heading_deg": 3}', b'"title": ', b"NaN", b"1e999", b"\n")),
+    "view_status": Target(
+        status,
+        words=(
+            b'"uptime_s":1', b'"utc_s":2e9', b'"events":[{"t_s":1,"severity":4,"text":"x"}]', b'"faults":[]',
+            b'"home":{', b'"position":{"lat_deg":36,"lon_deg":121}', b"Infinity", b"1e999",
+        ),
+    ),
+}  # fmt: skip
