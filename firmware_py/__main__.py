@@ -36,6 +36,7 @@ COMMANDS = {
     "example": ("firmware_py.cli.example", "write a commented vehicle file to begin with"),
     "service": ("firmware_py.cli.service", "the autopilot as a service: print its files, install, status, remove"),
     "report": ("firmware_py.cli.report", "a page with the pictures and figures of logs, or of a state directory"),
+    "export": ("firmware_py.cli.export", "a log as a file for other tools: csv, parquet, mcap (Foxglove), gpx, kml"),
     "update": ("firmware_py.cli.update", "put another version in force, on trial, from a bundle; or the one before"),
 }
 

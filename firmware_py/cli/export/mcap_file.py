@@ -1,0 +1,119 @@
+"""MCAP for Foxglove: each message of the log as JSON on a topic of its name, position and texts as Foxglove has them.
+
+Beside the file lies a layout, to be imported in Foxglove.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any, Final
+
+from firmware_py.cli.export.messages import Message, messages, utc_shift_s
+from firmware_py.common.records import Severity
+from firmware_py.log.dataflash import Buffer
+
+LAYOUT_SUFFIX: Final = ".layout.json"
+_POSITION, _LOG = "/position", "/log"
+_STAMP: Final = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
+_NUMBER: Final = {"type": "number"}
+# Foxglove's own, as far as they are used.
+_SCHEMAS: Final = {
+    _POSITION: (
+        "foxglove.LocationFix",
+        {"timestamp": _STAMP, "frame_id": {"type": "string"}, "latitude": _NUMBER, "longitude": _NUMBER}
+        | {"altitude": _NUMBER, "position_covariance_type": {"type": "integer"}}
+        | {"position_covariance": {"type": "array", "items": _NUMBER}},
+    ),
+    _LOG: (
+        "foxglove.Log",
+        {"timestamp": _STAMP, "level": {"type": "integer"}, "message": {"type": "string"}, "name": {"type": "string"}},
+    ),
+}
+# MAV_SEVERITY to foxglove.LogLevel.
+_LEVELS: Final = {severity: 5 if severity <= Severity.CRITICAL else 4 for severity in range(Severity.ERROR + 1)} | {
+    int(Severity.WARNING): 3,
+    int(Severity.NOTICE): 2,
+    int(Severity.INFO): 2,
+}
+_PLOTS: Final = {
+    "Heading": ("/ATT.Yaw", "/ATT.DesYaw", "/XKF1.Yaw"),
+    "Rudder": ("/STER.Demanded", "/STER.Achieved"),
+    "Off the line": ("/NTUN.XTrack", "/NTUN.WpDist"),
+    "Battery": ("/BAT.Volt", "/BAT.Curr"),
+}
+
+
+def write(_kind: str, buffer: Buffer, path: Path, out: Path) -> str:
+    """Write the file, and the layout beside where it will lie; return how much it is, empty for none."""
+    from mcap.writer import Writer  # type: ignore[import-not-found,unused-ignore] # noqa: PLC0415 - an extra
+
+    shift_s = utc_shift_s(buffer) or 0.0
+    channels: dict[str, int] = {}
+    count = 0
+    with path.open("wb") as file:
+        writer: Any = Writer(file)
+        writer.start(profile="", library="rambler export")
+        for message in messages(buffer):
+            time_ns = max(0, round((message.t_s + shift_s) * 1e9))
+            for topic, values in _told(message, time_ns):
+                if topic not in channels:
+                    channels[topic] = _channel(writer, topic, values)
+                data = json.dumps(values, allow_nan=False).encode()
+                writer.add_message(channels[topic], log_time=time_ns, publish_time=time_ns, data=data)
+                count += 1
+        writer.finish()
+    if count:
+        out.with_name(out.name + LAYOUT_SUFFIX).write_text(json.dumps(_layout(), indent=1), encoding="ascii")
+    return f"{count} messages on {len(channels)} topics; layout in {out.name + LAYOUT_SUFFIX}" if count else ""
+
+
+def _channel(writer: Any, topic: str, values: dict[str, Any]) -> int:
+    name, properties = _SCHEMAS.get(topic) or (
+        f"rambler.{topic[1:]}",
+        {key: {"type": "string" if isinstance(value, str) else ["number", "null"]} for key, value in values.items()},
+    )
+    schema = json.dumps({"title": name, "type": "object", "properties": properties}).encode()
+    number = writer.register_schema(name=name, encoding="jsonschema", data=schema)
+    return int(writer.register_channel(topic=topic, message_encoding="json", schema_id=number))
+
+
+def _told(message: Message, time_ns: int) -> list[tuple[str, dict[str, Any]]]:
+    values = {key: _plain(value) for key, value in message.values.items()}
+    told = [(f"/{message.name}", values)]
+    stamp = {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}
+    if message.name == "POS":
+        place = {"latitude": values["Lat"], "longitude": values["Lng"], "altitude": values["Alt"]}
+        unknown = {"position_covariance": [0.0] * 9, "position_covariance_type": 0}
+        told.append((_POSITION, {"timestamp": stamp, "frame_id": "earth", **place, **unknown}))
+    elif message.name == "MSG":
+        level = _LEVELS.get(int(values.get("Sev") or 0), 1)
+        told.append((_LOG, {"timestamp": stamp, "level": level, "message": values["Message"], "name": "rambler"}))
+    return told
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _layout() -> dict[str, Any]:
+    """Return a layout of Foxglove: the map and the texts beside the plots."""
+    panels: dict[str, Any] = {
+        "map!rambler": {"layer": "map", "topicColors": {}, "followTopic": _POSITION, "zoomLevel": 15},
+        "RosOut!rambler": {"topicToRender": _LOG, "searchTerms": [], "minLogLevel": 1},
+    }
+    plots = []
+    for number, (title, paths) in enumerate(_PLOTS.items()):
+        plots.append(f"Plot!rambler{number}")
+        lines = [{"value": path, "enabled": True, "timestampMethod": "receiveTime"} for path in paths]
+        panels[plots[-1]] = {
+            "paths": lines, "foxglovePanelTitle": title, "xAxisVal": "timestamp", "showLegend": True, "isSynced": True,
+        }  # fmt: skip
+    left = {"first": "map!rambler", "second": "RosOut!rambler", "direction": "column", "splitPercentage": 70}
+    right: Any = plots[-1]
+    for share, plot in enumerate(reversed(plots[:-1]), start=2):
+        right = {"first": plot, "second": right, "direction": "column", "splitPercentage": 100 / share}
+    layout = {"first": left, "second": right, "direction": "row", "splitPercentage": 40}
+    playback = {"speed": 1}
+    return {"configById": panels, "globalVariables": {}, "userNodes": {}, "playbackConfig": playback, "layout": layout}

@@ -1,0 +1,57 @@
+"""The messages of a log in numbers that others understand, and the calendar they are put on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator
+from typing import Any, Final, NamedTuple
+
+from firmware_py.common.calendar import LAST_UTC_S
+from firmware_py.log.dataflash import Buffer, Format, Parser, text_of
+
+_SCALES: Final = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
+_TEXTS: Final = frozenset("nNZ")
+_MICROSECONDS: Final = 1e-6
+_FIRST_UTC_S: Final = 1.0e9  # 2001: what is earlier is no date of a receiver
+
+
+class Message(NamedTuple):
+    """One record: its name, the time of the process in seconds, and its columns."""
+
+    name: str
+    t_s: float
+    values: dict[str, Any]
+
+
+def messages(buffer: Buffer, wanted: Collection[str] | None = None) -> Iterator[Message]:
+    """Yield the records with a time in order, of the wanted names or of all, but for pieces of a longer text."""
+    taken: dict[int, bool] = {}
+    for found, at in Parser(buffer):
+        take = taken.get(id(found))
+        if take is None:
+            whole = "TimeUS" in found.labels and "Part" not in found.labels and not found.name.startswith("FMT")
+            take = taken[id(found)] = whole and (wanted is None or found.name in wanted)
+        if take:
+            values = _values(found, buffer, at)
+            yield Message(found.name, values["TimeUS"] * _MICROSECONDS, values)
+
+
+def _values(found: Format, buffer: Buffer, at: int) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for label, kind, value in zip(found.labels, found.values, found.unpack(buffer, at), strict=True):
+        if kind in _TEXTS:
+            values[label] = text_of(value)
+        elif isinstance(value, bytes):
+            continue
+        else:
+            values[label] = value * _SCALES[kind] if kind in _SCALES else value
+    return values
+
+
+def utc_shift_s(buffer: Buffer) -> float | None:
+    """Return what makes a process's time UTC, by the first date of the receiver; None when it never told one."""
+    for message in messages(buffer, {"FIX"}):
+        utc_s, t_s = message.values.get("Utc", math.nan), message.values.get("T", math.nan)
+        if _FIRST_UTC_S < utc_s < LAST_UTC_S and math.isfinite(t_s):
+            return float(utc_s - t_s)
+    return None

@@ -1,0 +1,164 @@
+"""GPX and KML: the track, with the mission and the fence that were in force at the end."""
+
+from __future__ import annotations
+
+import datetime as dt
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Final
+
+from firmware_py.cli.export.messages import Message, messages, utc_shift_s
+from firmware_py.common.angles import degrees
+from firmware_py.log.dataflash import Buffer
+from firmware_py.plans.items import ROWS
+
+_GPX, _KML = "http://www.topografix.com/GPX/1/1", "http://www.opengis.net/kml/2.2"
+_POLYGONS: Final = {98: "inclusion", 97: "exclusion"}
+_JUMP_S: Final = 60.0  # a track with so long a gap is two
+
+
+@dataclass(slots=True)
+class Point:
+    """A fix: degrees, metres, the time of the process."""
+
+    t_s: float
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+
+@dataclass(slots=True)
+class Tracks:
+    """What a map shows of a log."""
+
+    points: list[Point] = field(default_factory=list)
+    mission: list[dict[str, Any]] = field(default_factory=list)
+    fence: list[dict[str, Any]] = field(default_factory=list)
+    shift_s: float | None = None
+
+    def legs(self) -> Iterator[list[Point]]:
+        """Yield the pieces of the track between long gaps."""
+        leg: list[Point] = []
+        for point in self.points:
+            if leg and not 0.0 <= point.t_s - leg[-1].t_s <= _JUMP_S:
+                yield leg
+                leg = []
+            leg.append(point)
+        if leg:
+            yield leg
+
+    def time(self, point: Point) -> str:
+        """Return when that was in UTC; empty when the log knows no date."""
+        if self.shift_s is None:
+            return ""
+        moment = dt.datetime.fromtimestamp(point.t_s + self.shift_s, tz=dt.UTC)
+        return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def write(kind: str, buffer: Buffer, path: Path, _out: Path) -> str:
+    """Write the tracks; return how much it is, empty for none."""
+    tracks = gather(buffer)
+    if not tracks.points:
+        return ""
+    tree = ET.ElementTree((_gpx if kind == "gpx" else _kml)(tracks))
+    ET.indent(tree)
+    tree.write(path, encoding="utf-8", xml_declaration=True)
+    return f"{len(tracks.points)} fixes, {len(tracks.mission)} waypoints, {len(tracks.fence)} places of the fence"
+
+
+def gather(buffer: Buffer) -> Tracks:
+    """Take fixes, mission and fence of a log."""
+    tracks = Tracks(shift_s=utc_shift_s(buffer))
+    for message in messages(buffer, {"FIX", "CMD", "FNCE"}):
+        values = message.values
+        if message.name == "FIX":
+            place = (degrees(values["LatR"]), degrees(values["LngR"]))
+            if abs(place[0]) <= 90.0 and abs(place[1]) <= 180.0:  # NaN is neither
+                altitude_m = values.get("Alt", 0.0)
+                tracks.points.append(Point(values["T"], *place, altitude_m if altitude_m == altitude_m else 0.0))  # noqa: PLR0124
+        elif message.name == "CMD":
+            _follow(tracks.mission, message, "CNum")
+        else:
+            _follow(tracks.fence, message, "Seq")
+    tracks.mission = [one for one in tracks.mission if one["Lat"] or one["Lng"]]
+    return tracks
+
+
+def _follow(plan: list[dict[str, Any]], message: Message, number: str) -> None:
+    """Take an item of a plan; one that does not go on begins another."""
+    if plan and message.values[number] <= plan[-1][number]:
+        plan.clear()
+    plan.append(message.values)
+
+
+def _child(parent: ET.Element, tag: str, text: str = "", **attributes: str) -> ET.Element:
+    element = ET.SubElement(parent, tag, attributes)
+    element.text = text or None
+    return element
+
+
+def _gpx(tracks: Tracks) -> ET.Element:
+    root = ET.Element("gpx", {"xmlns": _GPX, "version": "1.1", "creator": "rambler export"})
+    for item in tracks.mission:
+        waypoint = _child(root, "wpt", lat=f"{item['Lat']:.7f}", lon=f"{item['Lng']:.7f}")
+        _child(waypoint, "name", _title(item))
+    track = _child(root, "trk")
+    _child(track, "name", "Rambler")
+    for leg in tracks.legs():
+        segment = _child(track, "trkseg")
+        for point in leg:
+            element = _child(segment, "trkpt", lat=f"{point.latitude_deg:.7f}", lon=f"{point.longitude_deg:.7f}")
+            _child(element, "ele", f"{point.altitude_m:.1f}")
+            if time := tracks.time(point):
+                _child(element, "time", time)
+    return root
+
+
+def _kml(tracks: Tracks) -> ET.Element:
+    root = ET.Element("kml", {"xmlns": _KML})
+    document = _child(root, "Document")
+    _child(document, "name", "Rambler")
+    for leg in tracks.legs():
+        _line(document, " to ".join(filter(None, map(tracks.time, (leg[0], leg[-1])))) or "Track", _places(leg))
+    mission = [(item["Lng"], item["Lat"]) for item in tracks.mission]
+    if len(mission) > 1:
+        _line(document, "Mission", mission)
+    for item, place in zip(tracks.mission, mission, strict=True):
+        placemark = _child(document, "Placemark")
+        _child(placemark, "name", _title(item))
+        _child(_child(placemark, "Point"), "coordinates", _coordinates([place]))
+    for (kind, count), group in groupby(tracks.fence, lambda one: (one["Type"], one["Count"])):
+        corners = [(one["Lng"], one["Lat"]) for one in group]
+        if kind not in _POLYGONS:
+            continue
+        for first in range(0, len(corners) - int(count) + 1, int(count)):
+            ring = corners[first : first + int(count)]
+            placemark = _child(document, "Placemark")
+            _child(placemark, "name", f"Fence, {_POLYGONS[kind]}")
+            outer = _child(_child(_child(placemark, "Polygon"), "outerBoundaryIs"), "LinearRing")
+            _child(outer, "coordinates", _coordinates([*ring, ring[0]]))
+    return root
+
+
+def _line(document: ET.Element, name: str, places: Sequence[tuple[float, float]]) -> None:
+    placemark = _child(document, "Placemark")
+    _child(placemark, "name", name)
+    line = _child(placemark, "LineString")
+    _child(line, "tessellate", "1")
+    _child(line, "coordinates", _coordinates(places))
+
+
+def _places(points: Sequence[Point]) -> list[tuple[float, float]]:
+    return [(point.longitude_deg, point.latitude_deg) for point in points]
+
+
+def _coordinates(places: Sequence[tuple[float, float]]) -> str:
+    return " ".join(f"{longitude_deg:.7f},{latitude_deg:.7f},0" for longitude_deg, latitude_deg in places)
+
+
+def _title(item: dict[str, Any]) -> str:
+    row = ROWS.get(int(item["CId"]))
+    return f"{item['CNum']} {row.name if row else item['CId']}"

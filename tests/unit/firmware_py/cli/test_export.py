@@ -1,0 +1,113 @@
+"""Exports of a log, opened by the libraries that others open them with."""
+
+import csv
+import json
+import sys
+import xml.etree.ElementTree as ET
+
+import pytest
+
+from firmware_py.__main__ import main
+from firmware_py.log.dataflash import header
+from firmware_py.log.schema import TYPES
+from support.full_log import TICKS, write_log
+
+GPX, KML = "{http://www.topografix.com/GPX/1/1}", "{http://www.opengis.net/kml/2.2}"
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    return write_log(tmp_path_factory.mktemp("logs"))
+
+
+@pytest.fixture
+def export(log, tmp_path):
+    def exported(kind):
+        out = tmp_path / f"boat.{kind}"
+        assert main(["export", str(log), "--to", kind, "--out", str(out)]) == 0
+        assert not list(tmp_path.glob("*.part"))
+        return out
+
+    return exported
+
+
+def test_a_row_a_tick(export):
+    with export("csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == TICKS
+    assert (rows[5]["mode"], rows[5]["armed"], rows[200]["armed"]) == ("GUIDED", "False", "True")
+    assert float(rows[5]["heading_deg"]) == pytest.approx(57.29578, abs=1e-4)
+    assert float(rows[5]["latitude_deg"]) == pytest.approx(40.10705, abs=1e-4)
+    assert rows[6]["latitude_deg"] == ""  # no fix came with that tick
+
+
+def test_parquet_has_the_same_table(export):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = parquet.read_table(export("parquet"))
+    with export("csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert table.column_names == list(rows[0])
+    for name in ("time_s", "rudder_deg", "utc_s", "battery_v"):
+        expected = [float(row[name]) if row[name] else None for row in rows]
+        assert table.column(name).to_pylist() == pytest.approx(expected)
+    assert set(table.column("mode").to_pylist()) == {"GUIDED"}
+
+
+def test_mcap_has_every_message_with_a_schema_and_a_layout_that_shows_them(export):
+    reader = pytest.importorskip("mcap.reader")
+    path = export("mcap")
+    first, topics, places = None, set(), []
+    with path.open("rb") as file:
+        for schema, channel, message in reader.make_reader(file).iter_messages():
+            first = first or message.log_time
+            topics.add(channel.topic)
+            assert channel.message_encoding == "json"
+            if channel.topic == "/position":
+                assert schema.name == "foxglove.LocationFix"
+                places.append(json.loads(message.data))
+    assert first * 1e-9 == pytest.approx(1.7e9, abs=2.0)  # the receiver's date
+    assert places[0]["latitude"] == pytest.approx(40.10705, abs=1e-4)
+    assert {"/ATT", "/CTL", "/NAV", "/log", "/BAT"} <= topics
+    layout = json.loads((path.parent / "boat.mcap.layout.json").read_text())
+    shown = {line["value"] for panel in layout["configById"].values() for line in panel.get("paths", ())}
+    assert {value.split(".")[0] for value in shown} <= topics
+
+
+def test_gpx_has_the_track_in_utc_and_the_mission(export):
+    root = ET.parse(export("gpx")).getroot()
+    points = root.findall(f"{GPX}trk/{GPX}trkseg/{GPX}trkpt")
+    assert len(points) == TICKS // 5
+    assert float(points[0].get("lat")) == pytest.approx(40.10705, abs=1e-4)
+    assert points[0].find(f"{GPX}time").text.startswith("2023-11-14T22:13:20")
+    assert [one.find(f"{GPX}name").text for one in root.findall(f"{GPX}wpt")] == ["1 NAV_WAYPOINT"]
+
+
+def test_kml_has_track_mission_and_fence(export):
+    root = ET.parse(export("kml")).getroot()
+    names = [one.find(f"{KML}name").text for one in root.iter(f"{KML}Placemark")]
+    assert names[1:] == ["1 NAV_WAYPOINT", "Fence, inclusion"]
+    (ring,) = root.iter(f"{KML}LinearRing")
+    corners = ring.find(f"{KML}coordinates").text.split()
+    assert (len(corners), corners[0]) == (4, corners[-1])
+
+
+def test_a_missing_library_names_the_extra(log, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert main(["export", str(log), "--to", "parquet", "--out", str(tmp_path / "x.parquet")]) == 2
+    assert "pip" not in (error := capsys.readouterr().err)
+    assert "pyarrow" in error
+    assert "rambler-autopilot[export]" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["csv", "gpx"])
+def test_a_log_without_anything_is_a_finding_and_leaves_no_file(kind, tmp_path, capsys):
+    (tmp_path / "empty.BIN").write_bytes(header(TYPES, 0))
+    assert main(["export", str(tmp_path / "empty.BIN"), "--to", kind, "--out", str(tmp_path / "out")]) == 1
+    assert "nothing in it" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["empty.BIN"]
+
+
+def test_a_log_that_is_not_there_is_one_line(tmp_path, capsys):
+    assert main(["export", str(tmp_path / "none.BIN"), "--to", "csv", "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
