@@ -6,98 +6,122 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
-from firmware_py.actuator.volz import VolzOptions, volz_rudder
 from firmware_py.common.interfaces import ByteLine, Calibrator, Compass, Position, Power, Rudder, Vessels
-from firmware_py.sensors import mti_reading, nmea_reader, pni_reading, ubx_protocol, vedirect_blocks
-from firmware_py.sensors.ais import AisOptions, AisReceiver
 from firmware_py.sensors.decode import CaptureFormat, Result
-from firmware_py.sensors.mti import MtiCompass, MtiOptions
-from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
-from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
-from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
-from firmware_py.sensors.ubx import UbxOptions, UbxPosition
-from firmware_py.sensors.vedirect import VeDirectOptions, VeDirectPower
 
 DeviceT = TypeVar("DeviceT")
 
 
 @dataclass(frozen=True, slots=True)
-class Driver(Generic[DeviceT]):
-    """A driver: the record of its options (common.options), and what makes it from a line and such a record.
+class Code(Generic[DeviceT]):
+    """The code of a driver: the record of its options (common.options), and what makes it from a line and that record.
 
     `calibrator` gives what calibrates the device made, None when nothing does;
     `capture` is what `rambler decode` reads of it.
     """
 
-    device: str
     options: type[Any]
     make: Callable[[ByteLine, Any], DeviceT]
     calibrator: Callable[[Any], Calibrator] | None = None
     capture: CaptureFormat | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Driver(Generic[DeviceT]):
+    """A driver by what it drives; its code is imported when it is asked for, since a boat has few of all devices."""
+
+    device: str
+    code: Callable[[], Code[DeviceT]]
+
+    @property
+    def options(self) -> type[Any]:
+        """The record of its options."""
+        return self.code().options
+
+    @property
+    def make(self) -> Callable[[ByteLine, Any], DeviceT]:
+        """What makes it from a line and such a record."""
+        return self.code().make
+
+
+def _nmea_compass() -> Code[Compass]:
+    from firmware_py.sensors.nmea_compass import NmeaCompass, NmeaCompassOptions
+    from firmware_py.sensors.nmea_reader import CAPTURE_FORMAT
+
+    return Code(NmeaCompassOptions, NmeaCompass, capture=CAPTURE_FORMAT)
+
+
+def _pni() -> Code[Compass]:
+    from firmware_py.sensors.pni_reading import CAPTURE_FORMAT
+    from firmware_py.sensors.pni_tcm import PniCompass, PniOptions
+
+    return Code(PniOptions, PniCompass, calibrator=lambda compass: compass, capture=CAPTURE_FORMAT)
+
+
+def _mti() -> Code[Compass]:
+    from firmware_py.sensors.mti import MtiCompass, MtiOptions
+    from firmware_py.sensors.mti_reading import CAPTURE_FORMAT
+
+    return Code(MtiOptions, MtiCompass, capture=CAPTURE_FORMAT)
+
+
+def _nmea_position() -> Code[Position]:
+    from firmware_py.sensors.nmea_position import NmeaPosition, NmeaPositionOptions
+    from firmware_py.sensors.nmea_reader import CAPTURE_FORMAT
+
+    return Code(NmeaPositionOptions, NmeaPosition, capture=CAPTURE_FORMAT)
+
+
+def _ubx() -> Code[Position]:
+    from firmware_py.sensors.ubx import UbxOptions, UbxPosition
+    from firmware_py.sensors.ubx_protocol import CAPTURE_FORMAT
+
+    return Code(UbxOptions, lambda line, _options: UbxPosition(line), capture=CAPTURE_FORMAT)
+
+
+def _dynamixel() -> Code[Rudder]:
+    from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
+
+    return Code(DynamixelOptions, dynamixel_rudder)
+
+
+def _volz() -> Code[Rudder]:
+    from firmware_py.actuator.volz import VolzOptions, volz_rudder
+
+    return Code(VolzOptions, volz_rudder)
+
+
+def _vedirect() -> Code[Power]:
+    from firmware_py.sensors.vedirect import VeDirectOptions, VeDirectPower
+    from firmware_py.sensors.vedirect_blocks import CAPTURE_FORMAT
+
+    return Code(VeDirectOptions, lambda line, _options: VeDirectPower(line), capture=CAPTURE_FORMAT)
+
+
+def _ais() -> Code[Vessels]:
+    from firmware_py.sensors.ais import AisOptions, AisReceiver
+
+    return Code(AisOptions, AisReceiver)
+
+
 COMPASSES: Mapping[str, Driver[Compass]] = {
-    "nmea": Driver(
-        device="any that speaks NMEA 0183 (HDT, HDG, HDM, THS, PASHR, ROT)",
-        options=NmeaCompassOptions,
-        make=NmeaCompass,
-        capture=nmea_reader.CAPTURE_FORMAT,
-    ),
-    "pni_tcm": Driver(
-        device="PNI TCM, Prime and TRAX",
-        options=PniOptions,
-        make=PniCompass,
-        calibrator=lambda compass: compass,
-        capture=pni_reading.CAPTURE_FORMAT,
-    ),
-    "mti": Driver(
-        device="Xsens (Movella) MTi",
-        options=MtiOptions,
-        make=MtiCompass,
-        capture=mti_reading.CAPTURE_FORMAT,
-    ),
+    "nmea": Driver("any that speaks NMEA 0183 (HDT, HDG, HDM, THS, PASHR, ROT)", _nmea_compass),
+    "pni_tcm": Driver("PNI TCM, Prime and TRAX", _pni),
+    "mti": Driver("Xsens (Movella) MTi", _mti),
 }
 POSITIONS: Mapping[str, Driver[Position]] = {
-    "nmea": Driver(
-        device="any that speaks NMEA 0183 (RMC, GGA, GNS, GLL, VTG)",
-        options=NmeaPositionOptions,
-        make=NmeaPosition,
-        capture=nmea_reader.CAPTURE_FORMAT,
-    ),
-    "ubx": Driver(
-        device="u-blox receivers that send NAV-PVT",
-        options=UbxOptions,
-        make=lambda line, _options: UbxPosition(line),
-        capture=ubx_protocol.CAPTURE_FORMAT,
-    ),
+    "nmea": Driver("any that speaks NMEA 0183 (RMC, GGA, GNS, GLL, VTG)", _nmea_position),
+    "ubx": Driver("u-blox receivers that send NAV-PVT", _ubx),
 }
 RUDDERS: Mapping[str, Driver[Rudder]] = {
-    "dynamixel": Driver(
-        device="Robotis Dynamixel X, protocol 2.0",
-        options=DynamixelOptions,
-        make=dynamixel_rudder,
-    ),
-    "volz": Driver(
-        device="Volz DA",
-        options=VolzOptions,
-        make=volz_rudder,
-    ),
+    "dynamixel": Driver("Robotis Dynamixel X, protocol 2.0", _dynamixel),
+    "volz": Driver("Volz DA", _volz),
 }
 POWERS: Mapping[str, Driver[Power]] = {
-    "vedirect": Driver(
-        device="Victron chargers and battery monitors that speak VE.Direct (MPPT, SmartShunt, BMV)",
-        options=VeDirectOptions,
-        make=lambda line, _options: VeDirectPower(line),
-        capture=vedirect_blocks.CAPTURE_FORMAT,
-    ),
+    "vedirect": Driver("Victron chargers and battery monitors that speak VE.Direct (MPPT, SmartShunt, BMV)", _vedirect),
 }
 AIS: Mapping[str, Driver[Vessels]] = {
-    "nmea": Driver(
-        device="receivers and transponders of AIS (VDM, VDO), also among the sentences of compass or receiver",
-        options=AisOptions,
-        make=AisReceiver,
-    ),
+    "nmea": Driver("receivers and transponders of AIS (VDM, VDO), also among the sentences of other devices", _ais),
 }
 
 # The drivers that each section of a vehicle file may name.
@@ -111,18 +135,19 @@ SECTIONS: Mapping[str, Mapping[str, Driver[Any]]] = {
     "ais": AIS,
 }
 
-# By the names of `rambler decode`.
-CAPTURE_FORMATS: Mapping[str, CaptureFormat] = {
-    driver.capture.name: driver.capture
-    for table in SECTIONS.values()
-    for driver in table.values()
-    if driver.capture is not None
+# By the names of `rambler decode`, the driver whose captures are read so.
+CAPTURE_FORMATS: Mapping[str, Driver[Any]] = {
+    "nmea": COMPASSES["nmea"],
+    "pni": COMPASSES["pni_tcm"],
+    "mti": COMPASSES["mti"],
+    "ubx": POSITIONS["ubx"],
+    "vedirect": POWERS["vedirect"],
 }
 
 
 def calibrator_of(name: str, compass: Compass) -> Calibrator | None:
     """Return what calibrates a compass that the driver of this name has made, None when nothing does."""
-    calibrator = COMPASSES[name].calibrator
+    calibrator = COMPASSES[name].code().calibrator
     return None if calibrator is None else calibrator(compass)
 
 
@@ -130,4 +155,5 @@ def decode(name: str, data: bytes) -> Iterator[Result]:
     """Yield one result (sensors.decode) for each message of a capture; ValueError for a format that there is not."""
     if name not in CAPTURE_FORMATS:
         raise ValueError(f"no kind of capture: {name[:20]!r}; there are {', '.join(CAPTURE_FORMATS)}")
-    return CAPTURE_FORMATS[name].decode(data)
+    capture = CAPTURE_FORMATS[name].code().capture
+    return iter(()) if capture is None else capture.decode(data)
