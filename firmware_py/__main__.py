@@ -27,7 +27,10 @@ COMMANDS = {
     "listen": ("firmware_py.cli.listen", "open each device and show what it says"),
     "decode": ("firmware_py.cli.decode", "decode a capture with the drivers themselves"),
     "replay": ("firmware_py.cli.replay", "recompute a log and compare every rudder command"),
-    "calibrate": ("firmware_py.cli.calibrate", "the compass's deviation from logs: proposed, never set"),
+    "calibrate": (
+        "firmware_py.cli.calibrate",
+        "the compass's deviation, the rudder's centre and limits: proposed, never set",
+    ),
     "plan": ("firmware_py.cli.plan", "check plan files; take plans into and out of a stopped autopilot's state"),
     "key": ("firmware_py.cli.key", "the key of signed frames in a state directory: show its state, set it, remove it"),
     "state": ("firmware_py.cli.state", "take the state of an autopilot to another computer: one file out, one in"),
