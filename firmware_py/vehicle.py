@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
@@ -193,6 +192,8 @@ def _only_known(section: Mapping[str, Any], known: tuple[str, ...], place: str) 
 
 
 def _meant(key: str, known: tuple[str, ...]) -> str:
+    import difflib  # noqa: PLC0415 - only a word that is wrong needs it
+
     near = difflib.get_close_matches(key, known, 1)
     return f"; did you mean {near[0]!r}?" if near else ""
 
