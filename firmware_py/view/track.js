@@ -60,8 +60,11 @@ class Track {
     const [first, last] = this.part();
     const points = [];
     for (let i = first; i < last; i += 1) if (known(this.north[i])) points.push([this.north[i], this.east[i]]);
-    const whole = last - first === this.north.length;
-    if (whole || !points.length) for (const shape of this.shapes) {
+    const whole = last - first === this.north.length, [n0, e0] = points[points.length - 1] || [0, 0];
+    const reachOf = (list) => list.reduce((most, [n, e]) => Math.max(most, Math.abs(n - n0), Math.abs(e - e0)), 250);
+    // Ships far away would make a dot of her way: they come into sight with "show more".
+    const shapes = this.shapes.filter((shape) => shape.kind !== "vessel" || reachOf(shape.points) < 4 * reachOf(points));
+    if (whole || !points.length) for (const shape of shapes) {
       const reach = shape.radius || 0;
       for (const [n, e] of shape.points) points.push([n - reach, e - reach], [n + reach, e + reach]);
     }
@@ -143,7 +146,8 @@ class Track {
     if (shape.kind === "vessel") {
       const turn = known(shape.course) ? ` rotate(${shape.course})` : "";
       draw(svg, "path", { class: "vessel", d: "M0 -8L5 6H-5z", transform: `translate(${x(e)} ${y(n)})${turn}` });
-      draw(svg, "text", { x: x(e) + 8, y: y(n) + 4, class: "goal" }, shape.label);
+      const left = x(e) > this.width - 90;
+      draw(svg, "text", { x: x(e) + (left ? -8 : 8), y: y(n) + 4, class: "goal", "text-anchor": left ? "end" : "start" }, shape.label);
     }
   }
 
