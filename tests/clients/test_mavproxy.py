@@ -88,8 +88,12 @@ def set_parameter(client, name, value):
 
 
 def check_arming_and_modes(client):
+    said = client.text().count("checks disabled")  # of a boat that was armed before its parameters were read
     ask(client, "disarm", "DISARMED")
     ask(client, "arm throttle", r"(?<!DIS)ARMED")
+    ask(client, "arm list", r"\ball\b")
+    assert client.text().count("checks disabled") == said
+    ask(client, "bat", "No battery information")  # nobody measures one
     for name in ("HOLD", "STEERING", "MANUAL", "RTL", "GUIDED"):
         ask(client, f"mode {name}", f"{name}> ")  # the prompt
     ask(client, "mode ACRO", "DO_SET_MODE: DENIED")
