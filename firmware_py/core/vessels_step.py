@@ -15,6 +15,7 @@ from firmware_py.estimate import water
 from firmware_py.guidance import guidance, step_aside, traffic
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.guidance.step_aside import AsideInput
+from firmware_py.guidance.task_follower import TaskStatus
 from firmware_py.guidance.traffic import OwnMotion
 from firmware_py.modes import Situation
 
@@ -33,7 +34,12 @@ def watch_vessels(
             place = Place(state.position.latitude_rad, state.position.longitude_rad)
             estimator = state.heading_estimator
             heading_rad = estimator.heading.heading_rad if freshness.heading is Age.FRESH else None
-            own = OwnMotion(place, water.over_ground_m_s(estimator.wave_filter, heading_rad))
+            way_rad = state.aside.way_rad
+            own = OwnMotion(
+                place,
+                water.over_ground_m_s(estimator.wave_filter, heading_rad),
+                None if way_rad is None else water.over_ground_m_s(estimator.wave_filter, way_rad),
+            )
         told, more = traffic.update(settings.traffic, told, inputs.vessels, own, now_s)
         events = (*events, *more)
     return (state if told is state.traffic else replace(state, traffic=told)), events
@@ -51,6 +57,7 @@ def avoid_vessels(
         return _own_way(state, target)
     if known.too_strong:  # she needs all her way to hold her own
         return _own_way(state, target)
+    status = state.guidance.status
     given = AsideInput(
         t_s=now_s,
         wanted_rad=target.heading_rad,
@@ -61,12 +68,22 @@ def avoid_vessels(
         fence=state.plans.fence if fence_enabled(settings, state) else None,
         goal=modes.goal,
         task=state.guidance.task,
+        cross_track_m=status.cross_track_m,
+        course_rad=_line_course_rad(state, status),
     )
     aside, events = step_aside.update(settings.aside, settings.traffic, state.aside, given)
     state = replace(state, aside=aside)
     if aside.heading_rad is None:
         return state, target, events
     return state, SteeringTarget(aside.heading_rad, wrap_pi(aside.heading_rad - heading_rad)), events
+
+
+def _line_course_rad(state: State, status: TaskStatus) -> float | None:
+    """Return where the line leads that is followed, by its start; None where none is."""
+    line = state.guidance.follower.line
+    if status.cross_track_m is None or line is None or status.target is None:
+        return None
+    return line.start.distance_and_bearing(status.target)[1]
 
 
 def _own_way(state: State, target: SteeringTarget) -> tuple[State, SteeringTarget, tuple[Event, ...]]:

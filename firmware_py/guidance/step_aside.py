@@ -27,7 +27,7 @@ from firmware_py.modes import HeadingGoal, PositionGoal
 TRY_EVERY_S = 30.0
 STEPS = 6  # headings tried to either side
 WORTH = 0.03  # of what is near: by so much the distance must open for another heading
-AMPLE = 3.0  # times what is near: more is not sought
+AMPLE = 2.0  # times what is near: more is not sought
 FENCE_M = 30.0  # that is kept from the fence
 LEGS = 4  # that a way is cut into, to be held against the fence
 
@@ -77,7 +77,11 @@ class AsideState:
 
 @dataclass(frozen=True, slots=True)
 class AsideInput:
-    """What stepping aside looks at; `wanted_rad` is the heading that she would steer, `fence` None while none holds."""
+    """What stepping aside looks at; `wanted_rad` is the heading that she would steer, `fence` None while none holds.
+
+    `cross_track_m` is how far to starboard of a line she is and `course_rad` where that leads, None where she follows
+    none: then her way is the heading that she would steer.
+    """
 
     t_s: float
     wanted_rad: float
@@ -86,6 +90,8 @@ class AsideInput:
     fence: Plan | None
     goal: Goal | None
     task: Task | None
+    cross_track_m: float | None = None
+    course_rad: float | None = None
 
 
 IDLE = AsideState()
@@ -95,20 +101,20 @@ def update(
     settings: AsideSettings, traffic: TrafficSettings, state: AsideState, given: AsideInput
 ) -> tuple[AsideState, tuple[Event, ...]]:
     """Try the next heading; at the end of a round take the best one, or go back on her way."""
+    way_rad = given.wanted_rad if given.course_rad is None else given.course_rad
     if (given.goal, given.task) != (state.goal, state.task) or state.way_rad is None:
         # Another way: tried at once, but a goal that changes ten times a second must not begin a round each time.
-        state = replace(state, way_rad=given.wanted_rad, goal=given.goal, task=given.task, tried_s=None)
+        state = replace(state, way_rad=way_rad, goal=given.goal, task=given.task, tried_s=None)
     if state.next_trial is None:
         if state.tried_s is not None and 0.0 <= given.t_s - state.tried_s < TRY_EVERY_S:
             return state, ()
-        # She would go back to her way, and on along it: the worse of the two counts.
-        ways = (given.wanted_rad, state.way_rad or 0.0)
-        going_on = min((_trial(traffic, given, one) for one in ways), key=lambda trial: trial.part)
+        going_on = _going_on(traffic, given, state.way_rad or 0.0)
         return replace(state, tried_s=given.t_s, next_trial=0, best=None, going_on=going_on), ()
     headings = _headings(settings, state)
     if state.next_trial < len(headings):
         trial = _trial(traffic, given, headings[state.next_trial])
-        better = state.best is None or trial.part > state.best.part + WORTH
+        # The first that is ample, from her way outward, is taken: for what lies still a few degrees may do.
+        better = state.best is None or (state.best.part < AMPLE and trial.part > state.best.part + WORTH)
         best = trial if better and _clear_of_fence(given, trial.heading_rad) else state.best
         return replace(state, next_trial=state.next_trial + 1, best=best), ()
     return _choose(replace(state, next_trial=None))
@@ -155,6 +161,16 @@ def _choose(state: AsideState) -> tuple[AsideState, tuple[Event, ...]]:
 
 
 # ------------------------------------------------------------------------------ trials
+
+
+def _going_on(traffic: TrafficSettings, given: AsideInput, way_rad: float) -> Trial:
+    """Return the worst of what comes of going her own way: as she would steer now, along it, and back on her line."""
+    trials = [_trial(traffic, given, heading_rad) for heading_rad in (given.wanted_rad, way_rad)]
+    if (off_m := given.cross_track_m) is not None:
+        foot = given.motion.place.at_offset(off_m * math.sin(way_rad), -off_m * math.cos(way_rad))
+        back = replace(given, motion=replace(given.motion, place=foot))
+        trials.append(_trial(traffic, back, way_rad))
+    return min(trials, key=lambda trial: trial.part)
 
 
 def _trial(traffic: TrafficSettings, given: AsideInput, heading_rad: float) -> Trial:

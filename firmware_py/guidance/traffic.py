@@ -77,10 +77,11 @@ class TrafficState:
 
 @dataclass(frozen=True, slots=True)
 class OwnMotion:
-    """Where the boat is and how it moves over ground."""
+    """Where the boat is and how it moves over ground; while it steps aside, how it would on its own way."""
 
     place: Place
     velocity_m_s: Velocity
+    own_way_m_s: Velocity | None = None
 
 
 def update(
@@ -205,6 +206,8 @@ def _judged(settings: TrafficSettings, vessel: Vessel, own: OwnMotion, now_s: fl
     distance_m = math.hypot(seen.north_m, seen.east_m)
     limit_m = settings.limit_m(vessel.position)
     over = (cpa_in_s <= 0.0 and distance_m > PAST * limit_m) or cpa_m > CLEAR * limit_m
+    if own.own_way_m_s is not None:  # stepping aside opens the distance: what counts is whether it is past on her way
+        over = over and seen.nearest(own.own_way_m_s, settings.horizon_s)[1] <= 0.0
     return replace(
         vessel,
         distance_m=distance_m,

@@ -33,7 +33,7 @@ from firmware_py.model.kt import OCEAN_RAMBLER
 from firmware_py.sensors.ais import MOST_REPORTS, AisOptions, AisReceiver
 from hil.devices.ais import AisEmulator
 from hil.ship.kt_plant import KtPlant
-from hil.ship.traffic import OWN_MMSI, SCENES
+from hil.ship.traffic import OWN_MMSI, SCENES, Ship
 from support.line import FakeLine
 from support.plans import START_RAD, item, placed
 
@@ -63,7 +63,7 @@ class Boat:
         self.line = FakeLine()
         self.ears = AisReceiver(self.line, AisOptions(own_mmsi=OWN_MMSI))
         start_deg = tuple(map(math.degrees, START_RAD))
-        rng = np.random.default_rng(seed)
+        self.rng, rng = np.random.default_rng([seed, 1]), np.random.default_rng(seed)
         self.transponder = AisEmulator(self, start_deg, ships, rng, own_mmsi=OWN_MMSI, range_m=40_000.0, lost=0.2)
         self.events, self.closest, self.heard_s = [], [(math.inf, 0.0)] * min(3, len(ships)), None
         self.least_margin_m, self.ears_said = math.inf, ""
@@ -85,7 +85,8 @@ class Boat:
         return 1.767e9 + self.t_s
 
     def tick(self, *intents):
-        t_s, heading_rad = self.t_s, self.plant.heading_rad % TWO_PI
+        t_s, noise_rad = self.t_s, self.rng.normal(0.0, math.radians(0.3))  # one that never varies is taken for frozen
+        heading_rad = (self.plant.heading_rad + noise_rad) % TWO_PI
         self.line.inbox += self.transponder.take_output(t_s)
         self.ears.receive(t_s)
         vessels, health = tuple(self.ears.poll()), self.ears.health(t_s)
@@ -206,6 +207,16 @@ def test_a_hundred_encounters(figures):
     figures.keep("encounter_grown_median", float(np.median(grown)), "m", "of 100 encounters")
     figures.keep("encounter_stepped", sum(one.stepped for one in outcomes), "of 100", "encounters stepped aside in")
     figures.keep("encounter_fence_least", min(one.margin_m for one in outcomes), "m", "of 100 encounters")
+
+
+def test_round_a_ship_at_anchor_on_her_line_she_goes_and_tells_it_once():
+    ship = Ship(211000001, "ANCHORED", 450.0, 5.0, at_anchor=True)
+    boat = Boat((ship,), 1, AIS_ACT=1.0).sail()
+    assert boat.snapshot.mission.state is MissionState.COMPLETE, boat.events
+    assert len(boat.said(" comes to ")) == 1, boat.events
+    assert len(boat.said("Steps aside")) == 1, boat.events
+    assert boat.closest[0][0] > 100.0
+    assert boat.least_margin_m > 100.0
 
 
 def test_among_ghosts_leapers_and_her_own_number_the_real_ship_is_told():
