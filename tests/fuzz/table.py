@@ -1,5 +1,5 @@
 """All that is fuzzed, by name."""
 
-from fuzz import devices, files, link, logs, view
+from fuzz import devices, files, link, logs, satellite, view
 
-TARGETS = devices.TARGETS | link.TARGETS | files.TARGETS | logs.TARGETS | view.TARGETS
+TARGETS = devices.TARGETS | link.TARGETS | files.TARGETS | logs.TARGETS | satellite.TARGETS | view.TARGETS
