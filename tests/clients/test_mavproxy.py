@@ -41,6 +41,7 @@ def test_mavproxy_reads_her_and_commands_her(tmp_path, start_hil, mavproxy):
     check_arming_and_modes(client)
     check_telemetry(client)
     heading_deg = steer(client)
+    swing(client)
     assert int(ask(client, "link", r"link 1 OK \(\d+ packets.*?(\d+)\.\d% loss").group(1)) < 5
     reboot(client)
     assert "Failed to set CTL_K2 to 1e30 (invalid returned value 0.3" in client.text()
@@ -113,6 +114,13 @@ def check_telemetry(client):
     fix = ask(client, "status GPS_RAW_INT", r"fix_type : (\d), lat : (\d+), lon : (\d+),")
     assert fix.group(1) == "3"
     assert [int(fix.group(index)) / 1e7 for index in (2, 3)] == pytest.approx([36.0, 121.0], abs=1e-3)
+
+
+def swing(client):
+    """Begin a swing of the compass, ask for what is not there yet, and end it."""
+    ask(client, "magcal start", "DO_START_MAG_CAL: ACCEPTED")
+    ask(client, "magcal accept", "DO_ACCEPT_MAG_CAL: TEMPORARILY_REJECTED")
+    ask(client, "magcal cancel", "DO_CANCEL_MAG_CAL: ACCEPTED")
 
 
 def steer(client):
