@@ -1,15 +1,15 @@
 """Holds a heading as a good helmsman does: with the trim carried, a plan for each turn, and a quiet rudder.
 
 The S-surface acts on what the estimate says that the boat is off the reference. Its gains follow from
-one price: the rudder that minimises the integral of error^2 + (rudder / stiffness)^2 on the K-T
+one stiffness (stiffness.py): the rudder that minimises the integral of error^2 + (rudder / stiffness)^2 on the K-T
 model has a proportional gain `stiffness` and the yaw rate gain below, at any speed. The demand
 moves the command only when it leaves a band around it, and then no farther than the band's edge:
 where every degree of rudder travel has the same price, that is the best rule for a rudder that
 follows a wandering demand.
 
 A helm that is to be softer has less of all that closes the loop: stiffness, the rudder that is fed forward, and a
-bias that follows the estimated one more slowly, which swings with a boat that swings. The band stays: a wider one
-makes a boat swing that is later than her model.
+bias that follows the estimated one more slowly, which swings with a boat that swings. Its band is that of its
+stiffness: a wider one makes a boat swing that is later than her model.
 """
 
 from __future__ import annotations
@@ -18,26 +18,18 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final
 
-from firmware_py.common.angles import clamp, degrees, radians, wrap_pi
+from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control import reference_model
 from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState
 from firmware_py.control.reference_model import Reference, Ship
 from firmware_py.control.s_surface import Gains, rudder_demand
+from firmware_py.control.stiffness import band_of, stiffness_of
 from firmware_py.model.kt import KtModel, steady_yaw_rate
 
-# Found by search over tank, sea, swell, weak, storm and seas between them, with and without a satellite
-# receiver, with K and T up to 30 % off; the optimum is flat. At MDL_SPEED and 1 deg of spread:
-STIFFNESS: Final = 3.1
-STIFFNESS_BY_SPREAD: Final = 0.55
-STIFFNESS_BY_SPEED: Final = -0.6
-SPREADS_DEG: Final = (0.1, 4.0)
-BAND_DEG: Final = 0.25
-BAND_BY_SPREAD: Final = 0.65
-BAND_BY_SPEED: Final = 0.3
 TURNING_RAD: Final = radians(3.0)  # farther than this from the goal a turn is made, in a narrower band
-TURNING_SHARE: Final = 0.3
+TURNING_SHARE: Final = 0.1
 SLOWER_BIAS_S: Final = 50.0  # the time in which the bias is followed, for each 1 that the softness is above 1
 
 
@@ -108,24 +100,6 @@ def ship_at_speed(settings: ScheduledSettings, estimate: HeadingEstimate) -> Shi
     )
 
 
-def stiffness_of(settings: ScheduledSettings, estimate: HeadingEstimate) -> float:
-    """Return the rudder angle per angle of heading error."""
-    ratio = estimate.speed_m_s / settings.model.speed_m_s
-    by_knowledge = math.pow(_heading_sd_deg(estimate), STIFFNESS_BY_SPREAD)
-    return STIFFNESS / settings.price * by_knowledge * math.pow(ratio, STIFFNESS_BY_SPEED)
-
-
-def band_of(settings: ScheduledSettings, estimate: HeadingEstimate, stiffness: float) -> float:
-    """Return how far the demand may leave the command: by what the estimate's noise does to the demand, and a rest."""
-    ratio = estimate.speed_m_s / settings.model.speed_m_s
-    band_deg = BAND_DEG + BAND_BY_SPREAD * stiffness * _heading_sd_deg(estimate)
-    return radians(settings.price * band_deg * math.pow(ratio, BAND_BY_SPEED))
-
-
-def _heading_sd_deg(estimate: HeadingEstimate) -> float:
-    return clamp(degrees(estimate.heading_sd_rad), *SPREADS_DEG)
-
-
 def gains_of(ship: Ship, stiffness: float) -> Gains:
     """Return the S-surface that is, for small errors, the optimal regulator of that stiffness."""
     rate_gain_s = (math.sqrt(1.0 + 2.0 * ship.turning_ability_1_s * ship.turning_lag_s * stiffness) - 1.0) / (
@@ -163,11 +137,12 @@ def scheduled_demand(
     if abs(error_rad) < math.pi:
         left_rad = wrap_pi(left_rad)
     reference = reference_model.update(ship, reference, left_rad, estimate.heading_rad, step_s)
-    stiffness = stiffness_of(settings, estimate) / softness
+    correction_rad2_s = estimate.correction_rad2_s
+    stiffness = stiffness_of(ship, correction_rad2_s, settings.price) / softness
     off_rad = wrap_pi(reference.heading_rad - estimate.heading_rad)
     feedback_rad = rudder_demand(gains_of(ship, stiffness), off_rad, estimate.yaw_rate_rad_s - reference.yaw_rate_rad_s)
     demand_rad = ship.bias_rad + reference.feedforward_rad / softness + feedback_rad
-    band_rad = band_of(settings, estimate, stiffness)
+    band_rad = band_of(correction_rad2_s, stiffness, settings.price)
     if abs(left_rad) > TURNING_RAD:
         band_rad *= TURNING_SHARE
     return reference, RudderDemand(clamp(demand_rad, -settings.limit_rad, settings.limit_rad), band_rad)

@@ -202,7 +202,7 @@ def heading_estimate(settings: HeadingEstimatorSettings, state: HeadingEstimator
         return None
     return HeadingEstimate(
         heading_rad=heading.heading_rad,
-        heading_sd_rad=waves.spread(kalman.HEADING),
+        correction_rad2_s=max(2.0 * waves.covariance(kalman.HEADING, kalman.RATE), 0.0),
         yaw_rate_rad_s=heading.yaw_rate_rad_s,
         bias_rad=waves.x[kalman.BIAS],
         speed_m_s=waves.x[kalman.SPEED],

@@ -16,11 +16,12 @@ from firmware_py.estimate.learning import NoiseModel
 from firmware_py.model.kt import KtModel
 
 SPEEDS_M_S: Final = (0.08, 2.5)
-# Standard deviations at the start.
+# Standard deviations at the start. The first heading lies anywhere on a wave: how far the heading itself is from it is
+# left open, so that the waves are found out of what follows.
 FIRST: Final = (
-    *(radians(10.0), radians(1.0), radians(5.0), radians(10.0), radians(1.0)),
+    *(radians(30.0), radians(1.0), radians(5.0), radians(30.0), radians(1.0)),
     *(0.2, 0.2, 0.4, 0.2, radians(5.0), 0.7),
-    *(radians(5.0), radians(6.0), 0.1, 0.1, 0.1, 0.1),
+    *(radians(10.0), radians(8.0), 0.1, 0.1, 0.1, 0.1),
 )
 TOGETHER: Final = 0.98  # correlation of the headings of float and glider at the start
 FIRST_COURSE_LAG_S: Final = 0.5

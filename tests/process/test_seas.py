@@ -28,7 +28,7 @@ def test_she_sees_through_the_waves(tmp_path, name, limits):
     assert score.rms_deg <= limits[0]
     assert score.travel_deg_per_h <= limits[1]
     assert score.overshoot_deg <= 8.0
-    assert score.near_s <= 45.0
+    assert score.near_s <= 40.0
     finished = replay(tmp_path / "state" / "logs" / "00000001.BIN", "--json")
     assert json.loads(finished.stdout)["identical"]
 

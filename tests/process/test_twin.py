@@ -7,6 +7,7 @@ from firmware_py.core.state_codec import state_from_text
 from firmware_py.core.step import step
 from firmware_py.log.disk import log_files
 from firmware_py.log.reader import read_log
+from hil.lab.compare.score import score_of
 from hil.lab.twin import loop, sailing
 from hil.lab.twin.sea import sea_of as drawn
 from hil.ship.scenarios import TABLE, sea_of
@@ -18,6 +19,7 @@ from support import voyage
 pytestmark = pytest.mark.timeout(600)  # the twin is compiled first: half a minute of one processor
 
 SHORT = ("0:0,25:60", 45.0)
+SEEN_S = 310.0  # a goal that is held for less is no turn to a score
 TASK = ("0:0,120:60,720:-30", 1320.0)
 # What the scenarios leave out: a receiver that never has a fix, and a float on which the helm swings and is softened.
 MORE = ("sea+float=0.3:0.6,receiver=0:1", "calm+float=0.15:0.3", "swell+kt=0.5:2,delay=2")
@@ -66,6 +68,20 @@ def test_the_twin_sails_every_mixture_as_the_autopilot_does(tmp_path, name):
 def test_the_twin_takes_the_parameters(tmp_path):
     told = {"CTL_PRICE": 2.0, "MDL_K": 0.04, "MDL_T_S": 5.0, "RUD_SLEW_DEG_S": 20.0, "RUD_DBAND_DEG": 0.5}
     assert compared(tmp_path, "gusts", 2, *SHORT, **told) == (1.0, 0)
+
+
+# Mean and longest time [s] in which she first is within 5 deg of a goal 60 deg away that is given as she wakes up.
+@pytest.mark.parametrize(
+    ("name", "mean_s", "most_s"), [("sea", 31.0, 38.0), ("swell", 43.0, 64.0), ("tank", 48.0, 50.0)]
+)
+def test_the_first_turn_is_made_in_time(name, mean_s, most_s):
+    found, told, given = [], voyage.told(), parse_goals("0:60")
+    boat, law, task = sailing.boat_of(told), sailing.law_of(told), sailing.task_of(given)
+    for seed in (11, 1, 2, 3, 4, 5):
+        record, _ = sailing.sail(boat, law, drawn(sea_of(name), seed, SEEN_S), task, SEEN_S)
+        found.append(score_of(sailing.truth_of(record, given)).near_s)
+    assert np.mean(found) <= mean_s
+    assert max(found) <= most_s
 
 
 @pytest.mark.proof

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from firmware_py.common.angles import DEGREES_PER_RADIAN, RADIANS_PER_DEGREE
+from firmware_py.common.angles import radians
 from firmware_py.model.kt import decay_over, exact_step
 from hil.lab.compiled import compiled
 from hil.lab.tune.twins import clamp, rudder_demand, wrap_pi, wrap_two_pi
@@ -17,46 +17,57 @@ from hil.lab.twin.kalman import Floats
 
 # The helm's constants, and parameters: what a run is given.
 LAW_NAMES = (
-    "STIFFNESS", "STIFFNESS_BY_SPREAD", "STIFFNESS_BY_SPEED", "SPREAD_LOW_DEG", "SPREAD_HIGH_DEG",
-    "BAND_DEG", "BAND_BY_SPREAD", "BAND_BY_SPEED", "TURNING_DEG", "TURNING_SHARE", "SLOWER_BIAS_S",
-    "EASING_DEG", "BRAKING_SHARE", "RATE_GAIN", "LEAST_FEEDFORWARD_DEG", "LEAD_DEG",
+    "STIFFNESS", "CROSSOVER_RAD_S", "REST_RAD", "BAND_SQRT_S", "TURNING_RAD", "TURNING_SHARE", "SLOWER_BIAS_S",
+    "EASING_RAD", "BRAKING_SHARE", "RATE_GAIN", "LEAST_FEEDFORWARD_RAD", "LEAD_RAD",
     "CTL_PRICE", "CTL_WAY_MIN",
 )  # fmt: skip
-(STIFFNESS, STIFFNESS_BY_SPREAD, STIFFNESS_BY_SPEED, SPREAD_LOW_DEG, SPREAD_HIGH_DEG, BAND_DEG, BAND_BY_SPREAD,
- BAND_BY_SPEED, TURNING_DEG, TURNING_SHARE, SLOWER_BIAS_S, EASING_DEG, BRAKING_SHARE, RATE_GAIN,
- LEAST_FEEDFORWARD_DEG, LEAD_DEG, PRICE, WAY_MIN) = range(18)  # fmt: skip
+(STIFFNESS, CROSSOVER_RAD_S, REST_RAD, BAND_SQRT_S, TURNING_RAD, TURNING_SHARE, SLOWER_BIAS_S,
+ EASING_RAD, BRAKING_SHARE, RATE_GAIN, LEAST_FEEDFORWARD_RAD, LEAD_RAD, PRICE, WAY_MIN) = range(14)  # fmt: skip
 # As delivered, the parameters apart, which come last.
-DELIVERED = (3.1, 0.55, -0.6, 0.1, 4.0, 0.25, 0.65, 0.3, 3.0, 0.3, 50.0, 5.6, 0.8, 0.55, 5.0, 6.0)
+DELIVERED = (
+    140.0,
+    0.27,
+    radians(0.25),
+    2.1,
+    radians(3.0),
+    0.1,
+    50.0,
+    radians(5.6),
+    0.8,
+    0.55,
+    radians(5.0),
+    radians(6.0),
+)
+CORRECTIONS_RAD2_S = (radians(0.01) ** 2, radians(1.5) ** 2)
 
 # What the helm knows in a tick.
-(E_HEADING, E_HEADING_SD, E_RATE, E_BIAS, E_SPEED, E_SPEED_SD, E_FACTOR,
- M_K, M_T, M_ALPHA, M_SPEED, LIMIT, TRIM) = range(13)  # fmt: skip
-KNOWN = 13
+(E_HEADING, E_CORRECTION, E_RATE, E_BIAS, E_SPEED, E_SPEED_SD, E_FACTOR,
+ M_K, M_T, M_ALPHA, M_SPEED, LIMIT, TRIM, E_HEADING_SD) = range(14)  # fmt: skip
+KNOWN = 14
 # What it remembers; NaN stands for None.
 REF_HEADING, REF_RATE, FEEDFORWARD, FOLLOWED_BIAS = range(4)
 HELM_STATES = 4
 
 
 @compiled
-def heading_sd_deg(law: Floats, e: Floats) -> float:
-    """Return the spread of the heading within bounds."""
-    return clamp(e[E_HEADING_SD] * DEGREES_PER_RADIAN, law[SPREAD_LOW_DEG], law[SPREAD_HIGH_DEG])
+def walk_of(correction_rad2_s: float) -> float:
+    """Return the variance [rad^2/s] by which the estimate is corrected, within bounds."""
+    return clamp(correction_rad2_s, CORRECTIONS_RAD2_S[0], CORRECTIONS_RAD2_S[1])
 
 
 @compiled
-def stiffness_of(law: Floats, e: Floats) -> float:
-    """Return the rudder angle per angle of heading error."""
-    ratio = e[E_SPEED] / e[M_SPEED]
-    by_knowledge = math.pow(heading_sd_deg(law, e), law[STIFFNESS_BY_SPREAD])
-    return float(law[STIFFNESS] / law[PRICE] * by_knowledge * math.pow(ratio, law[STIFFNESS_BY_SPEED]))
+def stiffness_of(law: Floats, ability_1_s: float, lag_s: float, correction_rad2_s: float) -> float:
+    """Return the rudder angle per angle of heading error (stiffness.py)."""
+    walk_rad = math.sqrt(walk_of(correction_rad2_s) / law[PRICE])
+    by_ship = math.pow(lag_s / ability_1_s, 3.0 / 7.0)
+    return float(min(law[STIFFNESS] * walk_rad * by_ship, law[CROSSOVER_RAD_S] / ability_1_s))
 
 
 @compiled
-def band_of(law: Floats, e: Floats, stiffness: float) -> float:
+def band_of(law: Floats, correction_rad2_s: float, stiffness: float) -> float:
     """Return how far the demand may leave the command."""
-    ratio = e[E_SPEED] / e[M_SPEED]
-    band_deg = law[BAND_DEG] + law[BAND_BY_SPREAD] * stiffness * heading_sd_deg(law, e)
-    return float(law[PRICE] * band_deg * math.pow(ratio, law[BAND_BY_SPEED]) * RADIANS_PER_DEGREE)
+    walk_rad = law[BAND_SQRT_S] * math.sqrt(walk_of(correction_rad2_s))
+    return float(stiffness * math.sqrt(law[PRICE]) * (law[REST_RAD] + walk_rad))
 
 
 @compiled
@@ -81,7 +92,7 @@ def advance_reference(
     error_rad: float, heading_rad: float, step_s: float,
 ) -> None:  # fmt: skip
     """Carry the reference over a step toward a goal that lies error_rad from it (reference_model.update)."""
-    least_rad, lead_most_rad = law[LEAST_FEEDFORWARD_DEG] * RADIANS_PER_DEGREE, law[LEAD_DEG] * RADIANS_PER_DEGREE
+    least_rad, lead_most_rad = law[LEAST_FEEDFORWARD_RAD], law[LEAD_RAD]
     high_rad = max(limit_rad - bias_rad, least_rad)
     low_rad = min(-limit_rad - bias_rad, -least_rad)
     r = state[REF_RATE]
@@ -90,7 +101,7 @@ def advance_reference(
     rate_rad_s = abs(r)
     stopping_rad = math.copysign(lag_s * (rate_rad_s - against_rad_s * math.log1p(rate_rad_s / against_rad_s)), r)
     left_rad = error_rad - stopping_rad
-    feedforward_rad = limit_rad * left_rad / (law[EASING_DEG] * RADIANS_PER_DEGREE) - law[RATE_GAIN] * r / ability
+    feedforward_rad = limit_rad * left_rad / law[EASING_RAD] - law[RATE_GAIN] * r / ability
     feedforward_rad = clamp(feedforward_rad, low_rad, high_rad)
     steady = ability * feedforward_rad - norrbin * r * r * r
     decay = decay_over(step_s, lag_s)
@@ -127,15 +138,15 @@ def steer(
     if abs(error_rad) < math.pi:
         left_rad = wrap_pi(left_rad)
     advance_reference(law, state, ability, lag_s, norrbin, limit_rad, bias_rad, left_rad, e[E_HEADING], step_s)
-    stiffness = stiffness_of(law, e) / softness
+    stiffness = stiffness_of(law, ability, lag_s, e[E_CORRECTION]) / softness
     off_rad = wrap_pi(state[REF_HEADING] - e[E_HEADING])
     rate_gain_s = (math.sqrt(1.0 + 2.0 * ability * lag_s * stiffness) - 1.0) / ability
     rate_max_rad_s = steady_yaw_rate(limit_rad, ability, norrbin)
     k1, k2 = 2.0 * math.pi * stiffness / limit_rad, 2.0 * rate_gain_s * rate_max_rad_s / limit_rad
     feedback_rad = rudder_demand(off_rad, e[E_RATE] - state[REF_RATE], k1, k2, limit_rad, rate_max_rad_s, 0.0)
     demand_rad = bias_rad + state[FEEDFORWARD] / softness + feedback_rad
-    band_rad = band_of(law, e, stiffness)
-    if abs(left_rad) > law[TURNING_DEG] * RADIANS_PER_DEGREE:
+    band_rad = band_of(law, e[E_CORRECTION], stiffness)
+    if abs(left_rad) > law[TURNING_RAD]:
         band_rad *= law[TURNING_SHARE]
     demand_rad = clamp(demand_rad, -limit_rad, limit_rad)
     return clamp(command_rad, demand_rad - band_rad, demand_rad + band_rad)

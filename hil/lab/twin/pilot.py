@@ -179,6 +179,7 @@ def steer(pilot: Pilot, boat: Boat, law: Floats, now_s: float, step_s: float, ar
     own[OWN_ERROR_RAD] = error_rad = wrap_pi(own[GOAL_RAD] - own[OWN_HEADING_RAD]) if steered else np.nan
     if begun:
         e[helm.E_HEADING], e[helm.E_RATE] = own[OWN_HEADING_RAD], own[OWN_RATE_RAD_S]
+        e[helm.E_CORRECTION] = max(2.0 * f.p[kalman.HEADING, kalman.RATE], 0.0)
         e[helm.E_HEADING_SD] = math.sqrt(f.p[kalman.HEADING, kalman.HEADING])
         e[helm.E_BIAS], e[helm.E_SPEED] = f.x[kalman.BIAS], f.x[kalman.SPEED]
         e[helm.E_SPEED_SD] = math.sqrt(f.p[kalman.SPEED, kalman.SPEED])

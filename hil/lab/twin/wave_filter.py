@@ -58,9 +58,9 @@ WHITE = np.array(
 )
 FIRST = np.array(
     (
-        *(radians(10.0), radians(1.0), radians(5.0), radians(10.0), radians(1.0)),
+        *(radians(30.0), radians(1.0), radians(5.0), radians(30.0), radians(1.0)),
         *(0.2, 0.2, 0.4, 0.2, radians(5.0), 0.7),
-        *(radians(5.0), radians(6.0), 0.1, 0.1, 0.1, 0.1),
+        *(radians(10.0), radians(8.0), 0.1, 0.1, 0.1, 0.1),
     )
 )
 

@@ -223,7 +223,7 @@ def test_without_a_heading_the_rudder_is_held_then_amidships_and_heals():
     assert boat.run(8.0).command.shaft_rad == held_rad
     assert boat.run(4.0).command.shaft_rad == 0.0
     boat.compass = True
-    boat.run(150.0)
+    boat.run(120.0)
     assert "Heading is back" in boat.events
     assert off_deg(boat, 2.5) < 0.5
 

@@ -1,17 +1,17 @@
 """Each part of the twin against the firmware's, and its ship against the harness's, to the last bit."""
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_py.common.angles import degrees, radians
+from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import HeadingEstimate
-from firmware_py.control import reference_model, scheduled
+from firmware_py.control import reference_model, scheduled, stiffness
 from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState
 from firmware_py.control.reference_model import Reference
 from firmware_py.estimate import kalman, learning, over_ground, wave_filter, wave_filter_state
@@ -57,13 +57,10 @@ def test_every_constant_is_the_firmware_s(twin):
 
 def test_the_helm_s_numbers_are_the_firmware_s():
     ours = dict(zip(helm.LAW_NAMES, sailing.law_of(PARAMETERS), strict=True))
-    for name, value in ours.items():
-        base = name.removesuffix("_DEG")
-        for original in (scheduled, reference_model):
-            for theirs in (getattr(original, name, None), getattr(original, f"{base}_RAD", None)):
-                if theirs is not None:
-                    assert value in (theirs, pytest.approx(degrees(theirs), abs=1e-12)), name
-    assert (ours["SPREAD_LOW_DEG"], ours["SPREAD_HIGH_DEG"]) == scheduled.SPREADS_DEG
+    theirs = {**vars(scheduled), **vars(reference_model), **dict(PARAMETERS.items())}
+    theirs |= {name.upper(): value for name, value in asdict(stiffness.DELIVERED).items()}
+    assert ours == {name: theirs[name] for name in ours}
+    assert helm.CORRECTIONS_RAD2_S == stiffness.CORRECTIONS_RAD2_S
     assert np.array_equal(twin_filter.FIRST, wave_filter_state.FIRST)
     model, first = learning.NoiseModel(), twin_learning.FIRST
     assert model.log_power == first[twin_learning.LOG_POWER]
@@ -85,25 +82,36 @@ def test_a_covariance_is_carried_on_as_the_firmware_does():
         assert np.array_equal(beside, np.concatenate((after, carried), axis=1))
 
 
-spread = st.floats(0.0005, 0.3)
+spread, correction = st.floats(0.0005, 0.3), st.floats(0.0, 0.002)
 
 
 @settings(max_examples=200)
 @given(
-    st.floats(0.0, 6.28), spread, st.floats(-0.3, 0.3), st.floats(-0.5, 0.5), st.floats(0.05, 2.0), spread,
+    st.floats(0.0, 6.28), correction, st.floats(-0.3, 0.3), st.floats(-0.5, 0.5), st.floats(0.05, 2.0), spread,
     st.floats(0.5, 2.0), st.floats(-3.2, 3.2), st.floats(-0.5, 0.5), st.floats(1.0, 8.0), st.floats(0.0, 6.28),
 )  # fmt: skip
 def test_the_helm_steers_as_the_firmware_does(
-    heading, sd, rate, bias, speed, speed_sd, factor, error, command, soft, ref
+    heading, shown, rate, bias, speed, speed_sd, factor, error, command, soft, ref
 ):
     parameters = PARAMETERS.replaced("CTL_PRICE", 1.5).replaced("CTL_TRIM_DEG", 2.0)
-    known = HeadingEstimate(heading, sd, rate, bias, speed, speed_sd, factor)
+    known = HeadingEstimate(heading, shown, rate, bias, speed, speed_sd, factor)
     state = HeadingControllerState(Reference(ref, 0.3 * rate, 0.1), 0.02 if soft > 1.0 else None)
     given_input = HeadingControllerInput(error, rate, known, command, 0.1, soft)
     after, wanted = scheduled.update(scheduled.ScheduledSettings.of(parameters), state, given_input)
     ours, e = np.array([ref, 0.3 * rate, 0.1, 0.02 if soft > 1.0 else np.nan]), np.zeros(helm.KNOWN)
     boat = sailing.boat_of(parameters)
-    e[: helm.KNOWN] = (heading, sd, rate, bias, speed, speed_sd, factor, *boat.model, boat.limit_rad, boat.trim_rad)
+    e[: helm.E_HEADING_SD] = (
+        heading,
+        shown,
+        rate,
+        bias,
+        speed,
+        speed_sd,
+        factor,
+        *boat.model,
+        boat.limit_rad,
+        boat.trim_rad,
+    )
     found = helm.steer(sailing.law_of(parameters), ours, e, error, command, 0.1, soft)
     assert found == (command if wanted is None else wanted)
     assert tuple(ours[:3]) == (

@@ -1,0 +1,57 @@
+"""How stiff the helm is, and the band in which the rudder waits: from the model and from how the estimate is corrected.
+
+What is shown of the heading moves its estimate to and fro, by a variance of `correction_rad2_s` in a second: the
+square of the Kalman filter's gain times its innovations, which is twice the covariance of heading and yaw rate, as the
+heading itself has no noise (Riccati equation). Let w be its root. A helm of stiffness k holds such an estimate to the
+goal within a variance that goes with w^2 sqrt(T / (K k)), the inverse of the loop's frequency. Its demand wanders with
+k w, and a rudder that waits in a band of b to either side follows it at a rate of (k w)^2 / 2b (a reflected random
+walk), while what it waits for costs a variance that goes with b^4. Where travel has a price, the least of the sum
+has a k that goes with (T / K)^(3/7) and with a power of w, and a b of k times an angle of heading error that grows with
+w. That power is 4/7 where the rudder's bias wanders; flat water, where nothing does, asks for less stiffness than that:
+here it is 1.
+
+The loop crosses over near K k [rad/s], whatever T is, because the yaw rate gain makes up for it; so it bears a delay of
+(pi / 2) / (K k). That is bounded, whatever travel costs, at 5.8 s: a float of 0.3 rad/s takes 4 of them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from firmware_py.common.angles import clamp, radians
+from firmware_py.control.reference_model import Ship
+
+CORRECTIONS_RAD2_S: Final = (radians(0.01) ** 2, radians(1.5) ** 2)
+
+
+@dataclass(frozen=True, slots=True)
+class HelmConstants:
+    """Numbers of the law: four, found over tank, sea, swell and weak, with and without float, leeway, orbital motion.
+
+    Chosen by the sum of squared error and about 5e-4 deg^2 for each deg/h of travel. `stiffness` is that of
+    1 rad/sqrt(s) where T / K is 1 s^2, `crossover_rad_s` the most that K k may be; the band, as an angle of heading
+    error, is `rest_rad` and `band_sqrt_s` times w.
+    """
+
+    stiffness: float = 140.0
+    crossover_rad_s: float = 0.27
+    rest_rad: float = radians(0.25)
+    band_sqrt_s: float = 2.1
+
+
+DELIVERED: Final = HelmConstants()
+
+
+def stiffness_of(ship: Ship, correction_rad2_s: float, price: float, constants: HelmConstants = DELIVERED) -> float:
+    """Return the rudder angle per angle of heading error."""
+    walk_rad = math.sqrt(clamp(correction_rad2_s, *CORRECTIONS_RAD2_S) / price)
+    by_ship = math.pow(ship.turning_lag_s / ship.turning_ability_1_s, 3.0 / 7.0)
+    return min(constants.stiffness * walk_rad * by_ship, constants.crossover_rad_s / ship.turning_ability_1_s)
+
+
+def band_of(correction_rad2_s: float, stiffness: float, price: float, constants: HelmConstants = DELIVERED) -> float:
+    """Return how far the demand may leave the command [rad]."""
+    walk_rad = constants.band_sqrt_s * math.sqrt(clamp(correction_rad2_s, *CORRECTIONS_RAD2_S))
+    return stiffness * math.sqrt(price) * (constants.rest_rad + walk_rad)
