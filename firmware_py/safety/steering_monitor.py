@@ -27,6 +27,7 @@ SLOW_S: Final = 60.0  # what changes slower than this is trim
 MEMORY_S: Final = 120.0  # for what was seen, while nothing can be told
 LOST, REGAINED = 0.125, 0.5  # of the turn that the model expects
 REVERSED: Final = -0.5  # of it, and the more the worse, is a turn the wrong way
+SURE_RAD: Final = radians(60.0)  # so much of it is one, however slow she is taken for, and uncertain the heading
 # The estimate may take a turn that it does not expect for waves; the compass does not, once it is larger than theirs.
 SHOWN_REVERSED, SHOWN_TURN_RAD = -0.6, radians(150.0)
 OWN_SHARE: Final = 0.5  # of what turns her without a rudder, that is taken for sure
@@ -256,6 +257,7 @@ def judge_way(
     # An estimate that does not know of it takes a turn the wrong way for lost way, and expects next to none.
     most_rad = max(by_estimate.expected_rad, -by_estimate.turned_rad)
     estimated = is_enough(by_estimate.telling_s, most_rad, given.heading_sd_rad, model.turning_lag_s)
+    estimated |= by_estimate.telling_s >= LEAST_S and -by_estimate.turned_rad >= SURE_RAD
     # An estimate that has been led astray is not believed alone.
     shown = by_compass.expected_rad >= SHOWN_TURN_RAD
     if shown or (estimated and (not way.reversed or by_compass.telling_s >= LEAST_S)):
