@@ -166,7 +166,7 @@ class TimePanels {
       }
     }
     const close = this.cursor === null ? null : this.marks.reduce((best, mark) => (
-      Math.abs(mark.px - px) < (best ? Math.abs(best.px - px) : 8) ? mark : best), null);
+      Math.abs(mark.px - px) <= (best ? Math.abs(best.px - px) : 8) ? mark : best), null);
     const [from, to] = this.extent();
     const moment = at < 0 ? "" : momentText(times[at], Math.min(to - from, 599), this.voyage.begin_utc_s);
     this.said.textContent = close ? `${moment}: ${close.text}` : this.cursor === null ? "" : moment;
@@ -223,7 +223,8 @@ function limits(panel, columns, first, last) {
   for (const value of seen) { if (value < low) low = value; if (value > high) high = value; }
   if (!seen.length) [low, high] = [0, 1];
   if (panel.zero) { low = Math.min(low, 0); high = Math.max(high, 0); }
-  const lack = Math.max(0, panel.least - (high - low)) / 2, room = 0.06 * Math.max(high - low, panel.least);
+  const least = Math.max(panel.least, 0.01 * Math.max(Math.abs(low), Math.abs(high)), 1e-6); // a level line has an axis, too
+  const lack = Math.max(0, least - (high - low)) / 2, room = 0.06 * Math.max(high - low, least);
   const foot = panel.zero && low === 0 ? 0 : lack + room;
   return [low - foot, high + (foot ? lack : 2 * lack) + room];
 }

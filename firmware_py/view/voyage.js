@@ -38,10 +38,10 @@ class VoyageView {
   }
 }
 
-for (const data of document.querySelectorAll("script.voyage")) {
+for (const [number, data] of document.querySelectorAll("script.voyage").entries()) {
   const view = new VoyageView(data, JSON.parse(data.textContent));
-  // A moment in a table leads to its place in the plots.
-  for (const row of document.querySelectorAll(`tr[data-time][data-voyage="${data.dataset.name || ""}"]`)) {
+  // A moment in a table leads to its place in the plots, of which the first are those of what was said.
+  for (const row of number ? [] : document.querySelectorAll("tr[data-time]")) {
     row.tabIndex = 0;
     const show = () => {
       view.panels.point(Number(row.dataset.time));

@@ -70,7 +70,7 @@ def voyage(content: Voyage) -> list[str]:
 def said(marks: Iterable[tuple[float, int, str]], moment: Callable[[float], str]) -> str:
     """Return what was said as a table, whose rows lead into the plots; graver words stand out."""
     rows = [
-        f'<tr data-time="{t_s:.2f}" data-voyage=""><td>{escape(moment(t_s))}</td>'
+        f'<tr data-time="{t_s:.2f}"><td>{escape(moment(t_s))}</td>'
         f'<td class="words{" bad" if severity <= SEVERE else ""}">{escape(text)}</td></tr>'
         for t_s, severity, text in marks
     ]

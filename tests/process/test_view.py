@@ -3,16 +3,20 @@
 import http.client
 import json
 import re
+import shutil
 import threading
 
 import numpy as np
 import pytest
 
+from firmware_py.log.thin import HEAD, SAILING, UPKEEP, Minute
 from hil.sim.truth import read
 from support.browser import Browser
 from support.harness import rambler_hil, start_rambler_hil
+from support.paths import REPLAY
 
 LOW_BATTERY = ("--with", "supply=20:0.9:30:6:0.22", "--set", "PWR_SAVE_PCT=21.9", "FS_BATT_ACT=0")
+LAST_TEXT = "[...document.querySelectorAll('tr[data-time] td.words')].pop().textContent"
 SHOWN = "[Number(document.querySelector('.now').dataset.time), document.querySelector('#now-heading').textContent]"
 
 
@@ -61,6 +65,24 @@ def test_the_page_under_way_shows_the_true_heading_and_a_fault_when_it_comes(tmp
     assert browser.value("document.querySelectorAll('svg.time path.line').length") > 6
     assert browser.value("document.querySelectorAll('line.mark.bad').length") > 0
     assert browser.value("document.documentElement.scrollWidth") <= 400
+    assert browser.complaints == []
+
+
+def test_the_page_of_logs_and_days_is_drawn_whatever_is_level_in_it(tmp_path, browser):
+    logs = tmp_path / "logs"
+    (logs / "thin").mkdir(parents=True)
+    shutil.copy(REPLAY / "tank_pni_volz.BIN", logs / "00000001.BIN")
+    level = {"latitude_rad": 0.6, "longitude_rad": 2.1, "rms_error_rad": 0.0, "travel_rad": 0.0, "wave_period_s": 6.0}
+    minutes = [Minute(1.8e9 + 60.0 * n, 60.0, 15, armed=True, faults=0, **level) for n in range(100)]
+    rows = [SAILING.pack(60.0 * n, one) + UPKEEP.pack(60.0 * n, one) for n, one in enumerate(minutes)]
+    (logs / "thin" / "00000001.BIN").write_bytes(HEAD + b"".join(rows))
+    assert rambler_hil("report", tmp_path, "--out", tmp_path / "page.html")[0] == 0
+    browser.look(1280, 900)
+    browser.open((tmp_path / "page.html").as_uri())
+    assert browser.value("document.querySelectorAll('svg.time').length") == 2
+    assert browser.value("[...document.querySelectorAll('svg.time')].every((one) => one.querySelector('path.line'))")
+    browser.value("[...document.querySelectorAll('tr[data-time]')].pop().click()")
+    assert browser.value("document.querySelectorAll('.said')[0].textContent").endswith(browser.value(LAST_TEXT))
     assert browser.complaints == []
 
 
