@@ -351,7 +351,8 @@ class Months:
         self.causes, self.ends = causes, [*ends, End("stop", days * DAY_S)]
         self.world = World(seed)
         self.charge = array("d", bytes(8 * (int(days * 1440.0) + 1)))  # of each minute in which she ran
-        self.resident_kib, self.disk_bytes = array("q"), array("q")  # each hour
+        self.resident_kib = []  # of each run of the program, hour by hour
+        self.disk_bytes = array("q")
         self.truth = Flows()
         self.told = Counter()
         self.ticks = 0
@@ -368,6 +369,7 @@ class Months:
     def _run_until(self, end):
         world = self.world
         begin_s, before = world.t_s, Flows.of(world.plant.totals)
+        self.resident_kib.append(array("q"))
         with ExitStack() as opened:
             parts = self._wired(begin_s, opened)
             parts.clock.act = lambda: self._act(parts, end)
@@ -410,7 +412,7 @@ class Months:
 
     def _look(self):
         gc.collect()
-        self.resident_kib.append(int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * PAGE_KIB)
+        self.resident_kib[-1].append(int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * PAGE_KIB)
         logs = self.directory / LOG_DIRECTORY
         self.disk_bytes.append(sum(path.stat().st_size for path in logs.rglob("*") if path.is_file()))
 

@@ -27,6 +27,7 @@ HOUR_S, MINUTE_S = 3600.0, 60.0
 SQUARE = (item(16, 600, 0), item(16, 600, 600), item(16, 0, 600), item(16, 0, 0), item(177, None, None, 0, -1))
 MOORED = frozenset({Fault.COMPASS_LOST, Fault.COMPASS_SILENT, Fault.POSITION_LOST})
 AFTER_S = 150.0  # a fault has to clear, and stands in the row of the minute in which it was there
+SETTLED_H = 6  # after which a run has all that it needs
 LOW, LOW_GONE = 0.405, 0.455  # of charge, about PWR_SAVE_PCT and what it clears above
 
 
@@ -155,14 +156,16 @@ def test_sixty_days(tmp_path, monkeypatch, figures):
     boat = sailed(tmp_path, monkeypatch, days, sailing_s, causes, ends)
     print(boat.ticks, "ticks", dict(boat.told))
     errors = assert_good(boat, ends)
-    settled = boat.resident_kib[24:]
-    growth_mib = (max(settled) - min(settled)) / 1024.0
+    runs = [readings[SETTLED_H:] for readings in boat.resident_kib if len(readings) > 2 * SETTLED_H]
+    growth_mib = max(max(readings) - readings[0] for readings in runs) / 1024.0
+    print([list(readings) for readings in runs])
     thin_bytes = sum(path.stat().st_size for path in (tmp_path / LOG_DIRECTORY / THIN).iterdir())
     figures.keep("months_memory", growth_mib, "MiB")
     figures.keep("months_thin_year", thin_bytes / 1e6 * 365.0 / days, "MB")
     figures.keep("months_logs", max(boat.disk_bytes) / 1e6, "MB")
     figures.keep("months_energy", 100.0 * max(errors.values()), "%")
-    assert max(errors.values()) <= 0.01
+    # In a try of fewer days all that happens weighs more: an hour without a monitor, minutes that a cut has lost.
+    assert max(errors.values()) <= (0.01 if days >= 60 else 0.05)
     assert growth_mib <= 1.0
     assert thin_bytes / days * 365.0 <= 100e6
     assert max(boat.disk_bytes) <= (SETTINGS["LOG_KEEP_MB"] + SETTINGS["LOG_FILE_MB"]) * 1e6 + thin_bytes
