@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from firmware_py.common.angles import TWO_PI, wrap_two_pi
 from firmware_py.common.intents import (
@@ -22,6 +22,7 @@ from firmware_py.common.intents import (
 )
 from firmware_py.common.mode_table import MODES, Mode, Need
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.reports import Water
 from firmware_py.model.crab import heading_for_course
 

@@ -27,7 +27,6 @@ telemetry and now and then 32 for the state: at 57600 baud 12.7 and at most 18.2
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum, auto
 
 from firmware_py.actuator import dynamixel_frames as frames
@@ -38,6 +37,7 @@ from firmware_py.actuator.half_duplex import reply_timeout_s
 from firmware_py.actuator.servo_driver import Answer, ServoDriver
 from firmware_py.common.interfaces import ByteLine
 from firmware_py.common.options import check, option
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceState, RudderFeedback
 
 REBOOT_DELAY_S, REBOOT_EVERY_S = 3.0, 30.0

@@ -10,9 +10,9 @@ Source: Robotis e-Manual, "DYNAMIXEL Protocol 2.0".
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 
 from firmware_py.common import crc16
+from firmware_py.common.record_class import dataclass
 
 HEADER = b"\xff\xff\xfd\x00"
 STUFFED, UNSTUFFED = b"\xff\xff\xfd\xfd", b"\xff\xff\xfd"

@@ -7,11 +7,11 @@ a tripped watchdog differ only in what the image says, so there is no procedure 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from enum import Enum, auto
 
 from firmware_py.actuator import dynamixel_frames as frames
 from firmware_py.actuator import dynamixel_registers as table
+from firmware_py.common.record_class import dataclass
 
 WATCHDOG_UNITS = 100  # of 20 ms
 ATTEMPTS = 3

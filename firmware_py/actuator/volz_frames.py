@@ -11,10 +11,10 @@ board (so also ArduPilot's AP_Volz_Protocol).
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 
 from firmware_py.common import crc16
 from firmware_py.common.angles import clamp, radians
+from firmware_py.common.record_class import dataclass
 
 SET_POSITION, READ_CURRENT, READ_VOLTAGE, READ_TEMPERATURE = 0xDC, 0xB0, 0xB1, 0xC0
 POSITION_REPLY, CURRENT_REPLY, VOLTAGE_REPLY, TEMPERATURE_REPLY = 0x2C, 0x30, 0x31, 0x10

@@ -8,7 +8,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from firmware_py.assemble.wiring import base_parameters
 from firmware_py.common.calendar import is_possible
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
+from firmware_py.common.record_class import dataclass
 from firmware_py.core.resume import from_text as resume_from_text
 from firmware_py.files.making import exact_modes, make_directory
 from firmware_py.link.nmea.output import open_output

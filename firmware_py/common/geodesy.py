@@ -10,9 +10,9 @@ has its own: on the plane that touches here (`offset_m`), with the meridians of 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from firmware_py.common.angles import clamp, wrap_two_pi
+from firmware_py.common.record_class import dataclass
 
 EARTH_RADIUS_M = 6371008.8  # mean radius, IUGG
 Vector = tuple[float, float, float]

@@ -5,10 +5,10 @@ An accepted request is an input of the next tick, so that a log recomputes what 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 
 from firmware_py.common.plan import Plan
+from firmware_py.common.record_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

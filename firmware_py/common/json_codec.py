@@ -20,11 +20,11 @@ import json
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
 from firmware_py.common.reading_notes import LocatedError, Spot, number, shown
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_history import TAG, VERSION, Change, bring_up_to_date, latest_version
 
 Read = Callable[[Any, Spot], Any]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, field, fields
 from typing import Any, TypeVar, get_type_hints
+
+from firmware_py.common.record_class import dataclass
 
 RecordT = TypeVar("RecordT")
 

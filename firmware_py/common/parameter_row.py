@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import IntEnum
+
+from firmware_py.common.record_class import dataclass
 
 
 class ParameterError(ValueError):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
+
+from firmware_py.common.record_class import dataclass
 
 MOST_NOTES = 50
 LARGEST_WHOLE = 1 << 1023  # a double holds it

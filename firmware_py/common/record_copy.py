@@ -7,6 +7,7 @@ which sets each attribute of a frozen class by its name; this fills the slots th
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -50,7 +51,7 @@ def _layout_of(kind: type) -> _Layout:
     """Return the slots of a class with two fields or more, and remember them."""
     if hasattr(kind, "__post_init__"):
         raise TypeError(f"{kind.__name__} checks itself when it is made: copy it with dataclasses.replace")
-    names = tuple(kind.__dataclass_fields__)  # type: ignore[attr-defined]
+    names = tuple([field.name for field in fields(kind)])
     by_name = {name: getattr(kind, name).__set__ for name in names}
     values = attrgetter(*names)
     layout = _LAYOUTS[kind] = _Layout(

@@ -20,8 +20,10 @@ A change is applied in this order: converted, moved row by row, renamed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
+
+from firmware_py.common.record_class import dataclass
 
 TAG = "$"
 VERSION = "version"

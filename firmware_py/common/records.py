@@ -7,10 +7,10 @@ monotonic clock of the process; an absent value is None, never a magic number.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 
 from firmware_py.common.intents import Request
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.vessels import VesselReport
 
 

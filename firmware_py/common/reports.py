@@ -5,10 +5,10 @@ Conventions as in records.py.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 
 from firmware_py.common.mode_table import Mode
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import CalibrationState, Event, PositionSample, RudderCommand, RudderFeedback
 from firmware_py.common.vessels import Traffic
 

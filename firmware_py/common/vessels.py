@@ -5,8 +5,9 @@ Conventions as in records.py. Everything here was sent by somebody else: it has 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
+
+from firmware_py.common.record_class import dataclass
 
 NAME_LETTERS = 20
 CALL_SIGN_LETTERS = 7

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control.reference_model import Reference
 

@@ -7,11 +7,11 @@ the parameter CTL_MODE; what it remembers is a field of `HeadingControllerState`
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 from firmware_py.control import s_surface, scheduled
 from firmware_py.control.controller import Controller, HeadingControllerInput, HeadingControllerState
 from firmware_py.control.s_surface import Gains

@@ -8,10 +8,10 @@ has to hold the real boat to it, and the rudder that the reference uses is fed f
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.common.record_class import dataclass
 from firmware_py.model.kt import decay_over, exact_step
 
 EASING_RAD: Final = radians(5.6)  # the last of the way is made in proportion

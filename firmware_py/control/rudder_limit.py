@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from firmware_py.common.angles import clamp, radians
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

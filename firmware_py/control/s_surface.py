@@ -9,10 +9,10 @@ r_max the steady yaw rate at delta_max.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from firmware_py.common.angles import clamp, radians
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState
 from firmware_py.model.kt import steady_yaw_rate
 

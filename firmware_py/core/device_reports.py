@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceHealth, DeviceRole, Inputs
 from firmware_py.common.silence import learn_interval_s
 from firmware_py.core.freshness import FreshnessSettings

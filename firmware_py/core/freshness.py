@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 
 
 class Age(IntEnum):

@@ -7,11 +7,12 @@ else in it is a duration: the clock of a process begins anew.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 from firmware_py.common.json_codec import Codec
 from firmware_py.common.mode_table import Mode
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.reports import Home
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import CHANGES
@@ -41,7 +42,7 @@ class Resume:
     task: Task | None = None
     arrived: bool = False
     line: LineState | None = None
-    orbit: OrbitState = OrbitState()  # noqa: RUF009 - frozen
+    orbit: OrbitState = OrbitState()
     fence_enabled: bool | None = None
     home: Home | None = None
     water: tuple[float, float, float] | None = None  # current north and east, speed; None: as at start

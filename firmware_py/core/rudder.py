@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Inputs, RudderFeedback, RudderStatus
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
 

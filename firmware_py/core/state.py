@@ -6,10 +6,10 @@ Each part owns one record of `State` and one of `Settings`, of the same name, an
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind, Plans, homes
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.reports import Home
 from firmware_py.common.silence import timeout_s
 from firmware_py.control.heading_controller import HeadingControllerSettings, HeadingControllerState
@@ -80,25 +80,25 @@ class State:
     says beside the mode.
     """
 
-    parameters: ParameterSet = ParameterSet()  # noqa: RUF009 - immutable
-    plans: Plans = Plans()  # noqa: RUF009 - frozen
-    modes: ModeState = ModeState()  # noqa: RUF009 - frozen
+    parameters: ParameterSet = ParameterSet()
+    plans: Plans = Plans()
+    modes: ModeState = ModeState()
     home: Home | None = None
     greeting: str = ""
-    timing: TickTiming = TickTiming()  # noqa: RUF009 - frozen
-    devices: DeviceReports = DeviceReports()  # noqa: RUF009 - frozen
-    rudder: RudderState = RudderState()  # noqa: RUF009 - frozen
-    heading_estimator: HeadingEstimatorState = HeadingEstimatorState()  # noqa: RUF009 - frozen
-    position: PositionState = PositionState()  # noqa: RUF009 - frozen
-    water: WaterState = WaterState()  # noqa: RUF009 - frozen
-    fault_latch: LatchState = LatchState()  # noqa: RUF009 - frozen
-    supervisor: SupervisorState = SupervisorState()  # noqa: RUF009 - frozen
-    guidance: GuidanceState = GuidanceState()  # noqa: RUF009 - frozen
-    controller: HeadingControllerState = HeadingControllerState()  # noqa: RUF009 - frozen
-    torque_release: TorqueReleaseState = TorqueReleaseState()  # noqa: RUF009 - frozen
-    energy_meter: EnergyMeterState = EnergyMeterState()  # noqa: RUF009 - frozen
-    power: PowerMonitorState = PowerMonitorState()  # noqa: RUF009 - frozen
-    traffic: TrafficState = TrafficState()  # noqa: RUF009 - frozen
+    timing: TickTiming = TickTiming()
+    devices: DeviceReports = DeviceReports()
+    rudder: RudderState = RudderState()
+    heading_estimator: HeadingEstimatorState = HeadingEstimatorState()
+    position: PositionState = PositionState()
+    water: WaterState = WaterState()
+    fault_latch: LatchState = LatchState()
+    supervisor: SupervisorState = SupervisorState()
+    guidance: GuidanceState = GuidanceState()
+    controller: HeadingControllerState = HeadingControllerState()
+    torque_release: TorqueReleaseState = TorqueReleaseState()
+    energy_meter: EnergyMeterState = EnergyMeterState()
+    power: PowerMonitorState = PowerMonitorState()
+    traffic: TrafficState = TrafficState()
     aside: AsideState = step_aside.IDLE
 
     @classmethod

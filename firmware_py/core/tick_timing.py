@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Tick
 
 LONGEST_STEP_S = 1.0

@@ -7,10 +7,10 @@ ellipsoid (Chulliat et al., The US/UK World Magnetic Model for 2025-2030, NOAA, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
+from firmware_py.common.record_class import dataclass
 from firmware_py.estimate.wmm2025 import COEFFICIENTS, DEGREE, EPOCH
 
 MOVED_RAD: Final = 10e3 / EARTH_RADIUS_M

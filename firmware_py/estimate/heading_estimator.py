@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import clamp, radians, wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, FixType, HeadingSample, PositionSample, Severity
 from firmware_py.common.reports import Estimate, HeadingEstimate
@@ -72,10 +72,10 @@ class HeadingEstimatorState:
     `stretch` is the stretch of track under way, where the receiver states no velocity.
     """
 
-    heading: HeadingState = HeadingState()  # noqa: RUF009 - frozen
-    wave_filter: WaveFilterState = WaveFilterState()  # noqa: RUF009 - frozen
-    sources: SourceState = SourceState()  # noqa: RUF009 - frozen
-    declination: Declination = Declination()  # noqa: RUF009 - frozen
+    heading: HeadingState = HeadingState()
+    wave_filter: WaveFilterState = WaveFilterState()
+    sources: SourceState = SourceState()
+    declination: Declination = Declination()
     stretch: Stretch | None = None
 
     @classmethod

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import HeadingSample, NorthReference
 from firmware_py.estimate.deviation import Deviation, deviation_of, deviation_rad
 from firmware_py.model.kt import KtModel, decay_over, exact_step

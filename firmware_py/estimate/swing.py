@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -23,6 +23,7 @@ import numpy as np
 from firmware_py.common.angles import TWO_PI, radians, wrap_pi
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import FixType, HeadingSample, NorthReference, PositionSample
 from firmware_py.estimate.deviation import Deviation, deviation_of, deviation_rad
 

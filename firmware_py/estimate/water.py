@@ -7,8 +7,8 @@ the leeway from the current across. What is not seen stays as uncertain as the s
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.reports import Water
 from firmware_py.estimate import kalman
 from firmware_py.estimate.wave_filter_state import FIRST, FIRST_COURSE_LAG_S, WaveFilterState, water_of

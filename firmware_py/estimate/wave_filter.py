@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.estimate import kalman, learning, over_ground
 from firmware_py.estimate.kalman import Floats, Numbers

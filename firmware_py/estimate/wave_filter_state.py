@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from firmware_py.common.angles import clamp, radians
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 from firmware_py.estimate import kalman
 from firmware_py.estimate.learning import NoiseModel
 from firmware_py.model.kt import KtModel
@@ -56,7 +56,7 @@ class WaveFilterState:
     x: tuple[float, ...] = ()
     p: bytes = b""
     slopes: bytes = b""
-    noise_model: NoiseModel = NoiseModel()  # noqa: RUF009 - frozen
+    noise_model: NoiseModel = NoiseModel()
     rudder_rad: float = 0.0
     sample_t_s: float | None = None
     fix_t_s: float | None = None

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Event, Severity
 from firmware_py.faults.row import FaultInput
 from firmware_py.faults.table import TABLE, Fault

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from firmware_py.common.geodesy import Place
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.vessels import VesselPosition
 
 Velocity = tuple[float, float]  # north and east, m/s

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem
+from firmware_py.common.record_class import dataclass
 from firmware_py.guidance.mission_step import number, place_of
 from firmware_py.plans.items import FARTHEST_M, Command
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.reports import Activity, Home, MissionReport, Navigation, Water
@@ -57,13 +57,13 @@ class GuidanceState:
 
     mode: Mode | None = None
     armed: bool = False
-    mission: MissionProgress = MissionProgress()  # noqa: RUF009 - frozen
+    mission: MissionProgress = MissionProgress()
     task: Task | None = None
-    follower: TaskFollowerState = TaskFollowerState()  # noqa: RUF009 - frozen
-    status: TaskStatus = TaskStatus()  # noqa: RUF009 - frozen
+    follower: TaskFollowerState = TaskFollowerState()
+    status: TaskStatus = TaskStatus()
     reached: tuple[int, ...] = ()
     updated_s: float | None = None
-    fence: FenceState = FenceState()  # noqa: RUF009 - frozen
+    fence: FenceState = FenceState()
     fence_enabled: bool | None = None  # None: as FENCE_ENABLE says
 
 

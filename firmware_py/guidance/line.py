@@ -9,10 +9,10 @@ The current itself is met by the crab angle, where the course becomes a heading.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from firmware_py.common.angles import clamp, wrap_two_pi
 from firmware_py.common.geodesy import Place, Track, track
+from firmware_py.common.record_class import dataclass
 from firmware_py.guidance.tasks import GoTo, TaskSettings, VesselMotion
 
 LONGEST_LOOK_M = 500.0

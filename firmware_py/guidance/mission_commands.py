@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import radians, wrap_pi, wrap_two_pi
 from firmware_py.common.geodesy import Place
+from firmware_py.common.record_class import dataclass
 from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.guidance.mission_step import SECONDS_PER_DAY, MissionStep
 from firmware_py.guidance.task_follower import TaskFollowerState

@@ -32,11 +32,12 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from firmware_py.common.angles import radians, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.plan import Plan, PlanItem
+from firmware_py.common.record_class import dataclass
 from firmware_py.plans.items import FARTHEST_M, LONGEST_S, MOST_TURNS, Command
 from firmware_py.plans.sequence import next_places, tags_of
 

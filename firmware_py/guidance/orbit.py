@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from firmware_py.common.angles import wrap_pi, wrap_two_pi
+from firmware_py.common.record_class import dataclass
 from firmware_py.guidance.tasks import Orbit, TaskSettings, VesselMotion
 
 LEAD_S = 8.0  # the boat lags behind a course that turns all the time

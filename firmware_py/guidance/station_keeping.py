@@ -9,9 +9,9 @@ heading is the one that promises the longest stay.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from firmware_py.common.angles import TWO_PI, wrap_pi, wrap_two_pi
+from firmware_py.common.record_class import dataclass
 from firmware_py.guidance.tasks import HeadingTarget, HoldStation, TaskSettings, VesselMotion
 from firmware_py.model.crab import against_current, heading_for_course
 

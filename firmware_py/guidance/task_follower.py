@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from firmware_py.common.geodesy import Place
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.reports import Activity
 from firmware_py.guidance import line, orbit, station_keeping
 from firmware_py.guidance.line import LineState
@@ -29,8 +30,8 @@ class TaskFollowerState:
     task: Task | None = None
     arrived: bool = False
     line: LineState | None = None
-    station: StationKeepingState = StationKeepingState()  # noqa: RUF009 - frozen
-    orbit: OrbitState = OrbitState()  # noqa: RUF009 - frozen
+    station: StationKeepingState = StationKeepingState()
+    orbit: OrbitState = OrbitState()
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,10 @@ import shutil
 import subprocess
 import tarfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
+
+from firmware_py.common.record_class import dataclass
 
 LIST, SIGNATURE, LOCK = "bundle.json", "bundle.json.sig", "requirements.txt"
 FORMAT: Final = 1

@@ -10,9 +10,9 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.files.reading import read_regular, read_text
 from firmware_py.install.bundle import LIST, LOCK, Bundle, UpdateError, read_list
 from firmware_py.install.service_files import NAME

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import contextlib
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.files.reading import read_regular
 
 STARTS: Final = 3

@@ -15,10 +15,10 @@ import subprocess
 import time
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.files.reading import read_regular, read_text
 from firmware_py.install.bundle import Bundle, UpdateError
 from firmware_py.install.environment import Environment

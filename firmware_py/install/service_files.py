@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from firmware_py import ROOT
+from firmware_py.common.record_class import dataclass
 from firmware_py.install.program_link import STARTS
 
 NAME = "rambler"

@@ -15,10 +15,10 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 from firmware_py import __version__, commit_of
+from firmware_py.common.record_class import dataclass
 from firmware_py.files.reading import read_text
 from firmware_py.install import environment as environments
 from firmware_py.install.bundle import Bundle, UpdateError, is_older, unpack

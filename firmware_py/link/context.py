@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
 from firmware_py.common.angles import radians
 from firmware_py.common.intents import Answer, Intent, Request, SetHome, SetMode, SteerHeading, SteerPosition, Verdict
 from firmware_py.common.interfaces import Calibrator, RequestHandler
 from firmware_py.common.mode_table import Mode
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Home, Snapshot
 from firmware_py.faults.table import Fault

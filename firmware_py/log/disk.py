@@ -12,12 +12,12 @@ import os
 import re
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Final, Protocol
 
 from firmware_py.common.calendar import is_possible
+from firmware_py.common.record_class import dataclass
 from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE, sync_directory
 from firmware_py.files.packed import SUFFIX, packed_path
 

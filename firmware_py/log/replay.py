@@ -6,10 +6,10 @@ import dataclasses
 import math
 import struct
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Inputs, RudderCommand
 from firmware_py.common.reports import Output
 from firmware_py.log.dataflash import LogError

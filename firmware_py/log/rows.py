@@ -13,12 +13,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from operator import attrgetter
 from typing import Any, Final
 
 from firmware_py.common.reading_notes import Spot
+from firmware_py.common.record_class import dataclass
 from firmware_py.log.dataflash import TEXT_BYTES, Buffer, Format, MessageType
 
 

@@ -13,9 +13,9 @@ takes `rk4_step`, which shares no error with it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 
 
 @dataclass(frozen=True, slots=True)

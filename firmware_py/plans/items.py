@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import IntEnum
 
 from firmware_py.common.plan import MOST_ITEMS, PlanKind
+from firmware_py.common.record_class import dataclass
 
 LONGEST_S = 1e8  # three years
 FARTHEST_M = 1e7

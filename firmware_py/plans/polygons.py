@@ -6,9 +6,9 @@ Vertices are whole numbers of 1e-7 degrees, so that the judgement is exact.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from firmware_py.common.plan import PlanItem
+from firmware_py.common.record_class import dataclass
 from firmware_py.plans.items import Command
 from firmware_py.plans.problem import PlanProblem, PlanResult
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
+
+from firmware_py.common.record_class import dataclass
 
 
 class PlanResult(IntEnum):

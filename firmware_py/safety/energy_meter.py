@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import radians
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import RudderStatus
 from firmware_py.common.reports import Energy
 

@@ -10,9 +10,10 @@ Energy is power times the time since the word before, and the time for which tha
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import PowerSample
 from firmware_py.common.reports import Flow, Power
 
@@ -27,10 +28,10 @@ class PowerMonitorState:
 
     samples: Samples = (None, None, None)
     updated_s: float | None = None
-    solar: Flow = Flow()  # noqa: RUF009 - frozen
-    load: Flow = Flow()  # noqa: RUF009 - frozen
-    charged: Flow = Flow()  # noqa: RUF009 - frozen
-    discharged: Flow = Flow()  # noqa: RUF009 - frozen
+    solar: Flow = Flow()
+    load: Flow = Flow()
+    charged: Flow = Flow()
+    discharged: Flow = Flow()
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,11 @@ pulls, and it is tried again now and then for a moment shorter than a stall that
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import RudderStatus
 

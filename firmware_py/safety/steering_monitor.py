@@ -15,11 +15,11 @@ A boat that turns the other way, again and again, has a servo that is set up the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.model.kt import KtModel, decay_over, exact_step
 

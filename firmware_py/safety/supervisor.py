@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final
 
 from firmware_py.common.angles import radians
 from firmware_py.common.intents import Arm, Intent, PauseMission, SetMissionItem, SetMode, SteerHeading, SteerPosition
 from firmware_py.common.mode_table import FAILSAFE_MODES, MODES, Mode, RudderBy
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, RudderStatus, Severity
 from firmware_py.faults.table import TABLE, Fault
@@ -76,10 +76,10 @@ class SupervisorState:
     without a heading; `kept_amidships`: that has been ended.
     """
 
-    rudder_monitor: RudderMonitorState = RudderMonitorState()  # noqa: RUF009 - frozen
-    steering_monitor: SteeringMonitorState = SteeringMonitorState()  # noqa: RUF009 - frozen
-    oscillation: OscillationState = OscillationState()  # noqa: RUF009 - frozen
-    failsafe: FailsafeState = FailsafeState()  # noqa: RUF009 - frozen
+    rudder_monitor: RudderMonitorState = RudderMonitorState()
+    steering_monitor: SteeringMonitorState = SteeringMonitorState()
+    oscillation: OscillationState = OscillationState()
+    failsafe: FailsafeState = FailsafeState()
     interrupted: ModeState | None = None
     hard_over_s: float | None = None
     kept_amidships: bool = False

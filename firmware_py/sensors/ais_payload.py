@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import binascii
 from collections.abc import Mapping
-from dataclasses import dataclass
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.sensors.message_error import MALFORMED, MessageError
 
 LEAST_LETTERS, MOST_LETTERS = 7, 5 * 62  # type, number and part of a message; five sentences

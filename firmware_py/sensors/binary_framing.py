@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.sensors.message_error import CHECKSUM, MALFORMED
 
 

@@ -16,9 +16,9 @@ and a fix that is none are reported beside the values.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.sensors.binary_framing import Packet, PacketFramer
 from firmware_py.sensors.message_error import MessageError
 

@@ -15,9 +15,9 @@ import dataclasses
 import math
 import struct
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 
 from firmware_py.common.angles import degrees, radians
+from firmware_py.common.record_class import dataclass
 from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, values_of
 from firmware_py.sensors.message_error import MALFORMED, MessageError, within
 from firmware_py.sensors.mti_protocol import (

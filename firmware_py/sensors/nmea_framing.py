@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 import operator
 import re
-from dataclasses import dataclass
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, NO_CHECKSUM
 
 # The standard says 82 bytes, u-blox's $PUBX,03 takes 500 and more.

@@ -10,8 +10,8 @@ slack of the loop. The tests use it as the oracle.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.sensors.message_error import MALFORMED, MessageError, within
 from firmware_py.sensors.nmea_fields import (
     Fields,

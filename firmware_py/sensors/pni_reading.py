@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from dataclasses import dataclass
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, values_of
 from firmware_py.sensors.message_error import MALFORMED, MessageError, within
 from firmware_py.sensors.pni_protocol import Component, Frame, frame_id, framer, parse_data, payload

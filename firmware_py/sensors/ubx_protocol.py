@@ -11,8 +11,8 @@ import itertools
 import re
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import FixType
 from firmware_py.sensors.binary_framing import PacketFramer
 from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, values_of

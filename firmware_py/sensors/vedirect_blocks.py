@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.sensors.decode import CaptureFormat, Result, chunks, values_of
 from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, MessageError, within
 

@@ -14,10 +14,11 @@ import math
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from pathlib import Path
 from typing import Any, Final
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.files.making import FILE_MODE
 from firmware_py.files.reading import read_regular
 

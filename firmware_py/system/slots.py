@@ -16,10 +16,10 @@ import os
 import re
 import stat
 import zlib
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Stored
 from firmware_py.files.making import FILE_MODE, PRIVATE_MODE, sync_directory
 from firmware_py.files.reading import open_regular, read_regular

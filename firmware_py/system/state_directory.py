@@ -9,7 +9,6 @@ import math
 import re
 import stat
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -19,6 +18,7 @@ from firmware_py.common.parameters import ParameterSet, format_file, parse_file
 from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Stored
 from firmware_py.plans.validation import problem_of
 from firmware_py.system.endings import ENDINGS_FILE

@@ -11,10 +11,11 @@ import json
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Final
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.files.making import PRIVATE_MODE, sync_directory, write_whole
 from firmware_py.files.reading import read_regular
 

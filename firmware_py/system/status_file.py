@@ -15,11 +15,12 @@ import math
 import os
 import pwd
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.files.making import FILE_MODE
 from firmware_py.files.reading import read_regular
 

@@ -6,11 +6,12 @@ import json
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 from firmware_py.common.angles import compass_degrees, degrees
 from firmware_py.common.link_status import LinkStatus
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceHealth, DeviceRole
 from firmware_py.common.reports import Output, Snapshot, SwingReport
 from firmware_py.faults.latch import LatchState

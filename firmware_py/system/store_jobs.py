@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.system.hold import StoreError
 from firmware_py.system.slots import SlotWriter, is_secret
 from firmware_py.system.state_export import BrokenExportError, awaited_import, end_import, remove_leftovers

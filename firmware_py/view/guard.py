@@ -9,12 +9,12 @@ from __future__ import annotations
 import hmac
 import ipaddress
 from collections.abc import Mapping
-from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from typing import Final
 from urllib.parse import parse_qs
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.files.reading import read_regular
 
 COOKIE: Final = "rambler_view"

@@ -18,10 +18,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any, Final
 
 from firmware_py.common.plan import Plan
+from firmware_py.common.record_class import dataclass
 
 Voyage = dict[str, Any]
 PLACE_DIGITS, DIGITS = 7, 3

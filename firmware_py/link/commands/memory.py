@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.link.peer import Peer
 
 RETRY_S = 5.0  # a confirmation within this belongs to the earlier command

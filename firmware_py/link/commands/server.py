@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from firmware_py.common.intents import Answer, Verdict
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Severity
 from firmware_py.link.commands.memory import CommandMemory, CommandRecord
 from firmware_py.link.commands.pending import CANCELLED, IN_PROGRESS, UNKNOWN_PROGRESS, PendingCommand

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from firmware_py.common.interfaces import RequestHandler
 from firmware_py.common.parameters import format_file
+from firmware_py.common.record_class import dataclass
 from firmware_py.link.files.area import Area, Parts
 from firmware_py.link.files.tree import Generate, Sink, Tree
 from firmware_py.link.parameters.metadata import Metadata

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.link.files.area import DEEPEST, LONGEST_NAME, Area, Entry, Parts
 from firmware_py.link.files.payload import Error, Refusal
 

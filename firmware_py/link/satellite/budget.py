@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import date
 from enum import IntEnum
+
+from firmware_py.common.record_class import dataclass
 
 _DAY_S = 86400.0
 _EPOCH_DAY = date(1970, 1, 1).toordinal()

@@ -14,9 +14,10 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hmac import compare_digest
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.link.wire.dialect import checksum, mavlink
 
 MARK = 0xB5

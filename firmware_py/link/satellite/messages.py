@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.link.satellite.budget import Kind
 from firmware_py.link.satellite.modem import LONGEST_OUT
 

@@ -6,8 +6,10 @@ Source: Iridium ISU AT Command Reference, the commands of Short Burst Data.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
+
+from firmware_py.common.record_class import dataclass
 
 LONGEST_OUT = 340  # bytes of a message that a 9602 sends
 LONGEST_IN = 270  # and receives

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.link.satellite.budget import Ledger
 from firmware_py.link.satellite.keyed import KEPT_NUMBERS, Window
 

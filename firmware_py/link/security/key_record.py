@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import Enum
 from hashlib import sha256
 
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Stored
 
 KEY_BYTES = 32

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from firmware_py.common.angles import degrees
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import PositionSample
 from firmware_py.common.reports import Snapshot, SwingReport
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from firmware_py.common import mode_table
 from firmware_py.common.mode_table import BaseMode, Mode, ModeProperties, StandardMode
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Snapshot
 from firmware_py.faults.table import TABLE as FAULTS

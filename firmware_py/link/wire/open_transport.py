@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from firmware_py.common.interfaces import ByteLine, Vault
+from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Event
 from firmware_py.link.security.key_record import NO_VAULT
 from firmware_py.link.wire.transport import LinkUrl, Transport, parse_url

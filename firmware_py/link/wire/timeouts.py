@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from firmware_py.common.record_class import dataclass
 from firmware_py.link.wire.transport import Transport
 
 _RADIO_BYTES_S = 1000.0  # a slower line is a satellite's

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass
 from typing import Protocol, TypeAlias, runtime_checkable
 
 from firmware_py.common.link_status import SatelliteStatus
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reading_notes import shown
+from firmware_py.common.record_class import dataclass
 from firmware_py.link.wire.url_options import PLAIN, LinkOptions, OptionError, parse_options
 
 Address: TypeAlias = Hashable  # one correspondent on a transport

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 
 from firmware_py.common.reading_notes import shown
+from firmware_py.common.record_class import dataclass
 
 
 class OptionError(ValueError):

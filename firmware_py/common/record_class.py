@@ -1,0 +1,95 @@
+"""Frozen records as `dataclasses.dataclass(frozen=True, slots=True)` makes them, in a fifth of the time.
+
+The standard library writes and compiles six functions for each class, which was two fifths of a start. Here one is, the
+constructor; it fills the slots themselves, so that a record is made sooner, too. What else a record does is shared.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, NoReturn
+
+__all__ = ["dataclass"]
+
+if TYPE_CHECKING:
+    from dataclasses import dataclass  # which mypy knows
+else:
+
+    def dataclass(*, frozen: bool, slots: bool) -> Callable[[type], type]:
+        """Return what makes a record of a class; for records without bases, frozen and with slots, and no others."""
+        if not (frozen and slots):
+            raise TypeError("it is for frozen records with slots; others are those of dataclasses.dataclass")
+        return _record_of
+
+
+def _record_of(source: type) -> type:
+    """Return a class as a record."""
+    kind: Any = dataclasses.dataclass(init=False, repr=False, eq=False, slots=True)(source)
+    fields = dataclasses.fields(kind)
+    names = tuple([field.name for field in fields])
+    parameters = kind.__dataclass_params__
+    parameters.init = parameters.repr = parameters.eq = parameters.frozen = True
+    values = _reader(names)
+    kind.__init__ = _constructor(kind, fields)
+    kind.__repr__ = lambda record: _text(record, names, values)
+    kind.__eq__ = lambda one, other: (
+        values(one) == values(other) if other.__class__ is one.__class__ else NotImplemented
+    )
+    kind.__hash__ = lambda record: hash(values(record))
+    kind.__setattr__, kind.__delattr__ = _refuse_set, _refuse_delete
+    kind.__getstate__ = lambda record: list(values(record))
+    kind.__setstate__ = _restore
+    made: type = kind
+    return made
+
+
+def _reader(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]:
+    """Return what reads these attributes of a record as a tuple."""
+    if not names:
+        return lambda _record: ()
+    read = attrgetter(*names)
+    return read if len(names) > 1 else lambda record: (read(record),)
+
+
+def _constructor(kind: type, fields: tuple[dataclasses.Field[Any], ...]) -> Callable[..., None]:
+    """Return the constructor of a record: a parameter for each field, and a call that fills its slot."""
+    words, lines, known = ["self"], [], {}
+    for name, field in ((field.name, field) for field in fields):
+        known[f"_put_{name}"] = getattr(kind, name).__set__
+        value = name
+        if field.default_factory is not dataclasses.MISSING:
+            known[f"_make_{name}"], known["_missing"] = field.default_factory, dataclasses.MISSING
+            words.append(f"{name}=_missing")
+            value = f"_make_{name}() if {name} is _missing else {name}"
+        elif field.default is not dataclasses.MISSING:
+            known[f"_default_{name}"] = field.default
+            words.append(f"{name}=_default_{name}")
+        else:
+            words.append(name)
+        lines.append(f" _put_{name}(self, {value})")
+    if hasattr(kind, "__post_init__"):
+        lines.append(" self.__post_init__()")
+    exec(f"def __init__({', '.join(words)}):\n" + ("\n".join(lines) or " pass"), known)  # noqa: S102 - as the standard library does
+    made: Callable[..., None] = known["__init__"]
+    made.__qualname__ = f"{kind.__qualname__}.__init__"
+    return made
+
+
+def _text(record: Any, names: tuple[str, ...], values: Callable[[Any], tuple[Any, ...]]) -> str:
+    parts = ", ".join(f"{name}={value!r}" for name, value in zip(names, values(record), strict=True))
+    return f"{record.__class__.__qualname__}({parts})"
+
+
+def _refuse_set(_record: object, name: str, _value: object) -> NoReturn:
+    raise dataclasses.FrozenInstanceError(f"cannot assign to field {name!r}")
+
+
+def _refuse_delete(_record: object, name: str) -> NoReturn:
+    raise dataclasses.FrozenInstanceError(f"cannot delete field {name!r}")
+
+
+def _restore(record: Any, state: list[Any]) -> None:
+    for field, value in zip(dataclasses.fields(record), state, strict=True):
+        object.__setattr__(record, field.name, value)
