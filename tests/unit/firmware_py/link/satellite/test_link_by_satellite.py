@@ -66,7 +66,7 @@ def test_so_does_a_month():
     """pytest -m proof -s tests/unit/firmware_py/link/satellite (four minutes)."""
     boat, told = sail(30)
     print(told)
-    assert boat.network.bill.total <= boat.status().month_credits <= 1200
+    assert boat.network.bill.total <= boat.status().total_credits <= boat.request_handler.values["SBD_MONTH_CRED"]
 
 
 def test_a_report_is_one_credit(boat):
