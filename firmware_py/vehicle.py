@@ -194,8 +194,7 @@ def _only_known(section: Mapping[str, Any], known: tuple[str, ...], place: str) 
 def _meant(key: str, known: tuple[str, ...]) -> str:
     import difflib  # noqa: PLC0415 - only a word that is wrong needs it
 
-    near = difflib.get_close_matches(key, known, 1)
-    return f"; did you mean {near[0]!r}?" if near else ""
+    return "".join(f"; did you mean {near!r}?" for near in difflib.get_close_matches(key, known, 1))
 
 
 def _entry(data: Mapping[str, Any], name: str, path: Path) -> DeviceEntry:
