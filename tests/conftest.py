@@ -1,5 +1,6 @@
 """Settings for all tests: examples drawn the same every time, no files left behind, and time for the long proofs."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,9 @@ from hil.bench.circumstances import circumstances, text_of
 from hil.report.figure_file import entry, merge, origin
 
 PROOF_S = 3600.0
+
+# A shell starts what goes to the background deaf to Ctrl-C, and what tests start would be so, too.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # What it keeps goes where pytest keeps its own, out of the sight of git.
 set_hypothesis_home_dir(Path(__file__).parents[1] / ".venv" / ".pytest_cache" / "hypothesis")

@@ -159,6 +159,8 @@ class GroundStation:
         """At the end of the run: say which goal was never accepted, or None."""
         if self.orders and self._vehicle is None:
             return "the autopilot sent no MAVLink heartbeat"
+        if self.orders and self.orders[0].first_sent_s is None:
+            return f"{self.orders[0].text} was never given: she was not ready before the end"
         for order in self.orders:
             if order.accepted_s is None and order.first_sent_s is not None and not order.left:
                 return _complaint(order)

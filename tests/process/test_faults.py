@@ -354,7 +354,8 @@ def prepared(fault_bench, drill, tmp_path):
 
 
 def test_every_row_has_a_drill():
-    assert sorted(drill.fault for drill in DRILLS) == sorted(TABLE)
+    """Other vessels need ships that come near: tests/process/test_vessels.py."""
+    assert sorted(drill.fault for drill in DRILLS) == sorted(set(TABLE) - {Fault.VESSEL_NEAR})
 
 
 @pytest.mark.parametrize(

@@ -135,9 +135,9 @@ def test_a_goal_that_cannot_be_accepted_fails_the_run(tmp_path):
     code, said, errors = rambler_hil(*words, "--out", str(tmp_path / "out"))
     assert (code, said) == (1, "")
     assert len(errors.splitlines()) == 1
-    assert "arming was never accepted" in errors
+    assert "arming was never" in errors
     assert (tmp_path / "out" / "truth.csv").exists()
-    assert "arming was never accepted" in reported(tmp_path / "out")["ending"]
+    assert "arming was never" in reported(tmp_path / "out")["ending"]
 
 
 def reported(out):

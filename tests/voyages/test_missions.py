@@ -113,8 +113,8 @@ def test_what_cannot_be_is_refused_with_the_reason():
     boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)))
     boat.run(2.0)
     for intent, verdict, word in (
-        (SetMissionItem(1), Verdict.DENIED, "0 to 0"),
-        (SetMissionItem(-1), Verdict.DENIED, "0 to 0"),
+        (SetMissionItem(1), Verdict.DENIED, "1 to 1"),
+        (SetMissionItem(-1), Verdict.DENIED, "1 to 1"),
         (PauseMission(paused=True), Verdict.TEMPORARILY_REJECTED, "HOLD"),
     ):
         state, answer = accept(boat.state, Request(boat.t_s, intent))
@@ -165,7 +165,7 @@ def halted_after_a_turn(**parameters):
     boat.run(60.0, until=lambda boat: boat.snapshot.mission.state is MissionState.PAUSED)
     assert boat.snapshot.mission.state is MissionState.PAUSED
     assert boat.snapshot.navigation.activity is Activity.HEADING
-    assert boat.said("Mission paused after item 0: no autocontinue")
+    assert boat.said("Mission paused after item 1: no autocontinue")
     boat.events.clear()
     return boat
 

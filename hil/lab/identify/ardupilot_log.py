@@ -33,6 +33,7 @@ WANTED = {
     "GPS": ("Spd",),
 }
 _ATTITUDE = re.compile(rb"\xa3\x95\x80..ATT\0", re.DOTALL)  # its description
+_TICK = re.compile(rb"\xa3\x95\x80..TICK", re.DOTALL)  # of the record that every log of ours is made of
 _CHANNEL = re.compile(r"C\d+")
 _SERVO = re.compile(r"SERVO(\d+)_(FUNCTION|TRIM|MIN|MAX|REVERSED)")
 
@@ -40,8 +41,9 @@ Series = dict[str, list[Pair]]  # "ATT.Yaw" -> times [s] and values
 
 
 def is_one(data: Buffer) -> bool:
-    """Whether the bytes are of a log that has attitudes, as ours has not."""
-    return _ATTITUDE.search(data, 0, SEARCHED_BYTES) is not None
+    """Whether the bytes are of a log that has attitudes and none of the ticks that ours has."""
+    ours = _TICK.search(data, 0, SEARCHED_BYTES) is not None
+    return not ours and _ATTITUDE.search(data, 0, SEARCHED_BYTES) is not None
 
 
 def read(path: Path, data: Buffer) -> Recording:

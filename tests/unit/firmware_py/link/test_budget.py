@@ -13,7 +13,7 @@ from firmware_py.link.telemetry.table import TABLE
 BITS_PER_BYTE = 10
 SECONDS = 60.0
 TICK_S = 0.1
-NOT_NOW = (191, 192, 437)  # only during a swing of the compass; only on request
+NOT_NOW = (191, 192, 301, 437)  # only during a swing of the compass; of other vessels; only on request
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
 BOAT = {
     "position": FIX, "position_ok": True, "home": Home(0.7, -0.2, 1.0),
