@@ -166,7 +166,7 @@ BOOK: tuple[Drill, ...] = (
     ),
     Drill(
         "compass loses and flips bytes", "", "", lambda boat: _spoil(boat, 0.02), lambda boat: _spoil(boat, 0.0),
-        0.0, 0.0, 60.0, on_course, ("Compass",), pair=True,
+        0.0, 0.0, 60.0, on_course, ("Compass", "Heading from"), pair=True,
     ),
     Drill(
         "position lost", "Position lost", "Position is back", put("receiver.fix", False), put("receiver.fix", True),
