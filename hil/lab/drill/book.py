@@ -246,7 +246,7 @@ BOOK: tuple[Drill, ...] = (
         settings=SAILED | {"FS_GCS_S": 10.0, "FS_GCS_ACT": 3.0},
     ),
     Drill(
-        "killed", "", "", killed, nothing, 0.0, 0.0, 10.0, on_course, ("",), settings={"BOOT_RESUME": 1.0},
+        "killed", "", "", killed, nothing, 0.0, 0.0, 10.0, on_course, ("",), settings={"BOOT_RESUME": 2.0},
     ),
     Drill(
         "outside the fence", "Fence breached", "", nothing, nothing, 60.0, 0.0, 3.0, in_mode("RTL"),
