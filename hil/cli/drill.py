@@ -83,11 +83,21 @@ def _sailed(chosen: Sequence[Case], jobs: int) -> Iterator[Outcome]:
         return
     with ProcessPoolExecutor(min(jobs, len(chosen))) as pool:
         try:
-            yield from pool.map(sail, chosen)
+            yield from pool.map(_sail_by_names, map(_names, chosen))
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)
             print("rambler-hil: interrupted", file=sys.stderr)
             raise
+
+
+def _names(case: Case) -> tuple[tuple[str, ...], str, int]:
+    """Return what another process finds a case by: what a drill does is code, which is not handed over."""
+    return tuple(drill.name for drill in case.drills), case.moment, case.seed
+
+
+def _sail_by_names(names: tuple[tuple[str, ...], str, int]) -> Outcome:
+    drills, moment, seed = names
+    return sail(Case(tuple(one for name in drills for one in BOOK if one.name == name), moment, seed))
 
 
 def _cells(outcome: Outcome) -> tuple[str, ...]:

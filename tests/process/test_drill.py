@@ -14,7 +14,7 @@ from support.paths import ROOT
 def drilled(tree, directory, *words):
     """Sail drills with the firmware of a tree; return the exit code and the outcomes."""
     file = directory / "outcomes.json"
-    command = [sys.executable, "-m", "hil", "drill", "--jobs", "1", "--json", str(file), *words]
+    command = [sys.executable, "-m", "hil", "drill", "--jobs", "2", "--json", str(file), *words]
     done = subprocess.run(
         command, cwd=tree, env={**os.environ, "PYTHONPATH": str(tree)}, capture_output=True, text=True, check=False
     )
