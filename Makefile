@@ -58,7 +58,7 @@ sail: $(SAIL_READY)
 
 # More workers than the machine has cores: many tests wait for programs that they have started.
 test: $(READY)
-	@echo "running the tests: about 6 minutes"
+	@echo "running the tests: about 11 minutes"
 	$(BIN)/python -m pytest -n 4 --dist worksteal
 
 $(FUZZ_READY): $(READY)
