@@ -125,9 +125,10 @@ class GroundStation:
     # What the run and its display ask.
 
     def order(self, order: Order, now_s: float) -> None:
-        """Give one more order, after those that are open."""
+        """Give one more order, after those that are open, once there is somebody to give it to."""
         self._open.append(order)
-        self._plan(now_s)
+        if self._vehicle is not None:
+            self._plan(now_s)
 
     def tell(self, message: Any) -> None:
         """Send a message with the next heartbeat, once."""

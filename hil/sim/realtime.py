@@ -39,6 +39,7 @@ class RealTimeServer:
             if data := port.line.read():
                 board.receive(port, data)
             if not port.line.plugged:
+                del self._ports[fd]  # the others go on, should somebody have a last word for them
                 raise HilError(f"the line of {port.path.name} has gone: is its adapter, or its link, still there?")
         busy = self._catch_up(limit_s) or busy
         return 0.0 if busy else board.next_output_s() - self.now_s()

@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from hil.sim.goals import parse_goals
-from hil.sim.ground_station import PATIENCE_S, READY_PATIENCE_S, READY_S, GroundStation
+from hil.sim.ground_station import PATIENCE_S, READY_PATIENCE_S, READY_S, GroundStation, disarm
 from hil.sim.mavlink_tap import MavlinkTap
 
 ACCEPTED, TEMPORARILY, DENIED = 0, 1, 2
@@ -211,3 +211,13 @@ def test_goals_are_left_to_whoever_has_set_another_mode(shared):
     in_hold.clear()
     play(station, vehicle, 200.0, start_s=155.0)  # back in GUIDED
     assert station.orders[-1].accepted_s == pytest.approx(180.0, abs=0.1)
+
+
+def test_an_order_to_nobody_waits_until_there_is_somebody():
+    station = GroundStation((), hails=True)
+    station.order(disarm(5.0), 5.0)
+    assert station.take_output(6.0)  # its heartbeat
+    assert station.orders == ()
+    vehicle = Vehicle()
+    play(station, vehicle, 30.0, start_s=7.0)
+    assert [command.command for command in vehicle.commands()] == [mavlink.MAV_CMD_COMPONENT_ARM_DISARM]
