@@ -1,7 +1,7 @@
 """A recorded run is recomputed bit for bit: a change of the control path shows here.
 
 When the control is meant to change, accept it in data/accepted.json (test_first_layout.py), or record anew:
-rambler-hil run tank --speed max --seconds 20 --goal "0:0,5:60" --compass pni --servo volz --set CTL_K1=38
+rambler-hil run tank --speed max --seconds 40 --goal "0:0,5:60" --compass pni --servo volz --set CTL_K1=38
 """
 
 import json
@@ -22,14 +22,14 @@ def test_the_recorded_run_is_recomputed_bit_for_bit(capsys):
     assert main(["replay", str(LOG), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["identical"]
-    assert report["compared"] == report["ticks"] > 190
+    assert report["compared"] == report["ticks"] > 390
 
 
 def test_the_recorded_run_is_worth_replaying():
     ticks = list(read_log(LOG))
     intents = [request.intent for tick in ticks for request in tick.inputs.requests]
     assert SteerHeading(math.radians(60.0)) in intents
-    assert max(tick.command.shaft_rad for tick in ticks) == pytest.approx(math.radians(30.0), abs=math.radians(1.0))
+    assert max(tick.command.shaft_rad for tick in ticks) == pytest.approx(math.radians(30.0), abs=1e-2)
     assert sum(len(tick.inputs.headings) for tick in ticks) > 150
     assert sum(len(tick.inputs.rudder) for tick in ticks) > 150
 
