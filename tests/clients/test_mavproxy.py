@@ -11,6 +11,7 @@ import pytest
 from firmware_py.common.parameter_table import TABLE
 from hil.sim.truth import ROWS_PER_SECOND
 
+STAYED_MESSAGES = 40
 BOAT = {"MDL_K": 0.4, "MDL_T_S": 0.5, "MDL_ALPHA_S2": 0.0, "STAT_BOOTCNT": 1}
 
 
@@ -124,11 +125,21 @@ def swing(client):
 
 
 def steer(client):
-    """Turn to 20 degrees and return the heading that MAVProxy shows there."""
+    """Turn to 20 degrees and return the heading that MAVProxy shows there, once it has stayed there for a while.
+
+    A boat that turns so quickly as she starts is taken for one on a wave: what is shown at first may be degrees off.
+    """
     ask(client, "setyaw 20 0 0", "CONDITION_YAW: ACCEPTED")
+    arrived = None  # the number of the message
 
-    def heading_deg():
-        return int(ask(client, "status VFR_HUD", r"VFR_HUD \{.*heading : (\d+),").group(1))
+    def stayed():
+        nonlocal arrived
+        shown = ask(client, "status VFR_HUD", r"(\d+): VFR_HUD \{.*heading : (\d+),")
+        number, heading_deg = int(shown[1]), int(shown[2])
+        if abs(heading_deg - 20) > 2:
+            arrived = None
+        elif arrived is None:
+            arrived = number
+        return arrived is not None and number - arrived >= STAYED_MESSAGES and heading_deg
 
-    client.wait_for(lambda: all(abs(heading_deg() - 20) <= 1 for _ in range(40)), "heading 20 was not reached")
-    return heading_deg()
+    return client.wait_for(stayed, "heading 20 was not reached")
