@@ -19,7 +19,7 @@ ONBOARD_LOCK := .ci/requirements-onboard.txt
 SUPPLY_READY := $(VENV)/.ready-supply
 ONBOARD_VENV := build/onboard
 
-.PHONY: help sail test fuzz lint types house pages pages-check docs bench proof lock bundle sbom audit clean
+.PHONY: help sail test fuzz lint types house pages pages-check docs bench bench-kept bench-check proof lock bundle sbom audit clean
 
 help:
 	@echo "make sail   a heading run in the tank, live in the terminal and in a browser, MAVLink on udp 14550"
@@ -33,6 +33,7 @@ help:
 	@echo "make bundle  what rambler update installs without a network: FOR=\"aarch64:3.13 ...\" SIGN=KEY"
 	@echo "make sbom   what is on the float besides the autopilot itself, as CycloneDX, into build/sbom.json"
 	@echo "make audit  known vulnerabilities of it; asks the Python package index"
+	@echo "make bench-check  whether a ratio is worse than those kept in docs/figures.json; bench-kept measures them anew"
 	@echo "make proof  the longer proofs: seas, stations, identification, lossy links, floods; some hours"
 
 # Done again when the dependencies change. The times are of two cores and a fast network.
@@ -107,6 +108,14 @@ docs: $(DOCS_READY)
 
 bench: $(READY)
 	@$(BIN)/rambler-hil bench
+
+# What counts processor time and memory, which a busy machine changes little: kept with all repeats, and compared by CI.
+BENCH_KEPT := --quick --only replay --only load --only start --only objective
+bench-kept: $(READY)
+	$(BIN)/rambler-hil bench $(BENCH_KEPT) --repeat 7 --figures docs/figures.json
+
+bench-check: $(READY)
+	$(BIN)/rambler-hil bench $(BENCH_KEPT) --against docs/figures.json
 
 proof: $(READY)
 	$(BIN)/python -m pytest -m proof -n 2

@@ -10,7 +10,19 @@ from pathlib import Path
 from typing import Any
 
 NO_BREAK = "\u00a0"
-BENCH = ("lateness", "sense", "load", "start", "trips", "transfers", "objective", "hour", "swarm", "first_use")
+BENCH = (
+    "lateness",
+    "sense",
+    "replay",
+    "load",
+    "start",
+    "trips",
+    "transfers",
+    "objective",
+    "hour",
+    "swarm",
+    "first_use",
+)
 
 
 @dataclass(frozen=True, slots=True)

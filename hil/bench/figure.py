@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
+
+TIMES: Final = "times"  # the unit of what is a ratio to something measured in the same run
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,7 +16,8 @@ class Figure:
     most or a least for the figure itself, or a most for its ratio to the bare limit. `peer` is
     the same figure of other autopilots, in words. `paired_ratio` stands for the ratio of both
     where they were measured in turns: the middle of the ratios of neighbours, which a load that
-    comes and goes does not shift.
+    comes and goes does not shift. `repeats` are the steady quantities of all repeats, where it was measured more than
+    once.
     """
 
     name: str
@@ -25,6 +29,7 @@ class Figure:
     peer: str = ""
     least: float | None = None
     paired_ratio: float | None = None
+    repeats: tuple[float, ...] = ()
 
     @property
     def ratio(self) -> float | None:
@@ -32,6 +37,16 @@ class Figure:
         if self.paired_ratio is not None:
             return self.paired_ratio
         return self.value / self.bare if self.bare else None
+
+    @property
+    def steady(self) -> float | None:
+        """What of it another machine, or a busy hour, changes least: its ratio, or itself where it is one already."""
+        return self.value if self.unit == TIMES else self.ratio
+
+    @property
+    def more_is_better(self) -> bool:
+        """Whether it worsens by falling."""
+        return self.unit == TIMES or self.least is not None
 
     @property
     def met(self) -> bool | None:

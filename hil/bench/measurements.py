@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from hil.bench import first_use, hour, lateness, load, objective, sense, start, swarm, transfers, trips
+from hil.bench import first_use, hour, lateness, load, objective, replay, sense, start, swarm, transfers, trips
 from hil.bench.figure import Finding
 from hil.bench.setting import Setting
 
@@ -20,6 +20,7 @@ class Measurement(NamedTuple):
 TABLE: Mapping[str, Measurement] = {
     "lateness": Measurement("how late the ticks begin, at 10 and 50 Hz", lateness.measure),
     "sense": Measurement("from a compass sentence to the servo frame", sense.measure),
+    "replay": Measurement("an onboard log recomputed", replay.measure),
     "load": Measurement("processor time and memory at 10 Hz", load.measure),
     "start": Measurement("from exec to the first rudder frame", start.measure),
     "trips": Measurement("PARAM_SET and COMMAND_LONG round trips", trips.measure),

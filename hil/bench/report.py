@@ -45,7 +45,7 @@ def as_entries(findings: Mapping[str, Finding], source: Mapping[str, str]) -> di
     return {
         key_of(measurement, figure.name): entry(
             figure.value, figure.unit, source, name=figure.name, bare=figure.bare, ratio=figure.ratio,
-            aim=_aim(figure), met=figure.met, others=figure.peer,
+            aim=_aim(figure), met=figure.met, others=figure.peer, repeats=list(figure.repeats),
         )
         for measurement, finding in findings.items()
         for figure in finding.figures

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 
@@ -29,6 +29,10 @@ class Setting:
     pairs: int
     fish_evaluations: int
     plain_evaluations: int
+
+    def within(self, directory: Path) -> Setting:
+        """Return it with another directory."""
+        return replace(self, directory=directory)
 
 
 def quick(directory: Path) -> Setting:

@@ -46,7 +46,7 @@ def entry(value: float | str, unit: str, source: Mapping[str, str], **more: Any)
     """
     if not _finite(value):
         raise ValueError(f"{value} is no figure to be shown")
-    kept = {name: _rounded(detail) for name, detail in more.items() if detail not in (None, "") and _finite(detail)}
+    kept = {name: _rounded(detail) for name, detail in more.items() if detail not in (None, "", []) and _finite(detail)}
     return {"value": _rounded(value), "unit": unit, **kept, **source}
 
 
@@ -63,6 +63,15 @@ def merge(path: Path, entries: Entries) -> None:
             content[name] = _with_cases(content.pop(name, {}), dict(fresh))
         file.truncate(0)
         file.write(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+
+
+def read(option: str, path: Path) -> dict[str, Any]:
+    """Return the entries of a file that is there; UsageError for one that cannot be read or holds none."""
+    try:
+        with os.fdopen(open_regular(path, most_bytes=MOST_BYTES), encoding="utf-8") as file:
+            return _content(path, file)
+    except OSError as error:
+        raise UsageError(f"{option} {path} cannot be read: {error.strerror}; give another") from None
 
 
 def check(option: str, path: Path | None) -> None:
@@ -105,7 +114,9 @@ def _with_cases(old: Mapping[str, Any], fresh: dict[str, Any]) -> dict[str, Any]
 
 
 def _rounded(value: Any) -> Any:
-    """Return a number without the digits that no measurement has."""
+    """Return numbers without the digits that no measurement has."""
+    if isinstance(value, list):
+        return [_rounded(each) for each in value]
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
 
 

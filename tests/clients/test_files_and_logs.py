@@ -118,8 +118,9 @@ def move_files(tmp_path, home, client):
         client.say(f"ftp set pkt_loss_{name} 25")
     client.say("ftp set loss_seed 7")
     size = int(ask(client, "ftp get /metadata/parameter.json got.json", r"Wrote (\d+) bytes to got.json").group(1))
+    # MAVProxy says what it wrote before it closes the file.
+    client.wait_for(lambda: (home / "got.json").stat().st_size == size, "got.json is not whole")
     assert (home / "got.json").read_text() == parameter_json()
-    assert (home / "got.json").stat().st_size == size
     ask(client, "ftp put up.bin /uploads/up.bin", "Sent file of length 2000")
     for name in ("rx", "tx"):
         client.say(f"ftp set pkt_loss_{name} 0")
@@ -133,6 +134,7 @@ def move_files(tmp_path, home, client):
     client.wait_for(lambda: not list(uploads.iterdir()), "the upload was not removed")
     ask(client, "ftp put up.bin /logs/up.bin", "Create failed")
     ask(client, "ftp get /logs/00000001.BIN got.bin", rf"Wrote {LOGS[1]} bytes to got.bin")
+    client.wait_for(lambda: (home / "got.bin").stat().st_size == LOGS[1], "got.bin is not whole")
     assert (home / "got.bin").read_bytes() == log_bytes(tmp_path / "state", 1)
 
 

@@ -10,16 +10,24 @@ from hil.bench.figure import Figure, Finding
 
 
 @pytest.fixture
-def asked(monkeypatch, tmp_path):
+def values():
+    """What the next measurements find; 1.0 when there are no more."""
+    return []
+
+
+@pytest.fixture
+def asked(monkeypatch, tmp_path, values):
     """Replace every measurement; the settings that they are given are noted."""
     found = []
 
     def row(name):
         def measure(setting):
             assert setting.directory.is_dir()
-            assert setting.directory.parent == tmp_path
+            assert setting.directory.parent.parent == tmp_path
+            assert not list(setting.directory.iterdir())
+            (setting.directory / "left").touch()
             found.append((name, setting))
-            return Finding(name, (Figure(f"{name} figure", "ms", 1.0, 0.5),))
+            return Finding(name, (Figure(f"{name} figure", "ms", values.pop(0) if values else 1.0, 0.5),))
 
         return measurements.Measurement(name, measure)
 
@@ -32,7 +40,6 @@ def asked(monkeypatch, tmp_path):
 def test_everything_is_measured_in_one_run_and_nothing_is_left_behind(asked, capsys, tmp_path):
     assert main(["bench"]) == 0
     assert [name for name, _ in asked] == list(measurements.TABLE)
-    assert len({id(setting) for _, setting in asked}) == 1
     assert "trips figure" in capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
 
@@ -44,6 +51,45 @@ def test_one_measurement_can_be_chosen_and_the_quick_one_is_shorter(asked):
     short, long = (setting for _, setting in asked)
     assert short.load_s < long.load_s
     assert long.load_s >= 30.0
+
+
+def test_several_can_be_chosen_and_each_is_repeated_in_rounds(asked, values, tmp_path):
+    values += [1.0, 2.0, 3.0, 9.0, 2.0, 7.0]
+    words = ["bench", "--only", "load", "--only", "start", "--repeat", "3", "--quick", "--figures", "figures.json"]
+    assert main(words) == 0
+    assert [name for name, _ in asked] == ["load", "start"] * 3
+    found = json.loads((tmp_path / "figures.json").read_text())
+    assert (found["load_load_figure"]["value"], found["load_load_figure"]["repeats"]) == (2.0, [2.0, 6.0, 4.0])
+    assert (found["start_start_figure"]["value"], found["start_start_figure"]["repeats"]) == (7.0, [4.0, 18.0, 14.0])
+    assert found["load_load_figure"]["command"] == "rambler-hil bench --quick --repeat 3"
+
+
+@pytest.fixture
+def baseline(tmp_path):
+    """Return the path of figures of which that of the load was repeated."""
+    path = tmp_path / "before.json"
+    repeated = {"value": 1.0, "repeats": [2.0, 2.1, 1.9, 2.05, 1.95, 2.0, 2.0]}
+    path.write_text(json.dumps({"load_load_figure": repeated, "start_start_figure": {"value": 1.0}}))
+    return str(path)
+
+
+def test_against_before_only_what_was_repeated_is_measured(asked, baseline, capsys):
+    assert main(["bench", "--against", baseline]) == 0
+    assert [name for name, _ in asked] == ["load"]
+    assert "load figure: 2.00x before, 2.00x now" in capsys.readouterr().out
+
+
+def test_what_is_worse_three_times_in_a_row_ends_with_1(asked, values, baseline, capsys):
+    values += [5.0, 4.0, 3.0]
+    assert main(["bench", "--against", baseline]) == 1
+    assert capsys.readouterr().out.count("WORSE") == len(asked) == 3
+
+
+def test_what_is_worse_once_was_a_busy_moment(asked, values, baseline, capsys):
+    values += [5.0, 5.0, 1.0]
+    assert main(["bench", "--against", baseline]) == 0
+    assert capsys.readouterr().out.count("WORSE") == 2
+    assert len(asked) == 3
 
 
 def test_json_is_written(asked, tmp_path):
@@ -72,6 +118,8 @@ def test_figures_go_over_those_of_the_documentation_and_others_stay(asked, tmp_p
         ["--json", "no/such/place.json"],
         ["--json", "."],
         ["--dir", "no/such/place"],
+        ["--against", "no/such/place.json"],
+        ["--repeat", "0"],
         ["--nonsense"],
     ],
 )

@@ -1,0 +1,112 @@
+"""The bench against what it found before: which ratios have worsened by more than they scatter.
+
+What is compared is a figure's steady quantity, and what it may be comes from the repeats that are kept with it: with
+logarithms as good as normal, one more reading exceeds the upper limit of the prediction interval (Hahn and Meeker,
+Statistical Intervals, 1991, 4.7) by chance in a share of FALSE_ALARM over all that are compared.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from scipy import stats
+
+from hil.bench.figure import Figure, Finding
+from hil.bench.report import number
+from hil.errors import UsageError
+from hil.report.figure_file import key_of
+
+LEAST_REPEATS: Final = 5
+FALSE_ALARM: Final = 0.01
+WORSE_IN_A_ROW: Final = 3  # a load that comes while one is measured is not there each time
+Kept = Mapping[str, Sequence[float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """A figure's steady quantity as it was, the worst that it may be, and as it is."""
+
+    measurement: str
+    name: str
+    was: float
+    allowed: float
+    now: float
+    more_is_better: bool
+
+    @property
+    def worse(self) -> bool:
+        """Whether it is beyond what its repeats explain; a number that is none is."""
+        return not (self.now >= self.allowed if self.more_is_better else self.now <= self.allowed)
+
+    @property
+    def text(self) -> str:
+        """One line for the terminal."""
+        bound = "at least" if self.more_is_better else "at most"
+        verdict = "WORSE" if self.worse else "as before"
+        return (
+            f"  {self.measurement}: {self.name}: {number(self.was)}x before, {number(self.now)}x now "
+            f"({bound} {number(self.allowed)}): {verdict}"
+        )
+
+
+def middle(repeats: Sequence[Finding]) -> Finding:
+    """Return of several findings of one measurement the middle one of each figure, which has all their quantities."""
+    last = repeats[-1]
+    columns = zip(*(finding.figures for finding in repeats), strict=True)
+    return last if len(repeats) == 1 else replace(last, figures=tuple(_middle(column) for column in columns))
+
+
+def _middle(column: Sequence[Figure]) -> Figure:
+    ordered = sorted(column, key=lambda figure: figure.value if figure.steady is None else figure.steady)
+    quantities = tuple(one for figure in column if (one := figure.steady) is not None and _usable(one))
+    return replace(ordered[len(ordered) // 2], repeats=quantities)
+
+
+def kept(entries: Mapping[str, Mapping[str, Any]]) -> Kept:
+    """Return the repeats of the entries of a figure file that have enough of them."""
+    found = {}
+    for key, each in entries.items():
+        repeats = each.get("repeats") if isinstance(each, Mapping) else None
+        if isinstance(repeats, list) and len(repeats) >= LEAST_REPEATS and all(map(_usable, repeats)):
+            found[key] = tuple(float(one) for one in repeats)
+    return found
+
+
+def measured_in(baseline: Kept, names: Iterable[str]) -> list[str]:
+    """Return the measurements of which something is kept, or raise UsageError for a baseline without any."""
+    found = [name for name in names if any(key.startswith(f"{key_of(name)}_") for key in baseline)]
+    if not found:
+        raise UsageError(
+            f"--against: no figure there was measured {LEAST_REPEATS} times or more; "
+            f"write some: --repeat {LEAST_REPEATS + 2} --figures FILE"
+        )
+    return found
+
+
+def compare(baseline: Kept, findings: Mapping[str, Finding]) -> list[Verdict]:
+    """Return a verdict on each figure that is in both."""
+    return [
+        Verdict(name, figure.name, *_allowed(repeats, len(baseline), figure.more_is_better), quantity,
+                figure.more_is_better)
+        for name, finding in findings.items()
+        for figure in finding.figures
+        if (repeats := baseline.get(key_of(name, figure.name))) is not None
+        and (quantity := figure.steady) is not None
+    ]  # fmt: skip
+
+
+def _allowed(repeats: Sequence[float], compared: int, more_is_better: bool) -> tuple[float, float]:  # noqa: FBT001
+    """Return the middle of the repeats and the worst that one more may be."""
+    logarithms, count = [math.log(one) for one in repeats], len(repeats)
+    quantile = float(stats.t.ppf(1.0 - FALSE_ALARM / compared, count - 1))
+    reach = quantile * statistics.stdev(logarithms) * math.sqrt(1.0 + 1.0 / count)
+    mean = statistics.fmean(logarithms)
+    return statistics.median(repeats), math.exp(mean - reach if more_is_better else mean + reach)
+
+
+def _usable(quantity: object) -> bool:
+    return isinstance(quantity, int | float) and math.isfinite(quantity) and quantity > 0.0
