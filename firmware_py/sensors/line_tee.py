@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from firmware_py.common.interfaces import ByteLine
 
 READ_LIMIT = 4096
@@ -20,10 +22,10 @@ class LineTee:
         self._line = line
         self._openings = line.openings
         self._queue = bytearray()
-        self.first: ByteLine = _First(line, self)
-        self.second: ByteLine = _Second(line, self)
+        self.first: ByteLine = _View(line, self._pull, line.fileno)
+        self.second: ByteLine = _View(line, self._take, _nothing_to_wait_on)
 
-    def pull(self) -> bytes:
+    def _pull(self) -> bytes:
         """Read the port and keep a copy for the second view."""
         self._forget_old()
         data = self._line.read()
@@ -32,7 +34,7 @@ class LineTee:
             del self._queue[:-QUEUE_LIMIT]
         return data
 
-    def take(self) -> bytes:
+    def _take(self) -> bytes:
         """Hand out what the first view has read."""
         self._forget_old()
         data = bytes(self._queue[:READ_LIMIT])
@@ -46,12 +48,14 @@ class LineTee:
             self._queue.clear()
 
 
-class _First:
-    """The view that reads the port."""
+class _View:
+    """The line as one of the two sees it: what it reads, and the descriptor on which it waits."""
 
-    def __init__(self, line: ByteLine, tee: LineTee) -> None:
+    def __init__(self, line: ByteLine, read: Callable[[], bytes], fileno: Callable[[], int]) -> None:
         self._line = line
-        self._tee = tee
+        self.read = read
+        self.fileno = fileno
+        self.write = line.write
 
     @property
     def name(self) -> str:
@@ -69,44 +73,7 @@ class _First:
     def connected(self) -> bool:
         return self._line.connected
 
-    def fileno(self) -> int:
-        return self._line.fileno()
 
-    def read(self) -> bytes:
-        return self._tee.pull()
-
-    def write(self, data: bytes) -> bool:
-        return self._line.write(data)
-
-
-class _Second:
-    """The view that takes what the first has read, and has nothing of its own to wait on."""
-
-    def __init__(self, line: ByteLine, tee: LineTee) -> None:
-        self._line = line
-        self._tee = tee
-
-    @property
-    def name(self) -> str:
-        return self._line.name
-
-    @property
-    def baud(self) -> int:
-        return self._line.baud
-
-    @property
-    def openings(self) -> int:
-        return self._line.openings
-
-    @property
-    def connected(self) -> bool:
-        return self._line.connected
-
-    def fileno(self) -> int:
-        return -1
-
-    def read(self) -> bytes:
-        return self._tee.take()
-
-    def write(self, data: bytes) -> bool:
-        return self._line.write(data)
+def _nothing_to_wait_on() -> int:
+    """Return the descriptor of a view that takes what the other has read."""
+    return -1
