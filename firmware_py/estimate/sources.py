@@ -138,8 +138,10 @@ def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad:
         near_s = sample.t_s
     else:
         near_s = max(state.near_s, sample.t_s - FIRST_JUMP_S) if state.near_s == state.t_s else state.near_s
+    # What it was off by before it was sound, as while it was frozen, is nothing that it starts with.
+    sound_s = 0.0 if state.sound_since_s is None else sample.t_s - state.sound_since_s
     step_s = clamp(sample.t_s - state.t_s, 0.0, SMOOTHING_S) if state.t_s is not None else SMOOTHING_S
-    part = step_s / SMOOTHING_S
+    part = 1.0 if sound_s <= step_s else step_s / min(sound_s, SMOOTHING_S)
     return replace(
         state,
         t_s=sample.t_s,

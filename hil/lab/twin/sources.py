@@ -78,7 +78,8 @@ def add_sample(s: Floats, t_s: float, heading_rad: float, raw_rad: float, expect
     elif s[NEAR] == last_s:
         s[NEAR] = max(s[NEAR], t_s - FIRST_JUMP_S)
     step_s = SMOOTHING_S if first else clamp(t_s - last_s, 0.0, SMOOTHING_S)
-    part = step_s / SMOOTHING_S
+    sound_s = 0.0 if math.isnan(s[SOUND_SINCE]) else t_s - s[SOUND_SINCE]
+    part = 1.0 if sound_s <= step_s else step_s / min(sound_s, SMOOTHING_S)
     if math.isnan(s[RAW]) or raw_rad != s[RAW]:
         s[CHANGED] = t_s
     s[RAW], s[SAID] = raw_rad, t_s

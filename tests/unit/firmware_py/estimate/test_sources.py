@@ -90,6 +90,19 @@ def test_a_change_of_source_does_not_jump_and_is_slewed_away():
     assert wrap_pi(watch.used[0][1] - 1.0) == pytest.approx(off, abs=radians(1.6))
 
 
+def test_one_that_comes_back_starts_with_what_it_is_off_by_now_and_not_by_what_it_was():
+    """Frozen while she turned by 120 deg it came back 40 deg off, and was not believed for a minute."""
+    watch = Watch()
+    watch.run(20.0, course_ok=True)
+    for step in range(50):
+        watch.run(1.0, a="frozen", course_ok=True, expected=1.0 + radians(min(4.0 * step, 120.0)))
+    assert watch.state.in_use is Source.COURSE
+    goal = 1.0 + radians(120.0)
+    assert watch.run(PROBATION_S + 0.5, course_ok=True, expected=goal) is Source.COMPASS_A
+    assert wrap_pi(watch.used[0][1] - goal) == pytest.approx(0.0, abs=radians(1.6))
+    assert watch.run(5.0, course_ok=True, expected=goal) is Source.COMPASS_A
+
+
 def test_the_course_is_the_last_resort_and_nothing_is_worse():
     watch = Watch()
     watch.run(5.0)
