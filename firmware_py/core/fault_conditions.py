@@ -5,6 +5,7 @@ from __future__ import annotations
 from firmware_py.common.mode_table import Mode
 from firmware_py.core.freshness import Age, Freshness
 from firmware_py.core.state import Settings, State, fence_enabled, heading_timeouts_of
+from firmware_py.estimate.sources import SourceSettings, SourceState
 from firmware_py.faults.row import FaultInput
 from firmware_py.guidance import guidance
 from firmware_py.safety import power_monitor
@@ -15,7 +16,7 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
     servo, position, devices = state.rudder.feedback, state.position, state.devices
     sources, rudder_monitor = state.heading_estimator.sources, state.supervisor.rudder_monitor
     timeouts_s = heading_timeouts_of(settings, devices).compass_s
-    compasses = tuple(zip(sources.compasses, timeouts_s, strict=True))
+    frozen, jumping = _frozen_or_jumping(settings.heading_estimator.sources, sources, timeouts_s, now_s)
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
     battery, limits = power_monitor.supply(state.power, now_s), settings.battery_limits
 
@@ -30,10 +31,8 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
             t_s is not None and now_s - t_s > timeout_s
             for t_s, timeout_s in zip(devices.compass_s, timeouts_s, strict=True)
         ),
-        compass_frozen=any(
-            compass.frozen(now_s, settings.heading_estimator.sources, timeout_s) for compass, timeout_s in compasses
-        ),
-        compass_jumping=any(compass.jumping() and compass.speaks(now_s, timeout_s) for compass, timeout_s in compasses),
+        compass_frozen=frozen,
+        compass_jumping=jumping,
         compasses_disagree=sources.disagree(),
         position_old=position.fix is not None and freshness.position is Age.OLD,
         position_held_back=(
@@ -70,3 +69,16 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
         station_timeout_s=settings.supervisor.station_s,
         vessel_near=state.traffic.near,
     )
+
+
+def _frozen_or_jumping(
+    settings: SourceSettings, state: SourceState, timeouts_s: tuple[float, float], now_s: float
+) -> tuple[bool, bool]:
+    """Return whether a compass is frozen, and whether one jumps; one that has stopped measuring does not besides."""
+    frozen, jumping = False, False
+    for compass, timeout_s in zip(state.compasses, timeouts_s, strict=True):
+        if compass.frozen(now_s, settings, timeout_s):
+            frozen = True
+        elif compass.jumping() and compass.speaks(now_s, timeout_s):
+            jumping = True
+    return frozen, jumping

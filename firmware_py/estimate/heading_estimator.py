@@ -15,13 +15,12 @@ from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, FixType, HeadingSample, PositionSample, Severity
 from firmware_py.common.reports import Estimate, HeadingEstimate
-from firmware_py.estimate import declination, kalman, observer, sources, track_average, wave_filter
+from firmware_py.estimate import declination, kalman, observer, sources, standstill, track_average, wave_filter
 from firmware_py.estimate.declination import Declination
 from firmware_py.estimate.observer import HeadingState, ObserverSettings
 from firmware_py.estimate.sources import Source, SourceSettings, SourceState, TrueHeadingSample
 from firmware_py.estimate.track_average import Stretch
-from firmware_py.estimate.wave_filter import Velocity
-from firmware_py.estimate.wave_filter_state import WaveFilterSettings, WaveFilterState, water_of
+from firmware_py.estimate.wave_filter_state import Velocity, WaveFilterSettings, WaveFilterState, water_of
 
 SLOWEST_COURSE_M_S: Final = 0.02  # below it a receiver gives no course worth the name
 WIDEST_COURSE_RAD: Final = radians(20.0)  # a heading less certain than this is not steered by without a compass
@@ -69,7 +68,8 @@ class HeadingTimeouts:
 class HeadingEstimatorState:
     """Heading and yaw rate of the tick, the wave filter, the heading sources and the declination of the place.
 
-    `stretch` is the stretch of track under way, where the receiver states no velocity.
+    `stretch` is the stretch of track under way, where the receiver states no velocity; `deaf` the wave filter without
+    what the compass in use repeats, None while it changes.
     """
 
     heading: HeadingState = HeadingState()
@@ -77,6 +77,7 @@ class HeadingEstimatorState:
     sources: SourceState = SourceState()
     declination: Declination = Declination()
     stretch: Stretch | None = None
+    deaf: WaveFilterState | None = None
 
     @classmethod
     def at_start(cls, parameters: ParameterSet) -> HeadingEstimatorState:
@@ -117,11 +118,15 @@ def update(
         fresh = WaveFilterState(expected_water=water_of(state.wave_filter))
         state = HeadingEstimatorState(before, fresh, declination=state.declination)
         events = (Event(Severity.WARNING, "Heading estimate is begun anew"),)
-    source_state, source_events = _select_source(settings, state, true_headings, before, timeouts, now_s)
+    state = _with_samples(settings, state, true_headings, before, now_s)
+    source_state, source_events = _select_source(settings, state, timeouts, now_s)
     samples = sources.samples_in_use(source_state, true_headings)
     stretch, velocities = over_ground(state.stretch, positions, before.heading_rad)
     waves = wave_filter.update(settings.wave_filter, state.wave_filter, samples, velocities, rudder_rad)
-    state = HeadingEstimatorState(before, waves, source_state, state.declination, stretch)
+    deaf = state.deaf
+    if deaf is not None:
+        deaf = wave_filter.update(settings.wave_filter, deaf, (), velocities, rudder_rad)
+    state = HeadingEstimatorState(before, waves, source_state, state.declination, stretch, deaf)
     if settings.observer_only:
         of_first = [sample for sample in headings if sample.source == Source.COMPASS_A]
         observer_settings = replace(observer_settings, timeout_s=timeouts.compass_s[Source.COMPASS_A])
@@ -148,19 +153,30 @@ def _with_declination(state: HeadingEstimatorState, positions: Sequence[Position
     return state if latest is state.declination else replace(state, declination=latest)
 
 
-def _select_source(
+def _with_samples(
     settings: HeadingEstimatorSettings,
     state: HeadingEstimatorState,
     samples: Sequence[TrueHeadingSample],
     before: HeadingState,
-    timeouts: HeadingTimeouts,
     now_s: float,
-) -> tuple[SourceState, tuple[Event, ...]]:
-    """Judge the sources by what they say and choose one."""
+) -> HeadingEstimatorState:
+    """Take in what the compasses say; one that stands still while she turns has not been heard since it does."""
     waves, source_state = state.wave_filter, sources.decay_offsets(state.sources, clamp(now_s - before.t_s, 0.0, 1.0))
     expected_rad = waves.x[kalman.FLOAT] + waves.x[kalman.WAVE] if waves.x else None
     for sample in samples:
         source_state = sources.add_sample(source_state, sample, expected_rad)
+    deaf = standstill.deaf_filter(settings.wave_filter, state.deaf, waves, source_state, now_s)
+    found = standstill.contradicted(source_state, samples, deaf) if settings.sources.frozen_s > 0.0 else None
+    if deaf is not None and found is not None:
+        return replace(state, sources=found, wave_filter=deaf, deaf=None)
+    return replace(state, sources=source_state, deaf=deaf)
+
+
+def _select_source(
+    settings: HeadingEstimatorSettings, state: HeadingEstimatorState, timeouts: HeadingTimeouts, now_s: float
+) -> tuple[SourceState, tuple[Event, ...]]:
+    """Judge the sources by what they have said and choose one."""
+    waves, source_state = state.wave_filter, state.sources
     course_ok = (
         bool(waves.x)  # not begun, or begun anew, it may know of a fix and of nothing else
         and waves.fix_t_s is not None

@@ -18,7 +18,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Severity
-from firmware_py.estimate.wave_filter import Heading
+from firmware_py.estimate.wave_filter_state import Heading
 
 JUMP_RAD: Final = radians(25.0)
 JUMP_S: Final = 1.5
@@ -28,6 +28,10 @@ CONTRADICTED_S: Final = 60.0
 SLEW_RAD_S: Final = radians(0.5)
 DISAGREEMENT_RAD: Final = radians(15.0)
 SMOOTHING_S: Final = 10.0
+LEAST_STAND_S: Final = 1.5
+STANDS: Final = 2.0  # times as long as it has shown one number so far, and it stands still
+FIRST_LONGEST_S: Final = 1.0
+LONGEST_MEMORY_S: Final = 600.0
 
 
 class Source(IntEnum):
@@ -70,7 +74,8 @@ class CompassState:
 
     `changed_s` is when its number last changed, `near_s` when it last lay within the gate around the
     estimate, `sound_since_s` since when it has been sound; `difference_rad` is its smoothed difference
-    from the estimate, `offset_rad` what is still added to it after a change of source.
+    from the estimate, `offset_rad` what is still added to it after a change of source. `longest_s` is for how long it
+    shows one number at most, of late; `contradicted`: it shows the same although she must have turned.
     """
 
     t_s: float | None = None
@@ -80,16 +85,23 @@ class CompassState:
     sound_since_s: float | None = None
     difference_rad: float = 0.0
     offset_rad: float = 0.0
+    longest_s: float = FIRST_LONGEST_S
+    contradicted: bool = False
 
     def speaks(self, now_s: float, timeout_s: float) -> bool:
         """Whether it is not silent."""
         return self.t_s is not None and now_s - self.t_s <= timeout_s
 
     def frozen(self, now_s: float, settings: SourceSettings, timeout_s: float) -> bool:
-        """Whether it speaks but has not changed for too long."""
+        """Whether it speaks but has not changed for too long, or not while she turned."""
         if self.t_s is None or settings.frozen_s == 0.0 or not self.speaks(now_s, timeout_s):
             return False
-        return self.t_s - self.changed_s > settings.frozen_s
+        return self.contradicted or self.t_s - self.changed_s > settings.frozen_s
+
+    def stands(self, least_s: float) -> bool:
+        """Whether it shows one number for longer than is its way, and than least_s."""
+        longest_s = max(LEAST_STAND_S, STANDS * self.longest_s, least_s)
+        return self.t_s is not None and self.t_s - self.changed_s > longest_s
 
     def jumping(self) -> bool:
         """Whether it shows headings that the boat cannot have come to."""
@@ -142,6 +154,10 @@ def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad:
     sound_s = 0.0 if state.sound_since_s is None else sample.t_s - state.sound_since_s
     step_s = clamp(sample.t_s - state.t_s, 0.0, SMOOTHING_S) if state.t_s is not None else SMOOTHING_S
     part = 1.0 if sound_s <= step_s else step_s / min(sound_s, SMOOTHING_S)
+    longest_s = state.longest_s
+    if changed and state.sound_since_s is not None:
+        shown_s = sample.t_s - state.changed_s
+        longest_s = max(shown_s, longest_s * math.exp(-shown_s / LONGEST_MEMORY_S))
     return replace(
         state,
         t_s=sample.t_s,
@@ -149,6 +165,8 @@ def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad:
         changed_s=sample.t_s if changed else state.changed_s,
         near_s=near_s,
         difference_rad=wrap_pi(state.difference_rad + part * wrap_pi(difference_rad - state.difference_rad)),
+        longest_s=longest_s,
+        contradicted=state.contradicted and not changed,
     )
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -19,7 +19,14 @@ from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.estimate import kalman, learning, over_ground
 from firmware_py.estimate.kalman import Floats, Numbers
-from firmware_py.estimate.wave_filter_state import SPEEDS_M_S, WaveFilterSettings, WaveFilterState, start
+from firmware_py.estimate.wave_filter_state import (
+    SPEEDS_M_S,
+    Heading,
+    Velocity,
+    WaveFilterSettings,
+    WaveFilterState,
+    start,
+)
 
 LONGEST_STEP_S: Final = 1.0  # one step of the covariance; a longer one takes several
 LONGEST_SILENCE_S: Final = 600.0  # after this the filter starts anew
@@ -266,20 +273,11 @@ def predict_heading(settings: WaveFilterSettings, state: WaveFilterState, t_s: f
     return wrap_two_pi(turn.heading_rad), turn.yaw_rate_rad_s
 
 
-class Velocity(NamedTuple):
-    """A velocity over the ground; `mean` as in `correct_velocity`."""
-
-    t_s: float
-    speed_m_s: float
-    course_rad: float
-    mean: tuple[float, float] | None = None
-
-
-class Heading(NamedTuple):
-    """A true heading."""
-
-    t_s: float
-    heading_rad: float
+def carry_on(settings: WaveFilterSettings, state: WaveFilterState, t_s: float) -> WaveFilterState:
+    """Carry a filter that has started to t_s, with nothing measured."""
+    work = _Workspace(settings, state)
+    work.predict_to(t_s)
+    return _finish(work, state)
 
 
 def update(

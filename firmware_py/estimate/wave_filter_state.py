@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,22 @@ FIRST: Final = (
 TOGETHER: Final = 0.98  # correlation of the headings of float and glider at the start
 FIRST_COURSE_LAG_S: Final = 0.5
 _NUMBER: Final = struct.Struct("d")
+
+
+class Velocity(NamedTuple):
+    """A velocity over the ground; `mean` as in wave_filter.correct_velocity."""
+
+    t_s: float
+    speed_m_s: float
+    course_rad: float
+    mean: tuple[float, float] | None = None
+
+
+class Heading(NamedTuple):
+    """A true heading."""
+
+    t_s: float
+    heading_rad: float
 
 
 @dataclass(frozen=True, slots=True)

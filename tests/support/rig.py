@@ -38,7 +38,7 @@ UTC_S = 1_767_225_600.0
 STEP_S = 0.1
 SLEW_RAD_S = radians(30.0)
 COUNT_RAD = TWO_PI / 4096.0
-RESOLUTION_RAD = radians(0.1)
+RESOLUTION_RAD, NOISE_RAD = radians(0.1), radians(0.3)  # of the compass
 FIX_NOISE_M, FIX_MEMORY_S, VELOCITY_NOISE_M_S = 1.5, 60.0, 0.03
 AT_ONCE = Receiver(latency_s=0.0, lost=0.0, filter_s=0.0, noise_m_s=VELOCITY_NOISE_M_S)
 
@@ -119,6 +119,7 @@ class Sailing:
         self.scenario = scenario
         self.hull = hull(scenario, seed)
         self.numbers = NormalNumbers(generator(seed, Stream.COMPASS))
+        self.resolution_rad, self.noise_rad = RESOLUTION_RAD, NOISE_RAD
         self.rng = np.random.default_rng(seed)
         self.state = State.at_start(values, plans)
         self.index = 0
@@ -147,8 +148,8 @@ class Sailing:
 
     def tick(self, *intents):
         t_s = self.t_s
-        heading_rad = self.hull.shown_heading_rad(0.0) + radians(0.3) * self.numbers.draw()
-        heading_rad = round(heading_rad / RESOLUTION_RAD) * RESOLUTION_RAD % TWO_PI
+        heading_rad = self.hull.shown_heading_rad(0.0) + self.noise_rad * self.numbers.draw()
+        heading_rad = round(heading_rad / self.resolution_rad) * self.resolution_rad % TWO_PI
         shaft_rad = round(self.rudder_rad / COUNT_RAD) * COUNT_RAD
         inputs = Inputs(
             Tick(self.index, t_s, 0.0001, 0, 10.0),

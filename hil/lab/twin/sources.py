@@ -1,4 +1,7 @@
-"""Twins of firmware_py/estimate/sources.py, for one compass, and of common/silence.py."""
+"""Twins of firmware_py/estimate/sources.py, for one compass, and of common/silence.py.
+
+The compass of the twin never stops measuring: that one stands still while she turns is not looked for.
+"""
 
 from __future__ import annotations
 

@@ -1,0 +1,119 @@
+"""A compass that stands still while she turns, found by the estimate of a boat at sea."""
+
+import math
+import random
+
+import pytest
+
+from firmware_py.common.angles import radians, wrap_pi
+from firmware_py.common.intents import SteerHeading
+from firmware_py.common.mode_table import Mode
+from firmware_py.common.records import HeadingSample
+from firmware_py.estimate.sources import Source
+from firmware_py.faults.table import TABLE, Fault
+from support import rig
+
+TOLD, OVER = TABLE[Fault.COMPASS_FROZEN].text, TABLE[Fault.COMPASS_FROZEN].recovery
+
+
+def under_way(name, seed=1, resolution_deg=0.1, noise_deg=0.3, **parameters):
+    """Return a boat that has steered north for a good minute."""
+    boat = rig.Sailing(rig.sea(name), seed, hull=rig.FineHull, **parameters)
+    boat.resolution_rad, boat.noise_rad = radians(resolution_deg), radians(noise_deg)
+    boat.under_way(Mode.GUIDED).tick(SteerHeading(0.0))
+    return boat.run(70.0)
+
+
+@pytest.fixture
+def freeze(monkeypatch):
+    """Freeze the compass of a boat, and let it measure again."""
+
+    def frozen(boat, still):
+        stands_rad = compass_of(boat).raw_rad
+        as_it_is = lambda t_s, _heading_rad, north: HeadingSample(t_s, stands_rad, north)  # noqa: E731
+        monkeypatch.setattr(rig, "HeadingSample", as_it_is if still else HeadingSample)
+
+    return frozen
+
+
+def compass_of(boat):
+    return boat.state.heading_estimator.sources.compasses[0]
+
+
+def off_deg(boat):
+    """How far the estimated heading is from the true one."""
+    return math.degrees(abs(wrap_pi(boat.state.heading_estimator.heading.heading_rad - boat.hull.heading_low_rad(0.0))))
+
+
+@pytest.mark.parametrize(("turn_deg", "seed"), [(40.0, 1), (-120.0, 2)])
+def test_one_that_freezes_in_a_turn_is_told_long_before_its_time_and_has_not_been_listened_to(freeze, turn_deg, seed):
+    boat = under_way("tank", seed)
+    boat.tick(SteerHeading(radians(turn_deg)))
+    freeze(boat.run(4.0), still=True)
+    begun_s = boat.t_s
+    boat.run(20.0, until=lambda boat: boat.said(TOLD))
+    assert boat.t_s - begun_s < 15.0
+    assert boat.state.heading_estimator.sources.in_use is Source.COURSE
+    assert off_deg(boat) < 5.0
+    boat.run(100.0)
+    assert abs(math.degrees(boat.hull.heading_low_rad(0.0)) - turn_deg) < 12.0
+    assert boat.said("Compass jumps") == []
+    freeze(boat, still=False)
+    boat.run(20.0)
+    assert len(boat.said(TOLD)) == len(boat.said(OVER)) == 1
+    assert boat.state.heading_estimator.sources.in_use is Source.COMPASS_A
+
+
+def test_one_that_freezes_in_waves_is_told_within_a_wave_or_little_more(freeze):
+    boat = under_way("swell", 3)
+    freeze(boat, still=True)
+    boat.run(12.0, until=lambda boat: boat.said(TOLD))
+    assert boat.said(TOLD)
+
+
+def test_one_that_may_stand_for_ever_is_never_told(freeze):
+    boat = under_way("tank", CMP_FROZEN_S=0.0)
+    freeze(boat, still=True)
+    boat.tick(SteerHeading(radians(90.0)))
+    assert boat.run(60.0).said(TOLD) == []
+
+
+def turning(name, resolution_deg, noise_deg, legs, leg_s):
+    """Sail turns with a compass that is judged by them alone; return when it was told and its longest standstill."""
+    boat, longest_s = under_way(name, 1, resolution_deg, noise_deg, CMP_FROZEN_S=3600.0), 0.0
+    numbers = random.Random(legs)
+    for _ in range(legs):
+        boat.tick(SteerHeading(radians(numbers.uniform(0.0, 360.0))))
+        for _ in range(round(10.0 * leg_s)):
+            boat.tick()
+            longest_s = max(longest_s, compass_of(boat).t_s - compass_of(boat).changed_s)
+    return boat.said(TOLD), longest_s
+
+
+@pytest.mark.parametrize(("resolution_deg", "noise_deg", "stood_s"), [(1.0, 0.1, 1.5), (0.1, 0.02, 0.5)])
+def test_a_coarse_compass_that_stands_still_in_a_calm_is_not_frozen(resolution_deg, noise_deg, stood_s):
+    """From the start on, and through turns."""
+    told_s, longest_s = turning("calm", resolution_deg, noise_deg, 2, 60.0)
+    assert told_s == []
+    assert longest_s > stood_s  # it has shown one and the same number
+
+
+@pytest.mark.proof
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("noise_deg", [0.3, 0.1, 0.02, 0.0])
+@pytest.mark.parametrize("resolution_deg", [1.0, 0.1])
+@pytest.mark.parametrize("name", ["calm", "tank"])
+def test_no_coarse_compass_is_taken_for_frozen_in_hours_of_turns(name, resolution_deg, noise_deg):
+    """`pytest -m proof -s tests/unit/firmware_py/estimate/test_standstill.py`: two hours of each."""
+    told_s, longest_s = turning(name, resolution_deg, noise_deg, 24, 300.0)
+    print(f"{name} {resolution_deg:g} deg, noise {noise_deg:g}: stood {longest_s:.1f} s at most")
+    assert told_s == []
+
+
+def test_how_long_it_has_stood_frozen_is_not_its_way(freeze):
+    boat = under_way("sea")
+    freeze(boat, still=True)
+    boat.run(40.0)
+    assert boat.said(TOLD)
+    freeze(boat, still=False)
+    assert compass_of(boat.run(20.0)).longest_s < 2.0
