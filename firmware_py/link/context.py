@@ -9,18 +9,21 @@ from firmware_py.common.angles import radians
 from firmware_py.common.intents import Answer, Intent, Request, SetHome, SetMode, SteerHeading, SteerPosition, Verdict
 from firmware_py.common.interfaces import Calibrator, RequestHandler
 from firmware_py.common.mode_table import Mode
+from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Home, Snapshot
 from firmware_py.faults.table import Fault
-from firmware_py.link.parameters.metadata import Metadata
+from firmware_py.link.parameters.metadata import Metadata, declared_kind
 from firmware_py.link.peer import Peer
 from firmware_py.link.telemetry import identity
 from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.telemetry.identity import COMPONENT, Version
 from firmware_py.link.telemetry.statustext import text_messages
-from firmware_py.link.wire.dialect import Codec, Message
+from firmware_py.link.wire.dialect import Codec, Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
+
+_UNASKED = 0xFFFF  # the index of a value that is none of a list
 
 Handler = Callable[[Peer, Message, float], None]
 
@@ -131,6 +134,21 @@ class LinkContext:
         """Return the heartbeat that a new peer gets at once."""
         telemetry = self.telemetry_context()
         return identity.first_heartbeat(self.autopilot) if telemetry is None else identity.heartbeat(telemetry)
+
+    def introduce(self, peer: Peer) -> None:
+        """Send what a station must know before the first heartbeat that it sees, if she is armed: ARMING_CHECK.
+
+        MAVProxy looks for it then, before it has asked for any, and says that checks are disabled if it has none.
+        """
+        if self.snapshot is not None and self.snapshot.armed and peer.may_be_new(self.now_s):
+            peer.introduced = True
+            self.send(peer, self.parameter_value(INDEX["ARMING_CHECK"], _UNASKED), Priority.URGENT)
+
+    def parameter_value(self, row: int, index: int) -> Message:
+        """Return the value of a row of the parameter table."""
+        value = self.request_handler.parameters().values()[row]
+        name, kind = text_of(TABLE[row].name, 16), declared_kind(TABLE[row], self.autopilot)
+        return mavlink.MAVLink_param_value_message(name, value, int(kind), len(TABLE), index)
 
     def send_text_limited(self, peer: Peer, severity: Severity, text: str, now_s: float) -> None:
         """Tell one peer something, unless the same was said just now or too much was said."""

@@ -254,14 +254,19 @@ class Endpoint:
             if self._context.high_latency:
                 peer.streams.set_high_latency(self._context.request_handler.parameters()["LNK_SAT_S"], now_s)
             return
-        self._context.send(peer, self._context.heartbeat(), Priority.URGENT)
+        self.announce(peer)
         if self._context.snapshot is not None:
             peer.streams.mark_sent(ROWS_OF[_HEARTBEAT][0], now_s)
         for event in (*self.start_events, *self._recent):
             self._context.send_text(peer, event.severity, event.text)
 
+    def announce(self, peer: Peer) -> None:
+        """Queue what one who waits for a place gets now and then."""
+        self._context.introduce(peer)
+        self.send_heartbeat(peer)
+
     def send_heartbeat(self, peer: Peer) -> None:
-        """Queue a heartbeat to one without a place."""
+        """Queue a heartbeat, and nothing else, to one without a place."""
         self._context.send(peer, self._context.heartbeat(), Priority.URGENT)
 
     def tell(self, text: str, now_s: float) -> None:

@@ -17,6 +17,7 @@ from firmware_py.link.wire.url_options import LinkClass
 # What goes to who may not be where he says he is, in bytes for each that came from there: whoever forges an address
 # draws less than ten times of what he spends.
 _CREDIT = 8
+LATELY_S = 3.0  # stations send a heartbeat each second
 DENIALS = 20  # answered at once to who has no right to what he asks
 DENIALS_HZ = 5.0  # and in the long run
 
@@ -41,6 +42,7 @@ class Peer:
         "ground_station_s",
         "heard_s",
         "heartbeat_s",
+        "introduced",
         "last_frame_s",
         "link_class",
         "notices",
@@ -71,6 +73,7 @@ class Peer:
         self.heard_s: float | None = None  # its latest valid frame
         self.ground_station_s: float | None = None  # its latest heartbeat of a ground station
         self.heartbeat_s = -math.inf  # it was sent one while it had no place
+        self.introduced = False  # it was sent what must come before the heartbeat of an armed boat
         self.rest_follows = False  # the next bytes are of a datagram of which a part was looked at
         self.verified = False  # it has signed a frame with the boat's key
         self._unanswered_bytes = 0  # sent to it when it was doubted
@@ -116,6 +119,10 @@ class Peer:
     def bulk_frames(self, frame_bytes: int, now_s: float) -> int:
         """Return how many frames of a long transfer may be queued now; none to one who may be elsewhere."""
         return self.bulk.frames(frame_bytes, self.outbox.waiting(Priority.REPLY), now_s) if self.proven else 0
+
+    def may_be_new(self, now_s: float) -> bool:
+        """Whether the next heartbeat may be the first one that somebody there sees."""
+        return not self.introduced or self.heard_s is None or now_s - self.heard_s > LATELY_S
 
     def doubt(self) -> None:
         """Take it for one who may not be where he says he is."""

@@ -29,8 +29,11 @@ class Host(Protocol):
     def greet(self, peer: Peer, now_s: float) -> None:
         """Tell one who has got a place what it must know."""
 
+    def announce(self, peer: Peer) -> None:
+        """Queue what one who waits for a place gets now and then."""
+
     def send_heartbeat(self, peer: Peer) -> None:
-        """Queue a heartbeat to one without a place."""
+        """Queue a heartbeat, and nothing else, to one without a place."""
 
     def tell(self, text: str, now_s: float) -> None:
         """Tell the owner what was refused to somebody."""
@@ -144,7 +147,7 @@ class Peers:
         silent = peer.quiet or self._gate.unsigned(peer.transport.options) is Standing.NONE
         if not silent and now_s - peer.heartbeat_s >= HEARTBEAT_S:
             peer.heartbeat_s = now_s
-            self._host.send_heartbeat(peer)
+            self._host.announce(peer)
 
     # ------------------------------------------------------------------ as bytes come
 

@@ -1,7 +1,10 @@
 """A running HIL and the programs around it, for tests with the clients of third parties."""
 
 import importlib
+import os
+import shutil
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -58,6 +61,23 @@ def start(tmp_path):
     yield start_one
     for program in programs:
         program.close()
+
+
+@pytest.fixture
+def mavproxy(tmp_path, start):
+    """Starts MAVProxy on a port, in a home of its own that takes all its files."""
+    script = shutil.which("mavproxy.py", path=str(Path(sys.executable).parent))
+    if script is None:
+        pytest.skip("mavproxy.py is not beside this Python; install the extra [clients]")
+    home = tmp_path / "home"
+    home.mkdir()
+
+    def start_it(port):
+        command = [sys.executable, script, f"--master=udpin:127.0.0.1:{port}", f"--state-basedir={home}"]
+        env = {**os.environ, "HOME": str(home), "PYTHONUNBUFFERED": "1"}
+        return start("mavproxy", command, cwd=home, env=env)
+
+    return start_it
 
 
 @pytest.fixture

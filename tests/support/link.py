@@ -262,5 +262,13 @@ class Rig:
         return decoder.parse_buffer(data) or []
 
 
+UNASKED = 0xFFFF  # the index of a value that comes before the first heartbeat of an armed boat
+
+
+def without_unasked(messages):
+    """Leave out what she tells of her arming checks by herself."""
+    return [message for message in messages if getattr(message, "param_index", None) != UNASKED]
+
+
 def of_type(messages, name):
     return [message for message in messages if message.get_type() == name]

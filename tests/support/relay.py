@@ -19,14 +19,16 @@ class Relay:
     """Carries datagrams between a boat that sends to `port` and a station at `station_port`; a context.
 
     Of the datagrams of each way a quarter is dropped, a quarter of the rest doubled, and of
-    all that go on a quarter is delayed, so that later ones overtake them.
+    all that go on a quarter is delayed, so that later ones overtake them; another `part` is another share. Nothing
+    is carried while it is `cut`.
     """
 
-    def __init__(self, station_port, seed, part=PART):
+    def __init__(self, station_port, seed, part=PART, port=0):
         self._chances = random.Random(seed)
         self._part = part
+        self.cut = False
         self._boat = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._boat.bind(("127.0.0.1", 0))
+        self._boat.bind(("127.0.0.1", port))
         self._station = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._station.connect(("127.0.0.1", station_port))
         self.port = self._boat.getsockname()[1]
@@ -65,7 +67,7 @@ class Relay:
         return self._chances.random() < self._part
 
     def _take(self, data, way):
-        if self._chance():
+        if self.cut or self._chance():
             self.counts["dropped"] += 1
             return
         self.counts["carried"] += 1

@@ -13,7 +13,6 @@ from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.records import Severity
 from firmware_py.link.context import Handler, LinkContext
 from firmware_py.link.files.tree import Origin
-from firmware_py.link.parameters.metadata import declared_kind
 from firmware_py.link.parameters.pack import unpack
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
@@ -74,9 +73,7 @@ class ParameterServer:
         peer.parameter_rows_due[row] = None
 
     def _value(self, row: int) -> Message:
-        value = self._context.request_handler.parameters().values()[row]
-        name, kind = text_of(TABLE[row].name, 16), declared_kind(TABLE[row], self._context.autopilot)
-        return mavlink.MAVLink_param_value_message(name, value, int(kind), len(TABLE), row)
+        return self._context.parameter_value(row, row)
 
     # ------------------------------------------------------------------ asked
 

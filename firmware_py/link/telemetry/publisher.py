@@ -7,11 +7,12 @@ from firmware_py.link.context import LinkContext
 from firmware_py.link.peers import Peers
 from firmware_py.link.telemetry import estimates, motion
 from firmware_py.link.telemetry.context_fields import TelemetryContext
-from firmware_py.link.telemetry.table import TABLE
+from firmware_py.link.telemetry.table import ROWS_OF, TABLE
 from firmware_py.link.wire.dialect import Packed
 from firmware_py.link.wire.outbox import Priority
 
 _HEARTBEAT, _HOME_POSITION, _CURRENT_MODE = 0, 242, 436
+(_BEAT,) = ROWS_OF[_HEARTBEAT]
 
 
 class TelemetryPublisher:
@@ -61,6 +62,8 @@ class TelemetryPublisher:
                         if room_bytes < 0.0:
                             # The rest stays due, and the longest due goes first next time.
                             continue
+                    if row == _BEAT:
+                        self._context.introduce(peer)
                     peer.outbox.push(packed, priority)
                 # Without heartbeats she would be gone for every ground station.
                 peer.streams.mark_sent(row, now_s, 1.0 if priority is Priority.URGENT else stretch)

@@ -8,6 +8,7 @@ from firmware_py.link.peers import DOUBT_S, FORGET_S
 from firmware_py.link.security.places import PLACES, QUIET_S, WAITING
 from firmware_py.link.security.signing import timestamp_of
 from firmware_py.link.wire.url_options import parse_options
+from support.link import without_unasked
 
 KEY = bytes(range(100, 132))
 NOW = timestamp_of(1.7e9)
@@ -54,7 +55,7 @@ def test_noise_from_a_stranger_draws_nothing(open_rig):
 
 
 def test_who_is_heard_once_gets_a_few_heartbeats_and_then_silence(open_rig):
-    said = [*open_rig.tell(BEAT, address="station"), *open_rig.ticks(300)]
+    said = without_unasked([*open_rig.tell(BEAT, address="station"), *open_rig.ticks(300)])
     assert set(kinds(said)) == {"HEARTBEAT"}
     assert 2 <= len(said) <= 10
     assert seated(open_rig) == set()
@@ -217,7 +218,7 @@ def connected(make_rig):
 @pytest.mark.parametrize(("policy", "gets"), [("open", {"HEARTBEAT"}), ("signed-only", set())])
 def test_a_client_without_a_frame_takes_no_place_and_is_dropped_after_its_time(connected, policy, gets):
     rig = connected(f"policy={policy}", key=True)
-    assert {kind for _ in range(9) for kind in kinds(rig.tick(seconds=1.0))} <= gets
+    assert {kind for _ in range(9) for kind in kinds(without_unasked(rig.tick(seconds=1.0)))} <= gets
     assert rig.transport.dropped == []
     assert seated(rig) == set()
     rig.tick(seconds=2.0)
@@ -315,3 +316,24 @@ def test_an_open_link_that_others_reach_is_told_at_start(make_rig, texts):
         rig = make_rig(vault=vault, options=parse_options(options), exposed=exposed)
         assert [event.text for event in rig.endpoint.start_events] == expected
         assert texts(rig.tick()) == expected
+
+
+@pytest.mark.parametrize(("armed", "first"), [(True, ["PARAM_VALUE", "HEARTBEAT"]), (False, ["HEARTBEAT"])])
+def test_arming_checks_are_told_before_the_first_heartbeat_of_an_armed_boat(make_rig, armed, first):
+    """MAVProxy looks for them then: it asked for nothing yet, and would say that they are disabled."""
+    rig = make_rig(addresses=())
+    rig.tick(armed=armed)
+    said = rig.tell(BEAT, address="station")
+    assert kinds(said) == first
+    assert [value.param_id for value in said[:-1]] == ["ARMING_CHECK"] * (len(first) - 1)
+    said = [*rig.tell(BEAT, address="station"), *rig.tick(armed=armed)]
+    assert kinds(said).count("PARAM_VALUE") == 0
+
+
+def test_whoever_listens_unheard_is_told_of_arming_checks_before_each_heartbeat(rig, of):
+    """On a link that she opens herself: a station may come at any time, or come again."""
+    kept = [kind for kind in kinds(rig.ticks(50)) if kind in ("HEARTBEAT", "PARAM_VALUE")]
+    assert kept == ["PARAM_VALUE", "HEARTBEAT"] * 5
+    rig.tell(BEAT)
+    assert of(rig.ticks(20), "PARAM_VALUE") == []
+    assert len(of(rig.ticks(50), "PARAM_VALUE")) > 2

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.link.security.places import PLACES, QUIET_S
 from firmware_py.link.security.signing import timestamp_of
 from firmware_py.link.wire.url_options import parse_options
-from support.link import MemoryVault
+from support.link import MemoryVault, without_unasked
 from support.paths import ROOT
 
 PAGE = ROOT / "docs" / "explanation" / "threat-model.md"
@@ -59,10 +59,11 @@ def sign(rig, key=KEY):
 
 def what_it_brings(rig, *frames):
     """Send frames one after the other, each in answer, and then an interval of time; say what that has brought."""
-    said = [message.get_type() for frame in frames for message in rig.give(frame, "attacker")]
+    told = [message for frame in frames for message in rig.give(frame, "attacker")]
     for _ in range(20):
         rig.tick_silently()
-        said += [message.get_type() for message in rig.said("attacker")]
+        told += rig.said("attacker")
+    said = [message.get_type() for message in without_unasked(told)]
     if rig.request_handler.intents:
         return COMMANDS
     if "PARAM_VALUE" in said:
