@@ -158,6 +158,23 @@ def names_of(extras: Extras) -> list[str]:
     return [row.name for row in TABLE if getattr(extras, row.field) is not None]
 
 
+def numbers(name: str) -> tuple[str, ...]:
+    """Return the names of the numbers of an option."""
+    return tuple(one.name for one in fields(BY_NAME[name].record))
+
+
+def written(name: str, values: Mapping[str, float | str | None]) -> str:
+    """Write an option as parse reads it, with the defaults of its numbers where there is None."""
+    defaults: dict[str, Any] = {one.name: one.default for one in fields(BY_NAME[name].record)}
+    shown = (_shown(defaults[key] if value is None else value, 9) for key, value in values.items())
+    return f"{name}={':'.join(shown)}"
+
+
+def needed(row: Option) -> tuple[str, ...]:
+    """Return the names of the numbers of an option that have no default."""
+    return tuple(one.name for one in fields(row.record) if one.default is MISSING)
+
+
 def rows_of(extras: Extras) -> list[tuple[str, str]]:
     """Return what each option does and its numbers in words, for a report."""
     found = []

@@ -27,7 +27,7 @@ REACTION_S = 0.02  # a person's program answers soon, not at once
 PATIENCE_S = 60.0
 READY_PATIENCE_S = 10.0  # then the boat is armed all the same, so that its refusal is told
 READY_S = 0.2  # between questions
-TEXTS_KEPT = 8
+TEXTS_KEPT = 4096
 LONGEST_TEXT = 200
 
 

@@ -45,10 +45,11 @@ JUDGE_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A run that is over: its directory and what really happened."""
+    """A run that is over: its directory, what really happened, and the latest texts: time, severity, text."""
 
     out: Path
     truth: TruthFile
+    texts: tuple[tuple[float, int, str], ...]
 
 
 def run(options: RunOptions) -> Run:
@@ -71,7 +72,7 @@ def run(options: RunOptions) -> Run:
             book.vessels = _closest(book)
             book.supply = power_figures(plant) if isinstance(plant, PowerPlant) else None
             book.orders = tuple(map(OrderRecord.of, station.orders))
-    return Run(options.out, book.truth)
+    return Run(options.out, book.truth, tuple(station.texts))
 
 
 def _closest(book: Logbook) -> list[dict[str, float | str]] | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
-from collections import deque
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -35,7 +34,6 @@ from hil.sim.process import AutopilotProcess
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
 SET_MODE = 176
-TEXTS_KEPT = 4096
 # section -> driver and baud; a boat has those whose device is aboard
 SECTIONS = {
     "compass": ("nmea", 38400),
@@ -50,7 +48,8 @@ SECTIONS = {
 class DrillBoat:
     """A boat whose devices a drill breaks and mends; a context that leaves no process behind.
 
-    `fitted` names what is aboard besides: "compass_b", "supply". `plans` are plan files that she has from the start.
+    `fitted` names what is aboard besides: "compass_b", "supply". `plans` are plan files that she has from the start;
+    `goals` are those of GUIDED, and `world` is one that is there already.
     Time is the world's and goes on with `run` alone; the same drill goes the same way each time.
     """
 
@@ -64,11 +63,13 @@ class DrillBoat:
         settings: Mapping[str, float] | None = None,
         fitted: tuple[str, ...] = (),
         plans: tuple[Path, ...] = (),
+        goals: tuple[Goal, ...] = (Goal(0.0, 0.0),),
+        world: World | None = None,
     ) -> None:
         """Build the boat in a directory that is there."""
         self.directory = directory
         self.state = directory / "state"
-        self.world = World(scenario, seed)
+        self.world = World(scenario, seed) if world is None else world
         self.attitude, self.whereabouts = SpoiledAttitude(self.world), SpoiledWhereabouts(self.world)
         self.servo = DynamixelEmulator(self.world.shaft, generator(seed, Stream.RUDDER))
         self.compass = Impaired(
@@ -77,8 +78,7 @@ class DrillBoat:
         self.receiver = NmeaGpsEmulator(self.whereabouts, generator(seed, Stream.POSITION))
         self.receiver_line = Impaired(self.receiver, generator(seed, Stream.GAPS))
         self.servo_line = Impaired(self.servo, generator(seed, Stream.PHASES))
-        self.station = GroundStation((Goal(0.0, 0.0),) if mode == GUIDED else (), mode)
-        self.station.texts = deque(maxlen=TEXTS_KEPT)
+        self.station = GroundStation(goals if mode == GUIDED else (), mode)
         devices: dict[str, Emulator] = {
             "compass": self.compass,
             "position": self.receiver_line,

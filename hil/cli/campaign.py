@@ -1,0 +1,90 @@
+"""`rambler-hil campaign`: many runs drawn from a specification, one of them again, two campaigns side by side."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from hil.cli import progress
+from hil.errors import UsageError
+from hil.lab.campaign import campaign, store
+from hil.lab.campaign.campaign import Crew
+
+MOST_WORKERS = 1024
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Define the command line."""
+    parser.add_argument(
+        "words",
+        nargs="+",
+        metavar="SPEC | replay DIR ROW",
+        help="the TOML file that says what each run is drawn from; or one run of a campaign again, alone and in full",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the results are kept")
+    parser.add_argument("--resume", action="store_true", help="go on with the campaign in DIR")
+    parser.add_argument(
+        "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one for each core)"
+    )
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="let the workers of a dask scheduler sail, as in tcp://10.0.0.1:8786"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do what the first word says; any other word is a specification."""
+    first, *more = arguments.words
+    act, names = ACTS.get(first, (_sail, ()))
+    words = more if first in ACTS else arguments.words
+    if first not in ACTS:
+        names = ("SPEC",)
+    if len(words) != len(names):
+        raise UsageError(f"{' '.join(arguments.words)[:80]}: give {' or '.join(map(_usage, ('', *ACTS)))}")
+    return act(words, arguments)
+
+
+def _usage(name: str) -> str:
+    return " ".join((name, *ACTS[name][1])) if name else "SPEC"
+
+
+def _sail(words: Sequence[str], arguments: argparse.Namespace) -> int:
+    """Sail a campaign."""
+    if not 1 <= arguments.workers <= MOST_WORKERS:
+        raise UsageError(f"--workers {arguments.workers}: give a whole number from 1 to {MOST_WORKERS}")
+    crew = Crew(arguments.workers, arguments.scheduler)
+    try:
+        with progress.line(sys.stderr, time.monotonic) as tell:
+            figures = campaign.run(Path(words[0]), arguments.out, crew, tell, resume=arguments.resume)
+    except KeyboardInterrupt:
+        if (arguments.out / store.CAMPAIGN).exists():
+            print("rambler-hil: interrupted; what is sailed is kept: go on with --resume", file=sys.stderr)
+        raise
+    print(f"{figures['runs']} runs, {figures['failed']} failed: {arguments.out / store.RUNS}")
+    return 0
+
+
+def _replay(words: Sequence[str], arguments: argparse.Namespace) -> int:
+    """Sail one run of a campaign again; exit 1 when it is not the same."""
+    from hil.lab.campaign import replay  # noqa: PLC0415 - the rest does without it
+
+    try:
+        index = int(words[1])
+    except ValueError:
+        raise UsageError(f"{words[1][:30]!r} is not the number of a run") from None
+    found = replay.replay(Path(words[0]), index, arguments.out)
+    for line in found.differences:
+        print(f"run {index}: {line}")
+    if not found.differences:
+        print(f"run {index}: the same to the last bit")
+    print(f"report: {found.page}")
+    return 1 if found.differences else 0
+
+
+# What the first word can be besides a specification, and what comes behind it.
+ACTS: dict[str, tuple[Callable[[Sequence[str], argparse.Namespace], int], tuple[str, ...]]] = {
+    "replay": (_replay, ("DIR", "ROW")),
+}

@@ -1,0 +1,47 @@
+"""How far long work has come: a line that renews itself on a terminal, in a pipe one now and then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TextIO
+
+RENEW_S = 0.2
+NOW_AND_THEN_S = 30.0
+HOUR_S, MINUTE_S = 3600.0, 60.0
+
+
+@contextmanager
+def line(stream: TextIO, now_s: Callable[[], float]) -> Iterator[Callable[[int, int, int], None]]:
+    """Yield what is told how many are done, of how many, and how many of them since the beginning of this."""
+    terminal = stream.isatty()
+    begun_s = now_s()
+    next_s = begun_s if terminal else begun_s + NOW_AND_THEN_S
+
+    def tell(done: int, total: int, since: int) -> None:
+        nonlocal next_s
+        t_s = now_s()
+        if t_s < next_s:
+            return
+        next_s = t_s + (RENEW_S if terminal else NOW_AND_THEN_S)
+        text = _text(done, total, since / max(t_s - begun_s, 1e-9))
+        stream.write(f"\r\x1b[K{text}" if terminal else f"{text}\n")
+        stream.flush()
+
+    try:
+        yield tell
+    finally:
+        if terminal:
+            stream.write("\r\x1b[K")
+            stream.flush()
+
+
+def _text(done: int, total: int, per_s: float) -> str:
+    left = f", {_time((total - done) / per_s)} left" if per_s > 0.0 and done < total else ""
+    return f"{done} of {total} runs, {per_s:.3g} a second{left}"
+
+
+def _time(seconds: float) -> str:
+    if seconds >= HOUR_S:
+        return f"{seconds / HOUR_S:.1f} h"
+    return f"{seconds / MINUTE_S:.0f} min" if seconds >= MINUTE_S else f"{seconds:.0f} s"

@@ -1,0 +1,132 @@
+"""Who sails the batches: processes of this computer, or a dask cluster; what a killed one had in hand is not lost."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import os
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from itertools import chain
+from multiprocessing import active_children, get_context
+from typing import Any
+
+from hil.errors import HilError, UsageError
+from hil.lab.campaign.engines import sail_batch, versions
+from hil.lab.campaign.outcome import Result
+from hil.lab.campaign.spec import Spec
+from hil.sim.signals import interruptible
+
+WAITING = 2  # batches for each worker: one is there when another is done
+LOSSES = 3  # of workers, one after another without a batch between them
+PATIENCE_S = 10.0
+PR_SET_PDEATHSIG = 1
+GO_ON = "go on with --resume"
+
+Batch = tuple[int, int]
+Sailed = tuple[Batch, list[Result]]
+
+
+def sail_here(spec: Spec, batches: Iterator[Batch], workers: int) -> Iterator[Sailed]:
+    """Yield the batches as so many processes sail them; what one that was killed had in hand is sailed anew."""
+    losses = 0
+    while True:
+        waiting: dict[Future[Any], Batch] = {}
+        try:
+            with _processes(workers) as pool:
+                for sailed in _sailed(pool, _sail_in_process, spec, batches, lambda: workers, waiting):
+                    losses = 0
+                    yield sailed
+        except BrokenProcessPool:
+            losses += 1
+            if losses == LOSSES:
+                raise HilError(f"{losses} worker processes were killed, one after another; {GO_ON}") from None
+            batches = chain(list(waiting.values()), batches)
+        else:
+            return
+
+
+def sail_on(address: str, spec: Spec, batches: Iterator[Batch]) -> Iterator[Sailed]:
+    """Yield the batches as the workers of a dask scheduler sail them; UsageError where there is none."""
+    try:
+        distributed = importlib.import_module("distributed")
+    except ImportError:
+        raise UsageError("distributed is not installed; pip install 'rambler-autopilot[campaign]'") from None
+    try:
+        client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"--scheduler {address}: no dask scheduler answers: {_line(error)}") from None
+    with client, client.get_executor() as pool:
+        try:
+            yield from _sailed(pool, sail_batch, spec, batches, lambda: len(client.ncores()), {})
+        except (HilError, GeneratorExit, KeyboardInterrupt):
+            pool.shutdown(wait=False)
+            raise
+        except (CancelledError, ImportError, OSError, RuntimeError, distributed.KilledWorker) as error:
+            pool.shutdown(wait=False)
+            raise HilError(f"--scheduler {address}: {type(error).__name__}: {_line(error)}; {GO_ON}") from None
+
+
+def _sailed(
+    pool: Executor,
+    work: Callable[[Spec, int, int], Any],
+    spec: Spec,
+    batches: Iterator[Batch],
+    workers: Callable[[], int],
+    waiting: dict[Future[Any], Batch],
+) -> Iterator[Sailed]:
+    """Yield what has been sailed, however soon; `waiting` has what was given out and has not been yielded."""
+    own = versions()
+    while True:
+        while len(waiting) < WAITING * max(1, workers()) and (batch := next(batches, None)) is not None:
+            waiting[pool.submit(work, spec, *batch)] = batch
+        if not waiting:
+            return
+        for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+            found, results = future.result()
+            if found != own:
+                differs = sorted(name for name in own | found if own.get(name) != found.get(name))
+                raise HilError(f"a worker has other versions than this computer: {', '.join(differs)}; {GO_ON}")
+            yield waiting.pop(future), results
+
+
+@contextmanager
+def _processes(count: int) -> Iterator[Executor]:
+    """Have processes that end with this one, however it ends, and whose runs end in good order when it is told to."""
+    # A fresh interpreter inherits no half of this one's threads.
+    pool = ProcessPoolExecutor(count, get_context("spawn"), initializer=_begin, initargs=(os.getpid(),))
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        children = active_children()
+        for child in children:
+            child.terminate()
+        for child in children:
+            child.join(PATIENCE_S)
+            child.kill()
+        raise
+    pool.shutdown()
+
+
+def _begin(parent: int) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the campaign, which then ends its workers
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    if os.getppid() != parent:  # it died before that
+        os._exit(1)
+
+
+def _sail_in_process(spec: Spec, first: int, last: int) -> tuple[dict[str, str], list[Result]]:
+    with interruptible():
+        try:
+            return sail_batch(spec, first, last)
+        except KeyboardInterrupt:
+            # The run has ended in good order; nobody waits for more.
+            os._exit(1)
+
+
+def _line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200]

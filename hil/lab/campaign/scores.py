@@ -1,0 +1,101 @@
+"""What a run of a campaign came to, by the same definitions as the figures of a run (hil/report/figures.py)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from firmware_py.common.angles import DEGREES_PER_RADIAN
+from hil.lab.compiled import compiled
+from hil.lab.twin.kalman import Floats
+from hil.report.figures import SECONDS_PER_HOUR, SETTLED_RAD, STEADY_AFTER_S
+from hil.sim.truth import ROWS_PER_SECOND
+
+RMS, MEAN, WORST, TRAVEL, OVERSHOOT, SETTLING = range(6)
+STEADY_ROWS = round(STEADY_AFTER_S * ROWS_PER_SECOND)
+
+
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """Of a run: errors are heading less goal, of the steady parts of all goals, as is the rudder's travel.
+
+    `overshoot_deg` and `settling_s` are the largest of the goals'; inf for one at which she did not settle.
+    """
+
+    rms_deg: float
+    mean_deg: float
+    worst_deg: float
+    travel_deg_per_h: float
+    overshoot_deg: float
+    settling_s: float
+
+
+LIMITED = tuple(one.name for one in fields(Scores))
+
+
+def scores_of(heading_rad: Floats, rudder_rad: Floats, goal_rad: Floats) -> Scores | None:
+    """Judge a run by its rows, ten a second, with a goal of NaN before the first; None where no goal lasts."""
+    results = np.zeros(6)
+    if not _measure(heading_rad, rudder_rad, goal_rad, results):
+        return None
+    rms, mean, worst, travel, overshoot, settling = results.tolist()
+    return Scores(
+        math.sqrt(rms) * DEGREES_PER_RADIAN,
+        mean * DEGREES_PER_RADIAN,
+        worst * DEGREES_PER_RADIAN,
+        travel * DEGREES_PER_RADIAN * SECONDS_PER_HOUR * ROWS_PER_SECOND,
+        overshoot * DEGREES_PER_RADIAN,
+        settling / ROWS_PER_SECOND,
+    )
+
+
+@compiled
+def _measure(heading_rad: Floats, rudder_rad: Floats, goal_rad: Floats, results: Floats) -> bool:
+    steady_rows, travel_rows, first = 0, 0, 0
+    while first < goal_rad.size:
+        last = first + 1
+        while last < goal_rad.size and goal_rad[last] == goal_rad[first]:
+            last += 1
+        if last - first >= 2 and not math.isnan(goal_rad[first]):
+            steady = _steady_from(first, last)
+            _judge_goal(heading_rad, goal_rad[first], first, steady, last, results)
+            for row in range(steady + 1, last):
+                results[TRAVEL] += abs(rudder_rad[row] - rudder_rad[row - 1])
+            steady_rows += last - steady
+            travel_rows += last - steady - 1
+        first = last
+    if steady_rows == 0:
+        return False
+    results[RMS] /= steady_rows
+    results[MEAN] /= steady_rows
+    results[TRAVEL] /= travel_rows
+    return True
+
+
+@compiled
+def _steady_from(first: int, last: int) -> int:
+    """Return the row at which the steady part of a goal begins, which has two rows at least."""
+    length = last - 1 - first
+    steady = first + STEADY_ROWS if length > STEADY_ROWS else last - 1 - length // 3
+    return min(steady, last - 2)
+
+
+@compiled
+def _judge_goal(heading_rad: Floats, goal_rad: float, first: int, steady: int, last: int, results: Floats) -> None:
+    step_rad = goal_rad - heading_rad[first]
+    side, settled, beyond_rad = math.copysign(1.0, step_rad), first, 0.0
+    for row in range(first, last):
+        error_rad = heading_rad[row] - goal_rad
+        if abs(error_rad) > SETTLED_RAD:
+            settled = row + 1
+        if row < steady:
+            beyond_rad = max(beyond_rad, side * error_rad)
+        else:
+            results[RMS] += error_rad * error_rad
+            results[MEAN] += error_rad
+            results[WORST] = max(results[WORST], abs(error_rad))
+    if abs(step_rad) >= SETTLED_RAD:
+        results[OVERSHOOT] = max(results[OVERSHOOT], beyond_rad)
+    results[SETTLING] = max(results[SETTLING], np.inf if settled == last else float(settled - first))

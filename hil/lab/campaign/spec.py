@@ -1,0 +1,266 @@
+"""The specification of a campaign: what each run is drawn from, read from a TOML file; all its errors at once."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from firmware_py.common.parameter_row import ParameterError
+from firmware_py.common.parameter_table import TABLE as PARAMETERS
+from firmware_py.common.parameters import index_of
+from firmware_py.files.reading import read_regular
+from firmware_py.vehicle import Vehicle
+from hil.errors import UsageError
+from hil.lab.campaign.draws import Draw, DrawError, Value, read_draw
+from hil.lab.campaign.scores import LIMITED
+from hil.ship import extras_table, scenarios
+from hil.sim.device_factory import COMPASSES, SERVOS
+from hil.sim.goals import GoalError, parse_goals
+from hil.sim.vehicle_file import load, standard_vehicle
+
+MOST_BYTES = 1 << 20
+MOST_RUNS = 10_000_000
+LONGEST_S = 1e6
+FIRMWARE, TWIN = "firmware", "twin"
+ENGINES = (FIRMWARE, TWIN)
+# Factors on the ship of the vehicle file, which the boat is not told of, and on the speed of the scenario.
+SHIP = ("K", "T", "alpha", "speed")
+SHIP_RANGE = (0.1, 10.0)
+NO_FAULT = "none"
+FAULT_S = {"at_s": None, "for_s": 30.0}
+KEYS = (
+    "engine", "runs", "seed", "seconds", "goals", "scenarios", "compass", "servo", "vehicle", "ship", "with", "set",
+    "fault", "fail",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Spec:
+    """A campaign; `draws` has what each value of a run is drawn from, by a name like "with.leeway.body_deg".
+
+    `options` are the `--with` options that every run has; `digest` is that of the content, comments apart, which
+    `text` has.
+    """
+
+    engine: str
+    runs: int
+    seed: int
+    seconds: float
+    draws: Mapping[str, Draw]
+    options: tuple[str, ...]
+    limits: Mapping[str, float]
+    vehicle: Vehicle
+    digest: str
+    text: str = ""
+
+    @property
+    def drawn(self) -> tuple[str, ...]:
+        """The names of what differs from run to run, in their order."""
+        return tuple(sorted(name for name, draw in self.draws.items() if draw.varies))
+
+    def values(self, name: str) -> tuple[Value, ...]:
+        """Return what can be drawn for a name at the ends; nothing for one that is not there."""
+        return self.draws[name].ends() if name in self.draws else ()
+
+
+Refusals = Callable[[Spec], list[str]]
+
+
+def read(path: Path, faults: tuple[str, ...], refusals: Refusals, beside: Path | None = None) -> Spec:
+    """Read a specification, or raise UsageError with a line for each error.
+
+    `faults` are the names that there are, `refusals` are what the engine cannot sail of it. A vehicle file is looked
+    for beside it, or in a directory.
+    """
+    try:
+        text = read_regular(path, MOST_BYTES).decode()
+        content = tomllib.loads(text)
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror or error}; give the TOML file of a campaign") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        raise UsageError(f"{path}: not a TOML file: {error}") from None
+    try:
+        return replace(parse(content, faults, refusals, beside or path.parent), text=text)
+    except SpecError as error:
+        raise UsageError("\n".join(f"{path}: {line}" for line in error.problems)) from None
+
+
+class SpecError(ValueError):
+    """A specification that cannot be sailed; `problems` has a line for each error."""
+
+    def __init__(self, problems: list[str]) -> None:
+        """Take the lines."""
+        super().__init__("\n".join(problems))
+        self.problems = problems
+
+
+def parse(content: Mapping[str, Any], faults: tuple[str, ...], refusals: Refusals, beside: Path = Path()) -> Spec:
+    """Read the content of a specification, or raise SpecError; a vehicle file is looked for in a directory."""
+    reader = _Reader(content, faults, beside)
+    spec = reader.spec()
+    problems = reader.problems + (refusals(spec) if spec.engine in ENGINES else [])
+    if problems:
+        raise SpecError(problems)
+    return spec
+
+
+@dataclass(slots=True)
+class _Reader:
+    content: Mapping[str, Any]
+    faults: tuple[str, ...]
+    beside: Path
+    problems: list[str] = field(default_factory=list)
+    draws: dict[str, Draw] = field(default_factory=dict)
+
+    def spec(self) -> Spec:
+        self._known("", self.content, KEYS)
+        engine = self.content.get("engine")
+        if engine not in ENGINES:
+            self._problem("engine", f"{str(engine)[:30]!r}; give {' or '.join(map(repr, ENGINES))}")
+        seconds = self._number("seconds", 10.0, LONGEST_S)
+        vehicle = self._vehicle()
+        self._draw("scenario", self.content.get("scenarios", []), _check_scenario, "scenarios")
+        self._draw("goals", self.content.get("goals", "0:0"), lambda text: _check_goals(text, seconds))
+        for name, known in (("compass", COMPASSES), ("servo", SERVOS)):
+            if name in self.content:
+                self._draw(name, self.content[name], _one_of(known))
+        for name, value in self._table("ship", SHIP).items():
+            self._draw(f"ship.{name}", value, _within(*SHIP_RANGE))
+        options = tuple(self._option(name, value) for name, value in self._table("with").items())
+        for name, value in self._table("set").items():
+            self._draw(f"set.{name}", value, partial(_check_parameter, name))
+        self._fault(seconds)
+        limits = {name: self._limit(name, value) for name, value in self._table("fail", LIMITED).items()}
+        text = json.dumps([self.content, repr(vehicle)], sort_keys=True, default=str)
+        return Spec(
+            str(engine),
+            int(self._number("runs", 1, MOST_RUNS, whole=True)),
+            int(self._number("seed", 0, 2**63, default=1, whole=True)),
+            seconds,
+            self.draws,
+            tuple(name for name in options if name),
+            limits,
+            vehicle,
+            hashlib.sha256(text.encode()).hexdigest(),
+        )
+
+    def _problem(self, where: str, text: object) -> None:
+        self.problems.append(f"{where}: {' '.join(str(text).split())}")
+
+    def _known(self, where: str, names: Mapping[str, Any], known: tuple[str, ...]) -> None:
+        for name in names:
+            if name not in known:
+                self._problem(f"{where}{name[:40]}", f"there is no such key; there are {', '.join(known)}")
+
+    def _table(self, name: str, known: tuple[str, ...] = ()) -> Mapping[str, Any]:
+        value = self.content.get(name, {})
+        if not isinstance(value, dict):
+            self._problem(name, f"is a table, [{name}]")
+            return {}
+        if known:
+            self._known(f"{name}.", value, known)
+        return {key: one for key, one in value.items() if not known or key in known}
+
+    def _number(
+        self, name: str, low: float, high: float, *, default: float | None = None, whole: bool = False
+    ) -> float:
+        value = self.content.get(name, default)
+        kinds = (int,) if whole else (int, float)
+        if isinstance(value, bool) or not isinstance(value, kinds) or not low <= value <= high:
+            what = "is lacking" if value is None else f"{str(value)[:40]} cannot be"
+            self._problem(name, f"{what}; give a {'whole ' if whole else ''}number from {low:g} to {high:g}")
+            return high
+        return value
+
+    def _draw(self, name: str, content: Any, check: Callable[[Value], object], shown: str = "") -> None:
+        try:
+            self.draws[name] = read_draw(content, check)
+        except DrawError as error:
+            self._problem(shown or name, error)
+
+    def _vehicle(self) -> Vehicle:
+        name = self.content.get("vehicle")
+        if name is None:
+            return standard_vehicle()
+        try:
+            return load(self.beside / str(name))
+        except UsageError as error:
+            for line in str(error).splitlines():
+                self._problem("vehicle", line)
+            return standard_vehicle()
+
+    def _option(self, name: str, content: Any) -> str:
+        """Read an option: true, its first number, or a table of its numbers by their names."""
+        row = extras_table.BY_NAME.get(name)
+        if row is None:
+            self._problem(f"with.{name[:40]}", f"there is no such option; there are {', '.join(extras_table.BY_NAME)}")
+            return ""
+        known = {one.name: one for one in fields(row.record)}
+        named = isinstance(content, dict) and bool(content.keys() & known.keys())
+        numbers = content if named else {} if content is True else {next(iter(known)): content}
+        self._known(f"with.{name}.", numbers, tuple(known))
+        for key, value in numbers.items():
+            if key in known:
+                self._draw(f"with.{name}.{key}", value, _check_option(known[key]))
+        for key in extras_table.needed(row):
+            if key not in numbers:
+                self._problem(f"with.{name}", f"{key} has no default; give it")
+        return name
+
+    def _fault(self, seconds: float) -> None:
+        table = self._table("fault", ("what", *FAULT_S))
+        if not table:
+            return
+        self._draw("fault.what", table.get("what", []), _one_of((NO_FAULT, *self.faults)))
+        for name, default in FAULT_S.items():
+            self._draw(f"fault.{name}", table.get(name, default), _within(0.0, seconds))
+
+    def _limit(self, name: str, value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0.0:
+            self._problem(f"fail.{name}", f"{str(value)[:40]} is no limit; give the largest that is not failed")
+            return 0.0
+        return float(value)
+
+
+def _one_of(known: Any) -> Callable[[Value], None]:
+    def check(value: Value) -> None:
+        if value not in known:
+            raise ValueError(f"no {str(value)[:40]!r}; there are {', '.join(known)}")
+
+    return check
+
+
+def _within(low: float, high: float) -> Callable[[Value], None]:
+    def check(value: Value) -> None:
+        if isinstance(value, str) or not low <= value <= high:
+            raise ValueError(f"{str(value)[:40]} is not a number from {low:g} to {high:g}")
+
+    return check
+
+
+def _check_scenario(value: Value) -> None:
+    scenarios.sea_of(str(value))
+
+
+def _check_goals(value: Value, seconds: float) -> None:
+    if any(goal.t_s > seconds - 1.0 for goal in parse_goals(str(value))):
+        raise GoalError(f"a goal of {str(value)[:60]!r} comes after the end at {seconds:g} s")
+
+
+def _check_parameter(name: str, value: Value) -> None:
+    row = PARAMETERS[index_of(name)]
+    if isinstance(value, str):
+        raise ParameterError(f"{value[:30]!r} is not a number; allowed: {row.allowed_values()}")
+    row.check(value)
+
+
+def _check_option(one: Any) -> Callable[[Value], None]:
+    if "choices" in one.metadata:
+        return _one_of(one.metadata["choices"])
+    return _within(one.metadata["low"], one.metadata["high"])

@@ -1,0 +1,87 @@
+"""Runs of a campaign by the compiled twin: the one place where campaigns meet hil/lab/twin."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator
+from functools import cache
+from typing import Any, cast
+
+from firmware_py.common.parameters import ParameterSet
+from hil.lab.campaign.outcome import Outcome
+from hil.lab.campaign.row import Row
+from hil.lab.campaign.scores import scores_of
+from hil.lab.campaign.spec import Spec
+from hil.lab.compiled import compiling
+from hil.lab.twin import sailing
+from hil.lab.twin.afloat import Record
+from hil.lab.twin.sea import sea_of
+from hil.sim.truth import Truth
+from hil.sim.vehicle_file import model_of
+
+BATCH = 250
+DEVICES = {"compass": "nmea", "servo": "dynamixel"}
+UNKNOWN_OPTIONS = ("supply", "vessels")
+
+
+def refusals(spec: Spec) -> list[str]:
+    """Return a line for each thing of a specification that the twin cannot sail."""
+    lines = [f"with.{name}: {REFUSED}" for name in UNKNOWN_OPTIONS if name in spec.options]
+    lines += [f"{name}: {REFUSED} but {only}" for name, only in DEVICES.items() if set(spec.values(name)) - {only}]
+    if "fault.what" in spec.draws:
+        lines.append(f"fault: {REFUSED}")
+    for name in sorted({*spec.vehicle.parameters, *(name[4:] for name in spec.draws if name.startswith("set."))}):
+        if name not in known_parameters():
+            lines.append(f"set.{name}: {REFUSED}; of the parameters it knows {', '.join(sorted(known_parameters()))}")
+    if (spec.vehicle.compass.driver, spec.vehicle.rudder.driver) != tuple(DEVICES.values()):
+        lines.append(f"vehicle: its compass or servo {REFUSED}")
+    return lines
+
+
+REFUSED = 'is not in the twin; take engine = "firmware"'
+
+
+class _Asked:
+    """Stands for a set of parameters and notes which are looked at."""
+
+    def __init__(self) -> None:
+        self.names: set[str] = set()
+        self._defaults = ParameterSet()
+
+    def __getitem__(self, name: str) -> float:
+        self.names.add(name)
+        return self._defaults[name]
+
+
+@cache
+def known_parameters() -> frozenset[str]:
+    """Return the names of the parameters that the twin takes."""
+    asked: Any = _Asked()
+    sailing.boat_of(asked)
+    sailing.law_of(asked)
+    return frozenset(cast("set[str]", asked.names))
+
+
+def sail(rows: Iterable[Row]) -> Iterator[Outcome]:
+    """Sail runs and yield what became of them, in order."""
+    with compiling("the boat's twin"):
+        for row in rows:
+            record, truth = sailed(row)
+            scores = scores_of(truth.heading_low_rad, truth.rudder_rad, truth.goal_rad)
+            yield Outcome(digest_of(record), scores)
+
+
+def sailed(row: Row) -> tuple[Record, Truth]:
+    """Sail a run; return its record, and what of truth.csv the twin knows."""
+    told = ParameterSet()
+    for name, value in {**row.vehicle.parameters, **row.settings}.items():
+        told = told.replaced(name, value)
+    sea = sea_of(row.scenario, row.seed, row.seconds, model_of(row.vehicle))
+    task = sailing.task_of(row.goals)
+    record, _ = sailing.sail(sailing.boat_of(told), sailing.law_of(told), sea, task, row.seconds)
+    return record, sailing.truth_of(record, row.goals)
+
+
+def digest_of(record: Record) -> str:
+    """Return the digest of heading and rudder."""
+    return hashlib.sha256(record.heading_rad.tobytes() + record.rudder_rad.tobytes()).hexdigest()

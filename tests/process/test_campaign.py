@@ -1,0 +1,143 @@
+"""Campaigns from outside: killed and gone on with, by the twin and by the autopilot, with the same results."""
+
+import hashlib
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from hil.lab.campaign import store
+from support.harness import INTERRUPTED, rambler_hil, start_rambler_hil
+
+pytestmark = pytest.mark.timeout(600)  # the twin is compiled first: half a minute of one processor
+
+PATIENCE_S = 300.0
+TWIN = """
+engine = "twin"
+runs = 640
+seed = 3
+seconds = 60
+goals = "0:0,20:60"
+scenarios = ["tank", "swell+leeway=3"]
+[ship]
+K = {uniform = [0.7, 1.4]}
+[with]
+receiver = {latency_s = 0.5, lost = [0.02, 1.0]}
+[set]
+CTL_PRICE = [0.5, 1.0, 2.0]
+"""
+FIRMWARE = """
+engine = "firmware"
+runs = 2
+seconds = 20
+scenarios = ["tank", "swell"]
+[ship]
+K = {uniform = [0.7, 1.4]}
+"""
+
+
+def until(condition):
+    """Wait for something that another process brings about, and return it."""
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not (found := condition()):
+        assert time.monotonic() < give_up_s, "waited in vain"
+        time.sleep(0.02)
+    return found
+
+
+def children(pid):
+    """Return the processes that a process has started."""
+    try:
+        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return []
+
+
+def workers(pid):
+    """Return the worker processes of a campaign."""
+    return [one for one in children(pid) if b"spawn_main" in command_line(one)]
+
+
+def command_line(pid):
+    """Return the command line of a process, nothing when it is gone."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
+
+
+def started(spec, out, *words):
+    """Start a campaign; return it and its specification's path."""
+    path = out.with_suffix(".toml")
+    path.write_text(spec)
+    return start_rambler_hil("campaign", path, "--out", out, *words)
+
+
+def sailed(spec, out, *words):
+    """Sail a campaign to its end and return the bytes that it came to."""
+    campaign = started(spec, out, *words)
+    said, errors = campaign.communicate()
+    assert campaign.returncode == 0, errors
+    assert str(out / store.RUNS) in said
+    return (out / store.RUNS).read_bytes()
+
+
+def parts(out):
+    """Return how many batches are kept."""
+    return len(list((out / store.PARTS).glob("*.parquet")))
+
+
+def test_a_campaign_that_loses_a_worker_and_is_killed_comes_to_the_same(tmp_path):
+    whole = sailed(TWIN, tmp_path / "whole", "--workers", "1")
+    out = tmp_path / "killed"
+    campaign = started(TWIN, out, "--workers", "1")
+    until(lambda: parts(out) >= 2)
+    os.kill(workers(campaign.pid)[0], signal.SIGKILL)
+    until(lambda: parts(out) >= 5)
+    crew = workers(campaign.pid)
+    campaign.kill()
+    campaign.communicate()
+    until(lambda: not any(b"spawn_main" in command_line(one) for one in crew))
+    assert not (out / store.RUNS).exists()
+    code, _, errors = rambler_hil("campaign", out.with_suffix(".toml"), "--out", out)
+    assert (code, "go on with --resume" in errors) == (2, True)
+    assert sailed(TWIN, out, "--workers", "2", "--resume") == whole
+
+
+def test_a_campaign_that_is_told_to_end_says_how_to_go_on(tmp_path):
+    campaign = started(TWIN, tmp_path / "out", "--workers", "1")
+    until(lambda: parts(tmp_path / "out") >= 1)
+    crew = workers(campaign.pid)
+    campaign.send_signal(signal.SIGTERM)
+    _, errors = campaign.communicate()
+    assert campaign.returncode == INTERRUPTED
+    assert errors == "rambler-hil: interrupted; what is sailed is kept: go on with --resume\n"
+    until(lambda: not any(b"spawn_main" in command_line(one) for one in crew))
+
+
+def test_the_autopilot_sails_a_campaign_to_the_same_bits_again_and_any_run_alone(tmp_path):
+    out, run = tmp_path / "first", tmp_path / "run"
+    first = sailed(FIRMWARE, out, "--workers", "1")
+    assert sailed(FIRMWARE, tmp_path / "second", "--workers", "2") == first
+    runs = store.read_table(out / store.RUNS).to_pylist()
+    assert [row["ended"] for row in runs] == ["finished", "finished"]
+    assert runs[0]["digest"] != runs[1]["digest"]
+    code, said, errors = rambler_hil("campaign", "replay", out, "1", "--out", run)
+    assert (code, said.splitlines()[0]) == (0, "run 1: the same to the last bit"), errors
+    assert hashlib.sha256((run / "truth.csv").read_bytes()).hexdigest() == runs[1]["digest"]
+    assert (run / "report.html").exists()
+
+
+@pytest.mark.proof
+def test_a_run_of_the_twin_replays_as_the_autopilot_sails_it(tmp_path):
+    out = tmp_path / "out"
+    sailed(TWIN.replace("runs = 640", "runs = 4"), out)
+    for row in range(4):
+        code, said, errors = rambler_hil("campaign", "replay", out, row, "--out", tmp_path / "run")
+        assert (code, said.splitlines()[0]) == (0, f"run {row}: the same to the last bit"), errors
+    (out / store.RUNS).unlink()
+    (out / store.PARTS).mkdir()
+    code, _, errors = rambler_hil("campaign", "replay", out, "1", "--out", tmp_path / "run")
+    assert (code, "has not been sailed yet" in errors) == (2, True)

@@ -1,0 +1,95 @@
+import pytest
+
+from hil.lab.campaign.draws import Draw, DrawError, read_draw, shares
+
+
+def anything(_value):
+    """Allow everything."""
+
+
+@pytest.mark.parametrize(
+    ("content", "share", "value"),
+    [
+        (3, 0.9, 3.0),
+        (True, 0.9, 1.0),
+        ("swell", 0.9, "swell"),
+        ([1, 2, 4], 0.0, 1.0),
+        ([1, 2, 4], 0.34, 2.0),
+        ([1, 2, 4], 0.999999, 4.0),
+        ({"uniform": [2, 6]}, 0.25, 3.0),
+        ({"log_uniform": [1, 100]}, 0.5, 10.0),
+        ({"normal": [5, 2, 1, 9]}, 0.5, 5.0),
+        ({"normal": [0, 1, 0, 10]}, 0.5, 0.67449),  # the median of the upper half
+    ],
+)
+def test_a_share_of_the_draws_lies_below_its_value(content, share, value):
+    assert read_draw(content, anything).at(share) == value
+
+
+@pytest.mark.parametrize("kind", ["uniform", "log_uniform"])
+def test_no_draw_leaves_its_range_by_being_rounded(kind):
+    low, high = 0.12345678, 0.12345679
+    draw = Draw(kind, (low, high))
+    assert all(low <= draw.at(number / 100) <= high for number in range(100))
+
+
+def test_a_normal_draw_keeps_to_its_bounds_far_out():
+    draw = read_draw({"normal": [0.0, 1.0, 5.0, 9.0]}, anything)
+    values = [draw.at(number / 1000) for number in range(1000)]
+    assert values == sorted(values)
+    assert values[0] == 5.0
+    assert values[-1] <= 9.0
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        [],
+        {},
+        None,
+        float("nan"),
+        [float("inf")],
+        [[1]],
+        {"uniform": [1]},
+        {"uniform": [2, 1]},
+        {"uniform": ["a", "b"]},
+        {"uniform": 3},
+        {"log_uniform": [0, 1]},
+        {"normal": [0, 0, -1, 1]},
+        {"normal": [0, 1, 1, 1]},
+        {"normal": [0, 1, 7, 9]},  # as good as never
+        {"fish": [1, 2]},
+        {"uniform": [1, 2], "normal": [0, 1, -1, 1]},
+    ],
+)
+def test_what_nothing_can_be_drawn_from_is_refused(content):
+    with pytest.raises(DrawError):
+        read_draw(content, anything)
+
+
+def test_both_ends_of_a_distribution_are_checked():
+    seen = []
+    read_draw({"normal": [5, 2, 1, 9]}, seen.append)
+    assert seen == [1.0, 9.0]
+
+    def too_large(value):
+        if value > 3:
+            raise ValueError("too large")
+
+    with pytest.raises(DrawError, match="too large"):
+        read_draw({"uniform": [1, 4]}, too_large)
+
+
+def test_a_row_draws_the_same_wherever_its_batch_begins():
+    together = shares(7, "ship.K", 0, 50)
+    assert [shares(7, "ship.K", row, 1)[0] for row in range(50)] == together
+    assert shares(7, "ship.K", 13, 20) == together[13:33]
+
+
+def test_names_and_seeds_draw_apart_and_evenly():
+    numbers = shares(7, "ship.K", 0, 4000)
+    assert len(set(numbers)) == 4000
+    assert all(0.0 <= number < 1.0 for number in numbers)
+    assert abs(sum(numbers) / 4000 - 0.5) < 0.02
+    assert not set(numbers) & set(shares(7, "ship.T", 0, 4000))
+    assert not set(numbers) & set(shares(8, "ship.K", 0, 4000))

@@ -1,0 +1,49 @@
+import json
+
+import pytest
+
+from hil.errors import UsageError
+from hil.lab.campaign import replay, store
+from hil.lab.campaign.campaign import read_spec
+from hil.lab.campaign.engines import versions
+from hil.lab.campaign.outcome import Outcome, Result
+from hil.lab.campaign.row import rows
+from hil.lab.campaign.store import Store
+
+TEXT = 'engine = "twin"\nruns = 4\nseconds = 30\nscenarios = "tank"\n[ship]\nK = {uniform = [0.8, 1.2]}\n'
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    """Return the directory of a campaign of four runs, the latter half of which is over."""
+    (tmp_path / "spec.toml").write_text(TEXT)
+    (tmp_path / "out").mkdir()
+    spec = read_spec(tmp_path / "spec.toml")
+    kept = Store(tmp_path / "out", spec, versions(), tmp_path)
+    kept.begin(resume=False)
+    kept.add(2, 4, [Result(row, Outcome("of no run", None)) for row in rows(spec, 2, 4)])
+    return tmp_path / "out"
+
+
+def test_a_run_is_found_while_the_campaign_goes_on(campaign):
+    spec = replay.opened(campaign)
+    assert replay.result_of(campaign, spec, 3)["row"] == 3
+    for index in (1, 4, -1):
+        with pytest.raises(UsageError):
+            replay.result_of(campaign, spec, index)
+
+
+def test_a_run_that_comes_out_differently_is_told(campaign, tmp_path):
+    found = replay.replay(campaign, 3, tmp_path / "run")
+    (line,) = found.differences
+    assert line.endswith("instead of of no run")
+    known = store.read_identity(campaign)
+    (campaign / store.CAMPAIGN).write_text(json.dumps({**known, "versions": {**known["versions"], "numpy": "0"}}))
+    (line,) = replay.replay(campaign, 3, tmp_path / "run").differences
+    assert line.endswith("the campaign was sailed with other versions: numpy")
+
+
+def test_a_specification_that_was_changed_is_not_replayed(campaign):
+    (campaign / store.SPEC).write_text(TEXT.replace("0.8", "0.7"))
+    with pytest.raises(UsageError, match="not what was sailed"):
+        replay.opened(campaign)

@@ -1,0 +1,45 @@
+import math
+
+import numpy as np
+import pytest
+
+from hil.lab.campaign.scores import scores_of
+from hil.report.figures import goal_figures, steady_rudder_travel_deg_per_h
+from hil.sim.truth import Truth
+
+
+def truth_of(heading_rad, rudder_rad, goal_rad):
+    """Return a truth of these columns."""
+    nothing = np.zeros(heading_rad.size)
+    time_s = np.arange(heading_rad.size) / 10
+    return Truth(time_s, heading_rad, nothing, nothing, rudder_rad, nothing, goal_rad, nothing, nothing, nothing)
+
+
+@pytest.mark.parametrize("lengths", [(4000, 2500), (900, 700), (3, 2), (2001, 2002, 2003), (2, 5000)])
+@pytest.mark.parametrize("before", [0, 37])
+def test_scores_are_those_of_the_figures_of_a_run(lengths, before):
+    random = np.random.default_rng(sum(lengths))
+    goal_rad = np.concatenate([np.full(before, np.nan), *(np.full(n, 0.4 * k) for k, n in enumerate(lengths))])
+    heading_rad = np.nan_to_num(goal_rad) + np.cumsum(random.normal(0.0, 0.002, goal_rad.size))
+    rudder_rad = random.normal(0.0, 0.1, goal_rad.size)
+    found = scores_of(heading_rad, rudder_rad, goal_rad)
+    figures = goal_figures([truth_of(heading_rad, rudder_rad, goal_rad)])
+    counts = np.array([round((one.steady_to_s - one.steady_from_s) * 10) + 1 for one in figures])
+    rms = math.sqrt(np.average([one.rms_error_deg**2 for one in figures], weights=counts))
+    assert found.rms_deg == pytest.approx(rms)
+    assert found.mean_deg == pytest.approx(np.average([one.mean_error_deg for one in figures], weights=counts))
+    assert found.travel_deg_per_h == pytest.approx(steady_rudder_travel_deg_per_h(figures))
+    assert found.overshoot_deg == pytest.approx(max(one.overshoot_deg for one in figures))
+    settling = max(math.inf if one.settling_s is None else one.settling_s for one in figures)
+    assert found.settling_s == pytest.approx(settling)
+
+
+def test_the_worst_error_is_of_the_steady_part():
+    goal_rad, heading_rad = np.zeros(3000), np.full(3000, 0.1)
+    heading_rad[100], heading_rad[2500] = 2.0, -0.5
+    assert scores_of(heading_rad, goal_rad, goal_rad).worst_deg == pytest.approx(math.degrees(0.5))
+
+
+def test_a_run_without_a_goal_has_no_scores():
+    assert scores_of(np.zeros(50), np.zeros(50), np.full(50, np.nan)) is None
+    assert scores_of(np.zeros(1), np.zeros(1), np.zeros(1)) is None

@@ -1,0 +1,103 @@
+import pytest
+
+from hil.errors import UsageError
+from hil.lab.campaign import campaign
+from hil.lab.campaign.spec import SpecError
+from support.campaign import TWIN, read
+from support.paths import ROOT
+
+FAULT = {"what": ["none", "compass silent"], "at_s": {"uniform": [100, 200]}}
+
+
+def test_a_specification_says_what_differs_from_run_to_run():
+    spec = read()
+    assert spec.drawn == ("scenario", "set.CTL_PRICE", "ship.K", "ship.speed", "with.receiver.lost")
+    assert (spec.runs, spec.seed, spec.seconds, spec.options) == (8, 5, 400, ("receiver", "compass"))
+
+
+@pytest.mark.parametrize(
+    ("more", "problem"),
+    [
+        ({"engine": "fish"}, "engine: 'fish'; give 'firmware' or 'twin'"),
+        ({"runs": 0}, "runs: 0 cannot be"),
+        ({"runs": True}, "runs: True cannot be"),
+        ({"runs": 2.5}, "runs: 2.5 cannot be"),
+        ({"runs": None}, "runs: is lacking"),
+        ({"seconds": float("nan")}, "seconds: nan cannot be"),
+        ({"seed": -1}, "seed: -1 cannot be"),
+        ({"scenarios": None}, "scenarios: an empty list"),
+        ({"scenarios": "swel"}, "scenarios: no scenario 'swel'"),
+        ({"scenarios": "swell+fish"}, "scenarios: no option 'fish'"),
+        ({"goals": "0:0,400:9"}, "goals: a goal of '0:0,400:9' comes after the end at 400 s"),
+        ({"goals": "x"}, "goals: goal 'x'"),
+        ({"compass": ["nmea", "pni"]}, "compass: is not in the twin"),
+        ({"compass": "oracle"}, "compass: no 'oracle'"),
+        ({"ship": {"Q": 1}}, "ship.Q: there is no such key"),
+        ({"ship": {"K": 11}}, "ship.K: 11.0 is not a number from 0.1 to 10"),
+        ({"ship": 3}, "ship: is a table, [ship]"),
+        ({"with": {"fish": 1}}, "with.fish: there is no such option"),
+        ({"with": {"kt": True}}, "with.kt: ability has no default"),
+        ({"with": {"leeway": {"body_deg": 3, "fish": 1}}}, "with.leeway.fish: there is no such key"),
+        ({"with": {"leeway": {"uniform": [0, 90]}}}, "with.leeway.body_deg: 90.0 is not a number from -45 to 45"),
+        ({"with": {"supply": True}}, "with.supply: is not in the twin"),
+        ({"set": {"FOO": 1}}, "set.FOO: unknown parameter 'FOO'"),
+        ({"set": {"CTL_PRICE": -1}}, "set.CTL_PRICE: CTL_PRICE: -1 is out of range"),
+        ({"set": {"CTL_PRICE": "x"}}, "set.CTL_PRICE: 'x' is not a number"),
+        ({"set": {"FS_GCS_S": 10}}, "set.FS_GCS_S: is not in the twin"),
+        ({"fault": FAULT}, "fault: is not in the twin"),
+        ({"fault": {"what": "fish", "at_s": 0}}, "fault.what: no 'fish'"),
+        ({"fault": {"what": "killed"}}, "fault.at_s: is lacking"),
+        ({"fail": {"rms_deg": "a"}}, "fail.rms_deg: a is no limit"),
+        ({"fail": {"fish": 1}}, "fail.fish: there is no such key"),
+        ({"vehicle": "none.toml"}, "vehicle: vehicle file none.toml"),
+        ({"fish": 1}, "fish: there is no such key"),
+    ],
+)
+def test_an_error_is_named(more, problem):
+    with pytest.raises(SpecError) as caught:
+        read(**more)
+    assert any(line.startswith(problem) for line in caught.value.problems), caught.value.problems
+    assert all("\n" not in line for line in caught.value.problems)
+
+
+def test_all_errors_are_named_at_once():
+    with pytest.raises(SpecError) as caught:
+        read(runs=0, scenarios="swel", ship={"K": 11}, set={"FS_GCS_S": 10})
+    assert len(caught.value.problems) == 4
+
+
+def test_the_autopilot_sails_faults_but_not_with_every_device():
+    assert read(engine="firmware", fault=FAULT, **{"with": None}).draws["fault.for_s"].at(0.0) == 30.0
+    with pytest.raises(SpecError) as caught:
+        read(engine="firmware", fault=FAULT, compass="pni")
+    assert [line.split(":")[0] for line in caught.value.problems] == ["with.receiver", "compass"]
+
+
+def test_the_digest_is_of_what_is_said_and_not_of_how():
+    assert read().digest == read(dict(reversed(TWIN.items()))).digest
+    assert read().digest != read(seed=6).digest
+
+
+def test_a_file_is_told_by_its_name_in_each_line(tmp_path):
+    path = tmp_path / "spec.toml"
+    path.write_text('engine = "twin"\nruns = 0\nseconds = 100\nscenarios = "swel"\n')
+    with pytest.raises(UsageError) as caught:
+        campaign.read_spec(path)
+    assert [line.split(": ")[:2] for line in str(caught.value).splitlines()] == [
+        [str(path), "scenarios"],
+        [str(path), "runs"],
+    ]
+
+
+def test_what_only_together_makes_no_sea_is_refused(tmp_path):
+    path = tmp_path / "spec.toml"
+    path.write_text('engine = "twin"\nruns = 1\nseconds = 100\nscenarios = ["swell", "calm"]\n[with]\norbital = 0.4\n')
+    with pytest.raises(UsageError, match="calm has no waves"):
+        campaign.read_spec(path)
+
+
+def test_the_examples_can_be_sailed():
+    examples = sorted((ROOT / "params").glob("campaign_*.toml"))
+    assert [path.name for path in examples] == ["campaign_faults.toml", "campaign_twin.toml"]
+    for path in examples:
+        assert campaign.read_spec(path).drawn
