@@ -33,8 +33,7 @@ Numbers = tuple[float, ...]
 Floats = NDArray[np.float64]
 Noise = tuple[float, float, float]  # what a motion gains in a step: angle, covariance of both, rate
 Response = tuple[float, float, float, float]  # of a second-order system over a step, row by row
-_TURNING: Final = np.array((HEADING, RATE, FLOAT, FLOAT_RATE))  # what a step turns, and what turns it:
-_DRIVING: Final = np.array((HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, SPEED, FACTOR))
+_DRIVING: Final = np.array((HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, SPEED, FACTOR))  # what turns glider and float
 _MOTIONS: Final = range(WAVE, STATES, 2)
 # Where the noise of a step goes in a covariance, flat: the diagonal, then angle by rate of each motion, both ways.
 _NOISY: Final = np.array(
@@ -42,6 +41,8 @@ _NOISY: Final = np.array(
     + [STATES * i + i + 1 for i in _MOTIONS]
     + [STATES * (i + 1) + i for i in _MOTIONS]
 )
+# Where what pulls the motions and the float back goes in the slopes, flat.
+_PULLED: Final = np.array([2 * i for i in range(WAVE, STATES)] + [2 * FLOAT + 1, 2 * FLOAT_RATE + 1])
 
 
 def response(omega_rad_s: float, damping: float, step_s: float) -> Response:
@@ -127,7 +128,7 @@ def advance(x: Numbers, transition: Transition) -> Numbers:
 
 
 class Derivative(NamedTuple):
-    """The derivative of `advance`: a row for each of _TURNING, a column for each of _DRIVING; and that of a motion."""
+    """The derivative of `advance`: that of heading and rate of glider and float by each of _DRIVING; of a motion."""
 
     turning: Floats
     motion: Floats
@@ -154,9 +155,12 @@ def derivative(transition: Transition) -> Derivative:
 def carry(columns: Floats, by: Derivative) -> Floats:
     """Return F M: the columns of M (17 x n) carried on."""
     after = columns.copy()
-    after[_TURNING] = np.add.reduce(by.turning * columns[_DRIVING], axis=1)
-    pairs = columns[WAVE:].reshape(len(_MOTIONS), 1, 2, -1)
-    after[WAVE:] = np.add.reduce(by.motion * pairs, axis=2).reshape(2 * len(_MOTIONS), -1)
+    turned = np.add.reduce(by.turning * columns.take(_DRIVING, 0), 1)
+    after[HEADING : RATE + 1] = turned[:2]
+    after[FLOAT : FLOAT_RATE + 1] = turned[2:]
+    motions = after[WAVE:].reshape(len(_MOTIONS), 2, -1)
+    shares = by.motion * motions[:, None]
+    np.add(shares[:, :, 0], shares[:, :, 1], motions)
     return after
 
 
@@ -167,11 +171,27 @@ def predict(
     by = derivative(transition)
     once = carry(np.concatenate((covariance, slopes), axis=1), by)
     after = carry(once[:, :STATES].T, by)
-    after = 0.5 * (after + after.T)
+    after = after + after.T
+    after *= 0.5
     own = [gain for angle, _, rate in motions for gain in (angle, rate)]
     both = [both for _, both, _ in motions]
-    after.flat[_NOISY] += (*noise, *own, *both, *both)
+    numbers, gains = after.reshape(-1), np.array((*noise, *own, *both, *both))
+    numbers.put(_NOISY, numbers.take(_NOISY) + gains)
     return after, once[:, STATES:]
+
+
+def pull(slopes: Floats, swinging: Sequence[tuple[float, float, float, float]], step_s: float) -> Floats:
+    """Return the slopes with what another ln omega, or ln follow, would change: the forces that bring back, and damp.
+
+    `swinging` are frequency, damping, angle and rate of each motion of the waves, then of the float.
+    """
+    more: list[float] = []
+    for rad_s, damping, angle, rate in swinging:
+        force = -2.0 * rad_s * (rad_s * angle + damping * rate)
+        more += (0.5 * step_s * step_s * force, step_s * force)
+    numbers = slopes.ravel()
+    numbers.put(_PULLED, numbers.take(_PULLED) + more)
+    return numbers.reshape(STATES, 2)
 
 
 def wave_noise(wave: Response, omega_rad_s: float, power: float) -> Noise:

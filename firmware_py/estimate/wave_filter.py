@@ -85,15 +85,11 @@ class _Workspace:
         orbit = kalman.wave_noise(wave, omega_rad_s, model.orbit_power)
         self.p, slopes = kalman.predict(self.p, self.slopes, transition, noise, (yaw, orbit, orbit))
         self.x = _bound(kalman.advance(x, transition))
-        # What another ln omega, or ln follow, would change: the force that brings wave and float back, and its damping.
         behind = x[kalman.FLOAT] - 0.5 * (x[kalman.HEADING] + turn.heading_rad)
-        swung = [(0, place, omega_rad_s, kalman.DAMPING, x[place]) for place in range(kalman.WAVE, kalman.STATES, 2)]
-        followed = (1, kalman.FLOAT, follow_rad_s, kalman.FLOAT_DAMPING, behind)
-        for column, place, rad_s, damping, angle in (*swung, followed):
-            force = -2.0 * rad_s * (rad_s * angle + damping * x[place + 1])
-            slopes[place, column] += 0.5 * step_s * step_s * force
-            slopes[place + 1, column] += step_s * force
-        self.slopes = slopes
+        motions = range(kalman.WAVE, kalman.STATES, 2)
+        swung = [(omega_rad_s, kalman.DAMPING, x[place], x[place + 1]) for place in motions]
+        followed = (follow_rad_s, kalman.FLOAT_DAMPING, behind, x[kalman.FLOAT_RATE])
+        self.slopes = kalman.pull(slopes, (*swung, followed), step_s)
 
     def correct(self, measured: Measured, innovation: float, variance: float) -> None:
         """Take a measurement in, that of `measure` and with its variance or a larger one."""
@@ -105,8 +101,8 @@ class _Workspace:
         """Return how a measurement shows the states; `parts` are the places of H that are not 0, and what is there."""
         shown, slope, variance = np.zeros(kalman.STATES), np.zeros(2), 0.0
         for place, part in parts:
-            shown += part * self.p[place]
-            slope += part * self.slopes[place]
+            shown += self.p[place] if part == 1.0 else part * self.p[place]
+            slope += self.slopes[place] if part == 1.0 else part * self.slopes[place]
         for place, part in parts:
             variance += part * float(shown[place])
         return Measured(shown, slope, variance + noise)
