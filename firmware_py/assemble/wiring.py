@@ -170,7 +170,13 @@ def _taker_of_late_key(endpoint: Endpoint, directory: Path, say: Callable[[str],
 
 
 def _lockstep_clock(path: str, lines: Sequence[Line], store: Store) -> LockstepClock:
-    return LockstepClock(path, [line.name for line in lines], lambda: [line.written for line in lines], store.settle)
+    return LockstepClock(
+        path,
+        [line.name for line in lines],
+        lambda: [line.written for line in lines],
+        store.settle,
+        lambda: [line.fileno() for line in lines if isinstance(line, SerialPort)],
+    )
 
 
 def _open_links(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import select
 import struct
 import termios
 import time
@@ -40,6 +41,7 @@ class PtyLine:
         self._link = Path(link_path)
         self._master = _NOBODY
         self._slave = _NOBODY
+        self._arrivals = select.poll()
         self.plug()
 
     @property
@@ -60,6 +62,8 @@ class PtyLine:
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
+        self._arrivals = select.poll()
+        self._arrivals.register(self._slave, select.POLLIN)
         fresh = self._link.with_name(f".{self._link.name}.{os.getpid()}")
         fresh.unlink(missing_ok=True)
         fresh.symlink_to(os.ttyname(self._slave))
@@ -99,9 +103,12 @@ class PtyLine:
 
     def write(self, data: bytes) -> int:
         """Send to the firmware and return how many bytes went; the rest is counted as overrun, or lost unplugged."""
+        return self._write(data, self.pending_at_slave())
+
+    def _write(self, data: bytes, pending: int) -> int:
         if not self.plugged:
             return 0
-        room = _INPUT_QUEUE - self.pending_at_slave()
+        room = _INPUT_QUEUE - pending
         sent = 0
         while sent < min(len(data), room):
             try:
@@ -118,9 +125,12 @@ class PtyLine:
         For lockstep: the firmware must not read meanwhile, and what an earlier `write`
         left under way would be mistaken for these bytes, so deliver everything or nothing so.
         """
-        goal = self.pending_at_slave() + len(data)
-        if self.write(data) < len(data):
+        pending = self.pending_at_slave()
+        goal = pending + len(data)
+        if self._write(data, pending) < len(data):
             return False
+        # Asked for bytes where there are none yet, Linux first ends what it has under way.
+        self._arrivals.poll(0)
         return _wait(lambda: self.pending_at_slave() >= goal, timeout_s)
 
     def pending_at_slave(self) -> int:

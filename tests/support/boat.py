@@ -6,6 +6,7 @@ import select
 import signal
 import time
 from collections import deque
+from contextlib import ExitStack
 from itertools import count
 
 import numpy as np
@@ -29,6 +30,7 @@ from hil.sim.board import Board
 from hil.sim.goals import parse_goals
 from hil.sim.ground_station import MODE_NAMES, GroundStation, Order
 from hil.sim.lockstep import LockstepServer
+from hil.sim.one_core import one_core
 from hil.sim.pace import Pacer
 from hil.sim.process import AutopilotProcess
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
@@ -48,9 +50,12 @@ class Lockstep:
 
     def __init__(self, speed):
         self._speed = speed
+        self._core = ExitStack()
         self.server = None
 
     def arguments(self, board, path):
+        if self.server is None:
+            self._core.enter_context(one_core())
         self.server = LockstepServer(path, board, Pacer(self._speed))
         return ["--lockstep", str(path)]
 
@@ -66,6 +71,7 @@ class Lockstep:
             pass
 
     def close(self, _board, _process):
+        self._core.close()
         if self.server is not None:
             self.server.close()
 

@@ -95,11 +95,11 @@ def lockstep(tmp_path):
 
     thread = threading.Thread(target=greet)
     thread.start()
-    settled = []
+    settled, fed = [], []
     clock = LockstepClock(
-        str(tmp_path / "socket"), ["/a", "/b"], lambda: [7, 9], lambda: bool(settled and settled.pop(0)())
+        str(tmp_path / "socket"), ["/a", "/b"], lambda: [7, 9], lambda: bool(settled and settled.pop(0)()), lambda: fed
     )
-    clock.settled = settled
+    clock.settled, clock.fed = settled, fed
     thread.join()
     yield clock, ends[0]
     ends[0].close()
@@ -132,6 +132,34 @@ def test_lockstep_serves_an_outside_socket_without_time_going_by(lockstep):
         hil.setblocking(False)
         with pytest.raises(BlockingIOError):
             hil.recv(64)  # one packet each way, although there were two waits
+
+
+def test_bytes_on_a_line_of_the_hil_do_not_keep_time_from_going_on(lockstep):
+    clock, hil = lockstep
+    fed, other = socket.socketpair()
+    with fed, other:
+        clock.fed.append(fed.fileno())
+        other.sendall(b"x")
+        hil.sendall(struct.pack("<d", 3.1))
+        assert list(clock.wait(3.1, [fed.fileno()])) == [fed.fileno()]
+        assert clock.now_s() == 3.1
+        clock.fed.clear()  # that number is a socket's now
+        assert list(clock.wait(3.2, [fed.fileno()])) == [fed.fileno()]
+        assert clock.now_s() == 3.1
+
+
+def test_what_is_readable_comes_in_the_order_that_was_asked_for(lockstep):
+    clock, hil = lockstep
+    pairs = [socket.socketpair() for _ in range(4)]
+    descriptors = [pair[0].fileno() for pair in pairs]
+    for wanted in (descriptors, descriptors[::-1], descriptors[1:3]):
+        for _, other in pairs:
+            other.sendall(b"x")
+        hil.sendall(struct.pack("<d", 3.0))
+        assert list(clock.wait(3.0, wanted)) == wanted
+    for pair in pairs:
+        for end in pair:
+            end.close()
 
 
 def test_in_lockstep_the_disk_takes_no_time(lockstep):
