@@ -94,7 +94,11 @@ class CompassState:
 
     def frozen(self, now_s: float, settings: SourceSettings, timeout_s: float) -> bool:
         """Whether it speaks but has not changed for too long, or not while she turned."""
-        if self.t_s is None or settings.frozen_s == 0.0 or not self.speaks(now_s, timeout_s):
+        return self.speaks(now_s, timeout_s) and self.stood(settings)
+
+    def stood(self, settings: SourceSettings) -> bool:
+        """Whether it had not changed for too long, or not while she turned, when it spoke last."""
+        if self.t_s is None or settings.frozen_s == 0.0:
             return False
         return self.contradicted or self.t_s - self.changed_s > settings.frozen_s
 
@@ -179,7 +183,11 @@ def add_sample(state: SourceState, sample: TrueHeadingSample, expected_rad: floa
 
 
 def _judge(state: CompassState, now_s: float, settings: SourceSettings, timeout_s: float) -> CompassState:
-    if not state.speaks(now_s, timeout_s) or state.frozen(now_s, settings, timeout_s) or state.jumping():
+    if not state.speaks(now_s, timeout_s):
+        # It may come back with the same number, which has not stood meanwhile, unless it did before.
+        raw_rad = state.raw_rad if state.stood(settings) else None
+        return replace(state, sound_since_s=None, raw_rad=raw_rad)
+    if state.frozen(now_s, settings, timeout_s) or state.jumping():
         return replace(state, sound_since_s=None)
     return state if state.sound_since_s is not None else replace(state, sound_since_s=now_s)
 

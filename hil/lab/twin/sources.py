@@ -104,7 +104,10 @@ def select(s: Floats, now_s: float, lost_after_s: float, frozen_s: float, course
     """Choose what is steered by."""
     said_s = s[SAID]
     speaks = not math.isnan(said_s) and now_s - said_s <= lost_after_s
-    frozen = speaks and frozen_s != 0.0 and said_s - s[CHANGED] > frozen_s
+    stood = frozen_s != 0.0 and said_s - s[CHANGED] > frozen_s
+    if not speaks and not stood:
+        s[RAW] = np.nan  # it may come back with the same number, which has not stood meanwhile
+    frozen = speaks and stood
     jumping = not math.isnan(said_s) and said_s - s[NEAR] > JUMP_S
     if not speaks or frozen or jumping:
         s[SOUND_SINCE] = np.nan

@@ -154,3 +154,28 @@ def test_one_heading_far_off_is_no_jump_however_slow_the_compass(interval_s):
     for number in range(1, 1 + max(1, round(1.6 / interval_s))):
         off = update_compass(off, TrueHeadingSample(off_s + number * interval_s, 3.0, 3.0, 0), 1.0)
     assert off.jumping()
+
+
+def frozen(watch):
+    return watch.state.compasses[0].frozen(watch.t_s, watch.settings, TIMEOUT_S)
+
+
+def test_a_compass_that_comes_back_with_the_number_that_it_left_with_is_not_frozen():
+    """As one that is switched off for a night: its number has not stood, it was not there."""
+    watch = Watch()
+    watch.run(20.0)
+    watch.run(0.1, a="frozen")
+    assert watch.run(2.0 * FROZEN_S, a=None) is Source.NONE
+    assert watch.run(0.1, a="frozen") is Source.COMPASS_A
+    assert not frozen(watch)
+    watch.run(FROZEN_S + 1.0, a="frozen")
+    assert frozen(watch)
+
+
+def test_a_frozen_compass_that_is_silent_for_a_while_is_frozen_still():
+    watch = Watch()
+    watch.run(20.0)
+    watch.run(FROZEN_S + 1.0, a="frozen")
+    watch.run(5.0, a=None)
+    assert watch.run(0.1, a="frozen") is Source.NONE
+    assert frozen(watch)
