@@ -121,12 +121,12 @@ def test_ten_readers_move_no_tick(tmp_path):
     for readers in (0, 10):
         out = tmp_path / str(readers)
         words = ["run", "sea", "--seconds", "120", "--goal", "0:30", "--view", "127.0.0.1:0", "--out", out]
-        process = start_rambler_hil(*words)
-        port = int(address_of(process).rstrip("/").rpartition(":")[2])
-        threads = [threading.Thread(target=read_all, args=(port,)) for _ in range(readers)]
-        for one in threads:
-            one.start()
-        assert process.wait(200.0) == 0
+        with start_rambler_hil(*words) as process:
+            port = int(address_of(process).rstrip("/").rpartition(":")[2])
+            threads = [threading.Thread(target=read_all, args=(port,)) for _ in range(readers)]
+            for one in threads:
+                one.start()
+            assert process.wait(200.0) == 0
         for one in threads:
             one.join(60.0)
         loop = json.loads((out / "summary.json").read_text())["loop"]
