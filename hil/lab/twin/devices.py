@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_py.common.angles import (
     DEGREES_PER_RADIAN,
@@ -52,18 +51,18 @@ FROM_RAD, SINCE_S, TO_RAD = range(3)
 
 
 class Devices(NamedTuple):
-    """When compass and receiver sample, and what is random about what they say, sample by sample.
+    """When compass and receiver sample, and where in the series is what is random about it, sample by sample.
 
-    `fix_noise` is of the velocity, north and east [m/s]; `filter_s` of 0 is a receiver that does not filter.
+    That of a fix is three numbers: noise of the velocity, north and east [m/s], and above 0 that there is no fix.
+    `filter_s` of 0 is a receiver that does not filter.
     """
 
     compass_phase_s: float
     compass_period_s: float
-    compass_noise_deg: Floats
+    compass_at: int  # the compass's noise [deg]
     fix_phase_s: float
     fix_period_s: float
-    fix_noise: Floats
-    fix_lost: NDArray[np.bool_]
+    fix_at: int
     latency_s: float
     filter_s: float
 
@@ -88,30 +87,35 @@ def bearing(angle_deg: float, resolution_deg: float) -> float:
 
 
 @compiled
-def tell_heading(told: Floats, devices: Devices, sample: int, now_s: float, heading_rad: float) -> None:
+def tell_heading(
+    told: Floats, devices: Devices, series: ships.Series, sample: int, now_s: float, heading_rad: float
+) -> None:
     """Fill what the compass says of a heading, as the sentence rounds it, and when the sentence is complete."""
-    shown_deg = bearing(heading_rad * DEGREES_PER_RADIAN + devices.compass_noise_deg[sample], 0.1)
+    shown_deg = bearing(heading_rad * DEGREES_PER_RADIAN + series[devices.compass_at + sample], 0.1)
     printed_deg = np.rint(shown_deg * 10.0) / 10.0
     told[THERE_S] = now_s + (HEADING_BYTES + digits_of(printed_deg)) * 10 / COMPASS_BAUD
     told[SAID_RAD] = wrap_two_pi(printed_deg * RADIANS_PER_DEGREE)
 
 
 @compiled
-def tell_fix(told: Floats, devices: Devices, epoch: int, north_m_s: float, east_m_s: float) -> None:
+def tell_fix(
+    told: Floats, devices: Devices, series: ships.Series, epoch: int, north_m_s: float, east_m_s: float
+) -> None:
     """Fill what the receiver says of a velocity, as the sentences round it, and when the burst is complete."""
-    north_m_s, east_m_s = north_m_s + devices.fix_noise[epoch, 0], east_m_s + devices.fix_noise[epoch, 1]
+    at = devices.fix_at + 3 * epoch
+    north_m_s, east_m_s, lost = north_m_s + series[at], east_m_s + series[at + 1], series[at + 2]
     speed_m_s = math.hypot(north_m_s, east_m_s)
     knots = np.rint(speed_m_s * KNOTS_PER_METRE_PER_SECOND * 1000.0) / 1000.0
     course_deg = np.rint(bearing(math.atan2(east_m_s, north_m_s) * DEGREES_PER_RADIAN, 0.01) * 100.0) / 100.0
     kilometres_per_hour = np.rint(speed_m_s * KILOMETRES_PER_HOUR * 1000.0) / 1000.0
     size = LOST_BYTES
-    if not devices.fix_lost[epoch]:
+    if not lost > 0.0:
         size = FIX_BYTES + 2 * digits_of(knots) + 2 * digits_of(course_deg) + digits_of(kilometres_per_hour)
     begun_s = devices.fix_phase_s + epoch * devices.fix_period_s + devices.latency_s
     told[THERE_S] = begun_s + size * 10 / RECEIVER_BAUD
     told[SPEED_M_S] = knots * METRES_PER_SECOND_PER_KNOT
     told[COURSE_RAD] = wrap_two_pi(course_deg * RADIANS_PER_DEGREE)
-    told[LOST] = 1.0 if devices.fix_lost[epoch] else 0.0
+    told[LOST] = lost
 
 
 @compiled

@@ -6,20 +6,40 @@ Every sum is made in the order of the original, so every number is its number.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_py.model.kt import decay_over, settled_yaw_rate
 from hil.lab.compiled import compiled
+from hil.lab.lanes import COUNT, lanes_of, put_lanes, where
 
 Floats = NDArray[np.float64]
+Covariances = Any  # a record of COVARIANCES
+Lanes = Any
 
 HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG = range(11)
 WAVE, WAVE_RATE, ORBIT_NORTH, ORBIT_NORTH_RATE, ORBIT_EAST, ORBIT_EAST_RATE = range(11, 17)
 STATES = 17
 COLUMNS = STATES + 2  # of the covariance and the slopes beside it
 DAMPING, FLOAT_DAMPING = 0.1, 0.6
+MOVING = (HEADING, RATE, FLOAT, FLOAT_RATE, *range(WAVE, STATES))  # what a step moves; the others stay
+STAYING = (BIAS, NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG)
+
+# Of all lanes, side by side: covariance and slopes, what carries them on (`by`, and what is added), and what a
+# measurement shows. `on` is above 0 for the lanes that take part.
+COVARIANCES = np.dtype(
+    [
+        (name, np.float64, (*shape, COUNT))
+        for name, *shape in (
+            ("p", STATES, COLUMNS), ("by", 28), ("noise", STATES), ("both", 3), ("force", 8),
+            ("parts", 10), ("shown", COLUMNS), ("moved", STATES),
+            ("innovation",), ("expected",), ("variance",), ("total",), ("least",), ("on",), ("to_s",),
+        )
+    ]
+    + [("noted", np.float64, (COUNT, 7))]
+)  # fmt: skip
 
 # Of a turn.
 TURNED, TURNING, REACH, SHARE, BY_RATE, BY_BIAS, BY_SPEED, BY_FACTOR = range(8)
@@ -50,7 +70,7 @@ def wave_noise(wave: tuple[float, float, float, float], omega_rad_s: float, powe
 
 @compiled
 def turn(
-    x: Floats, rudder_rad: float, step_s: float, model: tuple[float, float, float, float], bias_variance: float
+    x: Floats, rudder_rad: float, step_s: float, model: Floats, bias_variance: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
     """Return how the boat turns in a step, by the model's K, T, alpha and speed."""
     ratio = x[SPEED] / model[3]
@@ -95,70 +115,150 @@ def advance(
 
 
 @compiled
-def carry(
-    before: Floats,
-    after: Floats,
+def set_transition(
+    c: Covariances,
+    lane: int,
     turned: tuple[float, float, float, float, float, float, float, float],
     follow: tuple[float, float, float, float],
     wave: tuple[float, float, float, float],
 ) -> None:
-    """Fill `after` with F times `before`, row by row; terms that are 0 are left out, which changes no number."""
-    reach, by_rate, half, share = turned[REACH], turned[BY_RATE], 0.5 * turned[REACH], turned[SHARE]
+    """Fill what `carry` carries a lane on by; terms that are 0 are left out, which changes no number."""
+    by, half, share = c.by, 0.5 * turned[REACH], turned[SHARE]
     bias, speed, factor = turned[BY_BIAS], turned[BY_SPEED], turned[BY_FACTOR]
-    f00, f01, f10, f11 = follow
-    w00, w01, w10, w11 = wave
-    left, by_push = 1.0 - f00, 0.5 * share
-    a2, a7, a8 = share * bias, share * speed, share * factor
-    b1, b2, b7, b8 = left * half, left * by_push * bias, left * by_push * speed, left * by_push * factor
-    c1, c2, c7, c8 = -f10 * half, -f10 * by_push * bias, -f10 * by_push * speed, -f10 * by_push * factor
-    columns = before.shape[1]
-    for k in range(columns):
-        h, r, d = before[HEADING, k], before[RATE, k], before[BIAS, k]
-        f, g, u, q = before[FLOAT, k], before[FLOAT_RATE, k], before[SPEED, k], before[FACTOR, k]
-        after[HEADING, k] = h + reach * r + a2 * d + a7 * u + a8 * q
-        after[RATE, k] = by_rate * r + bias * d + speed * u + factor * q
-        after[BIAS, k] = d
-        after[FLOAT, k] = left * h + b1 * r + b2 * d + f00 * f + f01 * g + b7 * u + b8 * q
-        after[FLOAT_RATE, k] = -f10 * h + c1 * r + c2 * d + f10 * f + f11 * g + c7 * u + c8 * q
-        after[SPEED, k] = u
-        after[FACTOR, k] = q
-    for i in (NORTH, EAST, LEEWAY, COURSE_LAG):
-        for k in range(columns):
-            after[i, k] = before[i, k]
-    for i in (WAVE, ORBIT_NORTH, ORBIT_EAST):
-        for k in range(columns):
-            angle, rate = before[i, k], before[i + 1, k]
-            after[i, k] = w00 * angle + w01 * rate
-            after[i + 1, k] = w10 * angle + w11 * rate
+    left, right, by_push = 1.0 - follow[0], -follow[2], 0.5 * share
+    for number, value in enumerate(
+        (
+            (turned[REACH], share * bias, share * speed, share * factor),
+            (turned[BY_RATE], bias, speed, factor),
+            follow,
+            wave,
+            (left, left * half, left * by_push * bias, left * by_push * speed),
+            (left * by_push * factor, right, right * half, right * by_push * bias),
+            (right * by_push * speed, right * by_push * factor, 0.0, 0.0),
+        )
+    ):
+        for i in range(4):
+            by[4 * number + i, lane] = value[i]
 
 
 @compiled
-def predict(
-    p: Floats,
-    once: Floats,
-    turned_over: Floats,
-    twice: Floats,
-    turned: tuple[float, float, float, float, float, float, float, float],
-    follow: tuple[float, float, float, float],
-    wave: tuple[float, float, float, float],
-) -> None:
-    """Carry covariance and slopes, side by side in `p` (17 x 19), on; `once` is as large, the others 17 x 17."""
-    carry(p, once, turned, follow, wave)
-    for i in range(STATES):
-        for k in range(STATES):
-            turned_over[i, k] = once[k, i]
-        p[i, STATES], p[i, STATES + 1] = once[i, STATES], once[i, STATES + 1]
-    carry(turned_over, twice, turned, follow, wave)
-    for i in range(STATES):
-        for k in range(STATES):
-            p[i, k] = 0.5 * (twice[i, k] + twice[k, i])
+def carry(c: Covariances, first: int, apart: int) -> None:
+    """Carry a column, or a row, of the covariances on in place: its first number, and how far apart they are."""
+    p, by, on = c.p, c.by, lanes_of(c.on, 0)
+    h, r, d = lanes_of(p, first), lanes_of(p, first + RATE * apart), lanes_of(p, first + BIAS * apart)
+    f, g = lanes_of(p, first + FLOAT * apart), lanes_of(p, first + FLOAT_RATE * apart)
+    u, q = lanes_of(p, first + SPEED * apart), lanes_of(p, first + FACTOR * apart)
+    heading = h + lanes_of(by, 0) * r + lanes_of(by, 1) * d + lanes_of(by, 2) * u + lanes_of(by, 3) * q
+    rate = lanes_of(by, 4) * r + lanes_of(by, 5) * d + lanes_of(by, 6) * u + lanes_of(by, 7) * q
+    part = lanes_of(by, 16) * h + lanes_of(by, 17) * r + lanes_of(by, 18) * d
+    part = part + lanes_of(by, 8) * f + lanes_of(by, 9) * g
+    floating = part + lanes_of(by, 19) * u + lanes_of(by, 20) * q
+    part = lanes_of(by, 21) * h + lanes_of(by, 22) * r + lanes_of(by, 23) * d
+    part = part + lanes_of(by, 10) * f + lanes_of(by, 11) * g
+    float_rate = part + lanes_of(by, 24) * u + lanes_of(by, 25) * q
+    put_lanes(p, first, where(on, heading, h))
+    put_lanes(p, first + RATE * apart, where(on, rate, r))
+    put_lanes(p, first + FLOAT * apart, where(on, floating, f))
+    put_lanes(p, first + FLOAT_RATE * apart, where(on, float_rate, g))
+    for place in (WAVE, ORBIT_NORTH, ORBIT_EAST):
+        above, below = first + place * apart, first + (place + 1) * apart
+        angle, rate = lanes_of(p, above), lanes_of(p, below)
+        put_lanes(p, above, where(on, lanes_of(by, 12) * angle + lanes_of(by, 13) * rate, angle))
+        put_lanes(p, below, where(on, lanes_of(by, 14) * angle + lanes_of(by, 15) * rate, rate))
 
 
 @compiled
-def correct(x: Floats, p: Floats, shown: Floats, innovation: float, variance: float) -> None:
-    """Take a scalar measurement in; `shown` is P H', and variance that of the innovation."""
+def predict(c: Covariances) -> None:
+    """Carry covariances and slopes on, of the lanes that are `on`; what a step leaves as it is is left as it is.
+
+    The states that stay are the same in rows as in columns, for the covariance is symmetric to the last bit.
+    """
+    p, on = c.p, lanes_of(c.on, 0)
+    for k in range(COLUMNS):
+        carry(c, k, COLUMNS)
+    for i in MOVING:
+        carry(c, i * COLUMNS, 1)
+    for i in MOVING:
+        for k in STAYING:
+            put_lanes(p, k * COLUMNS + i, lanes_of(p, i * COLUMNS + k))
+        for k in MOVING:
+            if k > i:
+                one, other = lanes_of(p, i * COLUMNS + k), lanes_of(p, k * COLUMNS + i)
+                both = 0.5 * (one + other)
+                put_lanes(p, i * COLUMNS + k, where(on, both, one))
+                put_lanes(p, k * COLUMNS + i, where(on, both, other))
     for i in range(STATES):
-        part = shown[i]
-        x[i] = x[i] + part / variance * innovation
-        for k in range(STATES):
-            p[i, k] = p[i, k] - part * shown[k] / variance
+        add(c, i, i, lanes_of(c.noise, i))
+    for number in range(3):
+        place = WAVE + 2 * number
+        add(c, place, place + 1, lanes_of(c.both, number))
+        add(c, place + 1, place, lanes_of(c.both, number))
+        add(c, place, STATES, lanes_of(c.force, 2 * number))
+        add(c, place + 1, STATES, lanes_of(c.force, 2 * number + 1))
+    add(c, FLOAT, STATES + 1, lanes_of(c.force, 6))
+    add(c, FLOAT_RATE, STATES + 1, lanes_of(c.force, 7))
+
+
+@compiled
+def add(c: Covariances, i: int, k: int, more: Lanes) -> None:
+    """Add to a number of the covariances, of the lanes that are `on`."""
+    before = lanes_of(c.p, i * COLUMNS + k)
+    put_lanes(c.p, i * COLUMNS + k, where(lanes_of(c.on, 0), before + more, before))
+
+
+@compiled
+def show_heading(c: Covariances) -> None:
+    """Fill how a heading shows the states."""
+    for k in range(COLUMNS):
+        put_lanes(c.shown, k, lanes_of(c.p, FLOAT * COLUMNS + k) + lanes_of(c.p, WAVE * COLUMNS + k))
+
+
+@compiled
+def velocity_places(axis: int) -> tuple[int, int, int, int, int, int, int, int, int]:
+    """Return which states a velocity north (axis 0) or east (1) shows beside the heading, in the order of `parts`."""
+    orbit = ORBIT_NORTH + 2 * axis
+    return LEEWAY, SPEED, NORTH + axis, RATE, COURSE_LAG, orbit, orbit + 1, WAVE, WAVE_RATE
+
+
+@compiled
+def show_velocity(c: Covariances, axis: int) -> None:
+    """Fill how a velocity north (axis 0) or east (1) shows the states, by its `parts`."""
+    p, parts = c.p, c.parts
+    for k in range(COLUMNS):
+        part = lanes_of(parts, 0) * lanes_of(p, HEADING * COLUMNS + k)
+        for number, place in enumerate(velocity_places(axis)):
+            part = part + lanes_of(parts, number + 1) * lanes_of(p, place * COLUMNS + k)
+        put_lanes(c.shown, k, part)
+
+
+@compiled
+def correct(c: Covariances) -> None:
+    """Take a scalar measurement in, of the lanes that are `on`; fill by what it moves each state.
+
+    `shown` is P H' with the slopes' beside it, and `variance` that of the innovation.
+    """
+    p, on, variance, innovation = c.p, lanes_of(c.on, 0), lanes_of(c.variance, 0), lanes_of(c.innovation, 0)
+    for i in range(STATES):
+        part = lanes_of(c.shown, i)
+        gain = part / variance
+        put_lanes(c.moved, i, gain * innovation)
+        for k in range(i, STATES):
+            before = lanes_of(p, i * COLUMNS + k)
+            after = where(on, before - part * lanes_of(c.shown, k) / variance, before)
+            put_lanes(p, i * COLUMNS + k, after)
+            put_lanes(p, k * COLUMNS + i, after)
+        add(c, i, STATES, -(gain * lanes_of(c.shown, STATES)))
+        add(c, i, STATES + 1, -(gain * lanes_of(c.shown, STATES + 1)))
+
+
+@compiled
+def add_up(c: Covariances) -> None:
+    """Fill the sum of each lane's covariance, by which it is seen whether all are numbers, and its least variance."""
+    total = least = lanes_of(c.p, 0)
+    for i in range(STATES):
+        variance = lanes_of(c.p, i * COLUMNS + i)
+        least = where(least - variance, variance, least)
+        for k in range(i, STATES):
+            total = total + lanes_of(c.p, i * COLUMNS + k)
+    put_lanes(c.total, 0, total)
+    put_lanes(c.least, 0, least)

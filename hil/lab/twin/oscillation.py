@@ -40,11 +40,9 @@ def begin_half(s: Floats, now_s: float, side: float, goal_rad: float, turned: fl
 
 
 @compiled
-def new_watch() -> Floats:
-    """Return the state before the first tick."""
-    s = np.zeros(WATCH_STATES)
+def begin_watch(s: Floats) -> None:
+    """Be as before the first tick."""
     s[SOFTNESS], s[UPDATED] = 1.0, np.nan
-    return s
 
 
 @compiled

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firmware_py.common.angles import TWO_PI, compass_degrees, radians
 from firmware_py.common.parameters import ParameterSet
+from hil.lab.lanes import COUNT, aligned
 from hil.lab.twin import helm
-from hil.lab.twin.afloat import Record, Sea
-from hil.lab.twin.kalman import Floats
-from hil.lab.twin.loop import TICK_COLUMNS, voyage
-from hil.lab.twin.pilot import Boat, Task
+from hil.lab.twin.afloat import AFLOAT, Record, Sea, Waters
+from hil.lab.twin.kalman import COVARIANCES, Floats
+from hil.lab.twin.loop import MORE_TICKS, TICK_COLUMNS, Orders, voyage
+from hil.lab.twin.pilot import PILOT, Boat, Crew, Task
+from hil.lab.twin.ship import TURNS
+from hil.lab.twin.wave_filter_state import FILTER
 from hil.sim.goals import Goal
 from hil.sim.truth import ROWS_PER_SECOND, Truth
 
@@ -45,11 +51,82 @@ def task_of(goals: Sequence[Goal]) -> Task:
     return Task(np.array([goal.t_s for goal in goals], np.float64), np.array(given, np.float64))
 
 
+class Run(NamedTuple):
+    """What a run is sailed by."""
+
+    boat: Boat
+    law: Floats
+    sea: Sea
+    task: Task
+
+
 def sail(boat: Boat, law: Floats, sea: Sea, task: Task, seconds: float) -> tuple[Record, int]:
     """Sail a run; return the record and how many ticks there were."""
+    record, ticks = sail_beside([Run(boat, law, sea, task)], seconds, ticks=True)
+    return Record(*(one[0] for one in record)), int(ticks[0])
+
+
+def sail_beside(runs: Sequence[Run], seconds: float, *, ticks: bool) -> tuple[Record, NDArray[np.int64]]:
+    """Sail up to COUNT runs beside each other, each to the bits that it has alone.
+
+    Return the record, a row for each run and of the ticks only if asked for, and how many ticks there were.
+    """
     rows = int(seconds * ROWS_PER_SECOND + 1e-9) + 1
-    record = Record(np.zeros(rows), np.zeros(rows), np.zeros((rows + 8, TICK_COLUMNS)))
-    return record, voyage(boat, law, sea, task, record)
+    record = Record(
+        np.zeros((len(runs), rows)),
+        np.zeros((len(runs), rows)),
+        np.zeros((len(runs), rows + MORE_TICKS if ticks else 0, TICK_COLUMNS)),
+    )
+    counts = np.zeros(len(runs), np.int64)
+    seas = [run.sea for run in runs]
+    starts = np.cumsum([0, *(sea.series.size for sea in seas)]).tolist()
+    given = [run.task for run in runs]
+    voyage(
+        Waters(
+            records_of([moved(sea.ship, start) for sea, start in zip(seas, starts[:-1], strict=True)]),
+            records_of([moved(sea.devices, start) for sea, start in zip(seas, starts[:-1], strict=True)]),
+            aligned(AFLOAT, COUNT),
+            seas[0].series if len(seas) == 1 else np.concatenate([sea.series for sea in seas]),
+            np.zeros((COUNT, max(1, *(sea.ship.delay_steps for sea in seas)))),
+            np.zeros((TURNS, COUNT)),
+        ),
+        Crew(
+            records_of([run.boat for run in runs]),
+            aligned(PILOT, COUNT),
+            aligned(FILTER, COUNT),
+            aligned(COVARIANCES, 1),
+            np.zeros(COUNT),
+            np.zeros((COUNT, 4)),
+        ),
+        Orders(
+            np.array([run.law for run in runs]),
+            rows_of([task.given_s for task in given], math.inf),
+            rows_of([task.goals_rad for task in given], 0.0),
+        ),
+        record,
+        counts,
+    )
+    return record, counts
+
+
+def records_of(tuples: Sequence[NamedTuple]) -> NDArray[Any]:
+    """Return named tuples as records of all lanes; those that are not sailed are as the first."""
+    first = tuples[0]
+    kinds = [(name, np.asarray(value).dtype, np.shape(value)) for name, value in zip(first._fields, first, strict=True)]
+    return np.array([*tuples, *[first] * (COUNT - len(tuples))], np.dtype(kinds))
+
+
+def moved(tuple_: Any, start: int) -> Any:
+    """Return a ship, or devices, whose numbers begin that much later in the series."""
+    return tuple_._replace(**{name: getattr(tuple_, name) + start for name in tuple_._fields if name.endswith("_at")})
+
+
+def rows_of(lists: Sequence[Floats], otherwise: float) -> Floats:
+    """Return lists of numbers as rows of the same length."""
+    rows = np.full((len(lists), max(1, *(one.size for one in lists))), otherwise)
+    for row, one in zip(rows, lists, strict=True):
+        row[: one.size] = one
+    return rows
 
 
 def truth_of(record: Record, goals: Sequence[Goal]) -> Truth:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from hil.lab.compiled import compiled
 from hil.lab.twin.afloat import Sea
 from hil.lab.twin.devices import Devices
 from hil.lab.twin.kalman import Floats
-from hil.lab.twin.ship import GRID_S, STEPS_PER_SECOND, Series, Ship
+from hil.lab.twin.ship import GRID_S, STEPS_PER_SECOND, Ship
 from hil.ship import drift as drifting
 from hil.ship import wave_speed as speeds
 from hil.ship.extras import Compass, Leeway, Receiver
@@ -30,8 +31,10 @@ from hil.sim.device_factory import FREQUENCY_ERROR_PPM
 
 COMPASS_NOISE_DEG = 0.3
 COMPASS_PERIOD_S, FIX_PERIOD_S = 0.1, 1.0
+PLAIN = Receiver(latency_s=0.06, lost=0.0, gap_s=10.0, filter_s=0.0, noise_m_s=0.03)
 NOTHING = np.zeros(1)
 NO_PROCESS = np.zeros((1, 2))
+STILL = ((0.0, 0.0), (0.0, 0.0))
 
 
 def normals(seed: int, stream: Stream, count: int) -> Floats:
@@ -101,19 +104,17 @@ def speed_of(scenario: Scenario, seed: int, steps: int) -> tuple[Floats, Floats]
     return waves * np.minimum(np.maximum(1.0 + groups, 0.0), speeds.MOST), waves
 
 
-def ship_of(scenario: Scenario, model: KtModel) -> Ship:
-    """Return the numbers of the hull; ValueError for a model that is no ship."""
+def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
+    """Return the numbers of the hull, and where its series begin; ValueError for a model that is no ship."""
     extras = scenario.extras
     ability, lag = model.turning_ability_1_s, model.turning_lag_s
     if (other := extras.other_ship) is not None:
         ability, lag = ability * other.ability, lag * other.lag
     bias_rad = model.rudder_offset_rad + radians(scenario.bias_deg)
     ship = replace(model, turning_ability_1_s=ability, turning_lag_s=lag, rudder_offset_rad=bias_rad)
-    quickest = scenario.speed_m_s * (1.0 if extras.wave_speed is None else speeds.MOST)
+    quickest_m_s = scenario.speed_m_s * (1.0 if extras.wave_speed is None else speeds.MOST)
     body, leeway = extras.float_body, extras.leeway or Leeway(0.0)
-    (f00, f01), (f10, f11) = (
-        ((0.0, 0.0), (0.0, 0.0)) if body is None else transition(body.own_frequency_rad_s, body.damping, GRID_S)
-    )
+    (f00, f01), (f10, f11) = STILL if body is None else transition(body.own_frequency_rad_s, body.damping, GRID_S)
     drive, damping_1_m = sway_ratios(sway_model(FLOAT), 1.0)
     along_m, across_m = _crests_m(scenario)
     yaw_rad = radians(scenario.wave_yaw_deg)
@@ -126,7 +127,7 @@ def ship_of(scenario: Scenario, model: KtModel) -> Ship:
         model.speed_m_s,
         bias_rad,
         scenario.speed_m_s,
-        inner_steps(ship.at_speed(quickest), GRID_S),
+        inner_steps(ship.at_speed(quickest_m_s), GRID_S),
         extras.wave_speed is not None,
         body is not None,
         f00,
@@ -160,6 +161,7 @@ def ship_of(scenario: Scenario, model: KtModel) -> Ship:
         scenario.tide_rotary,
         yaw_rad > 0.0,
         _heel_rad(scenario) > 0.0,
+        *places,
     )
 
 
@@ -183,14 +185,13 @@ def _heel_rad(scenario: Scenario) -> float:
     return radians(compass.heel_deg) if compass is not None and scenario.wave_period_s > 0.0 else 0.0
 
 
-def series_of(scenario: Scenario, seed: int, steps: int) -> Series:
-    """Return what moves by itself at each grid step."""
+def series_of(scenario: Scenario, seed: int, steps: int) -> tuple[Floats, ...]:
+    """Return what moves by itself at each grid step, in the order of the places of Ship."""
     period_s, orbital = scenario.wave_period_s, scenario.extras.orbital
     yaw_rad = radians(scenario.wave_yaw_deg)
     calm = scenario.orbital_m_s <= 0.0 or period_s <= 0.0
     orbit_m = 0.0 if calm else scenario.orbital_m_s * period_s / TWO_PI
-    speed, waves = speed_of(scenario, seed, steps)
-    return Series(
+    return (
         offset_of(scenario, seed, steps),
         process_of(yaw_rad, period_s, seed, Stream.WAVES, steps),
         process_of(orbit_m, period_s, seed, Stream.ORBIT, steps),
@@ -199,41 +200,50 @@ def series_of(scenario: Scenario, seed: int, steps: int) -> Series:
         if orbital is not None and yaw_rad <= 0.0
         else NO_PROCESS,
         process_of(_heel_rad(scenario), period_s, seed, Stream.ROLL, steps),
-        speed,
-        waves,
+        *speed_of(scenario, seed, steps),
     )
 
 
-def devices_of(scenario: Scenario, seed: int, seconds: float) -> Devices:
-    """Return the samples' moments and noise."""
+def fixes_of(scenario: Scenario, seed: int, epochs: int, first_s: float, period_s: float) -> Floats:
+    """Return what is random about each fix, as Devices has it."""
+    bought = scenario.extras.receiver or PLAIN
+    numbers = generator(seed, Stream.POSITION).standard_normal(2 + 4 * epochs)[2:].reshape(-1, 4)
+    gaps, fixes = Gaps(bought.lost, bought.gap_s, generator(seed, Stream.GAPS)), np.zeros((epochs, 3))
+    fixes[:, :2] = 0.0 + bought.noise_m_s * numbers[:, 2:]
+    for k in range(epochs):
+        fixes[k, 2] = gaps.cover(first_s + k * period_s)
+    return fixes
+
+
+def devices_of(scenario: Scenario, seed: int, seconds: float, first: int) -> tuple[Devices, tuple[Floats, Floats]]:
+    """Return the samples' moments, and what is random about them, which begins at a place of the series."""
     chances = generator(seed, Stream.PHASES)
     compass_phase_s = float(chances.uniform(0.0, COMPASS_PERIOD_S))
     compass_ppm = float(chances.normal(0.0, FREQUENCY_ERROR_PPM))
     fix_phase_s = float(chances.uniform(0.0, FIX_PERIOD_S))
     fix_ppm = float(chances.normal(0.0, FREQUENCY_ERROR_PPM))
-    epochs, receiver = int(seconds) + 3, scenario.extras.receiver
-    noise_m_s = 0.03 if receiver is None else receiver.noise_m_s
     fix_period_s = FIX_PERIOD_S / (1.0 + fix_ppm * 1e-6)
-    numbers = generator(seed, Stream.POSITION).standard_normal(2 + 4 * epochs)[2:].reshape(-1, 4)
-    lost = np.zeros(epochs, dtype=np.bool_)
-    bought = receiver or Receiver(0.06, 0.0, 10.0, 0.0, noise_m_s)
-    gaps = Gaps(bought.lost, bought.gap_s, generator(seed, Stream.GAPS))
-    for k in range(epochs):
-        lost[k] = gaps.cover(fix_phase_s + k * fix_period_s)
-    return Devices(
+    noise_deg = generator(seed, Stream.COMPASS).normal(0.0, COMPASS_NOISE_DEG, int(seconds * 10.01) + 20)
+    fixes = fixes_of(scenario, seed, int(seconds) + 3, fix_phase_s, fix_period_s)
+    bought = scenario.extras.receiver or PLAIN
+    devices = Devices(
         compass_phase_s,
         COMPASS_PERIOD_S / (1.0 + compass_ppm * 1e-6),
-        generator(seed, Stream.COMPASS).normal(0.0, COMPASS_NOISE_DEG, int(seconds * 10.01) + 20),
+        first,
         fix_phase_s,
         fix_period_s,
-        np.ascontiguousarray(0.0 + noise_m_s * numbers[:, 2:]),
-        lost,
+        first + noise_deg.size,
         bought.latency_s,
         bought.filter_s,
     )
+    return devices, (noise_deg, fixes)
 
 
 def sea_of(scenario: Scenario, seed: int, seconds: float, model: KtModel = OCEAN_RAMBLER) -> Sea:
     """Draw the sea of a run."""
     steps = math.floor(seconds * STEPS_PER_SECOND) + 2 * STEPS_PER_SECOND
-    return Sea(ship_of(scenario, model), series_of(scenario, seed, steps), devices_of(scenario, seed, seconds))
+    series = series_of(scenario, seed, steps)
+    places = np.cumsum([0, *(one.size for one in series)]).tolist()
+    devices, more = devices_of(scenario, seed, seconds, places[-1])
+    numbers = np.concatenate([one.ravel() for one in (*series, *more)])
+    return Sea(ship_of(scenario, model, places[:-1]), numbers, devices)

@@ -10,6 +10,7 @@ import numpy as np
 from firmware_py.common.angles import TWO_PI
 from firmware_py.model.kt import rk4_step, yaw_acceleration
 from hil.lab.compiled import compiled
+from hil.lab.lanes import lanes_of, put_lanes, where
 from hil.lab.twin.kalman import Floats
 
 STEPS_PER_SECOND = 50
@@ -17,25 +18,16 @@ GRID_S = 1.0 / STEPS_PER_SECOND
 STEERAGE_M_S = 0.05
 
 
-class Series(NamedTuple):
-    """What moves by itself, at each grid step; what there is not is one number long.
-
-    The processes of the waves are rows of angle and rate: yaw, `orbit` along the waves, and of a short-crested sea
-    what is `beside` the yaw and, without a yaw, the motion `alone`; the roll of the compass.
-    """
-
-    offset_rad: Floats
-    yaw: Floats
-    orbit: Floats
-    beside: Floats
-    alone: Floats
-    roll: Floats
-    speed: Floats
-    waves: Floats
+Series = Floats  # the numbers of everything that moves by itself, one kind behind the other
 
 
 class Ship(NamedTuple):
-    """The numbers of a ship and of what is unkind in its sea; `has_` says what there is of it."""
+    """The numbers of a ship and of what is unkind in its sea; `has_` says what there is of it.
+
+    `_at` is where in the series the numbers of each grid step begin. The processes of the waves are angle and rate:
+    yaw, `orbit` along the waves, and of a short-crested sea what is `beside` the yaw and, without a yaw, the motion
+    `alone`; the roll of the compass.
+    """
 
     ability_1_s: float
     lag_s: float
@@ -81,8 +73,21 @@ class Ship(NamedTuple):
     rotary: float
     has_yaw: bool
     has_roll: bool
+    offset_at: int
+    yaw_at: int
+    orbit_at: int
+    beside_at: int
+    alone_at: int
+    roll_at: int
+    speed_at: int
+    waves_at: int
     blade_lost_s: float = math.inf  # from then on the rudder turns nothing
 
+
+# What turns the hulls in a step, of all lanes: heading, yaw rate, the rudder that drives, the inner steps, K, T, alpha
+# and the offset of the rudder.
+AFTER_PSI, AFTER_RATE, DRIVEN, INNER, INNER_S, BY_K, BY_T, BY_ALPHA, BY_OFFSET = range(9)
+TURNS = 9
 
 # What a hull remembers.
 (PSI, YAW_RATE, RUDDER, FLOAT_PSI, FLOAT_RATE, SIDEWAYS, SLIDE, SHOWN, NOW_K, NOW_T, NOW_ALPHA, NOW_SPEED) = range(12)
@@ -101,7 +106,7 @@ def be_at(hull: Floats, ship: Ship, speed_m_s: float) -> None:
 @compiled
 def take_speed(hull: Floats, ship: Ship, series: Series, step: int) -> None:
     """Be the ship of the speed that the waves give at a grid step."""
-    speed_m_s = ship.speed_m_s * series.speed[step]
+    speed_m_s = ship.speed_m_s * series[ship.speed_at + step]
     be_at(hull, ship, max(speed_m_s, STEERAGE_M_S))
     if speed_m_s < STEERAGE_M_S:
         hull[NOW_K] = hull[NOW_K] * speed_m_s / STEERAGE_M_S
@@ -111,13 +116,14 @@ def take_speed(hull: Floats, ship: Ship, series: Series, step: int) -> None:
 @compiled
 def waves_share(ship: Ship, series: Series, step: int) -> float:
     """Return how much of the waves there is, when they die."""
-    return series.waves[step] if ship.has_speed else 1.0
+    return series[ship.waves_at + step] if ship.has_speed else 1.0
 
 
 @compiled
-def process_angle(process: Floats, step: int, since_s: float) -> float:
+def process_angle(series: Series, first: int, step: int, since_s: float) -> float:
     """Return the angle of a wave process, since_s into a grid step."""
-    y0, v0, y1, v1 = process[step, 0], process[step, 1], process[step + 1, 0], process[step + 1, 1]
+    at = first + 2 * step
+    y0, v0, y1, v1 = series[at], series[at + 1], series[at + 2], series[at + 3]
     h = GRID_S
     x = since_s / h
     bend = 3.0 * (y1 - y0) - h * (2.0 * v0 + v1) + x * (2.0 * (y0 - y1) + h * (v0 + v1))
@@ -125,9 +131,10 @@ def process_angle(process: Floats, step: int, since_s: float) -> float:
 
 
 @compiled
-def process_rate(process: Floats, step: int, since_s: float) -> float:
+def process_rate(series: Series, first: int, step: int, since_s: float) -> float:
     """Return the rate of a wave process, since_s into a grid step."""
-    y0, v0, y1, v1 = process[step, 0], process[step, 1], process[step + 1, 0], process[step + 1, 1]
+    at = first + 2 * step
+    y0, v0, y1, v1 = series[at], series[at + 1], series[at + 2], series[at + 3]
     h = GRID_S
     x = since_s / h
     bend = 6.0 * (y1 - y0) / h - 2.0 * (2.0 * v0 + v1) + x * (6.0 * (y0 - y1) / h + 3.0 * (v0 + v1))
@@ -138,7 +145,12 @@ def process_rate(process: Floats, step: int, since_s: float) -> float:
 def glider_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
     """Return where the body with the rudder points, unwrapped."""
     acceleration = yaw_acceleration(
-        hull[YAW_RATE], hull[RUDDER], hull[NOW_K], hull[NOW_T], hull[NOW_ALPHA], ship.bias_rad + series.offset_rad[step]
+        hull[YAW_RATE],
+        hull[RUDDER],
+        hull[NOW_K],
+        hull[NOW_T],
+        hull[NOW_ALPHA],
+        ship.bias_rad + series[ship.offset_at + step],
     )
     return float(hull[PSI] + offset_s * (hull[YAW_RATE] + 0.5 * offset_s * acceleration))
 
@@ -155,7 +167,7 @@ def float_heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s:
 @compiled
 def heading(hull: Floats, ship: Ship, series: Series, step: int, offset_s: float) -> float:
     """Return the heading that a perfect compass shows, unwrapped."""
-    yaw_rad = process_angle(series.yaw, step, offset_s) if ship.has_yaw else 0.0
+    yaw_rad = process_angle(series, ship.yaw_at, step, offset_s) if ship.has_yaw else 0.0
     if not ship.has_float and not ship.has_speed:
         return glider_heading(hull, ship, series, step, offset_s) + yaw_rad
     return float_heading(hull, ship, series, step, offset_s) + waves_share(ship, series, step) * yaw_rad
@@ -172,7 +184,7 @@ def sensed_heading(ship: Ship, series: Series, step: int, heading_rad: float, of
         + ship.c_d * 2.0 * sine * cosine
         + ship.c_e * (cosine * cosine - sine * sine)
     )
-    roll_rad = process_angle(series.roll, step, offset_s) if ship.has_roll else 0.0
+    roll_rad = process_angle(series, ship.roll_at, step, offset_s) if ship.has_roll else 0.0
     return heading_rad - deviation_rad - waves_share(ship, series, step) * roll_rad * cosine
 
 
@@ -204,15 +216,16 @@ def velocity(hull: Floats, ship: Ship, series: Series, step: int, offset_s: floa
     ahead, aside = math.cos(ship.toward_rad), math.sin(ship.toward_rad)
     more_north = more_east = 0.0
     if ship.has_crests:
-        with_yaw = ship.crests_per_yaw * process_rate(series.alone if ship.crests_own else series.yaw, step, offset_s)
-        rest = process_rate(series.beside, step, offset_s)
+        with_yaw_at = ship.alone_at if ship.crests_own else ship.yaw_at
+        with_yaw = ship.crests_per_yaw * process_rate(series, with_yaw_at, step, offset_s)
+        rest = process_rate(series, ship.beside_at, step, offset_s)
         twice_rad = 2.0 * (ship.toward_rad - float_heading(hull, ship, series, step, offset_s))
         sine, cosine = math.sin(twice_rad), math.cos(twice_rad)
         along_m = ship.crests_along_m * (sine * with_yaw + cosine * rest)
         across_m = ship.crests_across_m * (cosine * with_yaw - sine * rest)
         more_north, more_east = along_m * ahead - across_m * aside, along_m * aside + across_m * ahead
     elif ship.has_orbit:
-        along_m_s = process_rate(series.orbit, step, offset_s)
+        along_m_s = process_rate(series, ship.orbit_at, step, offset_s)
         more_north, more_east = along_m_s * ahead, along_m_s * aside
     share = waves_share(ship, series, step)
     return north_m_s + share * more_north, east_m_s + share * more_east
@@ -226,19 +239,40 @@ def begin_hull(hull: Floats, ship: Ship) -> None:
 
 
 @compiled
-def step_hull(hull: Floats, ship: Ship, series: Series, waiting: Floats, step: int, rudder_rad: float) -> None:
-    """Advance from a grid step to the next, which ends with the rudder at rudder_rad."""
+def begin_step(
+    hull: Floats, ship: Ship, series: Series, waiting: Floats, turns: Floats, lane: int, step: int, rudder_rad: float
+) -> None:
+    """Fill what turns a hull from a grid step to the next, which ends with the rudder at rudder_rad."""
     if step * GRID_S >= ship.blade_lost_s:
         rudder_rad = 0.0
     if ship.delay_steps > 0:
         place = step % ship.delay_steps
-        rudder_rad, waiting[place] = waiting[place], rudder_rad
-    before_rad, r = hull[PSI], hull[YAW_RATE]
-    psi, driven_rad = before_rad, 0.5 * (hull[RUDDER] + rudder_rad)
-    offset_rad = ship.bias_rad + series.offset_rad[step]
-    inner_s = GRID_S / ship.inner_steps
-    for _ in range(ship.inner_steps):
-        psi, r = rk4_step(psi, r, driven_rad, inner_s, hull[NOW_K], hull[NOW_T], hull[NOW_ALPHA], offset_rad)
+        rudder_rad, waiting[lane, place] = waiting[lane, place], rudder_rad
+    turns[AFTER_PSI, lane], turns[AFTER_RATE, lane] = hull[PSI], hull[YAW_RATE]
+    turns[DRIVEN, lane] = 0.5 * (hull[RUDDER] + rudder_rad)
+    turns[INNER, lane], turns[INNER_S, lane] = ship.inner_steps, GRID_S / ship.inner_steps
+    turns[BY_K, lane], turns[BY_T, lane], turns[BY_ALPHA, lane] = hull[NOW_K], hull[NOW_T], hull[NOW_ALPHA]
+    turns[BY_OFFSET, lane] = ship.bias_rad + series[ship.offset_at + step]
+    hull[RUDDER] = rudder_rad
+
+
+@compiled
+def turn_hulls(turns: Floats, most: int) -> None:
+    """Turn the hulls of all lanes by a grid step, in at most so many inner steps."""
+    psi, r, inner = lanes_of(turns, AFTER_PSI), lanes_of(turns, AFTER_RATE), lanes_of(turns, INNER)
+    driven_rad, inner_s, offset_rad = lanes_of(turns, DRIVEN), lanes_of(turns, INNER_S), lanes_of(turns, BY_OFFSET)
+    ability, lag_s, norrbin = lanes_of(turns, BY_K), lanes_of(turns, BY_T), lanes_of(turns, BY_ALPHA)
+    for number in range(most):
+        turned, rate = rk4_step(psi, r, driven_rad, inner_s, ability, lag_s, norrbin, offset_rad)
+        psi, r = where(inner - float(number), turned, psi), where(inner - float(number), rate, r)
+    put_lanes(turns, AFTER_PSI, psi)
+    put_lanes(turns, AFTER_RATE, r)
+
+
+@compiled
+def end_step(hull: Floats, ship: Ship, series: Series, turns: Floats, lane: int, step: int) -> None:
+    """Be where a hull has turned to."""
+    before_rad, psi, r = hull[PSI], turns[AFTER_PSI, lane], turns[AFTER_RATE, lane]
     hull[PSI], hull[YAW_RATE] = psi, r
     middle_rad = 0.5 * (before_rad + psi)
     if ship.has_sideways:
@@ -249,7 +283,6 @@ def step_hull(hull: Floats, ship: Ship, series: Series, waiting: Floats, step: i
             keep = math.exp(ship.slide_damping_1_m * speed_m_s * GRID_S)
             hull[SLIDE] = last_m_s + keep * (hull[SLIDE] - last_m_s)
         hull[SIDEWAYS] = speed_m_s * math.tan(angle_rad) + ship.slide_share * hull[SLIDE]
-    hull[RUDDER] = rudder_rad
     if ship.has_float:
         behind_rad, rate_rad_s = hull[FLOAT_PSI] - middle_rad, hull[FLOAT_RATE]
         hull[FLOAT_PSI] = middle_rad + ship.f00 * behind_rad + ship.f01 * rate_rad_s

@@ -37,12 +37,10 @@ def begin_anew(s: Floats) -> None:
 
 
 @compiled
-def new_sources() -> Floats:
-    """Return the state before the first sample."""
-    s = np.zeros(SOURCE_STATES)
+def begin(s: Floats) -> None:
+    """Be as before the first sample."""
     s[TOLD] = s[INTERVAL] = s[FIX_TOLD] = s[FIX_INTERVAL] = np.nan
     begin_anew(s)
-    return s
 
 
 @compiled

@@ -1,54 +1,51 @@
-"""Twin of firmware_py/estimate/wave_filter.py, over_ground.py and wave_filter_state.py."""
+"""Twin of firmware_py/estimate/wave_filter.py: its steps, in all lanes that are `on`."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from firmware_py.common.angles import radians
 from hil.lab.compiled import compiled
+from hil.lab.lanes import COUNT
 from hil.lab.tune.twins import clamp, wrap_pi, wrap_two_pi
 from hil.lab.twin import kalman, learning
 from hil.lab.twin.kalman import (
     BIAS,
-    COLUMNS,
-    COURSE_LAG,
-    EAST,
-    FACTOR,
     FLOAT,
     FLOAT_RATE,
     HEADING,
-    NORTH,
-    ORBIT_EAST,
-    ORBIT_NORTH,
     RATE,
-    SPEED,
     STATES,
     WAVE,
     WAVE_RATE,
+    Covariances,
     Floats,
 )  # fmt: skip
-from hil.lab.twin.learning import (
-    LOG_BIAS,
-    LOG_FOLLOW,
-    LOG_NOISE,
-    LOG_OMEGA,
-    LOG_ORBIT,
-    LOG_POWER,
-    NOISES,
+from hil.lab.twin.learning import LOG_BIAS, LOG_FOLLOW, LOG_NOISE, LOG_OMEGA, LOG_ORBIT, LOG_POWER
+from hil.lab.twin.wave_filter_state import (
+    INNOVATION,
+    INNOVATION_SD,
+    REFUSALS,
+    RUDDER,
+    SAMPLE_T,
+    SLOW_WAVE,
+    STARTED,
+    Boats,
+    Filters,
+    T,
+    WaveFilter,
+    bound,
+    forget,
+    start,
 )  # fmt: skip
 
-FIRST_NOISES = learning.FIRST
 LONGEST_STEP_S, LONGEST_SILENCE_S, LATEST_S = 1.0, 600.0, 1.0
-LOW_FACTOR, HIGH_FACTOR = 0.4, 2.5
-LOW_SPEED_M_S, HIGH_SPEED_M_S = 0.08, 2.5
 GATE_SIGMAS, GATE_RAD = 6.0, radians(20.0)
 HEADING_LIMIT = 5.0
 SWING_PERIODS, LEAST_TURN_RAD, TURN_SPREADS = 4.0, radians(15.0), 0.6
 TURN_RATE_RAD_S, TURN_BIAS_RAD = radians(2.0), radians(20.0)
-FIRST_COURSE_LAG_S, TOGETHER = 0.5, 0.98
 WHITE = np.array(
     (
         *(0.0, 1e-6 * radians(1.0) ** 2, 0.0, 0.0, 0.1 * radians(1.0) ** 2),
@@ -56,176 +53,79 @@ WHITE = np.array(
         *(1e-5, 1e-6, 1e-7, 0.0),
     )
 )
-FIRST = np.array(
-    (
-        *(radians(30.0), radians(1.0), radians(5.0), radians(30.0), radians(1.0)),
-        *(0.2, 0.2, 0.4, 0.2, radians(5.0), 0.7),
-        *(radians(10.0), radians(8.0), 0.1, 0.1, 0.1, 0.1),
-    )
-)
-
-# Columns of what else the filter keeps; NaN stands for None.
-(T, RUDDER, SAMPLE_T, FIX_T, REFUSALS, INNOVATION, INNOVATION_SD, WATER_NORTH, WATER_EAST, WATER_SPEED, LEG,
- STARTED, SLOW_WAVE) = range(13)  # fmt: skip
-REST = 13
-
-
-class WaveFilter(NamedTuple):
-    """State x (17), covariance and slopes p (17 x 19), noise model n, the rest w, and room to work in."""
-
-    x: Floats
-    p: Floats
-    n: Floats
-    w: Floats
-    once: Floats
-    turned_over: Floats
-    twice: Floats
-    shown: Floats
 
 
 @compiled
-def forget(f: WaveFilter) -> None:
-    """Be a filter before its first heading again; what the water is expected to be, and the rudder, stay."""
-    w = f.w
-    w[STARTED] = w[T] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = w[SLOW_WAVE] = 0.0
-    w[SAMPLE_T] = w[FIX_T] = w[LEG] = np.nan
-    for i in range(NOISES):
-        f.n[i] = FIRST_NOISES[i]
+def predict_to(filters: Filters, c: Covariances, boats: Boats) -> None:
+    """Carry the lanes that are `on` to their times `to_s`; an earlier time changes nothing."""
+    asked, more = 0, True
+    for k in range(COUNT):
+        asked += int(c.on[k] > 0.0) << k
+    while more:
+        more = False
+        for k in range(COUNT):
+            w = filters[k].w
+            way_s = c.to_s[k] - w[T]
+            moved = asked >> k & 1 > 0 and way_s > 0.0
+            c.on[k] = 1.0 if moved else 0.0
+            if moved:
+                step_s = min(way_s, LONGEST_STEP_S)
+                predict(filters[k], c, boats[k].model, step_s)
+                w[T] = c.to_s[k] if step_s == way_s else w[T] + step_s
+                more = True
+        if more:
+            kalman.predict(c)
+    for k in range(COUNT):
+        c.on[k] = float(asked >> k & 1)
 
 
 @compiled
-def begin_anew(f: WaveFilter) -> None:
-    """Forget all but the water."""
-    if f.w[STARTED] > 0.0:
-        f.w[WATER_NORTH], f.w[WATER_EAST], f.w[WATER_SPEED] = f.x[NORTH], f.x[EAST], f.x[SPEED]
-    f.w[RUDDER] = 0.0
-    forget(f)
-
-
-@compiled
-def new_filter(speed_m_s: float) -> WaveFilter:
-    """Return a filter before its first heading."""
-    f = WaveFilter(
-        np.zeros(STATES),
-        np.zeros((STATES, COLUMNS)),
-        np.zeros(NOISES),
-        np.zeros(REST),
-        np.zeros((STATES, COLUMNS)),
-        np.zeros((STATES, STATES)),
-        np.zeros((STATES, STATES)),
-        np.zeros(COLUMNS),
-    )
-    f.w[WATER_SPEED] = speed_m_s
-    forget(f)
-    return f
-
-
-@compiled
-def start(f: WaveFilter, t_s: float, heading_rad: float) -> None:
-    """Begin with a heading."""
-    x, p, w = f.x, f.p, f.w
-    if w[STARTED] > 0.0:
-        w[WATER_NORTH], w[WATER_EAST], w[WATER_SPEED] = x[NORTH], x[EAST], x[SPEED]
-    for i in range(STATES):
-        x[i] = 0.0
-    x[HEADING] = x[FLOAT] = heading_rad
-    x[NORTH], x[EAST] = w[WATER_NORTH], w[WATER_EAST]
-    x[SPEED], x[FACTOR] = clamp(w[WATER_SPEED], LOW_SPEED_M_S, HIGH_SPEED_M_S), 1.0
-    x[COURSE_LAG] = FIRST_COURSE_LAG_S
-    for i in range(STATES):
-        for k in range(COLUMNS):
-            p[i, k] = 0.0
-        p[i, i] = FIRST[i] * FIRST[i]
-    both = TOGETHER * FIRST[HEADING] * FIRST[FLOAT]
-    p[HEADING, FLOAT] = p[FLOAT, HEADING] = both
-    w[T], w[SAMPLE_T] = t_s, t_s
-    w[RUDDER] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = w[SLOW_WAVE] = 0.0
-    w[FIX_T] = w[LEG] = np.nan
-    w[STARTED] = 1.0
-
-
-@compiled
-def bound(x: Floats) -> None:
-    """Keep speed and turning factor within what a boat can have."""
-    speed_m_s, factor = x[SPEED], x[FACTOR]
-    if LOW_SPEED_M_S <= speed_m_s <= HIGH_SPEED_M_S and LOW_FACTOR <= factor <= HIGH_FACTOR:
-        return
-    x[SPEED] = clamp(speed_m_s, LOW_SPEED_M_S, HIGH_SPEED_M_S)
-    x[FACTOR] = clamp(factor, LOW_FACTOR, HIGH_FACTOR)
-
-
-@compiled
-def predict_to(f: WaveFilter, model: tuple[float, float, float, float], t_s: float) -> None:
-    """Carry everything to t_s; an earlier time changes nothing."""
-    w = f.w
-    while True:
-        way_s = t_s - w[T]
-        if not way_s > 0.0:
-            return
-        step_s = min(way_s, LONGEST_STEP_S)
-        predict(f, model, step_s)
-        w[T] = t_s if step_s == way_s else w[T] + step_s
-
-
-@compiled
-def predict(f: WaveFilter, model: tuple[float, float, float, float], step_s: float) -> None:
-    """Carry everything on by a step."""
-    x, p, n, w = f.x, f.p, f.n, f.w
+def predict(f: WaveFilter, c: Covariances, model: Floats, step_s: float) -> None:
+    """Carry the states on by a step, and fill what carries the covariance on."""
+    x, n, w, lane = f.x, f.n, f.w, f.lane
     omega_rad_s, follow_rad_s = math.exp(n[LOG_OMEGA]), math.exp(n[LOG_FOLLOW])
     wave = kalman.response(omega_rad_s, kalman.DAMPING, step_s)
-    turned = kalman.turn(x, w[RUDDER], step_s, model, p[BIAS, BIAS])
+    turned = kalman.turn(x, w[RUDDER], step_s, model, c.p[BIAS, BIAS, lane])
     follow = kalman.response(follow_rad_s, kalman.FLOAT_DAMPING, step_s)
     yaw = kalman.wave_noise(wave, omega_rad_s, math.exp(n[LOG_POWER]))
     orbit = kalman.wave_noise(wave, omega_rad_s, learning.power_of(math.exp(0.5 * n[LOG_ORBIT]), omega_rad_s))
-    kalman.predict(p, f.once, f.turned_over, f.twice, turned, follow, wave)
+    kalman.set_transition(c, lane, turned, follow, wave)
     for i in range(WAVE):
-        noise = WHITE[i] * step_s
-        if i == BIAS:
-            noise = math.exp(n[LOG_BIAS]) * step_s
-        elif i == FLOAT_RATE:
-            noise *= follow_rad_s * follow_rad_s
-        p[i, i] += noise
-    for place, (angle, both, rate) in ((WAVE, yaw), (ORBIT_NORTH, orbit), (ORBIT_EAST, orbit)):
-        p[place, place] += angle
-        p[place + 1, place + 1] += rate
-        p[place, place + 1] += both
-        p[place + 1, place] += both
-    for place in (WAVE, ORBIT_NORTH, ORBIT_EAST):
+        c.noise[i, lane] = WHITE[i] * step_s
+    c.noise[BIAS, lane] = math.exp(n[LOG_BIAS]) * step_s
+    c.noise[FLOAT_RATE, lane] *= follow_rad_s * follow_rad_s
+    for number, (angle, both, rate) in enumerate((yaw, orbit, orbit)):
+        place = WAVE + 2 * number
+        c.noise[place, lane], c.noise[place + 1, lane], c.both[number, lane] = angle, rate, both
         force = -2.0 * omega_rad_s * (omega_rad_s * x[place] + kalman.DAMPING * x[place + 1])
-        p[place, STATES] += 0.5 * step_s * step_s * force
-        p[place + 1, STATES] += step_s * force
+        c.force[2 * number, lane], c.force[2 * number + 1, lane] = 0.5 * step_s * step_s * force, step_s * force
     behind = x[FLOAT] - 0.5 * (x[HEADING] + turned[kalman.TURNED])
     force = -2.0 * follow_rad_s * (follow_rad_s * behind + kalman.FLOAT_DAMPING * x[FLOAT_RATE])
-    p[FLOAT, STATES + 1] += 0.5 * step_s * step_s * force
-    p[FLOAT_RATE, STATES + 1] += step_s * force
+    c.force[6, lane], c.force[7, lane] = 0.5 * step_s * step_s * force, step_s * force
     kalman.advance(x, turned, follow, wave)
     bound(x)
 
 
 @compiled
-def take(f: WaveFilter, innovation: float, variance: float) -> None:
-    """Correct by a measurement, of which `shown` says how it shows the states and the slopes."""
-    shown = f.shown
-    kalman.correct(f.x, f.p, shown, innovation, variance)
-    bound(f.x)
-    for i in range(STATES):
-        part = shown[i] / variance
-        f.p[i, STATES] -= part * shown[STATES]
-        f.p[i, STATES + 1] -= part * shown[STATES + 1]
+def take(filters: Filters, c: Covariances) -> None:
+    """Correct by a measurement, of which `shown` says how it shows the states and the slopes, the lanes that are on."""
+    kalman.correct(c)
+    for k in range(COUNT):
+        if c.on[k] > 0.0:
+            x = filters[k].x
+            for i in range(STATES):
+                x[i] = x[i] + c.moved[i, k]
+            bound(x)
 
 
 @compiled
-def finish(f: WaveFilter) -> bool:
-    """Bring the heading within a turn; numbers that are none start the filter anew."""
-    x, p = f.x, f.p
-    total = 0.0
-    sound = True
+def finish(f: WaveFilter, c: Covariances) -> bool:
+    """Bring the heading within a turn; numbers that are none, as kalman.add_up saw them, start the filter anew."""
+    x = f.x
+    total = c.total[f.lane]
     for i in range(STATES):
         total += x[i]
-        for k in range(STATES):
-            total += p[i, k]
-        sound = sound and p[i, i] > 0.0
-    if not (sound and math.isfinite(total)):
+    if not (c.least[f.lane] > 0.0 and math.isfinite(total)):
         forget(f)
         return False
     heading_rad = wrap_two_pi(x[HEADING])
@@ -236,9 +136,9 @@ def finish(f: WaveFilter) -> bool:
 
 
 @compiled
-def give_turn_back(f: WaveFilter, step_s: float) -> None:
+def give_turn_back(f: WaveFilter, c: Covariances, step_s: float) -> None:
     """Follow the mean of the waves' yaw, and take from them what is a turn."""
-    x, p, n, w = f.x, f.p, f.n, f.w
+    x, p, n, w, lane = f.x, c.p, f.n, f.w, f.lane
     part = min(math.exp(n[LOG_OMEGA]) * step_s / (2.0 * math.pi * SWING_PERIODS), 0.5)
     turned_rad = w[SLOW_WAVE] + part * (x[WAVE] - w[SLOW_WAVE])
     w[SLOW_WAVE] = turned_rad
@@ -247,53 +147,85 @@ def give_turn_back(f: WaveFilter, step_s: float) -> None:
     x[HEADING] += turned_rad
     x[FLOAT] += turned_rad
     x[WAVE] -= turned_rad
-    p[RATE, RATE] += TURN_RATE_RAD_S * TURN_RATE_RAD_S
-    p[BIAS, BIAS] += TURN_BIAS_RAD * TURN_BIAS_RAD
+    p[RATE, RATE, lane] += TURN_RATE_RAD_S * TURN_RATE_RAD_S
+    p[BIAS, BIAS, lane] += TURN_BIAS_RAD * TURN_BIAS_RAD
     w[SLOW_WAVE] = 0.0
 
 
 @compiled
-def correct_heading(f: WaveFilter, model: tuple[float, float, float, float], t_s: float, heading_rad: float) -> None:
-    """Take one true heading in."""
-    x, p, n, w, shown = f.x, f.p, f.n, f.w, f.shown
-    if w[STARTED] == 0.0 or t_s - w[T] > LONGEST_SILENCE_S:
-        start(f, t_s, heading_rad)
-        return
-    late_s = w[T] - t_s
-    if late_s > LATEST_S:
-        return
-    predict_to(f, model, t_s)
+def correct_headings(filters: Filters, c: Covariances, boats: Boats, heading_rad: Floats) -> None:
+    """Take a true heading of the time `to_s` in, in each lane that is on."""
+    for k in range(COUNT):
+        f, t_s = filters[k], c.to_s[k]
+        if c.on[k] > 0.0 and (f.w[STARTED] == 0.0 or t_s - f.w[T] > LONGEST_SILENCE_S):
+            start(f, c, t_s, heading_rad[k])
+            c.on[k] = 0.0
+        elif f.w[T] - t_s > LATEST_S:
+            c.on[k] = 0.0
+    predict_to(filters, c, boats)
+    kalman.show_heading(c)
+    seen = 0
+    for k in range(COUNT):
+        if c.on[k] > 0.0:
+            seen |= 1 << k
+            c.on[k] = 1.0 if expect_heading(filters[k], c, heading_rad[k]) else 0.0
+    take(filters, c)
+    for k in range(COUNT):
+        if c.on[k] > 0.0:
+            learn_from(filters[k], c)
+    kalman.add_up(c)
+    for k in range(COUNT):
+        if seen >> k & 1 > 0:
+            finish_heading(filters[k], c)
+
+
+@compiled
+def expect_heading(f: WaveFilter, c: Covariances, heading_rad: float) -> bool:
+    """Fill innovation and variance of a heading; return whether it is to be taken, as one beyond the gate is not."""
+    x, n, w, shown, lane = f.x, f.n, f.w, c.shown, f.lane
+    late_s = w[T] - c.to_s[lane]
     expected_rad = x[FLOAT] + x[WAVE]
     if late_s > 0.0:
         expected_rad -= late_s * (x[FLOAT_RATE] + x[WAVE_RATE])
     innovation_rad = wrap_pi(heading_rad - expected_rad)
-    for i in range(COLUMNS):
-        shown[i] = p[FLOAT, i] + p[WAVE, i]
-    variance = shown[FLOAT] + shown[WAVE] + math.exp(n[LOG_NOISE])
-    deviation_rad = math.sqrt(variance)
-    if abs(innovation_rad) > max(GATE_SIGMAS * deviation_rad, GATE_RAD):
-        if finish(f):
-            w[REFUSALS] += 1.0
-            w[INNOVATION] = innovation_rad
-        return
-    step_s = t_s - w[SAMPLE_T] if not math.isnan(w[SAMPLE_T]) else 0.0
+    variance = shown[FLOAT, lane] + shown[WAVE, lane] + math.exp(n[LOG_NOISE])
     limited = innovation_rad / HEADING_LIMIT
-    take(f, innovation_rad, max(variance, limited * limited))
-    if step_s > 0.0:
-        learning.learn_frequencies(n, innovation_rad, variance, shown[STATES], shown[STATES + 1], step_s)
-        angle, rate = x[WAVE], x[WAVE_RATE]
-        omega_rad_s = math.exp(n[LOG_OMEGA])
-        rate_square = (rate * rate + p[WAVE_RATE, WAVE_RATE]) / (omega_rad_s * omega_rad_s)
-        swing_square = 0.5 * (angle * angle + p[WAVE, WAVE] + rate_square)
-        learning.learn_from_heading(n, innovation_rad, variance, step_s, swing_square)
-        give_turn_back(f, step_s)
-    if finish(f):
-        w[SAMPLE_T] = t_s if math.isnan(w[SAMPLE_T]) else max(t_s, w[SAMPLE_T])
-        w[REFUSALS], w[INNOVATION], w[INNOVATION_SD] = 0.0, innovation_rad, deviation_rad
+    c.innovation[lane], c.expected[lane], c.variance[lane] = innovation_rad, variance, max(variance, limited * limited)
+    return not abs(innovation_rad) > max(GATE_SIGMAS * math.sqrt(variance), GATE_RAD)
 
 
 @compiled
-def predict_heading(f: WaveFilter, model: tuple[float, float, float, float], t_s: float) -> tuple[float, float]:
+def learn_from(f: WaveFilter, c: Covariances) -> None:
+    """Learn from the innovation of a heading that has been taken in."""
+    x, p, n, w, lane = f.x, c.p, f.n, f.w, f.lane
+    innovation_rad, variance = c.innovation[lane], c.expected[lane]
+    step_s = c.to_s[lane] - w[SAMPLE_T] if not math.isnan(w[SAMPLE_T]) else 0.0
+    if step_s > 0.0:
+        by_omega, by_follow = c.shown[STATES, lane], c.shown[STATES + 1, lane]
+        learning.learn_frequencies(n, innovation_rad, variance, by_omega, by_follow, step_s)
+        angle, rate = x[WAVE], x[WAVE_RATE]
+        omega_rad_s = math.exp(n[LOG_OMEGA])
+        rate_square = (rate * rate + p[WAVE_RATE, WAVE_RATE, lane]) / (omega_rad_s * omega_rad_s)
+        swing_square = 0.5 * (angle * angle + p[WAVE, WAVE, lane] + rate_square)
+        learning.learn_from_heading(n, innovation_rad, variance, step_s, swing_square)
+        give_turn_back(f, c, step_s)
+
+
+@compiled
+def finish_heading(f: WaveFilter, c: Covariances) -> None:
+    """Note a heading that has been taken in, or has been refused."""
+    w, lane = f.w, f.lane
+    if finish(f, c):
+        w[INNOVATION] = c.innovation[lane]
+        if c.on[lane] > 0.0:
+            w[SAMPLE_T] = c.to_s[lane] if math.isnan(w[SAMPLE_T]) else max(c.to_s[lane], w[SAMPLE_T])
+            w[REFUSALS], w[INNOVATION_SD] = 0.0, math.sqrt(c.expected[lane])
+        else:
+            w[REFUSALS] += 1.0
+
+
+@compiled
+def predict_heading(f: WaveFilter, model: Floats, t_s: float) -> tuple[float, float]:
     """Return heading and yaw rate carried to t_s by the K-T equation alone."""
     step_s = clamp(t_s - f.w[T], 0.0, LONGEST_SILENCE_S)
     turned = kalman.turn(f.x, f.w[RUDDER], step_s, model, 0.0)
