@@ -66,7 +66,7 @@ LOW_FOLLOW, HIGH_FOLLOW = math.log(0.15), math.log(3.0)
 
 def power_of(spread_rad: float, omega_rad_s: float) -> float:
     """Return the white noise [rad^2/s^3] that drives waves of this spread and frequency."""
-    return 4.0 * DAMPING * omega_rad_s**3 * spread_rad * spread_rad
+    return 4.0 * DAMPING * omega_rad_s * omega_rad_s * omega_rad_s * spread_rad * spread_rad
 
 
 @dataclass(frozen=True, slots=True)

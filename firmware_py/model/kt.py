@@ -82,7 +82,7 @@ def steady_yaw_rate(rudder_rad: float, turning_ability_1_s: float, norrbin_s2: f
     if norrbin_s2 <= 0.0:
         return rate_rad_s
     for _ in range(100):
-        residual = rate_rad_s + norrbin_s2 * rate_rad_s**3 - drive_rad_s
+        residual = rate_rad_s + norrbin_s2 * rate_rad_s * rate_rad_s * rate_rad_s - drive_rad_s
         step = residual / (1.0 + 3.0 * norrbin_s2 * rate_rad_s * rate_rad_s)
         rate_rad_s -= step
         if abs(step) <= 1e-15 * (abs(rate_rad_s) + 1e-12):

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from firmware_py.common.angles import radians
-from firmware_py.model.kt import decay_over, exact_step
+from firmware_py.model.kt import decay_over, exact_step, steady_yaw_rate
 from hil.lab.compiled import compiled
 from hil.lab.tune.twins import clamp, rudder_demand, wrap_pi, wrap_two_pi
 from hil.lab.twin.kalman import Floats
@@ -68,22 +68,6 @@ def band_of(law: Floats, correction_rad2_s: float, stiffness: float) -> float:
     """Return how far the demand may leave the command."""
     walk_rad = law[BAND_SQRT_S] * math.sqrt(walk_of(correction_rad2_s))
     return float(stiffness * math.sqrt(law[PRICE]) * (law[REST_RAD] + walk_rad))
-
-
-@compiled
-def steady_yaw_rate(rudder_rad: float, turning_ability_1_s: float, norrbin_s2: float) -> float:
-    """Twin of kt.steady_yaw_rate, whose cube is a power in Python."""
-    drive_rad_s = turning_ability_1_s * rudder_rad
-    rate_rad_s = drive_rad_s
-    if norrbin_s2 <= 0.0:
-        return rate_rad_s
-    for _ in range(100):
-        residual = rate_rad_s + norrbin_s2 * math.pow(rate_rad_s, 3.0) - drive_rad_s
-        step = residual / (1.0 + 3.0 * norrbin_s2 * rate_rad_s * rate_rad_s)
-        rate_rad_s -= step
-        if abs(step) <= 1e-15 * (abs(rate_rad_s) + 1e-12):
-            break
-    return rate_rad_s
 
 
 @compiled

@@ -57,13 +57,14 @@ LOW_FOLLOW, HIGH_FOLLOW = math.log(0.15), math.log(3.0)
 @compiled
 def power_of(spread_rad: float, omega_rad_s: float) -> float:
     """Return the white noise that drives waves of this spread and frequency."""
-    return 4.0 * DAMPING * math.pow(omega_rad_s, 3.0) * spread_rad * spread_rad
+    return 4.0 * DAMPING * omega_rad_s * omega_rad_s * omega_rad_s * spread_rad * spread_rad
 
 
-FIRST_POWER = 4.0 * DAMPING * (2.0 * math.pi / FIRST_PERIOD_S) ** 3 * FIRST_SPREAD_RAD * FIRST_SPREAD_RAD
+FIRST_RAD_S = 2.0 * math.pi / FIRST_PERIOD_S
+FIRST_POWER = 4.0 * DAMPING * FIRST_RAD_S * FIRST_RAD_S * FIRST_RAD_S * FIRST_SPREAD_RAD * FIRST_SPREAD_RAD
 FIRST = np.zeros(NOISES)
 FIRST[[LOG_OMEGA, LOG_POWER, LOG_NOISE]] = (
-    math.log(2.0 * math.pi / FIRST_PERIOD_S), math.log(FIRST_POWER), math.log(FIRST_NOISE_RAD**2))  # fmt: skip
+    math.log(FIRST_RAD_S), math.log(FIRST_POWER), math.log(FIRST_NOISE_RAD**2))  # fmt: skip
 FIRST[[LOG_BIAS, LOG_VELOCITY, LOG_ORBIT]] = (
     LOG_BIAS_NOISE, math.log(FIRST_VELOCITY_NOISE_M_S**2), math.log(FIRST_ORBIT_M_S**2))  # fmt: skip
 FIRST[[LOG_FOLLOW, AVERAGE, LOG_SHARE]] = math.log(FIRST_FOLLOW_RAD_S), 1.0, LOG_FIRST_SHARE
