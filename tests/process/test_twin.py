@@ -1,5 +1,7 @@
 """The compiled twin against the real autopilot on ptys: the same rudder, to the last bit, in every sea."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,7 @@ pytestmark = pytest.mark.timeout(600)  # the twin is compiled first: half a minu
 SHORT = ("0:0,25:60", 45.0)
 SEEN_S = 310.0  # a goal that is held for less is no turn to a score
 TASK = ("0:0,120:60,720:-30", 1320.0)
+SEEDS = int(os.environ.get("SEEDS", "20"))  # of the proof
 # What the scenarios leave out: a receiver that never has a fix, and a float on which the helm swings and is softened.
 MORE = ("sea+float=0.3:0.6,receiver=0:1", "calm+float=0.15:0.3", "swell+kt=0.5:2,delay=2")
 
@@ -86,7 +89,7 @@ def test_the_first_turn_is_made_in_time(name, mean_s, most_s):
 
 @pytest.mark.proof
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("seed", range(1, SEEDS + 1))
 @pytest.mark.parametrize("text", [*(row.name for row in TABLE), *MORE])
 def test_the_twin_sails_the_whole_task_as_the_autopilot_does(tmp_path, text, seed):
     softness, differs = compared(tmp_path, text, seed, *TASK)

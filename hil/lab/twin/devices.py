@@ -80,7 +80,9 @@ def digits_of(number: float) -> int:
 @compiled
 def bearing(angle_deg: float, resolution_deg: float) -> float:
     """Round an angle to the resolution and wrap it to [0, 360) (hil/devices/nmea_text.py)."""
-    rounded_deg = np.fmod(np.rint(angle_deg / resolution_deg) * resolution_deg, 360.0)
+    rounded_deg = np.rint(angle_deg / resolution_deg) * resolution_deg
+    if abs(rounded_deg) >= 360.0:
+        rounded_deg = np.fmod(rounded_deg, 360.0)
     if rounded_deg < 0.0:
         rounded_deg += 360.0
     return 0.0 if 360.0 - rounded_deg < 0.5 * resolution_deg else rounded_deg

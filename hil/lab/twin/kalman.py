@@ -142,6 +142,13 @@ def set_transition(
 
 
 @compiled
+def turn_on(c: Covariances, lanes: int) -> None:
+    """Let lanes take part, a bit for each, and the others not."""
+    for k in range(COUNT):
+        c.on[k] = float(lanes >> k & 1)
+
+
+@compiled
 def carry(c: Covariances, first: int, apart: int) -> None:
     """Carry a column, or a row, of the covariances on in place: its first number, and how far apart they are."""
     p, by, on = c.p, c.by, lanes_of(c.on, 0)

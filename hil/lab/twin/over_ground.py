@@ -26,7 +26,7 @@ from hil.lab.twin.kalman import (
 )  # fmt: skip
 from hil.lab.twin.learning import LOG_OMEGA, LOG_POWER, LOG_SHARE, LOG_VELOCITY, SHARES
 from hil.lab.twin.wave_filter import LATEST_S, LONGEST_SILENCE_S, finish, predict_to, take
-from hil.lab.twin.wave_filter_state import FIX_T, LEG, STARTED, Boats, Filters, T, WaveFilter
+from hil.lab.twin.wave_filter_state import FIX_T, LEG, OMEGA, STARTED, Boats, Filters, T, WaveFilter, exp_of
 
 FASTEST_M_S = 10.0
 FIX_LIMIT = 9.0
@@ -44,10 +44,11 @@ def correct_velocities(filters: Filters, c: Covariances, boats: Boats, fixes: Fl
     """Take a momentary velocity over the ground in, as devices.tell_fix fills it, in each lane that is on."""
     for k in range(COUNT):
         w, t_s = filters[k].w, fixes[k, THERE_S]
-        c.to_s[k] = t_s
         known = w[STARTED] > 0.0 and 0.0 <= fixes[k, SPEED_M_S] <= FASTEST_M_S
         if not (known and -LATEST_S <= t_s - w[T] <= LONGEST_SILENCE_S):
             c.on[k] = 0.0
+        if c.on[k] > 0.0:
+            c.to_s[k] = t_s
     predict_to(filters, c, boats)
     for k in range(COUNT):
         if c.on[k] > 0.0:
@@ -73,7 +74,7 @@ def note_way(f: WaveFilter, noted: Floats) -> None:
     x, w = f.x, f.w
     way_rad = x[HEADING] + x[LEEWAY]
     noted[LEG_NOW] = way_rad if math.isnan(w[LEG]) or abs(wrap_pi(way_rad - w[LEG])) > LEG_RAD else w[LEG]
-    noted[ANGLE], noted[ANGLE_RATE] = x[WAVE], x[WAVE_RATE] / math.exp(f.n[LOG_OMEGA])
+    noted[ANGLE], noted[ANGLE_RATE] = x[WAVE], x[WAVE_RATE] / exp_of(f, OMEGA, f.n[LOG_OMEGA])
 
 
 @compiled
@@ -88,7 +89,7 @@ def set_parts(f: WaveFilter, c: Covariances, axis: int, noted: Floats) -> None:
     cosine, sine = math.cos(towards_rad), math.sin(towards_rad)
     by_way = -speed * sine if north else speed * cosine
     way_m_s = speed * (cosine if north else sine) + x[current]
-    omega_rad_s, share = math.exp(n[LOG_OMEGA]), math.exp(n[LOG_SHARE])
+    omega_rad_s, share = exp_of(f, OMEGA, n[LOG_OMEGA]), math.exp(n[LOG_SHARE])
     by_swing, by_orbit_rate = math.sqrt(share), math.sqrt(1.0 - share) / omega_rad_s
     by_yaw, late = n[SHARES + 2 * axis], n[SHARES + 2 * axis + 1] / omega_rad_s
     noise = math.exp(n[LOG_VELOCITY]) + LATE_S * math.exp(n[LOG_POWER]) * late * late

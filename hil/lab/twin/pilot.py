@@ -19,6 +19,7 @@ from hil.lab.twin.kalman import Covariances, Floats
 from hil.lab.twin.learning import LOG_OMEGA
 from hil.lab.twin.wave_filter_state import (
     FIX_T,
+    OMEGA,
     RUDDER,
     SAMPLE_T,
     STARTED,
@@ -26,6 +27,7 @@ from hil.lab.twin.wave_filter_state import (
     WaveFilter,
     begin_anew,
     begin_filter,
+    exp_of,
 )
 
 EPOCH_ENDS_AFTER_S = 0.5
@@ -191,39 +193,41 @@ def next_kind(own: Floats, at: Afloat) -> int:
 
 
 @compiled
-def take_next(crew: Crew, at: Afloat, k: int, kind: int) -> bool:
-    """Hand a lane's next sample to its filter if it is of a kind; return whether it is."""
+def hand_over(crew: Crew, at: Afloat, k: int, kind: int) -> None:
+    """Hand a lane's next sample, of a kind, to its filter."""
     own, c = crew.pilots[k].own, crew.covariances[0]
-    if next_kind(own, at) != kind:
-        return False
     if kind == HEADING:
-        heading = at.headings[int(own[HEADING_NEXT])]
-        c.to_s[k], crew.samples[k] = heading[THERE_S], heading[SAID_RAD] + crew.pilots[k].source[sources.OFFSET]
-        own[HEADING_NEXT] += 1
+        number = int(own[HEADING_NEXT])
+        c.to_s[k], said_rad = at.headings[number, THERE_S], at.headings[number, SAID_RAD]
+        crew.samples[k] = said_rad + crew.pilots[k].source[sources.OFFSET]
+        own[HEADING_NEXT] += 1.0
     else:
         for i in range(crew.fixes.shape[1]):
             crew.fixes[k, i] = at.fixes[int(own[FIX_NEXT]), i]
-        own[FIX_NEXT] += 1
-    return True
+        own[FIX_NEXT] += 1.0
 
 
 @compiled
 def estimate(crew: Crew, afloat: NDArray[Any], going: int) -> None:
     """Take a tick's samples in, in the lanes in `going`; kind by kind, so that most lanes take part at once."""
-    c, more = crew.covariances[0], True
-    while more:
-        more = False
-        for kind in (FIX, HEADING):  # at most ticks that have both, the fix has come first
-            some = False
-            for k in range(COUNT):
-                c.on[k] = 0.0
-                if going >> k & 1 > 0 and take_next(crew, afloat[k], k, kind):
-                    c.on[k], some = 1.0, True
-            if some and kind == FIX:
-                over_ground.correct_velocities(crew.filters, c, crew.boats, crew.fixes)
-            elif some:
-                wave_filter.correct_headings(crew.filters, c, crew.boats, crew.samples)
-            more = more or some
+    c = crew.covariances[0]
+    while True:
+        fixes = headings = 0
+        for k in range(COUNT):
+            if going >> k & 1 > 0:
+                kind = next_kind(crew.pilots[k].own, afloat[k])
+                fixes |= int(kind == FIX) << k
+                headings |= int(kind == HEADING) << k
+                if kind != NO_SAMPLE:
+                    hand_over(crew, afloat[k], k, kind)
+        if fixes | headings == 0:
+            return
+        if fixes > 0:
+            kalman.turn_on(c, fixes)
+            over_ground.correct_velocities(crew.filters, c, crew.boats, crew.fixes)
+        if headings > 0:
+            kalman.turn_on(c, headings)
+            wave_filter.correct_headings(crew.filters, c, crew.boats, crew.samples)
 
 
 @compiled
@@ -259,7 +263,7 @@ def steer(pilot: Pilot, f: WaveFilter, c: Covariances, boat: Boat, law: Floats, 
         e[helm.E_SPEED_SD] = math.sqrt(p[kalman.SPEED, kalman.SPEED, lane])
         e[helm.E_FACTOR] = f.x[kalman.FACTOR]
     command_rad = own[OWN_COMMAND_RAD]
-    wave_period_s = 2.0 * math.pi / math.exp(f.n[LOG_OMEGA])
+    wave_period_s = 2.0 * math.pi / exp_of(f, OMEGA, f.n[LOG_OMEGA])
     seen_rad = error_rad if begun else np.nan
     oscillation.watch(pilot.swing, now_s, seen_rad, own[GOAL_RAD], command_rad, e, wave_period_s)
     demand_rad = command_rad if armed else 0.0

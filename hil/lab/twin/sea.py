@@ -112,7 +112,7 @@ def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
         ability, lag = ability * other.ability, lag * other.lag
     bias_rad = model.rudder_offset_rad + radians(scenario.bias_deg)
     ship = replace(model, turning_ability_1_s=ability, turning_lag_s=lag, rudder_offset_rad=bias_rad)
-    quickest_m_s = scenario.speed_m_s * (1.0 if extras.wave_speed is None else speeds.MOST)
+    inner = inner_steps(ship.at_speed(scenario.speed_m_s * (speeds.MOST if extras.wave_speed else 1.0)), GRID_S)
     body, leeway = extras.float_body, extras.leeway or Leeway(0.0)
     (f00, f01), (f10, f11) = STILL if body is None else transition(body.own_frequency_rad_s, body.damping, GRID_S)
     drive, damping_1_m = sway_ratios(sway_model(FLOAT), 1.0)
@@ -127,7 +127,8 @@ def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
         model.speed_m_s,
         bias_rad,
         scenario.speed_m_s,
-        inner_steps(ship.at_speed(quickest_m_s), GRID_S),
+        inner,
+        GRID_S / inner,
         extras.wave_speed is not None,
         body is not None,
         f00,

@@ -36,6 +36,7 @@ class Ship(NamedTuple):
     bias_rad: float
     speed_m_s: float
     inner_steps: int
+    inner_s: float
     has_speed: bool
     has_float: bool
     f00: float
@@ -250,7 +251,7 @@ def begin_step(
         rudder_rad, waiting[lane, place] = waiting[lane, place], rudder_rad
     turns[AFTER_PSI, lane], turns[AFTER_RATE, lane] = hull[PSI], hull[YAW_RATE]
     turns[DRIVEN, lane] = 0.5 * (hull[RUDDER] + rudder_rad)
-    turns[INNER, lane], turns[INNER_S, lane] = ship.inner_steps, GRID_S / ship.inner_steps
+    turns[INNER, lane], turns[INNER_S, lane] = ship.inner_steps, ship.inner_s
     turns[BY_K, lane], turns[BY_T, lane], turns[BY_ALPHA, lane] = hull[NOW_K], hull[NOW_T], hull[NOW_ALPHA]
     turns[BY_OFFSET, lane] = ship.bias_rad + series[ship.offset_at + step]
     hull[RUDDER] = rudder_rad

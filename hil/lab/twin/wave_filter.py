@@ -27,6 +27,8 @@ from hil.lab.twin.learning import LOG_BIAS, LOG_FOLLOW, LOG_NOISE, LOG_OMEGA, LO
 from hil.lab.twin.wave_filter_state import (
     INNOVATION,
     INNOVATION_SD,
+    OMEGA,
+    ORBIT,
     REFUSALS,
     RUDDER,
     SAMPLE_T,
@@ -37,6 +39,7 @@ from hil.lab.twin.wave_filter_state import (
     T,
     WaveFilter,
     bound,
+    exp_of,
     forget,
     start,
 )  # fmt: skip
@@ -75,20 +78,20 @@ def predict_to(filters: Filters, c: Covariances, boats: Boats) -> None:
                 more = True
         if more:
             kalman.predict(c)
-    for k in range(COUNT):
-        c.on[k] = float(asked >> k & 1)
+    kalman.turn_on(c, asked)
 
 
 @compiled
 def predict(f: WaveFilter, c: Covariances, model: Floats, step_s: float) -> None:
     """Carry the states on by a step, and fill what carries the covariance on."""
     x, n, w, lane = f.x, f.n, f.w, f.lane
-    omega_rad_s, follow_rad_s = math.exp(n[LOG_OMEGA]), math.exp(n[LOG_FOLLOW])
+    omega_rad_s, follow_rad_s = exp_of(f, OMEGA, n[LOG_OMEGA]), math.exp(n[LOG_FOLLOW])
     wave = kalman.response(omega_rad_s, kalman.DAMPING, step_s)
     turned = kalman.turn(x, w[RUDDER], step_s, model, c.p[BIAS, BIAS, lane])
     follow = kalman.response(follow_rad_s, kalman.FLOAT_DAMPING, step_s)
     yaw = kalman.wave_noise(wave, omega_rad_s, math.exp(n[LOG_POWER]))
-    orbit = kalman.wave_noise(wave, omega_rad_s, learning.power_of(math.exp(0.5 * n[LOG_ORBIT]), omega_rad_s))
+    orbit_m_s = exp_of(f, ORBIT, 0.5 * n[LOG_ORBIT])
+    orbit = kalman.wave_noise(wave, omega_rad_s, learning.power_of(orbit_m_s, omega_rad_s))
     kalman.set_transition(c, lane, turned, follow, wave)
     for i in range(WAVE):
         c.noise[i, lane] = WHITE[i] * step_s
@@ -139,7 +142,7 @@ def finish(f: WaveFilter, c: Covariances) -> bool:
 def give_turn_back(f: WaveFilter, c: Covariances, step_s: float) -> None:
     """Follow the mean of the waves' yaw, and take from them what is a turn."""
     x, p, n, w, lane = f.x, c.p, f.n, f.w, f.lane
-    part = min(math.exp(n[LOG_OMEGA]) * step_s / (2.0 * math.pi * SWING_PERIODS), 0.5)
+    part = min(exp_of(f, OMEGA, n[LOG_OMEGA]) * step_s / (2.0 * math.pi * SWING_PERIODS), 0.5)
     turned_rad = w[SLOW_WAVE] + part * (x[WAVE] - w[SLOW_WAVE])
     w[SLOW_WAVE] = turned_rad
     if abs(turned_rad) <= LEAST_TURN_RAD or abs(turned_rad) <= TURN_SPREADS * learning.wave_spread_rad(n):
@@ -204,7 +207,7 @@ def learn_from(f: WaveFilter, c: Covariances) -> None:
         by_omega, by_follow = c.shown[STATES, lane], c.shown[STATES + 1, lane]
         learning.learn_frequencies(n, innovation_rad, variance, by_omega, by_follow, step_s)
         angle, rate = x[WAVE], x[WAVE_RATE]
-        omega_rad_s = math.exp(n[LOG_OMEGA])
+        omega_rad_s = exp_of(f, OMEGA, n[LOG_OMEGA])
         rate_square = (rate * rate + p[WAVE_RATE, WAVE_RATE, lane]) / (omega_rad_s * omega_rad_s)
         swing_square = 0.5 * (angle * angle + p[WAVE, WAVE, lane] + rate_square)
         learning.learn_from_heading(n, innovation_rad, variance, step_s, swing_square)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -46,9 +47,26 @@ REST = 13
 Boats = Any  # records that have a model: K, T, alpha and the speed that they are of
 Filters = Any
 WaveFilter = Any  # a record of FILTER: state, noise model, the rest, and which of the covariances' lanes is its own
+OMEGA, ORBIT = range(2)  # exponentials that are kept
+KEPT = 2
 FILTER = np.dtype(
-    [("x", np.float64, (STATES,)), ("n", np.float64, (NOISES,)), ("w", np.float64, (REST,)), ("lane", np.int64)]
+    [
+        ("x", np.float64, (STATES,)),
+        ("n", np.float64, (NOISES,)),
+        ("w", np.float64, (REST,)),
+        ("kept", np.float64, (KEPT, 2)),
+        ("lane", np.int64),
+    ]
 )
+
+
+@compiled
+def exp_of(f: WaveFilter, number: int, exponent: float) -> float:
+    """Return the exponential of a number of the noise model, which is computed when the number has changed."""
+    kept = f.kept
+    if kept[number, 0] != exponent:
+        kept[number, 0], kept[number, 1] = exponent, math.exp(exponent)
+    return float(kept[number, 1])
 
 
 @compiled
@@ -74,6 +92,8 @@ def begin_anew(f: WaveFilter) -> None:
 def begin_filter(f: WaveFilter, speed_m_s: float) -> None:
     """Be a filter before its first heading."""
     f.w[WATER_SPEED] = speed_m_s
+    for number in range(KEPT):
+        f.kept[number, 1] = 1.0  # that of 0
     forget(f)
 
 
