@@ -89,8 +89,8 @@ def test_the_first_turn_is_made_in_time(name, mean_s, most_s):
 
 @pytest.mark.proof
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize("seed", range(1, SEEDS + 1))
 @pytest.mark.parametrize("text", [*(row.name for row in TABLE), *MORE])
+@pytest.mark.parametrize("seed", range(1, SEEDS + 1))
 def test_the_twin_sails_the_whole_task_as_the_autopilot_does(tmp_path, text, seed):
     softness, differs = compared(tmp_path, text, seed, *TASK)
     assert differs == 0
