@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 __version__ = "0.1.0.dev0"
@@ -24,17 +26,33 @@ def commit_of(root: Path) -> str:
     A checkout asks git; a built package has it in a file. A package that is installed somewhere inside a checkout
     of something else does not take that one's commit for its own.
     """
+    return ask_commit(root)()
+
+
+def ask_commit(root: Path) -> Callable[[], str]:
+    """Begin to find out the commit of the tree `root`; the answer is waited for when it is called for."""
     if not (root / ".git").exists():
         try:
-            return (root / COMMIT_FILE).read_text(encoding="ascii").strip()
+            known = (root / COMMIT_FILE).read_text(encoding="ascii").strip()
         except (OSError, ValueError):
-            return ""
+            known = ""
+        return lambda: known
     import subprocess  # noqa: PLC0415 - only --version and a log's opening ask
 
     try:
-        answer = subprocess.run(  # noqa: S603 - words of our own
-            GIT, cwd=root, capture_output=True, text=True, timeout=GIT_PATIENCE_S, check=True
+        git = subprocess.Popen(  # noqa: S603 - words of our own
+            GIT, cwd=root, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )
-    except (OSError, ValueError, subprocess.SubprocessError):
-        return ""
-    return answer.stdout.strip()
+    except OSError:
+        return lambda: ""
+
+    def answer() -> str:
+        with git:
+            try:
+                text = git.communicate(timeout=GIT_PATIENCE_S)[0]
+            except (subprocess.TimeoutExpired, ValueError):
+                git.kill()
+                return ""
+        return text.strip() if git.returncode == 0 else ""
+
+    return cache(answer)

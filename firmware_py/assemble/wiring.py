@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from firmware_py import ROOT, __version__, commit_of
+from firmware_py import ROOT, __version__, ask_commit
 from firmware_py.assemble.devices import Line, close_all, open_devices, open_lines
 from firmware_py.assemble.earlier_runs import read_state, report_key, resume
 from firmware_py.assemble.logs import dated, recorder_of, storage_of
@@ -85,15 +85,15 @@ def assemble(vehicle: Vehicle, options: Options) -> Assembly:
 
 def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopParts, Endpoint, Console]:
     """Open and wire everything; `opened` is to close it, the last first."""
+    opened.callback(commit := ask_commit(ROOT))  # git looks while lines and state are opened
     console = opened.enter_context(closing(Console()))
     devices = open_devices(vehicle, wait=options.wait)
     lines = list(devices.lines)
     opened.callback(close_all, lines)
     store = opened.enter_context(closing(Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)))
     notices: list[Event] = []
-    say = _teller(console, notices)
-    kept, plans = read_state(options.state_directory, store, say)
-    parameters, version = kept.parameters_over(base_parameters(vehicle)), _version()
+    kept, plans = read_state(options.state_directory, store, say := _teller(console, notices))
+    parameters = kept.parameters_over(base_parameters(vehicle))
     clock: Clock = RealClock()
     # The clock of lockstep is made after the lines.
     ashore = Ashore(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
@@ -102,7 +102,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     if options.lockstep is not None:
         clock = _lockstep_clock(options.lockstep, lines, store)
     state = resume(State.at_start(parameters, plans), kept.resume_record(), clock.utc_s(), console.line)
-    autopilot, vault = Autopilot(state, kept), KeyVault(store)
+    autopilot, vault, version = Autopilot(state, kept), KeyVault(store), _version(commit())
     recorder = recorder_of(options.state_directory, parameters, plans, clock, version.commit, opened)
     endpoint = Endpoint(
         transports,
@@ -199,7 +199,7 @@ def _open_links(
     return transports, open_talkers(urls, open_line, opened)
 
 
-def _version() -> Version:
+def _version(commit: str) -> Version:
     """This program's version and commit, and a number of this computer's own."""
     major, minor, patch = (int(part) for part in __version__.split(".")[:3])
     try:
@@ -207,4 +207,4 @@ def _version() -> Version:
     except OSError:
         machine = b""
     uid = int.from_bytes(hashlib.sha256(machine).digest()[:8]) if machine else 0
-    return Version(major, minor, patch, commit_of(ROOT), uid)
+    return Version(major, minor, patch, commit, uid)

@@ -5,7 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from hil.bench import first_use, hour, lateness, load, objective, replay, sense, start, swarm, transfers, trips
+from hil.bench import (
+    first_use,
+    hour,
+    lateness,
+    load,
+    lockstep,
+    objective,
+    replay,
+    sense,
+    start,
+    swarm,
+    transfers,
+    trips,
+)
 from hil.bench.figure import Finding
 from hil.bench.setting import Setting
 
@@ -23,6 +36,7 @@ TABLE: Mapping[str, Measurement] = {
     "replay": Measurement("an onboard log recomputed", replay.measure),
     "load": Measurement("processor time and memory at 10 Hz", load.measure),
     "start": Measurement("from exec to the first rudder frame", start.measure),
+    "lockstep": Measurement("how many times real time she sails in lockstep", lockstep.measure),
     "trips": Measurement("PARAM_SET and COMMAND_LONG round trips", trips.measure),
     "transfers": Measurement("parameters, missions and logs over a link", transfers.measure),
     "objective": Measurement("the identification's objective beside C", objective.measure),

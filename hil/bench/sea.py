@@ -12,6 +12,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from firmware_py.log.disk import log_files
+from hil.bench.onboard import STATE
 from hil.bench.process import children_of
 from hil.bench.station import Station
 from hil.errors import HilError
@@ -25,13 +27,20 @@ LONGEST_RUN_S = 600  # should nobody end it
 class Sea:
     """The tank, an autopilot in it and a UDP ground station; a context that ends all three."""
 
-    def __init__(self, out: Path, rate_hz: int = 10, links: Sequence[str] = ()) -> None:
-        """Start, with more links if wanted, and wait for the autopilot's heartbeat; HilError when none comes."""
+    def __init__(self, out: Path, rate_hz: int = 10, links: Sequence[str] = (), *, udp: bool = True) -> None:
+        """Start, with more links if wanted, and wait for the autopilot's first words; HilError when none come.
+
+        Without `udp` there is no link to the station, only the run's own, a radio.
+        """
         self.station = Station()
+        self._udp = udp
+        self._logs = out / STATE / "logs"
         out.mkdir(parents=True)
         self._words = out / "hil.log"
         arguments = ["run", "tank", "--speed", "real", "--seconds", str(LONGEST_RUN_S), "--goal", "0:0"]
-        arguments += ["--set", f"LOOP_RATE_HZ={rate_hz}", "--link", self.station.url, *links, "--out", str(out)]
+        arguments += ["--set", f"LOOP_RATE_HZ={rate_hz}", "--out", str(out)]
+        if urls := [*([self.station.url] if udp else []), *links]:
+            arguments += ["--link", *urls]
         with self._words.open("wb") as words:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "hil", *arguments],
@@ -84,9 +93,14 @@ class Sea:
 
     def _await_start(self) -> None:
         end_s = time.monotonic() + START_S
-        while self.station.await_heartbeat(LOOK_S) is None:
+        while not self._started():
             if self._process.poll() is not None or time.monotonic() > end_s:
                 raise HilError(f"the autopilot did not start: {self._last_words()}")
+
+    def _started(self) -> bool:
+        """Wait a moment; return whether it has been heard by then, or else seen to write its log."""
+        heard = self.station.await_heartbeat(LOOK_S) is not None
+        return heard if self._udp else bool(log_files(self._logs))
 
     def _last_words(self) -> str:
         lines = self._words.read_text(encoding="utf-8", errors="replace").splitlines()

@@ -25,6 +25,7 @@ class Setting:
     load_s: float
     bare_load_s: float
     starts: int
+    lockstep_s: float
     trips: int
     pairs: int
     fish_evaluations: int
@@ -46,6 +47,7 @@ def quick(directory: Path) -> Setting:
         load_s=10.0,
         bare_load_s=3.0,
         starts=3,
+        lockstep_s=120.0,
         trips=100,
         pairs=5,
         fish_evaluations=10_000,
@@ -64,6 +66,7 @@ def thorough(directory: Path) -> Setting:
         load_s=30.0,
         bare_load_s=10.0,
         starts=5,
+        lockstep_s=300.0,
         trips=300,
         pairs=9,
         fish_evaluations=20_000,
