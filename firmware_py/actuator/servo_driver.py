@@ -165,7 +165,8 @@ class ServoDriver(Generic[RequestT, ReplyT]):
 
     def _read(self, now_s: float) -> None:
         self._notice_reopening()
-        for reply in self._servo.parser.feed(self._line.read()):
+        data = self._line.read()
+        for reply in self._servo.parser.feed(data) if data else ():
             request = self._bus.outstanding
             if request is None or not self._servo.answers(reply, request):
                 self._rejected += 1

@@ -173,7 +173,8 @@ class Endpoint:
     def publish(self, output: Output, now_s: float) -> None:
         """Send the telemetry that is due and what the tick has to say."""
         self._context.now_s = now_s
-        self._worker.poll()
+        if self._worker.owes:
+            self._worker.poll()
         for transport in self._transports:
             transport.poll(now_s)
         self._report_changes(output.snapshot, now_s)

@@ -18,6 +18,7 @@ LOCK_MARGIN_S = 0.002
 # The phase moves by at most this part of a period a tick, so that the rate stays what it is.
 LOCK_SLEW = 0.005
 LOCK_GAIN = 0.1
+WATCHES_KEPT = 16
 
 
 class ClockError(RuntimeError):
@@ -94,7 +95,7 @@ class LockstepClock:
         self._written = written
         self._settle = settle
         self._fed = fed
-        self._watch: _Watch | None = None
+        self._watches: dict[tuple[tuple[int, ...], tuple[int, ...]], _Watch] = {}
         self._packet = struct.Struct(f"<d{len(lines)}Q")
         self._outstanding = False
 
@@ -116,16 +117,23 @@ class LockstepClock:
         Returns early, without any time gone by, for a descriptor that the HIL does not
         feed (a socket of an outside ground station).
         """
-        watched = (tuple(descriptors), tuple(self._fed()))
-        if self._watch is None or self._watch.watched != watched:
-            self._watch = _Watch(watched, self._socket.fileno())
-        if self._settle() and (ready := self._watch.ready()):
+        watch = self._watch(tuple(descriptors), tuple(self._fed()))
+        if self._settle() and (ready := watch.ready()):
             return ready
         if deadline_s > self._now_s and not self._outstanding:
             self._send(deadline_s)
-        if self._outstanding and self._watch.hil_has_answered():
+        if self._outstanding and watch.hil_has_answered():
             self._receive()
-        return self._watch.ready()
+        return watch.ready()
+
+    def _watch(self, descriptors: tuple[int, ...], fed: tuple[int, ...]) -> _Watch:
+        """Return what looks at these descriptors, of which there are a few sets, again and again."""
+        watch = self._watches.get((descriptors, fed))
+        if watch is None:
+            if len(self._watches) >= WATCHES_KEPT:
+                self._watches.clear()
+            watch = self._watches[descriptors, fed] = _Watch(descriptors, fed, self._socket.fileno())
+        return watch
 
     def _send(self, deadline_s: float) -> None:
         try:
@@ -150,12 +158,11 @@ class LockstepClock:
 class _Watch:
     """Descriptors that are looked at together, tick after tick: a set up look costs a third of a new one."""
 
-    def __init__(self, watched: tuple[Sequence[int], Sequence[int]], hil: int) -> None:
-        """Watch the first of `watched`; those of them that are not among the second may wake a wait for the HIL."""
-        self.watched = watched
+    def __init__(self, descriptors: Sequence[int], fed: Sequence[int], hil: int) -> None:
+        """Watch descriptors; those that are not `fed` may end a wait for the HIL."""
+        self._descriptors = descriptors
         self._hil = hil
         self._all, self._waking = select.poll(), select.poll()
-        descriptors, fed = watched
         for descriptor in descriptors:
             self._all.register(descriptor, select.POLLIN)
         for descriptor in {hil, *descriptors}.difference(fed):
@@ -164,7 +171,7 @@ class _Watch:
     def ready(self) -> list[int]:
         """Return what is readable now, in the order in which it is watched."""
         ready = {descriptor for descriptor, _ in self._all.poll(0)}
-        return [descriptor for descriptor in self.watched[0] if descriptor in ready]
+        return [descriptor for descriptor in self._descriptors if descriptor in ready]
 
     def hil_has_answered(self) -> bool:
         """Wait for the HIL or for anybody else; return whether it was the HIL."""

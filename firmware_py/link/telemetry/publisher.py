@@ -31,9 +31,11 @@ class TelemetryPublisher:
             for peer in peers:
                 peer.streams.make_due(_HEARTBEAT, now_s)
                 peer.streams.make_due(_CURRENT_MODE, now_s)
-        telemetry = self._context.telemetry_context()
         moved = before is None or before.home != snapshot.home
-        if telemetry is not None and snapshot.home is not None and (moved or self._context.home_report_due):
+        if snapshot.home is None or not (moved or self._context.home_report_due):
+            return
+        telemetry = self._context.telemetry_context()
+        if telemetry is not None:
             self._context.home_report_due = False
             self._context.send_all(motion.home_position(telemetry))
             self._context.send_all(estimates.gps_global_origin(telemetry))

@@ -46,6 +46,11 @@ class Worker:
         """The descriptor that is readable when `poll` has results, or -1."""
         return self._wake_fd
 
+    @property
+    def owes(self) -> bool:
+        """Whether there are jobs whose results `poll` has not handed over."""
+        return self._under_way > 0
+
     def submit(self, job: Job, done: Done) -> bool:
         """Queue a job; `done` is called by `poll`. False when there are too many already."""
         if self._thread is None:
