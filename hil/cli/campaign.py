@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 import time
@@ -13,8 +14,10 @@ from hil.cli import progress
 from hil.errors import UsageError
 from hil.lab.campaign import campaign, store
 from hil.lab.campaign.campaign import Crew
+from hil.sim.run_directory import held
 
 MOST_WORKERS = 1024
+JSON = "compare.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,8 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "words",
         nargs="+",
-        metavar="SPEC | replay DIR ROW",
-        help="the TOML file that says what each run is drawn from; or one run of a campaign again, alone and in full",
+        metavar="SPEC | replay DIR ROW | compare DIR DIR",
+        help="the TOML file that says what each run is drawn from; or one run of a campaign again, alone and in full; "
+        "or two campaigns side by side",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the results are kept")
     parser.add_argument("--resume", action="store_true", help="go on with the campaign in DIR")
@@ -64,6 +68,7 @@ def _sail(words: Sequence[str], arguments: argparse.Namespace) -> int:
             print("rambler-hil: interrupted; what is sailed is kept: go on with --resume", file=sys.stderr)
         raise
     print(f"{figures['runs']} runs, {figures['failed']} failed: {arguments.out / store.RUNS}")
+    print(f"report: {arguments.out / store.PAGE}")
     return 0
 
 
@@ -84,7 +89,26 @@ def _replay(words: Sequence[str], arguments: argparse.Namespace) -> int:
     return 1 if found.differences else 0
 
 
+def _compare(words: Sequence[str], arguments: argparse.Namespace) -> int:
+    """Compare two campaigns run by run, and write the page and the figures."""
+    from hil.lab.campaign import compare, compare_page, table  # noqa: PLC0415 - the rest does without it
+
+    first, second = (table.read(Path(word)) for word in words)
+    found = compare.compare(first, second)
+    with held(arguments.out):
+        store.put(arguments.out / JSON, (json.dumps(compare.as_json(found), indent=2) + "\n").encode())
+        store.put(arguments.out / store.PAGE, compare_page.text(first, second, found).encode())
+    rows = compare_page.cells(found)
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    print(compare_page.lead(first, second, found))
+    for name, *cells in rows:
+        print("  ".join((name.ljust(widths[0]), *map(str.rjust, cells, widths[1:]))).rstrip())
+    print(f"report: {arguments.out / store.PAGE}")
+    return 0
+
+
 # What the first word can be besides a specification, and what comes behind it.
 ACTS: dict[str, tuple[Callable[[Sequence[str], argparse.Namespace], int], tuple[str, ...]]] = {
     "replay": (_replay, ("DIR", "ROW")),
+    "compare": (_compare, ("DIR", "DIR")),
 }

@@ -1,8 +1,11 @@
 """Campaigns from outside: killed and gone on with, by the twin and by the autopilot, with the same results."""
 
+import contextlib
 import hashlib
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -10,6 +13,7 @@ import pytest
 
 from hil.lab.campaign import store
 from support.harness import INTERRUPTED, rambler_hil, start_rambler_hil
+from support.paths import ROOT
 
 pytestmark = pytest.mark.timeout(600)  # the twin is compiled first: half a minute of one processor
 
@@ -49,10 +53,11 @@ def until(condition):
 
 def children(pid):
     """Return the processes that a process has started."""
-    try:
-        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-    except OSError:
-        return []
+    found = []
+    with contextlib.suppress(OSError):
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            found += [int(word) for word in (task / "children").read_text().split()]
+    return found
 
 
 def workers(pid):
@@ -141,3 +146,37 @@ def test_a_run_of_the_twin_replays_as_the_autopilot_sails_it(tmp_path):
     (out / store.PARTS).mkdir()
     code, _, errors = rambler_hil("campaign", "replay", out, "1", "--out", tmp_path / "run")
     assert (code, "has not been sailed yet" in errors) == (2, True)
+
+
+@contextlib.contextmanager
+def cluster():
+    """A dask scheduler with two workers: its process and its address."""
+    command = [sys.executable, str(ROOT / "tests" / "support" / "dask_cluster.py")]
+    with subprocess.Popen(
+        command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
+        try:
+            yield process, process.stdout.readline().strip()
+        finally:
+            process.stdin.close()
+
+
+@pytest.mark.proof
+def test_a_dask_cluster_comes_to_the_same_whoever_of_it_is_killed(tmp_path):
+    whole = sailed(TWIN, tmp_path / "whole", "--workers", "1")
+    with cluster() as (_, address):
+        assert sailed(TWIN, tmp_path / "cluster", "--scheduler", address) == whole
+    out = tmp_path / "killed"
+    with cluster() as (process, address):
+        campaign = started(TWIN, out, "--scheduler", address)
+        until(lambda: parts(out) >= 2)
+        os.kill(next(one for one in children(process.pid) if b"spawn_main" in command_line(one)), signal.SIGKILL)
+        until(lambda: parts(out) >= 10)
+        process.kill()  # the scheduler lives in it
+        _, errors = campaign.communicate()
+        assert (campaign.returncode, "go on with --resume" in errors) == (1, True), errors
+        assert "Traceback" not in errors
+    with cluster() as (_, address):
+        assert sailed(TWIN, out, "--scheduler", address, "--resume") == whole
+    code, _, errors = rambler_hil("campaign", out.with_suffix(".toml"), "--out", out, "--scheduler", "fish")
+    assert (code, errors) == (2, "rambler-hil: --scheduler fish: write tcp://HOST:PORT\n")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.errors import UsageError
-from hil.lab.campaign import crew, spec, store
+from hil.lab.campaign import crew, page, spec, store, table
 from hil.lab.campaign.engines import engine_of, versions
 from hil.lab.campaign.faulted import FAULTS
 from hil.lab.campaign.row import extremes
@@ -61,9 +61,10 @@ def run(path: Path, out: Path, who: Crew, tell: Tell, *, resume: bool) -> dict[s
             done += last - first
             tell(done, found.runs, done - begun)
         kept.finish()
-        failed = sum(bool(text) for text in store.read_table(out / store.RUNS)["failed"].to_pylist())
-        figures = _figures(found, failed, done - begun, time.monotonic() - begun_s, who)
+        known = table.read(out)
+        figures = _figures(found, known.failures, done - begun, time.monotonic() - begun_s, who)
         store.put(out / store.SUMMARY, (json.dumps(figures, indent=2) + "\n").encode())
+        store.put(out / store.PAGE, page.text(known).encode())
     return figures
 
 

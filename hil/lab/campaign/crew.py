@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import importlib
+import logging
 import os
+import re
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
@@ -24,6 +26,7 @@ WAITING = 2  # batches for each worker: one is there when another is done
 LOSSES = 3  # of workers, one after another without a batch between them
 PATIENCE_S = 10.0
 PR_SET_PDEATHSIG = 1
+ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+")
 GO_ON = "go on with --resume"
 
 Batch = tuple[int, int]
@@ -55,6 +58,10 @@ def sail_on(address: str, spec: Spec, batches: Iterator[Batch]) -> Iterator[Sail
         distributed = importlib.import_module("distributed")
     except ImportError:
         raise UsageError("distributed is not installed; pip install 'rambler-autopilot[campaign]'") from None
+    # What goes wrong is told here, in one line.
+    logging.disable(logging.CRITICAL)
+    if ADDRESS.fullmatch(address) is None:
+        raise UsageError(f"--scheduler {address[:60]}: write tcp://HOST:PORT")
     try:
         client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:

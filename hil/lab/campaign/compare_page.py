@@ -1,0 +1,101 @@
+"""The comparison of two campaigns in words: for the terminal and as a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from hil.lab.campaign.compare import Comparison, Difference
+from hil.lab.campaign.page import NAMES
+from hil.lab.campaign.statistics import Estimate
+from hil.lab.campaign.table import Results
+from hil.report import page, svg
+from hil.report.svg import Interval, shown
+
+MORE = "second less first"
+HEAD = ("", "first", "second", MORE, "95 % confidence", "less in", "never")
+NOTE = (
+    "Means over the runs that have the score in both, and by how much the second's is larger, with the 95 % interval "
+    "of the bootstrap. What never settles is in no mean; it is counted at the right: first, second."
+)
+
+
+def cells(found: Comparison) -> list[Sequence[str]]:
+    """Return the table, its head first."""
+    return [HEAD, _failed(found), *(_row(one) for one in found.differences)]
+
+
+def lead(first: Results, second: Results, found: Comparison) -> str:
+    """Say what is compared."""
+    how = f"{found.pairs} runs that have drawn alike, one by one" if found.pairs else "as wholes: they drew differently"
+    return f"{first.directory} ({found.runs[0]} runs) and {second.directory} ({found.runs[1]} runs), {how}"
+
+
+def text(first: Results, second: Results, found: Comparison) -> str:
+    """Return the page."""
+    return page.page(f"{first.directory.name} and {second.directory.name}", _parts(first, second, found))
+
+
+def _parts(first: Results, second: Results, found: Comparison) -> Iterator[str]:
+    yield page.paragraph(lead(first, second, found), "lead")
+    yield page.table(cells(found))
+    yield page.paragraph(NOTE, "note")
+    sizes = svg.card(f"{MORE}, in parts of the first's mean", svg.intervals([_relative(one) for one in _sized(found)]))
+    spreads = [
+        svg.card(f"{MORE}: {', '.join(NAMES[one.name])}", svg.histogram(one.values, (0.0,)))
+        for one in found.differences
+        if one.values.size
+    ]
+    yield svg.cards([sizes, *spreads])
+    yield page.heading("What differs")
+    yield page.bullets(_differing(first, second))
+    for number, results in (("First", first), ("Second", second)):
+        yield page.heading(f"{number}: {results.directory}")
+        yield page.verbatim(results.spec)
+
+
+def _sized(found: Comparison) -> list[Difference]:
+    """Return those whose mean is a size; an error to either side is none."""
+    return [one for one in found.differences if one.name != "mean_deg" and one.first > 0.0]
+
+
+def _relative(one: Difference) -> Interval:
+    return Interval(NAMES[one.name][0], *(value / one.first for value in (one.more.value, one.more.low, one.more.high)))
+
+
+def _row(one: Difference) -> Sequence[str]:
+    title, unit = NAMES[one.name]
+    return (
+        f"{title}, {unit}",
+        shown(one.first),
+        shown(one.second),
+        *_more(one.more),
+        "-" if one.less is None else f"{100.0 * one.less:.0f} %",
+        f"{one.never[0]}, {one.never[1]}" if any(one.never) else "",
+    )
+
+
+def _failed(found: Comparison) -> Sequence[str]:
+    first, second = (f"{100.0 * one.value:.3g}" for one in found.failed)
+    more = found.failed_more
+    parts = Estimate(100.0 * more.value, 100.0 * more.low, 100.0 * more.high)
+    return ("failed, %", first, second, *_more(parts), "", "")
+
+
+def _more(more: Estimate) -> tuple[str, str]:
+    return _signed(more.value), f"{_signed(more.low)} to {_signed(more.high)}"
+
+
+def _signed(value: float) -> str:
+    return f"+{shown(value)}" if value > 0.0 else shown(value)
+
+
+def _differing(first: Results, second: Results) -> list[str]:
+    """Return the lines of the specifications that only one has, and the versions that differ."""
+    ours, theirs = first.spec.splitlines(), second.spec.splitlines()
+    lines = [f"first: {line}" for line in ours if line not in theirs]
+    lines += [f"second: {line}" for line in theirs if line not in ours]
+    before, after = (results.identity.get("versions", {}) for results in (first, second))
+    for name in sorted(before.keys() | after.keys()):
+        if before.get(name) != after.get(name):
+            lines.append(f"{name}: {before.get(name, 'none')}, {after.get(name, 'none')}")
+    return lines or ["nothing: the same specification and the same versions"]

@@ -1,0 +1,175 @@
+"""The page of a campaign: how the scores are spread, what they depend on, the worst runs and those that failed."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.lab.campaign import statistics, store
+from hil.lab.campaign.table import Results
+from hil.report import page, svg
+from hil.report.page import Cell
+from hil.report.svg import Interval, shown
+from hil.sim.truth import Array
+
+# What the scores are called, with their units.
+NAMES = {
+    "rms_deg": ("rms error", "deg"),
+    "mean_deg": ("mean error", "deg"),
+    "worst_deg": ("worst error", "deg"),
+    "travel_deg_per_h": ("rudder travel", "deg/h"),
+    "overshoot_deg": ("overshoot", "deg"),
+    "settling_s": ("settled after", "s"),
+}
+RANKED = tuple(name for name in NAMES if name != "mean_deg")  # those of which more is worse
+WORST, FAILED, MOST_CHOICES = 3, 50, 20
+SENSITIVITY_NOTE = (
+    "Spearman's rank correlation of what was drawn with what came of it, among runs in the same sea, with its 95 % "
+    "confidence interval; pale where that holds zero. It sees what rises or falls throughout, not what is worst in the "
+    "middle. A run that did not settle ranks last. Of many pairs, one in twenty is sure by chance."
+)
+NOTE = (
+    "Errors are heading less goal, of the hull's heading without the yaw of the waves; errors and rudder travel are of "
+    "the steady parts of all goals, overshoot and settling the largest of a run's. A histogram counts what lies "
+    "farther out at its edges; the upright lines are 5, 50 and 95 %."
+)
+
+
+def text(results: Results) -> str:
+    """Return the page."""
+    return page.page(f"Campaign {results.directory.name}", _parts(results))
+
+
+def _parts(results: Results) -> Iterator[str]:
+    failed = statistics.share(results.failures, results.runs)
+    yield page.paragraph(
+        f"{results.runs} runs, {results.failures} failed: {_percent(failed.value)} "
+        f"({_percent(failed.low)} to {_percent(failed.high)} with 95 % confidence)",
+        "lead",
+    )
+    yield svg.cards([_spread(name, values) for name, values in results.scores.items()])
+    yield page.paragraph(NOTE, "note")
+    yield from _sensitivities(results)
+    yield from _choices(results)
+    yield from _worst(results)
+    yield from _failures(results)
+    yield page.heading("Specification")
+    yield page.verbatim(results.spec)
+    yield page.paragraph(
+        ", ".join(f"{name} {version}" for name, version in results.identity.get("versions", {}).items()), "note"
+    )
+
+
+def _spread(name: str, values: Array) -> str:
+    title, unit = NAMES[name]
+    finite = values[np.isfinite(values)]
+    never = int(np.count_nonzero(np.isinf(values)))
+    if not finite.size:
+        return svg.card(f"{title}, {unit}", "", "no run has one")
+    low, middle, high = np.quantile(finite, (0.05, 0.5, 0.95)).tolist()
+    lines = [
+        f"median {shown(middle)}, 5 to 95 %: {shown(low)} to {shown(high)}, largest {shown(np.max(finite))} {unit}"
+    ]
+    if never:
+        lines.append(f"never in {never} runs ({_percent(never / values.size)})")
+    return svg.card(f"{title}, {unit}", svg.histogram(finite, (low, middle, high)), *lines)
+
+
+def _sensitivities(results: Results) -> Iterator[str]:
+    # A sea that is harder than another would hide what matters in either.
+    seas = results.drawn.get("scenario", np.zeros(results.runs))
+    numbers = {name: values for name, values in results.drawn.items() if values.dtype.kind == "f"}
+    pictures = []
+    for score, values in results.scores.items():
+        found = [(name, statistics.rank_correlation(drawn, values, seas)) for name, drawn in numbers.items()]
+        rows = [Interval(name, one.value, one.low, one.high) for name, one in found if one is not None]
+        if rows:
+            rows.sort(key=lambda row: -abs(row.value))
+            pictures.append(svg.card(NAMES[score][0], svg.intervals(rows, 1.0)))
+    if pictures:
+        yield page.heading("What it depends on")
+        yield svg.cards(pictures)
+        yield page.paragraph(SENSITIVITY_NOTE, "note")
+
+
+def _choices(results: Results) -> Iterator[str]:
+    """Yield a table for what was drawn from a few values: how many failed with each, and the medians."""
+    few = {name: np.unique(values) for name, values in results.drawn.items() if _few(values)}
+    if not few:
+        return
+    yield page.heading("By what was chosen")
+    head = ("", "runs", "failed", *(f"{title}, {unit}" for title, unit in (NAMES[name] for name in results.scores)))
+    rows: list[Sequence[str | Cell]] = [head]
+    for name, choices in few.items():
+        for choice in choices:
+            chosen = results.drawn[name] == choice
+            failed = int(np.count_nonzero(results.failed[chosen] != ""))
+            words = choice if isinstance(choice, str) else f"{choice:g}"
+            medians = (_median(values[chosen]) for values in results.scores.values())
+            rows.append((f"{name} {words}", str(np.count_nonzero(chosen)), str(failed), *medians))
+    yield page.table(rows)
+    yield page.paragraph("Medians over the runs; what never settles counts as the largest.", "note")
+
+
+def _few(values: NDArray[Any]) -> bool:
+    return len(np.unique(values[: 50 * MOST_CHOICES])) <= MOST_CHOICES and len(np.unique(values)) <= MOST_CHOICES
+
+
+def _median(values: Array) -> str:
+    known = np.sort(values[~np.isnan(values)])
+    if not known.size:
+        return "-"
+    value = float(known[(known.size - 1) // 2])
+    return "never" if np.isinf(value) else shown(value)
+
+
+def _worst(results: Results) -> Iterator[str]:
+    yield page.heading("The worst runs")
+    rows: list[Sequence[str | Cell]] = [("", "", _words("what was drawn"))]
+    for name in RANKED:
+        values = results.scores[name]
+        known = np.flatnonzero(~np.isnan(values))
+        worst = known[np.argsort(-values[known], kind="stable")[:WORST]].tolist()
+        rows += [(f"run {row}", f"{NAMES[name][0]} {_score(name, values[row])}", _drawn(results, row)) for row in worst]
+    yield page.table(rows)
+
+
+def _failures(results: Results) -> Iterator[str]:
+    failed = np.flatnonzero(results.failed != "")
+    if not failed.size:
+        return
+    yield page.heading("Failed runs")
+    rows: list[Sequence[str | Cell]] = [("", _words("why"), _words("what she told"), _words("what was drawn"))]
+    for row in failed[:FAILED].tolist():
+        told = results.faults[row] or ""
+        rows.append((f"run {row}", _words(results.failed[row]), _words(told), _drawn(results, row)))
+    yield page.table(rows)
+    if failed.size > FAILED:
+        yield page.paragraph(f"The first {FAILED} of {failed.size}; {store.RUNS} has them all.", "note")
+
+
+def command(results: Results, row: int) -> str:
+    """Return the command line that sails a run again."""
+    out = results.directory / f"run-{row}"
+    return shlex.join(("rambler-hil", "campaign", "replay", str(results.directory), str(row), "--out", str(out)))
+
+
+def _drawn(results: Results, row: int) -> Cell:
+    texts = [f"{name} {results.text_of(name, row)}" for name in results.drawn]
+    return Cell(", ".join([f"seed {results.seeds[row]}", *texts]), "words", command(results, row))
+
+
+def _score(name: str, value: float) -> str:
+    return "never" if np.isinf(value) else f"{shown(value)} {NAMES[name][1]}"
+
+
+def _words(text_: str) -> Cell:
+    return Cell(text_, "words")
+
+
+def _percent(part: float) -> str:
+    return f"{100.0 * part:.3g} %"

@@ -1,0 +1,103 @@
+"""Small pictures of numbers as SVG within a page: they take its colours, light or dark, and its width."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+from hil.sim.truth import Array
+
+WIDTH, HEIGHT, MARGIN, FOOT, HEAD = 340, 150, 10, 20, 8
+BINS = 32
+LINE = 22  # of a row of intervals
+NAME_WIDTH = 150
+TAIL = 0.005  # of the numbers to each side may lie outside a histogram; they are counted at its edge
+
+
+def card(title: str, picture: str, *lines: str) -> str:
+    """Return a picture under its title, with lines of text below."""
+    notes = "".join(f'<p class="note">{escape(line)}</p>' for line in lines)
+    return f'<div class="card"><header>{escape(title)}</header>{picture}{notes}</div>'
+
+
+def cards(each: Sequence[str]) -> str:
+    """Return cards beside each other, as many as fit."""
+    return f'<div class="parts">{"".join(each)}</div>'
+
+
+def histogram(values: Array, marks: Sequence[float] = ()) -> str:
+    """Return how numbers are spread, with upright lines at marks; what is far out stands at the edge."""
+    low, high = (float(np.quantile(values, share)) for share in (TAIL, 1.0 - TAIL))
+    if not high - low > 1e-9 * max(1.0, abs(low)):
+        low, high = low - 0.5, low + 0.5
+    counts, _ = np.histogram(np.clip(values, low, high), BINS, (low, high))
+    inner, base = WIDTH - 2 * MARGIN, HEIGHT - FOOT
+    wide, tall = inner / BINS, (base - HEAD) / max(1, int(counts.max()))
+    bars = "".join(
+        f'<rect class="bar" x="{MARGIN + wide * place:.1f}" y="{base - tall * count:.1f}" width="{wide - 1:.1f}"'
+        f' height="{tall * count:.1f}"/>'
+        for place, count in enumerate(counts.tolist())
+    )
+    lines = "".join(
+        f'<line class="cursor" x1="{x:.1f}" x2="{x:.1f}" y1="{HEAD}" y2="{base}"/>'
+        for x in (MARGIN + inner * (mark - low) / (high - low) for mark in marks if low <= mark <= high)
+    )
+    return _svg(HEIGHT, bars + lines + _axis(low, high, MARGIN, inner, base))
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A value with its confidence; what is not sure to be other than zero stands back."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+
+    @property
+    def sure(self) -> bool:
+        """Whether zero lies outside."""
+        return self.low > 0.0 or self.high < 0.0
+
+
+def intervals(rows: Sequence[Interval], reach: float | None = None) -> str:
+    """Return values with their confidence one below the other, about zero, as far as `reach` to either side."""
+    most = reach or max((abs(end) for row in rows for end in (row.low, row.high) if math.isfinite(end)), default=1.0)
+    most = most or 1.0
+    inner = WIDTH - NAME_WIDTH - MARGIN
+    middle, scale = NAME_WIDTH + inner / 2, inner / 2 / most
+    base = LINE * len(rows) + HEAD
+    parts = [f'<line class="zero" x1="{middle:.1f}" x2="{middle:.1f}" y1="{HEAD}" y2="{base}"/>']
+    for place, row in enumerate(rows):
+        y = HEAD + LINE * (place + 0.5)
+        x, low, high = (middle + scale * max(-most, min(most, end)) for end in (row.value, row.low, row.high))
+        kind = "" if row.sure else " faint"
+        parts.append(
+            f'<text x="0" y="{y + 4:.1f}">{escape(row.name)}</text>'
+            f'<line class="line{kind}" x1="{low:.1f}" x2="{high:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>'
+            f'<circle class="bar{kind}" cx="{x:.1f}" cy="{y:.1f}" r="4"/>'
+        )
+    return _svg(base + FOOT, "".join(parts) + _axis(-most, most, NAME_WIDTH, inner, base))
+
+
+def _axis(low: float, high: float, left: float, inner: float, base: float) -> str:
+    texts = "".join(
+        f'<text x="{left + inner * share:.1f}" y="{base + 14}" text-anchor="{anchor}">{shown(number)}</text>'
+        for share, number, anchor in ((0.0, low, "start"), (0.5, 0.5 * (low + high), "middle"), (1.0, high, "end"))
+    )
+    return f'<line class="frame" x1="{left}" x2="{left + inner}" y1="{base}" y2="{base}"/>{texts}'
+
+
+def shown(value: float) -> str:
+    """Return a number with three digits or more, and without a power of ten where it can be."""
+    if abs(value) < 1e-12:
+        return "0"
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"
+
+
+def _svg(height: float, content: str) -> str:
+    return f'<svg viewBox="0 0 {WIDTH} {height:g}" role="img">{content}</svg>'

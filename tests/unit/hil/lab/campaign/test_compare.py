@@ -1,0 +1,127 @@
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hil.errors import UsageError
+from hil.lab.campaign import compare, compare_page, page, table
+from hil.lab.campaign.table import Results
+
+
+def campaign(name, *, price, seeds=None, runs=60, never=()):
+    """Return results in which a price of rudder travel costs error."""
+    random = np.random.default_rng(7)
+    ability, noise = random.uniform(0.7, 1.4, runs), random.normal(0.0, 0.2, runs)
+    rms = 2.0 + ability + noise + 0.1 * price
+    settling = np.full(runs, 50.0)
+    settling[list(never)] = math.inf
+    scores = {
+        "rms_deg": rms,
+        "mean_deg": noise,
+        "worst_deg": 3.0 * rms,
+        "travel_deg_per_h": 1500.0 / price + 100.0 * noise,
+        "overshoot_deg": rms,
+        "settling_s": settling,
+    }
+    return Results(
+        Path(name),
+        f"[set]\nCTL_PRICE = {price}",
+        {"versions": {"numpy": "2", "sources": name}},
+        np.arange(runs) if seeds is None else seeds,
+        {"scenario": np.array(["sea", "swell <b>"] * (runs // 2), object), "ship.K": ability},
+        scores,
+        np.array([None] * runs, object),
+        np.array(["rms_deg" if value > 3.4 else "" for value in rms], object),
+    )
+
+
+def test_runs_that_have_drawn_alike_are_compared_one_by_one():
+    found = compare.compare(campaign("a", price=1.0), campaign("b", price=2.0))
+    assert found.pairs == 60
+    by_name = {one.name: one for one in found.differences}
+    assert by_name["rms_deg"].more.value == pytest.approx(0.1)
+    assert by_name["rms_deg"].more.low == pytest.approx(0.1)  # each run by as much
+    assert (by_name["rms_deg"].less, by_name["travel_deg_per_h"].less) == (0.0, 1.0)
+    assert by_name["mean_deg"].more.value == 0.0
+    assert found.failed_more.value > 0.0
+
+
+def test_what_only_one_draws_is_what_differs():
+    first, second = campaign("a", price=1.0), campaign("b", price=2.0)
+    second = replace(second, drawn={**second.drawn, "ship.T": np.ones(60)})
+    assert compare.compare(first, second).pairs == 60
+
+
+def test_campaigns_that_drew_differently_are_compared_as_wholes():
+    first, second = campaign("a", price=1.0), campaign("b", price=2.0, seeds=np.arange(100, 160))
+    found = compare.compare(first, second)
+    assert found.pairs == 0
+    by_name = {one.name: one for one in found.differences}
+    assert by_name["rms_deg"].less is None
+    assert by_name["rms_deg"].more.low < 0.0 < by_name["rms_deg"].more.value == pytest.approx(0.1)
+    assert "as wholes" in compare_page.text(first, second, found)
+
+
+def test_a_longer_campaign_is_compared_as_far_as_the_shorter_goes():
+    long, short = campaign("a", price=1.0), campaign("b", price=2.0)
+    short = replace(
+        short,
+        seeds=short.seeds[:40],
+        drawn={name: values[:40] for name, values in short.drawn.items()},
+        scores={name: values[:40] for name, values in short.scores.items()},
+        failed=short.failed[:40],
+    )
+    assert compare.compare(long, short).pairs == 40
+    assert compare.compare(short, long).pairs == 40
+
+
+def test_what_never_settles_is_counted_and_in_no_mean():
+    found = compare.compare(campaign("a", price=1.0, never=(1, 2)), campaign("b", price=1.0, never=(2, 3, 4)))
+    settled = next(one for one in found.differences if one.name == "settling_s")
+    assert (settled.never, settled.more.value, settled.values.size) == ((2, 3), 0.0, 56)
+
+
+def test_too_few_runs_say_nothing():
+    few = campaign("a", price=1.0, runs=4)
+    with pytest.raises(UsageError, match="too few runs"):
+        compare.compare(few, few)
+
+
+def test_the_page_and_the_figures_of_a_comparison_can_be_read():
+    first, second = campaign("a", price=1.0), campaign("b", price=2.0, never=(3,))
+    found = compare.compare(first, second)
+    text = compare_page.text(first, second, found)
+    assert "first: CTL_PRICE = 1.0" in text
+    assert "sources: a, b" in text
+    assert "nan" not in text
+    assert json.loads(json.dumps(compare.as_json(found)))["scores"]["rms_deg"]["less_in"] == 0.0
+    assert "nothing: the same specification" in compare_page.text(first, first, found)
+
+
+def test_the_page_of_a_campaign_names_the_worst_runs_and_how_to_sail_them():
+    results = campaign("a b", price=1.0, never=(17,))
+    text = page.text(results)
+    worst = int(np.argmax(results.scores["rms_deg"]))
+    assert f"rambler-hil campaign replay &#x27;a b&#x27; {worst} --out &#x27;a b/run-{worst}&#x27;" in text
+    assert "never in 1 runs" in text
+    assert "swell &lt;b&gt;" in text
+    assert "swell <b>" not in text
+    assert "What it depends on" in text
+
+
+def test_the_page_of_a_campaign_that_came_to_nothing_is_made():
+    results = campaign("a", price=1.0)
+    nothing = {name: np.full(60, np.nan) for name in results.scores}
+    text = page.text(replace(results, scores=nothing, failed=np.array(["she sank"] * 60, object)))
+    assert "60 failed: 100 %" in text
+    assert "no run has one" in text
+    assert "nan" not in text
+
+
+def test_results_are_read_only_when_the_campaign_is_over(tmp_path):
+    (tmp_path / "campaign.json").write_text("{}")
+    with pytest.raises(UsageError, match="is not over; go on with --resume"):
+        table.read(tmp_path)

@@ -1,0 +1,81 @@
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from hil.lab.campaign import statistics
+
+ALONE = np.zeros(200)
+
+
+def test_a_share_has_wilsons_interval():
+    found = statistics.share(5, 50)
+    expected = stats.binomtest(5, 50).proportion_ci(method="wilson")
+    assert found.value == 0.1
+    assert (found.low, found.high) == (pytest.approx(expected.low), pytest.approx(expected.high))
+    assert (statistics.share(0, 9).low, statistics.share(9, 9).high) == (0.0, 1.0)
+    assert statistics.share(0, 0) == statistics.Estimate(0.0, 0.0, 1.0)
+
+
+def test_ranks_are_those_of_the_books_and_infinity_is_last():
+    values = np.random.default_rng(1).integers(0, 20, 200).astype(float)
+    assert np.array_equal(statistics.ranks(values), stats.rankdata(values))
+    assert statistics.ranks(np.array([3.0, math.inf, 1.0, math.inf])).tolist() == [2.0, 3.5, 1.0, 3.5]
+
+
+def test_a_rank_correlation_is_spearmans():
+    random = np.random.default_rng(2)
+    one = random.normal(size=200)
+    other = np.exp(one) + random.normal(size=200)
+    found = statistics.rank_correlation(one, other, ALONE)
+    assert found.value == pytest.approx(stats.spearmanr(one, other).statistic)
+    assert -1.0 < found.low < found.value < found.high < 1.0
+    assert statistics.rank_correlation(one, -np.exp(one), ALONE).value == pytest.approx(-1.0)
+
+
+def test_the_interval_of_a_rank_correlation_holds_what_is_so_nineteen_times_in_twenty():
+    random = np.random.default_rng(3)
+    held = 0
+    for _ in range(400):
+        found = statistics.rank_correlation(random.normal(size=100), random.normal(size=100), ALONE[:100])
+        held += found.low <= 0.0 <= found.high
+    assert 0.92 <= held / 400 <= 0.98
+
+
+def test_what_matters_within_groups_is_seen_where_they_differ():
+    random = np.random.default_rng(4)
+    groups, drawn = np.arange(200) % 2, random.normal(size=200)
+    score = drawn + 1000.0 * groups
+    assert statistics.rank_correlation(drawn, score, groups).value == pytest.approx(1.0)
+    assert statistics.rank_correlation(drawn, score, ALONE).value < 0.8
+
+
+def test_too_little_is_no_correlation():
+    numbers = np.arange(200.0)
+    assert statistics.rank_correlation(numbers[:9], numbers[:9], ALONE[:9]) is None
+    assert statistics.rank_correlation(numbers, ALONE, ALONE) is None
+    assert statistics.rank_correlation(numbers, np.full(200, np.nan), ALONE) is None
+    spoilt = np.where(numbers < 100, np.nan, numbers)
+    assert statistics.rank_correlation(spoilt, numbers, ALONE).value == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("size", [300, 12_345])
+def test_the_bootstrap_of_a_mean_is_as_wide_as_theory_says(size):
+    values = np.random.default_rng(5).normal(3.0, 2.0, size)
+    found = statistics.mean(values, 1)
+    reach = 1.96 * np.std(values) / math.sqrt(size)
+    assert found.value == np.mean(values)
+    assert found.high - found.value == pytest.approx(reach, rel=0.15)
+    assert found.value - found.low == pytest.approx(reach, rel=0.15)
+    assert found == statistics.mean(values, 1)
+    assert found != statistics.mean(values, 2)
+
+
+def test_the_difference_of_two_is_wider_than_that_of_pairs():
+    random = np.random.default_rng(6)
+    before = random.normal(0.0, 2.0, 300)
+    after = before + random.normal(0.5, 0.1, 300)
+    apart, paired = statistics.difference(before, after, 1), statistics.mean(after - before, 1)
+    assert apart.value == pytest.approx(paired.value)
+    assert apart.high - apart.low > 10.0 * (paired.high - paired.low)

@@ -1,0 +1,44 @@
+import re
+
+import numpy as np
+import pytest
+
+from hil.report import svg
+from hil.report.svg import Interval
+
+
+def bars(picture):
+    """Return the heights of a histogram's bars."""
+    return [float(text) for text in re.findall(r'<rect[^>]* height="([\d.]+)"', picture)]
+
+
+def test_a_histogram_is_as_high_as_there_are_numbers():
+    heights = bars(svg.histogram(np.array([0.0] * 10 + [1.0] * 5)))
+    assert len(heights) == svg.BINS
+    assert heights[0] == pytest.approx(2.0 * heights[-1])
+    assert sum(height > 0.0 for height in heights) == 2
+
+
+@pytest.mark.parametrize("numbers", [np.full(10, 3.0), np.array([0.1, 0.1 + 1e-16, 0.3 - 0.2])])
+def test_equal_numbers_make_one_bar(numbers):
+    assert sum(height > 0.0 for height in bars(svg.histogram(numbers))) == 1
+
+
+def test_a_mark_outside_is_not_drawn():
+    numbers = np.linspace(0.0, 1.0, 100)
+    assert svg.histogram(numbers, (0.5, 7.0)).count('class="cursor"') == 1
+
+
+def test_what_is_not_sure_is_pale():
+    picture = svg.intervals([Interval("a<b", 0.5, 0.3, 0.7), Interval("c", 0.1, -0.1, 0.3)])
+    assert picture.count("faint") == 2  # line and dot of one
+    assert "a&lt;b" in picture
+    assert svg.intervals([Interval("zero", 0.0, 0.0, 0.0)]).startswith("<svg")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (1e-15, "0"), (0.01234, "0.0123"), (-12.345, "-12.3"), (1234.5, "1234"), (2e7, "2e+07")],
+)
+def test_a_number_is_written_without_a_power_where_it_can_be(value, text):
+    assert svg.shown(value) == text
