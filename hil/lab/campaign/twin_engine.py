@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
+from itertools import islice
 from typing import Any, cast
 
 from firmware_py.common.parameters import ParameterSet
@@ -13,6 +14,7 @@ from hil.lab.campaign.row import Row
 from hil.lab.campaign.scores import scores_of
 from hil.lab.campaign.spec import Spec
 from hil.lab.compiled import compiling
+from hil.lab.lanes import COUNT
 from hil.lab.twin import sailing
 from hil.lab.twin.afloat import Record
 from hil.lab.twin.sea import sea_of
@@ -63,25 +65,29 @@ def known_parameters() -> frozenset[str]:
 
 
 def sail(rows: Iterable[Row]) -> Iterator[Outcome]:
-    """Sail runs and yield what became of them, in order."""
+    """Sail runs, so many beside each other, and yield what became of them, in order."""
+    left = iter(rows)
     with compiling("the boat's twin"):
-        for row in rows:
-            record, truth = sailed(row)
-            scores = scores_of(truth.heading_low_rad, truth.rudder_rad, truth.goal_rad)
-            yield Outcome(digest_of(record), scores)
+        while beside := list(islice(left, COUNT)):
+            for truth in sailed(beside):
+                scores = scores_of(truth.heading_low_rad, truth.rudder_rad, truth.goal_rad)
+                yield Outcome(digest_of(truth), scores)
 
 
-def sailed(row: Row) -> tuple[Record, Truth]:
-    """Sail a run; return its record, and what of truth.csv the twin knows."""
+def sailed(beside: Sequence[Row]) -> list[Truth]:
+    """Sail up to COUNT runs; return what of truth.csv the twin knows."""
+    record, _ = sailing.sail_beside([_run(row) for row in beside], beside[0].seconds, ticks=False)
+    return [sailing.truth_of(Record(*(one[lane] for one in record)), row.goals) for lane, row in enumerate(beside)]
+
+
+def _run(row: Row) -> sailing.Run:
     told = ParameterSet()
     for name, value in {**row.vehicle.parameters, **row.settings}.items():
         told = told.replaced(name, value)
     sea = sea_of(row.scenario, row.seed, row.seconds, model_of(row.vehicle))
-    task = sailing.task_of(row.goals)
-    record, _ = sailing.sail(sailing.boat_of(told), sailing.law_of(told), sea, task, row.seconds)
-    return record, sailing.truth_of(record, row.goals)
+    return sailing.Run(sailing.boat_of(told), sailing.law_of(told), sea, sailing.task_of(row.goals))
 
 
-def digest_of(record: Record) -> str:
+def digest_of(truth: Truth) -> str:
     """Return the digest of heading and rudder."""
-    return hashlib.sha256(record.heading_rad.tobytes() + record.rudder_rad.tobytes()).hexdigest()
+    return hashlib.sha256(truth.heading_low_rad.tobytes() + truth.rudder_rad.tobytes()).hexdigest()
