@@ -1,8 +1,9 @@
 """The ship as ArduPilot's simulator sees it: a packet of servo pulses in, a line of JSON with her motion out.
 
 The protocol is that of ArduPilot's SITL JSON backend (libraries/SITL/examples/JSON/readme.md): the autopilot sends
-UDP packets `<HHI16H` (magic 18458, the rate of its frames, their number, 16 pulses in us) and waits for one line each;
-so it is the ship's clock, and the ship moves on by one frame for each packet.
+UDP packets `<HHI16H` (magic 18458, the rate of its frames, their number, 16 pulses in us; with SERVO_32_ENABLE 32 of
+them, and magic 29569) and waits for one line each; so it is the ship's clock, and the ship moves on by one frame for
+each packet.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from firmware_py.common.angles import radians, wrap_pi
 from hil.devices.emulator import METRES_PER_DEGREE
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, World
 
-PACKET = struct.Struct("<HHI16H")
-MAGIC = 18458
+PACKET, MAGIC = struct.Struct("<HHI16H"), 18458
+PACKET_32, MAGIC_32 = struct.Struct("<HHI32H"), 29569
 MOST_FRAMES = 100  # that one packet makes up for; more, and the autopilot has been away
 RATES_HZ = (10, 10_000)
 CENTRE_US, HALF_US = 1500.0, 400.0  # ArduPilot's defaults for a servo: 1100 to 1900
@@ -40,11 +41,13 @@ class Pulses:
 
 def read_packet(data: bytes) -> Pulses:
     """Read a packet, or raise PacketError."""
-    if len(data) != PACKET.size:
-        raise PacketError(f"a packet of {len(data)} bytes; ArduPilot's have {PACKET.size}")
-    magic, rate_hz, frame, *pulses_us = PACKET.unpack(data)
-    if magic != MAGIC:
-        raise PacketError(f"a packet that begins with {magic}; ArduPilot's begin with {MAGIC}")
+    kinds = {PACKET.size: (PACKET, MAGIC), PACKET_32.size: (PACKET_32, MAGIC_32)}
+    if len(data) not in kinds:
+        raise PacketError(f"a packet of {len(data)} bytes; ArduPilot's have {PACKET.size} or {PACKET_32.size}")
+    layout, expected = kinds[len(data)]
+    magic, rate_hz, frame, *pulses_us = layout.unpack(data)
+    if magic != expected:
+        raise PacketError(f"a packet that begins with {magic}; ArduPilot's of this length begin with {expected}")
     if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
         raise PacketError(f"{rate_hz} frames a second; {RATES_HZ[0]} to {RATES_HZ[1]} can be served")
     return Pulses(rate_hz, frame, tuple(pulses_us))

@@ -56,6 +56,16 @@ def test_a_pulse_to_starboard_turns_her_to_starboard(ship):
     assert state["attitude"][2] > turned_rad
 
 
+def test_an_autopilot_of_32_outputs_is_understood(ship):
+    """SERVO_32_ENABLE of ArduPilot."""
+    pulses = [1500] * 31 + [1900]
+    data = struct.pack("<HHI32H", 29569, 50, 7, *pulses)
+    assert read_packet(data).pulses_us == tuple(pulses)
+    assert json.loads(ship.answer(read_packet(data)))["timestamp"] == pytest.approx(0.02)
+    with pytest.raises(PacketError, match="begins with 18458"):
+        read_packet(struct.pack("<HHI32H", MAGIC, 50, 7, *pulses))
+
+
 @pytest.mark.parametrize(
     ("data", "complaint"),
     [
