@@ -10,10 +10,11 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from firmware_py.install.service_files import NAME, STATE, Service, service_files
+from firmware_py.install.service_files import NAME, PAGE, STATE, Page, Service, service_files
 from firmware_py.install.steps import InstallError, check, install, may_change_system, remove
 from firmware_py.install.steps import run as run_program
 from firmware_py.vehicle import VehicleError, load
+from firmware_py.view.guard import DEFAULT_LISTEN, ViewError, listen_address
 
 # systemctl's property -> ours.
 _PROPERTIES: Mapping[str, str] = {
@@ -37,6 +38,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--state", metavar="DIR", type=Path, default=STATE, help=f"the state directory (default {STATE})"
         )
         command.add_argument("--watchdog", metavar="DEVICE", type=Path, help="as of rambler run: /dev/watchdog")
+        command.add_argument(
+            "--view",
+            metavar="HOST:PORT",
+            nargs="?",
+            const=DEFAULT_LISTEN,
+            help=f"a service of its own for the page of rambler view, too (there, {DEFAULT_LISTEN} unless given)",
+        )
+        command.add_argument("--view-token", metavar="FILE", type=Path, help="as --token of rambler view")
         command.add_argument("--program", metavar="FILE", type=Path, help="the program to run (default: this one)")
     for command in (put, take):
         command.add_argument(
@@ -69,7 +78,8 @@ def _install(arguments: argparse.Namespace) -> int:
     service = _service_of(arguments)
     check(service, arguments.root)
     install(service, arguments.root, print)
-    print(f"enabled: it starts with the computer; now, by systemctl start {NAME}")
+    names = NAME if service.page is None else f"{NAME} {PAGE}"
+    print(f"enabled: it starts with the computer; now, by systemctl start {names}")
     return 0
 
 
@@ -97,7 +107,22 @@ def _status(arguments: argparse.Namespace) -> int:
 
 def _service_of(arguments: argparse.Namespace) -> Service:
     program = _program() if arguments.program is None else (str(_absolute(arguments.program)),)
-    return Service(program, _absolute(arguments.vehicle), _absolute(arguments.state), arguments.watchdog)
+    return Service(
+        program, _absolute(arguments.vehicle), _absolute(arguments.state), arguments.watchdog, _page_of(arguments)
+    )
+
+
+def _page_of(arguments: argparse.Namespace) -> Page | None:
+    token = None if arguments.view_token is None else _absolute(arguments.view_token)
+    if arguments.view is None:
+        if token is not None:
+            raise InstallError("--view-token is for the page: give --view, too")
+        return None
+    try:
+        listen_address(arguments.view, with_token=token is not None)
+    except ViewError as error:
+        raise InstallError(f"--view {error}") from None
+    return Page(arguments.view, token)
 
 
 def _program() -> tuple[str, ...]:

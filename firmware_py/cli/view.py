@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import ipaddress
 import os
 import socket
 import sys
@@ -22,12 +21,11 @@ from firmware_py.system.slots import examine
 from firmware_py.system.state_directory import PLAN_FILES
 from firmware_py.system.status_file import Found, Freshness, find, find_all
 from firmware_py.view.feed import MOST_LINE_BYTES, Feed
-from firmware_py.view.guard import Guard, ViewError, read_token
+from firmware_py.view.guard import DEFAULT_LISTEN, Guard, ViewError, listen_address, read_token
 from firmware_py.view.history import History
 from firmware_py.view.model import plan_rows
 from firmware_py.view.server import Hub, ViewServer
 
-DEFAULT_LISTEN = "127.0.0.1:8046"
 POLL_S, POLL_BESIDE_S = 0.5, 0.1  # the autopilot writes each second; a harness may be many times faster
 NICENESS = 15  # whatever else this computer does comes first
 FAREWELL_S = 0.5  # for the readers to be told that it is over
@@ -84,16 +82,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _server(listen: str, token_file: Path | None, hub: Hub, *, any_port: bool) -> ViewServer:
-    host, colon, port_text = listen.rpartition(":")
-    host = "127.0.0.1" if host == "localhost" else host.strip("[]")
     try:
-        loopback, port = ipaddress.ip_address(host).is_loopback, int(port_text)
-    except ValueError:
-        colon = ""
-    if not colon or not 0 <= port <= 0xFFFF:
-        raise ViewError(f"--listen {listen[:60]}: write ADDRESS:PORT, as in {DEFAULT_LISTEN} or 0.0.0.0:8046")
-    if not loopback and token_file is None:
-        raise ViewError(f"--listen {listen}: beyond this computer the page asks for a token: rambler view --token FILE")
+        host, port, loopback = listen_address(listen, with_token=token_file is not None)
+    except ViewError as error:
+        raise ViewError(f"--listen {error}") from None
     token = "" if token_file is None else read_token(token_file)
     name = socket.gethostname().lower()
     guard = Guard(token, loopback, frozenset() if loopback else frozenset((name, f"{name}.local")))

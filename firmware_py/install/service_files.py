@@ -9,8 +9,10 @@ from firmware_py.common.record_class import dataclass
 from firmware_py.install.program_link import STARTS
 
 NAME = "rambler"
+PAGE = "rambler-view"  # the page of the boat under way, a service of its own
 STATE = Path("/var/lib/rambler")
 UNIT = Path("/etc/systemd/system/rambler.service")
+PAGE_UNIT = Path("/etc/systemd/system/rambler-view.service")
 TRIAL = Path("/usr/local/lib/rambler/trial")
 # What is for nobody but its user, or away for a service that is kept from it (ProtectHome, PrivateTmp).
 HIDDEN = tuple(map(Path, ("/home", "/root", "/run/user", "/tmp", "/var/tmp")))  # noqa: S108 - they are refused
@@ -20,13 +22,22 @@ _PARAMS = (ROOT / "params", Path(__file__).parents[1] / "params")
 
 
 @dataclass(frozen=True, slots=True)
+class Page:
+    """Where browsers find the page of the boat under way, and the file with the token that it asks for, if any."""
+
+    listen: str
+    token: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Service:
-    """What the service runs: the program, the vehicle file, the state directory and the watchdog device, if any."""
+    """What the service runs: the program, the vehicle file, the state directory; watchdog device and page, if any."""
 
     program: tuple[str, ...]
     vehicle: Path
     state: Path = STATE
     watchdog: Path | None = None
+    page: Page | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,18 +50,20 @@ class ServiceFile:
 
 def service_files(service: Service) -> tuple[ServiceFile, ...]:
     """Return all of them, the unit first."""
+    page = () if service.page is None else (ServiceFile(PAGE_UNIT, page_unit_text(service, service.page)),)
     return (
         ServiceFile(UNIT, unit_text(service)),
         ServiceFile(Path("/etc/udev/rules.d/60-rambler.rules"), _template("rambler.rules")),
         ServiceFile(Path("/etc/sysusers.d/rambler.conf"), _template("rambler.sysusers")),
         ServiceFile(Path("/etc/tmpfiles.d/rambler.conf"), _template("rambler.tmpfiles")),
         ServiceFile(TRIAL, trial_text()),
+        *page,
     )
 
 
 def file_places() -> tuple[Path, ...]:
     """Return where they are."""
-    return tuple(file.path for file in service_files(Service((), Path("/"))))
+    return tuple(file.path for file in service_files(Service((), Path("/"), page=Page(""))))
 
 
 def unit_text(service: Service) -> str:
@@ -72,6 +85,16 @@ def unit_text(service: Service) -> str:
     ):
         text = text.replace(mark, value)
     return text
+
+
+def page_unit_text(service: Service, page: Page) -> str:
+    """Return the unit of the page; its token stays with root, and is handed over at each start."""
+    words = [*service.program, "view", "--state", str(service.state), "--listen", page.listen]
+    token, credential = "", ""
+    if page.token is not None:
+        token, credential = " --token %d/token", f"LoadCredential=token:{_specifiers_escaped(str(page.token))}\n"
+    text = _template("rambler-view.service").replace("@COMMAND@\n", f"{_command(words)}{token}\n")
+    return text.replace("@CREDENTIAL@\n", credential)
 
 
 def trial_text() -> str:

@@ -9,7 +9,17 @@ import subprocess
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from firmware_py.install.service_files import NAME, STATE, Service, ServiceFile, file_places, hidden, service_files
+from firmware_py.install.service_files import (
+    NAME,
+    PAGE,
+    PAGE_UNIT,
+    STATE,
+    Service,
+    ServiceFile,
+    file_places,
+    hidden,
+    service_files,
+)
 
 _MODE = 0o644
 _PATIENCE_S = 120.0
@@ -27,6 +37,8 @@ def check(service: Service, root: Path) -> None:
             raise InstallError(f"{what} {path}: a service does not see that place; put it under /etc or /opt")
         if root == Path("/") and (closed := _closed_to_others(path)) is not None:
             raise InstallError(f"{what} {path}: user {NAME} may not read {closed}; chmod o+rX {closed}")
+    if service.page is not None and service.page.token is not None and not _below(root, service.page.token).is_file():
+        raise InstallError(f"token file {service.page.token}: is not there; make one: openssl rand -hex 16")
     if not service.state.is_absolute() or hidden(service.state):
         raise InstallError(f"state directory {service.state}: a service does not see that place; leave --state out")
 
@@ -44,7 +56,7 @@ def install(service: Service, root: Path, say: Say) -> None:
             run(["udevadm", "trigger", "--subsystem-match=tty", "--subsystem-match=watchdog"])
     else:
         run(["systemd-sysusers", f"--root={root}"])
-    run([*_systemctl(root), "--quiet", "enable", NAME])
+    run([*_systemctl(root), "--quiet", "enable", NAME, *([] if service.page is None else [PAGE])])
 
 
 def remove(root: Path, say: Say) -> None:
@@ -54,7 +66,7 @@ def remove(root: Path, say: Say) -> None:
         say("the service is not installed")
         return
     stop = [] if root != Path("/") else ["--now"]
-    run([*_systemctl(root), "--quiet", "disable", *stop, NAME])
+    run([*_systemctl(root), "--quiet", "disable", *stop, NAME, *([PAGE] if PAGE_UNIT in present else [])])
     for path in present:
         _below(root, path).unlink()
         say(f"removed {path}")

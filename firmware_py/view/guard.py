@@ -26,6 +26,24 @@ class ViewError(Exception):
     """The page cannot be shown; the text is one line that names the remedy."""
 
 
+DEFAULT_LISTEN: Final = "127.0.0.1:8046"
+
+
+def listen_address(listen: str, *, with_token: bool) -> tuple[str, int, bool]:
+    """Return host, port and whether that is this computer alone; ViewError for what is none, or wants a token."""
+    host, colon, port_text = listen.rpartition(":")
+    host = "127.0.0.1" if host == "localhost" else host.strip("[]")
+    try:
+        loopback, port = ipaddress.ip_address(host).is_loopback, int(port_text)
+    except ValueError:
+        colon = ""
+    if not colon or not 0 <= port <= 0xFFFF:
+        raise ViewError(f"{listen[:60]}: write ADDRESS:PORT, as in {DEFAULT_LISTEN} or 0.0.0.0:8046")
+    if not loopback and not with_token:
+        raise ViewError(f"{listen}: beyond this computer the page asks for a token; name the file that holds it")
+    return host, port, loopback
+
+
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """What is answered to a request: an HTTP status, the path that is meant, the token to be remembered."""

@@ -4,12 +4,14 @@
 """
 
 import os
+import platform
 import re
 import shutil
 import subprocess
 import sys
 import threading
 import time
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -17,6 +19,7 @@ import pytest
 from support.asking_station import AskingStation
 from support.debian_tree import BootedTree, why_not
 from support.paths import ROOT
+from support.program import unused_ports
 
 DIALOUT = 20  # the number of the group, in Debian
 HEARTBEAT, CURRENT = 0, 42
@@ -95,7 +98,8 @@ def restarted(tree, before, command):
     return until(lambda: (pid := pid_of(tree)) not in (0, before) and pid, "new process")
 
 
-def test_the_handbook_reaches_a_service_that_lives_on(tree, boat):
+def installed(tree):
+    """Follow the handbook, and return what the service says of itself then."""
     install, example, service = steps()
     tree.run(f"cd /srv/boat\n{install}")
     tree.run(example)
@@ -103,7 +107,11 @@ def test_the_handbook_reaches_a_service_that_lives_on(tree, boat):
     tree.run("cp /srv/boat/boat.toml /etc/rambler/boat.toml")  # whoever reads the handbook writes it by hand
     (tree.shared / "box.conf").write_text(PORTS_OF_THE_BOX)
     tree.run("install -D --mode=644 /srv/boat/box.conf /etc/systemd/system/rambler.service.d/box.conf")
-    print(tree.run(service))
+    return tree.run(service)
+
+
+def test_the_handbook_reaches_a_service_that_lives_on(tree, boat):
+    print(installed(tree))
     assert tree.run("systemctl is-enabled rambler").strip() == "enabled"
     assert boat.told(HEARTBEAT).autopilot is not None
     print(tree.run("systemd-analyze security --no-pager rambler | tail -1"))
@@ -126,3 +134,39 @@ def test_the_handbook_reaches_a_service_that_lives_on(tree, boat):
     assert "Started again: cut off" in tree.run("journalctl --no-pager --boot -u rambler")
     print(tree.run("rambler service remove"))
     assert pid_of(tree) == 0
+
+
+def page_at(address):
+    try:
+        with urllib.request.urlopen(address, timeout=5.0) as answer:
+            return answer.read()
+    except OSError:
+        return b""
+
+
+def test_an_update_tells_of_its_unit_which_is_then_taken_up_with_the_page_beside_it(tree, boat):
+    """The unit that is there is made that of another version: it is kept until the command that is told is given."""
+    installed(tree)
+    before = pid_of(tree)
+    unit = "/etc/systemd/system/rambler.service"
+    tree.run(f"sed -i s/^WatchdogSec=5$/WatchdogSec=7/ {unit}; systemctl daemon-reload")
+    restarted(tree, before, "systemctl restart rambler")
+    python = tree.run("python3 -c 'import sys; print(*sys.version_info[:2], sep=chr(46))'").strip()
+    words = [ROOT / ".ci/bundle.py", "--for", f"{platform.machine()}:{python}", "--out", tree.shared]
+    subprocess.run([sys.executable, *map(str, words)], check=True)
+    said = tree.run("rambler update /srv/boat/*.bundle")
+    print(said)
+    again = re.search("its unit is another one than that which is installed: when it has passed, sudo (.*)", said)[1]
+    assert boat.told(HEARTBEAT)
+    assert tree.run("systemctl show rambler --property WatchdogUSec --value").strip() == "7s"
+    (port,) = unused_ports(["tcp"])
+    print(tree.run(f"{again} --view 127.0.0.1:{port}"))
+    restarted(tree, pid_of(tree), "systemctl restart rambler; systemctl start rambler-view")
+    assert boat.told(HEARTBEAT)
+    assert tree.run("systemctl show rambler --property WatchdogUSec --value").strip() == "5s"
+    assert tree.run("systemctl is-enabled rambler rambler-view").split() == ["enabled", "enabled"]
+    assert b"<html" in until(lambda: page_at(f"http://127.0.0.1:{port}/"), "page").lower()
+    print(tree.run("systemd-analyze security --no-pager rambler-view | tail -1"))
+    tree.run("rambler service remove")
+    assert pid_of(tree) == 0
+    assert page_at(f"http://127.0.0.1:{port}/") == b""

@@ -14,7 +14,16 @@ from firmware_py.__main__ import main
 from firmware_py.cli.example import NAMES
 from firmware_py.cli.run import HOLD_OFF_S, SHUT_DOWN
 from firmware_py.core.liveness import DEVICES_S
-from firmware_py.install.service_files import STATE, Service, example, hidden, service_files, unit_text
+from firmware_py.install.service_files import (
+    STATE,
+    Page,
+    Service,
+    example,
+    hidden,
+    page_unit_text,
+    service_files,
+    unit_text,
+)
 from firmware_py.loop import LIFE_INTERVAL_S
 from firmware_py.system.hardware_watchdog import TIMEOUT_S
 from firmware_py.vehicle import load
@@ -25,12 +34,13 @@ ANALYZE = shutil.which("systemd-analyze")
 NO_SYSTEMD = "systemd-analyze is not there (apt-get install systemd)"
 MOST_EXPOSURE = 3.0
 SERVICE = Service((sys.executable, "-m", "firmware_py"), Path("/etc/rambler/boat.toml"))
+OPEN_PAGE = Page("0.0.0.0:8046", Path("/etc/rambler/view%.token"))
 
 
-@pytest.fixture
-def unit_file(tmp_path):
-    path = tmp_path / "rambler.service"
-    path.write_text(unit_text(SERVICE))
+@pytest.fixture(params=["rambler", "rambler-view"])
+def unit_file(tmp_path, request):
+    path = tmp_path / f"{request.param}.service"
+    path.write_text(unit_text(SERVICE) if request.param == "rambler" else page_unit_text(SERVICE, OPEN_PAGE))
     return path
 
 
@@ -77,7 +87,7 @@ def test_its_exposure_is_below_3(unit_file):
         [ANALYZE, "security", "--offline=true", "--no-pager", str(unit_file)],
         capture_output=True, text=True, check=False, timeout=60,
     )  # fmt: skip
-    exposure = float(re.search(r"Overall exposure level for rambler\.service: ([0-9.]+)", done.stdout)[1])
+    exposure = float(re.search(rf"Overall exposure level for {unit_file.name}: ([0-9.]+)", done.stdout)[1])
     assert exposure < MOST_EXPOSURE
 
 
@@ -165,9 +175,50 @@ def test_it_is_installed_in_an_image_again_without_a_change_and_removed(image, c
     assert "not installed" in capsys.readouterr().out
 
 
+def test_the_page_is_a_service_of_its_own_for_whoever_asks_for_it(image, capsys):
+    root, called = image
+    page = root / "etc/systemd/system/rambler-view.service"
+    assert install(root) == 0
+    assert not page.exists()
+    assert install(root, "--view") == 0
+    assert called()[-1] == f"systemctl --root={root} --quiet enable rambler rambler-view"
+    settings = parse(page.read_text())["Service"]
+    assert words(settings["ExecStart"]) == [
+        "/opt/rambler/x",
+        "view",
+        "--state",
+        str(STATE),
+        "--listen",
+        "127.0.0.1:8046",
+    ]
+    assert "LoadCredential" not in settings
+    (root / "etc/rambler/view.token").write_text("0123456789abcdef\n")
+    assert install(root, "--view", "0.0.0.0:80", "--view-token", "/etc/rambler/view.token") == 0
+    settings = parse(page.read_text())["Service"]
+    assert settings["ExecStart"].endswith(" --listen 0.0.0.0:80 --token %d/token")
+    assert settings["LoadCredential"] == "token:/etc/rambler/view.token"
+    assert "@" not in page.read_text().replace("@system-service", "").replace("@privileged", "")
+    assert install(root) == 0
+    assert page.exists(), "what was asked for once stays"
+    capsys.readouterr()
+    assert main(["service", "remove", "--root", str(root)]) == 0
+    assert called()[-1] == f"systemctl --root={root} --quiet disable rambler rambler-view"
+    assert not page.exists()
+
+
+def test_the_token_of_the_page_is_handed_over_by_systemd():
+    text = page_unit_text(SERVICE, OPEN_PAGE)
+    assert "LoadCredential=token:/etc/rambler/view%%.token\n" in text
+    assert text.count("@COMMAND@") == text.count("@CREDENTIAL@") == 0
+
+
 @pytest.mark.parametrize(
     ("more", "remedy"),
     [
+        (["--view", "0.0.0.0:8046"], "asks for a token"),
+        (["--view", "nowhere"], "ADDRESS:PORT"),
+        (["--view-token", "/etc/rambler/view.token"], "give --view, too"),
+        (["--view", "0.0.0.0:8046", "--view-token", "/etc/rambler/none.token"], "make one"),
         (["--state", "/home/pi/state"], "leave --state out"),
         (["--program", "/root/rambler"], "/etc or /opt"),
         (["--root", "/nowhere/at/all"], "no such directory"),
