@@ -48,6 +48,7 @@ READERS = [
     (rambler_hil, ["identify", "{}.BIN"]),
     (rambler_hil, ["bench", "--figures", "{}"]),
     (rambler_hil, ["compare", "--figures", "{}"]),
+    (rambler_hil, ["campaign", "{}", "--out", "{dir}/out"]),
 ]
 
 

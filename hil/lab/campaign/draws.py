@@ -17,6 +17,7 @@ import numpy as np
 
 Value = float | str
 BLOCK = 4  # numbers of 64 bits that Philox makes of one count
+LARGEST = 1e300
 DIGITS = 6  # of a drawn number, so that it can be typed
 
 
@@ -133,7 +134,7 @@ def _value(value: Any) -> Value:
         return value
     if value is None:
         raise DrawError(f"is lacking; {REMEDY}")
-    if isinstance(value, bool | int | float) and math.isfinite(value):
+    if isinstance(value, bool | int | float) and abs(value) <= LARGEST:  # NaN is not
         return float(value)
     raise DrawError(f"{str(value)[:40]!r} is no value; {REMEDY}")
 

@@ -83,7 +83,7 @@ def read(path: Path, faults: tuple[str, ...], refusals: Refusals, beside: Path |
         content = tomllib.loads(text)
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror or error}; give the TOML file of a campaign") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise UsageError(f"{path}: not a TOML file: {error}") from None
     try:
         return replace(parse(content, faults, refusals, beside or path.parent), text=text)
@@ -151,7 +151,8 @@ class _Reader:
         )
 
     def _problem(self, where: str, text: object) -> None:
-        self.problems.append(f"{where}: {' '.join(str(text).split())}")
+        line = " ".join(f"{where}: {text}".split())
+        self.problems.append("".join(one if one.isprintable() else "?" for one in line))
 
     def _known(self, where: str, names: Mapping[str, Any], known: tuple[str, ...]) -> None:
         for name in names:
