@@ -89,7 +89,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         severity=Severity.WARNING,
         action=Action.KEEP_STATION,
         text="Mission cannot be sailed: keeping station",
-        recovery="Mission can be sailed again",
+        recovery="Mission can be sailed, or need not be",
     ),
     Fault.FENCE_BREACHED: FaultRow(
         condition="the fence is enabled and she is outside it",

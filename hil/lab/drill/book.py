@@ -269,7 +269,7 @@ BOOK: tuple[Drill, ...] = (
         sea=lambda scenario: with_extras(scenario, "kt=1:3,delay=8"),
     ),
     Drill(
-        "mission cleared while it is sailed", "Mission cannot be sailed", "Mission can be sailed again",
+        "mission cleared while it is sailed", "Mission cannot be sailed", "Mission can be sailed, or need not be",
         lambda boat: boat.station.tell(mission_clear_all()), lambda boat: boat.set_mode(GUIDED), 4.0, 4.0, 2.0,
         in_mode("AUTO"), ("Mission",), "straight", mode=AUTO, plan=waiting,
     ),
