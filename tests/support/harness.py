@@ -1,8 +1,10 @@
 """`rambler-hil` and `rambler replay` as an operator runs them."""
 
+import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 from firmware_py.log.disk import log_files
 from hil.sim.truth import read
@@ -30,15 +32,23 @@ MDL_ALPHA_S2 = 0.0
 """
 
 
-def start_rambler_hil(*words, **more):
-    """Start a command of `rambler-hil` and leave it running."""
+def without_pictures():
+    """The environment of a program that finds no matplotlib, and so leaves the picture of a run out."""
+    paths = [str(Path(__file__).with_name("without_pictures")), os.environ.get("PYTHONPATH", "")]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+
+
+def start_rambler_hil(*words, picture=False, **more):
+    """Start a command of `rambler-hil` and leave it running; a run makes no picture unless that is wanted."""
     command = [sys.executable, "-m", "hil", *map(str, words)]
-    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)
+    env = without_pictures() if words[0] == "run" and not picture else None
+    more = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **more}
+    return subprocess.Popen(command, cwd=ROOT, env=env, **more)
 
 
-def rambler_hil(*words):
+def rambler_hil(*words, picture=False):
     """Run a command of `rambler-hil` to its end; return its exit code and what it said on stdout and stderr."""
-    process = start_rambler_hil(*words)
+    process = start_rambler_hil(*words, picture=picture)
     said, errors = process.communicate()
     return process.returncode, said, errors
 
@@ -68,7 +78,7 @@ class Hil:
             (directory / "boat.toml").write_text(NIMBLE_BOAT)
             words += ["--vehicle", str(directory / "boat.toml")]
         command = [sys.executable, "-m", "hil", *words, "--link", *urls]
-        self.program = Program("hil", command, directory)
+        self.program = Program("hil", command, directory, env=without_pictures())
 
     def wait_under_way(self):
         """Until the HIL's own operator has armed her and given the mode: from then on he is silent."""
