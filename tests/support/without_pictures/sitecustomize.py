@@ -1,4 +1,4 @@
-"""On the path of a program, it is one on a computer without matplotlib: a run's picture takes longer than a short run."""
+"""On the path of a program, there is no matplotlib for it: a picture takes longer than a short run."""
 
 import sys
 
