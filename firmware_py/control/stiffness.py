@@ -24,6 +24,8 @@ from firmware_py.common.angles import clamp, radians
 from firmware_py.control.reference_model import Ship
 
 CORRECTIONS_RAD2_S: Final = (radians(0.01) ** 2, radians(1.5) ** 2)
+# A helm that is sure of her heading is no softer than this: the end of a turn, and of a disturbance, would be slow.
+SOFTEST_RAD2_S: Final = radians(0.08) ** 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +48,7 @@ DELIVERED: Final = HelmConstants()
 
 def stiffness_of(ship: Ship, correction_rad2_s: float, price: float, constants: HelmConstants = DELIVERED) -> float:
     """Return the rudder angle per angle of heading error."""
-    walk_rad = math.sqrt(clamp(correction_rad2_s, *CORRECTIONS_RAD2_S) / price)
+    walk_rad = math.sqrt(clamp(correction_rad2_s, SOFTEST_RAD2_S, CORRECTIONS_RAD2_S[1]) / price)
     by_ship = math.pow(ship.turning_lag_s / ship.turning_ability_1_s, 3.0 / 7.0)
     return min(constants.stiffness * walk_rad * by_ship, constants.crossover_rad_s / ship.turning_ability_1_s)
 

@@ -189,6 +189,11 @@ CHANGES: tuple[Change, ...] = (
             ("WaterState.leg", None),
         ),
     ),
+    Change(
+        4,
+        # The filter has a state more: it begins anew, with the sea and the float that it had learned.
+        moved=(("WaveFilterState.x", None), ("WaveFilterState.p", None), ("WaveFilterState.slopes", None)),
+    ),
 )
 
 

@@ -4,8 +4,9 @@ States: heading, yaw rate and rudder bias of the glider (K-T equation, driven by
 the speed by similarity); heading and yaw rate of the float above it, which follows the glider as a second-order
 system; current north and east, speed through the water, by what factor the boat turns better than its model says;
 leeway, by how much the way through the water lies to starboard of the heading, and by how long it lags behind the
-heading in a turn (the boat slides, and a receiver is late); and three motions of the waves' frequency, second-order
-processes of damping 0.1: the yaw of the float, and what the waves carry the receiver to and fro by, north and east.
+heading in a turn (the boat slides, and a receiver is late); the angle that the rudder bias wanders about, and forgets
+its way back to in BIAS_MEMORY_S (Gauss-Markov); and three motions of the waves' frequency, second-order processes of
+damping 0.1: the yaw of the float, and what the waves carry the receiver to and fro by, north and east.
 
 Arrays are added and multiplied element by element, and never by a matrix product, whose order of sums is the
 library's: so the numbers are the same to the last bit on every machine.
@@ -23,11 +24,13 @@ from numpy.typing import NDArray
 from firmware_py.common.record_class import dataclass
 from firmware_py.model.kt import KtModel, decay_over, settled_yaw_rate
 
-HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG = range(11)
-WAVE, WAVE_RATE, ORBIT_NORTH, ORBIT_NORTH_RATE, ORBIT_EAST, ORBIT_EAST_RATE = range(11, 17)
-STATES: Final = 17
+HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG, BIAS_MEAN = range(12)
+WAVE, WAVE_RATE, ORBIT_NORTH, ORBIT_NORTH_RATE, ORBIT_EAST, ORBIT_EAST_RATE = range(12, 18)
+STATES: Final = 18
 DAMPING: Final = 0.1  # of the waves' motions; docs/explanation/physics.md, "The sea that acts on the boat"
 FLOAT_DAMPING: Final = 0.6  # of the float; 0.4 to 0.9 are known, which the frequency that is learned makes up for
+
+BIAS_MEMORY_S: Final = 100.0  # of the wandering of wind and trim, as there
 
 Numbers = tuple[float, ...]
 Floats = NDArray[np.float64]
@@ -73,11 +76,12 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """A step of all states: the glider's turn, and what float and waves do by themselves."""
+    """A step of all states: the glider's turn, what float and waves do by themselves, and how much bias is kept."""
 
     turn: Turn
     follow: Response
     wave: Response
+    keep: float
 
 
 def turn(x: Numbers, rudder_rad: float, step_s: float, model: KtModel, bias_variance: float = 0.0) -> Turn:
@@ -110,16 +114,16 @@ def turn(x: Numbers, rudder_rad: float, step_s: float, model: KtModel, bias_vari
 
 def advance(x: Numbers, transition: Transition) -> Numbers:
     """Return the states after a step; the float follows the middle of the glider's way."""
-    _, _, bias, floating, float_rate, north, east, speed, factor, leeway, course_lag, *motions = x
+    _, _, bias, floating, float_rate, north, east, speed, factor, leeway, course_lag, mean, *motions = x
     turned, (f00, f01, f10, f11), (w00, w01, w10, w11) = transition.turn, transition.follow, transition.wave
     middle = 0.5 * (x[HEADING] + turned.heading_rad)
     behind = floating - middle
     a, a_rate, b, b_rate, c, c_rate = motions
     # fmt: off
     return (
-        turned.heading_rad, turned.yaw_rate_rad_s, bias,
+        turned.heading_rad, turned.yaw_rate_rad_s, mean + transition.keep * (bias - mean),
         middle + f00 * behind + f01 * float_rate, f10 * behind + f11 * float_rate,
-        north, east, speed, factor, leeway, course_lag,
+        north, east, speed, factor, leeway, course_lag, mean,
         w00 * a + w01 * a_rate, w10 * a + w11 * a_rate,
         w00 * b + w01 * b_rate, w10 * b + w11 * b_rate,
         w00 * c + w01 * c_rate, w10 * c + w11 * c_rate,
@@ -128,10 +132,11 @@ def advance(x: Numbers, transition: Transition) -> Numbers:
 
 
 class Derivative(NamedTuple):
-    """The derivative of `advance`: that of heading and rate of glider and float by each of _DRIVING; of a motion."""
+    """The derivative of `advance`: heading and rate of glider and float by each of _DRIVING; a motion's; the bias's."""
 
     turning: Floats
     motion: Floats
+    keep: float
 
 
 def derivative(transition: Transition) -> Derivative:
@@ -149,15 +154,16 @@ def derivative(transition: Transition) -> Derivative:
             (-f10, -f10 * half, -f10 * by_push * bias, f10, f11, -f10 * by_push * speed, -f10 * by_push * factor),
         )
     )
-    return Derivative(shares[:, :, None], np.array(transition.wave).reshape(2, 2, 1))
+    return Derivative(shares[:, :, None], np.array(transition.wave).reshape(2, 2, 1), transition.keep)
 
 
 def carry(columns: Floats, by: Derivative) -> Floats:
-    """Return F M: the columns of M (17 x n) carried on."""
+    """Return F M: the columns of M (18 x n) carried on."""
     after = columns.copy()
     turned = np.add.reduce(by.turning * columns.take(_DRIVING, 0), 1)
     after[HEADING : RATE + 1] = turned[:2]
     after[FLOAT : FLOAT_RATE + 1] = turned[2:]
+    after[BIAS] = by.keep * columns[BIAS] + (1.0 - by.keep) * columns[BIAS_MEAN]
     motions = after[WAVE:].reshape(len(_MOTIONS), 2, -1)
     shares = by.motion * motions[:, None]
     np.add(shares[:, :, 0], shares[:, :, 1], motions)

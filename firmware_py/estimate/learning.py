@@ -51,8 +51,10 @@ FIRST_NOISE_RAD: Final = radians(0.3)
 FIRST_VELOCITY_NOISE_M_S, FIRST_ORBIT_M_S = 0.1, 0.1
 FIRST_SLOW_SHARE: Final = 0.25
 FIRST_FOLLOW_RAD_S: Final = 0.8  # between a boat without an umbilical and the slowest floats; a turn or two tell
-# [rad^2/s]: 2 deg of spread, 100 s of memory would be 0.08 deg^2/s; less is hardly later and much quieter.
-BIAS_NOISE: Final = 0.054 * radians(1.0) ** 2
+# By the boat's turning ability: a float behind by 1.2 / 0.8 of a second would be 15 deg behind in a turn of 10 deg/s.
+# A boat that turns as quickly hangs on no umbilical. That of the paper has 0.049 / s.
+FOLLOW_BY_ABILITY: Final = 16.0
+BIAS_NOISE: Final = 0.08 * radians(1.0) ** 2  # [rad^2/s]: 2 deg of spread with 100 s of memory
 
 LOW_OMEGA, HIGH_OMEGA = math.log(2.0 * math.pi / 14.0), math.log(2.0 * math.pi / 1.6)
 LOW_NOISE, HIGH_NOISE = math.log(radians(0.01) ** 2), math.log(radians(5.0) ** 2)
@@ -61,7 +63,7 @@ LOW_BIAS, HIGH_BIAS = math.log(2e-4 * radians(1.0) ** 2), math.log(0.36 * radian
 LOW_VELOCITY, HIGH_VELOCITY = math.log(0.02**2), math.log(2.0**2)
 LOW_ORBIT, HIGH_ORBIT = math.log(0.003**2), math.log(2.0**2)
 LOW_SHARE, HIGH_SHARE = math.log(0.02), math.log(0.99)
-LOW_FOLLOW, HIGH_FOLLOW = math.log(0.15), math.log(3.0)
+LOW_FOLLOW, HIGH_FOLLOW = math.log(0.15), math.log(6.0)
 
 
 def power_of(spread_rad: float, omega_rad_s: float) -> float:
@@ -175,6 +177,14 @@ class NoiseModel:
     def orbit_power(self) -> float:
         """White noise [m^2/s^5] that drives the receiver's velocity in the waves."""
         return power_of(math.exp(0.5 * self.log_orbit), self.omega_rad_s)
+
+
+def expecting_float(model: NoiseModel, turning_ability_1_s: float) -> NoiseModel:
+    """Return the model with the frequency at which a float is expected to follow, where none has shown its own yet."""
+    if model.follow_information > 0.0:
+        return model
+    follow_rad_s = max(FIRST_FOLLOW_RAD_S, FOLLOW_BY_ABILITY * turning_ability_1_s)
+    return replace(model, log_follow=min(math.log(follow_rad_s), HIGH_FOLLOW))
 
 
 def _shift(gradient: float, information: float) -> float:

@@ -20,7 +20,9 @@ from firmware_py.common.record_copy import replace
 from firmware_py.estimate import kalman, learning, over_ground
 from firmware_py.estimate.kalman import Floats, Numbers
 from firmware_py.estimate.wave_filter_state import (
+    FLOAT_WANDERS,
     SPEEDS_M_S,
+    WHITE,
     Heading,
     Velocity,
     WaveFilterSettings,
@@ -39,14 +41,7 @@ FIX_LIMIT: Final = 9.0
 SWING_PERIODS: Final = 4.0  # over so many the waves' own yaw has a mean of less than half its spread
 LEAST_TURN_RAD, TURN_SPREADS = radians(15.0), 0.6
 TURN_RATE_RAD_S, TURN_BIAS_RAD = radians(2.0), radians(20.0)  # uncertain beside a turn that was not expected
-
-# What each state gains in a second, in their order, but for the rudder bias and the motions of the waves, which learn
-# it, and the float's yaw rate, which gains by its frequency.
-WHITE: Final = (
-    *(0.0, 1e-6 * radians(1.0) ** 2, 0.0, 0.0, 0.1 * radians(1.0) ** 2),
-    *(5e-7, 5e-7),  # the current 2 cm/s in a quarter of an hour
-    *(1e-5, 1e-6, 1e-7, 0.0),
-)
+_BIASES: Final = np.ix_((kalman.BIAS, kalman.BIAS_MEAN), (kalman.BIAS, kalman.BIAS_MEAN))
 
 
 class _Workspace:
@@ -77,10 +72,10 @@ class _Workspace:
         bias_variance = float(self.p[kalman.BIAS, kalman.BIAS])
         turn = kalman.turn(x, self.rudder_rad, step_s, self.settings.model, bias_variance)
         follow = kalman.response(follow_rad_s, kalman.FLOAT_DAMPING, step_s)
-        transition = kalman.Transition(turn, follow, wave)
+        transition = kalman.Transition(turn, follow, wave, math.exp(-step_s / kalman.BIAS_MEMORY_S))
         noise = [each * step_s for each in WHITE]
         noise[kalman.BIAS] = math.exp(model.log_bias_noise) * step_s
-        noise[kalman.FLOAT_RATE] *= follow_rad_s * follow_rad_s
+        noise[kalman.FLOAT_RATE] *= min(follow_rad_s * follow_rad_s, FLOAT_WANDERS)
         yaw = kalman.wave_noise(wave, omega_rad_s, math.exp(model.log_power))
         orbit = kalman.wave_noise(wave, omega_rad_s, model.orbit_power)
         self.p, slopes = kalman.predict(self.p, self.slopes, transition, noise, (yaw, orbit, orbit))
@@ -138,13 +133,13 @@ class _Workspace:
             moved[place] += by_rad
         self.x = tuple(moved)
         self.p[kalman.RATE, kalman.RATE] += TURN_RATE_RAD_S * TURN_RATE_RAD_S
-        self.p[kalman.BIAS, kalman.BIAS] += TURN_BIAS_RAD * TURN_BIAS_RAD
+        self.p[_BIASES] += TURN_BIAS_RAD * TURN_BIAS_RAD
         return 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """How a scalar measurement shows the states: P H' (17), H times the slopes (2), and the innovation's variance."""
+    """How a scalar measurement shows the states: P H' (18), H times the slopes (2), and the innovation's variance."""
 
     shown: Floats
     slope: Floats
@@ -168,7 +163,7 @@ def correct_heading(
     if not (math.isfinite(t_s) and math.isfinite(heading_rad)):
         return state
     if not state.x or t_s - state.t_s > LONGEST_SILENCE_S:
-        return start(state, t_s, heading_rad)
+        return start(state, t_s, heading_rad, settings.model.turning_ability_1_s)
     late_s = state.t_s - t_s
     if late_s > LATEST_S:
         return state

@@ -12,7 +12,7 @@ from firmware_py.common.angles import clamp, radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.record_class import dataclass
 from firmware_py.estimate import kalman
-from firmware_py.estimate.learning import NoiseModel
+from firmware_py.estimate.learning import NoiseModel, expecting_float
 from firmware_py.model.kt import KtModel
 
 SPEEDS_M_S: Final = (0.08, 2.5)
@@ -20,9 +20,17 @@ SPEEDS_M_S: Final = (0.08, 2.5)
 # left open, so that the waves are found out of what follows.
 FIRST: Final = (
     *(radians(30.0), radians(1.0), radians(5.0), radians(30.0), radians(1.0)),
-    *(0.2, 0.2, 0.4, 0.2, radians(5.0), 0.7),
+    *(0.2, 0.2, 0.4, 0.2, radians(5.0), 0.7, radians(4.5)),
     *(radians(10.0), radians(8.0), 0.1, 0.1, 0.1, 0.1),
 )
+# What each state gains in a second, in their order, but for the rudder bias and the motions of the waves, which learn
+# it, and the float's yaw rate, which gains by the square of its frequency, up to a bound.
+WHITE: Final = (
+    *(0.0, 1e-6 * radians(1.0) ** 2, 0.0, 0.0, 0.1 * radians(1.0) ** 2),
+    *(5e-7, 5e-7),  # the current 2 cm/s in a quarter of an hour
+    *(1e-5, 1e-6, 1e-7, 0.0, 1e-4 * radians(1.0) ** 2),
+)
+FLOAT_WANDERS: Final = 0.64  # [rad^2/s^2]; of a quick float no more than of one of 0.8 rad/s
 TOGETHER: Final = 0.98  # correlation of the headings of float and glider at the start
 FIRST_COURSE_LAG_S: Final = 0.5
 _NUMBER: Final = struct.Struct("d")
@@ -60,7 +68,7 @@ class WaveFilterSettings:
 class WaveFilterState:
     """State and covariance at t_s; empty before the first heading.
 
-    The covariance (17 x 17) and the slopes (17 x 2) are the bytes of their numbers, row by row. The slopes are by how
+    The covariance (18 x 18) and the slopes (18 x 2) are the bytes of their numbers, row by row. The slopes are by how
     much the state would differ for another ln omega of the waves, or ln of the frequency at which the float follows.
     `sample_t_s` and `fix_t_s` are the times of the last heading and velocity taken, `refusals` how many headings in a
     row the gate has refused. `expected_water` is what the filter begins with: current north and east, speed through
@@ -93,7 +101,7 @@ class WaveFilterState:
         return number
 
 
-def start(state: WaveFilterState, t_s: float, heading_rad: float) -> WaveFilterState:
+def start(state: WaveFilterState, t_s: float, heading_rad: float, turning_ability_1_s: float = 0.0) -> WaveFilterState:
     """Return the filter at its first heading, with the sea and the water that the state has learned or expects."""
     north_m_s, east_m_s, speed_m_s = water_of(state)
     x = [0.0] * kalman.STATES
@@ -104,13 +112,15 @@ def start(state: WaveFilterState, t_s: float, heading_rad: float) -> WaveFilterS
     p = np.diag(np.square(FIRST))
     both = TOGETHER * FIRST[kalman.HEADING] * FIRST[kalman.FLOAT]
     p[kalman.HEADING, kalman.FLOAT] = p[kalman.FLOAT, kalman.HEADING] = both
+    of_bias = FIRST[kalman.BIAS_MEAN] * FIRST[kalman.BIAS_MEAN]  # what it wanders by comes on top
+    p[kalman.BIAS, kalman.BIAS_MEAN] = p[kalman.BIAS_MEAN, kalman.BIAS] = of_bias
     slopes = np.zeros((kalman.STATES, 2))
     return WaveFilterState(
         t_s,
         tuple(x),
         p.tobytes(),
         slopes.tobytes(),
-        state.noise_model,
+        expecting_float(state.noise_model, turning_ability_1_s),
         sample_t_s=t_s,
         expected_water=(north_m_s, east_m_s, speed_m_s),
     )

@@ -39,6 +39,7 @@ DELIVERED = (
     radians(6.0),
 )
 CORRECTIONS_RAD2_S = (radians(0.01) ** 2, radians(1.5) ** 2)
+SOFTEST_RAD2_S = radians(0.08) ** 2
 
 # What the helm knows in a tick.
 (E_HEADING, E_CORRECTION, E_RATE, E_BIAS, E_SPEED, E_SPEED_SD, E_FACTOR,
@@ -58,7 +59,7 @@ def walk_of(correction_rad2_s: float) -> float:
 @compiled
 def stiffness_of(law: Floats, ability_1_s: float, lag_s: float, correction_rad2_s: float) -> float:
     """Return the rudder angle per angle of heading error (stiffness.py)."""
-    walk_rad = math.sqrt(walk_of(correction_rad2_s) / law[PRICE])
+    walk_rad = math.sqrt(clamp(correction_rad2_s, SOFTEST_RAD2_S, CORRECTIONS_RAD2_S[1]) / law[PRICE])
     by_ship = math.pow(lag_s / ability_1_s, 3.0 / 7.0)
     return float(min(law[STIFFNESS] * walk_rad * by_ship, law[CROSSOVER_RAD_S] / ability_1_s))
 

@@ -19,13 +19,13 @@ Floats = NDArray[np.float64]
 Covariances = Any  # a record of COVARIANCES
 Lanes = Any
 
-HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG = range(11)
-WAVE, WAVE_RATE, ORBIT_NORTH, ORBIT_NORTH_RATE, ORBIT_EAST, ORBIT_EAST_RATE = range(11, 17)
-STATES = 17
+HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG, BIAS_MEAN = range(12)
+WAVE, WAVE_RATE, ORBIT_NORTH, ORBIT_NORTH_RATE, ORBIT_EAST, ORBIT_EAST_RATE = range(12, 18)
+STATES = 18
 COLUMNS = STATES + 2  # of the covariance and the slopes beside it
-DAMPING, FLOAT_DAMPING = 0.1, 0.6
-MOVING = (HEADING, RATE, FLOAT, FLOAT_RATE, *range(WAVE, STATES))  # what a step moves; the others stay
-STAYING = (BIAS, NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG)
+DAMPING, FLOAT_DAMPING, BIAS_MEMORY_S = 0.1, 0.6, 100.0
+MOVING = (HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, *range(WAVE, STATES))  # what a step moves; the others stay
+STAYING = (NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG, BIAS_MEAN)
 
 # Of all lanes, side by side: covariance and slopes, what carries them on (`by`, and what is added), and what a
 # measurement shows. `on` is above 0 for the lanes that take part.
@@ -101,11 +101,13 @@ def advance(
     turned: tuple[float, float, float, float, float, float, float, float],
     follow: tuple[float, float, float, float],
     wave: tuple[float, float, float, float],
+    keep: float,
 ) -> None:
     """Carry the states on."""
     middle = 0.5 * (x[HEADING] + turned[TURNED])
     behind, float_rate = x[FLOAT] - middle, x[FLOAT_RATE]
     x[HEADING], x[RATE] = turned[TURNED], turned[TURNING]
+    x[BIAS] = x[BIAS_MEAN] + keep * (x[BIAS] - x[BIAS_MEAN])
     x[FLOAT] = middle + follow[0] * behind + follow[1] * float_rate
     x[FLOAT_RATE] = follow[2] * behind + follow[3] * float_rate
     for place in (WAVE, ORBIT_NORTH, ORBIT_EAST):
@@ -121,6 +123,7 @@ def set_transition(
     turned: tuple[float, float, float, float, float, float, float, float],
     follow: tuple[float, float, float, float],
     wave: tuple[float, float, float, float],
+    keep: float,
 ) -> None:
     """Fill what `carry` carries a lane on by; terms that are 0 are left out, which changes no number."""
     by, half, share = c.by, 0.5 * turned[REACH], turned[SHARE]
@@ -134,7 +137,7 @@ def set_transition(
             wave,
             (left, left * half, left * by_push * bias, left * by_push * speed),
             (left * by_push * factor, right, right * half, right * by_push * bias),
-            (right * by_push * speed, right * by_push * factor, 0.0, 0.0),
+            (right * by_push * speed, right * by_push * factor, keep, 1.0 - keep),
         )
     ):
         for i in range(4):
@@ -163,8 +166,10 @@ def carry(c: Covariances, first: int, apart: int) -> None:
     part = lanes_of(by, 21) * h + lanes_of(by, 22) * r + lanes_of(by, 23) * d
     part = part + lanes_of(by, 10) * f + lanes_of(by, 11) * g
     float_rate = part + lanes_of(by, 24) * u + lanes_of(by, 25) * q
+    bias = lanes_of(by, 26) * d + lanes_of(by, 27) * lanes_of(p, first + BIAS_MEAN * apart)
     put_lanes(p, first, where(on, heading, h))
     put_lanes(p, first + RATE * apart, where(on, rate, r))
+    put_lanes(p, first + BIAS * apart, where(on, bias, d))
     put_lanes(p, first + FLOAT * apart, where(on, floating, f))
     put_lanes(p, first + FLOAT_RATE * apart, where(on, float_rate, g))
     for place in (WAVE, ORBIT_NORTH, ORBIT_EAST):

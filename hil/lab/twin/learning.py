@@ -40,8 +40,8 @@ FIRST_SPREAD_RAD = radians(5.0)
 FIRST_NOISE_RAD = radians(0.3)
 FIRST_VELOCITY_NOISE_M_S, FIRST_ORBIT_M_S = 0.1, 0.1
 FIRST_SLOW_SHARE = 0.25
-FIRST_FOLLOW_RAD_S = 0.8
-BIAS_NOISE = 0.054 * radians(1.0) ** 2
+FIRST_FOLLOW_RAD_S, FOLLOW_BY_ABILITY = 0.8, 16.0
+BIAS_NOISE = 0.08 * radians(1.0) ** 2
 LOG_BIAS_NOISE, LOG_FIRST_SHARE = math.log(BIAS_NOISE), math.log(FIRST_SLOW_SHARE)
 
 LOW_OMEGA, HIGH_OMEGA = math.log(2.0 * math.pi / 14.0), math.log(2.0 * math.pi / 1.6)
@@ -51,7 +51,7 @@ LOW_BIAS, HIGH_BIAS = math.log(2e-4 * radians(1.0) ** 2), math.log(0.36 * radian
 LOW_VELOCITY, HIGH_VELOCITY = math.log(0.02**2), math.log(2.0**2)
 LOW_ORBIT, HIGH_ORBIT = math.log(0.003**2), math.log(2.0**2)
 LOW_SHARE, HIGH_SHARE = math.log(0.02), math.log(0.99)
-LOW_FOLLOW, HIGH_FOLLOW = math.log(0.15), math.log(3.0)
+LOW_FOLLOW, HIGH_FOLLOW = math.log(0.15), math.log(6.0)
 
 
 @compiled
@@ -104,6 +104,14 @@ def learn_coupling(n: Floats, angle: float, rate: float, north_m_s: float, east_
         chance = COUPLING_DOUBT * 2.0 * max(square - explained, 0.0) / max(count - 2.0, 1.0)
         kept = max(0.0, 1.0 - chance / explained) if explained > 0.0 else 0.0
         n[SHARES + 2 * axis], n[SHARES + 2 * axis + 1] = kept * of_angle, kept * of_rate
+
+
+@compiled
+def expect_float(n: Floats, turning_ability_1_s: float) -> None:
+    """Expect a float that suits the boat, where none has shown how it follows."""
+    if not n[FOLLOW_INFORMATION] > 0.0:
+        follow_rad_s = max(FIRST_FOLLOW_RAD_S, FOLLOW_BY_ABILITY * turning_ability_1_s)
+        n[LOG_FOLLOW] = min(math.log(follow_rad_s), HIGH_FOLLOW)
 
 
 @compiled

@@ -13,6 +13,7 @@ from hil.lab.tune.twins import clamp, wrap_pi, wrap_two_pi
 from hil.lab.twin import kalman, learning
 from hil.lab.twin.kalman import (
     BIAS,
+    BIAS_MEAN,
     FLOAT,
     FLOAT_RATE,
     HEADING,
@@ -47,13 +48,14 @@ from hil.lab.twin.wave_filter_state import (
 LONGEST_STEP_S, LONGEST_SILENCE_S, LATEST_S = 1.0, 600.0, 1.0
 GATE_SIGMAS, GATE_RAD = 6.0, radians(20.0)
 HEADING_LIMIT = 5.0
+FLOAT_WANDERS = 0.64
 SWING_PERIODS, LEAST_TURN_RAD, TURN_SPREADS = 4.0, radians(15.0), 0.6
 TURN_RATE_RAD_S, TURN_BIAS_RAD = radians(2.0), radians(20.0)
 WHITE = np.array(
     (
         *(0.0, 1e-6 * radians(1.0) ** 2, 0.0, 0.0, 0.1 * radians(1.0) ** 2),
         *(5e-7, 5e-7),
-        *(1e-5, 1e-6, 1e-7, 0.0),
+        *(1e-5, 1e-6, 1e-7, 0.0, 1e-4 * radians(1.0) ** 2),
     )
 )
 
@@ -92,11 +94,12 @@ def predict(f: WaveFilter, c: Covariances, model: Floats, step_s: float) -> None
     yaw = kalman.wave_noise(wave, omega_rad_s, math.exp(n[LOG_POWER]))
     orbit_m_s = exp_of(f, ORBIT, 0.5 * n[LOG_ORBIT])
     orbit = kalman.wave_noise(wave, omega_rad_s, learning.power_of(orbit_m_s, omega_rad_s))
-    kalman.set_transition(c, lane, turned, follow, wave)
+    keep = math.exp(-step_s / kalman.BIAS_MEMORY_S)
+    kalman.set_transition(c, lane, turned, follow, wave, keep)
     for i in range(WAVE):
         c.noise[i, lane] = WHITE[i] * step_s
     c.noise[BIAS, lane] = math.exp(n[LOG_BIAS]) * step_s
-    c.noise[FLOAT_RATE, lane] *= follow_rad_s * follow_rad_s
+    c.noise[FLOAT_RATE, lane] *= min(follow_rad_s * follow_rad_s, FLOAT_WANDERS)
     for number, (angle, both, rate) in enumerate((yaw, orbit, orbit)):
         place = WAVE + 2 * number
         c.noise[place, lane], c.noise[place + 1, lane], c.both[number, lane] = angle, rate, both
@@ -105,7 +108,7 @@ def predict(f: WaveFilter, c: Covariances, model: Floats, step_s: float) -> None
     behind = x[FLOAT] - 0.5 * (x[HEADING] + turned[kalman.TURNED])
     force = -2.0 * follow_rad_s * (follow_rad_s * behind + kalman.FLOAT_DAMPING * x[FLOAT_RATE])
     c.force[6, lane], c.force[7, lane] = 0.5 * step_s * step_s * force, step_s * force
-    kalman.advance(x, turned, follow, wave)
+    kalman.advance(x, turned, follow, wave, keep)
     bound(x)
 
 
@@ -151,7 +154,9 @@ def give_turn_back(f: WaveFilter, c: Covariances, step_s: float) -> None:
     x[FLOAT] += turned_rad
     x[WAVE] -= turned_rad
     p[RATE, RATE, lane] += TURN_RATE_RAD_S * TURN_RATE_RAD_S
-    p[BIAS, BIAS, lane] += TURN_BIAS_RAD * TURN_BIAS_RAD
+    for i in (BIAS, BIAS_MEAN):
+        for k in (BIAS, BIAS_MEAN):
+            p[i, k, lane] += TURN_BIAS_RAD * TURN_BIAS_RAD
     w[SLOW_WAVE] = 0.0
 
 
@@ -162,6 +167,7 @@ def correct_headings(filters: Filters, c: Covariances, boats: Boats, heading_rad
         f, t_s = filters[k], c.to_s[k]
         if c.on[k] > 0.0 and (f.w[STARTED] == 0.0 or t_s - f.w[T] > LONGEST_SILENCE_S):
             start(f, c, t_s, heading_rad[k])
+            learning.expect_float(f.n, boats[k].model[0])
             c.on[k] = 0.0
         elif f.w[T] - t_s > LATEST_S:
             c.on[k] = 0.0

@@ -12,6 +12,8 @@ from hil.lab.compiled import compiled
 from hil.lab.tune.twins import clamp
 from hil.lab.twin import learning
 from hil.lab.twin.kalman import (
+    BIAS,
+    BIAS_MEAN,
     COLUMNS,
     COURSE_LAG,
     EAST,
@@ -33,7 +35,7 @@ FIRST_COURSE_LAG_S, TOGETHER = 0.5, 0.98
 FIRST = np.array(
     (
         *(radians(30.0), radians(1.0), radians(5.0), radians(30.0), radians(1.0)),
-        *(0.2, 0.2, 0.4, 0.2, radians(5.0), 0.7),
+        *(0.2, 0.2, 0.4, 0.2, radians(5.0), 0.7, radians(4.5)),
         *(radians(10.0), radians(8.0), 0.1, 0.1, 0.1, 0.1),
     )
 )
@@ -115,6 +117,7 @@ def start(f: WaveFilter, c: Covariances, t_s: float, heading_rad: float) -> None
         p[i, i, lane] = FIRST[i] * FIRST[i]
     both = TOGETHER * FIRST[HEADING] * FIRST[FLOAT]
     p[HEADING, FLOAT, lane] = p[FLOAT, HEADING, lane] = both
+    p[BIAS, BIAS_MEAN, lane] = p[BIAS_MEAN, BIAS, lane] = FIRST[BIAS_MEAN] * FIRST[BIAS_MEAN]
     w[T], w[SAMPLE_T] = t_s, t_s
     w[RUDDER] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = w[SLOW_WAVE] = 0.0
     w[FIX_T] = w[LEG] = np.nan

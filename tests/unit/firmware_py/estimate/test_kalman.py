@@ -1,5 +1,6 @@
 """The written-out arithmetic against matrices, and the model against the K-T equation."""
 
+import math
 import random
 
 import numpy as np
@@ -10,7 +11,7 @@ from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
 
 MODEL = OCEAN_RAMBLER
 N = kalman.STATES
-X = (1.2, 0.01, 0.05, 1.1, 0.02, 0.1, -0.2, 0.7, 1.1, 0.1, 0.5, 0.1, -0.2, 0.3, 0.1, -0.2, 0.4)
+X = (1.2, 0.01, 0.05, 1.1, 0.02, 0.1, -0.2, 0.7, 1.1, 0.1, 0.5, 0.03, 0.1, -0.2, 0.3, 0.1, -0.2, 0.4)
 
 
 def covariance(seed=1):
@@ -23,6 +24,7 @@ def transition_of(x, rudder_rad, step_s):
         kalman.turn(x, rudder_rad, step_s, MODEL),
         kalman.response(0.4, kalman.FLOAT_DAMPING, step_s),
         kalman.response(1.1, kalman.DAMPING, step_s),
+        math.exp(-step_s / kalman.BIAS_MEMORY_S),
     )
 
 
@@ -105,6 +107,20 @@ def test_the_covariance_is_carried_as_matrices_carry_it(step_s):
     np.testing.assert_allclose(after, f @ p @ f.T + q, rtol=1e-12, atol=1e-13)
     np.testing.assert_allclose(carried, f @ slopes, rtol=1e-12, atol=1e-13)
     assert np.array_equal(after, after.T)
+
+
+def test_the_rudder_bias_forgets_its_way_back_to_its_mean():
+    x = X
+    for _ in range(500):
+        x = kalman.advance(x, transition_of(x, 0.2, 0.1))
+    left = (x[kalman.BIAS] - x[kalman.BIAS_MEAN]) / (X[kalman.BIAS] - X[kalman.BIAS_MEAN])
+    assert left == pytest.approx(math.exp(-50.0 / kalman.BIAS_MEMORY_S))
+    assert x[kalman.BIAS_MEAN] == X[kalman.BIAS_MEAN]
+    # Noise of 0.08 deg^2/s, learned as such, is a spread of 2 deg for ever.
+    keep, variance = math.exp(-0.1 / kalman.BIAS_MEMORY_S), 0.0
+    for _ in range(10000):
+        variance = keep * keep * variance + 0.1 * 0.08
+    assert math.sqrt(variance) == pytest.approx(2.0, rel=1e-3)
 
 
 def test_the_sums_have_one_order_on_every_machine():

@@ -1,7 +1,7 @@
 """The wave filter in simulated seas and on real recordings: what it finds, and how honest it is about it."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -217,6 +217,31 @@ def test_a_jump_is_refused_and_counted():
     assert state.refusals == 10
     assert wrap_pi(predict_heading(SETTINGS, state, 31.0)[0] - 1.0) == pytest.approx(0.0, abs=0.1)
     assert correct_heading(SETTINGS, state, 31.0, 1.0).refusals == 0
+
+
+@pytest.mark.parametrize(("ability", "lag"), [(0.3, 1.0), (0.3, 3.0), (0.5, 0.7), (0.2, 0.5)])
+def test_a_nimble_boat_that_turns_as_she_wakes_up_is_where_her_compass_shows_her(ability, lag):
+    """Taken for one above which a slow float hangs, she was thought 16 to 37 degrees ahead of it."""
+    model = replace(OCEAN_RAMBLER, turning_ability_1_s=ability, turning_lag_s=lag, norrbin_s2=0.0)
+    settings, state, heading, rate, errors = WaveFilterSettings(model), WaveFilterState(), 0.0, 0.0, []
+    numbers = np.random.default_rng(7)
+    for tick in range(600):
+        rudder = radians(30.0) * (tick > 5) * (1.0 if tick < 60 else -1.0 if tick < 90 else 0.0)
+        shown = Heading(0.1 * tick, (heading + radians(0.3) * numbers.standard_normal()) % (2.0 * math.pi))
+        state = update(settings, state, [shown], [], rudder)
+        errors.append(wrap_pi(state.x[kalman.HEADING] - heading))
+        heading, rate = rk4_step(heading, rate, rudder, 0.1, ability, lag, 0.0, 0.0)
+    assert np.degrees(np.abs(errors)).max() < 7.0
+
+
+def test_what_a_float_has_shown_of_itself_is_kept_through_a_long_silence():
+    settings = WaveFilterSettings(replace(OCEAN_RAMBLER, turning_ability_1_s=0.2))
+    state = correct_heading(settings, WaveFilterState(), 0.0, 1.0)
+    assert state.noise_model.follow_rad_s == pytest.approx(3.2)
+    learned = replace(state.noise_model, log_follow=math.log(0.4), follow_information=1.0)
+    anew = correct_heading(settings, replace(state, noise_model=learned), 1000.0, 1.0)
+    assert anew.noise_model.follow_rad_s == pytest.approx(0.4)
+    assert correct_heading(SETTINGS, WaveFilterState(), 0.0, 1.0).noise_model.follow_rad_s == pytest.approx(0.8)
 
 
 def test_no_turn_is_taken_for_waves():

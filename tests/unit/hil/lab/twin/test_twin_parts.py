@@ -64,6 +64,7 @@ def test_the_helm_s_numbers_are_the_firmware_s():
     theirs |= {name.upper(): value for name, value in asdict(stiffness.DELIVERED).items()}
     assert ours == {name: theirs[name] for name in ours}
     assert helm.CORRECTIONS_RAD2_S == stiffness.CORRECTIONS_RAD2_S
+    assert helm.SOFTEST_RAD2_S == stiffness.SOFTEST_RAD2_S
     assert np.array_equal(twin_state.FIRST, wave_filter_state.FIRST)
     model, first = learning.NoiseModel(), twin_learning.FIRST
     assert model.log_power == first[twin_learning.LOG_POWER]
@@ -73,16 +74,16 @@ def test_the_helm_s_numbers_are_the_firmware_s():
 def test_a_covariance_is_carried_on_as_the_firmware_does():
     numbers = np.random.default_rng(5)
     for _ in range(20):
-        half = numbers.normal(size=(17, 17))
-        p, slopes = half @ half.T, numbers.normal(size=(17, 2))
+        half = numbers.normal(size=(18, 18))
+        p, slopes = half @ half.T, numbers.normal(size=(18, 2))
         p = 0.5 * (p + p.T)
         turned, follow, wave = (tuple(numbers.normal(size=size).tolist()) for size in (8, 4, 4))
-        transition = kalman.Transition(kalman.Turn(*turned), follow, wave)
-        after, carried = kalman.predict(p, slopes, transition, [0.0] * 11, ((0.0, 0.0, 0.0),) * 3)
+        transition = kalman.Transition(kalman.Turn(*turned), follow, wave, 0.9)
+        after, carried = kalman.predict(p, slopes, transition, [0.0] * 12, ((0.0, 0.0, 0.0),) * 3)
         beside, lane = aligned(twin_kalman.COVARIANCES, 1), int(numbers.integers(COUNT))
         beside["p"][0, ..., :] = np.concatenate((p, slopes), axis=1)[..., None]
         beside["on"][0, lane] = 1.0
-        twin_kalman.set_transition(beside[0], lane, turned, follow, wave)
+        twin_kalman.set_transition(beside[0], lane, turned, follow, wave, 0.9)
         twin_kalman.predict(beside[0])
         assert np.array_equal(beside["p"][0, ..., lane], np.concatenate((after, carried), axis=1))
         assert np.array_equal(beside["p"][0, ..., lane - 1], np.concatenate((p, slopes), axis=1))  # it takes no part
@@ -91,11 +92,11 @@ def test_a_covariance_is_carried_on_as_the_firmware_does():
 def test_a_measurement_is_taken_in_as_the_firmware_does():
     numbers = np.random.default_rng(6)
     for _ in range(20):
-        half, x, shown = numbers.normal(size=(17, 17)), numbers.normal(size=17), numbers.normal(size=19)
-        p, slopes, variance = half @ half.T, numbers.normal(size=(17, 2)), 3.0 + float(numbers.random())
+        half, x, shown = numbers.normal(size=(18, 18)), numbers.normal(size=18), numbers.normal(size=20)
+        p, slopes, variance = half @ half.T, numbers.normal(size=(18, 2)), 3.0 + float(numbers.random())
         p = 0.5 * (p + p.T)
-        moved, after = kalman.correct(tuple(x.tolist()), p, shown[:17], 0.3, variance)
-        carried = slopes - np.multiply.outer(shown[:17] / variance, shown[17:])
+        moved, after = kalman.correct(tuple(x.tolist()), p, shown[:18], 0.3, variance)
+        carried = slopes - np.multiply.outer(shown[:18] / variance, shown[18:])
         beside, lane = aligned(twin_kalman.COVARIANCES, 1), int(numbers.integers(COUNT))
         beside["p"][0, ..., :] = np.concatenate((p, slopes), axis=1)[..., None]
         beside["shown"][0] = shown[:, None]
@@ -195,7 +196,7 @@ def test_a_turn_is_taken_from_the_waves_as_the_firmware_does():
         assert tuple(ours["x"]) == theirs.x
         assert ours["w"][twin_state.SLOW_WAVE] == theirs.slow_wave_rad
         given_back += theirs.slow_wave_rad == 0.0 != before_rad
-    assert np.array_equal(beside["p"][0, :, :17, lane].ravel(), np.frombuffer(theirs.p))
+    assert np.array_equal(beside["p"][0, :, :18, lane].ravel(), np.frombuffer(theirs.p))
     assert given_back > 0
 
 
