@@ -13,7 +13,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.vehicle import Vehicle
 from hil.cli import outputs
 from hil.errors import UsageError
-from hil.lab.tune import cases, delivered, delivered_report, delivered_search, paper
+from hil.lab.tune import cases, delivered, delivered_report, delivered_search, law, paper
 from hil.lab.tune.report import Report, as_json, parameter_file, text
 from hil.lab.tune.search import Tell, tune
 from hil.lab.tune.trials import Setting, Trials
@@ -38,6 +38,10 @@ The JSON holds:
   cases       for each sea, ship and fresh seed the errors and the rudder travel of both
   evaluations, trial_runs, seconds
 
+With --law what is searched are the four constants of firmware_py/control/stiffness.py, over the seas and ships of the
+proofs. Its JSON holds seeds, fresh_seeds, delivered, found, cost and fresh_cost by that of the delivered, better,
+evaluations, and for each of fresh_seas the error and the rudder travel of both.
+
 With --fixed-gains what is tuned is the paper's S-surface behind the plain observer (hil/lab/tune/twins.py): k1, k2,
 EST_TAU_S and RUD_DBAND_DEG. Its file switches the delivered controller off. Its JSON holds:
   paper       for a 30 and a 90 deg step: k1, k2 and itae_deg_s2 of the least ITAE, what the paper's gains come to
@@ -60,9 +64,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenarios",
         nargs="+",
-        default=list(cases.DEFAULT_SCENARIOS),
+        default=None,
         metavar="NAME",
-        help=f"seas to be good in, of {names} (default {' '.join(cases.DEFAULT_SCENARIOS)})",
+        help=f"seas to be good in, of {names} (default {' '.join(cases.DEFAULT_SCENARIOS)}; "
+        f"with --law {len(law.SEAS)} seas and ships)",
     )
     parser.add_argument("--with", dest="extras", metavar="OPTIONS", help="options of every sea, as `run --with` takes")
     parser.add_argument(
@@ -71,12 +76,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="tune the paper's S-surface with fixed gains instead; its file switches the delivered controller off",
     )
     parser.add_argument(
+        "--law",
+        action="store_true",
+        help="search the constants of the helm's law instead, which are the same for every vehicle",
+    )
+    parser.add_argument(
         "--price",
         type=float,
         metavar="P",
         help="what rudder travel costs against error, both in parts of what the delivered defaults, or the paper's "
         "gains, come to (0: error alone; 1: both weigh the same); default: neither more than as delivered, or the "
-        "knee of the front",
+        f"knee of the front; with --law deg^2 for each deg/h (default {law.PRICE:g})",
     )
     parser.add_argument(
         "--only-gains",
@@ -99,8 +109,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Tune, print, and write what was asked for."""
     _check(arguments)
+    if arguments.law:
+        return _run_law(arguments)
     vehicle = load(arguments.vehicle) if arguments.vehicle is not None else standard_vehicle()
     return _run_fixed(vehicle, arguments) if arguments.fixed_gains else _run_delivered(vehicle, arguments)
+
+
+def _run_law(arguments: argparse.Namespace) -> int:
+    """Search the constants of the law; they stand in the code, so no parameter file is written."""
+    tell, first = _teller(), arguments.seed + law.FIRST_SEED
+    price = law.PRICE if arguments.price is None else arguments.price
+    try:
+        trials, fresh = (
+            law.LawTrials(arguments.scenarios, range(begin, begin + count), price)
+            for begin, count in ((first, law.SEEDS), (first + FRESH_SEED, law.FRESH_SEEDS))
+        )
+    except (scenarios.UnknownScenarioError, ExtrasError) as error:
+        raise UsageError(f"--scenarios: {error}") from None
+    found = law.search(trials, fresh, arguments.evaluations or EVALUATIONS, arguments.seed, tell)
+    tell("", 1.0)
+    print(law.text(trials, fresh, found))
+    if arguments.json is not None:
+        outputs.write("--json", arguments.json, json.dumps(law.as_json(trials, fresh, found), indent=2) + "\n")
+    return 0
 
 
 def _run_delivered(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
@@ -226,6 +257,13 @@ def _check(arguments: argparse.Namespace) -> None:
         raise UsageError(f"--evaluations {given}: give a number from {fewest} to 1000000")
     if arguments.only_gains and not arguments.fixed_gains:
         raise UsageError("--only-gains: the delivered controller has none; give --fixed-gains beside it")
+    if arguments.law:
+        for option, value in (
+            ("--fixed-gains", arguments.fixed_gains), ("--vehicle", arguments.vehicle),
+            ("--plot", arguments.plot), ("--out-params", arguments.out_params),
+        ):  # fmt: skip
+            if value:
+                raise UsageError(f"{option}: the law is the same for every vehicle; leave it or --law out")
     arguments.scenarios = _seas(arguments)
     if arguments.plot is not None and arguments.plot.suffix not in (".png", ".html"):
         raise UsageError(f"--plot {arguments.plot}: the name must end in .png or .html; both are written")
@@ -237,7 +275,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
 def _seas(arguments: argparse.Namespace) -> list[str]:
     """Return the seas, each with the options of all; a comma parts names as long as no options follow."""
-    words = arguments.scenarios
+    words = arguments.scenarios or (law.SEAS if arguments.law else cases.DEFAULT_SCENARIOS)
     names = [name for word in words for name in ([word] if "+" in word else word.split(",")) if name]
     if not names:
         raise UsageError("--scenarios: name at least one; rambler-hil scenarios lists them")

@@ -56,6 +56,9 @@ def refused(capsys, *words: str) -> str:
         (["--json", "/"], "is a directory"),
         (["--out-params", "."], "is a directory"),
         (["--vehicle", "no-such.toml"], "no such vehicle file"),
+        (["--law", "--vehicle", "boat.toml"], "--vehicle: the law is the same for every vehicle"),
+        (["--law", "--fixed-gains"], "leave it or --law out"),
+        (["--law", "--scenarios", "pond"], "no scenario 'pond'"),
     ],
 )
 def test_bad_usage_is_one_line_with_a_remedy(capsys, words, told):

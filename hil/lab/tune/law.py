@@ -1,0 +1,209 @@
+"""Searches the constants of the helm's law (firmware_py/control/stiffness.py), sailed by the compiled twin.
+
+A run is the task of docs/explanation/seamanship.md. It costs the mean square of the heading error and a price for the
+rudder travel of its steady parts; a setting costs the mean over the seas of what they cost by what they cost as
+delivered. The fish swarm searches in seas of some seeds, and seas of others judge what it has found.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, Final
+
+import numpy as np
+
+from firmware_py.common.angles import radians
+from firmware_py.common.parameters import ParameterSet
+from hil.lab.compare.score import score_of
+from hil.lab.compiled import compiling
+from hil.lab.lanes import COUNT
+from hil.lab.swarm import SwarmProgress, SwarmSettings, minimise
+from hil.lab.tune.loop_kernel import Floats
+from hil.lab.tune.search import Bound, Tell
+from hil.lab.twin import helm, sailing
+from hil.lab.twin.afloat import Record
+from hil.lab.twin.sea import sea_of
+from hil.ship import scenarios
+from hil.sim.goals import parse_goals
+
+GOALS: Final = parse_goals("0:0,120:60,720:-30")
+SECONDS: Final = 1320.0
+# Seas of the proofs, a ship of twice the gain, two seconds of delay.
+SEAS: Final = (
+    *("tank", "sea", "swell", "weak", "ocean-1", "ocean-3", "ocean-4", "tank+kt=2", "swell+delay=2"),
+    *("sea+float=0.3:0.6", "weak+float=0.3:0.6", "swell+leeway=8", "swell+float=0.2:0.5,orbital=0.4,leeway=8"),
+)
+FIRST_SEED: Final = 100  # added to the seed: the proofs sail the first few
+SEEDS, FRESH_SEEDS = 3, 4
+PRICE: Final = 5e-4  # deg^2 for each deg/h
+BOUNDS: Final = (
+    Bound("STIFFNESS", "stiffness", 70.0, 280.0, logarithmic=True),
+    Bound("CROSSOVER_RAD_S", "crossover_rad_s", 0.13, 0.31, logarithmic=True),
+    Bound("REST_RAD", "rest_rad", radians(0.05), radians(1.0), logarithmic=True),
+    Bound("BAND_SQRT_S", "band_sqrt_s", 0.7, 6.0, logarithmic=True),
+)
+TRIES, ITERATIONS = 1, 60
+VISION, STEP, NEAR = 0.2, 0.12, 0.2  # of the box's diagonal; of a logarithm
+
+Setting = tuple[float, ...]
+DELIVERED_SETTING: Final[Setting] = tuple(helm.DELIVERED[helm.LAW_NAMES.index(bound.name)] for bound in BOUNDS)
+
+
+class LawTrials:
+    """Seas of some seeds; `results` (seas, seeds, 2) are rms error [deg] and rudder travel [deg/h]."""
+
+    def __init__(self, names: Sequence[str], seeds: Sequence[int], price: float = PRICE) -> None:
+        """Draw the seas and sail them as delivered; UnknownScenarioError or ExtrasError for one that is none."""
+        self.names, self.seeds, self.price = tuple(names), tuple(seeds), price
+        self.seas = [sea_of(scenarios.sea_of(name), seed, SECONDS) for name in names for seed in seeds]
+        with compiling("the boat's twin"):
+            self.delivered = self.results(DELIVERED_SETTING)
+
+    def results(self, setting: Setting) -> Floats:
+        """Sail all seas with a setting."""
+        parameters = ParameterSet()
+        boat, law = sailing.boat_of(parameters), sailing.law_of(parameters)
+        for bound, value in zip(BOUNDS, setting, strict=True):
+            law[helm.LAW_NAMES.index(bound.name)] = value
+        runs = [sailing.Run(boat, law, sea, sailing.task_of(GOALS)) for sea in self.seas]
+
+        def figures(first: int) -> list[tuple[float, float]]:
+            record, _ = sailing.sail_beside(runs[first : first + COUNT], SECONDS, ticks=False)
+            lanes = [Record(*(column[k] for column in record)) for k in range(len(record.heading_rad))]
+            scores = [score_of(sailing.truth_of(lane, GOALS)) for lane in lanes]
+            return [(score.rms_deg, score.travel_deg_per_h) for score in scores]
+
+        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # compiled code lets go of the interpreter
+            found = list(pool.map(figures, range(0, len(runs), COUNT)))
+        return np.array(list(chain.from_iterable(found))).reshape(len(self.names), len(self.seeds), 2)
+
+    def costs(self, results: Floats) -> Floats:
+        """Return what each sea costs by what it costs as delivered."""
+        mine, theirs = (self._price(one) for one in (results, self.delivered))
+        return mine / theirs
+
+    def cost(self, results: Floats) -> float:
+        """Return what a setting costs; inf for what is no number."""
+        cost = float(np.mean(self.costs(results)))
+        return cost if np.isfinite(cost) else np.inf
+
+    def _price(self, results: Floats) -> Floats:
+        cost: Floats = np.mean(np.square(results[:, :, 0]) + self.price * results[:, :, 1], axis=1)
+        return cost
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What the search came to: constants, what they cost in the seas of the search and in fresh ones."""
+
+    setting: Setting
+    cost: float
+    fresh_cost: float
+    fresh_results: Floats
+    evaluations: int
+
+    @property
+    def better(self) -> bool:
+        """Whether the fresh seas bear out that it is better than what is delivered."""
+        return self.setting != DELIVERED_SETTING and self.fresh_cost < 1.0
+
+
+def search(trials: LawTrials, fresh: LawTrials, evaluations: int, seed: int, tell: Tell) -> Found:
+    """Search for the constants of least cost, beginning with those that are delivered."""
+    tried: dict[Setting, float] = {DELIVERED_SETTING: 1.0}
+
+    def cost(point: Floats) -> float:
+        # Three digits are more than the seas can tell apart.
+        setting = tuple(float(f"{bound.value(float(x)):.3g}") for bound, x in zip(BOUNDS, point, strict=True))
+        if setting not in tried:
+            tried[setting] = trials.cost(trials.results(setting))
+        return tried[setting]
+
+    def told(progress: SwarmProgress) -> None:
+        part = min(progress.evaluations / evaluations, 0.999)
+        tell(f"{progress.evaluations} settings: {progress.best_value:.4f}", part)
+
+    low, high = (np.array([bound.coordinate(end) for bound, end in _ends(number)]) for number in (0, 1))
+    present = np.array([bound.coordinate(value) for bound, value in zip(BOUNDS, DELIVERED_SETTING, strict=True)])
+    # The first fish is where the law is; the others are about it, each off in one constant.
+    begin = np.array([present, *(present + NEAR * off for off in np.eye(len(BOUNDS)))])
+    settings = SwarmSettings(
+        fish=len(begin),
+        tries=TRIES,
+        iterations=ITERATIONS,
+        vision=VISION,
+        step=STEP,
+        shrink=0.1,
+        seed=seed,
+        most_evaluations=evaluations,
+    )
+    minimise(
+        lambda points: np.array([cost(point) for point in points]),
+        low,
+        high,
+        settings,
+        told,
+        start=np.clip(begin, low, high),
+    )
+    best = min(tried, key=lambda setting: tried[setting])
+    results = fresh.results(best)
+    return Found(best, tried[best], fresh.cost(results), results, len(tried))
+
+
+def _ends(number: int) -> list[tuple[Bound, float]]:
+    return [(bound, (bound.low, bound.high)[number]) for bound in BOUNDS]
+
+
+def as_json(trials: LawTrials, fresh: LawTrials, found: Found) -> dict[str, Any]:
+    """Return what was found as numbers and texts."""
+    names = [bound.field for bound in BOUNDS]
+    costs = fresh.costs(found.fresh_results).tolist()
+    seas = []
+    for number, name in enumerate(fresh.names):
+        row: dict[str, Any] = {"scenario": name, "cost": round(costs[number], 4)}
+        for who, results in (("delivered", fresh.delivered), ("found", found.fresh_results)):
+            rms_deg, travel_deg_per_h = _mean(results[number])
+            row[who] = {"rms_error_deg": round(rms_deg, 4), "rudder_travel_deg_per_h": round(travel_deg_per_h, 1)}
+        seas.append(row)
+    return {
+        "seeds": list(trials.seeds),
+        "fresh_seeds": list(fresh.seeds),
+        "price_deg2_per_deg_h": trials.price,
+        "delivered": dict(zip(names, DELIVERED_SETTING, strict=True)),
+        "found": dict(zip(names, found.setting, strict=True)),
+        "cost": round(found.cost, 5),
+        "fresh_cost": round(found.fresh_cost, 5),
+        "better": found.better,
+        "evaluations": found.evaluations,
+        "trial_runs": found.evaluations * len(trials.seas),
+        "fresh_seas": seas,
+    }
+
+
+def _mean(results: Floats) -> tuple[float, float]:
+    return float(np.sqrt(np.mean(np.square(results[:, 0])))), float(np.mean(results[:, 1]))
+
+
+def text(trials: LawTrials, fresh: LawTrials, found: Found) -> str:
+    """Return what the terminal shows: seas and seeds, the constants, and the fresh seas one by one."""
+    lines = [
+        f"seeds {' '.join(map(str, trials.seeds))}, fresh {' '.join(map(str, fresh.seeds))}",
+        f"{found.evaluations} settings in {len(trials.seas)} runs each, {trials.price:g} deg^2 for each deg/h",
+    ]
+    for bound, was, value in zip(BOUNDS, DELIVERED_SETTING, found.setting, strict=True):
+        lines.append(f"{bound.field}: {was:.4g} delivered, {value:.4g} found")
+    lines.append(f"cost by that of the delivered: {found.cost:.4f}, in fresh seas {found.fresh_cost:.4f}")
+    lines.append("the constants found are better" if found.better else "the delivered constants stay")
+    rows = [("sea", "delivered", "found", "cost")]
+    costs = fresh.costs(found.fresh_results).tolist()
+    for number, name in enumerate(fresh.names):
+        both = (fresh.delivered[number], found.fresh_results[number])
+        cells = ["{:.2f} deg, {:.0f} deg/h".format(*_mean(results)) for results in both]
+        rows.append((name, cells[0], cells[1], f"{costs[number]:.3f}"))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines += ["", *("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)]
+    return "\n".join(lines)

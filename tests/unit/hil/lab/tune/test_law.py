@@ -1,0 +1,84 @@
+"""The search for the constants of the helm's law, on made-up seas that need no voyage, and on one real one."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from firmware_py.control.stiffness import DELIVERED
+from hil.__main__ import main
+from hil.lab.tune import law
+from hil.lab.twin import helm
+
+
+class MadeUp(law.LawTrials):
+    """Two seas of one seed: rms error and travel as functions of the setting."""
+
+    def __init__(self, rms, travel):
+        self.names, self.seeds, self.price, self.seas = ("one", "two"), (1,), law.PRICE, [None, None]
+        self.made_up = rms, travel
+        self.delivered = self.results(law.DELIVERED_SETTING)
+
+    def results(self, setting):
+        rms, travel = (one(*setting) for one in self.made_up)
+        return np.array([[[rms, travel]], [[2.0 * rms, 3.0 * travel]]])
+
+
+def hollow(stiffness, *_):
+    """Least at a stiffness of 100."""
+    return 1.0 + math.log(stiffness / 100.0) ** 2
+
+
+def flat(*_):
+    return 800.0
+
+
+def silent(_text, _part):
+    return None
+
+
+def test_the_constants_are_those_of_the_law_and_of_its_twin():
+    assert (
+        DELIVERED.stiffness, DELIVERED.crossover_rad_s, DELIVERED.rest_rad, DELIVERED.band_sqrt_s
+    ) == law.DELIVERED_SETTING  # fmt: skip
+    assert all(bound.low < value < bound.high for bound, value in zip(law.BOUNDS, law.DELIVERED_SETTING, strict=True))
+    assert tuple(bound.name for bound in law.BOUNDS) == helm.LAW_NAMES[: len(law.BOUNDS)]
+
+
+def test_a_setting_costs_what_its_seas_cost_by_what_they_cost_as_delivered():
+    trials = MadeUp(lambda *_: 1.0, flat)
+    results = np.array([[[1.0, 800.0]], [[2.0, 3200.0]]])
+    assert trials.costs(results) == pytest.approx([1.0, (4.0 + 1.6) / (4.0 + 1.2)])
+    assert trials.cost(np.full((2, 1, 2), np.nan)) == math.inf
+
+
+def test_what_is_better_is_found_and_fresh_seas_bear_it_out():
+    found = law.search(MadeUp(hollow, flat), MadeUp(hollow, flat), 400, 1, silent)
+    assert found.better
+    assert found.setting[0] == pytest.approx(100.0, rel=0.08)
+    assert found.cost == found.fresh_cost < 1.0
+    assert law.search(MadeUp(hollow, flat), MadeUp(hollow, flat), 400, 1, silent).setting == found.setting
+
+
+def test_what_fresh_seas_do_not_bear_out_leaves_the_delivered_constants():
+    contrary = MadeUp(lambda stiffness, *_: 1.0 / hollow(stiffness), flat)
+    found = law.search(MadeUp(hollow, flat), contrary, 400, 1, silent)
+    assert (found.better, found.fresh_cost > 1.0) == (False, True)
+    assert "the delivered constants stay" in law.text(MadeUp(hollow, flat), contrary, found)
+
+
+@pytest.mark.timeout(600)  # the twin is compiled first
+def test_the_command_prints_seas_seeds_and_constants(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(law, "SECONDS", 640.0)
+    monkeypatch.setattr(law, "GOALS", law.parse_goals("0:0,120:60"))
+    path = tmp_path / "law.json"
+    words = ["--law", "--scenarios", "tank", "--evaluations", "20", "--json", str(path)]
+    assert main(["tune", *words]) == 0
+    said, found = capsys.readouterr().out, json.loads(path.read_text())
+    assert "seeds 101 102 103, fresh 1000104 1000105 1000106 1000107" in said
+    assert f"{found['evaluations']} settings in 3 runs each" in said
+    assert found["trial_runs"] == 3 * found["evaluations"]
+    assert [row["scenario"] for row in found["fresh_seas"]] == ["tank"]
+    assert found["better"] == (found["fresh_cost"] < 1.0 and found["found"] != found["delivered"])
+    assert found["delivered"]["stiffness"] == DELIVERED.stiffness
