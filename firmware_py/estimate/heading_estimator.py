@@ -134,11 +134,16 @@ def update(
     if not waves.x:
         return state, events + source_events
     heading_rad, yaw_rate_rad_s = wave_filter.predict_heading(settings.wave_filter, waves, now_s)
-    # Fixes come rarely; whether they still come has been judged by their own timeout.
-    sample_t_s = now_s if source_state.in_use is Source.COURSE else waves.sample_t_s
+    # Fixes come rarely; whether they still come has been judged by their own timeout. A compass that comes back after
+    # them may speak in the next tick only.
+    sample_t_s = now_s if source_state.in_use is Source.COURSE else _later(before.sample_t_s, waves.sample_t_s)
     newest = headings[-1] if headings else before
     heading = HeadingState(now_s, heading_rad, yaw_rate_rad_s, sample_t_s, newest.roll_rad, newest.pitch_rad)
     return replace(state, heading=heading), events + source_events
+
+
+def _later(one_s: float | None, other_s: float | None) -> float | None:
+    return max((t_s for t_s in (one_s, other_s) if t_s is not None), default=None)
 
 
 def _with_declination(state: HeadingEstimatorState, positions: Sequence[PositionSample]) -> HeadingEstimatorState:

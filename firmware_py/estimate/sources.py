@@ -20,7 +20,7 @@ from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Severity
 from firmware_py.estimate.wave_filter_state import Heading
 
-JUMP_RAD: Final = radians(25.0)
+JUMP_RAD: Final = radians(20.0)  # the gate of the filter: what it refuses is not sound
 JUMP_S: Final = 1.5
 FIRST_JUMP_S: Final = 1.0  # what a first heading far off counts at most: one alone is no jump, however slow the compass
 PROBATION_S: Final = 10.0
@@ -102,10 +102,11 @@ class CompassState:
             return False
         return self.contradicted or self.t_s - self.changed_s > settings.frozen_s
 
-    def stands(self, least_s: float) -> bool:
-        """Whether it shows one number for longer than is its way, and than least_s."""
-        longest_s = max(LEAST_STAND_S, STANDS * self.longest_s, least_s)
-        return self.t_s is not None and self.t_s - self.changed_s > longest_s
+    @property
+    def beyond_its_way(self) -> float:
+        """How many times as long it has shown one number as is still its way."""
+        shown_s = 0.0 if self.t_s is None else self.t_s - self.changed_s
+        return shown_s / max(LEAST_STAND_S, STANDS * self.longest_s)
 
     def jumping(self) -> bool:
         """Whether it shows headings that the boat cannot have come to."""

@@ -20,7 +20,7 @@ from firmware_py.estimate.sources import CompassState, SourceState, TrueHeadingS
 from firmware_py.estimate.wave_filter_state import WaveFilterSettings, WaveFilterState
 
 LEAST_RAD: Final = radians(5.0)  # several steps of the coarsest compass
-SPREADS: Final = 3.0
+SPREADS, LEAST_SPREADS = 3.0, 1.5  # that contradict: the fewer, the longer beyond its way it stands
 SWINGING_RAD: Final = radians(3.0)  # waves that no compass can show one number in
 LEARNT_S: Final = 60.0  # they are known by then, where the filter begins with some
 
@@ -44,15 +44,16 @@ def contradicted(
     """Return the sources with the compass in use found to stand still by its last sample; None where it is not."""
     compass = _in_use(state)
     said = [sample for sample in samples if sample.source == state.in_use]
-    if compass is None or not said or deaf is None or not deaf.x or not compass.stands(0.0):
+    if compass is None or not said or deaf is None or not deaf.x or compass.beyond_its_way <= 1.0:
         return None
-    if not (_shown_otherwise(deaf, said[-1].heading_rad + compass.offset_rad) or _swinging(deaf, compass)):
+    spreads = max(SPREADS / math.sqrt(compass.beyond_its_way), LEAST_SPREADS)
+    if not (_shown_otherwise(deaf, said[-1].heading_rad + compass.offset_rad, spreads) or _swinging(deaf, compass)):
         return None
     a, b = (replace(one, contradicted=True) if one is compass else one for one in state.compasses)
     return replace(state, compasses=(a, b))
 
 
-def _shown_otherwise(deaf: WaveFilterState, shown_rad: float) -> bool:
+def _shown_otherwise(deaf: WaveFilterState, shown_rad: float, spreads: float) -> bool:
     """Whether a compass cannot show this by the filter without it."""
     off_rad = wrap_pi(shown_rad - deaf.x[kalman.FLOAT] - deaf.x[kalman.WAVE])
     variance = (
@@ -61,7 +62,7 @@ def _shown_otherwise(deaf: WaveFilterState, shown_rad: float) -> bool:
         + deaf.covariance(kalman.WAVE, kalman.WAVE)
         + math.exp(deaf.noise_model.log_noise)
     )
-    return abs(off_rad) > max(LEAST_RAD, SPREADS * math.sqrt(variance))
+    return abs(off_rad) > max(LEAST_RAD, spreads * math.sqrt(variance))
 
 
 def _swinging(deaf: WaveFilterState, compass: CompassState) -> bool:
@@ -69,7 +70,8 @@ def _swinging(deaf: WaveFilterState, compass: CompassState) -> bool:
     model = deaf.noise_model
     since_s, changed_s = compass.sound_since_s, compass.changed_s
     learnt = since_s is not None and changed_s - since_s >= LEARNT_S
-    return learnt and model.wave_spread_rad >= SWINGING_RAD and compass.stands(2.0 * math.pi / model.omega_rad_s)
+    stands_s = 0.0 if compass.t_s is None else compass.t_s - changed_s
+    return learnt and model.wave_spread_rad >= SWINGING_RAD and stands_s > 2.0 * math.pi / model.omega_rad_s
 
 
 def _in_use(state: SourceState) -> CompassState | None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from hil.errors import HilError
 from hil.lab.drill.boat import DrillBoat
 from hil.lab.drill.book import Drill
+from hil.lab.drill.together import explained, is_blind, is_hidden, stops_her
 from hil.ship.scenarios import named
 from hil.sim.ground_station import GUIDED
 
@@ -152,29 +153,38 @@ def _sailed(boat: DrillBoat, case: Case, watches: list[_Watch]) -> tuple[list[st
         if len(watches) > 1:
             boat.run(APART_S)
     for watch in watches:
-        _await_telling(boat, watch)
+        _await_telling(boat, watch, asked=not is_hidden(watch.drill, case.drills))
     boat.run(max(0.0, max(watch.broken_s + watch.drill.stands_s for watch in watches) - boat.now_s))
     for watch in watches:
-        if complaint := watch.drill.holds(boat, watch.broken_s):
+        if stops_her(watch.drill, case.drills):
+            _mend(boat, watch)
+            boat.goal_s = boat.now_s  # from now on she can turn
+    for watch in watches:
+        if not is_blind(case.drills) and (complaint := watch.drill.holds(boat, watch.broken_s)):
             watch.misses.append(f"{watch.drill.name}: {complaint}")
     worst_deg = max((abs(error) for t_s, error in boat.errors_deg if t_s >= begun_s), default=0.0)
     for watch in watches:
-        watch.mended_s = boat.now_s
-        watch.drill.mended(boat)
+        if not stops_her(watch.drill, case.drills):
+            _mend(boat, watch)
     for watch in watches:
         _await_end(boat, watch)
     boat.run(QUIET_S)
     return _unexplained(boat, case, begun_s), worst_deg
 
 
-def _await_telling(boat: DrillBoat, watch: _Watch) -> None:
+def _mend(boat: DrillBoat, watch: _Watch) -> None:
+    watch.mended_s = boat.now_s
+    watch.drill.mended(boat)
+
+
+def _await_telling(boat: DrillBoat, watch: _Watch, *, asked: bool) -> None:
     drill = watch.drill
     if not drill.text:
         return
     at_s = boat.until(drill.text, drill.told_s, watch.broken_s)
-    if at_s is None:
+    if at_s is None and asked:
         watch.misses.append(f"{drill.name}: {drill.text!r} not told within {drill.told_s:g} s")
-    else:
+    elif at_s is not None:
         watch.told_s = at_s - watch.broken_s
 
 
@@ -194,6 +204,7 @@ def _await_end(boat: DrillBoat, watch: _Watch) -> None:
 def _unexplained(boat: DrillBoat, case: Case, since_s: float) -> list[str]:
     """Return what was told gravely though nothing that was broken explains it."""
     known = tuple(text for drill in case.drills for text in (drill.text, drill.recovery, *drill.also) if text)
+    known += explained(case.drills)
     everything = any("" in drill.also for drill in case.drills)
     grave = (text for t_s, severity, text in boat.station.texts if t_s >= since_s and severity <= SEVERE)
     return [] if everything else [f"unexplained: {text!r}" for text in grave if not text.startswith(known)]

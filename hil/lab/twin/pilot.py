@@ -243,7 +243,10 @@ def settle(pilot: Pilot, f: WaveFilter, boat: Boat, at: Afloat, now_s: float) ->
     f.w[RUDDER] = boat.servo_sign * at.clock[FEEDBACK_RAD]
     if f.w[STARTED] > 0.0:
         own[OWN_HEADING_RAD], own[OWN_RATE_RAD_S] = wave_filter.predict_heading(f, boat.model, now_s)
-        own[SAMPLE_S] = now_s if s[sources.IN_USE] == sources.COURSE else f.w[SAMPLE_T]
+        if s[sources.IN_USE] == sources.COURSE:
+            own[SAMPLE_S] = now_s
+        elif not own[SAMPLE_S] > f.w[SAMPLE_T]:
+            own[SAMPLE_S] = f.w[SAMPLE_T]
         own[STEERED_S] = now_s
 
 

@@ -14,7 +14,7 @@ from hil.lab.compiled import compiled
 from hil.lab.tune.twins import clamp, wrap_pi
 from hil.lab.twin.kalman import Floats
 
-JUMP_RAD = radians(25.0)
+JUMP_RAD = radians(20.0)
 JUMP_S, FIRST_JUMP_S = 1.5, 1.0
 PROBATION_S, CONTRADICTED_S = 10.0, 60.0
 SLEW_RAD_S = radians(0.5)

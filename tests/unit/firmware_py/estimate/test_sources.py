@@ -17,6 +17,7 @@ from firmware_py.estimate.sources import (
     select,
     update_compass,
 )
+from firmware_py.estimate.wave_filter import GATE_RAD
 
 TIMEOUT_S, FROZEN_S = 1.0, 30.0
 
@@ -65,8 +66,11 @@ def test_b_alone_serves_too_and_a_takes_over_after_its_probation():
     assert watch.told[-1] == "Heading from compass A, not compass B"
 
 
-@pytest.mark.parametrize(("fault", "within_s"), [(None, 1.2), ("frozen", FROZEN_S + 1.0), (math.pi, 2.0)])
+@pytest.mark.parametrize(
+    ("fault", "within_s"), [(None, 1.2), ("frozen", FROZEN_S + 1.0), (math.pi, 2.0), (GATE_RAD + 0.05, 2.0)]
+)
 def test_a_dead_frozen_or_jumping_compass_is_left_for_the_other(fault, within_s):
+    """One that the filter refuses, too: off by 22 deg it was neither taken nor left."""
     watch = Watch()
     watch.run(20.0, b=0.1)
     watch.told.clear()

@@ -61,6 +61,7 @@ def test_one_that_freezes_in_a_turn_is_told_long_before_its_time_and_has_not_bee
     freeze(boat, still=False)
     boat.run(20.0)
     assert len(boat.said(TOLD)) == len(boat.said(OVER)) == 1
+    assert boat.said("No heading") == []  # not for a tick
     assert boat.state.heading_estimator.sources.in_use is Source.COMPASS_A
 
 

@@ -5,6 +5,7 @@ import pytest
 from firmware_py.faults.table import TABLE, Fault
 from hil.lab.drill.book import BOOK
 from hil.lab.drill.sail import MOMENTS, cases
+from hil.lab.drill.together import NEEDS, TAKES, explained, is_blind, is_hidden, stops_her
 
 # Each with the reason: what provokes it takes more than devices, a sea and an operator, and has a test of its own.
 ELSEWHERE = {
@@ -37,3 +38,27 @@ def test_each_is_sailed_at_each_moment_and_in_pairs():
     assert len(single) == len(free) * len(MOMENTS) + len(BOOK) - len(free)
     able = sum(drill.pair for drill in BOOK)
     assert len(both) - len(single) == able * (able - 1) // 2
+
+
+def named(*names):
+    return [drill for name in names for drill in BOOK if drill.name == name]
+
+
+def test_what_one_takes_from_another_is_asked_of_pairs_of_the_book_alone():
+    able = {drill.name for drill in BOOK if drill.pair}
+    assert set(TAKES) | set(NEEDS) <= able
+    assert {one for needs in NEEDS.values() for one in needs} <= {one for takes in TAKES.values() for one in takes}
+    for drill in BOOK:
+        assert not any((is_hidden(drill, [drill]), is_blind([drill]), explained([drill]), stops_her(drill, [drill])))
+
+
+def test_a_pair_is_not_asked_for_what_one_of_it_hides():
+    silent, frozen = both = named("compass silent", "compass frozen")
+    assert (is_hidden(silent, both), is_hidden(frozen, both)) == (False, True)
+    assert not is_blind(both)
+    without = named("compass frozen", "position lost")
+    assert is_blind(without)
+    assert "No heading" in explained(without)
+    assert not any(is_hidden(drill, without) for drill in without)
+    cable, low = pair = named("servo's cable out", "battery low")
+    assert (stops_her(cable, pair), stops_her(low, pair)) == (True, False)
