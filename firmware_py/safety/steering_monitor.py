@@ -7,7 +7,8 @@ could not have missed; a rudder that has only just been put over tells nothing, 
 
 A rudder that holds a heading against wind and current moves as well, and the boat does not turn: that it should
 not is what the rudder moves for. So only a rudder far from where it was, while the boat is far from where it
-should be and the rudder is to bring her there, speaks against it; wind and trim do not come to so much.
+should be and the rudder is to bring her there, speaks against it. Where wind and trim come to as much, the rudder's
+changes tell it, in a test beside this one (rudder_answer.py).
 
 A boat that turns the other way, again and again, has a servo that is set up the wrong way round.
 """
@@ -22,6 +23,8 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.model.kt import KtModel, decay_over, exact_step
+from firmware_py.safety import rudder_answer
+from firmware_py.safety.rudder_answer import RudderAnswerState
 
 SLOW_S: Final = 60.0  # what changes slower than this is trim
 MEMORY_S: Final = 120.0  # for what was seen, while nothing can be told
@@ -61,8 +64,7 @@ class SteeringInput:
     """What a tick shows: the measured rudder, the estimated heading and its standard deviation, the speed, the error.
 
     `heading_rad` is None while nothing is to be learned. `shown_rad` is what the compass shows, None without one.
-    `error_rad` is how far the boat is off the heading to
-    steer, None while nobody steers for one.
+    `error_rad` is how far the boat is off the heading to steer, None while nobody steers for one.
     """
 
     rudder_rad: float
@@ -130,6 +132,7 @@ class SteeringMonitorState:
     unresponsive: bool = False
     block: Block | None = None
     wrong_way: WrongWay = WrongWay()
+    answer: RudderAnswerState = RudderAnswerState()
 
 
 def update(
@@ -143,7 +146,7 @@ def update(
     if settings.servo_reversed is not state.wrong_way.servo_reversed:
         state = replace(state, wrong_way=WrongWay(servo_reversed=settings.servo_reversed))
     if given.heading_rad is None or not math.isfinite(given.rudder_rad):
-        return state if state.block is None else replace(state, block=None)
+        return state if state.block is None else replace(state, block=None, answer=RudderAnswerState())
     block = state.block
     if block is None or now_s < block.t_s:
         return replace(state, block=Block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))
@@ -165,6 +168,8 @@ def compare(
     step_s: float,
 ) -> SteeringMonitorState:
     """Compare what the boat turned in a block with what the model expects of its mean rudder."""
+    block, sd_rad = (rudder_rad, turned_rad, step_s), given.heading_sd_rad
+    answer = rudder_answer.update(model, state.answer, block, sd_rad, given.speed_m_s, given.error_rad)
     slow_speed_m_s = given.speed_m_s if state.slow_speed_m_s is None else state.slow_speed_m_s
     model = model.at_speed(clamp(slow_speed_m_s, 0.1 * model.speed_m_s, 10.0 * model.speed_m_s))
     over_rad = rudder_rad - state.slow_rudder_rad
@@ -173,10 +178,8 @@ def compare(
     expected_rad, rate_rad_s = exact_step(state.rate_rad_s, steady_rad_s, decay, step_s, model.turning_lag_s)
     error_rad = given.error_rad
     wrong_way = judge_way(model, state, given, rudder_rad, turned_rad, step_s)
-    if wrong_way is not state.wrong_way:
-        state = replace(state, wrong_way=wrong_way)
     order_s = ordered_s(state.order_s, over_rad, error_rad, step_s)
-    state = replace(state, order_s=order_s)
+    state = replace(state, wrong_way=wrong_way, order_s=order_s, answer=answer)
     if abs(order_s) > LATE_S:
         sign = math.copysign(1.0, expected_rad)
         # Without her blade she is turned by what the trim held her against, and that is no answer to the rudder.
@@ -197,6 +200,8 @@ def compare(
             expected_rad=keep * state.expected_rad,
             turned_rad=keep * state.turned_rad,
         )
+    if answer.missing and not state.unresponsive:
+        state = replace(state, unresponsive=True, telling_s=0.0, expected_rad=0.0, turned_rad=0.0)
     # By hand she may be kept straight with any trim.
     if order_s == 0.0 or error_rad is None:
         part = 1.0 - math.exp(-step_s / SLOW_S)
@@ -250,7 +255,7 @@ def judge_way(
     begun_rad = None if state.block is None else state.block.shown_rad
     shown_rad = 0.0 if begun_rad is None or given.shown_rad is None else wrap_pi(given.shown_rad - begun_rad)
     # What speaks against what has been found: that she turns the wrong way, or the right one again.
-    sign = -math.copysign(1.0, expected_rad) if way.reversed else math.copysign(1.0, expected_rad)
+    sign = math.copysign(1.0, -expected_rad if way.reversed else expected_rad)
     block = Evidence(step_s, abs(expected_rad), sign * turned_rad)
     by_estimate = _taken(way.by_estimate, block, REVERSED)
     by_compass = _taken(way.by_compass, replace(block, turned_rad=sign * shown_rad), SHOWN_REVERSED)
@@ -288,9 +293,8 @@ def judge(state: SteeringMonitorState, heading_sd_rad: float, lag_s: float) -> S
     """Change the verdict once there is enough to tell; begin the sums anew where they bear out the one there is."""
     share = REGAINED if state.unresponsive else LOST
     answers = state.turned_rad >= share * state.expected_rad
-    enough = is_enough(state.telling_s, state.expected_rad, heading_sd_rad, lag_s)
     if answers != state.unresponsive:
         return replace(state, telling_s=0.0, expected_rad=0.0, turned_rad=0.0)
-    if not enough:
+    if not is_enough(state.telling_s, state.expected_rad, heading_sd_rad, lag_s):
         return state
     return replace(state, unresponsive=not state.unresponsive, telling_s=0.0, expected_rad=0.0, turned_rad=0.0)

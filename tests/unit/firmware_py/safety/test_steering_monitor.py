@@ -7,6 +7,7 @@ import pytest
 from firmware_py.common.angles import wrap_two_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
+from firmware_py.safety.rudder_answer import RudderAnswerState
 from firmware_py.safety.steering_monitor import SteeringInput, SteeringMonitorSettings, SteeringMonitorState, update
 
 K, T = 0.049, 4.0
@@ -77,6 +78,15 @@ def test_a_blade_lost_in_a_turn_is_told_within_a_minute_and_its_return_too():
     assert [lost for _, lost in boat.told] == [True]
     boat.steer(60.0, 7.5)
     assert [lost for _, lost in boat.told] == [True, False]
+
+
+def test_gusts_that_the_helm_holds_her_against_are_no_lost_blade():
+    """However the rudder goes over, she is where she is to be."""
+    boat = Boat(bias_rad=0.0)
+    for tick in range(6000):
+        gust_rad = 0.4 * math.sin(0.1 * tick / 10.0)
+        boat.tick(gust_rad, 0.1, pushed_rad=-gust_rad)
+    assert boat.told == []
 
 
 def test_a_servo_that_is_set_up_the_wrong_way_round_is_told_and_its_mending_too():
@@ -175,7 +185,7 @@ def test_what_is_no_number_and_what_nobody_sees_begin_a_new_block():
     given = SteeringInput(0.5, 1.0, SD_RAD, 0.4, 1.0)
     for odd in (replace(given, heading_rad=None), replace(given, rudder_rad=math.nan)):
         state = update(SETTINGS, boat.state, odd, boat.t_s + 0.1)
-        assert state == replace(boat.state, block=None)
+        assert state == replace(boat.state, block=None, answer=RudderAnswerState())
         assert update(SETTINGS, state, odd, boat.t_s + 0.2) is state
 
 
