@@ -236,7 +236,7 @@ DRILLS = (
         lambda bench: attitude_off(bench, 0.0), 8.0, start_s=20.0, stands_s=20.0,
     ),
     Drill(
-        Fault.COMPASS_DISAGREES, lambda bench: setattr(bench.other_attitude, "error_rad", math.radians(22.0)), 25.0,
+        Fault.COMPASS_DISAGREES, lambda bench: setattr(bench.other_attitude, "error_rad", math.radians(18.0)), 25.0,
         undisturbed, lambda bench: setattr(bench.other_attitude, "error_rad", 0.0), 25.0, start_s=20.0,
         options={"second_compass": True},
     ),

@@ -160,7 +160,7 @@ BOOK: tuple[Drill, ...] = (
     ),
     Drill(
         "compasses disagree", "Compasses disagree", "Compasses agree again",
-        put("other_attitude.error_rad", radians(22.0)), put("other_attitude.error_rad", 0.0), 30.0, 30.0, 5.0,
+        put("other_attitude.error_rad", radians(18.0)), put("other_attitude.error_rad", 0.0), 30.0, 30.0, 5.0,
         on_course,
         fitted=("compass_b",), pair=True,
     ),
