@@ -1,7 +1,8 @@
 """Frozen records as `dataclasses.dataclass(frozen=True, slots=True)` makes them, in a fifth of the time.
 
 The standard library writes and compiles six functions for each class, which was two fifths of a start. Here one is, the
-constructor; it fills the slots themselves, so that a record is made sooner, too. What else a record does is shared.
+constructor, when the first record is made; it fills the slots themselves, so that a record is made sooner, too.
+What else a record does is shared.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ def _record_of(source: type) -> type:
     parameters = kind.__dataclass_params__
     parameters.init = parameters.repr = parameters.eq = parameters.frozen = True
     values = _reader(names)
-    kind.__init__ = _constructor(kind, fields)
+    kind.__init__ = _first_constructor(kind, fields)
     kind.__repr__ = lambda record: _text(record, names, values)
     kind.__eq__ = lambda one, other: (
         values(one) == values(other) if other.__class__ is one.__class__ else NotImplemented
@@ -51,6 +52,16 @@ def _reader(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]:
         return lambda _record: ()
     read = attrgetter(*names)
     return read if len(names) > 1 else lambda record: (read(record),)
+
+
+def _first_constructor(kind: Any, fields: tuple[dataclasses.Field[Any], ...]) -> Callable[..., None]:
+    """Return what writes the constructor of a record when the first is made: most never are in a start."""
+
+    def __init__(record: Any, /, *words: Any, **more: Any) -> None:  # noqa: N807 - by this name it is told of
+        kind.__init__ = _constructor(kind, fields)
+        kind.__init__(record, *words, **more)
+
+    return __init__
 
 
 def _constructor(kind: type, fields: tuple[dataclasses.Field[Any], ...]) -> Callable[..., None]:
