@@ -1,0 +1,50 @@
+import io
+
+import pytest
+
+from hil.cli import progress
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self):
+        return True
+
+
+class Clock:
+    """Seconds that the test moves on."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+def told(stream, moments):
+    """Tell of moments (seconds since the beginning, done, done since); return what was written."""
+    clock = Clock()
+    with progress.line(stream, clock) as tell:
+        for t_s, done, since in moments:
+            clock.now = 100.0 + t_s
+            tell(done, 1000, since)
+    return stream.getvalue()
+
+
+def test_a_pipe_gets_a_line_now_and_then():
+    text = told(io.StringIO(), [(1.0, 10, 10), (29.0, 20, 20), (31.0, 62, 31), (40.0, 70, 39), (62.0, 93, 62)])
+    assert text == "62 of 1000 runs, 1 a second, 16 min left\n93 of 1000 runs, 1 a second, 15 min left\n"
+
+
+def test_a_terminal_has_one_line_that_goes_in_the_end():
+    text = told(Terminal(), [(1.0, 500, 10), (1.1, 501, 11), (2.0, 520, 20)])
+    assert (
+        text
+        == "\r\x1b[K500 of 1000 runs, 10 a second, 50 s left\r\x1b[K520 of 1000 runs, 10 a second, 48 s left\r\x1b[K"
+    )
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(59.0, "59 s"), (60.0, "1 min"), (5400.0, "1.5 h")])
+def test_a_time_has_the_unit_that_suits_it(seconds, text):
+    assert progress._time(seconds) == text

@@ -1,0 +1,62 @@
+from concurrent.futures import Future
+
+import pytest
+
+from hil.errors import HilError, UsageError
+from hil.lab.campaign import crew
+from hil.lab.campaign.engines import versions
+from support.campaign import read
+
+
+class Pool:
+    """An executor that does at once what it is given."""
+
+    def __init__(self):
+        self.given = 0
+
+    def submit(self, work, *words):
+        self.given += 1
+        future = Future()
+        future.set_result(work(*words))
+        return future
+
+
+def batches(count):
+    """Yield batches of ten runs."""
+    return iter([(10 * number, 10 * number + 10) for number in range(count)])
+
+
+def work(_spec, first, last):
+    """Return what a worker of the same version returns."""
+    return versions(), [first, last]
+
+
+def test_every_batch_comes_back_once_and_few_are_given_out_before():
+    pool, waiting = Pool(), {}
+    sailing = crew._sailed(pool, work, read(), batches(20), lambda: 2, waiting)
+    found = [next(sailing)]
+    assert pool.given == 2 * crew.WAITING
+    found += sailing
+    assert sorted(batch for batch, _ in found) == list(batches(20))
+    assert all(list(batch) == results for batch, results in found)
+    assert not waiting
+
+
+def test_a_worker_of_another_version_is_not_believed():
+    def other(_spec, _first, _last):
+        return {**versions(), "numpy": "0", "sources": "?"}, []
+
+    waiting = {}
+    with pytest.raises(HilError, match="other versions than this computer: numpy, sources; go on with --resume"):
+        list(crew._sailed(Pool(), other, read(), batches(3), lambda: 1, waiting))
+    assert list(waiting.values())  # what was in hand is still known
+
+
+def test_a_cluster_without_workers_waits_for_them_with_something_to_do():
+    assert len(list(crew._sailed(Pool(), work, read(), batches(5), lambda: 0, {}))) == 5
+
+
+def test_an_address_that_is_none_is_refused_before_it_is_tried():
+    for address in ("fish", "tcp://", "tcp://host", "http://host:1/x"):
+        with pytest.raises(UsageError, match="write tcp://HOST:PORT"):
+            next(crew.sail_on(address, read(), batches(1)))
