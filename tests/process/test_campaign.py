@@ -179,5 +179,7 @@ def test_a_dask_cluster_comes_to_the_same_whoever_of_it_is_killed(tmp_path):
         assert "Traceback" not in errors
     with cluster() as (_, address):
         assert sailed(TWIN, out, "--scheduler", address, "--resume") == whole
-    code, _, errors = rambler_hil("campaign", out.with_suffix(".toml"), "--out", out, "--scheduler", "fish")
+    code, _, errors = rambler_hil(
+        "campaign", out.with_suffix(".toml"), "--out", tmp_path / "fish", "--scheduler", "fish"
+    )
     assert (code, errors) == (2, "rambler-hil: --scheduler fish: write tcp://HOST:PORT\n")
