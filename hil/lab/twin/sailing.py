@@ -79,14 +79,17 @@ def sail_beside(runs: Sequence[Run], seconds: float, *, ticks: bool) -> tuple[Re
     )
     counts = np.zeros(len(runs), np.int64)
     seas = [run.sea for run in runs]
-    starts = np.cumsum([0, *(sea.series.size for sea in seas)]).tolist()
+    # The series stay where they are: their numbers are counted from the one that comes first in memory.
+    places = [sea.series.ctypes.data // sea.series.itemsize for sea in seas]
+    first = places.index(min(places))
+    starts = [place - places[first] for place in places]
     given = [run.task for run in runs]
     voyage(
         Waters(
-            records_of([moved(sea.ship, start) for sea, start in zip(seas, starts[:-1], strict=True)]),
-            records_of([moved(sea.devices, start) for sea, start in zip(seas, starts[:-1], strict=True)]),
+            records_of([moved(sea.ship, start) for sea, start in zip(seas, starts, strict=True)]),
+            records_of([moved(sea.devices, start) for sea, start in zip(seas, starts, strict=True)]),
             aligned(AFLOAT, COUNT),
-            seas[0].series if len(seas) == 1 else np.concatenate([sea.series for sea in seas]),
+            seas[first].series,
             np.zeros((COUNT, max(1, *(sea.ship.delay_steps for sea in seas)))),
             np.zeros((TURNS, COUNT)),
         ),

@@ -12,15 +12,16 @@ from firmware_py.common.angles import TWO_PI, radians
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.devices.nmea_gps import Gaps
 from hil.lab.compiled import compiled
+from hil.lab.normals import drawn
 from hil.lab.twin.afloat import Sea
 from hil.lab.twin.devices import Devices
 from hil.lab.twin.kalman import Floats
 from hil.lab.twin.ship import GRID_S, STEPS_PER_SECOND, Ship
 from hil.ship import drift as drifting
+from hil.ship import gusts
 from hil.ship import wave_speed as speeds
 from hil.ship.extras import Compass, Leeway, Receiver
 from hil.ship.float_body import transition
-from hil.ship.gusts import Gusts
 from hil.ship.kt_plant import inner_steps
 from hil.ship.manoeuvring import sway_ratios
 from hil.ship.noise import BLOCK, Stream, generator
@@ -38,10 +39,14 @@ STILL = ((0.0, 0.0), (0.0, 0.0))
 
 
 def normals(seed: int, stream: Stream, count: int) -> Floats:
-    """Return the numbers of NormalNumbers in the order in which it gives them."""
-    source = generator(seed, stream)
-    blocks = [source.standard_normal(BLOCK)[::-1] for _ in range(count // BLOCK + 1)]
-    return np.concatenate(blocks)[:count]
+    """Return the blocks of numbers of NormalNumbers, of each of which it gives the last first."""
+    return drawn(generator(seed, stream), (count // BLOCK + 1) * BLOCK)
+
+
+@compiled
+def place_of(number: int) -> int:
+    """Return where in its blocks the number stands that NormalNumbers gives as this one."""
+    return number ^ BLOCK - 1
 
 
 @compiled
@@ -49,18 +54,38 @@ def _swing(
     spreads: tuple[float, float], a: tuple[tuple[float, float], tuple[float, float]], n: tuple[float, float, float],
     numbers: Floats, out: Floats,
 ) -> None:  # fmt: skip
-    out[0, 0], out[0, 1] = spreads[0] * numbers[0], spreads[1] * numbers[1]
+    y, v = spreads[0] * numbers[place_of(0)], spreads[1] * numbers[place_of(1)]
+    out[0, 0], out[0, 1] = y, v
     for k in range(1, out.shape[0]):
-        y, v, first, second = out[k - 1, 0], out[k - 1, 1], numbers[2 * k], numbers[2 * k + 1]
-        out[k, 0] = a[0][0] * y + a[0][1] * v + n[0] * first
-        out[k, 1] = a[1][0] * y + a[1][1] * v + n[1] * first + n[2] * second
+        first, second = numbers[place_of(2 * k)], numbers[place_of(2 * k + 1)]
+        y, v = (
+            a[0][0] * y + a[0][1] * v + n[0] * first,
+            a[1][0] * y + a[1][1] * v + n[1] * first + n[2] * second,
+        )
+        out[k, 0], out[k, 1] = y, v
 
 
 @compiled
 def _wander(first: float, keep: float, add: float, numbers: Floats, out: Floats) -> None:
-    out[0] = first * numbers[0]
+    value = first * numbers[place_of(0)]
+    out[0] = value
     for k in range(1, out.size):
-        out[k] = keep * out[k - 1] + add * numbers[k]
+        value = keep * value + add * numbers[place_of(k)]
+        out[k] = value
+
+
+@compiled
+def _die(fade: float, calm_at_s: float, calm_until_s: float, out: Floats) -> None:
+    out[0] = 1.0
+    for k in range(1, out.size):
+        level = 0.0 if calm_at_s <= k * GRID_S < calm_until_s else 1.0
+        out[k] = level + fade * (out[k - 1] - level)
+
+
+@compiled
+def _add_gust(begin: int, end: int, peak_rad: float, out: Floats) -> None:
+    for k in range(begin, min(end, out.size)):
+        out[k] += 0.5 * peak_rad * (1.0 - math.cos(TWO_PI * (k - begin) / (end - begin)))
 
 
 def process_of(spread: float, period_s: float, seed: int, stream: Stream, steps: int) -> Floats:
@@ -69,7 +94,7 @@ def process_of(spread: float, period_s: float, seed: int, stream: Stream, steps:
         return NO_PROCESS
     omega_rad_s = 2.0 * math.pi / period_s / math.sqrt(1.0 - 2.0 * DAMPING**2)
     spreads = (spread, spread * omega_rad_s)
-    out = np.zeros((steps + 2, 2))
+    out = np.empty((steps + 2, 2))
     _swing(spreads, *discretised(spreads, omega_rad_s, GRID_S), normals(seed, stream, 2 * steps + 4), out)
     return out
 
@@ -78,13 +103,13 @@ def offset_of(scenario: Scenario, seed: int, steps: int) -> Floats:
     """Return the rudder angle that drift and gusts add at each grid step."""
     spread_rad = radians(scenario.drift_deg)
     keep = math.exp(-GRID_S / drifting.TIME_CONSTANT_S)
-    out = np.zeros(steps + 1)
+    out = np.empty(steps + 1)
     _wander(spread_rad, keep, spread_rad * math.sqrt(1.0 - keep**2), normals(seed, Stream.DRIFT, steps + 1), out)
-    if scenario.gust_deg:
-        gusts = Gusts(radians(scenario.gust_deg), GRID_S, generator(seed, Stream.GUSTS))
-        for k in range(steps + 1):
-            out[k] += gusts.angle_rad
-            gusts.step()
+    source, end = generator(seed, Stream.GUSTS), 0
+    while scenario.gust_deg and end <= steps:
+        begin = end + round(source.exponential(gusts.PAUSE_S) / GRID_S)
+        end = begin + max(1, round(source.uniform(gusts.SHORTEST_S, gusts.LONGEST_S) / GRID_S))
+        _add_gust(begin, end, radians(scenario.gust_deg) * math.sqrt(source.exponential(1.0)), out)
     return out
 
 
@@ -94,13 +119,11 @@ def speed_of(scenario: Scenario, seed: int, steps: int) -> tuple[Floats, Floats]
     if how is None:
         return NOTHING, NOTHING
     keep = math.exp(-GRID_S / how.memory_s)
-    groups = np.zeros(steps + 1)
+    groups = np.empty(steps + 1)
     _wander(how.spread, keep, how.spread * math.sqrt(1.0 - keep**2), normals(seed, Stream.SPEED, steps + 1), groups)
     fade, calm_until_s = math.exp(-GRID_S / speeds.DYING_S), how.calm_at_s + how.calm_for_s
-    waves = np.ones(steps + 1)
-    for k in range(1, steps + 1):
-        level = 0.0 if how.calm_at_s <= k * GRID_S < calm_until_s else 1.0
-        waves[k] = level + fade * (waves[k - 1] - level)
+    waves = np.empty(steps + 1)
+    _die(fade, how.calm_at_s, calm_until_s, waves)
     return waves * np.minimum(np.maximum(1.0 + groups, 0.0), speeds.MOST), waves
 
 
@@ -208,10 +231,10 @@ def series_of(scenario: Scenario, seed: int, steps: int) -> tuple[Floats, ...]:
 def fixes_of(scenario: Scenario, seed: int, epochs: int, first_s: float, period_s: float) -> Floats:
     """Return what is random about each fix, as Devices has it."""
     bought = scenario.extras.receiver or PLAIN
-    numbers = generator(seed, Stream.POSITION).standard_normal(2 + 4 * epochs)[2:].reshape(-1, 4)
+    numbers = drawn(generator(seed, Stream.POSITION), 2 + 4 * epochs)[2:].reshape(-1, 4)
     gaps, fixes = Gaps(bought.lost, bought.gap_s, generator(seed, Stream.GAPS)), np.zeros((epochs, 3))
     fixes[:, :2] = 0.0 + bought.noise_m_s * numbers[:, 2:]
-    for k in range(epochs):
+    for k in range(epochs if bought.lost > 0.0 else 0):
         fixes[k, 2] = gaps.cover(first_s + k * period_s)
     return fixes
 
@@ -224,7 +247,7 @@ def devices_of(scenario: Scenario, seed: int, seconds: float, first: int) -> tup
     fix_phase_s = float(chances.uniform(0.0, FIX_PERIOD_S))
     fix_ppm = float(chances.normal(0.0, FREQUENCY_ERROR_PPM))
     fix_period_s = FIX_PERIOD_S / (1.0 + fix_ppm * 1e-6)
-    noise_deg = generator(seed, Stream.COMPASS).normal(0.0, COMPASS_NOISE_DEG, int(seconds * 10.01) + 20)
+    noise_deg = COMPASS_NOISE_DEG * drawn(generator(seed, Stream.COMPASS), int(seconds * 10.01) + 20)
     fixes = fixes_of(scenario, seed, int(seconds) + 3, fix_phase_s, fix_period_s)
     bought = scenario.extras.receiver or PLAIN
     devices = Devices(
