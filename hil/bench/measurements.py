@@ -18,6 +18,7 @@ from hil.bench import (
     swarm,
     transfers,
     trips,
+    twin,
 )
 from hil.bench.figure import Finding
 from hil.bench.setting import Setting
@@ -42,5 +43,6 @@ TABLE: Mapping[str, Measurement] = {
     "objective": Measurement("the identification's objective beside C", objective.measure),
     "hour": Measurement("an hour's log identified", hour.measure),
     "swarm": Measurement("the fish swarm beside scikit-opt's", swarm.measure),
+    "twin": Measurement("the compiled twin beside its bare arithmetic", twin.measure),
     "first-use": Measurement("the first use on a machine, which compiles", first_use.measure),
 }

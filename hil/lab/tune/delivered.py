@@ -21,6 +21,7 @@ from firmware_py.common.parameter_table import TABLE
 from firmware_py.common.parameters import ParameterSet, index_of
 from firmware_py.model.kt import KtModel, steady_yaw_rate
 from hil.lab.compiled import compiling
+from hil.lab.lanes import COUNT
 from hil.lab.tune.cases import GOALS_DEG, LONGEST_LEG_S, SHORTEST_LEG_S, STEADY_PART
 from hil.lab.tune.loop_kernel import ITAE, RESULTS, TRAVEL, Floats, Task, measure
 from hil.lab.twin import sailing
@@ -121,13 +122,14 @@ class Trials:
             self.reference = self.results(default_setting())
         self.delivered = self._keep(default_setting(), self.reference)
 
-    def record(self, setting: Setting, sea: Sea) -> Record:
-        """Sail a sea with a setting."""
+    def record(self, setting: Setting, seas: Sequence[Sea]) -> Record:
+        """Sail up to COUNT seas with a setting; return their rows."""
         told = self.parameters
         for name, value in parameters_of(setting).items():
             told = told.replaced(name, value)
-        task = sailing.task_of(self.goals)
-        return sailing.sail(sailing.boat_of(told), sailing.law_of(told), sea, task, self.seconds)[0]
+        boat, law, task = sailing.boat_of(told), sailing.law_of(told), sailing.task_of(self.goals)
+        runs = [sailing.Run(boat, law, sea, task) for sea in seas]
+        return sailing.sail_beside(runs, self.seconds, ticks=False)[0]
 
     def results(self, setting: Setting) -> Floats:
         """Return the results (cases, RESULTS) in radians, as loop_kernel.measure defines them."""
@@ -135,12 +137,13 @@ class Trials:
         first = round(SETTLING_S * ROWS_PER_SECOND)
 
         def sail(number: int) -> None:
-            record = self.record(setting, self.seas[number])
-            measure(self.legs, record.heading_rad[first:-1], record.rudder_rad[first:-1], results[number])
+            record = self.record(setting, self.seas[number : number + COUNT])
+            for headings, rudders, result in zip(record.heading_rad, record.rudder_rad, results[number:], strict=False):
+                measure(self.legs, headings[first:-1], rudders[first:-1], result)
 
         # Compiled code lets go of the interpreter.
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-            list(pool.map(sail, range(len(self.cases))))
+            list(pool.map(sail, range(0, len(self.cases), COUNT)))
         return results
 
     def score(self, setting: Setting) -> Score:

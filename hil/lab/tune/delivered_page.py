@@ -11,6 +11,7 @@ from firmware_py.common.angles import DEGREES_PER_RADIAN
 from hil.lab.tune.delivered import DEG_PER_H, Setting, default_setting
 from hil.lab.tune.delivered_report import Report, case_rows, choice_lines, parameter_file
 from hil.lab.tune.loop_kernel import TRAVEL
+from hil.lab.twin import sailing
 from hil.report import page
 from hil.report.style import (
     COMMAND,
@@ -95,6 +96,6 @@ def _tried(axes: Any, report: Report) -> None:
 
 def _run(report: Report, setting: Setting) -> tuple[Any, Any, Any, float]:
     """Return time, heading, rudder and travel of the first case in fresh seas."""
-    record = report.fresh.record(setting, report.fresh.seas[0])
+    record = sailing.alone(report.fresh.record(setting, report.fresh.seas[:1]))
     travel = float(report.fresh.results(setting)[0, TRAVEL]) * DEG_PER_H
     return np.arange(record.heading_rad.size) / ROWS_PER_SECOND, record.heading_rad, record.rudder_rad, travel

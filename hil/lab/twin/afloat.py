@@ -12,6 +12,7 @@ from hil.lab.compiled import compiled
 from hil.lab.lanes import COUNT
 from hil.lab.twin import devices as told
 from hil.lab.twin import ship as ships
+from hil.lab.twin import turning
 from hil.lab.twin.devices import THERE_S, Devices
 from hil.lab.twin.kalman import Floats
 from hil.lab.twin.ship import GRID_S, HULL_STATES, PSI, STEPS_PER_SECOND, Series, Ship
@@ -21,7 +22,7 @@ QUEUE = 16
 
 # Of Afloat.counts, and of Afloat.clock.
 STEP, ROW, SAMPLE, EPOCH, FILTERED, HEADINGS, FIXES, GIVEN = range(8)
-FEEDBACK_RAD, NORTH_M_S, EAST_M_S, FIRST_FIX_S, DEADLINE_S, NEXT_S, UNTIL_S = range(7)
+FEEDBACK_RAD, NORTH_M_S, EAST_M_S, FIRST_FIX_S, DEADLINE_S, NEXT_S, UNTIL_S, SHAFT_RAD = range(8)
 
 # Ship and devices as they stand: hull, shaft, sentences on their way to the autopilot, counts.
 AFLOAT = np.dtype(
@@ -30,7 +31,7 @@ AFLOAT = np.dtype(
         ("shaft", np.float64, (3,)),
         ("headings", np.float64, (QUEUE, 2)),
         ("fixes", np.float64, (QUEUE, 4)),
-        ("clock", np.float64, (7,)),
+        ("clock", np.float64, (8,)),
         ("counts", np.int64, (8,)),
     ]
 )
@@ -77,30 +78,42 @@ def begin_afloat(at: Afloat, ship: Ship) -> None:
 @compiled
 def sail(waters: Waters, record: Record, going: int) -> None:
     """Let the ships of the lanes in `going`, a bit for each, sail on the grid until their times."""
-    series, turns = waters.series, waters.turns
-    moved, most = going, 1
-    while moved > 0:
+    series, turns, most = waters.series, waters.turns, 1
+    for k in range(COUNT):
+        if going >> k & 1 > 0:
+            turning.be_beside(waters.afloat[k].hull, waters.ships[k], turns, k)
+            most = max(most, waters.ships[k].inner_steps)
+    while True:
         moved = 0
         for k in range(COUNT):
+            turns[turning.ON, k] = 0.0
             at, ship = waters.afloat[k], waters.ships[k]
-            next_s = (at.counts[STEP] + 1) / STEPS_PER_SECOND
+            step = at.counts[STEP]
+            next_s = (step + 1) / STEPS_PER_SECOND
             if going >> k & 1 > 0 and next_s <= at.clock[UNTIL_S]:
                 rudder_rad = told.shaft_angle(at.shaft, next_s)
-                ships.begin_step(at.hull, ship, series, waters.waiting, turns, k, at.counts[STEP], rudder_rad)
-                moved, most = moved | 1 << k, max(most, ship.inner_steps)
-        if moved > 0:
-            ships.turn_hulls(turns, most)
+                at.clock[SHAFT_RAD] = rudder_rad
+                rudder_rad = turning.in_water(ship, waters.waiting, k, step, rudder_rad)
+                turning.drive(at.hull, ship, series, turns, k, step, rudder_rad)
+                moved |= 1 << k
+        if moved == 0:
+            return
+        turning.turn_hulls(turns, most)
         for k in range(COUNT):
             if moved >> k & 1 > 0:
                 at = waters.afloat[k]
-                counts = at.counts
-                ships.end_step(at.hull, waters.ships[k], series, turns, k, counts[STEP])
-                counts[STEP] += 1
-                row = counts[STEP] // STEPS_PER_ROW
-                if row * STEPS_PER_ROW == counts[STEP] and row < record.heading_rad.shape[1]:
-                    rudder_rad = told.shaft_angle(at.shaft, counts[STEP] / STEPS_PER_SECOND)
-                    record.heading_rad[k, row], record.rudder_rad[k, row] = at.hull[PSI], rudder_rad
-                    counts[ROW] = row
+                turning.end_step(at.hull, waters.ships[k], series, turns, k, at.counts[STEP])
+                at.counts[STEP] += 1
+                write_row(at, record, k)
+
+
+@compiled
+def write_row(at: Afloat, record: Record, k: int) -> None:
+    """Fill the row of a grid step, if it has one."""
+    row = at.counts[STEP] // STEPS_PER_ROW
+    if row * STEPS_PER_ROW == at.counts[STEP] and row < record.heading_rad.shape[1]:
+        record.heading_rad[k, row], record.rudder_rad[k, row] = at.hull[PSI], at.clock[SHAFT_RAD]
+        at.counts[ROW] = row
 
 
 @compiled

@@ -17,7 +17,7 @@ from hil.lab.twin.afloat import AFLOAT, Record, Sea, Waters
 from hil.lab.twin.kalman import COVARIANCES, Floats
 from hil.lab.twin.loop import MORE_TICKS, TICK_COLUMNS, Orders, voyage
 from hil.lab.twin.pilot import PILOT, Boat, Crew, Task
-from hil.lab.twin.ship import TURNS
+from hil.lab.twin.turning import TURNS
 from hil.lab.twin.wave_filter_state import FILTER
 from hil.sim.goals import Goal
 from hil.sim.truth import ROWS_PER_SECOND, Truth
@@ -63,7 +63,12 @@ class Run(NamedTuple):
 def sail(boat: Boat, law: Floats, sea: Sea, task: Task, seconds: float) -> tuple[Record, int]:
     """Sail a run; return the record and how many ticks there were."""
     record, ticks = sail_beside([Run(boat, law, sea, task)], seconds, ticks=True)
-    return Record(*(one[0] for one in record)), int(ticks[0])
+    return alone(record), int(ticks[0])
+
+
+def alone(record: Record, number: int = 0) -> Record:
+    """Return what a record holds of one of its runs."""
+    return Record(record.heading_rad[number], record.rudder_rad[number], record.ticks[number])
 
 
 def sail_beside(runs: Sequence[Run], seconds: float, *, ticks: bool) -> tuple[Record, NDArray[np.int64]]:

@@ -139,7 +139,6 @@ def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
     body, leeway = extras.float_body, extras.leeway or Leeway(0.0)
     (f00, f01), (f10, f11) = STILL if body is None else transition(body.own_frequency_rad_s, body.damping, GRID_S)
     drive, damping_1_m = sway_ratios(sway_model(FLOAT), 1.0)
-    along_m, across_m = _crests_m(scenario)
     yaw_rad = radians(scenario.wave_yaw_deg)
     compass = extras.compass or Compass(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     toward_rad = radians(scenario.current_toward_deg)
@@ -170,8 +169,7 @@ def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
         extras.orbital is not None,
         not yaw_rad > 0.0,
         1.0 / yaw_rad if yaw_rad > 0.0 else 1.0,
-        along_m,
-        across_m,
+        *_crests_m(scenario),
         radians(scenario.waves_toward_deg),
         scenario.orbital_m_s > 0.0 and scenario.wave_period_s > 0.0,
         extras.compass is not None,
@@ -185,6 +183,7 @@ def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
         scenario.tide_rotary,
         yaw_rad > 0.0,
         _heel_rad(scenario) > 0.0,
+        any((extras.leeway, extras.slide, body, extras.wave_speed, extras.compass)),
         *places,
     )
 

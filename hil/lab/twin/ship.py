@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from firmware_py.common.angles import TWO_PI
-from firmware_py.model.kt import rk4_step, yaw_acceleration
+from firmware_py.model.kt import yaw_acceleration
 from hil.lab.compiled import compiled
-from hil.lab.lanes import lanes_of, put_lanes, where
 from hil.lab.twin.kalman import Floats
 
 STEPS_PER_SECOND = 50
@@ -74,6 +73,7 @@ class Ship(NamedTuple):
     rotary: float
     has_yaw: bool
     has_roll: bool
+    has_more: bool  # than a hull: way sideways, a float, a changing speed, a compass as bought
     offset_at: int
     yaw_at: int
     orbit_at: int
@@ -84,11 +84,6 @@ class Ship(NamedTuple):
     waves_at: int
     blade_lost_s: float = math.inf  # from then on the rudder turns nothing
 
-
-# What turns the hulls in a step, of all lanes: heading, yaw rate, the rudder that drives, the inner steps, K, T, alpha
-# and the offset of the rudder.
-AFTER_PSI, AFTER_RATE, DRIVEN, INNER, INNER_S, BY_K, BY_T, BY_ALPHA, BY_OFFSET = range(9)
-TURNS = 9
 
 # What a hull remembers.
 (PSI, YAW_RATE, RUDDER, FLOAT_PSI, FLOAT_RATE, SIDEWAYS, SLIDE, SHOWN, NOW_K, NOW_T, NOW_ALPHA, NOW_SPEED) = range(12)
@@ -240,41 +235,9 @@ def begin_hull(hull: Floats, ship: Ship) -> None:
 
 
 @compiled
-def begin_step(
-    hull: Floats, ship: Ship, series: Series, waiting: Floats, turns: Floats, lane: int, step: int, rudder_rad: float
-) -> None:
-    """Fill what turns a hull from a grid step to the next, which ends with the rudder at rudder_rad."""
-    if step * GRID_S >= ship.blade_lost_s:
-        rudder_rad = 0.0
-    if ship.delay_steps > 0:
-        place = step % ship.delay_steps
-        rudder_rad, waiting[lane, place] = waiting[lane, place], rudder_rad
-    turns[AFTER_PSI, lane], turns[AFTER_RATE, lane] = hull[PSI], hull[YAW_RATE]
-    turns[DRIVEN, lane] = 0.5 * (hull[RUDDER] + rudder_rad)
-    turns[INNER, lane], turns[INNER_S, lane] = ship.inner_steps, ship.inner_s
-    turns[BY_K, lane], turns[BY_T, lane], turns[BY_ALPHA, lane] = hull[NOW_K], hull[NOW_T], hull[NOW_ALPHA]
-    turns[BY_OFFSET, lane] = ship.bias_rad + series[ship.offset_at + step]
-    hull[RUDDER] = rudder_rad
-
-
-@compiled
-def turn_hulls(turns: Floats, most: int) -> None:
-    """Turn the hulls of all lanes by a grid step, in at most so many inner steps."""
-    psi, r, inner = lanes_of(turns, AFTER_PSI), lanes_of(turns, AFTER_RATE), lanes_of(turns, INNER)
-    driven_rad, inner_s, offset_rad = lanes_of(turns, DRIVEN), lanes_of(turns, INNER_S), lanes_of(turns, BY_OFFSET)
-    ability, lag_s, norrbin = lanes_of(turns, BY_K), lanes_of(turns, BY_T), lanes_of(turns, BY_ALPHA)
-    for number in range(most):
-        turned, rate = rk4_step(psi, r, driven_rad, inner_s, ability, lag_s, norrbin, offset_rad)
-        psi, r = where(inner - float(number), turned, psi), where(inner - float(number), rate, r)
-    put_lanes(turns, AFTER_PSI, psi)
-    put_lanes(turns, AFTER_RATE, r)
-
-
-@compiled
-def end_step(hull: Floats, ship: Ship, series: Series, turns: Floats, lane: int, step: int) -> None:
-    """Be where a hull has turned to."""
-    before_rad, psi, r = hull[PSI], turns[AFTER_PSI, lane], turns[AFTER_RATE, lane]
-    hull[PSI], hull[YAW_RATE] = psi, r
+def drift_on(hull: Floats, ship: Ship, series: Series, before_rad: float, step: int) -> None:
+    """Let what a ship has beside its hull take a step: way sideways, float, speed, compass."""
+    psi, r = hull[PSI], hull[YAW_RATE]
     middle_rad = 0.5 * (before_rad + psi)
     if ship.has_sideways:
         speed_m_s = hull[NOW_SPEED]

@@ -19,7 +19,7 @@ from firmware_py.estimate import sources as choosing
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from firmware_py.safety import oscillation as watching
 from hil.lab.lanes import COUNT, aligned
-from hil.lab.twin import devices, helm, oscillation, sailing, sources
+from hil.lab.twin import devices, helm, oscillation, sailing, sources, turning
 from hil.lab.twin import kalman as twin_kalman
 from hil.lab.twin import learning as twin_learning
 from hil.lab.twin import over_ground as twin_over_ground
@@ -237,7 +237,7 @@ def test_the_ship_in_her_sea_is_the_harness_s(text):
     scenario, seconds = sea_of(text), 20.0
     hull, sea = Hull(scenario, OCEAN_RAMBLER, 3), drawn(scenario, 3, seconds)
     state, waiting = np.zeros(ships.HULL_STATES), np.zeros((COUNT, max(sea.ship.delay_steps, 1)))
-    turns, lane = np.zeros((ships.TURNS, COUNT)), 3
+    turns, lane = np.zeros((turning.TURNS, COUNT)), 3
     ships.begin_hull(state, sea.ship)
     numbers = np.random.default_rng(1)
     rudder = 0.0
@@ -248,9 +248,11 @@ def test_the_ship_in_her_sea_is_the_harness_s(text):
         assert ships.velocity(state, sea.ship, sea.series, step, offset_s) == hull.velocity_in_waves_m_s(offset_s)
         rudder = min(max(rudder + float(numbers.normal(0.0, 0.02)), -0.5), 0.5)
         hull.step(rudder)
-        ships.begin_step(state, sea.ship, sea.series, waiting, turns, lane, step, rudder)
-        ships.turn_hulls(turns, sea.ship.inner_steps)
-        ships.end_step(state, sea.ship, sea.series, turns, lane, step)
+        turning.be_beside(state, sea.ship, turns, lane)
+        in_water = turning.in_water(sea.ship, waiting, lane, step, rudder)
+        turning.drive(state, sea.ship, sea.series, turns, lane, step, in_water)
+        turning.turn_hulls(turns, sea.ship.inner_steps)
+        turning.end_step(state, sea.ship, sea.series, turns, lane, step)
         assert state[ships.PSI] == hull.glider_heading_rad(0.0)
 
 
