@@ -106,7 +106,7 @@ def correct(settings: ObserverSettings, state: HeadingState, sample: HeadingSamp
     theta = math.exp(-max(step_s, 0.0) / settings.tau_s)
     yaw_rate_rad_s = predicted.yaw_rate_rad_s
     if step_s > 0.0:
-        yaw_rate_rad_s += (1.0 - theta) ** 2 * innovation_rad / step_s
+        yaw_rate_rad_s += (1.0 - theta) * (1.0 - theta) * innovation_rad / step_s
     return HeadingState(
         predicted.t_s,
         wrap_two_pi(predicted.heading_rad + (1.0 - theta * theta) * innovation_rad),

@@ -146,7 +146,7 @@ def observer_correct(
 ) -> tuple[float, float]:
     """Take a sample in (firmware_py.estimate.observer.correct); theta is exp(-step / tau)."""
     innovation_rad = wrap_pi(measured_rad - heading_rad)
-    yaw_rate_rad_s += (1.0 - theta) ** 2 * innovation_rad / step_s
+    yaw_rate_rad_s += (1.0 - theta) * (1.0 - theta) * innovation_rad / step_s
     return (
         wrap_two_pi(heading_rad + (1.0 - theta * theta) * innovation_rad),
         clamp(yaw_rate_rad_s, -rate_limit_rad_s, rate_limit_rad_s),
