@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -18,16 +19,16 @@ if TYPE_CHECKING:
     from dataclasses import dataclass  # which mypy knows
 else:
 
-    def dataclass(*, frozen: bool, slots: bool) -> Callable[[type], type]:
+    def dataclass(*, frozen: bool, slots: bool, kw_only: bool = False) -> Callable[[type], type]:
         """Return what makes a record of a class; for records without bases, frozen and with slots, and no others."""
         if not (frozen and slots):
             raise TypeError("it is for frozen records with slots; others are those of dataclasses.dataclass")
-        return _record_of
+        return partial(_record_of, kw_only=kw_only)
 
 
-def _record_of(source: type) -> type:
+def _record_of(source: type, *, kw_only: bool) -> type:
     """Return a class as a record."""
-    kind: Any = dataclasses.dataclass(init=False, repr=False, eq=False, slots=True)(source)
+    kind: Any = dataclasses.dataclass(init=False, repr=False, eq=False, slots=True, kw_only=kw_only)(source)
     fields = dataclasses.fields(kind)
     names = tuple([field.name for field in fields])
     parameters = kind.__dataclass_params__
@@ -66,7 +67,7 @@ def _first_constructor(kind: Any, fields: tuple[dataclasses.Field[Any], ...]) ->
 
 def _constructor(kind: type, fields: tuple[dataclasses.Field[Any], ...]) -> Callable[..., None]:
     """Return the constructor of a record: a parameter for each field, and a call that fills its slot."""
-    words, lines, known = ["self"], [], {}
+    words, lines, known = ["self", "*"] if fields and fields[0].kw_only else ["self"], [], {}
     for name, field in ((field.name, field) for field in fields):
         known[f"_put_{name}"] = getattr(kind, name).__set__
         value = name

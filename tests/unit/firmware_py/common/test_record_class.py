@@ -108,6 +108,20 @@ def test_a_record_checks_itself():
         OURS[3](-1)
 
 
+def test_fields_by_name_alone_may_stand_in_any_order():
+    @record_class.dataclass(frozen=True, slots=True, kw_only=True)
+    class Named:
+        x: float = 1.0
+        name: str
+
+    assert repr(Named(name="a")).endswith("Named(x=1.0, name='a')")
+    assert Named.__match_args__ == ()
+    with pytest.raises(TypeError, match="positional"):
+        Named(2.0, "a")
+    with pytest.raises(TypeError, match="name"):
+        Named(x=2.0)
+
+
 def test_it_is_for_nothing_else():
     with pytest.raises(TypeError, match="frozen records"):
         record_class.dataclass(frozen=False, slots=True)
