@@ -100,7 +100,7 @@ class Sea:
     def _started(self) -> bool:
         """Wait a moment; return whether it has been heard by then, or else seen to write its log."""
         heard = self.station.await_heartbeat(LOOK_S) is not None
-        return heard if self._udp else bool(log_files(self._logs))
+        return heard if self._udp else self._logs.is_dir() and bool(log_files(self._logs))
 
     def _last_words(self) -> str:
         lines = self._words.read_text(encoding="utf-8", errors="replace").splitlines()

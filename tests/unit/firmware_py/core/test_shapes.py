@@ -79,7 +79,7 @@ def stored(directory, name, content):
 
 def test_a_checkpoint_of_today_has_its_version_and_comes_back():
     text = state_to_text(under_way())
-    assert text.startswith('{"version":3,')
+    assert text.startswith('{"version":4,')
     again, notes = state_from_text(text)
     assert notes == ()
     assert again == under_way()
