@@ -23,7 +23,7 @@ from hil.ship.traffic import Closest
 from hil.sim import posted_modem
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
-from hil.sim.display import Banner, Display, make_display
+from hil.sim.display import Banner, Display, Silence, make_display
 from hil.sim.ground_station import GroundStation
 from hil.sim.lockstep import LockstepError, LockstepServer
 from hil.sim.logbook import Logbook, RunOptions, put_to_sea
@@ -125,7 +125,9 @@ class _Run:
         arguments = ["run", str(vehicle_path), "--state", str(options.out / STATE)]
         for url in options.links:
             arguments += ["--link", posted_modem.on_port(url, str(self._board.paths().get(posted_modem.PORT)))]
-        display: Display = make_display(self._banner(), self._board.world, self._station)
+        display: Display = Silence()
+        if options.shown:
+            display = make_display(self._banner(), self._board.world, self._station)
         with contextlib.ExitStack() as stack:
             if options.view is not None:
                 page = ViewPage(options.view, options.out / STATE, self._banner(), self._board.world, display)

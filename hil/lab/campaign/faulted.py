@@ -28,7 +28,7 @@ UNBROKEN = Drill(NO_FAULT, "", "", nothing, nothing, 0.0, 0.0)
 Text = tuple[float, int, str]
 
 
-def sail(row: Row, fault: Fault, out: Path, settings: dict[str, float]) -> tuple[Text, ...]:
+def sail(row: Row, fault: Fault, out: Path) -> tuple[Text, ...]:
     """Sail a run into a directory and return what she said; HilError when she does not get to its end."""
     options = row.options(out)
     drill = FAULTS.get(fault.name, UNBROKEN)
@@ -39,7 +39,7 @@ def sail(row: Row, fault: Fault, out: Path, settings: dict[str, float]) -> tuple
             directory,
             options.scenario,
             seed=row.seed,
-            settings={**settings, **(drill.settings or {}), **row.settings},
+            settings={**(drill.settings or {}), **row.settings},
             fitted=drill.fitted,
             plans=() if drill.plan is None else (drill.plan(directory),),
             goals=row.goals,

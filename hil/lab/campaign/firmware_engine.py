@@ -6,6 +6,7 @@ import hashlib
 import re
 import tempfile
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from hil.errors import HilError
@@ -58,13 +59,13 @@ def _believed(row: Row) -> Outcome:
 
 def _sailed_unlogged(row: Row) -> Outcome:
     with tempfile.TemporaryDirectory(prefix="rambler-campaign-") as directory:
-        return sail_into(row, Path(directory) / "run", UNLOGGED)
+        return sail_into(row, Path(directory) / "run", full=False)
 
 
-def sail_into(row: Row, out: Path, settings: dict[str, float] | None = None) -> Outcome:
-    """Sail a run into a directory, with settings that change nothing of what happens."""
+def sail_into(row: Row, out: Path, *, full: bool) -> Outcome:
+    """Sail a run into a directory, in full with its log and live on a terminal; it comes to the same without."""
     try:
-        texts, ended = _sailed(row, out, settings or {}), FINISHED
+        texts, ended = _sailed(row, out, full=full), FINISHED
     except HilError as error:
         # A run that could not even begin has nothing to be judged.
         if not (out / run_file.NAME).exists():
@@ -79,10 +80,11 @@ def sail_into(row: Row, out: Path, settings: dict[str, float] | None = None) -> 
     return Outcome(hashlib.sha256(content).hexdigest(), scores, warnings, ended)
 
 
-def _sailed(row: Row, out: Path, settings: dict[str, float]) -> tuple[Text, ...]:
+def _sailed(row: Row, out: Path, *, full: bool) -> tuple[Text, ...]:
     if row.fault is not None:
         # What breaks may be the log itself.
-        return faulted.sail(row, row.fault, out, {})
+        return faulted.sail(row, row.fault, out)
     options = row.options(out)
-    options.settings.update({**settings, **row.settings})
+    if not full:
+        options = replace(options, settings={**UNLOGGED, **options.settings}, shown=False)
     return runner.run(options).texts

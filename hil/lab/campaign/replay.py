@@ -55,7 +55,7 @@ def replay(directory: Path, index: int, out: Path) -> Replay:
     row = next(rows(spec, index, index + 1))
     differences = []
     with held(out), interruptible():
-        outcome = firmware_engine.sail_into(row, out)
+        outcome = firmware_engine.sail_into(row, out, full=True)
         digest = outcome.digest
         if spec.engine == TWIN:
             (twin,) = engine_of(spec).sail([row])

@@ -44,7 +44,7 @@ def test_what_ended_a_run_names_no_place_of_this_computer(tmp_path, monkeypatch)
         raise HilError(f"goal 60 deg/h refused; see {options.out}/firmware.log; at 3.5 deg/s")
 
     monkeypatch.setattr(runner, "run", fail)
-    found = firmware_engine.sail_into(next(rows(read(), 0, 1)), tmp_path / "run")
+    found = firmware_engine.sail_into(next(rows(read(), 0, 1)), tmp_path / "run", full=False)
     assert found.ended == "goal 60 deg/h refused; see ...; at 3.5 deg/s"
     assert (found.scores, found.faults) == (None, ())
 
@@ -55,18 +55,19 @@ def test_a_run_that_cannot_begin_is_no_outcome(tmp_path, monkeypatch):
 
     monkeypatch.setattr(runner, "run", refuse)
     with pytest.raises(UsageError, match="no room"):
-        firmware_engine.sail_into(next(rows(read(), 0, 1)), tmp_path / "run")
+        firmware_engine.sail_into(next(rows(read(), 0, 1)), tmp_path / "run", full=False)
 
 
-def test_the_log_that_nobody_reads_is_not_written_unless_it_is_asked_for(tmp_path, monkeypatch):
+def test_among_others_a_run_shows_nothing_and_writes_no_log_unless_it_is_asked_for(tmp_path, monkeypatch):
     seen = []
 
     def note(options):
-        seen.append(options.settings.get("LOG_ENABLE"))
+        seen.append((options.settings.get("LOG_ENABLE"), options.shown))
         raise UsageError("enough")
 
     monkeypatch.setattr(runner, "run", note)
-    for spec in (read(engine="firmware"), read(engine="firmware", set={"LOG_ENABLE": 1})):
+    plain, logged = read(engine="firmware"), read(engine="firmware", set={"LOG_ENABLE": 1})
+    for spec, full in ((plain, False), (logged, False), (plain, True)):
         with pytest.raises(UsageError):
-            firmware_engine.sail_into(next(rows(spec, 0, 1)), tmp_path, firmware_engine.UNLOGGED)
-    assert seen == [0.0, 1.0]
+            firmware_engine.sail_into(next(rows(spec, 0, 1)), tmp_path, full=full)
+    assert seen == [(0.0, False), (1.0, False), (None, True)]

@@ -10,7 +10,7 @@ from hil.lab.campaign.outcome import Outcome, Result
 from hil.lab.campaign.row import rows
 from hil.lab.campaign.store import Store
 
-TEXT = 'engine = "twin"\nruns = 4\nseconds = 30\nscenarios = "tank"\n[ship]\nK = {uniform = [0.8, 1.2]}\n'
+TEXT = 'engine = "firmware"\nruns = 4\nseconds = 10\nscenarios = "tank"\n[ship]\nK = {uniform = [0.8, 1.2]}\n'
 
 
 @pytest.fixture
