@@ -71,6 +71,8 @@ def set_parameter(client, name, value):
 def check_arming_and_modes(client):
     ask(client, "disarm", "DISARMED")
     ask(client, "arm throttle", r"(?<!DIS)ARMED")
+    ask(client, "arm uncheck all", "AP: ARMING_CHECK is read-only")
+    ask(client, "time", r"\d\d:\d\d:\d\d")  # all of the answer has come by then
     ask(client, "arm list", r"\ball\b")
     assert "checks disabled" not in client.text()  # though she was armed before MAVProxy came
     ask(client, "bat", "No battery information")  # nobody measures one

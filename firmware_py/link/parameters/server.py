@@ -133,6 +133,8 @@ class ParameterServer:
 
     def _refuse(self, peer: Peer, message: Message, row: int, error: int, text: str, now_s: float) -> None:
         self._error(peer, message, row, error)
+        # Twice: pymavlink takes the first answer for what it has asked for, and only the next one for what is.
+        self._context.send(peer, self._value(row))
         self._owe(peer, row)
         self._context.send_text_limited(peer, Severity.WARNING, text, now_s)
 
