@@ -27,7 +27,7 @@ from firmware_py.modes import HeadingGoal, PositionGoal
 
 TRY_EVERY_S = 30.0
 STEPS = 6  # headings tried to either side
-WORTH = 0.03  # of what is near: by so much the distance must open for another heading
+WORTH = 0.06  # of what is near: by so much the distance must open for another heading
 AMPLE = 2.0  # times what is near: more is not sought
 FENCE_M = 30.0  # that is kept from the fence
 LEGS = 4  # that a way is cut into, to be held against the fence
@@ -109,8 +109,7 @@ def update(
     if state.next_trial is None:
         if state.tried_s is not None and 0.0 <= given.t_s - state.tried_s < TRY_EVERY_S:
             return state, ()
-        going_on = _going_on(traffic, given, state.way_rad or 0.0)
-        return replace(state, tried_s=given.t_s, next_trial=0, best=None, going_on=going_on), ()
+        return replace(state, tried_s=given.t_s, next_trial=0, best=None), ()
     headings = _headings(settings, state)
     if state.next_trial < len(headings):
         trial = _trial(traffic, given, headings[state.next_trial])
@@ -118,7 +117,10 @@ def update(
         better = state.best is None or (state.best.part < AMPLE and trial.part > state.best.part + WORTH)
         best = trial if better and _clear_of_fence(given, trial.heading_rad) else state.best
         return replace(state, next_trial=state.next_trial + 1, best=best), ()
-    return _choose(replace(state, next_trial=None))
+    # By where all are now: who is past is further away with each trial, whatever the heading.
+    best = None if state.best is None else _trial(traffic, given, state.best.heading_rad)
+    going_on = _going_on(traffic, given, state.way_rad or 0.0)
+    return _choose(replace(state, next_trial=None, best=best, going_on=going_on))
 
 
 def end(state: AsideState) -> tuple[AsideState, tuple[Event, ...]]:

@@ -101,6 +101,7 @@ def bladeless_twin(name, seed, turn_deg, after_s=5.0, most_s=400.0):
     return work_s, told_s - gone_s
 
 
+@pytest.mark.proof
 @pytest.mark.parametrize(("seed", "turn_deg"), [(8, -71.0), (17, -72.0)])
 def test_wind_and_trim_that_turn_her_to_her_goal_hide_no_lost_blade(seed, turn_deg):
     """Told after 123 and 136 s of rudder work, once it had gone over to the other side."""
