@@ -1,15 +1,13 @@
 """Frozen records as `dataclasses.dataclass(frozen=True, slots=True)` makes them, in a fifth of the time.
 
 The standard library writes and compiles six functions for each class, which was two fifths of a start. Here one is, the
-constructor, when the first record is made; it fills the slots themselves, so that a record is made sooner, too.
-What else a record does is shared.
+constructor; it fills the slots themselves, so that a record is made sooner, too. What else a record does is shared.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -19,22 +17,22 @@ if TYPE_CHECKING:
     from dataclasses import dataclass  # which mypy knows
 else:
 
-    def dataclass(*, frozen: bool, slots: bool, kw_only: bool = False) -> Callable[[type], type]:
+    def dataclass(*, frozen: bool, slots: bool) -> Callable[[type], type]:
         """Return what makes a record of a class; for records without bases, frozen and with slots, and no others."""
         if not (frozen and slots):
             raise TypeError("it is for frozen records with slots; others are those of dataclasses.dataclass")
-        return partial(_record_of, kw_only=kw_only)
+        return _record_of
 
 
-def _record_of(source: type, *, kw_only: bool) -> type:
+def _record_of(source: type) -> type:
     """Return a class as a record."""
-    kind: Any = dataclasses.dataclass(init=False, repr=False, eq=False, slots=True, kw_only=kw_only)(source)
+    kind: Any = dataclasses.dataclass(init=False, repr=False, eq=False, slots=True)(source)
     fields = dataclasses.fields(kind)
     names = tuple([field.name for field in fields])
     parameters = kind.__dataclass_params__
     parameters.init = parameters.repr = parameters.eq = parameters.frozen = True
     values = _reader(names)
-    kind.__init__ = _first_constructor(kind, fields)
+    kind.__init__ = _constructor(kind, fields)
     kind.__repr__ = lambda record: _text(record, names, values)
     kind.__eq__ = lambda one, other: (
         values(one) == values(other) if other.__class__ is one.__class__ else NotImplemented
@@ -55,19 +53,9 @@ def _reader(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]:
     return read if len(names) > 1 else lambda record: (read(record),)
 
 
-def _first_constructor(kind: Any, fields: tuple[dataclasses.Field[Any], ...]) -> Callable[..., None]:
-    """Return what writes the constructor of a record when the first is made: most never are in a start."""
-
-    def __init__(record: Any, /, *words: Any, **more: Any) -> None:  # noqa: N807 - by this name it is told of
-        kind.__init__ = _constructor(kind, fields)
-        kind.__init__(record, *words, **more)
-
-    return __init__
-
-
 def _constructor(kind: type, fields: tuple[dataclasses.Field[Any], ...]) -> Callable[..., None]:
     """Return the constructor of a record: a parameter for each field, and a call that fills its slot."""
-    words, lines, known = ["self", "*"] if fields and fields[0].kw_only else ["self"], [], {}
+    words, lines, known = ["self"], [], {}
     for name, field in ((field.name, field) for field in fields):
         known[f"_put_{name}"] = getattr(kind, name).__set__
         value = name

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
 
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceState, Severity
 
 

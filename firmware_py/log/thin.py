@@ -6,12 +6,11 @@ the full log is.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Event, Inputs
 from firmware_py.common.reports import Flow, Output, Power, Snapshot
 from firmware_py.common.token_bucket import TokenBucket
@@ -116,7 +115,7 @@ TYPES: Final = (SAILING.type, UPKEEP.type, ardupilot.MSG)
 HEAD: Final = header(TYPES, 0)
 
 
-@dataclasses.dataclass(slots=True)
+@dataclass(slots=True)
 class _Span:
     """What is gathered for the next row."""
 
@@ -146,7 +145,7 @@ class _Sums:
     travel_rad: float = 0.0
     energy_j: float = 0.0
     skipped: int = 0
-    power: Power = Power()
+    power: Power = Power()  # noqa: RUF009 - frozen
 
     @classmethod
     def of(cls, boat: Snapshot) -> _Sums:

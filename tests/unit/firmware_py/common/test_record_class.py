@@ -108,37 +108,6 @@ def test_a_record_checks_itself():
         OURS[3](-1)
 
 
-def test_fields_by_name_alone_may_stand_in_any_order():
-    @record_class.dataclass(frozen=True, slots=True, kw_only=True)
-    class Named:
-        x: float = 1.0
-        name: str
-
-    assert repr(Named(name="a")).endswith("Named(x=1.0, name='a')")
-    assert Named.__match_args__ == ()
-    with pytest.raises(TypeError, match="positional"):
-        Named(2.0, "a")
-    with pytest.raises(TypeError, match="name"):
-        Named(x=2.0)
-
-
 def test_it_is_for_nothing_else():
     with pytest.raises(TypeError, match="frozen records"):
         record_class.dataclass(frozen=False, slots=True)
-
-
-def test_a_constructor_is_written_with_the_first_record_and_serves_all():
-    @record_class.dataclass(frozen=True, slots=True)
-    class Late:
-        record: int  # a name that the one that waits has, too
-        words: int = 2
-
-    waiting = Late.__init__
-    with pytest.raises(TypeError, match="missing"):
-        Late()
-    assert Late.__init__ is not waiting
-    assert Late(1) == Late(record=1, words=2)
-    held = Late(3)
-    waiting(held, 1)  # whoever looked it up before
-    assert held == Late(1)
-    assert inspect.signature(Late).parameters["words"].default == 2
