@@ -11,7 +11,7 @@ w. That power is 4/7 where the rudder's bias wanders; flat water, where nothing 
 here it is 1.
 
 The loop crosses over near K k [rad/s], whatever T is, because the yaw rate gain makes up for it; so it bears a delay of
-(pi / 2) / (K k). That is bounded, whatever travel costs, at 5.8 s: a float of 0.3 rad/s takes 4 of them.
+(pi / 2) / (K k). That is bounded, whatever travel costs, at 5.9 s: a float of 0.3 rad/s takes 4 of them.
 """
 
 from __future__ import annotations
@@ -30,17 +30,16 @@ SOFTEST_RAD2_S: Final = radians(0.08) ** 2
 
 @dataclass(frozen=True, slots=True)
 class HelmConstants:
-    """Numbers of the law: four, found over tank, sea, swell and weak, with and without float, leeway, orbital motion.
+    """Numbers of the law: four, found by `rambler-hil tune --law` (docs/explanation/seamanship.md tells of the run).
 
-    Chosen by the sum of squared error and about 5e-4 deg^2 for each deg/h of travel. `stiffness` is that of
-    1 rad/sqrt(s) where T / K is 1 s^2, `crossover_rad_s` the most that K k may be; the band, as an angle of heading
-    error, is `rest_rad` and `band_sqrt_s` times w.
+    `stiffness` is that of 1 rad/sqrt(s) where T / K is 1 s^2, `crossover_rad_s` the most that K k may be; the band, as
+    an angle of heading error, is `rest_rad` and `band_sqrt_s` times w.
     """
 
-    stiffness: float = 140.0
-    crossover_rad_s: float = 0.27
-    rest_rad: float = radians(0.25)
-    band_sqrt_s: float = 2.1
+    stiffness: float = 136.0
+    crossover_rad_s: float = 0.264
+    rest_rad: float = 0.00469
+    band_sqrt_s: float = 1.94
 
 
 DELIVERED: Final = HelmConstants()

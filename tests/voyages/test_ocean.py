@@ -15,6 +15,7 @@ from firmware_py.common.parameters import ParameterSet
 from hil.lab.compare.score import score_of, turns_of
 from hil.lab.compare.voyages import OURS, Task, truth_of
 from hil.lab.twin import sailing
+from hil.lab.twin.afloat import Record
 from hil.lab.twin.sea import sea_of as drawn
 from hil.report.figure_file import key_of
 from hil.ship.scenarios import sea_of
@@ -47,36 +48,38 @@ class Row:
 ROWS = (
     Row("tank+float=0.3:0.6", (1.62, 3269.0), {RMS: 0.35, TRAVEL: 450.0}),
     Row("sea+float=0.3:0.6,receiver=0:1", (4.66, 5265.0), {RMS: 2.0, TRAVEL: 1500.0}),
-    Row("sea+float=0.3:0.6", (1.30, 1067.0), {RMS: 1.3, TRAVEL: 1000.0, OVERSHOOT: 5.0}, {RMS: 1.38}),
-    Row("weak+float=0.3:0.6", (1.47, 1957.0), {RMS: 1.35, TRAVEL: 1300.0}, {RMS: 1.55, TRAVEL: 1400.0}),
+    Row("sea+float=0.3:0.6", (1.30, 1067.0), {RMS: 1.3, TRAVEL: 1000.0, OVERSHOOT: 5.0}),
+    Row("weak+float=0.3:0.6", (1.47, 1957.0), {RMS: 1.35, TRAVEL: 1300.0}, {RMS: 1.48}),
     Row(
         "swell+leeway=8",
         (2.40, 1809.0),
         {RMS: 1.6, TRAVEL: 1200.0, MEAN: 0.3, OVERSHOOT: 4.0, SETTLED: 60.0},
-        {RMS: 1.65, OVERSHOOT: 5.0},
+        {OVERSHOOT: 4.5},
     ),
     Row("swell+orbital=0.4", (3.96, 2200.0), {RMS: 3.3, TRAVEL: 2500.0}),
     Row("swell+float=0.2:0.5,orbital=0.4,leeway=8", (5.74, 2861.0), {RMS: 3.9, TRAVEL: 2800.0}),
-    # What was there is to stay as good; in rms it is a little less close by now.
+    # What was there is to stay as good; in rms swell and weak are a little less close by now.
     Row("tank", (0.21, 143.0), {RMS: 0.21, TRAVEL: 143.0}, {TRAVEL: 150.0}),
-    Row("sea", (1.11, 896.0), {RMS: 1.11, TRAVEL: 896.0}, {RMS: 1.17}),
-    Row("swell", (1.46, 1067.0), {RMS: 1.46, TRAVEL: 1067.0}, {RMS: 1.7}),
-    Row("weak", (1.45, 1317.0), {RMS: 1.25, TRAVEL: 1200.0}, {RMS: 1.45}),
+    Row("sea", (1.11, 896.0), {RMS: 1.11, TRAVEL: 896.0}),
+    Row("swell", (1.46, 1067.0), {RMS: 1.46, TRAVEL: 1067.0}, {RMS: 1.6}),
+    Row("weak", (1.45, 1317.0), {RMS: 1.25, TRAVEL: 1200.0}, {RMS: 1.4}),
     # Several at a time: no aim was given, and what is reached is held.
-    Row("ocean-1", (2.07, 1391.0), bound={RMS: 2.2, TRAVEL: 1400.0}),
+    Row("ocean-1", (2.07, 1391.0), bound={RMS: 2.05, TRAVEL: 1350.0}),
     # A compass that nobody has corrected is the reference of all the same: its deviation is her error.
-    Row("ocean-2", (5.85, 6374.0), bound={RMS: 5.3, TRAVEL: 1950.0}),
-    Row("ocean-3", (1.47, 1551.0), bound={RMS: 2.1, TRAVEL: 1700.0}),
-    Row("ocean-4", (7.61, 4930.0), bound={RMS: 7.5, TRAVEL: 3300.0}),
+    Row("ocean-2", (5.85, 6374.0), bound={RMS: 4.9, TRAVEL: 1900.0}),
+    Row("ocean-3", (1.47, 1551.0), bound={RMS: 1.85, TRAVEL: 1300.0}),
+    Row("ocean-4", (7.61, 4930.0), bound={RMS: 6.6, TRAVEL: 3250.0}),
 )
 TASK = Task(tuple(row.sea for row in ROWS), SEEDS, parse_goals("0:0,120:60,720:-30"), 1320.0)
 
 
-def sailed(sea, seed):
-    """Sail a run by the twin and return what truth.csv would hold."""
-    told, drawn_sea = ParameterSet(), drawn(sea_of(sea), seed, TASK.seconds)
+def sailed(sea, seeds):
+    """Sail runs by the twin, beside each other, and return what truth.csv would hold of each."""
+    told = ParameterSet()
     boat, law, task = sailing.boat_of(told), sailing.law_of(told), sailing.task_of(TASK.goals)
-    return sailing.truth_of(sailing.sail(boat, law, drawn_sea, task, TASK.seconds)[0], TASK.goals)
+    runs = [sailing.Run(boat, law, drawn(sea_of(sea), seed, TASK.seconds), task) for seed in seeds]
+    record, _ = sailing.sail_beside(runs, TASK.seconds, ticks=False)
+    return [sailing.truth_of(Record(*columns), TASK.goals) for columns in zip(*record, strict=True)]
 
 
 def figures_of(truth):
@@ -128,7 +131,7 @@ def test_a_row_is_missed_by_its_mean_or_by_its_worst_seed():
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("row", ROWS, ids=[row.sea for row in ROWS])
 def test_she_reaches_her_aim(figures, table, row):
-    found = over_seeds([figures_of(sailed(row.sea, seed)) for seed in SEEDS])
+    found = over_seeds([figures_of(truth) for truth in sailed(row.sea, SEEDS)])
     shown = "; ".join(f"{column} {mean:.2f} / {worst:.2f}" for column, (mean, worst) in found.items())
     table.append(f"{row.sea}: {shown}\n    {row.before}; {json.dumps(row.aim)}; {json.dumps(row.bound)}")
     print(f"\n{table[-1]}")
@@ -145,4 +148,4 @@ def test_she_reaches_her_aim(figures, table, row):
 @pytest.mark.parametrize("sea", CONFIRMED)
 def test_the_autopilot_makes_the_same_figures(sea):
     theirs = figures_of(truth_of(TASK, sea, OURS, SEEDS[0]))
-    assert figures_of(sailed(sea, SEEDS[0])) == pytest.approx(theirs, rel=1e-6, abs=1e-6)
+    assert figures_of(sailed(sea, SEEDS[:1])[0]) == pytest.approx(theirs, rel=1e-6, abs=1e-6)

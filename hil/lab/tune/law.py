@@ -40,6 +40,7 @@ SEAS: Final = (
 FIRST_SEED: Final = 100  # added to the seed: the proofs sail the first few
 SEEDS, FRESH_SEEDS = 3, 4
 PRICE: Final = 5e-4  # deg^2 for each deg/h
+FENCE: Final = (1.03, 1.1)  # rms error and rudder travel of any sea, by what they are as delivered
 BOUNDS: Final = (
     Bound("STIFFNESS", "stiffness", 70.0, 280.0, logarithmic=True),
     Bound("CROSSOVER_RAD_S", "crossover_rad_s", 0.13, 0.31, logarithmic=True),
@@ -88,8 +89,15 @@ class LawTrials:
 
     def cost(self, results: Floats) -> float:
         """Return what a setting costs; inf for what is no number."""
-        cost = float(np.mean(self.costs(results)))
+        # A fence: what is gained in one sea is not paid for in another, nor by much more work of the rudder.
+        ratios = self._means(results) / self._means(self.delivered)
+        beyond = np.maximum(ratios - np.array(FENCE), 0.0)
+        cost = float(np.mean(self.costs(results)) + np.sum(beyond))
         return cost if np.isfinite(cost) else np.inf
+
+    def _means(self, results: Floats) -> Floats:
+        means: Floats = np.sqrt(np.mean(np.square(results), axis=1))
+        return means
 
     def _price(self, results: Floats) -> Floats:
         cost: Floats = np.mean(np.square(results[:, :, 0]) + self.price * results[:, :, 1], axis=1)

@@ -25,10 +25,10 @@ LAW_NAMES = (
  EASING_RAD, BRAKING_SHARE, RATE_GAIN, LEAST_FEEDFORWARD_RAD, LEAD_RAD, PRICE, WAY_MIN) = range(14)  # fmt: skip
 # As delivered, the parameters apart, which come last.
 DELIVERED = (
-    140.0,
-    0.27,
-    radians(0.25),
-    2.1,
+    136.0,
+    0.264,
+    0.00469,
+    1.94,
     radians(3.0),
     0.1,
     50.0,

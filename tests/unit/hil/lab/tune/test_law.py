@@ -53,6 +53,14 @@ def test_a_setting_costs_what_its_seas_cost_by_what_they_cost_as_delivered():
     assert trials.cost(np.full((2, 1, 2), np.nan)) == math.inf
 
 
+def test_no_sea_pays_for_another():
+    trials = MadeUp(lambda *_: 1.0, flat)
+    within = np.array([[[0.5, 800.0]], [[2.05, 2500.0]]])
+    assert trials.cost(within) == np.mean(trials.costs(within))
+    beyond = np.array([[[0.5, 900.0]], [[2.1, 2400.0]]])  # 1.125 of the travel, 1.05 of the error
+    assert trials.cost(beyond) == pytest.approx(np.mean(trials.costs(beyond)) + 0.025 + 0.02)
+
+
 def test_what_is_better_is_found_and_fresh_seas_bear_it_out():
     found = law.search(MadeUp(hollow, flat), MadeUp(hollow, flat), 400, 1, silent)
     assert found.better
