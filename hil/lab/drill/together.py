@@ -44,8 +44,8 @@ def is_hidden(drill: Drill, drills: Sequence[Drill]) -> bool:
 
 
 def is_blind(drills: Sequence[Drill]) -> bool:
-    """Whether two drills together leave her no heading at all."""
-    return len(drills) > 1 and {"its number", "receiver"} <= taken(drills)
+    """Whether two drills together leave her no heading, or one of a compass that is off and nothing contradicts."""
+    return bool(explained(drills))
 
 
 def explained(drills: Sequence[Drill]) -> tuple[str, ...]:
