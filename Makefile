@@ -59,7 +59,7 @@ sail: $(SAIL_READY)
 
 # More workers than the machine has cores: many tests wait for programs that they have started.
 test: $(READY)
-	@echo "running the tests: about 11 minutes"
+	@echo "running the tests: about 7 minutes"
 	$(BIN)/python -m pytest -n 4 --dist worksteal
 
 $(FUZZ_READY): $(READY)

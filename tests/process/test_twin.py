@@ -25,7 +25,7 @@ SEEN_S = 310.0  # a goal that is held for less is no turn to a score
 TASK = ("0:0,120:60,720:-30", 1320.0)
 SEEDS = int(os.environ.get("SEEDS", "20"))  # of the proof
 # What the scenarios leave out: a receiver that never has a fix, and a float on which the helm swings and is softened.
-MORE = ("sea+float=0.3:0.6,receiver=0:1", "calm+float=0.15:0.3", "swell+kt=0.5:2,delay=2")
+MORE = ("sea+float=0.3:0.6,receiver=0:1", "calm+float=0.1:0.3", "swell+kt=0.5:2,delay=2")
 
 
 def watches(log):

@@ -34,6 +34,10 @@ class SlowWorker:
     def fileno(self):
         return -1
 
+    @property
+    def owes(self):
+        return bool(self.jobs or self.results)
+
     def submit(self, job, done):
         if len(self.jobs) + len(self.results) >= 6:
             return False

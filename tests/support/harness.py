@@ -32,16 +32,18 @@ MDL_ALPHA_S2 = 0.0
 """
 
 
-def without_pictures():
+def without_pictures(environment=os.environ):
     """The environment of a program that finds no matplotlib, and so leaves the picture of a run out."""
-    paths = [str(Path(__file__).with_name("without_pictures")), os.environ.get("PYTHONPATH", "")]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    paths = [str(Path(__file__).with_name("without_pictures")), environment.get("PYTHONPATH", "")]
+    return {**environment, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
 def start_rambler_hil(*words, picture=False, **more):
     """Start a command of `rambler-hil` and leave it running; a run makes no picture unless that is wanted."""
     command = [sys.executable, "-m", "hil", *map(str, words)]
-    env = without_pictures() if words[0] == "run" and not picture else None
+    env = more.pop("env", os.environ)
+    if words[0] == "run" and not picture:
+        env = without_pictures(env)
     more = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **more}
     return subprocess.Popen(command, cwd=ROOT, env=env, **more)
 
