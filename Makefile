@@ -110,7 +110,7 @@ bench: $(READY)
 	@$(BIN)/rambler-hil bench
 
 # What counts processor time and memory, which a busy machine changes little: kept with all repeats, and compared by CI.
-BENCH_KEPT := --quick --only replay --only load --only start --only objective
+BENCH_KEPT := --quick --only replay --only load --only start --only lockstep --only twin --only objective
 bench-kept: $(READY)
 	$(BIN)/rambler-hil bench $(BENCH_KEPT) --repeat 7 --figures docs/figures.json
 

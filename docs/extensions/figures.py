@@ -11,17 +11,8 @@ from typing import Any
 
 NO_BREAK = "\u00a0"
 BENCH = (
-    "lateness",
-    "sense",
-    "replay",
-    "load",
-    "start",
-    "trips",
-    "transfers",
-    "objective",
-    "hour",
-    "swarm",
-    "first_use",
+    *("lateness", "sense", "replay", "load", "start", "trips", "transfers"),
+    *("lockstep", "twin", "objective", "hour", "swarm", "first_use"),
 )
 
 
