@@ -22,6 +22,7 @@ ROOT = Path(__file__).parents[2]
 UNKNOWN = "unknown"
 DIGITS = 6
 MOST_BYTES = 16 << 20
+MOST_REPEATS = 14
 
 
 def key_of(*words: str) -> str:
@@ -54,13 +55,14 @@ def merge(path: Path, entries: Entries) -> None:
     """Write entries over those of their names and leave all others; several processes may do so at once.
 
     An entry with `cases`, the values of several runs by name, keeps those of the same commit that are there already and
-    shows the largest.
+    shows the largest. One with `repeats` adds them to those that are there, of which the latest MOST_REPEATS stay: what
+    a quantity scatters by from day to day is more than from minute to minute.
     """
     with _locked(path) as file:
         content = _content(path, file)
         for name, fresh in entries.items():
             # What was measured together stands together, in its order: tables are made of it.
-            content[name] = _with_cases(content.pop(name, {}), dict(fresh))
+            content[name] = _with_earlier(content.pop(name, {}), dict(fresh))
         file.truncate(0)
         file.write(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
@@ -105,11 +107,13 @@ def _content(path: Path, file: TextIO) -> dict[str, Any]:
     return content
 
 
-def _with_cases(old: Mapping[str, Any], fresh: dict[str, Any]) -> dict[str, Any]:
+def _with_earlier(old: Mapping[str, Any], fresh: dict[str, Any]) -> dict[str, Any]:
     if "cases" in fresh:
         kept = old.get("cases", {}) if old.get("commit") == fresh["commit"] else {}
         fresh["cases"] = dict(sorted({**kept, **fresh["cases"]}.items()))
         fresh["value"] = max(fresh["cases"].values())
+    if "repeats" in fresh:
+        fresh["repeats"] = [*old.get("repeats", []), *fresh["repeats"]][-MOST_REPEATS:]
     return fresh
 
 

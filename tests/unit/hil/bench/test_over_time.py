@@ -92,6 +92,15 @@ def test_repeats_go_through_the_file_of_figures(tmp_path):
     assert over_time.kept(read("--against", path)) == {"load_processor": REPEATS}
 
 
+def test_repeats_of_another_day_join_those_that_are_there_and_the_oldest_go(tmp_path):
+    path = tmp_path / "figures.json"
+    for value in (1.0, 2.0, 3.0):
+        found = {"load": over_time.middle(finding(*(value,) * 7))}
+        merge(path, as_entries(found, origin("rambler-hil bench --repeat 7", "here")))
+    entry = json.loads(path.read_text())["load_processor"]
+    assert (entry["value"], entry["repeats"]) == (3.0, [2.0] * 7 + [3.0] * 7)
+
+
 def test_a_file_that_is_not_there_names_the_option(tmp_path):
     with pytest.raises(UsageError, match=r"--against .*none\.json cannot be read"):
         read("--against", tmp_path / "none.json")
