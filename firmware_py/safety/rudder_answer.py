@@ -64,8 +64,14 @@ def update(
     heading_sd_rad: float,
     speed_m_s: float,
     error_rad: float | None,
+    *,
+    told: bool = False,
 ) -> RudderAnswerState:
-    """Take a block in: its mean rudder, what she turned in it, and how long it was; an error of None is by hand."""
+    """Take a block in: its mean rudder, what she turned in it, and how long it was; an error of None is by hand.
+
+    Once it is told that she does not answer, no more evidence is added up: it would outweigh for hours that she does
+    again.
+    """
     rudder_rad, turned_rad, step_s = block
     slow_m_s = speed_m_s if state.speed_m_s is None else state.speed_m_s
     slow_m_s += (1.0 - math.exp(-step_s / SPEED_S)) * (speed_m_s - slow_m_s)
@@ -87,5 +93,5 @@ def update(
         gained = weight * least_rad * (least_rad - 2.0 * (shown_rad - slow_rad))
         if error_rad is not None and (abs(error_rad) < FAR_OFF_RAD or error_rad * side * least_rad < 0.0):
             gained = min(gained, 0.0)
-        boats.append(Boat(felt_rad, level_rad, max(boat.against + gained, 0.0)))
+        boats.append(Boat(felt_rad, level_rad, 0.0 if told else max(boat.against + gained, 0.0)))
     return RudderAnswerState(rudders_rad, slow_rad, slow_m_s, tuple(boats))

@@ -168,8 +168,8 @@ def compare(
     step_s: float,
 ) -> SteeringMonitorState:
     """Compare what the boat turned in a block with what the model expects of its mean rudder."""
-    block, sd_rad = (rudder_rad, turned_rad, step_s), given.heading_sd_rad
-    answer = rudder_answer.update(model, state.answer, block, sd_rad, given.speed_m_s, given.error_rad)
+    block, seen = (rudder_rad, turned_rad, step_s), (given.heading_sd_rad, given.speed_m_s, given.error_rad)
+    answer = rudder_answer.update(model, state.answer, block, *seen, told=state.unresponsive)
     slow_speed_m_s = given.speed_m_s if state.slow_speed_m_s is None else state.slow_speed_m_s
     model = model.at_speed(clamp(slow_speed_m_s, 0.1 * model.speed_m_s, 10.0 * model.speed_m_s))
     over_rad = rudder_rad - state.slow_rudder_rad

@@ -80,6 +80,17 @@ def test_a_blade_lost_in_a_turn_is_told_within_a_minute_and_its_return_too():
     assert [lost for _, lost in boat.told] == [True, False]
 
 
+@pytest.mark.parametrize("lost_s", [360.0, 1800.0])
+def test_however_long_a_blade_was_lost_its_return_is_told_as_soon(lost_s):
+    boat = Boat().steer(60.0, 6.0)
+    for _ in range(round(lost_s / 120.0)):
+        boat.steer(60.0, boat.heading - 1.5, answers=0.0).steer(60.0, boat.heading + 1.5, answers=0.0)
+    assert [lost for _, lost in boat.told] == [True]
+    boat.steer(120.0, boat.heading - 1.5).steer(120.0, boat.heading + 1.5)
+    assert [lost for _, lost in boat.told] == [True, False]
+    assert boat.told[1][0] < 60.0 + lost_s + 60.0
+
+
 def test_gusts_that_the_helm_holds_her_against_are_no_lost_blade():
     """However the rudder goes over, she is where she is to be."""
     boat = Boat(bias_rad=0.0)
