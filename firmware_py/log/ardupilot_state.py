@@ -2,14 +2,15 @@
 
 The names, columns and units are those of ArduPilot's rovers (libraries/AP_Logger/LogStructure.h and the structures of
 its libraries), so that MAVExplorer's graphs, UAVLogViewer and pymavlink's tools find them. What the boat does not know
-is NaN, or its column is left out; what it does not have (an engine, a height) is 0.
+is NaN, or its column is left out; what it does not have (an engine, a height) is 0. Roll and pitch are 0 where the
+compass gives none, and there is no attitude without a heading, as on the link: UAVLogViewer wants all three angles.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from firmware_py.common.angles import compass_degrees, degrees, radians, wrap_pi
@@ -19,17 +20,14 @@ from firmware_py.common.parameter_row import SINGLE_MAX
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Inputs
 from firmware_py.common.reports import Output, Snapshot
-from firmware_py.faults.fault import Fault
+from firmware_py.log.ardupilot_changes import changes_bytes
 from firmware_py.log.ardupilot_formats import (
-    ARMING,
     ATTITUDE,
     ATTITUDE_B,
     BATTERY,
     CHANNELS,
     CONTROL,
-    ERROR,
     ESTIMATE,
-    EVENT,
     INPUTS,
     LINE,
     OUTPUTS,
@@ -51,26 +49,7 @@ SELDOM_TICKS: Final = 100  # and what hardly does
 _CENTRE_US, _FULL_US = 1500.0, 500.0
 _SECONDS_PER_MAH: Final = 3.6
 _ATTITUDE_KNOWN, _PLACE_KNOWN = 1, 2 | 16  # of the solution's bits: attitude; way and place in the plane
-
-
-ARMED, DISARMED, HOME_SET, FENCE_ON, FENCE_OFF = 10, 11, 25, 41, 42  # LogEvent
 _ROVER: Final = 1  # build type, which names the modes
-_ALL_CHECKS: Final = 1
-_BY_MAVLINK: Final = 2
-# LogErrorSubsystem; what is not here is MAIN.
-_MAIN: Final = 1
-_SUBSYSTEMS: Final[Mapping[Fault, int]] = {
-    Fault.COMPASS_LOST: 3,
-    Fault.COMPASS_SILENT: 3,
-    Fault.COMPASS_FROZEN: 3,
-    Fault.COMPASS_JUMPING: 3,
-    Fault.BATTERY_LOW: 6,
-    Fault.BATTERY_CRITICAL: 6,
-    Fault.STATION_SILENT: 8,
-    Fault.FENCE_BREACHED: 9,
-    Fault.POSITION_LOST: 11,
-    Fault.POSITION_JUMPING: 11,
-}
 
 
 class ArduPilotState:
@@ -81,6 +60,7 @@ class ArduPilotState:
         self._before: Snapshot | None = None
         self._stick: tuple[float, float] | None = None  # when it was moved last, and where it is
         self._fix_s: float | None = None
+        self._fix_interval_s: float | None = None  # not told yet
         self._used_mah = [0.0, 0.0]  # out of the battery, and by the servo, since start
         self._late_s = 0.0
         self._skipped = 0
@@ -94,12 +74,11 @@ class ArduPilotState:
         self._late_s = max(self._late_s, _finite(boat.late_s))
         moved = self._follow_stick(inputs)
         self._count_charge(boat)
-        parts = _changes(before, boat)
-        if self._fix_s is not None and inputs.positions:
-            interval_ms = min(max(0.0, inputs.positions[-1].t_s - self._fix_s), 1e6) * 1e3
-            if boat.tick % OFTEN_TICKS == 0:
-                parts.append(RECEIVER.pack(microseconds(boat.t_s), 0, int(interval_ms)))
-        self._fix_s = inputs.positions[-1].t_s if inputs.positions else self._fix_s
+        parts = [changes_bytes(before, boat)]
+        self._follow_receiver(inputs)
+        if self._fix_interval_s is not None and boat.tick % OFTEN_TICKS == 0:
+            parts.append(RECEIVER.pack(microseconds(boat.t_s), 0, int(self._fix_interval_s * 1e3)))
+            self._fix_interval_s = None
         if renew or boat.tick % OFTEN_TICKS == 0:
             parts += _often(boat, radians(parameters["RUD_LIMIT_DEG"]))
         if renew or moved or boat.tick % SELDOM_TICKS == 0:
@@ -107,6 +86,12 @@ class ArduPilotState:
         if renew or boat.tick % SELDOM_TICKS == 0:
             parts += [*_seldom(boat, parameters["CRUISE_SPEED"], self._used_mah), self._performance(boat, dropped)]
         return b"".join(parts)
+
+    def _follow_receiver(self, inputs: Inputs) -> None:
+        for fix in inputs.positions:
+            if self._fix_s is not None:
+                self._fix_interval_s = min(max(0.0, fix.t_s - self._fix_s), 1e6)
+            self._fix_s = fix.t_s
 
     def _follow_stick(self, inputs: Inputs) -> bool:
         before = self._stick
@@ -145,34 +130,14 @@ def version_bytes(t_s: float, software: str) -> bytes:
     return VERSION.pack(microseconds(t_s), 0, major, minor, patch, 0, git, software.encode()[:64], _ROVER)
 
 
-def _changes(before: Snapshot | None, boat: Snapshot) -> list[bytes]:
-    """Return arming, home, fence and faults as far as they differ from before, or stand where nothing was before."""
-    time_us, parts = microseconds(boat.t_s), []
-    if before is None or before.armed is not boat.armed:
-        armed = int(boat.armed)
-        parts.append(ARMING.pack(time_us, armed, _ALL_CHECKS, 0, _BY_MAVLINK))
-        parts.append(EVENT.pack(time_us, ARMED if boat.armed else DISARMED))
-        parts.append(STATE.pack(time_us, armed, float(armed), armed, 0))
-    if before is not None and before.home != boat.home:
-        parts.append(EVENT.pack(time_us, HOME_SET))
-    heeded = boat.navigation.fence_enabled
-    if before is not None and before.navigation.fence_enabled is not heeded:
-        parts.append(EVENT.pack(time_us, FENCE_ON if heeded else FENCE_OFF))
-    changed = boat.faults ^ (0 if before is None else before.faults)
-    parts.extend(
-        ERROR.pack(time_us, _SUBSYSTEMS.get(fault, _MAIN), boat.faults >> fault & 1)
-        for fault in Fault
-        if changed >> fault & 1
-    )
-    return parts
-
-
 def _often(boat: Snapshot, limit_rad: float) -> list[bytes]:
     """Return attitude, place, estimate, rudder and steering."""
     time_us = microseconds(boat.t_s)
-    roll_deg, pitch_deg, yaw_deg = _deg(boat.roll_rad), _deg(boat.pitch_rad), _heading(boat.heading_rad)
+    roll_deg, pitch_deg, yaw_deg = _upright(boat.roll_rad), _upright(boat.pitch_rad), _heading(boat.heading_rad)
     desired_deg = _heading(boat.goal_heading_rad)
-    parts = [ATTITUDE.pack(time_us, 0.0, roll_deg, 0.0, pitch_deg, desired_deg, yaw_deg, 0)]
+    parts = []
+    if not math.isnan(yaw_deg):
+        parts.append(ATTITUDE.pack(time_us, 0.0, roll_deg, 0.0, pitch_deg, desired_deg, yaw_deg, 0))
     place = _place(boat)
     if place is not None and boat.position is not None:
         altitude_m = _finite(boat.position.altitude_m)
@@ -235,7 +200,7 @@ def _tests(boat: Snapshot, time_us: int) -> list[bytes]:
         parts.append(TESTS.pack(time_us, 0, 0.0, 0.0, 0.0, ratio, 0.0, solution, int(not boat.position_ok), 0))
     place = _place(boat)
     if place is not None and boat.heading_rad is not None:
-        attitude = (_deg(boat.roll_rad), _deg(boat.pitch_rad), _heading(boat.heading_rad))
+        attitude = (_upright(boat.roll_rad), _upright(boat.pitch_rad), _heading(boat.heading_rad))
         altitude_m = _finite(None if boat.position is None else boat.position.altitude_m)
         parts.append(ATTITUDE_B.pack(time_us, *attitude, altitude_m, *_scaled(place)))
     return parts
@@ -289,6 +254,10 @@ def _finite(value: float | None) -> float:
 
 def _deg(angle_rad: float | None) -> float:
     return math.nan if angle_rad is None else _single(degrees(angle_rad))
+
+
+def _upright(angle_rad: float | None) -> float:
+    return 0.0 if angle_rad is None else _finite(degrees(angle_rad))
 
 
 def _heading(angle_rad: float | None) -> float:

@@ -1,0 +1,105 @@
+"""UAVLogViewer's own parser and extractor, by node, on the log of a mission that was sailed inside a fence.
+
+UAVLOGVIEWER names a checkout of ArduPilot/UAVLogViewer with its submodule; without it, or node, that is skipped.
+"""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from pymavlink import mavutil
+
+from firmware_py.common.plan import Plan, PlanKind
+from firmware_py.common.plan import to_text as plan_to_text
+from firmware_py.system.state_directory import PLAN_FILES
+from firmware_py.system.store import Store
+from support.graphs import drawn
+from support.harness import rambler_hil
+from support.plans import item
+
+TOOLS = Path(os.environ.get("UAVLOGVIEWER", "UAVLogViewer")) / "src/tools"
+PARTS = ("paramseeker.js", "datetools.js", "parsers/JsDataflashParser/parser.js", "dataflashDataExtractor.js")
+LACKING = [] if shutil.which("node") else ["node"]
+LACKING += [str(TOOLS / part) for part in PARTS if not (TOOLS / part).exists()]
+pytestmark = pytest.mark.proof
+
+# What its pages do when a file is dropped on them (parser.worker.js and Home.vue), without the pages.
+BEFORE = """
+const self = { addEventListener () {} }, window = {}, Vue = { prototype: {} }, say = console.log
+console.log = () => {}
+"""
+AFTER = """
+const file = require('fs').readFileSync(process.argv[1])
+const wanted = 'CMD MSG FILE MODE AHR2 ATT GPS POS SIM XKQ1 XKQ NKQ1 NKQ2 XKQ2 PARM MSG STAT EV XKF4 FNCE'.split(' ')
+const { messages } = new DataflashParser().processData(new Uint8Array(file).buffer, wanted)
+const X = DataflashDataExtractor, track = source => X.extractTrajectory(messages, source)[source].trajectory
+say(JSON.stringify({
+  modes: X.extractFlightModes(messages), events: X.extractEvents(messages), mission: X.extractMission(messages),
+  fences: X.extractFences(messages).map(one => [one.length, one.exclusion, one[0][2]]),
+  vehicle: X.extractVehicleType(messages), parameters: X.extractParams(messages).values,
+  start: X.extractStartTime(messages['GPS[0]']),
+  texts: X.extractTextMessages(messages).map(one => one[2]),
+  attitudes: X.extractAttitudeSources(messages).eulers
+    .map(source => Object.values(X.extractAttitude(messages, source))),
+  tracks: X.extractTrajectorySources(messages).map(source => [source, track(source)])
+}))
+"""
+FENCE = [
+    *(item(5001, north_m, east_m, 4) for north_m, east_m in ((-200, -200), (400, -200), (400, 400), (-200, 400))),
+    *(item(5002, north_m, east_m, 3) for north_m, east_m in ((150, 150), (200, 150), (200, 200))),
+    item(5004, -100, -100, 30),
+]
+MISSION = [item(16, 30, 0), item(178, None, None, 0, 0.5), item(16, 30, 80), item(20)]
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    directory = tmp_path_factory.mktemp("sailed")
+    store = Store(directory / "memory")
+    for kind, items in ((PlanKind.MISSION, MISSION), (PlanKind.FENCE, FENCE)):
+        store.save(PLAN_FILES[kind], plan_to_text(Plan.of(kind, items)).encode())
+    store.close()
+    words = ["run", "mission", "--mode", "auto", "--state", directory / "memory", "--speed", "max", "--seconds", "200"]
+    words += ["--with", "supply=20:0.9:30:6:0.22", "--set", "FENCE_ENABLE=1", "LOIT_RADIUS=20"]
+    assert rambler_hil(*words, "--out", directory / "out")[0] == 0
+    return directory / "out/state/logs/00000001.BIN"
+
+
+@pytest.mark.skipif(bool(LACKING), reason=f"not here: {', '.join(LACKING)}")
+def test_it_finds_attitude_track_mission_fence_modes_and_arming(log):
+    parts = [
+        re.sub(r"^(import .*|export( default)?)", "", (TOOLS / part).read_text(), flags=re.MULTILINE) for part in PARTS
+    ]
+    script = "\n".join([BEFORE, *parts, AFTER])
+    done = subprocess.run(["node", "--eval", script, str(log)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert [mode for _, mode in found["modes"]] == ["HOLD", "AUTO"]
+    assert [event for _, event in found["events"]] == ["DISARMED", "FENCE_ENABLE", "ARMED", "SET_HOME"]
+    assert [one[4] for one in found["mission"]] == [16, 16]
+    assert found["mission"][0][:2] == pytest.approx([121.0, 36.00027], abs=1e-5)
+    assert found["fences"] == [[4, False, 0], [3, True, 0], [1, True, 30]]
+    assert found["vehicle"] == "boat"
+    assert found["parameters"]["LOIT_RADIUS"] == 20
+    assert found["start"].startswith("2026-01-01T00:00")
+    assert "Armed" in found["texts"]
+    assert len(found["attitudes"]) == 2
+    assert all(None not in angles for source in found["attitudes"] for angles in source)  # as JSON tells NaN
+    assert [name for name, _ in found["tracks"]] == ["POS", "AHR2", "GPS[0]"]
+    for _, track in found["tracks"]:
+        assert len(track) > 15
+        assert track[-1][:2] == pytest.approx([121.0, 36.0], abs=1e-3)
+
+
+def test_mavexplorer_draws_sixty_of_its_graphs(log):
+    reader = mavutil.mavlink_connection(str(log))
+    while reader.recv_match() is not None:
+        pass
+    graphs, of = drawn(dict(reader.messages))
+    reader.close()
+    print(f"MAVExplorer draws {graphs} of its {of} expressions")
+    assert graphs >= 60
