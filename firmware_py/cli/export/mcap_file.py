@@ -1,5 +1,6 @@
 """MCAP for Foxglove: each message of the log as JSON on a topic of its name, position and texts as Foxglove has them.
 
+Foxglove knows one type a field, not a choice of two: what is unknown is left out of a message, with no null for it.
 Beside the file lies a layout, to be imported in Foxglove.
 """
 
@@ -41,7 +42,7 @@ _PLOTS: Final = {
     "Heading": ("/ATT.Yaw", "/ATT.DesYaw", "/XKF1.Yaw"),
     "Rudder": ("/STER.Demanded", "/STER.Achieved"),
     "Off the line": ("/NTUN.XTrack", "/NTUN.WpDist"),
-    "Battery": ("/BAT.Volt", "/BAT.Curr"),
+    "Battery": ("/BAT{Inst==0}.Volt", "/BAT{Inst==0}.Curr"),  # 1 is the servo's supply
 }
 
 
@@ -60,7 +61,7 @@ def write(_kind: str, buffer: Buffer, path: Path, out: Path) -> str:
             for topic, values in _told(message, time_ns):
                 if topic not in channels:
                     channels[topic] = _channel(writer, topic, values)
-                data = json.dumps(values, allow_nan=False).encode()
+                data = json.dumps(_known(values), allow_nan=False).encode()
                 writer.add_message(channels[topic], log_time=time_ns, publish_time=time_ns, data=data)
                 count += 1
         writer.finish()
@@ -72,7 +73,7 @@ def write(_kind: str, buffer: Buffer, path: Path, out: Path) -> str:
 def _channel(writer: Any, topic: str, values: dict[str, Any]) -> int:
     name, properties = _SCHEMAS.get(topic) or (
         f"rambler.{topic[1:]}",
-        {key: {"type": "string" if isinstance(value, str) else ["number", "null"]} for key, value in values.items()},
+        {key: {"type": "string"} if isinstance(value, str) else _NUMBER for key, value in values.items()},
     )
     schema = json.dumps({"title": name, "type": "object", "properties": properties}).encode()
     number = writer.register_schema(name=name, encoding="jsonschema", data=schema)
@@ -80,7 +81,7 @@ def _channel(writer: Any, topic: str, values: dict[str, Any]) -> int:
 
 
 def _told(message: Message, time_ns: int) -> list[tuple[str, dict[str, Any]]]:
-    values = {key: _plain(value) for key, value in message.values.items()}
+    values = message.values
     told = [(f"/{message.name}", values)]
     stamp = {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}
     if message.name == "POS":
@@ -93,8 +94,8 @@ def _told(message: Message, time_ns: int) -> list[tuple[str, dict[str, Any]]]:
     return told
 
 
-def _plain(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def _known(values: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if not isinstance(value, float) or math.isfinite(value)}
 
 
 def _layout() -> dict[str, Any]:

@@ -2,9 +2,11 @@
 
 import csv
 import json
+import re
 import sys
 import xml.etree.ElementTree as ET
 
+import jsonschema
 import pytest
 
 from firmware_py.__main__ import main
@@ -53,7 +55,7 @@ def test_parquet_has_the_same_table(export):
     assert set(table.column("mode").to_pylist()) == {"GUIDED"}
 
 
-def test_mcap_has_every_message_with_a_schema_and_a_layout_that_shows_them(export):
+def test_mcap_has_every_message_at_the_receivers_date(export):
     reader = pytest.importorskip("mcap.reader")
     path = export("mcap")
     first, topics, places = None, set(), []
@@ -68,9 +70,58 @@ def test_mcap_has_every_message_with_a_schema_and_a_layout_that_shows_them(expor
     assert first * 1e-9 == pytest.approx(1.7e9, abs=2.0)  # the receiver's date
     assert places[0]["latitude"] == pytest.approx(40.10705, abs=1e-4)
     assert {"/ATT", "/CTL", "/NAV", "/log", "/BAT"} <= topics
+
+
+# Of Foxglove's own reader of JSON schemas: a field has one of these types, and no choice between two.
+JSON_TYPES = ("boolean", "string", "number", "integer", "object", "array")
+PATH = re.compile(r"(/\w+)(?:\{(\w+)==\d+\})?\.(\w+)")
+
+
+def test_foxglove_understands_each_schema_and_each_message_is_of_it(export):
+    reader = pytest.importorskip("mcap.reader")
+    lacking, validators = 0, {}
+    with export("mcap").open("rb") as file:
+        for schema, _, message in reader.make_reader(file).iter_messages():
+            values = json.loads(message.data)
+            if schema.name not in validators:
+                described = json.loads(schema.data) | {"additionalProperties": False}
+                assert all(field["type"] in JSON_TYPES for field in described["properties"].values()), schema.name
+                jsonschema.Draft202012Validator.check_schema(described)
+                validators[schema.name] = jsonschema.Draft202012Validator(described)
+            validators[schema.name].validate(values)
+            lacking += len(values) < len(validators[schema.name].schema["properties"])
+    assert lacking, "nothing was unknown, so that nothing was tested"
+
+
+def test_the_layout_shows_numbers_that_are_in_the_file(export):
+    reader = pytest.importorskip("mcap.reader")
+    path = export("mcap")
+    fields, said = {}, {}
+    with path.open("rb") as file:
+        for schema, channel, message in reader.make_reader(file).iter_messages():
+            fields[channel.topic] = (schema.name, json.loads(schema.data)["properties"])
+            said.setdefault(channel.topic, set()).update(json.loads(message.data))
     layout = json.loads((path.parent / "boat.mcap.layout.json").read_text())
-    shown = {line["value"] for panel in layout["configById"].values() for line in panel.get("paths", ())}
-    assert {value.split(".")[0] for value in shown} <= topics
+    panels = layout["configById"]
+    lines = [line["value"] for panel in panels.values() for line in panel.get("paths", ())]
+    assert len(lines) >= 9
+    for line in lines:
+        topic, filtered, field = PATH.fullmatch(line).groups()
+        for one in filter(None, (filtered, field)):
+            assert fields[topic][1][one]["type"] == "number", line
+            assert one in said[topic], line
+    assert fields[panels["map!rambler"]["followTopic"]][0] == "foxglove.LocationFix"
+    assert fields[panels["RosOut!rambler"]["topicToRender"]][0] == "foxglove.Log"
+    assert sorted(leaves(layout["layout"])) == sorted(panels)
+
+
+def leaves(node):
+    """The panels of a layout's tree of splits."""
+    if isinstance(node, str):
+        return [node]
+    assert node["direction"] in {"row", "column"}
+    assert 0 < node["splitPercentage"] < 100
+    return leaves(node["first"]) + leaves(node["second"])
 
 
 def test_gpx_has_the_track_in_utc_and_the_mission(export):
