@@ -14,6 +14,7 @@ from hil.cli import progress
 from hil.errors import UsageError
 from hil.lab.campaign import campaign, store
 from hil.lab.campaign.campaign import Crew
+from hil.lab.campaign.extra import imported
 from hil.sim.run_directory import held
 
 MOST_WORKERS = 1024
@@ -41,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Do what the first word says; any other word is a specification."""
+    # Now, and not when the first results are there.
+    for package in ("pyarrow", *(("distributed",) if arguments.scheduler is not None else ())):
+        imported(package)
     first, *more = arguments.words
     act, names = ACTS.get(first, (_sail, ()))
     words = more if first in ACTS else arguments.words

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import importlib
 import logging
 import os
 import re
@@ -18,6 +17,7 @@ from typing import Any
 
 from hil.errors import HilError, UsageError
 from hil.lab.campaign.engines import sail_batch, versions
+from hil.lab.campaign.extra import imported
 from hil.lab.campaign.outcome import Result
 from hil.lab.campaign.spec import Spec
 from hil.sim.signals import interruptible
@@ -54,10 +54,7 @@ def sail_here(spec: Spec, batches: Iterator[Batch], workers: int) -> Iterator[Sa
 
 def sail_on(address: str, spec: Spec, batches: Iterator[Batch]) -> Iterator[Sailed]:
     """Yield the batches as the workers of a dask scheduler sail them; UsageError where there is none."""
-    try:
-        distributed = importlib.import_module("distributed")
-    except ImportError:
-        raise UsageError("distributed is not installed; pip install 'rambler-autopilot[campaign]'") from None
+    distributed = imported("distributed")
     # What goes wrong is told here, in one line.
     logging.disable(logging.CRITICAL)
     if ADDRESS.fullmatch(address) is None:

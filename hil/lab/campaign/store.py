@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.errors import HilError, UsageError
+from hil.lab.campaign.extra import imported
 from hil.lab.campaign.outcome import Result, failure
 from hil.lab.campaign.scores import LIMITED
 from hil.lab.campaign.spec import Spec
@@ -24,7 +25,6 @@ CAMPAIGN, RUNS, PARTS, SPEC, SUMMARY, PAGE = (
 )  # fmt: skip
 PART = re.compile(r"(\d{8})-(\d{8})\.parquet")
 GROUP_ROWS = 1 << 16  # of the final file
-NEEDED = "pyarrow is not installed; pip install 'rambler-autopilot[campaign]'"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,20 +92,17 @@ class Store:
 
     def finish(self) -> None:
         """Join all parts to one file and remove them."""
-        import pyarrow as pa  # type: ignore[import-not-found,unused-ignore] # noqa: PLC0415 - an extra
-
         path, parts = self.directory / RUNS, self.directory / PARTS
         if not path.exists():
             tables = [read_table(parts / f"{first:08}-{last:08}.parquet") for first, last in self.finished()]
-            put(path, _encoded(pa.concat_tables(tables).combine_chunks()))
+            put(path, _encoded(imported("pyarrow").concat_tables(tables).combine_chunks()))
         if parts.exists():
             for part in parts.iterdir():
                 part.unlink()
             parts.rmdir()
 
     def _table(self, results: Sequence[Result]) -> Any:
-        import pyarrow as pa  # noqa: PLC0415 - an extra
-
+        pa = imported("pyarrow")
         rows = [result.row for result in results]
         outcomes = [result.outcome for result in results]
         scores = [{} if one.scores is None else asdict(one.scores) for one in outcomes]
@@ -130,21 +127,16 @@ def _joined(texts: tuple[str, ...] | None) -> str | None:
 
 
 def _encoded(table: Any) -> bytes:
-    import pyarrow as pa  # noqa: PLC0415 - an extra
-    from pyarrow import parquet  # type: ignore[import-not-found,unused-ignore] # noqa: PLC0415
-
-    sink = pa.BufferOutputStream()
-    parquet.write_table(table, sink, row_group_size=GROUP_ROWS, compression="zstd", use_dictionary=False)
+    sink = imported("pyarrow").BufferOutputStream()
+    imported("pyarrow.parquet").write_table(
+        table, sink, row_group_size=GROUP_ROWS, compression="zstd", use_dictionary=False
+    )
     return bytes(sink.getvalue())
 
 
 def read_table(path: Path) -> Any:
     """Read a Parquet file, or raise HilError."""
-    try:
-        import pyarrow as pa  # noqa: PLC0415 - an extra
-        from pyarrow import parquet  # noqa: PLC0415
-    except ImportError:
-        raise UsageError(NEEDED) from None
+    pa, parquet = imported("pyarrow"), imported("pyarrow.parquet")
     try:
         return parquet.ParquetFile(path).read()
     except (OSError, pa.ArrowException) as error:
