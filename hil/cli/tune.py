@@ -97,7 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--evaluations",
         type=int,
         metavar="N",
-        help=f"the most settings to try (default {EVALUATIONS}), with --fixed-gains at each of some six prices "
+        help=f"how many settings the fish try (default {EVALUATIONS}), with --fixed-gains at each of some six prices "
         f"(default {FIXED_EVALUATIONS})",
     )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of waves, noise and fish (default 1)")

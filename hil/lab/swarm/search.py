@@ -197,14 +197,13 @@ def _course(settings: SwarmSettings, low: Floats, high: Floats) -> Course:
         content=settings.strategy == "progress",
         iterations=settings.iterations,
         most_evaluations=limit,
-        most_per_iteration=settings.most_evaluations_per_iteration,
     )
 
 
 def _empty_log(settings: SwarmSettings, shoal: Shoal) -> Log:
     rows = settings.iterations + 1
     if settings.most_evaluations is not None:
-        # Every fish asks for at least one evaluation in an iteration.
+        # Every fish asks for at least one evaluation in an iteration, but in the last.
         rows = min(rows, settings.most_evaluations // settings.fish + 2)
     return Log(
         best_value=np.zeros(rows),

@@ -34,7 +34,7 @@ class SwarmSettings:
         another and takes the first that is better (the paper's; fewer evaluations, more calls).
     shrink: vision and step fall geometrically to this share at the end; 1 is the plain algorithm.
     seed: of everything that is random; nothing else decides the result.
-    most_evaluations: the swarm stops before it would exceed them; None for no limit.
+    most_evaluations: the swarm stops when they are used up, be it within an iteration; None for no limit.
 
     The defaults were picked by hand near the best of 224 settings, each tried with three seeds on the standard
     functions in 2 and 5 dimensions. Several settings score alike within the scatter of so few seeds, and
@@ -85,8 +85,3 @@ class SwarmSettings:
             raise SettingsError(f"strategy {self.strategy!r}: give one of {', '.join(get_args(Strategy))}")
         if self.prey not in get_args(Prey):
             raise SettingsError(f"prey {self.prey!r}: give one of {', '.join(get_args(Prey))}")
-
-    @property
-    def most_evaluations_per_iteration(self) -> int:
-        """What one iteration can cost: the centre, the tries, three moves and a random one, for each fish."""
-        return self.fish * (self.tries + 5)

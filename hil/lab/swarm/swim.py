@@ -27,7 +27,6 @@ class Course(NamedTuple):
     content: bool
     iterations: int
     most_evaluations: int
-    most_per_iteration: int
 
 
 class Log(NamedTuple):
@@ -46,7 +45,8 @@ class Log(NamedTuple):
 def turn(shoal: Shoal, course: Course, log: Log, row: int, stage: int, answered: int) -> int:
     """Take in the answers to the questions of the stage before, and ask those of a stage; return how many.
 
-    An iteration takes the stages from 0 to one beyond the last, which asks nothing and moves the fish.
+    An iteration takes the stages from 0 to one beyond the last, which asks nothing and moves the fish. Where the
+    evaluations run out, the fish behind get no answer.
     Row 0 of the history is the start: it asks what there is where the fish are.
     """
     if row == 0:
@@ -64,6 +64,7 @@ def turn(shoal: Shoal, course: Course, log: Log, row: int, stage: int, answered:
         note(shoal, course, log, row)
         return 0
     count = ask(shoal, course.stages[stage, 0], course.stages[stage, 1], course.stages[stage, 2], ways)
+    count = min(count, int(course.most_evaluations - log.evaluations[row]))
     place_in_world(shoal, count, course, log)
     return count
 
@@ -139,8 +140,8 @@ def stages_of(course: Course, row: int) -> int:
 
 @inner
 def may_go_on(course: Course, log: Log, row: int) -> bool:
-    """Say whether another iteration is within the limits, whatever it will cost."""
-    return row == 0 or bool(log.evaluations[row - 1] + course.most_per_iteration <= course.most_evaluations)
+    """Say whether evaluations are left for another iteration, or for the beginning of one."""
+    return row == 0 or bool(log.evaluations[row - 1] < course.most_evaluations)
 
 
 @inner

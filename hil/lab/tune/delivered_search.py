@@ -17,7 +17,7 @@ BOUNDS = (
     Bound("CTL_PRICE", "CTL_PRICE", 0.25, 4.0, logarithmic=True),
     Bound("RUD_DBAND_DEG", "RUD_DBAND_DEG", 0.0, 3.0),
 )
-FISH, TRIES, ITERATIONS = 6, 2, 60
+FISH, TRIES = 6, 2
 EVEN = 1.0  # what a part of the travel costs against as much of the error, when nothing else is asked for
 FULL = 1.0 + 1e-9
 
@@ -94,9 +94,10 @@ def _search(
 
     low = np.array([bound.coordinate(bound.low) for bound in BOUNDS])
     high = np.array([bound.coordinate(bound.high) for bound in BOUNDS])
-    begin = np.array([_point(default_setting()), _point(present.setting)])
+    # A vehicle that is as delivered leaves one fish more to start at random.
+    begin = np.array([_point(setting) for setting in dict.fromkeys((default_setting(), present.setting))])
     settings = SwarmSettings(
-        fish=FISH, tries=TRIES, iterations=ITERATIONS, shrink=0.02, seed=seed, most_evaluations=evaluations
+        fish=FISH, tries=TRIES, iterations=evaluations, shrink=0.02, seed=seed, most_evaluations=evaluations
     )
     minimise(costs, low, high, settings, told, start=np.clip(begin, low, high))
 

@@ -47,7 +47,7 @@ BOUNDS: Final = (
     Bound("REST_RAD", "rest_rad", radians(0.05), radians(1.0), logarithmic=True),
     Bound("BAND_SQRT_S", "band_sqrt_s", 0.7, 6.0, logarithmic=True),
 )
-TRIES, ITERATIONS = 1, 60
+TRIES = 1
 VISION, STEP, NEAR = 0.2, 0.12, 0.2  # of the box's diagonal; of a logarithm
 
 Setting = tuple[float, ...]
@@ -142,7 +142,7 @@ def search(trials: LawTrials, fresh: LawTrials, evaluations: int, seed: int, tel
     settings = SwarmSettings(
         fish=len(begin),
         tries=TRIES,
-        iterations=ITERATIONS,
+        iterations=evaluations,
         vision=VISION,
         step=STEP,
         shrink=0.1,

@@ -44,7 +44,7 @@ BOUNDS = (
     Bound("RUD_DBAND_DEG", "deadband_deg", 0.0, 5.0),
 )
 PRICES = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0)
-FISH, TRIES, ITERATIONS = 12, 2, 60
+FISH, TRIES = 12, 2
 # A parameter that brings less than this part of the cost is left as it is.
 WORTH = 0.01
 GAINS = ("CTL_K1", "CTL_K2")
@@ -165,7 +165,7 @@ def _search(
     settings = SwarmSettings(
         fish=FISH,
         tries=TRIES,
-        iterations=ITERATIONS,
+        iterations=evaluations,
         shrink=0.02,
         seed=seed,
         most_evaluations=evaluations,

@@ -194,19 +194,25 @@ def test_the_history_is_the_searchs(variant):
     assert np.all(history.median_value >= history.best_value)
     assert history.evaluations[0] == variant.fish
     assert history.evaluations[-1] == result.evaluations == sum(len(points) for points in watch.points)
-    assert np.all(np.diff(history.evaluations) <= variant.most_evaluations_per_iteration)
     np.testing.assert_allclose(history.vision, variant.vision * variant.shrink ** (np.arange(13) / 12))
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_the_evaluations_never_exceed_their_limit_and_come_close(variant):
-    variant = replace(variant, iterations=1000, most_evaluations=500)
+@pytest.mark.parametrize("most", [8, 9, 60, 500])
+def test_the_evaluations_are_used_to_the_last(variant, most):
+    variant = replace(variant, iterations=1000, most_evaluations=most)
     watch = Watch(bowl)
     result = minimise(watch, LOW, HIGH, variant)
-    spent = sum(len(points) for points in watch.points)
+    points = np.vstack(watch.points)
     assert result.stopped_by == "evaluations"
-    assert 500 - variant.most_evaluations_per_iteration < spent == result.evaluations <= 500
-    # Vision shrinks with what is spent, so that a limit gets as fine a search as iterations do.
+    assert len(points) == result.evaluations == most
+    assert result.best_value == np.min(bowl(points))
+    assert same(result, minimise(CompiledObjective(bowl_of_many, DATA, batch=True), LOW, HIGH, variant))
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_limit_of_evaluations_gets_as_fine_a_search_as_iterations_do(variant):
+    result = minimise(bowl, LOW, HIGH, replace(variant, iterations=1000, most_evaluations=500))
     assert result.history.vision[-1] < variant.vision * variant.shrink**0.8
 
 

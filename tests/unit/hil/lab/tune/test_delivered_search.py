@@ -7,9 +7,9 @@ import pytest
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
-from hil.lab.tune.delivered import Score, Trials, cases_of, default_setting, task_of
+from hil.lab.tune.delivered import Trials, cases_of, default_setting, task_of
 from hil.lab.tune.delivered_search import no_worse, tune
-from hil.lab.tune.loop_kernel import RESULTS
+from hil.lab.tune.loop_kernel import ITAE, RESULTS, TRAVEL
 from hil.ship.scenarios import UnknownScenarioError
 
 PRICE, BAND = default_setting()
@@ -21,12 +21,13 @@ class MadeUp(Trials):
     def __init__(self, error, travel):
         self.made_up = error, travel
         self.archive = []
-        self.delivered = self.score(default_setting())
+        self.reference = self.results(default_setting())
+        self.delivered = self._keep(default_setting(), self.reference)
 
-    def score(self, setting):
-        error, travel = (one(*setting) for one in self.made_up)
-        self.archive.append(Score(setting, error, error, 500.0 * travel))
-        return self.archive[-1]
+    def results(self, setting):
+        results = np.zeros((1, RESULTS))
+        results[0, [ITAE, TRAVEL]] = [one(*setting) for one in self.made_up]
+        return results
 
 
 def hollow(price, band):
@@ -55,10 +56,18 @@ def test_neither_error_nor_travel_may_be_more_than_as_delivered_unless_a_price_i
     trials, fresh = MadeUp(hollow, less_with_price), MadeUp(hollow, less_with_price)
     found = tune(trials, fresh, ParameterSet(), evaluations=60)
     assert no_worse(trials, found.chosen)
-    close = tune(MadeUp(hollow, less_with_price), fresh, ParameterSet(), price=0.1, evaluations=60)
+    trials = MadeUp(hollow, less_with_price)
+    close = tune(trials, fresh, ParameterSet(), price=0.1, evaluations=60)
     assert not close.kept
     assert close.chosen.setting[0] < PRICE
-    assert close.chosen.travel_deg_per_h > 500.0
+    assert trials.travel(close.chosen) > 1.0
+
+
+@pytest.mark.parametrize("evaluations", [20, 60, 75])
+def test_as_many_settings_are_sailed_as_were_asked_for(evaluations):
+    found = tune(MadeUp(hollow, flat), MadeUp(hollow, flat), ParameterSet(), evaluations=evaluations)
+    # What is found is rounded, and its parameters put back one by one.
+    assert evaluations <= found.evaluations <= evaluations + 3
 
 
 def test_what_fresh_seas_do_not_bear_out_is_not_kept():

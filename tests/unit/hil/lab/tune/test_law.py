@@ -69,6 +69,13 @@ def test_what_is_better_is_found_and_fresh_seas_bear_it_out():
     assert law.search(MadeUp(hollow, flat), MadeUp(hollow, flat), 400, 1, silent).setting == found.setting
 
 
+@pytest.mark.parametrize("evaluations", [20, 60, 75])
+def test_as_many_settings_are_sailed_as_were_asked_for(evaluations):
+    found = law.search(MadeUp(hollow, flat), MadeUp(hollow, flat), evaluations, 1, silent)
+    # What is the same to three digits is sailed once.
+    assert 0.9 * evaluations <= found.evaluations <= evaluations
+
+
 def test_what_fresh_seas_do_not_bear_out_leaves_the_delivered_constants():
     contrary = MadeUp(lambda stiffness, *_: 1.0 / hollow(stiffness), flat)
     found = law.search(MadeUp(hollow, flat), contrary, 400, 1, silent)
