@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.bench.circumstances import circumstances, text_of
-from hil.cli import outputs
+from hil.cli import outputs, progress
 from hil.errors import UsageError
 from hil.lab.compare.voyages import AUTOPILOT, OURS, PAPER, PID, Controller, Row, Task, can_sail, compare, priced
 from hil.report import figure_file
@@ -81,7 +82,9 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"rambler-hil: {PID.name} is left out in {name}: its model has no extras", file=sys.stderr)
     if not any(can_sail(one, name) for one in chosen for name in task.scenarios):
         raise UsageError("--only pid: its model has no extras; take paper or ours")
-    rows = compare(task, [*chosen, *map(priced, arguments.prices)], _tell if sys.stderr.isatty() else _silent)
+    with progress.line(sys.stderr, time.monotonic) as tell:
+        controllers = [*chosen, *map(priced, arguments.prices)]
+        rows = compare(task, controllers, lambda done, total, last: tell(done, total, done, last))
     limits = _limits(rows) if arguments.limit else None
     print(text(rows, limits))
     if arguments.json is not None:
@@ -190,11 +193,3 @@ def _task(arguments: argparse.Namespace) -> Task:
     if not 1 <= arguments.seeds <= MOST_SEEDS:
         raise UsageError(f"--seeds {arguments.seeds}: give a whole number from 1 to {MOST_SEEDS}")
     return Task(names, tuple(range(1, arguments.seeds + 1)), goals, goals[-1].t_s + AFTER_LAST_GOAL_S)
-
-
-def _tell(done: int, total: int) -> None:
-    print(f"\r\x1b[K{done} of {total} runs" if done < total else "\r\x1b[K", end="", file=sys.stderr, flush=True)
-
-
-def _silent(_done: int, _total: int) -> None:
-    return None

@@ -2,30 +2,39 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TextIO
+from typing import Protocol, TextIO
 
 RENEW_S = 0.2
 NOW_AND_THEN_S = 30.0
 HOUR_S, MINUTE_S = 3600.0, 60.0
 
 
+class Tell(Protocol):
+    """Told how many are done, of how many, how many of them since the beginning of this, and which was the last."""
+
+    def __call__(self, done: int, total: int, since: int, last: str = "") -> None:
+        """Show it, if it is time to."""
+
+
 @contextmanager
-def line(stream: TextIO, now_s: Callable[[], float]) -> Iterator[Callable[[int, int, int], None]]:
-    """Yield what is told how many are done, of how many, and how many of them since the beginning of this."""
+def line(stream: TextIO, now_s: Callable[[], float]) -> Iterator[Tell]:
+    """Yield what is told how far the work has come."""
     terminal = stream.isatty()
     begun_s = now_s()
     next_s = begun_s if terminal else begun_s + NOW_AND_THEN_S
 
-    def tell(done: int, total: int, since: int) -> None:
+    def tell(done: int, total: int, since: int, last: str = "") -> None:
         nonlocal next_s
         t_s = now_s()
         if t_s < next_s:
             return
         next_s = t_s + (RENEW_S if terminal else NOW_AND_THEN_S)
-        text = _text(done, total, since / max(t_s - begun_s, 1e-9))
-        stream.write(f"\r\x1b[K{text}" if terminal else f"{text}\n")
+        text = _text(done, total, since / max(t_s - begun_s, 1e-9)) + (last and f"; {last}")
+        # A line that goes on to the next could not be renewed.
+        stream.write(f"\r\x1b[K{text[: shutil.get_terminal_size().columns - 1]}" if terminal else f"{text}\n")
         stream.flush()
 
     try:
@@ -37,7 +46,9 @@ def line(stream: TextIO, now_s: Callable[[], float]) -> Iterator[Callable[[int, 
 
 
 def _text(done: int, total: int, per_s: float) -> str:
-    left = f", {_time((total - done) / per_s)} left" if per_s > 0.0 and done < total else ""
+    if per_s == 0.0:
+        return f"{done} of {total} runs"
+    left = f", {_time((total - done) / per_s)} left" if done < total else ""
     return f"{done} of {total} runs, {per_s:.3g} a second{left}"
 
 

@@ -64,14 +64,16 @@ class Row:
         return mean_of(self.scores)
 
 
-def compare(task: Task, controllers: Sequence[Controller], tell: Callable[[int, int], None]) -> list[Row]:
-    """Sail everything and return the rows, sea by sea; tell is called with runs done and runs in all."""
+def compare(task: Task, controllers: Sequence[Controller], tell: Callable[[int, int, str], None]) -> list[Row]:
+    """Sail everything and return the rows, sea by sea; tell is called with runs done, runs in all and the last one."""
     pairs = [(name, one) for name in task.scenarios for one in controllers if can_sail(one, name)]
     jobs = [(name, one, seed) for name, one in pairs for seed in task.seeds]
     found: dict[tuple[str, str, int], Score] = {}
+    tell(0, len(jobs), "")
     for number, (job, score) in enumerate(_sailed(task, jobs)):
         found[job] = score
-        tell(number + 1, len(jobs))
+        name, controller, seed = job
+        tell(number + 1, len(jobs), f"{controller}, {name}, seed {seed}")
     return [Row(name, one, tuple(found[name, one.name, seed] for seed in task.seeds)) for name, one in pairs]
 
 
@@ -112,5 +114,6 @@ def truth_of(task: Task, scenario_name: str, controller: Controller, seed: int) 
             seed=seed,
             goals=task.goals,
             settings=dict(controller.settings),
+            shown=False,  # the comparison shows how far it is; several boats are at sea at a time
         )
         return run(options).truth.table()

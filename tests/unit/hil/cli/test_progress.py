@@ -45,6 +45,19 @@ def test_a_terminal_has_one_line_that_goes_in_the_end():
     )
 
 
+def test_a_line_says_which_was_the_last_and_is_never_wider_than_the_terminal(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "40")
+    stream = Terminal()
+    with progress.line(stream, Clock()) as tell:
+        tell(0, 24, 0, "")
+    assert stream.getvalue() == "\r\x1b[K0 of 24 runs\r\x1b[K"
+    stream, clock = Terminal(), Clock()
+    with progress.line(stream, clock) as tell:
+        clock.now += 10.0
+        tell(5, 24, 5, "Rambler, swell, seed 2")
+    assert stream.getvalue() == "\r\x1b[K5 of 24 runs, 0.5 a second, 38 s left; \r\x1b[K"
+
+
 @pytest.mark.parametrize(("seconds", "text"), [(59.0, "59 s"), (60.0, "1 min"), (5400.0, "1.5 h")])
 def test_a_time_has_the_unit_that_suits_it(seconds, text):
     assert progress._time(seconds) == text

@@ -11,8 +11,9 @@ from hil.__main__ import main
 from hil.cli.compare import as_entries
 from hil.lab.compare import pid
 from hil.lab.compare.score import Score, Turn, mean_of, score_of, turns_of
-from hil.lab.compare.voyages import OURS, PAPER, PID, Row, can_sail
+from hil.lab.compare.voyages import OURS, PAPER, PID, Row, Task, can_sail, sail_one
 from hil.ship import scenarios
+from hil.sim import runner
 from hil.sim.goals import parse_goals
 from hil.sim.truth import Truth
 
@@ -163,3 +164,18 @@ def test_means_become_figures_of_the_documentation_and_what_never_came_is_left_o
     assert found["compare_sea_rambler_rms"] == {"value": 1.0, "unit": "deg", "note": "2 seeds", "commit": "abc"}
     assert found["compare_sea_rambler_limit_receiver"]["value"] == 1.2
     assert "compare_sea_rambler_near" not in found
+
+
+def test_no_boat_of_a_comparison_draws_a_picture_of_her_own(monkeypatch):
+    seen = []
+
+    def run(options):
+        seen.append(options)
+        raise InterruptedError
+
+    monkeypatch.setattr(runner, "run", run)
+    task = Task(("tank",), (1,), parse_goals("0:0"), 60.0)
+    for controller in (OURS, PAPER):
+        with pytest.raises(InterruptedError):
+            sail_one(task, "tank", controller, 1)
+    assert [options.shown for options in seen] == [False, False]
