@@ -106,6 +106,9 @@ class Live {
       + `, ${one.rejected} bad${one.error ? `; ${one.error}` : ""}`, one.state !== "running"]));
     table("Links", (status.links || []).map((one) => [one.url, one.peers.length ? one.peers.map((peer) => `${peer.address}, heard `
       + `${known(peer.heard_age_s) ? `${peer.heard_age_s} s ago` : "never"}`).join("; ") : "nobody", false]));
+    table("Vessels", ((status.traffic || {}).nearest || []).map((one) => [one.title || String(one.mmsi),
+      `${shown(one.distance_m, 1)} m, ${shown(one.bearing_deg, 1)}°, heard ${since(one.age_s)} ago`
+      + (known(one.cpa_m) ? `; ${shown(one.cpa_m, 1)} m in ${since(one.cpa_in_s)}` : ""), one.near]));
     for (const name of BESIDE) {
       const part = status[name];
       if (part) table(name, Object.entries(part).filter(([, value]) => known(value) && typeof value !== "object" && value !== "")

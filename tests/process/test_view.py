@@ -15,7 +15,10 @@ from support.browser import Browser
 from support.harness import rambler_hil, start_rambler_hil
 from support.paths import REPLAY
 
-LOW_BATTERY = ("--with", "supply=20:0.9:30:6:0.22", "--set", "PWR_SAVE_PCT=21.9", "FS_BATT_ACT=0")
+LOW_BATTERY = ("--with", "supply=20:0.9:30:6:0.22,vessels=crossing:0", "--set", "PWR_SAVE_PCT=21.9", "FS_BATT_ACT=0")
+CLIPPED = (
+    "[...document.querySelectorAll('td.words')].filter((one) => one.getBoundingClientRect().right > innerWidth).length"
+)
 LAST_TEXT = "[...document.querySelectorAll('tr[data-time] td.words')].pop().textContent"
 SHOWN = "[Number(document.querySelector('.now').dataset.time), document.querySelector('#now-heading').textContent]"
 
@@ -39,21 +42,37 @@ def ended(process):
     return said
 
 
+def assert_fit_for_people(browser, url):
+    """The page wants nothing from elsewhere, fits a telephone and a desk, and is legible by day and by night."""
+    for width, dark in ((1200, True), (400, False)):
+        browser.look(width, 900, dark=dark)
+        contrasts = browser.contrasts()
+        assert len(contrasts) > 60
+        assert contrasts[0][0] >= 4.5, contrasts[0]
+        assert browser.value("document.documentElement.scrollWidth") <= width
+        assert browser.value(CLIPPED) == 0
+    assert browser.value("document.querySelector('meta[name=viewport]').content").startswith("width=device-width")
+    assert {asked.removesuffix("events") for asked in browser.requests} == {url}
+    browser.requests.clear()
+
+
 def test_the_page_under_way_shows_the_true_heading_and_a_fault_when_it_comes(tmp_path, browser):
     out = tmp_path / "run"
     words = ["run", "tank", "--speed", "15", "--goal", "0:30", "--seconds", "200", *LOW_BATTERY]
     process = start_rambler_hil(*words, "--view", "127.0.0.1:0", "--out", out)
     browser.look(400, 900)
-    browser.open(address_of(process))
+    browser.open(address := address_of(process))
     browser.wait_for("document.querySelectorAll('path.line').length > 5")
     seen = []
     while len(seen) < 3 or not browser.value("document.querySelector('#now-faults').textContent > '0'"):
         moment = browser.value(SHOWN)
         if not seen or moment[0] > seen[-1][0]:
             seen.append(moment)
-    assert "Battery is low" in browser.value("document.body.innerText")
+    browser.wait_for(
+        "['Battery is low', 'Vessels', 'A vessel comes near'].every((one) => document.body.innerText.includes(one))"
+    )
     browser.wait_for("document.querySelectorAll('line.mark.bad').length > 0")
-    assert browser.value("document.documentElement.scrollWidth") <= 400
+    assert_fit_for_people(browser, address)
     browser.wait_for("document.querySelector('.banner').textContent.startsWith('It has ended')")
     ended(process)
     truth = read(out / "truth.csv")
@@ -64,7 +83,7 @@ def test_the_page_under_way_shows_the_true_heading_and_a_fault_when_it_comes(tmp
     browser.open((out / "report.html").as_uri())
     assert browser.value("document.querySelectorAll('svg.time path.line').length") > 6
     assert browser.value("document.querySelectorAll('line.mark.bad').length") > 0
-    assert browser.value("document.documentElement.scrollWidth") <= 400
+    assert_fit_for_people(browser, (out / "report.html").as_uri())
     assert browser.complaints == []
 
 

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import time
+from pathlib import Path
 
 import pytest
 
@@ -32,10 +33,10 @@ def chromium():
 
 
 class Browser:
-    """One tab; `complaints` are errors of its scripts and what its policy has refused."""
+    """One tab; `complaints` are errors of its scripts and what its policy has refused, `requests` what it asked for."""
 
     def __init__(self, directory):
-        self.complaints = []
+        self.complaints, self.requests = [], []
         self._number = 0
         to_us, to_it = os.pipe(), os.pipe()
 
@@ -58,7 +59,7 @@ class Browser:
         self._session = None
         target = self.ask("Target.createTarget", url="about:blank")["targetId"]
         self._session = self.ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
-        for domain in ("Page", "Runtime", "Log"):
+        for domain in ("Page", "Runtime", "Log", "Network"):
             self.ask(f"{domain}.enable")
 
     def ask(self, method, **parameters):
@@ -87,6 +88,8 @@ class Browser:
             self.complaints.append(told["params"]["exceptionDetails"].get("exception", {}).get("description", "?"))
         elif told.get("method") == "Log.entryAdded" and told["params"]["entry"]["level"] == "error":
             self.complaints.append(told["params"]["entry"]["text"])
+        elif told.get("method") == "Network.requestWillBeSent":
+            self.requests.append(told["params"]["request"]["url"])
 
     def look(self, width, height, *, dark=False):
         """Be a screen of this size, in a scheme."""
@@ -114,6 +117,10 @@ class Browser:
             assert time.monotonic() < give_up_s, expression
             time.sleep(0.1)
         return found
+
+    def contrasts(self):
+        """Return the contrast of each text with what lies behind it: ratio, text, colours, the worst first."""
+        return self.value(Path(__file__).with_name("contrast.js").read_text())
 
     def picture(self, path):
         """Write what is to be seen as a PNG file."""
