@@ -33,6 +33,11 @@ def text_of(found: dict[str, Any]) -> str:
     )
 
 
+def same_machine(text: str, found: dict[str, Any]) -> bool:
+    """Return whether circumstances in one line are of the processor, the cores and the Python found here."""
+    return {found["processor"], f"{found['cores']} cores", f"Python {found['python']}"} <= set(text.split(", "))
+
+
 def _processor() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hil.bench import over_time
-from hil.bench.circumstances import circumstances, text_of
+from hil.bench.circumstances import circumstances, same_machine, text_of
 from hil.bench.figure import Finding
 from hil.bench.measurements import TABLE
 from hil.bench.over_time import Kept
@@ -62,7 +62,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Measure and print; an aim that is missed is told in the table and is no error."""
     _check(arguments)
-    baseline = {} if arguments.against is None else over_time.kept(figure_file.read("--against", arguments.against))
+    entries = {} if arguments.against is None else figure_file.read("--against", arguments.against)
+    baseline = over_time.kept(entries)
     names = tuple(dict.fromkeys(arguments.only or TABLE))
     if arguments.against is not None:
         names = tuple(over_time.measured_in(baseline, names))
@@ -76,7 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
             setting = make(Path(directory).resolve())
             findings = _measured(names, setting, arguments.repeat)
             print(table(tuple(findings.values())), flush=True)
-            worse = _compared(baseline, findings, setting)
+            strange = {where for key in baseline if not same_machine(where := str(entries[key].get("machine")), found)}
+            worse = _compared(baseline, findings, setting, sorted(strange))
     finally:
         signal.signal(signal.SIGTERM, before)
     if arguments.json is not None:
@@ -113,14 +115,20 @@ def _measured(names: Sequence[str], setting: Setting, repeats: int) -> dict[str,
     return {name: over_time.middle(each) for name, each in found.items()}
 
 
-def _compared(baseline: Kept, findings: Mapping[str, Finding], setting: Setting) -> bool:
-    """Print how the figures stand against the baseline; return whether any has worsened, each time it was measured."""
+def _compared(baseline: Kept, findings: Mapping[str, Finding], setting: Setting, strange: Sequence[str]) -> bool:
+    """Print how the figures stand against the baseline; return whether any has worsened, each time it was measured.
+
+    Against a strange machine they are shown and not judged: what is kept says nothing of how machines differ.
+    """
     if not baseline:
         return False
     verdicts = over_time.compare(baseline, findings)
     print("\nAgainst before")
     for verdict in verdicts:
         print(verdict.text, flush=True)
+    if strange:
+        print(f"  shown only, not judged: kept on another machine ({'; '.join(strange)})", flush=True)
+        return False
     worse = {(each.measurement, each.name) for each in verdicts if each.worse}
     for _ in range(over_time.WORSE_IN_A_ROW - 1):
         if not worse:

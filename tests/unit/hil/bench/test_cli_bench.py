@@ -6,6 +6,7 @@ import pytest
 
 from hil.__main__ import main
 from hil.bench import measurements
+from hil.bench.circumstances import circumstances, text_of
 from hil.bench.figure import Figure, Finding
 
 
@@ -65,10 +66,15 @@ def test_several_can_be_chosen_and_each_is_repeated_in_rounds(asked, values, tmp
 
 
 @pytest.fixture
-def baseline(tmp_path):
+def machine():
+    return text_of(circumstances())
+
+
+@pytest.fixture
+def baseline(tmp_path, machine):
     """Return the path of figures of which that of the load was repeated."""
     path = tmp_path / "before.json"
-    repeated = {"value": 1.0, "repeats": [2.0, 2.1, 1.9, 2.05, 1.95, 2.0, 2.0]}
+    repeated = {"value": 1.0, "machine": machine, "repeats": [2.0, 2.1, 1.9, 2.05, 1.95, 2.0, 2.0]}
     path.write_text(json.dumps({"load_load_figure": repeated, "start_start_figure": {"value": 1.0}}))
     return str(path)
 
@@ -90,6 +96,16 @@ def test_what_is_worse_once_was_a_busy_moment(asked, values, baseline, capsys):
     assert main(["bench", "--against", baseline]) == 0
     assert capsys.readouterr().out.count("WORSE") == 2
     assert len(asked) == 3
+
+
+@pytest.mark.parametrize("machine", ["a board, 4 cores, Linux 6.1, Python 3.13.1, load 0.10 before the start"])
+def test_what_was_kept_on_another_machine_is_shown_and_not_judged(asked, values, baseline, capsys):
+    values += [5.0]
+    assert main(["bench", "--against", baseline]) == 0
+    said = capsys.readouterr().out
+    assert "WORSE" in said
+    assert "not judged: kept on another machine (a board, 4 cores" in said
+    assert len(asked) == 1
 
 
 def test_json_is_written(asked, tmp_path):
