@@ -16,7 +16,7 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
     servo, position, devices = state.rudder.feedback, state.position, state.devices
     sources, rudder_monitor = state.heading_estimator.sources, state.supervisor.rudder_monitor
     timeouts_s = heading_timeouts_of(settings, devices).compass_s
-    frozen, jumping = _frozen_or_jumping(settings.heading_estimator.sources, sources, timeouts_s, now_s)
+    frozen, jumping = frozen_or_jumping(settings.heading_estimator.sources, sources, timeouts_s, now_s)
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
     battery, limits = power_monitor.supply(state.power, now_s), settings.battery_limits
 
@@ -71,14 +71,17 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
     )
 
 
-def _frozen_or_jumping(
+def frozen_or_jumping(
     settings: SourceSettings, state: SourceState, timeouts_s: tuple[float, float], now_s: float
 ) -> tuple[bool, bool]:
-    """Return whether a compass is frozen, and whether one jumps; one that has stopped measuring does not besides."""
-    frozen, jumping = False, False
+    """Return whether a compass is frozen, and whether one jumps; one that has stopped measuring does not besides.
+
+    Nor does one that has differed from the other since it was heard, or has come to differ slowly: they disagree.
+    """
+    frozen, jumping, disagree = False, False, state.disagree()
     for compass, timeout_s in zip(state.compasses, timeouts_s, strict=True):
         if compass.frozen(now_s, settings, timeout_s):
             frozen = True
-        elif compass.jumping() and compass.speaks(now_s, timeout_s):
+        elif compass.jumping() and compass.speaks(now_s, timeout_s) and (compass.agreed or not disagree):
             jumping = True
     return frozen, jumping

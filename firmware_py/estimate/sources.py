@@ -76,6 +76,8 @@ class CompassState:
     estimate, `sound_since_s` since when it has been sound; `difference_rad` is its smoothed difference
     from the estimate, `offset_rad` what is still added to it after a change of source. `longest_s` is for how long it
     shows one number at most, of late; `contradicted`: it shows the same although she must have turned.
+    `steady_rad` is its difference smoothed also beyond the gate, None while it does not measure; `agreed`: that was
+    small when it last lay within the gate, so that it has jumped when it does no more.
     """
 
     t_s: float | None = None
@@ -87,6 +89,8 @@ class CompassState:
     offset_rad: float = 0.0
     longest_s: float = FIRST_LONGEST_S
     contradicted: bool = False
+    steady_rad: float | None = None
+    agreed: bool = False
 
     def speaks(self, now_s: float, timeout_s: float) -> bool:
         """Whether it is not silent."""
@@ -126,10 +130,9 @@ class SourceState:
         return self.compasses[self.in_use].raw_rad if self.in_use in (Source.COMPASS_A, Source.COMPASS_B) else None
 
     def disagree(self) -> bool:
-        """Whether two sound compasses differ by more than they should."""
-        a, b = self.compasses
-        both = a.sound_since_s is not None and b.sound_since_s is not None
-        return both and abs(wrap_pi(a.difference_rad - b.difference_rad)) > DISAGREEMENT_RAD
+        """Whether two compasses that measure differ by more than they should."""
+        a, b = (compass.steady_rad for compass in self.compasses)
+        return a is not None and b is not None and abs(wrap_pi(a - b)) > DISAGREEMENT_RAD
 
 
 def needs_restart(state: SourceState, now_s: float, timeouts_s: tuple[float, float]) -> bool:
@@ -159,6 +162,12 @@ def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad:
     sound_s = 0.0 if state.sound_since_s is None else sample.t_s - state.sound_since_s
     step_s = clamp(sample.t_s - state.t_s, 0.0, SMOOTHING_S) if state.t_s is not None else SMOOTHING_S
     part = 1.0 if sound_s <= step_s else step_s / min(sound_s, SMOOTHING_S)
+    steady_rad = difference_rad
+    if state.steady_rad is not None:
+        steady_rad = wrap_pi(state.steady_rad + step_s / SMOOTHING_S * wrap_pi(difference_rad - state.steady_rad))
+    agreed = state.agreed
+    if near and expected_rad is not None:
+        agreed = abs(wrap_pi(steady_rad + state.offset_rad)) <= DISAGREEMENT_RAD
     longest_s = state.longest_s
     if changed and state.sound_since_s is not None:
         shown_s = sample.t_s - state.changed_s
@@ -172,6 +181,8 @@ def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad:
         difference_rad=wrap_pi(state.difference_rad + part * wrap_pi(difference_rad - state.difference_rad)),
         longest_s=longest_s,
         contradicted=state.contradicted and not changed,
+        steady_rad=None if expected_rad is None else steady_rad,
+        agreed=agreed,
     )
 
 
@@ -187,8 +198,10 @@ def _judge(state: CompassState, now_s: float, settings: SourceSettings, timeout_
     if not state.speaks(now_s, timeout_s):
         # It may come back with the same number, which has not stood meanwhile, unless it did before.
         raw_rad = state.raw_rad if state.stood(settings) else None
-        return replace(state, sound_since_s=None, raw_rad=raw_rad)
-    if state.frozen(now_s, settings, timeout_s) or state.jumping():
+        return replace(state, sound_since_s=None, raw_rad=raw_rad, steady_rad=None)
+    if state.frozen(now_s, settings, timeout_s):
+        return replace(state, sound_since_s=None, steady_rad=None)
+    if state.jumping():
         return replace(state, sound_since_s=None)
     return state if state.sound_since_s is not None else replace(state, sound_since_s=now_s)
 

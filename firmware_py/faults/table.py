@@ -122,7 +122,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         arming="compass is frozen",
     ),
     Fault.COMPASS_JUMPING: FaultRow(
-        condition="a compass shows for 1.5 s headings that she cannot have come to",
+        condition="a compass has shown for 1.5 s headings that she cannot have come to, and did not creep there",
         stands=lambda tick: tick.compass_jumping,
         clear_s=5.0,
         severity=Severity.ERROR,
@@ -132,7 +132,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         arming="compass jumps",
     ),
     Fault.COMPASS_DISAGREES: FaultRow(
-        condition="two sound compasses differ by more than 15 deg",
+        condition="two compasses that measure differ by more than 15 deg",
         stands=lambda tick: tick.compasses_disagree,
         debounce_s=5.0,
         clear_s=5.0,

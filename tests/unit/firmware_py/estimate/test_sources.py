@@ -124,14 +124,6 @@ def test_a_course_alone_starts_nothing():
     assert Watch().run(5.0, a=None, course_ok=True) is Source.NONE
 
 
-def test_disagreement_of_two_sound_compasses_is_seen():
-    watch = Watch()
-    watch.run(60.0, b=radians(5.0))
-    assert not watch.state.disagree()
-    watch.run(60.0, b=radians(20.0))
-    assert watch.state.disagree()
-
-
 def test_ashore_a_compass_may_be_as_steady_as_it_likes():
     watch = Watch(frozen_s=0.0)
     assert watch.run(10.0 * FROZEN_S, a="frozen") is Source.COMPASS_A

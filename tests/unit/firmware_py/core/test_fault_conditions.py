@@ -1,0 +1,83 @@
+"""What is said of two compasses: which is frozen, which jumps, and whether they disagree."""
+
+import random
+
+import pytest
+
+from firmware_py.common.angles import radians
+from firmware_py.core.fault_conditions import frozen_or_jumping
+from firmware_py.estimate.sources import Source, SourceSettings, SourceState, TrueHeadingSample, add_sample, select
+
+FROZEN, JUMPING, DISAGREE = (True, False, False), (False, True, False), (False, False, True)
+WELL, BOTH = (False, False, False), (False, True, True)
+TIMEOUTS_S = (1.0, 1.0)
+
+
+class Compasses:
+    """Two compasses around an estimate, ten times a second, and what was said of them."""
+
+    def __init__(self):
+        self.settings, self.state, self.rng, self.ticks = SourceSettings(30.0), SourceState(), random.Random(3), 0
+
+    def run(self, seconds, a_deg=0.0, b_deg=0.0, *, spread_deg=0.3):
+        """Go on with each so far off the estimate, None is silent; return what was said, each once, in order."""
+        said = []
+        for _ in range(round(10 * seconds)):
+            expected_rad = 1.0 if self.ticks else None
+            self.ticks += 1
+            now_s = 0.1 * self.ticks
+            for source, off_deg in ((0, a_deg), (1, b_deg)):
+                if off_deg is not None:
+                    heading_rad = 1.0 + radians(self.rng.gauss(off_deg, spread_deg if source else 0.3))
+                    sample = TrueHeadingSample(now_s, heading_rad, heading_rad, source)
+                    self.state = add_sample(self.state, sample, expected_rad)
+            self.state, _ = select(self.state, now_s, self.settings, TIMEOUTS_S, course_ok=False)
+            found = (*frozen_or_jumping(self.settings, self.state, TIMEOUTS_S, now_s), self.state.disagree())
+            said += [found] if said[-1:] != [found] else []
+        return said
+
+
+@pytest.mark.parametrize("off_deg", [16.0, 18.0, 22.0, 25.0, -24.0, 90.0])
+def test_two_that_differ_from_the_beginning_disagree_and_neither_jumps(off_deg):
+    both = Compasses()
+    assert both.run(60.0, b_deg=off_deg)[-1] == DISAGREE
+    assert both.state.in_use is Source.COMPASS_A
+    assert JUMPING not in (said := both.run(60.0, b_deg=off_deg))
+    assert BOTH not in said
+    both.run(20.0)
+    assert both.run(20.0) == [WELL]
+
+
+def test_two_that_come_to_differ_slowly_disagree_and_neither_jumps():
+    both = Compasses()
+    both.run(20.0)
+    said = [both.run(5.0, b_deg=float(off_deg)) for off_deg in range(41)]
+    assert said[-1] == [DISAGREE]
+    assert not any(JUMPING in one or BOTH in one for one in said)
+    both.run(20.0, b_deg=18.0)
+    assert both.run(20.0, b_deg=18.0) == [DISAGREE]
+
+
+def test_one_that_is_off_at_once_has_jumped_and_then_they_disagree_besides_until_it_is_back():
+    both = Compasses()
+    both.run(20.0)
+    assert both.run(1.0, b_deg=22.0) == [WELL]
+    assert both.run(60.0, b_deg=22.0) == [WELL, JUMPING, BOTH]
+    both.run(20.0)
+    assert both.run(20.0) == [WELL]
+    both.run(5.0, a_deg=180.0)
+    assert both.run(5.0, a_deg=180.0) == [BOTH]
+    assert both.state.in_use is Source.COMPASS_B
+
+
+def test_one_that_shows_anything_at_all_jumps():
+    both = Compasses()
+    both.run(20.0)
+    assert any(jumping for _, jumping, _ in both.run(60.0, b_deg=180.0, spread_deg=80.0))
+
+
+def test_what_is_silent_disagrees_with_nothing_and_what_is_far_off_alone_is_a_jump():
+    both = Compasses()
+    both.run(20.0, b_deg=25.0)
+    assert both.run(30.0, a_deg=None, b_deg=25.0)[-1] == JUMPING
+    assert both.run(5.0, a_deg=0.0, b_deg=None)[-1] == WELL
