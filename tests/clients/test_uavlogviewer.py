@@ -13,13 +13,10 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
-from firmware_py.common.plan import Plan, PlanKind
-from firmware_py.common.plan import to_text as plan_to_text
-from firmware_py.system.state_directory import PLAN_FILES
-from firmware_py.system.store import Store
+from firmware_py.common.plan import PlanKind
 from support.graphs import drawn
 from support.harness import rambler_hil
-from support.plans import item
+from support.plans import FENCED, item, save_plans
 
 TOOLS = Path(os.environ.get("UAVLOGVIEWER", "UAVLogViewer")) / "src/tools"
 PARTS = ("paramseeker.js", "datetools.js", "parsers/JsDataflashParser/parser.js", "dataflashDataExtractor.js")
@@ -48,22 +45,14 @@ say(JSON.stringify({
   tracks: X.extractTrajectorySources(messages).map(source => [source, track(source)])
 }))
 """
-FENCE = [
-    *(item(5001, north_m, east_m, 4) for north_m, east_m in ((-200, -200), (400, -200), (400, 400), (-200, 400))),
-    *(item(5002, north_m, east_m, 3) for north_m, east_m in ((150, 150), (200, 150), (200, 200))),
-    item(5004, -100, -100, 30),
-]
 MISSION = [item(16, 30, 0), item(178, None, None, 0, 0.5), item(16, 30, 80), item(20)]
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     directory = tmp_path_factory.mktemp("sailed")
-    store = Store(directory / "memory")
-    for kind, items in ((PlanKind.MISSION, MISSION), (PlanKind.FENCE, FENCE)):
-        store.save(PLAN_FILES[kind], plan_to_text(Plan.of(kind, items)).encode())
-    store.close()
-    words = ["run", "mission", "--mode", "auto", "--state", directory / "memory", "--speed", "max", "--seconds", "200"]
+    memory = save_plans(directory / "memory", {PlanKind.MISSION: MISSION, PlanKind.FENCE: FENCED})
+    words = ["run", "mission", "--mode", "auto", "--state", memory, "--speed", "max", "--seconds", "200"]
     words += ["--with", "supply=20:0.9:30:6:0.22", "--set", "FENCE_ENABLE=1", "LOIT_RADIUS=20"]
     assert rambler_hil(*words, "--out", directory / "out")[0] == 0
     return directory / "out/state/logs/00000001.BIN"

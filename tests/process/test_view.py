@@ -9,16 +9,20 @@ import threading
 import numpy as np
 import pytest
 
+from firmware_py.common.plan import PlanKind
 from firmware_py.log.thin import HEAD, SAILING, UPKEEP, Minute
 from hil.sim.truth import read
 from support.browser import Browser
 from support.harness import rambler_hil, start_rambler_hil
 from support.paths import REPLAY
+from support.plans import FENCED, item, save_plans
 
 LOW_BATTERY = ("--with", "supply=20:0.9:30:6:0.22,vessels=crossing:0", "--set", "PWR_SAVE_PCT=21.9", "FS_BATT_ACT=0")
 CLIPPED = (
     "[...document.querySelectorAll('td.words')].filter((one) => one.getBoundingClientRect().right > innerWidth).length"
 )
+TIMES = """[...document.querySelectorAll('svg.time text')].map((one) => one.textContent.match(/^([\\d.]+) s$/))
+.filter(Boolean).map((one) => Number(one[1]))"""
 LAST_TEXT = "[...document.querySelectorAll('tr[data-time] td.words')].pop().textContent"
 SHOWN = "[Number(document.querySelector('.now').dataset.time), document.querySelector('#now-heading').textContent]"
 
@@ -84,6 +88,36 @@ def test_the_page_under_way_shows_the_true_heading_and_a_fault_when_it_comes(tmp
     assert browser.value("document.querySelectorAll('svg.time path.line').length") > 6
     assert browser.value("document.querySelectorAll('line.mark.bad').length") > 0
     assert_fit_for_people(browser, (out / "report.html").as_uri())
+    assert browser.complaints == []
+
+
+def test_the_page_of_a_mission_shows_plan_and_figures_and_can_be_zoomed(tmp_path, browser):
+    plans = {
+        PlanKind.MISSION: [item(16, 15, 0), item(16, 15, 15), item(20)],
+        PlanKind.FENCE: FENCED,
+        PlanKind.RALLY: [item(5100, 0, 50)],
+    }
+    words = ["run", "mission", "--mode", "auto", "--state", save_plans(tmp_path / "memory", plans), "--speed", "max"]
+    words += ["--seconds", "120", "--set", "FENCE_ENABLE=1", "WP_RADIUS=10", "--out", tmp_path / "run"]
+    assert rambler_hil(*words)[0] == 0
+    told = json.loads((tmp_path / "run/summary.json").read_text())
+    first, second = told["arrivals"]
+    assert (first["item"], second["item"]) == (1, 2)
+    assert 5.0 < first["time_s"] < second["time_s"] < 120.0
+    assert 0.0 < told["cross_track"]["rms_m"] <= told["cross_track"]["p95_m"] < 15.0
+    browser.look(400, 900)
+    browser.open((tmp_path / "run/report.html").as_uri())
+    for shape, number in (("fence", 3), ("fence.out", 2), ("leg", 1), ("spot", 2), ("home", 2), ("boat", 1)):
+        assert browser.value(f"document.querySelectorAll('svg.track .{shape}').length") == number, shape
+    shown = browser.value("document.body.innerText")
+    assert f"{told['cross_track']['rms_m']:.1f} m off (rms)" in shown
+    assert f"1 at {first['time_s']:.0f} s" in shown
+    assert "off the line, m to starboard" in shown
+    whole = browser.value(TIMES)
+    browser.value("document.querySelector('button[title=\"show less\"]').click()")
+    closer = browser.value(TIMES)
+    assert whole[0] <= closer[0] < closer[-1] <= whole[-1]
+    assert closer[-1] - closer[0] < 0.7 * (whole[-1] - whole[0])
     assert browser.complaints == []
 
 

@@ -6,6 +6,7 @@ from firmware_py.common.angles import radians
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.plan import to_text as plan_to_text
 from firmware_py.system.state_directory import PLAN_FILES
+from firmware_py.system.store import Store
 
 EARTH_M = 6371008.8
 START_RAD = (radians(36.0), radians(121.0))
@@ -33,3 +34,20 @@ def mission(*items):
 def mission_file(*items):
     """The name and content of the file that a state directory keeps a mission in."""
     return PLAN_FILES[PlanKind.MISSION], plan_to_text(mission(*items).mission)
+
+
+def save_plans(directory, plans):
+    """Keep plans, items by their kind, in a state directory; return it."""
+    store = Store(directory)
+    for kind, items in plans.items():
+        store.save(PLAN_FILES[kind], plan_to_text(Plan.of(kind, items)).encode())
+    store.close()
+    return directory
+
+
+# A fence about the start of every run: 200 m to south and west, 400 to north and east, two pieces left out of it.
+FENCED = (
+    *(item(5001, north_m, east_m, 4) for north_m, east_m in ((-200, -200), (400, -200), (400, 400), (-200, 400))),
+    *(item(5002, north_m, east_m, 3) for north_m, east_m in ((150, 150), (200, 150), (200, 200))),
+    item(5004, -100, -100, 30),
+)

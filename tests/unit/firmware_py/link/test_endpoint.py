@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from firmware_py.common.interfaces import Link
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import Event, RudderCommand, Severity
-from firmware_py.common.reports import Output
+from firmware_py.common.reports import Home, MissionReport, Output
 from firmware_py.faults.table import Fault
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
@@ -117,6 +117,17 @@ def test_telemetry_fits_a_slow_line_and_every_message_gets_through(make_rig):
         seen |= {message.get_type() for message in rig.said()}
     assert sent <= 120 * 60 + 280
     assert {"HEARTBEAT", "ATTITUDE", "SYS_STATUS", "GPS_RAW_INT", "SYSTEM_TIME", "NAMED_VALUE_FLOAT"} <= seen
+
+
+def test_what_stations_wait_for_comes_unasked(make_rig, of):
+    """Home (MAVSDK has no goto without it), the fence while there is one, and that a boat does not fly."""
+    rig = make_rig()
+    rig.endpoint.service(0.0, [])
+    known = {"home": Home(0.7, -0.2, 1.0), "mission": MissionReport(identities=(0, 7, 0))}
+    said = [message for _ in range(600) for message in rig.tick(**known)]
+    for name, in_a_minute in (("HOME_POSITION", 12), ("EXTENDED_SYS_STATE", 12), ("FENCE_STATUS", 30)):
+        assert len(of(said, name)) == pytest.approx(in_a_minute, abs=1), name
+    assert {message.landed_state for message in of(said, "EXTENDED_SYS_STATE")} == {mavlink.MAV_LANDED_STATE_UNDEFINED}
 
 
 def test_grave_faults_show_in_the_heartbeat(rig, of):
