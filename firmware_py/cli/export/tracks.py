@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -11,12 +12,16 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_py.cli.export.messages import Message, messages, utc_shift_s
-from firmware_py.common.angles import degrees
+from firmware_py.common.angles import degrees, radians
+from firmware_py.common.geodesy import Place
 from firmware_py.log.dataflash import Buffer
 from firmware_py.plans.items import ROWS
 
 _GPX, _KML = "http://www.topografix.com/GPX/1/1", "http://www.opengis.net/kml/2.2"
+# AC_PolyFenceType
 _POLYGONS: Final = {98: "inclusion", 97: "exclusion"}
+_CIRCLES: Final = {92: "inclusion", 93: "exclusion"}
+_CORNERS: Final = 36  # a circle is drawn as so many
 _JUMP_S: Final = 60.0  # a track with so long a gap is two
 
 
@@ -131,16 +136,28 @@ def _kml(tracks: Tracks) -> ET.Element:
         _child(placemark, "name", _title(item))
         _child(_child(placemark, "Point"), "coordinates", _coordinates([place]))
     for (kind, count), group in groupby(tracks.fence, lambda one: (one["Type"], one["Count"])):
-        corners = [(one["Lng"], one["Lat"]) for one in group]
-        if kind not in _POLYGONS:
-            continue
-        for first in range(0, len(corners) - int(count) + 1, int(count)):
-            ring = corners[first : first + int(count)]
-            placemark = _child(document, "Placemark")
-            _child(placemark, "name", f"Fence, {_POLYGONS[kind]}")
-            outer = _child(_child(_child(placemark, "Polygon"), "outerBoundaryIs"), "LinearRing")
-            _child(outer, "coordinates", _coordinates([*ring, ring[0]]))
+        if kind in _CIRCLES:
+            for one in group:
+                _ring(document, _CIRCLES[kind], _circle(one["Lat"], one["Lng"], one["Radius"]))
+        elif kind in _POLYGONS:
+            corners = [(one["Lng"], one["Lat"]) for one in group]
+            for first in range(0, len(corners) - int(count) + 1, int(count)):
+                _ring(document, _POLYGONS[kind], corners[first : first + int(count)])
     return root
+
+
+def _ring(document: ET.Element, kind: str, corners: Sequence[tuple[float, float]]) -> None:
+    placemark = _child(document, "Placemark")
+    _child(placemark, "name", f"Fence, {kind}")
+    outer = _child(_child(_child(placemark, "Polygon"), "outerBoundaryIs"), "LinearRing")
+    _child(outer, "coordinates", _coordinates([*corners, corners[0]]))
+
+
+def _circle(latitude_deg: float, longitude_deg: float, radius_m: float) -> list[tuple[float, float]]:
+    centre = Place(radians(latitude_deg), radians(longitude_deg))
+    angles = (math.tau * corner / _CORNERS for corner in range(_CORNERS))
+    places = (centre.at_offset(radius_m * math.cos(angle), radius_m * math.sin(angle)) for angle in angles)
+    return [(degrees(place.longitude_rad), degrees(place.latitude_rad)) for place in places]
 
 
 def _line(document: ET.Element, name: str, places: Sequence[tuple[float, float]]) -> None:

@@ -2,10 +2,13 @@
 
 import csv
 import json
+import math
 import re
 import sys
-import xml.etree.ElementTree as ET
 
+import fastkml
+import fastkml.validator
+import gpxpy
 import jsonschema
 import pytest
 
@@ -13,8 +16,6 @@ from firmware_py.__main__ import main
 from firmware_py.log.dataflash import header
 from firmware_py.log.schema import TYPES
 from support.full_log import TICKS, write_log
-
-GPX, KML = "{http://www.topografix.com/GPX/1/1}", "{http://www.opengis.net/kml/2.2}"
 
 
 @pytest.fixture(scope="module")
@@ -125,21 +126,28 @@ def leaves(node):
 
 
 def test_gpx_has_the_track_in_utc_and_the_mission(export):
-    root = ET.parse(export("gpx")).getroot()
-    points = root.findall(f"{GPX}trk/{GPX}trkseg/{GPX}trkpt")
-    assert len(points) == TICKS // 5
-    assert float(points[0].get("lat")) == pytest.approx(40.10705, abs=1e-4)
-    assert points[0].find(f"{GPX}time").text.startswith("2023-11-14T22:13:20")
-    assert [one.find(f"{GPX}name").text for one in root.findall(f"{GPX}wpt")] == ["1 NAV_WAYPOINT"]
+    found = gpxpy.parse(export("gpx").read_text(encoding="utf-8"))
+    ((segment,),) = [track.segments for track in found.tracks]
+    assert len(segment.points) == TICKS // 5
+    first = segment.points[0]
+    assert (first.latitude, first.elevation) == pytest.approx((40.10705, 3.0), abs=1e-4)
+    assert first.time.isoformat().startswith("2023-11-14T22:13:20")
+    assert [one.name for one in found.waypoints] == ["1 NAV_WAYPOINT"]
 
 
-def test_kml_has_track_mission_and_fence(export):
-    root = ET.parse(export("kml")).getroot()
-    names = [one.find(f"{KML}name").text for one in root.iter(f"{KML}Placemark")]
-    assert names[1:] == ["1 NAV_WAYPOINT", "Fence, inclusion"]
-    (ring,) = root.iter(f"{KML}LinearRing")
-    corners = ring.find(f"{KML}coordinates").text.split()
+def test_kml_has_track_mission_and_fence_and_is_of_its_schema(export):
+    path = export("kml")
+    assert fastkml.validator.validate(file_to_validate=path)
+    (document,) = fastkml.kml.KML.parse(path).features
+    track, _, polygon, circle = document.features
+    assert track.geometry.coords[0] == pytest.approx((-11.45916, 40.10705, 0.0), abs=1e-4)
+    assert [one.name for one in document.features[1:]] == ["1 NAV_WAYPOINT", "Fence, inclusion", "Fence, exclusion"]
+    corners = polygon.geometry.exterior.coords
     assert (len(corners), corners[0]) == (4, corners[-1])
+    degrees = [(north, east) for east, north, _ in circle.geometry.exterior.coords]
+    assert (len(degrees), degrees[0]) == (37, degrees[-1])
+    for north, east in degrees:  # 50 m about a place beside the equator
+        assert math.hypot(north - 7e-7, east - 8e-7) * 111_195.0 == pytest.approx(50.0, rel=1e-3)
 
 
 def test_a_missing_library_names_the_extra(log, tmp_path, monkeypatch, capsys):
