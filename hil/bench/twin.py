@@ -15,7 +15,8 @@ from hil.bench.figure import Figure, Finding
 from hil.bench.setting import Setting
 from hil.bench.turns import Turns, in_turns
 from hil.lab.compiled import compiled
-from hil.lab.lanes import COUNT, aligned
+from hil.lab.lane_rows import aligned
+from hil.lab.lanes import COUNT
 from hil.lab.twin import kalman, sailing
 from hil.lab.twin.sea import sea_of
 from hil.ship.scenarios import sea_of as scenario_of

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import sys
 import threading
 import time
@@ -42,6 +43,8 @@ TICK_S = 0.5
 KEPT_CACHES = 4
 
 PACKAGE = Path(__file__).parents[1]
+COMPILES = re.compile(rb"hil\.lab\.(compiled|lane)")
+IMPORTED = re.compile(rb"^from ((?:hil|firmware_py)[\w.]*) import", re.MULTILINE)
 config: Any = numba_config  # numba makes its settings at run time, unseen by type checkers
 
 
@@ -159,13 +162,26 @@ def cache_folder() -> Path | None:
 
 
 def sources_digest() -> str:
-    """Return a digest of the model and of every file of this package that imports this module."""
-    digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(PACKAGE.rglob("*.py")) + sorted(Path(kt.__file__).parent.glob("*.py")):
+    """Return a digest of the model, and of every file of this package that imports this module, or makes lanes.
+
+    So of the files from which these import: a constant is compiled into what uses it.
+    """
+    digest, files = hashlib.sha256(numba.__version__.encode()), set(Path(kt.__file__).parent.glob("*.py"))
+    for path in PACKAGE.rglob("*.py"):
         text = path.read_bytes()
-        if not path.is_relative_to(PACKAGE) or b"hil.lab.compiled" in text or path == Path(__file__):
-            digest.update(path.name.encode() + b"\0" + text)
+        if COMPILES.search(text) or path == Path(__file__):
+            files |= {path, *_imported(text)}
+    for path in sorted(files):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def _imported(text: bytes) -> Iterator[Path]:
+    """Yield the files of both programs from which a file imports names."""
+    for name in IMPORTED.findall(text):
+        path = PACKAGE.parent / f"{name.decode().replace('.', '/')}.py"
+        if path.is_file():
+            yield path
 
 
 def _drop_old(home: Path) -> None:

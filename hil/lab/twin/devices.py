@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,13 +15,14 @@ from firmware_py.common.angles import (
     TWO_PI,
 )  # fmt: skip
 from hil.lab.compiled import compiled
-from hil.lab.tune.twins import clamp, wrap_two_pi
+from hil.lab.lane_math import within, wrap_two_pi
+from hil.lab.lanes import any_of, where
 from hil.lab.twin import ship as ships
 from hil.lab.twin.kalman import Floats
 from hil.ship.servo import DEFAULT_SLEW_RAD_S, DEFAULT_STOP_RAD
 
 RADIANS_PER_COUNT, COUNTS_PER_RADIAN = TWO_PI / 4096, 4096 / math.tau
-CENTRE_COUNTS, LARGEST_COUNTS = 2048, 4095
+CENTRE_COUNTS, LARGEST_COUNTS = 2048.0, 4095.0
 ACKNOWLEDGED_S = 11 * 10 / 57600  # the servo's reply to a goal on the line; the driver sets its delay to nothing
 COMPASS_BAUD, RECEIVER_BAUD = 38400, 9600
 FILTER_SAMPLE_S = 0.1
@@ -50,6 +51,10 @@ SPEED_M_S, COURSE_RAD, LOST = 1, 2, 3
 FROM_RAD, SINCE_S, TO_RAD = range(3)
 
 
+Lanes = Any  # or a number
+Shaft = Any  # the numbers of one, or rows of those side by side
+
+
 class Devices(NamedTuple):
     """When compass and receiver sample, and where in the series is what is random about it, sample by sample.
 
@@ -68,35 +73,34 @@ class Devices(NamedTuple):
 
 
 @compiled
-def digits_of(number: float) -> int:
+def digits_of(number: Lanes) -> Lanes:
     """Return how many digits stand before the point."""
-    count = 1
-    while number >= 10.0:
+    count, more = where(number >= 10.0, 2.0, 1.0), number >= 10.0
+    while any_of(more):
         number = number / 10.0
-        count += 1
+        more = number >= 10.0
+        count = where(more, count + 1.0, count)
     return count
 
 
 @compiled
-def bearing(angle_deg: float, resolution_deg: float) -> float:
+def bearing(angle_deg: Lanes, resolution_deg: float) -> Lanes:
     """Round an angle to the resolution and wrap it to [0, 360) (hil/devices/nmea_text.py)."""
     rounded_deg = np.rint(angle_deg / resolution_deg) * resolution_deg
-    if abs(rounded_deg) >= 360.0:
-        rounded_deg = np.fmod(rounded_deg, 360.0)
-    if rounded_deg < 0.0:
-        rounded_deg += 360.0
-    return 0.0 if 360.0 - rounded_deg < 0.5 * resolution_deg else rounded_deg
+    far = abs(rounded_deg) >= 360.0
+    if any_of(far):
+        rounded_deg = where(far, np.fmod(rounded_deg, 360.0), rounded_deg)
+    rounded_deg = where(rounded_deg < 0.0, rounded_deg + 360.0, rounded_deg)
+    return where(360.0 - rounded_deg < 0.5 * resolution_deg, 0.0, rounded_deg)
 
 
 @compiled
-def tell_heading(
-    told: Floats, devices: Devices, series: ships.Series, sample: int, now_s: float, heading_rad: float
-) -> None:
-    """Fill what the compass says of a heading, as the sentence rounds it, and when the sentence is complete."""
+def heard(devices: Devices, series: ships.Series, sample: Lanes, now_s: Lanes, heading_rad: Lanes) -> Lanes:
+    """Return when the sentence of a heading is complete, and what the compass says in it, rounded as it is there."""
     shown_deg = bearing(heading_rad * DEGREES_PER_RADIAN + series[devices.compass_at + sample], 0.1)
     printed_deg = np.rint(shown_deg * 10.0) / 10.0
-    told[THERE_S] = now_s + (HEADING_BYTES + digits_of(printed_deg)) * 10 / COMPASS_BAUD
-    told[SAID_RAD] = wrap_two_pi(printed_deg * RADIANS_PER_DEGREE)
+    there_s = now_s + (HEADING_BYTES + digits_of(printed_deg)) * 10 / COMPASS_BAUD
+    return there_s, wrap_two_pi(printed_deg * RADIANS_PER_DEGREE)
 
 
 @compiled
@@ -131,25 +135,24 @@ def sensed_velocity(
 
 
 @compiled
-def shaft_angle(shaft: Floats, t_s: float) -> float:
+def shaft_angle(shaft: Shaft, t_s: Lanes) -> Lanes:
     """Return where the shaft is at a time."""
     way_rad = shaft[TO_RAD] - shaft[FROM_RAD]
     reach_rad = DEFAULT_SLEW_RAD_S * (t_s - shaft[SINCE_S])
-    if reach_rad >= abs(way_rad):
-        return float(shaft[TO_RAD])
-    return float(shaft[FROM_RAD] + math.copysign(reach_rad, way_rad))
+    return where(reach_rad >= abs(way_rad), shaft[TO_RAD], shaft[FROM_RAD] + math.copysign(reach_rad, way_rad))
 
 
 @compiled
-def counted_angle(shaft: Floats, t_s: float) -> float:
+def counted_angle(shaft: Shaft, t_s: Lanes) -> Lanes:
     """Return the angle that the servo's encoder shows at a time."""
-    return float(np.rint(shaft_angle(shaft, t_s) * COUNTS_PER_RADIAN) * RADIANS_PER_COUNT)
+    return np.rint(shaft_angle(shaft, t_s) * COUNTS_PER_RADIAN) * RADIANS_PER_COUNT
 
 
 @compiled
-def send_shaft(shaft: Floats, t_s: float, command_rad: float) -> None:
+def send_shaft(shaft: Shaft, t_s: Lanes, command_rad: Lanes) -> None:
     """Send the shaft to a command, in counts, from now on."""
-    counts = np.rint(clamp(CENTRE_COUNTS + command_rad / RADIANS_PER_COUNT, 0.0, LARGEST_COUNTS))
-    target_rad = clamp((counts - CENTRE_COUNTS) / COUNTS_PER_RADIAN, -DEFAULT_STOP_RAD, DEFAULT_STOP_RAD)
-    if target_rad != shaft[TO_RAD]:
-        shaft[FROM_RAD], shaft[SINCE_S], shaft[TO_RAD] = shaft_angle(shaft, t_s), t_s, target_rad
+    counts = np.rint(within(CENTRE_COUNTS + command_rad / RADIANS_PER_COUNT, 0.0, LARGEST_COUNTS))
+    target_rad = within((counts - CENTRE_COUNTS) / COUNTS_PER_RADIAN, -DEFAULT_STOP_RAD, DEFAULT_STOP_RAD)
+    other, from_rad = target_rad != shaft[TO_RAD], shaft_angle(shaft, t_s)
+    shaft[FROM_RAD] = where(other, from_rad, shaft[FROM_RAD])
+    shaft[SINCE_S], shaft[TO_RAD] = where(other, t_s, shaft[SINCE_S]), where(other, target_rad, shaft[TO_RAD])

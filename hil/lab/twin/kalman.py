@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from firmware_py.model.kt import decay_over, settled_yaw_rate
 from hil.lab.compiled import compiled
-from hil.lab.lanes import COUNT, lanes_of, put_lanes, where
+from hil.lab.lane_rows import lanes_of, put_lanes, rows
+from hil.lab.lanes import COUNT, where
 
 Floats = NDArray[np.float64]
 Covariances = Any  # a record of COVARIANCES
 Lanes = Any
+Rows = Any  # of the states, side by side
 
 HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG, BIAS_MEAN = range(12)
 WAVE, WAVE_RATE, ORBIT_NORTH, ORBIT_NORTH_RATE, ORBIT_EAST, ORBIT_EAST_RATE = range(12, 18)
@@ -36,9 +38,9 @@ COVARIANCES = np.dtype(
             ("p", STATES, COLUMNS), ("by", 28), ("noise", STATES), ("both", 3), ("force", 8),
             ("parts", 10), ("shown", COLUMNS), ("moved", STATES),
             ("innovation",), ("expected",), ("variance",), ("total",), ("least",), ("on",), ("to_s",),
+            ("noted", 7), ("sample",), ("fix", 4),
         )
     ]
-    + [("noted", np.float64, (COUNT, 7))]
 )  # fmt: skip
 
 # Of a turn.
@@ -46,7 +48,7 @@ TURNED, TURNING, REACH, SHARE, BY_RATE, BY_BIAS, BY_SPEED, BY_FACTOR = range(8)
 
 
 @compiled
-def response(omega_rad_s: float, damping: float, step_s: float) -> tuple[float, float, float, float]:
+def response(omega_rad_s: Lanes, damping: float, step_s: Lanes) -> tuple[Lanes, Lanes, Lanes, Lanes]:
     """Return the transition matrix of angle and rate of a second-order system."""
     damped_rad_s = omega_rad_s * math.sqrt(1.0 - damping * damping)
     decay = math.exp(-damping * omega_rad_s * step_s)
@@ -56,7 +58,7 @@ def response(omega_rad_s: float, damping: float, step_s: float) -> tuple[float, 
 
 
 @compiled
-def wave_noise(wave: tuple[float, float, float, float], omega_rad_s: float, power: float) -> tuple[float, float, float]:
+def wave_noise(wave: tuple[Lanes, Lanes, Lanes, Lanes], omega_rad_s: Lanes, power: Lanes) -> tuple[Lanes, Lanes, Lanes]:
     """Return the noise that keeps a wave motion stationary: angle, covariance, rate."""
     w00, w01, w10, w11 = wave
     rate_square = power / (4.0 * DAMPING * omega_rad_s)
@@ -70,9 +72,9 @@ def wave_noise(wave: tuple[float, float, float, float], omega_rad_s: float, powe
 
 @compiled
 def turn(
-    x: Floats, rudder_rad: float, step_s: float, model: Floats, bias_variance: float
-) -> tuple[float, float, float, float, float, float, float, float]:
-    """Return how the boat turns in a step, by the model's K, T, alpha and speed."""
+    x: Rows, rudder_rad: Lanes, step_s: Lanes, model: Rows, bias_variance: Lanes
+) -> tuple[Lanes, Lanes, Lanes, Lanes, Lanes, Lanes, Lanes, Lanes]:
+    """Return how the boats turn in a step, by their models' K, T, alpha and speed."""
     ratio = x[SPEED] / model[3]
     ability_1_s, lag_s, norrbin = model[0] * ratio, model[1] / ratio, model[2] / (ratio * ratio)
     r, factor, push_rad = x[RATE], x[FACTOR], rudder_rad - x[BIAS]
@@ -81,13 +83,13 @@ def turn(
     decay = decay_over(step_s, lag_s)
     gone = 1.0 - decay
     reach_s = lag_s * gone
-    felt = push_rad * push_rad / (push_rad * push_rad + 25.0 * bias_variance) if bias_variance > 0.0 else 1.0
+    felt = where(bias_variance > 0.0, push_rad * push_rad / (push_rad * push_rad + 25.0 * bias_variance), 1.0)
     by_speed = (factor * ability_1_s * push_rad + 2.0 * cubic) * gone + (steady - r) * decay * step_s / lag_s
     return (
         x[HEADING] + steady * step_s + (r - steady) * reach_s,
         settled_yaw_rate(r, steady, decay),
         reach_s,
-        (step_s - reach_s) / gone if gone > 1e-12 else 0.5 * step_s,
+        where(gone > 1e-12, (step_s - reach_s) / gone, 0.5 * step_s),
         decay - 3.0 * norrbin * r * r * gone,
         -factor * ability_1_s * gone,
         felt * by_speed / x[SPEED],
@@ -97,11 +99,11 @@ def turn(
 
 @compiled
 def advance(
-    x: Floats,
-    turned: tuple[float, float, float, float, float, float, float, float],
-    follow: tuple[float, float, float, float],
-    wave: tuple[float, float, float, float],
-    keep: float,
+    x: Rows,
+    turned: tuple[Lanes, Lanes, Lanes, Lanes, Lanes, Lanes, Lanes, Lanes],
+    follow: tuple[Lanes, Lanes, Lanes, Lanes],
+    wave: tuple[Lanes, Lanes, Lanes, Lanes],
+    keep: Lanes,
 ) -> None:
     """Carry the states on."""
     middle = 0.5 * (x[HEADING] + turned[TURNED])
@@ -119,42 +121,28 @@ def advance(
 @compiled
 def set_transition(
     c: Covariances,
-    lane: int,
-    turned: tuple[float, float, float, float, float, float, float, float],
-    follow: tuple[float, float, float, float],
-    wave: tuple[float, float, float, float],
-    keep: float,
+    turned: tuple[Lanes, Lanes, Lanes, Lanes, Lanes, Lanes, Lanes, Lanes],
+    follow: tuple[Lanes, Lanes, Lanes, Lanes],
+    wave: tuple[Lanes, Lanes, Lanes, Lanes],
+    keep: Lanes,
 ) -> None:
-    """Fill what `carry` carries a lane on by; terms that are 0 are left out, which changes no number."""
-    by, half, share = c.by, 0.5 * turned[REACH], turned[SHARE]
+    """Fill what `carry` carries on by; terms that are 0 are left out, which changes no number."""
+    by, half, share = rows(c.by, True), 0.5 * turned[REACH], turned[SHARE]
     bias, speed, factor = turned[BY_BIAS], turned[BY_SPEED], turned[BY_FACTOR]
     left, right, by_push = 1.0 - follow[0], -follow[2], 0.5 * share
-    for number, value in enumerate(
-        (
-            (turned[REACH], share * bias, share * speed, share * factor),
-            (turned[BY_RATE], bias, speed, factor),
-            follow,
-            wave,
-            (left, left * half, left * by_push * bias, left * by_push * speed),
-            (left * by_push * factor, right, right * half, right * by_push * bias),
-            (right * by_push * speed, right * by_push * factor, keep, 1.0 - keep),
-        )
-    ):
-        for i in range(4):
-            by[4 * number + i, lane] = value[i]
-
-
-@compiled
-def turn_on(c: Covariances, lanes: int) -> None:
-    """Let lanes take part, a bit for each, and the others not."""
-    for k in range(COUNT):
-        c.on[k] = float(lanes >> k & 1)
+    by[0], by[1], by[2], by[3] = turned[REACH], share * bias, share * speed, share * factor
+    by[4], by[5], by[6], by[7] = turned[BY_RATE], bias, speed, factor
+    by[8], by[9], by[10], by[11] = follow
+    by[12], by[13], by[14], by[15] = wave
+    by[16], by[17], by[18], by[19] = left, left * half, left * by_push * bias, left * by_push * speed
+    by[20], by[21], by[22], by[23] = left * by_push * factor, right, right * half, right * by_push * bias
+    by[24], by[25], by[26], by[27] = right * by_push * speed, right * by_push * factor, keep, 1.0 - keep
 
 
 @compiled
 def carry(c: Covariances, first: int, apart: int) -> None:
     """Carry a column, or a row, of the covariances on in place: its first number, and how far apart they are."""
-    p, by, on = c.p, c.by, lanes_of(c.on, 0)
+    p, by, on = c.p, c.by, lanes_of(c.on, 0) > 0.0
     h, r, d = lanes_of(p, first), lanes_of(p, first + RATE * apart), lanes_of(p, first + BIAS * apart)
     f, g = lanes_of(p, first + FLOAT * apart), lanes_of(p, first + FLOAT_RATE * apart)
     u, q = lanes_of(p, first + SPEED * apart), lanes_of(p, first + FACTOR * apart)
@@ -185,7 +173,7 @@ def predict(c: Covariances) -> None:
 
     The states that stay are the same in rows as in columns, for the covariance is symmetric to the last bit.
     """
-    p, on = c.p, lanes_of(c.on, 0)
+    p, on = c.p, lanes_of(c.on, 0) > 0.0
     for k in range(COLUMNS):
         carry(c, k, COLUMNS)
     for i in MOVING:
@@ -215,7 +203,7 @@ def predict(c: Covariances) -> None:
 def add(c: Covariances, i: int, k: int, more: Lanes) -> None:
     """Add to a number of the covariances, of the lanes that are `on`."""
     before = lanes_of(c.p, i * COLUMNS + k)
-    put_lanes(c.p, i * COLUMNS + k, where(lanes_of(c.on, 0), before + more, before))
+    put_lanes(c.p, i * COLUMNS + k, where(lanes_of(c.on, 0) > 0.0, before + more, before))
 
 
 @compiled
@@ -249,7 +237,7 @@ def correct(c: Covariances) -> None:
 
     `shown` is P H' with the slopes' beside it, and `variance` that of the innovation.
     """
-    p, on, variance, innovation = c.p, lanes_of(c.on, 0), lanes_of(c.variance, 0), lanes_of(c.innovation, 0)
+    p, on, variance, innovation = c.p, lanes_of(c.on, 0) > 0.0, lanes_of(c.variance, 0), lanes_of(c.innovation, 0)
     for i in range(STATES):
         part = lanes_of(c.shown, i)
         gain = part / variance
@@ -269,7 +257,7 @@ def add_up(c: Covariances) -> None:
     total = least = lanes_of(c.p, 0)
     for i in range(STATES):
         variance = lanes_of(c.p, i * COLUMNS + i)
-        least = where(least - variance, variance, least)
+        least = where(least > variance, variance, least)
         for k in range(i, STATES):
             total = total + lanes_of(c.p, i * COLUMNS + k)
     put_lanes(c.total, 0, total)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from firmware_py.common.angles import radians
 from hil.lab.compiled import compiled
-from hil.lab.tune.twins import clamp, wrap_pi
+from hil.lab.lane_math import fails, least, most, within, wrap_pi
+from hil.lab.lanes import any_of, where
 from hil.lab.twin.helm import E_BIAS, E_HEADING_SD, E_SPEED, M_SPEED, M_T
-from hil.lab.twin.kalman import Floats
 
 LEAST_RAD = radians(1.5)
 LEAST_SPREADS = 2.0
@@ -31,86 +32,99 @@ HOLD_S, RELAX_S = 600.0, 1200.0
 (SIDE, BEGUN, GOAL, PEAK, BESIDE, TURNED, LAST_GOAL, LENGTH, LAST_PEAK, HALVES, OSCILLATING, SOFTNESS, SWUNG,
  UPDATED) = range(14)  # fmt: skip
 WATCH_STATES = 14
+Lanes = Any  # or a number
+Rows = Any  # side by side, or the numbers of one
 
 
 @compiled
-def begin_half(s: Floats, now_s: float, side: float, goal_rad: float, turned: float) -> None:
-    """Begin a half swing."""
-    s[SIDE], s[BEGUN], s[GOAL], s[PEAK], s[BESIDE], s[TURNED] = side, now_s, goal_rad, 0.0, -math.pi, turned
+def begin_half(s: Rows, begins: Lanes, now_s: Lanes, side: Lanes, goal_rad: Lanes, turned: Lanes) -> None:
+    """Begin a half swing where one begins."""
+    s[SIDE], s[BEGUN] = where(begins, side, s[SIDE]), where(begins, now_s, s[BEGUN])
+    s[GOAL], s[PEAK] = where(begins, goal_rad, s[GOAL]), where(begins, 0.0, s[PEAK])
+    s[BESIDE], s[TURNED] = where(begins, -math.pi, s[BESIDE]), where(begins, turned, s[TURNED])
 
 
 @compiled
-def begin_watch(s: Floats) -> None:
+def begin_watch(s: Rows) -> None:
     """Be as before the first tick."""
     s[SOFTNESS], s[UPDATED] = 1.0, np.nan
 
 
 @compiled
-def relax(s: Floats, now_s: float) -> None:
+def relax(s: Rows, now_s: Lanes) -> None:
     """End an oscillation that has not been seen for a while, and make the helm stiffer after it."""
-    step_s = 0.0 if math.isnan(s[UPDATED]) else clamp(now_s - s[UPDATED], 0.0, 1.0)
+    step_s = where(math.isnan(s[UPDATED]), 0.0, within(now_s - s[UPDATED], 0.0, 1.0))
     s[UPDATED] = now_s
-    if not (s[SOFTNESS] == 1.0 and s[OSCILLATING] == 0.0):
+    stirred = (s[SOFTNESS] != 1.0) | (s[OSCILLATING] != 0.0)
+    if any_of(stirred):
         quiet_s = now_s - s[SWUNG]
-        if s[OSCILLATING] > 0.0 and not quiet_s < QUIET_HALVES * s[LENGTH]:
-            s[OSCILLATING] = 0.0
-        if quiet_s > HOLD_S:
-            s[SOFTNESS] = max(s[SOFTNESS] * math.exp(-step_s / RELAX_S), 1.0)
+        ends = stirred & (s[OSCILLATING] > 0.0) & fails(quiet_s < QUIET_HALVES * s[LENGTH])
+        s[OSCILLATING] = where(ends, 0.0, s[OSCILLATING])
+        stiffer = most(s[SOFTNESS] * math.exp(-step_s / RELAX_S), 1.0)
+        s[SOFTNESS] = where(stirred & (quiet_s > HOLD_S), stiffer, s[SOFTNESS])
 
 
 @compiled
-def count_of(s: Floats, heading_sd_rad: float) -> float:
+def count_of(s: Rows, heading_sd_rad: Lanes) -> Lanes:
     """Return how much the half swing under way counts."""
-    size = min(s[PEAK] / max(PLAIN_SPREADS * heading_sd_rad, LEAST_RAD), s[BESIDE] / PLAIN_RUDDER_RAD)
-    return float(min(size * size, MOST_COUNT))
+    size = least(s[PEAK] / most(PLAIN_SPREADS * heading_sd_rad, LEAST_RAD), s[BESIDE] / PLAIN_RUDDER_RAD)
+    return least(size * size, MOST_COUNT)
 
 
 @compiled
-def count_half(s: Floats, peak_rad: float, length_s: float, count: float, now_s: float) -> None:
-    """Count a half swing that is over, and soften the helm when that makes an oscillation."""
-    if count == 0.0:
-        s[HALVES] = 0.0
-        return
+def count_half(s: Rows, over: Lanes, peak_rad: Lanes, length_s: Lanes, count: Lanes, now_s: Lanes) -> None:
+    """Count half swings where they are over, and soften the helm when that makes an oscillation."""
     alike = (
-        s[HALVES] > 0.0
-        and max(length_s, s[LENGTH]) <= ALIKE_LENGTH * min(length_s, s[LENGTH])
-        and SHRUNK * s[LAST_PEAK] <= peak_rad <= GROWN * s[LAST_PEAK]
+        (s[HALVES] > 0.0)
+        & (most(length_s, s[LENGTH]) <= ALIKE_LENGTH * least(length_s, s[LENGTH]))
+        & (SHRUNK * s[LAST_PEAK] <= peak_rad)
+        & (peak_rad <= GROWN * s[LAST_PEAK])
     )
-    s[HALVES] = (s[HALVES] if alike else 0.0) + count
-    s[LENGTH], s[LAST_PEAK] = length_s, peak_rad
-    if s[HALVES] >= ENOUGH:
-        s[OSCILLATING], s[SWUNG], s[SOFTNESS] = 1.0, now_s, min(s[SOFTNESS] * SOFTER, SOFTEST)
+    counts = over & (count != 0.0)
+    halves = where(counts, where(alike, s[HALVES], 0.0) + count, 0.0)
+    s[HALVES] = where(over, halves, s[HALVES])
+    s[LENGTH], s[LAST_PEAK] = where(counts, length_s, s[LENGTH]), where(counts, peak_rad, s[LAST_PEAK])
+    swings = counts & (s[HALVES] >= ENOUGH)
+    s[OSCILLATING], s[SWUNG] = where(swings, 1.0, s[OSCILLATING]), where(swings, now_s, s[SWUNG])
+    s[SOFTNESS] = where(swings, least(s[SOFTNESS] * SOFTER, SOFTEST), s[SOFTNESS])
 
 
 @compiled
 def watch(
-    s: Floats, now_s: float, error_rad: float, goal_rad: float, rudder_rad: float, e: Floats, wave_period_s: float
+    s: Rows, now_s: Lanes, error_rad: Lanes, goal_rad: Lanes, rudder_rad: Lanes, e: Rows, wave_period_s: Lanes
 ) -> None:
     """Take a tick in, `e` of which is what the helm knows; an error of NaN is one in which nobody steers."""
     relax(s, now_s)
-    if not math.isfinite(error_rad + goal_rad + rudder_rad):
-        s[SIDE], s[HALVES], s[OSCILLATING] = 0.0, 0.0, 0.0
-        return
-    least_rad = max(LEAST_RAD, LEAST_SPREADS * e[E_HEADING_SD])
-    side = s[SIDE]
-    jumped = side != 0.0 and abs(wrap_pi(goal_rad - s[LAST_GOAL])) > LEAST_RAD
-    s[LAST_GOAL] = goal_rad
-    if side == 0.0:
-        begin_half(s, now_s, 1.0 if error_rad >= 0.0 else -1.0, goal_rad, 1.0)
-        return
-    if error_rad * side > -RETURN_SHARE * least_rad:
-        if abs(wrap_pi(goal_rad - s[GOAL])) > 0.5 * LEAST_RAD:
-            s[TURNED] = 1.0
-        s[PEAK], s[BESIDE] = max(s[PEAK], error_rad * side), max(s[BESIDE], (rudder_rad - e[E_BIAS]) * side)
-        return
-    lag_s = e[M_T] / (max(e[E_SPEED], 0.1 * e[M_SPEED]) / e[M_SPEED])
-    shortest_s = max(SHORTEST_LAGS * lag_s, SHORTEST_WAVES * wave_period_s)
+    steers, side = math.isfinite(error_rad + goal_rad + rudder_rad), s[SIDE]
+    for number in (SIDE, HALVES, OSCILLATING):
+        s[number] = where(steers, s[number], 0.0)
+    least_rad = most(LEAST_RAD, LEAST_SPREADS * e[E_HEADING_SD])
+    jumped = (side != 0.0) & (abs(wrap_pi(goal_rad - s[LAST_GOAL])) > LEAST_RAD)
+    s[LAST_GOAL] = where(steers, goal_rad, s[LAST_GOAL])
+    begins, swings = steers & (side == 0.0), steers & (side != 0.0)
+    begin_half(s, begins, now_s, where(error_rad >= 0.0, 1.0, -1.0), goal_rad, 1.0)
+    lasts = swings & (error_rad * side > -RETURN_SHARE * least_rad)
+    other = lasts & (abs(wrap_pi(goal_rad - s[GOAL])) > 0.5 * LEAST_RAD)
+    s[TURNED] = where(other, 1.0, s[TURNED])
+    s[PEAK] = where(lasts, most(s[PEAK], error_rad * side), s[PEAK])
+    s[BESIDE] = where(lasts, most(s[BESIDE], (rudder_rad - e[E_BIAS]) * side), s[BESIDE])
+    over = swings & fails(lasts)
+    if any_of(over):
+        end_half(s, over, now_s, least_rad, e, wave_period_s)
+        begin_half(s, over, now_s, -side, goal_rad, where(jumped, 1.0, 0.0))
+
+
+@compiled
+def end_half(s: Rows, over: Lanes, now_s: Lanes, least_rad: Lanes, e: Rows, wave_period_s: Lanes) -> None:
+    """Judge half swings where they are over."""
+    lag_s = e[M_T] / (most(e[E_SPEED], 0.1 * e[M_SPEED]) / e[M_SPEED])
+    shortest_s = most(SHORTEST_LAGS * lag_s, SHORTEST_WAVES * wave_period_s)
     length_s, peak_rad = now_s - s[BEGUN], s[PEAK]
     counts = (
-        s[TURNED] == 0.0
-        and peak_rad >= least_rad
-        and s[BESIDE] >= LEAST_RUDDER_RAD
-        and shortest_s <= length_s <= max(LONGEST_LAGS * lag_s, LONGEST_S)
+        (s[TURNED] == 0.0)
+        & (peak_rad >= least_rad)
+        & (s[BESIDE] >= LEAST_RUDDER_RAD)
+        & (shortest_s <= length_s)
+        & (length_s <= most(LONGEST_LAGS * lag_s, LONGEST_S))
     )
-    count_half(s, peak_rad, length_s, count_of(s, e[E_HEADING_SD]) if counts else 0.0, now_s)
-    begin_half(s, now_s, -side, goal_rad, 1.0 if jumped else 0.0)
+    count_half(s, over, peak_rad, length_s, where(counts, count_of(s, e[E_HEADING_SD]), 0.0), now_s)

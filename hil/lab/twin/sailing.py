@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from firmware_py.common.angles import TWO_PI, compass_degrees, radians
 from firmware_py.common.parameters import ParameterSet
-from hil.lab.lanes import COUNT, aligned
+from hil.lab.lane_rows import aligned
+from hil.lab.lanes import COUNT
 from hil.lab.twin import helm
 from hil.lab.twin.afloat import AFLOAT, Record, Sea, Waters
+from hil.lab.twin.crew import PILOTS, Boat, Crew, Orders, Task
 from hil.lab.twin.kalman import COVARIANCES, Floats
-from hil.lab.twin.loop import MORE_TICKS, TICK_COLUMNS, Orders, voyage
-from hil.lab.twin.pilot import PILOT, Boat, Crew, Task
-from hil.lab.twin.turning import TURNS
-from hil.lab.twin.wave_filter_state import FILTER
+from hil.lab.twin.loop import MORE_TICKS, TICK_COLUMNS, voyage
+from hil.lab.twin.wave_filter_state import FILTERS
 from hil.sim.goals import Goal
 from hil.sim.truth import ROWS_PER_SECOND, Truth
 
@@ -93,23 +93,17 @@ def sail_beside(runs: Sequence[Run], seconds: float, *, ticks: bool) -> tuple[Re
         Waters(
             records_of([moved(sea.ship, start) for sea, start in zip(seas, starts, strict=True)]),
             records_of([moved(sea.devices, start) for sea, start in zip(seas, starts, strict=True)]),
-            aligned(AFLOAT, COUNT),
+            beside_of([moved(sea.ship, start) for sea, start in zip(seas, starts, strict=True)]),
+            beside_of([moved(sea.devices, start) for sea, start in zip(seas, starts, strict=True)]),
+            aligned(AFLOAT, 1),
             seas[first].series,
             np.zeros((COUNT, max(1, *(sea.ship.delay_steps for sea in seas)))),
-            np.zeros((TURNS, COUNT)),
         ),
-        Crew(
-            records_of([run.boat for run in runs]),
-            aligned(PILOT, COUNT),
-            aligned(FILTER, COUNT),
-            aligned(COVARIANCES, 1),
-            np.zeros(COUNT),
-            np.zeros((COUNT, 4)),
-        ),
+        Crew(beside_of([run.boat for run in runs]), aligned(PILOTS, 1), aligned(FILTERS, 1), aligned(COVARIANCES, 1)),
         Orders(
-            np.array([run.law for run in runs]),
-            rows_of([task.given_s for task in given], math.inf),
-            rows_of([task.goals_rad for task in given], 0.0),
+            columns_of([run.law for run in runs], 0.0),
+            columns_of([task.given_s for task in given], math.inf),
+            columns_of([task.goals_rad for task in given], 0.0),
         ),
         record,
         counts,
@@ -124,17 +118,27 @@ def records_of(tuples: Sequence[NamedTuple]) -> NDArray[Any]:
     return np.array([*tuples, *[first] * (COUNT - len(tuples))], np.dtype(kinds))
 
 
+def beside_of(tuples: Sequence[NamedTuple]) -> NDArray[Any]:
+    """Return named tuples as one record, each field of which is the numbers of all lanes; idle ones are the first's."""
+    first, idle = tuples[0], [tuples[0]] * (COUNT - len(tuples))
+    kinds = [(name, np.float64, (*np.shape(value), COUNT)) for name, value in zip(first._fields, first, strict=True)]
+    found = aligned(np.dtype(kinds), 1)
+    for name in first._fields:
+        found[name][0] = np.array([getattr(one, name) for one in (*tuples, *idle)], np.float64).T
+    return found
+
+
 def moved(tuple_: Any, start: int) -> Any:
     """Return a ship, or devices, whose numbers begin that much later in the series."""
     return tuple_._replace(**{name: getattr(tuple_, name) + start for name in tuple_._fields if name.endswith("_at")})
 
 
-def rows_of(lists: Sequence[Floats], otherwise: float) -> Floats:
-    """Return lists of numbers as rows of the same length."""
-    rows = np.full((len(lists), max(1, *(one.size for one in lists))), otherwise)
-    for row, one in zip(rows, lists, strict=True):
-        row[: one.size] = one
-    return rows
+def columns_of(lists: Sequence[Floats], otherwise: float) -> Floats:
+    """Return lists of numbers as columns of the same length, one for each lane."""
+    columns = np.full((max(1, *(one.size for one in lists)), COUNT), otherwise)
+    for lane, one in enumerate(lists):
+        columns[: one.size, lane] = one
+    return columns
 
 
 def truth_of(record: Record, goals: Sequence[Goal]) -> Truth:

@@ -6,13 +6,14 @@ The compass of the twin never stops measuring: that one stands still while she t
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from firmware_py.common.angles import radians
 from hil.lab.compiled import compiled
-from hil.lab.tune.twins import clamp, wrap_pi
-from hil.lab.twin.kalman import Floats
+from hil.lab.lane_math import fails, least, most, within, wrap_pi
+from hil.lab.lanes import any_of, where
 
 JUMP_RAD = radians(20.0)
 JUMP_S, FIRST_JUMP_S = 1.5, 1.0
@@ -20,6 +21,9 @@ PROBATION_S, CONTRADICTED_S = 10.0, 60.0
 SLEW_RAD_S = radians(0.5)
 SMOOTHING_S = 10.0
 MISSED, SLOWEST, FORGOTTEN = 2.5, 2.0, 0.125
+Lanes = Any  # or a number
+Rows = Any  # side by side, or the numbers of one
+
 COMPASS, COURSE, NOTHING = 0.0, 2.0, 3.0
 
 # What is known of the compass, NaN for None, and the source in use.
@@ -29,7 +33,7 @@ SOURCE_STATES = 12
 
 
 @compiled
-def begin_anew(s: Floats) -> None:
+def begin_anew(s: Rows) -> None:
     """Forget the compass, but not how often it speaks."""
     s[CHANGED] = s[NEAR] = s[DIFFERENCE] = s[OFFSET] = 0.0
     s[SAID] = s[RAW] = s[SOUND_SINCE] = np.nan
@@ -37,86 +41,79 @@ def begin_anew(s: Floats) -> None:
 
 
 @compiled
-def begin(s: Floats) -> None:
+def begin(s: Rows) -> None:
     """Be as before the first sample."""
     s[TOLD] = s[INTERVAL] = s[FIX_TOLD] = s[FIX_INTERVAL] = np.nan
     begin_anew(s)
 
 
 @compiled
-def learn_interval(s: Floats, said: int, interval: int, t_s: float, shortest_s: float) -> None:
+def learn_interval(s: Rows, said: int, interval: int, t_s: Lanes, shortest_s: Lanes) -> None:
     """Note a sample of a source and learn how far apart they come."""
-    if not math.isnan(s[said]):
-        before_s = shortest_s if math.isnan(s[interval]) else s[interval]
-        s[interval] = max(min(t_s - s[said], SLOWEST * shortest_s), (1.0 - FORGOTTEN) * before_s)
+    before_s = where(math.isnan(s[interval]), shortest_s, s[interval])
+    after_s = most(least(t_s - s[said], SLOWEST * shortest_s), (1.0 - FORGOTTEN) * before_s)
+    s[interval] = where(math.isnan(s[said]), s[interval], after_s)
     s[said] = t_s
 
 
 @compiled
-def timeout_s(interval_s: float, shortest_s: float) -> float:
+def timeout_s(interval_s: Lanes, shortest_s: Lanes) -> Lanes:
     """Return after what silence a source of this interval is lost."""
-    known_s = shortest_s if math.isnan(interval_s) else min(interval_s, SLOWEST * shortest_s)
-    return max(shortest_s, MISSED * known_s)
+    known_s = where(math.isnan(interval_s), shortest_s, least(interval_s, SLOWEST * shortest_s))
+    return most(shortest_s, MISSED * known_s)
 
 
 @compiled
-def decay_offset(s: Floats, step_s: float) -> None:
+def decay_offset(s: Rows, step_s: Lanes) -> None:
     """Draw the offset toward zero."""
-    if s[OFFSET] != 0.0:
-        rest_rad = max(abs(s[OFFSET]) - SLEW_RAD_S * step_s, 0.0)
-        s[OFFSET] = math.copysign(rest_rad, s[OFFSET]) if rest_rad != 0.0 else 0.0
+    off = s[OFFSET] != 0.0
+    if any_of(off):
+        rest_rad = most(abs(s[OFFSET]) - SLEW_RAD_S * step_s, 0.0)
+        after_rad = where(rest_rad != 0.0, math.copysign(rest_rad, s[OFFSET]), 0.0)
+        s[OFFSET] = where(off, after_rad, s[OFFSET])
 
 
 @compiled
-def add_sample(s: Floats, t_s: float, heading_rad: float, raw_rad: float, expected_rad: float) -> None:
+def add_sample(s: Rows, t_s: Lanes, heading_rad: Lanes, raw_rad: Lanes, expected_rad: Lanes) -> None:
     """Judge a sample; an expected heading of NaN: there is none yet."""
     last_s = s[SAID]
-    difference_rad = 0.0 if math.isnan(expected_rad) else wrap_pi(heading_rad - expected_rad)
-    near = abs(wrap_pi(difference_rad + s[OFFSET])) <= JUMP_RAD
+    difference_rad = where(math.isnan(expected_rad), 0.0, wrap_pi(heading_rad - expected_rad))
     first = math.isnan(last_s)
-    if near or first:
-        s[NEAR] = t_s
-    elif s[NEAR] == last_s:
-        s[NEAR] = max(s[NEAR], t_s - FIRST_JUMP_S)
-    step_s = SMOOTHING_S if first else clamp(t_s - last_s, 0.0, SMOOTHING_S)
-    sound_s = 0.0 if math.isnan(s[SOUND_SINCE]) else t_s - s[SOUND_SINCE]
-    part = 1.0 if sound_s <= step_s else step_s / min(sound_s, SMOOTHING_S)
-    if math.isnan(s[RAW]) or raw_rad != s[RAW]:
-        s[CHANGED] = t_s
+    near = (abs(wrap_pi(difference_rad + s[OFFSET])) <= JUMP_RAD) | first
+    far_s = where(s[NEAR] == last_s, most(s[NEAR], t_s - FIRST_JUMP_S), s[NEAR])
+    s[NEAR] = where(near, t_s, far_s)
+    step_s = where(first, SMOOTHING_S, within(t_s - last_s, 0.0, SMOOTHING_S))
+    sound_s = where(math.isnan(s[SOUND_SINCE]), 0.0, t_s - s[SOUND_SINCE])
+    part = where(sound_s <= step_s, 1.0, step_s / least(sound_s, SMOOTHING_S))
+    s[CHANGED] = where(raw_rad != s[RAW], t_s, s[CHANGED])
     s[RAW], s[SAID] = raw_rad, t_s
     s[DIFFERENCE] = wrap_pi(s[DIFFERENCE] + part * wrap_pi(difference_rad - s[DIFFERENCE]))
 
 
 @compiled
-def contradicts(s: Floats, now_s: float, lost_after_s: float) -> bool:
+def contradicts(s: Rows, now_s: Lanes, lost_after_s: Lanes) -> Lanes:
     """Whether nothing is in use and the compass has contradicted the estimate for a minute (needs_restart)."""
     said_s = s[SAID]
-    if s[IN_USE] != NOTHING or math.isnan(said_s):
-        return False
     varies, far = said_s == s[CHANGED], said_s - s[NEAR] > CONTRADICTED_S
-    return bool(now_s - said_s <= lost_after_s and varies and far)
+    return (s[IN_USE] == NOTHING) & (now_s - said_s <= lost_after_s) & varies & far
 
 
 @compiled
-def select(s: Floats, now_s: float, lost_after_s: float, frozen_s: float, course_ok: bool) -> None:  # noqa: FBT001 - compiled
+def select(s: Rows, now_s: Lanes, lost_after_s: Lanes, frozen_s: Lanes, course_ok: Lanes) -> None:
     """Choose what is steered by."""
-    said_s = s[SAID]
-    speaks = not math.isnan(said_s) and now_s - said_s <= lost_after_s
-    stood = frozen_s != 0.0 and said_s - s[CHANGED] > frozen_s
-    if not speaks and not stood:
-        s[RAW] = np.nan  # it may come back with the same number, which has not stood meanwhile
-    frozen = speaks and stood
-    jumping = not math.isnan(said_s) and said_s - s[NEAR] > JUMP_S
-    if not speaks or frozen or jumping:
-        s[SOUND_SINCE] = np.nan
-    elif math.isnan(s[SOUND_SINCE]):
-        s[SOUND_SINCE] = now_s
-    before = s[IN_USE]
-    after = COURSE if course_ok and before != NOTHING else NOTHING
-    if not math.isnan(s[SOUND_SINCE]) and (before in (COMPASS, NOTHING) or now_s - s[SOUND_SINCE] >= PROBATION_S):
-        after = COMPASS
-    if after == before:
-        return
-    if after == COMPASS and before != NOTHING:
-        s[OFFSET], s[NEAR] = wrap_pi(-s[DIFFERENCE]), now_s
+    said_s, before = s[SAID], s[IN_USE]
+    speaks = now_s - said_s <= lost_after_s
+    stood = (frozen_s != 0.0) & (said_s - s[CHANGED] > frozen_s)
+    s[RAW] = where(
+        speaks | stood, s[RAW], np.nan
+    )  # it may come back with the same number, which has not stood meanwhile
+    unsound = fails(speaks) | stood | (said_s - s[NEAR] > JUMP_S)
+    sound_s = where(unsound, np.nan, where(math.isnan(s[SOUND_SINCE]), now_s, s[SOUND_SINCE]))
+    s[SOUND_SINCE] = sound_s
+    waits = (before == COMPASS) | (before == NOTHING) | (now_s - sound_s >= PROBATION_S)
+    course = where(before != NOTHING, course_ok, False)
+    after = where(fails(math.isnan(sound_s)) & waits, COMPASS, where(course, COURSE, NOTHING))
+    anew = (after != before) & (after == COMPASS) & (before != NOTHING)
+    s[OFFSET] = where(anew, wrap_pi(-s[DIFFERENCE]), s[OFFSET])
+    s[NEAR] = where(anew, now_s, s[NEAR])
     s[IN_USE] = after

@@ -1,4 +1,4 @@
-"""Twin of firmware_py/estimate/wave_filter_state.py: what the wave filter keeps, and how it begins."""
+"""Twin of firmware_py/estimate/wave_filter_state.py: what the wave filters keep, and how they begin."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 
 from firmware_py.common.angles import radians
 from hil.lab.compiled import compiled
-from hil.lab.tune.twins import clamp
+from hil.lab.lane_math import within
+from hil.lab.lane_rows import rows
+from hil.lab.lanes import COUNT, any_of
 from hil.lab.twin import learning
 from hil.lab.twin.kalman import (
     BIAS,
@@ -24,7 +26,7 @@ from hil.lab.twin.kalman import (
     SPEED,
     STATES,
     Covariances,
-    Floats,
+    Rows,
 )  # fmt: skip
 from hil.lab.twin.learning import NOISES
 
@@ -46,78 +48,81 @@ FIRST = np.array(
 REST = 13
 
 
-Boats = Any  # records that have a model: K, T, alpha and the speed that they are of
-Filters = Any
-WaveFilter = Any  # a record of FILTER: state, noise model, the rest, and which of the covariances' lanes is its own
-OMEGA, ORBIT = range(2)  # exponentials that are kept
-KEPT = 2
-FILTER = np.dtype(
+Boats = Any  # fields of what the autopilots are told, of which `model` is rows of K, T, alpha and their speed
+Filters = Any  # a record of FILTERS
+Lanes = Any
+OMEGA, ORBIT, NOISE = range(3)  # exponentials that are kept
+KEPT = 3
+# The filters of all lanes, side by side: states, noise models, the rest, exponents and their exponentials.
+FILTERS = np.dtype(
     [
-        ("x", np.float64, (STATES,)),
-        ("n", np.float64, (NOISES,)),
-        ("w", np.float64, (REST,)),
-        ("kept", np.float64, (KEPT, 2)),
-        ("lane", np.int64),
+        (name, np.float64, (count, COUNT))
+        for name, count in (("x", STATES), ("n", NOISES), ("w", REST), ("exponent", KEPT), ("exponential", KEPT))
     ]
 )
 
 
 @compiled
-def exp_of(f: WaveFilter, number: int, exponent: float) -> float:
+def exp_of(f: Filters, number: int, exponent: Lanes) -> Lanes:
     """Return the exponential of a number of the noise model, which is computed when the number has changed."""
-    kept = f.kept
-    if kept[number, 0] != exponent:
-        kept[number, 0], kept[number, 1] = exponent, math.exp(exponent)
-    return float(kept[number, 1])
+    before, kept = rows(f.exponent, True), rows(f.exponential, True)
+    if any_of(before[number] != exponent):
+        before[number], kept[number] = exponent, math.exp(exponent)
+    return kept[number]
 
 
 @compiled
-def forget(f: WaveFilter) -> None:
-    """Be a filter before its first heading again; what the water is expected to be, and the rudder, stay."""
-    w = f.w
+def forget(f: Filters, on: Lanes) -> None:
+    """Be filters before their first headings again; what the water is expected to be, and the rudder, stay."""
+    w, n = rows(f.w, on), rows(f.n, on)
     w[STARTED] = w[T] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = w[SLOW_WAVE] = 0.0
     w[SAMPLE_T] = w[FIX_T] = w[LEG] = np.nan
     for i in range(NOISES):
-        f.n[i] = FIRST_NOISES[i]
+        n[i] = FIRST_NOISES[i]
 
 
 @compiled
-def begin_anew(f: WaveFilter) -> None:
+def keep_water(f: Filters, on: Lanes) -> None:
+    """Note what the water of filters that have started is."""
+    x = rows(f.x, on)
+    w = rows(f.w, on & (rows(f.w, on)[STARTED] > 0.0))
+    w[WATER_NORTH], w[WATER_EAST], w[WATER_SPEED] = x[NORTH], x[EAST], x[SPEED]
+
+
+@compiled
+def begin_anew(f: Filters, on: Lanes) -> None:
     """Forget all but the water."""
-    if f.w[STARTED] > 0.0:
-        f.w[WATER_NORTH], f.w[WATER_EAST], f.w[WATER_SPEED] = f.x[NORTH], f.x[EAST], f.x[SPEED]
-    f.w[RUDDER] = 0.0
-    forget(f)
+    keep_water(f, on)
+    rows(f.w, on)[RUDDER] = 0.0
+    forget(f, on)
 
 
 @compiled
-def begin_filter(f: WaveFilter, speed_m_s: float) -> None:
-    """Be a filter before its first heading."""
-    f.w[WATER_SPEED] = speed_m_s
+def begin_filters(f: Filters, on: Lanes, speed_m_s: Lanes) -> None:
+    """Be filters before their first headings."""
+    rows(f.w, on)[WATER_SPEED] = speed_m_s
     for number in range(KEPT):
-        f.kept[number, 1] = 1.0  # that of 0
-    forget(f)
+        rows(f.exponential, True)[number] = 1.0
+    forget(f, on)
 
 
 @compiled
-def start(f: WaveFilter, c: Covariances, t_s: float, heading_rad: float) -> None:
-    """Begin with a heading."""
-    x, p, w, lane = f.x, c.p, f.w, f.lane
-    if w[STARTED] > 0.0:
-        w[WATER_NORTH], w[WATER_EAST], w[WATER_SPEED] = x[NORTH], x[EAST], x[SPEED]
+def start(f: Filters, c: Covariances, on: Lanes, t_s: Lanes, heading_rad: Lanes) -> None:
+    """Begin with headings."""
+    x, p, w = rows(f.x, on), rows(c.p, on), rows(f.w, on)
+    keep_water(f, on)
     for i in range(STATES):
         x[i] = 0.0
     x[HEADING] = x[FLOAT] = heading_rad
     x[NORTH], x[EAST] = w[WATER_NORTH], w[WATER_EAST]
-    x[SPEED], x[FACTOR] = clamp(w[WATER_SPEED], LOW_SPEED_M_S, HIGH_SPEED_M_S), 1.0
+    x[SPEED], x[FACTOR] = within(w[WATER_SPEED], LOW_SPEED_M_S, HIGH_SPEED_M_S), 1.0
     x[COURSE_LAG] = FIRST_COURSE_LAG_S
     for i in range(STATES):
         for k in range(COLUMNS):
-            p[i, k, lane] = 0.0
-        p[i, i, lane] = FIRST[i] * FIRST[i]
-    both = TOGETHER * FIRST[HEADING] * FIRST[FLOAT]
-    p[HEADING, FLOAT, lane] = p[FLOAT, HEADING, lane] = both
-    p[BIAS, BIAS_MEAN, lane] = p[BIAS_MEAN, BIAS, lane] = FIRST[BIAS_MEAN] * FIRST[BIAS_MEAN]
+            p[i * COLUMNS + k] = 0.0
+        p[i * COLUMNS + i] = FIRST[i] * FIRST[i]
+    p[HEADING * COLUMNS + FLOAT] = p[FLOAT * COLUMNS + HEADING] = TOGETHER * FIRST[HEADING] * FIRST[FLOAT]
+    p[BIAS * COLUMNS + BIAS_MEAN] = p[BIAS_MEAN * COLUMNS + BIAS] = FIRST[BIAS_MEAN] * FIRST[BIAS_MEAN]
     w[T], w[SAMPLE_T] = t_s, t_s
     w[RUDDER] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = w[SLOW_WAVE] = 0.0
     w[FIX_T] = w[LEG] = np.nan
@@ -125,10 +130,7 @@ def start(f: WaveFilter, c: Covariances, t_s: float, heading_rad: float) -> None
 
 
 @compiled
-def bound(x: Floats) -> None:
-    """Keep speed and turning factor within what a boat can have."""
-    speed_m_s, factor = x[SPEED], x[FACTOR]
-    if LOW_SPEED_M_S <= speed_m_s <= HIGH_SPEED_M_S and LOW_FACTOR <= factor <= HIGH_FACTOR:
-        return
-    x[SPEED] = clamp(speed_m_s, LOW_SPEED_M_S, HIGH_SPEED_M_S)
-    x[FACTOR] = clamp(factor, LOW_FACTOR, HIGH_FACTOR)
+def bound(x: Rows) -> None:
+    """Keep speeds and turning factors within what a boat can have."""
+    x[SPEED] = within(x[SPEED], LOW_SPEED_M_S, HIGH_SPEED_M_S)
+    x[FACTOR] = within(x[FACTOR], LOW_FACTOR, HIGH_FACTOR)

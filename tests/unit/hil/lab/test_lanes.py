@@ -5,7 +5,8 @@ import pytest
 
 from firmware_py.model.kt import rk4_step
 from hil.lab.compiled import compiled_here
-from hil.lab.lanes import ALIGNED_BYTES, COUNT, aligned, lanes_of, lent, put_lanes, where
+from hil.lab.lane_rows import ALIGNED_BYTES, aligned, lanes_of, lent, put_lanes
+from hil.lab.lanes import COUNT, where
 
 pytestmark = pytest.mark.timeout(300)  # compiles
 

@@ -18,7 +18,9 @@ from firmware_py.estimate import kalman, learning, over_ground, wave_filter, wav
 from firmware_py.estimate import sources as choosing
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from firmware_py.safety import oscillation as watching
-from hil.lab.lanes import COUNT, aligned
+from hil.lab.compiled import compiled_here
+from hil.lab.lane_rows import aligned, fields, rows
+from hil.lab.lanes import COUNT, mask_of, where
 from hil.lab.twin import devices, helm, oscillation, sailing, sources, turning
 from hil.lab.twin import kalman as twin_kalman
 from hil.lab.twin import learning as twin_learning
@@ -83,7 +85,7 @@ def test_a_covariance_is_carried_on_as_the_firmware_does():
         beside, lane = aligned(twin_kalman.COVARIANCES, 1), int(numbers.integers(COUNT))
         beside["p"][0, ..., :] = np.concatenate((p, slopes), axis=1)[..., None]
         beside["on"][0, lane] = 1.0
-        twin_kalman.set_transition(beside[0], lane, turned, follow, wave, 0.9)
+        twin_kalman.set_transition(beside[0], turned, follow, wave, 0.9)
         twin_kalman.predict(beside[0])
         assert np.array_equal(beside["p"][0, ..., lane], np.concatenate((after, carried), axis=1))
         assert np.array_equal(beside["p"][0, ..., lane - 1], np.concatenate((p, slopes), axis=1))  # it takes no part
@@ -176,25 +178,34 @@ def test_the_watch_over_the_helm_softens_when_the_firmware_s_does():
     assert 1.0 < theirs.softness < 8.0  # and stiffer again
 
 
+@compiled_here
+def began(filters, lane, speed_m_s):
+    twin_state.begin_filters(filters, mask_of(1 << lane), speed_m_s)
+
+
+@compiled_here
+def took_in(filters, beside, boats, lane):
+    twin_filter.correct_headings(filters, beside, fields(boats), mask_of(1 << lane))
+
+
 def test_a_turn_is_taken_from_the_waves_as_the_firmware_does():
     """The compass circles against the rudder; that the estimate would go astray is its own test."""
     boat, numbers = sailing.boat_of(PARAMETERS), np.random.default_rng(4)
     known, theirs = wave_filter_state.WaveFilterSettings.of(PARAMETERS), wave_filter_state.WaveFilterState()
-    filters, beside, lane, given_back = aligned(twin_state.FILTER, COUNT), aligned(twin_kalman.COVARIANCES, 1), 5, 0
-    boats, ours, headings = sailing.records_of([boat]), filters[lane], np.zeros(COUNT)
-    ours["lane"] = lane
-    twin_state.begin_filter(ours, 0.5)
+    filters, beside, lane, given_back = aligned(twin_state.FILTERS, 1), aligned(twin_kalman.COVARIANCES, 1), 5, 0
+    boats, ours = sailing.beside_of([boat]), filters[0]
+    began(ours, lane, 0.5)
     for tick in range(1500):
         t_s, rudder_rad = 0.1 * tick, radians(30.0) if tick > 300 else 0.0
         heading_rad = math.remainder(0.2 * math.sin(t_s) - 0.005 * max(tick - 300, 0), math.tau)
         heading_rad += 0.005 * float(numbers.standard_normal())
         before_rad = theirs.slow_wave_rad
         theirs = wave_filter.update(known, theirs, [wave_filter.Heading(t_s, heading_rad)], [], rudder_rad)
-        beside["on"][0, lane], beside["to_s"][0, lane], headings[lane] = 1.0, t_s, heading_rad
-        twin_filter.correct_headings(filters, beside[0], boats, headings)
-        ours["w"][twin_state.RUDDER] = rudder_rad
-        assert tuple(ours["x"]) == theirs.x
-        assert ours["w"][twin_state.SLOW_WAVE] == theirs.slow_wave_rad
+        beside["to_s"][0, lane], beside["sample"][0, lane] = t_s, heading_rad
+        took_in(ours, beside[0], boats[0], lane)
+        ours["w"][twin_state.RUDDER, lane] = rudder_rad
+        assert tuple(ours["x"][:, lane]) == theirs.x
+        assert ours["w"][twin_state.SLOW_WAVE, lane] == theirs.slow_wave_rad
         given_back += theirs.slow_wave_rad == 0.0 != before_rad
     assert np.array_equal(beside["p"][0, :, :18, lane].ravel(), np.frombuffer(theirs.p))
     assert given_back > 0
@@ -230,15 +241,28 @@ def test_the_source_is_chosen_as_the_firmware_chooses():
 KINDER = "float=0.4:1.2,leeway=6:3:80,sway=0.5,orbital=0.3,speed=0.5:30:8:6,compass=2:3:1:1:1:4:0,kt=0.7:1.3,delay=0.33"
 
 
+@compiled_here
+def began_to_sail(hulls, ship):
+    ships.begin_hull(rows(hulls, True), fields(ship))
+
+
+@compiled_here
+def sailed_on(hulls, ship, series, waiting, lane, step, rudder):
+    on = mask_of(1 << lane)
+    steps = where(on, step, 0.0)
+    in_water = turning.in_water(hulls, on, fields(ship), waiting, steps, where(on, rudder, 0.0))
+    turning.turn_hulls(hulls, on, fields(ship), series, steps, in_water)
+
+
 @pytest.mark.parametrize(
     "text", [*(row.name for row in TABLE), "tank+orbital=0.2,compass", f"mission+{KINDER}", "calm+sway,compass"]
 )
 def test_the_ship_in_her_sea_is_the_harness_s(text):
     scenario, seconds = sea_of(text), 20.0
     hull, sea = Hull(scenario, OCEAN_RAMBLER, 3), drawn(scenario, 3, seconds)
-    state, waiting = np.zeros(ships.HULL_STATES), np.zeros((COUNT, max(sea.ship.delay_steps, 1)))
-    turns, lane = np.zeros((turning.TURNS, COUNT)), 3
-    ships.begin_hull(state, sea.ship)
+    hulls, waiting, lane = np.zeros((ships.HULL_STATES, COUNT)), np.zeros((COUNT, max(sea.ship.delay_steps, 1))), 3
+    ship, state = sailing.beside_of([sea.ship])[0], hulls[:, lane]
+    began_to_sail(hulls, ship)
     numbers = np.random.default_rng(1)
     rudder = 0.0
     for step in range(int(seconds / GRID_S)):
@@ -248,11 +272,7 @@ def test_the_ship_in_her_sea_is_the_harness_s(text):
         assert ships.velocity(state, sea.ship, sea.series, step, offset_s) == hull.velocity_in_waves_m_s(offset_s)
         rudder = min(max(rudder + float(numbers.normal(0.0, 0.02)), -0.5), 0.5)
         hull.step(rudder)
-        turning.be_beside(state, sea.ship, turns, lane)
-        in_water = turning.in_water(sea.ship, waiting, lane, step, rudder)
-        turning.drive(state, sea.ship, sea.series, turns, lane, step, in_water)
-        turning.turn_hulls(turns, sea.ship.inner_steps)
-        turning.end_step(state, sea.ship, sea.series, turns, lane, step)
+        sailed_on(hulls, ship, sea.series, waiting, lane, step, rudder)
         assert state[ships.PSI] == hull.glider_heading_rad(0.0)
 
 
