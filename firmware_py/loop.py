@@ -72,13 +72,15 @@ class LoopParts:
     liveness: Liveness = field(default_factory=Liveness)
     samples: int = 0  # taken from all devices since the start
     life_due_s: float = -math.inf
-    devices: tuple[Device, ...] = field(init=False)  # whose bytes are taken as they arrive
+    prompt: tuple[Device, ...] = field(init=False)  # whose bytes are taken as they arrive: the time is that of a sample
+    devices: tuple[Device, ...] = field(init=False)  # these, and those of which each tick takes what has come
     reporting: tuple[Device, ...] = field(init=False)  # all
 
     def __post_init__(self) -> None:
         """List the devices once."""
-        present = (self.compass, self.compass_b, self.rudder, self.position, *self.power)
-        self.devices = tuple(device for device in present if device is not None)
+        present = (self.compass, self.compass_b, self.position)
+        self.prompt = tuple(device for device in present if device is not None)
+        self.devices = (*self.prompt, self.rudder, *self.power)
         self.reporting = self.devices if self.vessels is None else (*self.devices, self.vessels)
 
 
@@ -202,31 +204,39 @@ def _serve_until_deadline(parts: LoopParts, metronome: Metronome, link_busy: boo
     period_s = 1.0 / metronome.rate_hz
     guard_s, busy_guard_s = min(GUARD_S, GUARD_PART * period_s), min(BUSY_GUARD_S, BUSY_GUARD_PART * period_s)
     link_s = 0.0
-    store_fd = parts.store.fileno()
+    store_fd, device_fds = parts.store.fileno(), _awaited(parts)
     while (now_s := clock.now_s()) < deadline_s:
         slack_end_s = deadline_s - (busy_guard_s if link_busy or link_s >= MUCH_PART * period_s else guard_s)
         in_slack = now_s < slack_end_s and link_s < LINK_PART * period_s
         waiting = in_slack and link.busy
-        device_fds = {device.fileno(): device for device in parts.devices}
-        device_fds.pop(-1, None)
         others = [*link.descriptors(), store_fd] if in_slack else []
         ready = clock.wait(now_s if waiting else deadline_s, [*device_fds, *others])
         if not ready and not waiting:
             continue
         now_s = clock.now_s()
-        for fd in ready:
-            if fd in device_fds:
-                device_fds[fd].receive(now_s)
+        speaking = [device_fds[fd] for fd in ready if fd in device_fds]
+        link_ready = [fd for fd in ready if fd not in device_fds and fd != store_fd]
+        for device in speaking:
+            device.receive(now_s)
+        if speaking:
+            device_fds = _awaited(parts)
         # What wakes the link within the guard time waits for the tick.
         if now_s >= slack_end_s:
             continue
         if store_fd in ready:
             parts.fault_barrier.call(now_s, parts.store.service)  # its callbacks are the link's
-        link_ready = [fd for fd in ready if fd not in device_fds and fd != store_fd]
         if link_ready or waiting:
             parts.fault_barrier.call(now_s, partial(link.service, now_s, link_ready))
             link_s += clock.now_s() - now_s
     return link_s >= MUCH_PART * period_s
+
+
+def _awaited(parts: LoopParts) -> dict[int, Device]:
+    """Return by their descriptors the devices that are heard before the tick; the rudder if it is to be told more."""
+    heard = (*parts.prompt, parts.rudder) if parts.rudder.hurries() else parts.prompt
+    awaited = {device.fileno(): device for device in heard}
+    awaited.pop(-1, None)
+    return awaited
 
 
 def make_safe(parts: LoopParts) -> None:

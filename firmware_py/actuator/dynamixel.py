@@ -1,9 +1,10 @@
 """A Robotis Dynamixel X servo as the rudder.
 
-One half-duplex exchange at a time: the goal goes out first in a tick, the telemetry is
-asked for when its status has come. A tick costs 27 bytes for the goal, 46 for the
-telemetry and now and then 32 for the state: at 57600 baud 12.7 and at most 18.2 ms, at
-1 Mbaud 0.7 and 1.1 ms.
+One half-duplex exchange at a time. The goal goes out first in a tick, by an instruction that
+is not answered, and behind it what asks for goal and telemetry: one write, and one answer that
+says whether the goal was taken. A tick costs 75 bytes and now and then 32 for the state: at
+57600 baud 13.0 and at most 18.6 ms, at 1 Mbaud 0.8 and 1.1 ms. Nothing waits for that answer but
+the next tick, unless the state is to be read.
 
     SEARCH ---any answer---> CONFIGURE ---all known and right---> RUN
       ^                        |  ^                                 |
@@ -14,7 +15,7 @@ telemetry and now and then 32 for the state: at 57600 baud 12.7 and at most 18.2
 * CONFIGURE reads the registers and corrects those that differ (dynamixel_upkeep).
 * Bus watchdog: after 2 s without any instruction the servo stops and holds the angle it
   has, so a rudder in motion does not go on when the autopilot dies. Ticks down to 1 Hz
-  feed it. After a trip goals answer range error; it is then recognised and cleared.
+  feed it. After a trip no goal is taken; it is then recognised and cleared.
 * A servo that has lost its power in between shows it by silence, or by torque or watchdog
   back at their power-up values, and is configured again.
 * In silence the driver pings, and every other tick still sends the goal: a servo whose
@@ -32,7 +33,7 @@ from enum import Enum, auto
 from firmware_py.actuator import dynamixel_frames as frames
 from firmware_py.actuator import dynamixel_registers as table
 from firmware_py.actuator.dynamixel_readings import Readings
-from firmware_py.actuator.dynamixel_upkeep import Kind, Request, RestartCounter, Upkeep
+from firmware_py.actuator.dynamixel_upkeep import Kind, Request, RestartCounter, Upkeep, read_request
 from firmware_py.actuator.half_duplex import reply_timeout_s
 from firmware_py.actuator.servo_driver import Answer, ServoDriver
 from firmware_py.common.interfaces import ByteLine
@@ -76,6 +77,7 @@ class DynamixelServo:
         self._upkeep = Upkeep(options.id)
         self._ping = Request(Kind.PING, frames.ping(options.id), "ping", 3)
         self._reboot = Request(Kind.REBOOT, frames.reboot(options.id), "reboot")
+        self._look = read_request(options.id, table.GOAL_AND_TELEMETRY).frame
         self._readings = Readings(options.id)
         self._restarts = RestartCounter()
         self._model = ""
@@ -87,6 +89,7 @@ class DynamixelServo:
         self._phase = Phase.SEARCH
         self._steered = False  # since the line was opened
         self._goal_was_last = False
+        self._goal_counts = table.CENTRE_COUNTS  # of the last goal
         self._goals_refused = 0
         self._temperature_c: float | None = None
         self._reboot_at_s: float | None = None
@@ -133,32 +136,37 @@ class DynamixelServo:
         """Return whether the packet is this servo's and as long as the answer to the request."""
         return reply.device_id == self.device_id and len(reply.parameters) == (0 if reply.code else request.parameters)
 
-    def take_answer(self, request: Request, reply: frames.StatusPacket, now_s: float) -> Answer:
+    def take_answer(self, request: Request, reply: frames.StatusPacket, asked_s: float) -> Answer:
         """Take a refusal, a reading, or the word that a goal or a correction is done."""
         if self._phase is Phase.SEARCH:
             self._phase = Phase.CONFIGURE
         if reply.alert and not self._upkeep.hardware_error():
             self._readings.read_state_next()
         if reply.code:
-            self._take_refusal(request, reply.code, now_s)
+            if request.kind is Kind.GOAL:
+                self._note_goal_refused()
+            else:
+                self._upkeep.take_refusal(request, reply.code, asked_s)
             return Answer(obeyed=False)
-        return self._take_result(request, reply.parameters, now_s)
+        return self._take_result(request, reply.parameters, asked_s)
 
-    def _take_refusal(self, request: Request, code: int, now_s: float) -> None:
-        if request.kind is Kind.GOAL:
-            self._goals_refused += 1
-            # The limits have changed, the watchdog has tripped or the torque is gone.
-            self._upkeep.forget(table.LIMITS, table.WATCHDOG, table.STATE)
-        else:
-            self._upkeep.take_refusal(request, code, now_s)
+    def _note_goal_refused(self) -> None:
+        self._goals_refused += 1
+        # The limits have changed, the watchdog has tripped or the torque is gone.
+        self._upkeep.forget(table.LIMITS, table.WATCHDOG, table.STATE)
 
-    def _take_result(self, request: Request, data: bytes, now_s: float) -> Answer:
+    def _take_result(self, request: Request, data: bytes, asked_s: float) -> Answer:
         if request.kind is Kind.PING:
             self._model = f"model {data[0] | data[1] << 8}, firmware {data[2]}"
         elif request.kind is Kind.GOAL:
-            self._goals_refused = 0
+            taken = table.GOAL_POSITION.decoded(data) == self._goal_counts
+            if taken:
+                self._goals_refused = 0
+            else:
+                self._note_goal_refused()
+            return self._take_telemetry(table.telemetry_of(data), asked_s, obeyed=taken)
         elif request.block is table.TELEMETRY:
-            return self._take_telemetry(data, now_s)
+            return self._take_telemetry(data, asked_s)
         else:
             self._restarts.take_result(request, data)
             restarted = self._phase is Phase.RUN and self._upkeep.shows_restart(request, data)
@@ -168,12 +176,12 @@ class DynamixelServo:
                 self._phase = Phase.CONFIGURE
         return Answer()
 
-    def _take_telemetry(self, data: bytes, now_s: float) -> Answer:
+    def _take_telemetry(self, data: bytes, asked_s: float, *, obeyed: bool = True) -> Answer:
         values = table.decode_telemetry(data)
         self._temperature_c = values.temperature_c
         torque = table.TORQUE_ENABLE.value(self._upkeep.image)
         feedback = RudderFeedback(
-            t_s=now_s,
+            t_s=asked_s,
             shaft_rad=values.shaft_rad,
             temperature_c=values.temperature_c,
             voltage_v=values.voltage_v,
@@ -182,7 +190,7 @@ class DynamixelServo:
             torque_on=None if torque is None else bool(torque),
             restarts=self._restarts.count,
         )
-        return Answer(impossible=values.impossible, feedback=feedback)
+        return Answer(obeyed=obeyed, impossible=values.impossible, feedback=feedback)
 
     # ------------------------------------------------------------------ what is sent
 
@@ -201,6 +209,12 @@ class DynamixelServo:
         elif request.kind is Kind.REBOOT:
             self._reboot_at_s = now_s + REBOOT_EVERY_S
             self._search()
+
+    def hurries(self) -> bool:
+        """Return whether anything but the telemetry is to be read or written before the next command."""
+        settled = self._phase is Phase.RUN and self._upkeep.settled(torque_wanted=self._torque_wanted)
+        waits = (self._goal_due and self._torque_wanted) or self._upkeep.hardware_error() or self._readings.more_due()
+        return bool(waits) or not settled
 
     def next_request(self, now_s: float) -> Request | None:
         """Return what is most urgent: to find the servo, to correct it, the goal, a reading."""
@@ -221,9 +235,10 @@ class DynamixelServo:
         return self._reboot if self._reboot_due(now_s) else self._readings.next_request(now_s)
 
     def _goal(self, shaft_rad: float) -> Request:
-        counts = table.goal_counts(shaft_rad, self._upkeep.image)
-        frame = frames.write(self.device_id, table.GOAL_POSITION_ADDRESS, counts.to_bytes(4, "little"))
-        return Request(Kind.GOAL, frame, "goal position")
+        goal, block = table.GOAL_POSITION, table.GOAL_AND_TELEMETRY
+        self._goal_counts = table.goal_counts(shaft_rad, self._upkeep.image)
+        frame = frames.sync_write(self.device_id, goal.address, goal.encoded(self._goal_counts)) + self._look
+        return Request(Kind.GOAL, frame, goal.name, block.length)
 
     def _reboot_due(self, now_s: float) -> bool:
         errors = self._upkeep.hardware_error()

@@ -17,8 +17,9 @@ from firmware_py.common.record_class import dataclass
 HEADER = b"\xff\xff\xfd\x00"
 STUFFED, UNSTUFFED = b"\xff\xff\xfd\xfd", b"\xff\xff\xfd"
 LARGEST_ID = 252
+BROADCAST_ID = 254  # nobody answers what is sent to all but a ping and a read
 
-PING, READ, WRITE, REBOOT = 0x01, 0x02, 0x03, 0x08
+PING, READ, WRITE, REBOOT, SYNC_WRITE = 0x01, 0x02, 0x03, 0x08, 0x83
 STATUS = 0x55
 
 ALERT_BIT = 0x80  # of a status packet's error byte: read the hardware error register
@@ -61,6 +62,11 @@ def read(device_id: int, address: int, length: int) -> bytes:
 def write(device_id: int, address: int, data: bytes) -> bytes:
     """Return the instruction that writes a range of the control table."""
     return instruction(device_id, WRITE, struct.pack("<H", address) + data)
+
+
+def sync_write(device_id: int, address: int, data: bytes) -> bytes:
+    """Return the instruction that writes a range and is not answered, so that another may follow at once."""
+    return instruction(BROADCAST_ID, SYNC_WRITE, struct.pack("<HHB", address, len(data), device_id) + data)
 
 
 def reboot(device_id: int) -> bytes:

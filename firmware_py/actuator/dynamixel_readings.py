@@ -6,14 +6,14 @@ import math
 from collections import deque
 
 from firmware_py.actuator import dynamixel_registers as table
-from firmware_py.actuator.dynamixel_upkeep import Request, read_request
+from firmware_py.actuator.dynamixel_upkeep import Kind, Request, read_request
 from firmware_py.actuator.half_duplex import Pace
 
 SLOW_EVERY_S = 0.25  # state and watchdog take turns
 
 
 class Readings:
-    """Telemetry once a command, the state and the watchdog in turn at a slower rate."""
+    """Telemetry once a command, with the goal or without one; the state and the watchdog in turn at a slower rate."""
 
     def __init__(self, device_id: int) -> None:
         """Take the id of the servo."""
@@ -34,6 +34,10 @@ class Readings:
         if self._slow[0].block is not table.STATE:
             self._slow.rotate()
 
+    def more_due(self) -> bool:
+        """Return whether there will be one to begin as soon as the reply to the command is there."""
+        return self._telemetry_due or self._pace.early_end_s - self._slow_s >= SLOW_EVERY_S
+
     def next_request(self, now_s: float) -> Request | None:
         """Return the reading to begin now."""
         early = self._pace.is_early(now_s)
@@ -46,7 +50,7 @@ class Readings:
 
     def note_sent(self, request: Request, now_s: float) -> None:
         """Note that a reading has begun."""
-        if request is self._telemetry:
+        if request is self._telemetry or request.kind is Kind.GOAL:  # which reads it, too
             self._telemetry_due = False
             self._telemetry_s = now_s
         elif request is self._slow[0]:

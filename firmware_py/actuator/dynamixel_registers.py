@@ -52,6 +52,7 @@ LIMITS = Block("position limits", 48, 8)
 STATE = Block("state", 64, 7)
 WATCHDOG = Block("bus watchdog", 98, 1)
 TELEMETRY = Block("telemetry", 126, 21)
+GOAL_AND_TELEMETRY = Block("goal position and telemetry", 116, 31)
 
 Image = Mapping[Block, bytes]
 
@@ -99,7 +100,7 @@ CURRENT = Register("current", TELEMETRY, 126, 2, signed=True)
 POSITION = Register("position", TELEMETRY, 132, 4, signed=True)
 VOLTAGE = Register("voltage", TELEMETRY, 144, 2)
 TEMPERATURE = Register("temperature", TELEMETRY, 146, 1, signed=True)
-GOAL_POSITION_ADDRESS = 116
+GOAL_POSITION = Register("goal position", GOAL_AND_TELEMETRY, 116, 4, signed=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +152,11 @@ class Telemetry:
 
 def _possible(counts: int, low: int, high: int) -> int | None:
     return counts if low <= counts <= high else None
+
+
+def telemetry_of(data: bytes) -> bytes:
+    """Return the telemetry block within the longer one that begins with the goal."""
+    return data[TELEMETRY.address - GOAL_AND_TELEMETRY.address :]
 
 
 def decode_telemetry(data: bytes) -> Telemetry:

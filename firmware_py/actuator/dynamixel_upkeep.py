@@ -110,6 +110,10 @@ class Upkeep:
         for block in blocks:
             self.image.pop(block, None)
 
+    def settled(self, *, torque_wanted: bool | None) -> bool:
+        """Whether there is nothing to read or to correct."""
+        return torque_wanted is not None and torque_wanted is self._settled_for
+
     def torque_on(self) -> bool:
         """Whether the torque is known to be on."""
         return table.TORQUE_ENABLE.value(self.image) == 1
@@ -122,7 +126,7 @@ class Upkeep:
 
     def next_request(self, now_s: float, *, torque_wanted: bool | None, in_use: bool) -> Request | None:
         """Return the next request, set `complete` and `stuck`; nothing is written while torque_wanted is None."""
-        if torque_wanted is not None and torque_wanted is self._settled_for:
+        if self.settled(torque_wanted=torque_wanted):
             return None
         self.complete = self.stuck = False
         for request in self._reads:

@@ -27,14 +27,14 @@ def reply_timeout_s(baud: int, exchange_bytes: int) -> float:
 class HalfDuplex(Generic[RequestT]):
     """Remembers which request waits for its reply, and for how long there has been none."""
 
-    __slots__ = ("_line", "_openings", "_reply_timeout_s", "_sent_s", "_unanswered", "_waiting_since_s", "outstanding")
+    __slots__ = ("_line", "_openings", "_reply_timeout_s", "_unanswered", "_waiting_since_s", "outstanding", "sent_s")
 
     def __init__(self, line: ByteLine, reply_timeout_s: float) -> None:
         """Take the line, and the time after which a reply is given up."""
         self._line = line
         self._reply_timeout_s = reply_timeout_s
         self._openings = line.openings
-        self._sent_s = 0.0
+        self.sent_s = 0.0  # the last question
         self._unanswered = 0
         self._waiting_since_s: float | None = None
         self.outstanding: RequestT | None = None
@@ -53,7 +53,7 @@ class HalfDuplex(Generic[RequestT]):
         if not self._line.write(frame):
             return False
         self.outstanding = request
-        self._sent_s = now_s
+        self.sent_s = now_s
         if self._waiting_since_s is None:
             self._waiting_since_s = now_s
         return True
@@ -67,7 +67,7 @@ class HalfDuplex(Generic[RequestT]):
     def take_expired(self, now_s: float) -> RequestT | None:
         """Return the request whose reply is given up now, once."""
         request = self.outstanding
-        if request is None or now_s - self._sent_s < self._reply_timeout_s:
+        if request is None or now_s - self.sent_s < self._reply_timeout_s:
             return None
         self.outstanding = None
         self._unanswered += 1
@@ -94,6 +94,11 @@ class Pace:
         """Begin without a command."""
         self._command_s = -math.inf
         self._period_s = 0.0
+
+    @property
+    def early_end_s(self) -> float:
+        """Until when a reading may begin."""
+        return self._command_s + EARLY_PART * self._period_s
 
     def note_command(self, now_s: float) -> None:
         """Note that a command has come."""

@@ -77,6 +77,9 @@ class Servo(Protocol[RequestT, ReplyT]):
     def next_request(self, now_s: float) -> RequestT | None:
         """Return what to send now, None when nothing is due; called while the bus is free."""
 
+    def hurries(self) -> bool:
+        """Return whether something waits for the bus, and so for the reply to what was asked."""
+
     def note_sent(self, request: RequestT, now_s: float) -> None:
         """Note that the line has taken a request."""
 
@@ -89,8 +92,8 @@ class Servo(Protocol[RequestT, ReplyT]):
     def answers(self, reply: ReplyT, request: RequestT) -> bool:
         """Return whether a reply can be that of the request: it may be late, or another device's."""
 
-    def take_answer(self, request: RequestT, reply: ReplyT, now_s: float) -> Answer:
-        """Take the reply to a request."""
+    def take_answer(self, request: RequestT, reply: ReplyT, asked_s: float) -> Answer:
+        """Take the reply to a request; what it says is of when it was asked."""
 
     def condition(self, *, answered: bool) -> tuple[DeviceState, str]:
         """The state of a servo that is not silent, and the text beside it.
@@ -121,6 +124,10 @@ class ServoDriver(Generic[RequestT, ReplyT]):
         """The descriptor whose bytes `receive` wants, or -1."""
         return self._line.fileno()
 
+    def hurries(self) -> bool:
+        """Say whether a reply must be taken when it comes, because something is to be sent then."""
+        return self._bus.outstanding is not None and self._servo.hurries()
+
     def command(self, command: RudderCommand, now_s: float) -> None:
         """Send the goal, at once when the bus is free; a goal that is not finite is refused and the last one kept."""
         if math.isfinite(command.shaft_rad):
@@ -129,12 +136,12 @@ class ServoDriver(Generic[RequestT, ReplyT]):
             self._rejected += 1
         self._servo.command(self._shaft_rad, now_s, torque_on=command.torque_on)
         if self._bus.outstanding is not None:  # its reply may be there, not yet read
-            self._read(now_s)
+            self._read()
         self._send(now_s)
 
     def receive(self, now_s: float) -> None:
         """Take what has arrived and send the next request, at most one a call."""
-        self._read(now_s)
+        self._read()
         self._send(now_s)
 
     def poll(self) -> Sequence[RudderFeedback]:
@@ -163,7 +170,7 @@ class ServoDriver(Generic[RequestT, ReplyT]):
             self._servo.restart()
             self._answered = False
 
-    def _read(self, now_s: float) -> None:
+    def _read(self) -> None:
         self._notice_reopening()
         data = self._line.read()
         for reply in self._servo.parser.feed(data) if data else ():
@@ -173,7 +180,7 @@ class ServoDriver(Generic[RequestT, ReplyT]):
                 continue
             self._bus.finish()
             self._answered = True
-            answer = self._servo.take_answer(request, reply, now_s)
+            answer = self._servo.take_answer(request, reply, self._bus.sent_s)
             self._accepted += answer.obeyed
             self._rejected += answer.impossible + (not answer.obeyed)
             if answer.feedback is not None:

@@ -95,7 +95,7 @@ class VolzServo:
         """Return whether the reply has the code that belongs to the request's."""
         return reply.code == frames.REPLY_OF[request.code]
 
-    def take_answer(self, _request: Request, reply: frames.Reply, now_s: float) -> Answer:
+    def take_answer(self, _request: Request, reply: frames.Reply, asked_s: float) -> Answer:
         """Keep a reading; the feedback goes with each angle, or with each reading while there are no angles."""
         shaft_rad = None
         if reply.code == frames.POSITION_REPLY:
@@ -107,11 +107,11 @@ class VolzServo:
         else:
             value = self._temperature_c = reply.temperature_c()
         complete = reply.code == frames.POSITION_REPLY or not self._torque_wanted
-        return Answer(impossible=value is None, feedback=self._feedback(shaft_rad, now_s) if complete else None)
+        return Answer(impossible=value is None, feedback=self._feedback(shaft_rad, asked_s) if complete else None)
 
-    def _feedback(self, shaft_rad: float | None, now_s: float) -> RudderFeedback:
+    def _feedback(self, shaft_rad: float | None, asked_s: float) -> RudderFeedback:
         return RudderFeedback(
-            t_s=now_s,
+            t_s=asked_s,
             shaft_rad=shaft_rad,
             temperature_c=self._temperature_c,
             voltage_v=self._voltage_v,
@@ -126,6 +126,10 @@ class VolzServo:
         if (self._reading_due and self._pace.is_early(now_s)) or self._pace.is_overdue(now_s - self._reading_s):
             return self._readings[0]
         return None
+
+    def hurries(self) -> bool:
+        """Return whether the position or a reading is due."""
+        return (self._position_due and self._torque_wanted) or self._reading_due
 
     def note_sent(self, request: Request, now_s: float) -> None:
         """Note that a request is on its way."""

@@ -134,6 +134,9 @@ class Rudder(Device, Protocol):
     def command(self, command: RudderCommand, now_s: float) -> None:
         """Send the command and ask for the state, in one bounded exchange."""
 
+    def hurries(self) -> bool:
+        """Whether its bytes must be taken as they come; else the next tick is soon enough."""
+
     def poll(self) -> Sequence[RudderFeedback]:
         """The feedback since the last poll, oldest first."""
 

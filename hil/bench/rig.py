@@ -58,6 +58,9 @@ class CountingCompass:
         return whole_sentence(f"HEHDT,{self._count / MILLIDEGREES:.3f},T")
 
 
+GOAL_PARAMETERS = 9  # address, length, id, four bytes
+
+
 class GoalWatch:
     """Notes when each goal position frame was complete."""
 
@@ -70,8 +73,9 @@ class GoalWatch:
     def take(self, heard_s: float, data: bytes) -> None:
         """Take what the servo hears; a frame counts only with a right CRC and a whole goal."""
         for packet in self._reader.feed(heard_s, data):
-            goal = packet.intact and packet.instruction == Instruction.WRITE and packet.parameters[:2] == self._address
-            if goal and len(packet.parameters) == 6:
+            sync_write = packet.intact and packet.instruction == Instruction.SYNC_WRITE
+            goal = sync_write and packet.parameters[:2] == self._address
+            if goal and len(packet.parameters) == GOAL_PARAMETERS:
                 self.times_s.append(heard_s)
 
 

@@ -192,7 +192,7 @@ def until_tick(waters: Waters, record: Record, going: Lanes) -> None:
 
 @compiled
 def send_rudder(at: Afloat, on: Lanes, now_s: Lanes, rudder_rad: Lanes) -> None:
-    """Send the shafts to rudder commands; when that is acknowledged, a servo tells its angle, before the next tick."""
+    """Send the shafts to rudder commands; asked in the same breath, a servo tells where it is then."""
     shaft = rows(at.shaft, on)
     told.send_shaft(shaft, now_s, rudder_rad)
-    rows(at.clock, on)[FEEDBACK_RAD] = told.counted_angle(shaft, now_s + told.ACKNOWLEDGED_S)
+    rows(at.clock, on)[FEEDBACK_RAD] = told.counted_angle(shaft, now_s)

@@ -23,7 +23,6 @@ from hil.ship.servo import DEFAULT_SLEW_RAD_S, DEFAULT_STOP_RAD
 
 RADIANS_PER_COUNT, COUNTS_PER_RADIAN = TWO_PI / 4096, 4096 / math.tau
 CENTRE_COUNTS, LARGEST_COUNTS = 2048.0, 4095.0
-ACKNOWLEDGED_S = 11 * 10 / 57600  # the servo's reply to a goal on the line; the driver sets its delay to nothing
 COMPASS_BAUD, RECEIVER_BAUD = 38400, 9600
 FILTER_SAMPLE_S = 0.1
 KILOMETRES_PER_HOUR = 3.6

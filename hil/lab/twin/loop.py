@@ -1,7 +1,7 @@
 """The closed loop of the delivered boat.
 
 Times are those of the harness in lockstep: a sentence is there when its last byte has been transferred, the servo takes
-a goal at the tick and is asked for its angle when it has acknowledged that, the ticks follow the compass.
+a goal at the tick and is asked for its angle with it, the ticks follow the compass.
 tests/process/test_twin.py holds the whole of it against the real autopilot on ptys, to the last bit.
 """
 

@@ -90,11 +90,12 @@ class FakeCompass:
 
 class FakeRudder:
     def __init__(self, boat_log):
-        self.log, self.commands, self.feedback = boat_log, [], []
+        self.log, self.commands, self.feedback, self.heard_s = boat_log, [], [], []
         self.stuck = False
+        self.descriptor, self.hurried = -1, 0  # by so many replies
 
     def fileno(self):
-        return -1
+        return self.descriptor
 
     def command(self, command, now_s):
         self.log.append(("command", now_s))
@@ -102,8 +103,12 @@ class FakeRudder:
         angle_rad = 0.3 if self.stuck else command.shaft_rad
         self.feedback.append(RudderFeedback(now_s + 0.002, angle_rad))
 
+    def hurries(self):
+        return self.hurried > 0
+
     def receive(self, now_s):
-        pass
+        self.heard_s.append(now_s)
+        self.hurried = max(0, self.hurried - 1)
 
     def poll(self):
         taken, self.feedback = self.feedback, []
@@ -169,6 +174,25 @@ class FakePosition:
 
     def health(self, now_s):
         return DeviceHealth(now_s, DeviceRole.POSITION, DeviceState.RUNNING, 0, 0)
+
+
+class FakePower:
+    """A battery monitor that says nothing."""
+
+    def __init__(self):
+        self.read_s = []
+
+    def fileno(self):
+        return 12
+
+    def receive(self, now_s):
+        self.read_s.append(now_s)
+
+    def poll(self):
+        return []
+
+    def health(self, now_s):
+        return DeviceHealth(now_s, DeviceRole.POWER, DeviceState.RUNNING, 0, 0)
 
 
 class FakeStore:
@@ -288,6 +312,30 @@ def test_samples_are_stamped_when_they_arrive(boat):
     boat.clock.plan = [(0.137, 10)]
     turn(boat, 0.3)
     assert ("receive", 0.137) in boat.link.log
+
+
+def test_a_reply_of_the_servo_wakes_her_only_when_more_is_to_be_sent(boat):
+    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    boat.rudder.descriptor = 11
+    boat.clock.plan = [(0.104, 11), (0.214, 11), (0.216, 11)]
+
+    def publish(_output, now_s):
+        boat.rudder.hurried = 1 if now_s == pytest.approx(0.2) else 0
+
+    boat.link.publish = publish
+    turn(boat, 0.35)
+    heard_s = [now_s for now_s in boat.rudder.heard_s if now_s < 0.35]
+    assert heard_s[:5] == pytest.approx([0.0, 0.1, 0.2, 0.2, 0.3], abs=1e-3)
+
+
+def test_a_battery_monitor_is_read_at_the_ticks(boat):
+    power = FakePower()
+    boat.power = (power,)
+    boat.__post_init__()
+    boat.clock.plan = [(0.137, power.fileno())]
+    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", 0)))
+    turn(boat, 0.35)
+    assert power.read_s == pytest.approx([0.0, 0.1, 0.2, 0.3])
 
 
 def test_the_link_is_served_in_the_slack_and_left_alone_before_a_deadline(boat):

@@ -92,10 +92,25 @@ class FakeDynamixel:
     def goal(self):
         return self.get(116, 4)
 
-    def handle(self, frame):
+    def handle(self, data):
+        """Obey one frame after the other, as they stand in one write."""
+        answers = b""
+        while data:
+            end = 7 + struct.unpack("<H", data[5:7])[0]
+            answers += self.handle_frame(data[:end])
+            data = data[end:]
+        return answers
+
+    def handle_frame(self, frame):
         assert frame[:4] == INSTRUCTION_HEADER, frame.hex()
         assert struct.unpack("<H", frame[-2:])[0] == crc_by_hand(frame[:-2], 0)
         assert struct.unpack("<H", frame[5:7])[0] == len(frame) - 7
+        if self.powered and frame[4] == 0xFE and frame[7] == 0x83:
+            address, length = struct.unpack("<HH", frame[8:12])
+            assert len(frame) == 12 + 1 + length + 2
+            if frame[12] == self.device_id:
+                self.store(address, frame[13:-2])
+            return b""
         if not self.powered or frame[4] != self.device_id:
             return b""
         error, answer = self.obey(frame[7], frame[8:-2])

@@ -27,7 +27,8 @@ def sail(fakes, line):
 
 
 def writes(line, address):
-    return [f for f in line.written if f[7] == frames.WRITE and int.from_bytes(f[8:10], "little") == address]
+    kinds = (frames.WRITE, frames.SYNC_WRITE)
+    return [f for f in line.written if f[7] in kinds and int.from_bytes(f[8:10], "little") == address]
 
 
 def test_steers_within_a_second_of_ticks(sail, servo, line):
@@ -103,9 +104,51 @@ def test_the_goal_is_the_first_frame_of_every_tick(fakes, line, servo, period_s)
         line.written.clear()
         sail.ticks(1)
         assert line.written[:1] == writes(line, 116)
-        assert len(line.written) <= 3
-    assert servo.reads.count(126) >= 199
+        assert len(line.written) <= 2
+    assert servo.reads.count(116) >= 199
     assert servo.reads.count(64) >= 200 * min(period_s, 0.5)  # the state: about twice a second, or every other tick
+
+
+def test_a_tick_is_one_write_and_one_answer_that_tells_whether_the_goal_was_taken(sail, line, servo):
+    sail.ticks(6)
+    sail.slack = 0
+    line.written.clear()
+    servo.reads.clear()
+    accepted = sail.health().accepted
+    sail.rudder.command(RudderCommand(0.2, True), sail.now_s)
+    assert servo.goal == 2048 + round(0.2 / COUNT_RAD)
+    assert (len(line.written), servo.reads) == (1, [116])
+    assert not sail.rudder.hurries()  # the answer may wait for the next tick
+    sail.rudder.receive(sail.now_s + 0.099)
+    (feedback,) = sail.rudder.poll()
+    assert feedback.t_s == sail.now_s  # when it was asked, not when it was read
+    assert feedback.shaft_rad == pytest.approx(0.2, abs=COUNT_RAD)
+    assert sail.health().accepted == accepted + 1
+
+
+def test_an_answer_is_waited_for_while_something_is_to_follow_it(sail, line, servo):
+    assert not sail.rudder.hurries()  # nothing has been asked
+    sail.rudder.command(RudderCommand(0.0, True), 0.0)
+    hurried = []
+    for tick in range(40):
+        sail.rudder.receive(sail.now_s)
+        sail.rudder.command(RudderCommand(0.0, True), sail.now_s)
+        while sail.rudder.hurries():  # as the loop does: woken by the answer
+            hurried.append(tick)
+            sail.now_s += 0.001
+            sail.rudder.receive(sail.now_s)
+        sail.now_s = 0.1 * (tick + 1)
+    assert hurried.count(0) > 8  # found and set up in the first tick
+    calm = [tick for tick in range(10, 40) if tick not in hurried]
+    assert len(calm) == pytest.approx(20, abs=1)  # state and watchdog are read in every third
+    servo.registers[64] = 0
+    sail.ticks(4)
+    assert servo.registers[64] == 1
+    line.written.clear()
+    servo.refuse[116] = 7
+    sail.rudder.command(RudderCommand(0.1, True), sail.now_s)
+    sail.rudder.receive(sail.now_s)
+    assert sail.rudder.hurries()  # why it was not taken is being read
 
 
 def test_half_duplex_never_two_frames_without_an_answer(fakes, servo):

@@ -60,6 +60,21 @@ def test_ping_of_the_protocol_page():
     assert frames.ping(1) == bytes.fromhex("FFFFFD00 01 0300 01 194E")
 
 
+def test_sync_write_of_the_protocol_page():
+    two_servos = bytes.fromhex("7400 0400 01 96000000 02 AA000000")
+    frame = frames.instruction(frames.BROADCAST_ID, frames.SYNC_WRITE, two_servos)
+    assert frame == bytes.fromhex("FFFFFD00 FE 1100 83") + two_servos + bytes.fromhex("8287")
+
+
+@given(IDS, st.integers(0, 661), st.binary(min_size=1, max_size=200))
+def test_sync_writes_of_the_sdk(device_id, address, data):
+    body = address.to_bytes(2, "little") + len(data).to_bytes(2, "little") + bytes((device_id,)) + data
+    assume(HEADER not in body)  # see sdk_frame
+    port = FakePort()
+    assert SDK.syncWriteTxOnly(port, address, len(data), [device_id, *data], 1 + len(data)) == COMM_SUCCESS
+    assert frames.sync_write(device_id, address, data) == port.written
+
+
 @given(IDS, st.integers(0, 65535), st.integers(0, 65535))
 def test_what_the_sdk_writes(device_id, address, length):
     port = FakePort()

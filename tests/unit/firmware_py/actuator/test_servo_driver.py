@@ -60,6 +60,9 @@ class PlainServo:
     def note_silence(self):
         self.silences += 1
 
+    def hurries(self):
+        return self.due is not None
+
     def answers(self, reply, request):
         return reply == request.frame
 
@@ -103,7 +106,7 @@ def test_a_command_goes_out_at_once_and_its_answer_becomes_feedback(line, driver
     assert line.written == [b"0.5"]
     assert driver.health(1.0).state is DeviceState.STARTING
     reply(line, driver, b"0.5", 1.01)
-    assert [(sample.t_s, sample.shaft_rad) for sample in driver.poll()] == [(1.01, 0.5)]
+    assert [(sample.t_s, sample.shaft_rad) for sample in driver.poll()] == [(1.0, 0.5)]
     assert driver.poll() == ()
     health = driver.health(1.02)
     assert (health.role, health.state, health.text) == (DeviceRole.RUDDER, DeviceState.RUNNING, "well")
@@ -120,6 +123,19 @@ def test_one_question_at_a_time_and_the_next_when_the_reply_is_given_up(line, dr
     reply(line, driver, b"0.1", 1.03)  # too late: it answers nothing now
     assert driver.poll() == ()
     assert driver.health(1.03).rejected == 1
+
+
+def test_a_reply_is_waited_for_only_when_something_waits_for_the_bus(line, driver, servo):
+    servo.due = Question(b"later")
+    assert not driver.hurries()  # nothing is awaited
+    servo.due = None
+    driver.command(RudderCommand(0.1, torque_on=True), 1.0)
+    assert not driver.hurries()
+    driver.command(RudderCommand(0.2, torque_on=True), 1.01)
+    assert driver.hurries()
+    reply(line, driver, b"0.1", 1.012)
+    assert line.written == [b"0.1", b"0.2"]
+    assert not driver.hurries()
 
 
 def test_a_goal_that_is_not_finite_is_refused_and_the_last_one_kept(line, driver, servo):

@@ -78,6 +78,17 @@ def test_a_bus_served_at_ticks_only_delays_no_position(fakes, servo, line):
     assert len(set(servo.requests)) == 4
 
 
+def test_the_reply_to_the_position_is_waited_for_and_that_to_the_reading_is_not(servo, fakes):
+    line = fakes.line()
+    rudder = volz_rudder(line, VolzOptions())
+    rudder.command(RudderCommand(0.1, True), 1.0)
+    assert rudder.hurries()
+    line.inbox += servo.handle(line.written[-1])
+    rudder.receive(1.002)
+    assert len(line.written) == 2
+    assert not rudder.hurries()
+
+
 def test_silence_and_return(sail, servo):
     sail.ticks(5)
     servo.powered = False

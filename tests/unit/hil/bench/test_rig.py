@@ -12,11 +12,15 @@ def frame(body, device_id=1):
     return head + crc16_8005(head).to_bytes(2, "little")
 
 
-GOAL = frame(bytes([0x03, 116, 0]) + (2048).to_bytes(4, "little"))
+def goal(address, data):
+    return frame(bytes([0x83, address, 0, len(data), 0, 1]) + data, device_id=0xFE)
+
+
+GOAL = goal(116, (2048).to_bytes(4, "little"))
 OTHERS = (
     frame(bytes([0x02, 116, 0, 4, 0])),  # reads the goal
-    frame(bytes([0x03, 112, 0]) + (100).to_bytes(4, "little")),  # writes another register
-    frame(bytes([0x03, 116, 0]) + b"\x00\x08"),  # half a goal
+    goal(112, (100).to_bytes(4, "little")),  # writes another register
+    goal(116, b"\x00\x08"),  # half a goal
     GOAL[:-1] + bytes([GOAL[-1] ^ 1]),  # damaged
 )
 
