@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from firmware_py.common.record_class import twin_of
+
 __all__ = ["replace"]
 
 if TYPE_CHECKING:
@@ -38,7 +40,7 @@ def _copier_of(kind: type) -> Callable[[Any, dict[str, Any]], Any]:
     names = [field.name for field in fields(kind)]
     known: dict[str, Any] = {
         "kind": kind,
-        "twin": type(f"{kind.__name__}Twin", (), {"__slots__": tuple(names)}),
+        "twin": twin_of(kind),
         "new": object.__new__,
         "puts": {name: getattr(kind, name).__set__ for name in names},
     }

@@ -19,10 +19,17 @@ def learn_interval_s(interval_s: float | None, step_s: float, shortest_s: float)
     None: none is known yet. The longest and not the mean, because several sentences of one burst are several samples.
     """
     before_s = shortest_s if interval_s is None else interval_s
-    return max(min(step_s, SLOWEST * shortest_s), (1.0 - FORGOTTEN) * before_s)
+    slowest_s, least_s = SLOWEST * shortest_s, (1.0 - FORGOTTEN) * before_s
+    counted_s = min(step_s, slowest_s)
+    return max(counted_s, least_s)
 
 
 def timeout_s(interval_s: float | None, shortest_s: float) -> float:
     """Return after what silence a source of this interval is lost, `shortest_s` at least and 5 times that at most."""
-    known_s = shortest_s if interval_s is None else min(interval_s, SLOWEST * shortest_s)
-    return max(shortest_s, MISSED * known_s)
+    if interval_s is None:
+        known_s = shortest_s
+    else:
+        slowest_s = SLOWEST * shortest_s
+        known_s = min(interval_s, slowest_s)
+    silent_s = MISSED * known_s
+    return max(shortest_s, silent_s)

@@ -15,12 +15,12 @@ stiffness: a wider one makes a boat swing that is later than her model.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Final
 
 from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_copy import replace
 from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control import reference_model
 from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState

@@ -4,32 +4,32 @@ from __future__ import annotations
 
 from firmware_py.common.mode_table import Mode
 from firmware_py.core.freshness import Age, Freshness
-from firmware_py.core.state import Settings, State, fence_enabled, heading_timeouts_of
+from firmware_py.core.state import Settings, State, fence_enabled
+from firmware_py.estimate.heading_estimator import HeadingTimeouts
 from firmware_py.estimate.sources import SourceSettings, SourceState
 from firmware_py.faults.row import FaultInput
 from firmware_py.guidance import guidance
 from firmware_py.safety import power_monitor
 
 
-def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: float) -> FaultInput:
+def fault_input(
+    settings: Settings, state: State, freshness: Freshness, timeouts: HeadingTimeouts, now_s: float
+) -> FaultInput:
     """Return what the conditions of the faults look at, after the state has taken the inputs of the tick in."""
     servo, position, devices = state.rudder.feedback, state.position, state.devices
     sources, rudder_monitor = state.heading_estimator.sources, state.supervisor.rudder_monitor
-    timeouts_s = heading_timeouts_of(settings, devices).compass_s
-    frozen, jumping = frozen_or_jumping(settings.heading_estimator.sources, sources, timeouts_s, now_s)
+    frozen, jumping = frozen_or_jumping(settings.heading_estimator.sources, sources, timeouts.compass_s, now_s)
+    a_s, b_s = devices.compass_s
+    a_timeout_s, b_timeout_s = timeouts.compass_s
     margin_m = guidance.fence_margin_m(state.guidance, state.plans, enabled=fence_enabled(settings, state))
     battery, limits = power_monitor.supply(state.power, now_s), settings.battery_limits
-
-    def age_s(t_s: float | None) -> float | None:
-        return None if t_s is None else now_s - t_s
-
+    skipped_s, restarted_s, station = state.timing.skipped_t_s, state.rudder.restarted_s, devices.link
     return FaultInput(
         faults=state.fault_latch.active,
-        late_age_s=age_s(state.timing.skipped_t_s),
+        late_age_s=None if skipped_s is None else now_s - skipped_s,
         heading_old=freshness.heading is Age.OLD,
-        compass_silent=any(
-            t_s is not None and now_s - t_s > timeout_s
-            for t_s, timeout_s in zip(devices.compass_s, timeouts_s, strict=True)
+        compass_silent=(
+            (a_s is not None and now_s - a_s > a_timeout_s) or (b_s is not None and now_s - b_s > b_timeout_s)
         ),
         compass_frozen=frozen,
         compass_jumping=jumping,
@@ -42,7 +42,7 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
         servo_error=servo is not None and servo.hardware_error != 0,
         servo_temperature_c=None if servo is None else servo.temperature_c,
         servo_hot_c=settings.supervisor.hot_c,
-        servo_restart_age_s=age_s(state.rudder.restarted_s),
+        servo_restart_age_s=None if restarted_s is None else now_s - restarted_s,
         rudder_astray=rudder_monitor.deviating,
         rudder_jammed=rudder_monitor.jammed,
         rudder_overloaded=rudder_monitor.overloaded,
@@ -64,8 +64,8 @@ def fault_input(settings: Settings, state: State, freshness: Freshness, now_s: f
         storage=None if devices.storage is None else devices.storage.state,
         clock=None if devices.clock is None else devices.clock.state,
         key=None if devices.key is None else devices.key.state,
-        station=None if devices.link is None else devices.link.state,
-        station_age_s=age_s(None if devices.link is None else devices.link.t_s),
+        station=None if station is None else station.state,
+        station_age_s=None if station is None else now_s - station.t_s,
         station_timeout_s=settings.supervisor.station_s,
         vessel_near=state.traffic.near,
     )

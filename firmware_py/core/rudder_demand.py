@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from firmware_py.common.mode_table import MODES, RudderBy
 from firmware_py.control import heading_controller
 from firmware_py.control.heading_controller import HeadingControllerInput, HeadingControllerState
@@ -11,22 +13,23 @@ from firmware_py.faults.table import Fault
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import live_bench, live_stick
 
+IDLE: Final = HeadingControllerState()
+
 
 def rudder_demand(
-    settings: Settings, state: State, target: SteeringTarget, now_s: float, step_s: float
+    settings: Settings, state: State, target: SteeringTarget, softness: float, now_s: float, step_s: float
 ) -> tuple[float, HeadingControllerState]:
     """Return the demand and the heading controller's state, the default while it does not steer."""
-    idle = HeadingControllerState()
     modes, command_rad = state.modes, state.rudder.command_rad
     limit_rad = settings.rudder.limits.limit_rad
     if (deflection := live_bench(modes, now_s)) is not None:
-        return deflection * limit_rad, idle
+        return deflection * limit_rad, IDLE
     rudder_by = MODES[modes.mode].rudder_by
     if not modes.armed or rudder_by is RudderBy.NOTHING:
-        return 0.0, idle
+        return 0.0, IDLE
     if rudder_by is RudderBy.STICK:
         stick = live_stick(modes, now_s, settings.guidance.stick_timeout_s)
-        return (0.0 if stick is None else stick * limit_rad), idle
+        return (0.0 if stick is None else stick * limit_rad), IDLE
     if target.error_rad is not None:
         given = HeadingControllerInput(
             error_rad=target.error_rad,
@@ -34,10 +37,10 @@ def rudder_demand(
             estimate=heading_estimate(settings.heading_estimator, state.heading_estimator),
             command_rad=command_rad,
             step_s=step_s,
-            softness=state.supervisor.oscillation.softness,
+            softness=softness,
         )
         controller, demand_rad = heading_controller.update(settings.controller, state.controller, given)
         return demand_rad, controller
     lost_s = state.fault_latch.since_s[Fault.COMPASS_LOST]
     held = lost_s is None or now_s - lost_s <= settings.rudder.hold_s
-    return (command_rad if held else 0.0), idle
+    return (command_rad if held else 0.0), IDLE

@@ -130,11 +130,10 @@ def heading_timeouts_of(settings: Settings, devices: DeviceReports) -> HeadingTi
     )
 
 
-def freshness_of(settings: Settings, state: State, now_s: float) -> Freshness:
+def freshness_of(settings: Settings, state: State, timeouts: HeadingTimeouts, now_s: float) -> Freshness:
     """Judge how old heading, position and the servo's feedback are at now_s."""
-    devices, started_s = state.devices, state.timing.started_s
-    timeouts = heading_timeouts_of(settings, devices)
-    rudder_timeout_s = timeout_s(devices.rudder_interval_s, settings.freshness.rudder_timeout_s)
+    started_s = state.timing.started_s
+    rudder_timeout_s = timeout_s(state.devices.rudder_interval_s, settings.freshness.rudder_timeout_s)
     heading, fix = state.heading_estimator, state.position.fix
     heading_timeout_s = timeouts.of(heading.sources.in_use)
     return Freshness(
@@ -164,7 +163,8 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
 def situation_at(state: State, now_s: float) -> Situation:
     """Return what a decision between two ticks may depend on."""
     settings = settings_of(parameters_in_force(state))
-    return situation_of(settings, state, freshness_of(settings, state, now_s))
+    timeouts = heading_timeouts_of(settings, state.devices)
+    return situation_of(settings, state, freshness_of(settings, state, timeouts, now_s))
 
 
 def first_item(state: State) -> int:

@@ -26,6 +26,7 @@ from firmware_py.core.state import (
     State,
     first_item,
     freshness_of,
+    heading_timeouts_of,
     parameters_in_force,
     settings_of,
     situation_of,
@@ -40,6 +41,7 @@ from firmware_py.modes import Situation, live_bench
 from firmware_py.safety import energy_meter, power_monitor, rudder_monitor, supervisor, torque_release
 from firmware_py.safety.oscillation import OscillationInput
 from firmware_py.safety.steering_monitor import SteeringInput
+from firmware_py.safety.supervisor import SupervisorState
 
 
 def step(state: State, inputs: Inputs) -> tuple[State, Output]:
@@ -53,28 +55,30 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     state = _monitor_rudder(settings, state, rudder, step_s)
     if inputs.power:
         state = replace(state, power=power_monitor.update(state.power, inputs.power))
-    freshness = freshness_of(settings, state, now_s)
+    timeouts = heading_timeouts_of(settings, state.devices)
+    freshness = freshness_of(settings, state, timeouts, now_s)
     state, vessel_events = watch_vessels(settings, state, inputs, freshness)
 
-    conditions = latch.judge_conditions(fault_input(settings, state, freshness, now_s))
+    conditions = latch.judge_conditions(fault_input(settings, state, freshness, timeouts, now_s))
     faults, fault_events = latch.update(state.fault_latch, conditions, now_s)
-    state = replace(state, fault_latch=faults)
+    if faults is not state.fault_latch:
+        state = replace(state, fault_latch=faults)
     situation = situation_of(settings, state, freshness)
 
     supervised, modes, failsafe_events = supervisor.apply_failsafe(
         settings.supervisor, state.supervisor, state.modes, faults.active, situation, overruled=overruled
     )
     modes = update_goal(settings.guidance, modes, situation, now_s, step_s)
-    state = replace(state, supervisor=supervised, modes=modes)
+    if supervised is not state.supervisor or modes is not state.modes:
+        state = replace(state, supervisor=supervised, modes=modes)
 
     state = _guide(settings, state, situation, inputs)
     mission_events = guidance.mission_events(before.guidance.mission, state.guidance.mission, first_item(state))
     target = steering_target(modes, state.guidance.status, situation)
     state, target, aside_events = avoid_vessels(settings, state, target, situation, now_s)
-    state = _monitor_steering(settings, state, rudder, target, situation, now_s)
-    state = _monitor_oscillation(settings, state, target, now_s)
+    supervised = _judge_steering(settings, state, rudder, target, situation)
 
-    state, command = _steer(settings, state, situation, rudder, target, step_s)
+    state, command = _steer(settings, state, supervised, situation, rudder, target, step_s)
     guidance_events = (*mission_events, *guidance.fence_events(before.guidance, state.guidance))
     vessel_events = (*vessel_events, *aside_events)
     events = (
@@ -128,46 +132,45 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
         fix.utc_s if fix else None,
     )
     output = guidance.update(settings.guidance, state.guidance, guidance_input)
+    if output.state is state.guidance and output.home is None:
+        return state
     return replace(state, guidance=output.state, home=output.home or state.home)
 
 
-def _monitor_steering(
-    settings: Settings, state: State, rudder: RudderStatus, target: SteeringTarget, situation: Situation, now_s: float
-) -> State:
-    """Judge whether the boat answers the rudder; disarmed nobody steers, and a silent servo may stand anywhere."""
-    judged = state.modes.armed and situation.rudder_ok
-    waves, sources = state.heading_estimator.wave_filter, state.heading_estimator.sources
-    given = SteeringInput(
+def _judge_steering(
+    settings: Settings, state: State, rudder: RudderStatus, target: SteeringTarget, situation: Situation
+) -> SupervisorState:
+    """Judge whether the boat answers the rudder, and whether she swings by herself.
+
+    Disarmed nobody steers, and a silent servo may stand anywhere. She may swing in a mode in which the helm steers her.
+    """
+    armed, x, estimator = state.modes.armed, state.heading_estimator.wave_filter.x, state.heading_estimator
+    heading_sd_rad = estimator.wave_filter.spread(kalman.HEADING)
+    shown = SteeringInput(
         rudder_rad=rudder.angle_rad,
-        heading_rad=situation.heading_rad if judged else None,
-        heading_sd_rad=waves.spread(kalman.HEADING),
-        speed_m_s=waves.x[kalman.SPEED] if waves.x else settings.supervisor.steering_monitor.model.speed_m_s,
+        heading_rad=situation.heading_rad if armed and situation.rudder_ok else None,
+        heading_sd_rad=heading_sd_rad,
+        speed_m_s=x[kalman.SPEED] if x else settings.supervisor.steering_monitor.model.speed_m_s,
         error_rad=target.error_rad,
-        shown_rad=sources.shown_rad,
+        shown_rad=estimator.sources.shown_rad,
     )
-    monitored = supervisor.update_steering(settings.supervisor, state.supervisor, given, now_s)
-    return state if monitored is state.supervisor else replace(state, supervisor=monitored)
-
-
-def _monitor_oscillation(settings: Settings, state: State, target: SteeringTarget, now_s: float) -> State:
-    """Judge whether she swings by herself, in a mode in which the helm steers her."""
-    steered = state.modes.armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
-    waves = state.heading_estimator.wave_filter
-    given = OscillationInput(
-        error_rad=target.error_rad if steered and waves.x else None,
+    steered = armed and MODES[state.modes.mode].rudder_by is not RudderBy.STICK
+    swinging = OscillationInput(
+        error_rad=target.error_rad if steered and x else None,
         goal_rad=target.heading_rad,
-        heading_sd_rad=waves.spread(kalman.HEADING),
+        heading_sd_rad=heading_sd_rad,
         rudder_rad=state.rudder.command_rad,
-        trim_rad=waves.x[kalman.BIAS] if waves.x else 0.0,
-        speed_m_s=waves.x[kalman.SPEED] if waves.x else 0.0,
-        wave_period_s=2.0 * math.pi / waves.noise_model.omega_rad_s,
+        trim_rad=x[kalman.BIAS] if x else 0.0,
+        speed_m_s=x[kalman.SPEED] if x else 0.0,
+        wave_period_s=2.0 * math.pi / estimator.wave_filter.noise_model.omega_rad_s,
     )
-    return replace(state, supervisor=supervisor.update_oscillation(settings.supervisor, state.supervisor, given, now_s))
+    return supervisor.judge_steering(settings.supervisor, state.supervisor, shown, swinging, rudder.t_s)
 
 
 def _steer(
     settings: Settings,
     state: State,
+    supervised: SupervisorState,
     situation: Situation,
     rudder: RudderStatus,
     target: SteeringTarget,
@@ -175,9 +178,10 @@ def _steer(
 ) -> tuple[State, RudderCommand]:
     """Turn what guidance asks for into what the servo is told; the supervisor has the last word."""
     now_s = rudder.t_s
-    demand_rad, controller = rudder_demand(settings, state, target, now_s, step_s)
+    softness = supervised.oscillation.softness
+    demand_rad, controller = rudder_demand(settings, state, target, softness, now_s, step_s)
     supervised, demand_rad = supervisor.limit_without_heading(
-        state.supervisor,
+        supervised,
         demand_rad,
         rudder.command_rad,
         state.modes,

@@ -126,12 +126,13 @@ def update(
     deaf = state.deaf
     if deaf is not None:
         deaf = wave_filter.update(settings.wave_filter, deaf, (), velocities, rudder_rad)
-    state = HeadingEstimatorState(before, waves, source_state, state.declination, stretch, deaf)
     if settings.observer_only:
         of_first = [sample for sample in headings if sample.source == Source.COMPASS_A]
         observer_settings = replace(observer_settings, timeout_s=timeouts.compass_s[Source.COMPASS_A])
-        return replace(state, heading=observer.update(observer_settings, before, of_first, rudder_rad, now_s)), ()
+        heading = observer.update(observer_settings, before, of_first, rudder_rad, now_s)
+        return HeadingEstimatorState(heading, waves, source_state, state.declination, stretch, deaf), ()
     if not waves.x:
+        state = HeadingEstimatorState(before, waves, source_state, state.declination, stretch, deaf)
         return state, events + source_events
     heading_rad, yaw_rate_rad_s = wave_filter.predict_heading(settings.wave_filter, waves, now_s)
     # Fixes come rarely; whether they still come has been judged by their own timeout. A compass that comes back after
@@ -139,11 +140,14 @@ def update(
     sample_t_s = now_s if source_state.in_use is Source.COURSE else _later(before.sample_t_s, waves.sample_t_s)
     newest = headings[-1] if headings else before
     heading = HeadingState(now_s, heading_rad, yaw_rate_rad_s, sample_t_s, newest.roll_rad, newest.pitch_rad)
-    return replace(state, heading=heading), events + source_events
+    state = HeadingEstimatorState(heading, waves, source_state, state.declination, stretch, deaf)
+    return state, events + source_events
 
 
 def _later(one_s: float | None, other_s: float | None) -> float | None:
-    return max((t_s for t_s in (one_s, other_s) if t_s is not None), default=None)
+    if one_s is None or other_s is None:
+        return other_s if one_s is None else one_s
+    return max(one_s, other_s)
 
 
 def _with_declination(state: HeadingEstimatorState, positions: Sequence[PositionSample]) -> HeadingEstimatorState:
@@ -174,6 +178,8 @@ def _with_samples(
     found = standstill.contradicted(source_state, samples, deaf) if settings.sources.frozen_s > 0.0 else None
     if deaf is not None and found is not None:
         return replace(state, sources=found, wave_filter=deaf, deaf=None)
+    if source_state is state.sources and deaf is state.deaf:
+        return state
     return replace(state, sources=source_state, deaf=deaf)
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import add
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -146,28 +147,30 @@ def derivative(transition: Transition) -> Derivative:
     bias, speed, factor = turned.by_bias, turned.by_speed, turned.by_factor
     left, by_push = 1.0 - f00, 0.5 * share
     # The float follows the middle of the glider's way.
-    shares = np.array(
-        (
-            (1.0, reach, share * bias, 0.0, 0.0, share * speed, share * factor),
-            (0.0, by_rate, bias, 0.0, 0.0, speed, factor),
-            (left, left * half, left * by_push * bias, f00, f01, left * by_push * speed, left * by_push * factor),
-            (-f10, -f10 * half, -f10 * by_push * bias, f10, f11, -f10 * by_push * speed, -f10 * by_push * factor),
-        )
-    )
-    return Derivative(shares[:, :, None], np.array(transition.wave).reshape(2, 2, 1), transition.keep)
+    # fmt: off
+    shares = np.array((
+        1.0, reach, share * bias, 0.0, 0.0, share * speed, share * factor,
+        0.0, by_rate, bias, 0.0, 0.0, speed, factor,
+        left, left * half, left * by_push * bias, f00, f01, left * by_push * speed, left * by_push * factor,
+        -f10, -f10 * half, -f10 * by_push * bias, f10, f11, -f10 * by_push * speed, -f10 * by_push * factor,
+        *transition.wave,
+    ))
+    # fmt: on
+    return Derivative(shares[:28].reshape(4, 7, 1), shares[28:].reshape(2, 2, 1), transition.keep)
 
 
 def carry(columns: Floats, by: Derivative) -> Floats:
-    """Return F M: the columns of M (18 x n) carried on."""
-    after = columns.copy()
+    """Return F M: the columns of M (18 x n), which are overwritten, carried on."""
     turned = np.add.reduce(by.turning * columns.take(_DRIVING, 0), 1)
-    after[HEADING : RATE + 1] = turned[:2]
-    after[FLOAT : FLOAT_RATE + 1] = turned[2:]
-    after[BIAS] = by.keep * columns[BIAS] + (1.0 - by.keep) * columns[BIAS_MEAN]
-    motions = after[WAVE:].reshape(len(_MOTIONS), 2, -1)
+    columns[:BIAS] = turned[:2]
+    columns[FLOAT:NORTH] = turned[2:]
+    bias = columns[BIAS]
+    bias *= by.keep
+    bias += (1.0 - by.keep) * columns[BIAS_MEAN]
+    motions = columns[WAVE:].reshape(len(_MOTIONS), 2, -1)
     shares = by.motion * motions[:, None]
     np.add(shares[:, :, 0], shares[:, :, 1], motions)
-    return after
+    return columns
 
 
 def predict(
@@ -176,7 +179,7 @@ def predict(
     """Return F P F' + Q and F S; `noise` is what each state but the motions gains, `motions` what each of them does."""
     by = derivative(transition)
     once = carry(np.concatenate((covariance, slopes), axis=1), by)
-    after = carry(once[:, :STATES].T, by)
+    after = carry(once[:, :STATES].T.copy(), by)
     after = after + after.T
     after *= 0.5
     own = [gain for angle, _, rate in motions for gain in (angle, rate)]
@@ -217,5 +220,8 @@ def correct(
 ) -> tuple[Numbers, Floats]:
     """Take a scalar measurement in; `shown` is P H', and variance that of the innovation."""
     gain = shown / variance
-    after = covariance - np.multiply.outer(shown, shown) / variance
-    return tuple([value + moved for value, moved in zip(x, (gain * innovation).tolist(), strict=True)]), after
+    gain *= innovation
+    after = np.multiply.outer(shown, shown)
+    after /= variance
+    np.subtract(covariance, after, after)
+    return tuple(map(add, x, gain.tolist())), after

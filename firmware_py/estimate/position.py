@@ -7,11 +7,11 @@ it out for long enough, the position was wrong before, and it is believed.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_copy import replace
 from firmware_py.common.records import FixType, PositionSample
 
 FASTEST_M_S = 4.0  # over the ground, current and gusts of speed included

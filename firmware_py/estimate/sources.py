@@ -140,7 +140,9 @@ def needs_restart(state: SourceState, now_s: float, timeouts_s: tuple[float, flo
 
     An estimate that nothing has corrected for so long is worth less than it.
     """
-    return state.in_use is Source.NONE and any(
+    if state.in_use is not Source.NONE:
+        return False
+    return any(
         compass.t_s is not None
         and compass.speaks(now_s, timeout_s)
         and compass.t_s == compass.changed_s
@@ -172,14 +174,15 @@ def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad:
     if changed and state.sound_since_s is not None:
         shown_s = sample.t_s - state.changed_s
         longest_s = max(shown_s, longest_s * math.exp(-shown_s / LONGEST_MEMORY_S))
-    return replace(
-        state,
-        t_s=sample.t_s,
-        raw_rad=sample.raw_rad,
-        changed_s=sample.t_s if changed else state.changed_s,
-        near_s=near_s,
-        difference_rad=wrap_pi(state.difference_rad + part * wrap_pi(difference_rad - state.difference_rad)),
-        longest_s=longest_s,
+    return CompassState(
+        sample.t_s,
+        sample.raw_rad,
+        sample.t_s if changed else state.changed_s,
+        near_s,
+        state.sound_since_s,
+        wrap_pi(state.difference_rad + part * wrap_pi(difference_rad - state.difference_rad)),
+        state.offset_rad,
+        longest_s,
         contradicted=state.contradicted and not changed,
         steady_rad=None if expected_rad is None else steady_rad,
         agreed=agreed,
@@ -190,14 +193,16 @@ def add_sample(state: SourceState, sample: TrueHeadingSample, expected_rad: floa
     """Take a sample of either compass in."""
     a, b = state.compasses
     if sample.source == Source.COMPASS_B:
-        return replace(state, compasses=(a, update_compass(b, sample, expected_rad)))
-    return replace(state, compasses=(update_compass(a, sample, expected_rad), b))
+        return SourceState((a, update_compass(b, sample, expected_rad)), state.in_use)
+    return SourceState((update_compass(a, sample, expected_rad), b), state.in_use)
 
 
 def _judge(state: CompassState, now_s: float, settings: SourceSettings, timeout_s: float) -> CompassState:
     if not state.speaks(now_s, timeout_s):
         # It may come back with the same number, which has not stood meanwhile, unless it did before.
         raw_rad = state.raw_rad if state.stood(settings) else None
+        if state.sound_since_s is None and raw_rad is state.raw_rad and state.steady_rad is None:
+            return state
         return replace(state, sound_since_s=None, raw_rad=raw_rad, steady_rad=None)
     if state.frozen(now_s, settings, timeout_s):
         return replace(state, sound_since_s=None, steady_rad=None)
@@ -215,13 +220,12 @@ def select(
     course_ok: bool,
 ) -> tuple[SourceState, tuple[Event, ...]]:
     """Judge the compasses, each of which is silent after its time-out, and choose the source; a change is an event."""
-    a, b = (
-        _judge(compass, now_s, settings, timeout_s)
-        for compass, timeout_s in zip(state.compasses, timeouts_s, strict=True)
-    )
+    (before_a, before_b), (a_timeout_s, b_timeout_s) = state.compasses, timeouts_s
+    a = _judge(before_a, now_s, settings, a_timeout_s)
+    b = _judge(before_b, now_s, settings, b_timeout_s)
     in_use = _first_sound_source(state.in_use, (a, b), now_s, course_ok=course_ok)
     if in_use is state.in_use:
-        return SourceState((a, b), in_use), ()
+        return state if a is before_a and b is before_b else SourceState((a, b), in_use), ()
     if in_use in (Source.COMPASS_A, Source.COMPASS_B) and state.in_use is not Source.NONE:
         # It starts where the estimate is, and is drawn to its own heading slowly.
         entering = (a, b)[in_use]
@@ -262,7 +266,8 @@ def samples_in_use(state: SourceState, samples: Sequence[TrueHeadingSample]) -> 
 
 def decay_offsets(state: SourceState, step_s: float) -> SourceState:
     """Draw the offsets toward zero."""
-    if all(compass.offset_rad == 0.0 for compass in state.compasses):
+    a, b = state.compasses
+    if a.offset_rad == 0.0 and b.offset_rad == 0.0:
         return state
     a, b = (_decay(compass, SLEW_RAD_S * step_s) for compass in state.compasses)
     return replace(state, compasses=(a, b))

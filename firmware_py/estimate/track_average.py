@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_copy import replace
 from firmware_py.common.records import PositionSample
 
 STRETCH_S = 20.0  # in which the noise of two fixes comes to little, and a turn to no more than it must

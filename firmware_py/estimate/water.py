@@ -30,12 +30,14 @@ class WaterState:
 def report(state: WaterState, waves: WaveFilterState) -> Water:
     """Return the estimate for those who steer by it; before the first heading it is what was expected."""
     north_m_s, east_m_s, speed_m_s, leeway_rad = known(waves)
-    if waves.x:
+    x, model, course_lag_s = waves.x, waves.noise_model, FIRST_COURSE_LAG_S
+    if x:
         nn, ne = waves.covariance(kalman.NORTH, kalman.NORTH), waves.covariance(kalman.NORTH, kalman.EAST)
         ee = waves.covariance(kalman.EAST, kalman.EAST)
         half, differ = 0.5 * (nn + ee), 0.5 * (nn - ee)
         worst = half + math.sqrt(differ * differ + ne * ne)
         speed_sd_m_s, leeway_sd_rad = waves.spread(kalman.SPEED), waves.spread(kalman.LEEWAY)
+        course_lag_s = x[kalman.COURSE_LAG]
     else:
         worst, speed_sd_m_s = FIRST[kalman.NORTH] ** 2, FIRST[kalman.SPEED]
         leeway_sd_rad = FIRST[kalman.LEEWAY]
@@ -47,10 +49,10 @@ def report(state: WaterState, waves: WaveFilterState) -> Water:
         math.sqrt(max(worst, 0.0)),
         leeway_rad,
         leeway_sd_rad,
-        follow_rad_s=waves.noise_model.follow_rad_s,
-        course_lag_s=waves.x[kalman.COURSE_LAG] if waves.x else FIRST_COURSE_LAG_S,
-        orbit_m_s=waves.noise_model.orbit_m_s,
-        too_strong=state.too_strong,
+        model.follow_rad_s,
+        course_lag_s,
+        model.orbit_m_s,
+        state.too_strong,
     )
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -41,6 +41,7 @@ FIX_LIMIT: Final = 9.0
 SWING_PERIODS: Final = 4.0  # over so many the waves' own yaw has a mean of less than half its spread
 LEAST_TURN_RAD, TURN_SPREADS = radians(15.0), 0.6
 TURN_RATE_RAD_S, TURN_BIAS_RAD = radians(2.0), radians(20.0)  # uncertain beside a turn that was not expected
+_NO_STATES, _NO_SLOPE = np.zeros(kalman.STATES), np.zeros(2)
 _BIASES: Final = np.ix_((kalman.BIAS, kalman.BIAS_MEAN), (kalman.BIAS, kalman.BIAS_MEAN))
 
 
@@ -69,7 +70,7 @@ class _Workspace:
         model, x = self.noise_model, self.x
         omega_rad_s, follow_rad_s = model.omega_rad_s, model.follow_rad_s
         wave = kalman.response(omega_rad_s, kalman.DAMPING, step_s)
-        bias_variance = float(self.p[kalman.BIAS, kalman.BIAS])
+        bias_variance = self.p.item(kalman.BIAS, kalman.BIAS)
         turn = kalman.turn(x, self.rudder_rad, step_s, self.settings.model, bias_variance)
         follow = kalman.response(follow_rad_s, kalman.FLOAT_DAMPING, step_s)
         transition = kalman.Transition(turn, follow, wave, math.exp(-step_s / kalman.BIAS_MEMORY_S))
@@ -94,12 +95,13 @@ class _Workspace:
 
     def measure(self, parts: Sequence[tuple[int, float]], noise: float) -> Measured:
         """Return how a measurement shows the states; `parts` are the places of H that are not 0, and what is there."""
-        shown, slope, variance = np.zeros(kalman.STATES), np.zeros(2), 0.0
+        p, slopes, variance = self.p, self.slopes, 0.0
+        shown, slope = _NO_STATES, _NO_SLOPE
         for place, part in parts:
-            shown += self.p[place] if part == 1.0 else part * self.p[place]
-            slope += self.slopes[place] if part == 1.0 else part * self.slopes[place]
+            shown = shown + (p[place] if part == 1.0 else part * p[place])
+            slope = slope + (slopes[place] if part == 1.0 else part * slopes[place])
         for place, part in parts:
-            variance += part * float(shown[place])
+            variance += part * shown.item(place)
         return Measured(shown, slope, variance + noise)
 
     def learn_frequencies(self, measured: Measured, innovation: float, step_s: float) -> None:
@@ -111,10 +113,10 @@ class _Workspace:
 
     def learn_from_heading(self, innovation_rad: float, variance: float, step_s: float) -> None:
         """Learn strengths from the innovation of a heading that has been taken in."""
-        (angle, rate), squares = self.x[kalman.WAVE : kalman.WAVE + 2], self.p.diagonal()
+        angle, rate, p = self.x[kalman.WAVE], self.x[kalman.WAVE_RATE], self.p
         omega_rad_s = self.noise_model.omega_rad_s
-        rate_square = (rate * rate + float(squares[kalman.WAVE_RATE])) / (omega_rad_s * omega_rad_s)
-        swing_square = 0.5 * (angle * angle + float(squares[kalman.WAVE]) + rate_square)
+        rate_square = (rate * rate + p.item(kalman.WAVE_RATE, kalman.WAVE_RATE)) / (omega_rad_s * omega_rad_s)
+        swing_square = 0.5 * (angle * angle + p.item(kalman.WAVE, kalman.WAVE) + rate_square)
         self.noise_model = learning.learn_from_heading(self.noise_model, innovation_rad, variance, step_s, swing_square)
 
     def give_turn_back(self, slow_wave_rad: float, step_s: float) -> float:
@@ -178,7 +180,7 @@ def correct_heading(
     variance = measured.variance
     deviation_rad = math.sqrt(variance)
     if abs(innovation_rad) > max(GATE_SIGMAS * deviation_rad, GATE_RAD):
-        return replace(_finish(work, state), refusals=state.refusals + 1, innovation_rad=innovation_rad)
+        return _finish(work, state, refusals=state.refusals + 1, innovation_rad=innovation_rad)
     step_s, slow_wave_rad = 0.0 if state.sample_t_s is None else t_s - state.sample_t_s, state.slow_wave_rad
     limited_rad = innovation_rad / HEADING_LIMIT
     work.correct(measured, innovation_rad, max(variance, limited_rad * limited_rad))
@@ -186,8 +188,9 @@ def correct_heading(
         work.learn_frequencies(measured, innovation_rad, step_s)
         work.learn_from_heading(innovation_rad, variance, step_s)
         slow_wave_rad = work.give_turn_back(slow_wave_rad, step_s)
-    return replace(
-        _finish(work, state),
+    return _finish(
+        work,
+        state,
         sample_t_s=max(t_s, state.sample_t_s or t_s),
         refusals=0,
         innovation_rad=innovation_rad,
@@ -235,15 +238,16 @@ def correct_velocity(
         if mean is None:
             model = replace(model, coupling=learning.learn_coupling(model.coupling, swing_rad, moved_m_s, step_s))
         work.noise_model = model
-    return replace(_finish(work, state), fix_t_s=t_s, leg_rad=leg_rad)
+    return _finish(work, state, fix_t_s=t_s, leg_rad=leg_rad)
 
 
-def _finish(work: _Workspace, state: WaveFilterState) -> WaveFilterState:
-    """Return the state that the work has come to; numbers that are none start the filter anew."""
+def _finish(work: _Workspace, state: WaveFilterState, **told: Any) -> WaveFilterState:
+    """Return the state that the work has come to, with what it tells; numbers that are none start the filter anew."""
     x, p = work.x, work.p
-    sound = math.isfinite(sum(x)) and math.isfinite(p.sum()) and p.diagonal().min() > 0.0
+    sound = math.isfinite(sum(x)) and math.isfinite(np.add.reduce(p, None)) and min(p.diagonal().tolist()) > 0.0
     if not sound:
-        return WaveFilterState(rudder_rad=state.rudder_rad, expected_water=state.expected_water)
+        fresh = WaveFilterState(rudder_rad=state.rudder_rad, expected_water=state.expected_water)
+        return replace(fresh, **told)
     heading_rad = wrap_two_pi(x[kalman.HEADING])
     turns_rad = heading_rad - x[kalman.HEADING]
     x = (heading_rad, *x[1 : kalman.FLOAT], x[kalman.FLOAT] + turns_rad, *x[kalman.FLOAT + 1 :])
@@ -254,6 +258,7 @@ def _finish(work: _Workspace, state: WaveFilterState) -> WaveFilterState:
         p=p.tobytes(),
         slopes=work.slopes.tobytes(),
         noise_model=work.noise_model,
+        **told,
     )
 
 

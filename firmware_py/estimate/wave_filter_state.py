@@ -33,7 +33,9 @@ WHITE: Final = (
 FLOAT_WANDERS: Final = 0.64  # [rad^2/s^2]; of a quick float no more than of one of 0.8 rad/s
 TOGETHER: Final = 0.98  # correlation of the headings of float and glider at the start
 FIRST_COURSE_LAG_S: Final = 0.5
-_NUMBER: Final = struct.Struct("d")
+_number_at: Final = struct.Struct("d").unpack_from
+_NUMBER_BYTES: Final = 8
+_ROW_BYTES: Final = kalman.STATES * _NUMBER_BYTES
 
 
 class Velocity(NamedTuple):
@@ -93,11 +95,11 @@ class WaveFilterState:
 
     def spread(self, index: int) -> float:
         """Return the standard deviation of a state."""
-        return math.sqrt(self.covariance(index, index)) if self.p else 0.0
+        return math.sqrt(_number_at(self.p, (_ROW_BYTES + _NUMBER_BYTES) * index)[0]) if self.p else 0.0
 
     def covariance(self, row: int, column: int) -> float:
         """Return the covariance of two states of a filter that has started."""
-        number: float = _NUMBER.unpack_from(self.p, _NUMBER.size * (kalman.STATES * row + column))[0]
+        number: float = _number_at(self.p, _ROW_BYTES * row + _NUMBER_BYTES * column)[0]
         return number
 
 

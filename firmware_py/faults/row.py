@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
+from firmware_py.common.record_class import dataclass as record
 from firmware_py.common.records import DeviceState, Severity
 
 
@@ -25,7 +26,7 @@ class Action(Enum):
     STEP_ASIDE = "step aside while it comes, if AIS_ACT says so"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(frozen=True, slots=True)
 class FaultInput:
     """What the conditions of a tick look at; whoever adds a fault adds here what nobody looked at before.
 

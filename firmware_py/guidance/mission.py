@@ -5,11 +5,11 @@ A mission ends in keeping station, never in drifting.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_copy import replace
 from firmware_py.guidance.mission_commands import TABLE, MissionInput, has_arrived, station_task
 from firmware_py.guidance.mission_progress import MissionProgress, after_item
 from firmware_py.guidance.mission_step import MissionStep

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from firmware_py.common.geodesy import Place
 from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_copy import replace
 from firmware_py.common.reports import MissionState
 from firmware_py.guidance.mission_step import MissionStep
 from firmware_py.guidance.tasks import HoldStation, Task

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 from firmware_py.common.angles import wrap_pi, wrap_two_pi
 from firmware_py.common.mode_table import MODES, Mode
 from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_copy import replace
 from firmware_py.guidance.guidance import GuidanceSettings
 from firmware_py.guidance.task_follower import TaskStatus
 from firmware_py.modes import (

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 from firmware_py.common.angles import compass_degrees, radians, wrap_pi, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan
 from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.vessels import Vessel
 from firmware_py.guidance import fence

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from firmware_py.common.geodesy import Place
 from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_copy import replace
 from firmware_py.common.reports import Activity
 from firmware_py.guidance import line, orbit, station_keeping
 from firmware_py.guidance.line import LineState

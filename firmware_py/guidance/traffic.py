@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 from firmware_py.common.angles import compass_degrees, wrap_two_pi
 from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_copy import replace
 from firmware_py.common.records import DeviceHealth, DeviceRole, Event, Severity
 from firmware_py.common.vessels import Vessel, VesselPosition, VesselReport, merged
 from firmware_py.guidance.approach import Velocity, relative

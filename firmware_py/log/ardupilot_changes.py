@@ -46,9 +46,10 @@ def changes_bytes(before: Snapshot | None, boat: Snapshot) -> bytes:
     if heeded is not (before is not None and before.navigation.fence_enabled):
         parts.append(EVENT.pack(time_us, FENCE_ON if heeded else FENCE_OFF))
     changed = boat.faults ^ (0 if before is None else before.faults)
-    parts.extend(
-        ERROR.pack(time_us, _SUBSYSTEMS.get(fault, _MAIN), boat.faults >> fault & 1)
-        for fault in Fault
-        if changed >> fault & 1
-    )
+    if changed:
+        parts.extend(
+            ERROR.pack(time_us, _SUBSYSTEMS.get(fault, _MAIN), boat.faults >> fault & 1)
+            for fault in Fault
+            if changed >> fault & 1
+        )
     return b"".join(parts)

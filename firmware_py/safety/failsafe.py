@@ -10,10 +10,10 @@ after that wins: none of the faults that stand acts again before it has gone and
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 from firmware_py.common.mode_table import MODES, Mode, RudderBy, failsafe_ladder
 from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Severity
 from firmware_py.faults.table import TABLE, Fault
 

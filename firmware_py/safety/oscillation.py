@@ -108,16 +108,16 @@ def update(
     if error_rad is None or goal_rad is None or not math.isfinite(error_rad + goal_rad + given.rudder_rad):
         return replace(state, half=None, halves=0, oscillating=False)
     least_rad = max(LEAST_RAD, LEAST_SPREADS * given.heading_sd_rad)
-    half = state.half
-    jumped = half is not None and abs(wrap_pi(goal_rad - state.goal_rad)) > LEAST_RAD
-    state = replace(state, goal_rad=goal_rad)
+    half, goal_before_rad = state.half, state.goal_rad
     if half is None:
-        return replace(state, half=HalfSwing(now_s, 1 if error_rad >= 0.0 else -1, goal_rad, turned=True))
+        begun = HalfSwing(now_s, 1 if error_rad >= 0.0 else -1, goal_rad, turned=True)
+        return replace(state, goal_rad=goal_rad, half=begun)
     if error_rad * half.side > -RETURN_SHARE * least_rad:
         turned = half.turned or abs(wrap_pi(goal_rad - half.goal_rad)) > 0.5 * LEAST_RAD
         beside_rad = (given.rudder_rad - given.trim_rad) * half.side
         peak_rad, rudder_rad = max(half.peak_rad, error_rad * half.side), max(half.rudder_rad, beside_rad)
-        return replace(state, half=replace(half, peak_rad=peak_rad, rudder_rad=rudder_rad, turned=turned))
+        half = HalfSwing(half.begun_s, half.side, half.goal_rad, peak_rad, rudder_rad, turned)
+        return replace(state, goal_rad=goal_rad, half=half)
     lag_s = settings.model.at_speed(max(given.speed_m_s, 0.1 * settings.model.speed_m_s)).turning_lag_s
     shortest_s = max(SHORTEST_LAGS * lag_s, SHORTEST_WAVES * given.wave_period_s)
     length_s = now_s - half.begun_s
@@ -129,7 +129,8 @@ def update(
     )
     count = _count_of(half, given.heading_sd_rad) if counts else 0.0
     state = _counted(state, half.peak_rad, length_s, count, now_s)
-    return replace(state, half=HalfSwing(now_s, -half.side, goal_rad, turned=jumped))
+    jumped = abs(wrap_pi(goal_rad - goal_before_rad)) > LEAST_RAD
+    return replace(state, goal_rad=goal_rad, half=HalfSwing(now_s, -half.side, goal_rad, turned=jumped))
 
 
 def _count_of(half: HalfSwing, heading_sd_rad: float) -> float:

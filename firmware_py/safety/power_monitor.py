@@ -10,10 +10,10 @@ Energy is power times the time since the word before, and the time for which tha
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Final
 
 from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_copy import replace
 from firmware_py.common.records import PowerSample
 from firmware_py.common.reports import Flow, Power
 
@@ -53,8 +53,13 @@ class Supply:
         return self.voltage_v * self.current_a
 
 
+UNKNOWN: Final = Supply()
+
+
 def supply(state: PowerMonitorState, now_s: float) -> Supply:
     """Return what is known of the supply at now_s."""
+    if state.updated_s is None:
+        return UNKNOWN
     fresh = [one for one in state.samples if one is not None and now_s - one.t_s <= FRESH_S]
     chargers = [one for one in fresh if one.solar_w is not None]
     monitors = [one for one in fresh if one.solar_w is None]
@@ -101,7 +106,7 @@ def update(state: PowerMonitorState, samples: Sequence[PowerSample]) -> PowerMon
 
 def silent(state: PowerMonitorState, now_s: float) -> bool:
     """Whether one who was heard says nothing any more."""
-    return any(one is not None and now_s - one.t_s > FRESH_S for one in state.samples)
+    return state.updated_s is not None and any(one is not None and now_s - one.t_s > FRESH_S for one in state.samples)
 
 
 def report(state: PowerMonitorState, now_s: float) -> Power | None:

@@ -106,16 +106,29 @@ def _judge_motion(state: RudderMonitorState, rudder: RudderStatus, *, engaged: b
     motion_rad, motion_s = state.motion_rad, state.motion_s
     if motion_rad is None or side != state.side or abs(angle_rad - motion_rad) >= MOVED_RAD:
         motion_rad, motion_s = angle_rad, t_s
-    state = replace(state, motion_rad=motion_rad, motion_s=motion_s, measured_rad=angle_rad)
-    progress_rad = state.progress_rad
+    progress_rad, progress_s, deviating = state.progress_rad, state.progress_s, False
     moved_rad = 0.0 if progress_rad is None else angle_rad - progress_rad
     if progress_rad is None or side == 0 or side != state.side or side * moved_rad >= MOVED_RAD:
-        return replace(state, progress_rad=angle_rad, progress_s=t_s, side=side, deviating=False, jammed_rad=jammed_rad)
-    overdue = t_s - state.progress_s >= RESPONSE_S
-    still = t_s - motion_s >= RESPONSE_S
-    if overdue and still and jammed_rad is None:
-        jammed_rad = angle_rad
-    return replace(state, deviating=overdue and not still, jammed_rad=jammed_rad)
+        progress_rad, progress_s = angle_rad, t_s
+    else:
+        overdue = t_s - progress_s >= RESPONSE_S
+        still = t_s - motion_s >= RESPONSE_S
+        if overdue and still and jammed_rad is None:
+            jammed_rad = angle_rad
+        deviating = overdue and not still
+    return RudderMonitorState(
+        progress_rad,
+        progress_s,
+        motion_rad,
+        motion_s,
+        side,
+        angle_rad,
+        deviating,
+        jammed_rad,
+        state.high_current_s,
+        state.overloaded,
+        state.relieved_s,
+    )
 
 
 def release_command(state: RudderMonitorState, command_rad: float, now_s: float) -> float:

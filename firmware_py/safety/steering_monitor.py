@@ -153,7 +153,7 @@ def update(
     rudder_rad_s = block.rudder_rad_s + given.rudder_rad * (now_s - block.t_s)
     step_s = now_s - block.begun_s
     if step_s < BLOCK_S:
-        return replace(state, block=replace(block, t_s=now_s, rudder_rad_s=rudder_rad_s))
+        return replace(state, block=Block(block.begun_s, block.heading_rad, now_s, rudder_rad_s, block.shown_rad))
     turned_rad = wrap_pi(given.heading_rad - block.heading_rad)
     state = compare(settings.model, state, given, rudder_rad_s / step_s, turned_rad, step_s)
     return replace(state, block=Block(now_s, given.heading_rad, now_s, shown_rad=given.shown_rad))

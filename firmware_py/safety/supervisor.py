@@ -93,19 +93,19 @@ def update(
     return state if monitor is state.rudder_monitor else replace(state, rudder_monitor=monitor)
 
 
-def update_steering(
-    settings: SupervisorSettings, state: SupervisorState, given: SteeringInput, now_s: float
+def judge_steering(
+    settings: SupervisorSettings,
+    state: SupervisorState,
+    shown: SteeringInput,
+    swinging: OscillationInput,
+    now_s: float,
 ) -> SupervisorState:
-    """Judge whether the boat answers the rudder."""
-    monitor = steering_monitor.update(settings.steering_monitor, state.steering_monitor, given, now_s)
-    return state if monitor is state.steering_monitor else replace(state, steering_monitor=monitor)
-
-
-def update_oscillation(
-    settings: SupervisorSettings, state: SupervisorState, given: OscillationInput, now_s: float
-) -> SupervisorState:
-    """Judge whether heading and rudder swing by themselves, and how soft the helm is to be."""
-    return replace(state, oscillation=oscillation.update(settings.oscillation, state.oscillation, given, now_s))
+    """Judge whether the boat answers the rudder, whether she swings by herself, and how soft the helm is to be."""
+    return replace(
+        state,
+        steering_monitor=steering_monitor.update(settings.steering_monitor, state.steering_monitor, shown, now_s),
+        oscillation=oscillation.update(settings.oscillation, state.oscillation, swinging, now_s),
+    )
 
 
 def apply_failsafe(

@@ -7,12 +7,12 @@ it is not released again for a while. A servo that cannot be released says so an
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Final
 
 from firmware_py.common.angles import radians
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.record_class import dataclass
+from firmware_py.common.record_copy import replace
 from firmware_py.common.records import RudderStatus
 
 STEADY_RAD: Final = radians(0.05)

@@ -9,7 +9,7 @@ from firmware_py.common.records import FixType, PositionSample, RudderFeedback
 from firmware_py.core.device_reports import DeviceReports
 from firmware_py.core.freshness import Age, Freshness, age_of
 from firmware_py.core.rudder import RudderState
-from firmware_py.core.state import State, freshness_of, settings_of
+from firmware_py.core.state import State, freshness_of, heading_timeouts_of, settings_of
 from firmware_py.core.tick_timing import TickTiming
 from firmware_py.estimate.position import PositionState
 
@@ -34,7 +34,8 @@ def test_each_kind_has_its_own_timeout():
         ParameterSet().replaced("CMP_TIMEOUT_S", 2.0).replaced("POS_TIMEOUT_S", 9.0).replaced("RUD_TIMEOUT_S", 4.0)
     )
     settings = settings_of(state.parameters)
-    assert freshness_of(settings, state, 100.0) == Freshness(Age.AWAITED, Age.AWAITED, Age.AWAITED)
+    timeouts = heading_timeouts_of(settings, state.devices)
+    assert freshness_of(settings, state, timeouts, 100.0) == Freshness(Age.AWAITED, Age.AWAITED, Age.AWAITED)
     state = replace(
         state,
         timing=TickTiming(started_s=0.0),
@@ -42,7 +43,8 @@ def test_each_kind_has_its_own_timeout():
         position=PositionState(fix=PositionSample(5.0, FixType.FIX_3D, 0.5, 0.5)),
         rudder=RudderState(feedback=RudderFeedback(5.0)),
     )
-    assert freshness_of(settings, state, 1.0).heading is Age.AWAITED
-    assert freshness_of(settings, state, 9.0) == Freshness(Age.OLD, Age.FRESH, Age.FRESH)
-    assert freshness_of(settings, state, 10.0) == Freshness(Age.OLD, Age.FRESH, Age.OLD)
-    assert freshness_of(settings, state, 15.0) == Freshness(Age.OLD, Age.OLD, Age.OLD)
+    timeouts = heading_timeouts_of(settings, state.devices)
+    assert freshness_of(settings, state, timeouts, 1.0).heading is Age.AWAITED
+    assert freshness_of(settings, state, timeouts, 9.0) == Freshness(Age.OLD, Age.FRESH, Age.FRESH)
+    assert freshness_of(settings, state, timeouts, 10.0) == Freshness(Age.OLD, Age.FRESH, Age.OLD)
+    assert freshness_of(settings, state, timeouts, 15.0) == Freshness(Age.OLD, Age.OLD, Age.OLD)

@@ -127,7 +127,10 @@ def test_the_sums_have_one_order_on_every_machine():
     """A library may add in any order: what is carried must be the plain sum from left to right, to the last bit."""
     p = covariance(5)
     transition = transition_of(X, 0.2, 0.1)
-    after, f = kalman.carry(p, kalman.derivative(transition)), kalman.carry(np.eye(N), kalman.derivative(transition))
+    after, f = (
+        kalman.carry(p.copy(), kalman.derivative(transition)),
+        kalman.carry(np.eye(N), kalman.derivative(transition)),
+    )
     driving = (0, 1, 2, 3, 4, 7, 8)
     for row in (0, 1, 3, 4):
         for column in range(N):
