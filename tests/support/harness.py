@@ -68,9 +68,20 @@ def replays(out):
 
 
 class Hil:
-    """`rambler-hil run` with links of its own; `ports` are theirs, in the order of the kinds."""
+    """`rambler-hil run` with links of its own; `ports` are theirs, in the order of the kinds; `links` are others."""
 
-    def __init__(self, directory, kinds, *, scenario="calm", goal="0:-10", speed="real", seconds=SECONDS, nimble=True):
+    def __init__(
+        self,
+        directory,
+        kinds,
+        *,
+        links=(),
+        scenario="calm",
+        goal="0:-10",
+        speed="real",
+        seconds=SECONDS,
+        nimble=True,
+    ):
         self.out = directory / "run"
         self.ports = unused_ports(kinds)
         self.firmware_log = self.out / "firmware.log"
@@ -79,7 +90,7 @@ class Hil:
         if nimble:
             (directory / "boat.toml").write_text(NIMBLE_BOAT)
             words += ["--vehicle", str(directory / "boat.toml")]
-        command = [sys.executable, "-m", "hil", *words, "--link", *urls]
+        command = [sys.executable, "-m", "hil", *words, "--link", *urls, *links]
         self.program = Program("hil", command, directory, env=without_pictures())
 
     def wait_under_way(self):
