@@ -1,13 +1,18 @@
 """Missions on the real autopilot through ptys: sailed to the end, and gone on with after a kill in the middle."""
 
+from itertools import groupby
+
 import numpy as np
 import pytest
 
-from firmware_py.system.store import Store
+from firmware_py.cli.export.messages import messages
+from firmware_py.common.plan import PlanKind
+from firmware_py.log.ardupilot_changes import FENCE_OFF, FENCE_ON
+from firmware_py.log.disk import log_files
 from hil.ship import scenarios
 from hil.sim.truth import read
 from support.harness import rambler_hil, replays
-from support.plans import item, mission_file
+from support.plans import FENCED, item, mission_file, save_plans
 
 AUTO = 10
 
@@ -42,7 +47,7 @@ EVERY_KIND = [
     item(16, 200, 0),
     item(178, None, None, 0, 0.5),
     item(16, 200, 150, 60),
-    item(115, None, None, 180, 0, 0, 0),
+    item(115, None, None, 90, 0, 1, 1),
     item(93, None, None, 120),
     item(213, None, None, 90, 0, 1),
     item(18, 100, 250, 2, 0, 50),
@@ -50,6 +55,12 @@ EVERY_KIND = [
     item(179, 20, 20, 0),
     item(16, 0, 60),
     item(177, None, None, 9, 1),
+    item(600, None, None, 7),
+    item(207, None, None, 0),
+    item(114, None, None, 50),
+    item(16, 0, -20),
+    item(112, None, None, 20),
+    item(601, None, None, 7, 1),
     item(20),
     item(17, 0, 0),
 ]
@@ -57,17 +68,24 @@ EVERY_KIND = [
 
 @pytest.mark.proof
 def test_a_mission_with_every_kind_of_item_is_sailed_to_its_end(tmp_path):
-    store = Store(tmp_path / "memory")
-    name, content = mission_file(*EVERY_KIND)
-    store.save(name, content.encode())
-    store.close()
-    words = ["run", "mission", "--mode", "auto", "--state", tmp_path / "memory", "--set", "LOIT_RADIUS=60"]
+    plans = {PlanKind.MISSION: EVERY_KIND, PlanKind.FENCE: FENCED[:4]}
+    words = ["run", "mission", "--mode", "auto", "--state", save_plans(tmp_path / "memory", plans)]
+    words += ["--set", "LOIT_RADIUS=60", "FENCE_ENABLE=1"]
     code, _, errors = rambler_hil(*words, "--seconds", "4000", "--speed", "max", "--out", tmp_path / "out")
     assert (code, errors) == (0, "")
     said = (tmp_path / "out" / "firmware.log").read_text()
-    for number in (1, 3, 4, 5, 6, 7, 8, 10, 12, 13):
+    for number in (1, 3, 4, 5, 6, 7, 8, 10, 14, 15, 16, 18, 19):
         assert f"Mission: item {number}\n" in said
+    assert said.count("Mission: item 16\n") == 2
+    assert fence_events(tmp_path / "out") == [FENCE_ON, FENCE_OFF]
     truth = read(tmp_path / "out" / "truth.csv")
     last = truth.time_s > truth.time_s[-1] - 600.0
     assert np.mean(np.hypot(truth.north_m[last], truth.east_m[last]) < 65.0) > 0.95
     assert replays(tmp_path / "out")
+
+
+def fence_events(out):
+    """What the log says of the fence, in order: that it is heeded from now on, and that it is not."""
+    logs = [path for _, path in sorted(log_files(out / "state" / "logs").items())]
+    found = [row.values["Id"] for path in logs for row in messages(path.read_bytes(), {"EV"})]
+    return [event for event, _ in groupby(found) if event in {FENCE_ON, FENCE_OFF}]
