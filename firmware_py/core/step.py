@@ -160,7 +160,8 @@ def _judge_steering(
         goal_rad=target.heading_rad,
         heading_sd_rad=heading_sd_rad,
         rudder_rad=state.rudder.command_rad,
-        trim_rad=x[kalman.BIAS] if x else 0.0,
+        trim_rad=x[kalman.BIAS_MEAN] if x else 0.0,
+        push_rad=x[kalman.BIAS] - x[kalman.BIAS_MEAN] if x else 0.0,
         speed_m_s=x[kalman.SPEED] if x else 0.0,
         wave_period_s=2.0 * math.pi / estimator.wave_filter.noise_model.omega_rad_s,
     )

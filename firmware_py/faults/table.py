@@ -252,7 +252,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         recovery="Signing key is no longer lost",
     ),
     Fault.HELM_OSCILLATES: FaultRow(
-        condition="heading and rudder swing to and fro by themselves: one whole swing that is plain, or several",
+        condition="heading and rudder swing to and fro by themselves: one swing that is plain, or several",
         stands=lambda tick: tick.oscillating,
         severity=Severity.WARNING,
         action=Action.SOFTER_HELM,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.lab.lanes import COUNT
-from hil.lab.twin import helm, oscillation, sources
+from hil.lab.twin import helm, late_answer, oscillation, sources
 from hil.lab.twin.kalman import Floats
 
 # Rows of Pilots.own, where NaN is what there is not yet.
@@ -46,7 +46,7 @@ PILOTS = np.dtype(
         (name, np.float64, (count, COUNT))
         for name, count in (
             ("helm", helm.HELM_STATES), ("known", helm.KNOWN), ("swing", oscillation.WATCH_STATES),
-            ("source", sources.SOURCE_STATES), ("own", OWN),
+            ("late", late_answer.LATE_STATES), ("source", sources.SOURCE_STATES), ("own", OWN),
         )
     ]
 )  # fmt: skip

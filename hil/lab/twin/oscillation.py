@@ -11,6 +11,7 @@ from firmware_py.common.angles import radians
 from hil.lab.compiled import compiled
 from hil.lab.lane_math import fails, least, most, within, wrap_pi
 from hil.lab.lanes import any_of, where
+from hil.lab.twin import late_answer
 from hil.lab.twin.helm import E_BIAS, E_HEADING_SD, E_SPEED, M_SPEED, M_T
 
 LEAST_RAD = radians(1.5)
@@ -23,15 +24,16 @@ ALIKE_LENGTH = 1.5
 GROWN, SHRUNK = 2.0, 0.7
 PLAIN_SPREADS = 2.5
 PLAIN_RUDDER_RAD = radians(10.0)
-MOST_COUNT, ENOUGH = 4.0, 5.0
-SOFTER, SOFTEST = 4.0, 8.0
-QUIET_HALVES = 2.0
+PLAIN_PUSH_RAD = radians(3.0)
+MOST_COUNT, ENOUGH = 4.0, 7.0
+SOFTER, SOFTEST = 8.0, 8.0
+QUIET_HALVES = ALIKE_LENGTH
 HOLD_S, RELAX_S = 600.0, 1200.0
 
 # What the watch over oscillation remembers; a half swing that has not begun has the side 0.
-(SIDE, BEGUN, GOAL, PEAK, BESIDE, TURNED, LAST_GOAL, LENGTH, LAST_PEAK, HALVES, OSCILLATING, SOFTNESS, SWUNG,
- UPDATED) = range(14)  # fmt: skip
-WATCH_STATES = 14
+(SIDE, BEGUN, GOAL, PEAK, BESIDE, PUSH, TURNED, LAST_GOAL, LENGTH, LAST_PEAK, HALVES, OSCILLATING, SOFTNESS, SWUNG,
+ UPDATED) = range(15)  # fmt: skip
+WATCH_STATES = 15
 Lanes = Any  # or a number
 Rows = Any  # side by side, or the numbers of one
 
@@ -41,7 +43,8 @@ def begin_half(s: Rows, begins: Lanes, now_s: Lanes, side: Lanes, goal_rad: Lane
     """Begin a half swing where one begins."""
     s[SIDE], s[BEGUN] = where(begins, side, s[SIDE]), where(begins, now_s, s[BEGUN])
     s[GOAL], s[PEAK] = where(begins, goal_rad, s[GOAL]), where(begins, 0.0, s[PEAK])
-    s[BESIDE], s[TURNED] = where(begins, -math.pi, s[BESIDE]), where(begins, turned, s[TURNED])
+    s[BESIDE], s[PUSH] = where(begins, -math.pi, s[BESIDE]), where(begins, -math.pi, s[PUSH])
+    s[TURNED] = where(begins, turned, s[TURNED])
 
 
 @compiled
@@ -65,66 +68,74 @@ def relax(s: Rows, now_s: Lanes) -> None:
 
 
 @compiled
-def count_of(s: Rows, heading_sd_rad: Lanes) -> Lanes:
-    """Return how much the half swing under way counts."""
-    size = least(s[PEAK] / most(PLAIN_SPREADS * heading_sd_rad, LEAST_RAD), s[BESIDE] / PLAIN_RUDDER_RAD)
-    return least(size * size, MOST_COUNT)
+def count_of(s: Rows, e: Rows, length_s: Lanes, wave_period_s: Lanes) -> Lanes:
+    """Return how much the half swings under way count."""
+    sd_rad, peak_rad = e[E_HEADING_SD], s[PEAK]
+    lag_s = e[M_T] / (most(e[E_SPEED], 0.1 * e[M_SPEED]) / e[M_SPEED])
+    shortest_s = most(SHORTEST_LAGS * lag_s, SHORTEST_WAVES * wave_period_s)
+    counts = (
+        (s[TURNED] == 0.0)
+        & (peak_rad >= most(LEAST_RAD, LEAST_SPREADS * sd_rad))
+        & (s[BESIDE] >= LEAST_RUDDER_RAD)
+        & (s[PUSH] > 0.0)
+        & (shortest_s <= length_s)
+        & (length_s <= most(LONGEST_LAGS * lag_s, LONGEST_S))
+    )
+    size = least(peak_rad / most(PLAIN_SPREADS * sd_rad, LEAST_RAD), s[BESIDE] / PLAIN_RUDDER_RAD)
+    size = least(size, s[PUSH] / PLAIN_PUSH_RAD)
+    return where(counts, least(size * size, MOST_COUNT), 0.0)
 
 
 @compiled
-def count_half(s: Rows, over: Lanes, peak_rad: Lanes, length_s: Lanes, count: Lanes, now_s: Lanes) -> None:
-    """Count half swings where they are over, and soften the helm when that makes an oscillation."""
+def count_half(s: Rows, late: Rows, over: Lanes, lasts: Lanes, now_s: Lanes, count: Lanes) -> None:
+    """Count half swings that are over, or last, so far; soften the helm by a step when that makes an oscillation."""
+    length_s, peak_rad = now_s - s[BEGUN], s[PEAK]
     alike = (
         (s[HALVES] > 0.0)
-        & (most(length_s, s[LENGTH]) <= ALIKE_LENGTH * least(length_s, s[LENGTH]))
+        & (length_s <= ALIKE_LENGTH * s[LENGTH])
+        & (lasts | (s[LENGTH] <= ALIKE_LENGTH * length_s))
         & (SHRUNK * s[LAST_PEAK] <= peak_rad)
         & (peak_rad <= GROWN * s[LAST_PEAK])
     )
-    counts = over & (count != 0.0)
-    halves = where(counts, where(alike, s[HALVES], 0.0) + count, 0.0)
-    s[HALVES] = where(over, halves, s[HALVES])
-    s[LENGTH], s[LAST_PEAK] = where(counts, length_s, s[LENGTH]), where(counts, peak_rad, s[LAST_PEAK])
-    swings = counts & (s[HALVES] >= ENOUGH)
+    counts = (over | (lasts & alike)) & (count != 0.0)
+    halves = where(alike, s[HALVES] + count, count)
+    swings = counts & (halves + late[late_answer.EVIDENCE] >= ENOUGH)
+    softer = swings & (s[SWUNG] < s[BEGUN])
+    s[SOFTNESS] = where(softer, least(s[SOFTNESS] * SOFTER, SOFTEST), s[SOFTNESS])
     s[OSCILLATING], s[SWUNG] = where(swings, 1.0, s[OSCILLATING]), where(swings, now_s, s[SWUNG])
-    s[SOFTNESS] = where(swings, least(s[SOFTNESS] * SOFTER, SOFTEST), s[SOFTNESS])
+    late[late_answer.EVIDENCE] = where(swings, 0.0, late[late_answer.EVIDENCE])
+    s[HALVES] = where(over, where(counts, halves, 0.0), s[HALVES])
+    ends = over & counts
+    s[LENGTH], s[LAST_PEAK] = where(ends, length_s, s[LENGTH]), where(ends, peak_rad, s[LAST_PEAK])
 
 
 @compiled
 def watch(
-    s: Rows, now_s: Lanes, error_rad: Lanes, goal_rad: Lanes, rudder_rad: Lanes, e: Rows, wave_period_s: Lanes
-) -> None:
+    s: Rows, late: Rows, now_s: Lanes, error_rad: Lanes, goal_rad: Lanes, command_rad: Lanes, trim_rad: Lanes,
+    e: Rows, wave_period_s: Lanes,
+) -> None:  # fmt: skip
     """Take a tick in, `e` of which is what the helm knows; an error of NaN is one in which nobody steers."""
     relax(s, now_s)
-    steers, side = math.isfinite(error_rad + goal_rad + rudder_rad), s[SIDE]
+    steers, side = math.isfinite(error_rad + goal_rad + command_rad), s[SIDE]
     for number in (SIDE, HALVES, OSCILLATING):
         s[number] = where(steers, s[number], 0.0)
-    least_rad = most(LEAST_RAD, LEAST_SPREADS * e[E_HEADING_SD])
+    rudder_rad = command_rad - trim_rad
+    turns = (side != 0.0) & (s[TURNED] > 0.0) & (abs(error_rad) >= late_answer.FAR_RAD)
+    late_answer.update(late, steers, turns, e, goal_rad - error_rad, rudder_rad, now_s)
     jumped = (side != 0.0) & (abs(wrap_pi(goal_rad - s[LAST_GOAL])) > LEAST_RAD)
     s[LAST_GOAL] = where(steers, goal_rad, s[LAST_GOAL])
     begins, swings = steers & (side == 0.0), steers & (side != 0.0)
     begin_half(s, begins, now_s, where(error_rad >= 0.0, 1.0, -1.0), goal_rad, 1.0)
+    least_rad = most(LEAST_RAD, LEAST_SPREADS * e[E_HEADING_SD])
     lasts = swings & (error_rad * side > -RETURN_SHARE * least_rad)
     other = lasts & (abs(wrap_pi(goal_rad - s[GOAL])) > 0.5 * LEAST_RAD)
     s[TURNED] = where(other, 1.0, s[TURNED])
     s[PEAK] = where(lasts, most(s[PEAK], error_rad * side), s[PEAK])
-    s[BESIDE] = where(lasts, most(s[BESIDE], (rudder_rad - e[E_BIAS]) * side), s[BESIDE])
-    over = swings & fails(lasts)
+    s[BESIDE] = where(lasts, most(s[BESIDE], rudder_rad * side), s[BESIDE])
+    s[PUSH] = where(lasts, most(s[PUSH], (e[E_BIAS] - trim_rad) * side), s[PUSH])
+    over, counted = swings & fails(lasts), lasts & (s[HALVES] > 0.0) & (s[TURNED] == 0.0)
+    if any_of(over | counted):
+        count_half(s, late, over, counted, now_s, count_of(s, e, now_s - s[BEGUN], wave_period_s))
     if any_of(over):
-        end_half(s, over, now_s, least_rad, e, wave_period_s)
+        late_answer.turned(late, over, e)
         begin_half(s, over, now_s, -side, goal_rad, where(jumped, 1.0, 0.0))
-
-
-@compiled
-def end_half(s: Rows, over: Lanes, now_s: Lanes, least_rad: Lanes, e: Rows, wave_period_s: Lanes) -> None:
-    """Judge half swings where they are over."""
-    lag_s = e[M_T] / (most(e[E_SPEED], 0.1 * e[M_SPEED]) / e[M_SPEED])
-    shortest_s = most(SHORTEST_LAGS * lag_s, SHORTEST_WAVES * wave_period_s)
-    length_s, peak_rad = now_s - s[BEGUN], s[PEAK]
-    counts = (
-        (s[TURNED] == 0.0)
-        & (peak_rad >= least_rad)
-        & (s[BESIDE] >= LEAST_RUDDER_RAD)
-        & (shortest_s <= length_s)
-        & (length_s <= most(LONGEST_LAGS * lag_s, LONGEST_S))
-    )
-    count_half(s, over, peak_rad, length_s, where(counts, count_of(s, e[E_HEADING_SD]), 0.0), now_s)

@@ -11,7 +11,7 @@ from hil.lab.compiled import compiled
 from hil.lab.lane_math import fails, least, most, within, wrap_pi, wrap_two_pi
 from hil.lab.lane_rows import fields, lanes_of, rows
 from hil.lab.lanes import COUNT, any_of, bits_of, where
-from hil.lab.twin import helm, intake, kalman, oscillation, sources, wave_filter
+from hil.lab.twin import helm, intake, kalman, late_answer, oscillation, sources, wave_filter
 from hil.lab.twin.afloat import DEADLINE_S, FEEDBACK_RAD, FIXES, HEADINGS, Afloat
 from hil.lab.twin.crew import (
     ARMED,
@@ -52,6 +52,7 @@ def begin_pilots(crew: Crew, orders: Orders, on: Lanes) -> None:
     me, boats = crew.pilots[0], fields(crew.boats[0])
     begin_filters(crew.filters[0], on, boats.cruise_speed_m_s)
     oscillation.begin_watch(rows(me.swing, on))
+    late_answer.begin_watch(rows(me.late, on))
     sources.begin(rows(me.source, on))
     state, e, own = rows(me.helm, on), rows(me.known, on), rows(me.own, on)
     state[helm.REF_HEADING] = state[helm.FOLLOWED_BIAS] = np.nan
@@ -145,7 +146,8 @@ def steer(crew: Crew, orders: Orders, on: Lanes, now_s: Lanes) -> None:
     command_rad, swing, state = own[OWN_COMMAND_RAD], rows(me.swing, on), rows(me.helm, on)
     wave_period_s = 2.0 * math.pi / exp_of(f, OMEGA, rows(f.n, on)[LOG_OMEGA])
     seen_rad = where(begun, error_rad, np.nan)
-    oscillation.watch(swing, now_s, seen_rad, own[GOAL_RAD], command_rad, e, wave_period_s)
+    trim_rad = rows(f.x, on)[kalman.BIAS_MEAN]
+    oscillation.watch(swing, rows(me.late, on), now_s, seen_rad, own[GOAL_RAD], command_rad, trim_rad, e, wave_period_s)
     demand_rad, helmed = where(armed, command_rad, 0.0), on & steered & begun
     if any_of(helmed):
         asked_rad = helm.steer(

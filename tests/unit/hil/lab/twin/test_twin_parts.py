@@ -17,11 +17,12 @@ from firmware_py.control.reference_model import Reference
 from firmware_py.estimate import kalman, learning, over_ground, wave_filter, wave_filter_state
 from firmware_py.estimate import sources as choosing
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
+from firmware_py.safety import late_answer as answering
 from firmware_py.safety import oscillation as watching
 from hil.lab.compiled import compiled_here
 from hil.lab.lane_rows import aligned, fields, rows
 from hil.lab.lanes import COUNT, mask_of, where
-from hil.lab.twin import devices, helm, oscillation, sailing, sources, turning
+from hil.lab.twin import devices, helm, late_answer, oscillation, sailing, sources, turning
 from hil.lab.twin import kalman as twin_kalman
 from hil.lab.twin import learning as twin_learning
 from hil.lab.twin import over_ground as twin_over_ground
@@ -42,6 +43,7 @@ SHARED = {
     twin_state: (wave_filter, wave_filter_state),
     twin_over_ground: (wave_filter, over_ground),
     oscillation: (watching,),
+    late_answer: (answering,),
     sources: (choosing,),
 }
 OTHERS = {"FIRST", "T", "STATES", "HEADING", "COURSE"}  # of the twin alone, or of another kind
@@ -150,32 +152,41 @@ def test_the_helm_steers_as_the_firmware_does(
 
 
 def test_the_watch_over_the_helm_softens_when_the_firmware_s_does():
+    """She turns by 1 rad, late, swings for minutes, and swings no more."""
     model = KtModel.of(PARAMETERS)
-    known, theirs, ours = (
+    known, theirs, ours, late = (
         watching.OscillationSettings(model),
         watching.OscillationState(),
         np.zeros(oscillation.WATCH_STATES),
+        np.zeros(late_answer.LATE_STATES),
     )
     oscillation.begin_watch(ours)
+    late_answer.begin_watch(late)
     e = np.zeros(helm.KNOWN)
-    e[helm.E_HEADING_SD], e[helm.E_BIAS], e[helm.E_SPEED] = radians(1.0), 0.01, 0.38
-    e[helm.M_T], e[helm.M_SPEED] = model.turning_lag_s, model.speed_m_s
-    softest = 1.0
+    e[helm.E_HEADING_SD], e[helm.E_SPEED] = radians(1.0), 0.38
+    e[helm.M_K], e[helm.M_T], e[helm.M_SPEED] = model.turning_ability_1_s, model.turning_lag_s, model.speed_m_s
+    softest, most = 1.0, 0.0
     for tick in range(24000):
-        now_s = 0.1 * tick
+        now_s, goal = 0.1 * tick, 2.0 if tick > 1000 else 1.0
         size = 0.1 if 200.0 < now_s < 500.0 else 0.002
         error, rudder = size * math.sin(0.22 * now_s), 3.0 * size * math.sin(0.22 * now_s)
+        if 100.0 < now_s < 160.0:
+            error, rudder = min(1.0, (160.0 - now_s) / 45.0), 0.5
+        e[helm.E_BIAS] = 0.01 + 0.6 * rudder
         steered = not 350.0 < now_s < 351.0
-        input_ = watching.OscillationInput(error if steered else None, 1.0, radians(1.0), rudder, 0.01, 0.38, 4.0)
+        seen = error if steered else None
+        input_ = watching.OscillationInput(seen, goal, radians(1.0), rudder, 0.01, e[helm.E_BIAS] - 0.01, 0.38, 4.0)
         theirs = watching.update(known, theirs, input_, now_s)
-        oscillation.watch(ours, now_s, error if steered else np.nan, 1.0, rudder, e, 4.0)
+        oscillation.watch(ours, late, now_s, error if steered else np.nan, goal, rudder, 0.01, e, 4.0)
         assert (ours[oscillation.SOFTNESS], bool(ours[oscillation.OSCILLATING])) == (
             theirs.softness,
             theirs.oscillating,
         )
-        softest = max(softest, theirs.softness)
+        assert late[late_answer.EVIDENCE] == theirs.late.evidence
+        softest, most = max(softest, theirs.softness), max(most, theirs.late.evidence)
     assert softest == 8.0
     assert 1.0 < theirs.softness < 8.0  # and stiffer again
+    assert most == answering.MOST
 
 
 @compiled_here

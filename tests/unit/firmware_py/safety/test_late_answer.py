@@ -1,0 +1,71 @@
+import math
+
+import pytest
+
+from firmware_py.model.kt import OCEAN_RAMBLER, decay_over
+from firmware_py.safety.late_answer import LEAST, MOST, LateAnswerState, turned, update
+
+SD_RAD, FAR_RAD = math.radians(1.0), math.radians(8.0)
+
+
+class Turns:
+    """A boat at a speed that makes turns, late, with a part of her turning ability and a longer lag."""
+
+    def __init__(self, gain=1.0, lags=1.0, late_s=0.0, speed_m_s=0.4):
+        self.ship, self.speed_m_s = OCEAN_RAMBLER.at_speed(speed_m_s), speed_m_s
+        self.gain, self.lags, self.late = gain, lags, [0.0] * round(10.0 * late_s)
+        self.state, self.t_s, self.heading_rad, self.rate_rad_s = LateAnswerState(), 0.0, 6.0, 0.0
+
+    def to(self, goal_rad):
+        """Turn to a goal with the rudder over to the last; return the evidence after it."""
+        side = math.copysign(1.0, goal_rad - self.heading_rad)
+        while (goal_rad - self.heading_rad) * side > 0.0:
+            self.late.append(0.4 * side)
+            steady_rad_s = self.gain * self.ship.turning_ability_1_s * self.late.pop(0)
+            gone = 1.0 - decay_over(0.1, self.lags * self.ship.turning_lag_s)
+            self.rate_rad_s += gone * (steady_rad_s - self.rate_rad_s)
+            self.heading_rad += 0.1 * self.rate_rad_s
+            self.t_s += 0.1
+            turns = abs(goal_rad - self.heading_rad) >= FAR_RAD
+            self.state = update(
+                OCEAN_RAMBLER, self.state, self.heading_rad, 0.4 * side, self.speed_m_s, self.t_s, turns=turns
+            )
+        self.state = turned(OCEAN_RAMBLER, self.state, SD_RAD)
+        return self.state.evidence
+
+
+@pytest.mark.parametrize("speed_m_s", [0.3, 0.4, 0.9])
+@pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
+def test_a_boat_as_told_is_not_late_whatever_she_turns(gain, speed_m_s):
+    boat = Turns(gain, speed_m_s=speed_m_s)
+    assert boat.to(7.5) == boat.to(5.5) == LEAST
+
+
+@pytest.mark.parametrize(("lags", "late_s"), [(1.0, 12.0), (3.0, 8.0), (10.0, 0.0)])
+def test_a_boat_that_answers_late_is_late_after_a_turn_or_two(lags, late_s):
+    boat = Turns(1.0, lags, late_s)
+    boat.to(7.5)
+    assert boat.to(5.5) == MOST
+
+
+def test_a_boat_that_is_late_no_more_is_so_after_a_turn_or_two():
+    boat = Turns(late_s=12.0)
+    boat.to(7.5)
+    assert boat.to(5.5) == MOST
+    boat.late = []
+    boat.to(7.5)
+    assert boat.to(5.5) == LEAST
+
+
+def test_what_is_no_turn_tells_nothing():
+    state = LateAnswerState(evidence=2.0)
+    for second in range(100):
+        state = update(OCEAN_RAMBLER, state, 1.0, 0.4, 0.4, float(second), turns=False)
+    assert turned(OCEAN_RAMBLER, state, SD_RAD) is state
+
+
+def test_without_way_nothing_is_divided_by_it():
+    state = LateAnswerState()
+    for second in range(100):
+        state = update(OCEAN_RAMBLER, state, 1.0, 0.4, -1.0, float(second), turns=True)
+    assert math.isfinite(turned(OCEAN_RAMBLER, state, SD_RAD).evidence)
