@@ -100,17 +100,19 @@ def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
             late_s = max(0.0, clock.now_s() - metronome.deadline_s)
             tick = Tick(index, metronome.deadline_s, late_s, skipped, metronome.rate_hz)
             newest = _tick(parts, tick)
-            _show_life(parts, clock.now_s())
+            now_s = clock.now_s()
+            _show_life(parts, now_s)
             parameters = parameters_in_force(parts.autopilot.state)
             metronome.set_rate(parameters["LOOP_RATE_HZ"])
             if newest is not None and parameters["LOOP_LOCK"]:
                 metronome.lock(newest.t_s)
-            if clock.now_s() >= collect_s:
+            if now_s >= collect_s:
                 # The frozen start-up heap is exempt, so this looks at little.
                 gc.collect()
-                collect_s = clock.now_s() + COLLECT_INTERVAL_S
+                now_s = clock.now_s()
+                collect_s = now_s + COLLECT_INTERVAL_S
             index += 1
-            skipped = metronome.advance(clock.now_s())
+            skipped = metronome.advance(now_s)
     finally:
         make_safe(parts)
     parts.autopilot.keep_resume(clock.now_s(), clock.utc_s(), last=True)
@@ -205,12 +207,13 @@ def _serve_until_deadline(parts: LoopParts, metronome: Metronome, link_busy: boo
     guard_s, busy_guard_s = min(GUARD_S, GUARD_PART * period_s), min(BUSY_GUARD_S, BUSY_GUARD_PART * period_s)
     link_s = 0.0
     store_fd, device_fds = parts.store.fileno(), _awaited(parts)
+    others = [*link.descriptors(), store_fd]
     while (now_s := clock.now_s()) < deadline_s:
         slack_end_s = deadline_s - (busy_guard_s if link_busy or link_s >= MUCH_PART * period_s else guard_s)
         in_slack = now_s < slack_end_s and link_s < LINK_PART * period_s
         waiting = in_slack and link.busy
-        others = [*link.descriptors(), store_fd] if in_slack else []
-        ready = clock.wait(now_s if waiting else deadline_s, [*device_fds, *others])
+        awaited = [*device_fds, *others] if in_slack else [*device_fds]
+        ready = clock.wait(now_s if waiting else deadline_s, awaited)
         if not ready and not waiting:
             continue
         now_s = clock.now_s()
@@ -218,7 +221,7 @@ def _serve_until_deadline(parts: LoopParts, metronome: Metronome, link_busy: boo
         link_ready = [fd for fd in ready if fd not in device_fds and fd != store_fd]
         for device in speaking:
             device.receive(now_s)
-        if speaking:
+        if parts.rudder in speaking or any(device.fileno() < 0 for device in speaking):
             device_fds = _awaited(parts)
         # What wakes the link within the guard time waits for the tick.
         if now_s >= slack_end_s:
@@ -228,6 +231,8 @@ def _serve_until_deadline(parts: LoopParts, metronome: Metronome, link_busy: boo
         if link_ready or waiting:
             parts.fault_barrier.call(now_s, partial(link.service, now_s, link_ready))
             link_s += clock.now_s() - now_s
+        if len(ready) > len(speaking) or waiting:  # the link has done something, and may have closed a connection
+            others = [*link.descriptors(), store_fd]
     return link_s >= MUCH_PART * period_s
 
 

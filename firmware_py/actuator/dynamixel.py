@@ -119,8 +119,8 @@ class DynamixelServo:
 
     def condition(self, *, answered: bool) -> tuple[DeviceState, str]:  # noqa: ARG002 - the phase says it
         """The state: what the servo reports against itself, what it refuses, what it does not keep."""
-        if errors := self._upkeep.hardware_error():
-            cut = "" if self._upkeep.torque_on() else ", torque cut"
+        if errors := self._upkeep.hardware_error:
+            cut = "" if self._upkeep.torque_on else ", torque cut"
             return DeviceState.FAULTY, f"servo error: {table.hardware_error_text(errors)}{cut}"
         if self._goals_refused >= GOALS_REFUSED:
             return DeviceState.FAULTY, "servo refuses goal position"
@@ -140,7 +140,7 @@ class DynamixelServo:
         """Take a refusal, a reading, or the word that a goal or a correction is done."""
         if self._phase is Phase.SEARCH:
             self._phase = Phase.CONFIGURE
-        if reply.alert and not self._upkeep.hardware_error():
+        if reply.alert and not self._upkeep.hardware_error:
             self._readings.read_state_next()
         if reply.code:
             if request.kind is Kind.GOAL:
@@ -179,15 +179,14 @@ class DynamixelServo:
     def _take_telemetry(self, data: bytes, asked_s: float, *, obeyed: bool = True) -> Answer:
         values = table.decode_telemetry(data)
         self._temperature_c = values.temperature_c
-        torque = table.TORQUE_ENABLE.value(self._upkeep.image)
         feedback = RudderFeedback(
             t_s=asked_s,
             shaft_rad=values.shaft_rad,
             temperature_c=values.temperature_c,
             voltage_v=values.voltage_v,
             current_a=values.current_a,
-            hardware_error=self._upkeep.hardware_error(),
-            torque_on=None if torque is None else bool(torque),
+            hardware_error=self._upkeep.hardware_error,
+            torque_on=self._upkeep.torque_on,
             restarts=self._restarts.count,
         )
         return Answer(obeyed=obeyed, impossible=values.impossible, feedback=feedback)
@@ -212,9 +211,10 @@ class DynamixelServo:
 
     def hurries(self) -> bool:
         """Return whether anything but the telemetry is to be read or written before the next command."""
-        settled = self._phase is Phase.RUN and self._upkeep.settled(torque_wanted=self._torque_wanted)
-        waits = (self._goal_due and self._torque_wanted) or self._upkeep.hardware_error() or self._readings.more_due()
-        return bool(waits) or not settled
+        upkeep = self._upkeep
+        if self._phase is not Phase.RUN or upkeep.settled_for is not self._torque_wanted or upkeep.hardware_error:
+            return True
+        return (self._goal_due and self._torque_wanted is True) or self._readings.more_due()
 
     def next_request(self, now_s: float) -> Request | None:
         """Return what is most urgent: to find the servo, to correct it, the goal, a reading."""
@@ -229,7 +229,7 @@ class DynamixelServo:
             if not self._upkeep.complete:
                 return self._readings.next_request(now_s)
             self._phase = Phase.RUN
-        if goal_rad is not None and self._upkeep.torque_on():
+        if goal_rad is not None and self._upkeep.torque_on:
             self._steered = True
             return self._goal(goal_rad)
         return self._reboot if self._reboot_due(now_s) else self._readings.next_request(now_s)
@@ -241,8 +241,8 @@ class DynamixelServo:
         return Request(Kind.GOAL, frame, goal.name, block.length)
 
     def _reboot_due(self, now_s: float) -> bool:
-        errors = self._upkeep.hardware_error()
-        if not errors or self._upkeep.torque_on():
+        errors = self._upkeep.hardware_error
+        if not errors or self._upkeep.torque_on:
             if self._reboot_at_s is not None and now_s >= self._reboot_at_s:
                 self._reboot_at_s = None
             return False

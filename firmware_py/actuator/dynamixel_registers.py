@@ -6,9 +6,11 @@ the torque is on.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from firmware_py.common import record_class
 from firmware_py.common.angles import TWO_PI, clamp
 
 RAM_BEGINS = 64
@@ -54,6 +56,10 @@ WATCHDOG = Block("bus watchdog", 98, 1)
 TELEMETRY = Block("telemetry", 126, 21)
 GOAL_AND_TELEMETRY = Block("goal position and telemetry", 116, 31)
 
+# Present current at 126, position at 132, voltage at 144, temperature at 146.
+_TELEMETRY = struct.Struct("<h4xi8xHb")
+_LIMITS = struct.Struct("<II")  # the largest position at 48, the smallest at 52
+
 Image = Mapping[Block, bytes]
 
 
@@ -90,16 +96,10 @@ class Register:
 RETURN_DELAY = Register("return delay", SETTINGS, 9, 1)
 DRIVE_MODE = Register("drive mode", SETTINGS, 10, 1)
 OPERATING_MODE = Register("operating mode", SETTINGS, 11, 1)
-MAX_POSITION = Register("max position", LIMITS, 48, 4)
-MIN_POSITION = Register("min position", LIMITS, 52, 4)
 TORQUE_ENABLE = Register("torque enable", STATE, 64, 1)
 STATUS_LEVEL = Register("status return level", STATE, 68, 1)
 HARDWARE_ERROR = Register("hardware error", STATE, 70, 1)
 BUS_WATCHDOG = Register("bus watchdog", WATCHDOG, 98, 1, signed=True)
-CURRENT = Register("current", TELEMETRY, 126, 2, signed=True)
-POSITION = Register("position", TELEMETRY, 132, 4, signed=True)
-VOLTAGE = Register("voltage", TELEMETRY, 144, 2)
-TEMPERATURE = Register("temperature", TELEMETRY, 146, 1, signed=True)
 GOAL_POSITION = Register("goal position", GOAL_AND_TELEMETRY, 116, 4, signed=True)
 
 
@@ -131,15 +131,15 @@ SETTINGS_WANTED = (
 
 def goal_counts(shaft_rad: float, image: Image) -> int:
     """Return the goal position of a finite shaft angle, within the limits of the servo."""
-    low = max(MIN_POSITION.value(image) or 0, 0)
-    high = MAX_POSITION.value(image)
-    high = LARGEST_COUNTS if high is None else min(high, LARGEST_COUNTS)
+    limits = image.get(LIMITS)
+    high, low = (LARGEST_COUNTS, 0) if limits is None else _LIMITS.unpack(limits)
+    high = min(high, LARGEST_COUNTS)
     if low > high:  # limits that contradict each other bind nobody
         low, high = 0, LARGEST_COUNTS
     return round(clamp(CENTRE_COUNTS + shaft_rad / RADIANS_PER_COUNT, low, high))
 
 
-@dataclass(frozen=True, slots=True)
+@record_class.dataclass(frozen=True, slots=True)
 class Telemetry:
     """The values of the telemetry block in SI units, None where one is impossible."""
 
@@ -148,10 +148,6 @@ class Telemetry:
     voltage_v: float | None
     temperature_c: float | None
     impossible: int
-
-
-def _possible(counts: int, low: int, high: int) -> int | None:
-    return counts if low <= counts <= high else None
 
 
 def telemetry_of(data: bytes) -> bytes:
@@ -166,17 +162,15 @@ def decode_telemetry(data: bytes) -> Telemetry:
     8 A, above the largest stall current. Voltage: 40 V, above the largest supply.
     Temperature: -40 to 125 deg C, the range of the electronics.
     """
-    position = _possible(POSITION.decoded(data), -COUNTS_PER_TURN // 4, COUNTS_PER_TURN * 5 // 4)
-    current = _possible(CURRENT.decoded(data), -3000, 3000)
-    voltage = _possible(VOLTAGE.decoded(data), 0, 400)
-    temperature = _possible(TEMPERATURE.decoded(data), -40, 125)
-    return Telemetry(
-        None if position is None else (position - CENTRE_COUNTS) * RADIANS_PER_COUNT,
-        None if current is None else current * AMPERES_PER_COUNT,
-        None if voltage is None else voltage * VOLTS_PER_COUNT,
-        None if temperature is None else float(temperature),
-        (position, current, voltage, temperature).count(None),
+    current, position, voltage, temperature = _TELEMETRY.unpack(data)
+    near = -COUNTS_PER_TURN // 4 <= position <= COUNTS_PER_TURN * 5 // 4
+    values = (
+        (position - CENTRE_COUNTS) * RADIANS_PER_COUNT if near else None,
+        current * AMPERES_PER_COUNT if -3000 <= current <= 3000 else None,
+        voltage * VOLTS_PER_COUNT if voltage <= 400 else None,
+        float(temperature) if -40 <= temperature <= 125 else None,
     )
+    return Telemetry(*values, values.count(None))
 
 
 def hardware_error_text(bits: int) -> str:

@@ -90,7 +90,9 @@ class Upkeep:
         self._essential |= {block.name for block in blocks if block not in self._optional_blocks}
         self._attempts: Counter[str] = Counter()
         self._rests_until_s: dict[str, float] = {}
-        self._settled_for: bool | None = None
+        self.settled_for: bool | None = None  # the torque with which there is nothing to read or to correct
+        self.torque_on: bool | None = None  # as last read; None: not known
+        self.hardware_error = 0  # the bits as last read
         self.image: dict[table.Block, bytes] = {}
         self.complete = False  # as next_request() last saw it: the rudder can be used
         self.stuck = False  # something essential has failed and rests
@@ -106,27 +108,17 @@ class Upkeep:
 
     def forget(self, *blocks: table.Block) -> None:
         """Have blocks read again."""
-        self._settled_for = None
+        self.settled_for = None
         for block in blocks:
             self.image.pop(block, None)
-
-    def settled(self, *, torque_wanted: bool | None) -> bool:
-        """Whether there is nothing to read or to correct."""
-        return torque_wanted is not None and torque_wanted is self._settled_for
-
-    def torque_on(self) -> bool:
-        """Whether the torque is known to be on."""
-        return table.TORQUE_ENABLE.value(self.image) == 1
-
-    def hardware_error(self) -> int:
-        """The hardware error bits as last read."""
-        return table.HARDWARE_ERROR.value(self.image) or 0
+        if table.STATE in blocks:
+            self.torque_on, self.hardware_error = None, 0
 
     # ------------------------------------------------------------------ what is next
 
     def next_request(self, now_s: float, *, torque_wanted: bool | None, in_use: bool) -> Request | None:
         """Return the next request, set `complete` and `stuck`; nothing is written while torque_wanted is None."""
-        if self.settled(torque_wanted=torque_wanted):
+        if torque_wanted is not None and torque_wanted is self.settled_for:
             return None
         self.complete = self.stuck = False
         for request in self._reads:
@@ -147,14 +139,14 @@ class Upkeep:
                 if setting.essential:
                     self.stuck = True
                     return None
-            self._settled_for = None if self._rests_until_s else torque_wanted
+            self.settled_for = None if self._rests_until_s else torque_wanted
         self.complete = True
         return None
 
     def _wanted(self, *, torque_wanted: bool, in_use: bool) -> tuple[table.Setting, ...]:
         # The torque-off that EEPROM needs is no option with the rudder in use; there it cannot have changed either.
         settings = tuple(row for row in self._settings if not (in_use and row.register.eeprom))
-        if torque_wanted and self.hardware_error():  # after a shutdown only a reboot gives the torque back
+        if torque_wanted and self.hardware_error:  # after a shutdown only a reboot gives the torque back
             return settings
         return (*settings, self._torque[torque_wanted])
 
@@ -176,7 +168,7 @@ class Upkeep:
 
     def _correction(self, setting: table.Setting, present: int) -> Request:
         register, value = setting.register, setting.corrected(present)
-        if register.eeprom and self.torque_on():
+        if register.eeprom and self.torque_on:
             register, value = table.TORQUE_ENABLE, 0
         elif register is table.BUS_WATCHDOG and present == table.WATCHDOG_TRIPPED:
             value = 0  # only 0 clears a trip; the next correction sets it again
@@ -197,6 +189,9 @@ class Upkeep:
         self.forget(request.block)
         if request.kind is Kind.READ:
             self.image[request.block] = data
+            if request.block is table.STATE:
+                self.torque_on = table.TORQUE_ENABLE.decoded(data) == 1
+                self.hardware_error = table.HARDWARE_ERROR.decoded(data)
 
     def take_refusal(self, request: Request, code: int, now_s: float) -> None:
         """Note a refusal; what was believed of the block may be wrong."""
@@ -218,7 +213,7 @@ class Upkeep:
             return False
         if block is table.STATE:
             torque, error = table.TORQUE_ENABLE.decoded(data), table.HARDWARE_ERROR.decoded(data)
-            return self.torque_on() and torque == 0 and error == 0
+            return self.torque_on is True and torque == 0 and error == 0
         return block is table.WATCHDOG and data != self.image[block] and table.BUS_WATCHDOG.decoded(data) == 0
 
     def _count(self, request: Request, now_s: float) -> None:

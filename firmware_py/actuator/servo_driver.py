@@ -134,6 +134,7 @@ class ServoDriver(Generic[RequestT, ReplyT]):
             self._shaft_rad = command.shaft_rad
         else:
             self._rejected += 1
+        self._notice_reopening()
         self._servo.command(self._shaft_rad, now_s, torque_on=command.torque_on)
         if self._bus.outstanding is not None:  # its reply may be there, not yet read
             self._read()
@@ -141,6 +142,7 @@ class ServoDriver(Generic[RequestT, ReplyT]):
 
     def receive(self, now_s: float) -> None:
         """Take what has arrived and send the next request, at most one a call."""
+        self._notice_reopening()
         self._read()
         self._send(now_s)
 
@@ -171,7 +173,6 @@ class ServoDriver(Generic[RequestT, ReplyT]):
             self._answered = False
 
     def _read(self) -> None:
-        self._notice_reopening()
         data = self._line.read()
         for reply in self._servo.parser.feed(data) if data else ():
             request = self._bus.outstanding
@@ -187,15 +188,14 @@ class ServoDriver(Generic[RequestT, ReplyT]):
                 self._feedback.append(answer.feedback)
 
     def _send(self, now_s: float) -> None:
-        self._notice_reopening()
         if not self._line.connected:
             return
-        lost = self._bus.take_expired(now_s)
-        if lost is not None:
+        bus = self._bus
+        if bus.outstanding is not None and (lost := bus.take_expired(now_s)) is not None:
             self._servo.note_lost(lost)
-        if self._bus.is_silent(now_s):
+        if bus.is_silent(now_s):
             self._servo.note_silence()
-        if self._bus.outstanding is None:
+        if bus.outstanding is None:
             request = self._servo.next_request(now_s)
-            if request is not None and self._bus.ask(request.frame, request, now_s):
+            if request is not None and bus.ask(request.frame, request, now_s):
                 self._servo.note_sent(request, now_s)

@@ -130,9 +130,10 @@ class Endpoint:
         """Whether `service` has something to do even when no descriptor is ready."""
         if self._unread or self._receive_queue or self._services.pumping:
             return True
-        return any(
-            peer.bulk.can_continue and peer.proven and not peer.outbox.waiting(Priority.REPLY) for peer in self._peers
-        )
+        for peer in self._peers:  # asked at each wake: no generator
+            if peer.bulk.can_continue and peer.proven and not peer.outbox.waiting(Priority.REPLY):
+                return True
+        return False
 
     @property
     def station_s(self) -> float | None:

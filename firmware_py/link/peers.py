@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Protocol, TypeAlias
 
 from firmware_py.common.link_status import LinkStatus
@@ -82,7 +82,7 @@ class Peers:
 
     def refused_frames(self) -> int:
         """Return the number of broken frames from all peers since start."""
-        return self._gone_rejected + sum(peer.splitter.rejected for peer in self.everybody())
+        return self._gone_rejected + sum([peer.splitter.rejected for peer in self.everybody()])
 
     def flush(self, now_s: float) -> None:
         """Hand what waits for anybody to the transports."""
@@ -107,10 +107,13 @@ class Peers:
 
     def update(self, now_s: float) -> None:
         """Take up who is connected, forget who has gone or says nothing, send heartbeats to those who wait."""
-        permanent, connected = (
-            self._keys(lambda transport: transport.addresses()),
-            self._keys(lambda transport: transport.guests()),
-        )
+        permanent: dict[Key, None] = {}
+        connected: dict[Key, None] = {}
+        for index, transport in enumerate(self._transports):
+            for address in transport.addresses():
+                permanent[index, address] = None
+            for address in transport.guests():
+                connected[index, address] = None
         for key in permanent:
             if key not in self._peers:
                 self._seat(key, self._new_peer(key, now_s), now_s)
@@ -134,11 +137,6 @@ class Peers:
                 self._dismiss(key, now_s)
             else:
                 self._show_presence(peer, now_s)
-
-    def _keys(self, who: Callable[[Transport], Sequence[Address]]) -> Mapping[Key, None]:
-        return {
-            (index, address): None for index, transport in enumerate(self._transports) for address in who(transport)
-        }
 
     def _permanent(self, key: Key) -> bool:
         return key[1] in self._transports[key[0]].addresses()

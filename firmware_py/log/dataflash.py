@@ -9,6 +9,7 @@ table of value characters and nothing else.
 
 from __future__ import annotations
 
+import functools
 import mmap
 import re
 import struct
@@ -107,8 +108,7 @@ class MessageType:
         self.size = layout.size
         if self.size > 255:
             raise ValueError(f"{name}: {self.size} bytes, the format allows 255")
-        pack, head = layout.pack, MARK + bytes((number,))
-        self.pack: Callable[..., bytes] = lambda *columns: pack(head, *columns)
+        self.pack: Callable[..., bytes] = functools.partial(layout.pack, MARK + bytes((number,)))
 
 
 FMT = MessageType(FMT_TYPE, "FMT", "Type,Length,Name,Format,Columns", "BBnNZ", "-----", "-----")

@@ -114,7 +114,8 @@ class Row:
 
     def pack(self, t_s: float, record: object) -> bytes:
         """Return the message of a record; struct.error for a value that does not fit."""
-        return self.type.pack(microseconds(t_s), *self._columns(record))
+        values = self._values(record) if self._complete else self._columns(record)
+        return self.type.pack(microseconds(t_s), *values)
 
     def pack_text(self, t_s: float, record: object, text: str) -> bytes:
         """Return the messages of a record and a text; struct.error for one above 4 MB."""

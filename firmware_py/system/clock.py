@@ -42,7 +42,7 @@ class RealClock:
 
     def wait(self, deadline_s: float, descriptors: Sequence[int]) -> Sequence[int]:
         """Sleep until the deadline or until a descriptor is readable; return those that are."""
-        remaining_s = deadline_s - self.now_s()
+        remaining_s = deadline_s - (time.monotonic() - self._start_s)
         return select.select(descriptors, [], [], max(0.0, remaining_s))[0]
 
 

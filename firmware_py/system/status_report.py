@@ -6,11 +6,11 @@ import json
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 from firmware_py.common.angles import compass_degrees, degrees
-from firmware_py.common.link_status import LinkStatus
+from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceHealth, DeviceRole
 from firmware_py.common.reports import Output, Snapshot, SwingReport
@@ -23,6 +23,7 @@ from firmware_py.system.status_sections import SECTIONS, calibration
 INTERVAL_S = 1.0
 MOST_EVENTS = 30  # the newest
 RATE_OVER = 10  # intervals that a device's rate is averaged over
+_PEER = tuple(field.name for field in fields(PeerStatus))
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +150,8 @@ def _faults(snapshot: Snapshot, latch: LatchState) -> list[Values]:
 
 
 def _link(link: LinkStatus) -> Values:
-    peers = [asdict(peer) | {"heard_age_s": rounded(peer.heard_age_s, 1)} for peer in link.peers]
+    told_peers = [{name: getattr(peer, name) for name in _PEER} for peer in link.peers]
+    peers = [peer | {"heard_age_s": rounded(peer["heard_age_s"], 1)} for peer in told_peers]
     told: Values = {"url": link.url, "rates": link.rates, "peers": peers}
     if (satellite := link.satellite) is not None:
         told["satellite"] = asdict(satellite) | {"session_age_s": rounded(satellite.session_age_s, 0)}

@@ -85,6 +85,8 @@ class FileServer:
 
     def pump(self, peer: Peer, now_s: float) -> None:
         """Go on with the bursts of a peer, as far as its line keeps up."""
+        if not self._sessions:
+            return
         waiting = [
             (client, session)
             for (client, _), session in self._sessions.items()

@@ -107,7 +107,7 @@ class Outbox:
 
     def waiting(self, priority: Priority) -> int:
         """Return the number of messages of this and higher priorities that wait."""
-        return sum(len(queue) for queue in self._queues[: priority + 1])
+        return sum(map(len, self._queues[: priority + 1]))
 
     def size_of(self, packed: Packed) -> int:
         """Return how many bytes a message is on the line."""

@@ -328,6 +328,31 @@ def test_a_reply_of_the_servo_wakes_her_only_when_more_is_to_be_sent(boat):
     assert heard_s[:5] == pytest.approx([0.0, 0.1, 0.2, 0.2, 0.3], abs=1e-3)
 
 
+def test_a_port_that_has_gone_is_not_waited_on(boat):
+    boat.clock.plan = [(0.137, 10), (0.15, 10)]
+    boat.compass.receive = lambda now_s: setattr(boat.compass, "fileno", lambda: -1) if now_s > 0.13 else None
+    turn(boat, 0.35)
+    waited_s = [now_s for now_s, _, descriptors in boat.clock.waits if 10 in descriptors]
+    assert max(waited_s) < 0.137
+
+
+@pytest.mark.parametrize("descriptor", [FakeLink.DESCRIPTOR, 30])
+def test_a_connection_that_was_closed_while_the_link_was_served_is_not_waited_on(boat, descriptor):
+    """Its own service may close one, and so may what is done once something is stored."""
+    boat.clock.plan = [(0.137, descriptor)]
+
+    def close(*_):
+        boat.clock.plan.clear()
+        boat.link.descriptors = lambda: [21]
+
+    boat.link.service = boat.store.service = close
+    turn(boat, 0.35)
+    waits = [(now_s, descriptors) for now_s, _, descriptors in boat.clock.waits]
+    assert any(20 in descriptors for now_s, descriptors in waits if now_s < 0.137)
+    assert not any(20 in descriptors for now_s, descriptors in waits if now_s >= 0.137)
+    assert any(21 in descriptors for now_s, descriptors in waits if now_s == 0.137)
+
+
 def test_a_battery_monitor_is_read_at_the_ticks(boat):
     power = FakePower()
     boat.power = (power,)
