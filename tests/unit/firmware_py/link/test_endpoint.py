@@ -1,9 +1,15 @@
 """The link as the loop sees it, in memory and on real sockets."""
 
 import os
+import re
 import select
+import shutil
 import socket
+import struct
+import subprocess
+import sys
 import tty
+from pathlib import Path
 
 import pytest
 from pymavlink import mavutil
@@ -11,7 +17,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.interfaces import Link
 from firmware_py.common.mode_table import Mode
-from firmware_py.common.records import Event, RudderCommand, Severity
+from firmware_py.common.records import Event, FixType, PositionSample, RudderCommand, Severity
 from firmware_py.common.reports import Home, MissionReport, Output
 from firmware_py.faults.table import Fault
 from firmware_py.link.endpoint import Endpoint
@@ -128,6 +134,25 @@ def test_what_stations_wait_for_comes_unasked(make_rig, of):
     for name, in_a_minute in (("HOME_POSITION", 12), ("EXTENDED_SYS_STATE", 12), ("FENCE_STATUS", 30)):
         assert len(of(said, name)) == pytest.approx(in_a_minute, abs=1), name
     assert {message.landed_state for message in of(said, "EXTENDED_SYS_STATE")} == {mavlink.MAV_LANDED_STATE_UNDEFINED}
+
+
+def test_mavsummarize_sums_up_what_a_station_has_recorded_of_her(make_rig, tmp_path):
+    """It reads telemetry logs alone: of each frame the time in microseconds, and its bytes."""
+    script = shutil.which("mavsummarize.py", path=str(Path(sys.executable).parent))
+    if script is None:
+        pytest.skip("mavsummarize.py is not beside this Python")
+    rig, north_rad = make_rig(), 1.0 / 6371e3
+    rig.endpoint.service(0.0, [])
+    with (tmp_path / "boat.tlog").open("wb") as file:
+        for second in range(61):
+            fix = PositionSample(second, FixType.FIX_3D, 0.6 + second * north_rad, 2.1, 2.0, 1.0, 0.0, 9, 0.9)
+            for message in rig.tick(seconds=1.0, position=fix, position_ok=True, mode=Mode.AUTO, armed=True):
+                file.write(struct.pack(">Q", round((1.7e9 + second) * 1e6)) + message.get_msgbuf())
+    done = subprocess.run([sys.executable, script, file.name], capture_output=True, text=True, check=True)
+    distance_m = float(re.search(r"^Total distance : ([\d.]+)m", done.stdout, re.MULTILINE)[1])
+    assert distance_m == pytest.approx(60.0, rel=0.02)
+    assert "Log started at about 2023-11-1" in done.stdout
+    assert "Autonomous sections: 1\nAutonomous time (mm:ss):   1:0" in done.stdout
 
 
 def test_grave_faults_show_in_the_heartbeat(rig, of):

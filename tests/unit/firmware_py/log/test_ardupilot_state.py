@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 import shutil
 import subprocess
 import sys
@@ -132,7 +133,7 @@ def test_mavexplorer_draws_sixty_of_its_graphs(read):
     assert graphs >= 60
 
 
-TOOLS = {"mavflightmodes.py": "GUIDED", "mavsummarize.py": "Total distance", "mavtogpx.py": "points"}
+TOOLS = {"mavflightmodes.py": "GUIDED", "mavtogpx.py": r"with [1-9]\d* points"}  # mavsummarize reads telemetry logs alone
 
 
 @pytest.mark.parametrize(("tool", "says"), TOOLS.items())
@@ -143,7 +144,7 @@ def test_pymavlinks_tools_work(tool, says, log, tmp_path):
     copy = tmp_path / "boat.BIN"
     shutil.copy(log, copy)
     done = subprocess.run([sys.executable, script, str(copy)], capture_output=True, text=True, check=True)
-    assert says in done.stdout
+    assert re.search(says, done.stdout)
     assert "bad" not in done.stdout
 
 
