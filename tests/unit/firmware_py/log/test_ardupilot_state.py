@@ -133,7 +133,8 @@ def test_mavexplorer_draws_sixty_of_its_graphs(read):
     assert graphs >= 60
 
 
-TOOLS = {"mavflightmodes.py": "GUIDED", "mavtogpx.py": r"with [1-9]\d* points"}  # mavsummarize reads telemetry logs alone
+# mavsummarize reads telemetry logs alone: tests/unit/firmware_py/link/test_endpoint.py.
+TOOLS = {"mavflightmodes.py": "GUIDED", "mavtogpx.py": r"with [1-9]\d* points"}
 
 
 @pytest.mark.parametrize(("tool", "says"), TOOLS.items())
