@@ -12,11 +12,11 @@ from firmware_py.__main__ import main
 code = main(["run", "none.toml"])
 import hashlib
 print(code, hashlib.sha256(b"abc").hexdigest()[:8], "libcrypto" in Path("/proc/self/maps").read_text())
-from firmware_py.link.wire.dialect import Codec, forget_what_is_not_used, mavlink
+from firmware_py.link.wire.dialect import Codec, forget_what_is_not_used, mavlink, stamp
 forget_what_is_not_used()
 forget_what_is_not_used()
 codec, message = Codec(1, 1), mavlink.MAVLink_heartbeat_message(11, 3, 0, 15, 4, 3)
-frame = codec.pack(message).frame
+frame = stamp(codec.pack(message), 0)
 print(codec.decode(frame).custom_mode, len(mavlink.enums), hasattr(mavlink.MAVLink, "heartbeat_encode"))
 """
 

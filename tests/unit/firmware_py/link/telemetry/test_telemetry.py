@@ -23,7 +23,7 @@ from firmware_py.common.reports import (
 from firmware_py.faults.table import Fault
 from firmware_py.link.telemetry.context_fields import TelemetryContext
 from firmware_py.link.telemetry.table import ROWS_OF, TABLE
-from firmware_py.link.wire.dialect import Codec, mavlink
+from firmware_py.link.wire.dialect import Codec, mavlink, stamp
 
 CODEC = Codec(1, 1)
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
@@ -44,7 +44,7 @@ def build(snapshot):
         )
         (row,) = (row for row in TABLE if row.name == name)
         message = row.build(scene)
-        return None if message is None else CODEC.decode(CODEC.pack(message).frame)
+        return None if message is None else CODEC.decode(stamp(CODEC.pack(message), 0))
 
     return built
 

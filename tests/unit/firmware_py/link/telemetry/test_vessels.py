@@ -9,7 +9,7 @@ import pytest
 from firmware_py.common.vessels import Traffic, Vessel, VesselIdentity, VesselKind, VesselPosition
 from firmware_py.link.telemetry import vessels
 from firmware_py.link.telemetry.context_fields import TelemetryContext
-from firmware_py.link.wire.dialect import Codec, mavlink
+from firmware_py.link.wire.dialect import Codec, mavlink, stamp
 
 CODEC = Codec(1, 1)
 SHIP = Vessel(
@@ -27,7 +27,7 @@ def told(snapshot):
         traffic = Traffic(tuple(known)) if known else None
         boat = dataclasses.replace(snapshot, t_s=t_s, traffic=traffic)
         made = vessels.ais_vessel(TelemetryContext(boat, 1.7e9, 0.5, 3, 0.0, 0))
-        return None if made is None else CODEC.decode(CODEC.pack(made).frame)
+        return None if made is None else CODEC.decode(stamp(CODEC.pack(made), 0))
 
     return message
 

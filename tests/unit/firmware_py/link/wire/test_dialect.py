@@ -12,9 +12,19 @@ from support.paths import DATA
 DEFINITIONS = DATA / "mavlink" / "definitions"
 
 
-@pytest.mark.parametrize("sequence", [0, 1, 77, 255])
-def test_a_stamped_frame_is_what_pymavlink_packs_with_that_sequence_number(sequence):
-    message = mavlink.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0)
+MESSAGES = {
+    "numbers, the last of them 0": mavlink.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0),
+    "a text, and a field named id": mavlink.MAVLink_statustext_message(4, b"Compass is silent", 3, 1),
+    "arrays": mavlink.MAVLink_battery_status_message(0, 0, 1, 2510, [12345] + [0xFFFF] * 9, -120, 5, -1, 80),
+    "nothing but 0": mavlink.MAVLink_system_time_message(0, 0),
+    "one that pymavlink lacks": mavlink.mavlink_map[435](4, 2, 0, 15, 4, b"GUIDED"),
+}
+
+
+@pytest.mark.parametrize("sequence", [0, 77, 255])
+@pytest.mark.parametrize("kind", MESSAGES)
+def test_a_stamped_frame_is_what_pymavlink_packs_with_that_sequence_number(kind, sequence):
+    message = MESSAGES[kind]
     sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
     sender.seq = sequence
     assert stamp(Codec(9, 1).pack(message), sequence) == message.pack(sender)
@@ -39,7 +49,7 @@ def test_a_payload_of_zeros_alone_keeps_one():
 def test_a_decoded_message_has_the_fields_it_was_packed_with():
     codec = Codec(1, 1)
     packed = codec.pack(mavlink.mavlink_map[435](4, 2, 0, 15, 4, b"GUIDED"))
-    message = codec.decode(packed.frame)
+    message = codec.decode(stamp(packed, 0))
     assert (message.number_modes, message.mode_index, message.custom_mode) == (4, 2, 15)
     assert (message.properties, message.mode_name) == (4, b"GUIDED")
 
