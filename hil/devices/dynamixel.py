@@ -255,8 +255,8 @@ class DynamixelEmulator:
 
     def _watchdog_s(self) -> float:
         """When the bus watchdog trips unless an instruction comes."""
-        units = self._table[Address.BUS_WATCHDOG]
-        if not self._table[Address.TORQUE] or units in (0, _TRIPPED):
+        units = self._table.values[Address.BUS_WATCHDOG]
+        if not units or units == _TRIPPED or not self._table.values[Address.TORQUE]:
             return math.inf
         return self._heard_s + units * _WATCHDOG_UNIT_S
 

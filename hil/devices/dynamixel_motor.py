@@ -34,7 +34,7 @@ class MotorMonitor:
         self.load_a = 0.0  # drawn in addition while the torque is on, as by a shaft that binds
         self._shaft = shaft
         self._rng = rng
-        self._table = table
+        self._table, self._values = table, table.values
         self._overload_s = overload_s
         self.energy_j = 0.0  # taken so far, by the current of each measurement for the time before it
         self._drawn_s: float | None = None
@@ -53,7 +53,7 @@ class MotorMonitor:
 
     def is_shut_down(self) -> bool:
         """Whether an error that the Shutdown register names has cut the torque."""
-        return bool(self._table[Address.HARDWARE_ERROR] & self._table[Address.SHUTDOWN])
+        return bool(self._values[Address.HARDWARE_ERROR] & self._values[Address.SHUTDOWN])
 
     def raise_error(self, bits: int) -> None:
         """Latch hardware errors until a restart, and cut the torque for those that shut down."""
@@ -77,8 +77,8 @@ class MotorMonitor:
 
     def go(self) -> None:
         """Move to the goal position, when in a position mode with torque on."""
-        if self._table[Address.TORQUE] and self._table[Address.OPERATING_MODE] in _POSITION_MODES:
-            counts = self._table[Address.GOAL_POSITION] - self._offset() - _CENTRE
+        if self._values[Address.TORQUE] and self._values[Address.OPERATING_MODE] in _POSITION_MODES:
+            counts = self._values[Address.GOAL_POSITION] - self._offset() - _CENTRE
             self._shaft.set_target(self._sign() * counts / _COUNTS_PER_RADIAN)
 
     def counts(self) -> int:
@@ -101,56 +101,57 @@ class MotorMonitor:
         errors = 0
         if self._stalled_s is not None and now_s - self._stalled_s >= self._overload_s:
             errors |= _OVERLOAD
-        if self.temperature_c > self._table[Address.TEMPERATURE_LIMIT]:
+        if self.temperature_c > self._values[Address.TEMPERATURE_LIMIT]:
             errors |= _OVERHEATING
-        if not self._table[Address.MIN_VOLTAGE] <= self.voltage_v * 10.0 <= self._table[Address.MAX_VOLTAGE]:
+        if not self._values[Address.MIN_VOLTAGE] <= self.voltage_v * 10.0 <= self._values[Address.MAX_VOLTAGE]:
             errors |= _VOLTAGE_ERROR
         if errors:
             self.raise_error(errors)
 
     def measure(self, now_s: float) -> None:
         """Fill the present registers."""
-        table = self._table
+        table, values = self._table, self._values
         velocity = round(self._sign() * self._velocity_rad_s / _VELOCITY_UNIT_RAD_S)
-        moving = abs(velocity) > table[Address.MOVING_THRESHOLD]
+        moving = abs(velocity) > values[Address.MOVING_THRESHOLD]
         drawn_a = self._current_a(moving=moving)
         # Whether the motor moves is told by what the shaft has done since the last look, so this is that time's power.
         self.energy_j += 0.0 if self._drawn_s is None else abs(drawn_a) * self.voltage_v * (now_s - self._drawn_s)
         self._drawn_s = now_s
-        current_a = drawn_a + self._rng.normal(0.0, _CURRENT_NOISE_A)
-        voltage_v = self.voltage_v + self._rng.normal(0.0, _VOLTAGE_NOISE_V)
+        current_a = drawn_a + _CURRENT_NOISE_A * self._rng.standard_normal()
+        voltage_v = self.voltage_v + _VOLTAGE_NOISE_V * self._rng.standard_normal()
         table[Address.REALTIME_TICK] = int(now_s * 1000.0) % 32_768
         table[Address.MOVING] = int(moving)
-        table[Address.MOVING_STATUS] = int(abs(self._way()) <= _IN_POSITION_COUNTS)
+        counts = self.counts()
+        table[Address.MOVING_STATUS] = int(abs(values[Address.GOAL_POSITION] - counts) <= _IN_POSITION_COUNTS)
         table[Address.PRESENT_CURRENT] = round(current_a / _CURRENT_UNIT_A)
         table[Address.PRESENT_VELOCITY] = velocity
-        table[Address.PRESENT_POSITION] = self.counts()
+        table[Address.PRESENT_POSITION] = counts
         table[Address.PRESENT_VOLTAGE] = max(0, round(voltage_v * 10.0))
         table[Address.PRESENT_TEMPERATURE] = round(min(max(self.temperature_c, 0.0), 255.0))
 
     def _current_a(self, *, moving: bool) -> float:
-        if not self._table[Address.TORQUE]:
+        if not self._values[Address.TORQUE]:
             return 0.0
         if moving:
             return math.copysign(_MOVING_A + self.load_a, self._way())
         if self._stalled_s is None:
             return _HOLDING_A + self.load_a
-        limit_a = self._table[Address.CURRENT_LIMIT] * _CURRENT_UNIT_A
+        limit_a = self._values[Address.CURRENT_LIMIT] * _CURRENT_UNIT_A
         return math.copysign(min(_STALL_A, limit_a), self._way())
 
     def _pulls(self) -> bool:
         """Whether the motor works against something: engaged, told to move, and not there."""
-        engaged = self._table[Address.TORQUE] and self._table[Address.OPERATING_MODE] in _POSITION_MODES
-        tripped = self._table[Address.BUS_WATCHDOG] == 0xFF
+        engaged = self._values[Address.TORQUE] and self._values[Address.OPERATING_MODE] in _POSITION_MODES
+        tripped = self._values[Address.BUS_WATCHDOG] == 0xFF
         return bool(engaged) and not tripped and abs(self._way()) > _IN_POSITION_COUNTS
 
     def _way(self) -> int:
-        return self._table[Address.GOAL_POSITION] - self.counts()
+        return self._values[Address.GOAL_POSITION] - self.counts()
 
     def _sign(self) -> int:
-        return -1 if self._table[Address.DRIVE_MODE] & _REVERSE else 1
+        return -1 if self._values[Address.DRIVE_MODE] & _REVERSE else 1
 
     def _offset(self) -> int:
-        offset = self._table[Address.HOMING_OFFSET]
-        ignored = self._table[Address.OPERATING_MODE] == 3 and abs(offset) > _LARGEST_OFFSET
+        offset = self._values[Address.HOMING_OFFSET]
+        ignored = self._values[Address.OPERATING_MODE] == 3 and abs(offset) > _LARGEST_OFFSET
         return 0 if ignored else offset

@@ -97,24 +97,32 @@ class ControlTable:
 
     def __init__(self) -> None:
         """Start with factory values."""
-        self._values = {address: row.initial for address, row in REGISTERS.items()}
+        self.values = {address: row.initial for address, row in REGISTERS.items()}  # to be read; set as items of this
+        self._image = bytearray(TABLE_END)  # the bytes that they are on the line
+        for address, row in REGISTERS.items():
+            self._put(address, row.initial)
 
     def __getitem__(self, address: int) -> int:
         """The value of a register, signed where it can be negative."""
-        return self._values[address]
+        return self.values[address]
 
     def __setitem__(self, address: int, value: int) -> None:
         """Set a register whatever its access; the value is cut to its size."""
+        if value != self.values[address]:
+            self._put(address, value)
+
+    def _put(self, address: int, value: int) -> None:
         size = REGISTERS[address].size
         whole = value & (1 << 8 * size) - 1
         signed = value < 0 and whole >> (8 * size - 1)
-        self._values[address] = whole - (1 << 8 * size) if signed else whole
+        self.values[address] = whole - (1 << 8 * size) if signed else whole
+        self._image[address : address + size] = whole.to_bytes(size, "little")
 
     def reset_ram(self) -> None:
         """Give the RAM area its initial values, as a restart does."""
         for address, row in REGISTERS.items():
             if address >= RAM_START:
-                self._values[address] = row.initial
+                self[address] = row.initial
 
     def read(self, address: int, count: int) -> bytes | None:
         """Return count bytes; None when none of them is defined or they lie beyond the table.
@@ -122,9 +130,9 @@ class ControlTable:
         The unused bytes between registers read as zero.
         """
         span = range(address, address + count)
-        if not span or span.stop > TABLE_END or not any(at in _OWNER for at in span):
+        if not span or span.stop > TABLE_END or _OWNER.keys().isdisjoint(span):
             return None
-        return bytes(self._byte(at) for at in span)
+        return bytes(self._image[address : span.stop])
 
     def parse(self, address: int, data: bytes) -> list[tuple[Register, int]] | Fault:
         """Split data into whole registers and their values, or say what is wrong with it."""
@@ -157,12 +165,6 @@ class ControlTable:
             return self[Address.MIN_POSITION], self[Address.MAX_POSITION]
         bound_by = _BOUNDS.get(row.address)
         return (row.low, row.high) if bound_by is None else (-self[bound_by], self[bound_by])
-
-    def _byte(self, at: int) -> int:
-        row = _OWNER.get(at)
-        if row is None:
-            return 0
-        return (self._values[row.address] & (1 << 8 * row.size) - 1) >> 8 * (at - row.address) & 0xFF
 
 
 _BOUNDS: dict[int, Address] = {

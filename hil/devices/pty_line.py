@@ -10,7 +10,7 @@ from __future__ import annotations
 import fcntl
 import os
 import select
-import struct
+import sys
 import termios
 import time
 import tty
@@ -23,6 +23,7 @@ _PATIENCE_S = 2.0
 _YIELDS = 100  # how often to give way before sleeping
 _NAP_S = 20e-6
 _NOBODY = -1
+_NO_COUNT = bytes(4)  # room for the kernel's answer, a C int
 
 
 class PtyLine:
@@ -91,7 +92,13 @@ class PtyLine:
 
     def read_until_total(self, total: int, timeout_s: float = _PATIENCE_S) -> bytes:
         """Read on until `total_read` is total, or the time is up: then compare `total_read`."""
-        pieces: list[bytes] = []
+        if 0 < total - self.total_read <= _READ_SIZE:
+            data = self._read(total - self.total_read)
+            if self.total_read >= total:
+                return data  # as nearly always in lockstep
+            pieces = [data]
+        else:
+            pieces = []
 
         def complete() -> bool:
             if self.total_read < total:
@@ -131,14 +138,13 @@ class PtyLine:
             return False
         # Asked for bytes where there are none yet, Linux first ends what it has under way.
         self._arrivals.poll(0)
-        return _wait(lambda: self.pending_at_slave() >= goal, timeout_s)
+        return self.pending_at_slave() >= goal or _wait(lambda: self.pending_at_slave() >= goal, timeout_s)
 
     def pending_at_slave(self) -> int:
         """How many bytes wait to be read by the firmware (0 while unplugged)."""
         if not self.plugged:
             return 0
-        answer = fcntl.ioctl(self._slave, termios.FIONREAD, struct.pack("i", 0))
-        return int(struct.unpack("i", answer)[0])
+        return int.from_bytes(fcntl.ioctl(self._slave, termios.FIONREAD, _NO_COUNT), sys.byteorder)
 
     def _read(self, size: int) -> bytes:
         if not self.plugged:
