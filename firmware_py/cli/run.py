@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
             _hold_off(str(error), signals)
             return code
         assembly.console.line(f"rambler {__version__}: {vehicle.name}, state in {options.state_directory}")
-        code = _steer(assembly, supervision, signals)
+        code = _steer(assembly, supervision, signals, real_time=arguments.lockstep is None)
         restart = assembly.parts.autopilot.restart
         if code != 0 or restart is None or signals.stopping:
             return code
@@ -124,11 +124,11 @@ def _hold_off(why: str, signals: Signals) -> None:
         time.sleep(0.1)
 
 
-def _steer(assembly: Assembly, supervision: Supervision, signals: Signals) -> int:
+def _steer(assembly: Assembly, supervision: Supervision, signals: Signals, *, real_time: bool) -> int:
     assembly.parts.take_signals = signals.take_events
     forget_what_is_not_used()
     # After all threads are there: theirs is lower than the loop's, and that of the files is for stations to load.
-    for refusal in realtime.prepare(ordinary=(FILES_THREAD,)):
+    for refusal in realtime.prepare(ordinary=(FILES_THREAD,), real_time=real_time):
         assembly.console.line(refusal)
     try:
         run_loop(assembly.parts, lambda: signals.stopping)

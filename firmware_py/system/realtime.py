@@ -26,12 +26,23 @@ _TIME_ERROR = 5  # adjtimex: the clock is not synchronised
 SWITCH_INTERVAL_S = 0.0005
 
 
-def prepare(ordinary: Collection[str] = ()) -> tuple[str, ...]:
+def prepare(ordinary: Collection[str] = (), *, real_time: bool = True) -> tuple[str, ...]:
     """Set real-time priorities, lock memory, tighten timers, freeze the collector; return what failed.
 
     To be called when all threads are there. The `ordinary` ones, by name, keep the priority of other programs: those
     whose work others decide on, for Linux takes a processor from real-time work for 50 ms in a second full of it.
+    Without `real_time`, where time stands still while the autopilot computes, the kernel is asked for nothing.
     """
+    refused = _ask_kernel(ordinary) if real_time else []
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    return tuple(refused)
+
+
+def _ask_kernel(ordinary: Collection[str]) -> list[str]:
+    """Set priorities, lock memory and tighten timers; return what failed."""
     refused = []
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
@@ -47,11 +58,7 @@ def prepare(ordinary: Collection[str] = ()) -> tuple[str, ...]:
     if libc.mlockall(_MCL_CURRENT | _MCL_ONFAULT) != 0:
         reason = os.strerror(ctypes.get_errno())
         refused.append(f"mlockall not allowed ({reason}): a page fault may delay a tick")
-    sys.setswitchinterval(SWITCH_INTERVAL_S)
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    return tuple(refused)
+    return refused
 
 
 def relax() -> None:

@@ -216,3 +216,10 @@ def command_lines() -> list[bytes]:
         except OSError:
             continue
     return found
+
+
+def test_an_autopilot_whose_time_stands_still_takes_no_processor_from_others(make_boat):
+    boat = make_boat().start()
+    boat.run(2.0)
+    tasks = Path(f"/proc/{boat.process._process.pid}/task").iterdir()
+    assert {os.sched_getscheduler(int(task.name)) for task in tasks} == {os.sched_getscheduler(0)}
