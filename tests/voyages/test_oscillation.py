@@ -1,6 +1,7 @@
 """A helm that oscillates, because the ship is not as told, is recognised and softened until it is gone."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -96,26 +97,36 @@ def oscillating(text, seed, goals, seconds):
 
 
 def told_and_gone(sea, seed):
-    """Turn a ship three times as late in turning and 8 s late; return when it is told [s after she first crosses her
-    goal], and how long it lasts."""
+    """Turn a ship three times as late in turning and 8 s late.
+
+    Return how long after the beginning of the first half swing of 5 deg or more it is told, and how long it lasts [s];
+    NaN of a ship that does not swing so far in ten minutes.
+    """
     turn_s, goal_rad = 120.0, math.radians(60.0 if seed % 2 else -90.0)
     ticks, _ = voyage.sail(f"{sea}+kt=1:3,delay=8", seed, [(0.0, 0.0), (turn_s, goal_rad)], 900.0)
-    now_s, error_rad, swings = ticks[:, loop.TICK_S], ticks[:, loop.ERROR_RAD], ticks[:, loop.OSCILLATING] > 0.0
-    crosses_s = now_s[(now_s > turn_s + 1.0) & (error_rad * goal_rad < 0.0)][0]
-    told_s, gone_s = now_s[1:][np.diff(swings.astype(int)) > 0], now_s[1:][np.diff(swings.astype(int)) < 0]
-    return told_s[0] - crosses_s, gone_s[-1] - told_s[0]
+    after = ticks[ticks[:, loop.TICK_S] > turn_s + 1.0]
+    now_s, beyond_deg = after[:, loop.TICK_S], np.degrees(after[:, loop.ERROR_RAD]) * np.sign(goal_rad)
+    changes = np.append(np.flatnonzero(np.diff(np.sign(beyond_deg))) + 1, now_s.size - 1)
+    peaks = [np.abs(beyond_deg[begin:end]).max() for begin, end in pairwise(changes)]
+    plain = [now_s[begin] for begin, peak in zip(changes, peaks, strict=False) if peak >= 5.0]
+    if not plain or plain[0] > turn_s + 600.0:
+        return math.nan, math.nan
+    verdict = np.diff((after[:, loop.OSCILLATING] > 0.0).astype(int))
+    told_s, over_s = now_s[1:][verdict > 0], now_s[1:][verdict < 0]
+    return (told_s[0] - plain[0], over_s[-1] - told_s[0]) if told_s.size else (math.inf, math.inf)
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize("sea", ["calm", "tank"])
 def test_a_sluggish_ship_that_swings_is_told_within_a_minute_and_steady_after_three(sea, figures):
-    """Of her crossing her goal; 83 s and up to 264 s when only whole swings were counted, and their size."""
     both = np.array([told_and_gone(sea, seed) for seed in range(1, 21)])
     print(sea, np.round(both).tolist())
-    figures.keep(f"oscillation_told_worst_{sea}", float(both[:, 0].max()), "s")
-    figures.keep(f"oscillation_gone_worst_{sea}", float(both[:, 1].max()), "s")
-    assert both[:, 0].max() <= 60.0
-    assert both[:, 1].max() <= 180.0
+    figures.keep(f"oscillation_swung_{sea}", int(np.sum(both[:, 0] == both[:, 0])), "of 20")
+    figures.keep(f"oscillation_told_worst_{sea}", float(np.nanmax(both[:, 0])), "s")
+    figures.keep(f"oscillation_gone_worst_{sea}", float(np.nanmax(both[:, 1])), "s")
+    assert np.isfinite(both[:, 0]).sum() >= 12
+    assert np.nanmax(both[:, 0]) <= 60.0
+    assert np.nanmax(both[:, 1]) <= 180.0
 
 
 @pytest.mark.proof
