@@ -16,6 +16,7 @@ Division by zero gives inf or NaN as in C instead of raising, for raising forbid
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import os
 import re
@@ -28,7 +29,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, TextIO, TypeVar
 
+import llvmlite.binding
 import numba
+import numba.core.registry
 from numba.core import codegen, event
 from numba.core import config as numba_config
 from numba.extending import register_jitable
@@ -62,6 +65,21 @@ def use_whole_registers() -> None:
 
 
 use_whole_registers()
+
+
+def ask_the_c_library() -> None:
+    """Let compiled code call the functions that Python's math calls, not the older ones that numba was linked with.
+
+    They compute the same, but the older ones look at each argument first.
+    """
+    context: Any = numba.core.registry.cpu_target.target_context  # made here, for it names its own
+    library = ctypes.CDLL(None)
+    for name in ("exp", "log", "pow"):
+        if context is not None and hasattr(library, name):
+            llvmlite.binding.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
+
+
+ask_the_c_library()
 
 
 class _Compilations(event.Listener):

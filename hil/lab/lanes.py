@@ -1,4 +1,4 @@
-"""Numbers side by side, for compiled code: eight simulations in one vector, each with the bits that it has alone.
+"""Numbers side by side, for compiled code: sixteen simulations in one vector, each with the bits that it has alone.
 
 An equation that is written for a number is compiled for these lanes as well: the sum of two vectors is the sum of each
 pair, and no order of operations changes. What is compared gives a mask, by which `where` chooses lane by lane.
@@ -17,7 +17,7 @@ from numba.core import typeconv, types
 from numba.core.datamodel import models as data_models
 from numba.core.typing import templates
 
-COUNT: Final = 8  # numbers of 64 bits in a register of 512; of smaller registers it takes several
+COUNT: Final = 16  # numbers of 64 bits, in two registers of 512: while one waits for a division the other goes on
 VECTOR: Final = ir.VectorType(ir.DoubleType(), COUNT)
 BITS: Final = ir.VectorType(ir.IntType(1), COUNT)
 extending: Any = numba.extending  # numba's tools are untyped

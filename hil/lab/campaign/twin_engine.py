@@ -21,7 +21,7 @@ from hil.lab.twin.sea import sea_of
 from hil.sim.truth import Truth
 from hil.sim.vehicle_file import model_of
 
-BATCH = 250
+BATCH = 256
 DEVICES = {"compass": "nmea", "servo": "dynamixel"}
 UNKNOWN_OPTIONS = ("supply", "vessels")
 

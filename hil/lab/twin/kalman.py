@@ -27,10 +27,12 @@ STATES = 18
 COLUMNS = STATES + 2  # of the covariance and the slopes beside it
 DAMPING, FLOAT_DAMPING, BIAS_MEMORY_S = 0.1, 0.6, 100.0
 MOVING = (HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, *range(WAVE, STATES))  # what a step moves; the others stay
+MOVED = np.array(MOVING)
 STAYING = (NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG, BIAS_MEAN)
 
 # Of all lanes, side by side: covariance and slopes, what carries them on (`by`, and what is added), and what a
-# measurement shows. `on` is above 0 for the lanes that take part.
+# measurement shows. `on` is above 0 for the lanes that take part. `nothing` is always 0, which the compiler does
+# not know: so it does not write loops out, turn by turn, into more code than a processor keeps at hand.
 COVARIANCES = np.dtype(
     [
         (name, np.float64, (*shape, COUNT))
@@ -38,7 +40,7 @@ COVARIANCES = np.dtype(
             ("p", STATES, COLUMNS), ("by", 28), ("noise", STATES), ("both", 3), ("force", 8),
             ("parts", 10), ("shown", COLUMNS), ("moved", STATES),
             ("innovation",), ("expected",), ("variance",), ("total",), ("least",), ("on",), ("to_s",),
-            ("noted", 7), ("sample",), ("fix", 4),
+            ("noted", 7), ("sample",), ("fix", 4), ("nothing",),
         )
     ]
 )  # fmt: skip
@@ -140,9 +142,9 @@ def set_transition(
 
 
 @compiled
-def carry(c: Covariances, first: int, apart: int) -> None:
+def carry(c: Covariances, on: Lanes, first: int, apart: int) -> None:
     """Carry a column, or a row, of the covariances on in place: its first number, and how far apart they are."""
-    p, by, on = c.p, c.by, lanes_of(c.on, 0) > 0.0
+    p, by = c.p, c.by
     h, r, d = lanes_of(p, first), lanes_of(p, first + RATE * apart), lanes_of(p, first + BIAS * apart)
     f, g = lanes_of(p, first + FLOAT * apart), lanes_of(p, first + FLOAT_RATE * apart)
     u, q = lanes_of(p, first + SPEED * apart), lanes_of(p, first + FACTOR * apart)
@@ -173,37 +175,45 @@ def predict(c: Covariances) -> None:
 
     The states that stay are the same in rows as in columns, for the covariance is symmetric to the last bit.
     """
-    p, on = c.p, lanes_of(c.on, 0) > 0.0
-    for k in range(COLUMNS):
-        carry(c, k, COLUMNS)
-    for i in MOVING:
-        carry(c, i * COLUMNS, 1)
-    for i in MOVING:
-        for k in STAYING:
-            put_lanes(p, k * COLUMNS + i, lanes_of(p, i * COLUMNS + k))
-        for k in MOVING:
-            if k > i:
-                one, other = lanes_of(p, i * COLUMNS + k), lanes_of(p, k * COLUMNS + i)
-                both = 0.5 * (one + other)
-                put_lanes(p, i * COLUMNS + k, where(on, both, one))
-                put_lanes(p, k * COLUMNS + i, where(on, both, other))
-    for i in range(STATES):
-        add(c, i, i, lanes_of(c.noise, i))
+    on, nothing = lanes_of(c.on, 0) > 0.0, int(c.nothing[0])
+    moving = len(MOVING) + nothing
+    for k in range(COLUMNS + nothing):
+        carry(c, on, k, COLUMNS)
+    for number in range(moving):
+        carry(c, on, MOVED[number] * COLUMNS, 1)
+    for number in range(moving):
+        make_even(c, on, MOVED[number], number + 1, moving)
+    for i in range(STATES + nothing):
+        add(c, on, i, i, lanes_of(c.noise, i))
     for number in range(3):
         place = WAVE + 2 * number
-        add(c, place, place + 1, lanes_of(c.both, number))
-        add(c, place + 1, place, lanes_of(c.both, number))
-        add(c, place, STATES, lanes_of(c.force, 2 * number))
-        add(c, place + 1, STATES, lanes_of(c.force, 2 * number + 1))
-    add(c, FLOAT, STATES + 1, lanes_of(c.force, 6))
-    add(c, FLOAT_RATE, STATES + 1, lanes_of(c.force, 7))
+        add(c, on, place, place + 1, lanes_of(c.both, number))
+        add(c, on, place + 1, place, lanes_of(c.both, number))
+        add(c, on, place, STATES, lanes_of(c.force, 2 * number))
+        add(c, on, place + 1, STATES, lanes_of(c.force, 2 * number + 1))
+    add(c, on, FLOAT, STATES + 1, lanes_of(c.force, 6))
+    add(c, on, FLOAT_RATE, STATES + 1, lanes_of(c.force, 7))
 
 
 @compiled
-def add(c: Covariances, i: int, k: int, more: Lanes) -> None:
-    """Add to a number of the covariances, of the lanes that are `on`."""
+def make_even(c: Covariances, on: Lanes, i: int, first: int, moving: int) -> None:
+    """Make the covariances of a state that moves the same in its row as in its column."""
+    p = c.p
+    for k in STAYING:
+        put_lanes(p, k * COLUMNS + i, lanes_of(p, i * COLUMNS + k))
+    for number in range(first, moving):
+        above, below = i * COLUMNS + MOVED[number], MOVED[number] * COLUMNS + i
+        one, other = lanes_of(p, above), lanes_of(p, below)
+        both = 0.5 * (one + other)
+        put_lanes(p, above, where(on, both, one))
+        put_lanes(p, below, where(on, both, other))
+
+
+@compiled
+def add(c: Covariances, on: Lanes, i: int, k: int, more: Lanes) -> None:
+    """Add to a number of the covariances."""
     before = lanes_of(c.p, i * COLUMNS + k)
-    put_lanes(c.p, i * COLUMNS + k, where(lanes_of(c.on, 0) > 0.0, before + more, before))
+    put_lanes(c.p, i * COLUMNS + k, where(on, before + more, before))
 
 
 @compiled
@@ -247,8 +257,8 @@ def correct(c: Covariances) -> None:
             after = where(on, before - part * lanes_of(c.shown, k) / variance, before)
             put_lanes(p, i * COLUMNS + k, after)
             put_lanes(p, k * COLUMNS + i, after)
-        add(c, i, STATES, -(gain * lanes_of(c.shown, STATES)))
-        add(c, i, STATES + 1, -(gain * lanes_of(c.shown, STATES + 1)))
+        add(c, on, i, STATES, -(gain * lanes_of(c.shown, STATES)))
+        add(c, on, i, STATES + 1, -(gain * lanes_of(c.shown, STATES + 1)))
 
 
 @compiled
