@@ -17,7 +17,8 @@ from hil.lab.compiled import compiling
 from hil.lab.lanes import COUNT
 from hil.lab.twin import sailing
 from hil.lab.twin.afloat import Record
-from hil.lab.twin.sea import sea_of
+from hil.lab.twin.kalman import Floats
+from hil.lab.twin.sea import NO_ROOM, sea_of
 from hil.sim.truth import Truth
 from hil.sim.vehicle_file import model_of
 
@@ -68,23 +69,26 @@ def sail(rows: Iterable[Row]) -> Iterator[Outcome]:
     """Sail runs, so many beside each other, and yield what became of them, in order."""
     left = iter(rows)
     with compiling("the boat's twin"):
+        rooms = [NO_ROOM] * COUNT  # which are drawn in again: new memory takes longer than what is drawn
         while beside := list(islice(left, COUNT)):
-            for truth in sailed(beside):
+            for truth in sailed(beside, rooms):
                 scores = scores_of(truth.heading_low_rad, truth.rudder_rad, truth.goal_rad)
                 yield Outcome(digest_of(truth), scores)
 
 
-def sailed(beside: Sequence[Row]) -> list[Truth]:
-    """Sail up to COUNT runs; return what of truth.csv the twin knows."""
-    record, _ = sailing.sail_beside([_run(row) for row in beside], beside[0].seconds, ticks=False)
+def sailed(beside: Sequence[Row], rooms: list[Floats]) -> list[Truth]:
+    """Sail up to COUNT runs, whose seas are drawn in rooms; return what of truth.csv the twin knows."""
+    runs = [_run(row, room) for row, room in zip(beside, rooms, strict=False)]
+    rooms[: len(runs)] = [run.sea.series for run in runs]
+    record, _ = sailing.sail_beside(runs, beside[0].seconds, ticks=False)
     return [sailing.truth_of(Record(*(one[lane] for one in record)), row.goals) for lane, row in enumerate(beside)]
 
 
-def _run(row: Row) -> sailing.Run:
+def _run(row: Row, room: Floats) -> sailing.Run:
     told = ParameterSet()
     for name, value in {**row.vehicle.parameters, **row.settings}.items():
         told = told.replaced(name, value)
-    sea = sea_of(row.scenario, row.seed, row.seconds, model_of(row.vehicle))
+    sea = sea_of(row.scenario, row.seed, row.seconds, model_of(row.vehicle), room)
     return sailing.Run(sailing.boat_of(told), sailing.law_of(told), sea, sailing.task_of(row.goals))
 
 

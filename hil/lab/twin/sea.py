@@ -11,11 +11,12 @@ import numpy as np
 from firmware_py.common.angles import TWO_PI, radians
 from firmware_py.model.kt import OCEAN_RAMBLER, KtModel
 from hil.devices.nmea_gps import Gaps
-from hil.lab.compiled import compiled
-from hil.lab.normals import drawn
+from hil.lab.normals import drawn, fill, state_of
+from hil.lab.twin import series
 from hil.lab.twin.afloat import Sea
 from hil.lab.twin.devices import Devices
 from hil.lab.twin.kalman import Floats
+from hil.lab.twin.series import Part
 from hil.lab.twin.ship import GRID_S, STEPS_PER_SECOND, Ship
 from hil.ship import drift as drifting
 from hil.ship import gusts
@@ -24,7 +25,7 @@ from hil.ship.extras import Compass, Leeway, Receiver
 from hil.ship.float_body import transition
 from hil.ship.kt_plant import inner_steps
 from hil.ship.manoeuvring import sway_ratios
-from hil.ship.noise import BLOCK, Stream, generator
+from hil.ship.noise import Stream, generator
 from hil.ship.regressions import FLOAT, sway_model
 from hil.ship.scenarios import Scenario
 from hil.ship.waves import DAMPING, discretised
@@ -33,98 +34,63 @@ from hil.sim.device_factory import FREQUENCY_ERROR_PPM
 COMPASS_NOISE_DEG = 0.3
 COMPASS_PERIOD_S, FIX_PERIOD_S = 0.1, 1.0
 PLAIN = Receiver(latency_s=0.06, lost=0.0, gap_s=10.0, filter_s=0.0, noise_m_s=0.03)
-NOTHING = np.zeros(1)
-NO_PROCESS = np.zeros((1, 2))
 STILL = ((0.0, 0.0), (0.0, 0.0))
 
 
-def normals(seed: int, stream: Stream, count: int) -> Floats:
-    """Return the blocks of numbers of NormalNumbers, of each of which it gives the last first."""
-    return drawn(generator(seed, stream), (count // BLOCK + 1) * BLOCK)
+NOTHING, NO_PROCESS = Part(1, series.clear), Part(2, series.clear)
+NO_ROOM = np.empty(0)
 
 
-@compiled
-def place_of(number: int) -> int:
-    """Return where in its blocks the number stands that NormalNumbers gives as this one."""
-    return number ^ BLOCK - 1
-
-
-@compiled
-def _swing(
-    spreads: tuple[float, float], a: tuple[tuple[float, float], tuple[float, float]], n: tuple[float, float, float],
-    numbers: Floats, out: Floats,
-) -> None:  # fmt: skip
-    y, v = spreads[0] * numbers[place_of(0)], spreads[1] * numbers[place_of(1)]
-    out[0, 0], out[0, 1] = y, v
-    for k in range(1, out.shape[0]):
-        first, second = numbers[place_of(2 * k)], numbers[place_of(2 * k + 1)]
-        y, v = (
-            a[0][0] * y + a[0][1] * v + n[0] * first,
-            a[1][0] * y + a[1][1] * v + n[1] * first + n[2] * second,
-        )
-        out[k, 0], out[k, 1] = y, v
-
-
-@compiled
-def _wander(first: float, keep: float, add: float, numbers: Floats, out: Floats) -> None:
-    value = first * numbers[place_of(0)]
-    out[0] = value
-    for k in range(1, out.size):
-        value = keep * value + add * numbers[place_of(k)]
-        out[k] = value
-
-
-@compiled
-def _die(fade: float, calm_at_s: float, calm_until_s: float, out: Floats) -> None:
-    out[0] = 1.0
-    for k in range(1, out.size):
-        level = 0.0 if calm_at_s <= k * GRID_S < calm_until_s else 1.0
-        out[k] = level + fade * (out[k - 1] - level)
-
-
-@compiled
-def _add_gust(begin: int, end: int, peak_rad: float, out: Floats) -> None:
-    for k in range(begin, min(end, out.size)):
-        out[k] += 0.5 * peak_rad * (1.0 - math.cos(TWO_PI * (k - begin) / (end - begin)))
-
-
-def process_of(spread: float, period_s: float, seed: int, stream: Stream, steps: int) -> Floats:
-    """Return angle and rate of hil.ship.waves.WaveYaw at each grid step."""
+def process_of(spread: float, period_s: float, seed: int, stream: Stream, steps: int) -> Part:
+    """Make angle and rate of hil.ship.waves.WaveYaw at each grid step."""
     if spread <= 0.0:
         return NO_PROCESS
     omega_rad_s = 2.0 * math.pi / period_s / math.sqrt(1.0 - 2.0 * DAMPING**2)
     spreads = (spread, spread * omega_rad_s)
-    out = np.empty((steps + 2, 2))
-    _swing(spreads, *discretised(spreads, omega_rad_s, GRID_S), normals(seed, stream, 2 * steps + 4), out)
-    return out
+
+    def swing(out: Floats) -> None:
+        series.swing(spreads, *discretised(spreads, omega_rad_s, GRID_S), state_of(generator(seed, stream)), out)
+
+    return Part(2 * (steps + 2), swing)
 
 
-def offset_of(scenario: Scenario, seed: int, steps: int) -> Floats:
-    """Return the rudder angle that drift and gusts add at each grid step."""
+def offset_of(scenario: Scenario, seed: int, steps: int) -> Part:
+    """Make the rudder angle that drift and gusts add at each grid step."""
     spread_rad = radians(scenario.drift_deg)
     keep = math.exp(-GRID_S / drifting.TIME_CONSTANT_S)
-    out = np.empty(steps + 1)
-    _wander(spread_rad, keep, spread_rad * math.sqrt(1.0 - keep**2), normals(seed, Stream.DRIFT, steps + 1), out)
-    source, end = generator(seed, Stream.GUSTS), 0
-    while scenario.gust_deg and end <= steps:
-        begin = end + round(source.exponential(gusts.PAUSE_S) / GRID_S)
-        end = begin + max(1, round(source.uniform(gusts.SHORTEST_S, gusts.LONGEST_S) / GRID_S))
-        _add_gust(begin, end, radians(scenario.gust_deg) * math.sqrt(source.exponential(1.0)), out)
-    return out
+
+    def push(out: Floats) -> None:
+        series.wander(
+            spread_rad, keep, spread_rad * math.sqrt(1.0 - keep**2), state_of(generator(seed, Stream.DRIFT)), out
+        )
+        source, end = generator(seed, Stream.GUSTS), 0
+        while scenario.gust_deg and end <= steps:
+            begin = end + round(source.exponential(gusts.PAUSE_S) / GRID_S)
+            end = begin + max(1, round(source.uniform(gusts.SHORTEST_S, gusts.LONGEST_S) / GRID_S))
+            series.add_gust(begin, end, radians(scenario.gust_deg) * math.sqrt(source.exponential(1.0)), out)
+
+    return Part(steps + 1, push)
 
 
-def speed_of(scenario: Scenario, seed: int, steps: int) -> tuple[Floats, Floats]:
-    """Return the shares of speed and waves at each grid step."""
+def speed_of(scenario: Scenario, seed: int, steps: int) -> tuple[Part, Part]:
+    """Make the shares of speed and waves at each grid step."""
     how = scenario.extras.wave_speed
     if how is None:
         return NOTHING, NOTHING
     keep = math.exp(-GRID_S / how.memory_s)
-    groups = np.empty(steps + 1)
-    _wander(how.spread, keep, how.spread * math.sqrt(1.0 - keep**2), normals(seed, Stream.SPEED, steps + 1), groups)
     fade, calm_until_s = math.exp(-GRID_S / speeds.DYING_S), how.calm_at_s + how.calm_for_s
-    waves = np.empty(steps + 1)
-    _die(fade, how.calm_at_s, calm_until_s, waves)
-    return waves * np.minimum(np.maximum(1.0 + groups, 0.0), speeds.MOST), waves
+
+    def die(out: Floats) -> None:
+        series.die(fade, how.calm_at_s, calm_until_s, out)
+
+    def go(out: Floats) -> None:
+        groups, waves = np.empty_like(out), np.empty_like(out)
+        add, state = how.spread * math.sqrt(1.0 - keep**2), state_of(generator(seed, Stream.SPEED))
+        series.wander(how.spread, keep, add, state, groups)
+        die(waves)
+        out[:] = waves * np.minimum(np.maximum(1.0 + groups, 0.0), speeds.MOST)
+
+    return Part(steps + 1, go), Part(steps + 1, die)
 
 
 def ship_of(scenario: Scenario, model: KtModel, places: Iterable[int]) -> Ship:
@@ -208,8 +174,8 @@ def _heel_rad(scenario: Scenario) -> float:
     return radians(compass.heel_deg) if compass is not None and scenario.wave_period_s > 0.0 else 0.0
 
 
-def series_of(scenario: Scenario, seed: int, steps: int) -> tuple[Floats, ...]:
-    """Return what moves by itself at each grid step, in the order of the places of Ship."""
+def series_of(scenario: Scenario, seed: int, steps: int) -> tuple[Part, ...]:
+    """Make what moves by itself at each grid step, in the order of the places of Ship."""
     period_s, orbital = scenario.wave_period_s, scenario.extras.orbital
     yaw_rad = radians(scenario.wave_yaw_deg)
     calm = scenario.orbital_m_s <= 0.0 or period_s <= 0.0
@@ -238,7 +204,7 @@ def fixes_of(scenario: Scenario, seed: int, epochs: int, first_s: float, period_
     return fixes
 
 
-def devices_of(scenario: Scenario, seed: int, seconds: float, first: int) -> tuple[Devices, tuple[Floats, Floats]]:
+def devices_of(scenario: Scenario, seed: int, seconds: float, first: int) -> tuple[Devices, tuple[Part, Part]]:
     """Return the samples' moments, and what is random about them, which begins at a place of the series."""
     chances = generator(seed, Stream.PHASES)
     compass_phase_s = float(chances.uniform(0.0, COMPASS_PERIOD_S))
@@ -246,8 +212,13 @@ def devices_of(scenario: Scenario, seed: int, seconds: float, first: int) -> tup
     fix_phase_s = float(chances.uniform(0.0, FIX_PERIOD_S))
     fix_ppm = float(chances.normal(0.0, FREQUENCY_ERROR_PPM))
     fix_period_s = FIX_PERIOD_S / (1.0 + fix_ppm * 1e-6)
-    noise_deg = COMPASS_NOISE_DEG * drawn(generator(seed, Stream.COMPASS), int(seconds * 10.01) + 20)
-    fixes = fixes_of(scenario, seed, int(seconds) + 3, fix_phase_s, fix_period_s)
+    fixes = fixes_of(scenario, seed, int(seconds) + 3, fix_phase_s, fix_period_s).ravel()
+    headings = int(seconds * 10.01) + 20
+
+    def blur(out: Floats) -> None:
+        fill(state_of(generator(seed, Stream.COMPASS)), out)
+        out *= COMPASS_NOISE_DEG
+
     bought = scenario.extras.receiver or PLAIN
     devices = Devices(
         compass_phase_s,
@@ -255,18 +226,24 @@ def devices_of(scenario: Scenario, seed: int, seconds: float, first: int) -> tup
         first,
         fix_phase_s,
         fix_period_s,
-        first + noise_deg.size,
+        first + headings,
         bought.latency_s,
         bought.filter_s,
     )
-    return devices, (noise_deg, fixes)
+    return devices, (Part(headings, blur), Part(fixes.size, lambda out: np.copyto(out, fixes)))
 
 
-def sea_of(scenario: Scenario, seed: int, seconds: float, model: KtModel = OCEAN_RAMBLER) -> Sea:
-    """Draw the sea of a run."""
+def sea_of(
+    scenario: Scenario, seed: int, seconds: float, model: KtModel = OCEAN_RAMBLER, room: Floats = NO_ROOM
+) -> Sea:
+    """Draw the sea of a run, into a room of numbers where it is large enough."""
     steps = math.floor(seconds * STEPS_PER_SECOND) + 2 * STEPS_PER_SECOND
-    series = series_of(scenario, seed, steps)
-    places = np.cumsum([0, *(one.size for one in series)]).tolist()
+    parts = series_of(scenario, seed, steps)
+    places = np.cumsum([0, *(part.size for part in parts)]).tolist()
     devices, more = devices_of(scenario, seed, seconds, places[-1])
-    numbers = np.concatenate([one.ravel() for one in (*series, *more)])
+    size, at = places[-1] + sum(part.size for part in more), 0
+    numbers = room if room.size >= size else np.empty(size)
+    for part in (*parts, *more):
+        part.fill(numbers[at : at + part.size])
+        at += part.size
     return Sea(ship_of(scenario, model, places[:-1]), numbers, devices)
