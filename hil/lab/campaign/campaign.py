@@ -8,6 +8,7 @@ import resource
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from hil.errors import UsageError
 from hil.lab.campaign import crew, page, spec, store, table
 from hil.lab.campaign.engines import engine_of, versions
 from hil.lab.campaign.faulted import FAULTS
-from hil.lab.campaign.row import extremes
+from hil.lab.campaign.row import extremes, rows
 from hil.lab.campaign.spec import Spec
 from hil.lab.campaign.store import Store
 from hil.sim.run_directory import held
@@ -75,8 +76,11 @@ def _batch(found: Spec) -> int:
 
 def _sailed(found: Spec, who: Crew, batches: Iterator[crew.Batch]) -> Iterator[crew.Sailed]:
     if who.scheduler is not None:
-        return crew.sail_on(who.scheduler, found, batches)
-    return crew.sail_here(found, batches, who.workers)
+        yield from crew.sail_on(who.scheduler, found, batches)
+        return
+    if (first := next(batches, None)) is not None:
+        engine_of(found).make_ready(next(rows(found, *first)))
+        yield from crew.sail_here(found, chain([first], batches), who.workers)
 
 
 def _figures(found: Spec, failed: int, sailed: int, wall_s: float, who: Crew) -> dict[str, Any]:

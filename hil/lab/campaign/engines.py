@@ -31,6 +31,10 @@ class Engine(Protocol):
         """Return a line for each thing of a specification that this engine cannot sail."""
         ...
 
+    def make_ready(self, row: Row) -> None:
+        """Do what all workers would do each, and what they find done: compile what sails such runs."""
+        ...
+
     def sail(self, rows: Iterable[Row]) -> Iterator[Outcome]:
         """Sail runs and yield what became of them, in order."""
         ...

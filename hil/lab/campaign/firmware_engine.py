@@ -40,6 +40,10 @@ def refusals(spec: Spec) -> list[str]:
     return lines + ([f"vehicle: {REFUSED}"] if spec.vehicle != standard_vehicle() else [])
 
 
+def make_ready(row: Row) -> None:
+    """Do nothing: the autopilot is ready."""
+
+
 def sail(rows: Iterable[Row]) -> Iterator[Outcome]:
     """Sail runs and yield what became of them, in order."""
     yield from map(_believed, rows)

@@ -71,7 +71,7 @@ def _twin_differs(row: Row, truth: Truth) -> list[str]:
     """Say where the autopilot's run is not the twin's, to the nine digits of truth.csv."""
     from hil.lab.campaign import twin_engine  # noqa: PLC0415 - it takes a while
 
-    (ours,) = twin_engine.sailed([row], [twin_engine.NO_ROOM])
+    (ours,) = twin_engine.sailed([row], twin_engine.new_rooms())
     lines = []
     for name in ("heading_low_rad", "rudder_rad"):
         mine = np.char.mod("%.9g", getattr(ours, name)).astype(float)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import islice
 from typing import Any, cast
@@ -23,6 +24,7 @@ from hil.sim.truth import Truth
 from hil.sim.vehicle_file import model_of
 
 BATCH = 256
+READY_S = 1.0
 DEVICES = {"compass": "nmea", "servo": "dynamixel"}
 UNKNOWN_OPTIONS = ("supply", "vessels")
 
@@ -69,11 +71,22 @@ def sail(rows: Iterable[Row]) -> Iterator[Outcome]:
     """Sail runs, so many beside each other, and yield what became of them, in order."""
     left = iter(rows)
     with compiling("the boat's twin"):
-        rooms = [NO_ROOM] * COUNT  # which are drawn in again: new memory takes longer than what is drawn
+        rooms = new_rooms()
         while beside := list(islice(left, COUNT)):
             for truth in sailed(beside, rooms):
                 scores = scores_of(truth.heading_low_rad, truth.rudder_rad, truth.goal_rad)
                 yield Outcome(digest_of(truth), scores)
+
+
+def new_rooms() -> list[Floats]:
+    """Return where seas are drawn; again and again, for new memory takes longer than what is drawn."""
+    return [NO_ROOM] * COUNT
+
+
+def make_ready(row: Row) -> None:
+    """Compile what sails, which workers then find ready: they would all compile it beside each other."""
+    for _ in sail([replace(row, seconds=READY_S)]):
+        pass
 
 
 def sailed(beside: Sequence[Row], rooms: list[Floats]) -> list[Truth]:

@@ -3,9 +3,14 @@ from concurrent.futures import Future
 import pytest
 
 from hil.errors import HilError, UsageError
-from hil.lab.campaign import crew
+from hil.lab.campaign import campaign, crew, twin_engine
+from hil.lab.campaign.campaign import Crew
 from hil.lab.campaign.engines import versions
+from hil.lab.campaign.row import rows
+from hil.lab.twin import loop
 from support.campaign import read
+
+pytestmark = pytest.mark.timeout(600)  # the twin is compiled first
 
 
 class Pool:
@@ -54,6 +59,26 @@ def test_a_worker_of_another_version_is_not_believed():
 
 def test_a_cluster_without_workers_waits_for_them_with_something_to_do():
     assert len(list(crew._sailed(Pool(), work, read(), batches(5), lambda: 0, {}))) == 5
+
+
+def test_what_sails_is_made_ready_once_before_there_are_workers(monkeypatch):
+    done = []
+    monkeypatch.setattr(twin_engine, "make_ready", lambda row: done.append(row.index))
+    monkeypatch.setattr(crew, "sail_here", lambda _spec, given, workers: done.append(workers) or given)
+    assert list(campaign._sailed(read(), Crew(3), batches(2))) == list(batches(2))
+    assert done == [0, 3]
+    assert list(campaign._sailed(read(), Crew(3), batches(0))) == []
+    assert done == [0, 3]  # nothing is left to be sailed, and nothing is compiled
+
+
+def test_a_short_run_makes_ready_what_sails_long_ones():
+    row = next(rows(read(), 0, 1))
+    before = len(loop.voyage.signatures)
+    twin_engine.make_ready(row)
+    ready = len(loop.voyage.signatures)
+    assert ready >= max(before, 1)
+    twin_engine.sailed([row], twin_engine.new_rooms())
+    assert len(loop.voyage.signatures) == ready
 
 
 def test_an_address_that_is_none_is_refused_before_it_is_tried():
