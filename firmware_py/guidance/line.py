@@ -88,13 +88,14 @@ def _approach(
     """Judge whether the end of the line is reached.
 
     It is within its radius; or when the boat passes abeam of it, or moves away from it again, no
-    further off than it could come by turning. Passed further off, the boat sails for it anew
+    further off than it could come by turning; a boat that has only begun to turn for it moves away, too, and has
+    not come near yet. Passed further off, the boat sails for it anew
     from where it is, a few times: then passing is enough, so that no place holds it for ever.
     """
-    distance_m, _ = motion.place.distance_and_bearing(task.place)
+    distance_m, bearing_rad = motion.place.distance_and_bearing(task.place)
     if distance_m <= task.acceptance_radius_m:
         return state, True
-    closest_m = min(state.closest_m, distance_m)
+    closest_m = min(state.closest_m, distance_m) if _closes(motion, bearing_rad) else state.closest_m
     reach_m = max(task.acceptance_radius_m, _passable_m(settings, motion))
     passed = on_line is not None and on_line.remaining_m <= 0.0
     receding = distance_m > closest_m + RECEDING_M and closest_m <= reach_m
@@ -105,6 +106,13 @@ def _approach(
             return state, True
         return LineState(motion.place, 0.0, math.inf, min(state.tries + 1, MOST_TRIES)), False
     return LineState(state.start, state.integral_s, closest_m, state.tries), False
+
+
+def _closes(motion: VesselMotion, bearing_rad: float) -> bool:
+    """Return whether the boat's way over ground leads nearer to what lies on that bearing."""
+    north_m_s = motion.speed_m_s * math.cos(motion.way_rad) + motion.current_north_m_s
+    east_m_s = motion.speed_m_s * math.sin(motion.way_rad) + motion.current_east_m_s
+    return north_m_s * math.cos(bearing_rad) + east_m_s * math.sin(bearing_rad) > 0.0
 
 
 def _passable_m(settings: TaskSettings, motion: VesselMotion) -> float:

@@ -65,6 +65,17 @@ def test_a_place_beside_her_is_reached_whatever_her_turning_circle(afloat, origi
     assert boat.distance_m(distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad)) < 60.0
 
 
+@pytest.mark.parametrize("distance_m", [26.0, 30.0, 43.0])
+def test_a_place_astern_is_turned_for_before_it_counts_as_passed(afloat, origin, distance_m):
+    """Its start is where she is; moving away while she turns is no passing."""
+    boat = afloat()
+    task = go(origin, -distance_m, 0.0)
+    while not boat.follower.arrived:
+        boat.step(task)
+        assert boat.t_s < 1000.0
+    assert boat.distance_m(-distance_m) <= 20.0
+
+
 def test_passed_far_off_it_is_sailed_for_anew(origin, tight):
     task = go(origin, 500.0, 0.0)
     here = origin.at_offset(510.0, 300.0)
