@@ -27,7 +27,7 @@ OTHERS_RAD: Final = radians(6.0)  # of rudder, that waves and gusts turn her as 
 UNSURE_S: Final = 4.0  # in which the heading errs by half its standard deviation
 ALIKE_S: Final = 4.0  # for so long what is seen errs to one side
 # Of a log-likelihood ratio. That she is as told weighs less: a swing has causes besides.
-LEAST, MOST = -1.0, 4.0
+LEAST, MOST = -4.0, 4.0
 
 
 @dataclass(frozen=True, slots=True)

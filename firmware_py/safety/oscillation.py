@@ -37,7 +37,7 @@ LONGEST_S: Final = 64.0  # that much at least, for what comes late comes as late
 SHORTEST_WAVES: Final = 0.75  # and by the period of the waves
 ALIKE_LENGTH: Final = 1.5  # by how many times one may be longer or shorter than the one before
 GROWN, SHRUNK = 2.0, 0.7  # and by how many times larger or smaller
-# The size that counts once. In 24 hours of turns in each of eleven seas the sum came to 5.3, in gusts.
+# The size that counts once. Nothing was told in 96 hours of turns in gusts, which look most like it.
 PLAIN_SPREADS: Final = 2.5
 PLAIN_RUDDER_RAD: Final = radians(10.0)
 PLAIN_PUSH_RAD: Final = radians(3.0)

@@ -19,7 +19,7 @@ FAR_RAD = radians(8.0)
 LEAST_GAIN, MOST_GAIN = 0.25, 4.0
 OTHERS_RAD = radians(6.0)
 UNSURE_S, ALIKE_S = 4.0, 4.0
-LEAST, MOST = -1.0, 4.0
+LEAST, MOST = -4.0, 4.0
 
 # What is remembered; there is no sample where its time is NaN.
 (T, HEADING, RUDDER, SPEED, FIRST, SECOND, THIRD, AS_TOLD, LATE,
