@@ -48,9 +48,9 @@ def plain_swing(kept):
     """Return since when she swings by 5 deg and more beyond her goal, and the period [s], by the sides of the error."""
     sides = np.sign(kept[:, 0])
     changes = np.flatnonzero(np.diff(sides)) + 1
-    for begin, end, last in zip(changes, changes[1:], changes[2:], strict=False):
+    for begin, end in pairwise(changes):
         if np.abs(kept[begin:end, 0]).max() > 5.0:
-            return TURN_S + begin, float(last - begin)
+            return TURN_S + begin, 2.0 * float(end - begin)
     raise AssertionError("she does not swing")
 
 
