@@ -95,7 +95,8 @@ def test_in_lockstep_a_forced_restart_loses_no_time_and_boots_as_the_parameters_
         beat = station.heard("HEARTBEAT", lambda beat: beat.custom_mode == GUIDED)
         assert beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
     hil.end()
-    logs = sorted((hil.out / "state" / "logs").glob("*.BIN*"))  # closed ones are being compressed
+    names = {path.name for path in (hil.out / "state" / "logs").iterdir()}
+    logs = {name for name in names if ".BIN" in name and not name.startswith(".")}  # one is being compressed, perhaps
     assert len(logs) == 3
     assert replays(hil.out)
 

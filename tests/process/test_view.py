@@ -104,7 +104,7 @@ def test_the_page_of_a_mission_shows_plan_and_figures_and_can_be_zoomed(tmp_path
     first, second = told["arrivals"]
     assert (first["item"], second["item"]) == (1, 2)
     assert 5.0 < first["time_s"] < second["time_s"] < 120.0
-    assert 0.0 < told["cross_track"]["rms_m"] <= told["cross_track"]["p95_m"] < 15.0
+    assert 0.0 < told["cross_track"]["rms_m"] <= told["cross_track"]["p95_m"] < 20.0
     browser.look(400, 900)
     browser.open((tmp_path / "run/report.html").as_uri())
     for shape, number in (("fence", 3), ("fence.out", 2), ("leg", 1), ("spot", 2), ("home", 2), ("boat", 1)):

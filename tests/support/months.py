@@ -240,6 +240,9 @@ class Servo(Instrument):
         mean_a = (world.servo_j - before_j) / (SERVO_V * (now_s - before_s)) if now_s > before_s else 0.0
         return RudderFeedback(now_s, world.shaft_rad, 25.0, SERVO_V, mean_a, torque_on=world.torque)
 
+    def hurries(self):
+        return False
+
     def command(self, command, now_s):
         self.world.advance_to(now_s)
         if self.speaks():
@@ -320,6 +323,9 @@ class Shifted:
 
     def command(self, command, now_s):
         self._device.command(command, self._begin_s + now_s)
+
+    def hurries(self):
+        return self._device.hurries()
 
 
 class Flows(NamedTuple):
