@@ -140,6 +140,7 @@ def test_mavproxy_loads_lists_and_saves_plans(tmp_path, start, begin):
         client.expect(f"Loaded {len(lines)} {what} in ")
         kept = len(lines) - (name == "wp")  # home is hers
         client.wait_for(lambda name=name, kept=kept: stored(tmp_path, name) == kept, f"{kept} {what} in the store")
+        client.expect(r"Got MISSION_ACK: TYPE_\w+: ACCEPTED")  # until then MAVProxy is still sending
         client.say(f"{name} save {name}-again.txt")
         client.expect(f"Saved {len(lines)} {what} to {name}-again.txt")
         assert numbers(home / f"{name}-again.txt")[name == "wp" :] == numbers(home / f"{name}.txt")[name == "wp" :]
