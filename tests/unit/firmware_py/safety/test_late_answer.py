@@ -1,9 +1,20 @@
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from firmware_py.model.kt import OCEAN_RAMBLER, decay_over
-from firmware_py.safety.late_answer import LEAST, MOST, LateAnswerState, turned, update
+from firmware_py.safety.late_answer import (
+    LEAST,
+    LEAST_GAIN,
+    MOST,
+    MOST_GAIN,
+    LateAnswerState,
+    explained,
+    turned,
+    update,
+)
 
 SD_RAD, FAR_RAD = math.radians(1.0), math.radians(8.0)
 
@@ -34,7 +45,7 @@ class Turns:
         return self.state.evidence
 
 
-@pytest.mark.parametrize("speed_m_s", [0.3, 0.4, 0.9])
+@pytest.mark.parametrize("speed_m_s", [0.2, 0.4, 0.9])
 @pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
 def test_a_boat_as_told_is_not_late_whatever_she_turns(gain, speed_m_s):
     boat = Turns(gain, speed_m_s=speed_m_s)
@@ -71,3 +82,14 @@ def test_without_way_nothing_is_divided_by_it():
     for second in range(100):
         state = update(OCEAN_RAMBLER, state, 1.0, 0.4, -1.0, float(second), turns=True)
     assert math.isfinite(turned(OCEAN_RAMBLER, state, SD_RAD).evidence)
+
+
+@given(st.lists(st.tuples(st.floats(-3.0, 3.0), st.floats(-1.0, 1.0)), min_size=1, max_size=20))
+def test_what_is_explained_is_what_the_best_gain_takes_off_the_squares(shown_and_felt):
+    def squares(gain):
+        return sum((shown - gain * felt) ** 2 for shown, felt in shown_and_felt)
+
+    gains = [LEAST_GAIN + (MOST_GAIN - LEAST_GAIN) * number / 2000.0 for number in range(2001)]
+    best = squares(0.0) - min(map(squares, gains))
+    told = explained(sum(shown * felt for shown, felt in shown_and_felt), sum(felt**2 for _, felt in shown_and_felt))
+    assert best - 1e-9 <= told <= best + 1e-4
