@@ -17,8 +17,12 @@ def learn_interval_s(interval_s: float | None, step_s: float, shortest_s: float)
     """Return the longest interval of late after a sample that came step_s after the one before.
 
     None: none is known yet. The longest and not the mean, because several sentences of one burst are several samples.
+    Those that were read together teach nothing: an adapter that hands on a second's worth at a time would else be
+    lost each second.
     """
     before_s = shortest_s if interval_s is None else interval_s
+    if step_s <= 0.0:
+        return before_s
     slowest_s, least_s = SLOWEST * shortest_s, (1.0 - FORGOTTEN) * before_s
     counted_s = min(step_s, slowest_s)
     return max(counted_s, least_s)

@@ -51,7 +51,9 @@ def begin(s: Rows) -> None:
 def learn_interval(s: Rows, said: int, interval: int, t_s: Lanes, shortest_s: Lanes) -> None:
     """Note a sample of a source and learn how far apart they come."""
     before_s = where(math.isnan(s[interval]), shortest_s, s[interval])
-    after_s = most(least(t_s - s[said], SLOWEST * shortest_s), (1.0 - FORGOTTEN) * before_s)
+    step_s = t_s - s[said]
+    learned_s = most(least(step_s, SLOWEST * shortest_s), (1.0 - FORGOTTEN) * before_s)
+    after_s = where(step_s <= 0.0, before_s, learned_s)
     s[interval] = where(math.isnan(s[said]), s[interval], after_s)
     s[said] = t_s
 

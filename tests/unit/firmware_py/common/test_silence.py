@@ -27,6 +27,12 @@ def test_a_burst_of_several_sentences_is_not_a_fast_source():
     assert learned(*[0.98, 0.01, 0.01] * 9) > 1.5
 
 
+@pytest.mark.parametrize("together", [8, 10, 50])
+def test_samples_that_an_adapter_hands_on_a_second_at_a_time_are_a_source_of_one_hertz(together):
+    burst = [1.0, *[0.0] * (together - 1)]
+    assert learned(*burst * 20) == 2.5
+
+
 def test_a_gap_is_forgotten_after_a_few_samples():
     assert learned(*[0.1] * 30, 600.0) == 5.0
     assert learned(*[0.1] * 30, 600.0, *[0.1] * 13) == 1.0
