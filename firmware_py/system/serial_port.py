@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
+import termios
 
 import serial
 
 REOPEN_INTERVAL_S = 1.0
 READ_LIMIT = 4096
 UNSENT_LIMIT = 4096
-# So many reads without a byte, and the port is looked at: is it still there?
+# So many reads without a byte, and the port is looked at: is it still there, and ours?
 EMPTY_READS_LIMIT = 16
 
 
@@ -103,9 +104,17 @@ class SerialPort:
         self._empty_reads = 0 if data else self._empty_reads + 1
         if self._empty_reads >= EMPTY_READS_LIMIT:
             self._empty_reads = 0
-            if not os.path.exists(self._path):  # noqa: PTH110 - one call in the tick's path
+            if self._hung_up():
                 self.close()
         return data
+
+    def _hung_up(self) -> bool:
+        """Say whether the other end is gone; when it is back already the path is there, and is another's."""
+        try:
+            termios.tcgetattr(self._fd)
+            return os.stat(self._path).st_rdev != os.fstat(self._fd).st_rdev  # noqa: PTH116 - in the tick's path
+        except (OSError, termios.error):
+            return True
 
     def write(self, data: bytes) -> bool:
         """Hand data to the kernel; what does not fit now goes before the next write."""

@@ -95,6 +95,38 @@ def test_a_cable_pulled_and_put_back_is_taken_up_again(line, cable):
     assert read_all(line, 5) == b"again"
 
 
+def test_a_cable_that_is_back_before_anybody_looks_is_taken_up_again(line, cable):
+    """Of a line that is only read: the old terminal reads nothing for ever, beside a path that is there."""
+    cable.pull()
+    line.read()
+    cable.plug()
+    for number in range(10 * EMPTY_READS_LIMIT):
+        line.read()
+        line.reopen(10.0 + number)
+    assert line.openings == 2
+    os.write(cable.master, b"again")
+    assert read_all(line, 5) == b"again"
+
+
+def test_a_path_that_leads_elsewhere_is_followed(line, cable, tmp_path):
+    """As when an adapter's name is given to another one while the first is still there."""
+    other = Cable(tmp_path / "other")
+    other.path.replace(cable.path)
+    for number in range(2 * EMPTY_READS_LIMIT):
+        line.read()
+        line.reopen(10.0 + number)
+    assert line.openings == 2
+    os.write(other.master, b"here")
+    assert read_all(line, 4) == b"here"
+
+
+def test_a_line_that_is_silent_is_not_opened_anew(line, cable):
+    for number in range(10 * EMPTY_READS_LIMIT):
+        line.read()
+        line.reopen(10.0 + number)
+    assert line.openings == 1
+
+
 def test_a_line_that_takes_no_more_refuses_whole_messages_and_keeps_order(line, cable):
     sent = b""
     number = 0
