@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Inputs, PositionSample, RudderStatus
 from firmware_py.common.reports import Home
 from firmware_py.core import device_reports, rudder, tick_timing
 from firmware_py.core.state import Settings, State, heading_timeouts_of
 from firmware_py.estimate import heading_estimator, position, water
+
+FIRST_PLACE_S: Final = 1800.0  # for so long a receiver's first place may prove wrong
 
 
 def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, RudderStatus, tuple[Event, ...]]:
@@ -23,10 +27,11 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
     home = state.home
     credible = []
     for sample in inputs.positions:
+        begun = place.begun
         place, good = position.update(place, sample, settings.position.jump_s)
         if good:
             credible.append(sample)
-            home = home or _first_home(sample)
+            home = _home(home, begun, place.begun)
     heading_state, events = heading_estimator.update(
         settings.heading_estimator,
         state.heading_estimator,
@@ -49,8 +54,20 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
     return state, rudder_status, events
 
 
-def _first_home(sample: PositionSample) -> Home | None:
-    """Return the first fix since start: it is home until one is set."""
-    if sample.latitude_rad is None or sample.longitude_rad is None:
+def _home(home: Home | None, before: PositionSample | None, begun: PositionSample | None) -> Home | None:
+    """Return home after a fix: the first one since start, until home is set.
+
+    A receiver that has just been switched on may be sure of a place where it is not: when the first one proves wrong
+    soon, home goes along.
+    """
+    if home is None:
+        return _home_at(begun)
+    if before is begun or before is None or begun is None or begun.t_s - before.t_s > FIRST_PLACE_S:
+        return home
+    return _home_at(begun) if home == _home_at(before) else home
+
+
+def _home_at(sample: PositionSample | None) -> Home | None:
+    if sample is None or sample.latitude_rad is None or sample.longitude_rad is None:
         return None
     return Home(sample.latitude_rad, sample.longitude_rad, sample.altitude_m or 0.0)

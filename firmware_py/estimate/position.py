@@ -35,7 +35,10 @@ class PositionSettings:
 
 @dataclass(frozen=True, slots=True)
 class PositionState:
-    """The estimated place at t_s, the last fix believed, and the first of those that are not."""
+    """The estimated place at t_s, the last fix believed, and the first of those that are not.
+
+    `begun` is the first fix of all, or that by which a jump was believed.
+    """
 
     t_s: float = 0.0
     latitude_rad: float = 0.0
@@ -43,6 +46,7 @@ class PositionState:
     fix: PositionSample | None = None
     suspect: PositionSample | None = None
     witnesses: int = 0
+    begun: PositionSample | None = None
 
 
 def on_earth(sample: PositionSample) -> bool:
@@ -68,7 +72,7 @@ def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple
     if not on_earth(sample):
         return state, False
     if state.fix is None:
-        return _at(sample, sample.t_s), True
+        return _at(sample, sample.t_s, sample), True
     gap_s = sample.t_s - state.fix.t_s
     if _distance_m(state.fix, sample) > _reach_m(gap_s):
         suspect, witnesses = state.suspect, state.witnesses
@@ -76,9 +80,9 @@ def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple
             return replace(state, suspect=sample, witnesses=1), False
         if sample.t_s - suspect.t_s < jump_s or witnesses < LEAST_WITNESSES:
             return replace(state, witnesses=witnesses + 1), False
-        return _at(sample, sample.t_s), True
+        return _at(sample, sample.t_s, sample), True
     if gap_s > LONGEST_GAP_S or gap_s < 0.0:
-        return _at(sample, max(sample.t_s, state.t_s)), True
+        return _at(sample, max(sample.t_s, state.t_s), state.begun), True
     gain = 1.0 - math.exp(-gap_s / SMOOTHING_S)
     north_m, east_m = Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample))
     state = replace(state, fix=sample, suspect=None, witnesses=0)
@@ -93,10 +97,10 @@ def _place(sample: PositionSample) -> Place:
     return Place(sample.latitude_rad or 0.0, sample.longitude_rad or 0.0)
 
 
-def _at(sample: PositionSample, t_s: float) -> PositionState:
+def _at(sample: PositionSample, t_s: float, begun: PositionSample | None) -> PositionState:
     """Return the state that begins anew at a fix."""
     place = _place(sample)
-    return PositionState(t_s, place.latitude_rad, place.longitude_rad, sample)
+    return PositionState(t_s, place.latitude_rad, place.longitude_rad, sample, begun=begun)
 
 
 def _distance_m(fix: PositionSample, other: PositionSample) -> float:
@@ -106,4 +110,5 @@ def _distance_m(fix: PositionSample, other: PositionSample) -> float:
 def _displace(state: PositionState, north_m: float, east_m: float, t_s: float) -> PositionState:
     """Return the state with the place moved north and east."""
     place = Place(state.latitude_rad, state.longitude_rad).at_offset(north_m, east_m)
-    return PositionState(t_s, place.latitude_rad, place.longitude_rad, state.fix, state.suspect, state.witnesses)
+    suspect, witnesses = state.suspect, state.witnesses
+    return PositionState(t_s, place.latitude_rad, place.longitude_rad, state.fix, suspect, witnesses, state.begun)

@@ -22,7 +22,7 @@ from firmware_py.guidance.fence import FenceState
 from firmware_py.guidance.mission import MissionInput
 from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.guidance.mission_step import steps_of
-from firmware_py.guidance.return_point import return_task
+from firmware_py.guidance.return_point import places, return_task
 from firmware_py.guidance.task_follower import TaskFollowerState, TaskStatus
 from firmware_py.guidance.tasks import GoTo, HoldStation, Task, TaskSettings, VesselMotion
 from firmware_py.modes import ModeState, PositionGoal
@@ -176,8 +176,11 @@ def _loiter_task(settings: GuidanceSettings, state: GuidanceState, given: Guidan
 
 
 def _rtl_task(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput) -> Task | None:
-    """RTL chooses its place once."""
-    return state.task or _return_task(settings, given)
+    """RTL chooses its place once, and anew where that is none any more: home was set, or stood where she never was."""
+    chosen, with_home = state.task, settings.rally_includes_home
+    if isinstance(chosen, GoTo) and chosen.place in places(given.home, given.plans.rally, with_home=with_home):
+        return chosen
+    return _return_task(settings, given) or chosen
 
 
 # What a mode does that follows a task of its own; AUTO takes its tasks from the mission. A task that needs where the

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 from firmware_py.common.geodesy import Place
@@ -15,17 +16,23 @@ from firmware_py.plans.items import Command
 UNREACHABLE_M_S = 0.02
 
 
-def return_place(motion: VesselMotion, home: Home | None, rally: Plan, *, with_home: bool) -> Place | None:
-    """Return the place that the boat reaches first, the nearest when it reaches none, None when there is none.
+@functools.lru_cache(maxsize=4)
+def _rally_places(rally: Plan) -> tuple[Place, ...]:
+    found = (place_of(item) for item in rally.items if item.command == Command.RALLY_POINT)
+    return tuple(place for place in found if place is not None)
 
-    Home counts beside the rally points when `with_home`, and when there are none.
-    """
-    places = [
-        place for item in rally.items if item.command == Command.RALLY_POINT and (place := place_of(item)) is not None
-    ]
-    if home is not None and (with_home or not places):
-        places.append(Place(home.latitude_rad, home.longitude_rad))
-    return min(places, key=lambda place: _time_to(motion, place), default=None)
+
+def places(home: Home | None, rally: Plan, *, with_home: bool) -> list[Place]:
+    """Return where RTL may go: home counts beside the rally points when `with_home`, and when there are none."""
+    found = list(_rally_places(rally))
+    if home is not None and (with_home or not found):
+        found.append(Place(home.latitude_rad, home.longitude_rad))
+    return found
+
+
+def return_place(motion: VesselMotion, home: Home | None, rally: Plan, *, with_home: bool) -> Place | None:
+    """Return the place that the boat reaches first, the nearest when it reaches none, None when there is none."""
+    return min(places(home, rally, with_home=with_home), key=lambda place: _time_to(motion, place), default=None)
 
 
 def _time_to(motion: VesselMotion, place: Place) -> tuple[bool, float]:

@@ -383,6 +383,51 @@ def test_absurd_requests_change_nothing(value):
         assert answer.verdict is Verdict.DENIED
 
 
+def homes(*fixes, orders=()):
+    """Return home after each fix (time, latitude, longitude); orders (time, intent) come with the fix of their time."""
+    state, found = State.at_start(ParameterSet().replaced("POS_JUMP_S", 60.0)), []
+    for index, (t_s, latitude_rad, longitude_rad) in enumerate(fixes):
+        requests = tuple(Request(t_s, intent) for when_s, intent in orders if when_s == t_s)
+        positions = (PositionSample(t_s, FixType.FIX_3D, latitude_rad, longitude_rad, 3.0),)
+        state, output = step(state, Inputs(Tick(index, t_s, 0.0, 0, 1.0), (), positions, (), (), requests))
+        found.append(output.snapshot.home)
+    return found
+
+
+WRONG, RIGHT = (0.0, 0.0), (0.5, 0.2)
+
+
+def test_home_goes_along_when_the_receiver_s_first_place_proves_wrong():
+    found = homes(*((float(t), *WRONG) for t in range(20)), *((float(t), *RIGHT) for t in range(20, 100)))
+    assert found[0] == found[50] == Home(*WRONG, 3.0)
+    assert found[-1] == Home(*RIGHT, 3.0)
+
+
+def test_home_stays_when_the_receiver_goes_wrong_under_way():
+    right, wrong = range(0, 1900), range(1900, 2000)
+    found = homes(*((float(t), *RIGHT) for t in right), *((float(t), *WRONG) for t in wrong), (2000.0, *RIGHT))
+    assert set(found) == {Home(*RIGHT, 3.0)}
+
+
+def test_home_that_was_set_stays_when_the_first_place_proves_wrong():
+    told = ((10.0, SetHome(0.4, 0.1, 0.0)),)
+    fixes = (*((float(t), *WRONG) for t in range(20)), *((float(t), *RIGHT) for t in range(20, 100)))
+    assert homes(*fixes, orders=told)[-1] == Home(0.4, 0.1, 0.0)
+
+
+def test_she_who_returns_to_where_she_never_was_turns_for_home_when_that_is_known():
+    boat = Boat(ParameterSet().replaced("POS_JUMP_S", 10.0), noise_rad=0.002)
+    boat.position = PositionSample(0.0, FixType.FIX_3D, *WRONG)
+    output = boat.under_way(Mode.RTL).run(1.0)
+    assert (output.snapshot.navigation.target_latitude_rad, output.snapshot.navigation.target_longitude_rad) == WRONG
+    boat.position = PositionSample(0.0, FixType.FIX_3D, *RIGHT)
+    output = boat.run(20.0)
+    target = output.snapshot.navigation
+    assert (target.target_latitude_rad, target.target_longitude_rad) == pytest.approx(RIGHT, abs=1e-5)
+    boat.tick(SetHome(0.50001, 0.2, 0.0))
+    assert boat.run(1.0).snapshot.navigation.target_latitude_rad == 0.50001
+
+
 def test_home_is_the_first_fix_until_it_is_set():
     state = State.at_start(ParameterSet())
 
