@@ -4,7 +4,9 @@ One half-duplex exchange at a time. The goal goes out first in a tick, by an ins
 is not answered, and behind it what asks for goal and telemetry: one write, and one answer that
 says whether the goal was taken. A tick costs 75 bytes and now and then 32 for the state: at
 57600 baud 13.0 and at most 18.6 ms, at 1 Mbaud 0.8 and 1.1 ms. Nothing waits for that answer but
-the next tick, unless the state is to be read.
+the next tick, unless the state is to be read. An answer that is not there by then is given up, and
+the next goal is asked for by a read of another length: so one that an adapter has held back is told
+from the one awaited, and judged by the goal that it belongs to.
 
     SEARCH ---any answer---> CONFIGURE ---all known and right---> RUN
       ^                        |  ^                                 |
@@ -15,7 +17,8 @@ the next tick, unless the state is to be read.
 * CONFIGURE reads the registers and corrects those that differ (dynamixel_upkeep).
 * Bus watchdog: after 2 s without any instruction the servo stops and holds the angle it
   has, so a rudder in motion does not go on when the autopilot dies. Ticks down to 1 Hz
-  feed it. After a trip no goal is taken; it is then recognised and cleared.
+  feed it. After a trip no goal is taken. It is recognised and cleared: before the next goal when
+  nothing has been sent for so long, else by a goal that is not taken, or by the next reading.
 * A servo that has lost its power in between shows it by silence, or by torque or watchdog
   back at their power-up values, and is configured again.
 * In silence the driver pings, and every other tick still sends the goal: a servo whose
@@ -28,6 +31,7 @@ the next tick, unless the state is to be read.
 
 from __future__ import annotations
 
+import math
 from enum import Enum, auto
 
 from firmware_py.actuator import dynamixel_frames as frames
@@ -44,8 +48,10 @@ from firmware_py.common.records import DeviceState, RudderFeedback
 REBOOT_DELAY_S, REBOOT_EVERY_S = 3.0, 30.0
 COOL_ENOUGH_C = 60.0
 GOALS_REFUSED = 3  # in a row: one or two are a tripped watchdog
-LARGEST_REPLY_LENGTH = 64  # the telemetry has 25, and its stuffing
-LONGEST_EXCHANGE_BYTES = 110  # a question of 14 or 16, the largest reply, and the delay that the servo may answer with
+LARGEST_REPLY_LENGTH = 64  # goal and telemetry have at most 51, and their stuffing
+LONGEST_EXCHANGE_BYTES = (
+    110  # a goal of 19, a question of 14, a reply of 58, and the delay that the servo may answer with
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +83,9 @@ class DynamixelServo:
         self._upkeep = Upkeep(options.id)
         self._ping = Request(Kind.PING, frames.ping(options.id), "ping", 3)
         self._reboot = Request(Kind.REBOOT, frames.reboot(options.id), "reboot")
-        self._look = read_request(options.id, table.GOAL_AND_TELEMETRY).frame
+        self._looks = tuple(read_request(options.id, block) for block in table.LOOKS)
+        self._look = 0  # which comes with the next goal
+        self._asked: Request | None = None  # the newest that came with a goal
         self._readings = Readings(options.id)
         self._restarts = RestartCounter()
         self._model = ""
@@ -89,8 +97,8 @@ class DynamixelServo:
         self._phase = Phase.SEARCH
         self._steered = False  # since the line was opened
         self._goal_was_last = False
-        self._goal_counts = table.CENTRE_COUNTS  # of the last goal
         self._goals_refused = 0
+        self._changed_s = -math.inf  # when something else than the goal was last written
         self._temperature_c: float | None = None
         self._reboot_at_s: float | None = None
 
@@ -136,19 +144,35 @@ class DynamixelServo:
         """Return whether the packet is this servo's and as long as the answer to the request."""
         return reply.device_id == self.device_id and len(reply.parameters) == (0 if reply.code else request.parameters)
 
-    def take_answer(self, request: Request, reply: frames.StatusPacket, asked_s: float) -> Answer:
-        """Take a refusal, a reading, or the word that a goal or a correction is done."""
+    def take_answer(self, request: Request, reply: frames.StatusPacket, asked_s: float, *, sure: bool) -> Answer:
+        """Take a refusal, a reading, or the word that a goal or a correction is done.
+
+        A refusal fits whatever was asked, so it only counts as one of what it is sure to answer.
+        """
         if self._phase is Phase.SEARCH:
             self._phase = Phase.CONFIGURE
         if reply.alert and not self._upkeep.hardware_error:
             self._readings.read_state_next()
+        if request is self._asked:
+            self._look = 0
         if reply.code:
-            if request.kind is Kind.GOAL:
+            if sure and request.kind is Kind.GOAL:
                 self._note_goal_refused()
-            else:
+            elif sure:
                 self._upkeep.take_refusal(request, reply.code, asked_s)
             return Answer(obeyed=False)
+        if request.kind is Kind.GOAL:
+            return self._take_goal(request.counts if sure else None, reply.parameters, asked_s)
         return self._take_result(request, reply.parameters, asked_s)
+
+    def _take_goal(self, sent_counts: int | None, data: bytes, asked_s: float) -> Answer:
+        """Take the goal that the servo has, beside the one that it was sent (None: not known), and the telemetry."""
+        refused = sent_counts is not None and table.goal_of(data) != sent_counts
+        if refused:
+            self._note_goal_refused()
+        elif sent_counts is not None:
+            self._goals_refused = 0
+        return self._take_telemetry(table.telemetry_of(data), asked_s, obeyed=not refused)
 
     def _note_goal_refused(self) -> None:
         self._goals_refused += 1
@@ -158,16 +182,9 @@ class DynamixelServo:
     def _take_result(self, request: Request, data: bytes, asked_s: float) -> Answer:
         if request.kind is Kind.PING:
             self._model = f"model {data[0] | data[1] << 8}, firmware {data[2]}"
-        elif request.kind is Kind.GOAL:
-            taken = table.GOAL_POSITION.decoded(data) == self._goal_counts
-            if taken:
-                self._goals_refused = 0
-            else:
-                self._note_goal_refused()
-            return self._take_telemetry(table.telemetry_of(data), asked_s, obeyed=taken)
         elif request.block is table.TELEMETRY:
             return self._take_telemetry(data, asked_s)
-        else:
+        elif request.kind is not Kind.READ or asked_s >= self._changed_s:  # else it is of before
             self._restarts.take_result(request, data)
             restarted = self._phase is Phase.RUN and self._upkeep.shows_restart(request, data)
             self._upkeep.take_result(request, data)
@@ -194,8 +211,10 @@ class DynamixelServo:
     # ------------------------------------------------------------------ what is sent
 
     def note_lost(self, request: Request) -> None:
-        """Have a correction looked at before it is repeated."""
+        """Have a correction looked at before it is repeated, and the next goal asked for by another length."""
         self._upkeep.note_lost(request)
+        if request.kind is Kind.GOAL:
+            self._look = (self._look + 1) % len(self._looks)
 
     def note_sent(self, request: Request, now_s: float) -> None:
         """Note that a request is on its way."""
@@ -205,7 +224,10 @@ class DynamixelServo:
         self._restarts.note_sent(request)
         if self._goal_was_last:
             self._goal_due = False
-        elif request.kind is Kind.REBOOT:
+            self._asked = request
+        elif request.kind is not Kind.READ:
+            self._changed_s = now_s
+        if request.kind is Kind.REBOOT:
             self._reboot_at_s = now_s + REBOOT_EVERY_S
             self._search()
 
@@ -235,10 +257,10 @@ class DynamixelServo:
         return self._reboot if self._reboot_due(now_s) else self._readings.next_request(now_s)
 
     def _goal(self, shaft_rad: float) -> Request:
-        goal, block = table.GOAL_POSITION, table.GOAL_AND_TELEMETRY
-        self._goal_counts = table.goal_counts(shaft_rad, self._upkeep.image)
-        frame = frames.sync_write(self.device_id, goal.address, goal.encoded(self._goal_counts)) + self._look
-        return Request(Kind.GOAL, frame, goal.name, block.length)
+        goal, look = table.GOAL_POSITION, self._looks[self._look]
+        counts = table.goal_counts(shaft_rad, self._upkeep.image)
+        frame = frames.sync_write(self.device_id, goal.address, goal.encoded(counts)) + look.frame
+        return Request(Kind.GOAL, frame, goal.name, look.parameters, counts=counts)
 
     def _reboot_due(self, now_s: float) -> bool:
         errors = self._upkeep.hardware_error

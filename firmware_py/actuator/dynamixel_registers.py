@@ -41,7 +41,9 @@ class Block:
     """A range that is read in one exchange.
 
     Every block has a length of its own (and a ping has 3): a status packet does not say
-    what it answers, so its length tells a late one from the one awaited.
+    what it answers, so its length tells a late one from the one awaited. The goal is asked
+    for again and again, and each answer means another goal: LOOKS are the ranges by which
+    it is asked for, each from a register further on before it.
     """
 
     name: str
@@ -55,6 +57,10 @@ STATE = Block("state", 64, 7)
 WATCHDOG = Block("bus watchdog", 98, 1)
 TELEMETRY = Block("telemetry", 126, 21)
 GOAL_AND_TELEMETRY = Block("goal position and telemetry", 116, 31)
+LOOKS = (
+    GOAL_AND_TELEMETRY,
+    *(Block("goal position and more", first, 147 - first) for first in (112, 108, 104, 102, 100)),
+)
 
 # Present current at 126, position at 132, voltage at 144, temperature at 146.
 _TELEMETRY = struct.Struct("<h4xi8xHb")
@@ -150,9 +156,14 @@ class Telemetry:
     impossible: int
 
 
+def goal_of(data: bytes) -> int:
+    """Return the goal position within the bytes of any of LOOKS."""
+    return GOAL_POSITION.decoded(data[-GOAL_AND_TELEMETRY.length :])
+
+
 def telemetry_of(data: bytes) -> bytes:
-    """Return the telemetry block within the longer one that begins with the goal."""
-    return data[TELEMETRY.address - GOAL_AND_TELEMETRY.address :]
+    """Return the telemetry block within the bytes of any of LOOKS."""
+    return data[-TELEMETRY.length :]
 
 
 def decode_telemetry(data: bytes) -> Telemetry:

@@ -6,6 +6,7 @@ a tripped watchdog differ only in what the image says, so there is no procedure 
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from enum import Enum, auto
 
@@ -14,6 +15,7 @@ from firmware_py.actuator import dynamixel_registers as table
 from firmware_py.common.record_class import dataclass
 
 WATCHDOG_UNITS = 100  # of 20 ms
+MAY_HAVE_TRIPPED_S = 0.9 * 0.02 * WATCHDOG_UNITS  # without an instruction
 ATTEMPTS = 3
 REST_S, OPTIONAL_REST_S = 1.0, 30.0  # before one more attempt
 
@@ -37,6 +39,7 @@ class Request:
     name: str
     parameters: int = 0  # number of bytes of the answer
     block: table.Block | None = None  # read, or changed
+    counts: int = 0  # of the goal that is sent with it
 
 
 def read_request(device_id: int, block: table.Block) -> Request:
@@ -90,6 +93,7 @@ class Upkeep:
         self._essential |= {block.name for block in blocks if block not in self._optional_blocks}
         self._attempts: Counter[str] = Counter()
         self._rests_until_s: dict[str, float] = {}
+        self._sent_s = -math.inf  # the last instruction of any kind
         self.settled_for: bool | None = None  # the torque with which there is nothing to read or to correct
         self.torque_on: bool | None = None  # as last read; None: not known
         self.hardware_error = 0  # the bits as last read
@@ -118,6 +122,8 @@ class Upkeep:
 
     def next_request(self, now_s: float, *, torque_wanted: bool | None, in_use: bool) -> Request | None:
         """Return the next request, set `complete` and `stuck`; nothing is written while torque_wanted is None."""
+        if now_s - self._sent_s >= MAY_HAVE_TRIPPED_S:  # the autopilot stood still, or the line took nothing
+            self.forget(table.WATCHDOG)
         if torque_wanted is not None and torque_wanted is self.settled_for:
             return None
         self.complete = self.stuck = False
@@ -178,7 +184,8 @@ class Upkeep:
     # ------------------------------------------------------------------ what became of it
 
     def note_sent(self, request: Request, now_s: float) -> None:
-        """Count an attempt at a correction."""
+        """Note that the watchdog is fed, and count an attempt at a correction."""
+        self._sent_s = now_s
         if request.kind is Kind.CORRECT:
             self._count(request, now_s)
 

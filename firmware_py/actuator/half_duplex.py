@@ -1,9 +1,11 @@
-"""One question at a time on a bus where both ends share the wires."""
+"""One question at a time on a bus where both ends share the wires, and replies that may come after it is given up."""
 
 from __future__ import annotations
 
 import math
-from typing import Generic, TypeVar
+from collections import deque
+from collections.abc import Callable
+from typing import Generic, NamedTuple, TypeVar
 
 from firmware_py.common.interfaces import ByteLine
 
@@ -17,6 +19,7 @@ LONGEST_PERIOD_S = 1.0
 LONGEST_REPLY_TIMEOUT_S = 1.0
 ADAPTER_LATENCY_S = 0.016  # the latency timer of a USB adapter
 BITS_PER_BYTE = 10
+LATEST_REPLY_S = 2.0  # for so long the reply to a question that was given up may still come
 
 
 def reply_timeout_s(baud: int, exchange_bytes: int) -> float:
@@ -24,10 +27,29 @@ def reply_timeout_s(baud: int, exchange_bytes: int) -> float:
     return min(ADAPTER_LATENCY_S + exchange_bytes * BITS_PER_BYTE / baud, LONGEST_REPLY_TIMEOUT_S)
 
 
-class HalfDuplex(Generic[RequestT]):
-    """Remembers which request waits for its reply, and for how long there has been none."""
+class Answered(NamedTuple, Generic[RequestT]):
+    """What a reply answers: of several that it fits the oldest, and then not `sure`.
 
-    __slots__ = ("_line", "_openings", "_reply_timeout_s", "_unanswered", "_waiting_since_s", "outstanding", "sent_s")
+    `doubtful` is the newest if it fits that, too, and is given up.
+    """
+
+    request: RequestT
+    asked_s: float
+    sure: bool = True
+    doubtful: RequestT | None = None
+
+
+class HalfDuplex(Generic[RequestT]):
+    """Remembers which requests wait for their replies, and for how long there has been none.
+
+    A reply that an adapter has held back comes after its request was given up, and after the next one was sent. Replies
+    come in the order of the requests, so each is that of the oldest which it fits, and ends the wait for all before.
+    """
+
+    __slots__ = (
+        *("_given_up", "_line", "_openings", "_reply_timeout_s", "_unanswered", "_waiting_since_s"),
+        *("outstanding", "sent_s"),
+    )
 
     def __init__(self, line: ByteLine, reply_timeout_s: float) -> None:
         """Take the line, and the time after which a reply is given up."""
@@ -37,6 +59,7 @@ class HalfDuplex(Generic[RequestT]):
         self.sent_s = 0.0  # the last question
         self._unanswered = 0
         self._waiting_since_s: float | None = None
+        self._given_up: deque[tuple[RequestT, float]] = deque()  # and when asked; oldest first
         self.outstanding: RequestT | None = None
 
     def notice_reopening(self) -> bool:
@@ -59,10 +82,35 @@ class HalfDuplex(Generic[RequestT]):
         return True
 
     def finish(self) -> None:
-        """End the exchange: the reply has come."""
+        """End the exchange: the reply has come, and those of earlier requests will not."""
         self.outstanding = None
+        self._given_up.clear()
         self._unanswered = 0
         self._waiting_since_s = None
+
+    def take_answered(self, fits: Callable[[RequestT], bool]) -> Answered[RequestT] | None:
+        """Return what a reply answers, given which requests it fits; None for a reply to none.
+
+        The bus is free when it may be the reply to the newest. If that is not sure, the newest is given up.
+        """
+        newest, sent_s = self.outstanding, self.sent_s
+        fits_newest = newest is not None and fits(newest)
+        candidates = [number for number, (request, _) in enumerate(self._given_up) if fits(request)]
+        if not candidates:
+            if newest is None or not fits_newest:
+                return None
+            self.finish()
+            return Answered(newest, sent_s)
+        for _ in range(candidates[0]):
+            self._given_up.popleft()
+        request, asked_s = self._given_up.popleft()
+        doubtful = newest if fits_newest else None
+        if doubtful is not None:
+            self._given_up.append((doubtful, sent_s))
+            self.outstanding = None
+        self._unanswered = 0
+        self._waiting_since_s = None if self.outstanding is None else sent_s
+        return Answered(request, asked_s, len(candidates) == 1 and doubtful is None, doubtful)
 
     def take_expired(self, now_s: float) -> RequestT | None:
         """Return the request whose reply is given up now, once."""
@@ -70,6 +118,9 @@ class HalfDuplex(Generic[RequestT]):
         if request is None or now_s - self.sent_s < self._reply_timeout_s:
             return None
         self.outstanding = None
+        while self._given_up and now_s - self._given_up[0][1] > LATEST_REPLY_S:
+            self._given_up.popleft()
+        self._given_up.append((request, self.sent_s))
         self._unanswered += 1
         return request
 

@@ -1,9 +1,10 @@
 """The skeleton of a rudder driver: any servo that answers each frame it is sent, on a half-duplex bus.
 
 The skeleton has what no protocol changes: one exchange at a time, the goal as soon as the
-bus is free, the cable that comes and goes, silence, the counters and the feedback that
-waits for the loop. The servo's own part, a `Servo`, knows frames and registers, and
-neither reads nor writes: it is asked what to send next and is given what was answered.
+bus is free, replies that come late, the cable that comes and goes, silence, the counters and
+the feedback that waits for the loop. The servo's own part, a `Servo`, knows frames and
+registers, and neither reads nor writes: it is asked what to send next and is given what was
+answered.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from functools import partial
 from typing import Generic, Protocol, TypeVar
 
 from firmware_py.actuator.half_duplex import LONGEST_REPLY_TIMEOUT_S, HalfDuplex
@@ -84,16 +86,19 @@ class Servo(Protocol[RequestT, ReplyT]):
         """Note that the line has taken a request."""
 
     def note_lost(self, request: RequestT) -> None:
-        """Note that the reply to a request is given up."""
+        """Note that the reply to a request is given up; it may still come."""
 
     def note_silence(self) -> None:
         """Note that the servo has stopped answering; called again while it is silent."""
 
     def answers(self, reply: ReplyT, request: RequestT) -> bool:
-        """Return whether a reply can be that of the request: it may be late, or another device's."""
+        """Return whether a reply can be that of the request: it may be an earlier one's, or another device's."""
 
-    def take_answer(self, request: RequestT, reply: ReplyT, asked_s: float) -> Answer:
-        """Take the reply to a request; what it says is of when it was asked."""
+    def take_answer(self, request: RequestT, reply: ReplyT, asked_s: float, *, sure: bool) -> Answer:
+        """Take the reply to a request, which may have been given up; what it says is of when it was asked, or later.
+
+        Not `sure`: it may also be that of a later request which it fits as well.
+        """
 
     def condition(self, *, answered: bool) -> tuple[DeviceState, str]:
         """The state of a servo that is not silent, and the text beside it.
@@ -175,13 +180,15 @@ class ServoDriver(Generic[RequestT, ReplyT]):
     def _read(self) -> None:
         data = self._line.read()
         for reply in self._servo.parser.feed(data) if data else ():
-            request = self._bus.outstanding
-            if request is None or not self._servo.answers(reply, request):
+            answered = self._bus.take_answered(partial(self._servo.answers, reply))
+            if answered is None:
                 self._rejected += 1
                 continue
-            self._bus.finish()
             self._answered = True
-            answer = self._servo.take_answer(request, reply, self._bus.sent_s)
+            request, asked_s, sure, doubtful = answered
+            answer = self._servo.take_answer(request, reply, asked_s, sure=sure)
+            if doubtful is not None:
+                self._servo.note_lost(doubtful)
             self._accepted += answer.obeyed
             self._rejected += answer.impossible + (not answer.obeyed)
             if answer.feedback is not None:

@@ -95,7 +95,7 @@ class VolzServo:
         """Return whether the reply has the code that belongs to the request's."""
         return reply.code == frames.REPLY_OF[request.code]
 
-    def take_answer(self, _request: Request, reply: frames.Reply, asked_s: float) -> Answer:
+    def take_answer(self, _request: Request, reply: frames.Reply, asked_s: float, *, sure: bool) -> Answer:  # noqa: ARG002 - the code says what it is
         """Keep a reading; the feedback goes with each angle, or with each reading while there are no angles."""
         shaft_rad = None
         if reply.code == frames.POSITION_REPLY:

@@ -52,3 +52,35 @@ class FakeLine:
     def plug(self):
         self.connected = True
         self.openings += 1
+
+
+class LateLine(FakeLine):
+    """A line behind an adapter that holds answers back: each comes `delay_s()` after its question, or never (None).
+
+    The order stays. `now_s` is the test's to set, and `asked` says of each question with an answer when it was put.
+    """
+
+    def __init__(self, device, delay_s, baud=57600):
+        super().__init__(device, baud=baud)
+        self.delay_s = delay_s
+        self.now_s = 0.0
+        self.asked = []
+        self._under_way = []  # when there, bytes
+
+    def read(self):
+        while self._under_way and self._under_way[0][0] <= self.now_s:
+            self.inbox += self._under_way.pop(0)[1]
+        return super().read()
+
+    def write(self, data):
+        before = len(self.inbox)
+        taken = super().write(data)
+        answer = bytes(self.inbox[before:])
+        del self.inbox[before:]
+        if answer:
+            self.asked.append(self.now_s)
+            delay_s = self.delay_s()
+            if delay_s is not None:
+                earliest_s = self._under_way[-1][0] if self._under_way else 0.0
+                self._under_way.append((max(earliest_s, self.now_s + delay_s), answer))
+        return taken

@@ -15,16 +15,19 @@ class Wire:
     """A half-duplex line between two ptys, as two serial adapters on one bus see it.
 
     A byte arrives when it is complete at the baud rate, at the other end and, with `echo`, at its own. Two bytes that
-    are on the wire together spoil each other (`collisions`).
+    are on the wire together spoil each other (`collisions`). What has come from there is held back by the adapter here
+    for `held_s()`, asked anew for each piece that is said there.
     """
 
-    def __init__(self, here, there, baud, *, echo=True, half_duplex=True):
+    def __init__(self, here, there, baud, *, echo=True, half_duplex=True, held_s=lambda: 0.0):
         """Make the two ports and begin to carry; times are real."""
         self.collisions = 0
         self._ends = (PtyLine(here), PtyLine(there))
         self._byte_s = BITS_PER_BYTE / baud
         self._echo, self._half_duplex = echo, half_duplex
+        self._held_s = held_s
         self._free_s = [0.0, 0.0]  # when each end's last byte is complete
+        self._handed_s = [0.0, 0.0]  # when it is handed over
         self._under_way = []  # (when complete, count, from which end, byte)
         self._count = 0
         self._stop = threading.Event()
@@ -49,13 +52,16 @@ class Wire:
             self._deliver(time.monotonic())
 
     def _take(self, number, now_s):
-        for said in self._ends[number].read():
+        data = self._ends[number].read()
+        held_s = self._held_s() if number and data else 0.0
+        for said in data:
             begin_s = max(now_s, self._free_s[number])
             self._free_s[number] = begin_s + self._byte_s
             collides = self._half_duplex and begin_s < self._free_s[1 - number]
             self.collisions += collides
             self._count += 1
-            heap_entry = (self._free_s[number], self._count, number, said ^ (0x55 if collides else 0))
+            self._handed_s[number] = max(self._handed_s[number], self._free_s[number] + held_s)
+            heap_entry = (self._handed_s[number], self._count, number, said ^ (0x55 if collides else 0))
             heapq.heappush(self._under_way, heap_entry)
 
     def _deliver(self, now_s):

@@ -6,7 +6,7 @@ import struct
 import pytest
 
 from firmware_py.common.records import RudderCommand
-from support.line import FakeLine
+from support.line import FakeLine, LateLine
 
 VOLZ_REPLIES = {0xDC: 0x2C, 0xB0: 0x30, 0xB1: 0x31, 0xC0: 0x10}
 INSTRUCTION_HEADER = bytes.fromhex("FFFFFD00")
@@ -216,6 +216,7 @@ def fakes():
 
     class Names:
         line = FakeLine
+        late_line = LateLine
         dynamixel = FakeDynamixel
         volz = FakeVolz
         sail = Sail

@@ -321,6 +321,31 @@ def test_watchdog_trip_is_cleared(sail, servo):
     assert sail.health().state is DeviceState.RUNNING
 
 
+@pytest.mark.parametrize("ticks", range(6, 12))
+def test_a_watchdog_that_tripped_while_the_autopilot_stood_still_is_cleared_before_the_next_goal(sail, servo, ticks):
+    """The goal is the one that the servo has, so that it takes it tells nothing: it stands where it stopped."""
+    sail.ticks(ticks, shaft_deg=15.0)
+    goal = servo.position
+    servo.position = 2048
+    servo.trip_watchdog()
+    servo.reads.clear()
+    sail.now_s += 2.0
+    sail.slack = 12
+    sail.ticks(1, shaft_deg=15.0)
+    assert servo.reads[0] == 98
+    assert servo.registers[98] == 100
+    assert servo.position == goal
+
+
+@pytest.mark.parametrize("period_s", [1.0, 0.1])
+def test_a_watchdog_that_is_fed_is_not_looked_at_out_of_turn(fakes, line, servo, period_s):
+    sail = fakes.sail(dynamixel_rudder(line, DynamixelOptions()), period_s=period_s)
+    sail.ticks(20)
+    servo.reads.clear()
+    sail.ticks(60)
+    assert servo.reads.count(98) <= 60 * min(1.0, period_s / 0.5) + 1
+
+
 @pytest.mark.parametrize(("error", "name"), [(0x20, "overload"), (0x01, "input voltage"), (0x10, "electrical shock")])
 def test_shutdown_is_reported_and_rebooted_at_most_every_30_s(sail, servo, error, name):
     sail.ticks(5)

@@ -50,13 +50,65 @@ def test_many_requests_in_a_short_time_are_no_silence(bus):
     assert bus.is_silent(0.5)
 
 
+def starts_with(letter):
+    return lambda request: request.startswith(letter)
+
+
+def ask_in_vain(bus, *requests):
+    """Ask each at its number of seconds, so that all but the last are given up."""
+    for number, request in enumerate(requests):
+        bus.take_expired(float(number))
+        assert bus.ask(b"?", request, float(number))
+
+
+def test_a_reply_that_fits_nothing_answers_nothing(bus):
+    assert bus.take_answered(starts_with("a")) is None
+    ask_in_vain(bus, "b1", "b2")
+    assert bus.take_answered(starts_with("a")) is None
+    assert bus.outstanding == "b2"
+
+
+def test_a_late_reply_is_that_of_its_own_question_and_ends_the_wait_for_older_ones(bus):
+    ask_in_vain(bus, "a1", "b1", "c1", "d1")
+    assert bus.take_answered(starts_with("b")) == ("b1", 1.0, True, None)
+    assert bus.outstanding == "d1"
+    assert bus.take_answered(starts_with("a")) is None  # replies keep their order
+    assert bus.take_answered(starts_with("d")) == ("d1", 3.0, True, None)
+    assert bus.outstanding is None
+    assert bus.take_answered(starts_with("c")) is None
+
+
+def test_of_several_that_it_fits_a_reply_is_that_of_the_oldest_and_not_sure(bus):
+    ask_in_vain(bus, "a1", "a2")
+    assert bus.take_answered(starts_with("a")) == ("a1", 0.0, False, "a2")
+    assert bus.outstanding is None  # it may have been the answer to a2
+    assert bus.take_answered(starts_with("a")) == ("a2", 1.0, True, None)  # or that one is
+    ask_in_vain(bus, "a3", "a4", "b1")
+    assert bus.take_answered(starts_with("a")) == ("a3", 0.0, False, None)
+    assert bus.outstanding == "b1"
+
+
+def test_a_reply_that_is_later_than_any_adapter_holds_it_answers_nothing(bus):
+    ask_in_vain(bus, "a1", "b1", "c1", "d1", "e1")
+    assert bus.take_answered(starts_with("a")) is None
+    assert bus.take_answered(starts_with("c")) == ("c1", 2.0, True, None)
+
+
+def test_a_late_reply_is_a_sign_of_life(bus):
+    ask_in_vain(bus, "a1", "b1", "c1", "d1")
+    assert bus.is_silent(3.0)
+    bus.take_answered(starts_with("c"))
+    assert not bus.is_silent(9.0)
+
+
 def test_reopening_forgets_what_waited(bus, line):
-    bus.ask(b"?", "question", 0.0)
+    ask_in_vain(bus, "early", "question")
     assert not bus.notice_reopening()
     line.unplug()
     line.plug()
     assert bus.notice_reopening()
     assert bus.outstanding is None
+    assert bus.take_answered(starts_with("early")) is None
     assert not bus.notice_reopening()
 
 

@@ -37,7 +37,7 @@ class PlainServo:
     def __init__(self):
         self.parser = WholeReads()
         self.due = None
-        self.commands, self.sent, self.lost = [], [], []
+        self.commands, self.sent, self.lost, self.answered = [], [], [], []
         self.restarts = self.silences = 0
 
     def restart(self):
@@ -66,7 +66,8 @@ class PlainServo:
     def answers(self, reply, request):
         return reply == request.frame
 
-    def take_answer(self, request, reply, now_s):
+    def take_answer(self, request, reply, now_s, *, sure):
+        self.answered.append((request.frame, sure))
         if reply == b"None":
             return Answer(obeyed=False)
         return Answer(impossible=1, feedback=RudderFeedback(now_s, float(reply), None, None, None))
@@ -120,9 +121,24 @@ def test_one_question_at_a_time_and_the_next_when_the_reply_is_given_up(line, dr
     driver.receive(1.02)
     assert line.written == [b"0.1", b"0.2"]
     assert servo.lost == [b"0.1"]
-    reply(line, driver, b"0.1", 1.03)  # too late: it answers nothing now
+    reply(line, driver, b"0.1", 1.03)  # late: it still says how things were when it was asked for
+    assert [(sample.t_s, sample.shaft_rad) for sample in driver.poll()] == [(1.0, 0.1)]
+    reply(line, driver, b"0.2", 1.03)
+    assert [(sample.t_s, sample.shaft_rad) for sample in driver.poll()] == [(1.02, 0.2)]
+    reply(line, driver, b"0.1", 1.03)  # once more: it answers nothing now
     assert driver.poll() == ()
-    assert driver.health(1.03).rejected == 1
+    assert driver.health(1.03).rejected == 2 + 1  # a value in each answer that cannot be
+
+
+def test_a_reply_that_may_be_a_later_one_is_taken_for_the_older_and_the_bus_is_free(line, driver, servo):
+    for now_s in (1.0, 1.1):
+        driver.command(RudderCommand(0.1, torque_on=True), now_s)
+    driver.command(RudderCommand(0.2, torque_on=True), 1.11)
+    reply(line, driver, b"0.1", 1.112)
+    assert [sample.t_s for sample in driver.poll()] == [1.0]
+    assert servo.answered == [(b"0.1", False)]
+    assert servo.lost == [b"0.1", b"0.1"]  # that of the second has come, or has not
+    assert line.written[-1] == b"0.2"
 
 
 def test_a_reply_is_waited_for_only_when_something_waits_for_the_bus(line, driver, servo):
