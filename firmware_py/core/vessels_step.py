@@ -12,11 +12,13 @@ from firmware_py.core.freshness import Age, Freshness
 from firmware_py.core.state import Settings, State, fence_enabled
 from firmware_py.estimate import water
 from firmware_py.guidance import guidance, step_aside, traffic
+from firmware_py.guidance.approach import Velocity
+from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.guidance.step_aside import AsideInput
-from firmware_py.guidance.task_follower import TaskStatus
 from firmware_py.guidance.traffic import OwnMotion
-from firmware_py.modes import Situation
+from firmware_py.model.crab import heading_for_course
+from firmware_py.modes import Situation, heading_in_water
 
 
 def watch_vessels(
@@ -33,12 +35,8 @@ def watch_vessels(
             place = Place(state.position.latitude_rad, state.position.longitude_rad)
             estimator = state.heading_estimator
             heading_rad = estimator.heading.heading_rad if freshness.heading is Age.FRESH else None
-            way_rad = state.aside.way_rad
-            own = OwnMotion(
-                place,
-                water.over_ground_m_s(estimator.wave_filter, heading_rad),
-                None if way_rad is None else water.over_ground_m_s(estimator.wave_filter, way_rad),
-            )
+            velocity_m_s = water.over_ground_m_s(estimator.wave_filter, heading_rad)
+            own = OwnMotion(place, velocity_m_s, *_own_ways_m_s(state))
         told, more = traffic.update(settings.traffic, told, inputs.vessels, own, now_s)
         events = (*events, *more)
     return (state if told is state.traffic else replace(state, traffic=told)), events
@@ -56,7 +54,7 @@ def avoid_vessels(
         return _own_way(state, target)
     if known.too_strong:  # she needs all her way to hold her own
         return _own_way(state, target)
-    status = state.guidance.status
+    course_rad = _line_course_rad(state.guidance)
     given = AsideInput(
         t_s=now_s,
         wanted_rad=target.heading_rad,
@@ -67,8 +65,9 @@ def avoid_vessels(
         fence=state.plans.fence if fence_enabled(settings, state) else None,
         goal=modes.goal,
         task=state.guidance.task,
-        cross_track_m=status.cross_track_m,
-        course_rad=_line_course_rad(state, status),
+        cross_track_m=state.guidance.status.cross_track_m,
+        course_rad=course_rad,
+        along_rad=None if course_rad is None else heading_in_water(course_rad, known),
     )
     aside, events = step_aside.update(settings.aside, settings.traffic, state.aside, given)
     state = replace(state, aside=aside)
@@ -77,12 +76,26 @@ def avoid_vessels(
     return state, SteeringTarget(aside.heading_rad, wrap_pi(aside.heading_rad - heading_rad)), events
 
 
-def _line_course_rad(state: State, status: TaskStatus) -> float | None:
+def _line_course_rad(state: GuidanceState) -> float | None:
     """Return where the line leads that is followed, by its start; None where none is."""
-    line = state.guidance.follower.line
+    line, status = state.follower.line, state.status
     if status.cross_track_m is None or line is None or status.target is None:
         return None
     return line.start.distance_and_bearing(status.target)[1]
+
+
+def _own_ways_m_s(state: State) -> tuple[Velocity, ...]:
+    """Return how she would move over ground on her own way and, off a line, back to it; none while she is on it."""
+    waves, way_rad = state.heading_estimator.wave_filter, state.aside.way_rad
+    course_rad, target = _line_course_rad(state.guidance), state.guidance.status.heading_target
+    if way_rad is None:
+        return ()
+    if course_rad is None or target is None:
+        return (water.over_ground_m_s(waves, way_rad),)
+    north_m_s, east_m_s, speed_m_s, leeway_rad = water.known(waves)
+    courses = course_rad, target.angle_rad
+    headings = [heading_for_course(one, speed_m_s, north_m_s, east_m_s, leeway_rad) for one in courses]
+    return tuple(water.over_ground_m_s(waves, heading_rad) for heading_rad in headings)
 
 
 def _own_way(state: State, target: SteeringTarget) -> tuple[State, SteeringTarget, tuple[Event, ...]]:

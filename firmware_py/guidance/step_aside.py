@@ -3,7 +3,8 @@
 The boat makes 0.4 m/s: in the 25 minutes that a ship is seen ahead she can get 600 m off its line, at the last moment
 nothing. No rule of the road is known here. Every half a minute headings within a sector about the way she would go are
 tried, one a tick, each for how near any vessel would come if all go on so; one that would bring her near the fence is
-none. What is tried is that of the K-T model's ideal: she is on the heading at once.
+none. What is tried is that of the K-T model's ideal: she is on the heading at once. Her way along a line is that over
+ground: on the heading that makes it good in the water as it is known.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ TRY_EVERY_S = 30.0
 STEPS = 6  # headings tried to either side
 WORTH = 0.06  # of what is near: by so much the distance must open for another heading
 AMPLE = 2.0  # times what is near: more is not sought
+SAME_RAD = 1e-6
 FENCE_M = 30.0  # that is kept from the fence
 LEGS = 4  # that a way is cut into, to be held against the fence
 
@@ -61,7 +63,7 @@ class Trial:
 class AsideState:
     """The heading steered aside, None while she goes her way; the trials under way, and what they are made about.
 
-    `way_rad` is the heading that the sector lies about, of the goal or task when she began. `told`: that there is no
+    `way_rad` is the heading that the sector lies about, of her way when the round began. `told`: that there is no
     better heading has been said.
     """
 
@@ -80,8 +82,8 @@ class AsideState:
 class AsideInput:
     """What stepping aside looks at; `wanted_rad` is the heading that she would steer, `fence` None while none holds.
 
-    `cross_track_m` is how far to starboard of a line she is and `course_rad` where that leads, None where she follows
-    none: then her way is the heading that she would steer.
+    `cross_track_m` is how far to starboard of a line she is, `course_rad` where that leads over ground and `along_rad`
+    the heading that makes it good; None where she follows none: then her way is the heading that she would steer.
     """
 
     t_s: float
@@ -93,6 +95,7 @@ class AsideInput:
     task: Task | None
     cross_track_m: float | None = None
     course_rad: float | None = None
+    along_rad: float | None = None
 
 
 IDLE = AsideState()
@@ -109,17 +112,17 @@ def update(
     if state.next_trial is None:
         if state.tried_s is not None and 0.0 <= given.t_s - state.tried_s < TRY_EVERY_S:
             return state, ()
-        return replace(state, tried_s=given.t_s, next_trial=0, best=None), ()
-    headings = _headings(settings, state)
+        return replace(state, way_rad=way_rad, tried_s=given.t_s, next_trial=0, best=None), ()
+    along_rad = way_rad if given.along_rad is None else given.along_rad
+    headings = _headings(settings, state, along_rad)
     if state.next_trial < len(headings):
         trial = _trial(traffic, given, headings[state.next_trial])
-        # The first that is ample, from her way outward, is taken: for what lies still a few degrees may do.
-        better = state.best is None or (state.best.part < AMPLE and trial.part > state.best.part + WORTH)
-        best = trial if better and _clear_of_fence(given, trial.heading_rad) else state.best
+        better = _better(state.best, trial, along_rad) and _clear_of_fence(given, trial.heading_rad)
+        best = trial if better else state.best
         return replace(state, next_trial=state.next_trial + 1, best=best), ()
     # By where all are now: who is past is further away with each trial, whatever the heading.
     best = None if state.best is None else _trial(traffic, given, state.best.heading_rad)
-    going_on = _going_on(traffic, given, state.way_rad or 0.0)
+    going_on = _going_on(traffic, given)
     return _choose(replace(state, next_trial=None, best=best, going_on=going_on))
 
 
@@ -131,17 +134,32 @@ def end(state: AsideState) -> tuple[AsideState, tuple[Event, ...]]:
     return IDLE, events
 
 
-def _headings(settings: AsideSettings, state: AsideState) -> tuple[float, ...]:
-    """Return the headings of a round: the one that is steered aside first, then from near her way outward."""
-    way_rad = state.way_rad or 0.0
-    fan = [
-        wrap_two_pi(way_rad + side * step * settings.sector_rad / STEPS)
-        for step in range(1, STEPS + 1)
-        for side in (1, -1)
-    ]
-    steered = () if state.heading_rad is None else (state.heading_rad,)
-    within = tuple(one for one in steered if abs(wrap_pi(one - way_rad)) <= settings.sector_rad + 1e-9)
-    return (*within, *fan)
+def _headings(settings: AsideSettings, state: AsideState, along_rad: float) -> tuple[float, ...]:
+    """Return the headings of a round, from near her way outward.
+
+    Before them the one that is steered aside and then that along her way, which leaves her as far off it as she is.
+    """
+    way_rad, sector_rad = state.way_rad or 0.0, settings.sector_rad
+    fan = [wrap_two_pi(way_rad + side * step * sector_rad / STEPS) for step in range(1, STEPS + 1) for side in (1, -1)]
+    if state.heading_rad is None:
+        return tuple(fan)
+    within = (state.heading_rad,) if abs(wrap_pi(state.heading_rad - way_rad)) <= sector_rad + 1e-9 else ()
+    return (*within, along_rad, *fan)
+
+
+def _better(best: Trial | None, trial: Trial, along_rad: float) -> bool:
+    """Whether a heading is better than the best of the round so far.
+
+    The first that is ample, from her way outward, is taken: for what lies still a few degrees may do. So is one nearer
+    her way than the heading steered, and to the same side, as soon as it is ample: else she runs on to the side.
+    """
+    if best is None:
+        return True
+    if best.part < AMPLE:
+        return trial.part > best.part + WORTH
+    off_rad, best_off_rad = wrap_pi(trial.heading_rad - along_rad), wrap_pi(best.heading_rad - along_rad)
+    inward = off_rad * best_off_rad >= 0.0 and abs(off_rad) < abs(best_off_rad) - SAME_RAD
+    return inward and trial.part > AMPLE + WORTH
 
 
 def _choose(state: AsideState) -> tuple[AsideState, tuple[Event, ...]]:
@@ -166,13 +184,14 @@ def _choose(state: AsideState) -> tuple[AsideState, tuple[Event, ...]]:
 # ------------------------------------------------------------------------------ trials
 
 
-def _going_on(traffic: TrafficSettings, given: AsideInput, way_rad: float) -> Trial:
+def _going_on(traffic: TrafficSettings, given: AsideInput) -> Trial:
     """Return the worst of what comes of going her own way: as she would steer now, along it, and back on her line."""
-    trials = [_trial(traffic, given, heading_rad) for heading_rad in (given.wanted_rad, way_rad)]
-    if (off_m := given.cross_track_m) is not None:
-        foot = given.motion.place.at_offset(off_m * math.sin(way_rad), -off_m * math.cos(way_rad))
+    trials = [_trial(traffic, given, given.wanted_rad)]
+    off_m, course_rad, along_rad = given.cross_track_m, given.course_rad, given.along_rad
+    if off_m is not None and course_rad is not None and along_rad is not None:
+        foot = given.motion.place.at_offset(off_m * math.sin(course_rad), -off_m * math.cos(course_rad))
         back = replace(given, motion=replace(given.motion, place=foot))
-        trials.append(_trial(traffic, back, way_rad))
+        trials += [_trial(traffic, one, along_rad) for one in (given, back)]
     return min(trials, key=lambda trial: trial.part)
 
 

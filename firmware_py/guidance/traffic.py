@@ -78,11 +78,12 @@ class TrafficState:
 
 @dataclass(frozen=True, slots=True)
 class OwnMotion:
-    """Where the boat is and how it moves over ground; while it steps aside, how it would on its own way."""
+    """Where the boat is and how it moves over ground; while it steps aside, how on its own way, and back to it."""
 
     place: Place
     velocity_m_s: Velocity
     own_way_m_s: Velocity | None = None
+    back_m_s: Velocity | None = None
 
 
 def update(
@@ -209,6 +210,8 @@ def _judged(settings: TrafficSettings, vessel: Vessel, own: OwnMotion, now_s: fl
     over = (cpa_in_s <= 0.0 and distance_m > PAST * limit_m) or cpa_m > CLEAR * limit_m
     if own.own_way_m_s is not None:  # stepping aside opens the distance: what counts is whether it is past on her way
         over = over and seen.nearest(own.own_way_m_s, settings.horizon_s)[1] <= 0.0
+    if own.back_m_s is not None:  # and that the way back to it, which may lead close behind, does not come near either
+        over = over and seen.nearest(own.back_m_s, settings.horizon_s)[0] > PAST * limit_m
     return replace(
         vessel,
         distance_m=distance_m,

@@ -51,7 +51,7 @@ CORNERS = ((-300.0, -FENCE_M), (1500.0, -FENCE_M), (1500.0, FENCE_M), (-300.0, F
 class Boat:
     """Ship, perfect sensors, transponder and tick."""
 
-    def __init__(self, ships, seed, **parameters):
+    def __init__(self, ships, seed, current_m_s=(0.0, 0.0), **parameters):
         values = ParameterSet().replaced("LOOP_RATE_HZ", 1.0).replaced("FENCE_ENABLE", 1.0)
         for name, value in parameters.items():
             values = values.replaced(name, value)
@@ -59,7 +59,8 @@ class Boat:
         fence = Plan.of(PlanKind.FENCE, [item(INCLUDED_VERTEX, *corner, len(CORNERS)) for corner in CORNERS])
         self.state = State.at_start(values, Plans(mission=mission, fence=fence))
         self.plant = KtPlant(OCEAN_RAMBLER.at_speed(SPEED_M_S), TICK_S)
-        self.north_m = self.east_m = self.rudder_rad = self.t_s = 0.0
+        self.north_m = self.east_m = self.rudder_rad = self.t_s = self.farthest_m = 0.0
+        self.current_m_s = current_m_s
         self.index = 0
         self.ships = ships
         self.line = FakeLine()
@@ -87,6 +88,10 @@ class Boat:
     def utc_s(self):
         return 1.767e9 + self.t_s
 
+    def over_ground_m_s(self, way_rad):
+        north_m_s, east_m_s = self.current_m_s
+        return SPEED_M_S * math.cos(way_rad) + north_m_s, SPEED_M_S * math.sin(way_rad) + east_m_s
+
     def tick(self, *intents):
         self.places_m[self.t_s] = self.north_m, self.east_m
         t_s, noise_rad = self.t_s, self.rng.normal(0.0, math.radians(0.3))  # one that never varies is taken for frozen
@@ -98,7 +103,9 @@ class Boat:
         self.reports = len(vessels)
         self.heard_s = t_s if vessels and self.heard_s is None else self.heard_s
         place = placed(self.north_m, self.east_m)
-        fix = PositionSample(t_s, FixType.FIX_3D, *place, 2.0, SPEED_M_S, heading_rad, 11, 0.9, self.utc_s())
+        north_m_s, east_m_s = self.over_ground_m_s(heading_rad)
+        speed_m_s, course_rad = math.hypot(north_m_s, east_m_s), math.atan2(east_m_s, north_m_s) % TWO_PI
+        fix = PositionSample(t_s, FixType.FIX_3D, *place, 2.0, speed_m_s, course_rad, 11, 0.9, self.utc_s())
         inputs = Inputs(
             Tick(self.index, t_s, 0.0, 0, 1.0 / TICK_S),
             (HeadingSample(t_s, heading_rad, NorthReference.TRUE),),
@@ -113,9 +120,10 @@ class Boat:
         self.events += [(t_s, event.text) for event in output.events]
         before_rad, self.rudder_rad = self.plant.heading_rad, output.command.shaft_rad
         self.plant.step(self.rudder_rad, 0.0)
-        way_rad = 0.5 * (before_rad + self.plant.heading_rad)
-        self.north_m += SPEED_M_S * TICK_S * math.cos(way_rad)
-        self.east_m += SPEED_M_S * TICK_S * math.sin(way_rad)
+        north_m_s, east_m_s = self.over_ground_m_s(0.5 * (before_rad + self.plant.heading_rad))
+        self.north_m += TICK_S * north_m_s
+        self.east_m += TICK_S * east_m_s
+        self.farthest_m = max(self.farthest_m, math.hypot(self.north_m, self.east_m))
         self.index += 1
         self.t_s = TICK_S * self.index
         for number, ship in enumerate(self.ships[:3]):
@@ -125,12 +133,15 @@ class Boat:
         margin_m = min(FENCE_M - abs(self.east_m), self.north_m + 300.0, 1500.0 - self.north_m)
         self.least_margin_m = min(self.least_margin_m, margin_m)
 
-    def sail(self):
-        """Sail the mission to its end; return this."""
+    def under_way(self, mode):
         for _ in range(6):
             self.tick()
-        self.tick(Arm(armed=True), SetMode(Mode.AUTO))
-        assert self.state.modes.mode is Mode.AUTO
+        self.tick(Arm(armed=True), SetMode(mode))
+        assert self.state.modes.mode is mode
+
+    def sail(self):
+        """Sail the mission to its end; return this."""
+        self.under_way(Mode.AUTO)
         while self.t_s < LONGEST_S and self.snapshot.mission.state is not MissionState.COMPLETE:
             self.tick()
         return self
@@ -243,14 +254,27 @@ def test_a_hundred_encounters(figures):
     figures.keep("encounter_fence_least", min(one.margin_m for one in outcomes), "m", "of 100 encounters")
 
 
-def test_round_a_ship_at_anchor_on_her_line_she_goes_and_tells_it_once():
-    ship = Ship(211000001, "ANCHORED", 450.0, 5.0, at_anchor=True)
-    boat = Boat((ship,), 1, AIS_ACT=1.0).sail()
+@pytest.mark.parametrize(
+    ("place_m", "current_m_s"),
+    [((450.0, 5.0), (0.0, 0.0)), ((264.0, -36.0), (0.0, 0.0)), ((625.0, -21.0), (-0.11, -0.15))],
+)
+def test_round_a_ship_at_anchor_on_her_line_she_goes_and_tells_it_once(place_m, current_m_s):
+    ship = Ship(211000001, "ANCHORED", *place_m, at_anchor=True)
+    boat = Boat((ship,), 1, current_m_s, AIS_ACT=1.0).sail()
     assert boat.snapshot.mission.state is MissionState.COMPLETE, boat.events
     assert len(boat.said(" comes to ")) == 1, boat.events
     assert len(boat.said("Steps aside")) == 1, boat.events
     assert boat.closest[0][0] > 100.0
-    assert boat.least_margin_m > 100.0
+    assert boat.least_margin_m > 200.0  # twice as far off as is near is ample: she runs on to the side no further
+
+
+def test_beside_a_ship_at_anchor_she_keeps_her_station():
+    boat = Boat((Ship(211000001, "ANCHORED", 60.0, 0.0, at_anchor=True),), 3, AIS_ACT=1.0)
+    boat.under_way(Mode.LOITER)
+    while boat.t_s < 1800.0:
+        boat.tick()
+    assert boat.said("Steps aside")
+    assert boat.farthest_m < 200.0, boat.events
 
 
 def test_among_ghosts_leapers_and_her_own_number_the_real_ship_is_told():

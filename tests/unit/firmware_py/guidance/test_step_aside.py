@@ -1,6 +1,7 @@
 """Stepping aside: which heading is taken, what it keeps clear of, and the way back."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -26,8 +27,8 @@ def ship(north_m, east_m, speed_m_s=6.0, course_deg=180.0, near_s=0.0, in_s=900.
     return Vessel(position, cpa_m=0.0, cpa_in_s=in_s, near_s=near_s)
 
 
-def given(*vessels, t_s=0.0, wanted_rad=0.0, motion=MOTION, fence=None, goal=HeadingGoal(0.0)):  # noqa: B008 - frozen
-    return AsideInput(t_s, wanted_rad, motion, vessels, fence, goal, None)
+def given(*vessels, t_s=0.0, wanted_rad=0.0, motion=MOTION, fence=None, goal=HeadingGoal(0.0), line=()):  # noqa: B008 - frozen
+    return AsideInput(t_s, wanted_rad, motion, vessels, fence, goal, None, *line)
 
 
 def decided(*vessels, state=IDLE, **more):
@@ -86,6 +87,39 @@ def test_a_current_is_taken_into_account():
     state, _ = decided(ship(6000.0, 330.0, 6.0), motion=set_east)
     # Going on the current would carry her under the ship's bow, which is 330 m to the east by now.
     assert math.degrees(state.heading_rad) > 180.0
+
+
+def test_on_a_line_her_way_is_that_over_ground():
+    set_east = VesselMotion(MOTION.place, 0.0, 0.4, 0.0, 0.2)
+    crab_rad = -math.asin(0.5)
+    # 250 m beside the line: the heading of the line, which she does not steer, would set her upon the ship.
+    state, _ = decided(
+        ship(435.0, 250.0, 0.0), motion=set_east, wanted_rad=crab_rad, goal=None, line=(0.0, 0.0, crab_rad)
+    )
+    assert state.heading_rad is None
+
+
+def test_abeam_of_a_ship_at_anchor_she_goes_along_her_line_and_not_on_to_the_side():
+    abeam, away_rad = ship(20.0, -250.0, 0.0), math.radians(60.0)
+    line = {"wanted_rad": math.radians(280.0), "line": (250.0, 0.0, 0.0)}
+    before = replace(IDLE, heading_rad=away_rad, way_rad=0.0, goal=HeadingGoal(0.0))
+    state, told = decided(abeam, state=before, **line)
+    assert math.degrees(state.heading_rad) == pytest.approx(0.0, abs=1e-6)
+    assert told == []
+    # Not yet ample: she goes on as she went.
+    state, _ = decided(ship(20.0, -190.0, 0.0), state=before, **line)
+    assert state.heading_rad == away_rad
+
+
+def test_the_sector_turns_with_a_way_that_turns():
+    state, _ = decided(ship(0.0, 90.0, 0.0), wanted_rad=math.radians(90.0))
+    assert math.degrees(state.heading_rad) < 90.0 + 60.0
+    for way_deg in (120.0, 150.0, 180.0, 210.0):
+        way_rad, t_s = math.radians(way_deg), way_deg
+        ahead = ship(300.0 * math.cos(way_rad), 300.0 * math.sin(way_rad), 0.0)
+        state, _ = decided(ahead, state=state, wanted_rad=way_rad, t_s=t_s)
+        assert math.degrees(state.way_rad) == pytest.approx(way_deg)
+        assert abs(math.degrees(state.heading_rad) - way_deg) <= 60.0 + 1e-6
 
 
 def test_of_several_vessels_the_nearest_to_come_counts():

@@ -82,6 +82,16 @@ def test_she_sails_on_an_anchored_ship():
     assert state.near
 
 
+def test_she_is_not_past_as_long_as_the_way_back_leads_close_behind():
+    place, north, back = HERE.place, (0.4, 0.0), (0.04, -0.39)
+    state, _ = look(TrafficState(), 0.0, position(1, 0.0, 200.0, 10.0, 0.0), own=OwnMotion(place, north))
+    assert state.near
+    for t_s, past_m, near in ((500.0, 20.0, True), (800.0, 80.0, True), (1000.0, 140.0, False)):
+        abeam = position(1, t_s, -past_m, -250.0, 0.0)
+        state, texts = look(state, t_s, abeam, own=OwnMotion(place, north, north, back))
+        assert (state.near, texts) == (near, [])
+
+
 def test_a_vessel_without_speed_or_course_lies_where_it_is():
     report = VesselPosition(0.0, 1, VesselKind.CLASS_B, *placed(80.0, 0.0))
     state, texts = look(TrafficState(), 0.0, report)
