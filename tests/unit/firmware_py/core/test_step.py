@@ -404,7 +404,7 @@ def test_home_goes_along_when_the_receiver_s_first_place_proves_wrong():
 
 
 def test_home_stays_when_the_receiver_goes_wrong_under_way():
-    right, wrong = range(0, 1900), range(1900, 2000)
+    right, wrong = range(1900), range(1900, 2000)
     found = homes(*((float(t), *RIGHT) for t in right), *((float(t), *WRONG) for t in wrong), (2000.0, *RIGHT))
     assert set(found) == {Home(*RIGHT, 3.0)}
 
