@@ -44,6 +44,7 @@ TABLE: Mapping[Fault, FaultRow] = {
     Fault.RUDDER_SILENT: FaultRow(
         condition="the servo has not answered for RUD_TIMEOUT_S (longer if it is asked seldom)",
         stands=lambda tick: tick.servo_old,
+        debounce_s=0.1,  # who was halted herself has not asked it meanwhile
         severity=Severity.CRITICAL,
         parameter="FS_RUD_ACT",
         text="Rudder servo does not answer",

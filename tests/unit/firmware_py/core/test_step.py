@@ -269,6 +269,20 @@ def test_a_start_without_devices_is_no_fault_before_their_time_is_up():
     assert boat.run(1.0).snapshot.faults == (1 << Fault.COMPASS_LOST) | (1 << Fault.RUDDER_SILENT)
 
 
+@pytest.mark.parametrize("halted_s", [1.5, 5.0, 60.0])
+def test_a_servo_that_was_not_asked_while_she_was_halted_is_not_silent(halted_s):
+    boat = Boat(ParameterSet().replaced("FS_RUD_ACT", 4)).under_way()
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    boat.run(10.0)
+    boat.index += round(10 * halted_s)
+    boat.servo = False  # what it has answered is of before, or is only asked for now
+    boat.tick(skipped=round(10 * halted_s))
+    boat.servo = True
+    assert boat.run(3.0).snapshot.mode is Mode.GUIDED
+    assert "Control loop is late" in boat.events
+    assert "Rudder servo does not answer" not in boat.events
+
+
 @pytest.mark.parametrize(("every", "found_s"), [(1, 1.0), (2, 1.0), (4, 1.0), (10, 2.5), (20, 5.0)])
 @pytest.mark.parametrize("estimator", [0, 1])
 def test_a_compass_is_lost_as_fast_as_its_own_rate_allows(every, found_s, estimator):
