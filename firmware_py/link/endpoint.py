@@ -24,6 +24,7 @@ from firmware_py.link.security.signing import LinkSealer, Signing
 from firmware_py.link.services import Services
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.telemetry.publisher import TelemetryPublisher
+from firmware_py.link.telemetry.statustext import RecentWarnings
 from firmware_py.link.telemetry.table import ROWS_OF
 from firmware_py.link.wire.dialect import Message
 from firmware_py.link.wire.outbox import Priority
@@ -40,7 +41,6 @@ _FRAMES_AT_ONCE = 4  # answered
 _BYTES_AT_ONCE = 256  # searched for frames, and the rest of the last piece
 _PIECE_BYTES = 320
 _STRANGER_BYTES = 64  # to take up a stranger costs as much as to search these
-_REMEMBERED_EVENTS = 5
 _NOTICES, _NOTICES_HZ = 4, 1.0 / 30.0  # of who has no place: at once, and in the long run
 NO_STORAGE = FileRoot()
 _FALSE_SIGNATURE = "Signature refused: wrong key or old timestamp"
@@ -102,7 +102,7 @@ class Endpoint:
         self._services = Services(self._context, KeySetup(self._context, self._signing, vault), storage, self._worker)
         self._telemetry = TelemetryPublisher(self._context)
         self.start_events = (*start_events, *self._open_links())[:_EVENTS_PER_TICK]
-        self._recent: deque[Event] = deque(maxlen=_REMEMBERED_EVENTS)
+        self._recent = RecentWarnings()
         self._receive_queue = ReceiveQueue(self._peers.has)
         self._unread: deque[tuple[Peer, Admitted]] = deque()  # frames not yet answered
         self._station_s: float | None = None
@@ -259,7 +259,7 @@ class Endpoint:
         self.announce(peer)
         if self._context.snapshot is not None:
             peer.streams.mark_sent(ROWS_OF[_HEARTBEAT][0], now_s)
-        for event in (*self.start_events, *self._recent):
+        for event in (*self.start_events, *self._recent.told(now_s)):
             self._context.send_text(peer, event.severity, event.text)
 
     def announce(self, peer: Peer) -> None:
@@ -288,5 +288,5 @@ class Endpoint:
     def _send_events(self, events: Sequence[Event]) -> None:
         for event in events[:_EVENTS_PER_TICK]:
             self._context.send_text_all(event.severity, event.text)
-            if event.severity <= Severity.WARNING and event not in self.start_events:
-                self._recent.append(event)
+            if event not in self.start_events:
+                self._recent.note(event, self._context.now_s)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import OrderedDict, deque
+from collections.abc import Iterator
 
-from firmware_py.common.records import Severity
+from firmware_py.common.records import Event, Severity
 from firmware_py.common.token_bucket import TokenBucket
+from firmware_py.faults.table import TABLE as FAULTS
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 
 _CHUNK = 50
@@ -14,6 +16,9 @@ _SAME_S = 2.0  # the same text is not repeated within this
 _KNOWN_TEXTS = 32
 _BURST = 8  # texts at once
 _RATE_HZ = 2.0  # and in the long run
+_REMEMBERED = 5
+_AGES = ((172_800.0, 86_400.0, "d"), (7_200.0, 3_600.0, "h"), (60.0, 60.0, "min"))  # from when on, of how many seconds
+_FAULT_OF = {row.recovery: row.text for row in FAULTS.values()}
 
 
 def text_messages(severity: Severity, text: str, number: int) -> list[Message]:
@@ -47,3 +52,31 @@ class TextLimiter:
         if len(self._last_s) > _KNOWN_TEXTS:
             self._last_s.popitem(last=False)
         return True
+
+
+class RecentWarnings:
+    """The last warnings, for who comes later: faults that have gone are not among them, what is old says so."""
+
+    def __init__(self) -> None:
+        """Begin without any."""
+        self._events: deque[tuple[float, Event]] = deque(maxlen=_REMEMBERED)
+
+    def note(self, event: Event, now_s: float) -> None:
+        """Take what is told; the end of a fault has its beginning forgotten."""
+        if event.severity <= Severity.WARNING:
+            self._events.append((now_s, event))
+        elif (gone := _FAULT_OF.get(event.text)) is not None:
+            kept = [(told_s, other) for told_s, other in self._events if other.text != gone]
+            self._events = deque(kept, maxlen=_REMEMBERED)
+
+    def told(self, now_s: float) -> Iterator[Event]:
+        """Yield them, the oldest first."""
+        for told_s, event in self._events:
+            yield Event(event.severity, _ago(now_s - told_s) + event.text)
+
+
+def _ago(age_s: float) -> str:
+    for least_s, unit_s, unit in _AGES:
+        if age_s >= least_s:
+            return f"{age_s / unit_s:.0f} {unit} ago: "
+    return ""

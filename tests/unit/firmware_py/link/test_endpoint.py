@@ -19,7 +19,7 @@ from firmware_py.common.interfaces import Link
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.records import Event, FixType, PositionSample, RudderCommand, Severity
 from firmware_py.common.reports import Home, MissionReport, Output
-from firmware_py.faults.table import Fault
+from firmware_py.faults.table import TABLE, Fault
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import open_transport
@@ -67,6 +67,25 @@ def test_events_are_told_and_the_grave_ones_again_to_whoever_comes_later(make_ri
     rig.transport.served = ("first", "later")
     rig.tick_silently()
     assert texts(rig.said("later")) == ["grave"]
+
+
+def test_who_comes_later_is_told_how_old_a_warning_is_and_nothing_of_faults_that_have_gone(make_rig, texts):
+    rig = make_rig(addresses=("first",))
+    events = [
+        Event(Severity.CRITICAL, TABLE[Fault.COMPASS_LOST].text),
+        Event(Severity.ERROR, TABLE[Fault.FENCE_BREACHED].text),
+        Event(Severity.WARNING, "Failsafe: RTL"),
+    ]
+    rig.tick(events=events)
+    rig.tick(events=[Event(Severity.NOTICE, TABLE[Fault.COMPASS_LOST].recovery)])
+    said = []
+    for number, seconds in enumerate((30.0, 600.0, 5 * 3600.0, 3 * 86400.0)):
+        rig.tick_silently(seconds=seconds)
+        rig.transport.served = ("first", f"later {number}")
+        rig.tick_silently()
+        said.append(texts(rig.said(f"later {number}")))
+    ages = ("", "11 min ago: ", "5 h ago: ", "3 d ago: ")
+    assert said == [[f"{age}Fence breached", f"{age}Failsafe: RTL"] for age in ages]
 
 
 def test_what_was_lost_before_the_start_is_told_to_whoever_comes_however_late(make_rig, texts):
