@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from firmware_py.link.security.signing import EPOCH_S, Signing
 from firmware_py.link.wire.dialect import ADDITIONS, Codec, mavlink, stamp, text_of
 from support.paths import DATA
 
@@ -28,6 +29,62 @@ def test_a_stamped_frame_is_what_pymavlink_packs_with_that_sequence_number(kind,
     sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
     sender.seq = sequence
     assert stamp(Codec(9, 1).pack(message), sequence) == message.pack(sender)
+
+
+def test_this_pymavlink_is_packed_for_quickly():
+    assert Codec(9, 1).quick
+
+
+def test_a_signed_frame_is_what_pymavlink_signs():
+    signing = Signing(lambda: EPOCH_S + 1e6, lambda *_, **__: None)
+    signing.set_key(bytes(range(32)), 0)
+    for message in MESSAGES.values():
+        sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
+        sender.seq = 77
+        frame = signing.seal(Codec(9, 1).pack(message), 77, 3)
+        sender.signing.secret_key, sender.signing.link_id, sender.signing.sign_outgoing = bytes(range(32)), 3, True
+        sender.signing.timestamp = int.from_bytes(frame[-12:-6], "little")
+        assert frame == message.pack(sender)
+
+
+PAYLOADS = {type(message): message.pack(mavlink.MAVLink(None))[10:-2] for message in MESSAGES.values()}
+
+
+def packed_past_the_instance(message, mav):
+    """Pack by a function that is not looked up in the message."""
+    return mavlink.MAVLink_message._pack(message, mav, message.crc_extra, PAYLOADS[type(message)])
+
+
+def packed_and_then_more(message, mav):
+    """Pack by the method of the message, and then add to what it returns."""
+    payload = PAYLOADS[type(message)]
+    once = message._pack(mav, message.crc_extra, payload)
+    return mavlink.MAVLink_message._pack(message, mav, message.crc_extra, payload + b"\7") if mav else once
+
+
+@pytest.mark.parametrize("pack", [packed_past_the_instance, packed_and_then_more])
+def test_a_pymavlink_that_packs_otherwise_packs_whole_messages(monkeypatch, pack):
+    own = {row.number for row in ADDITIONS}
+    for message in MESSAGES.values():
+        if type(message).id not in own:
+            monkeypatch.setattr(type(message), "pack", pack)
+    codec = Codec(9, 1)
+    assert not codec.quick
+    for message in MESSAGES.values():
+        sender = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
+        sender.seq = 77
+        assert stamp(codec.pack(message), 77) == message.pack(sender)
+
+
+def test_a_pymavlink_without_the_method_packs_whole_messages(monkeypatch):
+    expected = {}
+    for kind, message in MESSAGES.items():
+        expected[kind] = message.pack(mavlink.MAVLink(None, srcSystem=9, srcComponent=1))
+        monkeypatch.setattr(type(message), "pack", lambda _message, _mav, frame=expected[kind]: frame)
+    monkeypatch.delattr(mavlink.MAVLink_message, "_pack")
+    codec = Codec(9, 1)
+    assert not codec.quick
+    assert {kind: stamp(codec.pack(message), 0) for kind, message in MESSAGES.items()} == expected
 
 
 @pytest.mark.parametrize("data", [bytes(90), bytes(range(1, 91)), b"\1" + bytes(89)])
