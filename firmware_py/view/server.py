@@ -135,7 +135,8 @@ class _Handler(BaseHTTPRequestHandler):
             return False
         server = cast("ViewServer", self.server)
         server.has_asked(self.connection)
-        headers = {name: self.headers.get(name, "") for name in self.headers}
+        # Names as the guard knows them, however they are written; one that comes twice is neither.
+        headers = {name.title(): ", ".join(self.headers.get_all(name, ())) for name in self.headers}
         verdict = server.guard.judge(self.command, self.path, headers)
         if verdict.status == 303:
             cookie = f"{COOKIE}={server.guard.token}; HttpOnly; SameSite=Lax; Path=/"

@@ -65,6 +65,21 @@ def site():
     made.close()
 
 
+@pytest.mark.parametrize("write", [str, str.lower, str.upper])
+def test_the_names_of_headers_may_be_written_in_any_way(site, write):
+    def status(*headers):
+        with socket.create_connection(("127.0.0.1", site.port), PATIENCE_S) as asking:
+            lines = [f"{write(name)}: {value}" for name, value in headers]
+            asking.sendall("\r\n".join(["GET / HTTP/1.1", *lines, "", ""]).encode())
+            return int(asking.makefile("rb").readline().split()[1])
+
+    host = ("Host", f"127.0.0.1:{site.port}")
+    assert status(host) == 200
+    assert status(host, ("Origin", "http://evil.example")) == 403
+    assert status(host, ("Sec-Fetch-Site", "cross-site")) == 403
+    assert status(host, ("Host", "evil.example")) == 421
+
+
 def test_the_page_comes_with_what_a_browser_shall_not_do(site):
     answer = site.ask()
     assert answer.status == 200
