@@ -46,8 +46,9 @@ class NmeaCompass:
     HDG is true where it states its variation and magnetic otherwise. VHW repeats
     the heading for a speed log, later and slower, and is not taken. Several true
     sentences on a line all state the one heading and are all given; a magnetic one is
-    not, once three true headings have come and while the last of them is younger than
-    2 s, because the two would differ by whatever is wrong with the variation.
+    not, once three true headings have come, none more than 2 s after the other, and while
+    the last of them is younger than that, because the two would differ by whatever is
+    wrong with the variation.
     """
 
     def __init__(self, line: ByteLine, options: NmeaCompassOptions) -> None:
@@ -112,7 +113,8 @@ class NmeaCompass:
             self._monitor.note(f"{address}: no heading")
             return
         if true_deg is not None:
-            self._true_count += 1
+            # What comes too seldom to be steered by alone has no quicker one wait for it.
+            self._true_count = self._true_count + 1 if now_s - self._true_s <= TRUE_KEPT_S else 1
             self._true_s = now_s
         elif self._true_count >= TRUE_ESTABLISHED and now_s - self._true_s <= TRUE_KEPT_S:
             return

@@ -106,6 +106,19 @@ def test_a_missing_checksum_is_refused_unless_the_vehicle_allows_it(line, hear):
     assert lenient.health(1.0).rejected == 4
 
 
+def test_true_headings_that_come_seldom_do_not_silence_a_quick_magnetic_one(line, hear):
+    """Else she had a compass for one second in three, and went by the course over ground meanwhile."""
+    compass = NmeaCompass(line, NmeaCompassOptions())
+    heard = []
+    for tenths in range(300):
+        texts = ("HCHDM,8,M", "HCHDT,20,T") if tenths % 30 == 0 else ("HCHDM,8,M",)
+        heard += [
+            (tenths, *degrees) for text in texts for degrees in degrees_of(hear(compass, text, now_s=tenths / 10))
+        ]
+    assert [tenths for tenths, _, reference in heard if reference == "MAGNETIC"] == list(range(300))
+    assert len(heard) == 310
+
+
 def test_a_magnetic_heading_is_dropped_once_true_ones_are_established(line, hear):
     compass = NmeaCompass(line, NmeaCompassOptions())
     mixed = ("HEHDT,10,T", "HCHDM,8,M")
