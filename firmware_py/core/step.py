@@ -32,7 +32,7 @@ from firmware_py.core.state import (
     situation_of,
 )
 from firmware_py.core.vessels_step import avoid_vessels, watch_vessels
-from firmware_py.estimate import kalman
+from firmware_py.estimate import kalman, position
 from firmware_py.faults import latch
 from firmware_py.guidance import guidance
 from firmware_py.guidance.guidance import GuidanceInput
@@ -120,7 +120,6 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
         # Where a heading is lost the last one, carried on, tells better how the boat moves than none.
         heading_rad = state.heading_estimator.heading.heading_rad
         motion = guidance.vessel_motion(place, heading_rad, situation.water)
-    fix = state.position.fix
     guidance_input = GuidanceInput(
         inputs.tick.t_s,
         heading_rad,
@@ -129,7 +128,7 @@ def _guide(settings: Settings, state: State, situation: Situation, inputs: Input
         state.modes,
         state.plans,
         state.home,
-        fix.utc_s if fix else None,
+        position.utc_s(state.position, inputs.tick.t_s),
     )
     output = guidance.update(settings.guidance, state.guidance, guidance_input)
     if output.state is state.guidance and output.home is None:

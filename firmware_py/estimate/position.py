@@ -89,6 +89,12 @@ def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple
     return _displace(state, gain * north_m, gain * east_m, state.t_s), True
 
 
+def utc_s(state: PositionState, now_s: float) -> float | None:
+    """Return the time by the last fix believed, however long ago; None when it told none."""
+    fix = state.fix
+    return None if fix is None or fix.utc_s is None else fix.utc_s + (now_s - fix.t_s)
+
+
 def _reach_m(gap_s: float) -> float:
     return SPREAD_M + FASTEST_M_S * max(0.0, gap_s)
 

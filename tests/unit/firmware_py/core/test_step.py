@@ -12,6 +12,7 @@ from firmware_py.common.intents import (
     Arm,
     BenchRudder,
     ManualRudder,
+    ReplacePlan,
     Request,
     SetHome,
     SetMode,
@@ -22,6 +23,7 @@ from firmware_py.common.intents import (
 )
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.records import (
     DeviceHealth,
     DeviceRole,
@@ -43,6 +45,7 @@ from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
 from firmware_py.faults.table import Fault
 from firmware_py.model.kt import rk4_step
+from firmware_py.plans.items import Command
 
 
 class Boat:
@@ -381,6 +384,22 @@ def test_the_stick_is_not_given_back_by_itself(mode, after):
     boat.tick(devices=heard(boat))
     assert boat.run(1.0).snapshot.mode is after
     assert ("Failsafe over: LOITER stays, nobody at the stick" in boat.events) is (mode is Mode.MANUAL)
+
+
+def test_a_delay_until_a_time_of_day_ends_without_the_receiver_that_told_it():
+    boat = Boat(noise_rad=0.002)
+    midnight_s = 20000 * 86400.0
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5, utc_s=midnight_s)
+    until = PlanItem(Command.DELAY, frame=2, params=(-1.0, 0.0, 1.0, 0.0))
+    turn = PlanItem(Command.YAW, frame=2, params=(90.0, 0.0, 0.0, 0.0))
+    boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [until, turn])))
+    boat.under_way(Mode.AUTO)
+    boat.run(5.0)  # it is midnight in all of its fixes, the last one, too
+    boat.position = None
+    boat.run(55.0)
+    assert "Mission: item 2" not in boat.events
+    boat.run(10.0)
+    assert "Mission: item 2" in boat.events
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e300, -1e300])
