@@ -175,7 +175,7 @@ def _lockstep_clock(path: str, lines: Sequence[Line], store: Store) -> LockstepC
         [line.name for line in lines],
         lambda: [line.written for line in lines],
         store.settle,
-        lambda: [line.fileno() for line in lines if isinstance(line, SerialPort)],
+        lambda: [line.fileno() for line in lines],
     )
 
 

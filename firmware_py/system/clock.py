@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import select
 import socket
 import struct
@@ -19,6 +20,10 @@ LOCK_MARGIN_S = 0.002
 LOCK_SLEW = 0.005
 LOCK_GAIN = 0.1
 WATCHES_KEPT = 16
+LOCKSTEP_PROTOCOL = 2
+ANSWER = struct.Struct("<ddd")  # the new time, by how much UTC is stepped, how long to look for the next answer
+SAID = struct.Struct("<dQ")  # when, and on which line
+LONGEST_ANSWER = 4096
 
 
 class ClockError(RuntimeError):
@@ -63,10 +68,11 @@ def set_utc_s(utc_s: float) -> bool:
 class LockstepClock:
     """The HIL's clock: time stands still while the autopilot computes.
 
-    Each wait is one packet (deadline, bytes written so far on each serial line) and one
-    packet in return (the new time, perhaps with a step of UTC). The HIL has by then taken the bytes written, moved the
-    world on to the deadline or to the first bytes for the autopilot, and put those into the
-    serial lines. Everything else is the same code on the same lines as at sea.
+    Each wait is one packet (deadline, the serial lines that are awaited, bytes written so far on each) and one
+    packet in return (the new time, a step of UTC, and what has been said before it). The HIL has by then
+    taken the bytes written, moved the world on to the deadline or to the first bytes that are awaited, and put those
+    into the serial lines. What somebody says who is never spoken to needs no answer: the HIL moves on behind it, and
+    waits return at its moments first. Everything else is the same code on the same lines as at sea.
     """
 
     def __init__(
@@ -80,12 +86,12 @@ class LockstepClock:
         """Connect to the HIL's socket and name the serial lines whose bytes `written` counts.
 
         `settle` waits for the disk, which takes no time here either, and returns whether that has brought answers.
-        `fed` are the descriptors that only the HIL makes readable.
+        `fed` are the descriptors of the lines, which only the HIL makes readable.
         """
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
             self._socket.connect(path)
-            self._socket.sendall(json.dumps({"protocol": 1, "lines": list(lines)}).encode())
+            self._socket.sendall(json.dumps({"protocol": LOCKSTEP_PROTOCOL, "lines": list(lines)}).encode())
             hello = json.loads(self._socket.recv(65536))
         except OSError as error:
             self._socket.close()
@@ -96,8 +102,10 @@ class LockstepClock:
         self._settle = settle
         self._fed = fed
         self._watches: dict[tuple[tuple[int, ...], tuple[int, ...]], _Watch] = {}
-        self._packet = struct.Struct(f"<d{len(lines)}Q")
+        self._packet = struct.Struct(f"<d{1 + len(lines)}Q")
         self._outstanding = False
+        self._look_s = 0.0
+        self._coming: list[tuple[float, int]] = []  # moments that the HIL has told of: the last first, its line -1
 
     def close(self) -> None:
         """Leave the HIL."""
@@ -120,10 +128,14 @@ class LockstepClock:
         watch = self._watch(tuple(descriptors), tuple(self._fed()))
         if self._settle() and (ready := watch.ready()):
             return ready
-        if deadline_s > self._now_s and not self._outstanding:
-            self._send(deadline_s)
-        if self._outstanding and watch.hil_has_answered():
+        if deadline_s > self._now_s and not (self._outstanding or self._coming):
+            self._send(deadline_s, watch.lines)
+        if self._outstanding and watch.hil_has_answered(self._look_s):
             self._receive()
+        if deadline_s > self._now_s and self._coming:
+            self._now_s, line = self._coming.pop()
+            if line >= 0:
+                return [descriptor for descriptor in (self._fed()[line],) if descriptor in descriptors]
         return watch.ready()
 
     def _watch(self, descriptors: tuple[int, ...], fed: tuple[int, ...]) -> _Watch:
@@ -135,23 +147,23 @@ class LockstepClock:
             watch = self._watches[descriptors, fed] = _Watch(descriptors, fed, self._socket.fileno())
         return watch
 
-    def _send(self, deadline_s: float) -> None:
+    def _send(self, deadline_s: float, awaited: int) -> None:
         try:
-            self._socket.sendall(self._packet.pack(deadline_s, *self._written()))
+            self._socket.sendall(self._packet.pack(deadline_s, awaited, *self._written()))
         except OSError as error:
             raise ClockError(f"the HIL has gone: {error.strerror}") from None
         self._outstanding = True
 
     def _receive(self) -> None:
         try:
-            packet = self._socket.recv(64)
+            packet = self._socket.recv(LONGEST_ANSWER)
         except OSError as error:
             raise ClockError(f"the HIL has gone: {error.strerror}") from None
-        if len(packet) not in (8, 16):
+        if not packet:
             raise ClockError("the HIL has ended the run")
-        self._now_s = struct.unpack_from("<d", packet)[0]
-        if len(packet) == 16:
-            self._utc_offset_s += struct.unpack_from("<d", packet, 8)[0]
+        now_s, step_s, self._look_s = ANSWER.unpack_from(packet)
+        self._utc_offset_s += step_s
+        self._coming = [(now_s, -1), *reversed([*SAID.iter_unpack(packet[ANSWER.size :])])]
         self._outstanding = False
 
 
@@ -160,6 +172,7 @@ class _Watch:
 
     def __init__(self, descriptors: Sequence[int], fed: Sequence[int], hil: int) -> None:
         """Watch descriptors; those that are not `fed` may end a wait for the HIL."""
+        self.lines = sum(1 << line for line, descriptor in enumerate(fed) if descriptor in descriptors)
         self._descriptors = descriptors
         self._hil = hil
         self._all, self._waking = select.poll(), select.poll()
@@ -173,9 +186,16 @@ class _Watch:
         ready = {descriptor for descriptor, _ in self._all.poll(0)}
         return [descriptor for descriptor in self._descriptors if descriptor in ready]
 
-    def hil_has_answered(self) -> bool:
-        """Wait for the HIL or for anybody else; return whether it was the HIL."""
-        return any(descriptor == self._hil for descriptor, _ in self._waking.poll())
+    def hil_has_answered(self, look_s: float) -> bool:
+        """Wait for the HIL or for anybody else; return whether it was the HIL.
+
+        For look_s, which the HIL says, it is looked for again and again: where nobody else wants the core, to be woken
+        takes longer than what the HIL does meanwhile.
+        """
+        end_s = time.monotonic() + look_s
+        while not (ready := self._waking.poll(0)) and time.monotonic() < end_s:
+            os.sched_yield()
+        return any(descriptor == self._hil for descriptor, _ in ready or self._waking.poll())
 
 
 class Metronome:

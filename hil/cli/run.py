@@ -171,6 +171,7 @@ def read_options(arguments: argparse.Namespace) -> RunOptions:
         state=arguments.state,
         play=arguments.play,
         view=arguments.view,
+        cores=2 if arguments.speed == "max" else 1,
     )
 
 

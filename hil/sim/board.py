@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,26 +91,32 @@ class Board:
         """Give a device the bytes that the autopilot has written, now."""
         port.emulator.receive(self.world.now_s, data)
 
-    def advance(self, limit_s: float) -> bool:
-        """Move on to limit_s or to the first bytes for the autopilot; say whether bytes were delivered."""
+    def advance(self, limit_s: float, patience: Callable[[Port], float] = lambda _port: -math.inf) -> bool:
+        """Move on to limit_s, or less far where bytes have been delivered; say whether they are to be seen at once.
+
+        `patience` is told who has delivered, and says before which moment the autopilot must look at it.
+        """
+        before_s = math.inf
         while True:
             due_s = [emulator.next_output_s() for emulator in self._emulators]
             next_s = min(due_s)
-            if next_s > limit_s:
-                self.world.advance_to(limit_s)
+            if next_s > limit_s or next_s >= before_s:
+                if next_s > limit_s:
+                    self.world.advance_to(limit_s)
                 return False
             self.world.advance_to(next_s)
-            if self._deliver(due_s):
+            before_s = min(before_s, self._deliver(due_s, patience))
+            if before_s <= next_s:
                 return True
 
-    def _deliver(self, due_s: list[float]) -> bool:
+    def _deliver(self, due_s: list[float], patience: Callable[[Port], float]) -> float:
         now_s = self.world.now_s
-        delivered = False
+        before_s = math.inf
         for port, port_due_s in zip(self.ports, due_s, strict=True):
             if port_due_s <= now_s and (data := port.emulator.take_output(now_s)):
                 if isinstance(port.line, PtyLine):
                     self._send(port.line, data)
                 else:
                     port.line.write(data)
-                delivered = True
-        return delivered
+                before_s = min(before_s, patience(port))
+        return before_s

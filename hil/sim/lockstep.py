@@ -2,11 +2,15 @@
 
 The autopilot connects to a Unix SOCK_SEQPACKET socket and says in JSON which serial lines
 it has, by path and in order; it is told the time of the start. From then on each of its
-waits is one packet (`<d` deadline, then `Q` for each line: bytes written so far) and one
-packet in return (`<d` the new time, or `<dd` with a step of its UTC): by then its bytes have
-reached the devices, the world has moved on to the deadline or to the first bytes for the
-autopilot, and those lie in its serial lines. Nothing in this depends on how fast either side
-computes.
+waits is one packet (`<dQ` deadline and a bit for each line that is awaited, then `Q` for each
+line: bytes written so far) and one packet in return (`<ddd` the new time, a step of its UTC,
+and for how long to look for the next answer before it sleeps; then `<dQ` moment and line of
+all that was said before): by then its bytes have reached the devices, the world has moved on
+to the deadline or to the first bytes that are awaited, and those lie in its serial lines.
+Nothing in this depends on how fast either side computes.
+
+What is said on a line that the autopilot has never written on needs no answer, so the world
+moves on behind it, up to the next bytes on that line, and the moment is told.
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ import math
 import socket
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -24,15 +28,16 @@ from typing import Any, Self
 from hil.devices.pty_line import PtyLine
 from hil.errors import HilError
 from hil.sim.board import Board, Port
+from hil.sim.own_cores import Turns
 from hil.sim.pace import Pacer
 
-PROTOCOL = 1
+PROTOCOL = 2
 HELLO_BYTES = 65536
 CONNECT_S = 20.0
 STALL_S = 30.0
 POLL_S = 0.1
-NEW_TIME = struct.Struct("<d")
-NEW_TIME_AND_STEP = struct.Struct("<dd")
+NEW_TIME = struct.Struct("<ddd")
+SAID = struct.Struct("<dQ")
 
 
 class LockstepError(HilError):
@@ -42,13 +47,20 @@ class LockstepError(HilError):
 class LockstepServer:
     """Serves one autopilot; a context that closes its sockets."""
 
-    def __init__(self, path: Path, board: Board, pacer: Pacer, *, stall_s: float = STALL_S) -> None:
-        """Listen at path."""
+    def __init__(
+        self, path: Path, board: Board, pacer: Pacer, *, stall_s: float = STALL_S, cores: Sequence[int] = ()
+    ) -> None:
+        """Listen at path; `cores` are those that are kept for this process and the autopilot."""
         self._board = board
         self._pacer = pacer
         self._stall_s = stall_s
+        self._turns = Turns(cores)
         self._ports: tuple[Port, ...] = ()
         self._packet = NEW_TIME
+        self._lines: dict[Path, int] = {}  # their numbers
+        self._awaited = 0  # a bit for each line whose bytes end the wait
+        self._unheard = 0  # lines with bytes that came while nobody waited for them
+        self._said: list[tuple[float, int]] = []  # in this wait, when and on which line, which did not end it
         self._received: list[int] = []
         self._before: list[int] = []  # what earlier processes wrote on each line
         self._utc_step_s = 0.0
@@ -97,14 +109,20 @@ class LockstepServer:
                     raise LockstepError("the autopilot ended before it connected") from None
                 if time.monotonic() > end_s:
                     raise LockstepError(f"the autopilot did not connect within {CONNECT_S:g} s") from None
-        self._connection.settimeout(self._stall_s)
+        # The kernel's own time limit: Python's costs a call more each time.
+        limit = struct.pack("ll", *divmod(round(self._stall_s * 1e6), 1_000_000))
+        self._connection.settimeout(None)
+        self._connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
+        self._turns.begin(self._connection)
         for port in self._ports:
             # What an earlier process wrote behind its last wait.
             self._board.receive(port, port.line.read())
         self._ports = self._lines_of(self._receive())
+        self._lines = {port.path: number for number, port in enumerate(self._ports)}
+        self._unheard = 0
         self._received = [0] * len(self._ports)
         self._before = [port.line.total_read for port in self._ports]
-        self._packet = struct.Struct(f"<d{len(self._ports)}Q")
+        self._packet = struct.Struct(f"<d{1 + len(self._ports)}Q")
         self._send(json.dumps({"start_s": self._board.world.now_s, "utc_s": utc_s}).encode())
 
     def step_utc(self, seconds: float) -> None:
@@ -122,19 +140,45 @@ class LockstepServer:
             return False
         if len(packet) != self._packet.size:
             raise LockstepError(f"a packet of {len(packet)} bytes from the autopilot; expected {self._packet.size}")
-        deadline_s, *written = self._packet.unpack(packet)
+        deadline_s, self._awaited, *written = self._packet.unpack(packet)
         if not math.isfinite(deadline_s):
             raise LockstepError("the autopilot waits for a deadline that is not a number")
         self._take_in(written)
-        self._board.advance(min(deadline_s, limit_s))
-        while self._board.world.now_s < self._stall_until_s:
-            self._board.advance(self._stall_until_s)
-        if paced:
-            self._pacer.wait(self._board.world.now_s)
+        self._said.clear()
+        if self._board.world.now_s < self._stall_until_s:
+            self._awaited = 0
+            self._board.advance(self._stall_until_s, self._patience)
+        elif not self._waiting():
+            self._board.advance(min(deadline_s, limit_s), self._patience)
         now_s = self._board.world.now_s
+        if paced:
+            self._pacer.wait(now_s)
         step_s, self._utc_step_s = self._utc_step_s, 0.0
-        self._send(NEW_TIME_AND_STEP.pack(now_s, step_s) if step_s else NEW_TIME.pack(now_s))
+        head = NEW_TIME.pack(now_s, step_s, self._turns.look_s())
+        self._send(head + b"".join(SAID.pack(*said) for said in self._said))
         return True
+
+    def _patience(self, port: Port) -> float:
+        """Return before which moment the autopilot must look at the bytes that have just been put into a line."""
+        number = self._lines.get(port.path)
+        if number is None:
+            return math.inf
+        if not self._awaited >> number & 1:
+            self._unheard |= 1 << number
+            return math.inf
+        if self._received[number]:
+            return -math.inf
+        self._said.append((self._board.world.now_s, number))
+        return port.emulator.next_output_s()
+
+    def _waiting(self) -> bool:
+        """Whether bytes for which nobody waited when they came lie in a line that is awaited now."""
+        heard = self._unheard & self._awaited
+        self._unheard ^= heard
+        return heard != 0 and any(
+            heard >> number & 1 and isinstance(port.line, PtyLine) and port.line.pending_at_slave() > 0
+            for number, port in enumerate(self._ports)
+        )
 
     def _take_in(self, written: list[int]) -> None:
         for index, total in enumerate(written):
@@ -168,9 +212,10 @@ class LockstepServer:
     def _receive(self) -> bytes:
         if self._connection is None:
             return b""
+        self._turns.look()
         try:
             return self._connection.recv(HELLO_BYTES)
-        except TimeoutError:
+        except BlockingIOError:
             raise LockstepError(f"nothing from the autopilot for {self._stall_s:g} s: it hangs") from None
         except OSError:
             return b""

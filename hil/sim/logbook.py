@@ -41,6 +41,7 @@ class RunOptions:
     state: Path | None = None  # what the autopilot is to remember of earlier runs: a directory that is copied
     view: str | None = None  # where the page of it is to be found under way: HOST:PORT
     shown: bool = True  # live on a terminal, where there is one
+    cores: int = 1  # at most, in lockstep: two for a run that somebody waits for, of which each program takes one whole
     play: bool = False  # until somebody ends it, and nothing that people do is a failure
 
     @property

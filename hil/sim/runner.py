@@ -27,7 +27,7 @@ from hil.sim.display import Banner, Display, Silence, make_display
 from hil.sim.ground_station import GroundStation
 from hil.sim.lockstep import LockstepError, LockstepServer
 from hil.sim.logbook import Logbook, RunOptions, put_to_sea
-from hil.sim.one_core import one_core
+from hil.sim.own_cores import own_cores
 from hil.sim.pace import Pacer
 from hil.sim.process import AutopilotProcess
 from hil.sim.realtime import RealTimeServer
@@ -153,8 +153,8 @@ class _Run:
         pacer = Pacer(math.inf if speed is None else speed)
         log_path = self._options.out / FIRMWARE_LOG
         with (
-            one_core(),
-            LockstepServer(self._socket_path, self._board, pacer) as server,
+            own_cores(self._options.cores) as cores,
+            LockstepServer(self._socket_path, self._board, pacer, cores=cores) as server,
             AutopilotProcess(arguments, log_path) as autopilot,
         ):
             try:

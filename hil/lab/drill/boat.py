@@ -29,7 +29,7 @@ from hil.sim.board import Board
 from hil.sim.goals import Goal
 from hil.sim.ground_station import CHANGE_HEADING, GUIDED, HEADING_TYPE, GroundStation, Order
 from hil.sim.lockstep import LockstepServer
-from hil.sim.one_core import one_core
+from hil.sim.own_cores import own_cores
 from hil.sim.pace import Pacer
 from hil.sim.process import AutopilotProcess
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
@@ -97,7 +97,7 @@ class DrillBoat:
             )
             devices |= {"power": VeDirectEmulator(self.plant, Kind.CHARGER), "power_b": self.monitor}
         self._stack = ExitStack()
-        self._stack.enter_context(one_core())
+        self._stack.enter_context(own_cores())
         self.board = self._stack.enter_context(Board(self.world, devices, directory, PtyLine.deliver))
         self.lines = {port.path.name: port.line for port in self.board.ports}
         self._vehicle = directory / "vehicle.toml"

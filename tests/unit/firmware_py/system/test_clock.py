@@ -10,6 +10,11 @@ import pytest
 from firmware_py.system.clock import LOCK_MARGIN_S, LOCK_SLEW, ClockError, LockstepClock, Metronome, RealClock
 
 
+def answer(now_s, *said, step_s=0.0, look_s=0.0):
+    """What the HIL answers: the new time, and who has said something when before it."""
+    return struct.pack("<ddd", now_s, step_s, look_s) + b"".join(struct.pack("<dQ", *one) for one in said)
+
+
 def test_deadlines_are_absolute():
     metronome = Metronome(5.0, 10.0)
     for index in range(1, 1000):
@@ -89,7 +94,7 @@ def lockstep(tmp_path):
     def greet():
         end = server.accept()[0]
         hello = json.loads(end.recv(4096))
-        assert hello == {"protocol": 1, "lines": ["/a", "/b"]}
+        assert hello == {"protocol": 2, "lines": ["/a", "/b"]}
         end.sendall(json.dumps({"start_s": 3.0, "utc_s": 1000.0}).encode())
         ends.append(end)
 
@@ -110,9 +115,9 @@ def lockstep(tmp_path):
 def test_lockstep_time_stands_still_until_the_hil_moves_it(lockstep):
     clock, hil = lockstep
     assert (clock.now_s(), clock.utc_s()) == (3.0, 1000.0)
-    hil.sendall(struct.pack("<d", 3.05))  # the answer may already be there
+    hil.sendall(answer(3.05))  # the answer may already be there
     clock.wait(3.1, [])
-    assert struct.unpack("<dQQ", hil.recv(64)) == (3.1, 7, 9)
+    assert struct.unpack("<dQQQ", hil.recv(64)) == (3.1, 0, 7, 9)
     assert clock.now_s() == 3.05
     assert clock.utc_s() == pytest.approx(1000.05)
 
@@ -125,7 +130,7 @@ def test_lockstep_serves_an_outside_socket_without_time_going_by(lockstep):
         assert list(clock.wait(3.1, [ours.fileno()])) == [ours.fileno()]
         assert clock.now_s() == 3.0
         ours.recv(1)
-        hil.sendall(struct.pack("<d", 3.1))
+        hil.sendall(answer(3.1))
         assert list(clock.wait(3.1, [ours.fileno()])) == []
         assert clock.now_s() == 3.1
         hil.recv(64)
@@ -140,12 +145,44 @@ def test_bytes_on_a_line_of_the_hil_do_not_keep_time_from_going_on(lockstep):
     with fed, other:
         clock.fed.append(fed.fileno())
         other.sendall(b"x")
-        hil.sendall(struct.pack("<d", 3.1))
+        hil.sendall(answer(3.1))
         assert list(clock.wait(3.1, [fed.fileno()])) == [fed.fileno()]
         assert clock.now_s() == 3.1
         clock.fed.clear()  # that number is a socket's now
         assert list(clock.wait(3.2, [fed.fileno()])) == [fed.fileno()]
         assert clock.now_s() == 3.1
+
+
+def test_the_hil_is_told_which_lines_are_awaited_and_waits_return_at_what_they_said(lockstep):
+    clock, hil = lockstep
+    fed, other = socket.socketpair()
+    with fed, other:
+        clock.fed += [-1, fed.fileno()]
+        hil.sendall(answer(3.1, (3.05, 1), (3.06, 0), step_s=5.0))
+        assert list(clock.wait(3.1, [fed.fileno()])) == [fed.fileno()]
+        assert struct.unpack("<dQQQ", hil.recv(64)) == (3.1, 0b10, 7, 9)
+        assert clock.now_s() == 3.05
+        assert list(clock.wait(3.05, [fed.fileno()])) == []  # who is busy does not go on
+        assert list(clock.wait(3.1, [fed.fileno()])) == []  # nobody waits for the other line any more
+        assert clock.now_s() == 3.06
+        other.sendall(b"x")
+        assert list(clock.wait(3.1, [fed.fileno()])) == [fed.fileno()]
+        assert (clock.now_s(), clock.utc_s()) == (3.1, pytest.approx(1005.1))
+        hil.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            hil.recv(64)  # one packet each way, although there were three waits
+
+
+@pytest.mark.parametrize("look_s", [0.0, 0.002, 30.0])
+def test_an_answer_that_is_looked_for_is_the_same(lockstep, look_s):
+    clock, hil = lockstep
+    hil.sendall(answer(3.05, look_s=look_s))
+    clock.wait(3.1, [])
+    other = threading.Thread(target=lambda: (hil.recv(64), hil.recv(64), hil.sendall(answer(3.1))))
+    other.start()
+    assert list(clock.wait(3.1, [])) == []
+    assert clock.now_s() == 3.1
+    other.join()
 
 
 def test_what_is_readable_comes_in_the_order_that_was_asked_for(lockstep):
@@ -155,7 +192,7 @@ def test_what_is_readable_comes_in_the_order_that_was_asked_for(lockstep):
     for wanted in (descriptors, descriptors[::-1], descriptors[1:3]):
         for _, other in pairs:
             other.sendall(b"x")
-        hil.sendall(struct.pack("<d", 3.0))
+        hil.sendall(answer(3.0))
         assert list(clock.wait(3.0, wanted)) == wanted
     for pair in pairs:
         for end in pair:
@@ -174,7 +211,7 @@ def test_in_lockstep_the_disk_takes_no_time(lockstep):
             hil.recv(64)  # time has not been asked to go on
         ours.recv(1)
         clock.settled.append(lambda: theirs.send(b"x"))
-        hil.sendall(struct.pack("<d", 3.1))
+        hil.sendall(answer(3.1))
         assert list(clock.wait(3.1, [])) == []  # shortly before a tick nobody listens to the disk
         assert clock.now_s() == 3.1
 

@@ -44,9 +44,13 @@ class Beacon:
 
 
 class Autopilot(threading.Thread):
-    """Runs a script of waits: (deadline, {line: bytes to write before}); notes times and bytes read."""
+    """Runs a script of waits: (deadline, {line: bytes to write before}, lines that are awaited, lines that are read).
 
-    def __init__(self, path, ports, script, *, protocol=1):
+    All are awaited where none are named, and those that are awaited are read. Notes the time after each wait, what it
+    has read, and what it was told of moments before, if anything.
+    """
+
+    def __init__(self, path, ports, script, *, protocol=2):
         super().__init__()
         self.path, self.ports, self.script, self.protocol = path, ports, script, protocol
         self.seen = []
@@ -59,13 +63,17 @@ class Autopilot(threading.Thread):
             link.connect(str(self.path))
             link.sendall(json.dumps({"protocol": self.protocol, "lines": self.ports}).encode())
             self.welcome = link.recv(1000)
-            for deadline_s, writes in self.script if self.welcome else ():
+            for deadline_s, writes, *lines in self.script if self.welcome else ():
                 for index, data in writes.items():
                     written[index] += os.write(files[index], data)
-                link.sendall(struct.pack(f"<d{len(files)}Q", deadline_s, *written))
+                awaited = lines[0] if lines else range(len(files))
+                wanted = lines[-1] if lines else awaited
+                link.sendall(struct.pack(f"<dQ{len(files)}Q", deadline_s, sum(1 << line for line in awaited), *written))
                 if not (answer := link.recv(100)):
                     break
-                self.seen.append((struct.unpack("<d", answer)[0], [read_now(file) for file in files]))
+                read = [read_now(file) if line in wanted else b"" for line, file in enumerate(files)]
+                told = [*struct.iter_unpack("<dQ", answer[24:])]
+                self.seen.append((struct.unpack_from("<d", answer)[0], read, *([told] if told else [])))
         for file in files:
             os.close(file)
 
@@ -101,11 +109,49 @@ def test_time_moves_to_the_deadline_or_to_the_first_bytes_and_no_further(tmp_pat
         assert json.loads(autopilot.welcome) == {"start_s": 0.0, "utc_s": 1000.0}
         assert autopilot.seen == [
             (0.125, [b"", b""]),
-            (0.25, [b"PING", b"0.2500;"]),
+            (0.25, [b"PING", b"0.2500;"], [(0.25, 1)]),
             (0.375, [b"", b""]),
-            (0.5, [b"", b"0.5000;"]),
+            (0.5, [b"", b"0.5000;"], [(0.5, 1)]),
         ]
         assert board.world.now_s == 0.5
+
+
+def test_bytes_for_which_nobody_waits_end_the_next_wait_for_them(tmp_path):
+    with make_board(tmp_path, a=Beacon(), b=Beacon()) as board:
+        ports = board.paths()
+        script = [(0.1, {0: b"one"}, []), (0.3, {}, [1]), (0.9, {}, [0, 1]), (0.9, {1: b"two"}, [0]), (1.0, {}, [1])]
+        autopilot = Autopilot(tmp_path / "clock", [ports["a"], ports["b"]], script)
+        serve_all(LockstepServer(tmp_path / "clock", board, Pacer(math.inf)), autopilot)
+        assert autopilot.seen == [
+            (0.1, [b"", b""]),
+            (0.3, [b"", b""]),
+            (0.3, [b"ONE", b""]),  # which has been there since 0.125
+            (0.9, [b"", b""]),
+            (0.9, [b"", b"TWO"]),
+        ]
+
+
+def test_lines_that_were_read_meanwhile_end_no_wait(tmp_path):
+    with make_board(tmp_path, a=Beacon()) as board:
+        script = [(0.1, {0: b"one"}), (0.3, {}, [], [0]), (0.9, {})]
+        autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], script)
+        serve_all(LockstepServer(tmp_path / "clock", board, Pacer(math.inf)), autopilot)
+        assert autopilot.seen == [(0.1, [b""]), (0.3, [b"ONE"]), (0.9, [b""])]
+
+
+def test_what_a_device_says_that_is_never_spoken_to_is_told_with_its_moment(tmp_path):
+    with make_board(tmp_path, a=Beacon(0.25), b=Beacon(0.375)) as board:
+        ports = board.paths()
+        script = [(0.3, {}), (0.9, {}), (0.9, {0: b"x"}), (0.9, {}), (0.9, {})]
+        autopilot = Autopilot(tmp_path / "clock", [ports["a"], ports["b"]], script)
+        serve_all(LockstepServer(tmp_path / "clock", board, Pacer(math.inf)), autopilot)
+        assert autopilot.seen == [
+            (0.3, [b"0.2500;", b""], [(0.25, 0)]),
+            (0.5, [b"0.5000;", b"0.3750;"], [(0.375, 1), (0.5, 0)]),  # the next of the first would be read with this
+            (0.625, [b"X", b""]),
+            (0.75, [b"0.7500;", b"0.7500;"], [(0.75, 1)]),
+            (0.9, [b"", b""]),
+        ]
 
 
 def test_bytes_written_reach_the_device_at_the_time_they_were_written(tmp_path):
@@ -142,15 +188,15 @@ def test_a_line_that_is_not_ours_is_an_error(tmp_path):
 
 def test_another_protocol_is_an_error(tmp_path):
     with make_board(tmp_path, a=Beacon()) as board:
-        autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], [], protocol=2)
+        autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], [], protocol=3)
         with LockstepServer(tmp_path / "clock", board, Pacer(math.inf)) as server:
             autopilot.start()
-            with pytest.raises(LockstepError, match="protocol 2"):
+            with pytest.raises(LockstepError, match="protocol 3"):
                 server.accept(lambda: True, 0.0)
         autopilot.join(10.0)
 
 
-@pytest.mark.parametrize("hello", [b"{}", b"\xff\xfe", b"[]", b'{"protocol": 1, "lines": 5}'])
+@pytest.mark.parametrize("hello", [b"{}", b"\xff\xfe", b"[]", b'{"protocol": 2, "lines": 5}'])
 def test_a_greeting_that_is_none_is_an_error(tmp_path, hello):
     with (
         make_board(tmp_path, a=Beacon()) as board,
@@ -163,7 +209,9 @@ def test_a_greeting_that_is_none_is_an_error(tmp_path, hello):
             server.accept(lambda: True, 0.0)
 
 
-@pytest.mark.parametrize(("packet", "text"), [(b"12345", "5 bytes"), (struct.pack("<dQ", math.nan, 0), "not a number")])
+@pytest.mark.parametrize(
+    ("packet", "text"), [(b"12345", "5 bytes"), (struct.pack("<dQQ", math.nan, 0, 0), "not a number")]
+)
 def test_a_packet_that_is_none_is_an_error(tmp_path, packet, text):
     with (
         make_board(tmp_path, a=Beacon()) as board,
@@ -171,7 +219,7 @@ def test_a_packet_that_is_none_is_an_error(tmp_path, packet, text):
         socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as link,
     ):
         link.connect(str(tmp_path / "clock"))
-        link.sendall(json.dumps({"protocol": 1, "lines": [board.paths()["a"]]}).encode())
+        link.sendall(json.dumps({"protocol": 2, "lines": [board.paths()["a"]]}).encode())
         server.accept(lambda: True, 0.0)
         link.sendall(packet)
         with pytest.raises(LockstepError, match=text):
@@ -190,7 +238,7 @@ def test_an_autopilot_that_hangs_or_dies_is_told(tmp_path):
             socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as link,
         ):
             link.connect(str(tmp_path / "two"))
-            link.sendall(json.dumps({"protocol": 1, "lines": []}).encode())
+            link.sendall(json.dumps({"protocol": 2, "lines": []}).encode())
             server.accept(lambda: True, 0.0)
             with pytest.raises(LockstepError, match="hangs"):
                 server.serve()
