@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_py.common.geodesy import EARTH_RADIUS_M
+from firmware_py.common.geodesy import EARTH_RADIUS_M, Place
 from firmware_py.log.open_file import open_buffer
 from hil.errors import UsageError
 from hil.report.log_records import records
@@ -88,12 +88,13 @@ def days(table: ThinTable) -> Iterator[tuple[str, ...]]:
 
 
 def made_good_m(table: ThinTable, rows: NDArray[np.bool_]) -> float:
-    """Return how far she got between the first and the last place of some rows."""
-    north_m, east_m = places_m(table)
-    known = np.flatnonzero(rows & np.isfinite(north_m))
+    """Return how far she got between the first and the last place of some rows, wherever on earth."""
+    lat, lng = table["Lat"], table["Lng"]
+    known = np.flatnonzero(rows & np.isfinite(lat) & np.isfinite(lng))
     if known.size < 2:
         return 0.0
-    return float(np.hypot(north_m[known[-1]] - north_m[known[0]], east_m[known[-1]] - east_m[known[0]]))
+    begin, end = (Place(float(lat[row]), float(lng[row])) for row in (known[0], known[-1]))
+    return begin.distance_and_bearing(end)[0]
 
 
 def places_m(table: ThinTable) -> tuple[Array, Array]:

@@ -92,6 +92,23 @@ def test_days_are_summed_up(state):
     assert sum(float(row[head.index("faults")].split()[0]) for row in rows) == 4320 - 4001
 
 
+def test_what_a_day_made_good_does_not_depend_on_where_the_voyage_began(tmp_path):
+    """From the equator to 60 deg north, and there a day of sailing east past the date line."""
+    north_rad = math.radians(60.0)
+    begun = replace(MINUTE, latitude_rad=0.0, longitude_rad=0.0)
+    noon_s = 1.8e9 + 2 * 86400.0
+    east = [
+        replace(
+            MINUTE, utc_s=noon_s + 60.0 * n, latitude_rad=north_rad, longitude_rad=math.remainder(lng_rad, math.tau)
+        )
+        for n in range(101)
+        for lng_rad in (math.pi + 1e-6 * (n - 50),)
+    ]
+    (tmp_path / "1.BIN").write_bytes(thin_bytes([begun, *east]))
+    head, *rows = thin_log.days(thin_log.read([tmp_path / "1.BIN"]))
+    assert rows[-1][head.index("made good")] == f"{1e-4 * math.cos(north_rad) * 6371.0088:.1f} km"
+
+
 def test_rows_of_a_time_that_cannot_be_are_left_out(tmp_path):
     times = (1.8e9, math.nan, 0.0, -1.0, 1e300, 1.8e9 + 60.0)
     (tmp_path / "1.BIN").write_bytes(thin_bytes(replace(MINUTE, utc_s=utc_s) for utc_s in times))
