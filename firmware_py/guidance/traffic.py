@@ -19,7 +19,8 @@ from firmware_py.common.vessels import Vessel, VesselPosition, VesselReport, mer
 from firmware_py.guidance.approach import Velocity, relative
 
 MOST_VESSELS = 100
-FORGOTTEN_AFTER_S = 600.0  # three intervals of the slowest, those at anchor
+# A vessel under way, and what lies still: that sends every three minutes at most, some of it lost, and is still there.
+FORGOTTEN_AFTER_S, STILL_FORGOTTEN_AFTER_S = 600.0, 1800.0
 LOOK_S = 2.0
 TELL_S = 5.0  # between two vessels
 TELL_AGAIN_S = 600.0  # what the receiver says of itself
@@ -56,8 +57,14 @@ class TrafficSettings:
 
     def limit_m(self, position: VesselPosition) -> float:
         """Return how near a vessel may come before it is told of."""
-        moves = position.speed_m_s is not None and position.speed_m_s >= self.still_m_s
-        return self.near_m if moves else self.still_m
+        return self.near_m if self._moves(position) else self.still_m
+
+    def forgotten_after_s(self, position: VesselPosition) -> float:
+        """Return how long a vessel may be silent before it is forgotten."""
+        return FORGOTTEN_AFTER_S if self._moves(position) else STILL_FORGOTTEN_AFTER_S
+
+    def _moves(self, position: VesselPosition) -> bool:
+        return position.speed_m_s is not None and position.speed_m_s >= self.still_m_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +183,7 @@ def _reachable(before: VesselPosition, after: VesselPosition) -> bool:
 def _look_through(
     settings: TrafficSettings, state: TrafficState, own: OwnMotion | None, now_s: float
 ) -> tuple[TrafficState, tuple[Event, ...]]:
-    kept = [vessel for vessel in state.vessels if now_s - vessel.position.t_s <= FORGOTTEN_AFTER_S]
+    kept = [one for one in state.vessels if now_s - one.position.t_s <= settings.forgotten_after_s(one.position)]
     if own is None:
         unseen = (replace(one, distance_m=None, bearing_rad=None, cpa_m=None, cpa_in_s=None) for one in kept)
         return replace(state, vessels=tuple(unseen)), ()

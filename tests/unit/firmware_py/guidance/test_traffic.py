@@ -114,10 +114,11 @@ def test_without_a_position_of_her_own_nobody_is_near():
     assert (state.vessels[0].distance_m, state.vessels[0].cpa_m) == (None, None)
 
 
-def test_who_is_silent_is_forgotten():
-    state, _ = look(TrafficState(), 0.0, position(1, 0.0, 3000.0, 0.0))
-    assert len(look(state, 600.0)[0].vessels) == 1
-    assert look(state, 602.0)[0].vessels == ()
+@pytest.mark.parametrize(("speed_m_s", "after_s"), [(5.0, 600.0), (0.0, 1800.0)])
+def test_who_is_silent_is_forgotten_and_what_lies_still_later(speed_m_s, after_s):
+    state, _ = look(TrafficState(), 0.0, position(1, 0.0, 3000.0, 0.0, speed_m_s))
+    assert len(look(state, after_s)[0].vessels) == 1
+    assert look(state, after_s + 2.0)[0].vessels == ()
 
 
 def test_a_leap_is_not_believed_until_others_bear_it_out():
