@@ -14,11 +14,13 @@ from hil.cli import progress
 from hil.errors import UsageError
 from hil.lab.campaign import campaign, store
 from hil.lab.campaign.campaign import Crew
+from hil.lab.campaign.crew import check_address
 from hil.lab.campaign.extra import imported
 from hil.sim.run_directory import held
 
 MOST_WORKERS = 1024
 JSON = "compare.json"
+REPLAY = "replay"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,9 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Do what the first word says; any other word is a specification."""
-    # Now, and not when the first results are there.
-    for package in ("pyarrow", *(("distributed",) if arguments.scheduler is not None else ())):
-        imported(package)
     first, *more = arguments.words
     act, names = ACTS.get(first, (_sail, ()))
     words = more if first in ACTS else arguments.words
@@ -52,7 +51,32 @@ def run(arguments: argparse.Namespace) -> int:
         names = ("SPEC",)
     if len(words) != len(names):
         raise UsageError(f"{' '.join(arguments.words)[:80]}: give {' or '.join(map(_usage, ('', *ACTS)))}")
+    _check(first, words, arguments)
+    # Now, and not when the first results are there.
+    for package in ("pyarrow", *(("distributed",) if arguments.scheduler is not None else ())):
+        imported(package)
     return act(words, arguments)
+
+
+def _check(first: str, words: Sequence[str], arguments: argparse.Namespace) -> None:
+    """UsageError for words that nothing can be done with, whatever is installed and whoever answers."""
+    if first == REPLAY:
+        _number(words[1])
+    if first in ACTS:
+        if arguments.resume or arguments.scheduler is not None:
+            raise UsageError(f"{first} takes neither --resume nor --scheduler; leave them out")
+        return
+    if not 1 <= arguments.workers <= MOST_WORKERS:
+        raise UsageError(f"--workers {arguments.workers}: give a whole number from 1 to {MOST_WORKERS}")
+    if arguments.scheduler is not None:
+        check_address(arguments.scheduler)
+
+
+def _number(word: str) -> int:
+    try:
+        return int(word)
+    except ValueError:
+        raise UsageError(f"{word[:30]!r} is not the number of a run") from None
 
 
 def _usage(name: str) -> str:
@@ -61,8 +85,6 @@ def _usage(name: str) -> str:
 
 def _sail(words: Sequence[str], arguments: argparse.Namespace) -> int:
     """Sail a campaign."""
-    if not 1 <= arguments.workers <= MOST_WORKERS:
-        raise UsageError(f"--workers {arguments.workers}: give a whole number from 1 to {MOST_WORKERS}")
     crew = Crew(arguments.workers, arguments.scheduler)
     try:
         with progress.line(sys.stderr, time.monotonic) as tell:
@@ -80,10 +102,7 @@ def _replay(words: Sequence[str], arguments: argparse.Namespace) -> int:
     """Sail one run of a campaign again; exit 1 when it is not the same."""
     from hil.lab.campaign import replay  # noqa: PLC0415 - the rest does without it
 
-    try:
-        index = int(words[1])
-    except ValueError:
-        raise UsageError(f"{words[1][:30]!r} is not the number of a run") from None
+    index = _number(words[1])
     found = replay.replay(Path(words[0]), index, arguments.out)
     for line in found.differences:
         print(f"run {index}: {line}")
@@ -113,6 +132,6 @@ def _compare(words: Sequence[str], arguments: argparse.Namespace) -> int:
 
 # What the first word can be besides a specification, and what comes behind it.
 ACTS: dict[str, tuple[Callable[[Sequence[str], argparse.Namespace], int], tuple[str, ...]]] = {
-    "replay": (_replay, ("DIR", "ROW")),
+    REPLAY: (_replay, ("DIR", "ROW")),
     "compare": (_compare, ("DIR", "DIR")),
 }

@@ -7,6 +7,7 @@ import os
 import resource
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -51,13 +52,13 @@ def read_spec(path: Path, beside: Path | None = None) -> Spec:
 def run(path: Path, out: Path, who: Crew, tell: Tell, *, resume: bool) -> dict[str, Any]:
     """Sail what is left of a campaign; return the figures of summary.json."""
     found = read_spec(path)
-    with held(out), interruptible():
+    with interruptible(), _cluster(who) as cluster, held(out):
         kept = Store(out, found, versions(), path.parent.resolve())
         kept.begin(resume=resume)
         finished = kept.finished()
         begun = sum(last - first for first, last in finished)
         begun_s, done = time.monotonic(), begun
-        for (first, last), results in _sailed(found, who, store.missing(found.runs, finished, _batch(found))):
+        for (first, last), results in _sailed(found, who, cluster, store.missing(found.runs, finished, _batch(found))):
             kept.add(first, last, results)
             done += last - first
             tell(done, found.runs, done - begun)
@@ -74,9 +75,14 @@ def _batch(found: Spec) -> int:
     return min(engine_of(found).BATCH, max(1, found.runs // BATCHES))
 
 
-def _sailed(found: Spec, who: Crew, batches: Iterator[crew.Batch]) -> Iterator[crew.Sailed]:
-    if who.scheduler is not None:
-        yield from crew.sail_on(who.scheduler, found, batches)
+def _cluster(who: Crew) -> AbstractContextManager[Any]:
+    """Have the scheduler that was named, before anything is begun; None without one."""
+    return nullcontext() if who.scheduler is None else crew.cluster(who.scheduler)
+
+
+def _sailed(found: Spec, who: Crew, cluster: Any, batches: Iterator[crew.Batch]) -> Iterator[crew.Sailed]:
+    if cluster is not None:
+        yield from crew.sail_on(cluster, found, batches)
         return
     if (first := next(batches, None)) is not None:
         engine_of(found).make_ready(next(rows(found, *first)))

@@ -52,18 +52,31 @@ def sail_here(spec: Spec, batches: Iterator[Batch], workers: int) -> Iterator[Sa
             return
 
 
-def sail_on(address: str, spec: Spec, batches: Iterator[Batch]) -> Iterator[Sailed]:
-    """Yield the batches as the workers of a dask scheduler sail them; UsageError where there is none."""
+def check_address(address: str) -> None:
+    """UsageError for what is no address of a scheduler."""
+    if ADDRESS.fullmatch(address) is None:
+        raise UsageError(f"--scheduler {address[:60]}: write tcp://HOST:PORT")
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Any]:
+    """Have a dask scheduler that answers, and be done with it in the end; UsageError where there is none."""
+    check_address(address)
     distributed = imported("distributed")
     # What goes wrong is told here, in one line.
     logging.disable(logging.CRITICAL)
-    if ADDRESS.fullmatch(address) is None:
-        raise UsageError(f"--scheduler {address[:60]}: write tcp://HOST:PORT")
     try:
         client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise UsageError(f"--scheduler {address}: no dask scheduler answers: {_line(error)}") from None
-    with client, client.get_executor() as pool:
+    with client:
+        yield client
+
+
+def sail_on(client: Any, spec: Spec, batches: Iterator[Batch]) -> Iterator[Sailed]:
+    """Yield the batches as the workers of a dask scheduler sail them."""
+    distributed, address = imported("distributed"), client.scheduler.address
+    with client.get_executor() as pool:
         try:
             yield from _sailed(pool, sail_batch, spec, batches, lambda: len(client.ncores()), {})
         except (HilError, GeneratorExit, KeyboardInterrupt):

@@ -65,9 +65,9 @@ def test_what_sails_is_made_ready_once_before_there_are_workers(monkeypatch):
     done = []
     monkeypatch.setattr(twin_engine, "make_ready", lambda row: done.append(row.index))
     monkeypatch.setattr(crew, "sail_here", lambda _spec, given, workers: done.append(workers) or given)
-    assert list(campaign._sailed(read(), Crew(3), batches(2))) == list(batches(2))
+    assert list(campaign._sailed(read(), Crew(3), None, batches(2))) == list(batches(2))
     assert done == [0, 3]
-    assert list(campaign._sailed(read(), Crew(3), batches(0))) == []
+    assert list(campaign._sailed(read(), Crew(3), None, batches(0))) == []
     assert done == [0, 3]  # nothing is left to be sailed, and nothing is compiled
 
 
@@ -84,4 +84,4 @@ def test_a_short_run_makes_ready_what_sails_long_ones():
 def test_an_address_that_is_none_is_refused_before_it_is_tried():
     for address in ("fish", "tcp://", "tcp://host", "http://host:1/x"):
         with pytest.raises(UsageError, match="write tcp://HOST:PORT"):
-            next(crew.sail_on(address, read(), batches(1)))
+            crew.check_address(address)
