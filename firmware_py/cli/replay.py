@@ -7,6 +7,7 @@ import json
 import sys
 from pathlib import Path
 
+from firmware_py import ROOT, commit_of, version_text
 from firmware_py.core.state_codec import state_from_text
 from firmware_py.core.step import step
 from firmware_py.log.dataflash import LogError
@@ -54,5 +55,14 @@ def _text(report: ReplayReport) -> str:
             f"{report.differences} commands differ, the first at tick {first.tick} ({first.t_s:.3f} s): "
             f"logged {first.logged.shaft_rad!r} rad, recomputed {first.recomputed.shaft_rad!r} rad"
         )
+        lines += _other_version(reading.software)
     lines.append("every rudder command is bit-identical" if report.identical else "NOT identical")
     return "\n".join(lines)
+
+
+def _other_version(software: str) -> list[str]:
+    """Say that another version wrote a log that comes out otherwise, which is no fault of either."""
+    own = version_text("rambler", commit_of(ROOT))
+    if software == own:
+        return []
+    return [f"the log was written by {software or 'a program without a name'}; this is {own} and steers otherwise"]

@@ -10,7 +10,7 @@ the default of the class, one that is not known is ignored, and one whose value 
 takes its default, or None where that is allowed. The name of a class decides in a union of
 classes alone. What was ignored or could not be used is reported in `notes`, plain sentences
 with the path. ValueError says where text has no value that is needed, or is no record at all.
-plain_history.py says how a record may be renamed or moved.
+record_history.py says how a record may be renamed or moved.
 """
 
 from __future__ import annotations

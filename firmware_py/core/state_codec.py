@@ -63,7 +63,7 @@ def _monitor_by_name(record: Record) -> None:
     """Name the faults of a MonitorState of version 1: tuples by index, bits."""
     for name in ("since_s", "stood_s"):
         if name in record:
-            pairs = zip(FAULTS_OF_VERSION_1, record[name], strict=True)
+            pairs = zip(FAULTS_OF_VERSION_1, record[name], strict=False)  # there have been fewer
             record[name] = {fault: value for fault, value in pairs if value is not None}
     _bits_by_name(record, "active")
 
@@ -74,6 +74,12 @@ def _failsafe_by_name(record: Record) -> None:
     _bits_by_name(record, "calling")
     if record.get("fault") is not None:
         record["fault"] = FAULTS_OF_VERSION_1[record["fault"]]
+
+
+def _rudder_unknown(record: Record) -> None:
+    """Leave the mean rudder of a SteeringMonitorState away where there was none yet: it is a number now."""
+    if record.get("slow_rudder_rad", 0.0) is None:
+        del record["slow_rudder_rad"]
 
 
 def _bits_by_name(record: Record, name: str) -> None:
@@ -188,6 +194,7 @@ CHANGES: tuple[Change, ...] = (
             ("WaterState.average", None),
             ("WaterState.leg", None),
         ),
+        converted={"SteeringMonitorState": _rudder_unknown},
     ),
     Change(
         4,

@@ -40,7 +40,7 @@ from firmware_py.log import beside
 from firmware_py.log.dataflash import MessageType
 from firmware_py.log.rows import Row, choice, flag, maybe, maybe_flag, microseconds, real, whole
 
-# How requests differ from version to version; plain_history.py says what a change is.
+# How requests differ from version to version; record_history.py says what a change is.
 CHANGES: Final[tuple[Change, ...]] = ()
 _REQUESTS: Final = Codec((Request,), (PLAN_HOOK,), changes=CHANGES)
 _IDENTITIES: Final = Codec((VesselIdentity,), changes=CHANGES)

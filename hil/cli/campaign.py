@@ -124,6 +124,8 @@ def _compare(words: Sequence[str], arguments: argparse.Namespace) -> int:
     rows = compare_page.cells(found)
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     print(compare_page.lead(first, second, found))
+    for line in compare_page.versions_that_differ(first, second):
+        print(line)
     for name, *cells in rows:
         print("  ".join((name.ljust(widths[0]), *map(str.rjust, cells, widths[1:]))).rstrip())
     print(f"report: {arguments.out / store.PAGE}")

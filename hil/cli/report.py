@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from hil.cli import outputs
@@ -35,6 +36,13 @@ def run(arguments: argparse.Namespace) -> int:
         print(figures_text(figures))
         print(f"report: {report}")
         return 0
+    for place in arguments.places:
+        if (place / run_directory.TRUTH_FILE).exists() and not (place / run_file.NAME).exists():
+            print(
+                f"rambler-hil: {place} has no {run_file.NAME}, as the version that sailed it kept none: the page shows"
+                " what its logs tell, and nothing of the truth",
+                file=sys.stderr,
+            )
     target = arguments.out or PAGE
     outputs.check("--out", target)
     field_page.write(arguments.places, target)

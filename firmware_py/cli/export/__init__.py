@@ -48,6 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         return refused("export", f"--to {kind} needs {error.name}; install {EXTRA}")
     except OSError as error:
         part.unlink(missing_ok=True)
-        return refused("export", f"{error.filename or log}: {error.strerror or error}; name a log and a place to write")
+        what = error.filename or f"{log} to {out}"
+        return refused("export", f"{what}: {error.strerror or error}; name a log and a place to write")
     print(f"{out}: {written}")
     return 0

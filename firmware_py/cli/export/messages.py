@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 from typing import Any, Final, NamedTuple
 
 from firmware_py.common.calendar import LAST_UTC_S
-from firmware_py.log.dataflash import Buffer, Format, Parser, text_of
+from firmware_py.log.dataflash import FMT_TYPE, Buffer, Format, Parser, text_of
 
 _SCALES: Final = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
 _TEXTS: Final = frozenset("nNZ")
@@ -34,6 +34,16 @@ def messages(buffer: Buffer, wanted: Collection[str] | None = None) -> Iterator[
         if take:
             values = _values(found, buffer, at)
             yield Message(found.name, values["TimeUS"] * _MICROSECONDS, values)
+
+
+def declared(buffer: Buffer) -> set[str]:
+    """Return the names of all messages that the head of a log describes, whether there are any of them."""
+    names = set()
+    for found, at in Parser(buffer):
+        if found.number != FMT_TYPE:
+            break
+        names.add(text_of(found.unpack(buffer, at)[2]))
+    return names
 
 
 def _values(found: Format, buffer: Buffer, at: int) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, Final
 
-from firmware_py.cli.export.messages import Message, messages, utc_shift_s
+from firmware_py.cli.export.messages import Message, declared, messages, utc_shift_s
 from firmware_py.common.angles import degrees, radians
 from firmware_py.common.geodesy import Place
 from firmware_py.log.dataflash import Buffer
@@ -71,7 +71,10 @@ def write(kind: str, buffer: Buffer, path: Path, _out: Path) -> str:
     tree = ET.ElementTree((_gpx if kind == "gpx" else _kml)(tracks))
     ET.indent(tree)
     tree.write(path, encoding="utf-8", xml_declaration=True)
-    return f"{len(tracks.points)} fixes, {len(tracks.mission)} waypoints, {len(tracks.fence)} places of the fence"
+    fixes = f"{len(tracks.points)} fixes"
+    if "CMD" not in declared(buffer):
+        return f"{fixes}; the version that wrote the log told no mission and no fence in it"
+    return f"{fixes}, {len(tracks.mission)} waypoints, {len(tracks.fence)} places of the fence"
 
 
 def gather(buffer: Buffer) -> Tracks:

@@ -94,8 +94,18 @@ def _differing(first: Results, second: Results) -> list[str]:
     ours, theirs = first.spec.splitlines(), second.spec.splitlines()
     lines = [f"first: {line}" for line in ours if line not in theirs]
     lines += [f"second: {line}" for line in theirs if line not in ours]
-    before, after = (results.identity.get("versions", {}) for results in (first, second))
-    for name in sorted(before.keys() | after.keys()):
-        if before.get(name) != after.get(name):
-            lines.append(f"{name}: {before.get(name, 'none')}, {after.get(name, 'none')}")
+    lines += versions_that_differ(first, second)
     return lines or ["nothing: the same specification and the same versions"]
+
+
+def versions_that_differ(first: Results, second: Results) -> list[str]:
+    """Return a line for each version that is another in the second campaign, and what programs those are."""
+    before, after = (dict(results.identity.get("versions", {})) for results in (first, second))
+    if before != after:
+        for versions, results in ((before, first), (after, second)):
+            versions["program"] = results.identity.get("program", "unknown")
+    return [
+        f"{name}: {before.get(name, 'none')}, {after.get(name, 'none')}"
+        for name in sorted(before.keys() | after.keys())
+        if before.get(name) != after.get(name)
+    ]

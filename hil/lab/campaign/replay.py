@@ -88,4 +88,5 @@ def _other(directory: Path) -> str:
     known = store.read_identity(directory).get("versions", {})
     own = versions()
     differs = sorted(name for name in own.keys() | known.keys() if own.get(name) != known.get(name))
-    return f"; the campaign was sailed with other versions: {', '.join(differs)}" if differs else ""
+    by = store.read_identity(directory).get("program", "an unknown program")
+    return f"; the campaign was sailed with other versions ({', '.join(differs)}), by {by}" if differs else ""

@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from firmware_py import ROOT, commit_of, version_text
 from hil.errors import HilError, UsageError
 from hil.lab.campaign.extra import imported
 from hil.lab.campaign.outcome import Result, failure
@@ -57,9 +58,10 @@ class Store:
                 for name in self.versions.keys() | known.get("versions", {}).keys()
                 if self.versions.get(name) != known.get("versions", {}).get(name)
             )
+            by = f" by {known['program']}" if "program" in known else ""
             raise UsageError(
-                f"{self.directory} was begun with other versions ({', '.join(differs)}); go on with those, "
-                "or give another --out"
+                f"{self.directory} was begun{by} with other versions ({', '.join(differs)}), and this is {program()}; "
+                "go on with those, or give another --out"
             )
         if not resume:
             raise UsageError(
@@ -71,6 +73,7 @@ class Store:
             "digest": self.spec.digest,
             "runs": self.spec.runs,
             "versions": self.versions,
+            "program": program(),
             "beside": str(self.beside),
         }
 
@@ -120,6 +123,11 @@ class Store:
         columns["digest"] = pa.array([one.digest for one in outcomes], pa.string())
         identity = {"rambler.spec": self.spec.digest, "rambler.sources": self.versions["sources"]}
         return pa.table(columns, metadata=identity)
+
+
+def program() -> str:
+    """Return the program with its commit, for people: two that differ may be the same by all that results depend on."""
+    return version_text("rambler-hil", commit_of(ROOT))
 
 
 def _joined(texts: tuple[str, ...] | None) -> str | None:

@@ -1,6 +1,7 @@
 """Exports of a log, opened by the libraries that others open them with."""
 
 import csv
+import errno
 import json
 import math
 import re
@@ -16,6 +17,7 @@ from firmware_py.__main__ import main
 from firmware_py.log.dataflash import header
 from firmware_py.log.schema import TYPES
 from support.full_log import TICKS, write_log
+from support.paths import REPLAY
 
 
 @pytest.fixture(scope="module")
@@ -170,3 +172,20 @@ def test_a_log_without_anything_is_a_finding_and_leaves_no_file(kind, tmp_path, 
 def test_a_log_that_is_not_there_is_one_line(tmp_path, capsys):
     assert main(["export", str(tmp_path / "none.BIN"), "--to", "csv", "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_log_of_a_version_that_told_no_plans_is_not_said_to_have_none(tmp_path, capsys):
+    old = REPLAY / "first_layout" / "mission_failsafe.BIN"
+    for kind in ("gpx", "kml"):
+        assert main(["export", str(old), "--to", kind, "--out", str(tmp_path / kind)]) == 0
+        said = capsys.readouterr().out
+        assert re.search(r": \d+ fixes; the version that wrote the log told no mission and no fence in it\n$", said)
+
+
+def test_a_place_without_room_is_named(log, tmp_path, capsys, monkeypatch):
+    def full(*_words):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("firmware_py.cli.export.table.write", full)
+    assert main(["export", str(log), "--to", "csv", "--out", str(tmp_path / "a.csv")]) == 2
+    assert f"{tmp_path / 'a.csv'}: No space left on device" in capsys.readouterr().err

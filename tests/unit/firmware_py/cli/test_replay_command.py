@@ -1,6 +1,7 @@
 """`rambler replay`: what cannot be read is one line and exit 2, what is of another version is noted."""
 
 import json
+import re
 
 import pytest
 
@@ -11,6 +12,7 @@ from firmware_py.common.records import Tick
 from firmware_py.core import state_codec
 from firmware_py.log import schema
 from firmware_py.log.dataflash import Parser
+from firmware_py.log.reader import LogReader
 from support.paths import REPLAY
 
 LOG = REPLAY / "tank_pni_volz.BIN"
@@ -135,3 +137,20 @@ def test_whatever_goes_wrong_is_one_line(monkeypatch, capsys):
     assert "tick 0 cannot be recomputed (MemoryError: two lines)" in refused(capsys, LOG)
     monkeypatch.setattr(command, "replay_log", broken)
     assert "cannot be read (MemoryError: two lines)" in refused(capsys, LOG)
+
+
+def test_a_log_that_comes_out_otherwise_is_told_whose_it_is(capsys):
+    assert main(["replay", str(REPLAY / "first_layout" / "tank.BIN")]) == 1
+    said = capsys.readouterr().out.splitlines()
+    assert said[-1] == "NOT identical"
+    assert re.fullmatch(r"the log was written by rambler 0\.1\.0.*; this is rambler .* and steers otherwise", said[-2])
+
+
+def test_a_program_that_steers_otherwise_than_itself_has_no_such_excuse(capsys, monkeypatch):
+    monkeypatch.setattr(command, "commit_of", lambda _root: "")
+    monkeypatch.setattr(command, "version_text", lambda _program, _commit: reading.software)
+    reader = LogReader(REPLAY / "first_layout" / "tank.BIN")
+    list(reader)
+    reading = reader.reading
+    assert main(["replay", str(REPLAY / "first_layout" / "tank.BIN")]) == 1
+    assert "steers otherwise" not in capsys.readouterr().out

@@ -320,3 +320,13 @@ def test_a_boat_whose_checkpoint_lacks_something_goes_on(change):
     for tick in ticks:
         state, _ = step(state, tick.inputs)
     assert state.timing.t_s == ticks[-1].inputs.tick.t_s
+
+
+def test_what_earlier_versions_left_unknown_and_the_fewer_faults_they_had():
+    before = {"$": "AuthorityState", "lost": True, "slow_rudder_rad": None}
+    text = json.dumps({"$": "State", "watch": {"$": "WatchState", "authority": before}})
+    state, notes = state_from_text(text)
+    assert (state.supervisor.steering_monitor.unresponsive, notes) == (True, ())
+    latch = {"$": "MonitorState", "since_s": [None, 2.5], "stood_s": [None, None], "active": 2}
+    state, notes = state_from_text(json.dumps({"$": "State", "monitor": latch}))
+    assert (state.fault_latch.since_s[Fault.POSITION_LOST], notes) == (2.5, ())

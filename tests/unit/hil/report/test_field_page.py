@@ -172,3 +172,12 @@ def test_a_log_without_a_tick_says_so(tmp_path):
     (tmp_path / "a.BIN").write_bytes(b"")
     with pytest.raises(UsageError, match=r"a\.BIN"):
         field_log.read([tmp_path / "a.BIN"])
+
+
+def test_a_run_of_a_version_without_run_json_is_told_to_be_its_logs_alone(state, tmp_path, capsys):
+    (tmp_path / "run").mkdir()
+    shutil.move(state, tmp_path / "run/state")
+    for told in (False, True):
+        assert main(["report", str(tmp_path / "run"), "--out", str(tmp_path / "page.html")]) == 0
+        assert ("has no run.json, as the version that sailed it kept none" in capsys.readouterr().err) == told
+        (tmp_path / "run/truth.csv").touch()

@@ -125,3 +125,11 @@ def test_results_are_read_only_when_the_campaign_is_over(tmp_path):
     (tmp_path / "campaign.json").write_text("{}")
     with pytest.raises(UsageError, match="is not over; go on with --resume"):
         table.read(tmp_path)
+
+
+def test_other_versions_are_told_by_name():
+    first, second = campaign("a", price=1.0), campaign("b", price=2.0)
+    assert compare_page.versions_that_differ(first, first) == []
+    assert compare_page.versions_that_differ(first, second) == ["sources: a, b"]
+    named = replace(second, identity={**second.identity, "program": "rambler-hil 0.2"})
+    assert compare_page.versions_that_differ(first, named) == ["program: unknown, rambler-hil 0.2", "sources: a, b"]

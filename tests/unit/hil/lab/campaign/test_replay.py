@@ -40,7 +40,7 @@ def test_a_run_that_comes_out_differently_is_told(campaign, tmp_path):
     known = store.read_identity(campaign)
     (campaign / store.CAMPAIGN).write_text(json.dumps({**known, "versions": {**known["versions"], "numpy": "0"}}))
     (line,) = replay.replay(campaign, 3, tmp_path / "run").differences
-    assert line.endswith("the campaign was sailed with other versions: numpy")
+    assert "; the campaign was sailed with other versions (numpy), by rambler-hil " in line
 
 
 def test_a_specification_that_was_changed_is_not_replayed(campaign):

@@ -1,3 +1,4 @@
+import json
 import math
 
 import pytest
@@ -81,7 +82,12 @@ def test_a_half_written_part_is_none(tmp_path):
     ("more", "versions", "resume", "text"),
     [
         ({"seed": 6}, VERSIONS, True, "another specification; give another --out"),
-        ({}, {**VERSIONS, "sources": "def"}, True, r"other versions \(sources\); go on with those"),
+        (
+            {},
+            {**VERSIONS, "sources": "def"},
+            True,
+            r"by rambler-hil .* versions \(sources\), and this is rambler-hil .*; go on with",
+        ),
         ({}, VERSIONS, False, "go on with --resume"),
     ],
 )
@@ -139,3 +145,17 @@ def test_a_run_fails_by_its_limits_or_by_its_end(outcome, text):
 
 def test_a_mean_fails_on_either_side():
     assert failure(Outcome("a", Scores(1.0, -3.0, 4.0, 700.0, 2.0, 50.0)), {"mean_deg": 2.0}) == "mean_deg -3"
+
+
+def test_rows_of_two_versions_do_not_come_together(tmp_path):
+    one = kept(tmp_path)
+    one.begin(resume=False)
+    one.add(0, 4, results(one.spec, 0, 4))
+    known = store.read_identity(tmp_path)
+    del known["program"]  # a version before did not say which it was
+    (tmp_path / store.CAMPAIGN).write_text(json.dumps(known))
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    with pytest.raises(UsageError, match=r"was begun with other versions \(sources\), and this is rambler-hil"):
+        kept(tmp_path, versions={**VERSIONS, "sources": "def"}).begin(resume=True)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
+    kept(tmp_path).begin(resume=True)  # the same version goes on, whatever it calls itself
