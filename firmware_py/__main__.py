@@ -8,6 +8,7 @@ import ctypes
 import gc
 import importlib
 import importlib.util
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -83,6 +84,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; 0 success, 1 a finding, 2 bad usage or configuration."""
     keep_standard_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
+    for stream in (sys.stdout, sys.stderr):  # a path may hold what the terminal's alphabet has not
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's library would start threads that nobody needs
     gc.disable()  # imports make no garbage, and looking for it takes a tenth of the start
     wanted = next((word for word in words if word in COMMANDS), None)

@@ -32,8 +32,18 @@ def run(arguments: argparse.Namespace) -> int:
             return 2
     for path, content in wanted.items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("x", encoding="utf-8") as file:
-            file.write(content)
+        _write(path, content)
         print(f"wrote {path}")
     print(f"name your ports and drivers in it, then: rambler check {arguments.file}")
     return 0
+
+
+def _write(path: Path, content: str) -> None:
+    """Write a file that is not there yet; OSError with its name, and nothing is left of it."""
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(content)
+    except OSError as error:
+        if error.filename is None:  # it was made, and there is no room for it
+            path.unlink()
+        raise OSError(error.errno, error.strerror, str(path)) from error

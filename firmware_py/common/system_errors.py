@@ -8,12 +8,14 @@ from collections.abc import Iterator
 _MEMORY = "too little memory; give it more (ulimit -v, MemoryMax)"
 _FILES = "too many open files; allow more (ulimit -n, LimitNOFILE)"
 _THREADS = "no new thread or process is to be had; allow more, or more memory (ulimit -u and -v, TasksMax)"
+_ROOM = "no room is left on a disk; make room there (df tells which), or give paths on another"
 _BY_NUMBER = {
     errno.EMFILE: _FILES,
     errno.ENFILE: _FILES,
     errno.ENOMEM: _MEMORY,
     errno.EAGAIN: _THREADS,
 }
+_NO_TEMPORARY = "No usable temporary directory"  # as tempfile says it
 # What the dynamic loader says of a library that it could not load for want of something.
 _BY_LOADERS_WORDS = {
     "Too many open files": _FILES,
@@ -34,12 +36,18 @@ def system_error_text(error: BaseException) -> str:
             return _THREADS
         if isinstance(cause, OSError) and cause.errno in _BY_NUMBER:
             return _BY_NUMBER[cause.errno]
+        if isinstance(cause, FileNotFoundError) and _NO_TEMPORARY in str(cause):
+            return f"{cause.strerror}; make room there, or set TMPDIR to a directory with room"
         if isinstance(cause, ImportError):
             for words, text in _BY_LOADERS_WORDS.items():
                 if words in str(cause):
                     return text
+    if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
+        return f"a name in {error.object[max(error.start - 30, 0) : error.end]!a} is no UTF-8, as text is; give another"
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}; give another path"
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return _ROOM
     return ""
 
 

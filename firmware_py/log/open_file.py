@@ -19,6 +19,7 @@ from firmware_py.log.dataflash import Buffer
 MOST_BYTES: Final = 2 << 30  # of a log, unpacked: twice what LOG_FILE_MB lets it become
 _GZIP: Final = b"\x1f\x8b"
 _CHUNK_BYTES: Final = 1 << 20
+_NO_ROOM: Final = "no room for temporary files to unpack it (TMPDIR can name another directory)"
 
 
 @contextlib.contextmanager
@@ -36,13 +37,30 @@ def open_buffer(path: Path) -> Iterator[Buffer]:
     with contextlib.ExitStack() as opened:
         plain: IO[bytes] = opened.enter_context(file)
         if file.peek(len(_GZIP))[: len(_GZIP)] == _GZIP:
-            plain = opened.enter_context(tempfile.TemporaryFile(prefix="rambler-"))
+            plain = opened.enter_context(_temporary_file())
             _unpack(file, plain)
-            plain.flush()
+            _put(plain, b"")
         if not plain.seek(0, os.SEEK_END):
             yield b""  # an empty file cannot be mapped
             return
         yield opened.enter_context(mmap.mmap(plain.fileno(), 0, access=mmap.ACCESS_READ))
+
+
+def _temporary_file() -> IO[bytes]:
+    try:
+        return tempfile.TemporaryFile(prefix="rambler-")
+    except FileNotFoundError as error:  # none of the usual directories can be written to
+        raise OSError(errno.ENOSPC, _NO_ROOM) from error
+
+
+def _put(target: IO[bytes], part: bytes) -> None:
+    """Write a part, or what waits when there is none."""
+    try:
+        target.write(part)
+        if not part:
+            target.flush()
+    except OSError as error:
+        raise OSError(error.errno, _NO_ROOM if error.errno == errno.ENOSPC else error.strerror) from error
 
 
 def _unpack(source: IO[bytes], target: IO[bytes]) -> None:
@@ -57,7 +75,8 @@ def _unpack(source: IO[bytes], target: IO[bytes]) -> None:
         size += len(part)
         if size > MOST_BYTES:
             raise OSError(errno.EFBIG, f"unpacks to more than {MOST_BYTES >> 20} MiB")
-        target.write(part)
+        if part:
+            _put(target, part)
         if unpacker.eof:
             data = unpacker.unused_data
             unpacker = zlib.decompressobj(zlib.MAX_WBITS | 16)

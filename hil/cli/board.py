@@ -27,7 +27,7 @@ from hil.sim.adapters import wired
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
 from hil.sim.realtime import RealTimeServer
-from hil.sim.run_directory import TRUTH_FILE, VEHICLE_NAME
+from hil.sim.run_directory import TRUTH_FILE, VEHICLE_NAME, check_name
 from hil.sim.signals import interruptible
 from hil.sim.truth import TruthFile
 from hil.sim.vehicle_file import file_text, model_of, mounting_of
@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Play the devices until the end, and say now and then what the boat does."""
     directory: Path = arguments.directory
+    check_name(directory)
     end_s = math.inf if arguments.seconds is None else seconds_of(arguments.seconds, LONGEST_S)
     scenario, vehicle = sea_of(arguments), vehicle_of(arguments)
     if not vehicle.link_urls:

@@ -24,8 +24,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, Final, TextIO, TypeVar
 
@@ -44,6 +45,7 @@ ERROR_MODEL: Final = "numpy"
 PATIENCE_S = 0.4  # what is loaded from the cache takes less, and says nothing
 TICK_S = 0.5
 KEPT_CACHES = 4
+_HOW_OFTEN: Final = {False: "the first time only", True: "as each time"}
 
 PACKAGE = Path(__file__).parents[1]
 COMPILES = re.compile(rb"hil\.lab\.(compiled|lane)")
@@ -98,6 +100,7 @@ class _Compilations(event.Listener):
 
 
 _compilations: Final = _Compilations()
+_told: Final[list[bool]] = []  # that nothing can be kept
 _line: Final = threading.Lock()  # who holds it writes the line of progress
 event.register("numba:compile", _compilations)  # type: ignore[no-untyped-call]
 
@@ -165,18 +168,25 @@ def cache_folder() -> Path | None:
     that it calls does: a changed K-T equation would live on in old kernels. So the folder
     is named after the text of all files that hold compiled functions.
     """
-    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - Path.expanduser raises without a home
-    home = Path(base) / "rambler-hil"
+    home = _caches()
+    if home.parts[0] == "~":  # of a user without a home; it would be made wherever one is
+        return None
     folder = home / sources_digest()
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         os.utime(folder)
         if not os.access(folder, os.W_OK | os.X_OK):
             return None
-        _drop_old(home)
     except OSError:
         return None
+    with suppress(OSError):  # another process drops the same
+        _drop_old(home)
     return folder
+
+
+def _caches() -> Path:
+    base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - Path.expanduser raises without a home
+    return Path(base) / "rambler-hil"
 
 
 def sources_digest() -> str:
@@ -213,8 +223,12 @@ def _drop_old(home: Path) -> None:
 
 @contextmanager
 def compiling(what: str, stream: TextIO | None = None) -> Iterator[None]:
-    """Say on a terminal when code is being compiled in the block; silent in a pipe, and within another such block."""
+    """Say on a terminal when code is being compiled in the block; silent in a pipe, and within another such block.
+
+    Where machine code cannot be kept, that is told in a pipe, too, once.
+    """
     stream = sys.stderr if stream is None else stream
+    _tell_if_not_kept(stream)
     if not stream.isatty() or not _line.acquire(blocking=False):
         yield
         return
@@ -229,12 +243,23 @@ def compiling(what: str, stream: TextIO | None = None) -> Iterator[None]:
         _line.release()
 
 
+def _tell_if_not_kept(stream: TextIO) -> None:
+    if cache_folder() is None and not _told and parent_process() is None:
+        _told.append(True)
+        stream.write(
+            f"rambler-hil: machine code cannot be kept in {_caches()} and is compiled anew each time, by each process; "
+            "NUMBA_CACHE_DIR can name another directory\n"
+        )
+        stream.flush()
+
+
 def _tell(what: str, stream: TextIO, done: threading.Event) -> None:
     began_s, shown = time.monotonic(), False
     while not done.wait(TICK_S if shown else PATIENCE_S):
         if being_compiled():
             elapsed_s = time.monotonic() - began_s
-            stream.write(f"\r\x1b[Kcompiling {what} for this machine, the first time only ... {elapsed_s:.0f} s")
+            often = _HOW_OFTEN[cache_folder() is None]
+            stream.write(f"\r\x1b[Kcompiling {what} for this machine, {often} ... {elapsed_s:.0f} s")
         elif shown:
             stream.write("\r\x1b[K")
         shown = being_compiled()

@@ -26,6 +26,7 @@ def held(out: Path) -> Iterator[None]:
 
     The lock is the kernel's and of the directory itself: nothing is left behind, however this process ends.
     """
+    check_name(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(out, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -41,6 +42,14 @@ def held(out: Path) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
+
+
+def check_name(directory: Path) -> None:
+    """UsageError for a directory whose path cannot stand in the files that are written there."""
+    try:
+        str(directory.absolute()).encode()
+    except UnicodeEncodeError:
+        raise UsageError(f"directory {directory.absolute()}: its name is no UTF-8; give another") from None
 
 
 def prepare_directory(out: Path) -> None:

@@ -1,15 +1,19 @@
 """The command line from the outside: exit codes, one-line errors, help."""
 
+import io
 import json
 import os
 import pty
 import socket
+import subprocess
+import sys
 
 import pytest
 
 from firmware_py.__main__ import COMMANDS, main
 from firmware_py.common.parameter_table import TABLE
-from support.paths import ROOT
+from hil.__main__ import main as hil_main
+from support.paths import REPLAY, ROOT
 
 VEHICLE = """
 [compass]
@@ -163,3 +167,37 @@ def test_listen_says_what_is_missing(capsys, vehicle):
     assert {record["device"]: record["state"] for record in records} == {"compass": "absent", "rudder": "absent"}
     assert "no such port" in records[0]["error"]
     assert "--seconds" in one_line_error(capsys, ["listen", vehicle(), "--seconds", "-1"])
+
+
+def test_an_example_that_finds_no_room_is_told_and_nothing_is_left_of_it(tmp_path):
+    command = f"ulimit -f 0; exec {sys.executable} -m firmware_py example {tmp_path / 'boat.toml'}"
+    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (
+        2,
+        f"rambler: {tmp_path / 'boat.toml'}: File too large; give another path\n",
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("program", "word"), [(main, "replay"), (hil_main, "report")])
+def test_a_path_that_the_terminal_cannot_write_is_written_in_escapes(program, word, monkeypatch):
+    said = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="strict")
+    monkeypatch.setattr(sys, "stderr", said)
+    assert program([word, "/nowhere/B\u00f8t"]) == 2
+    said.seek(0)
+    assert "/nowhere/B\\xf8t" in said.read()
+
+
+@pytest.mark.parametrize(
+    "words", [("run", "tank", "--goal", "0:0", "--out"), ("board",), ("report", "--out", "page.html")]
+)
+def test_a_name_that_is_no_utf_8_is_refused_in_a_line(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    name = os.fsdecode(b"B\xf8t")
+    if words[0] == "report":
+        (tmp_path / name).write_bytes((REPLAY / "tank_pni_volz.BIN").read_bytes())
+    assert hil_main([*words, name]) == 2
+    said = capsys.readouterr()
+    assert (said.out, said.err.count("\n")) == ("", 1)
+    assert "no UTF-8" in said.err
+    assert not [path for path in tmp_path.iterdir() if path.is_dir()]

@@ -25,6 +25,10 @@ def caused(error, cause):
         (ImportError("libx.so: failed to map segment from shared object"), "too little memory"),
         (ImportError("libx.so: cannot open shared object file: Too many open files"), "too many open files"),
         (caused(ImportError("a page\nof advice"), ImportError("libx.so: failed to map segment")), "too little memory"),
+        (OSError(errno.ENOSPC, "No space left on device"), "no room is left on a disk"),
+        (OSError(errno.ENOSPC, "No space left on device", "aaa"), "aaa: No space left on device; give another path"),
+        (FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']"), "No usable temporary dir"),
+        (UnicodeEncodeError("utf-8", "in B\udcf8t/", 4, 5, "surrogates not allowed"), "a name in 'in B\\udcf8' is no"),
         (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long; give another path"),
     ],
 )

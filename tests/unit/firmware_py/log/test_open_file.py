@@ -1,6 +1,9 @@
 """A compressed log is read as it was written, by whoever compressed it, and a damaged one up to the damage."""
 
+import errno
 import gzip
+import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -62,3 +65,20 @@ def test_one_that_unpacks_without_end_is_refused(log, monkeypatch):
 def test_one_that_is_neither_there_nor_compressed_is_told_by_what_to_give(tmp_path):
     with pytest.raises(LogError, match=r"No such file or directory: give the path of a \.BIN or \.BIN\.gz file"):
         list(LogReader(tmp_path / "00000007.BIN"))
+
+
+NO_ROOM = "no room for temporary files to unpack it"
+
+
+def no_directory(*_words, **_more):
+    raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']")
+
+
+def test_a_disk_without_room_to_unpack_it_is_told(log, monkeypatch):
+    path, _ = packed(log)
+    monkeypatch.setattr(tempfile, "TemporaryFile", no_directory)
+    with pytest.raises(LogError, match=NO_ROOM):
+        list(LogReader(path))
+    monkeypatch.setattr(tempfile, "TemporaryFile", lambda **_more: full)
+    with Path("/dev/full").open("r+b", buffering=0) as full, pytest.raises(LogError, match=NO_ROOM):
+        list(LogReader(path))

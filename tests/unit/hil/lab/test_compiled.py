@@ -229,3 +229,35 @@ def test_an_error_while_compiling_ends_the_telling(monkeypatch):
     with pytest.raises(ZeroDivisionError), compiling("the test", Terminal()):
         raise ZeroDivisionError
     assert threading.active_count() == before
+
+
+def test_a_user_without_a_home_gets_no_folder_that_is_called_so(monkeypatch, tmp_path):
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # as for one who is in no list of users
+    monkeypatch.chdir(tmp_path)
+    assert cache_folder.__wrapped__() is None
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_old_folder_that_does_not_go_keeps_nobody_from_the_new_one(monkeypatch, tmp_path):
+    def another_drops_it_too(_home):
+        raise FileNotFoundError
+
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(compiled_module, "_drop_old", another_drops_it_too)
+    assert cache_folder.__wrapped__() == tmp_path / "rambler-hil" / sources_digest()
+
+
+def test_code_that_cannot_be_kept_is_told_once_in_a_pipe_too(monkeypatch):
+    monkeypatch.setattr(compiled_module, "_told", [])
+    monkeypatch.setattr(compiled_module, "cache_folder", lambda: None)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/nowhere")
+    pipe = io.StringIO()
+    for _ in range(2):
+        with compiling("it", pipe):
+            pass
+    assert pipe.getvalue() == (
+        "rambler-hil: machine code cannot be kept in /nowhere/rambler-hil and is compiled anew each time, "
+        "by each process; NUMBA_CACHE_DIR can name another directory\n"
+    )
