@@ -12,6 +12,7 @@ from firmware_py.log.disk import log_files
 from hil.ship import scenarios
 from hil.sim.truth import read
 from support.harness import rambler_hil, replays
+from support.paths import REPLAY
 from support.plans import FENCED, item, mission_file, save_plans
 
 AUTO = 10
@@ -41,6 +42,29 @@ def test_killed_in_the_middle_it_goes_on_with_the_mission(make_boat):
     assert np.abs(on_leg[:, 1] - 60.0).max() < 15.0
     end = boat.track(295.0)
     assert np.hypot(end[:, 1], end[:, 2] - 90.0).max() < 60.0
+
+
+def test_killed_under_an_earlier_version_she_steers_at_once_and_sails_on(make_boat):
+    boat = make_boat(
+        settings={"BOOT_RESUME": 2, "WP_RADIUS": 5.0},
+        goals="",
+        scenario="swell",
+        second_compass=True,
+        without=("link",),
+    )
+    for path in (REPLAY / "fourth_layout" / "state").iterdir():
+        (boat.state / path.name).write_bytes(path.read_bytes())
+    boat.start().run(2.0)
+    assert abs(boat.command_deg()) > 5.0  # for a place abeam
+    boat.run(118.0)
+    boat.finish()
+    said = [line.split(maxsplit=2)[2] for line in boat.words().splitlines() if line.startswith("  ")]
+    assert said[:2] == ["Mode AUTO", "Resumed AUTO, 0 min old"]
+    assert not [text for text in said if text.startswith("Mission")], said  # the item before is not begun anew
+    way = boat.track(0.0)
+    distance_m = np.hypot(way[:, 1], way[:, 2] - 40.0)
+    assert distance_m[0] == pytest.approx(40.0, abs=1.0)
+    assert distance_m.min() < 20.0  # her turning circle; there she keeps station
 
 
 EVERY_KIND = [

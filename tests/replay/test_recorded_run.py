@@ -1,6 +1,6 @@
 """A recorded run is recomputed bit for bit: a change of the control path shows here.
 
-When the control is meant to change, accept it in data/accepted.json (test_first_layout.py), or record anew:
+When the control is meant to change, accept it in data/accepted.json (test_earlier_versions.py), or record anew:
 rambler-hil run tank --speed max --seconds 40 --goal "0:0,5:60" --compass pni --servo volz --set CTL_K1=38
 """
 

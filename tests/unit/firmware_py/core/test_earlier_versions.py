@@ -1,4 +1,4 @@
-"""Every field of the first version finds its place, also those that no recording happens to fill."""
+"""Every field of earlier versions finds its place, also those that no recording happens to fill."""
 
 import json
 from collections import Counter
@@ -14,6 +14,7 @@ from support.paths import REPLAY
 TEXTS = (REPLAY / "first_layout" / "every_field.jsonl").read_text().splitlines()
 STATES = [text for text in TEXTS if json.loads(text)["$"] == "State"]
 RESUMES = [text for text in TEXTS if json.loads(text)["$"] == "Resume"]
+FOURTH = (REPLAY / "fourth_layout" / "every_field.jsonl").read_text().splitlines()
 # Given up: the filter of nine states, whose numbers mean nothing to another, the second estimate of the water, and
 # the sums of a steering monitor that judged otherwise.
 FILTER = ("x", "p", "sensitivity")
@@ -56,3 +57,13 @@ def test_a_resume_record_loses_no_number_and_no_task_its_kind(text, task):
     assert notes == ()
     assert numbers(json.loads(resume.to_text(record))) == numbers(json.loads(text))
     assert type(record.task) is task
+
+
+@pytest.mark.parametrize("text", FOURTH)
+def test_a_record_of_the_fourth_version_loses_no_number(text):
+    before = json.loads(text)
+    read, write = {"State": (state_from_text, state_to_text), "Resume": (resume.from_text, resume.to_text)}[before["$"]]
+    record, notes = read(text)
+    assert notes == ()
+    assert len(numbers(before)) > {"State": 450, "Resume": 30}[before["$"]]
+    assert not numbers(before) - numbers(json.loads(write(record)))

@@ -8,7 +8,7 @@ shows and why that is right:
 """
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import pytest
 
@@ -67,8 +67,25 @@ def test_a_change_of_behaviour_is_told_from_another(capsys, monkeypatch):
     assert replayed(LOGS["tank_pni_volz.BIN"], capsys)[2] != expected("tank_pni_volz.BIN", accepted)
 
 
-def test_a_boat_of_an_earlier_version_wakes_as_she_was(tmp_path):
-    for path in (DATA / "first_layout" / "state").iterdir():
+@dataclass(frozen=True)
+class Kept:
+    """A state directory that is kept: what of it is told, and which mission she was on, at which item of it."""
+
+    layout: str
+    parameters: dict[str, float]
+    mission: int
+    index: int
+
+
+KEPT = [
+    Kept("first_layout", {"STAT_BOOTCNT": 1.0}, 3441694929, 1),
+    Kept("fourth_layout", {"STAT_BOOTCNT": 1.0}, 2274171152, 2),
+]
+
+
+@pytest.mark.parametrize("kept", KEPT, ids=lambda kept: kept.layout)
+def test_a_boat_of_an_earlier_version_wakes_as_she_was(kept, tmp_path):
+    for path in (DATA / kept.layout / "state").iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
     store, said = Store(tmp_path), []
     values, unusable = load_parameters(store, said.append)
@@ -77,10 +94,10 @@ def test_a_boat_of_an_earlier_version_wakes_as_she_was(tmp_path):
     ten_minutes_later_s = 1767225600.0 + 600.0
     state = resume(State.at_start(parameters, plans), store.load(RESUME_FILE), ten_minutes_later_s, said.append)
     store.close()
-    assert (values, unusable) == ({"STAT_BOOTCNT": 1.0}, {})
+    assert (values, unusable) == (kept.parameters, {})
     assert (state.modes.mode, state.modes.armed) == (Mode.AUTO, True)
-    assert (state.guidance.mission.index, state.guidance.mission.begun) == (1, True)
-    assert state.guidance.mission.identity == plans.of(PlanKind.MISSION).identity == 3441694929
+    assert (state.guidance.mission.index, state.guidance.mission.begun) == (kept.index, True)
+    assert state.guidance.mission.identity == plans.of(PlanKind.MISSION).identity == kept.mission
     assert state.home is not None
     assert state.greeting == "Resumed AUTO, 10 min old"
     assert said == []
