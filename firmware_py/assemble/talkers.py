@@ -20,7 +20,12 @@ if TYPE_CHECKING:
     from firmware_py.link.nmea.output import NmeaOutput
 
 
-def open_talkers(urls: Sequence[str], open_line: Callable[[str, int], ByteLine], opened: ExitStack) -> list[NmeaOutput]:
+def open_talkers(
+    urls: Sequence[str],
+    open_line: Callable[[str, int], ByteLine],
+    tell_late: Callable[[str], None] | None,
+    opened: ExitStack,
+) -> list[NmeaOutput]:
     """Open the outputs among the links, or raise LinkError; nothing is loaded without one."""
     wanted = [url for url in urls if url.startswith(NMEA)]
     if not wanted:
@@ -29,7 +34,7 @@ def open_talkers(urls: Sequence[str], open_line: Callable[[str, int], ByteLine],
 
     talkers = []
     for url in wanted:
-        talkers.append(open_output(url, open_line))
+        talkers.append(open_output(url, open_line, tell_late))
         opened.callback(talkers[-1].close)
     return talkers
 

@@ -97,7 +97,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     clock: Clock = RealClock()
     # The clock of lockstep is made after the lines.
     ashore = Ashore(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
-    transports, talkers = _open_links(vehicle, options, lines, ashore, opened)
+    transports, talkers = _open_links(vehicle, options, lines, ashore, say if options.wait else None, opened)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
     if options.lockstep is not None:
         clock = _lockstep_clock(options.lockstep, lines, store)
@@ -180,7 +180,12 @@ def _lockstep_clock(path: str, lines: Sequence[Line], store: Store) -> LockstepC
 
 
 def _open_links(
-    vehicle: Vehicle, options: Options, lines: list[Line], ashore: Ashore, opened: ExitStack
+    vehicle: Vehicle,
+    options: Options,
+    lines: list[Line],
+    ashore: Ashore,
+    tell_late: Callable[[str], None] | None,
+    opened: ExitStack,
 ) -> tuple[list[Transport], list[NmeaOutput]]:
     """Open the links and the outputs of NMEA 0183; the serial lines among them are added to those of the devices."""
 
@@ -194,9 +199,9 @@ def _open_links(
     transports: list[Transport] = []
     for url in urls:
         if not url.startswith(NMEA):
-            transports.append(open_transport(url, open_line, ashore))
+            transports.append(open_transport(url, open_line, ashore, tell_late=tell_late))
             opened.callback(transports[-1].close)
-    return transports, open_talkers(urls, open_line, opened)
+    return transports, open_talkers(urls, open_line, tell_late, opened)
 
 
 def _version(commit: str) -> Version:

@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--wait",
         action="store_true",
-        help="start even while a port or the state directory is not to be had, and take it up when it is",
+        help="start even while a port, a link's address or the state directory is not to be had; take it up when it is",
     )
     parser.add_argument(
         "--watchdog",

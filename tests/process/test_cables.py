@@ -136,6 +136,17 @@ def test_ports_that_come_later_are_taken_up_with_wait(moor):
     assert steers(bench)
 
 
+@pytest.mark.parametrize(
+    "link", ["udpin:192.0.2.1:14550", "tcpout:station.invalid:5760", "nmea:udpout:plotter.invalid:10110"]
+)
+def test_a_link_without_an_address_does_not_keep_her_from_steering_with_wait(moor, link):
+    """At sea nobody answers for names, and the network of the boat may come later or never."""
+    bench = moor("nmea", "volz").start("--wait", "--link", link)
+    bench.until_written("Mode GUIDED")
+    bench.run(1.5)
+    assert steers(bench)
+
+
 def test_the_end_brings_the_rudder_amidships(bench):
     turn_by_hand(bench)
     bench.run(2.0)

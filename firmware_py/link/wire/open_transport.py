@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from firmware_py.common.interfaces import ByteLine, Vault
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Event
 from firmware_py.link.security.key_record import NO_VAULT
 from firmware_py.link.wire.transport import LinkUrl, Transport, parse_url
+from firmware_py.link.wire.transport_late import LateTransport
 from firmware_py.link.wire.transport_serial import SerialTransport
 from firmware_py.link.wire.transport_tcp import TcpClient, TcpServer
 from firmware_py.link.wire.transport_udp import UdpTransport
@@ -36,8 +38,17 @@ class Ashore:
 _ALONE = Ashore()
 
 
-def open_transport(url: str, open_line: Callable[[str, int], ByteLine], ashore: Ashore = _ALONE) -> Transport:
-    """Open the transport of a URL, or raise LinkError; `open_line` takes the path and baud rate of a serial line."""
+def open_transport(
+    url: str,
+    open_line: Callable[[str, int], ByteLine],
+    ashore: Ashore = _ALONE,
+    *,
+    tell_late: Callable[[str], None] | None = None,
+) -> Transport:
+    """Open the transport of a URL, or raise LinkError; `open_line` takes the path and baud rate of a serial line.
+
+    With `tell_late` a socket that cannot be opened now is opened when it can; it is told why that is.
+    """
     parsed = parse_url(url)
     if parsed.kind == "sbd":
         from firmware_py.link.wire.transport_sbd import SbdTransport  # noqa: PLC0415 - who has none pays nothing
@@ -46,4 +57,10 @@ def open_transport(url: str, open_line: Callable[[str, int], ByteLine], ashore: 
         return SbdTransport(parsed, line, ashore.vault, ashore.utc_s, ashore.tell)
     if parsed.kind == "serial":
         return SerialTransport(parsed.text, open_line(parsed.host, parsed.number), parsed.number, parsed.options)
-    return _SOCKETS[parsed.kind](parsed)
+    open_now = partial(_SOCKETS[parsed.kind], parsed)
+    if tell_late is None:
+        return open_now()
+    late = LateTransport(parsed, open_now)
+    if late.opened is None:
+        tell_late(f"{late.problem}; it is tried again")
+    return late.opened or late

@@ -1,0 +1,100 @@
+"""A link whose address is not to be had yet."""
+
+import socket
+import threading
+from contextlib import closing
+
+import pytest
+
+from firmware_py.link.wire.open_transport import open_transport
+from firmware_py.link.wire.transport import LinkError, parse_url
+from firmware_py.link.wire.transport_late import LateTransport
+from firmware_py.link.wire.transport_udp import UdpTransport
+
+PATIENCE_S = 30.0
+
+
+@pytest.fixture
+def taken():
+    """A port that another program has."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
+        holder.bind(("127.0.0.1", 0))
+        yield holder
+
+
+def url_of(holder):
+    return f"udpin:127.0.0.1:{holder.getsockname()[1]}"
+
+
+def test_who_does_not_wait_is_refused_and_who_waits_is_told_why(taken):
+    with pytest.raises(LinkError, match="already in use"):
+        open_transport(url_of(taken), None)
+    told = []
+    with closing(open_transport(url_of(taken), None, tell_late=told.append)) as link:
+        assert (link.descriptors(), link.addresses(), link.guests()) == ((), (), ())
+        assert not link.send("anybody", b"x")
+        link.poll(0.0)
+    (text,) = told
+    assert "already in use" in text
+    assert text.endswith("; it is tried again")
+
+
+def test_what_can_be_opened_is_opened_at_once():
+    told = []
+    with closing(open_transport("udpout:127.0.0.1:14550", None, tell_late=told.append)) as link:
+        assert isinstance(link, UdpTransport)
+    assert told == []
+
+
+@pytest.mark.parametrize("url", ["udpin:127.0.0.1:99999", "pigeon:1", "udpin:127.0.0.1:1?policy=nobody"])
+def test_a_url_that_says_nothing_is_refused_whoever_waits(url):
+    with pytest.raises(LinkError):
+        open_transport(url, None, tell_late=print)
+
+
+def test_it_is_the_link_from_when_it_can_be_opened():
+    url, tried, found = parse_url("udpout:127.0.0.1:14550"), [], threading.Event()
+
+    def open_now():
+        tried.append(url)
+        if len(tried) < 3:
+            raise LinkError("not yet")
+        found.set()
+        return UdpTransport(url)
+
+    with closing(LateTransport(url, open_now, retry_s=0.001)) as link:
+        assert found.wait(PATIENCE_S)
+        while link.opened is None:
+            pass
+        assert link.addresses() == link.opened.addresses() == (("127.0.0.1", 14550),)
+        assert link.descriptors() == link.opened.descriptors()
+        assert (link.name, link.options, link.datagrams) == (url.text, url.options, True)
+    assert len(tried) == 3
+
+
+def test_a_name_server_that_says_nothing_holds_up_nobody(monkeypatch):
+    monkeypatch.setattr("firmware_py.link.wire.transport_late.FIRST_S", 0.001)
+    answer = threading.Event()
+
+    def open_now():
+        assert answer.wait(PATIENCE_S)
+        return UdpTransport(parse_url("udpout:127.0.0.1:14550"))
+
+    link = LateTransport(parse_url("udpout:station.example:14550"), open_now)
+    assert link.opened is None
+    assert "station.example" in link.problem
+    link.close()
+    answer.set()
+
+
+@pytest.mark.parametrize(
+    ("url", "exposed"),
+    [("udpin:192.0.2.1:14550", True), ("tcpin:0.0.0.0:5760", True), ("tcpin:127.0.0.1:5760", False),
+     ("tcpout:192.0.2.1:5760", False)],
+)  # fmt: skip
+def test_a_link_that_will_listen_to_others_wants_a_key_before_it_does(url, exposed):
+    def open_now():
+        raise LinkError("not yet")
+
+    with closing(LateTransport(parse_url(url), open_now)) as link:
+        assert link.exposed is exposed
