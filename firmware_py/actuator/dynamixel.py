@@ -2,9 +2,10 @@
 
 One half-duplex exchange at a time. The goal goes out first in a tick, by an instruction that
 is not answered, and behind it what asks for goal and telemetry: one write, and one answer that
-says whether the goal was taken. A tick costs 75 bytes and now and then 32 for the state: at
-57600 baud 13.0 and at most 18.6 ms, at 1 Mbaud 0.8 and 1.1 ms. Nothing waits for that answer but
-the next tick, unless the state is to be read. An answer that is not there by then is given up, and
+says whether the goal was taken. A tick costs 75 bytes, and 127 twice a second, when the question
+is for the state besides: at 57600 baud 13.0 and 22.0 ms, at 1 Mbaud 0.8 and 1.3 ms. Nothing waits
+for that answer but the next tick. Where half a period is too short for so much, the state is asked
+for by itself, once the answer is there. An answer that is not there by then is given up, and
 the next goal is asked for by a read of another length: so one that an adapter has held back is told
 from the one awaited, and judged by the goal that it belongs to.
 
@@ -48,9 +49,9 @@ from firmware_py.common.records import DeviceState, RudderFeedback
 REBOOT_DELAY_S, REBOOT_EVERY_S = 3.0, 30.0
 COOL_ENOUGH_C = 60.0
 GOALS_REFUSED = 3  # in a row: one or two are a tripped watchdog
-LARGEST_REPLY_LENGTH = 64  # goal and telemetry have at most 51, and their stuffing
+LARGEST_REPLY_LENGTH = 100  # state, goal and telemetry have 87, and their stuffing
 LONGEST_EXCHANGE_BYTES = (
-    110  # a goal of 19, a question of 14, a reply of 58, and the delay that the servo may answer with
+    146  # a goal of 19, a question of 14, a reply of 94, and the delay that the servo may answer with
 )
 
 
@@ -76,8 +77,8 @@ class Phase(Enum):
 class DynamixelServo:
     """A servo_driver.Servo; shaft angle 0 is count 2048, positive is increasing counts."""
 
-    def __init__(self, options: DynamixelOptions) -> None:
-        """Begin without a command, so that nothing is written."""
+    def __init__(self, options: DynamixelOptions, longest_s: float) -> None:
+        """Begin without a command, so that nothing is written; longest_s is what the longest exchange takes."""
         self.device_id = options.id
         self.parser = frames.StatusParser(LARGEST_REPLY_LENGTH)
         self._upkeep = Upkeep(options.id)
@@ -86,7 +87,8 @@ class DynamixelServo:
         self._looks = tuple(read_request(options.id, block) for block in table.LOOKS)
         self._look = 0  # which comes with the next goal
         self._asked: Request | None = None  # the newest that came with a goal
-        self._readings = Readings(options.id)
+        self._whole = read_request(options.id, table.WHOLE)
+        self._readings = Readings(options.id, longest_s)
         self._restarts = RestartCounter()
         self._model = ""
 
@@ -162,7 +164,11 @@ class DynamixelServo:
                 self._upkeep.take_refusal(request, reply.code, asked_s)
             return Answer(obeyed=False)
         if request.kind is Kind.GOAL:
-            return self._take_goal(request.counts if sure else None, reply.parameters, asked_s)
+            answer = self._take_goal(request.counts if sure else None, reply.parameters, asked_s)
+            if request.block is table.WHOLE:
+                for reading, data in self._readings.slow_parts(reply.parameters):
+                    self._take_result(reading, data, asked_s)
+            return answer
         return self._take_result(request, reply.parameters, asked_s)
 
     def _take_goal(self, sent_counts: int | None, data: bytes, asked_s: float) -> Answer:
@@ -258,9 +264,11 @@ class DynamixelServo:
 
     def _goal(self, shaft_rad: float) -> Request:
         goal, look = table.GOAL_POSITION, self._looks[self._look]
+        if self._look == 0 and self._readings.whole_due():
+            look = self._whole
         counts = table.goal_counts(shaft_rad, self._upkeep.image)
         frame = frames.sync_write(self.device_id, goal.address, goal.encoded(counts)) + look.frame
-        return Request(Kind.GOAL, frame, goal.name, look.parameters, counts=counts)
+        return Request(Kind.GOAL, frame, goal.name, look.parameters, look.block, counts)
 
     def _reboot_due(self, now_s: float) -> bool:
         errors = self._upkeep.hardware_error
@@ -279,4 +287,4 @@ class DynamixelServo:
 def dynamixel_rudder(line: ByteLine, options: DynamixelOptions) -> ServoDriver[Request, frames.StatusPacket]:
     """Make the driver of a Dynamixel servo on a line."""
     timeout_s = reply_timeout_s(line.baud, LONGEST_EXCHANGE_BYTES)
-    return ServoDriver(line, DynamixelServo(options), reply_timeout_s=timeout_s)
+    return ServoDriver(line, DynamixelServo(options, timeout_s), reply_timeout_s=timeout_s)

@@ -9,14 +9,15 @@ from firmware_py.actuator import dynamixel_registers as table
 from firmware_py.actuator.dynamixel_upkeep import Kind, Request, read_request
 from firmware_py.actuator.half_duplex import Pace
 
-SLOW_EVERY_S = 0.25  # state and watchdog take turns
+SLOW_EVERY_S = 0.25  # state and watchdog take turns, or both come with the goal at every other turn
 
 
 class Readings:
     """Telemetry once a command, with the goal or without one; the state and the watchdog in turn at a slower rate."""
 
-    def __init__(self, device_id: int) -> None:
-        """Take the id of the servo."""
+    def __init__(self, device_id: int, whole_s: float) -> None:
+        """Take the id of the servo, and how long it takes to ask for all of it at once."""
+        self._whole_s = whole_s
         self._telemetry = read_request(device_id, table.TELEMETRY)
         self._slow = deque((read_request(device_id, table.STATE), read_request(device_id, table.WATCHDOG)))
         self._telemetry_due = False
@@ -30,13 +31,25 @@ class Readings:
         self._telemetry_due = True
 
     def read_state_next(self) -> None:
-        """Have the state read at the next turn of the slow readings."""
+        """Have the state read as soon as there is time."""
+        self._slow_s = -math.inf
         if self._slow[0].block is not table.STATE:
             self._slow.rotate()
 
+    def whole_due(self) -> bool:
+        """Return whether state and watchdog are to be asked for with the goal: they are due, and there is time."""
+        return self._slow_due() and self._pace.early_s >= self._whole_s
+
+    def slow_parts(self, whole: bytes) -> list[tuple[Request, bytes]]:
+        """Return the slow readings, and what each would have been answered, of the answer to all."""
+        return [(request, table.part_of(whole, request.block)) for request in self._slow if request.block is not None]
+
     def more_due(self) -> bool:
         """Return whether there will be one to begin as soon as the reply to the command is there."""
-        return self._telemetry_due or self._pace.early_end_s - self._slow_s >= SLOW_EVERY_S
+        return self._telemetry_due or self._slow_due()
+
+    def _slow_due(self) -> bool:
+        return self._pace.early_end_s - self._slow_s >= SLOW_EVERY_S
 
     def next_request(self, now_s: float) -> Request | None:
         """Return the reading to begin now."""
@@ -53,6 +66,8 @@ class Readings:
         if request is self._telemetry or request.kind is Kind.GOAL:  # which reads it, too
             self._telemetry_due = False
             self._telemetry_s = now_s
+            if request.block is table.WHOLE:
+                self._slow_s = now_s + SLOW_EVERY_S
         elif request is self._slow[0]:
             self._slow.rotate()
             self._slow_s = now_s

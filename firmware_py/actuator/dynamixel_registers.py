@@ -61,6 +61,7 @@ LOOKS = (
     GOAL_AND_TELEMETRY,
     *(Block("goal position and more", first, 147 - first) for first in (112, 108, 104, 102, 100)),
 )
+WHOLE = Block("state, goal position and telemetry", 64, 83)  # asked for in place of a look, where there is time for it
 
 # Present current at 126, position at 132, voltage at 144, temperature at 146.
 _TELEMETRY = struct.Struct("<h4xi8xHb")
@@ -156,13 +157,19 @@ class Telemetry:
     impossible: int
 
 
+def part_of(data: bytes, block: Block) -> bytes:
+    """Return a block within the bytes of WHOLE."""
+    begin = block.address - WHOLE.address
+    return data[begin : begin + block.length]
+
+
 def goal_of(data: bytes) -> int:
-    """Return the goal position within the bytes of any of LOOKS."""
+    """Return the goal position within the bytes of any of LOOKS, or of WHOLE."""
     return GOAL_POSITION.decoded(data[-GOAL_AND_TELEMETRY.length :])
 
 
 def telemetry_of(data: bytes) -> bytes:
-    """Return the telemetry block within the bytes of any of LOOKS."""
+    """Return the telemetry block within the bytes of any of LOOKS, or of WHOLE."""
     return data[-TELEMETRY.length :]
 
 

@@ -147,9 +147,14 @@ class Pace:
         self._period_s = 0.0
 
     @property
+    def early_s(self) -> float:
+        """How long after the command a reading may begin."""
+        return EARLY_PART * self._period_s
+
+    @property
     def early_end_s(self) -> float:
         """Until when a reading may begin."""
-        return self._command_s + EARLY_PART * self._period_s
+        return self._command_s + self.early_s
 
     def note_command(self, now_s: float) -> None:
         """Note that a command has come."""

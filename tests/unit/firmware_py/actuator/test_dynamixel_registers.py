@@ -10,11 +10,20 @@ COUNT_RAD = math.radians(360.0 / 4096)
 
 
 def test_lengths_tell_the_blocks_apart():
-    blocks = [table.SETTINGS, table.LIMITS, table.STATE, table.WATCHDOG, table.TELEMETRY]
+    blocks = [table.SETTINGS, table.LIMITS, table.STATE, table.WATCHDOG, table.TELEMETRY, *table.LOOKS, table.WHOLE]
     lengths = [block.length for block in blocks]
     assert len(set(lengths)) == len(blocks)
     assert 3 not in lengths  # a ping
     assert 0 not in lengths  # a write
+
+
+def test_the_whole_has_what_is_asked_for_by_itself():
+    whole = bytes(range(table.WHOLE.address, table.WHOLE.address + table.WHOLE.length))
+    for block in (table.STATE, table.WATCHDOG, table.GOAL_AND_TELEMETRY, table.TELEMETRY):
+        alone = bytes(range(block.address, block.address + block.length))
+        assert table.part_of(whole, block) == alone
+    assert table.telemetry_of(whole)[0] == table.TELEMETRY.address
+    assert table.goal_of(whole) == int.from_bytes(bytes(range(116, 120)), "little")
 
 
 def test_every_register_lies_in_its_block():

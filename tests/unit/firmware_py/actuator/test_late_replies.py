@@ -96,7 +96,7 @@ def test_an_adapter_that_holds_each_answer_back_is_no_fault(fakes, servo, late_s
     assert servo.reads.count(48) == 0  # the limits: nothing was refused, so nothing is taught anew
     assert {address for address, _ in servo.ram_writes} == {116}
     assert len(servo.ram_writes) >= 120
-    assert {64, 98} <= set(servo.reads)  # and what goes wrong in the servo is still looked for
+    assert 64 in servo.reads  # and what goes wrong in the servo is still looked for
 
 
 @pytest.mark.parametrize("seed", range(5))
