@@ -7,6 +7,7 @@ import json
 import sys
 from pathlib import Path
 
+from firmware_py.cli.refusal import refused
 from firmware_py.devices import CAPTURE_FORMATS, decode
 from firmware_py.files.reading import read_regular
 from firmware_py.sensors.decode import format_text
@@ -28,6 +29,10 @@ def run(arguments: argparse.Namespace) -> int:
     except OSError as error:
         print(f"rambler decode: {arguments.file}: cannot be read: {error.strerror}", file=sys.stderr)
         return 2
+    count = 0
     for result in decode(arguments.kind, data):
         print(json.dumps(result) if arguments.json else format_text(result))
+        count += 1
+    if not count:
+        return refused("decode", f"{arguments.file}: nothing of {arguments.kind} in its {len(data)} bytes", code=0)
     return 0

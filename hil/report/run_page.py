@@ -74,7 +74,7 @@ def _page(record: RunFile, figures: Summary, truth: Truth | None, log: FieldLog 
             page.heading("The orders"),
             page.table([("order", "given", "accepted"), *_orders(record)]),
             page.heading("The run"),
-            page.table(_origin(record, out), head=False),
+            page.table(_origin(record, figures, out), head=False),
             page.heading("Settings"),
             _settings(record),
         ],
@@ -104,12 +104,14 @@ def _said(figures: Summary) -> Iterator[str]:
     yield page.said(shown, lambda t_s: f"{t_s:.1f} s")
 
 
-def _origin(record: RunFile, out: Path) -> Iterator[tuple[str, page.Cell]]:
+def _origin(record: RunFile, figures: Summary, out: Path) -> Iterator[tuple[str, page.Cell]]:
     logs = log_files(out / STATE / "logs") if (out / STATE / "logs").is_dir() else {}
     yield "command", page.Cell(shlex.join(record.command))
     yield "begun", page.Cell(record.begun)
     yield "ended", page.Cell(record.ending)
     yield "made with", page.Cell(", ".join(f"{name} {text}" for name, text in record.versions.items()))
+    if own := figures.get("figures_by"):
+        yield "figures by", page.Cell(", ".join(f"{name} {text}" for name, text in own.items()))
     for _, path in sorted(logs.items()):
         yield "log", page.Cell(str(path), note=f"rambler replay {shlex.quote(str(path))}")
     yield "this page", page.Cell(str(out / PAGE), note=f"rambler-hil report {shlex.quote(str(out))}")

@@ -18,6 +18,7 @@ from hil.report import field_log
 from hil.report.field_log import FieldLog
 from hil.report.figures import RudderTravel, goal_figures, steady_rudder_travel_deg_per_h
 from hil.report.loop_health import from_logs
+from hil.sim import run_file
 from hil.sim.run_directory import STATE, SUMMARY, TRUTH_FILE
 from hil.sim.run_file import OrderRecord, RunFile
 from hil.sim.truth import Recorded
@@ -64,6 +65,7 @@ def summarise(record: RunFile, out: Path, log: FieldLog | None = None) -> Summar
         "sailed_s": end_s,
         "speed_ratio": end_s / record.wall_s if record.wall_s else None,
         "versions": record.versions,
+        **({} if (own := run_file.versions()) == record.versions else {"figures_by": own}),
     }
     rounded: Summary = _rounded(summary)
     return rounded

@@ -134,6 +134,8 @@ def test_decode_prints_json_lines(capsys, tmp_path):
     assert (first["line"], first["type"], first["heading_true_deg"]) == (1, "heading", 341.8)
     assert (second["line"], second["type"], second["error"]) == (2, "error", "checksum")
     assert "cannot be read" in one_line_error(capsys, ["decode", "nmea", str(tmp_path / "none")])
+    file.write_text("a wrong file\n")
+    assert one_line_error(capsys, ["decode", "nmea", str(file)], 0).endswith(f"{file}: nothing of nmea in its 13 bytes")
 
 
 def test_replay_refuses_what_is_no_log(capsys, tmp_path):

@@ -19,7 +19,7 @@ from hil.report.thinning import MOST_POINTS, thinned
 from hil.ship import scenarios
 from hil.sim.goals import parse_goals
 from hil.sim.run_directory import held
-from hil.sim.run_file import FINISHED, UNDER_WAY, OrderRecord, RunFile, read
+from hil.sim.run_file import FINISHED, UNDER_WAY, OrderRecord, RunFile, read, versions
 from hil.sim.truth import COLUMNS, Truth, TruthFile
 from hil.sim.world import World
 from support.paths import REPLAY
@@ -145,6 +145,17 @@ def test_report_makes_the_page_of_a_run_anew(out, capsys):
     assert f"report: {out / 'report.html'}" in said
     assert "overshoot" in said
     assert (out / "summary.json").exists()
+
+
+def test_figures_that_another_version_has_made_anew_say_so(out):
+    assert main(["report", str(out)]) == 0
+    assert json.loads((out / "summary.json").read_text())["versions"] == {"numpy": "2"}
+    assert json.loads((out / "summary.json").read_text())["figures_by"] == versions()
+    assert "figures by" in (out / "report.html").read_text()
+    replace(RECORD, versions=versions()).write(out)
+    assert main(["report", str(out)]) == 0
+    assert "figures_by" not in json.loads((out / "summary.json").read_text())
+    assert "figures by" not in (out / "report.html").read_text()
 
 
 def test_a_directory_is_one_runs_alone(out, capsys):
