@@ -83,6 +83,7 @@ class Archivist:
         if self._packing is None:
             self._packing = self._next_job()
         if self._packing is None:
+            self.failure = ""  # what was to be done has been done since, or has gone
             return False
         if next(self._packing, self) is self:
             self._packing, self.failure = None, ""

@@ -153,6 +153,22 @@ def test_a_disk_that_fails_is_told_tried_again_and_the_log_goes_on(tmp_path, pre
     run.recorder.close()
 
 
+def test_a_disk_that_failed_once_is_not_said_to_fail_while_nothing_is_left_to_do(tmp_path, pretend, monkeypatch):
+    """As when it had no room for the minutes around a fault: the next log to be compressed may be days away."""
+    run = Run(pretend, tmp_path).sail(400.0)
+
+    def fail(*_words):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(os, "pwrite", fail)
+        run.sail(60.0, 1 << Fault.COMPASS_LOST)
+    assert run.recorder.health(1.0).state is DeviceState.FAULTY
+    run.turn(PATIENCE_TURNS + 1)
+    assert run.recorder.health(2.0).state is DeviceState.RUNNING
+    run.recorder.close()
+
+
 def test_a_closed_file_without_a_tick_is_compressed_without_a_box(tmp_path, pretend):
     (tmp_path / "00000001.BIN").write_bytes(b"of somebody else" * 1000)
     run = Run(pretend, tmp_path).sail(3.0)
