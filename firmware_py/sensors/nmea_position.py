@@ -17,6 +17,7 @@ from firmware_py.sensors.nmea_sentences import Decoded
 
 FIX_SENTENCES = frozenset({"RMC", "GGA", "GNS", "GLL"})
 EPOCH_ENDS_AFTER_S = 0.5  # an epoch is one burst; a sentence it lost must not hold it back for long
+TIME_STANDS_S = 3.0  # whole seconds are repeated by a quick receiver; longer by one that has hung, or by a router
 SAMPLES_KEPT = 512
 
 # GGA field 6; dead reckoning (6), manual input (7) and a simulator (8) are no fix to steer by.
@@ -83,8 +84,9 @@ class NmeaPosition:
     as soon as all kinds of the epoch before have come, or when the next one begins, or
     0.5 s after its last sentence, stamped with the arrival of that sentence. Any
     sentence that denies the fix (status V, quality 0, a mode that is not a measured
-    position) makes it NONE. The date is that of RMC, else of ZDA, and the UTC of
-    an epoch without one is carried on from the last.
+    position) makes it NONE, and so does a time of day that stands still: a receiver that
+    has hung would have her sail on past every place. The date is that of RMC, else of
+    ZDA, and the UTC of an epoch without one is carried on from the last.
     """
 
     def __init__(self, line: ByteLine, options: NmeaPositionOptions) -> None:
@@ -101,6 +103,7 @@ class NmeaPosition:
         self._epoch: _Epoch | None = None
         self._expected: frozenset[str] = frozenset()
         self._utc: tuple[float, float] | None = None  # when, UTC
+        self._time: tuple[float, float] | None = None  # the last time of day, and when it was new
 
     def fileno(self) -> int:
         """The descriptor of the line, or -1."""
@@ -110,7 +113,7 @@ class NmeaPosition:
         """Read what has arrived and decode it, stamped now_s."""
         if self._monitor.notice_reopening():
             self._reader.restart()
-            self._epoch = self._utc = None
+            self._epoch = self._utc = self._time = None
             self._expected = frozenset()
         for sentence, decoded in self._reader.read(now_s):
             self._monitor.accept(now_s)
@@ -150,8 +153,9 @@ class NmeaPosition:
         epoch.given = True
         values = epoch.values
         fix = FixType.NONE if FixType.NONE in epoch.fixes else max(epoch.fixes)
-        if fix is FixType.NONE or "lat_deg" not in values or "lon_deg" not in values:
-            self._monitor.note("no fix")
+        stands = self._time_stands(epoch)
+        if stands or fix is FixType.NONE or "lat_deg" not in values or "lon_deg" not in values:
+            self._monitor.note("its time stands still: no fix" if stands else "no fix")
             self._samples.append(PositionSample(epoch.t_s, FixType.NONE, satellites=_whole(values.get("satellites"))))
             return
         self._monitor.note("")
@@ -170,6 +174,14 @@ class NmeaPosition:
                 utc_s=self._utc_of(epoch),
             )
         )
+
+    def _time_stands(self, epoch: _Epoch) -> bool:
+        """Say whether what is given is of long ago, said again and again."""
+        if epoch.time_of_day_s is None:
+            return False
+        if self._time is None or self._time[0] != epoch.time_of_day_s:
+            self._time = (epoch.time_of_day_s, epoch.t_s)
+        return epoch.t_s - self._time[1] > TIME_STANDS_S
 
     def _note_utc(self, utc_s: float | None, now_s: float) -> None:
         if utc_s is not None:

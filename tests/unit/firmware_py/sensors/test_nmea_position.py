@@ -143,6 +143,27 @@ def test_a_receiver_without_fix_is_running_and_says_so(line, hear):
     assert receiver.health(5.0).state is DeviceState.SILENT
 
 
+def test_a_receiver_that_says_one_time_again_and_again_has_no_fix(line, hear):
+    """It has hung, or a router repeats what it said last: she would sail on past every place."""
+    receiver = NmeaPosition(line, NmeaPositionOptions())
+    fixes = [sample.fix for second in range(60) for sample in hear(receiver, rmc(), gga(), now_s=float(second))]
+    assert fixes[:3] == [FixType.FIX_3D] * 3
+    assert set(fixes[4:]) == {FixType.NONE}
+    assert receiver.health(60.0).text == "its time stands still: no fix"
+    later = [rmc(time=f"10370{second}.00") for second in range(3)]
+    again = [sample.fix for second, body in enumerate(later) for sample in hear(receiver, body, now_s=60.0 + second)]
+    assert again[-1] is FixType.FIX_2D
+    assert receiver.health(63.0).text == ""
+
+
+def test_whole_seconds_of_a_quick_receiver_are_no_time_that_stands_still(line, hear):
+    receiver = NmeaPosition(line, NmeaPositionOptions())
+    said = [(tenths / 10, rmc(time=f"1036{tenths // 10:02d}")) for tenths in range(300)]
+    fixes = [sample.fix for now_s, body in said for sample in hear(receiver, body, now_s=now_s)]
+    assert len(fixes) > 290
+    assert FixType.NONE not in fixes
+
+
 def test_utc_is_carried_on_from_the_last_date(line, hear):
     receiver = NmeaPosition(line, NmeaPositionOptions())
     found = list(hear(receiver, "GPZDA,235959.00,31,12,2024,00,00", gga("235959.50"), now_s=0.5))
