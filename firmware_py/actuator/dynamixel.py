@@ -1,13 +1,13 @@
 """A Robotis Dynamixel X servo as the rudder.
 
-One half-duplex exchange at a time. The goal goes out first in a tick, by an instruction that
-is not answered, and behind it what asks for goal and telemetry: one write, and one answer that
-says whether the goal was taken. A tick costs 75 bytes, and 127 twice a second, when the question
-is for the state besides: at 57600 baud 13.0 and 22.0 ms, at 1 Mbaud 0.8 and 1.3 ms. Nothing waits
-for that answer but the next tick. Where half a period is too short for so much, the state is asked
-for by itself, once the answer is there. An answer that is not there by then is given up, and
-the next goal is asked for by a read of another length: so one that an adapter has held back is told
-from the one awaited, and judged by the goal that it belongs to.
+One half-duplex exchange at a time. The goal goes out first in a tick, by an instruction that is not
+answered, and behind it what asks for goal and telemetry: one write, and one answer that says
+whether the goal was taken. A tick costs 75 bytes, and 127 twice a second, when the question is for
+the state besides: at 57600 baud 13.0 and 22.0 ms, at 1 Mbaud 0.8 and 1.3 ms. Nothing waits for that
+answer but the next tick. Where half a period is too short for so much, or a servo does not answer
+for all that, the state is asked for by itself, once the answer is there. An answer that is not
+there by then is given up, and the next goal is asked for by a read of another length: so one that
+an adapter has held back is told from the one awaited, and judged by the goal that it belongs to.
 
     SEARCH ---any answer---> CONFIGURE ---all known and right---> RUN
       ^                        |  ^                                 |
@@ -158,7 +158,9 @@ class DynamixelServo:
         if request is self._asked:
             self._look = 0
         if reply.code:
-            if sure and request.kind is Kind.GOAL:
+            if sure and request.block is table.WHOLE:
+                self._readings.note_whole_refused()
+            elif sure and request.kind is Kind.GOAL:
                 self._note_goal_refused()
             elif sure:
                 self._upkeep.take_refusal(request, reply.code, asked_s)
@@ -221,6 +223,8 @@ class DynamixelServo:
         self._upkeep.note_lost(request)
         if request.kind is Kind.GOAL:
             self._look = (self._look + 1) % len(self._looks)
+        if request.block is table.WHOLE:
+            self._readings.note_whole_lost()
 
     def note_sent(self, request: Request, now_s: float) -> None:
         """Note that a request is on its way."""

@@ -10,6 +10,7 @@ from firmware_py.actuator.dynamixel_upkeep import Kind, Request, read_request
 from firmware_py.actuator.half_duplex import Pace
 
 SLOW_EVERY_S = 0.25  # state and watchdog take turns, or both come with the goal at every other turn
+WHOLE_TRIES = 3  # in a row: a servo that does not answer for so many registers is not asked for them again
 
 
 class Readings:
@@ -18,6 +19,7 @@ class Readings:
     def __init__(self, device_id: int, whole_s: float) -> None:
         """Take the id of the servo, and how long it takes to ask for all of it at once."""
         self._whole_s = whole_s
+        self._whole_lost = 0  # in a row
         self._telemetry = read_request(device_id, table.TELEMETRY)
         self._slow = deque((read_request(device_id, table.STATE), read_request(device_id, table.WATCHDOG)))
         self._telemetry_due = False
@@ -40,8 +42,19 @@ class Readings:
         """Return whether state and watchdog are to be asked for with the goal: they are due, and there is time."""
         return self._slow_due() and self._pace.early_s >= self._whole_s
 
+    def note_whole_refused(self) -> None:
+        """Have state and watchdog read by themselves from now on."""
+        self._whole_s = math.inf
+
+    def note_whole_lost(self) -> None:
+        """Note that all was asked for and nothing came: three times in a row is a refusal."""
+        self._whole_lost += 1
+        if self._whole_lost >= WHOLE_TRIES:
+            self.note_whole_refused()
+
     def slow_parts(self, whole: bytes) -> list[tuple[Request, bytes]]:
         """Return the slow readings, and what each would have been answered, of the answer to all."""
+        self._whole_lost = 0
         return [(request, table.part_of(whole, request.block)) for request in self._slow if request.block is not None]
 
     def more_due(self) -> bool:

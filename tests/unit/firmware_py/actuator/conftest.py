@@ -63,6 +63,7 @@ class FakeDynamixel:
         self.ram_writes = []  # address, value
         self.reads = []
         self.reboots = 0
+        self.longest_read, self.too_long = 255, 4  # what a longer one is answered: an error, or None for nothing
         self.unheard = []  # addresses of writes that are obeyed and whose answer is lost, once each
         self.restart()
 
@@ -114,6 +115,8 @@ class FakeDynamixel:
         if not self.powered or frame[4] != self.device_id:
             return b""
         error, answer = self.obey(frame[7], frame[8:-2])
+        if error is None:
+            return b""
         if frame[7] == 3 and frame[8] in self.unheard:
             self.unheard.remove(frame[8])
             return b""
@@ -128,6 +131,8 @@ class FakeDynamixel:
             self.reads.append(address)
             if address in self.refuse:
                 return self.refuse[address], b""
+            if length > self.longest_read:
+                return self.too_long, b""
             self.put(132, self.position, 4)
             return 0, bytes(self.registers[address : address + length])
         if instruction == 8:

@@ -129,6 +129,20 @@ def test_a_tick_is_one_write_and_one_answer_that_tells_whether_the_goal_was_take
     assert sail.health().accepted == accepted + 1
 
 
+@pytest.mark.parametrize("answer", [4, None])
+def test_a_servo_that_does_not_answer_for_all_at_once_is_asked_for_less(sail, servo, answer):
+    servo.longest_read, servo.too_long = 60, answer  # an error, or silence
+    sail.ticks(60)
+    assert sail.health().state is DeviceState.RUNNING
+    servo.reads.clear()
+    before = sail.health().rejected
+    feedback = sail.ticks(40)
+    assert len(feedback) == 40
+    assert sail.health().rejected == before
+    assert servo.reads.count(64) >= 6  # and the state is known
+    assert servo.reads.count(98) >= 6
+
+
 @pytest.mark.parametrize(("baud", "calm_ticks"), [(57600, 30), (9600, 20)])
 def test_an_answer_is_waited_for_while_something_is_to_follow_it(fakes, line, servo, baud, calm_ticks):
     line.baud = baud
