@@ -33,7 +33,9 @@ def opened(directory: Path) -> Spec:
     known = store.read_identity(directory)
     spec = read_spec(directory / store.SPEC, Path(str(known.get("beside", ""))))
     if spec.digest != known.get("digest"):
-        raise UsageError(f"{directory}: its specification, or the vehicle file of it, is not what was sailed")
+        raise UsageError(
+            f"{directory}: its specification, or the vehicle file of it, is not what was sailed{_other(directory)}"
+        )
     return spec
 
 

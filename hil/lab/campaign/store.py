@@ -50,8 +50,7 @@ class Store:
             put(path, (json.dumps(self._identity(), indent=2) + "\n").encode())
             return
         known = read_identity(self.directory)
-        if known.get("digest") != self.spec.digest:
-            raise UsageError(f"{self.directory} holds the campaign of another specification; give another --out")
+        # First: another version may read another vehicle out of the same specification.
         if known.get("versions") != self.versions:
             differs = sorted(
                 name
@@ -63,6 +62,8 @@ class Store:
                 f"{self.directory} was begun{by} with other versions ({', '.join(differs)}), and this is {program()}; "
                 "go on with those, or give another --out"
             )
+        if known.get("digest") != self.spec.digest:
+            raise UsageError(f"{self.directory} holds the campaign of another specification; give another --out")
         if not resume:
             raise UsageError(
                 f"{self.directory} holds this campaign already; go on with --resume, or give another --out"

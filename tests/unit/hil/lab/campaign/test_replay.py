@@ -45,5 +45,11 @@ def test_a_run_that_comes_out_differently_is_told(campaign, tmp_path):
 
 def test_a_specification_that_was_changed_is_not_replayed(campaign):
     (campaign / store.SPEC).write_text(TEXT.replace("0.8", "0.7"))
-    with pytest.raises(UsageError, match="not what was sailed"):
+    with pytest.raises(UsageError, match=r"not what was sailed$"):
+        replay.opened(campaign)
+    known = store.read_identity(campaign)
+    (campaign / store.CAMPAIGN).write_text(json.dumps({**known, "versions": {**known["versions"], "sources": "0"}}))
+    with pytest.raises(
+        UsageError, match=r"not what was sailed; the campaign was sailed with other versions .sources., by"
+    ):
         replay.opened(campaign)

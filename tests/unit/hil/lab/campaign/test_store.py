@@ -88,6 +88,7 @@ def test_a_half_written_part_is_none(tmp_path):
             True,
             r"by rambler-hil .* versions \(sources\), and this is rambler-hil .*; go on with",
         ),
+        ({"seed": 6}, {**VERSIONS, "sources": "def"}, True, r"with other versions \(sources\)"),
         ({}, VERSIONS, False, "go on with --resume"),
     ],
 )
