@@ -75,7 +75,7 @@ def unit_text(service: Service) -> str:
         watchdog = f"DeviceAllow={_specifiers_escaped(str(service.watchdog))} rw\n"
     # Where it is not there at the start, it is taken up when it comes.
     elsewhere = service.state != STATE and STATE not in service.state.parents
-    writable = f"ReadWritePaths=-{_specifiers_escaped(str(service.state))}\n" if elsewhere else ""
+    writable = f"ReadWritePaths={_quoted(_specifiers_escaped(f'-{service.state}'))}\n" if elsewhere else ""
     text = _template("rambler.service")
     for mark, value in (
         ("@COMMAND@\n", f"{_command(words)}\n"),
@@ -125,7 +125,11 @@ def _command(words: list[str]) -> str:
 
 
 def _word(word: str) -> str:
-    escaped = _specifiers_escaped(word).replace("\\", "\\\\").replace('"', '\\"').replace("$", "$$")
+    return _quoted(_specifiers_escaped(word).replace("$", "$$"))
+
+
+def _quoted(word: str) -> str:
+    escaped = word.replace("\\", "\\\\").replace('"', '\\"')
     return f'"{escaped}"' if any(character in word for character in " \t\"'\\;") else escaped
 
 
