@@ -24,6 +24,7 @@ _QUEUED = 8  # and at most this many waiting for a slow line
 _QUEUED_FAST = 64  # or for a network that takes nothing now
 _UNSTORED = 64  # changes under way; more are not heard until some are on disk
 _BY_NAME = -1
+_OVERRULED = "FENCE_ENABLE"  # by commands: who sets it has the last word, also to the value that it has
 
 _NO_SUCH = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
 _READ_ONLY = mavlink.MAV_PARAM_ERROR_READ_ONLY
@@ -101,7 +102,7 @@ class ParameterServer:
             self._refuse(peer, message, row, _READ_ONLY, f"{name} is read-only", now_s)
             return
         changed = message.param_value != before
-        if changed:
+        if changed or name == _OVERRULED:
             answer = self._context.request(message, SetParameter(name, message.param_value), now_s)
             if answer.verdict is not Verdict.ACCEPTED:
                 error = _REFUSED.get(answer.verdict, mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
@@ -158,7 +159,7 @@ class ParameterServer:
             done(str(error))
             return
         before = request_handler.parameters()
-        changed = {name: value for name, value in wanted.items() if value != before[name]}
+        changed = {name: value for name, value in wanted.items() if value != before[name] or name == _OVERRULED}
         set_already: list[str] = []
         for name, value in changed.items():
             request = Request(origin.now_s, SetParameter(name, value), origin.system, origin.component)

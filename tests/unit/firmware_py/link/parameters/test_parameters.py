@@ -163,6 +163,14 @@ def test_a_value_that_is_in_force_already_is_confirmed_without_being_set_again(r
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0])
+def test_the_fence_is_enabled_anew_since_a_command_may_have_overruled_it(rig, of, value):
+    rig.tell(set_to(b"FENCE_ENABLE", value, kind=6))
+    (told,) = of(rig.tell(set_to(b"FENCE_ENABLE", value, kind=6)), "PARAM_VALUE")
+    assert told.param_value == value
+    assert rig.request_handler.intents == [SetParameter("FENCE_ENABLE", value)] * 2
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
 def test_a_read_only_parameter_is_refused_as_such(rig, of, texts, value):
     said = rig.tell(set_to(b"STAT_BOOTCNT", value, kind=6))
     (error,) = of(said, "PARAM_ERROR")
