@@ -13,6 +13,7 @@ SATELLITE_RETRY_S = 600.0  # where an acknowledgement takes two minutes
 OVERTAKEN_S = 2.0  # what comes with an older sequence number within this was overtaken on the way, or doubled
 REPEAT_S = 1.0  # MAVSDK repeats an unanswered COMMAND_INT after half a second
 REMEMBERED = 32
+_LATEST = 4  # of each command: a double of an earlier one may come behind its contrary
 _NO_RESULT = 5  # MAV_RESULT_IN_PROGRESS
 
 
@@ -29,41 +30,65 @@ class CommandRecord:
 
 
 class CommandMemory:
-    """The latest of each command of each sender, bounded; two that have one number and come by two ways are two."""
+    """The latest few of each command of each sender, bounded; two of one number that come by two ways are two."""
 
     def __init__(self) -> None:
         """Start with nothing done."""
-        self._done: OrderedDict[tuple[Peer, int, int, int], CommandRecord] = OrderedDict()
+        self._done: OrderedDict[tuple[Peer, int, int, int], tuple[CommandRecord, ...]] = OrderedDict()
 
     def __len__(self) -> int:
-        """Return how many are remembered."""
+        """Return how many commands are remembered."""
         return len(self._done)
 
     def find_original(
         self, sender: tuple[int, int], command: int, now: CommandRecord, *, confirmed: bool, relative: bool
     ) -> CommandRecord | None:
         """Return the one that this is a retry or a double of, None when it is new."""
-        done = self._done.get((now.peer, *sender, command))
-        if done is None or done.asked != now.asked or done.in_whole_numbers is not now.in_whole_numbers:
+        latest, *earlier = self._done.get((now.peer, *sender, command), (None,))
+        if latest is None:
             return None
-        age_s = now.t_s - done.t_s
+        if not _same(latest, now):
+            return _doubled(now, latest, earlier)
+        age_s = now.t_s - latest.t_s
         if confirmed:
-            return done if age_s < (SATELLITE_RETRY_S if now.peer.quiet else RETRY_S) else None
-        behind = (done.sequence - now.sequence) & 0xFF
+            return latest if age_s < (SATELLITE_RETRY_S if now.peer.quiet else RETRY_S) else None
+        behind = (latest.sequence - now.sequence) & 0xFF
         if behind < 128 and age_s < OVERTAKEN_S:
-            return done
-        return done if relative and now.in_whole_numbers and age_s < REPEAT_S else None
+            return latest
+        return latest if relative and now.in_whole_numbers and age_s < REPEAT_S else None
 
     def remember(self, sender: tuple[int, int], command: int, done: CommandRecord) -> None:
-        """Remember a command, in place of the one of its kind."""
+        """Remember a command, before those of its kind."""
         key = (done.peer, *sender, command)
-        self._done[key] = done
+        self._done[key] = (done, *self._done.get(key, ()))[:_LATEST]
         self._done.move_to_end(key)
         if len(self._done) > REMEMBERED:
             self._done.popitem(last=False)
 
-    def set_result(self, peer: Peer, sender: tuple[int, int], command: int, result: int) -> None:
-        """Note the result of the command that is remembered."""
+    def set_result(self, peer: Peer, sender: tuple[int, int], command: int, sequence: int, result: int) -> None:
+        """Note the result of the command that came with a sequence number, if it is remembered."""
         key = (peer, *sender, command)
-        if key in self._done:
-            self._done[key] = replace(self._done[key], result=result)
+        records = list(self._done.get(key, ()))
+        for number, record in enumerate(records):
+            if record.sequence == sequence:
+                records[number] = replace(record, result=result)
+                self._done[key] = tuple(records)
+                return
+
+
+def _same(one: CommandRecord, other: CommandRecord) -> bool:
+    return one.asked == other.asked and one.in_whole_numbers is other.in_whole_numbers
+
+
+def _doubled(now: CommandRecord, latest: CommandRecord, earlier: list[CommandRecord]) -> CommandRecord | None:
+    """Return the one before the latest of which this is the very frame, which a line has held back and doubled."""
+    if now.sequence == latest.sequence:  # a sender that does not count
+        return None
+    return next(
+        (
+            record
+            for record in earlier
+            if record.sequence == now.sequence and _same(record, now) and now.t_s - record.t_s < OVERTAKEN_S
+        ),
+        None,
+    )

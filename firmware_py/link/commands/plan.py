@@ -39,6 +39,8 @@ def pause_or_continue(context: LinkContext, call: CommandCall) -> Answer:
 def start_mission(context: LinkContext, call: CommandCall) -> Answer:
     """Enter AUTO, at an item when param1 names one; where it ends (param2) cannot be chosen."""
     first, last = call.parameters[:2]
+    if not _count(context):
+        return call.denied("there is no mission")
     index = _item(context, first)
     last_items = (0.0, float(_count(context) - 1 + homes(context.autopilot, PlanKind.MISSION)))
     if index is None or not within(last, 0, UINT16_MAX) or last not in last_items:

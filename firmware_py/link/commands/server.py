@@ -185,7 +185,7 @@ class CommandServer:
 
         self._context.request_handler.when_orders_stored(kept)
         if not pending.ended:
-            self._memory.set_result(call.peer, call.sender, call.command, IN_PROGRESS)
+            self._note_result(call, IN_PROGRESS)
             self._keeping.append((call, pending))
         pending.begin(call.now_s, lambda answer: self._finish(call, pending, answer))
 
@@ -194,7 +194,7 @@ class CommandServer:
             pending.cancel()
             self._conclude(call, None, Answer(Verdict.TEMPORARILY_REJECTED, "Too many commands are under way"))
             return
-        self._memory.set_result(call.peer, call.sender, call.command, IN_PROGRESS)
+        self._note_result(call, IN_PROGRESS)
         self._pending.append((call, pending))
         pending.begin(call.now_s, lambda answer: self._finish(call, pending, answer))
 
@@ -209,11 +209,14 @@ class CommandServer:
         result = int(answer.verdict) if isinstance(answer, Answer) else answer
         text = answer.text if isinstance(answer, Answer) else ""
         unkept = result == Verdict.ACCEPTED and bool(text)
-        self._memory.set_result(call.peer, call.sender, call.command, result)
+        self._note_result(call, result)
         if text:
             severity = Severity.ERROR if unkept else Severity.WARNING
             self._context.send_text_limited(call.peer, severity, text, self._context.now_s)
         self._acknowledge(call, result, second=_UNKEPT if unkept else 0)
+
+    def _note_result(self, call: CommandCall, result: int) -> None:
+        self._memory.set_result(call.peer, call.sender, call.command, call.message.get_seq(), result)
 
     def _acknowledge(self, call: CommandCall, result: int, percent: int = UNKNOWN_PROGRESS, *, second: int = 0) -> None:
         progress = percent if result == IN_PROGRESS else 0

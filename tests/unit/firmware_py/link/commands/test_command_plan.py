@@ -113,8 +113,9 @@ def test_a_start_that_cannot_be_changes_nothing(rig, values):
     assert rig.request_handler.intents == []
 
 
-def test_without_a_mission_nothing_starts_and_a_refused_mode_leaves_the_item(rig):
-    assert results(rig.command(300)) == [DENIED]
+def test_without_a_mission_nothing_starts_and_a_refused_mode_leaves_the_item(rig, texts):
+    said = rig.command(300)
+    assert (results(said), texts(said)) == ([DENIED], ["MISSION_START: there is no mission"])
     with_mission(rig)
     rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED, "AUTO refused: no position")
     assert results(rig.command(300, 3)) == [REJECTED]

@@ -104,6 +104,38 @@ def test_a_frame_that_comes_twice_is_done_once_and_acknowledged_twice(rig):
     assert [only_ack(rig.give(frame)).result for _ in range(2)] == [DENIED, DENIED]
 
 
+def test_a_double_that_comes_behind_the_contrary_is_not_done_again(rig):
+    arm = rig.frame(mavlink.MAVLink_command_long_message(1, 1, ARM, 0, 1, 0, 0, 0, 0, 0, 0))
+    disarm = rig.frame(mavlink.MAVLink_command_long_message(1, 1, ARM, 0, 0, 0, 0, 0, 0, 0, 0))
+    rig.give(arm)
+    rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED)
+    rig.give(disarm)
+    rig.now_s += 1.0
+    assert only_ack(rig.give(arm)).result == ACCEPTED  # its own result, not that of what came between
+    assert only_ack(rig.give(disarm)).result == REJECTED
+    assert rig.request_handler.intents == [Arm(True), Arm(False)]
+    rig.now_s += 2.0
+    rig.give(arm)  # long after it is a command of its own
+    assert len(rig.request_handler.requests) == 3
+
+
+def test_the_orders_of_a_sender_that_does_not_count_are_all_carried_out(rig):
+    for wanted in (1, 0, 1):
+        rig.station.seq = 7
+        rig.give(rig.frame(mavlink.MAVLink_command_long_message(1, 1, ARM, 0, wanted, 0, 0, 0, 0, 0, 0)))
+    assert rig.request_handler.intents == [Arm(True), Arm(False), Arm(True)]
+
+
+def test_a_command_that_ends_late_gives_its_result_to_no_other_one(rig):
+    rig.request_handler.orders_at_once = False
+    rig.command(ARM, 1.0)
+    rig.request_handler.answer = Answer(Verdict.TEMPORARILY_REJECTED)
+    rig.command(ARM, 0.0)
+    rig.request_handler.waiting.pop()(True)
+    rig.said()
+    assert only_ack(rig.command(ARM, 0.0, confirmation=1)).result == REJECTED
+
+
 def test_a_first_try_that_its_retry_overtook_is_not_done_again(rig):
     first = rig.frame(mavlink.MAVLink_command_long_message(1, 1, 115, 0, 10, 0, 1, 1, 0, 0, 0))
     retry = rig.frame(mavlink.MAVLink_command_long_message(1, 1, 115, 1, 10, 0, 1, 1, 0, 0, 0))
