@@ -16,6 +16,8 @@ from support.wire import Wire
 BENCH, FLOAT = [sys.executable, "-m", "hil"], [sys.executable, "-m", "firmware_py"]
 BAUDS = {"compass": COMPASSES["nmea"].baud, "rudder": SERVOS["dynamixel"].baud, "position": POSITION.baud}
 
+LATE_ANSWER_S = 0.02  # the driver waits for 35 ms, of which question and answer take 8
+
 # She steers for 30 degrees from the start, with nobody on a link.
 BOAT = """
 [compass]
@@ -73,12 +75,18 @@ def test_a_board_is_read_and_steered_by_whoever_comes(program, tmp_path):
 
 @pytest.mark.parametrize("servo_baud", [57600, 9600])
 def test_devices_hang_on_adapters_whose_bus_is_half_duplex_and_echoes(servo_baud, program, tmp_path):
-    """Every byte takes its time, and both ends hear what they say themselves."""
+    """Every byte takes its time, and both ends hear what they say themselves.
+
+    A servo answers within a millisecond. On a busy machine the emulated one, or the wire, may get no processor for
+    longer than a reply is waited for: then the next question and that reply spoil each other, as they must.
+    """
     bauds = {**BAUDS, "rudder": servo_baud}
-    with ExitStack() as wires:
+    wires = {}
+    with ExitStack() as stack:
         for name, baud in bauds.items():
             ends = tmp_path / f"{name}.float", tmp_path / f"{name}.bench"
-            wires.enter_context(Wire(*ends, baud, echo=name == "rudder", half_duplex=name == "rudder"))
+            wire = Wire(*ends, baud, echo=name == "rudder", half_duplex=name == "rudder")
+            wires[name] = stack.enter_context(wire)
         file = vehicle_file(tmp_path / "boat.toml", {name: tmp_path / f"{name}.float" for name in bauds}, bauds)
         adapters = {"compass": "--compass-port", "rudder": "--servo-port", "position": "--position-port"}
         words = [word for name in bauds for word in (adapters[name], str(tmp_path / f"{name}.bench"))]
@@ -87,7 +95,12 @@ def test_devices_hang_on_adapters_whose_bus_is_half_duplex_and_echoes(servo_baud
         board.expect("Ctrl-C ends it")
         devices = heard(program, file)
         assert {name for name, line in devices.items() if line["accepted"] > 0} == set(bauds)
-        assert all(line["rejected"] == 0 for line in devices.values()), devices
+        bad = {name: line["rejected"] for name, line in devices.items() if line["rejected"]}
+        if (waited_s := wires["rudder"].before_collision_s) is None:
+            assert bad == {}, devices
+        else:
+            assert set(bad) <= {"rudder"}, devices
+            assert waited_s > LATE_ANSWER_S, "one talked into another's words"
         board.send_signal(signal.SIGTERM)
         assert board.exit_code() == 0
 

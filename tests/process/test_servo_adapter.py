@@ -1,9 +1,7 @@
-"""A Dynamixel behind an adapter that holds its answers back and echoes, over ptys in real time."""
+"""A Dynamixel behind an adapter that holds its answers back and echoes, over a pty in simulated time."""
 
 import math
 import random
-import select
-import time
 from contextlib import closing
 
 import numpy as np
@@ -13,83 +11,112 @@ from firmware_py.actuator.dynamixel import DynamixelOptions, dynamixel_rudder
 from firmware_py.common.records import DeviceState, RudderCommand
 from firmware_py.system.serial_port import SerialPort
 from hil.devices.dynamixel import DynamixelEmulator
-from hil.devices.serial_line import SerialLine
+from hil.devices.pty_line import PtyLine
+from hil.devices.timing import transfer_s
 from hil.ship.servo import ServoShaft
-from support.wire import Wire
 
-BAUD, PERIOD_S = 57600, 0.1
+BAUD, PERIOD_MS = 57600, 100
 READ_LIMITS = bytes.fromhex("fffffd00010700023000")  # the head of the instruction, as far as the address
 
 
 class Bench:
-    """The driver on one end of a wire and the emulated servo on the other, in one thread."""
+    """The driver on a port and the emulated servo at its other end, a millisecond at a time."""
 
-    def __init__(self, port, far_end):
-        self.port, self.far_end = port, far_end
-        self.shaft = ServoShaft(now_s=time.monotonic())
-        self.servo = DynamixelEmulator(self.shaft, np.random.default_rng(1), baud=BAUD)
-        self.servo.transmitter.on_a_wire = True
+    def __init__(self, port, line, held_s, *, echo):
+        self.port, self.line, self.held_s, self.echo = port, line, held_s, echo
+        self.now_ms = 0
+        self.shaft = ServoShaft()
+        self.servo = DynamixelEmulator(self.shaft, np.random.default_rng(1), baud=BAUD, collisions=True)
         self.rudder = dynamixel_rudder(port, DynamixelOptions())
+        self.to_servo, self.to_here = [], []  # when there, bytes
         self.heard = b""
         self.states = []
 
-    def serve_servo(self):
-        now_s = time.monotonic()
-        self.shaft.advance(now_s)
-        said = self.far_end.read()
-        self.heard += said
-        self.servo.receive(now_s, said)
-        self.far_end.write(self.servo.take_output(now_s))
+    @property
+    def now_s(self):
+        return self.now_ms / 1000.0
+
+    def pass_a_millisecond(self):
+        self.now_ms += 1
+        said = self.line.read_until_total(self.port.written)
+        if said:
+            self.to_servo.append((self.now_s + transfer_s(len(said), BAUD), said))
+        self.shaft.advance(self.now_s)
+        while self.to_servo and self.to_servo[0][0] <= self.now_s:
+            _, said = self.to_servo.pop(0)
+            self.heard += said
+            self.servo.receive(self.now_s, said)
+            self.hand_over(said if self.echo else b"", 0.0)
+        if answer := self.servo.take_output(self.now_s):
+            self.hand_over(answer, self.held_s())
+        while self.to_here and self.to_here[0][0] <= self.now_s:
+            assert self.line.deliver(self.to_here.pop(0)[1])
+
+    def hand_over(self, data, held_s):
+        if data:
+            earliest_s = self.to_here[-1][0] if self.to_here else 0.0
+            self.to_here.append((max(earliest_s, self.now_s + held_s), data))
 
     def ticks(self, angles_rad, *, alive=True):
         """Tick once for each angle as the loop does, or let the autopilot stand still for so long."""
         feedback = []
         for angle_rad in angles_rad:
-            now_s = time.monotonic()
             if alive:
-                self.rudder.receive(now_s)
-                self.rudder.command(RudderCommand(angle_rad, torque_on=True), now_s)
+                self.rudder.receive(self.now_s)
+                self.rudder.command(RudderCommand(angle_rad, torque_on=True), self.now_s)
                 feedback += self.rudder.poll()
-                self.states.append(self.rudder.health(now_s).state)
-            while (left_s := now_s + PERIOD_S - time.monotonic()) > 0.0:
-                awaited = [self.port] if alive and self.rudder.hurries() else []
-                until_s = min(left_s, max(0.0, self.servo.next_output_s() - time.monotonic()))
-                ready = select.select([self.far_end, *awaited], [], [], until_s)[0]
-                self.serve_servo()
-                if self.port in ready:
-                    self.rudder.receive(time.monotonic())
+                self.states.append(self.rudder.health(self.now_s).state)
+            for _ in range(PERIOD_MS):
+                self.pass_a_millisecond()
+                if alive and self.rudder.hurries() and self.line.pending_at_slave():
+                    self.rudder.receive(self.now_s)
         return feedback
 
 
 @pytest.fixture
-def bench(tmp_path):
-    here, there = tmp_path / "float", tmp_path / "servo"
-    chance = random.Random(1)
-    with Wire(here, there, BAUD, held_s=lambda: chance.choice([0.016] * 4 + [0.12])):
-        port = SerialPort(str(here), BAUD)
+def bench_of(tmp_path):
+    with closing(PtyLine(tmp_path / "port")) as line, closing(SerialPort(str(tmp_path / "port"), BAUD)) as port:
         port.open()
-        with closing(port), closing(SerialLine(str(there), BAUD)) as far_end:
-            yield Bench(port, far_end)
+        yield lambda held_s, echo=True: Bench(port, line, held_s, echo=echo)
 
 
-def test_answers_that_are_now_and_then_late_are_no_fault_and_a_tripped_watchdog_is_cleared_at_once(bench):
-    bench.ticks([0.0] * 14)
+def now_and_then_late(seed):
+    chance = random.Random(seed)
+    return lambda: chance.choice([0.016] * 4 + [0.12])
+
+
+@pytest.mark.parametrize("echo", [False, True])
+@pytest.mark.parametrize(
+    "held_s", [now_and_then_late(1), now_and_then_late(2), lambda: 0.12], ids=["late", "late too", "always late"]
+)
+def test_answers_that_are_late_are_no_fault(bench_of, held_s, echo):
+    bench = bench_of(held_s, echo)
+    bench.ticks([0.0] * 40)
     assert bench.states[-1] is DeviceState.RUNNING
     bench.states.clear()
     bench.heard = b""
-    angles_rad = [0.3 * math.sin(0.4 * number) for number in range(20)]
-    feedback = bench.ticks([*angles_rad, *[-0.4] * 10])
-    assert len(feedback) > 15
+    feedback = bench.ticks([0.3 * math.sin(0.4 * number) for number in range(100)])
+    assert len(feedback) > 60
     assert set(bench.states) == {DeviceState.RUNNING}
     assert READ_LIMITS not in bench.heard  # nothing was refused, so nothing is taught anew
+    bench.ticks([-0.4] * 20)
     assert bench.shaft.angle_rad() == pytest.approx(-0.4, abs=0.002)
+    assert bench.servo.collision_count == 0
 
-    bench.ticks([0.4])  # on its way when the autopilot stands still
+
+@pytest.mark.parametrize(("held_s", "within"), [(lambda: 0.0, 1), (now_and_then_late(3), 8)], ids=["prompt", "late"])
+@pytest.mark.parametrize("ticks", [20, 22, 24])
+def test_a_watchdog_that_trips_while_the_autopilot_stands_still_is_cleared_at_once(bench_of, held_s, within, ticks):
+    bench = bench_of(held_s)
+    bench.ticks([0.0] * ticks)
+    bench.ticks([0.4])
     bench.shaft.jam()
     bench.ticks([0.4] * 22, alive=False)
     bench.shaft.free()
     stopped_rad = bench.shaft.angle_rad()
     assert abs(stopped_rad - 0.4) > 0.3
-    bench.ticks([0.4] * 15)
+    bench.ticks([0.4] * within)
+    assert abs(bench.shaft.angle_rad() - stopped_rad) > 0.01
+    bench.ticks([0.4] * 12)
     assert bench.shaft.angle_rad() == pytest.approx(0.4, abs=0.002)
-    assert set(bench.states) == {DeviceState.RUNNING}
+    assert bench.states[-1] is DeviceState.RUNNING

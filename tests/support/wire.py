@@ -8,26 +8,28 @@ import time
 from hil.devices.pty_line import PtyLine
 from hil.devices.timing import BITS_PER_BYTE
 
-LOOK_S = 0.05
+LOOK_S = 0.005
 
 
 class Wire:
     """A half-duplex line between two ptys, as two serial adapters on one bus see it.
 
     A byte arrives when it is complete at the baud rate, at the other end and, with `echo`, at its own. Two bytes that
-    are on the wire together spoil each other (`collisions`). What has come from there is held back by the adapter here
-    for `held_s()`, asked anew for each piece that is said there.
+    are on the wire together spoil each other (`collisions`). `before_collision_s` is the longest that there had taken
+    to answer here, or the wire to carry, when that happened first: who gets no processor does so when there is some.
     """
 
-    def __init__(self, here, there, baud, *, echo=True, half_duplex=True, held_s=lambda: 0.0):
+    def __init__(self, here, there, baud, *, echo=True, half_duplex=True):
         """Make the two ports and begin to carry; times are real."""
         self.collisions = 0
+        self.before_collision_s = None
+        self._slowest_s = 0.0
+        self._asked_s = None  # since when here waits for there
+        self._looked_s = time.monotonic()
         self._ends = (PtyLine(here), PtyLine(there))
         self._byte_s = BITS_PER_BYTE / baud
         self._echo, self._half_duplex = echo, half_duplex
-        self._held_s = held_s
         self._free_s = [0.0, 0.0]  # when each end's last byte is complete
-        self._handed_s = [0.0, 0.0]  # when it is handed over
         self._under_way = []  # (when complete, count, from which end, byte)
         self._count = 0
         self._stop = threading.Event()
@@ -47,21 +49,29 @@ class Wire:
         numbers = {end.fileno(): number for number, end in enumerate(self._ends)}
         while not self._stop.is_set():
             due_s = self._under_way[0][0] - time.monotonic() if self._under_way else LOOK_S
-            for descriptor in select.select(numbers, [], [], max(0.0, min(due_s, LOOK_S)))[0]:
+            ready = select.select(numbers, [], [], max(0.0, min(due_s, LOOK_S)))[0]
+            looked_s, self._looked_s = self._looked_s, time.monotonic()
+            self._slowest_s = max(self._slowest_s, self._looked_s - looked_s)
+            for descriptor in ready:
                 self._take(numbers[descriptor], time.monotonic())
             self._deliver(time.monotonic())
 
     def _take(self, number, now_s):
         data = self._ends[number].read()
-        held_s = self._held_s() if number and data else 0.0
+        if data and number == 0 and self._asked_s is None:
+            self._asked_s = now_s
+        elif data and number and self._asked_s is not None:
+            self._slowest_s = max(self._slowest_s, now_s - self._asked_s)
+            self._asked_s = None
         for said in data:
             begin_s = max(now_s, self._free_s[number])
             self._free_s[number] = begin_s + self._byte_s
             collides = self._half_duplex and begin_s < self._free_s[1 - number]
             self.collisions += collides
+            if collides and self.before_collision_s is None:
+                self.before_collision_s = self._slowest_s
             self._count += 1
-            self._handed_s[number] = max(self._handed_s[number], self._free_s[number] + held_s)
-            heap_entry = (self._handed_s[number], self._count, number, said ^ (0x55 if collides else 0))
+            heap_entry = (self._free_s[number], self._count, number, said ^ (0x55 if collides else 0))
             heapq.heappush(self._under_way, heap_entry)
 
     def _deliver(self, now_s):
