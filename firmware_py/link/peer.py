@@ -11,7 +11,7 @@ from firmware_py.link.telemetry.streams import Streams
 from firmware_py.link.wire.bulk import BulkShare
 from firmware_py.link.wire.framing import Splitter
 from firmware_py.link.wire.outbox import Outbox, Priority, Sealer
-from firmware_py.link.wire.transport import Address, Transport
+from firmware_py.link.wire.transport import Address, Transport, usual_class
 from firmware_py.link.wire.url_options import LinkClass
 
 # What goes to who may not be where he says he is, in bytes for each that came from there: whoever forges an address
@@ -20,11 +20,6 @@ _CREDIT = 8
 LATELY_S = 3.0  # stations send a heartbeat each second
 DENIALS = 20  # answered at once to who has no right to what he asks
 DENIALS_HZ = 5.0  # and in the long run
-
-
-def usual_class(transport: Transport) -> LinkClass:
-    """Return the class of a transport's rates: what its URL says, else what it is."""
-    return transport.options.link_class or (LinkClass.RADIO if transport.radio else LinkClass.FAST)
 
 
 class Peer:

@@ -7,12 +7,12 @@ from typing import Protocol, TypeAlias
 
 from firmware_py.common.link_status import LinkStatus
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.link.peer import Peer, usual_class
+from firmware_py.link.peer import Peer
 from firmware_py.link.security.access import Admitted, Gate, Standing
 from firmware_py.link.security.places import QUIET_S, Guest, who_leaves, who_waits_no_more
 from firmware_py.link.wire.framing import Splitter
 from firmware_py.link.wire.outbox import Sealer
-from firmware_py.link.wire.transport import Address, Satellite, Transport
+from firmware_py.link.wire.transport import Address, Satellite, Transport, usual_class
 
 DOUBT_S = 10.0  # a datagram peer silent for this long has to prove anew that it is there, unless it signs
 FORGET_S = 300.0  # and whoever is silent for this long loses his place

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from firmware_py.common.record_class import dataclass
-from firmware_py.link.wire.transport import Transport
+from collections.abc import Mapping
 
-_RADIO_BYTES_S = 1000.0  # a slower line is a satellite's
+from firmware_py.common.record_class import dataclass
+from firmware_py.link.wire.transport import Transport, usual_class
+from firmware_py.link.wire.url_options import LinkClass
+
+_RADIO_BYTES_S = 100.0  # a slower line is a satellite's: 1200 baud is a radio's
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,13 +29,18 @@ FAST = Timeouts(0.15, 0.5, 1.5, 5.0, 15.0)
 RADIO = Timeouts(0.7, 1.5, 5.0, 15.0, 60.0)
 # An answer by satellite may take two minutes.
 SATELLITE = Timeouts(30.0, 120.0, 240.0, 600.0, 1200.0)
+_OF_CLASS: Mapping[LinkClass, Timeouts] = {
+    LinkClass.FAST: FAST,
+    LinkClass.RADIO: RADIO,
+    LinkClass.SATELLITE: SATELLITE,
+    LinkClass.MESSAGES: SATELLITE,
+}
 
 
 def timeouts_of(transport: Transport) -> Timeouts:
-    """Return the timeouts for a transport."""
-    if transport.byte_rate is None:
-        return FAST
-    return RADIO if transport.byte_rate >= _RADIO_BYTES_S else SATELLITE
+    """Return the timeouts for a transport: those of its class; a satellite's where a line is slower than any radio's."""
+    slow = transport.byte_rate is not None and transport.byte_rate < _RADIO_BYTES_S
+    return SATELLITE if slow else _OF_CLASS[usual_class(transport)]
 
 
 class RetryTimer:

@@ -9,7 +9,7 @@ from firmware_py.common.link_status import SatelliteStatus
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reading_notes import shown
 from firmware_py.common.record_class import dataclass
-from firmware_py.link.wire.url_options import PLAIN, LinkOptions, OptionError, parse_options
+from firmware_py.link.wire.url_options import PLAIN, LinkClass, LinkOptions, OptionError, parse_options
 
 Address: TypeAlias = Hashable  # one correspondent on a transport
 
@@ -87,6 +87,11 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Give up all descriptors."""
+
+
+def usual_class(transport: Transport) -> LinkClass:
+    """Return the class of a transport's rates: what its URL says, else what it is."""
+    return transport.options.link_class or (LinkClass.RADIO if transport.radio else LinkClass.FAST)
 
 
 @runtime_checkable

@@ -7,8 +7,10 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from firmware_py.common.intents import Answer, ReplacePlan, Verdict
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind
+from firmware_py.link.wire.url_options import LinkClass, LinkOptions
 from firmware_py.plans.validation import PlanResult
 
+BY_SATELLITE = LinkOptions(link_class=LinkClass.SATELLITE)
 OTHER = mavlink.MAVLink(None, srcSystem=254, srcComponent=190)
 
 
@@ -184,13 +186,28 @@ def test_a_quick_station_is_asked_again_sooner(station):
     assert len(station.protocol(station.rig.ticks(3))) >= 1
 
 
-def test_a_line_by_satellite_is_given_its_time(make_station):
-    station = make_station(byte_rate=30.0, radio=True, datagrams=False)
-    station.count(2)
-    asked = [len(station.protocol(station.rig.tick(seconds=10.0))) for _ in range(30)]
-    assert asked[:11] == [1] + [0] * 10
+@pytest.mark.parametrize(
+    "line",
+    [
+        {"byte_rate": 30.0, "datagrams": False},
+        {"byte_rate": 1920.0, "datagrams": False, "options": BY_SATELLITE},
+        {"options": BY_SATELLITE},  # over a network
+    ],
+)
+def test_a_line_by_satellite_is_given_its_time(make_station, line):
+    station = make_station(radio=True, **line)
+    asked = [len(station.count(2))]
+    asked += [len(station.protocol(station.rig.tick(seconds=10.0))) for _ in range(30)]
+    assert (sum(asked[:2]), asked[2:12]) == (1, [0] * 10)
     assert sum(asked) == 3
     assert [message.get_type() for message in station.answers(station.item(0))] != ["MISSION_ACK"]
+
+
+@pytest.mark.parametrize("baud", [1200, 9600, 57_600])
+def test_over_a_radio_what_is_lost_is_asked_for_again_before_a_station_gives_up(make_station, baud):
+    station = make_station(byte_rate=baud / 10.0, radio=True, datagrams=False)
+    station.count(2)
+    assert len(station.protocol(station.rig.ticks(50))) >= 2
 
 
 def test_a_station_may_begin_anew(station):
