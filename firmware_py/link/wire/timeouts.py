@@ -38,7 +38,7 @@ _OF_CLASS: Mapping[LinkClass, Timeouts] = {
 
 
 def timeouts_of(transport: Transport) -> Timeouts:
-    """Return the timeouts for a transport: those of its class; a satellite's where a line is slower than any radio's."""
+    """Return the timeouts for a transport: its class's; a satellite's where a line is slower than any radio's."""
     slow = transport.byte_rate is not None and transport.byte_rate < _RADIO_BYTES_S
     return SATELLITE if slow else _OF_CLASS[usual_class(transport)]
 
