@@ -32,9 +32,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Exit 0 when nothing fails, whatever is warned of, 1 when anything does, 2 when the vehicle file is wrong."""
     try:
         vehicle = load(arguments.vehicle)
+        directory = arguments.state or default_state_directory(vehicle.name)
     except VehicleError as error:
         return refused("check", error)
-    directory = arguments.state or default_state_directory(vehicle.name)
     worst = Level.PASS
     told = []
     for finding in _findings(vehicle, directory, (*vehicle.link_urls, *arguments.link)):

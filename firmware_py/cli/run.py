@@ -66,8 +66,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def default_state_directory(name: str) -> Path:
-    """Return the place of the state where none is given, by the XDG rules."""
-    root = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    """Return the place of the state where none is given, by the XDG rules; VehicleError for a user without a home."""
+    try:
+        root = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    except RuntimeError:
+        raise VehicleError("you have no home to keep the state in; name a directory by --state") from None
     return Path(root) / "rambler" / "".join(c if c.isalnum() or c in "-_" else "-" for c in name.lower())
 
 

@@ -7,6 +7,7 @@ import pty
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -203,3 +204,13 @@ def test_a_name_that_is_no_utf_8_is_refused_in_a_line(words, tmp_path, monkeypat
     assert (said.out, said.err.count("\n")) == ("", 1)
     assert "no UTF-8" in said.err
     assert not [path for path in tmp_path.iterdir() if path.is_dir()]
+
+
+@pytest.mark.parametrize("words", [("run",), ("check",), ("calibrate", "rudder")])
+def test_a_user_without_a_home_is_asked_for_a_state_directory(words, vehicle, monkeypatch, capsys):
+    def nowhere():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_STATE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", nowhere)
+    assert "no home to keep the state in; name a directory by --state" in one_line_error(capsys, [*words, vehicle()])
