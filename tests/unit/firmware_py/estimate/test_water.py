@@ -3,13 +3,14 @@
 import math
 import random
 
+import numpy as np
 import pytest
 
 from firmware_py.common.angles import clamp, wrap_pi
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.estimate import wave_filter
+from firmware_py.estimate import kalman, wave_filter
 from firmware_py.estimate.heading_estimator import over_ground
 from firmware_py.estimate.water import WaterState, over_ground_m_s, report, update
 from firmware_py.estimate.wave_filter import Heading
@@ -184,6 +185,21 @@ def test_leeway_is_told_from_a_current_across_by_turning():
     assert errors(water, passage) == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
     assert math.degrees(water.leeway_rad) == pytest.approx(8.0, abs=2.0)
     assert math.degrees(water.leeway_sd_rad) < 2.0
+    # On another heading she goes where her leeway takes her from it.
+    way_rad = math.radians(45.0 + 8.0)
+    told = over_ground_m_s(passage.filter, math.radians(45.0))
+    assert told == pytest.approx((0.1 + 0.7 * math.cos(way_rad), -0.2 + 0.7 * math.sin(way_rad)), abs=0.03)
+
+
+def test_the_doubt_about_the_current_is_that_of_its_worst_direction():
+    passage = Passage(0.7, 0.0, 0.3)
+    water = passage.steer(30.0, 1200)  # along which current and speed are not told apart
+    waves = passage.filter
+    nn, ee = (waves.covariance(axis, axis) for axis in (kalman.NORTH, kalman.EAST))
+    ne = waves.covariance(kalman.NORTH, kalman.EAST)
+    worst = max(np.linalg.eigvalsh([[nn, ne], [ne, ee]]))
+    assert water.current_sd_m_s == pytest.approx(math.sqrt(worst))
+    assert water.current_sd_m_s > 1.02 * math.sqrt(max(nn, ee))
 
 
 def test_before_the_first_heading_the_water_is_what_was_expected():

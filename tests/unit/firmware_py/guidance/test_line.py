@@ -76,6 +76,18 @@ def test_a_place_astern_is_turned_for_before_it_counts_as_passed(afloat, origin,
     assert boat.distance_m(-distance_m) <= 20.0
 
 
+@pytest.mark.parametrize("heading_deg", range(0, 360, 60))
+@pytest.mark.parametrize("bearing_deg", range(7, 360, 30))
+def test_only_a_place_that_she_comes_nearer_to_is_seen_at_its_nearest(origin, tight, heading_deg, bearing_deg):
+    bearing_rad = math.radians(bearing_deg)
+    place = go(origin, 50.0 * math.cos(bearing_rad), 50.0 * math.sin(bearing_rad), acceptance_radius_m=5.0)
+    motion = VesselMotion(origin, math.radians(heading_deg), 0.4, 0.1, -0.2)
+    north_m_s, east_m_s = 0.4 * math.cos(motion.heading_rad) + 0.1, 0.4 * math.sin(motion.heading_rad) - 0.2
+    closing_m_s = north_m_s * math.cos(bearing_rad) + east_m_s * math.sin(bearing_rad)
+    state, _ = line.update(tight, LineState(origin), place, motion, 0.1)
+    assert math.isfinite(state.closest_m) is (closing_m_s > 0.0)
+
+
 def test_passed_far_off_it_is_sailed_for_anew(origin, tight):
     task = go(origin, 500.0, 0.0)
     here = origin.at_offset(510.0, 300.0)
