@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def open_talkers(
     urls: Sequence[str],
     open_line: Callable[[str, int], ByteLine],
-    tell_late: Callable[[str], None] | None,
+    say: Callable[[str], None] | None,
     opened: ExitStack,
 ) -> list[NmeaOutput]:
     """Open the outputs among the links, or raise LinkError; nothing is loaded without one."""
@@ -34,7 +34,7 @@ def open_talkers(
 
     talkers = []
     for url in wanted:
-        talkers.append(open_output(url, open_line, tell_late))
+        talkers.append(open_output(url, open_line, say))
         opened.callback(talkers[-1].close)
     return talkers
 

@@ -184,7 +184,7 @@ def _open_links(
     options: Options,
     lines: list[Line],
     ashore: Ashore,
-    tell_late: Callable[[str], None] | None,
+    say: Callable[[str], None] | None,
     opened: ExitStack,
 ) -> tuple[list[Transport], list[NmeaOutput]]:
     """Open the links and the outputs of NMEA 0183; the serial lines among them are added to those of the devices."""
@@ -199,9 +199,9 @@ def _open_links(
     transports: list[Transport] = []
     for url in urls:
         if not url.startswith(NMEA):
-            transports.append(open_transport(url, open_line, ashore, tell_late=tell_late))
+            transports.append(open_transport(url, open_line, ashore, say=say))
             opened.callback(transports[-1].close)
-    return transports, open_talkers(urls, open_line, tell_late, opened)
+    return transports, open_talkers(urls, open_line, say, opened)
 
 
 def _version(commit: str) -> Version:

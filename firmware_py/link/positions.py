@@ -9,6 +9,8 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.intents import SetHome, SteerPosition
 from firmware_py.link.context import within
 
+# 0 deg N 0 deg E stands for unset fields, nine times out of ten: no goal and no home; in a mission, where she is.
+
 # MAV_FRAME: GLOBAL, GLOBAL_RELATIVE_ALT, the same two as _INT, and both over terrain. A boat has no altitude.
 GLOBAL_FRAMES = frozenset({0, 3, 5, 6, 10, 11})
 
@@ -20,6 +22,8 @@ def position_goal(latitude_deg: float, longitude_deg: float, *, change_mode: boo
     """Return the goal, or why it is none."""
     if not within(latitude_deg, -90.0, 90.0) or not within(longitude_deg, -180.0, 180.0):
         return "the position is not on this planet"
+    if latitude_deg == 0.0 and longitude_deg == 0.0:
+        return "0, 0 is no place to go to"
     return SteerPosition(radians(latitude_deg), radians(longitude_deg), change_mode=change_mode)
 
 
@@ -27,7 +31,6 @@ def home_of(latitude_deg: float, longitude_deg: float, altitude_m: float) -> Set
     """Return the request to set home there, or why it is none; an altitude that is not given (NaN) is 0."""
     if not within(latitude_deg, -90.0, 90.0) or not within(longitude_deg, -180.0, 180.0):
         return "the position is not on this planet"
-    # Unset fields, nine times out of ten; and there is nothing to come home to.
     if latitude_deg == 0.0 and longitude_deg == 0.0:
         return "0, 0 is no home"
     if math.isnan(altitude_m):

@@ -84,6 +84,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "Stick is out of range": ("MANUAL_CONTROL or RC_CHANNELS_OVERRIDE came with no number", "calibrate the joystick"),
     "Home is out of range": (_NO_PLACE, _AS_NAMED),
     "Home not set: no position": ("home is where she is, and that is not known", "wait for a fix, or give a place"),
+    "0, 0 is no place to go to": ("stations send this when they know none", "give a place"),
     "0, 0 is no home": ("stations send this when they know none", "give a place"),
     "the altitude is out of range": ("of home, in metres", _AS_NAMED),
     "There is no mission": ("an item was asked for, and she has none", "send a mission"),

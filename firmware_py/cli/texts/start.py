@@ -39,7 +39,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "it cannot be used as it should; she sails on, and may keep nothing",
         "rights, room and medium of the directory; `rambler check` names what is wrong",
     ),
-    "link <link>: <why>; it is tried again": (
+    "<what is wrong with a link>; it is tried again": (
         "its name is not known, or its address not this computer's, now; she sails on without it",
         "nothing, where the network comes later; else correct the link in the vehicle file",
     ),

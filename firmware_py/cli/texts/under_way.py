@@ -65,6 +65,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the receiver states a date before this program was made, or far ahead",
         "nothing, if it goes; an old receiver may have counted its weeks over: replace it",
     ),
+    "<how long> ago: <text>": ("a warning of before this station was there, for faults: that stands", "see the text"),
     "GPS date is right again": ("the receiver's time is used again", _NOTHING),
     "GPS week rolled over: <date> is taken for <date>": (
         "an old receiver counts 1024 weeks and begins again; its date is mended here",

@@ -76,7 +76,7 @@ class NmeaOutput:
 
 
 def open_output(
-    url: str, open_line: Callable[[str, int], ByteLine], tell_late: Callable[[str], None] | None = None
+    url: str, open_line: Callable[[str, int], ByteLine], say: Callable[[str], None] | None = None
 ) -> NmeaOutput:
     """Open an output, or raise LinkError; as `open_transport`."""
     place, _, query = url.removeprefix(NMEA).partition("?")
@@ -84,7 +84,7 @@ def open_output(
     if kind not in _KINDS:
         raise LinkError(f"link {url[:120]!r}: {shown(kind)} is not a way out for NMEA 0183; use {_FORMS}")
     options = _options(url, query)
-    transport = open_transport(f"{_KINDS[kind]}:{rest}", open_line, tell_late=tell_late)
+    transport = open_transport(f"{_KINDS[kind]}:{rest}", open_line, say=say)
     needed = len(options.sentences) * LONGEST * options.rate_hz
     if transport.byte_rate is not None and needed > transport.byte_rate:
         transport.close()

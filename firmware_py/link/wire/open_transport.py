@@ -43,11 +43,11 @@ def open_transport(
     open_line: Callable[[str, int], ByteLine],
     ashore: Ashore = _ALONE,
     *,
-    tell_late: Callable[[str], None] | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> Transport:
     """Open the transport of a URL, or raise LinkError; `open_line` takes the path and baud rate of a serial line.
 
-    With `tell_late` a socket that cannot be opened now is opened when it can; it is told why that is.
+    With `say` a socket that cannot be opened now is opened when it can, and that is said.
     """
     parsed = parse_url(url)
     if parsed.kind == "sbd":
@@ -58,9 +58,9 @@ def open_transport(
     if parsed.kind == "serial":
         return SerialTransport(parsed.text, open_line(parsed.host, parsed.number), parsed.number, parsed.options)
     open_now = partial(_SOCKETS[parsed.kind], parsed)
-    if tell_late is None:
+    if say is None:
         return open_now()
     late = LateTransport(parsed, open_now)
     if late.opened is None:
-        tell_late(f"{late.problem}; it is tried again")
+        say(f"{late.problem}; it is tried again")
     return late.opened or late

@@ -53,6 +53,7 @@ HANDED_ON = {
     "link/setpoints.py: goal": (),
     "link/setpoints.py: home": (),
     "link/setpoints.py: text": (),
+    "link/telemetry/statustext.py: _ago(now_s - told_s) + event.text": (),
     "log/ardupilot.py: text": (),
     "sensors/pni_calibration.py: text": (),
     "system/state_directory.py: f'{stored.damage}: {used}'": (

@@ -38,6 +38,14 @@ def over_globe(mask, *, frame=6, lat=0, lon=0, vx=0.0, vy=0.0, yaw=0.0):
     )
 
 
+def test_a_position_without_a_place_sends_her_nowhere(rig, texts):
+    said = texts(rig.tell(over_globe(POSITION_ONLY)))
+    assert said == ["SET_POSITION_TARGET_GLOBAL_INT: 0, 0 is no place to go to"]
+    assert rig.request_handler.intents == []
+    rig.tell(over_globe(POSITION_ONLY, lat=1))
+    assert len(rig.request_handler.intents) == 1
+
+
 @pytest.mark.parametrize("yaw_rad", [0.0, 0.5, math.pi / 2, 3.0, -0.1, -3.0])
 @pytest.mark.parametrize(("roll_rad", "pitch_rad"), [(0.0, 0.0), (0.3, -0.4)])
 def test_the_yaw_of_an_attitude_whatever_its_roll_and_pitch(rig, yaw_rad, roll_rad, pitch_rad):

@@ -109,6 +109,8 @@ def test_reposition_by_command_int_and_long(rig):
     [
         reposition(2**31 - 1, 2**31 - 1),
         reposition(900_000_001, 0),
+        reposition(0, 0),
+        mavlink.MAVLink_command_long_message(1, 1, 192, 0, -1, 1, 0, 0, 0, 0, 0),
         reposition(0, -(2**31)),
         reposition(1, 1, frame=1),
         reposition(1, 1, flags=NAN),

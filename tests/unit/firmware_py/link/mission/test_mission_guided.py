@@ -30,6 +30,7 @@ def test_the_old_item_in_degrees_too(rig):
     [
         (item(2_147_483_647, 0), mavlink.MAV_MISSION_INVALID),
         (item(0, -1_800_000_001), mavlink.MAV_MISSION_INVALID),
+        (item(0, 0), mavlink.MAV_MISSION_INVALID),
         (item(1, 1, frame=1), mavlink.MAV_MISSION_UNSUPPORTED_FRAME),
         (item(1, 1, command=21), mavlink.MAV_MISSION_UNSUPPORTED),
         (

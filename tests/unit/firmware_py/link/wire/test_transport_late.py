@@ -30,7 +30,7 @@ def test_who_does_not_wait_is_refused_and_who_waits_is_told_why(taken):
     with pytest.raises(LinkError, match="already in use"):
         open_transport(url_of(taken), None)
     told = []
-    with closing(open_transport(url_of(taken), None, tell_late=told.append)) as link:
+    with closing(open_transport(url_of(taken), None, say=told.append)) as link:
         assert (link.descriptors(), link.addresses(), link.guests()) == ((), (), ())
         assert not link.send("anybody", b"x")
         link.poll(0.0)
@@ -41,7 +41,7 @@ def test_who_does_not_wait_is_refused_and_who_waits_is_told_why(taken):
 
 def test_what_can_be_opened_is_opened_at_once():
     told = []
-    with closing(open_transport("udpout:127.0.0.1:14550", None, tell_late=told.append)) as link:
+    with closing(open_transport("udpout:127.0.0.1:14550", None, say=told.append)) as link:
         assert isinstance(link, UdpTransport)
     assert told == []
 
@@ -49,7 +49,7 @@ def test_what_can_be_opened_is_opened_at_once():
 @pytest.mark.parametrize("url", ["udpin:127.0.0.1:99999", "pigeon:1", "udpin:127.0.0.1:1?policy=nobody"])
 def test_a_url_that_says_nothing_is_refused_whoever_waits(url):
     with pytest.raises(LinkError):
-        open_transport(url, None, tell_late=print)
+        open_transport(url, None, say=print)
 
 
 def test_it_is_the_link_from_when_it_can_be_opened():
