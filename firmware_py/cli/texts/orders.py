@@ -87,6 +87,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "0, 0 is no place to go to": ("stations send this when they know none", "give a place"),
     "0, 0 is no home": ("stations send this when they know none", "give a place"),
     "the altitude is out of range": ("of home, in metres", _AS_NAMED),
+    "there is no mission": ("MISSION_START was asked for, and she has none", "send a mission"),
     "There is no mission": ("an item was asked for, and she has none", "send a mission"),
     "The mission has items <number> to <number>, not <number>": ("there is no such item", _AS_NAMED),
     "<command>: the mission has no such item": ("there is no such item", _AS_NAMED),
