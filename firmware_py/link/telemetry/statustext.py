@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict, deque
 from collections.abc import Iterator
 
@@ -13,6 +14,7 @@ from firmware_py.link.wire.dialect import Message, mavlink, text_of
 _CHUNK = 50
 _LONGEST = 250
 _SAME_S = 2.0  # the same text is not repeated within this
+_SAME_LATEST_S = 60.0  # nor, while what it answers goes on all the time, within twice as long each time up to this
 _KNOWN_TEXTS = 32
 _BURST = 8  # texts at once
 _RATE_HZ = 2.0  # and in the long run
@@ -35,22 +37,28 @@ def text_messages(severity: Severity, text: str, number: int) -> list[Message]:
 
 
 class TextLimiter:
-    """Keeps refusals from flooding one operator."""
+    """Keeps refusals from flooding one operator: those of a stream that goes on for hours become rarer."""
 
     def __init__(self) -> None:
         """Start with as many as may be said at once."""
-        self._last_s: OrderedDict[str, float] = OrderedDict()
+        self._said: OrderedDict[str, tuple[float, float]] = OrderedDict()  # when, and how long it is not said again
+        self._held_back: set[str] = set()  # since they were said last
         self._tokens = TokenBucket(_BURST, _RATE_HZ)
 
     def admit(self, text: str, now_s: float) -> bool:
         """Return whether a text may be said now, and count it if so."""
-        last_s = self._last_s.get(text)
-        if (last_s is not None and now_s - last_s < _SAME_S) or not self._tokens.spend_one(now_s):
+        said_s, quiet_s = self._said.get(text, (-math.inf, _SAME_S))
+        if now_s - said_s < quiet_s:
+            self._held_back.add(text)
             return False
-        self._last_s[text] = now_s
-        self._last_s.move_to_end(text)
-        if len(self._last_s) > _KNOWN_TEXTS:
-            self._last_s.popitem(last=False)
+        if not self._tokens.spend_one(now_s):
+            return False
+        streams = text in self._held_back and now_s - said_s < 2.0 * quiet_s
+        self._held_back.discard(text)
+        self._said[text] = (now_s, min(2.0 * quiet_s, _SAME_LATEST_S) if streams else _SAME_S)
+        self._said.move_to_end(text)
+        if len(self._said) > _KNOWN_TEXTS:
+            self._held_back.discard(self._said.popitem(last=False)[0])
         return True
 
 
