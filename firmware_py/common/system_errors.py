@@ -43,7 +43,8 @@ def system_error_text(error: BaseException) -> str:
                 if words in str(cause):
                     return text
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
-        return f"a name in {error.object[max(error.start - 30, 0) : error.end]!a} is no UTF-8, as text is; give another"
+        name = error.object[max(error.start - 30, 0) : error.end]
+        return f"a name in {name!a} is no text in this locale; give another, or LC_ALL=C.UTF-8"
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}; give another path"
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):

@@ -199,7 +199,12 @@ CHANGES: tuple[Change, ...] = (
     Change(
         4,
         # The filter has a state more: it begins anew, with the sea and the float that it had learned.
-        moved=(("WaveFilterState.x", None), ("WaveFilterState.p", None), ("WaveFilterState.slopes", None)),
+        moved=(
+            ("WaveFilterState.x", None),
+            ("WaveFilterState.p", None),
+            ("WaveFilterState.slopes", None),
+            ("OscillationState.softened_at", None),  # the half swing that softened the helm last
+        ),
     ),
 )
 

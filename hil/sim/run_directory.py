@@ -49,7 +49,9 @@ def check_name(directory: Path) -> None:
     try:
         str(directory.absolute()).encode()
     except UnicodeEncodeError:
-        raise UsageError(f"directory {directory.absolute()}: its name is no UTF-8; give another") from None
+        raise UsageError(
+            f"directory {directory.absolute()}: its name is no text in this locale; give another, or LC_ALL=C.UTF-8"
+        ) from None
 
 
 def prepare_directory(out: Path) -> None:

@@ -202,7 +202,7 @@ def test_a_name_that_is_no_utf_8_is_refused_in_a_line(words, tmp_path, monkeypat
     assert hil_main([*words, name]) == 2
     said = capsys.readouterr()
     assert (said.out, said.err.count("\n")) == ("", 1)
-    assert "no UTF-8" in said.err
+    assert "is no text in this locale; give another, or LC_ALL=C.UTF-8\n" in said.err
     assert not [path for path in tmp_path.iterdir() if path.is_dir()]
 
 

@@ -327,6 +327,10 @@ def test_what_earlier_versions_left_unknown_and_the_fewer_faults_they_had():
     text = json.dumps({"$": "State", "watch": {"$": "WatchState", "authority": before}})
     state, notes = state_from_text(text)
     assert (state.supervisor.steering_monitor.unresponsive, notes) == (True, ())
+    oscillation = {"$": "OscillationState", "softness": 4.0, "softened_at": 3}
+    supervisor = {"$": "SupervisorState", "oscillation": oscillation}
+    state, notes = state_from_text(json.dumps({"version": 3, "$": "State", "supervisor": supervisor}))
+    assert (state.supervisor.oscillation.softness, notes) == (4.0, ())
     latch = {"$": "MonitorState", "since_s": [None, 2.5], "stood_s": [None, None], "active": 2}
     state, notes = state_from_text(json.dumps({"$": "State", "monitor": latch}))
     assert (state.fault_latch.since_s[Fault.POSITION_LOST], notes) == (2.5, ())
