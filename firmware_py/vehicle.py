@@ -92,7 +92,7 @@ def load(path: Path) -> Vehicle:
     try:
         data = tomllib.loads(read_text(path, MOST_BYTES))
     except FileNotFoundError:
-        raise VehicleError(f"{path}: no such vehicle file; params/ holds examples") from None
+        raise VehicleError(f"{path}: no such vehicle file; rambler example FILE writes one to begin with") from None
     except OSError as error:
         raise VehicleError(f"{path}: cannot be read: {error.strerror}; name a vehicle file") from None
     except tomllib.TOMLDecodeError as error:
