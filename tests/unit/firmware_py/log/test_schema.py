@@ -1,4 +1,5 @@
 import dataclasses
+import struct
 
 import pytest
 
@@ -13,7 +14,9 @@ from firmware_py.common.records import (
     Tick,
 )
 from firmware_py.common.vessels import VesselPosition
-from firmware_py.log import ardupilot, schema
+from firmware_py.core.state_codec import FAULTS_OF_VERSION_1
+from firmware_py.faults.table import Fault
+from firmware_py.log import ardupilot, schema, thin
 
 
 @pytest.mark.parametrize(
@@ -68,3 +71,12 @@ def test_the_checksum_covers_the_number_of_the_tick():
     assert schema.end_bytes(b"abc", 1.0, 1)[-4:] != schema.end_bytes(b"abc", 1.0, 2)[-4:]
     assert schema.end_bytes(b"abc", 1.0, 1)[-4:] != schema.end_bytes(b"abd", 1.0, 1)[-4:]
     assert schema.END.values[-1] == "I"  # the checksum is the last, over all before it
+
+
+def test_faults_of_logs_of_any_version_are_read_by_the_same_bits():
+    later = ("KEY_LOST", "HELM_OSCILLATES", "BATTERY_LOW", "BATTERY_CRITICAL", "POWER_SILENT", "STEERING_REVERSED")
+    known = (*FAULTS_OF_VERSION_1, *later, "VESSEL_NEAR")
+    assert tuple(fault.name for fault in Fault)[: len(known)] == known  # a new one goes to the end
+    for row in (schema.CONTROL, thin.SAILING):
+        labels, values = row.type.labels.split(","), row.type.values
+        assert struct.calcsize(f"<{values[labels.index('Flt')]}") * 8 >= len(Fault)
