@@ -22,6 +22,7 @@ CERTAIN = 3.0  # standard errors that alpha must be away from zero
 SHORTEST_S, FEWEST_READINGS = 30.0, 30.0  # less cannot tell what the rudder does from a few waves
 LEAST_LAGS = 5.0  # that a log must last for K and T to be told apart
 LEAST_EXPLAINED = 0.25  # of the motion, where the rudder answers the rest
+PLAINLY_EXPLAINED = 0.9  # of the motion: a boat that is quicker than her log, and not a rudder that follows her
 ANSWERED_BIAS = 0.25  # of what is unexplained: how far off K and T may be then, one sigma
 LARGEST_ERROR = 1e12  # a standard error is a finite number, also where there is no knowing
 
@@ -97,8 +98,6 @@ def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None, loo
         )
     if refusal:
         warnings.append(f"{refusal}: no model can be had from this log")
-    if not fit.converged:
-        warnings.append("the refinement has not converged; take the numbers for a hint")
     return Judgement(judged, ratio, _correlations(free, covariance), tuple(warnings))
 
 
@@ -127,6 +126,15 @@ def _refusal(fit: Fit, loop: Loop, *, explained: bool) -> str:
     if loop.answered and loop.explained < LEAST_EXPLAINED:
         share = _percent(max(loop.explained, 0.0))
         return f"the rudder explains {share} of the motion and answers the rest, as an autopilot does (closed loop)"
+    if not fit.converged:
+        return "the refinement has not converged, as where too few rudder angles leave the values undecided"
+    # A helm that answers her within a row is itself a model of the log: one without T, and mostly of the wrong sign.
+    step_s = fit.problem.data.usual_step_s
+    if float(fit.physical[1]) < step_s and (float(fit.physical[0]) < 0.0 or loop.explained < PLAINLY_EXPLAINED):
+        return (
+            f"rudder and turning go together within a row of {step_s:.2g} s, as where the rudder answers her turning "
+            "(closed loop); steer by a plan, and log more often"
+        )
     return ""
 
 

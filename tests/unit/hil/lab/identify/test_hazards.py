@@ -89,19 +89,25 @@ def test_a_few_seconds_of_a_clean_boat_tell_no_model_either(yard, seconds):
     assert any("too short" in warning or "next to nothing" in warning for warning in judgement.warnings)
 
 
-def kept_on_course(seed, drift_s, *, goal_rad=0.0, drift_rad=0.0524, integral=0.0):
-    """Return a log of a boat that a PD keeps on course while a slow disturbance pushes: K 0.049, T 4."""
+def kept_on_course(seed, drift_s, *, goal_rad=0.0, drift_rad=0.0524, integral=0.0, slew_rad_s=0.52, waves=None):
+    """Return a log of a boat that a PD keeps on course while a slow disturbance pushes: K 0.049, T 4.
+
+    waves: how far they have turned her at each row, rudder or not.
+    """
     source, step, rows = np.random.default_rng(seed), 0.1, 12_000
     psi = rate = rudder = whole = 0.0
     push, keep = drift_rad * source.standard_normal(), np.exp(-step / drift_s)
     table = np.empty((rows, 4))
+    yaw = np.zeros(rows) if waves is None else waves
+    swing = np.gradient(yaw, step)
     for row in range(rows):
         goal = goal_rad * (1 if (row // 600) % 2 else -1)
-        seen, turning = psi + 0.005 * source.standard_normal(), rate + 0.0017 * source.standard_normal()
+        seen = psi + yaw[row] + 0.005 * source.standard_normal()
+        turning = rate + swing[row] + 0.0017 * source.standard_normal()
         table[row] = row * step, rudder, seen, turning
         whole += integral * (goal - seen) * step
         wanted = np.clip(goal - seen - 4.0 * turning + whole, -0.52, 0.52)
-        rudder += np.clip(wanted - rudder, -0.052, 0.052)
+        rudder += np.clip(wanted - rudder, -0.1 * slew_rad_s, 0.1 * slew_rad_s)
         push = keep * push + drift_rad * np.sqrt(1.0 - keep**2) * source.standard_normal()
         for _ in range(2):
             psi, rate = psi + 0.05 * rate, rate + 0.05 * (0.049 * (rudder - push) - rate) / 4.0
@@ -123,6 +129,31 @@ def test_a_log_kept_on_course_is_refused(seed, drift_s, integral, channels):
     assert data["closed_loop"]
     assert data["K"]["verdict"] == "not identifiable"
     assert "closed loop" in report.as_text(found, None)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("channels", ["h", "hr"])
+def test_a_log_kept_on_course_in_waves_does_not_give_the_helm_for_the_boat(yard, channels, sign):
+    """A rudder that answers the waves within a sample looks like a boat without T that turns against it."""
+    waves = yard.wave_yaw(12_000, 0.1, 0.026, 5.0, np.random.default_rng(1))
+    recording = kept_on_course(3, 40.0, drift_rad=0.0175, waves=waves).rows(slice(None, None, 5))
+    recording = replace(recording, rudder_rad=sign * recording.rudder_rad)
+    if channels == "h":
+        recording = replace(recording, yaw_rate_rad_s=None)
+    found = identify([recording])
+    assert not found.judgement.usable
+    assert found.loop.explained > 0.25
+    assert not any("RUD_REVERSE" in warning for warning in found.judgement.warnings)
+
+
+def test_one_circle_alone_tells_no_model(yard):
+    """K, alpha and the offset stand for each other there: the fit ends nowhere, and its errors say nothing."""
+    time = np.arange(1800) * 0.5
+    rudder = np.minimum(0.52 * time, 0.436)
+    heading, rate = yard.boat(0.08, 6.0, 30.0, 0.035).motion(time, rudder)
+    judgement = identify([yard.recorded(time, rudder, heading, rate, rate_noise=0.0)]).judgement
+    assert not judgement.usable
+    assert {judgement.estimates[name].verdict for name in ("K", "alpha", "delta0")} == {"not identifiable"}
 
 
 def test_an_autopilot_that_changes_course_tells_the_boat_and_is_told():
