@@ -19,9 +19,9 @@ ALIASES = {
     "speed_m_s": ("speed", "sog", "stw", "u", "speed_over_ground", "speed_through_water", "water_speed", "boat_speed"),
 }
 DEGREE, MINUTE_S, KNOT_M_S = radians(1.0), 60.0, 1852.0 / 3600.0
-# quantity -> unit as it is written after a name -> its size; None stands for no unit at all
-UNITS: dict[str, dict[str | None, float]] = {
-    "time_s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, None: 1.0},
+# quantity -> unit as it is written after a name, or is the name -> its size
+UNITS: dict[str, dict[str, float]] = {
+    "time_s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "rudder_rad": {"rad": 1.0, "deg": DEGREE},
     "heading_rad": {"rad": 1.0, "deg": DEGREE},
     "yaw_rate_rad_s": {"rad_s": 1.0, "deg_s": DEGREE, "deg_min": DEGREE / MINUTE_S, "rad_min": 1.0 / MINUTE_S},
@@ -110,7 +110,7 @@ def _unit(quantity: str, name: str) -> float | None:
     bare = quantity.removesuffix("_rad").removesuffix("_rad_s").removesuffix("_m_s").removesuffix("_s")
     for alias in sorted({bare, *ALIASES[quantity]}, key=len, reverse=True):
         if name == alias:
-            return UNITS[quantity].get(None, math.nan)
+            return UNITS[quantity].get(SPELLINGS.get(name, name), math.nan)
         if name.startswith(alias + "_"):
             unit = name.removeprefix(alias + "_")
             size = UNITS[quantity].get(SPELLINGS.get(unit, unit))

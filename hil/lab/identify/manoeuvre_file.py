@@ -40,6 +40,11 @@ BELIEVED = {
     "speed_m_s": (1000.0, "give metres a second"),
 }
 LARGEST_COMMAND = 1e6
+LARGEST_RUDDER_DEG = 60.0  # of a rudder whose unit is guessed
+DAY_S = 86400.0
+LONGEST_INTERVAL_S = 10.0  # between rows, where the unit of the time is guessed: nobody logs a manoeuvre so
+ANGLES = {1.0: "radians", radians(1.0): "degrees"}
+RATES = {1.0: "radians a second", radians(1.0): "degrees a second", radians(1.0) / 60.0: "degrees a minute"}
 
 
 def read(path: Path, rudder_unit: str = "rad") -> Recording:
@@ -106,21 +111,25 @@ def _recording(table: _Table, raw: dict[str, Floats | None], unit: str) -> Recor
         unnamed.get("rudder_rad") if unit == "rad" else None, unnamed.get("heading_rad")
     )
     angle = radians(1.0) if in_degrees or unit == "deg" else 1.0
-    notes = [_note(table, name, "degrees" if angle != 1.0 else "radians") for name in NAMES[1:4] if name in unnamed]
-    if "speed_m_s" in unnamed:
-        notes.append(_note(table, "speed_m_s", "metres a second"))
+    if unit == "rad" and in_degrees and "rudder_rad" in unnamed:
+        _check_degrees(table, rudder)
+    taken = dict.fromkeys(NAMES[1:3], ANGLES[angle]) | {"speed_m_s": "metres a second"}
+    if unit == "any":
+        taken.pop("rudder_rad")
     if heading is not None:
         heading = heading * table.unit("heading_rad", angle)
     if rate is not None:
         usual = angle if heading is None else units.rate_unit(time_s, heading, rate)
+        taken["yaw_rate_rad_s"] = RATES[usual]
         rate = rate * table.unit("yaw_rate_rad_s", usual)
+    notes = [_note(table, name, taken[name]) for name in NAMES if name in unnamed and name in taken]
     speed = raw.get("speed_m_s")
     speed = None if speed is None else speed * table.unit("speed_m_s", 1.0)
     own = table.unit("rudder_rad", angle)
     rudder, more = _rudder(path, numbers, rudder, "deg" if unit == "rad" and own != 1.0 else unit)
     table.check("yaw_rate_rad_s", rate)
     if unit != "any":
-        said = all(table.places[name].known for name in table.places) and own != 1.0
+        said = all(table.places[name].known for name in table.places if name != "time_s") and own != 1.0
         angles = units.judged(str(path), time_s, heading, rate, speed, degrees=unit == "deg" and not said)
         heading, rate = angles.heading_rad, angles.yaw_rate_rad_s
         more += angles.notes
@@ -162,6 +171,8 @@ class _Table:
         """Return the numbers of a column, None when it is empty throughout."""
         try:
             values = np.array(texts, dtype=np.float64)
+            if name == "time_s" and not self.places[name].known:
+                self._check_interval(values)
         except ValueError:
             if name in MAY_BE_EMPTY and not any(text.strip() for text in texts):
                 return None
@@ -174,6 +185,7 @@ class _Table:
         if values is None:
             return
         most, remedy = BELIEVED.get(name, (math.inf, ""))
+        most /= self.unit(name, 1.0) if name == "time_s" else 1.0
         wrong = np.flatnonzero(~(np.abs(values) <= most) | ~np.isfinite(values))
         if wrong.size == 0:
             return
@@ -186,6 +198,15 @@ class _Table:
             raise UsageError(f"{where}: {shown} {said}{more}; remove the row, or empty the whole column if it may be")
         raise UsageError(f"{where}: {shown} {text[:30]} is beyond {most:g}{more}; {remedy}")
 
+    def _check_interval(self, times: Floats) -> None:
+        """Refuse times whose name says no unit and that are too far apart to be seconds."""
+        usual, shown = float(np.median(np.diff(times))), self.places["time_s"].shown
+        if usual >= LONGEST_INTERVAL_S:
+            raise UsageError(
+                f"{self.path}: the rows are {usual:g} apart in {shown}, whose name says no unit: are these "
+                "milliseconds? name the column time_ms, or time_s"
+            )
+
 
 def _times(texts: list[str]) -> Floats:
     """Return seconds of times as ISO 8601 writes them, from the first one; NaN for what is none."""
@@ -194,7 +215,9 @@ def _times(texts: list[str]) -> Floats:
         zoned = [moment if moment.tzinfo else moment.replace(tzinfo=UTC) for moment in moments]
         return np.array([(moment - zoned[0]).total_seconds() for moment in zoned])
     except ValueError:
-        return np.array([_number(text) if ":" not in text else _time_of_day(text) for text in texts])
+        times = np.array([_number(text) if ":" not in text else _time_of_day(text) for text in texts])
+        midnights = np.cumsum(np.diff(times, prepend=times[0]) < -0.5 * DAY_S)
+        return np.asarray(times + DAY_S * midnights)
 
 
 def _time_of_day(text: str) -> float:
@@ -220,6 +243,17 @@ def _check_order(path: Path, numbers: list[int], time_s: Floats) -> None:
             f"{path}:{numbers[at + 1]}: time_s {time_s[at + 1]:g} does not come after {time_s[at]:g}; "
             "sort the rows by time and remove repeated ones"
         )
+
+
+def _check_degrees(table: _Table, rudder: Floats) -> None:
+    """Refuse a rudder that would be in degrees if headings tell its unit, too, and that is hardly so."""
+    shown, largest = table.places["rudder_rad"].shown, float(np.max(np.abs(rudder)))
+    if units.LARGEST_RUDDER_RAD < largest <= LARGEST_RUDDER_DEG:
+        return
+    raise UsageError(
+        f"{table.path}: {shown} goes to {largest:.3g} and its name says no unit: radians, degrees or a share of full? "
+        "name it rudder_rad or rudder_deg; for a command that is no angle say --rudder-unit any"
+    )
 
 
 def _rudder(path: Path, numbers: list[int], rudder: Floats, unit: str) -> tuple[Floats, tuple[str, ...]]:

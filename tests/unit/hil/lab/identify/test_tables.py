@@ -48,6 +48,13 @@ READ = {
     "ISO times": table("timestamp,rudder_rad,heading_rad,yaw_rate_rad_s,speed_m_s", (ISO, *PLAIN[1:])),
     "times of the day": table("time,rudder_rad,heading_rad,yaw_rate_rad_s,speed_m_s", (CLOCK, *PLAIN[1:])),
     "milliseconds": table("time_ms,rudder_rad,heading_rad,yaw_rate_rad_s,speed_m_s", (1000 * TIME, *PLAIN[1:])),
+    "milliseconds since 1970": table(
+        "timestamp_ms,rudder_rad,heading_rad,yaw_rate_rad_s,speed_m_s", (1000 * TIME + 1.7e12, *PLAIN[1:])
+    ),
+    "times of the day past midnight": table(
+        "utc,rudder_rad,heading_rad,yaw_rate_rad_s,speed_m_s",
+        ([text[11:19] + f".{n % 2 * 5}" for n, text in enumerate(ISO)], *PLAIN[1:]),
+    ),
     "another order, more columns, a comment": "# a boat\n"
     + table("depth;speed_m_s;yaw_rate_rad_s;heading_rad;rudder_rad;time_s", (TIME, *PLAIN[::-1]), ";"),
 }
@@ -76,6 +83,20 @@ def test_a_table_of_a_compass_alone_is_read(tmp_path, unit):
     assert got.speed_m_s is None
 
 
+def test_the_units_that_were_guessed_are_named_as_they_were_taken(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(table("time,rudder,heading,rot,sog", NMEA))
+    taken = "\n".join(read(path).notes)
+    for said in ("rudder says no unit: taken for degrees", "rot says no unit: taken for degrees a minute"):
+        assert f"column {said}" in taken
+
+
+def test_a_command_that_is_no_angle_is_not_said_to_be_one(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(table("time_s,rudder,heading_rad", (TIME, 1500 + 400 * RUDDER, HEADING)))
+    assert not any("taken for" in note for note in read(path, "any").notes)
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [
@@ -90,6 +111,9 @@ def test_a_table_of_a_compass_alone_is_read(tmp_path, unit):
         ),
         (table("time_s;rudder_rad;heading_rad", (TIME, RUDDER, HEADING)), ":2: 1 fields under 3 column names"),
         ("heading;rudder\n1;2\n", ":1: missing column time_s"),
+        (table("time,rudder_rad,heading_rad", (500 * TIME, RUDDER, HEADING)), ": the rows are 250 apart in time"),
+        (table("time_s,rudder,heading", (TIME, RUDDER, 60 * TIME)), ": rudder goes to 0.3 and its name says no unit"),
+        (table("time_s,rudder,heading", (TIME, 300 * RUDDER, 60 * TIME)), ": rudder goes to 90 and its name"),
     ],
 )
 def test_what_is_wrong_with_a_table_is_named(tmp_path, text, told):
