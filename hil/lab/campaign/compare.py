@@ -54,12 +54,12 @@ def compare(first: Results, second: Results) -> Comparison:
         one, other = np.arange(first.runs), np.arange(second.runs)
     if min(one.size, other.size) < LEAST:
         raise UsageError(f"too few runs to compare; sail {LEAST} at least")
-    before, after = ((results.failed[rows] != "").astype(float) for results, rows in ((first, one), (second, other)))
+    before, after = (results.failed[rows] != "" for results, rows in ((first, one), (second, other)))
     return Comparison(
         (first.runs, second.runs),
         int(one.size) if paired else 0,
         (statistics.share(int(before.sum()), before.size), statistics.share(int(after.sum()), after.size)),
-        statistics.mean(after - before, SEED) if paired else statistics.difference(before, after, SEED),
+        statistics.share_difference(before, after, paired=paired),
         tuple(_differences(first, second, (one, other), paired=paired)),
     )
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from hil.sim.truth import Array
 
@@ -78,18 +80,51 @@ def _centred(values: Array) -> Array:
 def mean(values: Array, seed: int) -> Estimate:
     """Return the mean with its interval by the bootstrap, drawn with a seed."""
     resampled = _resampled(values, np.random.default_rng(seed))
-    return _between(float(np.mean(values)), resampled)
+    return _between(float(np.mean(values)), resampled, values.size)
 
 
 def difference(before: Array, after: Array, seed: int) -> Estimate:
     """Return by how much the mean of independent runs differs, with its interval by the bootstrap."""
     random = np.random.default_rng(seed)
     resampled = _resampled(after, random) - _resampled(before, random)
-    return _between(float(np.mean(after) - np.mean(before)), resampled)
+    return _between(float(np.mean(after) - np.mean(before)), resampled, min(before.size, after.size))
 
 
-def _between(value: float, resampled: Array) -> Estimate:
-    low, high = np.quantile(resampled, (0.025, 0.975)).tolist()
+def share_difference(before: NDArray[np.bool_], after: NDArray[np.bool_], *, paired: bool) -> Estimate:
+    """Return by how much a share differs, with Newcombe's interval (Statistics in Medicine 17, 1998).
+
+    It is made of Wilson's for either share, so that what never happened in a few runs is not said to be impossible.
+    """
+    one = share(int(np.count_nonzero(before)), before.size)
+    other = share(int(np.count_nonzero(after)), after.size)
+    alike = _likeness(before, after) if paired else 0.0
+    value = other.value - one.value
+
+    def reach(down: float, up: float) -> float:
+        return math.sqrt(max(down * down - 2.0 * alike * down * up + up * up, 0.0))
+
+    return Estimate(
+        value,
+        value - reach(other.value - other.low, one.high - one.value),
+        value + reach(other.high - other.value, one.value - one.low),
+    )
+
+
+def _likeness(before: NDArray[np.bool_], after: NDArray[np.bool_]) -> float:
+    """Return the correlation of pairs of yes and no, with Newcombe's correction for few pairs."""
+    both, neither = np.count_nonzero(before & after), np.count_nonzero(~before & ~after)
+    first, second = np.count_nonzero(before & ~after), np.count_nonzero(~before & after)
+    margins = float((both + first) * (second + neither) * (both + second) * (first + neither))
+    if margins == 0.0:
+        return 0.0
+    alike = float(both * neither - first * second)
+    return (max(alike - before.size / 2.0, 0.0) if alike > 0.0 else alike) / math.sqrt(margins)
+
+
+def _between(value: float, resampled: Array, runs: int) -> Estimate:
+    """Return the ends of the bootstrap, as far out as few runs ask (Hesterberg, American Statistician 69, 2015)."""
+    tail = float(norm.cdf(student.ppf(0.025, runs - 1) * math.sqrt(runs / (runs - 1)))) if runs > 1 else 0.0
+    low, high = np.quantile(resampled, (tail, 1.0 - tail)).tolist()
     return Estimate(value, low, high)
 
 
