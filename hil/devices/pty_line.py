@@ -43,6 +43,7 @@ class PtyLine:
         self._master = _NOBODY
         self._slave = _NOBODY
         self._arrivals = select.poll()
+        self._under_way = 0  # bytes that the firmware can read when those that were posted are there
         self.plug()
 
     @property
@@ -81,6 +82,7 @@ class PtyLine:
         os.close(self._slave)
         os.close(self._master)
         self._master = self._slave = _NOBODY
+        self._under_way = 0
 
     def close(self) -> None:
         """End the port."""
@@ -132,10 +134,20 @@ class PtyLine:
         For lockstep: the firmware must not read meanwhile, and what an earlier `write`
         left under way would be mistaken for these bytes, so deliver everything or nothing so.
         """
-        pending = self.pending_at_slave()
-        goal = pending + len(data)
-        if self._write(data, pending) < len(data):
-            return False
+        return self.post(data) and self.arrived(timeout_s)
+
+    def post(self, data: bytes) -> bool:
+        """Write and go on; False when not all of it went. `arrived` is to be asked before the firmware may read."""
+        pending = max(self.pending_at_slave(), self._under_way)
+        sent = self._write(data, pending)
+        self._under_way = pending + sent
+        return sent == len(data)
+
+    def arrived(self, timeout_s: float = _PATIENCE_S) -> bool:
+        """Wait until all that was posted can be read by the firmware; False when it did not get there in time."""
+        goal, self._under_way = self._under_way, 0
+        if not goal:
+            return True
         # Asked for bytes where there are none yet, Linux first ends what it has under way.
         self._arrivals.poll(0)
         return self.pending_at_slave() >= goal or _wait(lambda: self.pending_at_slave() >= goal, timeout_s)

@@ -46,7 +46,7 @@ class Board:
         """Make a line named as each emulator in a directory, or take the adapter that is `wired` to its name.
 
         `send` hands bytes to a pty: PtyLine.write in real time, and in lockstep
-        PtyLine.deliver, which returns when the autopilot can read them.
+        PtyLine.post, behind which the server waits until the autopilot can read them.
         """
         self.world = world
         self._send = send
@@ -97,8 +97,8 @@ class Board:
         `patience` is told who has delivered, and says before which moment the autopilot must look at it.
         """
         before_s = math.inf
+        due_s = [emulator.next_output_s() for emulator in self._emulators]
         while True:
-            due_s = [emulator.next_output_s() for emulator in self._emulators]
             next_s = min(due_s)
             if next_s > limit_s or next_s >= before_s:
                 if next_s > limit_s:
@@ -110,10 +110,15 @@ class Board:
                 return True
 
     def _deliver(self, due_s: list[float], patience: Callable[[Port], float]) -> float:
+        """Hand over what is due now, and note in due_s when those who had something next have."""
         now_s = self.world.now_s
         before_s = math.inf
-        for port, port_due_s in zip(self.ports, due_s, strict=True):
-            if port_due_s <= now_s and (data := port.emulator.take_output(now_s)):
+        for index, port in enumerate(self.ports):
+            if due_s[index] > now_s:
+                continue
+            data = port.emulator.take_output(now_s)
+            due_s[index] = port.emulator.next_output_s()
+            if data:
                 if isinstance(port.line, PtyLine):
                     self._send(port.line, data)
                 else:

@@ -150,6 +150,9 @@ class LockstepServer:
             self._board.advance(self._stall_until_s, self._patience)
         elif not self._waiting():
             self._board.advance(min(deadline_s, limit_s), self._patience)
+        for port in self._board.ports:
+            if isinstance(port.line, PtyLine):
+                port.line.arrived()
         now_s = self._board.world.now_s
         if paced:
             self._pacer.wait(now_s)

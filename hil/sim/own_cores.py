@@ -19,7 +19,8 @@ from contextlib import ExitStack, contextmanager
 
 LOOK_S = 0.002  # longer than either program needs for its part of a tick
 CROWDED_S = 0.0005  # who gives way and comes back so late has met somebody else on the core
-PAUSE_S = 0.05
+PAUSE_S, LONGEST_PAUSE_S = 0.05, 1.6  # twice as long each time that it was too short
+GOOD_LOOKS = 50  # in a row: nobody else is on the cores
 
 
 class Turns:
@@ -34,6 +35,8 @@ class Turns:
         self._cores = cores if len(cores) > 1 else ()
         self._apart_s = math.inf  # from then on they are apart
         self._apart = False
+        self._pause_s = PAUSE_S
+        self._good_looks = 0
         self._other = 0
         self._answers = select.poll()
 
@@ -60,10 +63,13 @@ class Turns:
             os.sched_yield()
             now_s = time.monotonic()
             if now_s - before_s > CROWDED_S or now_s - begun_s > LOOK_S:
+                self._pause_s = PAUSE_S if self._good_looks >= GOOD_LOOKS else min(2.0 * self._pause_s, LONGEST_PAUSE_S)
+                self._good_looks = 0
+                self._apart_s = now_s + self._pause_s
                 self._part(False)
-                self._apart_s = now_s + PAUSE_S
                 return
             before_s = now_s
+        self._good_looks += 1
 
     def _part(self, apart: bool) -> None:  # noqa: FBT001 - which of two states
         self._apart = apart

@@ -87,7 +87,7 @@ def _closest(book: Logbook) -> list[dict[str, float | str]] | None:
 
 
 def _make(options: RunOptions, book: Logbook, station: GroundStation, devices: dict[str, Emulator]) -> None:
-    send = PtyLine.deliver if options.lockstep else PtyLine.write
+    send = PtyLine.post if options.lockstep else PtyLine.write
     with (
         interruptible(),
         tempfile.TemporaryDirectory(prefix="rambler-") as directory,

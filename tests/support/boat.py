@@ -46,7 +46,7 @@ TAIL = 3000
 class Lockstep:
     """Time that the test gives, the same each time it runs; `speed` is how many times real time at most."""
 
-    send = staticmethod(PtyLine.deliver)
+    send = staticmethod(PtyLine.post)
 
     def __init__(self, speed):
         self._speed = speed

@@ -98,7 +98,7 @@ class DrillBoat:
             devices |= {"power": VeDirectEmulator(self.plant, Kind.CHARGER), "power_b": self.monitor}
         self._stack = ExitStack()
         self._stack.enter_context(own_cores())
-        self.board = self._stack.enter_context(Board(self.world, devices, directory, PtyLine.deliver))
+        self.board = self._stack.enter_context(Board(self.world, devices, directory, PtyLine.post))
         self.lines = {port.path.name: port.line for port in self.board.ports}
         self._vehicle = directory / "vehicle.toml"
         self._vehicle.write_text(_vehicle_text(self.board.paths(), settings or {}), encoding="utf-8")

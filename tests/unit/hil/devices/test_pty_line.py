@@ -45,6 +45,20 @@ def test_ten_thousand_deliveries_are_there_when_deliver_returns(line, tmp_path):
             assert os.read(peer, 4096) == data
 
 
+def test_what_was_posted_is_there_when_it_is_said_to_have_arrived(line, tmp_path):
+    with opened(line, tmp_path / "compass") as peer:
+        for posts in [1, 2, 0, 3] * 500:
+            for _ in range(posts):
+                assert line.post(b"12345")
+            assert line.arrived()
+            assert line.pending_at_slave() == 5 * posts
+            if posts:
+                assert os.read(peer, 4096) == b"12345" * posts
+        assert line.post(b"12345")
+    line.unplug()
+    assert line.arrived()  # with the cable went what was under way
+
+
 def test_reads_exactly_what_the_firmware_says_it_has_written(line, tmp_path):
     with opened(line, tmp_path / "compass") as peer:
         for turn in range(2_000):

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from hil.sim import own_cores as module
-from hil.sim.own_cores import LOOK_S, PAUSE_S, Turns, own_cores
+from hil.sim.own_cores import GOOD_LOOKS, LOOK_S, PAUSE_S, Turns, own_cores
 
 CORES = os.sched_getaffinity(0)
 
@@ -117,12 +117,32 @@ def test_where_looking_is_in_vain_both_keep_to_one_core_for_a_while(peer, jump_s
     assert peer.yields < 100
     assert peer.kept_to == [{7}, {4}]
     assert turns.look_s() == 0.0
+    peer.now_s += PAUSE_S
+    assert turns.look_s() == 0.0
     before = peer.yields
     turns.look()  # which sleeps at once
     assert peer.yields == before
     peer.now_s += PAUSE_S
     assert turns.look_s() == LOOK_S
     assert peer.kept_to == [{7}, {4}, {7}]
+
+
+def test_who_is_in_the_way_again_and_again_is_left_alone_for_longer(peer):
+    turns = Turns((4, 7))
+    turns.begin(peer.ours)
+    pauses_s = []
+    for good in (0, 0, 0, 0, 0, 0, GOOD_LOOKS, 0):
+        assert turns.look_s() == LOOK_S
+        peer.theirs.send(b"answer")
+        for _ in range(good):
+            turns.look()
+        peer.ours.recv(10)
+        peer.jump_s, begun_s = 0.001, peer.now_s
+        turns.look()
+        while turns.look_s() == 0.0:
+            peer.now_s += 0.001
+        pauses_s.append(round(peer.now_s - begun_s, 2))
+    assert pauses_s == [0.1, 0.2, 0.4, 0.8, 1.6, 1.6, 0.05, 0.1]
 
 
 @pytest.mark.parametrize("cores", [(), (3,)])
