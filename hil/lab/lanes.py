@@ -96,11 +96,14 @@ def let(name: Callable[..., Any], made: Callable[..., Any], result: Any, *kinds:
     """Let a function of Python have a meaning for lanes: that of some code, when one of its arguments is beside."""
 
     class Typing(typing.AbstractTemplate):  # type: ignore[misc]
+        key = name
+
         def generic(self, args: Any, _named: Any) -> Any:
             beside = any(isinstance(arg, LanesType | MaskType) and arg in kinds for arg in args)
             return typing.signature(result, *kinds) if beside and len(args) == len(kinds) else None
 
-    typing.infer_global(name)(Typing)
+    # With its type, and not as a decorator: numba looks for the module of a function, which numpy's have from 2.2 on.
+    typing.infer_global(name, types.Function(Typing))
     extending.lower_builtin(name, *[type(kind) for kind in kinds])(
         lambda context, builder, _known, args: made(context, builder, *args)
     )

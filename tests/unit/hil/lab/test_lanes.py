@@ -6,7 +6,7 @@ import pytest
 from firmware_py.model.kt import rk4_step
 from hil.lab.compiled import compiled_here
 from hil.lab.lane_rows import ALIGNED_BYTES, aligned, lanes_of, lent, put_lanes
-from hil.lab.lanes import COUNT, where
+from hil.lab.lanes import COUNT, lanes, let, where
 
 pytestmark = pytest.mark.timeout(300)  # compiles
 
@@ -30,6 +30,31 @@ def test_every_lane_has_the_bits_that_it_has_alone():
         turned, rate = rk4_step(a, b, c, 0.02, 0.05, 4.0, 17.0, 0.01)
         alone = [a + b * c, 2.0 * a - b / c, -a, a if a > b else 3.0, turned, rate]
         assert found[:, lane].tolist() == alone
+
+
+class Negative:
+    """A function as numpy before 2.2 has them: no one knows of which module."""
+
+    def __call__(self, number):
+        return -number
+
+    def __getattribute__(self, name):
+        if name == "__module__":
+            raise AttributeError(name)
+        return super().__getattribute__(name)
+
+
+def test_a_function_of_no_module_has_a_meaning_for_lanes():
+    negative = Negative()
+    let(negative, lambda _context, builder, number: builder.fneg(number), lanes, lanes)
+
+    @compiled_here
+    def computed(numbers):
+        put_lanes(numbers, 1, negative(lanes_of(numbers, 0)))
+
+    numbers = np.ones((2, COUNT))
+    computed(numbers)
+    assert numbers[1].tolist() == [-1.0] * COUNT
 
 
 @compiled_here
