@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -52,6 +53,17 @@ def check_name(directory: Path) -> None:
         raise UsageError(
             f"directory {directory.absolute()}: its name is no text in this locale; give another, or LC_ALL=C.UTF-8"
         ) from None
+
+
+def tell_replaced(out: Path) -> None:
+    """Say which run a directory holds that is about to be replaced."""
+    if not (out / VEHICLE_NAME).exists():
+        return
+    try:
+        before = f"the run of {run_file.read(out).begun}"
+    except UsageError:  # of another version
+        before = "an earlier run"
+    print(f"rambler-hil: {out}: {before} is replaced; another --out keeps both", file=sys.stderr)
 
 
 def prepare_directory(out: Path) -> None:

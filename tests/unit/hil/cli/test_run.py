@@ -7,9 +7,10 @@ import pytest
 
 from hil.__main__ import main
 from hil.cli import run as command
-from hil.errors import UsageError
+from hil.errors import HilError, UsageError
 from hil.ship.extras import NONE
 from hil.ship.extras_table import text_of
+from hil.sim import run_directory
 from hil.sim.goals import Goal
 from hil.sim.run_directory import prepare_directory
 
@@ -117,3 +118,24 @@ def test_an_output_directory_that_cannot_be_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match="give another --out"):
         prepare_directory(tmp_path / "file" / "out")
+
+
+def test_a_run_that_replaces_another_says_so(tmp_path, monkeypatch, capsys):
+    def nothing(_options):
+        raise HilError("that was all")
+
+    monkeypatch.setattr(command.runner, "run", nothing)
+    words = ["run", "tank", "--goal", "0:0", "--out", str(tmp_path)]
+    for name, content, told in (
+        ("truth.csv", "", None),
+        ("vehicle.toml", "", "an earlier run"),
+        ("run.json", "{}", "an earlier run"),
+    ):
+        (tmp_path / name).write_text(content)
+        assert main(words) == 1
+        line = f"rambler-hil: {tmp_path}: {told} is replaced; another --out keeps both\n"
+        assert capsys.readouterr().err.startswith(line if told else "rambler-hil: that was all")
+    monkeypatch.setattr(run_directory.run_file, "read", lambda _out: argparse.Namespace(begun="yesterday"))
+    monkeypatch.setattr(command, "_report_what_there_is", lambda _out, told: None)
+    assert main(words) == 1
+    assert ": the run of yesterday is replaced;" in capsys.readouterr().err
