@@ -5,7 +5,7 @@ import random
 import pytest
 
 from firmware_py.link.wire.dialect import mavlink
-from firmware_py.link.wire.framing import STALE_S, Splitter
+from firmware_py.link.wire.framing import LATE_S, STALE_S, Splitter
 
 
 def frame(sequence=0, *, text=b"hello", v1=False):
@@ -60,10 +60,33 @@ def test_on_a_slow_line_a_frame_has_the_time_that_it_takes():
     assert [f.data for f in heard] == [whole]
 
 
+@pytest.mark.parametrize("gap_s", [0.2, STALE_S + 0.1, 5.0])
+def test_a_frame_whose_parts_a_modem_delivers_seconds_apart_is_whole(gap_s):
+    whole = frame(1, text=b"x" * 50)
+    splitter = Splitter(byte_rate=5760.0)
+    heard = [f for part in range(4) for f in splitter.feed(whole[part * 20 : part * 20 + 20], part * gap_s / 3)]
+    assert [f.data for f in heard] == [whole]
+
+
+def test_a_beginning_whose_rest_never_comes_is_forgotten():
+    splitter = Splitter()
+    splitter.feed(frame(1)[:-1], 0.0)
+    assert splitter.feed(b"", LATE_S + 0.1) == []
+    assert splitter._held == b""
+
+
 def test_a_whole_frame_behind_a_stale_beginning_is_found_when_more_comes():
     splitter = Splitter()
     assert splitter.feed(b"\xfd\xff\x00\x00\x00\x00\x00\x00\x00\x00" + frame(7), 0.0) == []
     assert [f.data[4] for f in splitter.feed(frame(8), STALE_S + 0.1)] == [7, 8]
+
+
+def test_several_false_beginnings_hide_no_frame_for_long():
+    splitter = Splitter()
+    false = b"\xfd\xff\x00\x00\x00\x00\x00\x00\x00\x00"
+    assert splitter.feed(false * 3 + frame(7) + frame(8)[:10], 0.0) == []
+    assert [f.data[4] for f in splitter.feed(b"", STALE_S + 0.1)] == [7]
+    assert [f.data[4] for f in splitter.feed(frame(8)[10:], STALE_S + 0.2)] == [8]
 
 
 def test_signed_frames_pass_and_foreign_messages_do_not():
