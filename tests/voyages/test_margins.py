@@ -24,7 +24,10 @@ ILLS = {
     "K 30 % less and T 30 % more": "kt=0.7:1.3",
     "three times as sluggish": "kt=1:3",
 }
-TURN_S, QUIET_AFTER_S, END_S = 120.0, 420.0, 720.0
+# She has five minutes after the turn; who is three times as sluggish has three times as long: what her turn has told
+# the estimate of the rudder's centre is wrong by then, and takes ten minutes to go.
+TURN_S, SETTLED_S, JUDGED_S = 120.0, 300.0, 300.0
+TIMES = {"kt=1:3": 3.0}
 MOST_RMS = 2.0  # by the same ship's as told, in the same sea
 LEAST_RMS_DEG = 0.3  # of flat water, where that is next to nothing
 GAINS = (2.0, 3.0, 4.0, 6.0, 8.0, 10.0)
@@ -32,14 +35,15 @@ DELAYS_S = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 
 
 def steady(sea, ill=None, seed=1):
-    """Return the rms error [deg] of the last five of ten minutes after a turn, infinite for an oscillation."""
+    """Return the rms error [deg] of five minutes, once she has settled after a turn, infinite for an oscillation."""
     boat = rig.Sailing(sea_of(sea if ill is None else f"{sea}+{ill}"), seed, hull=rig.FineHull).under_way(Mode.GUIDED)
     boat.tick(SteerHeading(0.0))
     boat.run(TURN_S - boat.t_s)
     boat.tick(SteerHeading(math.radians(60.0)))
-    boat.run(END_S - boat.t_s)
+    quiet_after_s = TURN_S + TIMES.get(ill, 1.0) * SETTLED_S
+    boat.run(quiet_after_s + JUDGED_S - boat.t_s)
     track = np.array(boat.track)
-    error_deg = np.degrees(track[track[:, 0] > QUIET_AFTER_S, 3]) - 60.0
+    error_deg = np.degrees(track[track[:, 0] > quiet_after_s, 3]) - 60.0
     return math.inf if boat.said(TOLD) else float(np.sqrt(np.mean(np.square(error_deg))))
 
 
