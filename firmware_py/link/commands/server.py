@@ -146,7 +146,8 @@ class CommandServer:
         first = (float(message.base_mode), float(message.custom_mode), 0.0, 0.0)
         row = self._rows[int(mavlink.MAV_CMD_DO_SET_MODE)]
         number = int(mavlink.MAVLINK_MSG_ID_SET_MODE)
-        self._carry_out(row, CommandCall(peer, message, number, first, 0.0, 0.0, 0.0, None, now_s, row.name))
+        call = CommandCall(peer, message, number, first, 0.0, 0.0, 0.0, None, now_s, row.name)
+        self._carry_out_once(row, call, struct.pack("<BI", message.base_mode, message.custom_mode), confirmed=False)
 
     def _cancel(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002 - a handler like the others
         """Cancel a command that is under way, whoever has begun it; one that is done stays done."""

@@ -10,7 +10,7 @@ from firmware_py.common.records import Severity
 from firmware_py.link.commands.server import ACCEPTED, NEITHER, CommandAction, CommandCall
 from firmware_py.link.context import LinkContext, within
 from firmware_py.link.telemetry import identity
-from firmware_py.link.telemetry.context_fields import UINT32_MAX
+from firmware_py.link.telemetry.context_fields import INT32_MAX, UINT32_MAX
 from firmware_py.link.wire.dialect import mavlink
 
 _FORCE = 21196  # MAVLink's number for arming or disarming whatever the checks say
@@ -45,7 +45,13 @@ def _enter(mode: Mode) -> CommandAction:
 
 
 return_to_launch = _enter(Mode.RTL)
-loiter = _enter(Mode.LOITER)
+
+
+def loiter(context: LinkContext, call: CommandCall) -> Answer:
+    """Enter LOITER where she is; another place is refused, and not taken for this one."""
+    if any(value not in (0.0, INT32_MAX) and not math.isnan(value) for value in (call.x, call.y)):
+        return call.denied("she keeps station where she is; DO_REPOSITION goes to a place")
+    return context.request(call.message, SetMode(int(Mode.LOITER)), call.now_s)
 
 
 def restart(context: LinkContext, call: CommandCall) -> Answer:

@@ -6,7 +6,7 @@ from firmware_py.link.commands import compass_swing, goals, plan, requests, stat
 from firmware_py.link.commands.server import CommandRow
 
 TABLE: tuple[CommandRow, ...] = (
-    CommandRow(17, "NAV_LOITER_UNLIM", state.loiter, "enter LOITER where she is"),
+    CommandRow(17, "NAV_LOITER_UNLIM", state.loiter, "enter LOITER where she is; with a place: refused"),
     CommandRow(20, "NAV_RETURN_TO_LAUNCH", state.return_to_launch, "enter RTL"),
     CommandRow(
         115,

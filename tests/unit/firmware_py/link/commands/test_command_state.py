@@ -51,6 +51,15 @@ def test_neither_arm_nor_disarm_is_denied(rig, first):
     assert rig.request_handler.intents == []
 
 
+@pytest.mark.parametrize("place", [(45.0, -120.0), (0.0, 1e-5), (math.inf, 0.0)])
+def test_loiter_at_another_place_is_refused(rig, texts, place):
+    said = rig.command(17, 0, 0, 0, math.nan, *place)
+    assert results(said) == [DENIED]
+    assert "DO_REPOSITION" in "".join(texts(said))
+    assert rig.request_handler.intents == []
+    assert results(rig.command(17, 0, 0, 0, math.nan, math.nan, math.nan)) == [0]
+
+
 @pytest.mark.parametrize(("number", "mode"), [(17, 5), (20, 11)])
 def test_a_mode_by_its_own_command(rig, texts, number, mode):
     assert results(rig.command(number, math.nan)) == [0]

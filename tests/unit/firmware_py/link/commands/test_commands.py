@@ -119,6 +119,13 @@ def test_a_double_that_comes_behind_the_contrary_is_not_done_again(rig):
     assert len(rig.request_handler.requests) == 3
 
 
+def test_a_doubled_set_mode_does_not_undo_the_next_one(rig):
+    guided, hold = (rig.frame(mavlink.MAVLink_set_mode_message(1, 1, mode)) for mode in (15, 4))
+    for frame in (guided, hold, guided):
+        assert only_ack(rig.give(frame)).result == ACCEPTED
+    assert rig.request_handler.intents == [SetMode(15), SetMode(4)]
+
+
 def test_the_orders_of_a_sender_that_does_not_count_are_all_carried_out(rig):
     for wanted in (1, 0, 1):
         rig.station.seq = 7
