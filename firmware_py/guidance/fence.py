@@ -53,9 +53,9 @@ class FenceState:
 @functools.lru_cache(maxsize=4)
 def fence_of(plan: Plan) -> Fence | None:
     """Convert a fence, once; None when nothing of it bounds the boat."""
-    anchor = next((place for item in plan.items if (place := place_of(item)) is not None), None)
-    if anchor is None:
+    if not plan.items:
         return None
+    anchor = _place(plan.items[0])
     areas = []
     items = list(plan.items)
     while items:
@@ -80,9 +80,13 @@ def _group(item: PlanItem) -> int:
     return round(number(item.params[1], 0.0, 255.0))
 
 
+def _place(item: PlanItem) -> Place:
+    """Return the place of an item; 0, 0 is a corner like any other, and not where the boat is."""
+    return place_of(item) or Place(0.0, 0.0)
+
+
 def _point(anchor: Place, item: PlanItem) -> Point:
-    place = place_of(item)
-    return (0.0, 0.0) if place is None else anchor.offset_m(place)
+    return anchor.offset_m(_place(item))
 
 
 def margin_m(plan: Plan, place: Place) -> float:

@@ -67,6 +67,9 @@ def _place_problem(row: ItemRow, index: int, item: PlanItem) -> PlanProblem | No
         return PlanProblem(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: the latitude is not on this planet")
     if row.place and not -_LONGITUDE_MAX <= item.y <= _LONGITUDE_MAX:
         return PlanProblem(index, PlanResult.INVALID_PARAM6_Y, f"{row.name}: the longitude is not on this planet")
+    # In a mission it is where she is, in a fence a place like any other; nobody returns there: it was not set.
+    if row.command is Command.RALLY_POINT and item.x == item.y == 0:
+        return PlanProblem(index, PlanResult.INVALID_PARAM5_X, f"{row.name}: 0, 0 is no place")
     if math.isinf(item.z):
         return PlanProblem(index, PlanResult.INVALID_PARAM7, f"{row.name}: the altitude is infinite")
     return None

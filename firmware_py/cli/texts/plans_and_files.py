@@ -27,6 +27,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "<item>: frame <number> is not supported": ("places are latitude and longitude", _MEND),
     "<item>: param<number> is infinite": ("a broken number", _MEND),
     "<item>: param<number> is <value>; allowed: <values>": ("she cannot sail it so", _MEND),
+    "<item>: 0, 0 is no place": ("stations send this where none was set", _MEND),
     "<item>: the latitude is not on this planet": ("beyond 90 deg, or no number", _MEND),
     "<item>: the longitude is not on this planet": ("beyond 180 deg, or no number", _MEND),
     "<item>: the altitude is infinite": ("a broken number", _MEND),

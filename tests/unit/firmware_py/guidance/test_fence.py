@@ -34,6 +34,24 @@ def test_within_a_square_the_margin_is_the_nearest_edge():
     assert margin_m(plan, CENTRE.at_offset(530.0, 540.0)) == pytest.approx(-50.0, abs=0.5)
 
 
+def test_a_circle_at_0_0_is_where_it_says():
+    buoy = fence(*square(5001, 500.0), PlanItem(5004, params=(100.0, 0.0, 0.0, 0.0)))
+    assert margin_m(buoy, CENTRE) == pytest.approx(500.0, abs=0.5)
+    alone = fence(PlanItem(5004, params=(100.0, 0.0, 0.0, 0.0)))
+    assert margin_m(alone, Place(0.0, 0.0)) == pytest.approx(-100.0)
+
+
+@pytest.mark.parametrize("first", range(4))
+def test_where_the_equator_meets_the_prime_meridian_is_a_corner_like_any_other(first):
+    """Not the place of another corner, which had her outside of a fence that she lay in the middle of."""
+    corners = [(0, 0), (10_000_000, 0), (10_000_000, 10_000_000), (0, 10_000_000)]
+    turned = corners[first:] + corners[:first]
+    plan = fence(*(PlanItem(5001, params=(4.0, 0.0, 0.0, 0.0), x=x, y=y) for x, y in turned))
+    half = math.radians(0.5)
+    assert margin_m(plan, Place(half, half)) == pytest.approx(half * 6371008.8, rel=0.001)
+    assert margin_m(plan, Place(half, -half)) == pytest.approx(-half * 6371008.8, rel=0.001)
+
+
 def test_an_exclusion_is_to_be_stayed_out_of():
     plan = fence(*square(5001, 500.0), *square(5002, 50.0, at=(200.0, 0.0)), corner(5004, -200.0, 0.0, 40.0))
     assert margin_m(plan, CENTRE.at_offset(200.0, 0.0)) == pytest.approx(-50.0, abs=0.5)

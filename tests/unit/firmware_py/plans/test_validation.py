@@ -111,6 +111,7 @@ BAD = [
     (FENCE, item(5001, 2.0), PlanResult.INVALID_PARAM1),
     (FENCE, item(5005, 10.0), PlanResult.UNSUPPORTED),
     (RALLY, item(5100, frame=2), PlanResult.UNSUPPORTED_FRAME),
+    (RALLY, item(5100, x=0, y=0), PlanResult.INVALID_PARAM5_X),
 ]
 
 
