@@ -57,10 +57,8 @@ STATE = Block("state", 64, 7)
 WATCHDOG = Block("bus watchdog", 98, 1)
 TELEMETRY = Block("telemetry", 126, 21)
 GOAL_AND_TELEMETRY = Block("goal position and telemetry", 116, 31)
-LOOKS = (
-    GOAL_AND_TELEMETRY,
-    *(Block("goal position and more", first, 147 - first) for first in (112, 108, 104, 102, 100)),
-)
+# From registers that every X has: not from 102, where those without a goal current have nothing.
+LOOKS = (GOAL_AND_TELEMETRY, *(Block("goal position and more", first, 147 - first) for first in (112, 108, 104, 100)))
 WHOLE = Block("state, goal position and telemetry", 64, 83)  # asked for in place of a look, where there is time for it
 
 # Present current at 126, position at 132, voltage at 144, temperature at 146.

@@ -16,7 +16,7 @@ from support.wire import Wire
 BENCH, FLOAT = [sys.executable, "-m", "hil"], [sys.executable, "-m", "firmware_py"]
 BAUDS = {"compass": COMPASSES["nmea"].baud, "rudder": SERVOS["dynamixel"].baud, "position": POSITION.baud}
 
-LATE_ANSWER_S = 0.02  # the driver waits for 35 ms, of which question and answer take 8
+LATE_ANSWER_S = 0.02  # the driver waits for 41 ms, of which question and answer take 8
 
 # She steers for 30 degrees from the start, with nobody on a link.
 BOAT = """
