@@ -48,7 +48,10 @@ def item_of(message: Message, home_count: int) -> PlanItem | PlanProblem:
             return PlanProblem(None, PlanResult.INVALID_PARAM5_X, "x is out of range")
         if y is None:
             return PlanProblem(None, PlanResult.INVALID_PARAM6_Y, "y is out of range")
-    first = message.param1 - home_count if message.command == Command.JUMP else message.param1
+    jumps = message.command == Command.JUMP
+    if jumps and 0.0 <= message.param1 < home_count:
+        return PlanProblem(None, PlanResult.INVALID_PARAM1, "DO_JUMP: param1 is home, which is no item to go on with")
+    first = message.param1 - home_count if jumps else message.param1
     parameters = (first, message.param2, message.param3, message.param4)
     return PlanItem(message.command, message.frame, bool(message.autocontinue), parameters, x, y, message.z)
 

@@ -103,7 +103,11 @@ def test_jumps_are_counted_from_the_first_item_of_the_plan(make_station, identit
 
 def test_a_jump_to_home_is_refused(station, texts):
     jump = station.item(2, 177, frame=2, params=(0.0, 1.0, 0, 0))
-    assert station.upload([*station.mission(1), jump]).type == PlanResult.INVALID_PARAM1
+    station.count(3)
+    station.answers(*station.mission(1))
+    said = station.rig.tell(jump)
+    assert [ack.type for ack in station.protocol(said)] == [PlanResult.INVALID_PARAM1]
+    assert texts(said) == ["Mission not taken: item 2: DO_JUMP: param1 is home, which is no item to go on with"]
 
 
 def test_a_bad_item_ends_the_upload_at_once_and_the_old_plan_stands(station, texts):
