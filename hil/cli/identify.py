@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(text)
         print(f"identified in {seconds:.2f} s")
     if arguments.plot is not None:
-        outputs.write("--plot", arguments.plot, _plot(result, text, arguments.train, html=_is_page(arguments.plot)))
+        outputs.write("--plot", arguments.plot, _plot(result, text, arguments, angular=angular))
     if not result.judgement.usable:
         print("rambler-hil: no model can be told from these logs; see the verdicts", file=sys.stderr)
         return 1
@@ -131,19 +131,19 @@ def _is_page(path: Path) -> bool:
     return path.suffix.lower() == ".html"
 
 
-def _plot(result: Identification, text: str, names: Sequence[str], *, html: bool) -> bytes:
+def _plot(result: Identification, text: str, arguments: argparse.Namespace, *, angular: bool) -> bytes:
     from hil.lab.identify.page import page_of  # noqa: PLC0415 - matplotlib is slow to import, and mostly not asked for
     from hil.lab.identify.picture import draw  # noqa: PLC0415
 
     fit = result.fit
-    train = replace(result.train, file=", ".join(names)[:60], predictions=predictions(fit.problem, fit.state))
+    train = replace(result.train, file=", ".join(arguments.train)[:60], predictions=predictions(fit.problem, fit.state))
     model = result.model()
-    title = (
-        f"K {model.turning_ability_1_s:.4g} 1/s, T {model.turning_lag_s:.4g} s, alpha {model.norrbin_s2:.3g} s²"
-        f" ({result.choice.model})"
-    )
-    picture = draw((train, *result.validate), title)
-    return page_of(result, text, picture, "Identification: " + title).encode() if html else picture
+    gain = f"K {model.turning_ability_1_s:.4g}" + " 1/s" * angular
+    rest = f"T {model.turning_lag_s:.4g} s, alpha {model.norrbin_s2:.3g} s² ({result.choice.model})"
+    title = f"{gain}, {rest}"
+    picture = draw((train, *result.validate), title, angular=angular)
+    page = "Identification: " + title
+    return page_of(result, text, picture, page, angular=angular).encode() if _is_page(arguments.plot) else picture
 
 
 class _Progress:

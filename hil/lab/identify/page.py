@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from hil.lab.identify.identify import Identification
+from hil.lab.identify.report import figures
 from hil.lab.identify.verdict import IDENTIFIABLE, Estimate
 from hil.report import page
 from hil.report.page import Cell
 
-UNITS = {"K": "1/s", "T": "s", "alpha": "s²", "delta0": "rad"}
-COLUMNS = ("", "value", "standard error", "", Cell("verdict"), Cell("why"))
+COLUMNS = ("", "value ± standard error", Cell("verdict"))
 
 
-def page_of(result: Identification, text: str, picture: bytes, title: str) -> str:
-    """Return the page: the table, the picture, and the report as on the terminal."""
-    rows = [_row(name, estimate) for name, estimate in result.judgement.estimates.items()]
+def page_of(result: Identification, text: str, picture: bytes, title: str, *, angular: bool) -> str:
+    """Return the page: the table, the picture, and the report as on the terminal.
+
+    angular: the rudder column is an angle, and not a command of another unit.
+    """
+    rows = [_row(name, estimate, angular=angular) for name, estimate in result.judgement.estimates.items()]
     return page.page(
         title,
         [
@@ -26,6 +29,8 @@ def page_of(result: Identification, text: str, picture: bytes, title: str) -> st
     )
 
 
-def _row(name: str, estimate: Estimate) -> tuple[str | Cell, ...]:
-    verdict = Cell(estimate.verdict, "words good" if estimate.verdict == IDENTIFIABLE else "words bad")
-    return (name, f"{estimate.value:.5g}", f"± {estimate.se:.2g}", UNITS[name], verdict, Cell(estimate.why))
+def _row(name: str, estimate: Estimate, *, angular: bool) -> tuple[str | Cell, ...]:
+    value, error, unit = figures(name, estimate, angular=angular)
+    kind = "words good" if estimate.verdict == IDENTIFIABLE else "words bad"
+    shown = f"{value} ± {error} {unit.replace('^2', '²')}".rstrip()
+    return (name, shown, Cell(estimate.verdict, kind, estimate.why))

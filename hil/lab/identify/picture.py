@@ -20,8 +20,11 @@ MOST_COLUMNS = 3
 MOST_POINTS = 6000
 
 
-def draw(parts: Sequence[HeldOut], title: str) -> bytes:
-    """Return a PNG: a column for each recording, with heading, its error, yaw rate and rudder."""
+def draw(parts: Sequence[HeldOut], title: str, *, angular: bool = True) -> bytes:
+    """Return a PNG: a column for each recording, with heading, its error, yaw rate and rudder.
+
+    angular: the rudder column is an angle, and not a command of another unit.
+    """
     shown = [part for part in parts if part.predictions][:MOST_COLUMNS]
     figure = new_figure(title, 4.0 + 4.6 * len(shown), 9.0)
     grid = figure.subplots(4, len(shown), sharex="col", squeeze=False, height_ratios=(1.5, 1.0, 1.0, 0.8))
@@ -29,7 +32,7 @@ def draw(parts: Sequence[HeldOut], title: str) -> bytes:
         axes = grid[:, column]
         name_panel(axes[0], part.file)
         for number, prediction in enumerate(part.predictions):
-            _stretch(axes, _thinned(prediction), first=number == 0)
+            _stretch(axes, _thinned(prediction), first=number == 0, angular=angular)
         for panel in axes:
             finish(panel)
         axes[-1].set_xlabel("time, s")
@@ -38,7 +41,7 @@ def draw(parts: Sequence[HeldOut], title: str) -> bytes:
     return picture.getvalue()
 
 
-def _stretch(axes: Any, prediction: Prediction, *, first: bool) -> None:
+def _stretch(axes: Any, prediction: Prediction, *, first: bool, angular: bool) -> None:
     degrees, time_s = DEGREES_PER_RADIAN, prediction.stretch.time_s
 
     def label(text: str) -> str | None:
@@ -60,10 +63,18 @@ def _stretch(axes: Any, prediction: Prediction, *, first: bool) -> None:
         if np.isfinite(reach) and reach > 0.0:
             axes[2].set_ylim(-reach, reach)
     axes[2].plot(time_s, prediction.yaw_rate_rad_s * degrees, color=PREDICTED, lw=1.0, label=label("predicted"))
-    axes[3].plot(time_s, prediction.stretch.rudder_rad * degrees, color=RUDDER, lw=1.0, label=label("rudder"))
+    rudder = prediction.stretch.rudder_rad * (degrees if angular else 1.0)
+    axes[3].plot(time_s, rudder, color=RUDDER, lw=1.0, label=label("rudder"))
     if first:
         for panel, text in zip(
-            axes, ("heading from start, deg", "heading error, deg", "yaw rate, deg/s", "rudder, deg"), strict=True
+            axes,
+            (
+                "heading from start, deg",
+                "heading error, deg",
+                "yaw rate, deg/s",
+                "rudder, deg" if angular else "command",
+            ),
+            strict=True,
         ):
             panel.set_ylabel(text)
             if panel.get_legend_handles_labels()[0]:

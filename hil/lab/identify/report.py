@@ -17,7 +17,7 @@ from hil.lab.identify.identify import Identification
 from hil.lab.identify.suggest import Suggestion
 from hil.lab.identify.verdict import IDENTIFIABLE, Estimate
 
-UNITS = {"K": "1/s", "T": "s", "alpha": "s^2", "delta0": "rad"}
+UNITS = {"K": "1/s", "T": "s", "alpha": "s^2", "delta0": "deg"}
 LARGEST_TRIM_DEG = 20.0
 
 
@@ -102,12 +102,7 @@ def _header(result: Identification) -> list[str]:
 def _table(result: Identification, *, angular: bool) -> list[str]:
     rows = [("", "value", "+-", "", "verdict")]
     for name, estimate in result.judgement.estimates.items():
-        value, se, unit = estimate.value, estimate.se, UNITS[name] if angular or name in ("T", "alpha") else ""
-        if name == "delta0" and angular:
-            value, se, unit = degrees(value), degrees(se), "deg"
-        rows.append(
-            (name, f"{value:.5g}", f"{se:.2g}" if se < 1e9 else "unknown", unit, f"{estimate.verdict}; {estimate.why}")
-        )
+        rows.append((name, *figures(name, estimate, angular=angular), f"{estimate.verdict}; {estimate.why}"))
     widths = [max(len(row[column]) for row in rows) for column in range(4)]
     return [
         "  ".join(
@@ -115,6 +110,14 @@ def _table(result: Identification, *, angular: bool) -> list[str]:
         ).rstrip()
         for row in rows
     ]
+
+
+def figures(name: str, estimate: Estimate, *, angular: bool) -> tuple[str, str, str]:
+    """Return value, standard error and unit as they are shown; angular: the rudder column is an angle."""
+    value, se, unit = estimate.value, estimate.se, UNITS[name] if angular or name in ("T", "alpha") else ""
+    if name == "delta0" and angular:
+        value, se = degrees(value), degrees(se)
+    return f"{value:.5g}", f"{se:.2g}" if se < 1e9 else "unknown", unit
 
 
 def _whiteness(result: Identification) -> list[str]:

@@ -1,4 +1,5 @@
 import json
+import re
 import subprocess
 import sys
 
@@ -7,6 +8,8 @@ import pytest
 
 from firmware_py.common.parameters import parse_file
 from hil.__main__ import main
+from hil.lab.identify import picture
+from hil.report.style import new_figure
 
 HEADER = "time_s,rudder_rad,heading_rad,yaw_rate_rad_s,speed_m_s"
 ROWS = [f"{0.1 * n:.1f},{0.3 if n % 40 < 20 else -0.3},{0.001 * n},0.01,0.4" for n in range(100)]
@@ -189,6 +192,23 @@ def test_a_thruster_command_is_taken_and_gives_no_parameters(yard, tmp_path, cap
     data = json.loads(capsys.readouterr().out)
     assert abs(data["K"]["value"] - 0.0012) < 4.0 * data["K"]["se"]
     assert main(["identify", source, "--rudder-unit", "any", "--out-params", str(tmp_path / "x")]) == 2
+
+
+def test_a_thruster_command_is_shown_in_no_unit(yard, monkeypatch, tmp_path):
+    boat, time = yard.boat(0.0012, 1.5), np.arange(1000) * 0.1
+    command = yard.steps(time, 500.0, 6.0, 1e9)
+    write(tmp_path / "t.csv", yard.recorded(time, command, *boat.motion(time, command, held=True)), speed="")
+    figures = []
+    monkeypatch.setattr(picture, "new_figure", lambda *words: figures.append(new_figure(*words)) or figures[0])
+    out = tmp_path / "page.html"
+    assert main(["identify", str(tmp_path / "t.csv"), "--rudder-unit", "any", "--plot", str(out)]) == 0
+    panel = figures[0].axes[3]
+    assert panel.get_ylabel() == "command"
+    assert np.max(np.abs(panel.lines[0].get_ydata())) == 500.0
+    table = out.read_text(encoding="utf-8").partition("<table>")[2].partition("</table>")[0]
+    assert "1/s" not in table
+    assert "rad" not in table
+    assert "deg" not in re.sub(r'<span class="note">.*?</span>', "", table)
 
 
 def test_as_a_process(tmp_path):
