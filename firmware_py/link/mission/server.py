@@ -10,6 +10,7 @@ from firmware_py.common.plan import Plan, PlanKind, homes
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Snapshot
 from firmware_py.link.context import Handler, LinkContext
+from firmware_py.link.mission.doubles import Marks
 from firmware_py.link.mission.download import PlanDownloads
 from firmware_py.link.mission.items import KINDS, NAMES, Correspondent, Sender, acknowledge, sender_of
 from firmware_py.link.mission.upload import PlanUploads
@@ -34,6 +35,7 @@ class MissionServer:
         self._uploads = PlanUploads(context)
         self._downloads = PlanDownloads(context)
         self._clearing: set[tuple[Correspondent, int]] = set()  # who is still to be answered, and by which type
+        self._cleared = Marks()
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
@@ -124,6 +126,9 @@ class MissionServer:
             acknowledge(self._context, peer, sender_of(message), message.mission_type, PlanResult.UNSUPPORTED)
             return
         kinds = tuple(PlanKind) if kind is None else (kind,)
+        # No answer: while the next plan is on its way it would be taken for that one's.
+        if self._cleared.is_double(Correspondent(peer, sender_of(message)), message, now_s):
+            return
         if not all(self._uploads.may_change(peer, message, each, now_s) for each in kinds):
             return
         station = Correspondent(peer, sender_of(message))

@@ -7,7 +7,6 @@ ends an upload early leaves the old plan as it was.
 
 from __future__ import annotations
 
-import math
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 
@@ -15,6 +14,7 @@ from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, homes
 from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
+from firmware_py.link.mission.doubles import Marks
 from firmware_py.link.mission.items import NAMES, Correspondent, acknowledge, item_of, news_of, sender_of
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
@@ -23,7 +23,6 @@ from firmware_py.plans.problem import PlanProblem, PlanResult
 from firmware_py.plans.validation import item_problem, problem_of
 
 _REMEMBERED = 8
-_DOUBLED_S = 10.0  # what a line doubles comes within this; who asks again does so with another number
 _ITEM_INT = mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT
 _HOME = PlanItem(0)  # keeps the place of home
 _BY_TURNS = 2  # after so many requests in vain the old kind of request is tried, and so on by turns
@@ -76,15 +75,14 @@ class PlanUploads:
         self._context = context
         self._active: dict[PlanKind, PlanUpload] = {}
         self._ended: OrderedDict[tuple[Correspondent, PlanKind], UploadEnd] = OrderedDict()
-        # The count and the frame's own number of the latest MISSION_COUNT, and when it came.
-        self._counts: OrderedDict[tuple[Correspondent, PlanKind], tuple[tuple[int, int], float]] = OrderedDict()
+        self._counts = Marks()
 
     def begin(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Take a MISSION_COUNT: begin an upload, or begin it again."""
         home_count = homes(self._context.autopilot, kind)
-        if self._is_duplicate(peer, message, kind, now_s) or not self.may_change(peer, message, kind, now_s):
-            return
         owner = Correspondent(peer, sender_of(message))
+        if self._counts.is_double(owner, message, now_s) or not self.may_change(peer, message, kind, now_s):
+            return
         self._forget(owner, kind)
         if message.count > MOST_ITEMS + home_count:
             text = f"{message.count} items; at most {MOST_ITEMS} are kept"
@@ -170,19 +168,6 @@ class PlanUploads:
         # Items of two plans never mix, and the answer to the new question is none to the old one.
         self._active.pop(kind, None)
         self._ended.pop((owner, kind), None)
-
-    def _is_duplicate(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> bool:
-        """Return whether a line has doubled a MISSION_COUNT, which would begin an upload that nobody wants."""
-        key = (Correspondent(peer, sender_of(message)), kind)
-        mark = (message.count, message.get_seq())
-        before, seen_s = self._counts.get(key, ((-1, -1), -math.inf))
-        if mark == before and now_s - seen_s < _DOUBLED_S:
-            return True
-        self._counts[key] = (mark, now_s)
-        self._counts.move_to_end(key)
-        if len(self._counts) > _REMEMBERED:
-            self._counts.popitem(last=False)
-        return False
 
     def _start(
         self, owner: Correspondent, kind: PlanKind, span: tuple[int, int], base: Plan | None, now_s: float

@@ -244,6 +244,22 @@ def test_a_count_that_the_line_has_doubled_begins_nothing(station):
     assert len(station.protocol(station.rig.give(frame))) == 1
 
 
+@pytest.mark.parametrize("mission_type", [0, 255])
+def test_a_clearing_that_the_line_has_doubled_touches_no_later_plan(station, mission_type):
+    station.upload(station.mission(1))
+    clearing = station.rig.frame(mavlink.MAVLink_mission_clear_all_message(1, 1, mission_type))
+    assert [ack.type for ack in station.protocol(station.rig.give(clearing))] == [0]
+    station.count(3)
+    assert station.protocol(station.rig.give(clearing)) == []  # under way
+    said = [message for item in station.mission(2) for message in station.answers(item)]
+    assert (said[-1].get_type(), said[-1].type) == ("MISSION_ACK", 0)
+    assert station.protocol(station.rig.give(clearing)) == []  # and in force
+    assert station.places() == [1, 2]
+    # Asked again it comes with another number.
+    assert [ack.type for ack in station.answers(mavlink.MAVLink_mission_clear_all_message(1, 1, mission_type))] == [0]
+    assert station.places() == []
+
+
 def test_a_second_station_waits_for_its_turn(station):
     station.count(3)
     station.answers(station.item(0))
