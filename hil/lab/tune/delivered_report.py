@@ -12,7 +12,7 @@ from hil.lab.tune.delivered import DEG_PER_H, SEARCHED, SHIPS, Score, Trials, de
 from hil.lab.tune.delivered_search import Tuned
 from hil.lab.tune.loop_kernel import ITAE, MEAN, OVERSHOOT, RMS, TRAVEL, Floats
 
-COLUMNS = ("case", "rms deg", "worst mean", "travel deg/h", "rms deg", "worst mean", "travel deg/h")
+JUDGED = ("rms deg", "worst mean deg", "travel deg/h")
 # The controller that these parameters belong to.
 DELIVERED = {"CTL_MODE": 1.0, "EST_MODE": 1.0}
 RATIO = 3  # digits of what is by how much better
@@ -126,7 +126,7 @@ def _both(report: Report) -> tuple[Floats, Floats]:
 def case_rows(report: Report) -> list[Sequence[str]]:
     """Return the table of sea by ship in fresh seas, the first of their seeds: as delivered, and the choice."""
     both = _both(report)
-    rows: list[Sequence[str]] = [COLUMNS]
+    rows: list[Sequence[str]] = [(f"case, seed {report.fresh.seeds[0]}", *JUDGED, *JUDGED)]
     for number, case in enumerate(report.fresh.cases):
         if case.seed != report.fresh.seeds[0]:
             continue
@@ -171,7 +171,7 @@ def _beside(where: str, trials: Trials, score: Score) -> str:
 def text(report: Report) -> str:
     """Return what the terminal shows."""
     rows = case_rows(report)
-    widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     margin, split = " " * (widths[0] + 2), sum(widths[1:4]) + 4
     table = [margin + "as delivered".ljust(split + 2) + "chosen"]
     table += ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]

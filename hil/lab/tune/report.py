@@ -17,7 +17,7 @@ from hil.lab.tune.search import Tuned
 from hil.lab.tune.trials import DEG_PER_H, FIXED_GAINS, PAPER, Score, Setting, Trials
 
 SHOWN = "sea"  # the scenario whose runs are drawn, where it is among the cases
-COLUMNS = ("case", "rms deg", "worst mean", "travel deg/h", "rms deg", "worst mean", "travel deg/h")
+COLUMNS = ("case", "rms deg", "worst mean deg", "travel deg/h", "rms deg", "worst mean deg", "travel deg/h")
 
 
 @dataclass(frozen=True, slots=True)

@@ -102,6 +102,8 @@ def test_the_delivered_controller_is_tuned_and_everything_is_written(tmp_path, c
     assert said.err == ""
     assert "delivered defaults: CTL_PRICE 1, RUD_DBAND_DEG" in said.out
     assert "seas: tank sea+leeway=8; ships K T alpha x 1 1 1, 0.7 1.3 1.3, 1.3 0.7 0.7; seeds 3" in said.out
+    assert "case, seed 1000006 " in said.out
+    assert "worst mean deg" in said.out
     assert "# Seas: tank sea+leeway=8;" in written
     # The file does not switch off what was tuned.
     assert (kept.pop("CTL_MODE"), kept.pop("EST_MODE")) == (1.0, 1.0)
