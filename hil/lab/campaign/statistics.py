@@ -36,7 +36,8 @@ def share(count: int, of: int) -> Estimate:
     part, z = count / of, NINETY_FIVE**2 / of
     middle = (part + z / 2.0) / (1.0 + z)
     reach = NINETY_FIVE * math.sqrt(part * (1.0 - part) / of + z / (4.0 * of)) / (1.0 + z)
-    return Estimate(part, max(0.0, middle - reach), min(1.0, middle + reach))
+    # Where all or none are, the end is exact, and rounding would show.
+    return Estimate(part, max(0.0, middle - reach) if count else 0.0, min(1.0, middle + reach) if count < of else 1.0)
 
 
 def ranks(values: Array) -> Array:

@@ -14,7 +14,8 @@ def test_a_share_has_wilsons_interval():
     expected = stats.binomtest(5, 50).proportion_ci(method="wilson")
     assert found.value == 0.1
     assert (found.low, found.high) == (pytest.approx(expected.low), pytest.approx(expected.high))
-    assert (statistics.share(0, 9).low, statistics.share(9, 9).high) == (0.0, 1.0)
+    for runs in (9, 24, 1000):
+        assert (statistics.share(0, runs).low, statistics.share(runs, runs).high) == (0.0, 1.0)
     assert statistics.share(0, 0) == statistics.Estimate(0.0, 0.0, 1.0)
 
 
