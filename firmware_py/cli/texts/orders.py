@@ -87,6 +87,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "0, 0 is no place to go to": ("stations send this when they know none", "give a place"),
     "0, 0 is no home": ("stations send this when they know none", "give a place"),
     "the altitude is out of range": ("of home, in metres", _AS_NAMED),
+    "she keeps station where she is; DO_REPOSITION goes to a place": (
+        "NAV_LOITER_UNLIM was sent with a place",
+        "order DO_REPOSITION, or send no place",
+    ),
     "there is no mission": ("MISSION_START was asked for, and she has none", "send a mission"),
     "There is no mission": ("an item was asked for, and she has none", "send a mission"),
     "The mission has items <number> to <number>, not <number>": ("there is no such item", _AS_NAMED),

@@ -34,6 +34,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "<item>: the altitude is not a number": ("a broken number", _MEND),
     "<item>: a time is not negative, unless -1": ("-1 means any", _MEND),
     "<item>: a time of day needs an hour": ("minutes and seconds alone are none", _MEND),
+    "DO_JUMP: param1 is home, which is no item to go on with": ("it leads to item 0", _MEND),
     "DO_JUMP: leads to an item that is not there": ("it leads nowhere", _MEND),
     "DO_JUMP_TAG: there is no such JUMP_TAG": ("it leads nowhere", _MEND),
     "CONDITION_DISTANCE: no place to go to follows": (
