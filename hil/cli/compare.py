@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import shlex
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -90,7 +91,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(as_json(rows), indent=2) + "\n", encoding="utf-8")
     if arguments.figures is not None:
-        source = origin(f"rambler-hil compare --seeds {arguments.seeds}", text_of(circumstances()))
+        task_words = ("--goal", arguments.goal) if arguments.goal != DEFAULT_GOALS else ()
+        command = shlex.join(("rambler-hil", "compare", "--seeds", str(arguments.seeds), *task_words))
+        source = origin(command, text_of(circumstances()))
         merge(arguments.figures, as_entries(rows, source, limits))
     return 0
 

@@ -108,7 +108,8 @@ def test_the_tuned_pid_is_worthy_of_the_comparison():
 
 def test_the_command_prints_and_writes_what_it_found(tmp_path, capsys):
     file = tmp_path / "found.json"
-    words = ["compare", "tank", "--only", "pid", "--seeds", "2", "--json", str(file)]
+    figures = tmp_path / "figures.json"
+    words = ["compare", "tank", "--only", "pid", "--seeds", "2", "--json", str(file), "--figures", str(figures)]
     assert main([*words, "--goal", "0:0,10:60"]) == 0
     said = capsys.readouterr()
     assert said.err == ""
@@ -117,6 +118,8 @@ def test_the_command_prints_and_writes_what_it_found(tmp_path, capsys):
     (row,) = json.loads(file.read_text())
     assert (row["scenario"], row["sailed_by"], len(row["seeds"])) == ("tank", "compiled twin", 2)
     assert f"{row['mean']['rms_deg']:.2f}" in said.out
+    kept = json.loads(figures.read_text()).values()
+    assert {one["command"] for one in kept} == {"rambler-hil compare --seeds 2 --goal 0:0,10:60"}
 
 
 @pytest.mark.parametrize(
