@@ -7,14 +7,15 @@ import json
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 
 from hil.errors import UsageError
 from hil.lab.drill.book import BOOK
 from hil.lab.drill.sail import MOMENTS, Case, Outcome, cases, sail
+from hil.lab.processes import in_process, processes
 from hil.report import page
+from hil.sim.signals import interruptible
 
 COLUMNS = ("what breaks", "when", "told s", "over s", "worst deg", "")
 LEAD = (
@@ -81,18 +82,21 @@ def _sailed(chosen: Sequence[Case], jobs: int) -> Iterator[Outcome]:
     if jobs == 1:
         yield from map(sail, chosen)
         return
-    with ProcessPoolExecutor(min(jobs, len(chosen))) as pool:
-        try:
-            yield from pool.map(_sail_by_names, map(_names, chosen))
-        except KeyboardInterrupt:
-            pool.shutdown(cancel_futures=True)
-            print("rambler-hil: interrupted", file=sys.stderr)
-            raise
+    try:
+        with interruptible(), processes(min(jobs, len(chosen)), "fork") as pool:
+            yield from pool.map(_sail_in_process, map(_names, chosen))
+    except KeyboardInterrupt:
+        print("rambler-hil: interrupted", file=sys.stderr)
+        raise
 
 
 def _names(case: Case) -> tuple[tuple[str, ...], str, int]:
     """Return what another process finds a case by: what a drill does is code, which is not handed over."""
     return tuple(drill.name for drill in case.drills), case.moment, case.seed
+
+
+def _sail_in_process(names: tuple[tuple[str, ...], str, int]) -> Outcome:
+    return in_process(_sail_by_names, names)
 
 
 def _sail_by_names(names: tuple[tuple[str, ...], str, int]) -> Outcome:

@@ -1,10 +1,14 @@
 """A harness that is killed leaves no autopilot behind, which would take up the ports of the next one."""
 
+import contextlib
+import os
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+
+import pytest
 
 PATIENCE_S = 30.0
 
@@ -42,3 +46,38 @@ def test_a_killed_harness_takes_its_autopilot_with_it(tmp_path):
         harness.send_signal(signal.SIGKILL)
         harness.wait()
     until(lambda: not autopilots(str(out)))
+
+
+def descendants(pid):
+    """The processes that one has started, and those that these have."""
+    found = []
+    with contextlib.suppress(OSError):
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            for child in map(int, (task / "children").read_text().split()):
+                found += [child, *descendants(child)]
+    return found
+
+
+def runs(pid):
+    """Whether there is such a process still."""
+    try:
+        return b") Z" not in Path(f"/proc/{pid}/stat").read_bytes()
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("words", [("compare", "tank", "--only", "ours", "--seeds", "8"), ("drill", "--jobs", "2")])
+def test_workers_do_not_outlive_who_has_begun_them(words, number, tmp_path):
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    command = [sys.executable, "-m", "hil", *words]
+    harness = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+    try:
+        until(lambda: len(autopilots(str(tmp_path))) >= 2)
+        begun = descendants(harness.pid)
+    finally:
+        harness.send_signal(number)
+        harness.wait()
+    assert len(begun) >= 4  # two workers, and an autopilot of each
+    until(lambda: not any(map(runs, begun)))
+    until(lambda: not autopilots(str(tmp_path)))

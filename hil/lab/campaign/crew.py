@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
 import logging
-import os
 import re
-import signal
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import chain
-from multiprocessing import active_children, get_context
 from typing import Any
 
 from hil.errors import HilError, UsageError
@@ -20,12 +16,11 @@ from hil.lab.campaign.engines import sail_batch, versions
 from hil.lab.campaign.extra import imported
 from hil.lab.campaign.outcome import Result
 from hil.lab.campaign.spec import Spec
-from hil.sim.signals import interruptible
+from hil.lab.processes import in_process, processes
 
 WAITING = 2  # batches for each worker: one is there when another is done
 LOSSES = 3  # of workers, one after another without a batch between them
 PATIENCE_S = 10.0
-PR_SET_PDEATHSIG = 1
 ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+")
 GO_ON = "go on with --resume"
 
@@ -39,7 +34,7 @@ def sail_here(spec: Spec, batches: Iterator[Batch], workers: int) -> Iterator[Sa
     while True:
         waiting: dict[Future[Any], Batch] = {}
         try:
-            with _processes(workers) as pool:
+            with processes(workers) as pool:
                 for sailed in _sailed(pool, _sail_in_process, spec, batches, lambda: workers, waiting):
                     losses = 0
                     yield sailed
@@ -110,39 +105,8 @@ def _sailed(
             yield waiting.pop(future), results
 
 
-@contextmanager
-def _processes(count: int) -> Iterator[Executor]:
-    """Have processes that end with this one, however it ends, and whose runs end in good order when it is told to."""
-    # A fresh interpreter inherits no half of this one's threads.
-    pool = ProcessPoolExecutor(count, get_context("spawn"), initializer=_begin, initargs=(os.getpid(),))
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        children = active_children()
-        for child in children:
-            child.terminate()
-        for child in children:
-            child.join(PATIENCE_S)
-            child.kill()
-        raise
-    pool.shutdown()
-
-
-def _begin(parent: int) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the campaign, which then ends its workers
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-    if os.getppid() != parent:  # it died before that
-        os._exit(1)
-
-
 def _sail_in_process(spec: Spec, first: int, last: int) -> tuple[dict[str, str], list[Result]]:
-    with interruptible():
-        try:
-            return sail_batch(spec, first, last)
-        except KeyboardInterrupt:
-            # The run has ended in good order; nobody waits for more.
-            os._exit(1)
+    return in_process(sail_batch, spec, first, last)
 
 
 def _line(error: BaseException) -> str:

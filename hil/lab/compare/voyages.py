@@ -5,16 +5,17 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.lab.compare.score import Score, mean_of, score_of
+from hil.lab.processes import in_process, processes
 from hil.ship import scenarios
 from hil.ship.extras import NONE
 from hil.sim.goals import Goal
+from hil.sim.signals import interruptible
 from hil.sim.truth import Truth
 
 AUTOPILOT, TWIN = "autopilot", "compiled twin"
@@ -83,12 +84,16 @@ def can_sail(controller: Controller, name: str) -> bool:
 
 
 def _sailed(task: Task, jobs: Sequence[tuple[str, Controller, int]]) -> Iterator[tuple[tuple[str, str, int], Score]]:
-    # Each worker starts an autopilot of its own; a fresh interpreter inherits no half of this one's threads.
-    with ProcessPoolExecutor(os.cpu_count() or 1, get_context("spawn")) as pool:
-        waiting = {pool.submit(sail_one, task, *job): job for job in jobs}
+    # Each worker starts an autopilot of its own.
+    with interruptible(), processes(os.cpu_count() or 1) as pool:
+        waiting = {pool.submit(_sail_in_process, task, *job): job for job in jobs}
         for future in as_completed(waiting):
             name, controller, seed = waiting[future]
             yield (name, controller.name, seed), future.result()
+
+
+def _sail_in_process(task: Task, scenario_name: str, controller: Controller, seed: int) -> Score:
+    return in_process(sail_one, task, scenario_name, controller, seed)
 
 
 def sail_one(task: Task, scenario_name: str, controller: Controller, seed: int) -> Score:
