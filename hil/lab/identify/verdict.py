@@ -89,8 +89,8 @@ def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None, loo
     if loop.answered and not refusal:
         warnings.append(
             f"the rudder answers what it does not explain ({_percent(1.0 - loop.explained)} of the motion), as an "
-            "autopilot or a helmsman does, or a dead time or a second lag in a zigzag that repeats itself: K may be too "
-            "small, and the standard errors allow for it; steer by an irregular plan"
+            "autopilot or a helmsman does, or a dead time or a second lag in a zigzag that repeats itself: K may be "
+            "too small, and the standard errors allow for it; steer by an irregular plan"
         )
     if gain < 0.0 and not refusal:
         warnings.append(
