@@ -45,7 +45,7 @@ class RudderMonitorState:
 
     `side` is to which side the command lies. `jammed_rad` is where it jammed, `high_current_s`
     since when the current is too high, `overloaded` whether that has lasted; `relieved_s` is when
-    it was last relieved, None while it is not.
+    it was last relieved, None while it is not; `release_rad` is the command that does not pull at it.
     """
 
     progress_rad: float | None = None
@@ -59,6 +59,7 @@ class RudderMonitorState:
     high_current_s: float | None = None
     overloaded: bool = False
     relieved_s: float | None = None
+    release_rad: float | None = None
 
     @property
     def jammed(self) -> bool:
@@ -128,16 +129,28 @@ def _judge_motion(state: RudderMonitorState, rudder: RudderStatus, *, engaged: b
         state.high_current_s,
         state.overloaded,
         state.relieved_s,
+        _release_rad(state, rudder),
     )
+
+
+def _release_rad(state: RudderMonitorState, rudder: RudderStatus) -> float:
+    """Return the angle where it stands, and halfway there while it moves.
+
+    What it answers is older than where it is: sent to where it was it would swing to and fro for ever.
+    """
+    angle_rad, before_rad, kept_rad = rudder.angle_rad, state.measured_rad, state.release_rad
+    if before_rad is None or abs(angle_rad - before_rad) >= MOVED_RAD:
+        return 0.5 * (rudder.command_rad + angle_rad)
+    return angle_rad if kept_rad is None or abs(angle_rad - kept_rad) >= MOVED_RAD else kept_rad
 
 
 def release_command(state: RudderMonitorState, command_rad: float, now_s: float) -> float:
     """Return the command that does not pull while the rudder is relieved; a trial goes to the command, or wiggles."""
-    measured_rad = state.measured_rad
+    measured_rad, release_rad = state.measured_rad, state.release_rad
     if state.relieved_s is None or measured_rad is None:
         return command_rad
     if not state.trial(now_s):
-        return measured_rad
+        return measured_rad if release_rad is None else release_rad
     if abs(command_rad - measured_rad) > AT_COMMAND_RAD:
         return command_rad
     return measured_rad - math.copysign(WIGGLE_RAD, measured_rad)

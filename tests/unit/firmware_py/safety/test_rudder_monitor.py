@@ -24,6 +24,7 @@ class Servo:
         self.jammed = self.released = False
         self.current_a = 0.2
         self.silent = False
+        self.late, self.angles_deg = 0, [0.0]  # by so many ticks the answers are older than the shaft
 
     def run(self, seconds, demand_deg):
         for _ in range(round(seconds * 10)):
@@ -31,6 +32,7 @@ class Servo:
             if not self.jammed:
                 reach_deg = 0.1 * self.slew_deg_s
                 self.angle_deg += min(max(self.sent_deg - self.angle_deg, -reach_deg), reach_deg)
+            self.angles_deg.append(self.angle_deg)
             settings = RudderMonitorSettings(self.limit_a)
             self.state = update(settings, self.state, self.status(), engaged=not self.released)
             wanted = demand_deg(self.t_s) if callable(demand_deg) else demand_deg
@@ -39,11 +41,12 @@ class Servo:
 
     def status(self):
         """What is known of it; while it is silent, what was known last."""
+        angle_deg = self.angles_deg[-1 - self.late :][0]
         return RudderStatus(
             self.t_s,
             math.radians(self.sent_deg),
-            math.radians(self.angle_deg),
-            measured=math.isfinite(self.angle_deg),
+            math.radians(angle_deg),
+            measured=math.isfinite(angle_deg),
             is_new=not self.silent,
             current_a=self.current_a,
         )
@@ -132,3 +135,21 @@ def test_no_limit_means_any_current_and_nonsense_is_not_measured():
     servo.jammed = True
     servo.limit_a = 3.0
     assert not any(state.overloaded or state.jammed for state in servo.run(5.0, 0.0))
+
+
+@pytest.mark.parametrize("late", [0, 1, 2])
+@pytest.mark.parametrize("slew_deg_s", [10.0, 30.0, 60.0])
+def test_a_relieved_servo_comes_to_rest_though_its_answers_are_older_than_its_angle(slew_deg_s, late):
+    servo = Servo(slew_deg_s)
+    servo.late = late
+
+    def demand_deg(t_s):
+        return 25.0 * math.sin(2.0 * t_s)
+
+    list(servo.run(3.0, demand_deg))
+    servo.current_a = 4.0
+    while servo.state.relieved_s is None:
+        list(servo.run(0.1, demand_deg))
+    list(servo.run(2.0, demand_deg))
+    angles_deg = [servo.angle_deg for _ in servo.run(RELIEF_S - 3.0, demand_deg)]
+    assert max(angles_deg) - min(angles_deg) < 0.01
