@@ -85,6 +85,12 @@ class MotorMonitor:
         """The present position as the encoder resolves it."""
         return round(self._sign() * self._shaft.angle_rad() * _COUNTS_PER_RADIAN) + _CENTRE + self._offset()
 
+    def pulls(self) -> bool:
+        """Whether the motor works against something: engaged, told to move, and not there."""
+        engaged = self._values[Address.TORQUE] and self._values[Address.OPERATING_MODE] in _POSITION_MODES
+        tripped = self._values[Address.BUS_WATCHDOG] == 0xFF
+        return bool(engaged) and not tripped and abs(self._way()) > _IN_POSITION_COUNTS
+
     def observe(self, now_s: float) -> None:
         """Follow the motion since the last look and raise the errors that are due."""
         angle_rad = self._shaft.angle_rad()
@@ -92,7 +98,7 @@ class MotorMonitor:
             moved_rad = angle_rad - self._seen_rad
             elapsed_s = now_s - self._seen_s
             self._velocity_rad_s = moved_rad / elapsed_s if math.isfinite(elapsed_s) else 0.0
-            stalled = self._pulls() and abs(moved_rad) < _STILL_RAD
+            stalled = self.pulls() and abs(moved_rad) < _STILL_RAD
             if not stalled:
                 self._stalled_s = None
             elif self._stalled_s is None:
@@ -138,12 +144,6 @@ class MotorMonitor:
             return _HOLDING_A + self.load_a
         limit_a = self._values[Address.CURRENT_LIMIT] * _CURRENT_UNIT_A
         return math.copysign(min(_STALL_A, limit_a), self._way())
-
-    def _pulls(self) -> bool:
-        """Whether the motor works against something: engaged, told to move, and not there."""
-        engaged = self._values[Address.TORQUE] and self._values[Address.OPERATING_MODE] in _POSITION_MODES
-        tripped = self._values[Address.BUS_WATCHDOG] == 0xFF
-        return bool(engaged) and not tripped and abs(self._way()) > _IN_POSITION_COUNTS
 
     def _way(self) -> int:
         return self._values[Address.GOAL_POSITION] - self.counts()

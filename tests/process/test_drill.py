@@ -45,6 +45,8 @@ MUTATIONS = (
     ("faults/conditions.py", "tick.supply_v < tick.supply_low_v", "tick.supply_v > tick.supply_low_v", "supply low"),
     ("faults/table.py", 'recovery="Compass varies again"', 'recovery=""', "compass frozen"),
     ("safety/rudder_monitor.py", "RESPONSE_S: Final = 1.5", "RESPONSE_S: Final = 150.0", "rudder jammed"),
+    ("safety/rudder_monitor.py", "if state.relieved_s is None or", "if state is not None or", "rudder jammed"),
+    ("safety/rudder_monitor.py", "if state.relieved_s is None or", "if state is not None or", "servo overloaded"),
     ("faults/table.py", 'text="Fence breached"', 'text="Fence"', "outside the fence"),
 )
 
@@ -52,7 +54,7 @@ MUTATIONS = (
 @pytest.mark.proof
 @pytest.mark.parametrize(("file", "well", "ill", "drill"), MUTATIONS, ids=[f"{one[3]}: {one[2]}" for one in MUTATIONS])
 def test_an_ill_firmware_is_caught(file, well, ill, drill, tmp_path):
-    """`pytest -m proof tests/process/test_drill.py`: ten seeded mutations, each caught by its drill."""
+    """`pytest -m proof tests/process/test_drill.py`: seeded mutations, each caught by its drill."""
     for name in ("firmware_py", "hil", "params"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     path = tmp_path / "firmware_py" / file

@@ -15,19 +15,17 @@ from pymavlink.dialects.v20 import common as dialect
 
 from firmware_py.common.angles import radians
 from hil.lab.drill.boat import DrillBoat
+from hil.lab.drill.checks import Check, amidships, in_mode, on_course, relieved
 from hil.ship.scenarios import Scenario, with_extras
 from hil.sim.ground_station import GUIDED
 
 LOITER, AUTO = 5, 10
-ON_COURSE_DEG = 15.0
-ARRIVED_S = 130.0  # after an order to turn as far as the moments do
 YEAR_S = 365.0 * 86400.0
 FENCE_M = 50.0
 SAILED = {"FS_RESUME": 1.0}
 BATTERY = {"PWR_SAVE_PCT": 30.0, "PWR_KEEP_PCT": 10.0}
 
 Change = Callable[[DrillBoat], object]
-Check = Callable[[DrillBoat, float], str]  # what is wrong a while after it broke, or ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,23 +58,6 @@ class Drill:
 
 def nothing(_boat: DrillBoat) -> None:
     """Neither break nor mend: it comes, or goes, by itself."""
-
-
-def in_mode(name: str) -> Check:
-    """She is in a mode."""
-    return lambda boat, _at_s: "" if (mode := boat.mode()) == name else f"mode {mode}, not {name}"
-
-
-def on_course(boat: DrillBoat, _at_s: float) -> str:
-    """She steers on for her goal."""
-    boat.run(max(0.0, boat.goal_s + ARRIVED_S - boat.now_s))
-    error_deg = boat.error_deg()
-    return "" if abs(error_deg) < ON_COURSE_DEG else f"{error_deg:+.0f} deg off her goal"
-
-
-def amidships(boat: DrillBoat, _at_s: float) -> str:
-    """The rudder has gone amidships."""
-    return "" if abs(boat.rudder_deg()) < 0.5 else f"rudder at {boat.rudder_deg():+.1f} deg"
 
 
 def put(path: str, value: object) -> Change:
@@ -192,7 +173,7 @@ BOOK: tuple[Drill, ...] = (
     ),
     Drill(
         "rudder jammed", "Rudder jammed", "Rudder moves again", lambda boat: boat.world.jam(radians(-20.0)),
-        lambda boat: boat.world.free(), 30.0, 13.0, 5.0, also=("Rudder",),
+        lambda boat: boat.world.free(), 30.0, 13.0, 5.0, relieved("Rudder jammed"), ("Rudder",),
     ),
     Drill(
         "servo hot", "Rudder servo is hot", "Rudder servo has cooled down", put("servo.motor.temperature_c", 75.0),
@@ -202,7 +183,7 @@ BOOK: tuple[Drill, ...] = (
     Drill(
         "servo overloaded", "Rudder servo draws too much current", "Rudder servo current is normal",
         put("servo.motor.load_a", 4.0),
-        put("servo.motor.load_a", 0.0), 4.0, 14.0, 2.0, pair=True,
+        put("servo.motor.load_a", 0.0), 4.0, 14.0, 2.0, relieved("Rudder servo draws"), pair=True,
     ),
     Drill(
         "servo's power cut", "Rudder servo was without power", "Rudder servo runs on",
