@@ -79,7 +79,7 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     supervised = _judge_steering(settings, state, rudder, target, situation)
 
     state, command = _steer(settings, state, supervised, situation, rudder, target, step_s)
-    guidance_events = (*mission_events, *guidance.fence_events(before.guidance, state.guidance))
+    guidance_events = (*mission_events, *guidance.fence_events(before.guidance, state.guidance, state.plans))
     vessel_events = (*vessel_events, *aside_events)
     events = (
         *_change_events(before, state),

@@ -229,10 +229,12 @@ def _update_mission(
     return GuidanceOutput(state, home)
 
 
-def fence_events(before: GuidanceState, after: GuidanceState) -> tuple[Event, ...]:
+def fence_events(before: GuidanceState, after: GuidanceState, plans: Plans) -> tuple[Event, ...]:
     """Return what is told when a command or an item of the mission has the fence heeded or not."""
     if after.fence_enabled is None or after.fence_enabled is before.fence_enabled:
         return ()
+    if after.fence_enabled and not plans.fence.items:
+        return (Event(Severity.WARNING, "No fence to heed: send one"),)
     return (Event(Severity.NOTICE, "Fence heeded" if after.fence_enabled else "Fence not heeded"),)
 
 
@@ -261,14 +263,8 @@ def mission_events(before: MissionProgress, after: MissionProgress, first: int) 
 
 def fence_margin_m(state: GuidanceState, plans: Plans, *, enabled: bool) -> float | None:
     """Return the margin of a fence that is heeded and known."""
-    if (
-        not enabled
-        or not plans.fence.items
-        or state.fence.identity != plans.fence.identity
-        or state.fence.place is None
-    ):
-        return None
-    return state.fence.margin_m
+    known = state.fence.identity == plans.fence.identity and state.fence.place is not None
+    return state.fence.margin_m if enabled and plans.fence.items and known else None
 
 
 def report(state: GuidanceState, plans: Plans, *, fence_enabled: bool) -> Navigation:

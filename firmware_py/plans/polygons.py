@@ -42,7 +42,7 @@ def polygons_of(items: Sequence[PlanItem]) -> Iterator[Polygon]:
 
 
 def polygons_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
-    """Return the first polygon that is incomplete or crosses itself, or a second return point."""
+    """Return the first polygon that is incomplete, flat or crosses itself, or a second return point."""
     returns = [index for index, item in enumerate(items) if item.command == Command.FENCE_RETURN]
     if len(returns) > 1:
         return PlanProblem(returns[1], PlanResult.INVALID, "a second fence return point")
@@ -72,6 +72,8 @@ def polygons_problem(items: Sequence[PlanItem]) -> PlanProblem | None:
             )
         if crossing:
             return PlanProblem(index, PlanResult.INVALID, "the polygon crosses itself")
+        if _is_line(edges):
+            return PlanProblem(index, PlanResult.INVALID, "the polygon has all its vertices on one line")
         index += count
     return None
 
@@ -110,6 +112,13 @@ def _crossing(edges: Sequence[Edge], pairs_left: int) -> tuple[bool, int]:
             return True, pairs_left
         active.append(index)
     return False, pairs_left
+
+
+def _is_line(edges: Sequence[Edge]) -> bool:
+    """Return whether no vertex is farther than a unit from the line of the first and the one farthest from it."""
+    ways = [(x - edges[0][0][0], y - edges[0][0][1]) for (x, y), _ in edges]
+    dx, dy = max(ways, key=lambda way: way[0] ** 2 + way[1] ** 2)
+    return all((dx * y - dy * x) ** 2 <= dx * dx + dy * dy for x, y in ways)
 
 
 def _cross(edge: Edge, other: Edge) -> bool:

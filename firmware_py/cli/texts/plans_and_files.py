@@ -45,6 +45,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "a second fence return point": ("there is one at most", _MEND),
     "the polygon crosses itself": ("inside and outside are not plain", _MEND),
     "the polygon has fewer than 3 different vertices": ("it has no inside", _MEND),
+    "the polygon has all its vertices on one line": ("it has no inside", _MEND),
     "the polygon is too intricate to be checked; use fewer vertices": ("nearly all edges lie close together", _MEND),
     "the polygon ends after <number> of <number> vertices": ("vertices are missing", _MEND),
     "vertex <number> of <number> is not one of its polygon": ("two polygons are mixed", _MEND),

@@ -33,6 +33,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "a command or an item of the mission asks for it",
         "DO_FENCE_ENABLE has it kept",
     ),
+    "No fence to heed: send one": (
+        "a DO_FENCE_ENABLE of the mission asks for a fence, and she has none",
+        "send a fence; it is heeded as soon as it is there",
+    ),
     "Mission complete: keeping station": (
         "the last item is done; she stays near it",
         "send another mission, or a mode",

@@ -122,9 +122,9 @@ def extended_sys_state(context: TelemetryContext) -> Message:  # noqa: ARG001 - 
 
 
 def fence_status(context: TelemetryContext) -> Message | None:
-    """Return FENCE_STATUS while there is a fence."""
+    """Return FENCE_STATUS while there is a fence, and after a breach when there is none any more: it is over."""
     boat, (count, since_s) = context.snapshot, context.fence_breaches
-    if not boat.mission.identities[1]:
+    if not (boat.mission.identities[1] or count):
         return None
     breached = bool(boat.faults >> Fault.FENCE_BREACHED & 1)
     kind = mavlink.FENCE_BREACH_BOUNDARY if breached else mavlink.FENCE_BREACH_NONE

@@ -416,6 +416,18 @@ def test_absurd_requests_change_nothing(value):
         assert answer.verdict is Verdict.DENIED
 
 
+@pytest.mark.parametrize(("fence", "said"), [((), "No fence to heed: send one"), ((5003,), "Fence heeded")])
+def test_an_item_that_wants_the_fence_heeded_says_when_there_is_none(fence, said):
+    boat = Boat()
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    circles = [PlanItem(command, frame=0, params=(50.0, 0.0, 0.0, 0.0), x=1, y=1) for command in fence]
+    boat.tick(ReplacePlan(Plan.of(PlanKind.FENCE, circles)))
+    boat.tick(ReplacePlan(Plan.of(PlanKind.MISSION, [PlanItem(Command.FENCE_ENABLE, 2, params=(1.0, 0.0, 0.0, 0.0))])))
+    boat.under_way(Mode.AUTO)
+    boat.run(2.0)
+    assert [text for text in boat.events if "ence " in text and "reach" not in text] == [said]
+
+
 def homes(*fixes, orders=()):
     """Return home after each fix (time, latitude, longitude); orders (time, intent) come with the fix of their time."""
     state, found = State.at_start(ParameterSet().replaced("POS_JUMP_S", 60.0)), []

@@ -83,6 +83,22 @@ def test_a_polygon_that_would_take_long_to_judge_is_refused():
     assert found is not None
 
 
+@pytest.mark.parametrize(
+    "points",
+    [
+        ((0, 0), (0, 100), (0, 200)),
+        ((5, 5), (50_005, 100_005), (100_005, 200_005), (25_006, 50_005)),  # as near the line as degrees are written
+        ((0, EAST), (100, EAST + 100), (200, WEST)),
+        ((0, 0), (100, 100), (0, 0), (300, 300)),
+    ],
+)
+@pytest.mark.parametrize("command", [5001, 5002])
+def test_a_polygon_whose_corners_lie_on_one_line_is_refused(points, command):
+    found = problem_of(Plan.of(PlanKind.FENCE, [item(5003, 5.0), *ring(*points, command=command)]))
+    assert (found.index, found.result) == (1, PlanResult.INVALID)
+    assert found.text == "the polygon has all its vertices on one line"
+
+
 @given(st.lists(st.tuples(st.integers(-20, 20), st.integers(-20, 20)), min_size=3, max_size=9))
 def test_crossings_are_those_found_by_comparing_all_pairs(points):
     def side(a, b, p):

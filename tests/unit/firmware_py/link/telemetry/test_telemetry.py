@@ -222,7 +222,7 @@ def test_a_battery_that_is_charged_has_a_negative_current_that_is_never_the_numb
     assert build("BATTERY_STATUS", power=Power(13.1, discharged=Flow(720.0, 60.0))).energy_consumed == 7
 
 
-def test_the_fence_is_told_while_there_is_one(build):
+def test_the_fence_is_told_while_there_is_one_and_once_breached_ever_after(build):
     there = MissionReport(identities=(0, 7, 0))
     assert build("FENCE_STATUS") is None
     whole = build("FENCE_STATUS", mission=there)
@@ -230,6 +230,8 @@ def test_the_fence_is_told_while_there_is_one(build):
     broken = build("FENCE_STATUS", mission=there, faults=1 << Fault.FENCE_BREACHED, fence_breaches=(3, 12.5))
     shown = (broken.breach_status, broken.breach_count, broken.breach_type, broken.breach_time)
     assert shown == (1, 3, mavlink.FENCE_BREACH_BOUNDARY, 12_500)
+    cleared = build("FENCE_STATUS", fence_breaches=(3, 12.5))  # who was told of the breach is told that it is over
+    assert (cleared.breach_status, cleared.breach_count, cleared.breach_type) == (0, 3, mavlink.FENCE_BREACH_NONE)
 
 
 def test_times(build):
