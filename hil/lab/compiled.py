@@ -38,6 +38,7 @@ from numba.core import config as numba_config
 from numba.extending import register_jitable
 
 from firmware_py.model import kt
+from hil.lab.held_signals import HeldSignals
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -103,6 +104,7 @@ _compilations: Final = _Compilations()
 _told: Final[list[bool]] = []  # that nothing can be kept
 _line: Final = threading.Lock()  # who holds it writes the line of progress
 event.register("numba:compile", _compilations)  # type: ignore[no-untyped-call]
+event.register("numba:compiler_lock", HeldSignals())  # type: ignore[no-untyped-call]
 
 
 def being_compiled() -> bool:

@@ -2,6 +2,7 @@
 
 import io
 import os
+import signal
 import struct
 import subprocess
 import sys
@@ -12,11 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numba.core import event
+from numba.core.compiler_lock import global_compiler_lock
 
 from firmware_py.model import kt
 from hil.lab import compiled as compiled_module
 from hil.lab.compiled import cache_folder, compiled, compiled_here, compiling, inner, sources_digest
 from hil.ship import manoeuvring
+from hil.sim.signals import interruptible
 
 ROOT = compiled_module.PACKAGE.parent
 
@@ -221,6 +224,25 @@ def test_a_pipe_hears_nothing(monkeypatch):
     with compiling("the test", pipe):
         assert threading.active_count() == before
     assert pipe.getvalue() == ""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_waits_until_the_compiler_is_left(number):
+    passed = []
+
+    def compile_until_told():
+        with global_compiler_lock:
+            with global_compiler_lock:
+                passed.append("in")
+            signal.raise_signal(number)
+            passed.append("told")
+
+    with interruptible():
+        before = signal.getsignal(number)
+        with pytest.raises(KeyboardInterrupt):
+            compile_until_told()
+        assert passed == ["in", "told"]
+        assert signal.getsignal(number) is before
 
 
 def test_an_error_while_compiling_ends_the_telling(monkeypatch):
