@@ -19,6 +19,7 @@ from firmware_py.common.records import DeviceRole
 from firmware_py.common.reports import Output
 from firmware_py.loop import LoopParts
 from firmware_py.system.clock import machine_s
+from firmware_py.system.console import Console
 from firmware_py.system.realtime import LoadMeter
 from firmware_py.system.state_directory import BOOT_COUNT
 from firmware_py.system.status_file import StatusFile
@@ -32,11 +33,11 @@ def show_status(
     parts: LoopParts,
     links: Callable[[float], Sequence[LinkStatus]],
     commit: str,
-    say: Callable[[str], None],
+    console: Console,
     opened: ExitStack,
 ) -> None:
     """Have a wired autopilot write its status; `opened` takes it away at the end."""
-    trial = TrialWatch(link_of(sys.argv[0]), parts.store, parts.notices, say)
+    trial = TrialWatch(link_of(sys.argv[0]), parts.store, parts.notices, console.ahead)
     about = {
         "vehicle": vehicle.name,
         "state_directory": os.path.realpath(state_directory),
@@ -57,7 +58,7 @@ def show_status(
         swing=lambda: parts.autopilot.compass_swing.report,
         update=lambda: trial.text,
     )
-    reporter = StatusReporter(sources, StatusFile(state_directory), say)
+    reporter = StatusReporter(sources, StatusFile(state_directory), console.line)
     opened.callback(reporter.close)
 
     def look_on(output: Output, now_s: float) -> None:

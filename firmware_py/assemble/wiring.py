@@ -140,7 +140,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     )
     if options.lockstep is None or options.status:  # else nobody looks: time is not what a clock on the wall shows
         links = links_of(endpoint, talkers)
-        show_status(vehicle, options.state_directory, parts, links, version.commit, console.line, opened)
+        show_status(vehicle, options.state_directory, parts, links, version.commit, console, opened)
     feed_talkers(talkers, parts)
     return parts, endpoint, console
 
@@ -149,14 +149,14 @@ def _teller(console: Console, notices: list[Event]) -> Callable[[str], None]:
     """Return what says a text now, and has it told with the next tick."""
 
     def say(text: str) -> None:
-        console.line(text)
+        console.ahead(text)
         notices.append(Event(Severity.WARNING, text))
 
     return say
 
 
 def _printer(console: Console, clock: Clock) -> Callable[[Event], None]:
-    return lambda event: console.line(f"{clock.now_s():10.3f} {event.severity.name.lower():8} {event.text}")
+    return lambda event: console.event(f"{clock.now_s():10.3f} {event.severity.name.lower():8}", event.text)
 
 
 def _taker_of_late_key(endpoint: Endpoint, directory: Path, say: Callable[[str], None]) -> Callable[[Stored], None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import subprocess
 import sys
 
@@ -17,5 +18,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Exit 0 when the page is written, else as the harness does."""
     words = [] if arguments.out is None else ["--out", arguments.out]
     # The autopilot does not import the harness; it may be asked to do something, as by anybody.
-    done = subprocess.run([sys.executable, "-m", "hil", "report", *words, "--", *arguments.places], check=False)  # noqa: S603 - words of our own
+    done = subprocess.run(  # noqa: S603 - words of our own
+        [sys.executable, "-m", "hil", "report", *words, "--", *arguments.places],
+        check=False,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="backslashreplace",
+    )
+    for line in done.stderr.splitlines():  # by the name that was called
+        print(re.sub("^rambler-hil: ", "rambler report: ", line), file=sys.stderr)
     return done.returncode

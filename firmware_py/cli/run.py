@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 import threading
 import time
 import traceback
@@ -67,11 +68,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def default_state_directory(name: str) -> Path:
     """Return the place of the state where none is given, by the XDG rules; VehicleError for a user without a home."""
+    root = Path(os.environ.get("XDG_STATE_HOME", ""))
     try:
-        root = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+        if not root.is_absolute():
+            if root.parts:
+                ignored = f"XDG_STATE_HOME={root} is not absolute and is ignored"
+                print(f"rambler: {ignored}; give an absolute path, or --state", file=sys.stderr)
+            root = Path.home() / ".local" / "state"
     except RuntimeError:
         raise VehicleError("you have no home to keep the state in; name a directory by --state") from None
-    return Path(root) / "rambler" / "".join(c if c.isalnum() or c in "-_" else "-" for c in name.lower())
+    return root / "rambler" / "".join(c if c.isalnum() or c in "-_" else "-" for c in name.lower())
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -111,8 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _supervise(assembly: Assembly, arguments: argparse.Namespace) -> Supervision:
     """Put the run under the watch of whom there is; what has been opened is closed again when that cannot be."""
     try:
-        console = assembly.console.line
-        return Supervision(assembly.parts, console, os.environ, arguments.watchdog, wait=arguments.wait)
+        return Supervision(assembly.parts, assembly.console.ahead, os.environ, arguments.watchdog, wait=arguments.wait)
     except WatchdogError:
         assembly.close()
         raise

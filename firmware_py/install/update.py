@@ -14,12 +14,12 @@ import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from firmware_py import __version__, commit_of
 from firmware_py.common.record_class import dataclass
-from firmware_py.files.reading import read_text
+from firmware_py.files.reading import read_regular, read_text
 from firmware_py.install import environment as environments
 from firmware_py.install.bundle import Bundle, UpdateError, is_older, unpack
 from firmware_py.install.environment import Environment, environment_of
@@ -209,13 +209,24 @@ def _switch(installation: Installation, link: ProgramLink, new: Environment, may
     """Put a program in force and end the one that runs, so that the service starts the new one."""
     found = _check_unarmed(installation.state, may)
     link.switch(new.program)
-    say(f"{link.path} leads to {new.program}, on trial for {STARTS} starts")
+    passed = _has_passed(installation.state, new.program)
+    say(f"{link.path} leads to {new.program}{'' if passed else f', on trial for {STARTS} starts'}")
     pid = int(found.content.get("pid", 0))
     if found.freshness is Freshness.ABSENT or not _is_ours(pid, link.path):
         say("nothing runs on its state: the service's next start takes it")
         return
     os.kill(pid, signal.SIGTERM)
     say(f"process {pid} was told to end; the service starts the new one")
+
+
+def _has_passed(state: Path, program: Path) -> bool:
+    """Whether a program has passed a trial as far as is kept; the service's next start looks the same way."""
+    line = passed_text(program).encode().rstrip(b"\n")
+    for slot in state.glob(f"{UPDATE_FILE}.[01]"):
+        with suppress(OSError, ValueError):
+            if line in read_regular(slot, _MOST_UNIT_BYTES, follow=False).split(b"\n"):
+                return True
+    return False
 
 
 def _compare_units(installation: Installation, new: Environment, say: Say) -> None:

@@ -23,6 +23,7 @@ class Console:
         """Start the writer."""
         self._lines: queue.Queue[str | None] = queue.Queue(LIMIT)
         self._lost = 0
+        self._ahead: list[str] = []
         self._thread = threading.Thread(target=self._write, name="console", daemon=True)
         self._thread.start()
 
@@ -32,6 +33,18 @@ class Console:
             self._lines.put_nowait(text)
         except queue.Full:
             self._lost += 1
+
+    def ahead(self, text: str) -> None:
+        """Queue what an event is to tell with the first tick, which a start that fails does not come to."""
+        self._ahead.append(text)
+        self.line(text)
+
+    def event(self, head: str, text: str) -> None:
+        """Queue the line of an event, unless it was said ahead."""
+        if text in self._ahead:
+            self._ahead.remove(text)
+        else:
+            self.line(f"{head} {text}")
 
     def close(self) -> None:
         """Write what is queued, for at most a second."""

@@ -37,6 +37,8 @@ def logs_of(places: Sequence[Path]) -> tuple[list[Path], list[Path], list[str]]:
     thin: list[Path] = []
     notes = []
     for place in places:
+        if not place.exists():
+            raise UsageError(f"{place} is not there; name logs, a state directory or that of a run")
         if not place.is_dir():
             (thin if place.parent.name == THIN else full).append(place)
             continue

@@ -1,5 +1,6 @@
 """What is wired at a start: parameters from the vehicle file and the state directory."""
 
+import argparse
 import select
 import threading
 from pathlib import Path
@@ -8,8 +9,10 @@ import pytest
 
 from firmware_py.__main__ import main
 from firmware_py.assemble.wiring import Options, assemble, base_parameters
+from firmware_py.cli.run import _supervise
 from firmware_py.common.records import Severity
 from firmware_py.link.security.key_record import KeyRecord, find_key, to_text
+from firmware_py.system.console import Console
 from firmware_py.system.state_directory import SIGNING_FILE, stored_key
 from firmware_py.system.store import Store
 from firmware_py.vehicle import load
@@ -74,6 +77,28 @@ def test_a_mission_that_was_lost_is_an_event_of_the_start(vehicle, tmp_path, cap
     told = "mission.plan.0 is damaged: there is no mission"
     assert [(event.severity, event.text) for event in assembly.parts.notices] == [(Severity.WARNING, told)]
     assert told in "".join(capfd.readouterr())
+
+
+def test_what_is_said_ahead_of_the_first_tick_is_not_shown_again_in_it(vehicle, tmp_path, capfd):
+    arguments = argparse.Namespace(watchdog=None, wait=True)
+    for _ in range(2):  # the first one is cut off
+        assembly = assemble(vehicle, Options(tmp_path / "state", wait=True))
+        _supervise(assembly, arguments)
+        for event in assembly.parts.notices:
+            assembly.parts.show_event(event)
+        assembly.close()
+    told = "Started again: cut off (the first time)"
+    assert capfd.readouterr().err.count(told) == 1
+    assert [event.text for event in assembly.parts.notices].count(told) == 1
+
+
+def test_what_happens_again_is_shown_again(capfd):
+    console = Console()
+    console.ahead("it is so")
+    for head in "abc":
+        console.event(head, "it is so")
+    console.close()
+    assert capfd.readouterr().err == "it is so\nb it is so\nc it is so\n"
 
 
 @pytest.mark.parametrize("number", range(4))

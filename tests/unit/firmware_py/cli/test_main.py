@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from firmware_py.__main__ import COMMANDS, main
+from firmware_py.cli.run import default_state_directory
 from firmware_py.common.parameter_table import TABLE
 from hil.__main__ import main as hil_main
 from support.paths import REPLAY, ROOT
@@ -204,6 +205,19 @@ def test_a_name_that_is_no_utf_8_is_refused_in_a_line(words, tmp_path, monkeypat
     assert (said.out, said.err.count("\n")) == ("", 1)
     assert "is no text in this locale; give another, or LC_ALL=C.UTF-8\n" in said.err
     assert not [path for path in tmp_path.iterdir() if path.is_dir()]
+
+
+def test_a_relative_state_home_is_told_and_ignored(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(Path, "home", lambda: tmp_path / "home")
+    monkeypatch.setenv("XDG_STATE_HOME", "some/where")
+    assert default_state_directory("Boat 1") == tmp_path / "home/.local/state/rambler/boat-1"
+    told = "rambler: XDG_STATE_HOME=some/where is not absolute and is ignored; give an absolute path, or --state\n"
+    assert capsys.readouterr().err == told
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert default_state_directory("Boat 1") == tmp_path / "rambler/boat-1"
+    monkeypatch.setenv("XDG_STATE_HOME", "")
+    assert default_state_directory("Boat 1") == tmp_path / "home/.local/state/rambler/boat-1"
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize("words", [("run",), ("check",), ("calibrate", "rudder")])

@@ -209,6 +209,18 @@ def test_how_a_trial_has_ended_is_told(place, ask):
     assert said[2].startswith("taken back: rambler was started 0 times")
 
 
+def test_a_version_that_has_passed_before_is_not_said_to_be_on_trial(place, ask):
+    old = update.installation_of(place / "rambler.service").link.target()
+    store = Store(place / "state")
+    store.save(UPDATE_FILE, passed_text(old).encode())
+    store.close()
+    assert "on trial for 3 starts" in ask()[1]
+    code, said = ask("--back")
+    assert code == 0
+    assert f"leads to {old}\n" in said
+    assert "on trial" not in said
+
+
 VEHICLE = """
 [compass]
 driver = "nmea"

@@ -159,10 +159,17 @@ def test_a_page_needs_nothing_of_the_bench(state, tmp_path):
     assert (tmp_path / "page.html").exists()
 
 
+def test_rambler_report_says_by_its_own_name_what_to_do(tmp_path, capsys):
+    nope = tmp_path / "NOPE"
+    assert rambler.main(["report", str(nope)]) == 2
+    told = f"rambler report: {nope} is not there; name logs, a state directory or that of a run\n"
+    assert capsys.readouterr().err == told
+
+
 def test_rambler_report_has_the_harness_make_it(monkeypatch):
     asked = []
     monkeypatch.setattr(
-        "subprocess.run", lambda words, check: asked.append(words) or subprocess.CompletedProcess(words, 0)
+        "subprocess.run", lambda words, **_: asked.append(words) or subprocess.CompletedProcess(words, 0, stderr="")
     )
     assert rambler.main(["report", "a.BIN", "b.BIN", "--out", "page.html"]) == 0
     assert asked[0][1:] == ["-m", "hil", "report", "--out", "page.html", "--", "a.BIN", "b.BIN"]
