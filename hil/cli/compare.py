@@ -28,7 +28,7 @@ DEFAULT_SEAS = ("tank", "sea", "swell", "weak")
 DEFAULT_GOALS = "0:0,120:60,720:-30"
 AFTER_LAST_GOAL_S = 600.0
 MOST_SEEDS = 1000
-COLUMNS = ("rms deg", "travel deg/h", "mean deg", "overshoot deg", "within 5 deg s")
+COLUMNS = ("rms deg", "worst", "travel deg/h", "mean deg", "overshoot deg", "within 5 deg s")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -122,7 +122,8 @@ def text(rows: list[Row], limits: list[tuple[float, float] | None] | None = None
     """Return the tables as the terminal shows them; limits stand beside the rows."""
     width = max(len(row.controller.name) for row in rows)
     seeds = len(rows[0].scores)
-    lines = [f"{'':{width}}  " + "  ".join(COLUMNS) + f"   (mean of {seeds} seeds, steady from 200 s after a goal)"]
+    about = f"(mean of {seeds} seeds, and the worst rms; steady from 200 s after a goal)"
+    lines = [f"{'':{width}}  {'  '.join(COLUMNS)}   {about}"]
     scenario = ""
     for number, row in enumerate(rows):
         if row.scenario != scenario:
@@ -131,6 +132,7 @@ def text(rows: list[Row], limits: list[tuple[float, float] | None] | None = None
         mean = row.mean
         cells = (
             f"{mean.rms_deg:.2f}",
+            f"{max(one.rms_deg for one in row.scores):.2f}",
             f"{mean.travel_deg_per_h:.0f}",
             f"{mean.mean_deg:+.2f}",
             f"{mean.overshoot_deg:.1f}",

@@ -13,6 +13,7 @@ from hil.sim.truth import Array
 
 WIDTH, HEIGHT, MARGIN, FOOT, HEAD = 340, 150, 10, 20, 8
 BINS = 32
+COUNT_WIDTH = 40  # of the numbers beside a histogram
 LINE = 22  # of a row of intervals
 NAME_WIDTH = 150
 TAIL = 0.005  # of the numbers to each side may lie outside a histogram; they are counted at its edge
@@ -35,18 +36,19 @@ def histogram(values: Array, marks: Sequence[float] = ()) -> str:
     if not high - low > 1e-9 * max(1.0, abs(low)):
         low, high = low - 0.5, low + 0.5
     counts, _ = np.histogram(np.clip(values, low, high), BINS, (low, high))
-    inner, base = WIDTH - 2 * MARGIN, HEIGHT - FOOT
-    wide, tall = inner / BINS, (base - HEAD) / max(1, int(counts.max()))
+    left, base, most = COUNT_WIDTH, HEIGHT - FOOT, int(counts.max())
+    inner = WIDTH - left - MARGIN
+    wide, tall = inner / BINS, (base - HEAD) / most
     bars = "".join(
-        f'<rect class="bar" x="{MARGIN + wide * place:.1f}" y="{base - tall * count:.1f}" width="{wide - 1:.1f}"'
+        f'<rect class="bar" x="{left + wide * place:.1f}" y="{base - tall * count:.1f}" width="{wide - 1:.1f}"'
         f' height="{tall * count:.1f}"/>'
         for place, count in enumerate(counts.tolist())
     )
     lines = "".join(
         f'<line class="cursor" x1="{x:.1f}" x2="{x:.1f}" y1="{HEAD}" y2="{base}"/>'
-        for x in (MARGIN + inner * (mark - low) / (high - low) for mark in marks if low <= mark <= high)
+        for x in (left + inner * (mark - low) / (high - low) for mark in marks if low <= mark <= high)
     )
-    return _svg(HEIGHT, bars + lines + _axis(low, high, MARGIN, inner, base))
+    return _svg(HEIGHT, bars + lines + _axis(low, high, left, inner, base) + _counts(most, left, base, tall))
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +92,15 @@ def _axis(low: float, high: float, left: float, inner: float, base: float) -> st
         for share, number, anchor in ((0.0, low, "start"), (0.5, 0.5 * (low + high), "middle"), (1.0, high, "end"))
     )
     return f'<line class="frame" x1="{left}" x2="{left + inner}" y1="{base}" y2="{base}"/>{texts}'
+
+
+def _counts(most: int, left: float, base: float, tall: float) -> str:
+    """Return an upright axis of counts: none, half of the most where that is whole, the most."""
+    texts = "".join(
+        f'<text x="{left - 4}" y="{base - tall * count + 4:.1f}" text-anchor="end">{shown(count)}</text>'
+        for count in (0, *((most // 2,) if most % 2 == 0 else ()), most)
+    )
+    return f'<line class="frame" x1="{left}" x2="{left}" y1="{HEAD}" y2="{base}"/>{texts}'
 
 
 def shown(value: float) -> str:

@@ -34,8 +34,8 @@ SENSITIVITY_NOTE = (
 )
 NOTE = (
     "Errors are heading less goal, of the hull's heading without the yaw of the waves; errors and rudder travel are of "
-    "the steady parts of all goals, overshoot and settling the largest of a run's. A histogram counts what lies "
-    "farther out at its edges; the upright lines are 5, 50 and 95 %."
+    "the steady parts of all goals, overshoot and settling the largest of a run's. A histogram counts runs, what "
+    "lies farther out at its edges; the upright lines are 5, 50 and 95 %."
 )
 
 

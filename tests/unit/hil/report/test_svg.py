@@ -19,6 +19,16 @@ def test_a_histogram_is_as_high_as_there_are_numbers():
     assert sum(height > 0.0 for height in heights) == 2
 
 
+COUNTS = [(10, ["0", "5", "10"]), (7, ["0", "7"]), (12_000, ["0", "6000", "12000"])]
+
+
+@pytest.mark.parametrize(("most", "counts"), COUNTS)
+def test_a_histogram_has_an_axis_of_counts(most, counts):
+    picture = svg.histogram(np.array([0.0] * most + [1.0] * (most // 2)))
+    assert re.findall(r'text-anchor="end">(\d+)</text>', picture)[1:] == counts  # after the largest number
+    assert all(float(x) >= svg.COUNT_WIDTH for x in re.findall(r'<rect[^>]* x="([\d.]+)"', picture))
+
+
 @pytest.mark.parametrize("numbers", [np.full(10, 3.0), np.array([0.1, 0.1 + 1e-16, 0.3 - 0.2])])
 def test_equal_numbers_make_one_bar(numbers):
     assert sum(height > 0.0 for height in bars(svg.histogram(numbers))) == 1

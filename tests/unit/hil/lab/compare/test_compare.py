@@ -8,7 +8,7 @@ import pytest
 
 from firmware_py.model.kt import OCEAN_RAMBLER
 from hil.__main__ import main
-from hil.cli.compare import as_entries
+from hil.cli.compare import as_entries, text
 from hil.lab.compare import pid
 from hil.lab.compare.score import Score, Turn, mean_of, score_of, turns_of
 from hil.lab.compare.voyages import OURS, PAPER, PID, Row, Task, can_sail, sail_one
@@ -38,6 +38,13 @@ def test_the_figures_are_those_of_the_steady_part():
     assert score.travel_deg_per_h == pytest.approx(0.5 * 10.0 * 3600.0, rel=1e-3)
     assert score.overshoot_deg == pytest.approx(4.0)
     assert score.near_s == pytest.approx(171.8, abs=0.2)
+
+
+def test_the_worst_seed_stands_beside_the_mean():
+    scores = tuple(Score(rms_deg, 100.0, 0.0, 3.0, 40.0) for rms_deg in (1.0, 7.0))
+    head, _, row = text([Row("tank", OURS, scores)]).splitlines()
+    assert head.split()[:3] == ["rms", "deg", "worst"]
+    assert row.removeprefix(OURS.name).split()[:3] == ["5.00", "7.00", "100"]
 
 
 def test_a_goal_too_short_to_be_steady_counts_nowhere():
