@@ -38,15 +38,23 @@ def relieved(text: str) -> Check:
         told_s = boat.said(text, at_s)
         if told_s is None or boat.now_s > told_s + TRIED_S - AT_REST_S:
             return ""  # the other of a pair hides it, or has taken so long that it may be tried meanwhile
-        boat.steer(boat.goal_deg + TURN_DEG)
-        boat.run(max(0.0, told_s + LET_GO_S - boat.now_s))
-        stood_deg, end_s = boat.rudder_deg(), boat.now_s + AT_REST_S
-        while boat.now_s < end_s:
-            if boat.servo.motor.pulls():
-                return f"the servo pulls {boat.now_s - told_s:.1f} s after the telling"
-            if abs(boat.rudder_deg() - stood_deg) > MOVED_DEG:
-                return f"the rudder is moved {boat.now_s - told_s:.1f} s after the telling"
-            boat.run(0.1)
-        return ""
+        goal_deg = boat.goal_deg
+        boat.steer(goal_deg + TURN_DEG)
+        wrong = _pulled(boat, told_s)
+        boat.steer(goal_deg)  # what the other of a pair is looked at for
+        return wrong
 
     return check
+
+
+def _pulled(boat: DrillBoat, told_s: float) -> str:
+    """Say how the rudder is pulled at, soon after the telling and for as long as it is not tried."""
+    boat.run(max(0.0, told_s + LET_GO_S - boat.now_s))
+    stood_deg, end_s = boat.rudder_deg(), boat.now_s + AT_REST_S
+    while boat.now_s < end_s:
+        if boat.servo.motor.pulls():
+            return f"the servo pulls {boat.now_s - told_s:.1f} s after the telling"
+        if abs(boat.rudder_deg() - stood_deg) > MOVED_DEG:
+            return f"the rudder is moved {boat.now_s - told_s:.1f} s after the telling"
+        boat.run(0.1)
+    return ""
