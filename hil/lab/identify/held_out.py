@@ -37,9 +37,12 @@ class HeldOut:
     heading_mean_rad: float | None
     heading_within_rad: float | None  # 95 % of the errors
     predictions: tuple[Prediction, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, file: str, errors: Errors, predictions: tuple[Prediction, ...] = ()) -> Self:
+    def of(
+        cls, file: str, errors: Errors, predictions: tuple[Prediction, ...] = (), warnings: tuple[str, ...] = ()
+    ) -> Self:
         """Sum up errors."""
         whole = {name: np.concatenate(pieces) for name, pieces in errors.items() if pieces}
         heading, rate = whole.get("heading"), whole.get("yaw_rate")
@@ -50,6 +53,7 @@ class HeldOut:
             None if heading is None else float(np.mean(heading)),
             None if heading is None else float(np.quantile(np.abs(heading), 0.95)),
             predictions,
+            warnings,
         )
 
 
@@ -77,7 +81,8 @@ def held_out(
         begin = State(fit.state.point, (first_guess(part.stretches[0]),))
         starts.extend(refine(replace(problem, data=part), begin).state.starts)
     state = State(fit.state.point, tuple(starts))
-    return HeldOut.of(recording.name, _errors(problem, state, centred=False), predictions(problem, state))
+    errors = _errors(problem, state, centred=False)
+    return HeldOut.of(recording.name, errors, predictions(problem, state), data.warnings)
 
 
 def predictions(problem: Problem, state: State) -> tuple[Prediction, ...]:

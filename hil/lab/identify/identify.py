@@ -20,8 +20,9 @@ from hil.lab.identify.noise import Whiteness, whiteness
 from hil.lab.identify.recording import Recording
 from hil.lab.identify.rudder_timing import AS_RAMPS, TimingChoice, choose_timing
 from hil.lab.identify.search import GlobalSearch, misfit, swarm_search
+from hil.lab.identify.stability import runs_away, seems_unstable
 from hil.lab.identify.stretch import Data, Timing, prepare, timed
-from hil.lab.identify.verdict import LARGEST_ERROR, Judgement, judge
+from hil.lab.identify.verdict import IDENTIFIABLE, LARGEST_ERROR, NOT_IDENTIFIABLE, Judgement, judge
 
 MODELS = ("linear", "cubic", "auto")
 SPEEDS = ("auto", "scaled", "ignored")
@@ -108,7 +109,7 @@ def identify(
     choice = Choice(chosen.model, chosen.why, chosen.scaled, chosen.speed_why, timing)
     data = next(one for one, scaled in kinds if scaled == chosen.scaled)
     loop = loop_of(found)
-    judgement = _judged(found, model, loop)
+    judgement = _warned(_judged(found, model, loop), found)
     _check_size(data, judgement)
     brought = Brought(
         searched.box.guess_misfit,
@@ -147,6 +148,22 @@ def _judged(found: Fit, model: str, loop: Loop) -> Judgement:
     place = CUBIC.index(2)
     spread = math.sqrt(max(float(estimates.covariance[place, place]), 0.0))
     return judge(found, estimates, (0.0, spread / found.problem.scales.yaw_rate_rad_s**2), loop)
+
+
+def _warned(judgement: Judgement, found: Fit) -> Judgement:
+    """Add what was seen of the data before the fit, and a boat that the equation is not of."""
+    warnings, estimates = [*found.problem.data.warnings, *judgement.warnings], dict(judgement.estimates)
+    if estimates["T"].verdict != IDENTIFIABLE:
+        unstable = seems_unstable(found)
+        if unstable:
+            warnings.append(
+                "is she unstable? a yaw rate that is there seems to grow by itself, so that she does not run straight "
+                "with the rudder amidships (T below zero): a K and a T above zero do not describe her"
+            )
+        if unstable or runs_away(found):
+            why = "the equation with T above zero is hardly that of this boat"
+            estimates["delta0"] = replace(estimates["delta0"], verdict=NOT_IDENTIFIABLE, why=why)
+    return replace(judgement, estimates=estimates, warnings=tuple(warnings))
 
 
 def _kinds(data: Data, speed: str) -> tuple[tuple[Data, bool], ...]:

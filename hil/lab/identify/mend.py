@@ -8,14 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from hil.errors import UsageError
 from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
 
 SPIKE_NEIGHBOURS = 3  # to each side
 SPIKE_SPREADS = 8.0  # a normal number is this far out once in 1e15
 NORMAL_MAD, NORMAL_90 = 1.4826, 1.645
 BIAS_BLOCKS, BIAS_CERTAIN, BIAS_MATTERS = 10, 8.0, 0.02  # standard errors; of the yaw rate's spread
-DEGREES_SLOPE = 20.0  # a heading that changes this many times faster than the yaw rate says is in degrees
 
 
 def once(recordings: Sequence[Recording], notes: list[str]) -> list[Recording]:
@@ -69,47 +67,20 @@ def without_spikes(values: Floats) -> tuple[Floats, int]:
     return np.where(wrong, middle, values), int(np.count_nonzero(wrong))
 
 
-def without_rate_bias(recording: Recording, notes: list[str]) -> Recording:
-    """Take a yaw rate's constant error away where the heading beside it shows one for certain."""
+def without_rate_bias(recording: Recording, notes: list[str], scale: float = 1.0) -> Recording:
+    """Take a yaw rate's constant error away where the heading beside it shows one for certain.
+
+    scale: how many times as far the heading turns.
+    """
     if recording.heading_rad is None or recording.yaw_rate_rad_s is None:
         return recording
     time_s, rate = recording.time_s, recording.yaw_rate_rad_s
     cuts = np.linspace(0, time_s.size - 1, BIAS_BLOCKS + 1).astype(int)
     turned = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s))))
-    apart = (turned - np.unwrap(recording.heading_rad))[cuts]
+    apart = (turned - np.unwrap(recording.heading_rad) / scale)[cuts]
     biases = np.diff(apart) / np.diff(time_s[cuts])
     bias, spread = float(np.median(biases)), float(np.std(biases)) / math.sqrt(BIAS_BLOCKS)
     if abs(bias) < max(BIAS_CERTAIN * spread, BIAS_MATTERS * float(np.std(rate))):
         return recording
     notes.append(f"{recording.name}: yaw_rate_rad_s is {bias:+.3g} rad/s off what the heading does; taken away")
     return replace(recording, yaw_rate_rad_s=rate - bias)
-
-
-def check_agreement(recording: Recording) -> None:
-    """Refuse a heading in degrees beside a yaw rate in radians, or the other way round."""
-    if recording.heading_rad is None or recording.yaw_rate_rad_s is None:
-        return
-    psi, _ = without_spikes(np.unwrap(recording.heading_rad))
-    rate = recording.yaw_rate_rad_s
-    turned = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(recording.time_s))))
-    turned -= turned.mean()
-    psi = psi - psi.mean()
-    power = float(turned @ turned)
-    if not power > 0.0 or not float(psi @ psi) > 0.0:
-        return
-    slope = float(psi @ turned) / power
-    likeness = float(psi @ turned) / math.sqrt(power * float(psi @ psi))
-    name, there = recording.name, "as the yaw rate adds up to"
-    if abs(likeness) < 0.9:
-        return
-    if slope > DEGREES_SLOPE:
-        raise UsageError(f"{name}: heading_rad turns {slope:.0f} times as far {there}: is it in degrees? convert it")
-    if 0.0 < slope < 1.0 / DEGREES_SLOPE:
-        raise UsageError(
-            f"{name}: heading_rad turns {slope:.3f} times as far {there}: is yaw_rate_rad_s in deg/s? convert it"
-        )
-    if slope < 0.0:
-        raise UsageError(
-            f"{name}: heading_rad and yaw_rate_rad_s turn against each other; turn the sign of one: "
-            "both are positive to starboard"
-        )

@@ -76,7 +76,7 @@ class Recording:
             )
         return replace(self.rows(slice(int(first), int(last))), name=str(source))
 
-    def rows(self, rows: slice) -> Recording:
+    def rows(self, rows: slice | NDArray[np.bool_]) -> Recording:
         """Return some of the rows."""
         columns = (self.heading_rad, self.yaw_rate_rad_s, self.speed_m_s)
         heading, rate, speed = (None if column is None else column[rows] for column in columns)

@@ -53,7 +53,7 @@ def as_json(result: Identification, seconds: float, suggestion: Suggestion | Non
         },
         "why": {"model": result.choice.why, "speed": result.choice.speed_why, "rudder": result.choice.timing.why},
         "suggestion": None if suggestion is None else suggestion.text,
-        "warnings": list(result.judgement.warnings),
+        "warnings": _warnings(result),
         "notes": list(result.data.notes),
     }
     return json.dumps(data, indent=2, allow_nan=False) + "\n"
@@ -72,6 +72,10 @@ def _errors(part: HeldOut) -> dict[str, float | None]:
     }
 
 
+def _warnings(result: Identification) -> list[str]:
+    return [*result.judgement.warnings, *(text for part in result.validate for text in part.warnings)]
+
+
 def as_text(result: Identification, suggestion: Suggestion | None, *, angular: bool = True) -> str:
     """Return the report that stands on the terminal; angular: the rudder column is an angle."""
     lines = [*_header(result), "", *_table(result, angular=angular), ""]
@@ -85,7 +89,7 @@ def as_text(result: Identification, suggestion: Suggestion | None, *, angular: b
     lines += ["", *(_whiteness(result)), *_predictions(result), "", _search(result)]
     if suggestion is not None:
         lines += ["", f"suggestion: {suggestion.text}"]
-    lines += [f"warning: {text}" for text in result.judgement.warnings]
+    lines += [f"warning: {text}" for text in _warnings(result)]
     lines += [f"note: {text}" for text in result.data.notes]
     return "\n".join(lines)
 

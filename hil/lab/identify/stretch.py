@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -11,7 +12,8 @@ from typing import Self
 import numpy as np
 
 from hil.errors import UsageError
-from hil.lab.identify.mend import check_agreement, once, without_rate_bias, without_spikes
+from hil.lab.identify.agreement import scale_of, without_standstill
+from hil.lab.identify.mend import once, without_rate_bias, without_spikes
 from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
 
 GAP_SAMPLES = 10.0  # a hole this many usual intervals long: nobody knows what the rudder did in it
@@ -101,11 +103,16 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Data:
-    """All that a model is fitted to or judged by; speed_m_s is U0, None where no file has a speed."""
+    """All that a model is fitted to or judged by; speed_m_s is U0, None where no file has a speed.
+
+    rate_scale: how many times as far the headings turn as the yaw rates say, of the recording that is furthest off.
+    """
 
     stretches: tuple[Stretch, ...]
     speed_m_s: float | None
     notes: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+    rate_scale: float = 1.0
 
     @property
     def rows(self) -> int:
@@ -133,6 +140,8 @@ def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None) -> 
 
     The channels are those that all recordings have.
     """
+    warnings: list[str] = []
+    recordings = [without_standstill(recording, warnings) for recording in recordings]
     has_heading = all(recording.heading_rad is not None for recording in recordings)
     has_rate = all(recording.yaw_rate_rad_s is not None for recording in recordings)
     if not has_heading and not has_rate:
@@ -145,9 +154,10 @@ def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None) -> 
     mean_speed = _mean_speed(recordings) if with_speed else None
     reference = mean_speed if speed_m_s is None else speed_m_s
     stretches: list[Stretch] = []
+    scales = [1.0]
     for recording in recordings:
-        check_agreement(recording)
-        recording = without_rate_bias(recording, notes)  # noqa: PLW2901 - mended
+        scales.append(scale_of(recording, warnings))
+        recording = without_rate_bias(recording, notes, scales[-1])  # noqa: PLW2901 - mended
         parts = _between_gaps(recording, notes)
         stretches.extend(
             _stretch(recording, part, reference if with_speed else None, heading=has_heading, rate=has_rate)
@@ -157,7 +167,8 @@ def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None) -> 
         stretches.sort(key=lambda one: -one.time_s.size)
         notes.append(f"only the longest {MOST_STRETCHES} of {len(stretches)} stretches between gaps are used")
         stretches = stretches[:MOST_STRETCHES]
-    return Data(tuple(stretches), reference, tuple(notes))
+    rate_scale = max(scales, key=lambda scale: abs(math.log(scale)))
+    return Data(tuple(stretches), reference, tuple(notes), tuple(warnings), rate_scale)
 
 
 def timed(data: Data, timing: Timing) -> Data:

@@ -61,7 +61,7 @@ def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None, loo
     scales = fit.problem.scales
     gain, lag_s, cubic, offset = estimates.physical(scales, fit.state.point.sign)
     free = list(estimates.free)
-    covariance = _allowing_for_answers(estimates.covariance, loop)
+    covariance = _allowing_for_disagreement(_allowing_for_answers(estimates.covariance, loop), estimates, fit)
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     ln_gain_se, ln_lag_se = float(spread[0]), float(spread[1])
     ratio_se = _ratio_spread(covariance)
@@ -79,10 +79,13 @@ def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None, loo
         f"known to {_percent(ratio_se)}",
     )
     short = fit.problem.data.duration_s < LEAST_LAGS * lag_s
-    judged = {
+    main = {
         "K": _main("K", gain, ln_gain_se, ratio, refusal, short=short),
         "T": _main("T", lag_s, ln_lag_se, ratio, refusal, short=short),
-        "alpha": _alpha(fit, *alpha, explained=not refusal),
+    }
+    known = all(one.verdict == IDENTIFIABLE for one in main.values())
+    judged = main | {
+        "alpha": _alpha(fit, *alpha, explained=not refusal, known=known),
         "delta0": _offset(fit, offset, offset_se, explained=not refusal),
     }
     warnings = []
@@ -112,6 +115,15 @@ def _allowing_for_answers(covariance: Floats, loop: Loop) -> Floats:
     wider[1, 1] += bias**2
     wider[:2, :2] += 0.5 * bias**2 * (np.ones((2, 2)) - np.eye(2))
     return wider
+
+
+def _allowing_for_disagreement(covariance: Floats, estimates: Estimates, fit: Fit) -> Floats:
+    """Add to the errors of ln K and alpha r^2 that heading and yaw rate turn by different measures."""
+    apart = np.zeros(len(estimates.free))
+    apart[0] = math.log(fit.problem.data.rate_scale)
+    if 2 in estimates.free:
+        apart[list(estimates.free).index(2)] = -2.0 * float(estimates.values[2]) * apart[0]
+    return np.asarray(covariance + np.outer(apart, apart))
 
 
 def _refusal(fit: Fit, loop: Loop, *, explained: bool) -> str:
@@ -160,11 +172,13 @@ def _main(name: str, value: float, relative: float, ratio: Estimate, refusal: st
     return Estimate(value, se, NOT_IDENTIFIABLE, f"known to {_percent(relative)} only")
 
 
-def _alpha(fit: Fit, value: float, se: float, *, explained: bool) -> Estimate:
+def _alpha(fit: Fit, value: float, se: float, *, explained: bool, known: bool) -> Estimate:
     rate = fit.typical_rate_rad_s()
     share = abs(value) * rate**2
     bound = (max(value, 0.0) + 1.96 * se) * rate**2
     where = f"at the yaw rates of this log ({math.degrees(rate):.2g} deg/s) its term is"
+    if explained and not known and value > 2.0 * se:
+        return Estimate(value, _finite(se), NOT_IDENTIFIABLE, "it goes with K and T, which are not known by themselves")
     if explained and value > CERTAIN * se:
         return Estimate(value, _finite(se), IDENTIFIABLE, f"{where} {_percent(share)} of the yaw rate, and shows")
     if explained and value > 2.0 * se:

@@ -49,6 +49,8 @@ def check(boat, found, few=FEW):
         assert one["se"] >= 0.0
         if one["verdict"] == "identifiable":
             assert abs(one["value"] - true) <= few * one["se"] + 1e-4 * abs(true), (name, one, true)
+    if data["alpha"]["verdict"] == "identifiable":
+        assert data["K"]["verdict"] == data["T"]["verdict"] == "identifiable"
     ratio = data["K_over_T"]
     if ratio["verdict"] == "identifiable":
         assert abs(ratio["value"] - boat.gain / boat.lag) <= few * ratio["se"] + 2e-4 * abs(boat.gain / boat.lag)

@@ -171,15 +171,18 @@ def test_a_log_in_which_her_speed_doubles_gives_the_model_at_its_mean_speed(yard
         assert abs(data[name]["value"] - true) < max(4.0 * data[name]["se"], 0.01 * true)
 
 
-def test_a_ship_that_does_not_run_straight_by_herself_is_not_given_a_k_and_a_t(yard):
-    """K, T and alpha below zero: stable in a turn only. The model wants T above zero, and says that it cannot tell."""
+@pytest.mark.parametrize(("cubic", "channels"), [(-400.0, "hr"), (-2000.0, "hr"), (-2000.0, "h")])
+def test_a_ship_that_does_not_run_straight_by_herself_is_not_given_a_model(yard, cubic, channels):
+    """K, T and alpha below zero: stable in a turn only."""
     time = np.arange(4000) * 0.1
     rudder = yard.steps(time, 0.35, 12.0, 0.5)
-    heading, rate = sailed(time, rudder, np.full(time.size, 0.4), -0.06, -6.0, -400.0)
-    found = identify([yard.recorded(time, rudder, heading, rate)])
+    heading, rate = sailed(time, rudder, np.full(time.size, 0.4), -0.06, -6.0, cubic)
+    found = identify([yard.recorded(time, rudder, heading, rate, channels=channels)])
     data = json.loads(report.as_json(found, 0.0, suggest(found.fit, found.judgement)))
-    assert all(np.isfinite(data[name]["value"]) for name in ("K", "T", "alpha", "delta0"))
-    assert {data[name]["verdict"] for name in ("K", "T")}.isdisjoint({"identifiable"})
+    names = ("K", "T", "alpha", "delta0")
+    assert all(np.isfinite(data[name]["value"]) for name in names)
+    assert {data[name]["verdict"] for name in names}.isdisjoint({"identifiable"})
+    assert any("is she unstable?" in warning for warning in data["warnings"])
 
 
 @pytest.mark.parametrize(

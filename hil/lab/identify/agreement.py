@@ -1,0 +1,152 @@
+"""Whether the columns of a recording tell of one motion: what is frozen, and what turns by another measure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.errors import UsageError
+from hil.lab.identify.mend import without_spikes
+from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
+
+LONG_STILL = 10.0  # times as long as a value usually stays the same
+MOSTLY = 0.5  # of the rows: rather without a column than without them
+AS_BUSY = 0.5  # of its root mean square elsewhere: a witness that says that she went on turning
+COARSE_STEPS = 5.0  # of a sensor's own, that elsewhere she turns by in that time
+DEGREES_SLOPE = 20.0  # a heading that changes this many times faster than the yaw rate says is in degrees
+WINDOWS = (1000, 300, 100, 30, 15)  # of a recording, over which the turns of both are compared
+LEAST_WINDOWS = 10
+CERTAIN, MATTERS = 4.0, 0.02  # standard errors; of the scale
+
+
+def without_standstill(recording: Recording, warnings: list[str]) -> Recording:
+    """Leave out the rows in which heading or yaw rate is frozen, or a column that is so throughout."""
+    still = np.zeros(recording.time_s.size, dtype=bool)
+    for name, other in (("heading_rad", recording.yaw_rate_rad_s), ("yaw_rate_rad_s", recording.heading_rad)):
+        values = getattr(recording, name)
+        if values is None:
+            continue
+        if other is not None and np.ptp(values) == 0.0 < np.ptp(other):
+            warnings.append(f"{recording.name}: {name} never changes, as of a sensor that is dead; left out")
+            return _without(recording, name)
+        if name == "heading_rad":
+            values, witnesses = np.unwrap(values), [recording.rudder_rad, *([] if other is None else [other])]
+        else:
+            turning = [] if other is None else [np.gradient(np.unwrap(other), recording.time_s)]
+            witnesses = [recording.rudder_rad, *turning]
+        rows = _frozen(values, witnesses)
+        if rows.any():
+            most = other is not None and float(rows.mean()) > MOSTLY
+            seconds = float(np.sum(np.diff(recording.time_s)[rows[1:]]))
+            first = float(recording.time_s[int(np.argmax(rows))])
+            warnings.append(
+                f"{recording.name}: {name} stays exactly the same for {seconds:.0f} s (first from {first:.6g} s) in "
+                "which she is steered or turns as elsewhere, as of a sensor that is frozen; "
+                f"{'the column is' if most else 'those rows are'} left out"
+            )
+            if most:
+                return without_standstill(_without(recording, name), warnings)
+        still |= rows
+    if not still.any():
+        return recording
+    if int(np.count_nonzero(~still)) < LEAST_ROWS:
+        raise UsageError(
+            f"{recording.name}: heading or yaw rate is frozen nearly throughout; mend the sensor, or empty its column"
+        )
+    return recording.rows(~still)
+
+
+def _without(recording: Recording, name: str) -> Recording:
+    if name == "heading_rad":
+        return replace(recording, heading_rad=None)
+    return replace(recording, yaw_rate_rad_s=None)
+
+
+def _frozen(values: Floats, witnesses: Sequence[Floats]) -> NDArray[np.bool_]:
+    """Return in which rows values stay the same for long, although a witness is as busy as elsewhere."""
+    bounds = np.concatenate(([0], np.flatnonzero(np.diff(values)) + 1, [values.size]))
+    lengths = np.diff(bounds)
+    long = lengths > max(LEAST_ROWS, LONG_STILL * float(np.median(lengths)))
+    frozen, moving = np.zeros(values.size, dtype=bool), np.repeat(~long, lengths)
+    elsewhere = int(np.count_nonzero(moving))
+    if not long.any() or elsewhere < LEAST_WINDOWS:
+        return frozen
+    # The sensor's own step; noise that is finer has smaller ones.
+    step = float(np.quantile(np.abs(np.diff(values)[np.diff(values) != 0.0]), 0.05))
+    for number in np.flatnonzero(long).tolist():
+        rows = slice(int(bounds[number]), int(bounds[number + 1]))
+        width = max(min(int(lengths[number]), elsewhere // 4), 2)
+        parts = values[moving][: elsewhere // width * width].reshape(-1, width)
+        if float(np.quantile(np.ptp(parts, axis=1), 0.25)) <= COARSE_STEPS * step:
+            continue
+        frozen[rows] = any(_size(one[rows]) > AS_BUSY * _size(one[moving]) for one in witnesses)
+    return frozen
+
+
+def _size(values: Floats) -> float:
+    return math.sqrt(float(np.mean(values**2)))
+
+
+def scale_of(recording: Recording, warnings: list[str]) -> float:
+    """Return how many times as far the heading turns as the yaw rate says, 1 where they agree or none can tell.
+
+    UsageError where one is in degrees or of the other sign. Errors of the yaw rate make the heading's regression on
+    it too small, those of the heading the opposite one too large: only what is beyond both is told.
+    """
+    if recording.heading_rad is None or recording.yaw_rate_rad_s is None:
+        return 1.0
+    psi, _ = without_spikes(np.unwrap(recording.heading_rad))
+    rate = recording.yaw_rate_rad_s
+    turned = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(recording.time_s))))
+    found = [_slopes(recording.time_s, psi, turned, parts) for parts in WINDOWS if 2 * parts < psi.size]
+    both = [one for one in found if one is not None]
+    if not both:
+        return 1.0
+    low, high = min(both, key=lambda one: one[1] - one[0])
+    _check_unit(recording.name, low, high)
+    scale = 0.5 * (low + high)
+    if low <= 1.0 <= high or abs(scale - 1.0) < MATTERS or low <= 0.0:
+        return 1.0
+    warnings.append(
+        f"{recording.name}: heading_rad turns {scale:.3g} times as far as yaw_rate_rad_s adds up to: one of them is "
+        "wrong, by a gyroscope's scale or a compass's deviation; K and alpha lie between what they say, and the "
+        "standard errors allow for it; empty the column that is wrong"
+    )
+    return scale
+
+
+def _slopes(time_s: Floats, psi: Floats, turned: Floats, parts: int) -> tuple[float, float] | None:
+    """Return between what the heading's turns over those of the yaw rate are, a constant error of the latter aside."""
+    cuts = np.linspace(0, time_s.size - 1, parts + 1).astype(int)
+    spans, y, x = (np.diff(values[cuts]) for values in (time_s, psi, turned))
+    whole = spans < 3.0 * float(np.median(spans))  # no hole in it
+    spans, y, x = spans[whole], y[whole], x[whole]
+    share = spans / float(spans @ spans)
+    x, y = x - spans * float(share @ x), y - spans * float(share @ y)
+    xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
+    if spans.size < LEAST_WINDOWS or not xx * yy > 0.0 or xy == 0.0:
+        return None
+    rest = max(1.0 - xy * xy / (xx * yy), 0.0) / (spans.size - 2)
+    near, far = xy / xx, yy / xy
+    spread = CERTAIN * math.sqrt(rest * yy / xx)
+    return min(near, far) - spread, max(near, far) + spread
+
+
+def _check_unit(name: str, low: float, high: float) -> None:
+    """Refuse a heading in degrees beside a yaw rate in radians, or the other way round, or of the other sign."""
+    there = "as the yaw rate adds up to"
+    if low > DEGREES_SLOPE:
+        raise UsageError(f"{name}: heading_rad turns {low:.0f} times as far {there}: is it in degrees? convert it")
+    if 0.0 < low < high < 1.0 / DEGREES_SLOPE:
+        raise UsageError(
+            f"{name}: heading_rad turns {high:.3f} times as far {there}: is yaw_rate_rad_s in deg/s? convert it"
+        )
+    if high < 0.0:
+        raise UsageError(
+            f"{name}: heading_rad and yaw_rate_rad_s turn against each other; turn the sign of one: "
+            "both are positive to starboard"
+        )
