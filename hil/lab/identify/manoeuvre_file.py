@@ -13,8 +13,7 @@ import csv
 import math
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
-from datetime import UTC, datetime, time
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ from firmware_py.common.angles import degrees, radians
 from firmware_py.files.reading import open_regular
 from hil.errors import UsageError
 from hil.lab.identify import units
+from hil.lab.identify.clock import number_of, seconds_of, seconds_of_nmea
 from hil.lab.identify.columns import NAMES, Column, columns_of, separator_of
 from hil.lab.identify.recording import Floats, Recording
 
@@ -41,7 +41,6 @@ BELIEVED = {
 }
 LARGEST_COMMAND = 1e6
 LARGEST_RUDDER_DEG = 60.0  # of a rudder whose unit is guessed
-DAY_S = 86400.0
 LONGEST_INTERVAL_S = 10.0  # between rows, where the unit of the time is guessed: nobody logs a manoeuvre so
 ANGLES = {1.0: "radians", radians(1.0): "degrees"}
 RATES = {1.0: "radians a second", radians(1.0): "degrees a second", radians(1.0) / 60.0: "degrees a minute"}
@@ -92,7 +91,19 @@ def _read(path: Path, reader: Iterator[list[str]], unit: str, *, decimal_comma: 
         raise UsageError(f"{path}: {rows} below the column names; record at least a zigzag")
     table = _Table(path, numbers, places)
     raw = {name: table.column(name, [row[column.place] for row in texts]) for name, column in places.items()}
-    return _recording(table, raw, unit)
+    return _recording(*_once(table, raw), unit)
+
+
+def _once(table: _Table, raw: dict[str, Floats | None]) -> tuple[_Table, dict[str, Floats | None]]:
+    """Leave out rows that are the one before to the last digit, the time included."""
+    same = np.all([values[1:] == values[:-1] for values in raw.values() if values is not None], axis=0)
+    kept = np.flatnonzero(np.concatenate(([True], ~same)))
+    if not same.any() or kept.size < 2:
+        return table, raw
+    table.notes.append(f"{np.count_nonzero(same)} rows are the one before to the last digit, and left out")
+    numbers = [table.numbers[row] for row in kept.tolist()]
+    columns = {name: None if values is None else values[kept] for name, values in raw.items()}
+    return replace(table, numbers=numbers), columns
 
 
 def _recording(table: _Table, raw: dict[str, Floats | None], unit: str) -> Recording:
@@ -122,7 +133,7 @@ def _recording(table: _Table, raw: dict[str, Floats | None], unit: str) -> Recor
         usual = angle if heading is None else units.rate_unit(time_s, heading, rate)
         taken["yaw_rate_rad_s"] = RATES[usual]
         rate = rate * table.unit("yaw_rate_rad_s", usual)
-    notes = [_note(table, name, taken[name]) for name in NAMES if name in unnamed and name in taken]
+    notes = table.notes + [_note(table, name, taken[name]) for name in NAMES if name in unnamed and name in taken]
     speed = raw.get("speed_m_s")
     speed = None if speed is None else speed * table.unit("speed_m_s", 1.0)
     own = table.unit("rudder_rad", angle)
@@ -162,6 +173,7 @@ class _Table:
     path: Path
     numbers: list[int]
     places: dict[str, Column]
+    notes: list[str] = field(default_factory=list)
 
     def unit(self, name: str, usual: float) -> float:
         """Return the size of a column's unit, the usual one where its name says none."""
@@ -171,12 +183,12 @@ class _Table:
         """Return the numbers of a column, None when it is empty throughout."""
         try:
             values = np.array(texts, dtype=np.float64)
-            if name == "time_s" and not self.places[name].known:
-                self._check_interval(values)
+            if name == "time_s":
+                values = self._clock(values)
         except ValueError:
             if name in MAY_BE_EMPTY and not any(text.strip() for text in texts):
                 return None
-            values = _times(texts) if name == "time_s" else np.array([_number(text) for text in texts])
+            values = seconds_of(texts) if name == "time_s" else np.array([number_of(text) for text in texts])
         self.check(name, values if name != "yaw_rate_rad_s" else np.where(np.isfinite(values), 0.0, values), texts)
         return values
 
@@ -198,6 +210,21 @@ class _Table:
             raise UsageError(f"{where}: {shown} {said}{more}; remove the row, or empty the whole column if it may be")
         raise UsageError(f"{where}: {shown} {text[:30]} is beyond {most:g}{more}; {remedy}")
 
+    def _clock(self, times: Floats) -> Floats:
+        """Return seconds of times that are hhmmss; refuse those whose name says seconds, or that are too far apart."""
+        column, seconds = self.places["time_s"], seconds_of_nmea(times)
+        if seconds is not None and column.known:
+            raise UsageError(
+                f"{self.path}: {column.shown} jumps by 40 at every full minute: these are times of the "
+                "day as hhmmss; name the column utc, or give seconds"
+            )
+        if seconds is not None:
+            self.notes.append(f"column {column.shown} holds times of the day as hhmmss")
+            return seconds
+        if not column.known:
+            self._check_interval(times)
+        return times
+
     def _check_interval(self, times: Floats) -> None:
         """Refuse times whose name says no unit and that are too far apart to be seconds."""
         usual, shown = float(np.median(np.diff(times))), self.places["time_s"].shown
@@ -206,33 +233,6 @@ class _Table:
                 f"{self.path}: the rows are {usual:g} apart in {shown}, whose name says no unit: are these "
                 "milliseconds? name the column time_ms, or time_s"
             )
-
-
-def _times(texts: list[str]) -> Floats:
-    """Return seconds of times as ISO 8601 writes them, from the first one; NaN for what is none."""
-    try:
-        moments = [datetime.fromisoformat(text.strip()) for text in texts]
-        zoned = [moment if moment.tzinfo else moment.replace(tzinfo=UTC) for moment in moments]
-        return np.array([(moment - zoned[0]).total_seconds() for moment in zoned])
-    except ValueError:
-        times = np.array([_number(text) if ":" not in text else _time_of_day(text) for text in texts])
-        midnights = np.cumsum(np.diff(times, prepend=times[0]) < -0.5 * DAY_S)
-        return np.asarray(times + DAY_S * midnights)
-
-
-def _time_of_day(text: str) -> float:
-    try:
-        moment = time.fromisoformat(text.strip())
-    except ValueError:
-        return math.nan
-    return moment.hour * 3600.0 + moment.minute * 60.0 + moment.second + moment.microsecond * 1e-6
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
 
 
 def _check_order(path: Path, numbers: list[int], time_s: Floats) -> None:

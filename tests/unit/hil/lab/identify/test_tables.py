@@ -9,6 +9,7 @@ import pytest
 
 from hil.__main__ import main
 from hil.errors import UsageError
+from hil.lab.identify.columns import NAMES
 from hil.lab.identify.manoeuvre_file import read
 
 DEGREE, KNOT = np.pi / 180.0, 1852.0 / 3600.0
@@ -81,6 +82,47 @@ def test_a_table_of_a_compass_alone_is_read(tmp_path, unit):
     np.testing.assert_allclose(got.heading_rad, HEADING, atol=1e-6)
     assert got.yaw_rate_rad_s is None
     assert got.speed_m_s is None
+
+
+def nmea(seconds):
+    moment = (MIDNIGHT.replace(second=0) + timedelta(seconds=float(seconds))).time()
+    return f"{moment:%H%M%S}.{moment.microsecond // 10000:02d}"
+
+
+@pytest.mark.parametrize("first_s", [0.0, 15.0, -3500.0])
+def test_times_as_nmea_writes_them_are_told_from_seconds(tmp_path, first_s):
+    """Taken for seconds, each minute's end was a gap of 40 s, and past midnight the rows ran backwards."""
+    path, clock = tmp_path / "table.csv", [nmea(first_s + seconds) for seconds in TIME]
+    path.write_text(table("utc,rudder_rad,heading_rad", (clock, RUDDER, HEADING)))
+    got = read(path)
+    np.testing.assert_allclose(got.time_s - got.time_s[0], TIME, atol=1e-6)
+    assert any("utc holds times of the day as hhmmss" in note for note in got.notes)
+    path.write_text(table("time_s,rudder_rad,heading_rad", (clock, RUDDER, HEADING)))
+    with pytest.raises(UsageError, match="time_s jumps by 40 at every full minute"):
+        read(path)
+
+
+@pytest.mark.parametrize("first_s", [0.0, 30.0, 101500.0])
+def test_seconds_are_not_taken_for_times_of_the_day(tmp_path, first_s):
+    path = tmp_path / "table.csv"
+    path.write_text(table("time,rudder_rad,heading_rad", (first_s + TIME, RUDDER, HEADING)))
+    np.testing.assert_allclose(read(path).time_s, first_s + TIME)
+
+
+def test_a_row_that_stands_there_twice_is_counted_once(tmp_path):
+    path, lines = tmp_path / "table.csv", table(",".join(NAMES), PLAIN).splitlines()
+    path.write_text("\n".join([*lines[:50], lines[49], lines[49], *lines[50:]]) + "\n")
+    got = read(path)
+    np.testing.assert_allclose(got.time_s, TIME)
+    np.testing.assert_allclose(got.heading_rad, HEADING, atol=1e-6)
+    assert any("2 rows are the one before" in note for note in got.notes)
+
+
+def test_a_line_is_named_rightly_behind_a_row_that_stands_there_twice(tmp_path):
+    path, lines = tmp_path / "table.csv", table(",".join(NAMES), PLAIN).splitlines()
+    path.write_text("\n".join([*lines[:50], lines[49], *lines[50:90], lines[60]]) + "\n")
+    with pytest.raises(UsageError, match=f"{path.name}:92: time_s 29.5 does not come after 44"):
+        read(path)
 
 
 def test_the_units_that_were_guessed_are_named_as_they_were_taken(tmp_path):
