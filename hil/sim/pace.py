@@ -11,6 +11,10 @@ class Pacer:
 
     def __init__(self, speed: float) -> None:
         """Take how many simulated seconds pass in a second; infinity for as fast as it goes."""
+        self.keep(speed)
+
+    def keep(self, speed: float) -> None:
+        """Keep to another speed from the next call on."""
         self._speed = speed
         self._start: tuple[float, float] | None = None
 

@@ -106,6 +106,7 @@ class DrillBoat:
         for plan in plans:
             words = [sys.executable, "-m", "firmware_py", "plan", "load", str(plan), "--state", str(self.state)]
             subprocess.run(words, check=True, capture_output=True)
+        self.pacer = Pacer(math.inf)
         self._starts = 0
         self.goal_deg = self.goal_s = 0.0
         self.errors_deg: list[tuple[float, float]] = []  # time and heading less goal, ten times a second
@@ -127,7 +128,7 @@ class DrillBoat:
         """Start an autopilot on the state that there is."""
         self._starts += 1
         clock = self.directory / f"clock{self._starts}"
-        self.server = LockstepServer(clock, self.board, Pacer(math.inf))
+        self.server = LockstepServer(clock, self.board, self.pacer)
         arguments = ["run", str(self._vehicle), "--state", str(self.state), "--lockstep", str(clock)]
         self._process = AutopilotProcess(arguments, self.directory / f"firmware{self._starts}.log")
         self.server.accept(self._process.running, START_UTC_S + self.world.now_s)

@@ -33,6 +33,17 @@ def test_a_run_keeps_its_speed_without_drift(wall):
     assert wall.now_s == pytest.approx(105.0, abs=0.002)
 
 
+def test_another_speed_counts_from_the_next_call(wall):
+    pacer = Pacer(math.inf)
+    pacer.wait(1e6)
+    pacer.keep(20.0)
+    pacer.wait(1e6 + 1.0)
+    assert wall.now_s == 100.0
+    for step in range(1, 1001):
+        pacer.wait(1e6 + 1.0 + step * 0.1)
+    assert wall.now_s == pytest.approx(105.0, abs=0.002)
+
+
 def test_the_fastest_never_sleeps(wall):
     pacer = Pacer(math.inf)
     pacer.wait(0.0)
