@@ -49,6 +49,9 @@ def system_error_text(error: BaseException) -> str:
         return f"{error.filename}: {error.strerror}; give another path"
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         return _ROOM
+    # All that is looked for without a name, but for tempfile's, is the directory from which paths count.
+    if isinstance(error, FileNotFoundError) and error.errno == errno.ENOENT:
+        return "the directory that this was called in is there no more; call it in another"
     return ""
 
 

@@ -103,7 +103,7 @@ def _pause_mission(state: State, intent: PauseMission, _t_s: float) -> tuple[Sta
 
 
 def _set_mode(state: State, intent: SetMode, t_s: float) -> tuple[State, Answer]:
-    """Enter a mode; who asks for AUTO wants the mission to go on."""
+    """Enter a mode; who asks for AUTO wants the mission to go on, or to begin anew."""
     modes, answer = decide(state.modes, intent, situation_at(state, t_s), t_s)
     if answer.verdict is not Verdict.ACCEPTED:
         return state, answer
@@ -111,6 +111,8 @@ def _set_mode(state: State, intent: SetMode, t_s: float) -> tuple[State, Answer]
     if modes.mode is Mode.AUTO:
         progress = mission_progress.for_plan(before, state.plans.mission.identity)
         progress = mission_progress.go_on(progress, steps_of(state.plans.mission))
+        if progress.complete and not progress.unusable:
+            progress = mission_progress.enter(progress)
         guidance = guidance if progress is before else replace(guidance, mission=progress)
     return replace(state, modes=modes, guidance=guidance), answer
 

@@ -177,10 +177,7 @@ def _loiter_task(settings: GuidanceSettings, state: GuidanceState, given: Guidan
 
 def _rtl_task(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInput) -> Task | None:
     """RTL chooses its place once, and anew where that is none any more: home was set, or stood where she never was."""
-    chosen, with_home = state.task, settings.rally_includes_home
-    if isinstance(chosen, GoTo) and chosen.place in places(given.home, given.plans.rally, with_home=with_home):
-        return chosen
-    return _return_task(settings, given) or chosen
+    return _return_task(settings, given, state.task) or state.task
 
 
 # What a mode does that follows a task of its own; AUTO takes its tasks from the mission. A task that needs where the
@@ -192,10 +189,12 @@ _TASKS: Mapping[Mode, Callable[[GuidanceSettings, GuidanceState, GuidanceInput],
 }
 
 
-def _return_task(settings: GuidanceSettings, given: GuidanceInput) -> GoTo | None:
+def _return_task(settings: GuidanceSettings, given: GuidanceInput, chosen: Task | None) -> GoTo | None:
+    with_home = settings.rally_includes_home
+    if isinstance(chosen, GoTo) and chosen.place in places(given.home, given.plans.rally, with_home=with_home):
+        return chosen
     if given.motion is None:
         return None
-    with_home = settings.rally_includes_home
     return return_task(settings.tasks, given.motion, given.home, given.plans.rally, with_home=with_home)
 
 
@@ -214,7 +213,7 @@ def _update_mission(
         follower=state.follower,
         step_s=step_s,
         utc_s=given.utc_s,
-        return_task=lambda: _return_task(settings, given),
+        return_task=lambda chosen: _return_task(settings, given, chosen),
     )
     output = mission.update(state.mission, mission_input)
     progress, home = output.progress, None

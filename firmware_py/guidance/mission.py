@@ -10,7 +10,7 @@ from typing import Final
 from firmware_py.common.geodesy import Place
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
-from firmware_py.guidance.mission_commands import TABLE, MissionInput, has_arrived, station_task
+from firmware_py.guidance.mission_commands import TABLE, MissionInput, has_arrived, moment_of, station_task
 from firmware_py.guidance.mission_progress import MissionProgress, after_item
 from firmware_py.guidance.mission_step import MissionStep
 from firmware_py.guidance.tasks import HoldStation
@@ -52,7 +52,8 @@ def update(progress: MissionProgress, given: MissionInput) -> MissionOutput:
             progress = _end(progress, given)
             break
         step = given.steps[progress.index]
-        if not progress.begun:
+        row = TABLE.get(step.command)
+        if not progress.begun or (row is not None and row.chosen_anew):
             home_here = step.place or given.place
             begun = _begin(progress, step, given)
             if begun is None or (step.command is Command.SET_HOME and home_here is None):
@@ -90,9 +91,12 @@ def _begin(progress: MissionProgress, step: MissionStep, given: MissionInput) ->
 def _run_time(progress: MissionProgress, step: MissionStep, given: MissionInput) -> MissionProgress:
     """Let the item's time run; that from an arrival stands still while it is not known where the boat is."""
     row = TABLE.get(step.command)
-    if row is not None and (row.timed_from_beginning or (given.place is not None and has_arrived(progress, given))):
-        return replace(progress, elapsed_s=progress.elapsed_s + given.step_s)
-    return progress
+    if row is None or not (row.timed_from_beginning or (given.place is not None and has_arrived(progress, given))):
+        return progress
+    progress = replace(progress, elapsed_s=progress.elapsed_s + given.step_s)
+    if step.time_of_day_s is None or given.utc_s is None:
+        return progress
+    return replace(progress, until_utc_s=moment_of(step.time_of_day_s, given.utc_s, progress))
 
 
 def _is_done(progress: MissionProgress, step: MissionStep, given: MissionInput) -> bool:

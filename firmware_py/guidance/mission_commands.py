@@ -21,9 +21,10 @@ LONGEST_TURN_S: Final = 600.0
 
 @dataclass(frozen=True, slots=True)
 class MissionInput:
-    """What a mission is sailed with in one step; `return_task` makes the way back.
+    """What a mission is sailed with in one step.
 
-    Without a heading or a position `heading_rad` or `place` is None.
+    Without a heading or a position `heading_rad` or `place` is None. `return_task` takes the way back that was chosen
+    before, and keeps to it while its place is one to return to.
     """
 
     settings: TaskSettings
@@ -33,7 +34,7 @@ class MissionInput:
     follower: TaskFollowerState
     step_s: float
     utc_s: float | None
-    return_task: Callable[[], GoTo | None]
+    return_task: Callable[[Task | None], GoTo | None]
 
 
 Beginning = tuple[Task, Place | None]
@@ -43,7 +44,8 @@ Beginning = tuple[Task, Place | None]
 class CommandRow:
     """The task that a command begins, with the place that the next line starts from, and whether it is done.
 
-    `begin` is None while it cannot begin, because it is not known where the boat is or how it heads.
+    `begin` is None while it cannot begin, because it is not known where the boat is or how it heads. One that is
+    `chosen_anew` begins in each step: what it goes by may change under way.
 
     Its time runs from the arrival, or from its beginning when `timed_from_beginning`.
     """
@@ -51,6 +53,7 @@ class CommandRow:
     begin: Callable[[MissionProgress, MissionStep, MissionInput], Beginning | None]
     is_done: Callable[[MissionProgress, MissionStep, MissionInput], bool]
     timed_from_beginning: bool = False
+    chosen_anew: bool = False
 
 
 def has_arrived(progress: MissionProgress, given: MissionInput) -> bool:
@@ -65,6 +68,18 @@ def station_task(progress: MissionProgress, given: MissionInput) -> Task | None:
         return task
     place = task.centre if isinstance(task, Orbit) else given.place
     return None if place is None else HoldStation(place, given.settings.station_radius_m)
+
+
+def moment_of(time_of_day_s: float, utc_s: float, progress: MissionProgress) -> float:
+    """Return when a time of day comes first after the item's beginning, in UTC; once known it stays.
+
+    So it has come, too, when the boat was about something else then. Of a clock that was put back it is found anew.
+    """
+    known = progress.until_utc_s
+    if known is not None and known - utc_s <= SECONDS_PER_DAY:
+        return known
+    begun_utc_s = utc_s - progress.elapsed_s
+    return begun_utc_s + (time_of_day_s - begun_utc_s) % SECONDS_PER_DAY
 
 
 # ------------------------------------------------------------------------------- beginnings
@@ -91,7 +106,7 @@ def _orbit(progress: MissionProgress, step: MissionStep, given: MissionInput) ->
 def _return(progress: MissionProgress, _step: MissionStep, given: MissionInput) -> Beginning | None:
     if given.place is None:
         return None
-    task = given.return_task()
+    task = given.return_task(progress.task if progress.begun else None)
     return (task, task.place) if task is not None else _station(progress, given, None)
 
 
@@ -149,11 +164,9 @@ def _on_heading(progress: MissionProgress, _step: MissionStep, given: MissionInp
 def _delay_over(progress: MissionProgress, step: MissionStep, given: MissionInput) -> bool:
     if step.time_of_day_s is None:
         return progress.elapsed_s >= step.seconds
-    if given.utc_s is None:
+    if given.utc_s is None or progress.until_utc_s is None:
         return progress.elapsed_s >= SECONDS_PER_DAY
-    # The moment has come when less than half a day has gone by since.
-    since_s = (given.utc_s - step.time_of_day_s) % SECONDS_PER_DAY
-    return since_s < min(0.5 * SECONDS_PER_DAY, progress.elapsed_s + given.step_s)
+    return given.utc_s >= progress.until_utc_s
 
 
 def _near(progress: MissionProgress, step: MissionStep, given: MissionInput) -> bool:
@@ -168,7 +181,7 @@ TABLE: Final[Mapping[Command | None, CommandRow]] = {
     Command.LOITER_UNLIMITED: CommandRow(_go_to, _never),
     Command.LOITER_TIME: CommandRow(_go_to, _after_hold),
     Command.LOITER_TURNS: CommandRow(_orbit, _turns_made),
-    Command.RETURN: CommandRow(_return, _on_arrival),
+    Command.RETURN: CommandRow(_return, _on_arrival, chosen_anew=True),
     Command.YAW: CommandRow(_hold_heading, _on_heading, timed_from_beginning=True),
     Command.YAW_SPEED: CommandRow(_hold_heading, _on_heading, timed_from_beginning=True),
     Command.CONDITION_DELAY: CommandRow(_delay, _delay_over, timed_from_beginning=True),

@@ -1,4 +1,4 @@
-"""How far a mission is: all of it that must outlive a restart of the autopilot, as durations and not as moments."""
+"""How far a mission is: all of it that must outlive a restart of the autopilot, with no moment but in UTC."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ class MissionProgress:
     """How far the mission with checksum `identity` is; `index` counts from 0.
 
     `begun`: the item at index has its task. `elapsed_s` runs from the item's beginning, or
-    from the arrival where it counts from there. `idle_items` counts the items done with since one
-    last took time: many more than there are means a mission that leads nowhere.
+    from the arrival where it counts from there; `until_utc_s` is the time of day that it waits
+    for. `idle_items` counts the items done with since one last took time: many more than there are
+    means a mission that leads nowhere.
     """
 
     identity: int = 0
@@ -29,6 +30,7 @@ class MissionProgress:
     paused: bool = False
     unusable: bool = False
     elapsed_s: float = 0.0
+    until_utc_s: float | None = None
     idle_items: int = 0
     orbits: int = 0
     jumps: tuple[tuple[int, int], ...] = ()
@@ -66,6 +68,7 @@ def at_item(progress: MissionProgress, index: int, *, restart: bool) -> MissionP
         complete=False,
         unusable=False,
         elapsed_s=0.0,
+        until_utc_s=None,
         idle_items=0,
         jumps=() if restart else progress.jumps,
         line_start=None,
@@ -89,6 +92,7 @@ def after_item(progress: MissionProgress, step: MissionStep) -> MissionProgress:
         begun=False,
         waiting=False,
         elapsed_s=0.0,
+        until_utc_s=None,
         idle_items=idle_items,
     )
 

@@ -8,7 +8,7 @@ What an item means for a boat that cannot stop:
 | NAV_LOITER_UNLIM | goes there and keeps station until another item is asked for (param3: radius) |
 | NAV_LOITER_TIME | goes there and keeps station for param1 seconds from the arrival (param3: radius) |
 | NAV_LOITER_TURNS | goes round it param1 times (param3: radius, negative: anticlockwise) |
-| NAV_RETURN_TO_LAUNCH | goes home or to the best rally point |
+| NAV_RETURN_TO_LAUNCH | goes home or to the best rally point; where home is set meanwhile, to that |
 | NAV_DELAY | goes on with what it does for param1 seconds, or until a time of day (UTC): with a heading after a heading item, otherwise keeping station |
 | CONDITION_DELAY | as NAV_DELAY for param1 seconds; the items after it wait |
 | CONDITION_DISTANCE | sails to the place of the next waypoint or loiter item; the items before that one wait until it is within param1 metres |

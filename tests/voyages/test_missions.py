@@ -9,6 +9,7 @@ from firmware_py.common.intents import (
     PauseMission,
     ReplacePlan,
     Request,
+    SetHome,
     SetMissionItem,
     SetMode,
     SetParameter,
@@ -26,7 +27,7 @@ from firmware_py.core.step import step
 from firmware_py.guidance import guidance
 from firmware_py.guidance.tasks import HoldHeading
 from support import rig
-from support.plans import item, mission, placed
+from support.plans import EARTH_M, item, mission, placed
 
 
 def every_kind():
@@ -253,3 +254,43 @@ def test_a_mode_whose_task_is_a_heading_needs_no_position(monkeypatch):
     boat.run(60.0)
     assert boat.snapshot.position is None
     assert boat.snapshot.goal_heading_rad == 1.0
+
+
+def test_a_complete_mission_begins_anew_when_the_operator_asks_for_it():
+    boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(115, None, None, 40), item(115, None, None, 80)))
+    boat.under_way(Mode.AUTO)
+    boat.run(300.0, until=lambda boat: boat.snapshot.mission.state is MissionState.COMPLETE)
+    boat.run(10.0)
+    assert boat.snapshot.mission.state is MissionState.COMPLETE
+    boat.tick(SetMode(Mode.AUTO))
+    boat.run(1.0)
+    assert (boat.snapshot.mission.state, boat.snapshot.mission.index) == (MissionState.ACTIVE, 0)
+    assert len(boat.said("Mission: item 1")) == 2
+
+
+def way_back(boat):
+    """Metres north of the start to where she is on her way."""
+    boat.run(2.0)
+    return round((boat.snapshot.navigation.target_latitude_rad - placed(0, 0)[0]) * EARTH_M)
+
+
+def test_the_way_back_of_a_mission_leads_to_the_home_that_there_is_now():
+    boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(179, 60, 60), item(20)))
+    boat.under_way(Mode.AUTO)
+    assert way_back(boat) == 60
+    boat.tick(SetHome(*placed(-100, 0)))
+    assert way_back(boat) == -100
+
+
+@pytest.mark.parametrize("away", [PauseMission(paused=True), SetMode(Mode.LOITER)])
+def test_a_time_of_day_that_has_come_while_the_mission_was_halted_is_not_waited_for_until_tomorrow(away):
+    boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(93, None, None, -1, 0, 1, 0), item(115, None, None, 40)))
+    assert rig.UTC_S % 86400 == 0
+    boat.under_way(Mode.AUTO)
+    boat.run(20.0)
+    assert boat.snapshot.mission.index == 0
+    boat.tick(away)
+    boat.run(60.0)
+    boat.tick(SetMode(Mode.AUTO))
+    boat.run(1.0)
+    assert boat.snapshot.mission.index == 1

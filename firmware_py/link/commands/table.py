@@ -66,7 +66,12 @@ TABLE: tuple[CommandRow, ...] = (
         "disarmed, or forced by param6 = 20190226: start the autopilot anew (param1 = 1), end it (2)",
     ),
     CommandRow(262, "DO_SET_STANDARD_MODE", state.set_standard_mode, "enter AUTO (param1 = 6) or RTL (5)"),
-    CommandRow(300, "MISSION_START", plan.start_mission, "enter AUTO and go on, at item param1 unless it is 0"),
+    CommandRow(
+        300,
+        "MISSION_START",
+        plan.start_mission,
+        "enter AUTO and go on, at item param1 unless it is 0; a complete mission begins anew",
+    ),
     CommandRow(400, "COMPONENT_ARM_DISARM", state.arm_disarm, "arm (param1 = 1) or disarm (0); param2 = 21196 forces"),
     CommandRow(401, "RUN_PREARM_CHECKS", state.run_prearm_checks, "say what forbids arming", repeatable=True),
     CommandRow(410, "GET_HOME_POSITION", requests.home_position, "send HOME_POSITION", repeatable=True),

@@ -1,5 +1,6 @@
 import errno
 import os
+from pathlib import Path
 
 import pytest
 
@@ -44,3 +45,13 @@ def test_what_the_computer_lacks_is_one_line_with_a_remedy(error, told):
 )
 def test_mistakes_of_the_program_keep_their_trace(error):
     assert system_error_text(error) == ""
+
+
+def test_a_working_directory_that_was_removed_is_told_as_that(tmp_path, monkeypatch):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(FileNotFoundError) as raised:
+        Path("a").absolute()
+    text = "the directory that this was called in is there no more; call it in another"
+    assert system_error_text(raised.value) == text

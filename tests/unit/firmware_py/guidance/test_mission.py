@@ -54,7 +54,7 @@ class Crew:
             follower,
             step_s,
             self.utc_s,
-            lambda: self.back,
+            lambda _chosen: self.back,
         )
         output = mission.update(self.progress, mission_input)
         self.progress = output.progress
@@ -179,6 +179,17 @@ def test_a_delay_elsewhere_keeps_station_and_a_time_of_day_is_waited_for():
         assert crew.progress.index == 1
     crew.utc_s += 1.0
     assert crew.go_on(arrived=True) == GoTo(B, A, 20.0, 100.0)
+
+
+def test_a_time_of_day_is_found_anew_by_a_clock_that_was_put_back():
+    crew = Crew(MissionStep(Command.DELAY, time_of_day_s=100.0), waypoint(A))
+    crew.utc_s = 86400.0 * 20000 + 90.0
+    crew.go_on()
+    crew.utc_s -= 86400.0 * 7000
+    for second in range(12):
+        assert crew.progress.index == int(second >= 10)
+        crew.utc_s += 1.0
+        crew.go_on()
 
 
 def test_jumps_are_counted():
