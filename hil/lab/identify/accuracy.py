@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.lab.identify.noise import NoiseModel, fit_noise, score_covariances
+from hil.lab.identify.noise import NoiseModel, fit_noise, score_covariances, slower
 from hil.lab.identify.recording import Floats
 from hil.lab.identify.refine import Normal, Problem, State
 
@@ -124,6 +124,14 @@ def information(problem: Problem, state: State, noise: NoiseModel | None = None)
             for d in range(channels):
                 mixed[c, d][at] += mixed_here[c, d]
     return Information(own, mixed, free, noise, data.rows)
+
+
+def slow_noise(problem: Problem, state: State, noise: NoiseModel) -> NoiseModel:
+    """Complete the model of the noise that a fit leaves by what its averages say of slow disturbances."""
+    skip = problem.weights.heading_lags.size
+    parts = zip(problem.data.stretches, state.starts, strict=True)
+    linears = [problem.linear(stretch, state, start) for stretch, start in parts]
+    return slower(noise, [np.column_stack(linear.errors)[skip:] for linear in linears], problem.data.usual_step_s)
 
 
 def best_weights(known: Information) -> tuple[float, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hil.lab.identify.accuracy import information
+from hil.lab.identify.accuracy import information, slow_noise
 from hil.lab.identify.fit import CUBIC, Fit
 from hil.lab.identify.predict import Scales, to_natural
 from hil.lab.identify.recording import Floats
@@ -40,6 +40,12 @@ def estimates_of(fit: Fit) -> Estimates:
     return _natural(fit.state.point.values, fit.problem.free, fit.covariance)
 
 
+def with_slow_noise(fit: Fit) -> Fit:
+    """Return a fit with a covariance that knows of noise slower than the model of it that weighed the channels."""
+    accuracy = information(fit.problem, fit.state, slow_noise(fit.problem, fit.state, fit.accuracy.noise))
+    return replace(fit, covariance=accuracy.covariance(fit.problem.channel_weights()))
+
+
 def _natural(values: Floats, free: tuple[int, ...], covariance: Floats) -> Estimates:
     natural, turn = to_natural(values, free)
     return Estimates(natural, free, turn @ covariance @ turn.T)
@@ -54,7 +60,7 @@ def allowing_for_cubic(linear: Fit) -> Estimates | None:
     it makes no difference.
     """
     problem = replace(linear.problem, free=CUBIC)
-    accuracy = information(problem, linear.state)
+    accuracy = information(problem, linear.state, slow_noise(problem, linear.state, linear.accuracy.noise))
     weights = problem.channel_weights()
     normal = problem.normal(linear.state)
     unit = (problem.scales.yaw_rate_rad_s / linear.typical_rate_rad_s()) ** 2

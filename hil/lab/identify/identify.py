@@ -12,7 +12,7 @@ from firmware_py.model.kt import KtModel
 from hil.errors import UsageError
 from hil.lab.compiled import compiling
 from hil.lab.identify.choice import choose
-from hil.lab.identify.estimates import allowing_for_cubic, estimates_of
+from hil.lab.identify.estimates import allowing_for_cubic, estimates_of, with_slow_noise
 from hil.lab.identify.fit import CUBIC, Fit, search
 from hil.lab.identify.held_out import HeldOut, errors_of, held_out
 from hil.lab.identify.loop import Loop, loop_of
@@ -109,7 +109,7 @@ def identify(
     choice = Choice(chosen.model, chosen.why, chosen.scaled, chosen.speed_why, timing)
     data = next(one for one, scaled in kinds if scaled == chosen.scaled)
     loop = loop_of(found)
-    judgement = _warned(_judged(found, model, loop), found)
+    judgement = _warned(_judged(with_slow_noise(found), model, loop), found)
     _check_size(data, judgement)
     brought = Brought(
         searched.box.guess_misfit,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,10 @@ from hil.lab.identify.whittle import whittle
 
 MOST_ORDERS = 60
 PADDING = 4096  # rows; how far a correlation reaches that is looked at
+COARSER, LEAST_MEANS = 4, 60  # how much longer each average is than the one before; averages that tell a spectrum
+DRIFT_AT, DRIFTS = (2.0, 16.0), 10.0  # cycles a log; times the density at the second, that a drift has at the first
+LEAST_TIMES = 4.0  # that a correlation fits into the log
+SLOW = 0.2  # cycles an average, below which the averages tell it
 ROWS_PER_ORDER = 12  # fewer rows than this for each order do not tell one
 
 
@@ -24,6 +28,9 @@ class NoiseModel:
     lags: NDArray[np.float64]  # (order, channels, channels)
     covariance: Floats  # of the white noise
     spread: Floats  # standard deviation of each channel of e
+    slow: tuple[tuple[int, NoiseModel], ...] = ()  # rows averaged over, and a model of the last channel's averages
+    step_s: float = 1.0
+    rows: int = 1
 
     @property
     def order(self) -> int:
@@ -46,7 +53,27 @@ class NoiseModel:
         taps = np.concatenate((np.eye(channels)[None], self.lags))
         response = np.fft.rfft(taps, count, axis=0)
         shape = _inverse(response)
-        return np.asarray(np.einsum("fij,jk,flk->fil", shape, self.covariance, np.conj(shape), optimize=True))
+        density = np.asarray(np.einsum("fij,jk,flk->fil", shape, self.covariance, np.conj(shape), optimize=True))
+        for every, means in self.slow:
+            share = np.arange(int(SLOW * count / every) + 1) / count
+            grid = np.arange(PADDING // 2 + 1) / PADDING
+            seen = every / np.interp(every * share, grid, 1.0 / means.spectrum(PADDING)[:, 0, 0].real)
+            self._add_slow(density[: share.size], seen / np.sinc(every * share) ** 2, share)
+        return density
+
+    def _add_slow(self, low: NDArray[np.complex128], seen: Floats, share: Floats) -> None:
+        """Raise the last channel to what its averages show, and with it a heading before it that is seen to drift.
+
+        A fit keeps its heading from drifting off, so that both together seem to have no slow part.
+        """
+        more = np.maximum(seen - low[:, -1, -1].real, 0.0)
+        if low.shape[1] > 1:
+            at, above = (int(np.searchsorted(share, times / self.rows)) for times in DRIFT_AT)
+            if above >= share.size or low[at, 0, 0].real < DRIFTS * low[above, 0, 0].real:
+                return
+        speed = 2j * np.pi * np.maximum(share, 0.5 / self.rows) / self.step_s
+        ways = np.stack([1.0 / speed, np.ones(share.size)])[2 - low.shape[1] :]
+        low += more[:, None, None] * np.einsum("if,jf->fij", ways, np.conj(ways))
 
 
 def _inverse(matrices: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -79,6 +106,30 @@ def fit_noise(pieces: Sequence[Floats], most_orders: int = MOST_ORDERS) -> Noise
     return NoiseModel(lags * turn, covariance * np.outer(scale, scale), scale)
 
 
+def slower(model: NoiseModel, pieces: Sequence[Floats], step_s: float) -> NoiseModel:
+    """Add to a model of pieces (rows, channels) those of the last channel's averages, which see further back.
+
+    They are looked at alone: beside a heading that a fit has kept from drifting off, they seem to have no slow part.
+    """
+    rows, slow, every = sum(piece.shape[0] for piece in pieces), [], COARSER
+    while rows // every >= LEAST_MEANS:
+        means = [piece[: len(piece) // every * every, -1].reshape(-1, every).mean(axis=1) for piece in pieces]
+        means = [mean[:, None] for mean in means if len(mean) * len(pieces) >= LEAST_MEANS]
+        if means:
+            slow.append((every, _less_biased(fit_noise(means), sum(map(len, means)))))
+        every *= COARSER
+    return replace(model, slow=tuple(slow), step_s=step_s, rows=max(len(piece) for piece in pieces))
+
+
+def _less_biased(model: NoiseModel, rows: int) -> NoiseModel:
+    """Allow for what taking a mean away takes from the persistence of a few rows (Kendall, Biometrika 41, 1954)."""
+    kept = -float(np.sum(model.lags))
+    if kept <= 0.0:
+        return model
+    more = min(kept + (1.0 + 4.0 * kept) / rows, max(kept, 1.0 - LEAST_TIMES / rows))
+    return replace(model, lags=model.lags * (more / kept))
+
+
 def _covariances(pieces: Sequence[Floats], most: int, rows: int) -> NDArray[np.float64]:
     """Return sum_t e[t] e[t - lag]' / rows for lag 0 to most, as (lags, channels, channels)."""
     channels = pieces[0].shape[1]
@@ -101,7 +152,7 @@ def score_covariances(model: NoiseModel, sensitivities: Sequence[Floats]) -> NDA
     rows, width = sensitivities[0].shape
     channels = len(sensitivities)
     result = np.zeros((channels, channels, width, width))
-    if model.order == 0:
+    if model.order == 0 and not model.slow:
         for a in range(channels):
             for b in range(channels):
                 result[a, b] = model.covariance[a, b] * (sensitivities[a].T @ sensitivities[b])
