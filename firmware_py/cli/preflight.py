@@ -25,7 +25,7 @@ from firmware_py.link.security.access import Gate, invites_anybody
 from firmware_py.link.security.key_record import KeyState, find_key
 from firmware_py.link.security.signing import Signing
 from firmware_py.link.wire.open_transport import NMEA, open_transport
-from firmware_py.link.wire.transport import LinkError
+from firmware_py.link.wire.transport import LinkError, MessageTransport, Satellite
 from firmware_py.log.disk import log_files
 from firmware_py.system.clock import machine_s
 from firmware_py.system.realtime import clock_is_kept
@@ -43,6 +43,7 @@ from firmware_py.system.state_directory import (
 from firmware_py.system.status_file import Freshness, find
 from firmware_py.vehicle import Vehicle
 
+MODEM_S, MODEM_STEP_S = 12.0, 0.05  # its first word may be lost, and is waited for for ten seconds
 SLOW_SYNC_S, SYNC_S_MAXIMUM = 0.2, 1.0
 LEAST_WRITING_BYTES = 4096
 
@@ -181,14 +182,14 @@ def look_at_links(urls: Sequence[str], directory: Path) -> Iterator[Finding]:
         yield Finding(Level.WARN, "links", "none: no ground station will see her; name some in [link] urls")
     with ExitStack() as opened:
         for url in urls:
-            yield _look_at_link(url, gate, opened)
+            yield from _look_at_link(url, gate, opened)
 
 
 def _keep_nothing(content: bytes, *, both: bool = False) -> None:
     """Leave the key as it is stored."""
 
 
-def _look_at_link(url: str, gate: Gate, opened: ExitStack) -> Finding:
+def _look_at_link(url: str, gate: Gate, opened: ExitStack) -> Iterator[Finding]:
     def open_line(path: str, baud: int) -> SerialPort:
         line = SerialPort(path, baud)
         line.open()
@@ -198,15 +199,33 @@ def _look_at_link(url: str, gate: Gate, opened: ExitStack) -> Finding:
     try:
         if url.startswith(NMEA):
             opened.callback(open_output(url, open_line).close)
-            return Finding(Level.PASS, "links", f"{url} can be opened", {"url": url})
+            yield Finding(Level.PASS, "links", f"{url} can be opened", {"url": url})
+            return
         transport = open_transport(url, open_line)
     except (LinkError, PortError) as error:
-        return Finding(Level.FAIL, "links", str(error), {"url": url})
+        yield Finding(Level.FAIL, "links", str(error), {"url": url})
+        return
     opened.callback(transport.close)
+    if isinstance(transport, Satellite):
+        yield _look_at_modem(url, transport)
     if invites_anybody(gate, transport):
         text = f"{url}: whoever reaches it commands her; set a key (`rambler key set`) or listen on 127.0.0.1"
-        return Finding(Level.WARN, "links", text, {"url": url})
-    return Finding(Level.PASS, "links", f"{url} can be opened", {"url": url})
+        yield Finding(Level.WARN, "links", text, {"url": url})
+    elif not isinstance(transport, Satellite):
+        yield Finding(Level.PASS, "links", f"{url} can be opened", {"url": url})
+
+
+def _look_at_modem(url: str, transport: MessageTransport) -> Finding:
+    """Ask the modem for its number, which it tells before anything is sent or fetched."""
+    end_s = machine_s() + MODEM_S
+    while (now_s := machine_s()) < end_s:
+        transport.poll(now_s)
+        transport.receive(transport.descriptors()[0])
+        if imei := transport.satellite_status(now_s).imei:
+            return Finding(Level.PASS, "links", f"{url}: modem {imei} answers", {"url": url, "imei": imei})
+        time.sleep(MODEM_STEP_S)
+    text = f"{url}: no modem answers; check its power, wiring and baud rate"
+    return Finding(Level.FAIL, "links", text, {"url": url})
 
 
 def every(*looks: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:

@@ -147,11 +147,13 @@ def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:
 def _satellite_lines(satellite: Mapping[str, Any]) -> Iterator[str]:
     """Tell of a modem, its sessions, and what they have cost."""
     age = "none yet" if satellite["session_age_s"] is None else f"last {_duration(satellite['session_age_s'])} ago"
+    hindrance = f", {satellite['hindrance']}" if satellite["hindrance"] else ""
     signal = "unknown" if satellite["signal"] is None else f"{satellite['signal']} of 5"
     yield f"{_INDENT}modem {satellite['imei'] or 'not found'}  signal {signal}  {satellite['waiting']} frames wait"
     yield (
-        f"{_INDENT}{satellite['sessions']} sessions, {satellite['failed']} failed, {age}; {satellite['sent']} messages "
-        f"of {satellite['sent_bytes']} bytes sent, {satellite['received']} received, {satellite['dropped']} dropped"
+        f"{_INDENT}{satellite['sessions']} sessions, {satellite['failed']} failed, {age}{hindrance}; "
+        f"{satellite['sent']} messages of {satellite['sent_bytes']} bytes sent, {satellite['received']} received, "
+        f"{satellite['dropped']} dropped"
     )
     of = {name: f" of {satellite[f'{name}_limit']}" if satellite[f"{name}_limit"] else "" for name in ("day", "month")}
     yield (

@@ -2,7 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from firmware_py.common.record_class import dataclass
+
+# How a session by satellite has ended without success. Source: ISU AT Command Reference, MO session status of +SBDIX.
+_SESSION_ENDINGS: Mapping[int, str] = {
+    10: "no end in time",
+    11: "gateway's queue full",
+    12: "too many segments",
+    13: "no end",
+    14: "false segment size",
+    15: "access denied",
+    16: "modem locked",
+    17: "gateway silent",
+    18: "connection lost",
+    19: "link failed",
+    32: "no service",
+    33: "antenna fault",
+    34: "radio disabled",
+    35: "modem busy",
+    36: "wait 3 min",
+    37: "service disabled",
+    38: "traffic held up",
+}
+
+
+def session_ending(status: int | None) -> str:
+    """Return what the status of a session that failed means, with its number; None when the modem did not say."""
+    if status is None:
+        return "modem fell silent"
+    return f"status {status}, {_SESSION_ENDINGS.get(status, 'not known')}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +57,8 @@ class SatelliteStatus:
     """A link by messages: the modem, its sessions since the start, and the credits spent of those there are.
 
     `signal` is 0 to 5, `waiting` and `dropped` count what is to be sent, `session_age_s` is since the last session that
-    succeeded. `refused` counts messages received by the reason why they changed nothing. A limit of 0 is none.
+    succeeded, `hindrance` what keeps her from one that is due, empty for nothing. `refused` counts messages received by
+    the reason why they changed nothing. A limit of 0 is none.
     """
 
     imei: str
@@ -37,6 +68,7 @@ class SatelliteStatus:
     sessions: int
     failed: int
     last_status: int | None
+    hindrance: str
     session_age_s: float | None
     sent: int
     sent_bytes: int

@@ -17,6 +17,11 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "a message to her has changed nothing; only the first for a reason is told, `rambler status` counts all",
         "false code: another key or modem ashore; too old: `SBD_MT_DAYS`, or her clock; else send it again",
     ),
+    "Satellite out of reach: <reason>": (
+        "a session has been due for half an hour and none has succeeded; what is to be sent waits",
+        "signal: antenna, its cable, sky above it; a status is the modem's word: access denied concerns its account",
+    ),
+    "Satellite is reached again": ("a session has succeeded", "nothing"),
     "Satellite record begun anew: <reason>": (
         "what was spent is forgotten, and no message to her counts that was written before now",
         "the disk may be failing; send commands again that she has not acknowledged",

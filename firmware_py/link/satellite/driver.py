@@ -6,6 +6,7 @@ import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from firmware_py.common.link_status import session_ending
 from firmware_py.common.records import Event, Severity
 from firmware_py.link.satellite.budget import Kind, Ledger, Limits
 from firmware_py.link.satellite.messages import Bundle, MessageQueue
@@ -21,6 +22,7 @@ _TOO_EARLY = 36
 _UNCLEAR = frozenset({None, 13, 17, 18, 19})
 _WEAK_S, _WEAK_LONGEST_S = 15.0, 120.0  # between looks for a signal, doubled each time
 _SILENT_S = 60.0  # a modem that has said nothing for this long is told
+_KEPT_S = 1800.0  # so is what has kept her from a session for this long: a seaway hides the sky for less
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +70,7 @@ class SatelliteDriver:
         self.received: list[tuple[int, bytes]] = []  # number of the network, message
         self.session_s: float | None = None  # when a session has succeeded last
         self.status: int | None = None  # of the last session
+        self.hindrance = ""  # what keeps her from the session that is due
         self._spent, self._tell = spent, tell
         self._chance = random.Random(seed)  # noqa: S311 - it spreads calls, and guards nothing
         self._bundle: Bundle | None = None  # under way
@@ -76,10 +79,11 @@ class SatelliteDriver:
         self._unclear = 0  # of these, in a row, such as may have cost something
         self._next_s = 0.0
         self._weak_s = _WEAK_S
-        self._measured_s: float | None = None
+        self._measured = False  # by the last dialogue with the modem
         self._looked_s = 0.0
         self._more_ashore = False
-        self._told_silent = False
+        self._due_since_s: float | None = None
+        self._told_silent = self._told_kept = False
         self._told_spent_day = -1
 
     # ------------------------------------------------------------------ bytes
@@ -111,18 +115,22 @@ class SatelliteDriver:
     def _call(self, now_s: float) -> None:
         bundle = self._due(now_s)
         if bundle is None:
+            self._due_since_s, self.hindrance = None, ""
             return
-        if self._measured_s is None or now_s - self._measured_s > _WEAK_S:
-            self._measured_s = now_s
+        if self._due_since_s is None:
+            self._due_since_s = now_s
+        if not self._measured or now_s - self.modem.idle_since_s > _WEAK_S:
+            self._measured = True
             self.modem.measure_signal(now_s)
             return
         signal = self.modem.signal
         if signal is None or signal < self.settings.least_signal:
             self._next_s = now_s + self._weak_s
             self._weak_s = min(2.0 * self._weak_s, _WEAK_LONGEST_S)
-            self._measured_s = None
+            self._measured = False
+            self.hindrance = "no signal known" if signal is None else f"signal {signal} of 5"
             return
-        self._weak_s, self._measured_s = _WEAK_S, None
+        self._weak_s, self._measured = _WEAK_S, False
         self._charge = self.settings.limits.cost(len(bundle.content))
         self._bundle = bundle
         self._keep(self.ledger.charged(self._charge))
@@ -168,30 +176,35 @@ class SatelliteDriver:
             ledger = ledger.charged(self.settings.limits.cost(session.length))
         if bundle is not None:
             self.status = session.status
+            paid = session.sent or (session.tried and session.status in _UNCLEAR)
+            # Who gets a message pays for that alone.
+            if not paid or (not bundle.frames and session.length):
+                ledger = ledger.charged(-charge)
             if session.sent:
-                self._succeed(bundle, now_s)
-                if not bundle.frames and session.length:
-                    ledger = ledger.charged(-charge)  # who gets a message pays for that alone
+                self._take_as_sent(bundle, now_s)
+            if session.sent and not session.unread:
+                self._failures = self._unclear = 0
+                self._next_s = now_s
+                self._due_since_s, self.hindrance = None, ""
+                if self._told_kept:
+                    self._told_kept = False
+                    self._tell(Event(Severity.NOTICE, "Satellite is reached again"))
             else:
-                unclear = session.tried and session.status in _UNCLEAR
-                self._unclear = self._unclear + 1 if unclear else 0
-                if not unclear:
-                    ledger = ledger.charged(-charge)
+                self._unclear = self._unclear + 1 if paid else 0
                 self._fail(session, now_s)
         if session.sent:
-            self._more_ashore = session.queued > 0
+            self._more_ashore = session.unread or session.queued > 0
         self._keep(ledger)
 
-    def _succeed(self, bundle: Bundle, now_s: float) -> None:
+    def _take_as_sent(self, bundle: Bundle, now_s: float) -> None:
         self.queue.remove(bundle)
         self.counts.sent += bool(bundle.frames)
         self.counts.sent_bytes += len(bundle.content)
         self.session_s = self._looked_s = now_s
-        self._failures = self._unclear = 0
-        self._next_s = now_s
 
     def _fail(self, session: Session, now_s: float) -> None:
         self.counts.failed += 1
+        self.hindrance = "message not handed over" if session.sent else session_ending(session.status)
         if self._failures < len(_RETRY_S):
             wait_s = self._chance.uniform(0.0, _RETRY_S[self._failures])
         else:
@@ -221,3 +234,7 @@ class SatelliteDriver:
             self._told_silent = silent
             text = "Satellite modem does not answer" if silent else "Satellite modem answers again"
             self._tell(Event(Severity.WARNING if silent else Severity.NOTICE, text))
+        kept = self._due_since_s is not None and now_s - self._due_since_s > _KEPT_S
+        if kept and not self._told_kept and not silent and self.hindrance:
+            self._told_kept = True
+            self._tell(Event(Severity.WARNING, f"Satellite out of reach: {self.hindrance}"))

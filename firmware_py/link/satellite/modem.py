@@ -20,6 +20,7 @@ _SESSION_S = 120.0
 _PAUSE_S = 10.0  # before a modem that does not answer is tried again
 _LINE_BYTES = 256  # of a line; what is longer is noise
 _RING = b"SBDRING"
+_HANDED_OVER, _NOT_HANDED_OVER = 1, 2  # the third number of +SBDIX; 0: there is no message
 _ENDINGS = (b"OK", b"ERROR", b"READY")
 
 
@@ -47,7 +48,8 @@ class Session:
 
     `status` is that of the message sent: 0 to 4 for sent, None when the modem did not say. `tried`: the satellite was
     called. `number` is the network's of the message received, `content` that message, None without one.
-    `damaged`: there was one that could not be read; `length` is what the modem says of it. `queued` more wait ashore.
+    `damaged`: there was one that could not be read; `length` is what the modem says of it. `queued` more wait ashore;
+    `unread`: the network failed to hand one over.
     """
 
     tried: bool
@@ -57,6 +59,7 @@ class Session:
     content: bytes | None = None
     damaged: bool = False
     queued: int = 0
+    unread: bool = False
 
     @property
     def sent(self) -> bool:
@@ -75,7 +78,7 @@ def checksum(content: bytes) -> bytes:
 class Modem:
     """The dialogue with the modem; one thing at a time.
 
-    `signal` is the last measured, 0 to 5; `ringing`: a message waits for her ashore, as the modem says.
+    `signal` is the last measured, 0 to 5; `idle_since_s` is when the last dialogue has ended, so that of measuring.
     `failing_since_s`: since when it has not answered as it should, None while it does.
     """
 
@@ -83,7 +86,8 @@ class Modem:
         """Begin with a modem of which nothing is known."""
         self.imei = ""
         self.signal: int | None = None
-        self.ringing = False
+        self.idle_since_s = 0.0
+        self._rings = 0
         self.failing_since_s: float | None = None
         self._sessions: list[Session] = []
         self._dialogue: Dialogue | None = None
@@ -100,6 +104,11 @@ class Modem:
     def ready(self) -> bool:
         """Whether it is set up and has nothing to do."""
         return self._dialogue is None and self._pause_end_s is None
+
+    @property
+    def ringing(self) -> bool:
+        """Whether a message waits for her ashore, as the modem says."""
+        return self._rings > 0
 
     def restart(self) -> None:
         """Set it up anew: the line was away."""
@@ -136,12 +145,14 @@ class Modem:
         """Take what the modem has said."""
         self._held += data
         while self._held:
-            # What may come before a message, or instead, is text: no message is so long that it begins with a letter.
-            text = self._held[0] > LONGEST_OUT >> 8
-            if self._ask is not None and self._ask.content and not self._content_read and not text:
-                if not self._read_content():
-                    return
-                continue
+            if self._ask is not None and self._ask.content and not self._content_read:
+                # One that was reset echoes, and a message follows at once; what else may come before a message, or
+                # instead, is text: no message is so long that it begins with a letter.
+                self._held = self._held.removeprefix(self._ask.data)
+                if self._held[:1] <= bytes((LONGEST_OUT >> 8,)):
+                    if not self._read_content():
+                        return
+                    continue
             line, end, rest = self._held.partition(b"\n")
             if not end:
                 self._held = self._held[-_LINE_BYTES:]
@@ -164,7 +175,7 @@ class Modem:
 
     def _take_line(self, line: bytes, now_s: float) -> None:
         if line.endswith(_RING):
-            self.ringing = True
+            self._rings += 1
         elif self._ask is None or not line:
             return
         elif line in _ENDINGS:
@@ -189,6 +200,7 @@ class Modem:
             self._ask = step()
         except StopIteration as end:
             self._dialogue = self._ask = None
+            self.idle_since_s = now_s
             kept = bool(end.value)
             self._pause_end_s = None if kept else now_s + _PAUSE_S
             if kept:
@@ -214,7 +226,7 @@ class Modem:
         fields = _numbers(answer, b"+SBDSX:", 6)
         if fields is None:
             return False
-        self.ringing = self.ringing or fields[4] == 1 or fields[5] > 0
+        self._rings = max(self._rings, int(fields[4] == 1 or fields[5] > 0))
         if fields[2] == 1:  # received before an end that came between
             found = yield from self._read(Session(tried=False, number=fields[3]))
             self._sessions.append(found)
@@ -240,17 +252,19 @@ class Modem:
         if not written:
             self._sessions.append(failed)
             return False
-        answer = yield Ask(b"AT+SBDIXA\r" if self.ringing else b"AT+SBDIX\r", _SESSION_S)
+        rings = self._rings  # one that comes meanwhile is of another message
+        answer = yield Ask(b"AT+SBDIXA\r" if rings else b"AT+SBDIX\r", _SESSION_S)
         fields = _numbers(answer, b"+SBDIX:", 6)
         if fields is None:
             self._sessions.append(Session(tried=True))
             return False
         status, _sequence, received, number, length, queued = fields
-        session = Session(tried=True, status=status, number=number, queued=queued)
+        session = Session(tried=True, status=status, number=number, unread=received == _NOT_HANDED_OVER)
         if session.sent:
-            self.ringing = False
-        if received == 1:
-            session = yield from self._read(replace(session, length=length))
+            self._rings -= rings
+        if received == _HANDED_OVER:
+            # Where none was, none is to be had: a message that is too long for her is counted for ever.
+            session = yield from self._read(replace(session, length=length, queued=queued))
         self._sessions.append(session)
         answer = yield Ask(b"AT+SBDD0\r")
         return answer.ending == b"OK" and not session.damaged  # the setting up finds it again

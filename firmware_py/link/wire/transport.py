@@ -110,6 +110,10 @@ class Satellite(Protocol):
         """How modem, sessions and budget fare."""
 
 
+class MessageTransport(Transport, Satellite, Protocol):
+    """A transport that carries messages."""
+
+
 @dataclass(frozen=True, slots=True)
 class LinkUrl:
     """A parsed URL; `host` and `number` are a port's path and baud rate for `serial` and `sbd`."""

@@ -157,6 +157,7 @@ class SbdTransport:
             sessions=counts.sessions,
             failed=counts.failed,
             last_status=driver.status,
+            hindrance=driver.hindrance,
             session_age_s=None if driver.session_s is None else now_s - driver.session_s,
             sent=counts.sent,
             sent_bytes=counts.sent_bytes,

@@ -3,13 +3,17 @@
 import json
 import os
 import pty
+import select
 import shutil
 import socket
+import threading
+import tty
 from types import SimpleNamespace
 
 import pytest
 
 from firmware_py.__main__ import main
+from firmware_py.cli import preflight
 from firmware_py.cli.bench_session import BenchDevice
 from firmware_py.cli.check import _judge_device
 from firmware_py.cli.preflight import Level
@@ -200,3 +204,41 @@ def test_a_device_is_judged_by_what_it_says(sample, state, accepted, rejected, t
     assert (finding.level, finding.subject) == (level, "compass")
     assert word in finding.text
     assert finding.values["rejected"] == rejected
+
+
+def modem(*, answers):
+    """Return a terminal's path and what ends its far side, where AT commands are answered, or not."""
+    far, near = pty.openpty()
+    tty.setraw(near)
+    over = threading.Event()
+
+    def serve():
+        while not over.is_set():
+            if select.select([far], [], [], 0.1)[0]:
+                for command in os.read(far, 256).split(b"\r")[:-1]:
+                    said = b"\r\n300234010753370\r\n" if command == b"AT+CGSN" else b""
+                    os.write(far, said + b"\r\nOK\r\n" if answers else b"\r\n")
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+
+    def end():
+        over.set()
+        thread.join()
+        os.close(near)
+        os.close(far)
+
+    return os.ttyname(near), end
+
+
+@pytest.mark.parametrize(("answers", "level"), [(True, "pass"), (False, "fail")])
+def test_a_modem_is_asked_for_its_number(check, monkeypatch, answers, level):
+    monkeypatch.setattr(preflight, "MODEM_S", 5.0 if answers else 0.3)
+    path, end = modem(answers=answers)
+    try:
+        links = check("--link", f"sbd:{path}")["links"]
+    finally:
+        end()
+    assert links[0]["level"] == level
+    assert links[0].get("imei") == ("300234010753370" if answers else None)
+    assert "whoever reaches it" in links[1]["text"]
