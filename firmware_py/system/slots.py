@@ -4,8 +4,9 @@ No directory and no file size changes by a write, which on a journalling file sy
 much as the data. A slot, `NAME.0` or `NAME.1`, begins with a line of sequence number, length and checksum;
 the content follows as it is. A slot that holds nothing on purpose says so in its first line.
 
-The slots of a secret must belong to the user of the process, and hold a version or nothing good: one that was taken
-back, and one without a byte, count as damaged, so that a secret that was lost does not pass for none.
+A slot without a byte counts as damaged: so a card that has lost a file leaves it. The slots of a secret must belong to
+the user of the process, and hold a version or nothing good: one that was taken back counts as damaged, so that a secret
+that was lost does not pass for none.
 """
 
 from __future__ import annotations
@@ -111,8 +112,6 @@ def _read_slot(path: Path, number: int, most_bytes: int, owner_uid: int | None) 
         return _Slot(number, Condition.UNREADABLE, reason=error.strerror or "")
     if stranger_uid is not None:
         return _Slot(number, Condition.UNREADABLE, reason=f"it belongs to user {stranger_uid}")
-    if not data and owner_uid is None:
-        return _Slot(number, Condition.ABSENT)  # just made
     if data.startswith(_EMPTY):
         return _Slot(number, Condition.EMPTY)
     head = _HEAD.match(data)
@@ -247,10 +246,10 @@ class SlotWriter:
         descriptor, present = self._open_slot(name, slot)
         if name in self._private:
             data = data.ljust(max(size, present), b"\0")  # nothing of a longer secret is to stay behind this one
+        self._unproven[name] = slot
         if present < size:
             # Real bytes, so that the space is there before it is needed.
             self._write_whole(descriptor, self._nothing_in(name).ljust(size, b"\0"))
-        self._unproven[name] = slot
         self.versions += 1
         self._write_whole(descriptor, data)
         os.fdatasync(descriptor)

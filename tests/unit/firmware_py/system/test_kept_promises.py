@@ -328,6 +328,10 @@ def torn(path):
     path.write_bytes(path.read_bytes()[:30])
 
 
+def emptied(path):
+    path.write_bytes(b"")
+
+
 def unreadable(path):
     path.unlink()
     path.mkdir()
@@ -337,6 +341,7 @@ LOSSES = {
     damaged: "is damaged",
     zeroed: "is damaged",
     torn: "is damaged",
+    emptied: "is damaged",
     unreadable: "cannot be read (Is a directory)",
     Path.unlink: "is missing",
 }
@@ -383,7 +388,7 @@ def test_a_state_directory_that_is_new_has_lost_nothing(tmp_path):
 
 
 @pytest.mark.parametrize("lost", [(0,), (1,), (0, 1)])
-@pytest.mark.parametrize("lose", [damaged, zeroed, torn])
+@pytest.mark.parametrize("lose", [damaged, zeroed, torn, emptied])
 def test_what_is_stored_after_a_loss_wins(lost, lose, tmp_path):
     for content in (b"1", b"2", b"3"):
         store = Store(tmp_path)

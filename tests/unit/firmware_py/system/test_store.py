@@ -1,3 +1,4 @@
+import errno
 import fcntl
 import os
 import select
@@ -379,23 +380,35 @@ def test_all_its_files_are_closed_in_the_end(tmp_path):
 
 
 def test_the_name_of_a_new_file_reaches_the_disk_though_its_first_content_did_not(store, tmp_path, monkeypatch):
-    """The disk was full: once there is room, what is said to be stored is found after a power cut, too."""
-    synced, write, sync = [], os.pwrite, os.fsync
+    """The disk was ill: once it is well, what is said to be stored is found after a power cut, too."""
+    synced, failures, sync, sync_data = [], [OSError(errno.EIO, os.strerror(errno.EIO))], os.fsync, os.fdatasync
 
     def noted(descriptor):
         synced.append(Path(f"/proc/self/fd/{descriptor}").readlink())
         sync(descriptor)
 
+    def fails_once(descriptor):
+        if failures:
+            raise failures.pop()
+        sync_data(descriptor)
+
     monkeypatch.setattr(os, "fsync", noted)
-    monkeypatch.setattr(os, "pwrite", lambda *_: 0)
+    monkeypatch.setattr(os, "fdatasync", fails_once)
     store.save("a", b"first")
     assert settle(store) == [False]
     assert (tmp_path / "state" / "a.0").exists()
     assert synced == []
-    monkeypatch.setattr(os, "pwrite", write)
     store.save("a", b"second")
     assert settle(store) == [True]
     assert synced == [tmp_path / "state"]
+
+
+def test_what_finds_no_room_leaves_no_file_without_a_byte(store, tmp_path, monkeypatch):
+    """The next start would take it for one that the card has lost."""
+    monkeypatch.setattr(os, "pwrite", lambda *_: 0)
+    store.save("a", b"first")
+    assert settle(store) == [False]
+    assert not (tmp_path / "state" / "a.0").exists()
 
 
 def test_writes_are_counted_in_blocks_as_a_disk_takes_them(store, tmp_path):
