@@ -25,6 +25,7 @@ class DeviceMonitor:
         self._accepted_s: float | None = None
         self._interval_s = 0.0
         self._bytes_s: float | None = None
+        self._passed = ""
         self._note = ""
         self._error = ""
         self._error_s = 0.0
@@ -35,16 +36,21 @@ class DeviceMonitor:
             return False
         self._openings = self._line.openings
         self._accepted_s = self._bytes_s = None
-        self._note = self._error = ""
+        self._note = self._error = self._passed = ""
         return True
 
     def note_bytes(self, now_s: float) -> None:
         """Note that bytes have come, of whatever kind."""
         self._bytes_s = now_s
 
+    def pass_over(self, text: str) -> None:
+        """Keep what to say of whole messages that are of no use, while no other ones come."""
+        self._passed = text
+
     def accept(self, now_s: float) -> None:
         """Count a message that was of use."""
         self._accepted += 1
+        self._passed = ""
         if self._accepted_s is not None:
             self._interval_s = learn_interval_s(self._interval_s, now_s - self._accepted_s, self._silent_after_s)
         self._accepted_s = now_s
@@ -83,7 +89,7 @@ class DeviceMonitor:
             return _short(self._note)
         talks = self._bytes_s is not None and now_s - self._bytes_s <= SILENT_AFTER_S
         if talks and state is not DeviceState.RUNNING:
-            return "bytes, but nothing understood: baud rate?"
+            return _short(self._passed) or "bytes, but nothing understood: baud rate?"
         return ""
 
 

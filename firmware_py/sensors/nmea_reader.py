@@ -62,6 +62,8 @@ class NmeaReader:
         if sentence.fault:
             self._monitor.reject(now_s, f"{sentence.address}: {sentence.fault}")
             return False
+        if not wanted:
+            self._monitor.pass_over(f"only {sentence.address} and the like: another device's port?")
         return wanted
 
 

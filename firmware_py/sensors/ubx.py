@@ -15,6 +15,8 @@ from firmware_py.sensors.device_monitor import DeviceMonitor
 from firmware_py.sensors.message_error import CHECKSUM, MessageError
 
 SAMPLES_KEPT = 64  # one read of 4096 bytes holds 40
+POOREST_M = 50.0  # a sound fix is no farther off (estimate.position); one of a cold start, or under jamming, may be
+_NOT_ENABLED = "no NAV-PVT: enable UBX-NAV-PVT in the receiver"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +27,8 @@ class UbxOptions:
 class UbxPosition:
     """Gives one sample for each NAV-PVT; the receiver is set up to send them beforehand.
 
-    NMEA on the same line is passed over. hdop stays None: NAV-PVT has only PDOP.
+    NMEA on the same line is passed over. hdop stays None: NAV-PVT has only PDOP. A fix that the receiver itself gives
+    for worse than 50 m is none.
     """
 
     def __init__(self, line: ByteLine) -> None:
@@ -47,6 +50,8 @@ class UbxPosition:
         if not data:
             return
         self._monitor.note_bytes(now_s)
+        if b"$G" in data:
+            self._monitor.pass_over(_NOT_ENABLED)
         for packet in self._framer.feed(data):
             self._handle_packet(packet, now_s)
 
@@ -66,6 +71,7 @@ class UbxPosition:
                 self._monitor.reject(now_s, CHECKSUM)
             return
         if ubx.message(packet.data) != ubx.NAV_PVT:
+            self._monitor.pass_over(_NOT_ENABLED)
             return
         try:
             solution = ubx.parse_nav_pvt(ubx.payload(packet.data))
@@ -73,7 +79,11 @@ class UbxPosition:
             self._monitor.reject(now_s, str(error))
             return
         self._monitor.accept(now_s)
-        self._monitor.note("no fix" if solution.fix is FixType.NONE else "")
+        if solution.accuracy_m is not None and solution.accuracy_m > POOREST_M:
+            self._monitor.note(f"no fix: it may be {solution.accuracy_m:.0f} m off")
+            solution = ubx.NavPvt(FixType.NONE, solution.satellites)
+        else:
+            self._monitor.note("no fix" if solution.fix is FixType.NONE else "")
         self._samples.append(_sample(solution, now_s))
 
 

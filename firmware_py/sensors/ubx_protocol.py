@@ -19,7 +19,8 @@ from firmware_py.sensors.decode import CaptureFormat, Result, decode_packets, va
 from firmware_py.sensors.message_error import MALFORMED, RANGE, MessageError, within
 
 NAV_PVT = 0x0107
-_NAV_PVT_SIZE = 84  # of u-blox 7; 92 since u-blox 8
+_NAV_PVT_SIZE = 84  # of u-blox 7; 92 since u-blox 8, which may call the position invalid beside its fix
+_FLAGS3, _FLAGS3_SINCE = 78, 92
 
 # B5 62, class and id, then the length, little endian, below 2560 (RXM-RAWX of 72 measurements is 2320).
 _HEADER = re.compile(rb"\xb5\x62..[\x00-\xff][\x00-\x09]", re.DOTALL)
@@ -40,6 +41,7 @@ class NavPvt:
     sog_m_s: float | None = None
     cog_deg: float | None = None
     utc_s: float | None = None
+    accuracy_m: float | None = None  # horizontal, one standard deviation as the receiver estimates it
 
 
 def framer() -> PacketFramer:
@@ -97,7 +99,8 @@ def parse_nav_pvt(data: bytes) -> NavPvt:
     fields = _NAV_PVT.unpack_from(data)
     fix_type, flags, satellites = fields[10], fields[11], fields[13]
     fix = _FIX_TYPES.get(fix_type, FixType.NONE)
-    if not flags & 1 or fix is FixType.NONE:
+    invalid = len(data) >= _FLAGS3_SINCE and data[_FLAGS3] & 1
+    if not flags & 1 or invalid or fix is FixType.NONE:
         return NavPvt(FixType.NONE, satellites)
     if fix is FixType.FIX_3D:
         fix = _CARRIER.get(flags >> 6, FixType.DGPS if flags & 2 else fix)
@@ -111,13 +114,14 @@ def parse_nav_pvt(data: bytes) -> NavPvt:
         ("course", cog_deg, 0.0, 360.0),
     ):
         within(value, low, high, f"NAV-PVT {name}")
-    return NavPvt(fix, satellites, lat_deg, lon_deg, altitude_m, sog_m_s, cog_deg, _utc_s(fields))
+    accuracy_m = fields[18] * 1e-3
+    return NavPvt(fix, satellites, lat_deg, lon_deg, altitude_m, sog_m_s, cog_deg, _utc_s(fields), accuracy_m)
 
 
 def _utc_s(fields: tuple[int, ...]) -> float | None:
-    """The time, when the receiver calls date and time valid; MessageError when they then are not."""
+    """The time, when the receiver calls it valid and knows the leap second; MessageError when it then cannot be."""
     _, year, month, day, hour, minute, second, valid, _, nanosecond = fields[:10]
-    if valid & 3 != 3:
+    if valid & 7 != 7:
         return None
     if not (1980 <= year <= 2099 and hour <= 23 and minute <= 59 and second <= 60 and abs(nanosecond) <= 10**9):
         raise MessageError(RANGE, "NAV-PVT time out of range")

@@ -17,7 +17,7 @@ from firmware_py.sensors.message_error import CHECKSUM, MALFORMED, MessageError,
 LONGEST_BLOCK = 1024  # 22 fields of 43 bytes at most
 _END = b"\r\nChecksum\t"
 _HEX = re.compile(rb":[0-9A-F]*\n")
-_FIELD = re.compile(r"[A-Za-z0-9#]{1,9}\t[ -~]{0,40}", re.ASCII)
+_FIELD = re.compile(r"[A-Za-z0-9#_]{1,9}\t[ -~]{0,40}", re.ASCII)
 _NUMBER = re.compile(r"[+-]?[0-9]{1,9}", re.ASCII)
 _UNKNOWN = "---"
 

@@ -76,11 +76,21 @@ def ubx_packet(message, payload):
 
 
 def nav_pvt(
-    *, fix_type=3, flags=1, valid=7, lat=-349062263, lon=1386081197, speed=500, course=9000000, date=(2017, 7, 19)
+    *,
+    fix_type=3,
+    flags=1,
+    valid=7,
+    lat=-349062263,
+    lon=1386081197,
+    accuracy_mm=1132,
+    speed=500,
+    course=9000000,
+    date=(2017, 7, 19),
+    flags3=0,
 ):
     payload = struct.pack("<IHBBBBBBIi", 0, *date, 8, 50, 1, valid, 0, 250_000_000)
-    payload += struct.pack("<BBBBiiiiII", fix_type, flags, 0, 14, lon, lat, 25424, 28895, 1132, 1602)
-    payload += struct.pack("<iiiiiIIH", 0, 0, 0, speed, course, 0, 0, 145)
+    payload += struct.pack("<BBBBiiiiII", fix_type, flags, 0, 14, lon, lat, 25424, 28895, accuracy_mm, 1602)
+    payload += struct.pack("<iiiiiIIHH", 0, 0, 0, speed, course, 0, 0, 145, flags3)
     return ubx_packet(0x0107, payload.ljust(92, b"\0"))
 
 

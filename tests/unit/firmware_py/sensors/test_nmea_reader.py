@@ -34,3 +34,16 @@ def test_a_restart_forgets_what_was_begun(line, monitor, nmea):
     line.inbox += nmea("HEHDT,1,T")[8:]
     assert reader.read(1.1) == []
     assert monitor.health(1.1).rejected == 0
+
+
+def test_whole_sentences_of_another_device_are_told_from_another_baud_rate(line, monitor, nmea):
+    reader = NmeaReader(line, monitor, {"HDT"})
+    monitor.notice_reopening()
+    line.inbox += b"\x80\xfe\x00"
+    reader.read(1.0)
+    assert monitor.health(1.0).text == "bytes, but nothing understood: baud rate?"
+    line.inbox += nmea("GPGSV,1,1,00")
+    reader.read(1.1)
+    assert monitor.health(1.1).text == "only GPGSV and the like: another device's port?"
+    monitor.accept(1.2)
+    assert monitor.health(1.2).text == ""

@@ -55,9 +55,29 @@ def test_values_out_of_range_are_refused(line, hear, solution, values):
 
 
 def test_a_time_that_the_receiver_does_not_trust_is_not_given(line, hear, solution):
-    for valid in (0, 1, 2):
+    for valid in (0, 1, 2, 3):  # 3: with what leap second is not known yet
         (sample,) = hear(UbxPosition(line), solution(valid=valid, date=(2000, 0, 0)))
         assert sample.utc_s is None
+
+
+def test_a_position_that_the_receiver_calls_invalid_beside_a_good_fix_is_none(line, hear, solution):
+    samples = hear(UbxPosition(line), solution(flags3=1) + solution(flags3=0xE01E))
+    assert [sample.fix for sample in samples] == [FixType.NONE, FixType.FIX_3D]
+
+
+@pytest.mark.parametrize(("accuracy_mm", "text"), [(50_000, ""), (83_400, "no fix: it may be 83 m off")])
+def test_a_fix_of_a_cold_start_or_under_jamming_counts_from_fifty_metres(line, hear, solution, accuracy_mm, text):
+    receiver = UbxPosition(line)
+    (sample,) = hear(receiver, solution(accuracy_mm=accuracy_mm))
+    assert (sample.fix is FixType.NONE, sample.latitude_rad is None, sample.satellites) == (bool(text), bool(text), 14)
+    assert (receiver.health(1.0).state, receiver.health(1.0).text) == (DeviceState.RUNNING, text)
+
+
+@pytest.mark.parametrize("stream", [b"$GNRMC,,V,,,,,,,,,,N*4D\r\n", "NAV-STATUS"])
+def test_a_receiver_that_sends_anything_but_nav_pvt_is_not_said_to_have_another_baud_rate(line, hear, ubx, stream):
+    receiver = UbxPosition(line)
+    hear(receiver, ubx(0x0103, bytes(16)) if stream == "NAV-STATUS" else stream)
+    assert receiver.health(1.0).text == "no NAV-PVT: enable UBX-NAV-PVT in the receiver"
 
 
 def test_other_messages_short_ones_and_nmea_between(line, hear, solution, ubx):

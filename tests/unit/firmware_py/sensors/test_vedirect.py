@@ -56,6 +56,11 @@ def test_a_charge_that_is_not_known_is_not_made_up(line, hear):
     assert sample.charge is None
 
 
+def test_a_charger_from_another_battery_has_labels_of_its_own(line, hear):
+    (sample,) = hear(VeDirectPower(line), block(V="13790", I="5100", DC_IN_V="26400", DC_IN_P="72", ERR="0"))
+    assert sample.current_a == pytest.approx(5.1)
+
+
 def test_a_block_that_was_under_way_is_passed_over_without_a_word(line, hear):
     device = VeDirectPower(line)
     assert len(hear(device, MONITOR[20:] + CHARGER)) == 1
