@@ -25,13 +25,13 @@ class Message(NamedTuple):
 
 def messages(buffer: Buffer, wanted: Collection[str] | None = None) -> Iterator[Message]:
     """Yield the records with a time in order, of the wanted names or of all, but for pieces of a longer text."""
-    taken: dict[int, bool] = {}
+    judged: dict[int, tuple[Format, bool]] = {}  # by number, which another head in the file may give to another format
     for found, at in Parser(buffer):
-        take = taken.get(id(found))
-        if take is None:
+        judgement = judged.get(found.number)
+        if judgement is None or judgement[0] is not found:
             whole = "TimeUS" in found.labels and "Part" not in found.labels and not found.name.startswith("FMT")
-            take = taken[id(found)] = whole and (wanted is None or found.name in wanted)
-        if take:
+            judgement = judged[found.number] = (found, whole and (wanted is None or found.name in wanted))
+        if judgement[1]:
             values = _values(found, buffer, at)
             yield Message(found.name, values["TimeUS"] * _MICROSECONDS, values)
 

@@ -36,6 +36,15 @@ def export(log, tmp_path):
     return exported
 
 
+def test_logs_one_behind_the_other_in_a_file_are_all_told(log, tmp_path, capsys):
+    """The second head describes all messages anew."""
+    both = tmp_path / "both.BIN"
+    both.write_bytes(2 * log.read_bytes())
+    for kind in ("csv", "gpx", "kml"):
+        assert main(["export", str(both), "--to", kind, "--out", str(tmp_path / kind)]) == 0
+    assert f"{2 * TICKS} rows" in capsys.readouterr().out
+
+
 def test_a_row_a_tick(export):
     with export("csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
