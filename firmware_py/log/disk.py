@@ -59,7 +59,10 @@ class LocalDisk:
     """A Disk of the operating system's."""
 
     def __init__(self, kept_days: float = 0.0, utc_s: Callable[[], float] = time.time) -> None:
-        """Keep full logs for so many days, 0 for as long as there is room, by the clock that times of files are of."""
+        """Keep full logs for so many days, 0 for as long as there is room.
+
+        By the clock that times of files are of, or by the newest log, whichever says an earlier day.
+        """
         self._kept_days = kept_days
         self._utc_s = utc_s
 
@@ -105,9 +108,11 @@ class LocalDisk:
         while boxes and (len(boxes) > MOST_BOXES or sum(box.size for box in boxes) > BOX_SHARE * room_bytes):
             total -= _remove(boxes.pop(_densest(boxes)))
         if self._kept_days > 0.0 and is_possible(now_s := self._utc_s()):
-            oldest_s = now_s - self._kept_days * DAY_S
-            # A log of a clock that was wrong has no age.
-            for kept in [kept for kept in logs if is_possible(kept.modified_s) and kept.modified_s < oldest_s]:
+            # A log of a clock that was wrong has no age, and a clock that runs years ahead would leave none.
+            dated = [kept for kept in logs if is_possible(kept.modified_s)]
+            newest_s = max((kept.modified_s for kept in dated), default=now_s)
+            oldest_s = min(now_s, newest_s) - self._kept_days * DAY_S
+            for kept in [kept for kept in dated if kept.modified_s < oldest_s]:
                 total -= _remove(kept)
                 logs.remove(kept)
         for kept in (*logs, *boxes):

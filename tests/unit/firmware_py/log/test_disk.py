@@ -85,6 +85,14 @@ def test_nothing_goes_by_age_while_the_clock_is_wrong(tmp_path, now_s):
     assert left(tmp_path) == ["00000001.BIN"]
 
 
+def test_a_clock_that_is_years_ahead_takes_no_log_away(tmp_path):
+    """The receiver sets it right some seconds later."""
+    for number, days in enumerate((40.0, 20.0, 1.0), start=1):
+        aged(tmp_path, f"{number:08d}.BIN", 10, days)
+    LocalDisk(kept_days=30.0, utc_s=lambda: NOW_S + 6e8).prune(tmp_path, 1000)
+    assert left(tmp_path) == ["00000002.BIN", "00000003.BIN"]
+
+
 def test_a_log_of_a_clock_that_was_wrong_has_no_age(tmp_path):
     write(tmp_path, "00000001.BIN", 10)
     os.utime(tmp_path / "00000001.BIN", (1000.0, 1000.0))
