@@ -57,8 +57,8 @@ TABLE: tuple[Parameter, ...] = (
         1,
         {0: "never", 1: "when it is plainly wrong", 2: "when nothing keeps it"},
         "The computer's clock is set from GPS. Plainly wrong: before 2026 or after 2099, and then a ground station's "
-        "time is taken, too, where there is no GPS. Nothing keeps it: the kernel knows of no NTP, and it is more than "
-        "2 s off.",
+        "time is taken, too, where there is no GPS; or a day off where nothing keeps it. Nothing keeps it: the kernel "
+        "knows of no NTP, and it is more than 2 s off.",
     ),
     *_deviations("CMPB", "compass B"),
     real("CMPB_OFFSET_DEG", 0.0, -180.0, 180.0, "deg", "Mounting angle of compass B, added to its reading."),

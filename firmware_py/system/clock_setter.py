@@ -6,15 +6,16 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from firmware_py.common.calendar import is_possible
+from firmware_py.common.calendar import DAY_S, is_possible
 from firmware_py.common.records import Event, PositionSample, Severity
 
 NEVER, WHEN_WRONG, WHEN_UNKEPT = range(3)  # CLK_SET
 
 AGREEING = 5  # times in a row that must agree before one is believed
 AGREEMENT_S = 1.0
-TOLERANCE_S = 2.0  # a receiver's sentence may come a second after its time
-AGAIN_S = 3600.0
+TOLERANCE_S = {WHEN_WRONG: DAY_S, WHEN_UNKEPT: 2.0}  # a receiver's sentence may come a second after its time
+LOOK_S = 60.0
+AGAIN_S = 3600.0  # after a clock that may not be set
 
 
 class ClockSetter:
@@ -53,11 +54,12 @@ class ClockSetter:
             offset_s, source = _agreed_offset_s(self._station, now_s), "a ground station"
         if offset_s is None:
             return ()
-        self._due_s = now_s + AGAIN_S
+        self._due_s = now_s + LOOK_S
         error_s = utc_s - (offset_s + now_s)
-        if not wrong and (policy != WHEN_UNKEPT or abs(error_s) <= TOLERANCE_S or self._is_kept()):
+        if not wrong and (abs(error_s) <= TOLERANCE_S[policy] or self._is_kept()):
             return ()
         if not self._set_utc_s(offset_s + now_s):
+            self._due_s = now_s + AGAIN_S
             text = f"Clock is {error_s:.0f} s off and may not be set (needs CAP_SYS_TIME)"
             return (Event(Severity.WARNING, text),)
         return (Event(Severity.NOTICE, f"Clock set from {source}: it was {error_s:.0f} s off"),)

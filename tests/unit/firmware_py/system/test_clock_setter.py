@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from firmware_py.common.calendar import FIRST_UTC_S, LAST_UTC_S
+from firmware_py.common.calendar import DAY_S, FIRST_UTC_S, LAST_UTC_S
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.system.clock_setter import NEVER, WHEN_UNKEPT, WHEN_WRONG, ClockSetter
 
@@ -55,6 +55,9 @@ def test_a_clock_that_is_plainly_wrong_is_set_once(policy, kept, shown_s):
     [
         (NEVER, -TRUE_S, False, 0),
         (WHEN_WRONG, 100.0, False, 0),  # wrong, but not plainly
+        (WHEN_WRONG, 2 * DAY_S, False, 1),
+        (WHEN_WRONG, -6e6, False, 1),
+        (WHEN_WRONG, 6e8, True, 0),
         (WHEN_UNKEPT, 100.0, False, 1),
         (WHEN_UNKEPT, -100.0, False, 1),
         (WHEN_UNKEPT, 1.5, False, 0),
@@ -81,6 +84,15 @@ def test_a_time_that_cannot_be_believed_is_not_taken(fixes):
     computer = Computer(1000.0)
     assert computer.turn(WHEN_WRONG, fixes, 300) == []
     assert computer.sets == []
+
+
+@pytest.mark.parametrize("policy", [WHEN_WRONG, WHEN_UNKEPT])
+def test_one_that_is_set_wrong_under_way_is_right_again_within_two_minutes(policy):
+    computer = Computer(TRUE_S)
+    assert computer.turn(policy, [TRUE_S], 300) == []
+    computer.offset_s += 6e8
+    assert computer.turn(policy, [TRUE_S], 120) == ["Clock set from GPS: it was 600000000 s off"]
+    assert computer.offset_s == pytest.approx(TRUE_S)
 
 
 def test_where_it_may_not_be_set_that_is_told_once_an_hour():
