@@ -38,6 +38,7 @@ from numba.core import config as numba_config
 from numba.extending import register_jitable
 
 from firmware_py.model import kt
+from hil.lab import same_bits
 from hil.lab.held_signals import HeldSignals
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -196,7 +197,8 @@ def sources_digest() -> str:
 
     So of the files from which these import: a constant is compiled into what uses it.
     """
-    digest, files = hashlib.sha256(numba.__version__.encode()), set(Path(kt.__file__).parent.glob("*.py"))
+    digest = hashlib.sha256(numba.__version__.encode() + same_bits.library())
+    files = set(Path(kt.__file__).parent.glob("*.py"))
     for path in PACKAGE.rglob("*.py"):
         text = path.read_bytes()
         if COMPILES.search(text) or path == Path(__file__):

@@ -11,6 +11,7 @@ from llvmlite import ir
 from numba.core import types
 
 from firmware_py.common.angles import TWO_PI
+from hil.lab import same_bits
 from hil.lab.compiled import compiled
 from hil.lab.lane_rows import tools
 from hil.lab.lanes import COUNT, VECTOR, any_of, lanes, let, mask, typing, where
@@ -41,6 +42,56 @@ def _one_by_one(function: Callable[..., float], count: int) -> Callable[..., Any
     return made
 
 
+def _apart(name: str, made: Callable[..., Any]) -> Callable[..., Any]:
+    """Return what calls the code for seldom cases, which stands once, out of the way."""
+
+    def called(context: Any, builder: Any, arg: Any) -> Any:
+        function = tools.get_or_insert_function(builder.module, ir.FunctionType(VECTOR, [VECTOR]), f"lanes.{name}")
+        if function.is_declaration:
+            function.linkage = "linkonce_odr"
+            function.attributes.add("noinline")
+            inside = ir.IRBuilder(function.append_basic_block())
+            inside.ret(made(context, inside, function.args[0]))
+        return builder.call(function, [arg])
+
+    return called
+
+
+def _as_the_library(function: Callable[[float], float]) -> Callable[..., Any]:
+    """Return what computes the lanes beside each other, as far as that gives the bits of the C library."""
+    name = function.__name__
+
+    def made(context: Any, builder: Any, arg: Any) -> Any:
+        seldom = _one_by_one(function, 1)
+        for number, way in reversed([*enumerate(same_bits.ways_of(function))]):
+            seldom = _within_reach(way, _apart(f"{name}.{number}", seldom))
+        return seldom(context, builder, arg)
+
+    return made
+
+
+def _within_reach(way: same_bits.Way, seldom: Callable[..., Any]) -> Callable[..., Any]:
+    """Return what computes in a way, or otherwise if a number is out of its reach."""
+
+    def made(context: Any, builder: Any, arg: Any) -> Any:
+        far = builder.fcmp_ordered(
+            ">=", _exactly("fabs")(context, builder, arg), ir.Constant(VECTOR, [way.below] * COUNT)
+        )
+        bits = builder.bitcast(far, ir.IntType(COUNT))
+        found = []
+        with builder.if_else(builder.icmp_unsigned("==", bits, ir.Constant(bits.type, 0)), likely=True) as (near, rest):
+            with near:
+                found.append((way.made(builder, arg), builder.block))
+            with rest:
+                found.append((seldom(context, builder, arg), builder.block))
+        joined = builder.phi(VECTOR)
+        for value, block in found:
+            joined.add_incoming(value, block)
+        return joined
+
+    return made
+
+
 def _is_nan(_context: Any, builder: Any, arg: Any) -> Any:
     return builder.fcmp_unordered("uno", arg, arg)
 
@@ -54,7 +105,9 @@ let(math.sqrt, _exactly("sqrt"), lanes, lanes)
 let(math.floor, _exactly("floor"), lanes, lanes)
 let(np.rint, _exactly("rint"), lanes, lanes)
 let(math.copysign, _exactly("copysign"), lanes, lanes, lanes)
-for _function in (math.exp, math.expm1, math.log, math.log1p, math.sin, math.cos, math.tan, math.tanh):
+for _function in (math.exp, math.sin, math.cos):
+    let(_function, _as_the_library(_function), lanes, lanes)
+for _function in (math.expm1, math.log, math.log1p, math.tan, math.tanh):
     let(_function, _one_by_one(_function, 1), lanes, lanes)
 let(math.pow, _one_by_one(math.pow, 2), lanes, lanes, lanes)
 let(np.fmod, lambda _context, builder, *args: builder.frem(*args), lanes, lanes, lanes)

@@ -1,0 +1,193 @@
+"""exp, sin and cos of numbers side by side, with the bits of the C library.
+
+glibc (2.28 and later) computes exp by a table of powers of two and a polynomial (S. Nagy, Optimized Routines), sine
+and cosine by a table of both and polynomials (IBM Accurate Mathematical Library, without its slow paths).
+On a processor that rounds a product and a sum at once it does so, and so is done here, in the same places. The tables
+are computed, to far more digits than they hold.
+
+Numbers out of reach (huge ones) are left to the library, one by one. Whether the library of this machine computes the
+same is for hil/lab/same_bits.py to see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from decimal import Decimal, localcontext
+from functools import cache
+from struct import pack, unpack
+from typing import Any, Final
+
+from hil.lab.wide_numbers import Wide, table_of
+
+Made = Callable[[Any, Any], Any]  # from a builder and a vector to a vector
+number = float.fromhex
+
+DIGITS: Final = 60
+WHOLE: Final = number("0x1.8p52")  # added to a number, it leaves it without places after the point
+
+# Powers of two from 1 to 2: how many, which bits count them, and where the exponent begins beside these.
+POWERS, POWER_BITS, EXPONENT_FROM = 128, 127, 45
+PER_LN2, LN2_HIGH, LN2_LOW = (
+    number("0x1.71547652b82fep+7"), number("-0x1.62e42fefa0000p-8"), number("-0x1.cf79abc9e3b3ap-47"))  # fmt: skip
+SQUARE, CUBE, FOURTH, FIFTH = (
+    number("0x1.ffffffffffdbdp-2"), number("0x1.555555555543cp-3"),
+    number("0x1.55555cf172b91p-5"), number("0x1.1111167a4d017p-7"))  # fmt: skip
+EXP_REACH: Final = 512.0
+
+ANGLES, ANGLE_BITS = 110, 127  # of the table, in steps of 1/128 rad
+ANGLE: Final = number("0x1.8p45")  # added to a number, it leaves it in such steps
+SMALL, PLAIN, HALF_TURN, ANGLE_REACH = 0.126, number("0x1.b6p-1"), number("0x1.368fdp+1"), 1e8
+TAYLOR: Final = tuple(map(number, (
+    "-0x1.addffc2fcdf59p-26", "0x1.71de27b9a7ed9p-19", "-0x1.a01a019db08b8p-13", "0x1.1111111110ecep-7",
+    "-0x1.5555555555555p-3")))  # fmt: skip
+SINE: Final = (number("0x1.11110e829872fp-7"), number("-0x1.5555555555515p-3"))
+COSINE: Final = (number("0x1.6c16bedd9e239p-10"), number("-0x1.5555555555535p-5"), 0.5)
+QUARTER, QUARTER_REST = number("0x1.921fb54442d18p+0"), number("0x1.1a62633145c07p-54")
+PER_QUARTER: Final = number("0x1.45f306dc9c883p-1")
+QUARTER_PARTS: Final = tuple(map(number, (
+    "0x1.921fb58000000p+0", "-0x1.dde973c000000p-27", "-0x1.cb3b398000000p-55", "-0x1.d747f23e32ed7p-83")))  # fmt: skip
+
+
+@cache
+def powers() -> tuple[float, ...]:
+    """Return what each power of two has beside the nearest number, and that number less the bits that count it."""
+    with localcontext() as context:
+        context.prec = DIGITS
+        found: list[float] = []
+        for k in range(POWERS):
+            exact = (Decimal(2).ln() * k / POWERS).exp()
+            near = float(exact)
+            bits = unpack("<Q", pack("<d", near))[0] - (k << EXPONENT_FROM)
+            found += (float((exact - Decimal(near)) / Decimal(near)), *unpack("<d", pack("<Q", bits)))
+    return tuple(found)
+
+
+@cache
+def angles() -> tuple[float, ...]:
+    """Return sine and cosine of each angle of the table, each as the nearest number and what is left."""
+    with localcontext() as context:
+        context.prec = DIGITS
+        found: list[float] = []
+        for k in range(ANGLE_BITS + 1):
+            for exact in _sine_and_cosine(Decimal(min(k, ANGLES)) / (ANGLE_BITS + 1)):
+                found += (float(exact), float(exact - Decimal(float(exact))))
+    return tuple(found)
+
+
+def _sine_and_cosine(angle_rad: Decimal) -> tuple[Decimal, Decimal]:
+    sums, term = [Decimal(0), Decimal(1)], Decimal(1)
+    for power in range(1, DIGITS):
+        term = term * angle_rad / power
+        sums[1 - power % 2] += -term if power % 4 > 1 else term
+    return sums[0], sums[1]
+
+
+def exp(builder: Any, given: Any) -> Any:
+    """Return e to the power of numbers of which none is beyond EXP_REACH."""
+    x = Wide(builder, given)
+    counted = x.fma(PER_LN2, WHOLE)
+    whole, words = counted - WHOLE, counted.words()
+    rest = whole.fma(LN2_LOW, whole.fma(LN2_HIGH, x))
+    more, power = words.masked(POWER_BITS).doubled().pairs(table_of(builder.module, "powers", powers()))
+    scale = power.words().plus(words.shifted(EXPONENT_FROM)).numbers()
+    square = rest * rest
+    found = rest.polynomial(CUBE, SQUARE).fma(square, more + rest)
+    found = (square * square).fma(rest.polynomial(FIFTH, FOURTH), found)
+    return scale.fma(found, scale).value
+
+
+class _Angle:
+    """An angle within a quarter of a turn: a number and what is left, and what the table has near it."""
+
+    def __init__(self, x: Wide, left: Wide | None) -> None:
+        """Look the angle up."""
+        table, size = table_of(x.builder.module, "angles", angles()), abs(x)
+        counted = size + ANGLE
+        place = counted.words().masked(ANGLE_BITS).doubled().doubled()
+        self.x, self.left, self.rest = x, left, size - (counted - ANGLE)
+        self.sine, self.sine_left = place.pairs(table)
+        self.cosine, self.cosine_left = place.pairs(table, 2)
+
+    def _left(self) -> Wide | None:
+        """Return what is left of the angle without its sign."""
+        return None if self.left is None else self.x.below(0.0).where(-self.left, self.left)
+
+    def of_sine(self) -> Wide:
+        """Return the sine."""
+        rest, left, square = self.rest, self._left(), self.rest * self.rest
+        cube, cosine = rest * square, square * square.polynomial(*COSINE)
+        sine = rest + (cube * square.polynomial(*SINE) if left is None else cube.fma(square.polynomial(*SINE), left))
+        cosine = cosine if left is None else rest.fma(left, cosine)
+        more = (-cosine).fma(self.sine, sine.fma(self.cosine_left, self.sine_left))
+        far = self.sine + sine.fma(self.cosine, more)
+        return abs(self.x).below(SMALL).where(self._of_small(), far).signed_as(self.x)
+
+    def _of_small(self) -> Wide:
+        square = self.x * self.x
+        found = square.polynomial(*TAYLOR)
+        if self.left is None:
+            return self.x + found * self.x * square
+        return self.x + square.fma(found.fma(self.x, -(self.left * 0.5)), self.left)
+
+    def of_cosine(self) -> Wide:
+        """Return the cosine."""
+        left = self._left()
+        rest = self.rest if left is None else self.rest + left
+        square = rest * rest
+        sine, cosine = (rest * square).fma(square.polynomial(*SINE), rest), square * square.polynomial(*COSINE)
+        more = (-cosine).fma(self.cosine, (-sine).fma(self.sine_left, self.cosine_left))
+        return self.cosine + (-sine).fma(self.sine, more)
+
+
+def small_sin(builder: Any, given: Any) -> Any:
+    """Return the sine of angles of which none is as large as PLAIN."""
+    return _Angle(Wide(builder, given), None).of_sine().value
+
+
+def small_cos(builder: Any, given: Any) -> Any:
+    """Return the cosine of angles of which none is as large as PLAIN."""
+    return _Angle(Wide(builder, given), None).of_cosine().value
+
+
+def sin(builder: Any, given: Any) -> Any:
+    """Return the sine of angles of which none is beyond ANGLE_REACH."""
+    x = Wide(builder, given)
+    size, quarters, (near, left) = abs(x), *_within_a_quarter(x)
+    plain, middle = size.below(PLAIN), size.below(HALF_TURN)
+    angle = _Angle(
+        plain.where(x, middle.where(QUARTER - size, near)),
+        plain.where(x * 0.0, middle.where(x.filled(QUARTER_REST), left)),
+    )
+    sine, cosine = angle.of_sine(), angle.of_cosine()
+    far = quarters.has(1).where(cosine, sine)
+    far = quarters.has(2).where(-far, far)
+    return plain.where(sine, middle.where(cosine.signed_as(x), far)).value
+
+
+def cos(builder: Any, given: Any) -> Any:
+    """Return the cosine of angles of which none is beyond ANGLE_REACH."""
+    x = Wide(builder, given)
+    size, quarters, (near, left) = abs(x), *_within_a_quarter(x)
+    plain, middle = size.below(PLAIN), size.below(HALF_TURN)
+    beyond = QUARTER - size
+    short = beyond + QUARTER_REST
+    angle = _Angle(
+        plain.where(x, middle.where(short, near)),
+        plain.where(x * 0.0, middle.where((beyond - short) + QUARTER_REST, left)),
+    )
+    sine, cosine = angle.of_sine(), angle.of_cosine()
+    far = quarters.has(1).where(sine, cosine)
+    far = quarters.plus(quarters.filled(1)).has(2).where(-far, far)
+    return plain.where(cosine, middle.where(sine, far)).value
+
+
+def _within_a_quarter(x: Wide) -> tuple[Wide, tuple[Wide, Wide]]:
+    """Return how many quarters of a turn an angle has, as words, and what it has beside them, in two numbers."""
+    counted = x.fma(PER_QUARTER, WHOLE)
+    less = -(counted - WHOLE)
+    first, second, third, fourth = QUARTER_PARTS
+    rest = less.fma(second, less.fma(first, x))
+    near = less.fma(third, rest)
+    left = less.fma(third, rest - near)
+    nearer = less.fma(fourth, near)
+    return counted.words(), (nearer, left + less.fma(fourth, near - nearer))

@@ -1,0 +1,81 @@
+"""exp, sine and cosine of numbers side by side have the bits that Python gives them."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+
+from hil.lab import lane_math  # noqa: F401 - gives the functions their meaning for lanes
+from hil.lab.compiled import compiled_here
+from hil.lab.lane_functions import ANGLE_REACH, ANGLES, EXP_REACH, HALF_TURN, PLAIN, SMALL, angles, powers
+from hil.lab.lane_rows import lanes_of, put_lanes
+from hil.lab.lanes import COUNT
+
+pytestmark = pytest.mark.timeout(300)  # compiles
+
+EDGES = [0.0, 5e-324, 1e-310, 2.0**-54, 2.0**-27, SMALL, PLAIN, 1.0, math.pi / 4, math.pi / 2, HALF_TURN, math.pi, 7.0]
+BATCHES = 500
+
+
+@compiled_here
+def each(given, found):
+    for row in range(given.shape[0]):
+        number = lanes_of(given, row)
+        put_lanes(found, 3 * row, math.exp(number))
+        put_lanes(found, 3 * row + 1, math.sin(number))
+        put_lanes(found, 3 * row + 2, math.cos(number))
+
+
+def computed(numbers):
+    """Return exp, sine and cosine of numbers, which are computed a batch at a time."""
+    given = np.resize(np.array(numbers), (-(-len(numbers) // COUNT), COUNT))
+    found = np.zeros((3 * len(given), COUNT))
+    each(given, found)
+    return found.reshape(-1, 3, COUNT).swapaxes(0, 1).reshape(3, -1)[:, : len(numbers)]
+
+
+def differ(numbers):
+    """Return the numbers of which a function differs from Python's."""
+    alone = [[function(number) for number in numbers] for function in (math.exp, math.sin, math.cos)]
+    other = np.array(alone).view(np.uint64) != np.ascontiguousarray(computed(numbers)).view(np.uint64)
+    return [numbers[k] for k in np.flatnonzero(other.any(0))]
+
+
+@pytest.mark.parametrize("reach", [SMALL, PLAIN, 3.0, EXP_REACH])
+def test_what_is_within_reach_has_the_bits_of_python(reach):
+    source = random.Random(5)
+    assert differ([source.uniform(-reach, reach) for _ in range(BATCHES * COUNT)]) == []
+
+
+def test_small_numbers_and_edges_have_the_bits_of_python():
+    source = random.Random(6)
+    edges = [sign * near for edge in EDGES for near in (edge, math.nextafter(edge, 9.0)) for sign in (1.0, -1.0)]
+    small = [source.choice((1.0, -1.0)) * 10.0 ** source.uniform(-30.0, 2.0) for _ in range(BATCHES * COUNT)]
+    assert differ(edges + small) == []
+
+
+@pytest.mark.parametrize("far", [EXP_REACH, -EXP_REACH, 709.7, -745.2, -800.0])
+def test_a_number_out_of_reach_is_computed_beside_the_others(far):
+    assert differ([far, *[0.1 * lane for lane in range(COUNT - 1)]]) == []
+
+
+@pytest.mark.parametrize("far", [1e6, ANGLE_REACH, -1e15, 1e300])
+def test_a_huge_angle_is_computed_beside_the_others(far):
+    given = [far, *[0.3 * lane for lane in range(COUNT - 1)]]
+    found = computed(given)
+    assert found[1].tolist() == [math.sin(number) for number in given]
+    assert found[2].tolist() == [math.cos(number) for number in given]
+
+
+def test_what_is_no_number_leaves_the_others_as_they_are():
+    found = computed([math.nan, *[0.3 * lane for lane in range(COUNT - 1)]])
+    assert np.isnan(found).sum(1).tolist() == [1, 1, 1]
+    assert found[1, 1:].tolist() == [math.sin(0.3 * lane) for lane in range(COUNT - 1)]
+
+
+def test_the_tables_hold_what_they_are_of():
+    assert powers()[:2] == (0.0, 1.0)
+    sine, cosine = np.array(angles()).reshape(-1, 4)[: ANGLES + 1, ::2].T
+    assert np.allclose(sine, np.sin(np.arange(ANGLES + 1) / 128.0), rtol=1e-15)
+    assert np.allclose(cosine, np.cos(np.arange(ANGLES + 1) / 128.0), rtol=1e-15)
