@@ -1,5 +1,6 @@
 """What the service is made of, and that systemd reads it without a word."""
 
+import fnmatch
 import os
 import re
 import shlex
@@ -73,6 +74,15 @@ def test_what_is_not_asked_for_is_not_in_the_unit():
     assert "ReadWritePaths" not in text
     assert "@COMMAND@" not in text
     assert "ReadWritePaths" not in unit_text(Service(("/x",), Path("/y"), STATE / "disk"))
+
+
+@pytest.mark.parametrize("driver", ["ttyS", "ttyAMA", "ttyUSB", "ttyACM", "ttySC", "ttymxc", "ttySTM", "ttyTHS"])
+def test_the_serial_ports_of_any_board_may_be_opened_and_no_terminal_or_disk(driver):
+    """As /proc/devices names them, matched as systemd.resource-control(5) says of DeviceAllow."""
+    allowed = re.findall(r"^DeviceAllow=char-(\S+) rw$", unit_text(SERVICE), re.MULTILINE)
+    assert any(fnmatch.fnmatchcase(driver, pattern) for pattern in allowed)
+    for other in ("tty", "/dev/tty", "mem", "i2c", "spi", "hidraw", "input"):
+        assert not any(fnmatch.fnmatchcase(other, pattern) for pattern in allowed)
 
 
 @pytest.mark.skipif(ANALYZE is None, reason=NO_SYSTEMD)
