@@ -7,6 +7,7 @@ With white noise and the right weights this is the Cramer-Rao bound, A^-1.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from hil.lab.identify.noise import NoiseModel, fit_noise, score_covariances, slower
 from hil.lab.identify.recording import Floats
-from hil.lab.identify.refine import Normal, Problem, State
+from hil.lab.identify.refine import Linear, Normal, Problem, State
 
 SHARES = (0.0, *np.geomspace(1e-5, 1e5, 31).tolist(), np.inf)
 
@@ -40,6 +41,11 @@ class Information:
         """Return the part of the free parameters of the inverse of A: what the covariance were, the weights right."""
         a = np.einsum("c,cij->ij", np.array(weights), self.own)
         return np.asarray(_inverse(a[None])[0][: self.free, : self.free])
+
+    def solved(self, weights: tuple[float, ...], slope: Floats) -> Floats:
+        """Return A^-1 slope: the Gauss-Newton step of all parameters."""
+        a = np.einsum("c,cij->ij", np.array(weights), self.own)
+        return np.asarray(_inverse(a[None])[0] @ slope)
 
     def covariances(self, weights: Floats) -> NDArray[np.float64]:
         """Return the covariances of the free parameters (m, free, free) for weights (m, channels)."""
@@ -103,35 +109,44 @@ def _log_det(covariances: NDArray[np.float64]) -> Floats:
     return np.asarray(np.linalg.slogdet(covariances[:, :2, :2] + 1e-300 * np.eye(2))[1])
 
 
+def linearised(problem: Problem, state: State) -> list[Linear]:
+    """Linearise all stretches around a fit."""
+    parts = zip(problem.data.stretches, state.starts, strict=True)
+    return [problem.linear(stretch, state, start) for stretch, start in parts]
+
+
 def information(problem: Problem, state: State, noise: NoiseModel | None = None) -> Information:
     """Linearise around a fit and model the noise that it leaves, if none is given."""
-    data, free = problem.data, len(problem.free)
-    linears = [
-        problem.linear(stretch, state, start) for stretch, start in zip(data.stretches, state.starts, strict=True)
-    ]
-    skip = problem.weights.heading_lags.size
+    linears = linearised(problem, state)
     if noise is None:
-        noise = fit_noise([np.column_stack(linear.errors)[skip:] for linear in linears])
+        noise = fit_noise(_coloured(problem, linears))
+    return information_of(linears, len(problem.free), noise, problem.data.rows)
+
+
+def information_of(linears: Sequence[Linear], free: int, noise: NoiseModel, rows: int) -> Information:
+    """Sum up what stretches say of so many free parameters, which come first in their slopes."""
     size, channels = free + 2 * len(linears), len(linears[0].errors)
     own = np.zeros((channels, size, size))
     mixed = np.zeros((channels, channels, size, size))
     for index, linear in enumerate(linears):
-        places = np.array([*range(free), free + 2 * index, free + 2 * index + 1])
-        at = np.ix_(places, places)
+        at = np.ix_(*[[*range(free), free + 2 * index, free + 2 * index + 1]] * 2)
         mixed_here = score_covariances(noise, linear.slopes)
         for c in range(channels):
             own[c][at] += linear.slopes[c].T @ linear.slopes[c]
             for d in range(channels):
                 mixed[c, d][at] += mixed_here[c, d]
-    return Information(own, mixed, free, noise, data.rows)
+    return Information(own, mixed, free, noise, rows)
 
 
 def slow_noise(problem: Problem, state: State, noise: NoiseModel) -> NoiseModel:
     """Complete the model of the noise that a fit leaves by what its averages say of slow disturbances."""
+    return slower(noise, _coloured(problem, linearised(problem, state)), problem.data.usual_step_s)
+
+
+def _coloured(problem: Problem, linears: Sequence[Linear]) -> list[Floats]:
+    """Return the errors (rows, channels) of stretches but for the first rows, which lack a past to be filtered by."""
     skip = problem.weights.heading_lags.size
-    parts = zip(problem.data.stretches, state.starts, strict=True)
-    linears = [problem.linear(stretch, state, start) for stretch, start in parts]
-    return slower(noise, [np.column_stack(linear.errors)[skip:] for linear in linears], problem.data.usual_step_s)
+    return [np.column_stack(linear.errors)[skip:] for linear in linears]
 
 
 def best_weights(known: Information) -> tuple[float, ...]:

@@ -12,9 +12,11 @@ from firmware_py.model.kt import KtModel
 from hil.errors import UsageError
 from hil.lab.compiled import compiling
 from hil.lab.identify.choice import choose
+from hil.lab.identify.doubt import doubted
 from hil.lab.identify.estimates import allowing_for_cubic, estimates_of, with_slow_noise
 from hil.lab.identify.fit import CUBIC, Fit, search
 from hil.lab.identify.held_out import HeldOut, errors_of, held_out
+from hil.lab.identify.lateness import Lateness, lateness_of
 from hil.lab.identify.loop import Loop, loop_of
 from hil.lab.identify.noise import Whiteness, whiteness
 from hil.lab.identify.recording import Recording
@@ -108,8 +110,8 @@ def identify(
     found = chosen.fit
     choice = Choice(chosen.model, chosen.why, chosen.scaled, chosen.speed_why, timing)
     data = next(one for one, scaled in kinds if scaled == chosen.scaled)
-    loop = loop_of(found)
-    judgement = _warned(_judged(with_slow_noise(found), model, loop), found)
+    loop, late = _loop_or_late(found)
+    judgement = _warned(_judged(with_slow_noise(found), model, loop, late), found, late)
     _check_size(data, judgement)
     brought = Brought(
         searched.box.guess_misfit,
@@ -136,23 +138,35 @@ def identify(
     )
 
 
-def _judged(found: Fit, model: str, loop: Loop) -> Judgement:
+def _judged(found: Fit, model: str, loop: Loop, late: Lateness | None) -> Judgement:
     """Judge a fit, K, T and delta0 with regard to an alpha that is held at zero but need not be zero."""
-    if found.problem.free == CUBIC:
-        return judge(found, estimates_of(found), None, loop)
-    if model == "linear":
-        return judge(found, estimates_of(found), (0.0, 0.0), loop)
-    estimates = allowing_for_cubic(found)
-    if estimates is None:
-        return judge(found, estimates_of(found), (0.0, LARGEST_ERROR), loop)
-    place = CUBIC.index(2)
-    spread = math.sqrt(max(float(estimates.covariance[place, place]), 0.0))
-    return judge(found, estimates, (0.0, spread / found.problem.scales.yaw_rate_rad_s**2), loop)
+    estimates, alpha = estimates_of(found), None
+    if found.problem.free != CUBIC:
+        alpha = (0.0, 0.0)
+        if model != "linear":
+            allowing = allowing_for_cubic(found)
+            alpha = (0.0, LARGEST_ERROR)
+            if allowing is not None:
+                place = CUBIC.index(2)
+                spread = math.sqrt(max(float(allowing.covariance[place, place]), 0.0))
+                estimates, alpha = allowing, (0.0, spread / found.problem.scales.yaw_rate_rad_s**2)
+    return judge(found, doubted(estimates, found, loop, late), alpha, loop)
 
 
-def _warned(judgement: Judgement, found: Fit) -> Judgement:
+def _loop_or_late(found: Fit) -> tuple[Loop, Lateness | None]:
+    """Tell a rudder that answers her from a boat that answers late: each looks like the other in a repeated plan."""
+    loop, late = loop_of(found), lateness_of(found)
+    if late is not None and loop.answered:
+        beside = loop_of(found, late)
+        return (loop, None) if beside.answered else (replace(loop, answered=0.0), late)
+    return loop, late
+
+
+def _warned(judgement: Judgement, found: Fit, late: Lateness | None) -> Judgement:
     """Add what was seen of the data before the fit, and a boat that the equation is not of."""
     warnings, estimates = [*found.problem.data.warnings, *judgement.warnings], dict(judgement.estimates)
+    if late is not None and judgement.usable and late.warning():
+        warnings.append(late.warning())
     if estimates["T"].verdict != IDENTIFIABLE:
         unstable = seems_unstable(found)
         if unstable:

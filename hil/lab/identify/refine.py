@@ -212,7 +212,7 @@ def refine(problem: Problem, state: State, tell: Callable[[], None] = lambda: No
             step = _step(problem, state, here.matrix + damping * np.diag(diagonal), here.slope)
             if float(step @ here.slope) <= small * here.cost:
                 break
-            tried = _moved(problem, state, step)
+            tried = moved(problem, state, step)
             there = problem.normal(tried)
             simulations += 1
             if there.cost <= here.cost:
@@ -246,7 +246,8 @@ def _step(problem: Problem, state: State, matrix: Floats, slope: Floats) -> Floa
     return np.asarray(step)
 
 
-def _moved(problem: Problem, state: State, step: Floats) -> State:
+def moved(problem: Problem, state: State, step: Floats) -> State:
+    """Return a state after a step of the free parameters and the starts, or of the part of it that is believed."""
     free = list(problem.free)
     values = state.point.values.copy()
     move = step[: len(free)]

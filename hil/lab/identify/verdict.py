@@ -23,7 +23,6 @@ SHORTEST_S, FEWEST_READINGS = 30.0, 30.0  # less cannot tell what the rudder doe
 LEAST_LAGS = 5.0  # that a log must last for K and T to be told apart
 LEAST_EXPLAINED = 0.25  # of the motion, where the rudder answers the rest
 PLAINLY_EXPLAINED = 0.9  # of the motion: a boat that is quicker than her log, and not a rudder that follows her
-ANSWERED_BIAS = 0.25  # of what is unexplained: how far off K and T may be then, one sigma
 LARGEST_ERROR = 1e12  # a standard error is a finite number, also where there is no knowing
 
 
@@ -61,7 +60,7 @@ def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None, loo
     scales = fit.problem.scales
     gain, lag_s, cubic, offset = estimates.physical(scales, fit.state.point.sign)
     free = list(estimates.free)
-    covariance = _allowing_for_disagreement(_allowing_for_answers(estimates.covariance, loop), estimates, fit)
+    covariance = estimates.covariance
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     ln_gain_se, ln_lag_se = float(spread[0]), float(spread[1])
     ratio_se = _ratio_spread(covariance)
@@ -103,27 +102,6 @@ def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None, loo
     if refusal:
         warnings.append(f"{refusal}: no model can be had from this log")
     return Judgement(judged, ratio, _correlations(free, covariance), tuple(warnings))
-
-
-def _allowing_for_answers(covariance: Floats, loop: Loop) -> Floats:
-    """Add to the errors of ln K and ln T what a rudder that answers the waves does to them."""
-    if not loop.answered:
-        return covariance
-    bias = ANSWERED_BIAS * (1.0 - loop.explained)
-    wider = covariance.copy()
-    wider[0, 0] += bias**2
-    wider[1, 1] += bias**2
-    wider[:2, :2] += 0.5 * bias**2 * (np.ones((2, 2)) - np.eye(2))
-    return wider
-
-
-def _allowing_for_disagreement(covariance: Floats, estimates: Estimates, fit: Fit) -> Floats:
-    """Add to the errors of ln K and alpha r^2 that heading and yaw rate turn by different measures."""
-    apart = np.zeros(len(estimates.free))
-    apart[0] = math.log(fit.problem.data.rate_scale)
-    if 2 in estimates.free:
-        apart[list(estimates.free).index(2)] = -2.0 * float(estimates.values[2]) * apart[0]
-    return np.asarray(covariance + np.outer(apart, apart))
 
 
 def _refusal(fit: Fit, loop: Loop, *, explained: bool) -> str:

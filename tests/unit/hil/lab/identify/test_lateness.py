@@ -1,0 +1,64 @@
+"""A boat that answers later or sooner than the rudder column says: told, and counted in the errors of K and T."""
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, lfilter
+
+from hil.lab.identify.identify import identify
+
+STEP = 0.1
+PLAN = np.radians([20.0, -20.0, 20.0, 0.0, -10.0, 10.0, -20.0, 30.0, -30.0])
+
+
+def sailed(yard, seed=0):
+    """Return times, the rudder of an irregular plan, and heading and yaw rate of a known boat."""
+    time = np.arange(6000) * STEP
+    target, rudder = PLAN[(time // 25.0).astype(int) % PLAN.size], np.zeros(time.size)
+    for n in range(1, time.size):
+        rudder[n] = rudder[n - 1] + np.clip(target[n] - rudder[n - 1], -0.017, 0.017)
+    return time, rudder, *yard.boat(0.1, 6.0, 20.0, 0.01).motion(time, rudder)
+
+
+def off(found, true):
+    """Return by how many of their standard errors K and T are off."""
+    estimates = found.judgement.estimates
+    return [abs(estimates[name].value - value) / estimates[name].se for name, value in true.items()]
+
+
+def warnings_of(found):
+    return [text for text in found.judgement.warnings if "than the rudder column says" in text]
+
+
+@pytest.mark.parametrize("channels", ["hr", "h"])
+@pytest.mark.parametrize(("rows", "said"), [(5, "later"), (-5, "sooner")])
+def test_half_a_second_between_rudder_and_motion_is_told_and_counted(yard, rows, said, channels):
+    """T was 18 of its standard errors off."""
+    time, rudder, heading, rate = sailed(yard)
+    inside = slice(5, time.size - 5)
+    seen = [np.roll(values, rows)[inside] for values in (heading, rate)]
+    found = identify([yard.recorded(time[inside], rudder[inside], *seen, channels=channels)])
+    (warning,) = warnings_of(found)
+    assert abs(float(warning.removeprefix("she answers ").split(" s ")[0]) - 0.5) < 0.1
+    assert f" s {said} than" in warning
+    assert max(off(found, {"K": 0.1, "T": 6.0})) < 2.0
+    assert found.judgement.estimates["T"].verdict == "identifiable"
+
+
+def test_a_ship_with_a_second_lag_is_not_surer_of_k_and_t_than_that_allows(yard):
+    """Nomoto's second order, T1 10 s, T2 2.5 s, T3 1.5 s: K was 7 of its standard errors off, T 6."""
+    time, rudder, _, _ = sailed(yard)
+    top, bottom, _ = cont2discrete((0.12 * np.array([1.5, 1.0]), np.array([25.0, 12.5, 1.0])), STEP, "foh")
+    rate = lfilter(top.ravel(), bottom, rudder)
+    heading = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * STEP)))
+    found = identify([yard.recorded(time, rudder, heading, rate)])
+    assert len(warnings_of(found)) == 1
+    assert max(off(found, {"K": 0.12, "T": 11.0})) < 2.0
+
+
+@pytest.mark.parametrize("channels", ["hr", "h"])
+def test_a_boat_that_is_what_the_equation_says_is_never_called_late(yard, channels):
+    time, rudder, heading, rate = sailed(yard)
+    for seed in range(4):
+        found = identify([yard.recorded(time, rudder, heading, rate, seed=seed, channels=channels)])
+        assert not warnings_of(found)
+        assert max(off(found, {"K": 0.1, "T": 6.0})) < 4.0
