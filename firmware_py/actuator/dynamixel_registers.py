@@ -26,6 +26,7 @@ POSITION_MODE = 3
 ANSWER_EVERYTHING = 2  # status return level
 WATCHDOG_TRIPPED = -1
 
+BEYOND_LIMITS = "goal is beyond the servo's own position limits"
 HARDWARE_ERRORS = {
     0x01: "input voltage",
     0x04: "overheating",
@@ -142,6 +143,11 @@ def goal_counts(shaft_rad: float, image: Image) -> int:
     if low > high:  # limits that contradict each other bind nobody
         low, high = 0, LARGEST_COUNTS
     return round(clamp(CENTRE_COUNTS + shaft_rad / RADIANS_PER_COUNT, low, high))
+
+
+def is_beyond(shaft_rad: float, counts: int) -> bool:
+    """Return whether a shaft angle lies beyond the goal position that is nearest to it within the limits."""
+    return not abs(CENTRE_COUNTS + shaft_rad / RADIANS_PER_COUNT - counts) <= 1.0
 
 
 @record_class.dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ Times = tuple[float | None, float | None]
 
 @dataclass(frozen=True, slots=True)
 class DeviceReports:
-    """The newest health of storage, clock, stations and signing key, and when the sensors and the servo last spoke.
+    """The newest health of storage, clock, stations, signing key and servo, and when sensors and servo last spoke.
 
     `compass_s` and `compass_interval_s` are of compass A and B; an interval is None until a second sample has come.
     """
@@ -27,18 +27,20 @@ class DeviceReports:
     rudder_s: float | None = None
     rudder_interval_s: float | None = None
     key: DeviceHealth | None = None
+    rudder: DeviceHealth | None = None
 
 
 def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) -> DeviceReports:
     """Take the reports and samples of a tick in."""
     if not (inputs.headings or inputs.positions or inputs.rudder or inputs.devices):
         return state
-    storage, clock, link, key = state.storage, state.clock, state.link, state.key
+    storage, clock, link, key, rudder = state.storage, state.clock, state.link, state.key, state.rudder
     for device in inputs.devices:
         storage = device if device.role is DeviceRole.STORAGE else storage
         clock = device if device.role is DeviceRole.CLOCK else clock
         link = device if device.role is DeviceRole.LINK else link
         key = device if device.role is DeviceRole.KEY else key
+        rudder = device if device.role is DeviceRole.RUDDER else rudder
     a_s, b_s = state.compass_s
     a_interval_s, b_interval_s = state.compass_interval_s
     for sample in inputs.headings:
@@ -63,6 +65,7 @@ def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) ->
         rudder_s,
         rudder_interval_s,
         key,
+        rudder,
     )
 
 

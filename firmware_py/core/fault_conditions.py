@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from firmware_py.common.mode_table import Mode
+from firmware_py.common.records import DeviceState
 from firmware_py.core.freshness import Age, Freshness
 from firmware_py.core.state import Settings, State, fence_enabled
 from firmware_py.estimate.heading_estimator import HeadingTimeouts
@@ -39,7 +40,8 @@ def fault_input(
             position.suspect is not None and position.fix is not None and position.suspect.t_s > position.fix.t_s
         ),
         servo_old=freshness.rudder is Age.OLD,
-        servo_error=servo is not None and servo.hardware_error != 0,
+        servo_error=(servo is not None and servo.hardware_error != 0)
+        or (devices.rudder is not None and devices.rudder.state is DeviceState.FAULTY),
         servo_temperature_c=None if servo is None else servo.temperature_c,
         servo_hot_c=settings.supervisor.hot_c,
         servo_restart_age_s=None if restarted_s is None else now_s - restarted_s,

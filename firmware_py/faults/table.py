@@ -52,12 +52,13 @@ TABLE: Mapping[Fault, FaultRow] = {
         arming="rudder servo does not answer",
     ),
     Fault.RUDDER_ERROR: FaultRow(
-        condition="the servo reports a hardware error",
+        condition="the servo reports a hardware error, or does not keep or take what it is steered by",
         stands=lambda tick: tick.servo_error,
         debounce_s=0.3,
+        clear_s=1.0,  # what it refuses it is asked for again now and then
         severity=Severity.ERROR,
         parameter="FS_RUD_ACT",
-        text="Rudder servo reports a hardware error",
+        text="Rudder servo reports an error",
         recovery="Rudder servo error has cleared",
         arming="rudder servo reports an error",
     ),

@@ -10,7 +10,7 @@ REMEDIES: Mapping[Fault, str] = {
     Fault.COMPASS_LOST: "power and cable of the compass; a second compass, or a receiver with course, keeps her going",
     Fault.POSITION_LOST: "antenna and its view of the sky; water in the plug; she holds her heading meanwhile",
     Fault.RUDDER_SILENT: "power and cable of the servo, its id and baud; MANUAL or a safe mode does not help",
-    Fault.RUDDER_ERROR: "`rambler status` shows the servo's error bits; let it cool, free it, switch it off and on",
+    Fault.RUDDER_ERROR: "`rambler status` shows what it says; let it cool, free it, switch it off and on",
     Fault.LOOP_LATE: "something else uses the computer; take it away, or install her as the service (real time)",
     Fault.STORAGE_FAILING: "the disk is failing or read-only; she sails on without log: fetch the logs, replace it",
     Fault.STORAGE_FULL: "fetch and erase logs, or lower `LOG_KEEP_DAYS` and `LOG_KEEP_MB`",

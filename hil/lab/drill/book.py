@@ -170,7 +170,7 @@ BOOK: tuple[Drill, ...] = (
         also=("Rudder",), pair=True,
     ),
     Drill(
-        "servo's hardware error", "Rudder servo reports a hardware error", "Rudder servo error has cleared",
+        "servo's hardware error", "Rudder servo reports an error", "Rudder servo error has cleared",
         lambda boat: boat.servo.inject_error(0x10), nothing, 1.5, 9.0, 0.5, also=("Rudder",), pair=True,
     ),
     Drill(

@@ -202,8 +202,11 @@ def test_goal_is_clipped_to_the_servos_limits(sail, servo):
     servo.put(52, 1500, 4)
     sail.ticks(4, shaft_deg=90.0)
     assert servo.goal == 2600
+    assert sail.health().text == "goal is beyond the servo's own position limits"
     sail.ticks(2, shaft_deg=-90.0)
     assert servo.goal == 1500
+    sail.ticks(2, shaft_deg=48.0)
+    assert sail.health().text.startswith("model")
 
 
 @pytest.mark.parametrize(("shaft_rad", "counts"), [(1e300, 4095), (-1e300, 0), (math.pi, 4095), (-math.pi, 0)])
@@ -250,6 +253,18 @@ def test_long_power_loss_is_configured_again(sail, servo, line):
     assert servo.registers[98] == 100
     assert servo.goal == 2048 + round(math.radians(-12.0) / COUNT_RAD)
     assert feedback[-1].torque_on is True
+
+
+def test_a_servo_that_was_away_for_long_is_asked_for_all_at_once_again(sail, servo):
+    sail.ticks(5)
+    servo.powered = False
+    sail.ticks(200)
+    servo.restart()
+    servo.powered = True
+    sail.ticks(20)
+    servo.reads.clear()
+    sail.ticks(40)
+    assert (servo.reads.count(64) >= 6, servo.reads.count(98)) == (True, 0)
 
 
 def test_short_power_loss_between_two_exchanges_is_seen(sail, servo):

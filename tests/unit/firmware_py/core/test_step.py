@@ -245,6 +245,12 @@ def test_centre_and_direction_of_the_servo_are_taken_into_account():
     [
         (lambda boat: setattr(boat, "servo", False), Fault.RUDDER_SILENT),
         (lambda boat: setattr(boat, "hardware_error", 4), Fault.RUDDER_ERROR),
+        (
+            lambda boat: boat.tick(
+                devices=(DeviceHealth(boat.t_s, DeviceRole.RUDDER, DeviceState.FAULTY, 0, 1, "refuses its mode"),)
+            ),
+            Fault.RUDDER_ERROR,
+        ),
         (lambda boat: boat.tick(skipped=3), Fault.LOOP_LATE),
         (
             lambda boat: boat.tick(
