@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.common.record_class import dataclass
-from firmware_py.files.making import FILE_MODE
+from firmware_py.files.making import write_whole
 from firmware_py.files.reading import read_regular
 
 # The first is made by a service manager or a tmpfiles line and the second is on every Linux; whatever is not memory is
@@ -82,15 +82,7 @@ class StatusFile:
         if self._path is None or not self._path.parent.is_dir():
             self._path = self._choose()
         # Made anew each time, and never through a link or into a file of somebody else who may write there, too.
-        fresh = self._path.with_suffix(".new")
-        with contextlib.suppress(FileNotFoundError):
-            fresh.unlink()
-        descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, FILE_MODE)
-        try:
-            os.write(descriptor, content)
-        finally:
-            os.close(descriptor)
-        fresh.replace(self._path)
+        write_whole(self._path, content)
 
     def remove(self) -> None:
         """Say nothing any more."""
@@ -146,7 +138,8 @@ def _read(path: Path, machine_s: float) -> Found:
     if not _lives(pid):
         return Found(Freshness.STALE, content, age_s, f"process {pid} is gone without having ended in good order")
     if not -STALE_S <= age_s <= STALE_S:
-        return Found(Freshness.STALE, content, age_s, f"process {pid} is there and says nothing: it hangs or is halted")
+        why = f"process {pid} is there and says nothing: it hangs or is halted, or {path.parent} is full"
+        return Found(Freshness.STALE, content, age_s, why)
     return Found(Freshness.RUNNING, content, age_s)
 
 

@@ -48,6 +48,18 @@ def test_what_was_written_last_is_found_whole_by_any_path_that_leads_there(memor
     assert list(find_all(NOW_S, (memory,))) == [file_name(state)]
 
 
+def test_what_finds_room_for_a_part_only_is_not_put_in_place(memory, state, monkeypatch):
+    file = StatusFile(state, (memory,))
+    file.write(content(state))
+    rooms, write = [10], os.write
+    monkeypatch.setattr(os, "write", lambda descriptor, data: write(descriptor, data[: rooms.pop() if rooms else 0]))
+    with pytest.raises(OSError, match="No space left"):
+        file.write(content(state, mode="AUTO"))
+    assert find(state, NOW_S, (memory,)).content["mode"] == "HOLD"
+    assert "is full" in find(state, NOW_S + 60.0, (memory,)).reason
+    assert [path.name for path in memory.iterdir()] == [file_name(state)]
+
+
 def test_nothing_is_written_where_it_would_wear_a_disk(memory, state, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
