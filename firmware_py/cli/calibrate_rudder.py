@@ -170,8 +170,9 @@ def examine(
         raise BenchError(
             f"the encoder moves {scale:.2f} of what is commanded: gear, mode or unit of the servo is wrong"
         )
-    reverse = _reverse(bench, centre_rad) if asks else None
-    proposed = {"RUD_LIMIT_DEG": max(1.0, round(degrees(limit_rad(sides, largest_rad)), 1))}
+    most_rad = limit_rad(sides, largest_rad)
+    reverse = _reverse(bench, centre_rad + min(SHOWN_RAD, most_rad), centre_rad) if asks else None
+    proposed = {"RUD_LIMIT_DEG": round(degrees(most_rad), 1)}
     if amidships:
         proposed["RUD_CENTRE_DEG"] = round(degrees(wrap_pi(centre_rad)), 2)
     if reverse is not None:
@@ -188,9 +189,9 @@ def examine(
     return proposed, values, list(_bench_lines(values))
 
 
-def _reverse(bench: Bench, centre_rad: float) -> bool | None:
+def _reverse(bench: Bench, shown_rad: float, centre_rad: float) -> bool | None:
     """Show a deflection of the shaft and ask which way the rudder went; None when that is not answered."""
-    bench.move(centre_rad + SHOWN_RAD)
+    bench.move(shown_rad)
     answer = input(_QUESTION).strip().lower()[:1]
     bench.move(centre_rad)
     return None if answer not in ("y", "n") else answer == "n"

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from itertools import count
 from typing import Final
 
-from firmware_py.common.angles import radians
+from firmware_py.common.angles import degrees, radians
 
 STEP_RAD: Final = radians(2.0)
 ASTRAY_RAD: Final = radians(3.0)  # farther from the command than this, when it has had its time, it stands at a stop
 MARGIN_RAD: Final = radians(2.0)  # that RUD_LIMIT_DEG keeps from a stop
-SHOWN_RAD: Final = radians(10.0)  # what is shown to the operator, who says which way it went
+LEAST_RAD: Final = radians(5.0)  # no boat is steered by a limit below
+SHOWN_RAD: Final = radians(10.0)  # what is shown to the operator, who says which way it went; or the limit
 # From slopes within this of 1 the encoder and the command have one scale.
 SCALE: Final = 0.1
 
@@ -75,6 +76,14 @@ def scale_of(pairs: list[tuple[float, float]]) -> float:
 
 
 def limit_rad(sides: list[Sweep], largest_rad: float) -> float:
-    """Return the rudder limit to propose: the nearer stop less a margin; the largest, where there is none so near."""
+    """Return the rudder limit to propose: the nearer stop less a margin; the largest, where there is none so near.
+
+    BenchError for a stop at the centre: that is none.
+    """
     stops = [side.reached_rad - MARGIN_RAD for side in sides if side.stopped]
+    if stops and min(stops) < LEAST_RAD:
+        raise BenchError(
+            f"the shaft follows to {degrees(min(stops) + MARGIN_RAD):.1f} deg only to one side: it sticks, or the "
+            "centre is not amidships; free it, or lay it so by hand and give --amidships"
+        )
     return min([largest_rad, *stops])

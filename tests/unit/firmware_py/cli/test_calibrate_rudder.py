@@ -94,9 +94,22 @@ def test_the_direction_is_what_the_operator_sees(monkeypatch, answer, reverse):
     assert found(Shaft(), asks=True)[0].get("RUD_REVERSE") == reverse
 
 
+def test_what_the_operator_is_shown_keeps_from_a_stop_that_was_found(monkeypatch):
+    shaft = Shaft(high_deg=9.0)
+    monkeypatch.setattr("builtins.input", lambda _question: str(shown.append(shaft.moves[-1])))
+    shown = []
+    proposed, _, _ = found(shaft, asks=True)
+    assert [degrees(one) for one in shown] == pytest.approx([proposed["RUD_LIMIT_DEG"]], abs=0.05)
+
+
 @pytest.mark.parametrize(
     ("shaft", "text"),
-    [(Shaft(scale=0.88), "0.88"), (Shaft(-0.5, 0.5, first_deg=0.0, heavy_deg=0.1), "does not follow")],
+    [
+        (Shaft(scale=0.88), "0.88"),
+        (Shaft(-0.5, 0.5, first_deg=0.0, heavy_deg=0.1), "does not follow"),
+        (Shaft(-0.5), "to 0.5 deg only to one side: it sticks"),
+        (Shaft(high_deg=5.0), "to 5.0 deg only"),
+    ],
 )
 def test_a_servo_that_cannot_be_trusted_is_no_proposal(shaft, text):
     with pytest.raises(BenchError, match=text):
