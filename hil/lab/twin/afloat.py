@@ -17,22 +17,34 @@ from hil.lab.twin import ship as ships
 from hil.lab.twin import turning
 from hil.lab.twin.devices import SAID_RAD, THERE_S, Devices
 from hil.lab.twin.kalman import Floats
-from hil.lab.twin.ship import GRID_S, HULL_STATES, PSI, STEPS_PER_SECOND, Series, Ship
+from hil.lab.twin.ship import (
+    GRID_S,
+    HULL_STATES,
+    PSI,
+    RUDDER,
+    STEPS_PER_SECOND,
+    SWAPPED,
+    YAW_RATE,
+    Series,
+    Ship,
+)  # fmt: skip
 
 STEPS_PER_ROW = 5
 QUEUE = 16
 
 # Of Afloat.counts, and of Afloat.clock.
-STEP, ROW, SAMPLE, EPOCH, FILTERED, HEADINGS, FIXES, GIVEN, TICKS = range(9)
-FEEDBACK_RAD, NORTH_M_S, EAST_M_S, FIRST_FIX_S, DEADLINE_S, NEXT_S, UNTIL_S, SHAFT_RAD, BEFORE_S = range(9)
+STEP, ROW, SAMPLE, EPOCH, FILTERED, HEADINGS, FIXES, GIVEN, TICKS, NOTED, SEEN_STEP = range(11)
+(FEEDBACK_RAD, NORTH_M_S, EAST_M_S, FIRST_FIX_S, DEADLINE_S, NEXT_S, SHAFT_RAD, BEFORE_S, ROW_PSI_RAD, ROW_SHAFT_RAD,
+ SEEN_S) = range(11)  # fmt: skip
 
-# Ships and devices of all lanes as they stand: hulls, shafts, sentences on their way to the autopilot, whole numbers.
+# Ships and devices of all lanes as they stand: hulls, as they are and as the compass saw them last, shafts, sentences
+# on their way to the autopilot, whole numbers.
 AFLOAT = np.dtype(
     [
         (name, np.float64, (*shape, COUNT))
         for name, *shape in (
-            ("hull", HULL_STATES), ("shaft", 3), ("headings", QUEUE, 2), ("fixes", QUEUE, 4),
-            ("clock", 9), ("counts", 9),
+            ("hull", HULL_STATES), ("seen", HULL_STATES), ("shaft", 3), ("headings", QUEUE, 2), ("fixes", QUEUE, 4),
+            ("clock", 11), ("counts", 11),
         )
     ]
 )  # fmt: skip
@@ -76,40 +88,43 @@ class Waters(NamedTuple):
 def begin_afloat(waters: Waters) -> None:
     """Lie at the start with the rudders amidships."""
     at = waters.afloat[0]
-    ships.begin_hull(rows(at.hull, True), fields(waters.beside[0]))
+    for hull in (at.hull, at.seen):
+        ships.begin_hull(rows(hull, True), fields(waters.beside[0]))
     rows(at.clock, True)[FIRST_FIX_S] = np.nan
 
 
 @compiled
-def sail(waters: Waters, record: Record, going: Lanes) -> None:
-    """Let the ships of the lanes in `going` sail on the grid until their times."""
+def sail(waters: Waters, on: Lanes, step: Lanes, next_s: Lanes) -> None:
+    """Let the ships of the lanes that are on sail from a step of the grid to the next, which is at next_s."""
     at, ship = waters.afloat[0], fields(waters.beside[0])
-    until_s = rows(at.clock, going)[UNTIL_S]
-    while True:
-        step = rows(at.counts, going)[STEP]
-        next_s = (step + 1.0) / STEPS_PER_SECOND
-        on = going & (next_s <= until_s)
-        if not any_of(on):
-            return
-        shaft_rad = told.shaft_angle(rows(at.shaft, on), next_s)
-        rows(at.clock, on)[SHAFT_RAD] = shaft_rad
-        rudder_rad = turning.in_water(at.hull, on, ship, waters.waiting, step, shaft_rad)
-        turning.turn_hulls(at.hull, on, ship, waters.series, step, rudder_rad)
-        rows(at.counts, on)[STEP] = step + 1.0
-        write_rows(at, record, on, step + 1.0)
+    clock, counts = rows(at.clock, on), rows(at.counts, on)
+    shaft_rad = told.shaft_angle(rows(at.shaft, on), next_s)
+    clock[SHAFT_RAD] = shaft_rad
+    rudder_rad = turning.in_water(at.hull, on, ship, waters.waiting, step, shaft_rad)
+    turning.turn_hulls(at.hull, on, ship, waters.series, step, rudder_rad)
+    counts[STEP] = step + 1.0
 
 
 @compiled
-def write_rows(at: Afloat, record: Record, on: Lanes, step: Lanes) -> None:
-    """Fill the rows of a grid step, in the lanes that have one."""
+def note_rows(at: Afloat, record: Record, on: Lanes, step: Lanes) -> None:
+    """Note the rows of a grid step, in the lanes that have one; a lane that has one noted already has it written."""
     row = math.floor(step / STEPS_PER_ROW)
     due = on & (row * STEPS_PER_ROW == step) & (row < record.heading_rad.shape[1])
     if any_of(due):
-        rows(at.counts, due)[ROW] = row
-        for k in range(record.heading_rad.shape[0]):
-            if bits_of(due) >> k & 1 > 0:
-                place = int(at.counts[ROW, k])
-                record.heading_rad[k, place], record.rudder_rad[k, place] = at.hull[PSI, k], at.clock[SHAFT_RAD, k]
+        if any_of(due & (rows(at.counts, due)[NOTED] > 0.0)):
+            write_rows(at, record)
+        clock, counts = rows(at.clock, due), rows(at.counts, due)
+        counts[ROW], counts[NOTED] = row, 1.0
+        clock[ROW_PSI_RAD], clock[ROW_SHAFT_RAD] = rows(at.hull, due)[PSI], clock[SHAFT_RAD]
+
+
+@compiled
+def write_rows(at: Afloat, record: Record) -> None:
+    """Write what was noted last of each lane, again where it has been written."""
+    for k in range(record.heading_rad.shape[0]):
+        place = int(at.counts[ROW, k])
+        record.heading_rad[k, place], record.rudder_rad[k, place] = at.clock[ROW_PSI_RAD, k], at.clock[ROW_SHAFT_RAD, k]
+    rows(at.counts, True)[NOTED] = 0.0
 
 
 @compiled
@@ -145,15 +160,27 @@ def speak(at: Afloat, k: int, ship: Ship, devices: Devices, series: Series) -> N
 
 
 @compiled
-def show_headings(waters: Waters, on: Lanes, now_s: Lanes) -> None:
-    """Let the compasses of the lanes that are on do what is due now."""
+def look(at: Afloat, ship: Ship, on: Lanes, now_s: Lanes) -> None:
+    """Keep how ships stand when their compasses look; what these show is computed later."""
+    hull, seen, clock, counts = rows(at.hull, on), rows(at.seen, on), rows(at.clock, on), rows(at.counts, on)
+    seen[PSI], seen[YAW_RATE], seen[RUDDER] = hull[PSI], hull[YAW_RATE], hull[RUDDER]
+    if any_of(ship.has_more):
+        for number in range(RUDDER + 1, SWAPPED):
+            seen[number] = hull[number]
+    clock[SEEN_S], counts[SEEN_STEP] = now_s, counts[STEP]
+    counts[SAMPLE] = counts[SAMPLE] + 1.0
+
+
+@compiled
+def show_headings(waters: Waters, on: Lanes) -> None:
+    """Let the compasses of the lanes that are on tell what they have seen."""
     at, ship, devices = waters.afloat[0], fields(waters.beside[0]), fields(waters.devices_beside[0])
-    counts = rows(at.counts, on)
-    step, sample, number = counts[STEP], counts[SAMPLE], counts[HEADINGS]
+    counts, now_s = rows(at.counts, on), rows(at.clock, on)[SEEN_S]
+    step, sample, number = counts[SEEN_STEP], counts[SAMPLE] - 1.0, counts[HEADINGS]
     offset_s = least(most(now_s - step / STEPS_PER_SECOND, 0.0), GRID_S)
-    shown_rad = ships.shown_heading(rows(at.hull, on), ship, waters.series, step, offset_s)
+    shown_rad = ships.shown_heading(rows(at.seen, on), ship, waters.series, step, offset_s)
     there_s, said_rad = told.heard(devices, waters.series, sample, now_s, shown_rad)
-    counts[SAMPLE], counts[HEADINGS] = sample + 1.0, number + 1.0
+    counts[HEADINGS] = number + 1.0
     place = 0
     while any_of(on & (number >= place)):
         headings = rows(at.headings, on & (number == place))
@@ -162,32 +189,60 @@ def show_headings(waters: Waters, on: Lanes, now_s: Lanes) -> None:
 
 
 @compiled
+def receive(waters: Waters, on: Lanes, now_s: Lanes) -> None:
+    """Let the receivers of the lanes that are on do what is due now."""
+    at, heard = waters.afloat[0], bits_of(on)
+    rows(at.clock, on)[NEXT_S] = now_s
+    for k in range(COUNT):
+        if heard >> k & 1 > 0:
+            speak(at, k, waters.ships[k], waters.devices[k], waters.series)
+
+
+@compiled
+def next_fix(at: Afloat, devices: Devices, on: Lanes) -> Lanes:
+    """Return when the receivers have something to do next."""
+    counts = rows(at.counts, on)
+    fix_s = devices.fix_phase_s + counts[EPOCH] * devices.fix_period_s
+    filter_s = devices.fix_phase_s + counts[FILTERED] * told.FILTER_SAMPLE_S
+    return least(fix_s, where(devices.filter_s > 0.0, filter_s, np.inf))
+
+
+@compiled
 def until_tick(waters: Waters, record: Record, going: Lanes) -> None:
-    """Let ships and devices of the lanes in `going` go on until their ticks are due; receivers wait for compasses."""
-    at, devices = waters.afloat[0], fields(waters.devices_beside[0])
-    left = going
+    """Let ships and devices of the lanes in `going` go on until their ticks are due.
+
+    All go by steps of the grid. What comes before the next one of a lane is done first: its compass looks, not twice
+    between two steps, and its receiver does what it has to.
+    """
+    at, ship, devices = waters.afloat[0], fields(waters.beside[0]), fields(waters.devices_beside[0])
+    counts, deadline_s = rows(at.counts, going), rows(at.clock, going)[DEADLINE_S]
+    left, seen = going, going & fails(going)
     while any_of(left):
-        clock, counts = rows(at.clock, left), rows(at.counts, left)
+        step = counts[STEP]
+        next_s = (step + 1.0) / STEPS_PER_SECOND
         compass_s = devices.compass_phase_s + counts[SAMPLE] * devices.compass_period_s
-        fix_s = devices.fix_phase_s + counts[EPOCH] * devices.fix_period_s
-        filter_s = devices.fix_phase_s + counts[FILTERED] * told.FILTER_SAMPLE_S
-        other_s = least(fix_s, where(devices.filter_s > 0.0, filter_s, np.inf))
-        clock[NEXT_S] = least(compass_s, other_s)
-        next_s, deadline_s = clock[NEXT_S], clock[DEADLINE_S]
-        sailing, comes = left, next_s <= deadline_s
-        spoken = left & comes & (other_s < compass_s)
-        if any_of(left & fails(spoken)):
-            sailing = left & fails(spoken)
-        rows(at.clock, sailing)[UNTIL_S] = least(next_s, deadline_s)
-        sail(waters, record, sailing)
-        left = left & (fails(sailing) | comes)
-        shown = sailing & comes & (next_s == compass_s)
-        if any_of(shown):
-            show_headings(waters, shown, next_s)
-        heard = bits_of(sailing & comes & fails(shown))
-        for k in range(COUNT):
-            if heard >> k & 1 > 0:
-                speak(at, k, waters.ships[k], waters.devices[k], waters.series)
+        looks = left & (compass_s < next_s) & (compass_s <= deadline_s)
+        if any_of(looks):
+            if any_of(looks & seen):
+                show_headings(waters, seen)
+                seen = seen & fails(seen)
+            look(at, ship, looks, compass_s)
+            seen = seen | looks
+        fix_s = next_fix(at, devices, left)
+        heard = left & (fix_s < next_s) & (fix_s <= deadline_s)
+        left = left & (next_s <= deadline_s)
+        on = left
+        if any_of(heard):
+            receive(waters, heard, fix_s)
+            again_s = next_fix(at, devices, heard)
+            again = heard & (again_s < next_s) & (again_s <= deadline_s)
+            on, left = left & fails(again), left | again
+        if any_of(on):
+            sail(waters, on, step, next_s)
+            note_rows(at, record, on, step + 1.0)
+    write_rows(at, record)
+    if any_of(seen):
+        show_headings(waters, seen)
 
 
 @compiled
