@@ -20,8 +20,8 @@ an adapter has held back is told from the one awaited, and judged by the goal th
   has, so a rudder in motion does not go on when the autopilot dies. Ticks down to 1 Hz
   feed it. After a trip no goal is taken. It is recognised and cleared: before the next goal when
   nothing has been sent for so long, else by a goal that is not taken, or by the next reading.
-* A servo that has lost its power in between shows it by silence, or by torque or watchdog
-  back at their power-up values, and is configured again.
+* A servo that has lost its power in between shows it by silence, and is configured again, or
+  by torque or watchdog back at their power-up values, which are corrected like any other.
 * In silence the driver pings, and every other tick still sends the goal: a servo whose
   answers are lost may hear, and one back from a power loss has its torque off and does
   not move before it is configured.
@@ -195,11 +195,7 @@ class DynamixelServo:
             return self._take_telemetry(data, asked_s)
         elif request.kind is not Kind.READ or asked_s >= self._changed_s:  # else it is of before
             self._restarts.take_result(request, data)
-            restarted = self._phase is Phase.RUN and self._upkeep.shows_restart(request, data)
             self._upkeep.take_result(request, data)
-            if restarted:
-                self._upkeep.reset()
-                self._phase = Phase.CONFIGURE
         return Answer()
 
     def _take_telemetry(self, data: bytes, asked_s: float, *, obeyed: bool = True) -> Answer:

@@ -137,8 +137,6 @@ class StatusParser:
         """Judge the header at start; return how far to go on, 0 to wait for more bytes."""
         buffer = self._buffer
         available = len(buffer) - start
-        if available > 4 and buffer[start + 4] > LARGEST_ID:
-            return 1
         if available <= _HEAD_SIZE:
             return 0
         if buffer[start + _HEAD_SIZE] != STATUS:

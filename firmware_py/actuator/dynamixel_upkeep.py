@@ -145,7 +145,7 @@ class Upkeep:
                 if setting.essential:
                     self.stuck = True
                     return None
-            self.settled_for = None if self._rests_until_s else torque_wanted
+            self.settled_for = torque_wanted
         self.complete = True
         return None
 
@@ -212,16 +212,6 @@ class Upkeep:
         """Look before writing again: a correction without an answer may have been obeyed."""
         if request.kind is Kind.CORRECT and request.block is not None:
             self.forget(request.block)
-
-    def shows_restart(self, request: Request, data: bytes) -> bool:
-        """Say whether the answer to a read shows a register back at its power-up value by itself."""
-        block = request.block
-        if request.kind is not Kind.READ or block not in self.image:
-            return False
-        if block is table.STATE:
-            torque, error = table.TORQUE_ENABLE.decoded(data), table.HARDWARE_ERROR.decoded(data)
-            return self.torque_on is True and torque == 0 and error == 0
-        return block is table.WATCHDOG and data != self.image[block] and table.BUS_WATCHDOG.decoded(data) == 0
 
     def _count(self, request: Request, now_s: float) -> None:
         name = request.name

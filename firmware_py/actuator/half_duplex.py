@@ -67,7 +67,6 @@ class HalfDuplex(Generic[RequestT]):
         if self._line.openings == self._openings:
             return False
         self._openings = self._line.openings
-        self.outstanding = None
         self.finish()
         return True
 

@@ -306,13 +306,36 @@ def test_in_silence_the_goal_still_goes_out(sail, servo, line):
     assert sail.health().state is DeviceState.RUNNING
 
 
-def test_one_lost_reply_changes_nothing(sail, servo, line):
+@pytest.mark.parametrize("period_s", [0.1, 0.02])
+def test_one_lost_reply_changes_nothing(fakes, servo, line, period_s):
+    line.baud = 1_000_000  # the wait for it is over before the next tick
+    sail = fakes.sail(dynamixel_rudder(line, DynamixelOptions()), period_s=period_s)
     sail.ticks(5)
-    for _ in range(10):
+    for number in range(1, 40):
         line.lose_replies = 1
         feedback = sail.ticks(2, shaft_deg=3.0)
+        line.written.clear()
+        feedback += sail.ticks(number % 3 + 1, shaft_deg=3.0)
+        assert line.written[:1] == writes(line, 116)[:1]  # the goal waits for nothing
         assert feedback
         assert sail.health().state is DeviceState.RUNNING
+
+
+def test_the_goal_does_not_wait_for_a_lost_reading(fakes, servo, line):
+    line.baud = 1_000_000
+    sail = fakes.sail(dynamixel_rudder(line, DynamixelOptions()), period_s=0.02)
+    sail.ticks(10)
+    for _ in range(60):
+        line.written.clear()
+        sail.rudder.receive(sail.now_s)
+        sail.rudder.command(RudderCommand(0.1, True), sail.now_s)
+        assert line.written[:1] == writes(line, 116)
+        line.lose_replies = 1  # of what is asked for after it
+        for step in range(1, 7):
+            sail.rudder.receive(sail.now_s + 0.002 * step)
+        line.lose_replies = 0
+        sail.now_s += 0.02
+    assert servo.reads.count(64) > 3
 
 
 def test_a_write_whose_answer_is_lost_is_not_repeated(sail, servo):
@@ -353,6 +376,7 @@ def test_watchdog_trip_is_cleared(sail, servo):
     sail.ticks(3, shaft_deg=15.0)
     assert servo.registers[98] == 100
     assert servo.ram_writes.count((98, 0)) == 1
+    assert (64, 0) not in servo.ram_writes  # the torque stays for what is no EEPROM
     assert servo.goal == 2048 + round(math.radians(15.0) / COUNT_RAD)
     assert sail.health().state is DeviceState.RUNNING
 
@@ -412,6 +436,35 @@ def test_a_hardware_error_is_known_within_half_a_second(sail, servo, moment):
     assert sail.health().state is DeviceState.FAULTY
 
 
+def test_what_a_servo_reported_before_the_cable_was_out_is_not_said_of_the_one_that_is_in(sail, servo, line):
+    sail.ticks(5)
+    servo.shut_down(0x20)
+    sail.ticks(8)
+    assert sail.health().text == "servo error: overload, torque cut"
+    line.unplug()
+    servo.powered = False
+    sail.ticks(1)
+    line.plug()
+    sail.ticks(1)
+    assert (sail.health().state, sail.health().text) == (DeviceState.STARTING, "model 1170, firmware 47")
+
+
+def test_a_torque_refused_is_not_asked_for_again_once_it_is_known_why(sail, servo):
+    sail.ticks(6, torque_on=False)
+    servo.shut_down(0x20)
+    sail.ticks(6)
+    assert servo.ram_writes.count((64, 1)) == 1
+
+
+def test_a_servo_with_an_error_is_released_too(sail, servo):
+    sail.ticks(5)
+    servo.registers[70] = 0x01
+    sail.ticks(8)
+    assert servo.registers[64] == 1
+    sail.ticks(3, torque_on=False)
+    assert servo.registers[64] == 0
+
+
 def test_a_rudder_not_wanted_is_not_rebooted(sail, servo):
     sail.ticks(5)
     servo.shut_down(0x20)
@@ -464,6 +517,29 @@ def test_a_servo_without_watchdog_is_steered(sail, servo):
     health = sail.health()
     assert health.state is DeviceState.RUNNING
     assert health.text == "servo refuses bus watchdog: access error"
+
+
+def test_what_a_servo_can_do_without_is_tried_thrice_and_then_now_and_then(sail, servo):
+    servo.ignore.add(98)
+    sail.ticks(20)
+    assert servo.ram_writes.count((98, 100)) == 3
+    sail.ticks(610)
+    assert servo.ram_writes.count((98, 100)) == 5  # every 30 s
+    servo.ignore.clear()
+    sail.ticks(300)
+    assert servo.registers[98] == 100
+
+
+@pytest.mark.parametrize(("address", "name"), [(8, "settings"), (48, "position limits"), (64, "state")])
+def test_a_servo_that_does_not_tell_what_it_is_set_to_is_faulty_until_it_does(sail, servo, address, name):
+    servo.refuse[address] = 7
+    sail.ticks(10)
+    assert sail.health().state is DeviceState.FAULTY
+    assert sail.health().text == f"servo refuses {name}: access error"
+    servo.refuse.clear()
+    sail.ticks(20, shaft_deg=5.0)
+    assert sail.health().state is DeviceState.RUNNING
+    assert servo.goal == 2048 + round(math.radians(5.0) / COUNT_RAD)
 
 
 def test_a_servo_that_refuses_the_mode_is_faulty_until_it_does_not(sail, servo):

@@ -1,5 +1,6 @@
 """The Dynamixel codec, with the maker's own SDK as oracle both ways."""
 
+import pytest
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 from dynamixel_sdk.robotis_def import COMM_SUCCESS
 from hypothesis import assume, example, given
@@ -144,11 +145,33 @@ def test_own_echo_is_passed_over(fakes):
     assert parser.rejected == 0
 
 
-def test_a_cut_packet_does_not_swallow_the_next(fakes):
+@pytest.mark.parametrize("noise", [b"", b"\x00\xff\xff"])
+def test_a_cut_packet_does_not_swallow_the_next_and_is_counted_once_it_was_one(fakes, noise):
     whole = fakes.status_frame(1, 0, bytes(30))
     for cut in range(len(whole)):
         parser = frames.StatusParser()
-        assert parser.feed(whole[:cut] + fakes.status_frame(1, 0, b"\x07")) == [frames.StatusPacket(1, 0, b"\x07")], cut
+        stream = noise + whole[:cut] + fakes.status_frame(1, 0, b"\x07")
+        assert parser.feed(stream) == [frames.StatusPacket(1, 0, b"\x07")], cut
+        assert parser.rejected == (cut > 7), cut  # with the byte that says that it is an answer
+        assert parser.pending == 0
+
+
+def test_a_spoiled_packet_is_counted_and_does_not_swallow_the_next(fakes):
+    whole = fakes.status_frame(1, 0, bytes(range(30)))
+    for place in range(8, len(whole)):
+        spoiled = bytearray(whole)
+        spoiled[place] ^= 0x40
+        parser = frames.StatusParser()
+        assert parser.feed(bytes(spoiled) + whole) == [frames.StatusPacket(1, 0, bytes(range(30)))], place
+        assert parser.rejected == 1, place
+
+
+def test_a_crc_that_looks_like_the_end_of_a_header_cuts_no_packet(fakes):
+    data = bytes.fromhex("bfff00ffff")
+    packet = fakes.status_frame(1, 0, data)
+    assert packet.endswith(frames.HEADER)
+    parser = frames.StatusParser()
+    assert parser.feed(packet) == [frames.StatusPacket(1, 0, data)]
 
 
 def test_a_damaged_length_does_not_stall_for_ever(fakes):
@@ -157,6 +180,15 @@ def test_a_damaged_length_does_not_stall_for_ever(fakes):
     parser = frames.StatusParser()
     assert parser.feed(bytes(damaged)) == []
     assert parser.pending <= 3
+    assert parser.rejected == 1
+
+
+@pytest.mark.parametrize("size", [0, 30, 252, 300])
+def test_a_packet_of_the_largest_length_is_believed_and_none_longer(fakes, size):
+    packet = fakes.status_frame(1, 0, bytes(size))
+    assert frames.StatusParser(size + 4).feed(packet) == [frames.StatusPacket(1, 0, bytes(size))]
+    parser = frames.StatusParser(size + 3)
+    assert parser.feed(packet) == []
     assert parser.rejected == 1
 
 

@@ -42,6 +42,31 @@ def test_silence_needs_half_a_second_and_three_requests(bus):
     assert not bus.is_silent(9.0)
 
 
+@pytest.mark.parametrize("late", [False, True])
+def test_after_a_sign_of_life_silence_needs_as_much_anew(bus, late):
+    ask_in_vain(bus, "a1", "b1", "c1", "d1")
+    if late:
+        bus.take_answered(starts_with("c"))  # d1 may still come
+    else:
+        bus.finish()
+        bus.ask(b"?", "question", 3.0)
+    bus.take_expired(3.1)
+    assert not bus.is_silent(3.6)  # long enough, and one lost reply
+    for now_s in (3.1, 3.2):
+        bus.ask(b"?", "question", now_s)
+        bus.take_expired(now_s + 0.05)
+    assert not bus.is_silent(3.499)  # enough of them, and not long enough
+    assert bus.is_silent(3.501)
+
+
+def test_nothing_asked_is_nothing_lost(bus):
+    for tick in range(100):
+        assert bus.take_expired(float(tick)) is None
+    bus.ask(b"?", "question", 100.0)
+    bus.take_expired(101.0)
+    assert not bus.is_silent(101.0)
+
+
 def test_many_requests_in_a_short_time_are_no_silence(bus):
     for tick in range(10):
         bus.ask(b"?", "question", 0.04 * tick)
