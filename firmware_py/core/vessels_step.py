@@ -15,7 +15,7 @@ from firmware_py.guidance import guidance, step_aside, traffic
 from firmware_py.guidance.approach import Velocity
 from firmware_py.guidance.guidance import GuidanceState
 from firmware_py.guidance.steering import SteeringTarget
-from firmware_py.guidance.step_aside import AsideInput
+from firmware_py.guidance.step_aside import AsideInput, LineAhead
 from firmware_py.guidance.traffic import OwnMotion
 from firmware_py.model.crab import heading_for_course
 from firmware_py.modes import Situation, heading_in_water
@@ -54,7 +54,7 @@ def avoid_vessels(
         return _own_way(state, target)
     if known.too_strong:  # she needs all her way to hold her own
         return _own_way(state, target)
-    course_rad = _line_course_rad(state.guidance)
+    followed = _followed_line(state.guidance)
     given = AsideInput(
         t_s=now_s,
         wanted_rad=target.heading_rad,
@@ -65,9 +65,7 @@ def avoid_vessels(
         fence=state.plans.fence if fence_enabled(settings, state) else None,
         goal=modes.goal,
         task=state.guidance.task,
-        cross_track_m=state.guidance.status.cross_track_m,
-        course_rad=course_rad,
-        along_rad=None if course_rad is None else heading_in_water(course_rad, known),
+        line=None if followed is None else LineAhead(*followed, heading_in_water(followed[1], known)),
     )
     aside, events = step_aside.update(settings.aside, settings.traffic, state.aside, given)
     state = replace(state, aside=aside)
@@ -76,24 +74,24 @@ def avoid_vessels(
     return state, SteeringTarget(aside.heading_rad, wrap_pi(aside.heading_rad - heading_rad)), events
 
 
-def _line_course_rad(state: GuidanceState) -> float | None:
-    """Return where the line leads that is followed, by its start; None where none is."""
+def _followed_line(state: GuidanceState) -> tuple[float, float] | None:
+    """Return how far to starboard [m] she is of the line that she follows, and where that leads by its start [rad]."""
     line, status = state.follower.line, state.status
     if status.cross_track_m is None or line is None or status.target is None:
         return None
-    return line.start.distance_and_bearing(status.target)[1]
+    return status.cross_track_m, line.start.distance_and_bearing(status.target)[1]
 
 
 def _own_ways_m_s(state: State) -> tuple[Velocity, ...]:
     """Return how she would move over ground on her own way and, off a line, back to it; none while she is on it."""
     waves, way_rad = state.heading_estimator.wave_filter, state.aside.way_rad
-    course_rad, target = _line_course_rad(state.guidance), state.guidance.status.heading_target
+    followed, target = _followed_line(state.guidance), state.guidance.status.heading_target
     if way_rad is None:
         return ()
-    if course_rad is None or target is None:
+    if followed is None or target is None:
         return (water.over_ground_m_s(waves, way_rad),)
     north_m_s, east_m_s, speed_m_s, leeway_rad = water.known(waves)
-    courses = course_rad, target.angle_rad
+    courses = followed[1], target.angle_rad
     headings = [heading_for_course(one, speed_m_s, north_m_s, east_m_s, leeway_rad) for one in courses]
     return tuple(water.over_ground_m_s(waves, heading_rad) for heading_rad in headings)
 

@@ -13,7 +13,6 @@ import math
 from collections.abc import Sequence
 
 from firmware_py.common.angles import compass_degrees, radians, wrap_pi, wrap_two_pi
-from firmware_py.common.geodesy import Place
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan
 from firmware_py.common.record_class import dataclass
@@ -79,11 +78,19 @@ class AsideState:
 
 
 @dataclass(frozen=True, slots=True)
+class LineAhead:
+    """How far to starboard of a line she is, where that leads over ground, and the heading that makes it good."""
+
+    cross_track_m: float
+    course_rad: float
+    along_rad: float
+
+
+@dataclass(frozen=True, slots=True)
 class AsideInput:
     """What stepping aside looks at; `wanted_rad` is the heading that she would steer, `fence` None while none holds.
 
-    `cross_track_m` is how far to starboard of a line she is, `course_rad` where that leads over ground and `along_rad`
-    the heading that makes it good; None where she follows none: then her way is the heading that she would steer.
+    Where she follows no line her way is the heading that she would steer.
     """
 
     t_s: float
@@ -93,9 +100,7 @@ class AsideInput:
     fence: Plan | None
     goal: Goal | None
     task: Task | None
-    cross_track_m: float | None = None
-    course_rad: float | None = None
-    along_rad: float | None = None
+    line: LineAhead | None = None
 
 
 IDLE = AsideState()
@@ -105,15 +110,16 @@ def update(
     settings: AsideSettings, traffic: TrafficSettings, state: AsideState, given: AsideInput
 ) -> tuple[AsideState, tuple[Event, ...]]:
     """Try the next heading; at the end of a round take the best one, or go back on her way."""
-    way_rad = given.wanted_rad if given.course_rad is None else given.course_rad
-    if (given.goal, given.task) != (state.goal, state.task) or state.way_rad is None:
+    way_rad, along_rad = given.wanted_rad, given.wanted_rad
+    if given.line is not None:
+        way_rad, along_rad = given.line.course_rad, given.line.along_rad
+    if (given.goal, given.task) != (state.goal, state.task):
         # Another way: tried at once, but a goal that changes ten times a second must not begin a round each time.
         state = replace(state, way_rad=way_rad, goal=given.goal, task=given.task, tried_s=None)
     if state.next_trial is None:
         if state.tried_s is not None and 0.0 <= given.t_s - state.tried_s < TRY_EVERY_S:
             return state, ()
         return replace(state, way_rad=way_rad, tried_s=given.t_s, next_trial=0, best=None), ()
-    along_rad = way_rad if given.along_rad is None else given.along_rad
     headings = _headings(settings, state, along_rad)
     if state.next_trial < len(headings):
         trial = _trial(traffic, given, headings[state.next_trial])
@@ -123,13 +129,11 @@ def update(
     # By where all are now: who is past is further away with each trial, whatever the heading.
     best = None if state.best is None else _trial(traffic, given, state.best.heading_rad)
     going_on = _going_on(traffic, given)
-    return _choose(replace(state, next_trial=None, best=best, going_on=going_on))
+    return _choose(replace(state, next_trial=None, best=best, going_on=going_on), going_on)
 
 
 def end(state: AsideState) -> tuple[AsideState, tuple[Event, ...]]:
     """Return to her way: nobody comes near any more, or somebody else steers."""
-    if state == IDLE:
-        return IDLE, ()
     events = () if state.heading_rad is None else (Event(Severity.NOTICE, "Goes her own way again"),)
     return IDLE, events
 
@@ -162,14 +166,14 @@ def _better(best: Trial | None, trial: Trial, along_rad: float) -> bool:
     return inward and trial.part > AMPLE + WORTH
 
 
-def _choose(state: AsideState) -> tuple[AsideState, tuple[Event, ...]]:
-    """Take the best heading of a round if it is worth it."""
-    best, going_on, before_rad = state.best, state.going_on, state.heading_rad
-    if going_on is None or going_on.part >= AMPLE or best is None or best.part < going_on.part + WORTH:
+def _choose(state: AsideState, going_on: Trial) -> tuple[AsideState, tuple[Event, ...]]:
+    """Take the best heading of a round if it is worth it, beside what comes of going on."""
+    best, before_rad = state.best, state.heading_rad
+    if going_on.part >= AMPLE or best is None or best.part < going_on.part + WORTH:
         state = replace(state, heading_rad=None)
         if before_rad is not None:
             return replace(state, told=False), (Event(Severity.NOTICE, "Goes her own way again"),)
-        if state.told or going_on is None or going_on.part >= 1.0:
+        if state.told or going_on.part >= 1.0:
             return state, ()
         return replace(state, told=True), (Event(Severity.WARNING, "Cannot step aside: no heading is better"),)
     state = replace(state, heading_rad=best.heading_rad, told=False)
@@ -187,11 +191,11 @@ def _choose(state: AsideState) -> tuple[AsideState, tuple[Event, ...]]:
 def _going_on(traffic: TrafficSettings, given: AsideInput) -> Trial:
     """Return the worst of what comes of going her own way: as she would steer now, along it, and back on her line."""
     trials = [_trial(traffic, given, given.wanted_rad)]
-    off_m, course_rad, along_rad = given.cross_track_m, given.course_rad, given.along_rad
-    if off_m is not None and course_rad is not None and along_rad is not None:
+    if given.line is not None:
+        off_m, course_rad = given.line.cross_track_m, given.line.course_rad
         foot = given.motion.place.at_offset(off_m * math.sin(course_rad), -off_m * math.cos(course_rad))
         back = replace(given, motion=replace(given.motion, place=foot))
-        trials += [_trial(traffic, one, along_rad) for one in (given, back)]
+        trials += [_trial(traffic, one, given.line.along_rad) for one in (given, back)]
     return min(trials, key=lambda trial: trial.part)
 
 
@@ -220,7 +224,7 @@ def _clear_of_fence(given: AsideInput, heading_rad: float) -> bool:
 
     Between two places a leg apart the margin is at least half of what their margins leave over the leg.
     """
-    if given.fence is None or not given.fence.items:
+    if given.fence is None:
         return True
     coming_s = [vessel.cpa_in_s or 0.0 for vessel in given.vessels if vessel.near_s is not None]
     ahead_s = max(coming_s, default=0.0) + 2.0 * TRY_EVERY_S
@@ -229,12 +233,8 @@ def _clear_of_fence(given: AsideInput, heading_rad: float) -> bool:
     before_m = fence.margin_m(given.fence, given.motion.place)
     for leg in range(1, LEGS + 1):
         part_s = ahead_s * leg / LEGS
-        margin_m = fence.margin_m(given.fence, _ahead(given.motion.place, north_m_s * part_s, east_m_s * part_s))
+        margin_m = fence.margin_m(given.fence, given.motion.place.at_offset(north_m_s * part_s, east_m_s * part_s))
         if 0.5 * (before_m + margin_m - leg_m) < FENCE_M:
             return False
         before_m = margin_m
     return True
-
-
-def _ahead(place: Place, north_m: float, east_m: float) -> Place:
-    return place.at_offset(north_m, east_m)

@@ -10,7 +10,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanKind
 from firmware_py.common.vessels import Vessel, VesselKind, VesselPosition
 from firmware_py.guidance import step_aside
-from firmware_py.guidance.step_aside import IDLE, AsideInput, AsideSettings
+from firmware_py.guidance.step_aside import IDLE, AsideInput, AsideSettings, LineAhead
 from firmware_py.guidance.tasks import VesselMotion
 from firmware_py.guidance.traffic import TrafficSettings
 from firmware_py.modes import HeadingGoal
@@ -19,7 +19,7 @@ from support.plans import item, placed
 PARAMETERS = ParameterSet().replaced("AIS_ACT", 1.0)
 SETTINGS, TRAFFIC = AsideSettings.of(PARAMETERS), TrafficSettings.of(PARAMETERS)
 MOTION = VesselMotion(Place(*placed(0.0, 0.0)), 0.0, 0.4, 0.0, 0.0)
-INCLUDED_VERTEX = 5001
+INCLUDED_VERTEX, EXCLUDED_CIRCLE = 5001, 5004
 
 
 def ship(north_m, east_m, speed_m_s=6.0, course_deg=180.0, near_s=0.0, in_s=900.0):
@@ -27,8 +27,8 @@ def ship(north_m, east_m, speed_m_s=6.0, course_deg=180.0, near_s=0.0, in_s=900.
     return Vessel(position, cpa_m=0.0, cpa_in_s=in_s, near_s=near_s)
 
 
-def given(*vessels, t_s=0.0, wanted_rad=0.0, motion=MOTION, fence=None, goal=HeadingGoal(0.0), line=()):  # noqa: B008 - frozen
-    return AsideInput(t_s, wanted_rad, motion, vessels, fence, goal, None, *line)
+def given(*vessels, t_s=0.0, wanted_rad=0.0, motion=MOTION, fence=None, goal=HeadingGoal(0.0), line=None):  # noqa: B008 - frozen
+    return AsideInput(t_s, wanted_rad, motion, vessels, fence, goal, None, line)
 
 
 def decided(*vessels, state=IDLE, **more):
@@ -68,8 +68,9 @@ def test_the_sector_is_kept_about_any_way():
 def test_the_other_side_is_taken_where_a_fence_stands():
     free, _ = decided(ship(6000.0, -50.0), fence=fenced(3000.0))
     assert math.degrees(free.heading_rad) == pytest.approx(60.0)
-    state, _ = decided(ship(6000.0, -50.0), fence=fenced(100.0))
-    assert math.degrees(state.heading_rad) > 180.0
+    for others in ((), (ship(6000.0, -60.0, in_s=0.0),)):  # the way counts for as long as the last of them comes nearer
+        state, _ = decided(ship(6000.0, -50.0), *others, fence=fenced(200.0))
+        assert math.degrees(state.heading_rad) > 180.0
 
 
 def test_between_fence_and_nothing_better_she_goes_on_and_says_so_once():
@@ -94,18 +95,23 @@ def test_on_a_line_her_way_is_that_over_ground():
     crab_rad = -math.asin(0.5)
     # 250 m beside the line: the heading of the line, which she does not steer, would set her upon the ship.
     state, _ = decided(
-        ship(435.0, 250.0, 0.0), motion=set_east, wanted_rad=crab_rad, goal=None, line=(0.0, 0.0, crab_rad)
+        ship(435.0, 250.0, 0.0), motion=set_east, wanted_rad=crab_rad, goal=None, line=LineAhead(0.0, 0.0, crab_rad)
     )
     assert state.heading_rad is None
 
 
-def test_abeam_of_a_ship_at_anchor_she_goes_along_her_line_and_not_on_to_the_side():
-    abeam, away_rad = ship(20.0, -250.0, 0.0), math.radians(60.0)
-    line = {"wanted_rad": math.radians(280.0), "line": (250.0, 0.0, 0.0)}
+@pytest.mark.parametrize("set_m_s", [0.0, 0.2, -0.2])
+def test_abeam_of_a_ship_at_anchor_she_goes_along_her_line_and_not_on_to_the_side(set_m_s):
+    abeam, away_rad, along_rad = ship(20.0, -250.0, 0.0), math.radians(60.0), -math.asin(set_m_s / 0.4)
+    motion = VesselMotion(MOTION.place, 0.0, 0.4, 0.0, set_m_s)
+    line = {"wanted_rad": math.radians(280.0), "line": LineAhead(250.0, 0.0, along_rad), "motion": motion}
     before = replace(IDLE, heading_rad=away_rad, way_rad=0.0, goal=HeadingGoal(0.0))
     state, told = decided(abeam, state=before, **line)
-    assert math.degrees(state.heading_rad) == pytest.approx(0.0, abs=1e-6)
+    assert state.heading_rad == along_rad
     assert told == []
+    # What lies ahead of it would not be ample: she comes nearer her line as far as it is.
+    state, _ = decided(ship(150.0, -150.0, 0.0), state=before, **line)
+    assert math.radians(9.0) < state.heading_rad <= away_rad
     # Not yet ample: she goes on as she went.
     state, _ = decided(ship(20.0, -190.0, 0.0), state=before, **line)
     assert state.heading_rad == away_rad
@@ -136,17 +142,54 @@ def test_she_goes_back_when_it_is_wide_open_and_when_nobody_comes_any_more():
     ended, events = step_aside.end(state)
     assert ended is IDLE
     assert [event.text for event in events] == ["Goes her own way again"]
+    assert step_aside.end(replace(state, heading_rad=None)) == (IDLE, ())
     assert step_aside.end(IDLE) == (IDLE, ())
 
 
-def test_while_she_steps_aside_the_heading_stands_between_two_rounds():
-    state, _ = decided(ship(6000.0, -50.0))
-    for t_s in range(3, 30):
-        later, events = step_aside.update(
-            SETTINGS, TRAFFIC, state, given(ship(6000.0, -50.0), t_s=float(t_s), wanted_rad=-1.2)
-        )
-        assert later.heading_rad == state.heading_rad
-        assert events == ()
+def test_between_two_rounds_nothing_is_tried_and_after_half_a_minute_or_with_another_goal_at_once():
+    vessel = ship(6000.0, -50.0)
+    state, _ = decided(vessel, t_s=100.0)
+    for tenths in range(300):
+        assert step_aside.update(
+            SETTINGS, TRAFFIC, state, given(vessel, t_s=100.0 + 0.1 * tenths, wanted_rad=-1.2)
+        ) == (state, ())
+    later, _ = step_aside.update(SETTINGS, TRAFFIC, state, given(vessel, t_s=130.0, wanted_rad=-1.2))
+    assert (later.next_trial, later.way_rad) == (0, -1.2)
+    other = {"t_s": 103.0, "wanted_rad": -1.2, "goal": HeadingGoal(-1.2)}
+    turned, _ = decided(vessel, state=state, **other)
+    assert abs(math.remainder(turned.heading_rad + 1.2, 2.0 * math.pi)) <= SETTINGS.sector_rad + 1e-6
+    assert step_aside.update(SETTINGS, TRAFFIC, turned, given(vessel, **other)) == (turned, ())
+
+
+def test_right_ahead_she_leaves_it_to_port_as_ships_do():
+    state, _ = decided(ship(6000.0, 0.0))
+    assert math.degrees(state.heading_rad) == pytest.approx(60.0)
+
+
+def test_what_is_told_is_of_the_end_of_the_round_by_when_a_ship_is_nearer():
+    def cpa_m(tick_s):
+        state = IDLE
+        for tick in range(20):
+            state, events = step_aside.update(
+                SETTINGS, TRAFFIC, state, given(ship(6000.0, -50.0, in_s=0.0), t_s=tick_s * tick)
+            )
+            if events:
+                return float(events[0].text.split()[-2])
+        return None
+
+    assert cpa_m(0.1) == 384.0
+    assert cpa_m(5.0) == pytest.approx(50.0 + (384.0 - 50.0) * (1000.0 - 5.0 * 14) / 1000.0, abs=3.0)
+
+
+@pytest.mark.parametrize("out", [0.5, 1.5, 3.5])
+def test_what_is_kept_clear_of_lies_between_two_places_too_that_are_looked_at(out):
+    """A small circle on the way of 60 degrees: of its four legs the ends are far enough from it."""
+    radius_m, out_m = 15.0, out * 0.25 * 0.4 * 960.0
+    centre = out_m * math.cos(math.radians(60.0)), out_m * math.sin(math.radians(60.0))
+    fence = Plan.of(PlanKind.FENCE, [item(EXCLUDED_CIRCLE, *centre, radius_m)])
+    state, _ = decided(ship(6000.0, -50.0), fence=fence)
+    off_rad = math.pi if state.heading_rad is None else state.heading_rad - math.radians(60.0)
+    assert math.cos(off_rad) < 0.0 or abs(out_m * math.sin(off_rad)) >= radius_m + 30.0
 
 
 def test_a_goal_that_changes_all_the_time_does_not_keep_her_from_deciding():

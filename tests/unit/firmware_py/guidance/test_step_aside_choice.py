@@ -1,0 +1,224 @@
+"""The choice of a round of trials, against what a plane with straight ways says of every heading."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_py.common.geodesy import Place
+from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.plan import Plan, PlanKind
+from firmware_py.common.vessels import Vessel, VesselKind, VesselPosition
+from firmware_py.guidance import step_aside
+from firmware_py.guidance.step_aside import (
+    AMPLE,
+    FENCE_M,
+    IDLE,
+    LEGS,
+    STEPS,
+    TRY_EVERY_S,
+    WORTH,
+    AsideInput,
+    AsideSettings,
+    LineAhead,
+    Trial,
+)
+from firmware_py.guidance.tasks import VesselMotion
+from firmware_py.guidance.traffic import TrafficSettings
+from firmware_py.modes import HeadingGoal
+from support.plans import item, placed
+
+PARAMETERS = ParameterSet().replaced("AIS_ACT", 1.0)
+SETTINGS, TRAFFIC = AsideSettings.of(PARAMETERS), TrafficSettings.of(PARAMETERS)
+STEP_RAD = SETTINGS.sector_rad / STEPS
+INCLUDED_VERTEX = 5001
+NEARLY = 0.01  # of what is near: the sphere is no plane
+ROUND = 2 * STEPS + 4  # ticks that are enough for it
+
+HEADINGS = st.floats(-math.pi, math.pi)
+
+
+@st.composite
+def vessels(draw, reach_m=500.0):
+    """A vessel, at metres and m/s north and east, that passes a place near the boat after a while."""
+    in_s, speed_m_s, course_rad = draw(st.floats(0.0, 1500.0)), draw(st.sampled_from([0.0, 2.0, 6.0])), draw(HEADINGS)
+    beside = [draw(st.floats(-reach_m, reach_m)) for _ in "ne"]
+    velocity = speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad)
+    north_m, east_m = (place - in_s * along for place, along in zip(beside, velocity, strict=True))
+    position = VesselPosition(0.0, 1, VesselKind.CLASS_A, *placed(north_m, east_m), speed_m_s, course_rad)
+    near_s, cpa_in_s = draw(st.sampled_from([None, 0.0])), draw(st.sampled_from([None, in_s]))
+    return (north_m, east_m, *velocity), Vessel(position, cpa_m=0.0, cpa_in_s=cpa_in_s, near_s=near_s)
+
+
+MOTIONS = st.builds(
+    VesselMotion,
+    place=st.just(Place(*placed(0.0, 0.0))),
+    heading_rad=st.just(0.0),
+    speed_m_s=st.floats(0.2, 0.8),
+    current_north_m_s=st.floats(-0.2, 0.2),
+    current_east_m_s=st.floats(-0.2, 0.2),
+    leeway_rad=st.floats(-0.3, 0.3),
+)
+SIDES = st.tuples(*[st.floats(40.0, 1500.0)] * 4)  # metres to the north, east, south and west that a fence leaves
+
+
+class Plane:
+    """What comes of a heading, of all vessels."""
+
+    def __init__(self, seen, motion, sides):
+        self.seen, self.motion, self.sides = seen, motion, sides
+        coming_s = [vessel.cpa_in_s for _, vessel in seen if vessel.near_s is not None and vessel.cpa_in_s is not None]
+        self.ahead_s = max(coming_s, default=0.0) + 2.0 * TRY_EVERY_S
+
+    def velocity(self, heading_rad):
+        motion, way_rad = self.motion, heading_rad + self.motion.leeway_rad
+        north_m_s = motion.current_north_m_s + motion.speed_m_s * math.cos(way_rad)
+        return north_m_s, motion.current_east_m_s + motion.speed_m_s * math.sin(way_rad)
+
+    def part(self, heading_rad, begin=(0.0, 0.0)):
+        """How near the nearest vessel comes, in parts of what is near, and in metres."""
+        own = self.velocity(heading_rad)
+        found = []
+        for (north_m, east_m, *velocity), vessel in self.seen:
+            x, y = north_m - begin[0], east_m - begin[1]
+            u, v = velocity[0] - own[0], velocity[1] - own[1]
+            t_s = min(max(-(x * u + y * v) / (u * u + v * v), 0.0), TRAFFIC.horizon_s) if u or v else 0.0
+            near_m = math.hypot(x + t_s * u, y + t_s * v)
+            found.append((near_m / TRAFFIC.limit_m(vessel.position), near_m))
+        return min(found)
+
+    def fence(self):
+        if self.sides is None:
+            return None
+        north_m, east_m, south_m, west_m = self.sides
+        corners = [(north_m, east_m), (-south_m, east_m), (-south_m, -west_m), (north_m, -west_m)]
+        return Plan.of(PlanKind.FENCE, [item(INCLUDED_VERTEX, *corner, 4) for corner in corners])
+
+    def room_m(self, heading_rad):
+        """How much of the fence's margin is left on the way, and the length of a leg of it."""
+        if self.sides is None:
+            return math.inf, 0.0
+        north_m, east_m = (self.ahead_s * part_m_s for part_m_s in self.velocity(heading_rad))
+        left_m = [side - way for side, way in zip(self.sides, (north_m, east_m, -north_m, -east_m), strict=True)]
+        return min(*left_m, *self.sides), math.hypot(north_m, east_m) / LEGS
+
+    def may_be(self, heading_rad):
+        return self.room_m(heading_rad)[0] >= FENCE_M - 1.0
+
+    def must_be(self, heading_rad):
+        room_m, leg_m = self.room_m(heading_rad)
+        return room_m >= FENCE_M + 0.5 * leg_m + 1.0
+
+    def first_ample(self, headings):
+        """The first that is ample and free; None where there is none, or another before it may be."""
+        for one in headings:
+            part, _ = self.part(one)
+            if part > AMPLE - NEARLY and self.may_be(one):
+                return one if part > AMPLE + NEARLY and self.must_be(one) else None
+        return None
+
+
+def decided(given, state=IDLE):
+    """The state after a round in which the world stands still, and what was told."""
+    told = []
+    for _ in range(ROUND):
+        state, events = step_aside.update(SETTINGS, TRAFFIC, state, given)
+        told += [event.text for event in events]
+    return state, told
+
+
+def off_rad(heading_rad, way_rad):
+    return math.remainder(heading_rad - way_rad, 2.0 * math.pi)
+
+
+def fan(way_rad):
+    return [way_rad + side * step * STEP_RAD for step in range(1, STEPS + 1) for side in (1, -1)]
+
+
+def looked_at(plane, wanted_rad, **more):
+    seen = tuple(vessel for _, vessel in plane.seen)
+    return AsideInput(0.0, wanted_rad, plane.motion, seen, plane.fence(), HeadingGoal(0.0), None, **more)
+
+
+LINES = st.none() | st.tuples(st.floats(-300.0, 300.0), HEADINGS, st.floats(-0.5, 0.5), st.floats(-1.0, 1.0))
+WORLDS = st.tuples(st.lists(vessels(), min_size=1, max_size=3), MOTIONS, st.none() | SIDES)
+
+
+@settings(max_examples=150)
+@given(WORLDS, HEADINGS, LINES)
+def test_she_takes_the_nearest_heading_that_is_ample_or_the_best_there_is(world, wanted_rad, line):
+    plane, more, way_rad, along_rad = Plane(*world), {}, wanted_rad, wanted_rad
+    own, own_m = plane.part(wanted_rad)
+    if line is not None:
+        off_m, way_rad, crab_rad, back_rad = line
+        along_rad, wanted_rad = way_rad + crab_rad, way_rad + back_rad
+        more = {"line": LineAhead(off_m, way_rad, along_rad)}
+        foot = off_m * math.sin(way_rad), -off_m * math.cos(way_rad)
+        own, own_m = min(plane.part(wanted_rad), plane.part(along_rad), plane.part(along_rad, foot))
+    state, told = decided(looked_at(plane, wanted_rad, **more))
+    sure = max([plane.part(one)[0] for one in fan(way_rad) if plane.must_be(one)], default=0.0)
+    if state.heading_rad is None:
+        assert own > AMPLE - NEARLY or sure < own + 2.0 * WORTH + NEARLY
+        if abs(own - 1.0) > NEARLY:
+            assert told == ([] if own > 1.0 else ["Cannot step aside: no heading is better"])
+        return
+    part, cpa_m = plane.part(state.heading_rad)
+    aside_rad = off_rad(state.heading_rad, way_rad)
+    assert abs(aside_rad / STEP_RAD - round(aside_rad / STEP_RAD)) < 1e-6
+    assert abs(aside_rad) < SETTINGS.sector_rad + 1e-6
+    assert plane.may_be(state.heading_rad)
+    assert own < AMPLE + NEARLY
+    assert part > own + WORTH - NEARLY
+    assert part > min(sure, AMPLE) - WORTH - NEARLY
+    first_rad = plane.first_ample(fan(way_rad))
+    if first_rad is not None:
+        assert abs(off_rad(state.heading_rad, along_rad)) < abs(off_rad(first_rad, along_rad)) + 1e-6
+    told_deg, told_own_m, told_cpa_m = (float(word) for word in told[0].split() if word.isdigit())
+    assert told_deg % 360.0 == pytest.approx(math.degrees(state.heading_rad), abs=0.51) or told_deg in (0.0, 360.0)
+    assert (told_own_m, told_cpa_m) == (pytest.approx(own_m, abs=3.0), pytest.approx(cpa_m, abs=3.0))
+    assert len(told) == 1
+
+
+# Wide enough that much is ample.
+WIDE_WORLDS = st.tuples(st.lists(vessels(900.0), min_size=1, max_size=2), MOTIONS, st.none() | SIDES)
+ASIDE = st.floats(-SETTINGS.sector_rad, SETTINGS.sector_rad) | st.floats(-2.5, 2.5)
+
+
+@settings(max_examples=150)
+@given(WORLDS | WIDE_WORLDS, HEADINGS, st.floats(-0.8, 0.8), ASIDE, st.floats(0.0, 4.0), st.booleans())
+def test_she_who_is_aside_already_stays_so_comes_nearer_her_way_or_goes_it_again(
+    world, way_rad, crab_rad, aside_rad, best_part, told_before
+):
+    plane, steered_rad, along_rad = Plane(*world), way_rad + aside_rad, way_rad + crab_rad
+    line = LineAhead(0.0, way_rad, along_rad)
+    own, _ = min(plane.part(along_rad), plane.part(way_rad))
+    of_before = Trial(steered_rad, 100.0, best_part)
+    before = replace(IDLE, heading_rad=steered_rad, way_rad=way_rad, best=of_before, told=told_before)
+    state, told = decided(looked_at(plane, way_rad, line=line), before)
+    within = abs(aside_rad) <= SETTINGS.sector_rad
+    others = [along_rad, *fan(way_rad)]
+    tried = [*([steered_rad] if within else []), *others]
+    sure = max([plane.part(one)[0] for one in tried if plane.must_be(one)], default=0.0)
+    assert not state.told
+    if state.heading_rad is None:
+        assert told == ["Goes her own way again"]
+        assert own > AMPLE - NEARLY or sure < own + 2.0 * WORTH + NEARLY
+        return
+    assert told == []
+    assert min(abs(off_rad(state.heading_rad, one)) for one in tried) < 1e-6
+    assert plane.may_be(state.heading_rad)
+    part, _ = plane.part(state.heading_rad)
+    assert own < AMPLE + NEARLY
+    assert part > own + WORTH - NEARLY
+    assert part > min(sure, AMPLE) - WORTH - NEARLY
+    steered, steered_off = plane.part(steered_rad)[0], off_rad(steered_rad, along_rad)
+    stays = abs(off_rad(state.heading_rad, steered_rad)) < 1e-6
+    if within and plane.must_be(steered_rad) and steered > AMPLE + NEARLY:
+        inward = [one for one in others if 0.0 <= off_rad(one, along_rad) / steered_off < 1.0 - 1e-3]
+        ample = [one for one in inward if plane.part(one)[0] > AMPLE + WORTH + NEARLY and plane.must_be(one)]
+        assert not (stays and ample)
+        assert stays or off_rad(state.heading_rad, along_rad) / steered_off < 1.0
+        assert stays or off_rad(state.heading_rad, along_rad) / steered_off > -1e-6
+        assert stays or part > AMPLE + WORTH - NEARLY
