@@ -129,7 +129,7 @@ def test_a_port_that_is_not_there_is_one_line(capsys, tmp_path):
 # ------------------------------------------------------------------ from a voyage
 
 
-def voyage(courses=24, off_deg=3.0, wave_deg=2.0, armed=True, reverse=False):
+def voyage(courses=24, off_deg=3.0, wave_deg=2.0, armed=True, reverse=False, spinning=False):
     """Yield straight courses of ten minutes and a bit, on each of which wind wants another angle of the rudder."""
     chances, index = random.Random(1), 0
     asked = [SetParameter("RUD_CENTRE_DEG", 10.0), SetParameter("RUD_REVERSE", float(reverse)), Arm(armed)]
@@ -141,9 +141,10 @@ def voyage(courses=24, off_deg=3.0, wave_deg=2.0, armed=True, reverse=False):
             rudder_deg = off_deg + 4.0 * math.sin(goal_rad) + chances.gauss(0.0, 3.0)
             shaft_rad = radians(10.0 + (-rudder_deg if reverse else rudder_deg))
             requests = tuple(Request(t_s, one) for one in asked) if course == second == 0 else ()
+            other = HeadingSample(t_s, wrap_two_pi(0.1 * t_s), NorthReference.TRUE, source=1)
             inputs = Inputs(
                 Tick(index, t_s, 0.0, 0, 0.5),
-                (HeadingSample(t_s, heading_rad, NorthReference.TRUE),),
+                (HeadingSample(t_s, heading_rad, NorthReference.TRUE), *([other] if spinning else [])),
                 rudder=(RudderFeedback(t_s, shaft_rad),),
                 requests=requests,
             )
@@ -167,6 +168,10 @@ def test_the_centre_is_the_mean_on_all_courses(monkeypatch, capsys, tmp_path, re
     assert path.exists() == values["ready"]
     if values["ready"]:
         assert parse_file(path.read_text(), "-") == values["proposed_deg"]
+
+
+def test_what_a_second_compass_shows_changes_nothing(monkeypatch, capsys):
+    assert told(monkeypatch, capsys, spinning=True) == told(monkeypatch, capsys)
 
 
 @pytest.mark.parametrize("how", [{"courses": 3}, {"wave_deg": 9.0}, {"armed": False}])

@@ -454,6 +454,20 @@ def test_home_goes_along_when_the_receiver_s_first_place_proves_wrong():
     assert found[-1] == Home(*RIGHT, 3.0)
 
 
+@pytest.mark.parametrize(("wrong_s", "home"), [(1700, RIGHT), (1900, WRONG)])
+def test_a_first_place_may_prove_wrong_for_half_an_hour(wrong_s, home):
+    fixes = ((1e4 + t, *(WRONG if t < wrong_s else RIGHT)) for t in range(0, wrong_s + 200, 10))
+    assert homes(*fixes)[-1] == Home(*home, 3.0)
+
+
+def test_home_that_was_set_before_the_first_fix_stays():
+    state = replace(State.at_start(ParameterSet()), home=Home(0.4, 0.1, 0.0))
+    for index in range(3):
+        positions = (PositionSample(float(index), FixType.FIX_3D, *RIGHT, 3.0),)
+        state, output = step(state, Inputs(Tick(index, float(index), 0.0, 0, 1.0), (), positions, (), (), ()))
+        assert output.snapshot.home == Home(0.4, 0.1, 0.0)
+
+
 def test_home_stays_when_the_receiver_goes_wrong_under_way():
     right, wrong = range(1900), range(1900, 2000)
     found = homes(*((float(t), *RIGHT) for t in right), *((float(t), *WRONG) for t in wrong), (2000.0, *RIGHT))

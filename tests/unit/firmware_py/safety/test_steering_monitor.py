@@ -145,6 +145,23 @@ def test_a_lost_blade_stays_lost_while_she_drifts_where_the_sea_takes_her():
     assert [lost for _, lost in boat.told] == [True]
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("trim_rad", [0.08, 0.12, 0.15])
+def test_what_turns_her_against_her_trim_is_no_answer_of_a_lost_blade(trim_rad, side):
+    """The wind that the rudder held her against turns her toward her goal, and by a good part of what was ordered."""
+    boat = Boat(bias_rad=-side * trim_rad).steer(400.0, 6.0)
+    boat.steer(60.0, boat.heading + 1.5 * side, answers=0.0, pushed_rad=side * trim_rad)
+    assert [lost for _, lost in boat.told] == [True]
+
+
+@pytest.mark.parametrize("answers", [0.35, 0.5])
+def test_a_weak_rudder_that_the_wind_helps_is_not_lost(answers):
+    boat = Boat(bias_rad=-0.3).steer(400.0, 6.0, answers=answers)
+    for turn_rad in (1.5, -1.5, 1.5):
+        boat.steer(120.0, boat.heading + turn_rad, answers=answers)
+    assert boat.told == []
+
+
 def test_what_the_heading_could_have_missed_is_not_told():
     """A heading that is uncertain by 20 deg shows no turn of 60 deg."""
     boat = Boat()

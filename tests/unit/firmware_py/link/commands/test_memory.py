@@ -1,0 +1,118 @@
+"""Which of two commands are one: retries and doubles, told apart from what is asked anew."""
+
+from dataclasses import replace
+
+import pytest
+
+from firmware_py.link.commands.memory import (
+    OVERTAKEN_S,
+    REMEMBERED,
+    REPEAT_S,
+    RETRY_S,
+    SATELLITE_RETRY_S,
+    CommandMemory,
+    CommandRecord,
+)
+
+ARM = 400
+STATION = (255, 190)
+SHORTLY = 1e-3
+
+
+class Correspondent:
+    """All that a memory asks of a peer."""
+
+    def __init__(self, *, quiet=False):
+        self.quiet = quiet
+
+
+RADIO, SATELLITE = Correspondent(), Correspondent(quiet=True)
+ON = CommandRecord(1000.0, 7, b"on", in_whole_numbers=True, peer=RADIO)
+OFF = replace(ON, asked=b"off")
+
+
+def original(now, *done, confirmed=False, relative=False):
+    memory = CommandMemory()
+    for record in done:
+        memory.remember(STATION, ARM, record)
+    return memory.find_original(STATION, ARM, now, confirmed=confirmed, relative=relative)
+
+
+@pytest.mark.parametrize(("peer", "longest_s"), [(RADIO, RETRY_S), (SATELLITE, SATELLITE_RETRY_S)])
+def test_a_confirmation_is_of_the_command_before_it_for_a_while(peer, longest_s):
+    before = replace(ON, peer=peer)
+    soon, late = (replace(before, t_s=1000.0 + longest_s + more_s, sequence=99) for more_s in (-SHORTLY, SHORTLY))
+    assert original(soon, before, confirmed=True) is before
+    assert original(late, before, confirmed=True) is None
+    assert original(replace(soon, asked=b"off"), before, confirmed=True) is None
+    assert original(replace(soon, in_whole_numbers=False), before, confirmed=True) is None
+
+
+@pytest.mark.parametrize("sequence", [7, 200])
+@pytest.mark.parametrize(("ahead", "again"), [(0, True), (-1, True), (-127, True), (-128, False), (1, False)])
+def test_what_comes_soon_with_no_later_number_came_twice(sequence, ahead, again):
+    before = replace(ON, sequence=sequence)
+    now = replace(before, t_s=1000.0 + OVERTAKEN_S - SHORTLY, sequence=(sequence + ahead) % 256)
+    assert original(now, before) is (before if again else None)
+    assert original(replace(now, t_s=1000.0 + OVERTAKEN_S + SHORTLY), before) is None
+
+
+@pytest.mark.parametrize("in_whole_numbers", [True, False])
+def test_what_is_asked_relative_to_now_in_whole_numbers_and_soon_repeated_is_one(in_whole_numbers):
+    before = replace(ON, in_whole_numbers=in_whole_numbers)
+    soon, late = (replace(before, t_s=1000.0 + REPEAT_S + more_s, sequence=8) for more_s in (-SHORTLY, SHORTLY))
+    assert original(soon, before, relative=True) is (before if in_whole_numbers else None)
+    assert original(soon, before) is None
+    assert original(late, before, relative=True) is None
+
+
+def test_a_double_of_an_earlier_one_that_comes_behind_its_contrary_is_not_done_again():
+    contrary = replace(OFF, t_s=1000.1, sequence=8)
+    double = replace(ON, t_s=1000.0 + OVERTAKEN_S - SHORTLY)
+    assert original(double, ON, contrary) is ON
+    assert original(replace(double, t_s=1000.0 + OVERTAKEN_S + SHORTLY), ON, contrary) is None
+    assert original(replace(double, sequence=9), ON, contrary) is None  # ordered anew
+    assert original(replace(double, asked=b"other"), ON, contrary) is None
+    assert original(double, ON, replace(contrary, sequence=7)) is None  # a sender that does not count
+
+
+def test_of_one_command_the_latest_few_are_known():
+    several = [replace(ON, asked=bytes([number]), sequence=number) for number in range(5)]
+    assert [original(replace(one, t_s=1000.5), *several) for one in several] == [None, *several[1:]]
+
+
+def test_what_others_asked_is_not_ones_own():
+    memory = CommandMemory()
+    memory.remember(STATION, ARM, ON)
+    asked = {"confirmed": True, "relative": False}
+    assert memory.find_original(STATION, ARM, ON, **asked) is ON
+    assert memory.find_original((254, 190), ARM, ON, **asked) is None
+    assert memory.find_original(STATION, ARM + 1, ON, **asked) is None
+    assert memory.find_original(STATION, ARM, replace(ON, peer=SATELLITE), **asked) is None
+
+
+def test_a_bounded_number_of_commands_is_known_the_latest_used():
+    memory = CommandMemory()
+    for command in range(REMEMBERED):
+        memory.remember(STATION, command, ON)
+    memory.remember(STATION, 0, ON)
+    for command in range(REMEMBERED, REMEMBERED + 5):
+        memory.remember(STATION, command, ON)
+    known = [
+        command
+        for command in range(REMEMBERED + 5)
+        if memory.find_original(STATION, command, ON, confirmed=True, relative=False)
+    ]
+    assert known == [0, *range(6, REMEMBERED + 5)]
+    assert len(memory) == REMEMBERED
+
+
+def test_a_result_is_that_of_the_command_of_its_number():
+    memory = CommandMemory()
+    later = replace(OFF, sequence=8)
+    memory.remember(STATION, ARM, ON)
+    memory.remember(STATION, ARM, later)
+    memory.set_result(RADIO, STATION, ARM, 7, 0)
+    memory.set_result(RADIO, STATION, ARM, 9, 4)
+    assert memory.find_original(STATION, ARM, later, confirmed=True, relative=False) == later
+    assert memory.find_original(STATION, ARM, ON, confirmed=False, relative=False) == replace(ON, result=0)
