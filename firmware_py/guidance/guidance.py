@@ -120,13 +120,14 @@ def update(settings: GuidanceSettings, state: GuidanceState, given: GuidanceInpu
 
 def take_changes(state: GuidanceState, modes: ModeState, plans: Plans) -> GuidanceState:
     """Return the state for the mode, arming and mission that are in force; the very same while nothing changes."""
-    identity, sails = plans.mission.identity, state.mission.started
     if (modes.mode, modes.armed) != (state.mode, state.armed):
         state = _enter_mode(state, modes)
-    if state.mission.identity != identity:
-        state = replace(state, mission=mission_progress.for_plan(state.mission, identity))
-        if modes.mode is Mode.AUTO and sails:
-            state = replace(state, mission=mission_progress.enter(state.mission))
+    before = state.mission
+    if before.identity != plans.mission.identity:
+        progress = mission_progress.for_plan(before, plans.mission.identity)
+        if modes.mode is Mode.AUTO and before.started:
+            progress = mission_progress.enter(progress)
+        state = replace(state, mission=progress)
     return replace(state, reached=()) if state.reached else state
 
 
