@@ -211,5 +211,13 @@ class Parser:
                 self._formats[number] = _opaque(number, length, name)
 
 
+def whole_bytes(buffer: Buffer) -> int:
+    """Return how much of a buffer there is up to the end of its last whole record."""
+    parser = Parser(buffer)
+    for _ in parser:
+        pass
+    return len(buffer) - parser.tail_bytes
+
+
 def _opaque(number: int, length: int, name: str) -> Format:
     return Format(number, length, re.sub(r"\W", "?", name), "B" * (length - HEAD_BYTES), "?," * (length - 4) + "?")

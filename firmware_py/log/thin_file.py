@@ -10,6 +10,7 @@ from typing import Final
 
 from firmware_py.files.making import DIRECTORY_MODE
 from firmware_py.files.reading import open_regular
+from firmware_py.log.dataflash import whole_bytes
 from firmware_py.log.disk import THIN, LocalDisk, log_files
 
 FILE_BYTES: Final = 1 << 20  # five days, and then it is compressed
@@ -66,12 +67,18 @@ class ThinFile:
         self._descriptor = -1
 
     def _open(self) -> None:
-        """Go on with the newest file if it is one of this version's and not full, else begin one."""
+        """Go on with the newest file if it is one of this version's and not full, else begin one.
+
+        A record that a power cut has torn is taken off: with the next one's begin it would make a false one.
+        """
         newest = self._newest()
         if newest is not None:
             self._descriptor = open_regular(newest, flags=os.O_RDWR | os.O_APPEND, follow=False)
-            self._size = os.fstat(self._descriptor).st_size
-            if self._size < FILE_BYTES and os.pread(self._descriptor, len(self._head), 0) == self._head:
+            content = os.pread(self._descriptor, FILE_BYTES, 0)
+            if len(content) < FILE_BYTES and content.startswith(self._head):
+                self._size = whole_bytes(content)
+                if self._size < len(content):
+                    os.ftruncate(self._descriptor, self._size)
                 return
             self.close()
         with contextlib.suppress(FileExistsError):

@@ -10,7 +10,8 @@ from pymavlink.DFReader import DFReader_binary
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.reports import Energy, Flow, Power
 from firmware_py.faults.table import Fault
-from firmware_py.log import thin_file
+from firmware_py.log import ardupilot, thin_file
+from firmware_py.log.dataflash import header
 from firmware_py.log.disk import log_files
 from firmware_py.log.thin import BURST, HEAD, ThinLog
 from firmware_py.log.thin_file import ThinFile
@@ -125,34 +126,46 @@ def test_it_says_the_same_for_the_same_ticks(pretend):
 # ------------------------------------------------------------------------ the file
 
 
+def row(text):
+    return ardupilot.message_bytes(1.0, [Event(Severity.INFO, text)])
+
+
+def written(directory, *texts, head=HEAD):
+    """One start of the program after the other, each with a row."""
+    for text in texts:
+        file = ThinFile(directory, head)
+        file.put(row(text))
+        file.drain()
+        file.close()
+
+
 def content(directory):
     return {path.name: path.read_bytes() for path in log_files(directory / "thin").values()}
 
 
 def test_the_next_start_goes_on_with_the_file(tmp_path):
-    for rows in (b"one", b"two"):
-        file = ThinFile(tmp_path, b"head")
-        file.put(rows)
-        file.drain()
-        file.close()
-    assert content(tmp_path) == {"00000001.BIN": b"headonetwo"}
+    written(tmp_path, "one", "two")
+    assert content(tmp_path) == {"00000001.BIN": HEAD + row("one") + row("two")}
+
+
+@pytest.mark.parametrize("torn", [row("torn")[:-1], row("torn")[:40], row("torn")[:2], bytes(500)], ids=len)
+def test_what_a_power_cut_has_torn_makes_no_false_row_with_the_next_one(tmp_path, torn):
+    written(tmp_path, "one")
+    with (tmp_path / "thin/00000001.BIN").open("ab") as file:
+        file.write(torn)
+    written(tmp_path, "two")
+    assert content(tmp_path) == {"00000001.BIN": HEAD + row("one") + row("two")}
 
 
 def test_a_full_file_and_one_of_another_version_are_left(tmp_path, monkeypatch):
-    monkeypatch.setattr(thin_file, "FILE_BYTES", 10)
-    file = ThinFile(tmp_path, b"head")
-    for rows in (b"1" * 6, b"2" * 6):
-        file.put(rows)
-        file.drain()
-    file.close()
-    later = ThinFile(tmp_path, b"other")
-    later.put(b"3")
-    later.drain()
-    later.close()
+    monkeypatch.setattr(thin_file, "FILE_BYTES", len(HEAD) + len(row("one")))
+    written(tmp_path, "one", "two")
+    other = header((ardupilot.MSG,), 0)
+    written(tmp_path, "three", head=other)
     assert content(tmp_path) == {
-        "00000001.BIN": b"head111111",
-        "00000002.BIN": b"head222222",
-        "00000003.BIN": b"other3",
+        "00000001.BIN": HEAD + row("one"),
+        "00000002.BIN": HEAD + row("two"),
+        "00000003.BIN": other + row("three"),
     }
 
 
@@ -162,12 +175,13 @@ def test_no_row_is_lost_to_a_disk_that_fails_for_a_while(tmp_path, kind, monkeyp
     while True:
         logs = tmp_path / f"{kind}{number}"
         (logs / "thin").mkdir(parents=True)
-        file = ThinFile(logs, b"head")
+        file = ThinFile(logs, HEAD)
+        rows = [row(text) for text in ("one", "two", "three")]
         with monkeypatch.context() as patches:
             disk = FaultyDisk(logs / "thin", patches)
             disk.arm(number, kind)
-            for rows in (b"<one>", b"<two>", b"<three>"):
-                file.put(rows)
+            for one in rows:
+                file.put(one)
                 file.drain()
             was_reached = bool(disk.failed)
             disk.arm(None)
@@ -175,7 +189,7 @@ def test_no_row_is_lost_to_a_disk_that_fails_for_a_while(tmp_path, kind, monkeyp
             assert file.failure == ""
             file.close()
         files = content(logs)
-        assert "".join(data.decode().replace("head", "") for _, data in sorted(files.items())) == "<one><two><three>"
+        assert b"".join(data.replace(HEAD, b"") for _, data in sorted(files.items())) == b"".join(rows)
         assert len(files) <= 2
         if not was_reached:
             break
