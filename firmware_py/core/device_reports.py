@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Final
+
 from firmware_py.common.record_class import dataclass
-from firmware_py.common.records import DeviceHealth, DeviceRole, Inputs
+from firmware_py.common.record_copy import replace
+from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Event, Inputs, Severity
 from firmware_py.common.silence import learn_interval_s
 from firmware_py.core.freshness import FreshnessSettings
 
 Times = tuple[float | None, float | None]
+TELL_AGAIN_S: Final = 600.0  # what a charger reports against itself
+_POWER: Final = (DeviceRole.POWER, DeviceRole.POWER_B)
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,6 +21,7 @@ class DeviceReports:
     """The newest health of storage, clock, stations, signing key and servo, and when sensors and servo last spoke.
 
     `compass_s` and `compass_interval_s` are of compass A and B; an interval is None until a second sample has come.
+    `power_told_s` is when what power monitor A and B report against themselves was told last.
     """
 
     storage: DeviceHealth | None = None
@@ -28,6 +35,7 @@ class DeviceReports:
     rudder_interval_s: float | None = None
     key: DeviceHealth | None = None
     rudder: DeviceHealth | None = None
+    power_told_s: Times = (None, None)
 
 
 def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) -> DeviceReports:
@@ -66,7 +74,25 @@ def update(settings: FreshnessSettings, state: DeviceReports, inputs: Inputs) ->
         rudder_interval_s,
         key,
         rudder,
+        state.power_told_s,
     )
+
+
+def tell_power(
+    state: DeviceReports, devices: Sequence[DeviceHealth], now_s: float
+) -> tuple[DeviceReports, tuple[Event, ...]]:
+    """Return what chargers report against themselves, each told now and then: its status has all of it."""
+    if not devices:
+        return state, ()
+    told_s, events = list(state.power_told_s), []
+    for device in devices:
+        if device.role in _POWER and device.state is DeviceState.FAULTY:
+            number = _POWER.index(device.role)
+            before_s = told_s[number]
+            if before_s is None or now_s - before_s >= TELL_AGAIN_S:
+                told_s[number] = now_s
+                events.append(Event(Severity.WARNING, f"Power monitor: {device.text}"))
+    return (replace(state, power_told_s=(told_s[0], told_s[1])) if events else state), tuple(events)
 
 
 def _spoken(

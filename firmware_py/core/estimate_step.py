@@ -41,17 +41,20 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
         timeouts,
         now_s,
     )
+    devices, device_events = device_reports.tell_power(
+        device_reports.update(settings.freshness, state.devices, inputs), inputs.devices, now_s
+    )
     state = replace(
         state,
         timing=tick_timing.update(state.timing, inputs.tick),
-        devices=device_reports.update(settings.freshness, state.devices, inputs),
+        devices=devices,
         rudder=rudder_state,
         heading_estimator=heading_state,
         position=place,
         water=water.update(state.water, heading_state.wave_filter, now_s),
         home=home,
     )
-    return state, rudder_status, events
+    return state, rudder_status, (*events, *device_events)
 
 
 def _home(home: Home | None, before: PositionSample | None, begun: PositionSample | None) -> Home | None:

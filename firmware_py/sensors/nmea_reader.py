@@ -60,7 +60,8 @@ class NmeaReader:
         if sentence.fault == NO_CHECKSUM and not (wanted and self._require_checksum):
             return wanted
         if sentence.fault:
-            self._monitor.reject(now_s, f"{sentence.address}: {sentence.fault}")
+            remedy = "; require_checksum = false takes it" if sentence.fault == NO_CHECKSUM else ""
+            self._monitor.reject(now_s, f"{sentence.address}: {sentence.fault}{remedy}")
             return False
         if not wanted:
             self._monitor.pass_over(f"only {sentence.address} and the like: another device's port?")

@@ -7,6 +7,10 @@ from collections.abc import Mapping
 _NOTHING = "nothing"
 
 TEXTS: Mapping[str, tuple[str, str]] = {
+    "Power monitor: <what it reports>": (
+        "a charger reports an error of its own; told once in ten minutes at most",
+        "the number is in its manual; `rambler status` has the latest, and which device it is",
+    ),
     "Armed": ("the rudder follows the mode from now on", _NOTHING),
     "Disarmed": ("the rudder is not steered any more", "arm her when she is to sail"),
     "Mode <mode>": ("she has entered a mode, by your order or a failsafe's", _NOTHING),

@@ -271,6 +271,27 @@ def test_each_fault_is_found_and_told(provoke, fault):
     assert boat.outputs[-1].snapshot.faults == 1 << fault
 
 
+def test_what_chargers_report_against_themselves_is_told_now_and_then():
+    boat = Boat()
+    boat.run(3.0)
+
+    def report(role, error):
+        state = DeviceState.FAULTY if error else DeviceState.RUNNING
+        text = f"charger reports error {error}" if error else ""
+        boat.tick(devices=(DeviceHealth(boat.t_s, role, state, 9, 0, text),))
+        boat.run(60.0)
+
+    for error in (17, 0, 18, 0):
+        report(DeviceRole.POWER, error)
+    report(DeviceRole.POWER_B, 2)
+    report(DeviceRole.COMPASS, 3)  # which has faults of its own
+    told = [text for text in boat.events if text.startswith("Power")]
+    assert told == ["Power monitor: charger reports error 17", "Power monitor: charger reports error 2"]
+    boat.run(400.0)
+    report(DeviceRole.POWER, 19)
+    assert boat.events[-1] == "Power monitor: charger reports error 19"
+
+
 def test_a_start_without_devices_is_no_fault_before_their_time_is_up():
     boat = Boat()
     boat.compass = boat.servo = False

@@ -98,7 +98,10 @@ def test_a_missing_checksum_is_refused_unless_the_vehicle_allows_it(line, hear):
     line.inbox += b"$HEHDT,341.8,T\r\n$PXYZ,1\r\n"
     strict.receive(1.0)
     assert strict.poll() == ()
-    assert (strict.health(1.0).rejected, strict.health(1.0).text) == (1, "HEHDT: no checksum")
+    assert (strict.health(1.0).rejected, strict.health(1.0).text) == (
+        1,
+        "HEHDT: no checksum; require_checksum = false takes it",
+    )
     # Without a checksum, what a cut leaves of 274.07 must not become a heading.
     line.inbox += b"$HEHDT,341.8,T\r\n$GPHDT,27\r\n$GPHDT,274.07,\r\n$HEHDT,341.9,T*21\r\n$HCHDG,98.3,0.0,E,12\r\n"
     lenient.receive(1.0)
