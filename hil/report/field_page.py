@@ -43,7 +43,7 @@ def logs_of(places: Sequence[Path]) -> tuple[list[Path], list[Path], list[str]]:
             (thin if place.parent.name == THIN else full).append(place)
             continue
         directories = (place / "state" / LOG_DIRECTORY, place / LOG_DIRECTORY, place)
-        logs = next((directory for directory in directories if directory.is_dir() and _numbered(directory)), None)
+        logs = next((one for one in directories if _numbered(one) or _numbered(one / THIN)), None)
         if logs is None:
             raise UsageError(f"{place} holds no logs; name logs, a state directory or that of a run")
         numbered = _numbered(logs)
@@ -64,7 +64,12 @@ def write(places: Sequence[Path], target: Path) -> None:
     parts: list[str] = []
     title = ", ".join(str(place) for place in places)
     if full:
-        parts += _full_parts(field_log.read(full), full, notes)
+        try:
+            parts += _full_parts(field_log.read(full), full, notes)
+        except UsageError as error:
+            if not thin:
+                raise
+            parts.append(page.paragraph(f"The full logs are not shown: {error}", "note"))
     if thin and (table := thin_log.read(thin)).rows:
         parts += [page.heading("Day by day"), *page.voyage(days_voyage(table)), page.table(thin_log.days(table))]
     if not parts:

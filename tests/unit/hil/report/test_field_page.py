@@ -79,6 +79,20 @@ def test_the_page_holds_all_that_it_shows(state, tmp_path, capsys):
         assert said in words
 
 
+@pytest.mark.parametrize("damage", ["gone", "without a tick", "without a byte"])
+def test_the_days_are_shown_where_the_full_logs_cannot_be(state, tmp_path, damage):
+    for log in (state / "logs").glob("*.BIN"):
+        log.unlink()
+        if damage == "without a tick":
+            log.write_bytes(header((), 0))
+        elif damage == "without a byte":
+            log.touch()
+    assert main(["report", str(state), "--out", str(tmp_path / "page.html")]) == 0
+    text = (tmp_path / "page.html").read_text()
+    assert "Day by day" in text
+    assert ("The full logs are not shown" in text) == (damage != "gone")
+
+
 def test_days_are_summed_up(state):
     table = thin_log.read([state / "logs/thin/00000001.BIN"])
     head, *rows = thin_log.days(table)
