@@ -16,7 +16,7 @@ from typing import NoReturn
 
 from firmware_py import ROOT, commit_of, version_text
 from firmware_py.common.system_errors import system_error_text
-from firmware_py.system.console import keep_standard_streams
+from firmware_py.files.standard_streams import keep_standard_streams
 
 # command -> (module, one line of help). A module is imported only when it is asked for, so
 # that the autopilot carries nothing of the bench tools.

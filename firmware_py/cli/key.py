@@ -57,6 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"rambler key {arguments.key_command}: {error}", file=sys.stderr)
         return 2
     except OSError as error:
+        if error.filename is None:  # no fault of the directory: what is printed finds no reader, or no room
+            raise
         print(f"rambler key {arguments.key_command}: {arguments.state}: {error.strerror}", file=sys.stderr)
         return 2
     return 0

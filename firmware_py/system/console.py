@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import queue
 import select
-import sys
 import threading
 
 LIMIT = 200
@@ -75,16 +74,3 @@ def _written(text: str) -> bool:
     except (OSError, ValueError):
         return False
     return True
-
-
-def keep_standard_streams() -> None:
-    """Open /dev/null in place of a standard stream that was closed at the start.
-
-    Else the next file to be opened would have its number, and what is printed would go out at a serial port.
-    """
-    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= STANDARD_ERROR:
-        os.set_inheritable(descriptor, True)
-    os.close(descriptor)
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115, PTH123 - for good

@@ -44,7 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the headings that she is scored by, which whoever operates the autopilot gives it at these seconds"
         f' (default "{DEFAULT_GOALS}")',
     )
-    parser.add_argument("--port", type=int, default=PORT, metavar="N", help=f"UDP port on {ADDRESS} (default {PORT})")
+    parser.add_argument(
+        "--port", type=int, default=PORT, metavar="N", help=f"UDP port on {ADDRESS}, 0 for any (default {PORT})"
+    )
     parser.add_argument("--steering", type=int, default=1, metavar="N", help="the servo output that steers (default 1)")
     parser.add_argument(
         "--travel", type=float, default=30.0, metavar="DEG", help="the rudder at 1900 us, starboard (default 30)"
@@ -59,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--steering is 1 to 16, --travel 1 to 45 degrees")
     with closing(_listener(arguments.port)) as listener, run_directory.held(options.out), interruptible():
         print(
-            f"waiting on udp {ADDRESS}:{arguments.port}; start the autopilot with --model json:{ADDRESS} and"
+            f"waiting on udp {ADDRESS}:{listener.getsockname()[1]}; start the autopilot with --model json:{ADDRESS} and"
             f" --home {START_LATITUDE_DEG:g},{START_LONGITUDE_DEG:g},0,0",
             flush=True,
         )

@@ -2,25 +2,26 @@
 
 import json
 import math
+import re
 import socket
 import struct
 import sys
 from contextlib import closing
 
-from support.program import Program, unused_ports
+from support.program import Program
 
 RATE_HZ = 50
 
 
 def test_another_s_autopilot_sails_and_is_scored_as_ours_is(tmp_path):
-    (port,) = unused_ports(["udpin"])
     out = tmp_path / "out"
-    words = ["serve-json", "tank", "--port", str(port), "--seconds", "60", "--goal", "0:20", "--out", str(out)]
+    words = ["serve-json", "tank", "--port", "0", "--seconds", "60", "--goal", "0:20", "--out", str(out)]
     with (
         closing(Program("ship", [sys.executable, "-m", "hil", *words], tmp_path)) as ship,
         closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as autopilot,
     ):
         ship.expect("waiting on udp")
+        port = int(re.search(r"udp 127\.0\.0\.1:(\d+);", ship.text())[1])
         autopilot.settimeout(20.0)
         autopilot.sendto(b"not a packet", ("127.0.0.1", port))
         steering_us, state = 1500, {"timestamp": 0.0}

@@ -6,6 +6,7 @@ import os
 import pty
 import stat
 from hashlib import sha256
+from pathlib import Path
 
 import pytest
 
@@ -147,6 +148,13 @@ def test_only_the_user_of_the_directory_changes_the_key(state, typed, capsys, mo
     typed(PASSPHRASE)
     assert "run this as that user" in refused(capsys, "set", "--state", state)
     assert "run this as that user" in refused(capsys, "remove", "--state", state)
+
+
+def test_a_full_standard_output_is_no_fault_of_the_directory(keyed, capsys, monkeypatch):
+    with Path("/dev/full").open("wb", buffering=0) as full:
+        monkeypatch.setattr("sys.stdout", io.TextIOWrapper(full, write_through=True))
+        assert main(["key", "show-state", "--state", str(keyed)]) == 2
+    assert capsys.readouterr().err.startswith("rambler: no room is left on a disk")
 
 
 def test_a_lost_key_is_told_with_its_cause_and_can_be_removed(keyed, capsys):

@@ -183,6 +183,13 @@ def test_an_example_that_finds_no_room_is_told_and_nothing_is_left_of_it(tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("words", ["firmware_py plan items", "hil scenarios"])
+def test_standard_streams_that_are_closed_at_the_start_are_dev_null(words):
+    command = f"exec {sys.executable} -m {words} <&- >&-"
+    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.parametrize(("program", "word"), [(main, "replay"), (hil_main, "report")])
 def test_a_path_that_the_terminal_cannot_write_is_written_in_escapes(program, word, monkeypatch):
     said = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="strict")
