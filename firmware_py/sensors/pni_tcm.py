@@ -31,7 +31,7 @@ PATIENCE_S = 1.0  # without a heading for this long the module is set up again
 SAMPLES_KEPT = 512
 
 _COMPONENTS = (Component.HEADING, Component.PITCH, Component.ROLL, Component.DISTORTION, Component.TEMPERATURE)
-_TRUE_NORTH, _BIG_ENDIAN = 2, 6  # configuration ids; nothing is saved, so the flash does not wear
+_TRUE_NORTH, _BIG_ENDIAN, _MILS = 2, 6, 15  # configuration ids; nothing is saved, so the flash does not wear
 
 _CONFIRMATIONS = (Frame.SET_CONFIG_DONE, Frame.SET_ACQUISITION_DONE)
 
@@ -53,7 +53,7 @@ class PniOptions:
 
 
 def set_up_frames(rate_hz: float, push_mode: int) -> tuple[bytes, ...]:
-    """The commands that make a module of any history push its magnetic heading at a rate.
+    """The commands that make a module of any history push its magnetic heading in degrees at a rate.
 
     `push_mode` is the acquisition mode that means push: 0 in the manuals of the TCM and
     Prime ("polling mode" false), 1 in later ones.
@@ -62,6 +62,7 @@ def set_up_frames(rate_hz: float, push_mode: int) -> tuple[bytes, ...]:
         pni.encode(Frame.STOP_CONTINUOUS),
         pni.encode(Frame.SET_CONFIG, bytes((_BIG_ENDIAN, 1))),
         pni.encode(Frame.SET_CONFIG, bytes((_TRUE_NORTH, 0))),
+        pni.encode(Frame.SET_CONFIG, bytes((_MILS, 0))),  # of which 6400 are a turn: a few of them look like degrees
         pni.encode(Frame.SET_DATA_COMPONENTS, bytes((len(_COMPONENTS), *_COMPONENTS))),
         # Mode; no flush of the filters; acquisition time 0; the interval between frames.
         pni.encode(Frame.SET_ACQUISITION, struct.pack(">BBff", push_mode, 0, 0.0, 1.0 / rate_hz)),

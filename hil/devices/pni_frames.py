@@ -54,6 +54,7 @@ class Config(IntEnum):
     BIG_ENDIAN = 6
     POINTS = 12  # of a user calibration
     AUTOMATIC = 13  # sampling in a user calibration
+    MILS = 15  # angles in 6400ths of a turn
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +74,7 @@ SETTINGS: dict[int, Setting] = {
     10: Setting("B", 1, 16, 1),  # mounting reference
     Config.POINTS: Setting("I", 4, 32, 12),
     Config.AUTOMATIC: Setting("B", 0, 1, 1),
+    Config.MILS: Setting("B", 0, 1, 0),
 }
 
 

@@ -22,6 +22,7 @@ from hil.devices.timing import Pace, Transmitter
 
 _SHORTEST_INTERVAL_S = 1.0 / 30.0  # the module samples at 30 Hz at most
 _LONGEST_INTERVAL_S = 3600.0
+_MILS_PER_DEGREE = 6400.0 / 360.0
 _ANSWER_DELAY_S = 0.002
 _MODULE_TYPE, _REVISION = b"TCM5", b"1208"  # the example of the manual
 _FIELD_HORIZONTAL_UT, _FIELD_DOWN_UT = 20.0, 43.0  # a mid-latitude field
@@ -229,15 +230,15 @@ class PniTcmEmulator:
 
     def _component_table(self) -> dict[int, tuple[str, Callable[[], float]]]:
         return {
-            5: ("f", self._heading_deg),
+            5: ("f", lambda: self._as_set(self._heading_deg())),
             7: ("f", lambda: self.temperature_c + self._noise(0.05)),
             8: ("B", lambda: int(self.distorted)),
             9: ("B", lambda: 1),  # user calibration is done
             21: ("f", lambda: -math.sin(math.radians(self.pitch_deg)) + self._noise(0.002)),
             22: ("f", lambda: math.sin(math.radians(self.roll_deg)) + self._noise(0.002)),
             23: ("f", lambda: 1.0 + self._noise(0.002)),
-            24: ("f", lambda: self.pitch_deg + self._noise(self._tilt_noise_deg)),
-            25: ("f", lambda: self.roll_deg + self._noise(self._tilt_noise_deg)),
+            24: ("f", lambda: self._as_set(self.pitch_deg + self._noise(self._tilt_noise_deg))),
+            25: ("f", lambda: self._as_set(self.roll_deg + self._noise(self._tilt_noise_deg))),
             27: ("f", lambda: _FIELD_HORIZONTAL_UT * math.cos(self._magnetic_rad()) + self._noise(0.05)),
             28: ("f", lambda: -_FIELD_HORIZONTAL_UT * math.sin(self._magnetic_rad()) + self._noise(0.05)),
             29: ("f", lambda: _FIELD_DOWN_UT + self._noise(0.05)),
@@ -275,6 +276,9 @@ class PniTcmEmulator:
             code, measure = self._components[key]
             payload += bytes([key]) + self._settings.pack(code, measure())
         return pack_frame(Frame.DATA_RESP, payload)
+
+    def _as_set(self, angle_deg: float) -> float:
+        return angle_deg * _MILS_PER_DEGREE if self._settings.config[Config.MILS] else angle_deg
 
     def _noise(self, deviation: float) -> float:
         return self._rng.normal(0.0, deviation)

@@ -28,7 +28,7 @@ def compass(line):
 def set_up(line, compass):
     """Run the set-up through, from 0 s; the time after it."""
     now_s = 0.0
-    while len(line.written) < 6:
+    while len(line.written) < 7:
         compass.receive(now_s)
         now_s += STEP_S
     return now_s
@@ -39,6 +39,7 @@ def test_the_set_up_is_what_the_manual_asks(line, compass, pni, set_up):
         pni(22),  # stop pushing
         pni(6, bytes([6, 1])),  # numbers big endian
         pni(6, bytes([2, 0])),  # headings from magnetic north
+        pni(6, bytes([15, 0])),  # in degrees
         pni(3, bytes([5, 5, 24, 25, 8, 7])),
         bytes.fromhex("000F180000000000003DCCCCCDF971"),  # the vector of the design notes: push every 0.1 s
         bytes.fromhex("000515BD61"),
@@ -52,9 +53,9 @@ def test_one_command_at_a_time_and_never_a_flood(line, compass):
         compass.receive(step / 100)
         times += [step / 100] * (len(line.written) - before)
     assert all(later - earlier >= STEP_S - 1e-9 for earlier, later in itertools.pairwise(times))
-    rounds = 30 / (5 * STEP_S + PATIENCE_S)
-    assert rounds - 2 <= len(times) / 6 <= rounds + 1
-    assert ids(line.written[:12]) == [22, 6, 6, 3, 24, 21] * 2
+    rounds = 30 / (6 * STEP_S + PATIENCE_S)
+    assert rounds - 2 <= len(times) / 7 <= rounds + 1
+    assert ids(line.written[:14]) == [22, 6, 6, 6, 3, 24, 21] * 2
     modes = [frame[3] for frame in line.written if frame[2] == 24]
     assert modes[:4] == [0, 1, 0, 1]  # the manuals do not agree which one pushes
 
@@ -67,7 +68,7 @@ def test_a_confirmation_brings_the_next_command_at_once(line, compass, pni):
     assert ids(line.written) == [22, 6, 6]
     line.inbox += pni(ACQUISITION_DONE) * 50
     compass.receive(STEP_S + 0.008)
-    assert ids(line.written) == [22, 6, 6, 3]
+    assert ids(line.written) == [22, 6, 6, 6]
 
 
 def test_headings_are_magnetic(line, compass, pni_heading, set_up, near):
@@ -89,7 +90,7 @@ def test_nothing_is_sent_while_headings_come(line, compass, pni_heading, set_up)
     for tenth in range(100):
         line.inbox += pni_heading(98.5)
         compass.receive(set_up + tenth / 10)
-    assert len(line.written) == 6
+    assert len(line.written) == 7
     assert len(compass.poll()) == 100
 
 
@@ -97,12 +98,12 @@ def test_a_module_that_lost_its_power_is_set_up_again(line, compass, pni, pni_he
     line.inbox += pni_heading(98.5)
     compass.receive(set_up)
     compass.receive(set_up + PATIENCE_S - 0.01)
-    assert len(line.written) == 6
+    assert len(line.written) == 7
     compass.receive(set_up + PATIENCE_S)
-    assert ids(line.written[6:]) == [22]
+    assert ids(line.written[7:]) == [22]
     line.inbox += pni(POWER_UP)
     compass.receive(set_up + PATIENCE_S + 0.01)
-    assert ids(line.written[6:]) == [22, 22]  # it said that it has just come up: from the beginning, at once
+    assert ids(line.written[7:]) == [22, 22]  # it said that it has just come up: from the beginning, at once
     assert compass.health(set_up + 3.0).state is DeviceState.SILENT
 
 
@@ -110,7 +111,7 @@ def test_data_without_a_heading_is_no_excuse(line, compass, pni, set_up):
     for tenth in range(30):
         line.inbox += pni(DATA, bytes([1, 7]) + struct.pack(">f", 20.0))
         compass.receive(set_up + tenth / 10)
-    assert len(line.written) > 6
+    assert len(line.written) > 7
     assert compass.health(set_up + 3.0).text == "data without heading"
     assert compass.poll() == ()
 
@@ -140,7 +141,7 @@ def test_with_an_emulator_that_was_written_from_the_manual(line, compass, push_m
     back_s = next(time_s for time_s in times if time_s > 5.1)
     assert begun_s < 0.5 + 1.5 * push_mode
     # Power and 0.3 s of boot, at worst a round that came just too early, and one more in the mode that worked.
-    assert back_s < 6.3 + PATIENCE_S + 6 * STEP_S + 0.15
+    assert back_s < 6.3 + PATIENCE_S + 7 * STEP_S + 0.15
     assert len(times) == pytest.approx(10.0 * (5.0 - begun_s + 10.0 - back_s), abs=4)
     assert compass.health(10.0).rejected == 0
 
@@ -150,11 +151,11 @@ def test_a_port_that_comes_back_is_set_up_at_once(line, compass, pni_heading, se
     compass.receive(set_up)
     line.unplug()
     compass.receive(set_up + 0.1)
-    assert (len(line.written), compass.fileno()) == (6, -1)
+    assert (len(line.written), compass.fileno()) == (7, -1)
     assert compass.health(set_up).state is DeviceState.ABSENT
     line.plug()
     compass.receive(set_up + 0.2)
-    assert ids(line.written[6:]) == [22]
+    assert ids(line.written[7:]) == [22]
     assert compass.health(set_up).state is DeviceState.STARTING
 
 
@@ -206,6 +207,6 @@ def test_a_rate_that_cannot_be_is_refused(line):
         with pytest.raises(ValueError, match="rate_hz"):
             PniCompass(line, PniOptions(rate_hz=rate_hz))
     slow = PniCompass(line, PniOptions(rate_hz=0.5))
-    for step in range(7):
+    for step in range(8):
         slow.receive(step * STEP_S)
-    assert struct.unpack(">f", line.written[4][9:13]) == (2.0,)
+    assert struct.unpack(">f", line.written[5][9:13]) == (2.0,)

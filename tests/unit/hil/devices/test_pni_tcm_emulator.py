@@ -120,6 +120,13 @@ def test_true_north_adds_the_configured_declination_to_the_magnetic_heading(boat
     assert ask(tcm, command(7, b"\x01")) == [(8, b"\x01" + struct.pack(">f", 10.0))]
 
 
+def test_angles_may_be_in_mils(boat, ask):
+    tcm = PniTcmEmulator(boat, np.random.default_rng(1), noise_deg=0.0, declination_deg=12.0)
+    ask(tcm, command(3, bytes([1, 5])))
+    assert ask(tcm, command(6, b"\x0f\x01")) == [(19, b"")]
+    assert struct.unpack(">f", ask(tcm, GET_DATA)[0][1][2:])[0] == pytest.approx(86.3 * 6400 / 360)
+
+
 def test_little_endian_turns_the_numbers_but_not_the_frame(tcm, ask):
     ask(tcm, command(3, bytes([1, 5])))
     assert ask(tcm, command(6, b"\x06\x00")) == [(19, b"")]
