@@ -140,8 +140,10 @@ class SbdTransport:
         self._go_on()
 
     def close(self) -> None:
-        """Give up the descriptor; the line belongs to whoever opened it."""
-        os.close(self._wake_fd)
+        """Give up the descriptor, once; the line belongs to whoever opened it."""
+        wake_fd, self._wake_fd = self._wake_fd, -1
+        if wake_fd >= 0:
+            os.close(wake_fd)
 
     # ------------------------------------------------------------------ satellite
 
@@ -217,7 +219,8 @@ class SbdTransport:
     def _hand_on(self, frames: Sequence[tuple[bytes, bool]]) -> None:
         def stored(_well: bool) -> None:  # noqa: FBT001 - the vault's callback; a disk that fails must not make her deaf
             self._ready += frames
-            os.eventfd_write(self._wake_fd, 1)
+            if self._wake_fd >= 0:
+                os.eventfd_write(self._wake_fd, 1)
 
         self._vault.when_stored(stored)
 

@@ -1,6 +1,8 @@
 """The whole of a link by satellite, before an emulated modem and network in simulated time."""
 
+import os
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -261,6 +263,17 @@ def test_a_message_received_before_a_power_cut_is_found_in_the_modem(boat):
     boat.start(KEY)
     boat.run(60)
     assert boat.intents == [SetMode(15)]
+
+
+def test_it_may_be_closed_by_all_who_have_it_and_gives_nothing_of_others_away(boat):
+    boat.vault.at_once = False
+    boat.network.send(boat.keyed(set_mode(15)))
+    boat.run(90)
+    boat.endpoint.close()
+    with Path(os.devnull).open() as another:  # which has the number of its descriptor now
+        boat.transport.close()
+        boat.vault.waiting.pop()(True)  # the disk has it after all
+        assert another.read() == ""
 
 
 def test_control_high_latency_is_not_for_it(boat):
