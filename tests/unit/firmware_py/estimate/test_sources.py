@@ -175,3 +175,55 @@ def test_a_frozen_compass_that_is_silent_for_a_while_is_frozen_still():
     watch.run(5.0, a=None)
     assert watch.run(0.1, a="frozen") is Source.NONE
     assert frozen(watch)
+
+
+@pytest.mark.parametrize(
+    ("before_s", "after_s", "share"),
+    [
+        (2.5, 2.5, 0.5),
+        (4.0, 1.0, 0.8),
+        (1.0, 8.0, 1.0 / 9.0),
+        (100.0, 10.0, math.exp(-1.0)),
+        (10.0, 5.0, math.exp(-0.5)),
+    ],
+)
+def test_what_it_differs_by_is_the_mean_of_all_at_first_and_of_ten_seconds_later(before_s, after_s, share):
+    """A new source starts with what it differs by: the less of chance in it the better."""
+    state = CompassState(sound_since_s=0.0)
+    for tick in range(1, round(10 * (before_s + after_s)) + 1):
+        off_rad = 0.1 if tick <= 10 * before_s else 0.0
+        state = update_compass(state, TrueHeadingSample(0.1 * tick, 1.0 + off_rad, 0.01 * tick, 0), 1.0)
+    assert state.difference_rad == pytest.approx(0.1 * share, rel=0.02)
+
+
+def shown(seconds, off_rad, state=CompassState(sound_since_s=0.0), begin_s=0.0, expected=1.0):  # noqa: B008 - frozen
+    """A compass that has shown so much beside the estimate for so long, ten times a second."""
+    for tick in range(1, round(10 * seconds) + 1):
+        sample = TrueHeadingSample(begin_s + 0.1 * tick, 1.0 + off_rad, off_rad + 0.01 * (tick % 7), 0)
+        state = update_compass(state, sample, expected)
+    return state
+
+
+def test_what_it_was_off_by_before_it_was_sound_is_nothing_that_it_starts_with():
+    unsound = shown(20.0, 0.3, CompassState())
+    assert shown(0.1, 0.1, unsound, begin_s=20.0).difference_rad == pytest.approx(0.1)
+
+
+def test_it_agrees_by_what_it_differed_by_before_it_jumped():
+    assert shown(60.0, radians(14.0)).agreed
+    assert not shown(60.0, radians(16.0)).agreed
+    for off_deg, agrees in ((14.0, True), (16.0, False)):
+        assert shown(30.0, radians(90.0), shown(60.0, radians(off_deg)), begin_s=60.0).agreed is agrees
+
+
+def test_a_source_is_judged_with_the_offset_that_it_started_with():
+    offset = CompassState(t_s=0.0, sound_since_s=0.0, offset_rad=radians(-40.0))
+    followed = shown(5.0, radians(40.0), offset)
+    assert (followed.near_s, followed.agreed) == (pytest.approx(5.0), True)
+    assert shown(5.0, radians(-40.0), offset).near_s < 1.5
+
+
+def test_without_an_estimate_nothing_is_known_of_how_far_it_is_off():
+    state = shown(5.0, 0.3, expected=None)
+    assert (state.difference_rad, state.steady_rad, state.agreed) == (0.0, None, False)
+    assert state.near_s == pytest.approx(5.0)
