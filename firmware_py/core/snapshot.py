@@ -7,7 +7,7 @@ from firmware_py.common.reports import Snapshot
 from firmware_py.core.state import Settings, State, fence_enabled, first_item
 from firmware_py.core.vessels_step import report as traffic_report
 from firmware_py.estimate import heading_estimator
-from firmware_py.guidance import guidance
+from firmware_py.guidance import guidance_reports
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import Situation, arming_obstacle
 from firmware_py.safety import energy_meter, power_monitor, power_saving
@@ -51,9 +51,9 @@ def snapshot_of(
         late_s=inputs.tick.late_s,
         home=state.home,
         prearm_refusal=arming_obstacle(situation),
-        mission=guidance.mission_report(state.guidance, state.plans, state.modes, first_item(state)),
+        mission=guidance_reports.mission_report(state.guidance, state.plans, state.modes, first_item(state)),
         water=situation.water,
-        navigation=guidance.report(state.guidance, state.plans, fence_enabled=fence_enabled(settings, state)),
+        navigation=guidance_reports.report(state.guidance, state.plans, fence_enabled=fence_enabled(settings, state)),
         estimate=heading_estimator.report(settings.heading_estimator, state.heading_estimator),
         energy=energy_meter.report(state.energy_meter, resting=state.torque_release.released),
         helm_softness=state.supervisor.oscillation.softness,

@@ -34,7 +34,7 @@ from firmware_py.core.state import (
 from firmware_py.core.vessels_step import avoid_vessels, watch_vessels
 from firmware_py.estimate import kalman, position
 from firmware_py.faults import latch
-from firmware_py.guidance import guidance
+from firmware_py.guidance import guidance, guidance_reports
 from firmware_py.guidance.guidance import GuidanceInput
 from firmware_py.guidance.steering import SteeringTarget, steering_target, update_goal
 from firmware_py.modes import Situation, live_bench
@@ -73,13 +73,13 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
         state = replace(state, supervisor=supervised, modes=modes)
 
     state = _guide(settings, state, situation, inputs)
-    mission_events = guidance.mission_events(before.guidance.mission, state.guidance.mission, first_item(state))
+    mission_events = guidance_reports.mission_events(before.guidance.mission, state.guidance.mission, first_item(state))
     target = steering_target(modes, state.guidance.status, situation)
     state, target, aside_events = avoid_vessels(settings, state, target, situation, now_s)
     supervised = _judge_steering(settings, state, rudder, target, situation)
 
     state, command = _steer(settings, state, supervised, situation, rudder, target, step_s)
-    guidance_events = (*mission_events, *guidance.fence_events(before.guidance, state.guidance, state.plans))
+    guidance_events = (*mission_events, *guidance_reports.fence_events(before.guidance, state.guidance, state.plans))
     vessel_events = (*vessel_events, *aside_events)
     events = (
         *_change_events(before, state),

@@ -1,4 +1,4 @@
-"""The guidance of a tick: when it is carried out, what it is told to change, and what it tells."""
+"""The guidance of a tick: when it is carried out, and what it is told to change."""
 
 from dataclasses import replace
 
@@ -8,20 +8,18 @@ from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanKind, Plans
-from firmware_py.common.records import Severity
 from firmware_py.guidance import guidance
 from firmware_py.guidance.guidance import INTERVAL_S, LONGEST_STEP_S, GuidanceInput, GuidanceSettings, GuidanceState
-from firmware_py.guidance.mission_progress import MissionProgress
 from firmware_py.guidance.tasks import VesselMotion
 from firmware_py.modes import ModeState, PositionGoal
 from support.plans import FENCED, item, mission, placed
 
+FENCE = Plans(fence=Plan.of(PlanKind.FENCE, FENCED))
 SETTINGS = GuidanceSettings.of(ParameterSet())
 MOTION = VesselMotion(Place(*placed(0.0, 0.0)), 0.0, 0.4, 0.0, 0.0)
 WAYPOINT, DELAY = 16, 93
 GUIDED = ModeState(Mode.GUIDED, armed=True, goal=PositionGoal(*placed(500.0, 0.0)))
 AUTO = ModeState(Mode.AUTO, armed=True)
-TICK_S = 0.1
 
 
 def looked_at(t_s, modes=GUIDED, plans=Plans(), *, new_fix=False, motion=MOTION):  # noqa: B008 - frozen
@@ -89,58 +87,6 @@ def test_another_mission_is_sailed_from_its_beginning_where_one_was_sailed():
         assert (state.mission.identity, state.mission.started) == (other.mission.identity, sails)
 
 
-# ------------------------------------------------------------------ what is told
-
-SAILS = MissionProgress(identity=1, index=2, started=True, begun=True)
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "told"),
-    [
-        (SAILS, SAILS, []),
-        (SAILS, replace(SAILS, index=3), ["Mission: item 4"]),
-        (replace(SAILS, begun=False), SAILS, ["Mission: item 3"]),
-        (SAILS, replace(SAILS, index=3, begun=False), []),
-        (SAILS, replace(SAILS, waiting=True), ["Mission paused after item 3: no autocontinue"]),
-        (replace(SAILS, index=1), replace(SAILS, waiting=True), ["Mission paused after item 3: no autocontinue"]),
-        (replace(SAILS, waiting=True), replace(SAILS, waiting=True), []),
-        (replace(SAILS, waiting=True), replace(SAILS, index=3), ["Mission goes on", "Mission: item 4"]),
-        (SAILS, replace(SAILS, paused=True), ["Mission paused: keeping station"]),
-        (replace(SAILS, paused=True), replace(SAILS, paused=True), []),
-        (replace(SAILS, paused=True), SAILS, ["Mission goes on"]),
-        (replace(SAILS, paused=True), replace(SAILS, waiting=True), ["Mission paused after item 3: no autocontinue"]),
-        (SAILS, replace(SAILS, index=3, complete=True), ["Mission complete: keeping station"]),
-        (SAILS, replace(SAILS, complete=True, unusable=True), []),
-        (replace(SAILS, complete=True), replace(SAILS, complete=True), []),
-    ],
-)
-def test_what_is_told_of_a_mission(before, after, told):
-    events = guidance.mission_events(before, after, first=1)
-    assert [event.text for event in events] == told
-    assert [event.text for event in guidance.mission_events(before, after, first=0)] == [
-        text.replace("item 3", "item 2").replace("item 4", "item 3") for text in told
-    ]
-
-
-FENCE = Plans(fence=Plan.of(PlanKind.FENCE, FENCED))
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "plans", "told"),
-    [
-        (None, True, FENCE, [(Severity.NOTICE, "Fence heeded")]),
-        (True, False, FENCE, [(Severity.NOTICE, "Fence not heeded")]),
-        (True, True, FENCE, []),
-        (True, None, FENCE, []),
-        (None, True, Plans(), [(Severity.WARNING, "No fence to heed: send one")]),
-        (None, False, Plans(), [(Severity.NOTICE, "Fence not heeded")]),
-    ],
-)
-def test_what_is_told_of_a_fence(before, after, plans, told):
-    states = (GuidanceState(fence_enabled=one) for one in (before, after))
-    assert [(event.severity, event.text) for event in guidance.fence_events(*states, plans)] == told
-
-
 def test_the_margin_is_that_of_a_fence_that_is_heeded_and_known():
     _, state = updated([100.0], plans=FENCE)
     assert guidance.fence_margin_m(state, FENCE, enabled=True) == pytest.approx(100.0 * 2.0**0.5 - 30.0, abs=0.5)
@@ -149,13 +95,3 @@ def test_the_margin_is_that_of_a_fence_that_is_heeded_and_known():
     assert guidance.fence_margin_m(GuidanceState(), FENCE, enabled=True) is None
     _, unplaced = updated([100.0], plans=FENCE, motion=None)
     assert guidance.fence_margin_m(unplaced, FENCE, enabled=True) is None
-
-
-def test_the_report_counts_as_the_operator_does_and_stays_within_the_mission():
-    plans = mission(item(WAYPOINT, 100.0, 0.0), item(WAYPOINT, 200.0, 0.0))
-    _, state = updated([100.0], modes=AUTO, plans=plans)
-    for index, told in ((0, 0), (1, 1), (2, 1)):
-        progress = replace(state.mission, index=index)
-        report = guidance.mission_report(replace(state, mission=progress), plans, AUTO, first=1)
-        assert (report.index, report.first, report.count) == (told, 1, 2)
-    assert guidance.mission_report(state, Plans(), AUTO, first=1).index is None
