@@ -10,7 +10,7 @@ not is what the rudder moves for. So only a rudder far from where it was, while 
 should be and the rudder is to bring her there, speaks against it. Where wind and trim come to as much, the rudder's
 changes tell it, in a test beside this one (rudder_answer.py).
 
-A boat that turns the other way, again and again, has a servo that is set up the wrong way round.
+A boat that turns the other way, again and again, has a servo that is set up the wrong way round (wrong_way.py).
 """
 
 from __future__ import annotations
@@ -18,32 +18,20 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from firmware_py.common.angles import clamp, radians, wrap_pi
+from firmware_py.common.angles import clamp, wrap_pi
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.model.kt import KtModel, decay_over, exact_step
-from firmware_py.safety import rudder_answer
+from firmware_py.safety import rudder_answer, wrong_way
 from firmware_py.safety.rudder_answer import RudderAnswerState
+from firmware_py.safety.turn_order import LATE_S, MEMORY_S, is_enough, ordered_s
+from firmware_py.safety.wrong_way import Turn, WrongWay
 
 SLOW_S: Final = 60.0  # what changes slower than this is trim
-MEMORY_S: Final = 120.0  # for what was seen, while nothing can be told
 LOST, REGAINED = 0.125, 0.5  # of the turn that the model expects
-REVERSED: Final = -0.5  # of it, and the more the worse, is a turn the wrong way
-SURE_RAD: Final = radians(60.0)  # so much of it is one, however slow she is taken for, and uncertain the heading
-# The estimate may take a turn that it does not expect for waves; the compass does not, once it is larger than theirs.
-SHOWN_REVERSED, SHOWN_TURN_RAD = -0.6, radians(150.0)
 OWN_SHARE: Final = 0.5  # of what turns her without a rudder, that is taken for sure
-FAR_RUDDER_RAD: Final = radians(12.0)
-FAR_OFF_RAD: Final = radians(15.0)
 BLOCK_S: Final = 2.0
-# What it takes to tell: a rudder that has been over to one side for so long, then time, the turn expected in it, and
-# that by the uncertainty of the heading.
-LATE_S: Final = 16.0
-LEAST_S: Final = 20.0
-LEAST_LAGS: Final = 3.0
-LEAST_TURN_RAD: Final = radians(15.0)
-LEAST_SPREADS: Final = 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,30 +72,6 @@ class Block:
     t_s: float
     rudder_rad_s: float = 0.0
     shown_rad: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """For how long the rudder has told of one and the same, what she should have turned in it, and what she has."""
-
-    telling_s: float = 0.0
-    expected_rad: float = 0.0
-    turned_rad: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class WrongWay:
-    """Whether she turns the wrong way with RUD_REVERSE as `servo_reversed` says, and what speaks for a change of that.
-
-    `rate_rad_s` is the yaw rate that the model has with no more trim than there can be; `order_s` as in the whole.
-    """
-
-    rate_rad_s: float = 0.0
-    order_s: float = 0.0
-    by_estimate: Evidence = Evidence()
-    by_compass: Evidence = Evidence()
-    reversed: bool = False
-    servo_reversed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,9 +141,12 @@ def compare(
     steady_rad_s = model.turning_ability_1_s * over_rad
     expected_rad, rate_rad_s = exact_step(state.rate_rad_s, steady_rad_s, decay, step_s, model.turning_lag_s)
     error_rad = given.error_rad
-    wrong_way = judge_way(model, state, given, rudder_rad, turned_rad, step_s)
+    begun_rad = None if state.block is None else state.block.shown_rad
+    shown_rad = 0.0 if begun_rad is None or given.shown_rad is None else wrap_pi(given.shown_rad - begun_rad)
+    turn = Turn(rudder_rad, turned_rad, shown_rad, step_s)
+    way = wrong_way.update(model, state.wrong_way, turn, state.slow_rudder_rad, error_rad, given.heading_sd_rad)
     order_s = ordered_s(state.order_s, over_rad, error_rad, step_s)
-    state = replace(state, wrong_way=wrong_way, order_s=order_s, answer=answer)
+    state = replace(state, wrong_way=way, order_s=order_s, answer=answer)
     if abs(order_s) > LATE_S:
         sign = math.copysign(1.0, expected_rad)
         # Without her blade she is turned by what the trim held her against, and that is no answer to the rudder.
@@ -212,81 +179,6 @@ def compare(
             slow_speed_m_s=slow_speed_m_s + part * (given.speed_m_s - slow_speed_m_s),
         )
     return replace(state, rate_rad_s=rate_rad_s)
-
-
-def ordered_s(before_s: float, over_rad: float, error_rad: float | None, step_s: float) -> float:
-    """Return for how long the rudder has ordered a turn to one side, negative to port; 0 where it orders none."""
-    if not is_order(over_rad, error_rad):
-        return 0.0
-    return math.copysign(step_s, over_rad) + (before_s if before_s * over_rad > 0.0 else 0.0)
-
-
-def is_order(over_rad: float, error_rad: float | None) -> bool:
-    """Whether a rudder so far over is an order to turn; one that stops a turn is none."""
-    ordered = error_rad is None or (abs(error_rad) >= FAR_OFF_RAD and error_rad * over_rad > 0.0)
-    return ordered and abs(over_rad) >= FAR_RUDDER_RAD
-
-
-def judge_way(
-    model: KtModel,
-    state: SteeringMonitorState,
-    given: SteeringInput,
-    rudder_rad: float,
-    turned_rad: float,
-    step_s: float,
-) -> WrongWay:
-    """Judge whether the boat turns the other way than its rudder is to turn it.
-
-    What a rudder that is set up the wrong way round makes her do is slow at first, and looks like trim; so no more of
-    it is taken for trim than there can be, and none of the turn.
-    """
-    way = state.wrong_way
-    over_rad = rudder_rad - clamp(state.slow_rudder_rad, -FAR_RUDDER_RAD, FAR_RUDDER_RAD)
-    decay = decay_over(step_s, model.turning_lag_s)
-    steady_rad_s = model.turning_ability_1_s * over_rad
-    expected_rad, rate_rad_s = exact_step(way.rate_rad_s, steady_rad_s, decay, step_s, model.turning_lag_s)
-    order_s = ordered_s(way.order_s, over_rad, given.error_rad, step_s)
-    way = replace(way, rate_rad_s=rate_rad_s, order_s=order_s)
-    if abs(order_s) <= LATE_S:
-        if order_s != 0.0:
-            return way
-        keep = math.exp(-step_s / MEMORY_S)
-        return replace(way, by_estimate=_faded(way.by_estimate, keep), by_compass=_faded(way.by_compass, keep))
-    begun_rad = None if state.block is None else state.block.shown_rad
-    shown_rad = 0.0 if begun_rad is None or given.shown_rad is None else wrap_pi(given.shown_rad - begun_rad)
-    # What speaks against what has been found: that she turns the wrong way, or the right one again.
-    sign = math.copysign(1.0, -expected_rad if way.reversed else expected_rad)
-    block = Evidence(step_s, abs(expected_rad), sign * turned_rad)
-    by_estimate = _taken(way.by_estimate, block, REVERSED)
-    by_compass = _taken(way.by_compass, replace(block, turned_rad=sign * shown_rad), SHOWN_REVERSED)
-    # An estimate that does not know of it takes a turn the wrong way for lost way, and expects next to none.
-    most_rad = max(by_estimate.expected_rad, -by_estimate.turned_rad)
-    estimated = is_enough(by_estimate.telling_s, most_rad, given.heading_sd_rad, model.turning_lag_s)
-    estimated |= by_estimate.telling_s >= LEAST_S and -by_estimate.turned_rad >= SURE_RAD
-    # An estimate that has been led astray is not believed alone.
-    shown = by_compass.expected_rad >= SHOWN_TURN_RAD
-    if shown or (estimated and (not way.reversed or by_compass.telling_s >= LEAST_S)):
-        return WrongWay(rate_rad_s, order_s, reversed=not way.reversed, servo_reversed=way.servo_reversed)
-    return replace(way, by_estimate=by_estimate, by_compass=by_compass)
-
-
-def _faded(evidence: Evidence, keep: float) -> Evidence:
-    return Evidence(keep * evidence.telling_s, keep * evidence.expected_rad, keep * evidence.turned_rad)
-
-
-def _taken(evidence: Evidence, block: Evidence, share: float) -> Evidence:
-    """Return the evidence with a block more, none as long as she does not turn against what was found by a share."""
-    expected_rad, turned_rad = evidence.expected_rad + block.expected_rad, evidence.turned_rad + block.turned_rad
-    if turned_rad > share * expected_rad:
-        return Evidence()
-    return Evidence(evidence.telling_s + block.telling_s, expected_rad, turned_rad)
-
-
-def is_enough(telling_s: float, expected_rad: float, heading_sd_rad: float, lag_s: float) -> bool:
-    """Whether the rudder has told for long, and of a turn that could not have been missed."""
-    return telling_s >= max(LEAST_S, LEAST_LAGS * lag_s) and expected_rad >= max(
-        LEAST_TURN_RAD, LEAST_SPREADS * heading_sd_rad
-    )
 
 
 def judge(state: SteeringMonitorState, heading_sd_rad: float, lag_s: float) -> SteeringMonitorState:
