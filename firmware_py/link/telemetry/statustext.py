@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import OrderedDict, deque
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.token_bucket import TokenBucket
@@ -36,29 +37,36 @@ def text_messages(severity: Severity, text: str, number: int) -> list[Message]:
     ]
 
 
+class _Said(NamedTuple):
+    """When a text was said last, for how long it is not said again, and whether it was to be since."""
+
+    t_s: float
+    quiet_s: float = _SAME_S
+    held_back: bool = False
+
+
 class TextLimiter:
     """Keeps refusals from flooding one operator: those of a stream that goes on for hours become rarer."""
 
     def __init__(self) -> None:
         """Start with as many as may be said at once."""
-        self._said: OrderedDict[str, tuple[float, float]] = OrderedDict()  # when, and how long it is not said again
-        self._held_back: set[str] = set()  # since they were said last
+        self._said: OrderedDict[str, _Said] = OrderedDict()
         self._tokens = TokenBucket(_BURST, _RATE_HZ)
 
     def admit(self, text: str, now_s: float) -> bool:
         """Return whether a text may be said now, and count it if so."""
-        said_s, quiet_s = self._said.get(text, (-math.inf, _SAME_S))
-        if now_s - said_s < quiet_s:
-            self._held_back.add(text)
+        last = self._said.get(text, _Said(-math.inf))
+        age_s = now_s - last.t_s
+        if age_s < last.quiet_s:
+            self._said[text] = last._replace(held_back=True)
             return False
         if not self._tokens.spend_one(now_s):
             return False
-        streams = text in self._held_back and now_s - said_s < 2.0 * quiet_s
-        self._held_back.discard(text)
-        self._said[text] = (now_s, min(2.0 * quiet_s, _SAME_LATEST_S) if streams else _SAME_S)
+        streams = last.held_back and age_s < 2.0 * last.quiet_s
+        self._said[text] = _Said(now_s, min(2.0 * last.quiet_s, _SAME_LATEST_S) if streams else _SAME_S)
         self._said.move_to_end(text)
         if len(self._said) > _KNOWN_TEXTS:
-            self._held_back.discard(self._said.popitem(last=False)[0])
+            self._said.popitem(last=False)
         return True
 
 
