@@ -14,7 +14,7 @@ from firmware_py.cli.logged import in_force
 from firmware_py.cli.preflight import parameters_in_force
 from firmware_py.cli.refusal import refused
 from firmware_py.cli.rudder_bench import SCALE, SHOWN_RAD, BenchError, Measured, limit_rad, scale_of, sweep
-from firmware_py.cli.run import default_state_directory
+from firmware_py.cli.state_owner import state_directory_of
 from firmware_py.common.angles import degrees, radians, wrap_pi
 from firmware_py.common.interfaces import Rudder
 from firmware_py.common.parameter_table import INDEX, TABLE
@@ -137,7 +137,7 @@ class Bench:
 def on_bench(arguments: argparse.Namespace) -> tuple[Proposal, dict[str, Any], list[str]]:
     """Move the rudder by small steps to either side; VehicleError, BenchError."""
     vehicle = load(arguments.file[0])
-    directory = arguments.state or default_state_directory(vehicle.name)
+    directory = arguments.state or state_directory_of(arguments.file[0], vehicle)
     parameters = parameters_in_force(vehicle, directory, lambda _problem: None)
     (device,) = open_devices([("rudder", vehicle.rudder)])
     if device.driver is None or device.line is None:

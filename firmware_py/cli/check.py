@@ -11,7 +11,7 @@ from firmware_py.cli import preflight
 from firmware_py.cli.bench_session import BenchDevice, BenchSession
 from firmware_py.cli.preflight import Finding, Level
 from firmware_py.cli.refusal import refused
-from firmware_py.cli.run import default_state_directory
+from firmware_py.cli.state_owner import state_directory_of
 from firmware_py.common.records import DeviceState, FixType, PositionSample
 from firmware_py.vehicle import Vehicle, VehicleError, load
 
@@ -23,7 +23,9 @@ BAD_MESSAGES_ALLOWED, BAD_SHARE_ALLOWED = 2, 0.05
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Define the command line."""
     parser.add_argument("vehicle", metavar="VEHICLE.toml", type=Path, help="the vehicle file")
-    parser.add_argument("--state", metavar="DIR", type=Path, help="the state directory to check")
+    parser.add_argument(
+        "--state", metavar="DIR", type=Path, help="the state directory (default: of the service, or the user's)"
+    )
     parser.add_argument("--link", metavar="URL", action="append", default=[], help="a link besides those of the file")
     parser.add_argument("--json", action="store_true", help="one JSON object: verdict and findings")
 
@@ -32,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Exit 0 when nothing fails, whatever is warned of, 1 when anything does, 2 when the vehicle file is wrong."""
     try:
         vehicle = load(arguments.vehicle)
-        directory = arguments.state or default_state_directory(vehicle.name)
+        directory = arguments.state or state_directory_of(arguments.vehicle, vehicle)
     except VehicleError as error:
         return refused("check", error)
     worst = Level.PASS

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.assemble.wiring import base_parameters
+from firmware_py.cli.state_owner import user_text
 from firmware_py.common.calendar import is_possible
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
@@ -93,6 +94,10 @@ def look_at_state(directory: Path) -> Iterator[Finding]:
         yield Finding(Level.WARN, "state", text)
     if not directory.is_dir():
         yield Finding(Level.PASS, "state", f"{directory} is made at the first start")
+        return
+    if not os.access(directory, os.R_OK | os.X_OK):
+        owner = user_text(directory.stat().st_uid)
+        yield Finding(Level.FAIL, "state", f"{directory} may not be read: run this as {owner}, or as root (sudo)")
         return
     files, problems = StateFiles(directory), list[str]()
     report_damage(files, problems.append)

@@ -1,4 +1,4 @@
-"""Whose a state directory is: what changes one must be run as its owner, or the autopilot could not read it."""
+"""Whose a state directory is: that of the service, or of a user; what changes one must be run as its owner."""
 
 from __future__ import annotations
 
@@ -6,7 +6,22 @@ import os
 import pwd
 from pathlib import Path
 
+from firmware_py.cli.run import default_state_directory
+from firmware_py.install.bundle import UpdateError
+from firmware_py.install.service_files import UNIT
+from firmware_py.install.update import installation_of
 from firmware_py.system.hold import StoreError
+from firmware_py.vehicle import Vehicle
+
+
+def state_directory_of(file: Path, vehicle: Vehicle) -> Path:
+    """Return where the state of a vehicle file is: with the service that runs it, else where `rambler run` keeps it."""
+    try:
+        service = installation_of(UNIT)
+    except UpdateError:  # there is none
+        return default_state_directory(vehicle.name)
+    ours = os.path.realpath(service.vehicle) == os.path.realpath(file)
+    return service.state if ours else default_state_directory(vehicle.name)
 
 
 def check_directory(directory: Path) -> None:

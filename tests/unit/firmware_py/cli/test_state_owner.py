@@ -1,0 +1,44 @@
+"""Where what looks on finds the state: with the service that runs the vehicle file, else with the user."""
+
+from pathlib import Path
+
+import pytest
+
+from firmware_py.cli import preflight
+from firmware_py.cli.state_owner import state_directory_of
+from firmware_py.install.service_files import Service, unit_text
+from firmware_py.vehicle import load
+from support.paths import ROOT
+
+EXAMPLE = ROOT / "params/shared_port_volz.toml"
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A vehicle file, a link to it, another file, and a service that runs the first; the user has a home, too."""
+    monkeypatch.setattr("firmware_py.cli.state_owner.UNIT", tmp_path / "rambler.service")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "home"))
+    for name in ("boat.toml", "other.toml"):
+        (tmp_path / name).write_bytes(EXAMPLE.read_bytes())
+    (tmp_path / "link.toml").symlink_to("boat.toml")
+    service = Service((str(tmp_path / "bin/rambler"),), tmp_path / "boat.toml", Path("/srv/boat"))
+    (tmp_path / "rambler.service").write_text(unit_text(service))
+    return tmp_path
+
+
+@pytest.mark.parametrize(("name", "of_the_service"), [("boat.toml", True), ("link.toml", True), ("other.toml", False)])
+def test_the_state_of_a_vehicle_file_is_that_of_the_service_which_runs_it(place, name, of_the_service):
+    found = state_directory_of(place / name, load(EXAMPLE))
+    assert (found == Path("/srv/boat")) == of_the_service
+    assert (place / "home" in found.parents) != of_the_service
+
+
+def test_without_a_service_it_is_the_users(place):
+    (place / "rambler.service").unlink()
+    assert place / "home" in state_directory_of(place / "boat.toml", load(EXAMPLE)).parents
+
+
+def test_a_state_that_may_not_be_read_is_not_said_to_have_lost_its_key(tmp_path, monkeypatch):
+    monkeypatch.setattr(preflight.os, "access", lambda *_: False)
+    (finding,) = preflight.look_at_state(tmp_path)
+    assert (finding.level, "(sudo)" in finding.text) == (preflight.Level.FAIL, True)
