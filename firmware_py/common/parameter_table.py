@@ -212,7 +212,8 @@ TABLE: tuple[Parameter, ...] = (
         10.0,
         10000.0,
         "m",
-        "Radius of the watch circle in which she keeps station, and of circles that a mission gives none.",
+        "Radius of the watch circle in which she keeps station, and of circles that a mission gives none; an item of a "
+        "mission keeps that with which it began.",
     ),
     choice(
         "LOOP_LOCK",

@@ -190,12 +190,12 @@ _TASKS: Mapping[Mode, Callable[[GuidanceSettings, GuidanceState, GuidanceInput],
 
 
 def _return_task(settings: GuidanceSettings, given: GuidanceInput, chosen: Task | None) -> GoTo | None:
-    with_home = settings.rally_includes_home
+    with_home, radii = settings.rally_includes_home, settings.tasks
     if isinstance(chosen, GoTo) and chosen.place in places(given.home, given.plans.rally, with_home=with_home):
-        return chosen
+        return GoTo(chosen.place, None, radii.acceptance_radius_m, radii.station_radius_m)
     if given.motion is None:
         return None
-    return return_task(settings.tasks, given.motion, given.home, given.plans.rally, with_home=with_home)
+    return return_task(radii, given.motion, given.home, given.plans.rally, with_home=with_home)
 
 
 def _update_mission(

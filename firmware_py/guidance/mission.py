@@ -38,9 +38,8 @@ def update(progress: MissionProgress, given: MissionInput) -> MissionOutput:
     Without a position it goes on as far as nothing asks where the boat is.
     """
     if progress.paused:
-        pause_task = progress.pause_task
-        if pause_task is None and given.place is not None:
-            pause_task = HoldStation(given.place, given.settings.station_radius_m)
+        centre = given.place if progress.pause_task is None else progress.pause_task.centre
+        pause_task = None if centre is None else HoldStation(centre, given.settings.station_radius_m)
         return MissionOutput(replace(progress, pause_task=pause_task))
     reached: list[int] = []
     home: Place | None = None

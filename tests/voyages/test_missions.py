@@ -294,3 +294,15 @@ def test_a_time_of_day_that_has_come_while_the_mission_was_halted_is_not_waited_
     boat.tick(SetMode(Mode.AUTO))
     boat.run(1.0)
     assert boat.snapshot.mission.index == 1
+
+
+@pytest.mark.parametrize("mode", [Mode.LOITER, Mode.RTL, Mode.AUTO])
+def test_a_watch_circle_is_as_wide_as_its_parameter_says_now(mode):
+    boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 400, 0)), WP_RADIUS=50.0)
+    boat.under_way(mode)
+    boat.tick(PauseMission(paused=True))
+    boat.run(2.0)
+    assert boat.snapshot.navigation.radius_m in (50.0, 100.0)
+    boat.tick(SetParameter("LOIT_RADIUS", 60.0), SetParameter("WP_RADIUS", 60.0))
+    boat.run(2.0)
+    assert boat.snapshot.navigation.radius_m == 60.0
