@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from firmware_py.assemble.wiring import base_parameters
-from firmware_py.cli.state_owner import user_text
+from firmware_py.cli.state_owner import foreign_file, user_text
 from firmware_py.common.calendar import is_possible
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
@@ -99,6 +99,8 @@ def look_at_state(directory: Path) -> Iterator[Finding]:
         owner = user_text(directory.stat().st_uid)
         yield Finding(Level.FAIL, "state", f"{directory} may not be read: run this as {owner}, or as root (sudo)")
         return
+    if foreign := foreign_file(directory):
+        yield Finding(Level.FAIL, "state", foreign)
     files, problems = StateFiles(directory), list[str]()
     report_damage(files, problems.append)
     plans = load_plans(files, problems.append)

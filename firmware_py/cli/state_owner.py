@@ -38,6 +38,18 @@ def check_owner(directory: Path) -> None:
         raise StoreError(f"state directory {directory} belongs to {user_text(owner_uid)}; run this as that user")
 
 
+def foreign_file(directory: Path) -> str:
+    """Return what is wrong with whom the files of a state directory belong to, empty when nothing is."""
+    owner_uid = directory.stat().st_uid
+    places = [*directory.glob("*"), *directory.glob("logs/**/*")]
+    foreign = [place for place in places if place.lstat().st_uid != owner_uid and place.name != "lost+found"]
+    if not foreign:
+        return ""
+    whose, more = user_text(foreign[0].lstat().st_uid), f" and {len(foreign) - 1} more" if foreign[1:] else ""
+    owner = user_text(owner_uid)
+    return f"{foreign[0]}{more} of {whose}: the autopilot runs as {owner}; chown -R --reference={directory} {directory}"
+
+
 def user_text(uid: int) -> str:
     """Return who a user is, for the operator."""
     try:

@@ -1,6 +1,7 @@
 """Where what looks on finds the state: with the service that runs the vehicle file, else with the user."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -42,3 +43,20 @@ def test_a_state_that_may_not_be_read_is_not_said_to_have_lost_its_key(tmp_path,
     monkeypatch.setattr(preflight.os, "access", lambda *_: False)
     (finding,) = preflight.look_at_state(tmp_path)
     assert (finding.level, "(sudo)" in finding.text) == (preflight.Level.FAIL, True)
+
+
+def test_files_that_somebody_else_has_left_in_a_state_are_found_before_she_sails(tmp_path, monkeypatch):
+    """As root leaves them who runs the autopilot by hand on the state of the service."""
+    theirs, status = ["parameters.param.0", "00000001.BIN"], Path.lstat
+    (tmp_path / "logs/thin").mkdir(parents=True)
+    for name in ("parameters.param.0", "resume.state.0", "lost+found", "logs/00000001.BIN", "logs/thin/00000002.BIN"):
+        (tmp_path / name).touch()
+    assert "chown" not in str(list(preflight.look_at_state(tmp_path)))
+    monkeypatch.setattr(
+        Path, "lstat", lambda self: SimpleNamespace(st_uid=1) if self.name in (*theirs, "lost+found") else status(self)
+    )
+    finding, *_ = preflight.look_at_state(tmp_path)
+    assert finding.level is preflight.Level.FAIL
+    assert f"{tmp_path / 'parameters.param.0'} and 1 more of user" in finding.text
+    theirs.clear()
+    assert "chown" not in str(list(preflight.look_at_state(tmp_path)))
