@@ -8,7 +8,7 @@ _MODEM = "power, cable and port of the modem; the rest of her is not concerned"
 
 TEXTS: Mapping[str, tuple[str, str]] = {
     "Satellite credits used up: <number> today, <number> this month": (
-        "reports wait until the next day or month of UTC; commands still come",
+        "reports wait until the next day or month of UTC; commands still come while a credit is left",
         "`rambler status` shows what was spent; `SBD_DAY_CRED`, `SBD_MONTH_CRED`, `SBD_REPORT_MIN`",
     ),
     "Satellite modem does not answer": ("it has not answered as it should for a minute, and is tried again", _MODEM),

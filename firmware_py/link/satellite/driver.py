@@ -115,7 +115,8 @@ class SatelliteDriver:
     def _call(self, now_s: float) -> None:
         bundle = self._due(now_s)
         if bundle is None:
-            self._due_since_s, self.hindrance = None, ""
+            self._due_since_s = None
+            self.hindrance = "credits used up" if len(self.queue) or self.modem.ringing else ""
             return
         if self._due_since_s is None:
             self._due_since_s = now_s

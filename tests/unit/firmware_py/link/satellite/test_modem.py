@@ -138,3 +138,16 @@ def test_a_satellite_that_is_not_reached_for_half_an_hour_is_told_once_and_why(w
     modem.run(600)
     assert modem.texts[1:] == ["Satellite is reached again"]
     assert modem.driver.hindrance == ""
+
+
+def test_what_waits_for_credits_and_a_ring_that_nobody_can_pay_for_are_seen():
+    modem = ScriptedModem("0, 1, 0, 0, 0, 0")
+    modem.driver.ledger = Ledger(day=20717, month=680, day_used=50, month_used=50, total=50)
+    modem.run(10)
+    assert modem.driver.hindrance == ""
+    modem.say(b"\r\nSBDRING\r\n")
+    modem.run(60)
+    assert (modem.calls, modem.driver.hindrance) == ([], "credits used up")
+    report(modem).run(60)
+    assert (modem.calls, modem.driver.hindrance) == ([], "credits used up")
+    assert modem.texts == ["Satellite credits used up: 50 today, 50 this month"]
