@@ -98,16 +98,15 @@ class Board:
         """
         before_s = math.inf
         due_s = [emulator.next_output_s() for emulator in self._emulators]
-        while True:
-            next_s = min(due_s)
-            if next_s > limit_s or next_s >= before_s:
-                if next_s > limit_s:
-                    self.world.advance_to(limit_s)
+        while (next_s := min(due_s)) <= limit_s:
+            if next_s >= before_s:
                 return False
             self.world.advance_to(next_s)
             before_s = min(before_s, self._deliver(due_s, patience))
             if before_s <= next_s:
                 return True
+        self.world.advance_to(limit_s)
+        return False
 
     def _deliver(self, due_s: list[float], patience: Callable[[Port], float]) -> float:
         """Hand over what is due now, and note in due_s when those who had something next have."""
