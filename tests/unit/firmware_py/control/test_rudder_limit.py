@@ -30,6 +30,11 @@ def test_a_smaller_limit_brings_the_command_back():
     assert limited_command(LIMITS, 0.7, 0.7, 1.0) == pytest.approx(0.5)
 
 
+def test_without_reverse_the_shaft_turns_with_the_rudder_as_far():
+    linkage = Linkage.of(ParameterSet())
+    assert (linkage.to_shaft(0.1), linkage.to_rudder(0.1)) == (0.1, 0.1)
+
+
 @given(st.floats(-1.0, 1.0))
 def test_the_linkage_converts_both_ways(rudder_rad):
     parameters = ParameterSet().replaced("RUD_CENTRE_DEG", 7.5).replaced("RUD_REVERSE", 1)

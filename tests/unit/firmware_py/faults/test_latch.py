@@ -1,5 +1,11 @@
-from firmware_py.common.records import Severity
-from firmware_py.faults.latch import LatchState, update
+from itertools import accumulate
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_py.common.records import Event, Severity
+from firmware_py.faults.latch import LatchState, arming_obstacle, update
 from firmware_py.faults.page import markdown
 from firmware_py.faults.table import TABLE, Fault
 
@@ -36,3 +42,51 @@ def test_the_table_is_in_the_order_of_its_bits_and_its_texts_fit_a_status_text()
 def test_a_condition_that_began_at_time_zero_and_went_is_forgotten():
     seen = list(run([(0.0, True), (0.1, False), (5.0, True), (5.1, True)]))
     assert not any(is_set for _, is_set, _ in seen)
+
+
+def judged(row, stands_at):
+    """Say of each time (t_s, stands) whether the fault is set, by what has gone before."""
+    is_set, begun_s, last_s = False, None, None
+    for t_s, stands in stands_at:
+        if stands:
+            begun_s, last_s = (t_s if begun_s is None else begun_s), t_s
+            is_set = is_set or t_s - begun_s >= row.debounce_s
+        elif not is_set or t_s - last_s >= row.clear_s:
+            is_set, begun_s = False, None
+        yield is_set
+
+
+STEPS = st.lists(st.tuples(st.sampled_from([0.1, 0.3, 1.0, 7.0]), st.frozensets(st.sampled_from(list(Fault)))))
+
+
+@settings(max_examples=60)
+@given(STEPS)
+def test_each_fault_is_set_by_its_own_times_and_told_when_it_comes_and_goes(steps):
+    times_s = list(accumulate(step_s for step_s, _ in steps))
+    wanted = {
+        fault: list(judged(row, [(t_s, fault in standing) for t_s, (_, standing) in zip(times_s, steps, strict=True)]))
+        for fault, row in TABLE.items()
+    }
+    state, before = LatchState(), dict.fromkeys(TABLE, False)
+    for number, (t_s, (_, standing)) in enumerate(zip(times_s, steps, strict=True)):
+        state, events = update(state, [fault in standing for fault in TABLE], t_s)
+        now = {fault: wanted[fault][number] for fault in TABLE}
+        assert {fault: state.is_set(fault) for fault in TABLE} == now
+        assert list(events) == [
+            Event(row.severity, row.text) if now[fault] else Event(Severity.NOTICE, row.recovery)
+            for fault, row in TABLE.items()
+            if now[fault] is not before[fault]
+        ]
+        before = now
+
+
+@pytest.mark.parametrize("fault", Fault)
+def test_a_fault_forbids_arming_by_its_own_words_and_the_first_of_several_speaks(fault):
+    assert arming_obstacle(1 << fault) == TABLE[fault].arming
+    later = sum(1 << other for other in Fault if other > fault)
+    first = next((TABLE[other].arming for other in Fault if other >= fault and TABLE[other].arming), "")
+    assert arming_obstacle(1 << fault | later) == first
+
+
+def test_nothing_set_forbids_nothing():
+    assert arming_obstacle(0) == ""
