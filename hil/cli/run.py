@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--play",
         action="store_true",
-        help="she is yours: no goals but --goal's, no end but Ctrl-C or --seconds, and no order an error",
+        help="she is yours: no goals but --goal's, no end but Ctrl-C, --seconds or a shutdown, and no order an error",
     )
     parser.add_argument("--state", type=Path, metavar="DIR", help="begin with a copy of this state directory")
     parser.add_argument("--out", type=Path, metavar="DIR", help="where to write (default runs/SCENARIO-SEED)")

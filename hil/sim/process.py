@@ -12,6 +12,7 @@ from typing import IO, Self
 
 TAIL_BYTES = 4096
 TAIL_LINES = 5
+SHUT_DOWN = 10  # its exit code when a station has told it to end (docs/reference/command-line.md)
 GRACE_S = 4.0  # it brings the rudder amidships and writes out its log
 
 

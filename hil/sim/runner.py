@@ -29,7 +29,7 @@ from hil.sim.lockstep import LockstepError, LockstepServer
 from hil.sim.logbook import Logbook, RunOptions, put_to_sea
 from hil.sim.own_cores import own_cores
 from hil.sim.pace import Pacer
-from hil.sim.process import AutopilotProcess
+from hil.sim.process import SHUT_DOWN, AutopilotProcess
 from hil.sim.realtime import RealTimeServer
 from hil.sim.run_directory import FIRMWARE_LOG, STATE, VEHICLE_NAME
 from hil.sim.run_file import OrderRecord
@@ -162,8 +162,8 @@ class _Run:
                 start_s = time.monotonic()
                 with display:
                     while self._under_way():
-                        if not server.serve(self._options.seconds):
-                            self._await_restart(server, autopilot)
+                        if not server.serve(self._options.seconds) and not self._restarted(server, autopilot):
+                            break
                         display.update()
                 wall_s = time.monotonic() - start_s
                 autopilot.terminate()
@@ -175,17 +175,19 @@ class _Run:
             finally:
                 # An autopilot that waits for the time to go on ends when its clock is gone.
                 server.close()
-            _end(autopilot)
+            self._end(autopilot)
         return wall_s
 
-    def _await_restart(self, server: LockstepServer, autopilot: AutopilotProcess) -> None:
-        """Go on with an autopilot that starts anew in the same process; HilError for one that has ended."""
+    def _restarted(self, server: LockstepServer, autopilot: AutopilotProcess) -> bool:
+        """Go on with an autopilot that starts anew in the same process; False when it has ended the game."""
         try:
             server.accept(autopilot.running, self._board.world.utc_s())
         except LockstepError:
             if autopilot.running():
                 raise
-            raise _ended_early(autopilot) from None
+            self._check_ending(autopilot)
+            return False
+        return True
 
     def _in_real_time(self, arguments: list[str], display: Display) -> float:
         with AutopilotProcess(arguments, self._options.out / FIRMWARE_LOG) as autopilot, display:
@@ -193,13 +195,14 @@ class _Run:
             while self._under_way():
                 slack_s = server.serve(min(self._options.seconds, server.now_s() + LOOK_S))
                 if not autopilot.running():
-                    raise _ended_early(autopilot)
+                    self._check_ending(autopilot)
+                    break
                 display.update(slack_s)
             wall_s = server.now_s()
             autopilot.terminate()
             while autopilot.running() and server.now_s() < wall_s + END_S:
                 server.serve(server.now_s() + LOOK_S)
-            _end(autopilot)
+            self._end(autopilot)
         return wall_s
 
     def _under_way(self) -> bool:
@@ -212,17 +215,21 @@ class _Run:
                 raise HilError(f"{failure}; see {self._options.out / FIRMWARE_LOG}")
         return now_s < self._options.seconds
 
+    def _check_ending(self, autopilot: AutopilotProcess) -> None:
+        """Raise HilError for an autopilot that has ended early, unless who plays has shut it down."""
+        autopilot.wait(END_S)
+        code = autopilot.exit_code()
+        if not (self._options.play and code == SHUT_DOWN):
+            why = ": a station has shut it down" if code == SHUT_DOWN else ""
+            raise HilError(_with_last_words(f"the autopilot ended early, exit code {code}{why}", autopilot))
+        print("rambler-hil: a station has shut her down: the game is over", file=sys.stderr)
 
-def _ended_early(autopilot: AutopilotProcess) -> HilError:
-    autopilot.wait(END_S)
-    return HilError(_with_last_words(f"the autopilot ended early, exit code {autopilot.exit_code()}", autopilot))
-
-
-def _end(autopilot: AutopilotProcess) -> None:
-    if not autopilot.wait(END_S):
-        raise HilError(_with_last_words(f"the autopilot did not end within {END_S:g} s of SIGTERM", autopilot))
-    if autopilot.exit_code() != 0:
-        raise HilError(_with_last_words(f"the autopilot ended with exit code {autopilot.exit_code()}", autopilot))
+    def _end(self, autopilot: AutopilotProcess) -> None:
+        if not autopilot.wait(END_S):
+            raise HilError(_with_last_words(f"the autopilot did not end within {END_S:g} s of SIGTERM", autopilot))
+        code = autopilot.exit_code()
+        if code != 0 and not (self._options.play and code == SHUT_DOWN):
+            raise HilError(_with_last_words(f"the autopilot ended with exit code {code}", autopilot))
 
 
 def _with_last_words(text: str, autopilot: AutopilotProcess) -> str:

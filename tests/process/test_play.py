@@ -5,6 +5,7 @@ import signal
 import sys
 from contextlib import closing
 
+import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -34,3 +35,21 @@ def test_who_plays_steers_as_he_likes_and_ends_it_when_he_likes(tmp_path):
     assert summary["ending"] == "finished"
     assert 0.0 < summary["seconds"] < 1e6
     assert (out / "report.html").exists()
+
+
+@pytest.mark.parametrize("speed", ["real", "20"])
+def test_who_plays_may_shut_her_down_and_has_the_figures(speed, tmp_path):
+    (port,) = unused_ports(["udpin"])
+    out = tmp_path / "out"
+    words = ["run", "calm", "--play", "--speed", speed, "--link", f"udpout:127.0.0.1:{port}", "--out", str(out)]
+    with (
+        closing(Program("play", [sys.executable, "-m", "hil", *words], tmp_path)) as game,
+        closing(mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="ardupilotmega")) as link,
+    ):
+        station = Station(link, tmp_path)
+        station.heard("HEARTBEAT")
+        command = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+        assert station.command(command, 2.0) == mavlink.MAV_RESULT_ACCEPTED
+        assert game.exit_code() == 0
+    assert "shut her down" in game.text()
+    assert json.loads((out / "summary.json").read_text())["ending"] == "finished"
