@@ -100,7 +100,7 @@ class DynamixelServo:
         self._steered = False  # since the line was opened
         self._goal_was_last = False
         self._goals_refused = 0
-        self._beyond_limits = False  # the goal, of those that the servo has
+        self._at_limit = False  # the goal, perhaps moved there
         self._changed_s = -math.inf  # when something else than the goal was last written
         self._temperature_c: float | None = None
         self._reboot_at_s: float | None = None
@@ -138,7 +138,7 @@ class DynamixelServo:
         if self._upkeep.stuck:
             return DeviceState.FAULTY, self._upkeep.trouble
         return DeviceState.RUNNING if self._phase is Phase.RUN else DeviceState.STARTING, (
-            self._upkeep.trouble or (table.BEYOND_LIMITS if self._beyond_limits else self._model)
+            self._upkeep.trouble or (table.AT_LIMIT if self._at_limit else self._model)
         )
 
     # ------------------------------------------------------------------ what arrives
@@ -269,7 +269,7 @@ class DynamixelServo:
         if self._look == 0 and self._phase is Phase.RUN and self._readings.whole_due():
             look = self._whole
         counts = table.goal_counts(shaft_rad, self._upkeep.image)
-        self._beyond_limits = table.is_beyond(shaft_rad, counts)
+        self._at_limit = table.at_limit(counts, self._upkeep.image)
         frame = frames.sync_write(self.device_id, goal.address, goal.encoded(counts)) + look.frame
         return Request(Kind.GOAL, frame, goal.name, look.parameters, look.block, counts)
 

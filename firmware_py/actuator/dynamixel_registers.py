@@ -26,7 +26,8 @@ POSITION_MODE = 3
 ANSWER_EVERYTHING = 2  # status return level
 WATCHDOG_TRIPPED = -1
 
-BEYOND_LIMITS = "goal is beyond the servo's own position limits"
+AT_LIMIT = "goal is at a position limit of the servo's own"
+AT_LIMIT_COUNTS = 12  # a degree
 HARDWARE_ERRORS = {
     0x01: "input voltage",
     0x04: "overheating",
@@ -137,17 +138,21 @@ SETTINGS_WANTED = (
 
 def goal_counts(shaft_rad: float, image: Image) -> int:
     """Return the goal position of a finite shaft angle, within the limits of the servo."""
+    return round(clamp(CENTRE_COUNTS + shaft_rad / RADIANS_PER_COUNT, *_limits(image)))
+
+
+def _limits(image: Image) -> tuple[int, int]:
+    """Return the smallest and the largest position."""
     limits = image.get(LIMITS)
     high, low = (LARGEST_COUNTS, 0) if limits is None else _LIMITS.unpack(limits)
     high = min(high, LARGEST_COUNTS)
-    if low > high:  # limits that contradict each other bind nobody
-        low, high = 0, LARGEST_COUNTS
-    return round(clamp(CENTRE_COUNTS + shaft_rad / RADIANS_PER_COUNT, low, high))
+    return (low, high) if low <= high else (0, LARGEST_COUNTS)  # those that contradict each other bind nobody
 
 
-def is_beyond(shaft_rad: float, counts: int) -> bool:
-    """Return whether a shaft angle lies beyond the goal position that is nearest to it within the limits."""
-    return not abs(CENTRE_COUNTS + shaft_rad / RADIANS_PER_COUNT - counts) <= 1.0
+def at_limit(counts: int, image: Image) -> bool:
+    """Return whether a goal position lies at a limit of the servo, as one beyond does that was moved there."""
+    low, high = _limits(image)
+    return not low + AT_LIMIT_COUNTS <= counts <= high - AT_LIMIT_COUNTS
 
 
 @record_class.dataclass(frozen=True, slots=True)

@@ -146,6 +146,8 @@ class Upkeep:
                     self.stuck = True
                     return None
             self.settled_for = torque_wanted
+            if not self._rests_until_s:
+                self.trouble = ""
         self.complete = True
         return None
 
@@ -160,6 +162,7 @@ class Upkeep:
         if setting.corrected(present) != present:
             return False
         self._attempts.pop(setting.register.name, None)
+        self._rests_until_s.pop(setting.register.name, None)
         return True
 
     def _resting(self, name: str, now_s: float) -> bool:

@@ -202,10 +202,10 @@ def test_goal_is_clipped_to_the_servos_limits(sail, servo):
     servo.put(52, 1500, 4)
     sail.ticks(4, shaft_deg=90.0)
     assert servo.goal == 2600
-    assert sail.health().text == "goal is beyond the servo's own position limits"
+    assert sail.health().text == "goal is at a position limit of the servo's own"
     sail.ticks(2, shaft_deg=-90.0)
     assert servo.goal == 1500
-    sail.ticks(2, shaft_deg=48.0)
+    sail.ticks(2, shaft_deg=45.0)
     assert sail.health().text.startswith("model")
 
 
@@ -552,6 +552,8 @@ def test_a_servo_that_refuses_the_mode_is_faulty_until_it_does_not(sail, servo):
     servo.refuse.clear()
     sail.ticks(20)
     assert sail.health().state is DeviceState.RUNNING
+    assert sail.health().text.startswith("model")
+    assert not sail.rudder.hurries()
 
 
 def test_a_setting_without_effect_does_not_wear_out_the_eeprom(sail, servo):
