@@ -36,9 +36,10 @@ SMOOTH_SHARE, SMALL_PART = 4.0, 4.0
 SLOW_TIME_S: Final = 10.0
 BIAS_GAIN: Final = 0.1
 BIAS_PULL: Final = 0.2  # toward the usual wandering, so that chance does not carry it far
-FIX_GAIN: Final = 0.04
+FIX_GAIN: Final = 0.02
+MEAN_FIX_GAIN: Final = 0.04  # of a mean over a while there are few
 SHARE_GAIN, SHARE_PULL = 0.6, 0.3
-COUPLING_MEMORY_S, LONGEST_FADE_S = 120.0, 10.0
+COUPLING_MEMORY_S, LONGEST_FADE_S = 240.0, 10.0
 COUPLING_PRIOR: Final = 5.0  # samples that the first guess, none, counts for
 COUPLING_DOUBT: Final = 2.0  # how many times more than chance
 LARGEST_FIX: Final = 3.0
@@ -266,7 +267,7 @@ def learn_from_velocity(
         correlation += math.exp(-DAMPING * angle) * math.cos(angle) * product
     excess = north * north + east * east - 2.0
     if not in_waves:
-        noise = clamp(model.log_velocity_noise + FIX_GAIN * excess, LOW_VELOCITY, HIGH_VELOCITY)
+        noise = clamp(model.log_velocity_noise + MEAN_FIX_GAIN * excess, LOW_VELOCITY, HIGH_VELOCITY)
         return replace(model, log_velocity_noise=noise)
     noise = model.log_velocity_noise + FIX_GAIN * (excess - correlation)
     orbit = model.log_orbit + FIX_GAIN * (excess + correlation)

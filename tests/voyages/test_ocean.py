@@ -56,7 +56,6 @@ ROWS = (
         "swell+leeway=8",
         (2.40, 1809.0),
         {RMS: 1.6, TRAVEL: 1200.0, MEAN: 0.3, OVERSHOOT: 4.0, SETTLED: 60.0},
-        {OVERSHOOT: 4.5},
     ),
     Row("swell+orbital=0.4", (3.96, 2200.0), {RMS: 3.3, TRAVEL: 2500.0}),
     Row("swell+float=0.2:0.5,orbital=0.4,leeway=8", (5.74, 2861.0), {RMS: 3.9, TRAVEL: 2800.0}),
@@ -70,7 +69,7 @@ ROWS = (
     # A compass that nobody has corrected is the reference of all the same: its deviation is her error.
     Row("ocean-2", (5.85, 6374.0), bound={RMS: 4.9, TRAVEL: 1900.0}),
     Row("ocean-3", (1.47, 1551.0), bound={RMS: 1.85, TRAVEL: 1300.0}),
-    Row("ocean-4", (7.61, 4930.0), bound={RMS: 6.6, TRAVEL: 3250.0}),
+    Row("ocean-4", (7.61, 4930.0), bound={RMS: 6.3, TRAVEL: 3250.0}),
 )
 TASK = Task(tuple(row.sea for row in ROWS), SEEDS, parse_goals("0:0,120:60,720:-30"), 1320.0)
 
