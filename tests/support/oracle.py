@@ -13,6 +13,8 @@ import numpy as np
 from scipy.linalg import expm
 
 from firmware_py.common.angles import TWO_PI, radians
+from firmware_py.estimate import kalman
+from firmware_py.estimate.wave_filter_state import WHITE
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
 from hil.lab.compiled import compiled
 from hil.lab.tune.twins import clamp, wrap_pi
@@ -32,6 +34,15 @@ VELOCITY_VARIANCE = 0.03**2
 # What a boat can know of these before she has sailed: standard deviations.
 UNKNOWN = {MEAN: radians(4.5), LEEWAY: radians(5.0), NORTH: 0.2, EAST: 0.2, SPEED: 0.4, FACTOR: 0.2}
 EXPECTED = {SPEED: 0.5, FACTOR: 1.0}
+# What they gain in a second where they are taken to change, as the boat takes them to.
+WANDERING = {
+    MEAN: WHITE[kalman.BIAS_MEAN],
+    LEEWAY: WHITE[kalman.LEEWAY],
+    NORTH: WHITE[kalman.NORTH],
+    EAST: WHITE[kalman.EAST],
+    SPEED: WHITE[kalman.SPEED],
+    FACTOR: WHITE[kalman.FACTOR],
+}
 
 
 class Told(NamedTuple):
@@ -179,8 +190,11 @@ def processes(scenario, ship):
     return transition[cut].copy(), transition[:STATES, STATES].copy(), noise[cut].copy(), omega_rad_s
 
 
-def told_of(scenario, learns, *, knows_drift):
-    """Return what it is told of a sea: all but the constants that it learns; the bias from tick to tick, too."""
+def told_of(scenario, learns, *, knows_drift, wanders=False):
+    """Return what it is told of a sea: all but the constants that it learns; the bias from tick to tick, too.
+
+    `wanders`: it does not know that they are constants.
+    """
     ship, extras = OCEAN_RAMBLER.at_speed(scenario.speed_m_s), scenario.extras
     transition, by_rudder, noise, omega_rad_s = processes(scenario, ship)
     truth, spreads, toward_rad = np.zeros(STATES), np.zeros(STATES), radians(scenario.current_toward_deg)
@@ -194,6 +208,9 @@ def told_of(scenario, learns, *, knows_drift):
     spreads[[WAVE, WAVE_RATE]] = wave_rad, wave_rad * omega_rad_s
     covariance = np.diag(spreads**2)
     covariance[HEADING : FLOAT + 1 : FLOAT, HEADING : FLOAT + 1 : FLOAT] = radians(30.0) ** 2
+    if wanders:
+        for place in learns:
+            noise[place, place] += WANDERING[place] * STEP_S
     if knows_drift:
         noise[: DRIFT + 1] = noise[:, : DRIFT + 1] = covariance[DRIFT, DRIFT] = 0.0
     body, follow = extras.float_body, ((0.0, 0.0), (0.0, 0.0))

@@ -2,8 +2,9 @@
 
 `pytest -m proof tests/voyages/test_limit.py -s` prints the lowest rms that it reaches on the seeds of the aims and on
 more. It is told the processes that make the sea, with all their numbers, and the ship: once with the water, the mean
-of the rudder bias and how well she turns; once with the bias besides, from tick to tick; and once without either, so
-that it has to learn these constants from what the boat knows of them beforehand.
+of the rudder bias and how well she turns; once with the bias besides, from tick to tick; once without either, so
+that it has to learn these constants from what the boat knows of them beforehand; and once without knowing that they
+are constants, so that it has to expect them to change as the boat does.
 """
 
 import math
@@ -23,6 +24,7 @@ GOALS, SECONDS = parse_goals("0:0,120:60,720:-30"), 1320.0
 SEEDS, MORE = range(1, 6), range(1, 11)
 TOLD = {
     "learns": {"learns": frozenset(oracle.UNKNOWN), "knows_drift": False},
+    "wanders": {"learns": frozenset(oracle.UNKNOWN), "knows_drift": False, "wanders": True},
     "told": {"learns": frozenset(), "knows_drift": False},
     "told bias": {"learns": frozenset(), "knows_drift": True},
 }
