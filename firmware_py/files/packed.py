@@ -28,6 +28,7 @@ _SIZE = struct.Struct("<I")
 _TOTAL = struct.Struct("<Q")
 _TAIL = struct.Struct("<II")  # CRC-32 and size of what was packed
 _EMPTY: Final = b"\x03\x00" + bytes(_TAIL.size)
+MEMBER_BEGIN: Final = _HEAD.pack(_MARK, 0, 0, 255, _SIZE.size + 4, _MEMBER, _SIZE.size)  # of each that holds a block
 
 
 def pack_block(data: bytes) -> bytes:

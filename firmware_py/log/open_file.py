@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Final
 
-from firmware_py.files.packed import packed_path
+from firmware_py.files.packed import MEMBER_BEGIN, packed_path
 from firmware_py.files.reading import open_regular
 from firmware_py.log.dataflash import Buffer
 
@@ -26,7 +26,8 @@ _NO_ROOM: Final = "no room for temporary files to unpack it (TMPDIR can name ano
 def open_buffer(path: Path) -> Iterator[Buffer]:
     """Map a log; one that has been compressed since it was named is found too. OSError, whose strerror says why.
 
-    A compressed one is unpacked into a temporary file; where it is cut short or damaged, what stands before is read.
+    A compressed one is unpacked into a temporary file; where it is cut short, what stands before is read, and around a
+    damaged block of ours what stands on both sides.
     """
     try:
         file = os.fdopen(open_regular(path, most_bytes=MOST_BYTES), "rb")
@@ -64,14 +65,15 @@ def _put(target: IO[bytes], part: bytes) -> None:
 
 
 def _unpack(source: IO[bytes], target: IO[bytes]) -> None:
-    """Unpack member after member up to the end, or to what is no whole member."""
+    """Unpack member after member; behind one that is damaged go on with the next block that `pack_log` has made."""
     unpacker = zlib.decompressobj(zlib.MAX_WBITS | 16)
     size, data = 0, b""
     while data or (data := source.read(_CHUNK_BYTES)):
         try:
             part = unpacker.decompress(data, _CHUNK_BYTES)
         except zlib.error:
-            return
+            data, unpacker = _next_member(data, source), zlib.decompressobj(zlib.MAX_WBITS | 16)
+            continue
         size += len(part)
         if size > MOST_BYTES:
             raise OSError(errno.EFBIG, f"unpacks to more than {MOST_BYTES >> 20} MiB")
@@ -82,3 +84,14 @@ def _unpack(source: IO[bytes], target: IO[bytes]) -> None:
             unpacker = zlib.decompressobj(zlib.MAX_WBITS | 16)
         else:
             data = unpacker.unconsumed_tail
+
+
+def _next_member(data: bytes, source: IO[bytes]) -> bytes:
+    """Return what stands from the next block on that begins behind the first byte; empty without one."""
+    at = data.find(MEMBER_BEGIN, 1)
+    while at < 0:
+        if not (more := source.read(_CHUNK_BYTES)):
+            return b""
+        data = data[1:][-len(MEMBER_BEGIN) :] + more
+        at = data.find(MEMBER_BEGIN)
+    return data[at:]

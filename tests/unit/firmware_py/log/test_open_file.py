@@ -1,12 +1,14 @@
-"""A compressed log is read as it was written, by whoever compressed it, and a damaged one up to the damage."""
+"""A compressed log is read as it was written, by whoever compressed it, and a damaged one but for the damage."""
 
 import errno
 import gzip
+import re
 import tempfile
 from pathlib import Path
 
 import pytest
 
+from firmware_py.files.packed import MEMBER_BEGIN
 from firmware_py.log import open_file
 from firmware_py.log.dataflash import LogError
 from firmware_py.log.disk import log_files
@@ -53,6 +55,25 @@ def test_one_that_is_cut_or_damaged_is_read_up_to_there(log, part):
     assert len(found) < len(ticks)
     path.write_bytes(data[: int(part * len(data))] + b"\x00" * 1000)
     assert list(LogReader(path)) == found or part == 0.0
+
+
+@pytest.mark.parametrize("chunk_bytes", [1000, 1 << 20])
+def test_a_damaged_block_costs_what_is_in_it_and_that_is_told(tmp_path, pretend, monkeypatch, chunk_bytes):
+    """A bit of a card, months old, and half of a log of 64 MB was not read."""
+    monkeypatch.setattr(open_file, "_CHUNK_BYTES", chunk_bytes)
+    pretend.logged(tmp_path, 900)
+    path, ticks = packed(tmp_path / "00000001.BIN")
+    data = bytearray(path.read_bytes())
+    begins = [match.start() for match in re.finditer(re.escape(MEMBER_BEGIN), data)]
+    assert len(begins) > 3
+    data[(begins[1] + begins[2]) // 2] ^= 1
+    path.write_bytes(data)
+    reader = LogReader(path)
+    found = list(reader)
+    assert (found[0], found[-1]) == (ticks[0], ticks[-1])
+    lost = len(ticks) - len(found)
+    assert 0 < lost < 2 * len(ticks) / len(begins)
+    assert any(tick.gap for tick in found)
 
 
 def test_one_that_unpacks_without_end_is_refused(log, monkeypatch):
