@@ -9,6 +9,7 @@ from firmware_py.common.silence import learn_interval_s, timeout_s
 SILENT_AFTER_S = 2.0
 ERROR_KEPT_S = 10.0  # an old error would hide that all is well again
 LONGEST_TEXT = 60
+NO_HEADING_YET = "it answers, but gives no heading yet"
 
 
 class DeviceMonitor:

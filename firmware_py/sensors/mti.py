@@ -13,7 +13,7 @@ from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import DeviceHealth, DeviceRole, HeadingSample, NorthReference
 from firmware_py.sensors import mti_protocol as xbus
 from firmware_py.sensors.binary_framing import Packet
-from firmware_py.sensors.device_monitor import SILENT_AFTER_S, DeviceMonitor
+from firmware_py.sensors.device_monitor import NO_HEADING_YET, SILENT_AFTER_S, DeviceMonitor
 from firmware_py.sensors.message_error import CHECKSUM, MessageError
 from firmware_py.sensors.mti_protocol import EACH_MESSAGE, DataId, Frame, Message
 from firmware_py.sensors.mti_reading import Reading, read_data
@@ -157,6 +157,7 @@ class MtiCompass:
                 self._monitor.reject(now_s, CHECKSUM)
             return
         message, data = xbus.message_id(packet.data), xbus.payload(packet.data)
+        self._monitor.pass_over(NO_HEADING_YET)
         try:
             if message == Message.MT_DATA2:
                 self._handle_reading(read_data(data), now_s)

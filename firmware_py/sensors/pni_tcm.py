@@ -20,7 +20,7 @@ from firmware_py.common.records import (
 )
 from firmware_py.sensors import pni_protocol as pni
 from firmware_py.sensors.binary_framing import Packet
-from firmware_py.sensors.device_monitor import SILENT_AFTER_S, DeviceMonitor
+from firmware_py.sensors.device_monitor import NO_HEADING_YET, SILENT_AFTER_S, DeviceMonitor
 from firmware_py.sensors.message_error import CHECKSUM, MessageError
 from firmware_py.sensors.pni_calibration import PniCalibration
 from firmware_py.sensors.pni_protocol import Component, Frame
@@ -179,6 +179,7 @@ class PniCompass:
                 self._monitor.reject(now_s, CHECKSUM)
             return
         frame_id = pni.frame_id(packet.data)
+        self._monitor.pass_over(NO_HEADING_YET)
         if frame_id == Frame.DATA:
             self._handle_data(pni.payload(packet.data), now_s)
         elif frame_id == Frame.POWER_UP_DONE:

@@ -96,6 +96,13 @@ def test_a_device_without_orientation_is_told_and_asked_again_in_peace(hear, com
     assert hear(PATIENCE_S) == [GO_TO_CONFIG]
 
 
+def test_a_device_that_answers_and_measures_nothing_is_not_said_to_have_another_baud_rate(compass, hear):
+    hear(0.0, b"\x80\x10")
+    assert "baud rate" in compass.health(0.0).text
+    hear(0.1, message(0x31))
+    assert compass.health(0.1).text == "it answers, but gives no heading yet"
+
+
 def test_an_unanswered_command_is_never_a_flood(line, compass):
     times = []
     for step in range(3000):  # 30 s in steps of 10 ms

@@ -66,6 +66,7 @@ def test_a_confirmation_brings_the_next_command_at_once(line, compass, pni):
     line.inbox += pni(CONFIG_DONE)
     compass.receive(STEP_S + 0.004)
     assert ids(line.written) == [22, 6, 6]
+    assert compass.health(STEP_S).text == "it answers, but gives no heading yet"
     line.inbox += pni(ACQUISITION_DONE) * 50
     compass.receive(STEP_S + 0.008)
     assert ids(line.written) == [22, 6, 6, 6]
