@@ -44,7 +44,7 @@ def _text(report: ReplayReport) -> str:
     reading = report.reading
     lines = [f"{report.ticks} ticks, {report.compared} recomputed"]
     if report.gaps:
-        lines.append(f"{report.gaps} gaps: ticks that the log had no room for")
+        lines.append(f"{report.gaps} gaps: ticks that had no room, or were lost to damage")
     if reading.damaged or reading.garbage_bytes:
         lines.append(f"{reading.damaged} damaged ticks, {reading.garbage_bytes} bytes of garbage")
     if reading.tail_bytes:

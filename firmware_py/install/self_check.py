@@ -202,7 +202,10 @@ def _replays(candidate: Candidate) -> str:
         return f"{log.name} not done within {REPLAY_S:.0f} s, left"
     if done.returncode == _CANNOT:
         return f"{log.name}: {_last_line(done)}"
-    if done.returncode == _DIFFERS and (differ := [line for line in done.stdout.splitlines() if "differ" in line]):
+    if done.returncode == _DIFFERS and (lines := done.stdout.splitlines()):
+        differ = [line for line in lines if "differ" in line]
+        if not differ:
+            return f"{log.name} is not whole: {'; '.join(lines[:-1])}"
         return f"it would have steered otherwise: {log.name}, {differ[0]}"
     _good(done, f"it cannot replay {log.name}")
     return f"{log.name} comes out the same, bit for bit"

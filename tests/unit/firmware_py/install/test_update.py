@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -270,6 +271,27 @@ def test_what_is_tried_works_on_a_copy_of_the_state(tmp_path, monkeypatch):
     copies = {path.name: path for path in candidate.copy.iterdir()}
     assert set(copies) == {"parameters.param.0", "signing.key.1"}
     assert copies["signing.key.1"].stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ("9 ticks, 4 recomputed\n1 damaged ticks, 3 bytes of garbage\nNOT identical\n", "is not whole: 9 ticks"),
+        ("9 ticks, 9 recomputed\n3 commands differ, the first at\nNOT identical\n", "steered otherwise"),
+        ("", None),  # it has failed
+    ],
+)
+def test_a_log_that_is_damaged_or_comes_out_otherwise_keeps_nobody_from_an_update(tmp_path, monkeypatch, said, told):
+    (tmp_path / "state/logs").mkdir(parents=True)
+    (tmp_path / "state/logs/00000001.BIN").touch()
+    done = subprocess.CompletedProcess([], 1, said, "Traceback" if told is None else "")
+    monkeypatch.setattr("firmware_py.install.self_check._run", lambda *_: done)
+    candidate = Candidate(Environment(tmp_path), None, tmp_path / "boat.toml", tmp_path / "state", tmp_path)
+    if told is None:
+        with pytest.raises(UpdateError, match="cannot replay"):
+            CHECKS["newest log"](candidate)
+    else:
+        assert told in CHECKS["newest log"](candidate)
 
 
 def test_a_unit_that_the_new_version_wants_otherwise_is_told(place, ask, monkeypatch):
