@@ -1,7 +1,8 @@
-"""exp, sin and cos of numbers side by side, with the bits of the C library.
+"""exp, sin, cos and tanh of numbers side by side, with the bits of the C library.
 
 glibc (2.28 and later) computes exp by a table of powers of two and a polynomial (S. Nagy, Optimized Routines), sine
-and cosine by a table of both and polynomials (IBM Accurate Mathematical Library, without its slow paths).
+and cosine by a table of both and polynomials (IBM Accurate Mathematical Library, without its slow paths), tanh by
+what e to some power is more than 1, a quotient of polynomials (Sun's fdlibm).
 On a processor that rounds a product and a sum at once it does so, and so is done here, in the same places. The tables
 are computed, to far more digits than they hold.
 
@@ -46,6 +47,16 @@ QUARTER, QUARTER_REST = number("0x1.921fb54442d18p+0"), number("0x1.1a62633145c0
 PER_QUARTER: Final = number("0x1.45f306dc9c883p-1")
 QUARTER_PARTS: Final = tuple(map(number, (
     "0x1.921fb58000000p+0", "-0x1.dde973c000000p-27", "-0x1.cb3b398000000p-55", "-0x1.d747f23e32ed7p-83")))  # fmt: skip
+
+TANH_REACH: Final = 1.0
+NO_LN2, ONE_LN2 = (
+    number("0x1.62e43p-2"),
+    number("0x1.0a2b2p+0"),
+)  # below which a power is not brought nearer, and by one
+LN2, LN2_REST = number("0x1.62e42feep-1"), number("0x1.a39ef35793c76p-33")
+MORE: Final = tuple(map(number, (
+    "-0x1.11111111110f4p-5", "0x1.a01a019fe5585p-10", "-0x1.4ce199eaadbb7p-14", "0x1.0cfca86e65239p-18",
+    "-0x1.afdb76e09c32dp-23")))  # fmt: skip
 
 
 @cache
@@ -191,3 +202,37 @@ def _within_a_quarter(x: Wide) -> tuple[Wide, tuple[Wide, Wide]]:
     left = less.fma(third, rest - near)
     nearer = less.fma(fourth, near)
     return counted.words(), (nearer, left + less.fma(fourth, near - nearer))
+
+
+def tanh(builder: Any, given: Any) -> Any:
+    """Return the hyperbolic tangent of numbers of which none is as large as TANH_REACH."""
+    x = Wide(builder, given)
+    power = abs(x) * -2.0
+    near, nearer = abs(power).below(NO_LN2), abs(power).below(ONE_LN2)
+    far = (power * (PER_LN2 / POWERS) - 0.5).called("trunc")
+    times = near.where(x * 0.0, nearer.where(x.filled(-1.0), far))
+    high, low = (-times).fma(LN2, power), times * LN2_REST
+    rest = high - low
+    left = (high - rest) - low
+    half = rest * 0.5
+    square = rest * half
+    more = _quotient_more(rest, half, square)
+    shifted = (more - left).fma(rest, -left) - square
+    some = nearer.where((rest - shifted).fma(0.5, -0.5), (1.0 - (shifted - rest)) * _scale(far) - 1.0)
+    found = near.where(rest - more.fma(rest, -square), some)
+    return (-found / (found + 2.0)).signed_as(x).value
+
+
+def _scale(times: Wide) -> Wide:
+    """Return two to a power that is -2 or -3."""
+    return times.below(-2.5).where(times.filled(0.125), times.filled(0.25))
+
+
+def _quotient_more(rest: Wide, half: Wide, square: Wide) -> Wide:
+    """Return what of e to a power is beyond its first terms."""
+    first, second, third, fourth, fifth = MORE
+    twice = square * square
+    found = twice.fma(square.polynomial(third, second), square.polynomial(first, 1.0))
+    found = (twice * twice).fma(square.polynomial(fifth, fourth), found)
+    three = (-half).fma(found, 3.0)
+    return (found - three) / (-rest).fma(three, 6.0) * square

@@ -105,9 +105,9 @@ let(math.sqrt, _exactly("sqrt"), lanes, lanes)
 let(math.floor, _exactly("floor"), lanes, lanes)
 let(np.rint, _exactly("rint"), lanes, lanes)
 let(math.copysign, _exactly("copysign"), lanes, lanes, lanes)
-for _function in (math.exp, math.sin, math.cos):
+for _function in (math.exp, math.sin, math.cos, math.tanh):
     let(_function, _as_the_library(_function), lanes, lanes)
-for _function in (math.expm1, math.log, math.log1p, math.tan, math.tanh):
+for _function in (math.expm1, math.log, math.log1p, math.tan):
     let(_function, _one_by_one(_function, 1), lanes, lanes)
 let(math.pow, _one_by_one(math.pow, 2), lanes, lanes, lanes)
 let(np.fmod, lambda _context, builder, *args: builder.frem(*args), lanes, lanes, lanes)

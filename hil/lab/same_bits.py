@@ -57,6 +57,7 @@ TABLE: Final = (
             Way(lane_functions.cos, lane_functions.ANGLE_REACH),
         ),
     ),
+    Row(math.tanh, (Way(lane_functions.tanh, lane_functions.TANH_REACH),)),
 )
 
 
@@ -92,6 +93,8 @@ def _computed(way: Way) -> bytes:
     """Return what a way makes of the drawn numbers."""
     numbers = drawn(way.below)
     found = np.empty_like(numbers)
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
     machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(
         cpu=llvm.get_host_cpu_name(),
         features=str(codegen.get_host_cpu_features()),  # type: ignore[no-untyped-call]

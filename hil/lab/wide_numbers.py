@@ -57,6 +57,10 @@ class Wide:
         """Return the product."""
         return self._made("fmul", other)
 
+    def __truediv__(self, other: Wide | float) -> Wide:
+        """Return the quotient."""
+        return self._made("fdiv", other)
+
     def __neg__(self) -> Wide:
         """Return the number of the other sign."""
         return Wide(self.builder, self.builder.fneg(self.value))

@@ -1,4 +1,4 @@
-"""exp, sine and cosine of numbers side by side have the bits that Python gives them."""
+"""exp, sine, cosine and tanh of numbers side by side have the bits that Python gives them."""
 
 import math
 import random
@@ -8,13 +8,26 @@ import pytest
 
 from hil.lab import lane_math  # noqa: F401 - gives the functions their meaning for lanes
 from hil.lab.compiled import compiled_here
-from hil.lab.lane_functions import ANGLE_REACH, ANGLES, EXP_REACH, HALF_TURN, PLAIN, SMALL, angles, powers
+from hil.lab.lane_functions import (
+    ANGLE_REACH,
+    ANGLES,
+    EXP_REACH,
+    HALF_TURN,
+    NO_LN2,
+    ONE_LN2,
+    PLAIN,
+    SMALL,
+    TANH_REACH,
+    angles,
+    powers,
+)
 from hil.lab.lane_rows import lanes_of, put_lanes
 from hil.lab.lanes import COUNT
 
 pytestmark = pytest.mark.timeout(300)  # compiles
 
 EDGES = [0.0, 5e-324, 1e-310, 2.0**-54, 2.0**-27, SMALL, PLAIN, 1.0, math.pi / 4, math.pi / 2, HALF_TURN, math.pi, 7.0]
+EDGES += [0.5 * NO_LN2, 0.5 * ONE_LN2, 0.75, 5.0]
 BATCHES = 500
 
 
@@ -22,27 +35,28 @@ BATCHES = 500
 def each(given, found):
     for row in range(given.shape[0]):
         number = lanes_of(given, row)
-        put_lanes(found, 3 * row, math.exp(number))
-        put_lanes(found, 3 * row + 1, math.sin(number))
-        put_lanes(found, 3 * row + 2, math.cos(number))
+        put_lanes(found, 4 * row, math.exp(number))
+        put_lanes(found, 4 * row + 1, math.sin(number))
+        put_lanes(found, 4 * row + 2, math.cos(number))
+        put_lanes(found, 4 * row + 3, math.tanh(number))
 
 
 def computed(numbers):
-    """Return exp, sine and cosine of numbers, which are computed a batch at a time."""
+    """Return exp, sine, cosine and tanh of numbers, which are computed a batch at a time."""
     given = np.resize(np.array(numbers), (-(-len(numbers) // COUNT), COUNT))
-    found = np.zeros((3 * len(given), COUNT))
+    found = np.zeros((4 * len(given), COUNT))
     each(given, found)
-    return found.reshape(-1, 3, COUNT).swapaxes(0, 1).reshape(3, -1)[:, : len(numbers)]
+    return found.reshape(-1, 4, COUNT).swapaxes(0, 1).reshape(4, -1)[:, : len(numbers)]
 
 
 def differ(numbers):
     """Return the numbers of which a function differs from Python's."""
-    alone = [[function(number) for number in numbers] for function in (math.exp, math.sin, math.cos)]
+    alone = [[function(number) for number in numbers] for function in (math.exp, math.sin, math.cos, math.tanh)]
     other = np.array(alone).view(np.uint64) != np.ascontiguousarray(computed(numbers)).view(np.uint64)
     return [numbers[k] for k in np.flatnonzero(other.any(0))]
 
 
-@pytest.mark.parametrize("reach", [SMALL, PLAIN, 3.0, EXP_REACH])
+@pytest.mark.parametrize("reach", [SMALL, PLAIN, TANH_REACH, 3.0, EXP_REACH])
 def test_what_is_within_reach_has_the_bits_of_python(reach):
     source = random.Random(5)
     assert differ([source.uniform(-reach, reach) for _ in range(BATCHES * COUNT)]) == []
@@ -70,7 +84,7 @@ def test_a_huge_angle_is_computed_beside_the_others(far):
 
 def test_what_is_no_number_leaves_the_others_as_they_are():
     found = computed([math.nan, *[0.3 * lane for lane in range(COUNT - 1)]])
-    assert np.isnan(found).sum(1).tolist() == [1, 1, 1]
+    assert np.isnan(found).sum(1).tolist() == [1, 1, 1, 1]
     assert found[1, 1:].tolist() == [math.sin(0.3 * lane) for lane in range(COUNT - 1)]
 
 
