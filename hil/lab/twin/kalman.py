@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from firmware_py.model.kt import decay_over, settled_yaw_rate
 from hil.lab.compiled import compiled
+from hil.lab.lane_division import inverse_rest, quotient
+from hil.lab.lane_math import fails
 from hil.lab.lane_rows import lanes_of, put_lanes, rows
-from hil.lab.lanes import COUNT, where
+from hil.lab.lanes import COUNT, any_of, where
 
 Floats = NDArray[np.float64]
 Covariances = Any  # a record of COVARIANCES
@@ -45,6 +47,8 @@ COVARIANCES = np.dtype(
     ]
 )  # fmt: skip
 
+# What can be multiplied and divided without coming near the end of what numbers can be.
+LEAST_ORDINARY, MOST_ORDINARY = 1e-90, 1e90
 # Of a turn.
 TURNED, TURNING, REACH, SHARE, BY_RATE, BY_BIAS, BY_SPEED, BY_FACTOR = range(8)
 
@@ -224,51 +228,64 @@ def show_heading(c: Covariances) -> None:
 
 
 @compiled
-def velocity_places(axis: int) -> tuple[int, int, int, int, int, int, int, int, int]:
-    """Return which states a velocity north (axis 0) or east (1) shows beside the heading, in the order of `parts`."""
-    orbit = ORBIT_NORTH + 2 * axis
-    return LEEWAY, SPEED, NORTH + axis, RATE, COURSE_LAG, orbit, orbit + 1, WAVE, WAVE_RATE
-
-
-@compiled
-def show_velocity(c: Covariances, axis: int) -> None:
-    """Fill how a velocity north (axis 0) or east (1) shows the states, by its `parts`."""
-    p, parts = c.p, c.parts
-    for k in range(COLUMNS):
-        part = lanes_of(parts, 0) * lanes_of(p, HEADING * COLUMNS + k)
-        for number, place in enumerate(velocity_places(axis)):
-            part = part + lanes_of(parts, number + 1) * lanes_of(p, place * COLUMNS + k)
-        put_lanes(c.shown, k, part)
-
-
-@compiled
 def correct(c: Covariances) -> None:
     """Take a scalar measurement in, of the lanes that are `on`; fill by what it moves each state.
 
     `shown` is P H' with the slopes' beside it, and `variance` that of the innovation.
     """
-    p, on, variance, innovation = c.p, lanes_of(c.on, 0) > 0.0, lanes_of(c.variance, 0), lanes_of(c.innovation, 0)
+    on, variance, innovation = lanes_of(c.on, 0) > 0.0, lanes_of(c.variance, 0), lanes_of(c.innovation, 0)
+    odd = fails((variance > LEAST_ORDINARY) & (variance < MOST_ORDINARY))
     for i in range(STATES):
         part = lanes_of(c.shown, i)
-        gain = part / variance
+        size, gain = abs(part), part / variance
+        odd = odd | ((size != 0.0) & fails((size > LEAST_ORDINARY) & (size < MOST_ORDINARY)))
         put_lanes(c.moved, i, gain * innovation)
-        for k in range(i, STATES):
-            before = lanes_of(p, i * COLUMNS + k)
-            after = where(on, before - part * lanes_of(c.shown, k) / variance, before)
-            put_lanes(p, i * COLUMNS + k, after)
-            put_lanes(p, k * COLUMNS + i, after)
         add(c, on, i, STATES, -(gain * lanes_of(c.shown, STATES)))
         add(c, on, i, STATES + 1, -(gain * lanes_of(c.shown, STATES + 1)))
+    if any_of(on & odd):
+        less_by_division(c, on, variance)
+    else:
+        less_by_inverse(c, on, variance)
+
+
+@compiled
+def less_by_division(c: Covariances, on: Lanes, variance: Lanes) -> None:
+    """Take from the covariances what is known now."""
+    for i in range(STATES):
+        part = lanes_of(c.shown, i)
+        for k in range(i, STATES):
+            put_less(c.p, on, i, k, part * lanes_of(c.shown, k) / variance)
+
+
+@compiled
+def less_by_inverse(c: Covariances, on: Lanes, variance: Lanes) -> None:
+    """Take from the covariances what is known now: the same quotients, sooner."""
+    inverse = 1.0 / variance
+    rest = inverse_rest(variance, inverse)
+    for i in range(STATES):
+        part = lanes_of(c.shown, i)
+        for k in range(i, STATES):
+            put_less(c.p, on, i, k, quotient(part * lanes_of(c.shown, k), variance, inverse, rest))
+
+
+@compiled
+def put_less(p: Floats, on: Lanes, i: int, k: int, less: Lanes) -> None:
+    """Take from a covariance and its mirror image."""
+    before = lanes_of(p, i * COLUMNS + k)
+    after = where(on, before - less, before)
+    put_lanes(p, i * COLUMNS + k, after)
+    put_lanes(p, k * COLUMNS + i, after)
 
 
 @compiled
 def add_up(c: Covariances) -> None:
     """Fill the sum of each lane's covariance, by which it is seen whether all are numbers, and its least variance."""
-    total = least = lanes_of(c.p, 0)
+    total, least = 0.0 * lanes_of(c.p, 0), lanes_of(c.p, 0)
     for i in range(STATES):
-        variance = lanes_of(c.p, i * COLUMNS + i)
+        of_row = variance = lanes_of(c.p, i * COLUMNS + i)
         least = where(least > variance, variance, least)
-        for k in range(i, STATES):
-            total = total + lanes_of(c.p, i * COLUMNS + k)
+        for k in range(i + 1, STATES):
+            of_row = of_row + lanes_of(c.p, i * COLUMNS + k)
+        total = total + of_row  # row by row: the sums of one do not wait for those of another
     put_lanes(c.total, 0, total)
     put_lanes(c.least, 0, least)

@@ -12,6 +12,7 @@ from hil.lab.lanes import any_of, where
 from hil.lab.twin import kalman, learning
 from hil.lab.twin.devices import COURSE_RAD, SPEED_M_S, THERE_S
 from hil.lab.twin.kalman import (
+    COLUMNS,
     COURSE_LAG,
     HEADING,
     LEEWAY,
@@ -53,11 +54,29 @@ def correct_velocities(f: Filters, c: Covariances, boats: Boats, on: Lanes) -> N
     note_way(f, c, on)
     for axis in range(2):
         set_parts(f, c, on, axis)
-        kalman.show_velocity(c, axis)
+        show_velocity(c, axis)
         expect_velocity(f, c, on, axis)
         take(f, c, on)
     kalman.add_up(c)
     finish_velocity(f, c, on)
+
+
+@compiled
+def velocity_places(axis: int) -> tuple[int, int, int, int, int, int, int, int, int]:
+    """Return which states a velocity north (axis 0) or east (1) shows beside the heading, in the order of `parts`."""
+    orbit = ORBIT_NORTH + 2 * axis
+    return LEEWAY, SPEED, NORTH + axis, RATE, COURSE_LAG, orbit, orbit + 1, WAVE, WAVE_RATE
+
+
+@compiled
+def show_velocity(c: Covariances, axis: int) -> None:
+    """Fill how a velocity north (axis 0) or east (1) shows the states, by its `parts`."""
+    p, parts = c.p, c.parts
+    for k in range(COLUMNS):
+        part = lanes_of(parts, 0) * lanes_of(p, HEADING * COLUMNS + k)
+        for number, place in enumerate(velocity_places(axis)):
+            part = part + lanes_of(parts, number + 1) * lanes_of(p, place * COLUMNS + k)
+        put_lanes(c.shown, k, part)
 
 
 @compiled
@@ -101,7 +120,7 @@ def expect_velocity(f: Filters, c: Covariances, on: Lanes, axis: int) -> None:
     """Fill innovations and variances of velocities along an axis, and learn from them."""
     parts, noted, fix = c.parts, rows(c.noted, on), rows(c.fix, on)
     variance = lanes_of(parts, 0) * lanes_of(c.shown, HEADING)
-    for number, place in enumerate(kalman.velocity_places(axis)):
+    for number, place in enumerate(velocity_places(axis)):
         variance = variance + lanes_of(parts, number + 1) * lanes_of(c.shown, place)
     variance = variance + lanes_of(c.expected, 0)
     shown_m_s = fix[SPEED_M_S] * (math.cos(fix[COURSE_RAD]) if axis == 0 else math.sin(fix[COURSE_RAD]))

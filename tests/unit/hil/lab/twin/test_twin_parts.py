@@ -93,10 +93,11 @@ def test_a_covariance_is_carried_on_as_the_firmware_does():
         assert np.array_equal(beside["p"][0, ..., lane - 1], np.concatenate((p, slopes), axis=1))  # it takes no part
 
 
-def test_a_measurement_is_taken_in_as_the_firmware_does():
+@pytest.mark.parametrize("size", [1.0, 1e-160])  # of which the square is hardly a number
+def test_a_measurement_is_taken_in_as_the_firmware_does(size):
     numbers = np.random.default_rng(6)
     for _ in range(20):
-        half, x, shown = numbers.normal(size=(18, 18)), numbers.normal(size=18), numbers.normal(size=20)
+        half, x, shown = size * numbers.normal(size=(18, 18)), numbers.normal(size=18), size * numbers.normal(size=20)
         p, slopes, variance = half @ half.T, numbers.normal(size=(18, 2)), 3.0 + float(numbers.random())
         p = 0.5 * (p + p.T)
         moved, after = kalman.correct(tuple(x.tolist()), p, shown[:18], 0.3, variance)
