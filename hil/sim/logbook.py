@@ -17,7 +17,7 @@ from hil.ship.scenarios import Scenario, rows_of
 from hil.sim import run_file
 from hil.sim.goals import Goal
 from hil.sim.ground_station import GUIDED
-from hil.sim.run_directory import TRUTH_FILE, copy_state, prepare_directory
+from hil.sim.run_directory import TRUTH_FILE, prepare_directory
 from hil.sim.run_file import FINISHED, OrderRecord, RunFile
 from hil.sim.truth import TruthFile
 from hil.sim.vehicle_file import model_of, mounting_of, standard_vehicle
@@ -65,9 +65,7 @@ class Logbook:
 @contextmanager
 def put_to_sea(options: RunOptions, start_utc_s: float) -> Iterator[Logbook]:
     """Begin a run's directory and its world, and write down how it ended; HilError when that cannot be."""
-    prepare_directory(options.out)
-    if options.state is not None:
-        copy_state(options.state, options.out)
+    prepare_directory(options.out, options.state)
     record = _record(options, start_utc_s)
     record.write(options.out)
     truth = TruthFile(options.out / TRUTH_FILE, columns_beside(options.scenario))

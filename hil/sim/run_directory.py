@@ -6,6 +6,7 @@ import fcntl
 import os
 import shutil
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -66,27 +67,36 @@ def tell_replaced(out: Path) -> None:
     print(f"rambler-hil: {out}: {before} is replaced; another --out keeps both", file=sys.stderr)
 
 
-def prepare_directory(out: Path) -> None:
-    """Make the output directory and clear an earlier run's state out of it, or raise UsageError."""
+def prepare_directory(out: Path, begin_with: Path | None = None) -> None:
+    """Make the output directory, with a copy of a state in it, in place of an earlier run; or raise UsageError.
+
+    The copy is made first: it may be of the earlier run's state, and one that cannot be made leaves that run whole.
+    """
     state = out / STATE
     try:
         out.mkdir(parents=True, exist_ok=True)
-        if state.exists():
-            # What the autopilot remembers would change the run. But never remove what no run has made.
-            if not (out / VEHICLE_NAME).exists():
-                raise UsageError(f"{state} exists and is not of an earlier run; give another --out")
-            shutil.rmtree(state)
-        for name in FILES:
-            (out / name).unlink(missing_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".state-", dir=out) as directory:
+            copied = Path(directory) / STATE
+            if begin_with is not None:
+                copy_state(begin_with, copied)
+            if state.exists():
+                # What the autopilot remembers would change the run. But never remove what no run has made.
+                if not (out / VEHICLE_NAME).exists():
+                    raise UsageError(f"{state} exists and is not of an earlier run; give another --out")
+                shutil.rmtree(state)
+            for name in FILES:
+                (out / name).unlink(missing_ok=True)
+            if begin_with is not None:
+                copied.rename(state)
     except OSError as error:
         raise UsageError(f"output directory {out}: {error.strerror}; give another --out") from None
 
 
-def copy_state(state: Path, out: Path) -> None:
+def copy_state(state: Path, target: Path) -> None:
     """Copy the state directory that the autopilot is to begin with, the logs left out; UsageError when it cannot be."""
     try:
         ignored = shutil.ignore_patterns("logs", "lock")
-        shutil.copytree(state, out / STATE, ignore=ignored, copy_function=_copy_file)
+        shutil.copytree(state, target, ignore=ignored, copy_function=_copy_file)
     except shutil.Error as error:
         reasons = "; ".join(str(reason) for *_, reason in error.args[0])
         raise UsageError(f"state directory {state} cannot be copied: {reasons}") from None

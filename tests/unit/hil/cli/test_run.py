@@ -114,6 +114,22 @@ def test_runs_are_hidden_from_git_and_only_an_earlier_runs_state_is_cleared(tmp_
     assert not kept.exists()
 
 
+def test_a_run_begins_with_the_state_of_the_one_that_it_replaces_and_keeps_what_it_cannot_replace(tmp_path):
+    state = tmp_path / "state"
+    state.mkdir()
+    (state / "mission").write_text("x")
+    (tmp_path / "vehicle.toml").write_text("")
+    for _ in range(2):
+        prepare_directory(tmp_path, state)
+        assert [path.name for path in tmp_path.iterdir()] == ["state"]
+        assert (state / "mission").read_text() == "x"
+        (tmp_path / "vehicle.toml").write_text("")
+    with pytest.raises(UsageError, match="cannot be copied"):
+        prepare_directory(tmp_path, tmp_path / "mistyped")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["state", "vehicle.toml"]
+    assert (state / "mission").read_text() == "x"
+
+
 def test_an_output_directory_that_cannot_be_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match="give another --out"):
