@@ -16,6 +16,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 
 from firmware_py.common.token_bucket import TokenBucket
+from firmware_py.link.latest import keep_latest
 from firmware_py.link.peer import Peer
 from firmware_py.link.security.access import Admitted, Standing
 from firmware_py.link.wire.dialect import Packed, mavlink
@@ -65,10 +66,7 @@ class Router:
         known, heard_s = self._routes.get(source, (peer, now_s))
         if known is not peer and known in present and now_s - heard_s < MOVES_S:
             return False
-        self._routes[source] = (peer, now_s)
-        self._routes.move_to_end(source)
-        if len(self._routes) > ROUTES:
-            self._routes.popitem(last=False)
+        keep_latest(self._routes, source, (peer, now_s), ROUTES)
         return True
 
     def _pass(self, peer: Peer, frame: Frame, present: Iterable[Peer], now_s: float) -> None:

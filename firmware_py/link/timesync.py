@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Mapping
 
 from firmware_py.link.context import Handler, LinkContext
+from firmware_py.link.latest import keep_latest
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority
@@ -37,10 +38,7 @@ class Timesync:
             asker, mark = (peer, *sender), (message.time_usec, message.seq)
             if self._answered.get(asker) == mark:
                 return
-            self._answered[asker] = mark
-            self._answered.move_to_end(asker)
-            if len(self._answered) > _REMEMBERED:
-                self._answered.popitem(last=False)
+            keep_latest(self._answered, asker, mark, _REMEMBERED)
         reply = mavlink.MAVLink_ping_message(message.time_usec, message.seq, *sender)
         self._context.send(peer, reply, Priority.URGENT)
 

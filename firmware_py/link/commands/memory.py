@@ -6,6 +6,7 @@ from collections import OrderedDict
 from dataclasses import replace
 
 from firmware_py.common.record_class import dataclass
+from firmware_py.link.latest import keep_latest
 from firmware_py.link.peer import Peer
 
 RETRY_S = 5.0  # a confirmation within this belongs to the earlier command
@@ -60,10 +61,7 @@ class CommandMemory:
     def remember(self, sender: tuple[int, int], command: int, done: CommandRecord) -> None:
         """Remember a command, before those of its kind."""
         key = (done.peer, *sender, command)
-        self._done[key] = (done, *self._done.get(key, ()))[:_LATEST]
-        self._done.move_to_end(key)
-        if len(self._done) > REMEMBERED:
-            self._done.popitem(last=False)
+        keep_latest(self._done, key, (done, *self._done.get(key, ()))[:_LATEST], REMEMBERED)
 
     def set_result(self, peer: Peer, sender: tuple[int, int], command: int, sequence: int, result: int) -> None:
         """Note the result of the command that came with a sequence number, if it is remembered."""

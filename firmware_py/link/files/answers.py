@@ -10,6 +10,7 @@ from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
 from firmware_py.link.files.payload import FileRequest, Opcode, Refusal, ack_payload, nak_payload, refusal_of
 from firmware_py.link.files.sessions import Client, FileSessions, OpenFile
+from firmware_py.link.latest import keep_latest
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.link.wire.worker import Worker
@@ -90,10 +91,7 @@ class Answers:
     def _remember(self, call: FileCall, payload: bytes) -> None:
         """Keep an answer for those who ask again."""
         key = (call.client, call.raw)
-        self._remembered[key] = (payload, call.now_s)
-        self._remembered.move_to_end(key)
-        if len(self._remembered) > _REMEMBERED:
-            self._remembered.popitem(last=False)
+        keep_latest(self._remembered, key, (payload, call.now_s), _REMEMBERED)
 
     def send(self, call: FileCall, payload: bytes) -> None:
         """Queue a payload to whoever has asked."""

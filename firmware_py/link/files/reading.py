@@ -14,6 +14,7 @@ from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.files.payload import DATA_BYTES, Error, Opcode, Refusal
 from firmware_py.link.files.sessions import Burst, Client, FileSessions, OpenFile, listing_data
 from firmware_py.link.files.tree import Tree, parse_path
+from firmware_py.link.latest import keep_latest
 
 _LISTINGS = 8
 _LISTING_S = 30.0  # a listing is read on, page by page, for so long
@@ -54,10 +55,7 @@ class ReadingRequests:
         parts, _ = parse_path(call.request.data)
 
         def keep(entries: Any) -> bytes:
-            self._listings[key] = (entries, call.now_s)
-            self._listings.move_to_end(key)
-            if len(self._listings) > _LISTINGS:
-                self._listings.popitem(last=False)
+            keep_latest(self._listings, key, (entries, call.now_s), _LISTINGS)
             return page(entries)
 
         self._answers.finish_later(call, partial(self._tree.listing, parts), keep)

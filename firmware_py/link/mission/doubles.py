@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 
+from firmware_py.link.latest import keep_latest
 from firmware_py.link.mission.items import Correspondent
 from firmware_py.link.wire.dialect import Message
 
@@ -25,8 +26,5 @@ class Marks:
         before, seen_s = self._latest.get(key, (None, 0.0))
         if mark == before and now_s - seen_s < _DOUBLED_S:
             return True
-        self._latest[key] = (mark, now_s)
-        self._latest.move_to_end(key)
-        if len(self._latest) > _REMEMBERED:
-            self._latest.popitem(last=False)
+        keep_latest(self._latest, key, (mark, now_s), _REMEMBERED)
         return False

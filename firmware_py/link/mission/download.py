@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, homes
 from firmware_py.link.context import LinkContext
+from firmware_py.link.latest import keep_latest
 from firmware_py.link.mission.items import Correspondent, acknowledge, home_item, item_message, sender_of
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
@@ -39,10 +40,7 @@ class PlanDownloads:
         """Answer MISSION_REQUEST_LIST with the count and the opaque id."""
         reader = Correspondent(peer, sender_of(message))
         plan = self._context.request_handler.plans().of(kind)
-        self._readings[reader, kind] = PlanDownload(plan, now_s)
-        self._readings.move_to_end((reader, kind))
-        if len(self._readings) > _REMEMBERED:
-            self._readings.popitem(last=False)
+        keep_latest(self._readings, (reader, kind), PlanDownload(plan, now_s), _REMEMBERED)
         count = _wire_count(plan, homes(self._context.autopilot, kind))
         self._context.send(peer, _COUNT(*reader.sender, count, int(kind), plan.identity))
 

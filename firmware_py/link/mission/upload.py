@@ -14,6 +14,7 @@ from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, homes
 from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
+from firmware_py.link.latest import keep_latest
 from firmware_py.link.mission.doubles import Marks
 from firmware_py.link.mission.items import NAMES, Correspondent, acknowledge, item_of, news_of, sender_of
 from firmware_py.link.peer import Peer
@@ -228,10 +229,7 @@ class PlanUploads:
         """End an upload, well without a fault."""
         del self._active[upload.kind]
         ended = UploadEnd(sequence, PlanResult.ACCEPTED if fault is None else fault.result, 0 if fault else identity)
-        self._ended[upload.owner, upload.kind] = ended
-        self._ended.move_to_end((upload.owner, upload.kind))
-        if len(self._ended) > _REMEMBERED:
-            self._ended.popitem(last=False)
+        keep_latest(self._ended, (upload.owner, upload.kind), ended, _REMEMBERED)
         if fault is None:
             acknowledge(self._context, *upload.owner, int(upload.kind), ended.result, ended.identity)
             return

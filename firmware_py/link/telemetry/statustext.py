@@ -10,6 +10,7 @@ from typing import NamedTuple
 from firmware_py.common.records import Event, Severity
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.faults.table import TABLE as FAULTS
+from firmware_py.link.latest import keep_latest
 from firmware_py.link.wire.dialect import Message, mavlink, text_of
 
 _CHUNK = 50
@@ -63,10 +64,8 @@ class TextLimiter:
         if not self._tokens.spend_one(now_s):
             return False
         streams = last.held_back and age_s < 2.0 * last.quiet_s
-        self._said[text] = _Said(now_s, min(2.0 * last.quiet_s, _SAME_LATEST_S) if streams else _SAME_S)
-        self._said.move_to_end(text)
-        if len(self._said) > _KNOWN_TEXTS:
-            self._said.popitem(last=False)
+        quiet_s = min(2.0 * last.quiet_s, _SAME_LATEST_S) if streams else _SAME_S
+        keep_latest(self._said, text, _Said(now_s, quiet_s), _KNOWN_TEXTS)
         return True
 
 
