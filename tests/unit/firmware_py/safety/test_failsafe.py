@@ -131,6 +131,26 @@ def test_disarming_ends_a_failsafe():
     assert helm.tick(FENCE, order=Mode.AUTO) is Mode.AUTO
 
 
+def test_after_disarming_neither_the_fault_that_stands_acts_again_nor_goes_on_what_was_interrupted():
+    helm = Helm()
+    helm.tick(FENCE)
+    helm.armed = False
+    helm.tick(FENCE)
+    helm.armed, helm.mode = True, Mode.STEERING
+    assert helm.tick(FENCE) is Mode.STEERING
+    assert helm.tick() is Mode.STEERING
+    assert helm.said == ["Failsafe: RTL"]
+
+
+def test_another_mode_that_nobody_here_chose_ends_a_failsafe():
+    helm = Helm()
+    helm.tick(GCS)
+    helm.mode = Mode.STEERING
+    assert helm.tick(GCS) is Mode.STEERING
+    assert helm.tick() is Mode.STEERING
+    assert helm.said == ["Failsafe: LOITER"]
+
+
 def test_a_fault_set_to_alert_only_while_its_failsafe_acts_calls_for_nothing_any_more():
     helm = Helm(resume=False)
     helm.tick(GCS)
