@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from hil.cli import outputs
+from hil.errors import UsageError
 from hil.report import field_page, run_page
 from hil.report.text import figures_text
 from hil.sim import run_directory, run_file
@@ -45,6 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
             )
     target = arguments.out or PAGE
     outputs.check("--out", target)
+    if target.exists() and any(place.exists() and place.samefile(target) for place in arguments.places):
+        raise UsageError(f"--out {target} is a log that the page is made of; give another")
     field_page.write(arguments.places, target)
     print(f"report: {target}")
     return 0

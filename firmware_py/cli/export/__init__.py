@@ -35,6 +35,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Exit 0 when it is written, 1 for a log without a tick (or a position, where a track is wanted), 2 on refusal."""
     kind, log = arguments.to, arguments.log
     out = arguments.out or Path(f"{log.name.removesuffix(SUFFIX).removesuffix('.BIN')}.{kind}")
+    if log.exists() and out.exists() and out.samefile(log):
+        return refused("export", f"{out} is the log itself; give another --out")
     part = out.with_name(f"{out.name}.part")
     module = importlib.import_module(f"firmware_py.cli.export.{FORMATS[kind][0]}")
     try:

@@ -16,6 +16,7 @@ import pytest
 from firmware_py.__main__ import main
 from firmware_py.log.dataflash import header
 from firmware_py.log.schema import TYPES
+from hil.__main__ import main as hil_main
 from support.full_log import TICKS, write_log
 from support.paths import REPLAY
 
@@ -43,6 +44,18 @@ def test_logs_one_behind_the_other_in_a_file_are_all_told(log, tmp_path, capsys)
     for kind in ("csv", "gpx", "kml"):
         assert main(["export", str(both), "--to", kind, "--out", str(tmp_path / kind)]) == 0
     assert f"{2 * TICKS} rows" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("program", "words"), [(main, ["export", "--to", "csv"]), (hil_main, ["report"])])
+def test_a_log_is_not_written_over_by_what_is_made_of_it(program, words, log, tmp_path, capsys):
+    mine = tmp_path / "00000001.BIN"
+    content = log.read_bytes()
+    mine.write_bytes(content)
+    (tmp_path / "link").symlink_to(mine)
+    for out in (mine, tmp_path / "link"):
+        assert program([*words, str(mine), "--out", str(out)]) == 2
+        assert "give another" in capsys.readouterr().err
+        assert mine.read_bytes() == content
 
 
 def test_a_row_a_tick(export):
