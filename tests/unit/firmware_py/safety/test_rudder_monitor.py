@@ -1,6 +1,7 @@
 """A rudder that follows, slowly or in steps, is not at fault; one that stands still, strays or pulls too hard is."""
 
 import math
+from itertools import pairwise
 
 import pytest
 
@@ -153,3 +154,36 @@ def test_a_relieved_servo_comes_to_rest_though_its_answers_are_older_than_its_an
     list(servo.run(2.0, demand_deg))
     angles_deg = [servo.angle_deg for _ in servo.run(RELIEF_S - 3.0, demand_deg)]
     assert max(angles_deg) - min(angles_deg) < 0.01
+
+
+def overloaded():
+    servo = Servo()
+    list(servo.run(3.0, 20.0))
+    servo.current_a = 5.0
+    list(servo.run(1.9, 20.0))
+    assert not servo.state.overloaded
+    list(servo.run(0.3, 20.0))
+    assert servo.state.overloaded
+    return servo
+
+
+def test_one_that_draws_too_much_at_each_trial_rests_between_them_for_ever():
+    servo, tried = overloaded(), []
+    for _ in range(600):
+        servo.current_a = 5.0 if servo.state.trial(servo.t_s) else 0.2
+        list(servo.run(0.1, 20.0))
+        tried.append(servo.state.trial(servo.t_s))
+        assert servo.state.overloaded
+    trials = sum(now and not before for before, now in pairwise(tried))
+    assert trials == pytest.approx(60.0 / (RELIEF_S + TRIAL_S), abs=1.0)
+    assert sum(tried) * 0.1 == pytest.approx(trials * TRIAL_S, abs=1.5)
+
+
+def test_a_relieved_rudder_that_is_pushed_away_is_not_held_against_it():
+    servo = overloaded()
+    servo.current_a = 0.2
+    servo.jammed = True  # the sea alone moves it
+    for _ in range(80):
+        servo.angle_deg -= 0.2
+        list(servo.run(0.1, 20.0))
+        assert abs(servo.sent_deg - servo.angle_deg) < 1.0
