@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.signal import lfilter
 
 from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
 
 SPIKE_NEIGHBOURS = 3  # to each side
 SPIKE_SPREADS = 8.0  # a normal number is this far out once in 1e15
 NORMAL_MAD, NORMAL_90 = 1.4826, 1.645
+NOISE_CERTAIN = 4.0  # standard errors
 BIAS_BLOCKS, BIAS_CERTAIN, BIAS_MATTERS = 10, 8.0, 0.02  # standard errors; of the yaw rate's spread
 
 
@@ -65,6 +67,34 @@ def without_spikes(values: Floats) -> tuple[Floats, int]:
     if spread <= 0.0 or not wrong.any():
         return values.copy(), 0
     return np.where(wrong, middle, values), int(np.count_nonzero(wrong))
+
+
+def without_speed_noise(recording: Recording, notes: list[str]) -> Recording:
+    """Smooth a measured speed as far as its rows differ by noise: she follows the speed, which acts by its powers.
+
+    A speed that wanders, seen through white noise (Harvey, Forecasting, structural time series models, 1989, 4.3).
+    """
+    speed = recording.speed_m_s
+    if speed is None or speed.size < LEAST_ROWS:
+        return recording
+    steps = np.diff(speed)
+    noise, unsure = -float(np.mean(steps[1:] * steps[:-1])), NOISE_CERTAIN / math.sqrt(steps.size)
+    if not noise > unsure * float(np.mean(steps**2)):
+        return recording
+    # How far it wanders in a row, over the noise: as much as shows over any time.
+    apart = [2**power for power in range((speed.size // LEAST_ROWS).bit_length())]
+    wandered = [(float(np.mean((speed[rows:] - speed[:-rows]) ** 2)) / noise - 2.0 - unsure) / rows for rows in apart]
+    share = max(*wandered, 1.0 / speed.size**2)
+    keep = 1.0 + 0.5 * share - math.sqrt(share + 0.25 * share**2)
+    notes.append(f"{recording.name}: speed_m_s has a noise of {math.sqrt(noise):.2g} m/s from row to row; smoothed")
+    return replace(recording, speed_m_s=_both_ways(speed, keep) / _both_ways(np.ones(speed.size), keep))
+
+
+def _both_ways(values: Floats, keep: float) -> Floats:
+    """Sum up values with weights that each row further away, before or behind, keeps a part of."""
+    before = lfilter([1.0], [1.0, -keep], values)
+    behind = lfilter([1.0], [1.0, -keep], values[::-1])[::-1]
+    return np.asarray(before + behind - values)
 
 
 def without_rate_bias(recording: Recording, notes: list[str], scale: float = 1.0) -> Recording:

@@ -13,7 +13,7 @@ import numpy as np
 
 from hil.errors import UsageError
 from hil.lab.identify.agreement import scale_of, without_standstill
-from hil.lab.identify.mend import once, without_rate_bias, without_spikes
+from hil.lab.identify.mend import once, without_rate_bias, without_speed_noise, without_spikes
 from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
 
 GAP_SAMPLES = 10.0  # a hole this many usual intervals long: nobody knows what the rudder did in it
@@ -147,7 +147,7 @@ def prepare(recordings: Sequence[Recording], speed_m_s: float | None = None) -> 
     if not has_heading and not has_rate:
         raise UsageError("some files have only a heading, others only a yaw rate; give files that share one of them")
     notes = [f"{recording.name}: {note}" for recording in recordings for note in recording.notes]
-    recordings = once(recordings, notes)
+    recordings = [without_speed_noise(recording, notes) for recording in once(recordings, notes)]
     if not (has_heading and has_rate) and len(recordings) > 1:
         notes.append(f"only the {'heading' if has_heading else 'yaw rate'} is used: not all files have both")
     with_speed = all(recording.speed_m_s is not None for recording in recordings)
