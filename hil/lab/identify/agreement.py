@@ -16,6 +16,7 @@ from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
 LONG_STILL = 10.0  # times as long as a value usually stays the same
 MOSTLY = 0.5  # of the rows: rather without a column than without them
 AS_BUSY = 0.5  # of its root mean square elsewhere: a witness that says that she went on turning
+NEXT_STEPS = 2.0  # of a sensor's own, within which it goes on where it stood, as at the end of a turn
 COARSE_STEPS = 5.0  # of a sensor's own, that elsewhere she turns by in that time
 DEGREES_SLOPE = 20.0  # a heading that changes this many times faster than the yaw rate says is in degrees
 WINDOWS = (1000, 300, 100, 30, 15)  # of a recording, over which the turns of both are compared
@@ -67,7 +68,10 @@ def _without(recording: Recording, name: str) -> Recording:
 
 
 def _frozen(values: Floats, witnesses: Sequence[Floats]) -> NDArray[np.bool_]:
-    """Return in which rows values stay the same for long, although a witness is as busy as elsewhere."""
+    """Return in which rows values stay the same for long, although a witness is as busy as elsewhere.
+
+    witnesses: the rudder, then what turns with the values.
+    """
     bounds = np.concatenate(([0], np.flatnonzero(np.diff(values)) + 1, [values.size]))
     lengths = np.diff(bounds)
     long = lengths > max(LEAST_ROWS, LONG_STILL * float(np.median(lengths)))
@@ -83,7 +87,10 @@ def _frozen(values: Floats, witnesses: Sequence[Floats]) -> NDArray[np.bool_]:
         parts = values[moving][: elsewhere // width * width].reshape(-1, width)
         if float(np.quantile(np.ptp(parts, axis=1), 0.25)) <= COARSE_STEPS * step:
             continue
-        frozen[rows] = any(_size(one[rows]) > AS_BUSY * _size(one[moving]) for one in witnesses)
+        busy = [_size(one[rows]) > AS_BUSY * _size(one[moving]) for one in witnesses]
+        goes_on = rows.stop < values.size and abs(values[rows.stop] - values[rows.start]) <= NEXT_STEPS * step
+        # The rudder alone is no witness of a coarse compass that stands still while a turn ends and another begins.
+        frozen[rows] = any(busy[int(goes_on) :])
     return frozen
 
 

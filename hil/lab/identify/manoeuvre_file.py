@@ -241,7 +241,7 @@ def _check_order(path: Path, numbers: list[int], time_s: Floats) -> None:
         at = int(wrong[0])
         raise UsageError(
             f"{path}:{numbers[at + 1]}: time_s {time_s[at + 1]:g} does not come after {time_s[at]:g}; "
-            "sort the rows by time and remove repeated ones"
+            "sort the rows by time and remove repeated ones; where the clock was set back, make two files of it"
         )
 
 

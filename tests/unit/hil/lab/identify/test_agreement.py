@@ -125,3 +125,16 @@ def test_waves_and_a_slow_compass_are_no_disagreement(yard, zigzag):
     late = np.convolve(heading, tail / tail.sum())[: 2 * HALF]
     for one, other in ((heading + waves, rate), (heading + waves, rate + swing), (heading, rate + swing), (late, rate)):
         assert prepare([replace(zigzag, heading_rad=one, yaw_rate_rad_s=other)]).warnings == ()
+
+
+def test_a_coarse_compass_that_stands_still_between_two_turns_is_not_called_frozen(yard):
+    """At whole degrees it says the same for some seconds while her turning ends and begins the other way."""
+    time = np.arange(3000) * 0.2
+    plan = np.radians([20.0, -20.0, 20.0, 0.0, -10.0, 10.0, -20.0, 30.0, -30.0])
+    target, rudder = plan[(time // 25.0).astype(int) % plan.size], np.zeros(time.size)
+    for n in range(1, time.size):
+        rudder[n] = rudder[n - 1] + np.clip(target[n] - rudder[n - 1], -0.035, 0.035)
+    heading, rate = yard.boat(0.1, 6.0, 20.0, 0.01).motion(time, rudder)
+    data = prepare([yard.recorded(time, rudder, heading, rate, noise=0.0, resolution=1.0, channels="h")])
+    assert not data.warnings
+    assert data.rows == time.size
