@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from firmware_py.common.angles import DEGREES_PER_RADIAN
 from hil.lab.tune.delivered import DEG_PER_H, Setting, default_setting
 from hil.lab.tune.delivered_report import Report, case_rows, choice_lines, parameter_file
@@ -25,7 +23,7 @@ from hil.report.style import (
     name_panel,
     new_figure,
 )  # fmt: skip
-from hil.sim.truth import ROWS_PER_SECOND
+from hil.sim.truth import Truth
 
 SIZE_INCHES = (13.0, 4.6)
 NOTE = (
@@ -69,9 +67,12 @@ def _draw(report: Report, path: Path) -> None:
     runs = [("as delivered", GOAL, delivered)]
     if not report.tuned.kept:
         runs.append(("chosen", HULL, _run(report, report.tuned.chosen.setting)))
-    for name, colour, (time_s, heading_rad, rudder_rad, travel) in runs:
-        headings.plot(time_s, heading_rad * DEGREES_PER_RADIAN, color=colour, lw=1.2, label=name)
-        rudders.plot(time_s, rudder_rad * DEGREES_PER_RADIAN, color=colour, lw=0.8, label=f"{name}: {travel:.0f} deg/h")
+    goal_deg = delivered[0].goal_rad * DEGREES_PER_RADIAN
+    headings.plot(delivered[0].time_s, goal_deg, color=INK, lw=1.0, ls="--", label="goal")
+    for name, colour, (truth, travel) in runs:
+        headings.plot(truth.time_s, truth.heading_rad * DEGREES_PER_RADIAN, color=colour, lw=1.2, label=name)
+        rudder_deg, label = truth.rudder_rad * DEGREES_PER_RADIAN, f"{name}: {travel:.0f} deg/h"
+        rudders.plot(truth.time_s, rudder_deg, color=colour, lw=0.8, label=label)
     shown = report.fresh.cases[0].text
     name_panel(headings, f"hull's heading, {shown}", x="time, s", y="deg")
     name_panel(rudders, f"rudder, {shown}", x="time, s", y="deg")
@@ -94,8 +95,8 @@ def _tried(axes: Any, report: Report) -> None:
     axes.legend(loc="upper right", fontsize=8, edgecolor="none", framealpha=0.9)
 
 
-def _run(report: Report, setting: Setting) -> tuple[Any, Any, Any, float]:
-    """Return time, heading, rudder and travel of the first case in fresh seas."""
+def _run(report: Report, setting: Setting) -> tuple[Truth, float]:
+    """Return the first case in fresh seas, and its rudder travel."""
     record = sailing.alone(report.fresh.record(setting, report.fresh.seas[:1]))
     travel = float(report.fresh.results(setting)[0, TRAVEL]) * DEG_PER_H
-    return np.arange(record.heading_rad.size) / ROWS_PER_SECOND, record.heading_rad, record.rudder_rad, travel
+    return sailing.truth_of(record, report.fresh.goals), travel
