@@ -136,7 +136,8 @@ def _plot(result: Identification, text: str, arguments: argparse.Namespace, *, a
     from hil.lab.identify.picture import draw  # noqa: PLC0415
 
     fit = result.fit
-    train = replace(result.train, file=", ".join(arguments.train)[:60], predictions=predictions(fit.problem, fit.state))
+    shown = predictions(fit, fit.problem, fit.state)
+    train = replace(result.train, file=", ".join(arguments.train)[:60], predictions=shown)
     model = result.model()
     gain = f"K {model.turning_ability_1_s:.4g}" + " 1/s" * angular
     rest = f"T {model.turning_lag_s:.4g} s, alpha {model.norrbin_s2:.3g} s² ({result.choice.model})"

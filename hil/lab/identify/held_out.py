@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from hil.lab.identify.fit import NO_LAGS, Fit, first_guess
-from hil.lab.identify.predict import Start
+from hil.lab.identify.predict import Start, inner_steps, sensitivities
 from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
 from hil.lab.identify.refine import Problem, State, Weights, refine
 from hil.lab.identify.stretch import Data, Stretch, Timing, prepare, timed
@@ -20,11 +20,15 @@ Errors = dict[str, list[Floats]]  # "heading", "yaw_rate" -> one array a stretch
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """One stretch, measured and predicted; a channel that was not measured is predicted all the same."""
+    """One stretch, measured and predicted; a channel that was not measured is predicted all the same.
+
+    heading_se_rad: what the errors of K, T, alpha and delta0 do to the heading.
+    """
 
     stretch: Stretch
     heading_rad: Floats
     yaw_rate_rad_s: Floats
+    heading_se_rad: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,25 +86,35 @@ def held_out(
         starts.extend(refine(replace(problem, data=part), begin).state.starts)
     state = State(fit.state.point, tuple(starts))
     errors = _errors(problem, state, centred=False)
-    return HeldOut.of(recording.name, errors, predictions(problem, state), data.warnings)
+    return HeldOut.of(recording.name, errors, predictions(fit, problem, state), data.warnings)
 
 
-def predictions(problem: Problem, state: State) -> tuple[Prediction, ...]:
-    """Return measured and predicted motion of every stretch."""
+def predictions(fit: Fit, problem: Problem, state: State) -> tuple[Prediction, ...]:
+    """Return measured and predicted motion of every stretch of a problem, the fit's own or another."""
+    parts = zip(problem.data.stretches, state.starts, strict=True)
     return tuple(
-        Prediction(stretch, *problem.motion(stretch, state, start))
-        for stretch, start in zip(problem.data.stretches, state.starts, strict=True)
+        Prediction(stretch, *problem.motion(stretch, state, start), _unsure(fit, stretch, start))
+        for stretch, start in parts
     )
+
+
+def _unsure(fit: Fit, stretch: Stretch, start: Start) -> Floats:
+    """Return the standard error of the heading that comes of those of the model."""
+    problem, point = fit.problem, fit.state.point
+    steps = inner_steps(stretch, fit.physical, problem.largest_rate_rad_s)
+    slopes = sensitivities(stretch, point, problem.scales, start, problem.free, steps)[2][:, : len(problem.free)]
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ri,ij,rj->r", slopes, fit.covariance, slopes, optimize=True), 0.0)))
 
 
 def _errors(problem: Problem, state: State, *, centred: bool) -> Errors:
     errors: Errors = {"heading": [], "yaw_rate": []}
-    for prediction in predictions(problem, state):
-        if prediction.stretch.heading_rad is not None:
-            error = prediction.stretch.heading_rad - prediction.heading_rad
+    for stretch, start in zip(problem.data.stretches, state.starts, strict=True):
+        heading_rad, yaw_rate_rad_s = problem.motion(stretch, state, start)
+        if stretch.heading_rad is not None:
+            error = stretch.heading_rad - heading_rad
             errors["heading"].append(error - error.mean() if centred else error)
-        if prediction.stretch.yaw_rate_rad_s is not None:
-            errors["yaw_rate"].append(prediction.stretch.yaw_rate_rad_s - prediction.yaw_rate_rad_s)
+        if stretch.yaw_rate_rad_s is not None:
+            errors["yaw_rate"].append(stretch.yaw_rate_rad_s - yaw_rate_rad_s)
     return {name: pieces for name, pieces in errors.items() if pieces}
 
 

@@ -111,7 +111,8 @@ def identify(
     choice = Choice(chosen.model, chosen.why, chosen.scaled, chosen.speed_why, timing)
     data = next(one for one, scaled in kinds if scaled == chosen.scaled)
     loop, late = _loop_or_late(found)
-    judgement = _warned(_judged(with_slow_noise(found), model, loop, late), found, late)
+    found = with_slow_noise(found)
+    judgement = _warned(_judged(found, model, loop, late), found, late)
     _check_size(data, judgement)
     brought = Brought(
         searched.box.guess_misfit,

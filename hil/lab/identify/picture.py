@@ -16,6 +16,7 @@ from hil.report.style import BAND, COMPASS, GOAL, HULL, finish, name_panel, new_
 
 MEASURED, PREDICTED, RUDDER = COMPASS, GOAL, HULL
 BAND_DEG = 10.0  # the paper's figure 5: nearly all errors lie within
+NORMAL_95 = 1.96
 MOST_COLUMNS = 3
 MOST_POINTS = 6000
 
@@ -52,6 +53,11 @@ def _stretch(axes: Any, prediction: Prediction, *, first: bool, angular: bool) -
         axes[0].plot(time_s, measured * degrees, color=MEASURED, lw=2.0, label=label("measured"))
         error_deg = (measured - prediction.heading_rad) * degrees
         axes[1].axhspan(-BAND_DEG, BAND_DEG, color=BAND, lw=0, label=label(f"±{BAND_DEG:g} deg"))
+        reach = 3.0 * max(BAND_DEG, float(np.max(np.abs(error_deg))))
+        unsure_deg = np.minimum(NORMAL_95 * prediction.heading_se_rad * degrees, reach)
+        axes[1].fill_between(
+            time_s, -unsure_deg, unsure_deg, color=PREDICTED, alpha=0.3, lw=0, label=label("95 % by the model's errors")
+        )
         axes[1].plot(time_s, error_deg, color=RUDDER, lw=0.8)
     axes[0].plot(time_s, prediction.heading_rad * degrees, color=PREDICTED, lw=1.0, label=label("predicted"))
     if prediction.stretch.yaw_rate_rad_s is not None:
@@ -102,4 +108,5 @@ def _thinned(prediction: Prediction) -> Prediction:
         None if full.yaw_rate_rad_s is None else some(full.yaw_rate_rad_s),
         some(full.speed_ratio),
     )
-    return Prediction(stretch, some(prediction.heading_rad), some(prediction.yaw_rate_rad_s))
+    columns = (prediction.heading_rad, prediction.yaw_rate_rad_s, prediction.heading_se_rad)
+    return Prediction(stretch, *map(some, columns))
