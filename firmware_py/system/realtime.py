@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import gc
 import mmap
@@ -38,9 +39,10 @@ def prepare(ordinary: Collection[str] = (), *, real_time: bool = True) -> tuple[
     whose work others decide on, for Linux takes a processor from real-time work for 50 ms in a second full of it.
     Without `real_time`, where time stands still while the autopilot computes, the kernel is asked for nothing.
     """
+    gc.collect()
+    give_back()  # locked memory cannot be
     refused = _ask_kernel(ordinary) if real_time else []
     sys.setswitchinterval(SWITCH_INTERVAL_S)
-    gc.collect()
     gc.freeze()
     gc.disable()
     if real_time:
@@ -66,6 +68,12 @@ def _ask_kernel(ordinary: Collection[str]) -> list[str]:
         reason = os.strerror(ctypes.get_errno())
         refused.append(f"mlockall not allowed ({reason}): a page fault may delay a tick")
     return refused
+
+
+def give_back() -> None:
+    """Give what the start has freed back to the system, where the C library can."""
+    with contextlib.suppress(AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def use_large_pages() -> None:

@@ -1,4 +1,4 @@
-"""Large pages: where they may lie, and that they cost no memory and change nothing."""
+"""Large pages: where they may lie, and that they cost no memory and change nothing; what is freed is given back."""
 
 import json
 import subprocess
@@ -37,6 +37,22 @@ kept = all(full[place] == place // mmap.PAGESIZE % 251 for place in range(0, are
 print(json.dumps({"grown": grown, "kept": kept}))
 """
 
+# Pieces that the C library keeps when they are freed, for the last of them is in use.
+FREED = """
+import ctypes, json, mmap
+from firmware_py.system import realtime
+def resident_bytes():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * mmap.PAGESIZE
+ctypes.CDLL(None).mallopt(-3, 1 << 20)  # none of them a mapping of its own
+pieces = [bytes(60000) for _ in range(300)]
+last = pieces.pop()
+pieces.clear()
+before = resident_bytes()
+realtime.prepare(real_time=False)
+print(json.dumps(before - resident_bytes()))
+"""
+
 
 def test_large_pages_lie_wholly_within_private_memory_without_a_file():
     assert list(spans(MAPS, SIZE)) == [0x10000, 0x11000, 0x12000, 0x21000]
@@ -47,3 +63,8 @@ def test_nothing_is_changed_and_memory_hardly_grows():
     told = json.loads(done.stdout)
     assert told["kept"]
     assert told["grown"] <= 16 * MOST_UNUSED_BYTES
+
+
+def test_what_the_start_has_freed_is_given_back():
+    done = subprocess.run([sys.executable, "-c", FREED], capture_output=True, text=True, check=True, timeout=60)
+    assert json.loads(done.stdout) > 200 * 60000
