@@ -59,7 +59,7 @@ class LockstepServer:
         self._packet = NEW_TIME
         self._lines: dict[Path, int] = {}  # their numbers
         self._awaited = 0  # a bit for each line whose bytes end the wait
-        self._unheard = 0  # lines with bytes that came while nobody waited for them
+        self._unheard = 0  # lines with bytes of which it is not known that they have been read
         self._said: list[tuple[float, int]] = []  # in this wait, when and on which line, which did not end it
         self._received: list[int] = []
         self._before: list[int] = []  # what earlier processes wrote on each line
@@ -166,8 +166,8 @@ class LockstepServer:
         number = self._lines.get(port.path)
         if number is None:
             return math.inf
+        self._unheard |= 1 << number
         if not self._awaited >> number & 1:
-            self._unheard |= 1 << number
             return math.inf
         if self._received[number]:
             return -math.inf
@@ -175,13 +175,17 @@ class LockstepServer:
         return port.emulator.next_output_s()
 
     def _waiting(self) -> bool:
-        """Whether bytes for which nobody waited when they came lie in a line that is awaited now."""
-        heard = self._unheard & self._awaited
-        self._unheard ^= heard
-        return heard != 0 and any(
-            heard >> number & 1 and isinstance(port.line, PtyLine) and port.line.pending_at_slave() > 0
-            for number, port in enumerate(self._ports)
-        )
+        """Whether bytes lie in a line that is awaited now: they came when it was not, or when she left them there."""
+        waiting = False
+        for number, port in enumerate(self._ports):
+            line = 1 << number
+            if not self._unheard & self._awaited & line:
+                continue
+            if isinstance(port.line, PtyLine) and port.line.pending_at_slave() > 0:
+                waiting = True
+            else:
+                self._unheard ^= line
+        return waiting
 
     def _take_in(self, written: list[int]) -> None:
         for index, total in enumerate(written):

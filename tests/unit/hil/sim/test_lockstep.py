@@ -131,6 +131,15 @@ def test_bytes_for_which_nobody_waits_end_the_next_wait_for_them(tmp_path):
         ]
 
 
+def test_bytes_that_were_left_in_a_line_end_the_next_wait_for_them(tmp_path):
+    """As those of a link that come while the loop leaves it alone, just before a tick."""
+    with make_board(tmp_path, a=Beacon()) as board:
+        script = [(0.1, {0: b"one"}), (0.3, {}, [0], []), (0.9, {}, [], []), (1.0, {}, [0], []), (1.0, {})]
+        autopilot = Autopilot(tmp_path / "clock", [board.paths()["a"]], script)
+        serve_all(LockstepServer(tmp_path / "clock", board, Pacer(math.inf)), autopilot)
+        assert autopilot.seen == [(0.1, [b""]), (0.125, [b""]), (0.9, [b""]), (0.9, [b""]), (0.9, [b"ONE"])]
+
+
 def test_lines_that_were_read_meanwhile_end_no_wait(tmp_path):
     with make_board(tmp_path, a=Beacon()) as board:
         script = [(0.1, {0: b"one"}), (0.3, {}, [], [0]), (0.9, {})]
