@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ def draw(parts: Sequence[HeldOut], title: str, *, angular: bool = True) -> bytes
     grid = figure.subplots(4, len(shown), sharex="col", squeeze=False, height_ratios=(1.5, 1.0, 1.0, 0.8))
     for column, part in enumerate(shown):
         axes = grid[:, column]
-        name_panel(axes[0], part.file)
+        name_panel(axes[0], Path(part.file).name)  # a long path would reach into the legend
         for number, prediction in enumerate(part.predictions):
             _stretch(axes, _thinned(prediction), first=number == 0, angular=angular)
         for panel in axes:

@@ -204,6 +204,7 @@ def test_a_thruster_command_is_shown_in_no_unit(yard, monkeypatch, tmp_path):
     assert main(["identify", str(tmp_path / "t.csv"), "--rudder-unit", "any", "--plot", str(out)]) == 0
     panel = figures[0].axes[3]
     assert panel.get_ylabel() == "command"
+    assert figures[0].axes[0].get_title(loc="left") == "t.csv"
     assert np.max(np.abs(panel.lines[0].get_ydata())) == 500.0
     table = out.read_text(encoding="utf-8").partition("<table>")[2].partition("</table>")[0]
     assert "1/s" not in table
