@@ -137,7 +137,7 @@ def _plot(result: Identification, text: str, arguments: argparse.Namespace, *, a
 
     fit = result.fit
     shown = predictions(fit, fit.problem, fit.state)
-    train = replace(result.train, file=", ".join(arguments.train)[:60], predictions=shown)
+    train = replace(result.train, file=", ".join(Path(name).name for name in arguments.train)[:60], predictions=shown)
     model = result.model()
     gain = f"K {model.turning_ability_1_s:.4g}" + " 1/s" * angular
     rest = f"T {model.turning_lag_s:.4g} s, alpha {model.norrbin_s2:.3g} s² ({result.choice.model})"
