@@ -29,6 +29,13 @@ def test_on_the_goal_the_rudder_asks_for_the_bias_alone():
     assert order.demand_rad == pytest.approx(0.05, abs=1e-9)
 
 
+def test_the_ship_is_the_model_at_the_speed_found_turning_as_well_as_she_is_found_to():
+    model = SETTINGS.model
+    ship = ship_at_speed(SETTINGS, replace(ESTIMATE, speed_m_s=2.0 * model.speed_m_s, turning_factor=0.7))
+    assert ship.turning_ability_1_s == pytest.approx(2.0 * 0.7 * model.turning_ability_1_s)
+    assert ship.turning_lag_s == pytest.approx(0.5 * model.turning_lag_s)
+
+
 def test_small_errors_meet_the_optimal_regulator():
     ship, stiffness = ship_at_speed(SETTINGS, ESTIMATE), 1.7
     gains = gains_of(ship, stiffness)

@@ -18,9 +18,9 @@ SETTINGS = TaskSettings(acceptance_radius_m=20.0, station_radius_m=100.0, look_a
 class Float:
     """Heading, place and the task that she follows; steps of a second."""
 
-    def __init__(self, north_m=0.0, east_m=0.0, heading_rad=0.0, speed_m_s=0.4, current=(0.0, 0.0)):
+    def __init__(self, north_m=0.0, east_m=0.0, heading_rad=0.0, speed_m_s=0.4, current=(0.0, 0.0), leeway_rad=0.0):
         self.north_m, self.east_m, self.heading_rad = north_m, east_m, heading_rad
-        self.speed_m_s, self.current = speed_m_s, current
+        self.speed_m_s, self.current, self.leeway_rad = speed_m_s, current, leeway_rad
         self.follower = TaskFollowerState()
         self.status = None
         self.t_s = 0.0
@@ -30,7 +30,7 @@ class Float:
     def motion(self):
         place = ORIGIN.at_offset(self.north_m, self.east_m)
         strong = math.hypot(*self.current) > self.speed_m_s
-        return VesselMotion(place, self.heading_rad, self.speed_m_s, *self.current, strong)
+        return VesselMotion(place, self.heading_rad, self.speed_m_s, *self.current, strong, self.leeway_rad)
 
     def step(self, task, settings=SETTINGS):
         motion = self.motion
@@ -38,14 +38,15 @@ class Float:
         target = self.status.heading_target
         steer_rad = target.angle_rad
         if target.over_ground:
-            steer_rad = heading_for_course(steer_rad, self.speed_m_s, *self.current)
+            steer_rad = heading_for_course(steer_rad, self.speed_m_s, *self.current) - self.leeway_rad
         error_rad = wrap_pi(steer_rad - self.heading_rad)
         most_rad = 0.9 * self.speed_m_s / settings.turning_radius_m
         change_rad = min(max(0.3 * error_rad, -most_rad), most_rad)
         self.heading_rad = (self.heading_rad + change_rad) % (2 * math.pi)
         self.turned_rad += abs(change_rad)
-        self.north_m += self.speed_m_s * math.cos(self.heading_rad) + self.current[0]
-        self.east_m += self.speed_m_s * math.sin(self.heading_rad) + self.current[1]
+        way_rad = self.heading_rad + self.leeway_rad
+        self.north_m += self.speed_m_s * math.cos(way_rad) + self.current[0]
+        self.east_m += self.speed_m_s * math.sin(way_rad) + self.current[1]
         self.t_s += 1.0
         return self.status
 

@@ -43,6 +43,25 @@ def test_a_current_that_is_not_known_is_taken_up_by_the_integral(afloat, origin)
     assert abs(boat.status.cross_track_m) < 1.5
 
 
+def test_the_integral_grows_by_the_law_of_integral_line_of_sight(origin, tight):
+    """Source: that of the module (Caharija et al.), the integral in seconds."""
+    off_m, before_s = 8.0, 200.0
+    motion = VesselMotion(origin.at_offset(100.0, off_m), 0.0, 0.4, 0.0, 0.0)
+    state, status = line.update(tight, LineState(origin, before_s), go(origin, 1000.0, 0.0), motion, 2.0)
+    look_m, aim_m = look_ahead_m(tight, motion), off_m + line.INTEGRAL_PART * 0.4 * before_s
+    assert state.integral_s - before_s == pytest.approx(2.0 * look_m * off_m / (look_m**2 + aim_m**2), rel=1e-3)
+    assert status.course_rad == pytest.approx(2.0 * math.pi - math.atan2(aim_m, look_m), rel=1e-3)
+
+
+@pytest.mark.parametrize(("current_m_s", "circles"), [(0.0, 1.0), (0.1, 1.25), (0.4, 2.0), (2.0, 2.0)])
+def test_what_a_current_sets_her_past_counts_as_passed(origin, tight, current_m_s, circles):
+    reach_m = circles * line.PASSED_RADII * tight.turning_radius_m
+    for off_m, arrived in ((0.98 * reach_m, True), (1.02 * reach_m, False)):
+        motion = VesselMotion(origin.at_offset(501.0, off_m), 0.0, 0.4, current_m_s, 0.0)
+        _, status = line.update(tight, LineState(origin), go(origin, 500.0, 0.0, acceptance_radius_m=1.0), motion, 1.0)
+        assert status.arrived is arrived
+
+
 def test_the_look_ahead_grows_with_speed_within_bounds(origin, tight):
     def at(speed_m_s):
         return look_ahead_m(tight, VesselMotion(origin, 0.0, speed_m_s, 0.0, 0.0))

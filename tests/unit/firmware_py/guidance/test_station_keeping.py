@@ -27,6 +27,16 @@ def test_the_circle_is_kept_with_few_turns(afloat, origin, drift, toward_rad):
     assert boat.turned_rad < 8000 * 0.4 / 15.6 / 3.0
 
 
+@pytest.mark.parametrize("leeway_deg", [20.0, -20.0])
+def test_the_circle_is_kept_with_leeway(afloat, origin, leeway_deg):
+    boat = afloat(current=(0.0, 0.28), leeway_rad=math.radians(leeway_deg))
+    inside = 0
+    for _ in range(8000):
+        boat.step(HoldStation(origin, 100.0))
+        inside += boat.distance_m() <= 100.0
+    assert inside >= 0.97 * 8000
+
+
 def test_into_a_current_she_lies_for_most_of_the_time(afloat, origin):
     boat = afloat(current=(0.0, 0.28))
     into = 0
@@ -50,12 +60,13 @@ def test_from_outside_she_comes_straight_back(afloat, origin):
     assert before_m / boat.t_s > 0.2
 
 
-def test_too_strong_a_current_is_pointed_into(afloat, origin):
-    boat = afloat(current=(0.0, 0.48))
+@pytest.mark.parametrize("leeway_deg", [0.0, 8.0, -8.0])
+def test_her_way_leads_into_too_strong_a_current(afloat, origin, leeway_deg):
+    boat = afloat(current=(0.0, 0.48), leeway_rad=math.radians(leeway_deg))
     for _ in range(3000):
         boat.step(HoldStation(origin, 100.0))
     assert boat.distance_m() > 100.0
-    assert math.degrees(boat.heading_rad) == pytest.approx(270.0, abs=1.0)
+    assert math.degrees(boat.heading_rad) == pytest.approx(270.0 - leeway_deg, abs=1.0)
 
 
 def test_a_circle_smaller_than_her_turning_circle_is_gone_round(afloat, origin):
