@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
+import os
 import tomllib
 from pathlib import Path
 
+from firmware_py.cli.refusal import refused
 from firmware_py.install.service_files import example
 
 NAMES = {"wave-glider": "ocean_rambler.toml", "shared-port": "shared_port_volz.toml"}
@@ -26,10 +27,14 @@ def run(arguments: argparse.Namespace) -> int:
     wanted = {arguments.file: text}
     if name := tomllib.loads(text).get("parameters", {}).get("file"):
         wanted[arguments.file.parent / name] = example(name).read_text(encoding="utf-8")
-    for path in wanted:
-        if path.exists():
-            print(f"rambler example: {path} is there already; give another name", file=sys.stderr)
-            return 2
+    for path, content in tuple(wanted.items()):
+        if path.is_dir():
+            return refused("example", f"{path} is a directory; name a file in it, such as {path / 'boat.toml'}")
+        if path != arguments.file and path.is_file() and path.read_bytes() == content.encode():
+            del wanted[path]  # of another example in the same place
+        elif os.path.lexists(path):
+            remedy = "another name" if path == arguments.file else "a name in another directory"
+            return refused("example", f"{path} is there already; give {remedy}")
     for path, content in wanted.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         _write(path, content)

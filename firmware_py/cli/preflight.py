@@ -20,7 +20,6 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import PlanKind
 from firmware_py.common.record_class import dataclass
 from firmware_py.core.resume import from_text as resume_from_text
-from firmware_py.files.making import exact_modes, make_directory
 from firmware_py.link.nmea.output import open_output
 from firmware_py.link.security.access import Gate, invites_anybody
 from firmware_py.link.security.key_record import KeyState, find_key
@@ -93,7 +92,8 @@ def look_at_state(directory: Path) -> Iterator[Finding]:
         text = f"an autopilot runs on {directory} (process {found.content['pid']}): it has the ports; `rambler status`"
         yield Finding(Level.WARN, "state", text)
     if not directory.is_dir():
-        yield Finding(Level.PASS, "state", f"{directory} is made at the first start")
+        if not os.path.lexists(directory):  # what is in its place is told where something is to be written
+            yield Finding(Level.PASS, "state", f"{directory} is made at the first start")
         return
     if not os.access(directory, os.R_OK | os.X_OK):
         owner = user_text(directory.stat().st_uid)
@@ -123,18 +123,23 @@ def look_at_state(directory: Path) -> Iterator[Finding]:
 
 
 def look_at_storage(directory: Path, parameters: ParameterSet) -> Iterator[Finding]:
-    """Write something there, see how long that takes and what room there is beside what the logs may still take."""
+    """Write something there, see how long that takes and what room there is beside what the logs may still take.
+
+    Where the directory is to be made, it is what it is made in that is written to: whoever looks now need not be who
+    starts her, and would own it.
+    """
+    place = next(path for path in (directory.absolute(), *directory.absolute().parents) if os.path.lexists(path))
     try:
-        with exact_modes():
-            make_directory(directory)
-        with tempfile.NamedTemporaryFile(dir=directory) as file:
+        with tempfile.NamedTemporaryFile(dir=place) as file:
             begun_s = time.monotonic()
             file.write(b"\0" * LEAST_WRITING_BYTES)
             file.flush()
             os.fsync(file.fileno())
             sync_s = time.monotonic() - begun_s
-        free_mb = shutil.disk_usage(directory).free / 1e6
+        free_mb = shutil.disk_usage(place).free / 1e6
         logs = directory / LOG_DIRECTORY
+        if logs.exists() and not logs.is_dir():
+            yield Finding(Level.FAIL, "storage", f"{logs} is no directory: no log can be written; move it away")
         logs_mb = sum(path.stat().st_size for path in log_files(logs).values()) / 1e6 if logs.is_dir() else 0.0
     except OSError as error:
         yield Finding(Level.FAIL, "storage", f"{directory}: {error.strerror}; choose another with --state")
@@ -216,7 +221,8 @@ def _look_at_link(url: str, gate: Gate, opened: ExitStack) -> Iterator[Finding]:
     if isinstance(transport, Satellite):
         yield _look_at_modem(url, transport)
     if invites_anybody(gate, transport):
-        text = f"{url}: whoever reaches it commands her; set a key (`rambler key set`) or listen on 127.0.0.1"
+        other = "" if isinstance(transport, Satellite) else " or listen on 127.0.0.1"
+        text = f"{url}: whoever reaches it commands her; set a key (`rambler key set`){other}"
         yield Finding(Level.WARN, "links", text, {"url": url})
     elif not isinstance(transport, Satellite):
         yield Finding(Level.PASS, "links", f"{url} can be opened", {"url": url})

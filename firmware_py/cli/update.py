@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from pathlib import Path
 
 from firmware_py.cli.refusal import refused
@@ -49,4 +50,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _say(text: str) -> None:
-    print(text, flush=True)
+    """Print a line; a terminal that has gone or a full disk behind it is no reason to stop half-way."""
+    with suppress(OSError):
+        print(text, flush=True)

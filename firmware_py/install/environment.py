@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from firmware_py.install.service_files import NAME
 
 _WORK = f".{NAME}-update"
 _CONFIG = "pyvenv.cfg"
+_MADE = re.compile(rf"{NAME}-\d.*-[0-9a-f]{{8}}")  # the names that beside() gives, and nobody by hand
 _SPARE_BYTES = 50_000_000  # what the autopilot, which may share the disk, is left
 _COMPILED = 1.6  # with the modules as Python compiles them
 _PATIENCE_S = 1200.0
@@ -80,12 +82,14 @@ def work_directory(environment: Environment) -> Path:
 
 
 def remove_others(kept: Sequence[Environment]) -> list[str]:
-    """Remove what earlier updates have made beside these, finished or not; return the names."""
-    folder = kept[0].path.parent
+    """Remove what earlier updates have made beside these, finished or not, and nothing else; return the names."""
     others = [
         path
-        for path in sorted(folder.glob(f"{NAME}-*"))
-        if (path / _CONFIG).is_file() and Environment(path) not in kept and not path.is_symlink()
+        for path in sorted(kept[0].path.parent.iterdir())
+        if _MADE.fullmatch(path.name)
+        and (path / _CONFIG).is_file()
+        and Environment(path) not in kept
+        and not path.is_symlink()
     ]
     for path in others:
         _remove(path)

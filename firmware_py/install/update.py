@@ -70,7 +70,9 @@ def installation_of(unit: Path) -> Installation:
         raise UpdateError(f"{unit}: {error.strerror}; only a service is updated: rambler service install") from None
     settings = dict(line.split("=", 1) for line in text.splitlines() if line.startswith("ExecStart"))
     command, counting = settings.get("ExecStart", ""), settings.get("ExecStartPre", "")
-    words = [word.replace("%%", "%").replace("$$", "$") for word in shlex.split(command)]
+    words: list[str] = []
+    with suppress(ValueError):  # quotes that do not end, by somebody's hand
+        words = [word.replace("%%", "%").replace("$$", "$") for word in shlex.split(command)]
     if f"{TRIAL.parent.name}/{TRIAL.name}" not in counting or words[1:2] != ["run"] or "--state" not in words[:-1]:
         raise UpdateError(f"{unit} is of a version before or not ours: repeat rambler service install VEHICLE.toml")
     watchdog = Path(words[words.index("--watchdog") + 1]) if "--watchdog" in words[:-1] else None
@@ -213,7 +215,7 @@ def _switch(installation: Installation, link: ProgramLink, new: Environment, may
     say(f"{link.path} leads to {new.program}{'' if passed else f', on trial for {STARTS} starts'}")
     pid = int(found.content.get("pid", 0))
     if found.freshness is Freshness.ABSENT or not _is_ours(pid, link.path):
-        say("nothing runs on its state: the service's next start takes it")
+        say("nothing runs on its state: the service's next start takes it (sudo systemctl start rambler); looking on")
         return
     os.kill(pid, signal.SIGTERM)
     say(f"process {pid} was told to end; the service starts the new one")

@@ -21,7 +21,7 @@ from firmware_py.common.record_class import dataclass
 from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE, sync_directory
 from firmware_py.files.packed import SUFFIX, packed_path
 
-NAME = re.compile(r"(\d{8,})\.BIN(\.gz)?")
+NAME = re.compile(r"([0-9]{8,15})\.BIN(\.gz)?")  # a longer number is not ours, and its next one no name of a file
 THIN: Final = "thin"
 BOXES: Final = "boxes"
 DAY_S: Final = 86_400.0

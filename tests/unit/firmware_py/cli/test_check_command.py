@@ -152,6 +152,21 @@ def test_a_state_directory_that_cannot_be_made_fails(check, state):
     state.write_text("a file")
     found = check()
     assert levels(found["storage"]) == ["fail"]
+    assert "state" not in found, "it is not made at the first start"
+
+
+def test_nothing_is_made_by_looking(check, state):
+    """Made by root, who looks, it could not be used by whom the autopilot runs as."""
+    state.rmdir()
+    found = check("--state", str(state / "of" / "hers"))
+    assert levels(found["storage"]) == ["pass", "pass"]
+    assert "is made at the first start" in found["state"][0]["text"]
+    assert not state.exists()
+
+
+def test_a_file_in_place_of_the_logs_fails(check, state):
+    (state / "logs").touch()
+    assert "logs is no directory" in check()["storage"][0]["text"]
 
 
 def test_each_link_is_opened_and_who_may_command_over_it_is_told(check, state):
@@ -242,3 +257,4 @@ def test_a_modem_is_asked_for_its_number(check, monkeypatch, answers, level):
     assert links[0]["level"] == level
     assert links[0].get("imei") == ("300234010753370" if answers else None)
     assert "whoever reaches it" in links[1]["text"]
+    assert "listen on" not in links[1]["text"], "a satellite is heard everywhere"

@@ -147,6 +147,19 @@ def test_an_example_is_a_vehicle_file_that_is_never_written_over_another(tmp_pat
     assert path.read_text() == before
 
 
+def test_examples_of_one_directory_share_what_they_name_and_each_refusal_names_what_helps(tmp_path, capsys):
+    for name in ("boat.toml", "another.toml"):
+        assert main(["example", str(tmp_path / name)]) == 0
+        assert load(tmp_path / name).parameters
+    (tmp_path / "paper.param").write_text("CTL_K1 1\n")
+    capsys.readouterr()
+    assert main(["example", str(tmp_path / "third.toml")]) == 2
+    assert "give a name in another directory" in capsys.readouterr().err
+    assert (tmp_path / "paper.param").read_text() == "CTL_K1 1\n"
+    assert main(["example", str(tmp_path)]) == 2
+    assert "is a directory; name a file in it" in capsys.readouterr().err
+
+
 @pytest.fixture
 def image(tmp_path, monkeypatch):
     """The root of a system that is not running, and the words that its programs were called with."""

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tomllib
@@ -132,6 +133,33 @@ def test_one_update_at_a_time(place, ask):
         assert ask() == (2, "rambler update: another update is under way; wait for its end\n")
 
 
+def test_only_what_updates_have_made_is_removed(place, ask):
+    made, by_hand = "rambler-0.1.0.dev0-0123abcd", ("rambler-new", "rambler-hil", "rambler-2-of-mine")
+    for name in (made, *by_hand):
+        shutil.copytree(place / "opt/rambler", place / "opt" / name)
+    code, said = ask()
+    assert code == 0
+    assert f"removed {made}, of an earlier update" in said
+    assert {path.name for path in (place / "opt").iterdir()} == {"rambler", *by_hand, in_force(place)}
+
+
+def test_a_terminal_that_goes_away_changes_nothing_about_an_update(place, monkeypatch):
+    """What it prints nobody can read from the switch on; the service must be told to start the new one all the same."""
+    told = []
+    monkeypatch.setattr(update, "_is_ours", lambda *_: True)
+    monkeypatch.setattr(os, "kill", lambda pid, number: told.append(number))
+    says(place, armed=False)
+
+    def gone(*_words, **_more):
+        if in_force(place) != "rambler":
+            raise BrokenPipeError(32, "Broken pipe")
+
+    monkeypatch.setattr("builtins.print", gone)
+    words = ["update", str(place / "new.bundle"), "--unit", str(place / "rambler.service")]
+    assert main(words) == 0
+    assert signal.SIGTERM in told
+
+
 def test_a_check_that_fails_leaves_nothing_behind(place, ask, monkeypatch):
     def fails(_candidate):
         yield "tried"
@@ -156,6 +184,8 @@ def test_what_is_no_service_of_ours_is_not_updated(place, ask):
     assert "is of a version before" in ask()[1]
     unit.write_text(text.replace(" run ", " walk "))
     assert "is of a version before" in ask()[1]
+    unit.write_text(text.replace("ExecStart=", 'ExecStart="'))
+    assert "is of a version before" in ask()[1], "quotes that do not end"
     unit.unlink()
     assert "only a service is updated" in ask()[1]
 

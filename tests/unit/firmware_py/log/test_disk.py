@@ -32,6 +32,13 @@ def test_a_name_taken_by_something_else_is_passed_over(tmp_path, monkeypatch):
     assert closed(LocalDisk().create(tmp_path)) == "00000002.BIN"
 
 
+@pytest.mark.parametrize("name", ["9" * 251 + ".BIN", "\u0669" * 8 + ".BIN"])
+def test_a_number_that_no_log_has_does_not_count(tmp_path, name):
+    """The next one of 251 digits would be no name of a file, and no log would be written any more."""
+    write(tmp_path, name, 3)
+    assert closed(LocalDisk().create(tmp_path)) == "00000001.BIN"
+
+
 def test_the_directory_is_made_but_not_its_parent(tmp_path):
     assert closed(LocalDisk().create(tmp_path / "logs")) == "00000001.BIN"
     with pytest.raises(FileNotFoundError):
