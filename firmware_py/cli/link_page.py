@@ -33,6 +33,9 @@ class _NoAutopilot:
     def decide(self, _request: Request) -> Answer:
         return Answer(Verdict.UNSUPPORTED)
 
+    def decide_together(self, _requests: Sequence[Request]) -> Answer:
+        return Answer(Verdict.UNSUPPORTED)
+
     def parameters(self) -> ParameterSet:
         return ParameterSet()
 

@@ -164,6 +164,9 @@ class RequestHandler(Protocol):
     def decide(self, request: Request) -> Answer:
         """Judge a request at once; when accepted it is in force, and an input of the next tick."""
 
+    def decide_together(self, requests: Sequence[Request]) -> Answer:
+        """Judge requests one after the other: all are accepted, or none and the answer is that to the first refused."""
+
     def parameters(self) -> ParameterSet:
         """The values in force, accepted requests included."""
 
@@ -189,8 +192,8 @@ class RequestHandler(Protocol):
 class StateKeeper(Protocol):
     """Keeps over restarts what was accepted, in the background."""
 
-    def keep_parameter(self, name: str, value: float) -> None:
-        """Keep a parameter that was set."""
+    def keep_parameters(self, changed: Mapping[str, float]) -> None:
+        """Keep parameters that were set."""
 
     def forget_parameters(self) -> None:
         """Forget all parameters that were set, or none when this cannot be stored."""

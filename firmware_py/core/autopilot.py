@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from firmware_py.common.intents import Answer, ForgetParameters, ReplacePlan, Request, Restart, SetParameter, Verdict
@@ -13,6 +13,7 @@ from firmware_py.common.records import Inputs
 from firmware_py.common.reports import Output
 from firmware_py.core.accept import accept
 from firmware_py.core.compass_swing import CompassSwing
+from firmware_py.core.parameter_keeper import ParameterKeeper
 from firmware_py.core.resume_keeper import ResumeKeeper
 from firmware_py.core.state import State
 from firmware_py.core.step import step
@@ -21,6 +22,7 @@ from firmware_py.core.step import step
 PENDING_LIMIT: Final = 256
 # More acknowledgements than this do not wait for the disk: one that hangs must not fill the memory.
 AWAITED_LIMIT: Final = 256
+_ACCEPTED: Final = Answer(Verdict.ACCEPTED)
 
 
 class Autopilot:
@@ -36,6 +38,7 @@ class Autopilot:
         self._ahead = state
         self._pending: list[Request] = []
         self._keeper = keeper
+        self._parameters = ParameterKeeper(keeper)
         self._resume = ResumeKeeper()
         self._unkept: list[Callable[[bool], None]] = []  # who waits for a record that has not been handed over
         self._awaited = 0  # calls that wait for a record, handed over or not
@@ -51,20 +54,31 @@ class Autopilot:
 
     def decide(self, request: Request) -> Answer:
         """Judge a request at once; when accepted it is an input of the next tick."""
-        if len(self._pending) >= PENDING_LIMIT:
+        return self.decide_together((request,))
+
+    def decide_together(self, requests: Sequence[Request]) -> Answer:
+        """Judge requests one after the other; all are accepted, or none and the answer is that to the first refused."""
+        if len(self._pending) + len(requests) > PENDING_LIMIT:
             return Answer(Verdict.TEMPORARILY_REJECTED, "Too many requests")
-        ahead, answer = accept(self._ahead, request)
-        if answer.verdict is not Verdict.ACCEPTED:
-            return answer
+        ahead, answer = self._ahead, _ACCEPTED
+        for request in requests:
+            ahead, answer = accept(ahead, request)
+            if answer.verdict is not Verdict.ACCEPTED:
+                return answer
         self._ahead = ahead
+        for request in requests:
+            self._take(request)
+        return answer
+
+    def _take(self, request: Request) -> None:
+        """Hand an accepted request to the next tick, and to the disk what must outlive a restart."""
         self._now_s = max(self._now_s, request.t_s)
         self._pending.append(request)
         if isinstance(request.intent, SetParameter):
             name = request.intent.name
-            self._keeper.keep_parameter(name, ahead.parameters[name])
+            self._parameters.change(name, self._ahead.parameters[name])
         elif isinstance(request.intent, ForgetParameters):
-            self._keeper.forget_parameters()
-        return answer
+            self._parameters.forget()
 
     def replace_plan(self, request: Request, done: Callable[[Answer], None]) -> None:
         """Put a plan in force once it is on disk; the old one stands until then."""
@@ -99,7 +113,7 @@ class Autopilot:
     def when_stored(self, call: Callable[[bool], None]) -> None:
         """Call back once the parameters accepted so far are on disk, or cannot be."""
         self._keep()  # the fence may be heeded otherwise, or the record kept from now on
-        self._keeper.when_parameters_stored(call)
+        self._parameters.when_stored(call, self._now_s)
 
     def when_orders_stored(self, call: Callable[[bool], None]) -> None:
         """Call back once the next start would go on with what was accepted so far, or could not; at once if not to."""
@@ -134,8 +148,9 @@ class Autopilot:
         return output
 
     def keep_resume(self, now_s: float, utc_s: float, *, last: bool = False) -> None:
-        """Keep what the boat is doing for the next start, when that has changed; `last`: however little."""
+        """Keep parameters and what the boat is doing for the next start, when changed; `last`: however little."""
         self._now_s, self._utc_offset_s = now_s, utc_s - now_s
+        self._parameters.update(now_s, last=last)
         self._keep(last=last)
 
     def _keep(self, *, last: bool = False) -> None:

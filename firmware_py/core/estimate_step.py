@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from firmware_py.common.record_copy import replace
-from firmware_py.common.records import Event, Inputs, PositionSample, RudderStatus
+from firmware_py.common.records import Event, Inputs, PositionSample, RudderStatus, Severity
 from firmware_py.common.reports import Home
 from firmware_py.core import device_reports, rudder, tick_timing
 from firmware_py.core.state import Settings, State, heading_timeouts_of
@@ -25,12 +25,14 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
     over_ground_m_s = water.over_ground_m_s(state.heading_estimator.wave_filter, heading_rad)
     place = position.predict(state.position, now_s, over_ground_m_s)
     home = state.home
-    credible = []
+    credible, leaps = [], []
     for sample in inputs.positions:
-        begun = place.begun
+        before, begun = place, place.begun
         place, good = position.update(place, sample, settings.position.jump_s)
         if good:
             credible.append(sample)
+            if (leap_m := position.leap_m(before, sample)) is not None:
+                leaps.append(Event(Severity.WARNING, f"Position believed where it jumped to: {leap_m:.0f} m off"))
             home = _home(home, begun, place.begun)
     heading_state, events = heading_estimator.update(
         settings.heading_estimator,
@@ -54,7 +56,7 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
         water=water.update(state.water, heading_state.wave_filter, now_s),
         home=home,
     )
-    return state, rudder_status, (*events, *device_events)
+    return state, rudder_status, (*leaps, *events, *device_events)
 
 
 def _home(home: Home | None, before: PositionSample | None, begun: PositionSample | None) -> Home | None:

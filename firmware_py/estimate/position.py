@@ -89,6 +89,14 @@ def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple
     return _displace(state, gain * north_m, gain * east_m, state.t_s), True
 
 
+def leap_m(state: PositionState, sample: PositionSample) -> float | None:
+    """Return how far from where she was reckoned to be a fix lies by which a jump is believed; None for another."""
+    if state.suspect is None or state.fix is None:
+        return None
+    distance_m = math.hypot(*Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample)))
+    return distance_m if distance_m > SPREAD_M else None
+
+
 def utc_s(state: PositionState, now_s: float) -> float | None:
     """Return the time by the last fix believed, however long ago; None when it told none."""
     fix = state.fix

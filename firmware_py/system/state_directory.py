@@ -99,7 +99,7 @@ class StateDirectory:
     def count_start(self) -> None:
         """Count one start more."""
         count = self._usable[BOOT_COUNT] = _one_more(self._usable.get(BOOT_COUNT, 0.0))
-        self.keep_parameter(BOOT_COUNT, count)
+        self.keep_parameters({BOOT_COUNT: count})
 
     def inventory(self, plans: Plans) -> str:
         """Say in a few words what is used of what earlier runs have left."""
@@ -121,9 +121,9 @@ class StateDirectory:
         """Return the resume record of the last run, None when there is none."""
         return self._store.load(RESUME_FILE)
 
-    def keep_parameter(self, name: str, value: float) -> None:
-        """Keep a parameter that was set."""
-        self._kept[name] = value
+    def keep_parameters(self, changed: Mapping[str, float]) -> None:
+        """Keep parameters that were set."""
+        self._kept.update(changed)
         self._save_parameters()
 
     def forget_parameters(self) -> None:

@@ -5,7 +5,7 @@ import hashlib
 import math
 from unittest.mock import patch
 
-from firmware_py.common.intents import Restart, SetParameter, Verdict
+from firmware_py.common.intents import Restart, Verdict
 from firmware_py.common.parameter_table import TABLE as PARAMETERS
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
@@ -64,8 +64,8 @@ class Keeper:
     def __init__(self):
         self.parameters, self.plans, self.waiting = {}, {}, []
 
-    def keep_parameter(self, name, value):
-        self.parameters[name] = value
+    def keep_parameters(self, changed):
+        self.parameters.update(changed)
 
     def forget_parameters(self):
         self.parameters.clear()
@@ -104,18 +104,19 @@ class Judge:
         self.when_stored, self.when_orders_stored = pilot.when_stored, pilot.when_orders_stored
 
     def decide(self, request):
-        assert self.allowed, request
-        assert math.isfinite(request.t_s)
+        return self.decide_together((request,))
+
+    def decide_together(self, requests):
+        assert self.allowed, requests
+        assert all(math.isfinite(request.t_s) for request in requests)
         before, kept = self.pilot._ahead, dict(self.keeper.parameters)
-        answer = self.pilot.decide(request)
+        answer = self.pilot.decide_together(requests)
         if answer.verdict is not Verdict.ACCEPTED:
             check_line(answer.text)
             assert self.pilot._ahead is before
             assert self.keeper.parameters == kept
             return answer
         self.changed = True
-        if isinstance(request.intent, SetParameter):
-            assert self.keeper.parameters[request.intent.name] == self.parameters()[request.intent.name]
         check_state(self.pilot._ahead)
         return answer
 

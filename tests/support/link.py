@@ -70,6 +70,15 @@ class FakeRequestHandler:
                 return Answer(Verdict.DENIED, str(error))
         return self.answer
 
+    def decide_together(self, requests):
+        before, answer = self.values, Answer(Verdict.ACCEPTED)
+        for request in requests:
+            answer = self.decide(request)
+            if answer.verdict is not Verdict.ACCEPTED:
+                self.values = before
+                break
+        return answer
+
     def parameters(self):
         return self.values
 

@@ -141,6 +141,12 @@ def test_a_jump_of_the_position_turns_nothing_and_a_course_is_made_good():
     boat.run(60.0)
     assert boat.snapshot.position_ok
     assert abs(boat.where[1]) < 15.0
+    assert not boat.said("where it jumped to")
+    boat.jump_m = (200.0, 0.0)
+    boat.run(60.0)
+    (told_s,) = boat.said("Position believed where it jumped to: ")
+    assert boat.snapshot.position_ok
+    assert boat.said("Position is back")[-1] >= told_s  # it is not the old place that is back
 
 
 def test_from_any_checkpoint_the_same_rudder():

@@ -31,6 +31,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the fault is gone, and what she did before is not possible now",
         "mend what is named, or choose a mode",
     ),
+    "Position believed where it jumped to: <distance> m off": (
+        "fixes that were held back bear each other out, or she can have sailed there by now: she goes on from there",
+        "look whether she can be there: a deceived receiver is as sure of it; HOLD and STEERING need no position",
+    ),
     "Mission: item <number>": ("she goes on with this item, numbered as stations do: home is 0", _NOTHING),
     "Fence heeded": ("a command or an item of the mission asks for it", _NOTHING),
     "Fence not heeded": (

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 
 from firmware_py.common.angles import degrees
-from firmware_py.common.intents import Answer, SetParameter, Verdict
+from firmware_py.common.intents import Answer, Request, SetParameter, Verdict
 from firmware_py.common.parameter_row import ParameterError
 from firmware_py.common.records import CalibrationState, Severity
 from firmware_py.link.commands.pending import PendingCommand, once_stored
@@ -88,10 +88,10 @@ def _set(
             parameters = parameters.replaced(name, value)
     except ParameterError as error:
         return Answer(Verdict.DENIED, str(error))
-    for name, value in values.items():
-        answer = context.request(call.message, SetParameter(name, value), call.now_s)
-        if answer.verdict is not Verdict.ACCEPTED:
-            return answer
+    requests = [Request(call.now_s, SetParameter(name, value), *call.sender) for name, value in values.items()]
+    answer = context.request_handler.decide_together(requests)
+    if answer.verdict is not Verdict.ACCEPTED:
+        return answer
     context.request_handler.compass_swing.end({name: before[name] for name in values} if undo else None)
     shown = " ".join(f"{name[-1]} {value:.2f}" for name, value in values.items())
     text = f"Compass swing: {shown} deg {what}"

@@ -160,16 +160,15 @@ class ParameterServer:
             return
         before = request_handler.parameters()
         changed = {name: value for name, value in wanted.items() if value != before[name] or name == _OVERRULED}
-        set_already: list[str] = []
-        for name, value in changed.items():
-            request = Request(origin.now_s, SetParameter(name, value), origin.system, origin.component)
-            answer = request_handler.decide(request)
-            if answer.verdict is not Verdict.ACCEPTED:
-                for earlier in set_already:
-                    request_handler.decide(Request(origin.now_s, SetParameter(earlier, before[earlier])))
-                done(answer.text or "refused")
-                return
-            set_already.append(name)
+        answer = request_handler.decide_together(
+            [
+                Request(origin.now_s, SetParameter(name, value), origin.system, origin.component)
+                for name, value in changed.items()
+            ]
+        )
+        if answer.verdict is not Verdict.ACCEPTED:
+            done(answer.text or "refused")
+            return
         self._unstored += 1
 
         def stored(well: bool) -> None:  # noqa: FBT001 - the store's callback

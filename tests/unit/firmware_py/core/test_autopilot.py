@@ -7,6 +7,7 @@ import pytest
 from firmware_py.common.intents import (
     Arm,
     EnableFence,
+    ForgetParameters,
     PauseMission,
     ReplacePlan,
     Request,
@@ -21,7 +22,8 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans
 from firmware_py.common.records import Inputs, Tick
-from firmware_py.core.autopilot import AWAITED_LIMIT, Autopilot
+from firmware_py.core.autopilot import AWAITED_LIMIT, PENDING_LIMIT, Autopilot
+from firmware_py.core.parameter_keeper import RATE_HZ as PARAMETER_RATE_HZ
 from firmware_py.core.resume import from_text
 from firmware_py.core.resume_keeper import BURST, RATE_HZ
 from firmware_py.core.state import State
@@ -36,10 +38,13 @@ class FakeKeeper:
     """Has a disk that answers when it is told to."""
 
     def __init__(self):
-        self.records, self.waiting, self.plans = [], [], []
+        self.records, self.waiting, self.plans, self.parameters = [], [], [], []
 
-    def keep_parameter(self, _name, _value):
-        pass
+    def keep_parameters(self, changed):
+        self.parameters.append(dict(changed))
+
+    def forget_parameters(self):
+        self.parameters.append("forgotten")
 
     def keep_plan(self, _plan, done):
         self.plans.append(done)
@@ -233,3 +238,69 @@ def test_what_waits_is_answered_when_nothing_is_to_be_resumed_any_more(sea):
     sea.tick()
     sea.keeper.answer()
     assert sea.answers == [True]
+
+
+def set_radius(sea, number):
+    sea.autopilot.decide(Request(sea.t_s, SetParameter("LOIT_RADIUS", 50.0 + number % 100)))
+    sea.autopilot.when_stored(sea.answers.append)
+    return sea.keeper.answer()
+
+
+def test_parameters_that_change_too_fast_for_the_flash_are_written_together_and_each_is_answered(sea):
+    set_radius(sea, 7)
+    assert sea.keeper.parameters == [{"LOIT_RADIUS": 57.0}]  # before any tick
+    for number in range(40 * 90):  # a station gone mad: forty a tick, for nine seconds
+        set_radius(sea, number)
+        if number % 40 == 39:
+            sea.tick()
+            sea.keeper.answer()
+    assert 1000 <= len(sea.keeper.parameters) <= 1010
+    sea.tick(seconds=1.0 / PARAMETER_RATE_HZ)
+    sea.keeper.answer()
+    assert sea.keeper.parameters[-1] == {"LOIT_RADIUS": 50.0 + (40 * 90 - 1) % 100}
+    assert len(sea.answers) == 40 * 90 + 1
+
+
+def test_a_parameter_that_still_waits_for_its_write_is_written_at_the_end(sea):
+    for number in range(1200):
+        set_radius(sea, number)
+        if number % 40 == 0:
+            sea.tick()
+    assert sea.keeper.parameters[-1] != {"LOIT_RADIUS": 149.0}
+    sea.autopilot.keep_resume(sea.t_s, UTC_S, last=True)
+    assert sea.keeper.parameters[-1] == {"LOIT_RADIUS": 149.0}
+
+
+def test_a_file_of_parameters_is_one_write_and_what_nobody_waits_for_is_written_with_the_tick(sea):
+    changes = {"LOIT_RADIUS": 60.0, "RUD_LIMIT_DEG": 30.0}
+    requests = [Request(sea.t_s, SetParameter(name, value)) for name, value in changes.items()]
+    assert sea.autopilot.decide_together(requests).verdict is Verdict.ACCEPTED
+    assert sea.keeper.parameters == []
+    sea.tick()
+    assert sea.keeper.parameters == [changes]
+
+
+def test_forgetting_comes_after_what_was_set_before_it(sea):
+    sea.autopilot.decide(Request(sea.t_s, SetParameter("LOIT_RADIUS", 60.0)))
+    sea.autopilot.decide(Request(sea.t_s, ForgetParameters()))
+    assert sea.keeper.parameters == [{"LOIT_RADIUS": 60.0}, "forgotten"]
+    sea.tick()
+    assert len(sea.keeper.parameters) == 2
+
+
+@pytest.mark.parametrize("room", [0, 1])
+def test_what_is_asked_together_is_done_whole_or_not_at_all_where_too_much_is_asked_in_a_tick(sea, room):
+    for _ in range(PENDING_LIMIT - room):
+        sea.autopilot.decide(Request(sea.t_s, SetParameter("LOIT_RADIUS", 60.0)))
+    before = sea.autopilot.parameters()
+    pair = [Request(sea.t_s, SetParameter(name, 20.0)) for name in ("LOIT_RADIUS", "RUD_LIMIT_DEG")]
+    assert sea.autopilot.decide_together(pair).verdict is Verdict.TEMPORARILY_REJECTED
+    assert sea.autopilot.parameters() is before
+
+
+def test_what_is_asked_together_is_not_done_where_one_of_it_is_refused(sea):
+    before = sea.autopilot.parameters()
+    pair = [Request(sea.t_s, SetParameter("LOIT_RADIUS", value)) for value in (60.0, -1e9)]
+    assert sea.autopilot.decide_together(pair).verdict is Verdict.DENIED
+    assert sea.autopilot.parameters() is before
+    assert sea.autopilot.take_requests() == ()

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.estimate.position import PositionState, predict, update
+from firmware_py.estimate.position import PositionState, leap_m, predict, update
 
 
 def fix(t_s, north_m=0.0, kind=FixType.FIX_3D):
@@ -78,3 +78,12 @@ def test_whatever_comes_the_place_is_on_earth(found):
     state, _ = told(*found)
     assert abs(state.latitude_rad) <= math.pi / 2
     assert abs(state.longitude_rad) <= math.pi + 1e-9
+
+
+def test_a_jump_is_told_when_it_is_believed_and_not_when_it_was_none():
+    held, _ = told(fix(0.0), *(fix(t, 200.0) for t in range(1, 30)))
+    assert leap_m(held, fix(45.0, 200.0)) == pytest.approx(200.0, abs=1.0)
+    assert leap_m(held, fix(30.0, 40.0)) is None  # back where she was
+    sound, _ = told(*(fix(t) for t in range(5)))
+    assert leap_m(sound, fix(40.0, 150.0)) is None  # no jump: she may have sailed there in the dark
+    assert leap_m(PositionState(), fix(0.0)) is None
