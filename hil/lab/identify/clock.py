@@ -1,8 +1,9 @@
-"""Times as other loggers write them: ISO 8601, times of the day, and those of NMEA without a colon."""
+"""Times as other loggers write them: ISO 8601 and dates like it, times of the day, those of NMEA, and since 1970."""
 
 from __future__ import annotations
 
 import math
+import re
 from datetime import UTC, datetime, time
 
 import numpy as np
@@ -10,13 +11,16 @@ import numpy as np
 from hil.lab.identify.recording import Floats
 
 DAY_S = 86400.0
+SINCE_1970 = (1e-9, 1e-6, 1e-3)
+YEARS_S = (9e8, 5e9)  # of a time since 1970: from 1998 to 2128
+COARSE = 2  # rows that share a time, as the usual row does where times are coarse
 MINUTE_JUMP = 40.0  # from 59 to 100, at the end of a minute that is written hhmmss
 
 
 def seconds_of(texts: list[str]) -> Floats:
     """Return seconds of times as ISO 8601 writes them, from the first one; NaN for what is none."""
     try:
-        moments = [datetime.fromisoformat(text.strip()) for text in texts]
+        moments = [datetime.fromisoformat(_as_iso(text.strip())) for text in texts]
         zoned = [moment if moment.tzinfo else moment.replace(tzinfo=UTC) for moment in moments]
         return np.array([(moment - zoned[0]).total_seconds() for moment in zoned])
     except ValueError:
@@ -41,12 +45,48 @@ def seconds_of_nmea(times: Floats) -> Floats | None:
     return _past_midnight(3600.0 * (minutes // 100.0) + 60.0 * (minutes % 100.0) + rest)
 
 
+def unit_since_1970(times: Floats) -> float:
+    """Return the unit of times that count from 1970 in less than seconds, 1 where they may well be seconds."""
+    first, last = float(times[0]), float(times[-1])
+    units = [unit for unit in SINCE_1970 if all(YEARS_S[0] < unit * one < YEARS_S[1] for one in (first, last))]
+    return units[0] if units else 1.0
+
+
+def spread_evenly(times: Floats) -> Floats | None:
+    """Return times that are too coarse, so that rows share them, with the rows spread over the time to the next one.
+
+    None where rows do not, or only here and there, which is another fault. Rudder and motion of a row stay together, so
+    that it matters little where in that time they were.
+    """
+    steps = np.diff(times)
+    first = np.flatnonzero(np.concatenate(([True], steps != 0.0)))
+    counts = np.diff(np.append(first, times.size))
+    if np.any(steps < 0.0) or first.size < 2 or float(np.median(np.repeat(counts, counts))) < COARSE:
+        return None
+    spans = np.diff(times[first])
+    last = float(np.median(spans / counts[:-1])) * counts[-1]
+    # The first and the last time may have been cut: they hold fewer rows, which lie at its end and its beginning.
+    share = np.arange(times.size) - np.repeat(first, counts)
+    each = np.append(spans, last) / counts
+    each[0] = min(each[0], last / counts[-1])
+    spread = np.repeat(times[first], counts) + share * np.repeat(each, counts)
+    spread[: counts[0]] += spans[0] - each[0] * counts[0]
+    return np.asarray(spread)
+
+
 def number_of(text: str) -> float:
     """Return a number, NaN for what is none."""
     try:
         return float(text)
     except ValueError:
         return math.nan
+
+
+def _as_iso(text: str) -> str:
+    """Write what is nearly ISO 8601 as that; with slashes, only a date that begins with the year is unambiguous."""
+    text = re.sub(r"^(\d{4})/(\d\d?)/(\d\d?)", r"\1-\2-\3", re.sub(r"\s*(UTC|GMT)$", "Z", text))
+    text = re.sub(r"^(\d\d?)\.(\d\d?)\.(\d{4})", r"\3-\2-\1", text)
+    return re.sub(r"-(\d)(?=[-T ])", r"-0\1", re.sub(r"(?<=:\d\d),(?=\d)", ".", text))
 
 
 def _past_midnight(times: Floats) -> Floats:

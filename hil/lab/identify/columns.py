@@ -12,7 +12,9 @@ from hil.errors import UsageError
 NAMES = ("time_s", "rudder_rad", "heading_rad", "yaw_rate_rad_s", "speed_m_s")
 # quantity -> what else it is called, without its unit
 ALIASES = {
-    "time_s": ("time", "t", "timestamp", "seconds", "datetime", "date_time", "utc", "time_utc", "utc_time"),
+    "time_s": (
+        *("time", "t", "timestamp", "time_stamp", "seconds", "datetime", "date_time", "utc", "time_utc", "utc_time"),
+    ),
     "rudder_rad": ("rudder", "rudder_angle", "delta", "rsa", "rudder_position"),
     "heading_rad": ("heading", "hdg", "hdt", "hdm", "psi", "yaw", "compass", "true_heading", "heading_true"),
     "yaw_rate_rad_s": ("yaw_rate", "yawrate", "rot", "rate_of_turn", "turn_rate", "r", "gyro_z", "gyr_z"),
@@ -61,25 +63,37 @@ def separator_of(header: str) -> str:
     return next((mark for mark in ("\t", ";", ",") if mark in header), " " if len(header.split()) > 1 else ",")
 
 
-def columns_of(where: str, header: list[str]) -> dict[str, Column]:
-    """Find the columns; UsageError names what is missing.
+def found_columns(header: list[str]) -> dict[str, list[int]]:
+    """Return where each quantity stands, by the first that is there.
 
-    The names of the manoeuvre file come first; other names are taken where those are not there.
+    The names of the manoeuvre file, other names, and those behind a point, as ROS's field.heading.
     """
-    plain = [_plain(text) for text in header]
+    whole, ends = [_plain(text) for text in header], [_plain(_end(text)) for text in header]
+    found = {}
+    for quantity in NAMES:
+        ways = (
+            [place for place, name in enumerate(whole) if name == quantity],
+            *(
+                [place for place, name in enumerate(names) if _unit(quantity, name) is not None]
+                for names in (whole, ends)
+            ),
+        )
+        found[quantity] = next(filter(None, ways), [])
+    return {quantity: places for quantity, places in found.items() if places}
+
+
+def columns_of(where: str, header: list[str]) -> dict[str, Column]:
+    """Find the columns; UsageError names what is missing."""
     shown = [_shown(text) for text in header]
     found: dict[str, Column] = {}
-    for quantity in NAMES:
-        places = [place for place, name in enumerate(plain) if name == quantity]
-        if not places:
-            places = [place for place, name in enumerate(plain) if _unit(quantity, name) is not None]
+    for quantity, places in found_columns(header).items():
         if len(places) > 1:
             names = " and ".join(dict.fromkeys(shown[place] for place in places))
             what = f"column {names} stands there twice" if " and " not in names else f"columns {names} are the same"
             raise UsageError(f"{where}: {what}; remove one")
-        if places:
-            unit = _unit(quantity, plain[places[0]])
-            found[quantity] = Column(places[0], shown[places[0]], math.nan if unit is None else unit)
+        name = header[places[0]]
+        unit = next(filter(None, (_unit(quantity, _plain(text)) for text in (name, _end(name)))))
+        found[quantity] = Column(places[0], shown[places[0]], math.nan if unit is None else unit)
     missing = [name for name in ("time_s", "rudder_rad") if name not in found]
     if not missing and "heading_rad" not in found and "yaw_rate_rad_s" not in found:
         missing = ["heading_rad or yaw_rate_rad_s"]
@@ -101,8 +115,12 @@ def _shown(text: str) -> str:
 
 def _plain(text: str) -> str:
     """Write a name as words joined by underscores: `Rate of Turn [°/s]` is rate_of_turn_deg_s."""
-    text = text.strip().lower().replace("°", "deg").replace("µ", "u")
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text.strip()).lower().replace("°", "deg").replace("µ", "u")
     return re.sub(r"[^a-z0-9]+", "_", text).strip("_")
+
+
+def _end(text: str) -> str:
+    return text.rpartition(".")[2]
 
 
 def _unit(quantity: str, name: str) -> float | None:

@@ -1,3 +1,4 @@
+import gzip
 import json
 import re
 import subprocess
@@ -33,11 +34,16 @@ BAD = {
     ),
     "no rudder column": (plain(ROWS, HEADER.replace("rudder_rad", "helm")), ":1: missing column rudder_rad; name"),
     "a column twice": (plain(ROWS, HEADER.replace("speed_m_s", "time_s")), ":1: column time_s stands there twice"),
-    "NaN": (with_row(5, "0.5,nan,0,0.01,0.4"), ":7: rudder_rad 'nan' is not a finite number; remove the row"),
     "infinite": (with_row(5, "0.5,0.3,inf,0.01,0.4"), ":7: heading_rad 'inf' is not a finite number"),
     "huge": (with_row(5, "0.5,0.3,1e300,0.01,0.4"), ":7: heading_rad 1e300 is beyond 1e+06; give radians"),
     "word": (with_row(5, "0.5,hard over,0,0.01,0.4"), ":7: rudder_rad 'hard over' is not a finite number"),
-    "hole": (with_row(5, "0.5,0.3,,0.01,0.4"), ":7: heading_rad is empty; remove the row, or empty the whole column"),
+    "mostly holes": (
+        plain([row if n < 10 else row.replace(f",{0.001 * n},0.01", ",,") for n, row in enumerate(ROWS)]),
+        ": only 10 rows have a heading or yaw rate with a rudder near it; fill the empty cells",
+    ),
+    "two logs": (plain(ROWS) + plain(ROWS), ":102: the column names stand there again: make a file of each"),
+    "NMEA": ("$IIHDT,12.5,T*00\n" * 50, "sentences of NMEA 0183, no table"),
+    "damaged packing": (gzip.compress(plain(ROWS).encode())[:-40], "its gzip packing is damaged"),
     "time goes back": (with_row(5, "0.3,0.3,0,0.01,0.4"), ":7: time_s 0.3 does not come after 0.4; sort the rows"),
     "time stands": (with_row(5, "0.4,0.3,0,0.01,0.4"), ":7: time_s 0.4 does not come after 0.4"),
     "degrees": (
@@ -45,7 +51,7 @@ BAD = {
         ":7: rudder_rad 20 is beyond 90 deg (1.5708 rad); are these degrees?",
     ),
     "degrees a second": (with_row(5, "0.5,0.3,0,45,0.4"), ":7: yaw_rate_rad_s 45 is beyond 30; give radians a second"),
-    "cut": (with_row(99, "9.9,0.3,0"), ":101: 3 fields under 5 column names; mend or remove the line"),
+    "cut": (with_row(50, "5.0,0.3,0"), ":52: 3 fields under 5 column names; mend or remove the line"),
     "constant rudder": (plain([row.replace("-0.3", "0.3") for row in ROWS]), "constant rudder, 0.3 throughout"),
     "nothing turns": (plain([f"{n},{n % 7 / 10},1,0," for n in range(100)]), "she does not turn at all"),
     "too short": (plain(ROWS[:12]), "too short, 12 rows; the file holds 0 to 1.1 s; give at least 20 rows"),

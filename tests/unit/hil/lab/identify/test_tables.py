@@ -149,7 +149,7 @@ def test_a_command_that_is_no_angle_is_not_said_to_be_one(tmp_path):
         ),
         (
             table("time,rudder_rad,heading_rad", (["now"] * ROWS, RUDDER, HEADING)),
-            ":2: time 'now' is not a finite number",
+            ":2: time 'now' is no time (and 199 more like it); give seconds, or times as 2026-05-31 23:59:59.5",
         ),
         (table("time_s;rudder_rad;heading_rad", (TIME, RUDDER, HEADING)), ":2: 1 fields under 3 column names"),
         ("heading;rudder\n1;2\n", ":1: missing column time_s"),

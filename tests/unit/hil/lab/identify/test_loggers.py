@@ -1,0 +1,145 @@
+"""What loggers, spreadsheets and exports make of a table, and what is missing in its cells."""
+
+import gzip
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from hil.errors import UsageError
+from hil.lab.identify.columns import NAMES
+from hil.lab.identify.manoeuvre_file import read
+
+DEGREE, KNOT = np.pi / 180.0, 1852.0 / 3600.0
+ROWS = 200
+TIME = np.arange(ROWS) * 0.5
+RUDDER = np.where((np.arange(ROWS) // 20) % 2, 0.3, -0.3)
+HEADING = 1.0 + 0.2 * np.sin(TIME / 5.0)
+RATE = 0.04 * np.cos(TIME / 5.0)
+SPEED = np.full(ROWS, 0.5)
+
+
+def table(header, columns, separator=",", decimal="."):
+    rows = zip(*columns, strict=True)
+    texts = [[cell if isinstance(cell, str) else f"{cell:.7f}".replace(".", decimal) for cell in row] for row in rows]
+    return "\n".join([header, *(separator.join(row) for row in texts)]) + "\n"
+
+
+DEGREES = (TIME, RUDDER / DEGREE, HEADING / DEGREE, RATE / DEGREE, SPEED / KNOT)
+PLAIN = (TIME, RUDDER, HEADING, RATE, SPEED)
+MIDNIGHT = datetime(2024, 5, 1, 23, 59, 50, tzinfo=UTC)
+ISO = [(MIDNIGHT + timedelta(seconds=seconds)).isoformat() for seconds in TIME.tolist()]
+CLOCK = [f"10:0{n // 120}:{n % 120 / 2:04.1f}" for n in range(ROWS)]
+PLAINLY = table(",".join(NAMES), PLAIN)
+NAMED = table("Time,Rudder,Heading,Rate of Turn,Speed", DEGREES)
+UNITS = "s,deg,deg,deg/s,kn"
+
+
+def with_times(texts, name="time"):
+    return table(f"{name},rudder_rad,heading_rad,yaw_rate_rad_s,speed_m_s", (texts, *PLAIN[1:]))
+
+
+LOGGERS = {
+    "UTF-16, as a spreadsheet's Unicode text": PLAINLY.encode("utf-16"),
+    "one byte a degree sign": table("Time [s],Rudder [°],Heading [°],ROT [°/s],SOG (kn)", DEGREES).encode("latin-1"),
+    "packed": gzip.compress(PLAINLY.encode()),
+    "lines above": ("Logger X\nDate: 2026-05-01, 10:00\n\n" + PLAINLY).encode(),
+    "comments of another kind": ("% MATLAB\n" + PLAINLY).encode(),
+    "names in a comment, as of numpy": ("# " + PLAINLY).encode(),
+    "units in a line of their own": NAMED.replace("\n", f"\n{UNITS}\n", 1).encode(),
+    "a line below": (PLAINLY + "END OF FILE\n").encode(),
+    "totals below": (PLAINLY + "Total,,,,12\n").encode(),
+    "a last line that was cut": (PLAINLY + "100.0,0.3").encode(),
+    "names in humps": table("TimeStamp_s,RudderAngle_deg,HeadingTrue_deg,YawRate_deg_s,BoatSpeed_kn", DEGREES).encode(),
+    "names of ROS": table("%time_s,field.rudder_deg,field.hdg_deg,field.rot_deg_s,field.sog_kn", DEGREES).encode(),
+    "seconds that rows share": with_times([f"{seconds:.0f}" for seconds in np.floor(TIME)]).encode(),
+    "a clock that rows share": with_times([text[:8] for text in CLOCK]).encode(),
+    "milliseconds since 1970 by size": with_times([f"{1.7e12 + 1000 * seconds:.0f}" for seconds in TIME]).encode(),
+    "nanoseconds since 1970 by size": with_times([f"{1.7e18 + 1e9 * seconds:.0f}" for seconds in TIME]).encode(),
+    "slashes": with_times([text.partition("+")[0].replace("-", "/", 2).replace("T", " ") for text in ISO]).encode(),
+    "day.month.year": with_times(
+        [f"{text[8:10]}.{text[5:7]}.{text[:4]} {text[11:].partition('+')[0]}" for text in ISO]
+    ).encode(),
+    "UTC": with_times([text.replace("+00:00", " UTC") for text in ISO]).encode(),
+}
+
+
+@pytest.mark.parametrize("name", LOGGERS)
+def test_what_loggers_and_spreadsheets_make_of_a_table_is_read(tmp_path, name):
+    """Each was refused."""
+    path = tmp_path / "table.csv"
+    path.write_bytes(LOGGERS[name])
+    got = read(path)
+    np.testing.assert_allclose(got.time_s - got.time_s[0], TIME, atol=1e-5)
+    for column, true in zip(
+        (got.rudder_rad, got.heading_rad, got.yaw_rate_rad_s, got.speed_m_s), PLAIN[1:], strict=True
+    ):
+        np.testing.assert_allclose(column, true, atol=1e-5)
+
+
+def test_times_that_rows_share_here_and_there_are_no_coarse_clock(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(with_times([f"{TIME[n - (n % 10 == 5)]:.1f}" for n in range(ROWS)]))
+    with pytest.raises(UsageError, match=":7: time_s 2 does not come after 2"):
+        read(path)
+
+
+def with_holes(column, rows, said="nan"):
+    lines = PLAINLY.splitlines()
+    for row in rows:
+        cells = lines[row + 1].split(",")
+        cells[NAMES.index(column)] = said
+        lines[row + 1] = ",".join(cells)
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("said", ["", "NaN", "N/A", "-", "null"])
+def test_a_row_without_a_heading_is_left_out(tmp_path, said):
+    path = tmp_path / "table.csv"
+    path.write_text(with_holes("heading_rad", (3, 50, 51, 199), said))
+    got, rows = read(path), np.delete(np.arange(ROWS), (3, 50, 51, 199))
+    assert "4 of 200 rows have no heading_rad, and are left out" in got.notes
+    np.testing.assert_allclose(got.time_s, TIME[rows])
+    np.testing.assert_allclose(got.heading_rad, HEADING[rows], atol=1e-6)
+
+
+def test_a_compass_that_is_slower_than_the_table_is_read(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(with_holes("heading_rad", [row for row in range(ROWS) if row % 4], ""))
+    np.testing.assert_allclose(read(path).heading_rad, HEADING[::4], atol=1e-6)
+
+
+@pytest.mark.parametrize(("column", "values"), [("rudder_rad", RUDDER), ("yaw_rate_rad_s", RATE)])
+def test_a_short_hole_is_bridged_and_a_long_one_is_left_out(tmp_path, column, values):
+    path = tmp_path / "table.csv"
+    path.write_text(with_holes(column, (44, 45, *range(100, 115), 199)))
+    got, rows = read(path), np.delete(np.arange(ROWS), (*range(100, 115), 199))
+    (note,) = got.notes
+    assert f"{column} is missing in 18 of 200 rows: 2 lie between what is before and behind, 16 are too far" in note
+    np.testing.assert_allclose(got.time_s, TIME[rows])
+    bridged = np.interp(rows, np.delete(rows, (44, 45)), np.delete(values[rows], (44, 45)))
+    np.testing.assert_allclose(getattr(got, column), bridged, atol=1e-6)
+
+
+def test_a_speed_that_comes_now_and_then_is_bridged(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(with_holes("speed_m_s", [row for row in range(ROWS) if row % 40]))
+    np.testing.assert_allclose(read(path).speed_m_s, SPEED)
+
+
+def test_columns_that_never_stand_in_one_row_are_brought_together(tmp_path):
+    """As tables of several senders are that were merged by time."""
+    path, lines = tmp_path / "table.csv", ["time_s,rudder_rad,heading_rad"]
+    for row in range(ROWS):
+        lines += [f"{TIME[row]},{RUDDER[row]},", f"{TIME[row] + 0.1},,{HEADING[row]}"]
+    path.write_text("\n".join(lines) + "\n")
+    got = read(path)
+    np.testing.assert_allclose(got.heading_rad, HEADING[:-1], atol=1e-6)
+    np.testing.assert_allclose(got.rudder_rad, np.interp(got.time_s, TIME, RUDDER), atol=1e-6)
+
+
+def test_headings_that_are_hardly_ever_there_do_not_cost_the_yaw_rates(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(with_holes("heading_rad", range(10, ROWS)))
+    got = read(path)
+    assert (got.heading_rad, got.time_s.size) == (None, ROWS)
