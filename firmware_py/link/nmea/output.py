@@ -84,7 +84,7 @@ def open_output(
     if kind not in _KINDS:
         raise LinkError(f"link {url[:120]!r}: {shown(kind)} is not a way out for NMEA 0183; use {_FORMS}")
     options = _options(url, query)
-    transport = open_transport(f"{_KINDS[kind]}:{rest}", open_line, say=say)
+    transport = open_transport(f"{_KINDS[kind]}:{rest}", open_line, say=say, hears=False)
     needed = len(options.sentences) * LONGEST * options.rate_hz
     if transport.byte_rate is not None and needed > transport.byte_rate:
         transport.close()

@@ -13,7 +13,7 @@ from firmware_py.link.wire.transport import LinkUrl, Transport, parse_url
 from firmware_py.link.wire.transport_late import LateTransport
 from firmware_py.link.wire.transport_serial import SerialTransport
 from firmware_py.link.wire.transport_tcp import TcpClient, TcpServer
-from firmware_py.link.wire.transport_udp import UdpTransport
+from firmware_py.link.wire.transport_udp import OF_MANY_ANYWHERE, UdpTransport
 
 _SOCKETS: dict[str, Callable[[LinkUrl], Transport]] = {
     "udpout": UdpTransport,
@@ -44,10 +44,12 @@ def open_transport(
     ashore: Ashore = _ALONE,
     *,
     say: Callable[[str], None] | None = None,
+    hears: bool = True,
 ) -> Transport:
     """Open the transport of a URL, or raise LinkError; `open_line` takes the path and baud rate of a serial line.
 
-    With `say` a socket that cannot be opened now is opened when it can, and that is said.
+    With `say` a socket that cannot be opened now is opened when it can, and that is said. What does not have to be
+    heard (`hears`) may be sent to many at once.
     """
     parsed = parse_url(url)
     if parsed.kind == "sbd":
@@ -57,7 +59,11 @@ def open_transport(
         return SbdTransport(parsed, line, ashore.vault, ashore.utc_s, ashore.tell)
     if parsed.kind == "serial":
         return SerialTransport(parsed.text, open_line(parsed.host, parsed.number), parsed.number, parsed.options)
-    open_now = partial(_SOCKETS[parsed.kind], parsed)
+    open_now: Callable[[], Transport] = partial(_SOCKETS[parsed.kind], parsed)
+    if parsed.kind == "udpout":
+        if hears and parsed.host in OF_MANY_ANYWHERE:
+            open_now()  # raises: no waiting mends it
+        open_now = partial(UdpTransport, parsed, hears=hears)
     if say is None:
         return open_now()
     late = LateTransport(parsed, open_now)

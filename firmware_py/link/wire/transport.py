@@ -144,6 +144,8 @@ def parse_url(text: str) -> LinkUrl:
         raise LinkError(f"{link}: the {what} is missing; use {_FORMS}")
     if not (number.isascii() and number.isdigit() and len(number) < 10 and low <= int(number) <= high):
         raise LinkError(f"{link}: {shown(number)} is not a {what}; use a whole number from {low} to {high}")
+    if kind not in ("serial", "sbd") and ":" in host:
+        raise LinkError(f"{link}: there is no IPv6 here; use an IPv4 address or a name that has one")
     try:
         options = parse_options(query) if mark else PLAIN
     except OptionError as error:

@@ -6,12 +6,14 @@ import errno
 import socket
 from collections.abc import Sequence
 
+from firmware_py.link.wire.host_lookup import HostLookup, resolve
 from firmware_py.link.wire.transport import READ_BYTES, Address, LinkUrl
-from firmware_py.link.wire.transport_udp import bind, exposed, resolve
+from firmware_py.link.wire.transport_udp import bind, exposed
 
 # Connections at once: the places of a link, who waits for one, and who has just come. The link says who is to go.
 MAX_CLIENTS = 25
 RECONNECT_S = 1.0
+_LOOK_S = 10.0  # between two looks where a server is that does not answer
 _HELD_BYTES = 1 << 15  # what a connection may hold back before messages are dropped whole
 _UNREAD_BYTES = 1 << 15  # and what the system may hold unread: a flood is over soon after its end
 _DEAD_MS = 60_000  # a connection whose data nobody acknowledges for this long is closed
@@ -174,7 +176,7 @@ class TcpServer:
 
 
 class TcpClient:
-    """Connects to a server, and again RECONNECT_S after a connection is lost."""
+    """Connects to a server, and again RECONNECT_S after a connection is lost, wherever its name leads by then."""
 
     byte_rate: float | None = None
     datagrams = False
@@ -186,6 +188,7 @@ class TcpClient:
         self.options = url.options
         self.radio = url.options.at_radio_rates(usual=False)
         self._server = resolve(url)
+        self._lookup = HostLookup(url, _LOOK_S)
         self._connecting: socket.socket | None = None
         self._connection: _Connection | None = None
         self._number = 0
@@ -232,6 +235,7 @@ class TcpClient:
 
     def close(self) -> None:
         """Close the connection."""
+        self._lookup.close()
         if self._connecting is not None:
             self._connecting.close()
         if self._connection is not None:
@@ -240,6 +244,7 @@ class TcpClient:
 
     def _connect(self, now_s: float) -> None:
         if self._connecting is None:
+            self._server = self._next_address(), self._server[1]
             self._connecting = _new_socket()
             self._next_s = now_s + RECONNECT_S
         failure = self._connecting.connect_ex(self._server)
@@ -250,3 +255,9 @@ class TcpClient:
         elif failure not in _PENDING:
             self._connecting.close()
             self._connecting = None
+            self._lookup.ask(now_s)
+
+    def _next_address(self) -> str:
+        """Return the address to try: of several that a name has the one after that which was tried last."""
+        found = self._lookup.take() or (self._server[0],)
+        return found[(found.index(self._server[0]) + 1) % len(found)] if self._server[0] in found else found[0]

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import errno
+import ipaddress
+import math
 import os
 import socket
 from collections.abc import Sequence
 
+from firmware_py.link.wire.host_lookup import HostLookup, resolve
 from firmware_py.link.wire.transport import Address, LinkError, LinkUrl
 
 _DATAGRAMS = 48  # at one call: as fast as anybody sends, since most of a flood is dropped unread
 _LONGEST = 2048  # of a datagram: what exceeds it is cut
 _SEND_BUFFER = 1 << 18
-
-
-def resolve(url: LinkUrl) -> tuple[str, int]:
-    """Return the numeric IPv4 address of a URL, or raise LinkError. May wait for a name server."""
-    try:
-        addresses = socket.getaddrinfo(url.host, url.number, socket.AF_INET, socket.SOCK_DGRAM)
-    except (OSError, UnicodeError) as error:
-        raise LinkError(f"link {url.text!r}: host {url.host!r} is not known ({error}); use its IPv4 address") from error
-    return str(addresses[0][4][0]), url.number
+OF_MANY_ANYWHERE = ("0.0.0.0", "255.255.255.255")  # noqa: S104 - no station has them, in any network
+_LOOK_S = 60.0  # a target that is silent for so long may have another address by now
 
 
 def exposed(listener: socket.socket) -> bool:
@@ -45,24 +41,51 @@ def bind(listener: socket.socket, url: LinkUrl) -> None:
         raise LinkError(f"link {url.text!r}: {reason}; {remedy}") from error
 
 
+def is_of_many(address: tuple[str, int]) -> bool:
+    """Return whether an address is that of several computers or of any, as far as this one's interfaces tell."""
+    numeric = ipaddress.IPv4Address(address[0])
+    if numeric.is_multicast or numeric.is_unspecified:
+        return True
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(address)
+        except PermissionError:
+            return True  # a broadcast, which has to be asked for
+        except OSError:
+            return False  # there is no way to it now
+    return False
+
+
+def _check_target(url: LinkUrl, target: tuple[str, int]) -> None:
+    """Refuse a target that would be sent to and never heard, by a LinkError."""
+    if is_of_many(target):
+        raise LinkError(
+            f"link {url.text!r}: {target[0]} is not the address of one station, and no other would be heard; "
+            f"use the station's own, or udpin:0.0.0.0:{url.number}"
+        )
+
+
 class UdpTransport:
     """One UDP socket.
 
     `udpout` sends to its target from the start and hears the target's host only, from
     whatever port: ground stations often answer from another one, and each port is a
-    correspondent of its own. `udpin` hears everybody.
+    correspondent of its own. A target with a name is looked up anew while it is silent. `udpin` hears everybody.
     """
 
     byte_rate: float | None = None
     datagrams = True
 
-    def __init__(self, url: LinkUrl) -> None:
-        """Open the socket, or raise LinkError."""
+    def __init__(self, url: LinkUrl, *, hears: bool = True) -> None:
+        """Open the socket, or raise LinkError; what need not hear may send to many at once."""
         self.name = url.text
         self.options = url.options
         self.radio = url.options.at_radio_rates(usual=False)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         self._target: tuple[str, int] | None = None
+        self._lookup: HostLookup | None = None
+        self._heard = True  # the target, since it was looked up last
+        self._look_s = -math.inf
         self.exposed = False
         self.failures = 0  # datagrams that the system refused to send or said were refused
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
@@ -72,9 +95,13 @@ class UdpTransport:
             return
         try:
             self._target = resolve(url)
+            if hears:
+                _check_target(url, self._target)
         except LinkError:
             self._socket.close()
             raise
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, not hears)
+        self._lookup = HostLookup(url, _LOOK_S)
 
     def descriptors(self) -> Sequence[int]:
         """Return the socket's descriptor."""
@@ -94,6 +121,7 @@ class UdpTransport:
                 continue
             if self._target is None or address[0] == self._target[0]:
                 datagrams.append((address, data))
+                self._heard = True
         return datagrams
 
     def send(self, address: Address, data: bytes) -> bool:
@@ -123,8 +151,20 @@ class UdpTransport:
         """Do nothing: there is no connection to end."""
 
     def poll(self, now_s: float) -> None:
-        """Do nothing: a datagram socket needs no care."""
+        """Look up a target that says nothing, and follow it."""
+        if self._lookup is None or self._target is None:
+            return
+        if now_s >= self._look_s:
+            self._look_s = now_s + _LOOK_S
+            if not self._heard:
+                self._lookup.ask(now_s)
+            self._heard = False
+        found = self._lookup.take()
+        if found and self._target[0] not in found:
+            self._target = found[0], self._target[1]
 
     def close(self) -> None:
         """Close the socket."""
+        if self._lookup is not None:
+            self._lookup.close()
         self._socket.close()

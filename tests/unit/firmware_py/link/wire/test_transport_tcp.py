@@ -184,3 +184,17 @@ def test_a_dropped_client_finds_its_connection_ended(server, opened):
     assert one.recv(1) == b""
     assert server.send(second, b"still here")
     assert other.recv(100) == b"still here"
+
+
+def test_a_server_that_has_moved_is_found_where_its_name_leads(opened, monkeypatch):
+    port, where = free_port(), ["127.0.0.1"]
+    monkeypatch.setattr("firmware_py.link.wire.host_lookup.addresses_of", lambda _url: tuple(where))
+    client = opened(open_transport(f"tcpout:station.example:{port}", None))
+    where[:] = ["127.0.0.1", "127.0.0.3"]  # the first of which nobody answers at
+    with socket.create_server(("127.0.0.3", port)):
+        now_s = 0.0
+        while not client.addresses() and now_s < 5000.0:
+            client.poll(now_s)
+            now_s += 1.0
+            time.sleep(0.001)
+    assert client.addresses()

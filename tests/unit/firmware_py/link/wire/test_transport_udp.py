@@ -2,6 +2,9 @@
 
 import select
 import socket
+import threading
+import time
+from contextlib import closing
 
 import pytest
 
@@ -128,3 +131,86 @@ def test_what_other_computers_reach_is_known(opened, kind, host, exposed):
 
 def test_correspondents_are_told_apart_by_port_and_counted_by_host(opened):
     assert opened(f"udpin:127.0.0.1:{free_port()}").host(("192.0.2.1", 5)) == "192.0.2.1"
+
+
+@pytest.mark.parametrize("host", ["255.255.255.255", "127.255.255.255", "239.1.1.1", "0.0.0.0"])
+def test_a_target_of_many_is_refused_since_whoever_answers_has_another_address(host):
+    with pytest.raises(LinkError, match=rf"{host} is not the address of one station.*udpin:0\.0\.0\.0:14550"):
+        open_transport(f"udpout:{host}:14550", None)
+
+
+def test_who_waits_for_links_waits_for_none_that_can_never_be():
+    with pytest.raises(LinkError, match="is not the address of one station"):
+        open_transport("udpout:255.255.255.255:14550", None, say=print)
+
+
+def test_what_need_not_hear_sends_to_a_whole_network():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plotter:
+        plotter.bind(("127.255.255.255", 0))
+        plotter.settimeout(5.0)
+        with closing(open_transport(f"udpout:127.255.255.255:{plotter.getsockname()[1]}", None, hears=False)) as link:
+            link.send(link.addresses()[0], b"$GNRMC")
+            assert plotter.recv(100) == b"$GNRMC"
+
+
+@pytest.mark.parametrize("url", ["udpout:[::1]:14550", "udpin:::1:14550", "tcpin:[::]:5760", "tcpout:fe80::1:5760"])
+def test_ipv6_is_refused_and_said_whoever_waits(url):
+    with pytest.raises(LinkError, match="there is no IPv6 here; use an IPv4 address"):
+        open_transport(url, None, say=print)
+
+
+class NameServer:
+    """Says where hosts are; `asked` counts."""
+
+    def __init__(self, monkeypatch, *addresses):
+        self.addresses, self.asked = addresses, 0
+        monkeypatch.setattr("firmware_py.link.wire.host_lookup.addresses_of", self.answer)
+
+    def answer(self, _url):
+        self.asked += 1
+        if not self.addresses:
+            raise OSError("no answer")
+        return self.addresses
+
+
+def polled(transport, seconds, until):
+    """Poll a transport through the time of a voyage, and wait for the thread that asks."""
+    for now_s in seconds:
+        transport.poll(float(now_s))
+        end = time.monotonic() + 5.0
+        while not until() and time.monotonic() < end and now_s == seconds[-1]:
+            transport.poll(float(now_s))
+    assert until()
+
+
+def test_a_silent_target_is_looked_up_anew_and_followed(opened, monkeypatch):
+    names = NameServer(monkeypatch, "127.0.0.2")
+    transport = opened("udpout:station.example:14550")
+    names.addresses = ("127.0.0.3", "127.0.0.4")
+    polled(transport, range(61), lambda: transport.addresses() == (("127.0.0.3", 14550),))
+    names.addresses = ("127.0.0.4", "127.0.0.3")  # in turns: it is still there
+    asked = names.asked
+    polled(transport, range(61, 122), lambda: names.asked > asked)
+    transport.poll(121.5)
+    names.addresses = ()
+    asked = names.asked
+    polled(transport, range(122, 183), lambda: names.asked > asked)
+    assert transport.addresses() == (("127.0.0.3", 14550),)
+
+
+def test_a_target_that_is_heard_or_has_no_name_is_not_looked_up(opened, monkeypatch, station):
+    names = NameServer(monkeypatch, "127.0.0.1")
+    transport = opened("udpout:station.example:9")
+    transport.send(transport.addresses()[0], b"x")
+    names.addresses = ("127.0.0.2",)
+    for now_s in range(300):
+        station.sendto(b"hello", ("127.0.0.1", port_of(transport)))
+        receive(transport)
+        transport.poll(float(now_s))
+    assert names.asked == 1  # as it was opened
+    for url in ("udpout:127.0.0.1:14550", "udpout:localhost:14550"):
+        other = opened(url)
+        before = threading.active_count()
+        for now_s in range(300):
+            other.poll(float(now_s))
+        assert threading.active_count() == before
