@@ -29,6 +29,7 @@ _DATA = struct.Struct("<IHB")
 _ENTRY = struct.Struct("<IIHHH")
 _FRAME_BYTES = 12 + _DATA.size + _BLOCK
 _MOST_PEERS = 4  # served at the same time; each has a file open
+_SILENT_S = 10.0  # who says nothing for so long has gone, when another wants his place
 _MOST_RANGES = 64  # waiting for one peer: MAVProxy asks for twenty gaps at once
 _CHUNK_BYTES = 512 * _BLOCK  # MAVSDK and QGroundControl ask for so much at once
 _STREAM_BYTES = 256 * _BLOCK  # in a tick, to those that ask for all: a receive buffer of 208 KiB holds four ticks
@@ -194,17 +195,18 @@ class LogServer:
     def _download(self, peer: Peer) -> _Download | None:
         download = self._downloads.get(peer)
         if download is None:
-            self._make_room()
+            self._make_room(self._context.now_s)
             if len(self._downloads) >= _MOST_PEERS:
                 return None
             download = self._downloads[peer] = _Download()
         return download
 
-    def _make_room(self) -> None:
-        """Make room: those that have gone, and then those that want nothing now."""
+    def _make_room(self, now_s: float) -> None:
+        """Make room: those that have gone, and then those that want nothing now or are silent in the midst of it."""
         present = set(self._context.everybody())
         for peer, download in tuple(self._downloads.items()):
             idle = not download.ranges and download.entries is None
+            idle = idle or now_s - peer.last_frame_s > _SILENT_S
             if peer not in present or (idle and len(self._downloads) >= _MOST_PEERS):
                 download.close()
                 del self._downloads[peer]

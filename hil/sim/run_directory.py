@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import stat
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -107,6 +108,8 @@ def copy_state(state: Path, target: Path) -> None:
 def _copy_file(source: str, target: str) -> None:
     """Copy a file of a state directory, and nothing that is no file or has no end."""
     try:
-        Path(target).write_bytes(read_regular(Path(source), MOST_STATE_BYTES, follow=False))
+        content = read_regular(Path(source), MOST_STATE_BYTES, follow=False)
+        Path(target).touch(mode=stat.S_IMODE(os.lstat(source).st_mode) | stat.S_IWUSR)  # a key stays as secret as it was
+        Path(target).write_bytes(content)
     except OSError as error:
         raise OSError(error.errno, error.strerror, source) from None

@@ -183,6 +183,24 @@ def test_two_stations_download_at_the_same_time_and_the_fifth_is_told_to_wait(di
         assert b"".join(found[start] for start in sorted(found)) == content_of(2)[min(found) :]
 
 
+def test_downloads_whose_stations_fell_silent_keep_nobody_waiting(disk, stored, texts):
+    names = ("one", "two", "three", "four", "five")
+    rig, _ = stored(addresses=names)
+    for address in names[:4]:
+        rig.transport.inbox.append((address, rig.frame(mavlink.MAVLink_log_request_data_message(1, 1, 2, 0, OPEN_END))))
+    rig.give(b"")
+    rig.transport.takes = False  # so that none of them has all
+    rig.tick_silently(seconds=9.0)
+    ask_data(rig, 0, address="five")
+    rig.tick_silently(seconds=2.0)
+    ask_data(rig, 0, address="five")
+    rig.transport.takes = True
+    rig.endpoint.service(rig.now_s, [])
+    said = rig.said("five")
+    assert texts(said) == ["Log download: others are being served, try again"]
+    assert blocks(said)
+
+
 def test_a_slow_line_is_not_overrun(disk, stored, of):
     rig, _ = stored(byte_rate=5760.0, radio=True)
     said = ask_data(rig, 0)

@@ -136,6 +136,17 @@ def test_an_output_directory_that_cannot_be_is_told(tmp_path):
         prepare_directory(tmp_path / "file" / "out")
 
 
+def test_the_signing_key_of_a_state_that_a_run_begins_with_stays_secret(tmp_path):
+    state = tmp_path / "state"
+    state.mkdir()
+    for name, mode in (("signing.key.0", 0o600), ("parameters.param.0", 0o640)):
+        (state / name).write_bytes(b"x")
+        (state / name).chmod(mode)
+    run_directory.copy_state(state, tmp_path / "copy")
+    assert (tmp_path / "copy/signing.key.0").stat().st_mode & 0o777 == 0o600
+    assert (tmp_path / "copy/parameters.param.0").read_bytes() == b"x"
+
+
 def test_a_run_that_replaces_another_says_so(tmp_path, monkeypatch, capsys):
     def nothing(_options):
         raise HilError("that was all")
