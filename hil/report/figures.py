@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from firmware_py.common.angles import degrees, radians
+from firmware_py.common.angles import TWO_PI, degrees, radians
 from hil.sim.truth import Array, Truth
 
 SETTLED_RAD = radians(3.0)
@@ -25,8 +25,8 @@ SECONDS_PER_HOUR = 3600.0
 class GoalFigures:
     """One goal, from when it was due until the next one or the end.
 
-    `overshoot_deg` is how far past the goal the boat goes, in the direction of the step, before
-    `steady_from_s`; 0 for a step smaller than 3 deg. `settling_s` is when, counted from the
+    `step_deg` is the way round that she took. `overshoot_deg` is how far past the goal the boat goes, in that
+    direction, before `steady_from_s`; 0 for a step smaller than 3 deg. `settling_s` is when, counted from the
     goal's start, the boat was outside of +-3 deg for the last time; None when it still is at the
     end. The errors and the rudder travel are of the steady part, which begins 200 s after
     the goal, or with the last third of a goal that does not last that long.
@@ -47,13 +47,37 @@ class GoalFigures:
 
 @dataclass(frozen=True, slots=True)
 class _Span:
-    """Rows [first, last) of a truth, in which the goal is the same, and the times of the first and the last."""
+    """Rows [first, last) of a truth, in which the goal is the same, and where and when they begin and end."""
 
     first: int
     last: int
     goal_rad: float
     start_s: float
     end_s: float
+    end_heading_rad: float
+
+
+def off_goal_rad(heading_rad: Array, goal_rad: Array) -> Array:
+    """Return heading less goal, at most half a turn: who has come to it the other way round is on it, too."""
+    error_rad = heading_rad - goal_rad
+    return np.asarray(error_rad - TWO_PI * np.floor(error_rad / TWO_PI + 0.5))
+
+
+def turned_goal_rad(goal_rad: float, end_heading_rad: float) -> float:
+    """Return a goal on the turn on which she ended.
+
+    It is recorded on the one nearest to her when it is given; she goes by her compass, and about half a turn away
+    that may be the other way round.
+    """
+    return goal_rad + TWO_PI * math.floor((end_heading_rad - goal_rad) / TWO_PI + 0.5)
+
+
+def turned_goals_rad(truth: Truth) -> Array:
+    """Return the goals of a truth, each on the turn on which she ended."""
+    found = truth.goal_rad.copy()
+    for first, last in goal_spans(truth.goal_rad):
+        found[first:last] = turned_goal_rad(float(found[first]), float(truth.heading_low_rad[last - 1]))
+    return found
 
 
 def goal_figures(truth: Iterable[Truth]) -> tuple[GoalFigures, ...]:
@@ -86,7 +110,8 @@ def _spans(truth: Iterable[Truth]) -> list[_Span]:
             if spans and (spans[-1].last, spans[-1].goal_rad) == (begun, goal_rad):
                 before = spans.pop()
                 begun, start_s = before.first, before.start_s
-            spans.append(_Span(begun, row + last, goal_rad, start_s, float(piece.time_s[last - 1])))
+            end_s, end_rad = float(piece.time_s[last - 1]), float(piece.heading_low_rad[last - 1])
+            spans.append(_Span(begun, row + last, goal_rad, start_s, end_s, end_rad))
         row += piece.time_s.size
     return spans
 
@@ -153,9 +178,11 @@ class _Tally:
         if first >= last:
             return
         time_s = piece.time_s[first:last]
-        error_rad = piece.heading_low_rad[first:last] - piece.goal_rad[first:last]
+        heading_rad = piece.heading_low_rad[first:last]
+        error_rad = off_goal_rad(heading_rad, piece.goal_rad[first:last])
+        goal_rad = turned_goal_rad(self._span.goal_rad, self._span.end_heading_rad)
         if row + first == self._span.first:
-            self._step_rad = self._span.goal_rad - float(piece.heading_low_rad[first])
+            self._step_rad = goal_rad - float(heading_rad[0])
         if self._settled_s is None:
             self._settled_s = float(time_s[0])
         outside = np.flatnonzero(np.abs(error_rad) > SETTLED_RAD)
@@ -164,7 +191,7 @@ class _Tally:
         # At least the last two rows are steady.
         steady = int(np.searchsorted(time_s, self._steady_s - 1e-9))
         steady = min(steady, max(self._span.last - 2 - row - first, 0))
-        self._overshoot_rad = max(self._overshoot_rad, _past_rad(error_rad[:steady], -self._step_rad))
+        self._overshoot_rad = max(self._overshoot_rad, _past_rad(heading_rad[:steady] - goal_rad, -self._step_rad))
         if steady < time_s.size:
             self._add_steady(time_s[steady:], error_rad[steady:], piece.rudder_rad[first + steady : last])
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import shlex
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from firmware_py.log.disk import log_files
@@ -12,7 +13,7 @@ from firmware_py.view.document import PLOTS
 from hil.errors import HilError
 from hil.report import page, summary
 from hil.report.field_log import FieldLog
-from hil.report.figures import goal_figures
+from hil.report.figures import goal_figures, turned_goals_rad
 from hil.report.summary import Summary
 from hil.report.text import COLUMNS, goal_cells, loop_line
 from hil.report.thinning import thinned
@@ -42,6 +43,8 @@ def make(out: Path) -> tuple[Summary, Path]:
     truth = Recorded(out / TRUTH_FILE)
     rows = sum(piece.time_s.size for piece in truth)
     few = thinned(truth, rows) if rows else None
+    if few is not None:
+        few = replace(few, goal_rad=turned_goals_rad(few))
     if few is not None and importlib.util.find_spec("matplotlib") is not None:
         from hil.report.run_picture import draw  # noqa: PLC0415 - slow to import, and a float has it not
 

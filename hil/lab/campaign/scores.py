@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from firmware_py.common.angles import DEGREES_PER_RADIAN
+from firmware_py.common.angles import DEGREES_PER_RADIAN, TWO_PI
 from hil.lab.compiled import compiled
 from hil.lab.twin.kalman import Floats
 from hil.report.figures import SECONDS_PER_HOUR, SETTLED_RAD, STEADY_AFTER_S
@@ -84,14 +84,16 @@ def _steady_from(first: int, last: int) -> int:
 
 @compiled
 def _judge_goal(heading_rad: Floats, goal_rad: float, first: int, steady: int, last: int, results: Floats) -> None:
-    step_rad = goal_rad - heading_rad[first]
+    turned_rad = goal_rad + TWO_PI * math.floor((heading_rad[last - 1] - goal_rad) / TWO_PI + 0.5)  # as she turned
+    step_rad = turned_rad - heading_rad[first]
     side, settled, beyond_rad = math.copysign(1.0, step_rad), first, 0.0
     for row in range(first, last):
         error_rad = heading_rad[row] - goal_rad
+        error_rad -= TWO_PI * math.floor(error_rad / TWO_PI + 0.5)
         if abs(error_rad) > SETTLED_RAD:
             settled = row + 1
         if row < steady:
-            beyond_rad = max(beyond_rad, side * error_rad)
+            beyond_rad = max(beyond_rad, side * (heading_rad[row] - turned_rad))
         else:
             results[RMS] += error_rad * error_rad
             results[MEAN] += error_rad

@@ -8,7 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from firmware_py.common.angles import degrees, radians
-from hil.report.figures import STEADY_AFTER_S, goal_spans, overshoot_rad, rudder_travel_deg_per_h
+from hil.report.figures import (
+    STEADY_AFTER_S,
+    goal_spans,
+    off_goal_rad,
+    overshoot_rad,
+    rudder_travel_deg_per_h,
+    turned_goal_rad,
+)
 from hil.sim.truth import Array, Truth
 
 NEAR_RAD = radians(5.0)
@@ -39,7 +46,7 @@ def score_of(truth: Truth) -> Score:
     errors, travel_deg, hours = [], 0.0, 0.0
     for first, last in spans:
         steady = first + int(np.searchsorted(truth.time_s[first:last], truth.time_s[first] + STEADY_AFTER_S - 1e-9))
-        errors.append(truth.heading_low_rad[steady:last] - truth.goal_rad[steady:last])
+        errors.append(off_goal_rad(truth.heading_low_rad[steady:last], truth.goal_rad[steady:last]))
         share_h = _length_s(truth, steady, last) / 3600.0
         travel_deg += share_h * rudder_travel_deg_per_h(truth.time_s[steady:last], truth.rudder_rad[steady:last])
         hours += share_h
@@ -65,7 +72,7 @@ def turns_of(truth: Truth) -> tuple[Turn, ...]:
     """Return the turns of a run: its goals that lasted for 300 s and more and were 5 deg away when given."""
     turns = []
     for first, last in goal_spans(truth.goal_rad):
-        error_rad = truth.heading_low_rad[first:last] - truth.goal_rad[first:last]
+        error_rad = _turning_rad(truth, first, last)
         if _length_s(truth, first, last) < SHORT_S or abs(error_rad[0]) <= NEAR_RAD:
             continue
         time_s = truth.time_s[first:last] - truth.time_s[first]
@@ -87,7 +94,7 @@ def _settled_s(time_s: Array, error_rad: Array) -> float:
 
 def _first_turn(truth: Truth, spans: Sequence[tuple[int, int]]) -> tuple[float, float]:
     for first, last in spans:
-        error_rad = truth.heading_low_rad[first:last] - truth.goal_rad[first:last]
+        error_rad = _turning_rad(truth, first, last)
         if abs(error_rad[0]) <= NEAR_RAD:
             continue
         early = int(np.searchsorted(truth.time_s[first:last], truth.time_s[first] + STEADY_AFTER_S - 1e-9))
@@ -95,6 +102,12 @@ def _first_turn(truth: Truth, spans: Sequence[tuple[int, int]]) -> tuple[float, 
         near_s = float(truth.time_s[first + inside[0]] - truth.time_s[first]) if inside.size else float("inf")
         return degrees(overshoot_rad(error_rad[:early])), near_s
     return 0.0, 0.0
+
+
+def _turning_rad(truth: Truth, first: int, last: int) -> Array:
+    """Return heading less goal from a goal's start to its end, the way round that she took."""
+    heading_rad = truth.heading_low_rad[first:last]
+    return np.asarray(heading_rad - turned_goal_rad(float(truth.goal_rad[first]), float(heading_rad[-1])))
 
 
 def _length_s(truth: Truth, first: int, last: int) -> float:

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from firmware_py.common.records import Tick
+from hil.lab.compare.score import score_of, turns_of
 from hil.report.figures import (
     goal_figures,
     goal_spans,
     rudder_travel_deg_per_h,
     steady_rudder_travel_deg_per_h,
+    turned_goals_rad,
 )
 from hil.report.loop_health import from_logs, loop_health
 from hil.sim.truth import COLUMNS, Truth
@@ -54,6 +56,25 @@ def test_a_step_with_overshoot_and_a_steady_error(sign):
     assert figures.steady_to_s == pytest.approx(399.9)
     # 4 deg past at 10.0 s, inside of 3 deg a quarter of ten seconds later.
     assert figures.settling_s == pytest.approx(12.6, abs=0.11)
+
+
+@pytest.mark.parametrize(("goal_deg", "sign"), [(180.0, -1.0), (-170.0, 1.0), (170.0, -1.0)])
+def test_who_turns_the_other_way_round_is_on_her_goal_all_the_same(goal_deg, sign):
+    """As by a compass that is off, where the goal lies about half a turn away."""
+    round_deg = goal_deg + sign * 360.0
+    heading = [math.copysign(value, sign) for value in step_to(abs(round_deg), 4.0, 400.0, 1.5)]
+    whole = truth(heading, [goal_deg] * 4000)
+    (figures,) = goal_figures((whole,))
+    assert figures.step_deg == pytest.approx(round_deg)
+    assert figures.overshoot_deg == pytest.approx(4.0)
+    assert figures.mean_error_deg == pytest.approx(1.5 * sign)
+    assert figures.rms_error_deg == pytest.approx(1.5)
+    assert figures.settling_s == pytest.approx(12.6, abs=0.2)
+    assert turned_goals_rad(whole) == pytest.approx(math.radians(round_deg))
+    score = score_of(whole)
+    assert (score.rms_deg, score.overshoot_deg) == pytest.approx((1.5, 4.0))
+    assert score.near_s == pytest.approx(10.0, abs=1.0)
+    assert [turn.overshoot_deg for turn in turns_of(whole)] == pytest.approx([4.0])
 
 
 def test_no_overshoot_when_she_stays_short_and_no_settling_when_she_stays_outside():

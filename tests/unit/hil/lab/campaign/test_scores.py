@@ -17,16 +17,19 @@ def truth_of(heading_rad, rudder_rad, goal_rad):
 
 @pytest.mark.parametrize("lengths", [(4000, 2500), (900, 700), (3, 2), (2001, 2002, 2003), (2, 5000)])
 @pytest.mark.parametrize("before", [0, 37])
-def test_scores_are_those_of_the_figures_of_a_run(lengths, before):
+@pytest.mark.parametrize("turn_rad", [0.0, -2.0 * math.pi, 4.0 * math.pi])
+def test_scores_are_those_of_the_figures_of_a_run(lengths, before, turn_rad):
     random = np.random.default_rng(sum(lengths))
     goal_rad = np.concatenate([np.full(before, np.nan), *(np.full(n, 0.4 * k) for k, n in enumerate(lengths))])
     heading_rad = np.nan_to_num(goal_rad) + np.cumsum(random.normal(0.0, 0.002, goal_rad.size))
+    heading_rad[before + lengths[0] + 1 :] += turn_rad  # she comes to the others the other way round
     rudder_rad = random.normal(0.0, 0.1, goal_rad.size)
     found = scores_of(heading_rad, rudder_rad, goal_rad)
     figures = goal_figures([truth_of(heading_rad, rudder_rad, goal_rad)])
     counts = np.array([round((one.steady_to_s - one.steady_from_s) * 10) + 1 for one in figures])
     rms = math.sqrt(np.average([one.rms_error_deg**2 for one in figures], weights=counts))
     assert found.rms_deg == pytest.approx(rms)
+    assert found.worst_deg < 30.0
     assert found.mean_deg == pytest.approx(np.average([one.mean_error_deg for one in figures], weights=counts))
     assert found.travel_deg_per_h == pytest.approx(steady_rudder_travel_deg_per_h(figures))
     assert found.overshoot_deg == pytest.approx(max(one.overshoot_deg for one in figures))
