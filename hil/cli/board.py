@@ -23,11 +23,12 @@ from hil.cli.sea_arguments import (
 )
 from hil.devices.serial_line import SerialLine
 from hil.errors import UsageError
+from hil.sim import run_file
 from hil.sim.adapters import wired
 from hil.sim.board import Board
 from hil.sim.device_factory import emulators
 from hil.sim.realtime import RealTimeServer
-from hil.sim.run_directory import TRUTH_FILE, VEHICLE_NAME, check_name
+from hil.sim.run_directory import CAMPAIGN, TRUTH_FILE, VEHICLE_NAME, check_free, held
 from hil.sim.signals import interruptible
 from hil.sim.truth import TruthFile
 from hil.sim.vehicle_file import file_text, model_of, mounting_of
@@ -52,7 +53,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Play the devices until the end, and say now and then what the boat does."""
     directory: Path = arguments.directory
-    check_name(directory)
     end_s = math.inf if arguments.seconds is None else seconds_of(arguments.seconds, LONGEST_S)
     scenario, vehicle = sea_of(arguments), vehicle_of(arguments)
     if not vehicle.link_urls:
@@ -60,8 +60,9 @@ def run(arguments: argparse.Namespace) -> int:
     with ExitStack() as stack:
         stack.enter_context(contextlib.suppress(KeyboardInterrupt))
         stack.enter_context(interruptible())
+        stack.enter_context(held(directory))
+        check_free(directory, (CAMPAIGN, run_file.NAME))
         try:
-            directory.mkdir(parents=True, exist_ok=True)
             truth = stack.enter_context(contextlib.closing(TruthFile(directory / TRUTH_FILE, columns_beside(scenario))))
             world = World(
                 scenario, arguments.seed, model=model_of(vehicle), mounting=mounting_of(vehicle), truth=truth,

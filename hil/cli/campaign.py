@@ -16,7 +16,8 @@ from hil.lab.campaign import campaign, store
 from hil.lab.campaign.campaign import Crew
 from hil.lab.campaign.crew import check_address
 from hil.lab.campaign.extra import imported
-from hil.sim.run_directory import held
+from hil.sim import run_file
+from hil.sim.run_directory import CAMPAIGN, check_free, held
 
 MOST_WORKERS = 1024
 JSON = "compare.json"
@@ -90,7 +91,7 @@ def _sail(words: Sequence[str], arguments: argparse.Namespace) -> int:
         with progress.line(sys.stderr, time.monotonic) as tell:
             figures = campaign.run(Path(words[0]), arguments.out, crew, tell, resume=arguments.resume)
     except KeyboardInterrupt:
-        if (arguments.out / store.CAMPAIGN).exists():
+        if (arguments.out / CAMPAIGN).exists():
             print("rambler-hil: interrupted; what is sailed is kept: go on with --resume", file=sys.stderr)
         raise
     print(f"{figures['runs']} runs, {figures['failed']} failed: {arguments.out / store.RUNS}")
@@ -116,6 +117,7 @@ def _compare(words: Sequence[str], arguments: argparse.Namespace) -> int:
     """Compare two campaigns run by run, and write the page and the figures."""
     from hil.lab.campaign import compare, compare_page, table  # noqa: PLC0415 - the rest does without it
 
+    check_free(arguments.out, (CAMPAIGN, run_file.NAME))
     first, second = (table.read(Path(word)) for word in words)
     found = compare.compare(first, second)
     with held(arguments.out):

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from hil.cli import outputs
 from hil.errors import UsageError
 from hil.lab.drill.book import BOOK
 from hil.lab.drill.sail import MOMENTS, Case, Outcome, cases, sail
@@ -42,6 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Sail the drills, say how each went as it ends, and then the misses."""
     chosen = _chosen(arguments)
+    outputs.check("--json", arguments.json)
+    outputs.check("--page", arguments.page)
     if arguments.list:
         print("\n".join(f"{case.name}: {case.moment}" for case in chosen))
         return 0
@@ -52,14 +55,11 @@ def run(arguments: argparse.Namespace) -> int:
     missed = [outcome for outcome in outcomes if outcome.misses]
     wall_s, sailed_s = sum(one.wall_s for one in outcomes), sum(one.sailed_s for one in outcomes)
     print(f"{len(outcomes)} drills, {len(missed)} missed; {sailed_s / 3600.0:.1f} h sailed in {wall_s:.0f} s of boats")
-    try:
-        if arguments.json is not None:
-            text = json.dumps([asdict(outcome) for outcome in outcomes], indent=2)
-            arguments.json.write_text(text + "\n", encoding="utf-8")
-        if arguments.page is not None:
-            arguments.page.write_text(_page(outcomes), encoding="utf-8")
-    except OSError as error:
-        raise UsageError(f"{error.filename}: {error.strerror}") from None
+    if arguments.json is not None:
+        text = json.dumps([asdict(outcome) for outcome in outcomes], indent=2)
+        outputs.write("--json", arguments.json, text + "\n")
+    if arguments.page is not None:
+        outputs.write("--page", arguments.page, _page(outcomes))
     return 1 if missed else 0
 
 
@@ -79,10 +79,11 @@ def _chosen(arguments: argparse.Namespace) -> list[Case]:
 
 def _sailed(chosen: Sequence[Case], jobs: int) -> Iterator[Outcome]:
     """Yield the outcomes in order, however many are at sea."""
-    if jobs == 1:
-        yield from map(sail, chosen)
-        return
     try:
+        if jobs == 1:
+            with interruptible():
+                yield from map(sail, chosen)
+            return
         with interruptible(), processes(min(jobs, len(chosen)), "fork") as pool:
             yield from pool.map(_sail_in_process, map(_names, chosen))
     except KeyboardInterrupt:

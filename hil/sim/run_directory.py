@@ -19,6 +19,7 @@ from hil.sim import run_file
 MOST_STATE_BYTES = 8 << 20  # of one file; an upload has 1 MiB at most
 TRUTH_FILE, FIRMWARE_LOG, VEHICLE_NAME, STATE = "truth.csv", "firmware.log", "vehicle.toml", "state"
 SUMMARY, PAGE, PICTURE = "summary.json", "report.html", "run.png"
+CAMPAIGN = "campaign.json"  # of a directory that is not a run's
 # What an earlier run has left: nobody shall take it for what this one came to.
 FILES = (TRUTH_FILE, FIRMWARE_LOG, VEHICLE_NAME, run_file.NAME, SUMMARY, PAGE, PICTURE)
 
@@ -40,7 +41,7 @@ def held(out: Path) -> Iterator[None]:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise UsageError(
-                f"output directory {out}: another run is under way in it; give another --out, or wait for its end"
+                f"output directory {out}: another run is under way in it; give another, or wait for its end"
             ) from None
         yield
     finally:
@@ -55,6 +56,14 @@ def check_name(directory: Path) -> None:
         raise UsageError(
             f"directory {directory.absolute()}: its name is no text in this locale; give another, or LC_ALL=C.UTF-8"
         ) from None
+
+
+def check_free(out: Path, names: tuple[str, ...]) -> None:
+    """UsageError for a directory that belongs to a run or a campaign, by what such a one has in it."""
+    for name in names:
+        if (out / name).exists():
+            what = "a campaign" if name == CAMPAIGN else "a run"
+            raise UsageError(f"output directory {out} holds {what}, whose results would be lost; give another")
 
 
 def tell_replaced(out: Path) -> None:
@@ -73,6 +82,7 @@ def prepare_directory(out: Path, begin_with: Path | None = None) -> None:
 
     The copy is made first: it may be of the earlier run's state, and one that cannot be made leaves that run whole.
     """
+    check_free(out, (CAMPAIGN,))
     state = out / STATE
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -20,10 +20,9 @@ from hil.lab.campaign.extra import imported
 from hil.lab.campaign.outcome import Result, failure
 from hil.lab.campaign.scores import LIMITED
 from hil.lab.campaign.spec import Spec
+from hil.sim.run_directory import CAMPAIGN
 
-CAMPAIGN, RUNS, PARTS, SPEC, SUMMARY, PAGE = (
-    "campaign.json", "runs.parquet", "parts", "spec.toml", "summary.json", "report.html",
-)  # fmt: skip
+RUNS, PARTS, SPEC, SUMMARY, PAGE = "runs.parquet", "parts", "spec.toml", "summary.json", "report.html"
 PART = re.compile(r"(\d{8})-(\d{8})\.parquet")
 GROUP_ROWS = 1 << 16  # of the final file
 
@@ -83,6 +82,7 @@ class Store:
         if (self.directory / RUNS).exists():
             return [(0, self.spec.runs)]
         parts = []
+        (self.directory / PARTS).mkdir(exist_ok=True)  # it is gone where somebody has removed what came of them
         for path in (self.directory / PARTS).iterdir():
             if (name := PART.fullmatch(path.name)) is not None:
                 parts.append((int(name[1]), int(name[2])))
@@ -168,6 +168,8 @@ def result_files(directory: Path, index: int) -> list[Path]:
     """Return the files that could hold a run."""
     if (directory / RUNS).exists():
         return [directory / RUNS]
+    if not (directory / PARTS).exists():
+        return []
     names = ((path, PART.fullmatch(path.name)) for path in (directory / PARTS).iterdir())
     return [path for path, name in names if name is not None and int(name[1]) <= index < int(name[2])]
 

@@ -67,3 +67,13 @@ def test_a_scheduler_that_does_not_answer_leaves_no_directory(tmp_path, monkeypa
         assert main(["campaign", *words]) == 2
     assert capsys.readouterr().err.startswith(f"rambler-hil: --scheduler {address}: no dask scheduler answers: ")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["campaign.json", "run.json"])
+def test_a_comparison_replaces_the_page_of_no_campaign_and_of_no_run(name, tmp_path, capsys):
+    pytest.importorskip("pyarrow")
+    (tmp_path / name).write_text("{}")
+    (tmp_path / "report.html").write_text("kept")
+    assert main(["campaign", "compare", str(tmp_path), str(tmp_path), "--out", str(tmp_path)]) == 2
+    assert "whose results would be lost; give another" in capsys.readouterr().err
+    assert (tmp_path / "report.html").read_text() == "kept"

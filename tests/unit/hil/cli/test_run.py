@@ -114,6 +114,14 @@ def test_runs_are_hidden_from_git_and_only_an_earlier_runs_state_is_cleared(tmp_
     assert not kept.exists()
 
 
+def test_a_run_replaces_nothing_of_a_campaign(tmp_path):
+    for name in ("campaign.json", "summary.json", "report.html"):
+        (tmp_path / name).write_text("kept")
+    with pytest.raises(UsageError, match="holds a campaign, whose results would be lost; give another"):
+        prepare_directory(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["campaign.json", "report.html", "summary.json"]
+
+
 def test_a_run_begins_with_the_state_of_the_one_that_it_replaces_and_keeps_what_it_cannot_replace(tmp_path):
     state = tmp_path / "state"
     state.mkdir()

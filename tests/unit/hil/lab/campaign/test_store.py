@@ -50,6 +50,19 @@ def test_the_result_is_the_same_however_it_was_reached(tmp_path):
     assert not (tmp_path / "b" / store.PARTS).exists()
 
 
+def test_results_that_were_removed_are_sailed_anew(tmp_path):
+    """As the text asks for where the disk has spoilt them."""
+    whole = sailed(tmp_path, [(0, 8)])
+    (tmp_path / store.RUNS).unlink()
+    assert store.result_files(tmp_path, 0) == []
+    one = kept(tmp_path)
+    one.begin(resume=True)
+    assert one.finished() == []
+    one.add(0, 8, results(one.spec, 0, 8))
+    one.finish()
+    assert (tmp_path / store.RUNS).read_bytes() == whole
+
+
 def test_a_run_is_a_row_with_what_was_drawn_and_what_became_of_it(tmp_path):
     sailed(tmp_path / "a", [(0, 4), (4, 8)])
     found = store.read_table(tmp_path / "a" / store.RUNS).to_pylist()
