@@ -119,7 +119,8 @@ def _copy_file(source: str, target: str) -> None:
     """Copy a file of a state directory, and nothing that is no file or has no end."""
     try:
         content = read_regular(Path(source), MOST_STATE_BYTES, follow=False)
-        Path(target).touch(mode=stat.S_IMODE(os.lstat(source).st_mode) | stat.S_IWUSR)  # a key stays as secret as it was
+        mode = stat.S_IMODE(os.lstat(source).st_mode) | stat.S_IWUSR
+        Path(target).touch(mode=mode)  # a key stays as secret as it was
         Path(target).write_bytes(content)
     except OSError as error:
         raise OSError(error.errno, error.strerror, source) from None
