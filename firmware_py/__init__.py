@@ -9,7 +9,7 @@ from pathlib import Path
 __version__ = "0.1.0.dev0"
 
 ROOT = Path(__file__).parents[1]
-# Only a built package holds this file; the build writes it (.ci/hatch_build.py).
+# Only a built package holds this file: its commit, and when that was made; the build writes it (.ci/hatch_build.py).
 COMMIT_FILE = "firmware_py/commit.txt"
 GIT = ("git", "describe", "--always", "--dirty", "--exclude=*", "--abbrev=8")
 GIT_PATIENCE_S = 5.0
@@ -29,13 +29,25 @@ def commit_of(root: Path) -> str:
     return ask_commit(root)()
 
 
+def commit_utc_s_of(root: Path) -> int | None:
+    """Return when the commit of a built package was made; None when that is not known, and of a checkout."""
+    second = _built_of(root)[1]
+    return int(second) if second.isdecimal() else None
+
+
+def _built_of(root: Path) -> tuple[str, str]:
+    """Return what the build has written of the commit: its abbreviation and its second; empty what is not there."""
+    try:
+        commit, second, *_ = *(root / COMMIT_FILE).read_text(encoding="ascii").splitlines(), "", ""
+    except (OSError, ValueError):
+        return "", ""
+    return commit.strip(), second.strip()
+
+
 def ask_commit(root: Path) -> Callable[[], str]:
     """Begin to find out the commit of the tree `root`; the answer is waited for when it is called for."""
     if not (root / ".git").exists():
-        try:
-            known = (root / COMMIT_FILE).read_text(encoding="ascii").strip()
-        except (OSError, ValueError):
-            known = ""
+        known = _built_of(root)[0]
         return lambda: known
     import subprocess  # noqa: PLC0415 - only --version and a log's opening ask
 

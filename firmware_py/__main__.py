@@ -10,6 +10,7 @@ import importlib
 import importlib.util
 import io
 import os
+import resource
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -55,6 +56,7 @@ _OWN_HASHES = (
 )
 
 _M_MMAP_THRESHOLD, _LARGE_BYTES = -3, 1 << 16  # mallopt(3)
+_LIBRARY_BYTES = 80 << 20  # what numpy's library and its buffer take of the addresses
 
 
 class UsageError(Exception):
@@ -80,6 +82,18 @@ def _be_small() -> None:
         ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
 
 
+def _want_memory() -> None:
+    """Raise MemoryError where a limit leaves too little for numpy's library, which would end the process with 1."""
+    if resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY:
+        return
+    import mmap  # noqa: PLC0415 - hardly anybody sets a limit
+
+    try:
+        mmap.mmap(-1, _LIBRARY_BYTES, flags=mmap.MAP_PRIVATE).close()
+    except OSError:
+        raise MemoryError from None
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; 0 success, 1 a finding, 2 bad usage or configuration."""
     keep_standard_streams()
@@ -97,6 +111,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--version", action="version", version=version_text("rambler", commit))
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     try:
+        if wanted == "run":
+            _want_memory()
         for name, (module_name, text) in COMMANDS.items():
             command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
             if name == wanted:

@@ -35,16 +35,17 @@ def recorder_of(
     """Return what writes the logs of a state directory, closed with the rest; None where parameters want none."""
     if not parameters["LOG_ENABLE"]:
         return None
+    file_bytes, least_bytes = int(parameters["LOG_FILE_MB"] * 1e6), int(parameters["LOG_FREE_MB"] * 1e6)
     recorder = LogRecorder(
         directory / LOG_DIRECTORY,
         parameters=parameters,
         plans=plans,
-        file_bytes=int(parameters["LOG_FILE_MB"] * 1e6),
+        file_bytes=file_bytes,
         keep_bytes=int(parameters["LOG_KEEP_MB"] * 1e6),
-        least_bytes=int(parameters["LOG_FREE_MB"] * 1e6),
+        least_bytes=least_bytes,
         utc_s=clock.utc_s(),
         software=version_text("rambler", commit),
-        disk=LocalDisk(kept_days=parameters["LOG_KEEP_DAYS"]),
+        disk=LocalDisk(kept_days=parameters["LOG_KEEP_DAYS"], spare_bytes=least_bytes + file_bytes),
         clock_utc_s=clock.utc_s,
     )
     opened.callback(recorder.close)

@@ -144,13 +144,13 @@ def look_at_storage(directory: Path, parameters: ParameterSet) -> Iterator[Findi
     except OSError as error:
         yield Finding(Level.FAIL, "storage", f"{directory}: {error.strerror}; choose another with --state")
         return
-    keep_mb, least_mb = parameters["LOG_KEEP_MB"], parameters["LOG_FREE_MB"]
+    keep_mb, least_mb, file_mb = (parameters[name] for name in ("LOG_KEEP_MB", "LOG_FREE_MB", "LOG_FILE_MB"))
     text = f"{directory}: {free_mb:.0f} MB free, {logs_mb:.0f} MB of logs"
     level = Level.PASS
-    if free_mb < least_mb:
+    if free_mb < least_mb and free_mb + logs_mb <= least_mb + file_mb:  # the oldest logs cannot make room for the next
         level, text = Level.FAIL, f"{text}; no log is written below LOG_FREE_MB {least_mb:g}: make room"
     elif free_mb + logs_mb < keep_mb + least_mb:
-        level, text = Level.WARN, f"{text}; LOG_KEEP_MB {keep_mb:g} does not fit: make room or set it lower"
+        level, text = Level.WARN, f"{text}; LOG_KEEP_MB {keep_mb:g} does not fit: the oldest logs go before"
     yield Finding(level, "storage", text, {"free_mb": round(free_mb, 1), "logs_mb": round(logs_mb, 1)})
     level = Level.FAIL if sync_s > SYNC_S_MAXIMUM else Level.WARN if sync_s > SLOW_SYNC_S else Level.PASS
     slow = "" if level is Level.PASS else "; acknowledgements wait for it: a slow or worn card?"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -34,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Exit 0 when the new version has passed its trial, 1 when it was taken back or is on trial, 2 when refused."""
-    signers = arguments.signers or (SIGNERS if SIGNERS.exists() else None)
+    signers = arguments.signers or (SIGNERS if os.path.lexists(SIGNERS) else None)  # a link that leads nowhere, too
     may = Permissions(armed=arguments.armed, older=arguments.older)
     try:
         installation = installation_of(arguments.unit)

@@ -186,7 +186,7 @@ TABLE: tuple[Parameter, ...] = (
         "A log file that reaches this size is closed and the next one begun.",
         reboot=True,
     ),
-    real("LOG_FREE_MB", 50.0, 0.0, 1e6, "MB", "Storage with less room than this is full; no more logs are begun."),
+    real("LOG_FREE_MB", 50.0, 0.0, 1e6, "MB", "The oldest full logs go to keep this room; below it none is begun."),
     real(
         "LOG_KEEP_DAYS",
         0.0,

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import platform
 import re
 import shutil
 import subprocess
+import sys
 import tarfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,6 +28,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,200}")
 _HASH = re.compile(r"[0-9a-f]{64}")
 _VERSION = re.compile(r"(\d{1,6})\.(\d{1,6})\.(\d{1,6})(?:\.?(dev|a|b|rc)(\d{1,6}))?")
 _STAGES = ("dev", "a", "b", "rc", "")
+PYTHON: Final = sys.version_info[:2]
 _CHUNK_BYTES = 1 << 20
 _PATIENCE_S = 30.0
 
@@ -50,7 +53,7 @@ class Bundle:
     @property
     def title(self) -> str:
         """Return what it is called where people read it."""
-        return f"{self.version} (git {self.commit})" if self.commit else self.version
+        return title_text(self.version, self.commit)
 
     def of(self, prefix: str) -> str:
         """Return the name of the one wheel of a package; UpdateError when there is none."""
@@ -58,6 +61,31 @@ class Bundle:
             if name.startswith(f"{prefix}-") and name.endswith(".whl"):
                 return name
         raise UpdateError(f"there is no wheel of {prefix} in it; make it anew (make bundle)")
+
+
+def title_text(version: str, commit: str) -> str:
+    """Return what a version is called where people read it."""
+    return f"{version} (git {commit})" if commit else version
+
+
+def check_computer(bundle: Bundle, machine: str = platform.machine(), python: tuple[int, int] = PYTHON) -> None:
+    """Raise UpdateError when a package of a bundle is there for other computers or Pythons alone.
+
+    A Python of 32 bits may run on a kernel of 64, which names the machine: that is left to pip.
+    """
+    if sys.maxsize < 1 << 32:
+        return
+    fits: dict[str, bool] = {}
+    for name in bundle.files:
+        if name.endswith(".whl") and name.count("-") >= 4:  # PACKAGE-VERSION[-BUILD]-PYTHON-ABI-PLATFORM.whl
+            package, (made_for, abi, platforms) = name.partition("-")[0], name[:-4].split("-")[-3:]
+            pure = abi == "none" and "any" in platforms.split(".")
+            right_python = f"cp{python[0]}{python[1]}" in made_for.split(".") or abi in ("abi3", "none")
+            ours = pure or (right_python and any(one.endswith(f"_{machine}") for one in platforms.split(".")))
+            fits[package] = fits.get(package, False) or ours
+    if missing := sorted(package for package, ours in fits.items() if not ours):
+        computer = f"{machine}:{python[0]}.{python[1]}"
+        raise UpdateError(f"it is for other computers than this one ({missing[0]}); make bundle FOR={computer}")
 
 
 def read_list(content: bytes) -> Bundle:

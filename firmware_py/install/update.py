@@ -17,11 +17,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from firmware_py import __version__, commit_of
+from firmware_py import ROOT, __version__, commit_of, commit_utc_s_of
 from firmware_py.common.record_class import dataclass
 from firmware_py.files.reading import read_regular, read_text
 from firmware_py.install import environment as environments
-from firmware_py.install.bundle import Bundle, UpdateError, is_older, unpack
+from firmware_py.install.bundle import Bundle, UpdateError, check_computer, is_older, title_text, unpack
 from firmware_py.install.environment import Environment, environment_of
 from firmware_py.install.program_link import STARTS, TRIAL_S, UPDATE_FILE, ProgramLink, passed_text
 from firmware_py.install.self_check import Candidate, printed_unit, self_check
@@ -89,6 +89,7 @@ def update(installation: Installation, bundle_file: Path, signers: Path | None, 
             bundle = unpack(bundle_file, work / "wheels", signers)
             trust = "signed" if signers is not None else "whole; no signature was asked for"
             say(f"{bundle_file.name}: {bundle.title}, {trust}")
+            check_computer(bundle)
             _check_age(bundle, current, may, say)
             new = environments.beside(current, bundle)
             if new == current:
@@ -184,10 +185,10 @@ def _held(link: ProgramLink, *, on_trial: bool = False) -> Iterator[tuple[Progra
 
 def _check_age(bundle: Bundle, current: Environment, may: Permissions, say: Say) -> None:
     ours = current.bundle()
-    if not is_older(bundle, __version__, None if ours is None else ours.commit_utc_s):
+    if not is_older(bundle, __version__, commit_utc_s_of(ROOT) if ours is None else ours.commit_utc_s):
         return
-    commit = commit_of(current.path)
-    text = f"{bundle.title} is older than {ours.title if ours is not None else __version__ + commit}, which is in force"
+    title = title_text(__version__, commit_of(ROOT)) if ours is None else ours.title
+    text = f"{bundle.title} is older than {title}, which is in force"
     if not may.older:
         raise UpdateError(f"{text}; to go back to it all the same, --older")
     say(text)

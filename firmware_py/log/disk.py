@@ -58,12 +58,13 @@ class Disk(Protocol):
 class LocalDisk:
     """A Disk of the operating system's."""
 
-    def __init__(self, kept_days: float = 0.0, utc_s: Callable[[], float] = time.time) -> None:
-        """Keep full logs for so many days, 0 for as long as there is room.
+    def __init__(self, kept_days: float = 0.0, utc_s: Callable[[], float] = time.time, *, spare_bytes: int = 0) -> None:
+        """Keep full logs for so many days, 0 for as long as there is room; and `spare_bytes` of the disk free.
 
-        By the clock that times of files are of, or by the newest log, whichever says an earlier day.
+        Days are by the clock that times of files are of, or by the newest log, whichever says an earlier day.
         """
         self._kept_days = kept_days
+        self._spare_bytes = spare_bytes
         self._utc_s = utc_s
 
     def create(self, directory: Path) -> tuple[int, Path]:
@@ -99,12 +100,18 @@ class LocalDisk:
         path.unlink()
 
     def prune(self, directory: Path, room_bytes: int) -> None:
-        """Remove boxes beyond their share, then the oldest logs by age and by room, and boxes if need be."""
+        """Remove boxes beyond their share, then the oldest logs by age and by room, and boxes if need be.
+
+        The room is less on a disk that would be fuller than it may be; where removing every log would not free enough,
+        it is somebody else who fills it, and none is removed for that.
+        """
         if not directory.is_dir():
             return
         logs = [_Kept.of(path) for _, path in sorted(log_files(directory).items())]
         boxes = sorted((_Kept.of(path) for path in _box_files(directory)), key=lambda box: box.modified_s)
         total = sum(kept.size for kept in (*logs, *boxes)) + _unfinished_bytes(directory)
+        if self._spare_bytes and (left_bytes := total + self.free_bytes(directory) - self._spare_bytes) > 0:
+            room_bytes = min(room_bytes, left_bytes)
         while boxes and (len(boxes) > MOST_BOXES or sum(box.size for box in boxes) > BOX_SHARE * room_bytes):
             total -= _remove(boxes.pop(_densest(boxes)))
         if self._kept_days > 0.0 and is_possible(now_s := self._utc_s()):

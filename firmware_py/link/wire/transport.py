@@ -141,7 +141,8 @@ def parse_url(text: str) -> LinkUrl:
         host, number = rest, _USUAL_BAUD[kind]
     what, low, high = ("baud rate", 300, 4_000_000) if kind in ("serial", "sbd") else ("port", 1, 65535)
     if not host:
-        raise LinkError(f"{link}: the {what} is missing; use {_FORMS}")
+        missing = "path" if kind in _USUAL_BAUD else what
+        raise LinkError(f"{link}: the {missing} is missing; use {_FORMS}")
     if not (number.isascii() and number.isdigit() and len(number) < 10 and low <= int(number) <= high):
         raise LinkError(f"{link}: {shown(number)} is not a {what}; use a whole number from {low} to {high}")
     if kind not in ("serial", "sbd") and ":" in host:

@@ -7,7 +7,7 @@ import pytest
 import firmware_py
 import firmware_py.__main__
 import hil.__main__
-from firmware_py import COMMIT_FILE, ROOT, commit_of, version_text
+from firmware_py import COMMIT_FILE, ROOT, commit_of, commit_utc_s_of, version_text
 
 
 def git(folder, *words):
@@ -51,6 +51,19 @@ def test_a_changed_checkout_says_so(checkout):
 
 def test_a_built_package_says_the_commit_it_was_made_from(package):
     assert commit_of(package) == "0123abcd"
+
+
+@pytest.mark.parametrize(
+    ("text", "commit", "utc_s"),
+    [
+        ("0123abcd\n1700000000\n", "0123abcd", 1_700_000_000),
+        ("0123abcd\n", "0123abcd", None),
+        ("0\nyesterday", "0", None),
+    ],
+)
+def test_a_built_package_says_when_its_commit_was_made(package, text, commit, utc_s):
+    (package / COMMIT_FILE).write_text(text)
+    assert (commit_of(package), commit_utc_s_of(package)) == (commit, utc_s)
 
 
 def test_a_tree_inside_another_repository_does_not_take_that_one_s_commit(checkout):

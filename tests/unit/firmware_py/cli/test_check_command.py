@@ -41,6 +41,7 @@ baud = 115200
 [parameters]
 LOG_KEEP_MB = 2
 LOG_FREE_MB = 1
+LOG_FILE_MB = 1
 """
 
 
@@ -145,6 +146,14 @@ def test_the_room_is_measured_by_what_the_logs_may_take(check, state, monkeypatc
     found = check()
     assert found["storage"][0]["level"] == level
     assert word in found["storage"][0]["text"]
+
+
+@pytest.mark.parametrize(("logs_mb", "level"), [(1.4, "fail"), (2.0, "warn")])
+def test_a_full_disk_fails_unless_her_own_logs_can_make_room(check, state, monkeypatch, logs_mb, level):
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: SimpleNamespace(free=0.5e6))
+    (state / "logs").mkdir()
+    (state / "logs/00000001.BIN").write_bytes(bytes(int(logs_mb * 1e6)))
+    assert check()["storage"][0]["level"] == level
 
 
 def test_a_state_directory_that_cannot_be_made_fails(check, state):

@@ -8,7 +8,16 @@ import tarfile
 
 import pytest
 
-from firmware_py.install.bundle import LIST, SIGNATURE, UpdateError, is_older, read_list, unpack, version_key
+from firmware_py.install.bundle import (
+    LIST,
+    SIGNATURE,
+    UpdateError,
+    check_computer,
+    is_older,
+    read_list,
+    unpack,
+    version_key,
+)
 from support.small_bundle import bundle_maker
 
 FILES = {"a-1.0-py3-none-any.whl": b"x" * 700, "requirements.txt": b"a==1.0\n", "pip-25.3-py3-none-any.whl": b""}
@@ -188,3 +197,26 @@ def test_versions_are_ordered():
 )
 def test_older_is_by_version_and_then_by_commit(make, tmp_path, version, commit_utc_s, older):
     assert is_older(unpack(make(), tmp_path / "out", None), version, commit_utc_s) is older
+
+
+@pytest.mark.parametrize(
+    ("machine", "python", "missing"),
+    [
+        ("aarch64", (3, 13), False),
+        ("aarch64", (3, 11), False),
+        ("aarch64", (3, 12), True),
+        ("x86_64", (3, 13), True),
+    ],
+)
+def test_a_bundle_for_other_computers_is_told_with_the_command_that_makes_the_right_one(make, machine, python, missing):
+    names = [f"lxml-6.1-cp{n}-cp{n}-manylinux_2_26_aarch64.manylinux_2_28_aarch64.whl" for n in (311, 313)]
+    more = ["fastcrc-0.5-cp37-abi3-manylinux2014_aarch64.whl", "fastcrc-0.5-cp37-abi3-manylinux2014_x86_64.whl"]
+    more += ["pyserial-3.5-py2.py3-none-any.whl", "hidapi-1.0-1-py3-none-manylinux_2_17_aarch64.whl"]
+    path = make(files=FILES | dict.fromkeys((*names, *more), b""))
+    bundle = unpack(path, path.with_name("out"), None)
+    if not missing:
+        check_computer(bundle, machine, python)
+    else:
+        wanted = rf"for other computers .*; make bundle FOR={machine}:{python[0]}\.{python[1]}$"
+        with pytest.raises(UpdateError, match=wanted):
+            check_computer(bundle, machine, python)

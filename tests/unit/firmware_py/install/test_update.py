@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from firmware_py import __version__
+from firmware_py import COMMIT_FILE, __version__
 from firmware_py.__main__ import main
 from firmware_py.install import environment, update
 from firmware_py.install.bundle import UpdateError
@@ -120,11 +120,32 @@ def test_an_older_version_is_told_and_refused_unless_asked_for(place, ask, tmp_p
     assert "is older than" in said
 
 
+def test_within_a_version_the_time_of_the_commit_counts_of_what_was_installed_by_hand_too(
+    place, ask, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(update, "ROOT", tmp_path)
+    (tmp_path / "firmware_py").mkdir()
+    (tmp_path / COMMIT_FILE).write_text("89abcdef\n1001\n")
+    same = str(small_bundle(tmp_path, version=__version__))
+    told = f"{__version__} (git abcd1234) is older than {__version__} (git 89abcdef), which is in force"
+    assert told in ask(same)[1]
+    assert in_force(place) == "rambler"
+    code, said = ask(same, "--older")
+    assert (code, told in said) == (0, True)
+
+
 def test_only_signed_bundles_where_there_are_signers(place, ask):
     (place / "signers").write_text("")
     code, said = ask(str(place / "new.bundle"), "--signers", str(place / "signers"))
     assert (code, in_force(place)) == (2, "rambler")
     assert "not signed" in said
+
+
+def test_signers_that_a_link_leads_nowhere_to_are_no_leave_to_take_anything(place, ask, monkeypatch):
+    (place / "signers").symlink_to(place / "gone")
+    monkeypatch.setattr("firmware_py.cli.update.SIGNERS", place / "signers")
+    assert "not signed" in ask()[1]
+    assert in_force(place) == "rambler"
 
 
 def test_one_update_at_a_time(place, ask):

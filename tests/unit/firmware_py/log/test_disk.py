@@ -133,6 +133,24 @@ def test_boxes_take_a_quarter_at_most_and_go_where_they_are_densest(tmp_path):
     assert "boxes/00000119-end.BIN.gz" in kept  # the newest
 
 
+@pytest.mark.parametrize(
+    ("free", "kept"),
+    [
+        (500, [1, 2, 3]),  # room enough
+        (350, [2, 3]),  # of a partition smaller than what the logs may take, the oldest go
+        (251, [3]),
+        (150, [1, 2, 3]),  # without them there would not be enough either: another fills the disk
+    ],
+)
+def test_the_oldest_logs_make_room_on_a_disk_that_gets_full(tmp_path, monkeypatch, free, kept):
+    for number in (1, 2, 3):
+        write(tmp_path, f"{number:08d}.BIN", 100)
+    disk = LocalDisk(spare_bytes=450)
+    monkeypatch.setattr(disk, "free_bytes", lambda _directory: free)
+    disk.prune(tmp_path, 10_000)
+    assert sorted(log_files(tmp_path)) == kept
+
+
 def test_pruning_a_directory_that_is_not_there_is_nothing(tmp_path):
     LocalDisk().prune(tmp_path / "none", 0)
 

@@ -44,6 +44,7 @@ def test_what_is_understood(text, kind, host, number):
         ("udpin:0.0.0.0:\u0663", "whole number"),
         ("tcpin:h:99999999999999999999", "whole number"),
         ("serial:/dev/ttyS0", "baud rate is missing"),
+        ("sbd:", "path is missing"),
         ("serial:/dev/ttyS0:fast", "whole number from 300"),
     ],
 )
