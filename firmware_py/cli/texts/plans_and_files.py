@@ -66,6 +66,14 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     "expected NAME VALUE, found <line>": ("a parameter file has a line of another kind", "mend the line"),
     "<value> is not a number": ("in a parameter file", "mend the line"),
     "The disk has too much to do: send the file again": ("too many files wait to be written", "send it again"),
+    "<name>: a part never came: send the file again": (
+        "the file was ended before all of it had come; what was there before stands",
+        "send it again",
+    ),
+    "An upload was broken off and is not kept: the file is as it was": (
+        "a station that had stopped in the midst of sending a file begins anew",
+        "send the file again",
+    ),
     "Log download: others are being served, try again": ("four stations fetch logs at once", "try again later"),
     "Log <number> does not exist": ("the list is old, or the log has been tidied away", "list the logs again"),
     "Logs are erased only while she is disarmed": ("a log may be wanted at sea", "disarm her first"),

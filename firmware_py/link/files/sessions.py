@@ -15,6 +15,7 @@ MOST_SESSIONS = 16
 MOST_OF_ONE = 6  # sessions of one client; MAVProxy uses five at once
 IDLE_S = 10.0  # a session unused for this long makes room for another
 FORGET_S = 120.0  # and unused for this long it is closed in any case
+_MOST_GAPS = 64  # of a file on its way in
 _BURST_PARTS = 160  # then the client asks again: what a receive buffer of 208 KiB holds, with a margin
 
 
@@ -46,22 +47,29 @@ class OpenFile:
 
 
 class FileUpload:
-    """A file on its way in: it takes its place when the session ends, whole."""
+    """A file on its way in: it takes its place when the session ends, whole or not at all."""
 
-    __slots__ = ("content", "path")
+    __slots__ = ("content", "gaps", "path")
 
     def __init__(self, path: Parts, content: bytes = b"") -> None:
         """Start with nothing, or with what the file holds already."""
         self.path = path
         self.content = bytearray(content)
+        self.gaps: list[tuple[int, int]] = []  # where what was written before goes on, from and to: nothing came yet
 
     def write(self, offset: int, data: bytes) -> None:
         """Put data at its place; parts may come in any order."""
-        end = offset + len(data)
+        end, size = offset + len(data), len(self.content)
         if end > FILE_BYTES:
             raise Refusal(Error.FAIL_ERRNO, errno.EFBIG)
-        if end > len(self.content):
-            self.content.extend(bytes(end - len(self.content)))
+        gaps = [*self.gaps, (size, offset)] if offset > size else self.gaps
+        left = [piece for low, high in gaps for piece in ((low, min(high, offset)), (max(low, end), high))]
+        gaps = [(low, high) for low, high in left if low < high]
+        if len(gaps) > _MOST_GAPS:
+            raise Refusal(Error.FAIL)
+        self.gaps = gaps
+        if end > size:
+            self.content.extend(bytes(end - size))
         self.content[offset:end] = data
 
     def close(self) -> None:

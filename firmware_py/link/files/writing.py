@@ -12,6 +12,7 @@ from firmware_py.link.files.area import Area, Parts
 from firmware_py.link.files.payload import Error, Opcode, Refusal
 from firmware_py.link.files.sessions import IDLE_S, FileSessions, FileUpload
 from firmware_py.link.files.tree import Origin, Tree, parse_path
+from firmware_py.link.wire.timeouts import timeouts_of
 from firmware_py.link.wire.worker import Worker
 
 _MOST_UPLOADS = 4
@@ -102,14 +103,21 @@ class WritingRequests:
         return b""
 
     def _reset(self, call: FileCall) -> bytes | None:
-        """End all sessions of a client; QGroundControl ends its uploads in this way."""
-        uploads = []
+        """End all sessions of a client; QGroundControl ends its uploads in this way, at once.
+
+        One that comes long after the last part is another program's, which begins: the upload was broken off.
+        """
+        uploads, late = [], False
         for number in self._sessions.numbers(call.client):
+            silent_s = call.now_s - self._sessions.used_s(call.client, number)
             handle = self._sessions.end(call.client, number)
-            if isinstance(handle, FileUpload):
+            if isinstance(handle, FileUpload) and silent_s <= timeouts_of(call.client.peer.transport).give_up_s:
                 uploads.append(handle)
             elif handle is not None:
+                late = late or isinstance(handle, FileUpload)
                 handle.close()
+        if late:
+            raise Refusal(Error.FAIL, text="An upload was broken off and is not kept: the file is as it was")
         if not uploads:
             return b""
         for upload in uploads[:-1]:
@@ -119,6 +127,11 @@ class WritingRequests:
 
     def _store(self, call: FileCall, upload: FileUpload, *, silent: bool = False) -> None:
         """Let an upload take its place, and answer when it has."""
+        if upload.gaps:
+            if not silent:
+                name = "/".join(upload.path)
+                self._answers.finish(call, Refusal(Error.FAIL, text=f"{name}: a part never came: send the file again"))
+            return
         content = bytes(upload.content)
 
         def stored(result: object) -> None:

@@ -245,6 +245,42 @@ def test_qgroundcontrol_ends_an_upload_by_a_reset(client, disk):
     assert (disk / "uploads" / "a.plan").read_bytes() == b"content"
 
 
+def test_an_upload_of_which_a_part_never_came_leaves_the_old_file_and_that_is_told(client, disk, texts):
+    (disk / "uploads" / "a.plan").write_bytes(b"old")
+    client.ask(CREATE, "/uploads/a.plan")
+    client.ask(WRITE, CONTENT[:200])
+    client.ask(WRITE, CONTENT[300:400], offset=300)
+    client.ask(WRITE, CONTENT[190:250], offset=190)
+    said = client.rig.tell(client.request(TERMINATE))
+    assert [reply.error for reply in client.replies(said)] == [(FAIL,)]
+    assert texts(said) == ["uploads/a.plan: a part never came: send the file again"]
+    assert (disk / "uploads" / "a.plan").read_bytes() == b"old"
+    client.ask(CREATE, "/uploads/a.plan")
+    for start in (300, 0, 200, 100):  # none is missing, in whatever order
+        client.ask(WRITE, CONTENT[start : start + 100], offset=start)
+    assert client.ask(TERMINATE).ok
+    assert (disk / "uploads" / "a.plan").read_bytes() == CONTENT[:400]
+
+
+def test_the_gaps_of_an_upload_are_bounded(client):
+    client.ask(CREATE, "/uploads/a.plan")
+    replies = [client.ask(WRITE, b"x", offset=2 * number + 1) for number in range(65)]
+    assert all(reply.ok for reply in replies[:64])
+    assert replies[64].error == (FAIL,)
+
+
+def test_a_reset_long_after_the_last_part_is_that_of_a_program_that_begins(client, disk, texts):
+    (disk / "uploads" / "a.plan").write_bytes(b"old")
+    client.ask(CREATE, "/uploads/a.plan")
+    client.ask(WRITE, b"the fir")
+    client.rig.now_s += 16.0
+    said = client.rig.tell(client.request(RESET))
+    assert [reply.error for reply in client.replies(said)] == [(FAIL,)]
+    assert texts(said) == ["An upload was broken off and is not kept: the file is as it was"]
+    assert (disk / "uploads" / "a.plan").read_bytes() == b"old"
+    assert client.ask(RESET).ok
+
+
 def test_an_upload_that_is_given_up_leaves_the_old_file(client, disk):
     (disk / "uploads" / "a.plan").write_bytes(b"old")
     client.ask(CREATE, "/uploads/a.plan")
@@ -305,7 +341,8 @@ def test_nothing_is_written_elsewhere(client, disk, opcode, path):
 
 
 def test_what_is_too_large_is_refused(client, disk):
-    client.ask(CREATE, "uploads/a")
+    (disk / "uploads" / "a").write_bytes(bytes((1 << 20) - 1))
+    client.ask(OPEN_WRITE, "uploads/a")
     assert client.ask(WRITE, b"x", offset=(1 << 20) - 1).ok
     assert client.ask(WRITE, b"x", offset=1 << 20).error == (ERRNO, 27)
     assert client.ask(WRITE, b"x", offset=0xFFFFFFFF).error == (ERRNO, 27)
