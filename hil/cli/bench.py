@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import tempfile
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from hil.bench.measurements import TABLE
 from hil.bench.over_time import Kept
 from hil.bench.report import as_entries, as_json, table
 from hil.bench.setting import Setting, quick, thorough
-from hil.cli import outputs
+from hil.cli import outputs, progress
 from hil.errors import UsageError
 from hil.report import figure_file
 from hil.report.figure_file import merge, origin
@@ -103,15 +104,13 @@ def _check(arguments: argparse.Namespace) -> None:
 def _measured(names: Sequence[str], setting: Setting, repeats: int) -> dict[str, Finding]:
     """Measure everything so often, once round after the other: a busy minute then falls on one repeat of a figure."""
     found: dict[str, list[Finding]] = {name: [] for name in names}
+    tell, most = progress.part_done(sys.stderr, time.monotonic), repeats * len(names)
     for turn in range(repeats):
-        for number, name in enumerate(names, start=1):
-            if sys.stderr.isatty():
-                text = f"{turn * len(names) + number}/{repeats * len(names)} {TABLE[name].text} ..."
-                print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+        for number, name in enumerate(names, start=turn * len(names)):
+            tell(f"{number + 1} of {most}: {TABLE[name].text} ...", number / most)
             with tempfile.TemporaryDirectory(dir=setting.directory) as directory:
                 found[name].append(TABLE[name].measure(setting.within(Path(directory))))
-    if sys.stderr.isatty():
-        print("\r\033[K", end="", file=sys.stderr, flush=True)
+    tell("", 1.0)
     return {name: over_time.middle(each) for name, each in found.items()}
 
 

@@ -45,6 +45,25 @@ def line(stream: TextIO, now_s: Callable[[], float]) -> Iterator[Tell]:
             stream.flush()
 
 
+def part_done(stream: TextIO, now_s: Callable[[], float]) -> Callable[[str, float], None]:
+    """Return what is told what is being done and which part of all is over; at 1 the terminal's line goes."""
+    terminal = stream.isatty()
+    next_s = now_s() + NOW_AND_THEN_S
+
+    def tell(what: str, part: float) -> None:
+        nonlocal next_s
+        text = f"{100.0 * part:3.0f} %  {what}" if part < 1.0 else ""
+        if terminal:
+            stream.write(f"\r\x1b[K{text[: shutil.get_terminal_size().columns - 1]}")
+            stream.flush()
+        elif text and (t_s := now_s()) >= next_s:
+            next_s = t_s + NOW_AND_THEN_S
+            stream.write(f"{text}\n")
+            stream.flush()
+
+    return tell
+
+
 def _text(done: int, total: int, per_s: float) -> str:
     if per_s == 0.0:
         return f"{done} of {total} runs"

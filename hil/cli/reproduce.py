@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from hil.cli import progress
 from hil.errors import UsageError
 from hil.lab.reproduce.chain import FULL, QUICK, run_chain
 from hil.lab.reproduce.rows import Row, all_match, rows
+from hil.sim.run_directory import held
 
 RUNS = Path("runs")
 COLUMNS = ("quantity", "paper", "ours", "")
@@ -39,14 +42,15 @@ def run(arguments: argparse.Namespace) -> int:
             (RUNS / ".gitignore").write_text("*\n", encoding="ascii")
     except OSError as error:
         raise UsageError(f"--out {out}: {error.strerror}; give another directory") from None
-    tell = _tell if sys.stderr.isatty() else _say_nothing
-    chain = run_chain(QUICK if arguments.quick else FULL, out, arguments.seed, tell)
-    tell("", 1.0)
-    table = rows(chain)
-    print(text(table))
-    from hil.lab.reproduce import page  # noqa: PLC0415 - matplotlib is slow to import
+    tell = progress.part_done(sys.stderr, time.monotonic)
+    with held(out):
+        chain = run_chain(QUICK if arguments.quick else FULL, out, arguments.seed, tell)
+        tell("", 1.0)
+        table = rows(chain)
+        print(text(table))
+        from hil.lab.reproduce import page  # noqa: PLC0415 - matplotlib is slow to import
 
-    print(f"report: {page.write(chain, table, out)}")
+        print(f"report: {page.write(chain, table, out)}")
     return 0 if all_match(table) else 1
 
 
@@ -61,12 +65,3 @@ def text(table: Sequence[Row]) -> str:
         if note:
             lines.append(f"    {note}")
     return "\n".join(lines)
-
-
-def _tell(what: str, part: float) -> None:
-    line = f"\r\x1b[K{100.0 * part:3.0f} %  {what}" if part < 1.0 else "\r\x1b[K"
-    print(line, end="", file=sys.stderr, flush=True)
-
-
-def _say_nothing(_what: str, _part: float) -> None:
-    """Show nothing in a pipe."""

@@ -11,11 +11,11 @@ from pathlib import Path
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.vehicle import Vehicle
-from hil.cli import outputs
+from hil.cli import outputs, progress
 from hil.errors import UsageError
 from hil.lab.tune import cases, delivered, delivered_report, delivered_search, law, paper
 from hil.lab.tune.report import Report, as_json, parameter_file, text
-from hil.lab.tune.search import Tell, tune
+from hil.lab.tune.search import tune
 from hil.lab.tune.trials import Setting, Trials
 from hil.ship import scenarios
 from hil.ship.extras_table import ExtrasError
@@ -117,7 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _run_law(arguments: argparse.Namespace) -> int:
     """Search the constants of the law; they stand in the code, so no parameter file is written."""
-    tell, first = _teller(), arguments.seed + law.FIRST_SEED
+    tell, first = progress.part_done(sys.stderr, time.monotonic), arguments.seed + law.FIRST_SEED
     price = law.PRICE if arguments.price is None else arguments.price
     try:
         trials, fresh = (
@@ -153,7 +153,7 @@ def _run_delivered(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
 def delivered_of(vehicle: Vehicle, arguments: argparse.Namespace) -> delivered_report.Report:
     """Tune the delivered controller, or raise UsageError."""
     begin_s = time.monotonic()
-    parameters, seed, tell = _parameters_of(vehicle), arguments.seed, _teller()
+    parameters, seed, tell = _parameters_of(vehicle), arguments.seed, progress.part_done(sys.stderr, time.monotonic)
     model, names = model_of(vehicle), arguments.scenarios
     try:
         if any(scenarios.sea_of(name).extras.supply is not None for name in names):
@@ -219,7 +219,7 @@ def _run_fixed(vehicle: Vehicle, arguments: argparse.Namespace) -> int:
 def make_report(vehicle: Vehicle, arguments: argparse.Namespace) -> Report:
     """Solve the paper's problem and the practical one, or raise UsageError."""
     begin_s = time.monotonic()
-    parameters, seed, tell = _parameters_of(vehicle), arguments.seed, _teller()
+    parameters, seed, tell = _parameters_of(vehicle), arguments.seed, progress.part_done(sys.stderr, time.monotonic)
     model = model_of(vehicle)
     present = Setting.of(parameters)
     try:
@@ -284,17 +284,3 @@ def _seas(arguments: argparse.Namespace) -> list[str]:
     if arguments.fixed_gains:
         raise UsageError("--with: the trial runs of --fixed-gains know no options; leave one of them out")
     return [f"{name}{',' if '+' in name else '+'}{arguments.extras}" for name in names]
-
-
-def _teller() -> Tell:
-    return _tell if sys.stderr.isatty() else _say_nothing
-
-
-def _tell(what: str, part: float) -> None:
-    """Show how far the search is, on one line that is cleared at the end."""
-    line = f"\r\x1b[K{100.0 * part:3.0f} %  {what}" if part < 1.0 else "\r\x1b[K"
-    print(line, end="", file=sys.stderr, flush=True)
-
-
-def _say_nothing(_what: str, _part: float) -> None:
-    """Show nothing in a pipe."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -91,13 +92,17 @@ def _sailed(
     waiting: dict[Future[Any], Batch],
 ) -> Iterator[Sailed]:
     """Yield what has been sailed, however soon; `waiting` has what was given out and has not been yielded."""
-    own = versions()
+    own, told = versions(), False
     while True:
         while len(waiting) < WAITING * max(1, workers()) and (batch := next(batches, None)) is not None:
             waiting[pool.submit(work, spec, *batch)] = batch
         if not waiting:
             return
-        for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+        done = wait(waiting, PATIENCE_S, FIRST_COMPLETED).done
+        if not (done or told or workers()):
+            told = True
+            print("rambler-hil: the scheduler has no workers; it goes on when there are some", file=sys.stderr)
+        for future in done:
             found, results = future.result()
             if found != own:
                 differs = sorted(name for name in own | found if own.get(name) != found.get(name))

@@ -61,3 +61,20 @@ def test_a_line_says_which_was_the_last_and_is_never_wider_than_the_terminal(mon
 @pytest.mark.parametrize(("seconds", "text"), [(59.0, "59 s"), (60.0, "1 min"), (5400.0, "1.5 h")])
 def test_a_time_has_the_unit_that_suits_it(seconds, text):
     assert progress._time(seconds) == text
+
+
+def parts_told(stream, moments):
+    """Tell of moments (seconds since the beginning, what, which part is over); return what was written."""
+    clock = Clock()
+    tell = progress.part_done(stream, clock)
+    for t_s, what, part in moments:
+        clock.now = 100.0 + t_s
+        tell(what, part)
+    return stream.getvalue()
+
+
+def test_of_parts_a_pipe_hears_now_and_then_and_a_terminal_at_once():
+    moments = [(1.0, "zigzag", 0.1), (31.0, "fish", 0.25), (40.0, "sea", 0.5), (62.0, "swell", 0.75), (99.0, "", 1.0)]
+    assert parts_told(io.StringIO(), moments) == " 25 %  fish\n 75 %  swell\n"
+    lines = parts_told(Terminal(), moments).split("\r\x1b[K")
+    assert lines == ["", " 10 %  zigzag", " 25 %  fish", " 50 %  sea", " 75 %  swell", ""]

@@ -61,6 +61,25 @@ def test_a_cluster_without_workers_waits_for_them_with_something_to_do():
     assert len(list(crew._sailed(Pool(), work, read(), batches(5), lambda: 0, {}))) == 5
 
 
+def test_a_cluster_without_workers_is_told_once(monkeypatch, capsys):
+    monkeypatch.setattr(crew, "PATIENCE_S", 0.0)
+    found, asked = Future(), []
+
+    class Slow(Pool):
+        def submit(self, _work, *_words):
+            return found
+
+    def workers():
+        asked.append(None)
+        if len(asked) == 5:
+            found.set_result((versions(), []))
+        return 0
+
+    assert list(crew._sailed(Slow(), work, read(), batches(1), workers, {})) == [((0, 10), [])]
+    said = capsys.readouterr().err
+    assert said == "rambler-hil: the scheduler has no workers; it goes on when there are some\n"
+
+
 def test_what_sails_is_made_ready_once_before_there_are_workers(monkeypatch):
     done = []
     monkeypatch.setattr(twin_engine, "make_ready", lambda row: done.append(row.index))

@@ -17,6 +17,7 @@ from hil.lab.reproduce.manoeuvre import circles, predicted, sail, zigzag
 from hil.lab.reproduce.rows import Row, Verdict, all_match
 from hil.report.figures import goal_figures
 from hil.ship import scenarios
+from hil.sim.run_directory import held
 from hil.sim.truth import Truth
 
 DEG = math.pi / 180.0
@@ -109,6 +110,12 @@ def test_bad_usage_is_one_line(tmp_path, capsys):
     assert main(["reproduce", "--out", str(tmp_path / "file" / "under")]) == 2
     assert "give another directory" in capsys.readouterr().err
     assert main(["reproduce", "--seed", "-1"]) == 2
+
+
+def test_two_chains_never_share_a_directory(tmp_path, capsys):
+    with held(tmp_path):
+        assert main(["reproduce", "--quick", "--out", str(tmp_path)]) == 2
+    assert "another run is under way in it" in capsys.readouterr().err
 
 
 def test_the_tank_s_manoeuvres_tell_the_paper_s_ship(tmp_path):

@@ -1,11 +1,12 @@
 import json
+import math
 from pathlib import Path
 
 import pytest
 
 from firmware_py.common.parameters import parse_file
 from hil.__main__ import main
-from hil.cli import outputs
+from hil.cli import outputs, progress
 from hil.errors import HilError
 from hil.lab.tune import delivered, search
 
@@ -73,6 +74,12 @@ def test_a_file_that_may_not_be_written_is_refused_before_the_work(capsys, monke
 def test_a_file_that_cannot_be_written_after_all_is_one_error():
     with pytest.raises(HilError, match="--json /dev/full cannot be written: No space left"):
         outputs.write("--json", Path("/dev/full"), "text")
+
+
+@pytest.fixture(autouse=True)
+def _quiet(monkeypatch):
+    """Tell nothing now and then, however slow the machine is."""
+    monkeypatch.setattr(progress, "NOW_AND_THEN_S", math.inf)
 
 
 NAMES = {"--json": "tune.json", "--plot": "tune.png", "--out-params": "tune.param"}
