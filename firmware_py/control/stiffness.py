@@ -48,7 +48,7 @@ DELIVERED: Final = HelmConstants()
 def stiffness_of(ship: Ship, correction_rad2_s: float, price: float, constants: HelmConstants = DELIVERED) -> float:
     """Return the rudder angle per angle of heading error."""
     walk_rad = math.sqrt(clamp(correction_rad2_s, SOFTEST_RAD2_S, CORRECTIONS_RAD2_S[1]) / price)
-    by_ship = math.pow(ship.turning_lag_s / ship.turning_ability_1_s, 3.0 / 7.0)
+    by_ship = math.exp(3.0 / 7.0 * math.log1p(ship.turning_lag_s / ship.turning_ability_1_s - 1.0))
     return min(constants.stiffness * walk_rad * by_ship, constants.crossover_rad_s / ship.turning_ability_1_s)
 
 

@@ -37,14 +37,12 @@ Numbers = tuple[float, ...]
 Floats = NDArray[np.float64]
 Noise = tuple[float, float, float]  # what a motion gains in a step: angle, covariance of both, rate
 Response = tuple[float, float, float, float]  # of a second-order system over a step, row by row
-_DRIVING: Final = np.array((HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, SPEED, FACTOR))  # what turns glider and float
+_DRIVING: Final = np.array((HEADING, RATE, BIAS, SPEED, FACTOR, BIAS_MEAN))  # what turns the glider
 _MOTIONS: Final = range(WAVE, STATES, 2)
-# Where the noise of a step goes in a covariance, flat: the diagonal, then angle by rate of each motion, both ways.
-_NOISY: Final = np.array(
-    [(STATES + 1) * i for i in range(STATES)]
-    + [STATES * i + i + 1 for i in _MOTIONS]
-    + [STATES * (i + 1) + i for i in _MOTIONS]
-)
+# Where the noise of a step goes in the lower triangle of a covariance, flat: the diagonal, then rate by angle.
+_NOISY: Final = np.array([(STATES + 1) * i for i in range(STATES)] + [STATES * (i + 1) + i for i in _MOTIONS])
+# Of each number of a covariance, where it stands in the lower triangle, flat.
+_LOWER: Final = np.array([[STATES * max(i, k) + min(i, k) for k in range(STATES)] for i in range(STATES)])
 # Where what pulls the motions and the float back goes in the slopes, flat.
 _PULLED: Final = np.array([2 * i for i in range(WAVE, STATES)] + [2 * FLOAT + 1, 2 * FLOAT_RATE + 1])
 
@@ -132,41 +130,53 @@ def advance(x: Numbers, transition: Transition) -> Numbers:
     # fmt: on
 
 
+class Measured(NamedTuple):
+    """How a scalar measurement shows the states: P H' (18), H times the slopes (2), and the innovation's variance."""
+
+    shown: Floats
+    slope: Floats
+    variance: float
+
+
 class Derivative(NamedTuple):
-    """The derivative of `advance`: heading and rate of glider and float by each of _DRIVING; a motion's; the bias's."""
+    """The derivative of `advance`.
+
+    `turning`: of heading, yaw rate, bias and the middle of the glider's way by each of _DRIVING; then that of the float
+    beside this middle, and of a motion.
+    """
 
     turning: Floats
+    follow: Floats
     motion: Floats
-    keep: float
 
 
 def derivative(transition: Transition) -> Derivative:
     """Return what `carry` carries columns on by."""
-    turned, (f00, f01, f10, f11) = transition.turn, transition.follow
+    turned, keep = transition.turn, transition.keep
     reach, by_rate, half, share = turned.reach_s, turned.by_rate, 0.5 * turned.reach_s, turned.share_s
-    bias, speed, factor = turned.by_bias, turned.by_speed, turned.by_factor
-    left, by_push = 1.0 - f00, 0.5 * share
-    # The float follows the middle of the glider's way.
+    bias, speed, factor, by_push = turned.by_bias, turned.by_speed, turned.by_factor, 0.5 * turned.share_s
     # fmt: off
     shares = np.array((
-        1.0, reach, share * bias, 0.0, 0.0, share * speed, share * factor,
-        0.0, by_rate, bias, 0.0, 0.0, speed, factor,
-        left, left * half, left * by_push * bias, f00, f01, left * by_push * speed, left * by_push * factor,
-        -f10, -f10 * half, -f10 * by_push * bias, f10, f11, -f10 * by_push * speed, -f10 * by_push * factor,
+        1.0, reach, share * bias, share * speed, share * factor, 0.0,
+        0.0, by_rate, bias, speed, factor, 0.0,
+        0.0, 0.0, keep, 0.0, 0.0, 1.0 - keep,
+        1.0, half, by_push * bias, by_push * speed, by_push * factor, 0.0,
+        *transition.follow,
         *transition.wave,
     ))
     # fmt: on
-    return Derivative(shares[:28].reshape(4, 7, 1), shares[28:].reshape(2, 2, 1), transition.keep)
+    return Derivative(shares[:24].reshape(4, 6, 1), shares[24:28].reshape(2, 2, 1), shares[28:].reshape(2, 2, 1))
 
 
 def carry(columns: Floats, by: Derivative) -> Floats:
     """Return F M: the columns of M (18 x n), which are overwritten, carried on."""
     turned = np.add.reduce(by.turning * columns.take(_DRIVING, 0), 1)
-    columns[:BIAS] = turned[:2]
-    columns[FLOAT:NORTH] = turned[2:]
-    bias = columns[BIAS]
-    bias *= by.keep
-    bias += (1.0 - by.keep) * columns[BIAS_MEAN]
+    columns[:FLOAT] = turned[:FLOAT]
+    middle, floating, following = turned[FLOAT], columns[FLOAT], columns[FLOAT:NORTH]
+    floating -= middle
+    shares = by.follow * following
+    np.add(shares[:, 0], shares[:, 1], following)
+    floating += middle
     motions = columns[WAVE:].reshape(len(_MOTIONS), 2, -1)
     shares = by.motion * motions[:, None]
     np.add(shares[:, :, 0], shares[:, :, 1], motions)
@@ -179,14 +189,11 @@ def predict(
     """Return F P F' + Q and F S; `noise` is what each state but the motions gains, `motions` what each of them does."""
     by = derivative(transition)
     once = carry(np.concatenate((covariance, slopes), axis=1), by)
-    after = carry(once[:, :STATES].T.copy(), by)
-    after = after + after.T
-    after *= 0.5
+    numbers = carry(once[:, :STATES].T.copy(), by).reshape(-1)
     own = [gain for angle, _, rate in motions for gain in (angle, rate)]
-    both = [both for _, both, _ in motions]
-    numbers, gains = after.reshape(-1), np.array((*noise, *own, *both, *both))
+    gains = np.array((*noise, *own, *[both for _, both, _ in motions]))
     numbers.put(_NOISY, numbers.take(_NOISY) + gains)
-    return after, once[:, STATES:]
+    return numbers.take(_LOWER), once[:, STATES:]
 
 
 def pull(slopes: Floats, swinging: Sequence[tuple[float, float, float, float]], step_s: float) -> Floats:
@@ -216,12 +223,14 @@ def wave_noise(wave: Response, omega_rad_s: float, power: float) -> Noise:
 
 
 def correct(
-    x: Numbers, covariance: Floats, shown: Floats, innovation: float, variance: float
-) -> tuple[Numbers, Floats]:
-    """Take a scalar measurement in; `shown` is P H', and variance that of the innovation."""
-    gain = shown / variance
-    gain *= innovation
-    after = np.multiply.outer(shown, shown)
-    after /= variance
-    np.subtract(covariance, after, after)
-    return tuple(map(add, x, gain.tolist())), after
+    x: Numbers, covariance: Floats, slopes: Floats, measured: Measured, innovation: float, variance: float
+) -> tuple[Numbers, Floats, Floats]:
+    """Take a scalar measurement in, its innovation and that one's variance, which may be larger than measured.
+
+    By the innovation's standard deviation, and not its variance: so the covariance stays symmetric to the last bit.
+    """
+    share = 1.0 / math.sqrt(variance)
+    shown = share * measured.shown
+    moved = shown * (share * innovation)
+    after = covariance - np.multiply.outer(shown, shown)
+    return tuple(map(add, x, moved.tolist())), after, slopes - np.multiply.outer(shown, share * measured.slope)

@@ -15,10 +15,9 @@ from typing import Any, Final
 import numpy as np
 
 from firmware_py.common.angles import clamp, radians, wrap_pi, wrap_two_pi
-from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.estimate import kalman, learning, over_ground
-from firmware_py.estimate.kalman import Floats, Numbers
+from firmware_py.estimate.kalman import Numbers
 from firmware_py.estimate.wave_filter_state import (
     FLOAT_WANDERS,
     SPEEDS_M_S,
@@ -87,13 +86,12 @@ class _Workspace:
         followed = (follow_rad_s, kalman.FLOAT_DAMPING, behind, x[kalman.FLOAT_RATE])
         self.slopes = kalman.pull(slopes, (*swung, followed), step_s)
 
-    def correct(self, measured: Measured, innovation: float, variance: float) -> None:
+    def correct(self, measured: kalman.Measured, innovation: float, variance: float) -> None:
         """Take a measurement in, that of `measure` and with its variance or a larger one."""
-        x, self.p = kalman.correct(self.x, self.p, measured.shown, innovation, variance)
+        x, self.p, self.slopes = kalman.correct(self.x, self.p, self.slopes, measured, innovation, variance)
         self.x = _bound(x)
-        self.slopes = self.slopes - np.multiply.outer(measured.shown / variance, measured.slope)
 
-    def measure(self, parts: Sequence[tuple[int, float]], noise: float) -> Measured:
+    def measure(self, parts: Sequence[tuple[int, float]], noise: float) -> kalman.Measured:
         """Return how a measurement shows the states; `parts` are the places of H that are not 0, and what is there."""
         p, slopes, variance = self.p, self.slopes, 0.0
         shown, slope = _NO_STATES, _NO_SLOPE
@@ -102,9 +100,9 @@ class _Workspace:
             slope = slope + (slopes[place] if part == 1.0 else part * slopes[place])
         for place, part in parts:
             variance += part * shown.item(place)
-        return Measured(shown, slope, variance + noise)
+        return kalman.Measured(shown, slope, variance + noise)
 
-    def learn_frequencies(self, measured: Measured, innovation: float, step_s: float) -> None:
+    def learn_frequencies(self, measured: kalman.Measured, innovation: float, step_s: float) -> None:
         """Learn the frequencies of waves and float from an innovation."""
         by_omega, by_follow = measured.slope.tolist()
         self.noise_model = learning.learn_frequencies(
@@ -137,15 +135,6 @@ class _Workspace:
         self.p[kalman.RATE, kalman.RATE] += TURN_RATE_RAD_S * TURN_RATE_RAD_S
         self.p[_BIASES] += TURN_BIAS_RAD * TURN_BIAS_RAD
         return 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """How a scalar measurement shows the states: P H' (18), H times the slopes (2), and the innovation's variance."""
-
-    shown: Floats
-    slope: Floats
-    variance: float
 
 
 def _bound(x: Numbers) -> Numbers:

@@ -64,7 +64,7 @@ def walk_of(correction_rad2_s: Lanes) -> Lanes:
 def stiffness_of(law: Rows, ability_1_s: Lanes, lag_s: Lanes, correction_rad2_s: Lanes) -> Lanes:
     """Return the rudder angle per angle of heading error (stiffness.py)."""
     walk_rad = math.sqrt(within(correction_rad2_s, SOFTEST_RAD2_S, CORRECTIONS_RAD2_S[1]) / law[PRICE])
-    by_ship = math.pow(lag_s / ability_1_s, 3.0 / 7.0)
+    by_ship = math.exp(3.0 / 7.0 * math.log1p(lag_s / ability_1_s - 1.0))
     return least(law[STIFFNESS] * walk_rad * by_ship, law[CROSSOVER_RAD_S] / ability_1_s)
 
 

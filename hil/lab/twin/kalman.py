@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 from firmware_py.model.kt import decay_over, settled_yaw_rate
 from hil.lab.compiled import compiled
-from hil.lab.lane_division import inverse_rest, quotient
-from hil.lab.lane_math import fails
 from hil.lab.lane_rows import lanes_of, put_lanes, rows
-from hil.lab.lanes import COUNT, any_of, where
+from hil.lab.lanes import COUNT, where
 
 Floats = NDArray[np.float64]
 Covariances = Any  # a record of COVARIANCES
@@ -28,29 +26,27 @@ WAVE, WAVE_RATE, ORBIT_NORTH, ORBIT_NORTH_RATE, ORBIT_EAST, ORBIT_EAST_RATE = ra
 STATES = 18
 COLUMNS = STATES + 2  # of the covariance and the slopes beside it
 DAMPING, FLOAT_DAMPING, BIAS_MEMORY_S = 0.1, 0.6, 100.0
-MOVING = (HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, *range(WAVE, STATES))  # what a step moves; the others stay
-MOVED = np.array(MOVING)
-STAYING = (NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG, BIAS_MEAN)
+TURNING = FLOAT_RATE + 1  # so many states the turn moves; those from here to the waves stay as they are
 
-# Of all lanes, side by side: covariance and slopes, what carries them on (`by`, and what is added), and what a
-# measurement shows. `on` is above 0 for the lanes that take part. `nothing` is always 0, which the compiler does
-# not know: so it does not write loops out, turn by turn, into more code than a processor keeps at hand.
+# Of all lanes, side by side: the lower triangle of the covariance and the slopes beside it (above the diagonal is room
+# to work in, as is `once`), what carries them on (`by`, and what is added), and what a measurement shows. `on` is above
+# 0 for the lanes that take part. `nothing` is always 0, which the compiler does not know: so it does not write loops
+# out, turn by turn, into more code than a processor keeps at hand.
 COVARIANCES = np.dtype(
     [
         (name, np.float64, (*shape, COUNT))
         for name, *shape in (
-            ("p", STATES, COLUMNS), ("by", 28), ("noise", STATES), ("both", 3), ("force", 8),
-            ("parts", 10), ("shown", COLUMNS), ("moved", STATES),
+            ("p", STATES, COLUMNS), ("once", TURNING, TURNING),
+            ("by", 22), ("noise", STATES), ("both", 3), ("force", 8), ("parts", 10),
+            ("shown", COLUMNS), ("root", COLUMNS), ("moved", STATES),
             ("innovation",), ("expected",), ("variance",), ("total",), ("least",), ("on",), ("to_s",),
             ("noted", 7), ("sample",), ("fix", 4), ("nothing",),
         )
     ]
 )  # fmt: skip
 
-# What can be multiplied and divided without coming near the end of what numbers can be.
-LEAST_ORDINARY, MOST_ORDINARY = 1e-90, 1e90
 # Of a turn.
-TURNED, TURNING, REACH, SHARE, BY_RATE, BY_BIAS, BY_SPEED, BY_FACTOR = range(8)
+TURNED, TURN_RATE, REACH, SHARE, BY_RATE, BY_BIAS, BY_SPEED, BY_FACTOR = range(8)
 
 
 @compiled
@@ -114,7 +110,7 @@ def advance(
     """Carry the states on."""
     middle = 0.5 * (x[HEADING] + turned[TURNED])
     behind, float_rate = x[FLOAT] - middle, x[FLOAT_RATE]
-    x[HEADING], x[RATE] = turned[TURNED], turned[TURNING]
+    x[HEADING], x[RATE] = turned[TURNED], turned[TURN_RATE]
     x[BIAS] = x[BIAS_MEAN] + keep * (x[BIAS] - x[BIAS_MEAN])
     x[FLOAT] = middle + follow[0] * behind + follow[1] * float_rate
     x[FLOAT_RATE] = follow[2] * behind + follow[3] * float_rate
@@ -134,147 +130,158 @@ def set_transition(
 ) -> None:
     """Fill what `carry` carries on by; terms that are 0 are left out, which changes no number."""
     by, half, share = rows(c.by, True), 0.5 * turned[REACH], turned[SHARE]
-    bias, speed, factor = turned[BY_BIAS], turned[BY_SPEED], turned[BY_FACTOR]
-    left, right, by_push = 1.0 - follow[0], -follow[2], 0.5 * share
+    bias, speed, factor, by_push = turned[BY_BIAS], turned[BY_SPEED], turned[BY_FACTOR], 0.5 * turned[SHARE]
     by[0], by[1], by[2], by[3] = turned[REACH], share * bias, share * speed, share * factor
     by[4], by[5], by[6], by[7] = turned[BY_RATE], bias, speed, factor
-    by[8], by[9], by[10], by[11] = follow
-    by[12], by[13], by[14], by[15] = wave
-    by[16], by[17], by[18], by[19] = left, left * half, left * by_push * bias, left * by_push * speed
-    by[20], by[21], by[22], by[23] = left * by_push * factor, right, right * half, right * by_push * bias
-    by[24], by[25], by[26], by[27] = right * by_push * speed, right * by_push * factor, keep, 1.0 - keep
+    by[8], by[9], by[10], by[11] = half, by_push * bias, by_push * speed, by_push * factor
+    by[12], by[13], by[14], by[15] = follow
+    by[16], by[17], by[18], by[19] = wave
+    by[20], by[21] = keep, 1.0 - keep
 
 
 @compiled
-def carry(c: Covariances, on: Lanes, first: int, apart: int) -> None:
-    """Carry a column, or a row, of the covariances on in place: its first number, and how far apart they are."""
-    p, by = c.p, c.by
-    h, r, d = lanes_of(p, first), lanes_of(p, first + RATE * apart), lanes_of(p, first + BIAS * apart)
-    f, g = lanes_of(p, first + FLOAT * apart), lanes_of(p, first + FLOAT_RATE * apart)
-    u, q = lanes_of(p, first + SPEED * apart), lanes_of(p, first + FACTOR * apart)
+def place(i: int, k: int) -> int:
+    """Return where the covariance of two states stands, or a slope of the first."""
+    return k * COLUMNS + i if i < k < STATES else i * COLUMNS + k
+
+
+@compiled
+def turn_on(
+    by: Floats, h: Lanes, r: Lanes, d: Lanes, f: Lanes, g: Lanes, u: Lanes, q: Lanes, m: Lanes
+) -> tuple[Lanes, Lanes, Lanes, Lanes, Lanes]:
+    """Return heading, rate, bias, float and its rate carried on; speed, factor and mean of the bias are beside them."""
     heading = h + lanes_of(by, 0) * r + lanes_of(by, 1) * d + lanes_of(by, 2) * u + lanes_of(by, 3) * q
     rate = lanes_of(by, 4) * r + lanes_of(by, 5) * d + lanes_of(by, 6) * u + lanes_of(by, 7) * q
-    part = lanes_of(by, 16) * h + lanes_of(by, 17) * r + lanes_of(by, 18) * d
-    part = part + lanes_of(by, 8) * f + lanes_of(by, 9) * g
-    floating = part + lanes_of(by, 19) * u + lanes_of(by, 20) * q
-    part = lanes_of(by, 21) * h + lanes_of(by, 22) * r + lanes_of(by, 23) * d
-    part = part + lanes_of(by, 10) * f + lanes_of(by, 11) * g
-    float_rate = part + lanes_of(by, 24) * u + lanes_of(by, 25) * q
-    bias = lanes_of(by, 26) * d + lanes_of(by, 27) * lanes_of(p, first + BIAS_MEAN * apart)
-    put_lanes(p, first, where(on, heading, h))
-    put_lanes(p, first + RATE * apart, where(on, rate, r))
-    put_lanes(p, first + BIAS * apart, where(on, bias, d))
-    put_lanes(p, first + FLOAT * apart, where(on, floating, f))
-    put_lanes(p, first + FLOAT_RATE * apart, where(on, float_rate, g))
-    for place in (WAVE, ORBIT_NORTH, ORBIT_EAST):
-        above, below = first + place * apart, first + (place + 1) * apart
-        angle, rate = lanes_of(p, above), lanes_of(p, below)
-        put_lanes(p, above, where(on, lanes_of(by, 12) * angle + lanes_of(by, 13) * rate, angle))
-        put_lanes(p, below, where(on, lanes_of(by, 14) * angle + lanes_of(by, 15) * rate, rate))
+    middle = h + lanes_of(by, 8) * r + lanes_of(by, 9) * d + lanes_of(by, 10) * u + lanes_of(by, 11) * q
+    behind = f - middle
+    floating = lanes_of(by, 12) * behind + lanes_of(by, 13) * g + middle
+    float_rate = lanes_of(by, 14) * behind + lanes_of(by, 15) * g
+    return heading, rate, lanes_of(by, 20) * d + lanes_of(by, 21) * m, floating, float_rate
+
+
+@compiled
+def turn_column(c: Covariances, k: int) -> tuple[Lanes, Lanes, Lanes, Lanes, Lanes]:
+    """Return the covariances of what the turn moves with a state, carried on in the former alone."""
+    p = c.p
+    return turn_on(
+        c.by,
+        lanes_of(p, place(HEADING, k)), lanes_of(p, place(RATE, k)), lanes_of(p, place(BIAS, k)),
+        lanes_of(p, place(FLOAT, k)), lanes_of(p, place(FLOAT_RATE, k)),
+        lanes_of(p, place(SPEED, k)), lanes_of(p, place(FACTOR, k)), lanes_of(p, place(BIAS_MEAN, k)),
+    )  # fmt: skip
+
+
+@compiled
+def swing_on(p: Rows, by: Floats, above: int, below: int) -> None:
+    """Carry what belongs to angle and rate of a motion of the waves on, in place."""
+    angle, rate = p[above], p[below]
+    p[above] = lanes_of(by, 16) * angle + lanes_of(by, 17) * rate
+    p[below] = lanes_of(by, 18) * angle + lanes_of(by, 19) * rate
 
 
 @compiled
 def predict(c: Covariances) -> None:
-    """Carry covariances and slopes on, of the lanes that are `on`; what a step leaves as it is is left as it is.
-
-    The states that stay are the same in rows as in columns, for the covariance is symmetric to the last bit.
-    """
+    """Carry covariances and slopes on, of the lanes that are `on`; what a step leaves as it is is left as it is."""
     on, nothing = lanes_of(c.on, 0) > 0.0, int(c.nothing[0])
-    moving = len(MOVING) + nothing
-    for k in range(COLUMNS + nothing):
-        carry(c, on, k, COLUMNS)
-    for number in range(moving):
-        carry(c, on, MOVED[number] * COLUMNS, 1)
-    for number in range(moving):
-        make_even(c, on, MOVED[number], number + 1, moving)
-    for i in range(STATES + nothing):
-        add(c, on, i, i, lanes_of(c.noise, i))
+    turn_covariances(c, rows(c.p, on), nothing)
+    swing_covariances(c, rows(c.p, on), nothing)
+    carry_slopes(c, rows(c.p, on), nothing)
+    add_noise(c, rows(c.p, on))
+
+
+@compiled
+def turn_covariances(c: Covariances, p: Rows, nothing: int) -> None:
+    """Carry the covariances of what the turn moves on: with each other in both, with the other states in the former."""
+    once = rows(c.once, True)
+    for k in range(TURNING + nothing):
+        at = TURNING + k
+        once[k], once[at], once[at + TURNING], once[at + 2 * TURNING], once[at + 3 * TURNING] = turn_column(c, k)
+    for k in range(TURNING, STATES + nothing):
+        at = k * COLUMNS
+        p[at], p[at + 1], p[at + 2], p[at + 3], p[at + 4] = turn_column(c, k)
+    for k in range(TURNING + nothing):
+        at = k * TURNING
+        carried = turn_on(
+            c.by,
+            once[at], once[at + 1], once[at + 2], once[at + 3], once[at + 4],
+            p[SPEED * COLUMNS + k], p[FACTOR * COLUMNS + k], p[BIAS_MEAN * COLUMNS + k],
+        )  # fmt: skip
+        # Above the diagonal it is a number that nobody reads.
+        p[k], p[COLUMNS + k], p[2 * COLUMNS + k], p[3 * COLUMNS + k], p[4 * COLUMNS + k] = carried
+
+
+@compiled
+def swing_covariances(c: Covariances, p: Rows, nothing: int) -> None:
+    """Carry the covariances of the waves' motions on: with each other in both, with the other states in the former."""
+    for i in range(WAVE, STATES + nothing, 2):
+        p[i * COLUMNS + i + 1] = p[(i + 1) * COLUMNS + i]
+        for k in range(WAVE, i + 1, 2):
+            swing_on(p, c.by, i * COLUMNS + k, i * COLUMNS + k + 1)
+            swing_on(p, c.by, (i + 1) * COLUMNS + k, (i + 1) * COLUMNS + k + 1)
+        for k in range(i + 2):
+            swing_on(p, c.by, i * COLUMNS + k, (i + 1) * COLUMNS + k)
+
+
+@compiled
+def carry_slopes(c: Covariances, p: Rows, nothing: int) -> None:
+    """Carry the slopes on."""
+    for k in range(STATES, COLUMNS + nothing):
+        carried = turn_on(
+            c.by, p[k], p[COLUMNS + k], p[2 * COLUMNS + k], p[3 * COLUMNS + k], p[4 * COLUMNS + k],
+            p[SPEED * COLUMNS + k], p[FACTOR * COLUMNS + k], p[BIAS_MEAN * COLUMNS + k],
+        )  # fmt: skip
+        p[k], p[COLUMNS + k], p[2 * COLUMNS + k], p[3 * COLUMNS + k], p[4 * COLUMNS + k] = carried
+        for i in range(WAVE, STATES, 2):
+            swing_on(p, c.by, i * COLUMNS + k, (i + 1) * COLUMNS + k)
+
+
+@compiled
+def add_noise(c: Covariances, p: Rows) -> None:
+    """Add what the states gain in a step, and what pulls the motions and the float back."""
+    for i in range(STATES):
+        p[place(i, i)] = p[place(i, i)] + lanes_of(c.noise, i)
     for number in range(3):
-        place = WAVE + 2 * number
-        add(c, on, place, place + 1, lanes_of(c.both, number))
-        add(c, on, place + 1, place, lanes_of(c.both, number))
-        add(c, on, place, STATES, lanes_of(c.force, 2 * number))
-        add(c, on, place + 1, STATES, lanes_of(c.force, 2 * number + 1))
-    add(c, on, FLOAT, STATES + 1, lanes_of(c.force, 6))
-    add(c, on, FLOAT_RATE, STATES + 1, lanes_of(c.force, 7))
-
-
-@compiled
-def make_even(c: Covariances, on: Lanes, i: int, first: int, moving: int) -> None:
-    """Make the covariances of a state that moves the same in its row as in its column."""
-    p = c.p
-    for k in STAYING:
-        put_lanes(p, k * COLUMNS + i, lanes_of(p, i * COLUMNS + k))
-    for number in range(first, moving):
-        above, below = i * COLUMNS + MOVED[number], MOVED[number] * COLUMNS + i
-        one, other = lanes_of(p, above), lanes_of(p, below)
-        both = 0.5 * (one + other)
-        put_lanes(p, above, where(on, both, one))
-        put_lanes(p, below, where(on, both, other))
-
-
-@compiled
-def add(c: Covariances, on: Lanes, i: int, k: int, more: Lanes) -> None:
-    """Add to a number of the covariances."""
-    before = lanes_of(c.p, i * COLUMNS + k)
-    put_lanes(c.p, i * COLUMNS + k, where(on, before + more, before))
+        angle, rate = WAVE + 2 * number, WAVE + 2 * number + 1
+        p[place(rate, angle)] = p[place(rate, angle)] + lanes_of(c.both, number)
+        p[angle * COLUMNS + STATES] = p[angle * COLUMNS + STATES] + lanes_of(c.force, 2 * number)
+        p[rate * COLUMNS + STATES] = p[rate * COLUMNS + STATES] + lanes_of(c.force, 2 * number + 1)
+    for i, number in ((FLOAT, 6), (FLOAT_RATE, 7)):
+        at = i * COLUMNS + STATES + 1
+        p[at] = p[at] + lanes_of(c.force, number)
 
 
 @compiled
 def show_heading(c: Covariances) -> None:
     """Fill how a heading shows the states."""
     for k in range(COLUMNS):
-        put_lanes(c.shown, k, lanes_of(c.p, FLOAT * COLUMNS + k) + lanes_of(c.p, WAVE * COLUMNS + k))
+        put_lanes(c.shown, k, lanes_of(c.p, place(FLOAT, k)) + lanes_of(c.p, place(WAVE, k)))
 
 
 @compiled
 def correct(c: Covariances) -> None:
     """Take a scalar measurement in, of the lanes that are `on`; fill by what it moves each state.
 
-    `shown` is P H' with the slopes' beside it, and `variance` that of the innovation.
+    `shown` is P H' with the slopes' beside it, and `variance` that of the innovation; the product of two numbers of
+    `root` is what becomes known.
     """
-    on, variance, innovation = lanes_of(c.on, 0) > 0.0, lanes_of(c.variance, 0), lanes_of(c.innovation, 0)
-    odd = fails((variance > LEAST_ORDINARY) & (variance < MOST_ORDINARY))
-    for i in range(STATES):
-        part = lanes_of(c.shown, i)
-        size, gain = abs(part), part / variance
-        odd = odd | ((size != 0.0) & fails((size > LEAST_ORDINARY) & (size < MOST_ORDINARY)))
-        put_lanes(c.moved, i, gain * innovation)
-        add(c, on, i, STATES, -(gain * lanes_of(c.shown, STATES)))
-        add(c, on, i, STATES + 1, -(gain * lanes_of(c.shown, STATES + 1)))
-    if any_of(on & odd):
-        less_by_division(c, on, variance)
-    else:
-        less_by_inverse(c, on, variance)
+    on, nothing = lanes_of(c.on, 0) > 0.0, int(c.nothing[0])
+    share = 1.0 / math.sqrt(lanes_of(c.variance, 0))
+    moved = share * lanes_of(c.innovation, 0)
+    for k in range(COLUMNS):
+        put_lanes(c.root, k, where(on, share * lanes_of(c.shown, k), 0.0))
+    for i in range(STATES + nothing):
+        part = lanes_of(c.root, i)
+        put_lanes(c.moved, i, part * moved)
+        for k in range(i + 1):
+            take_off(c, i * COLUMNS + k, part * lanes_of(c.root, k))
+        for k in range(STATES, COLUMNS):
+            take_off(c, i * COLUMNS + k, part * lanes_of(c.root, k))
 
 
 @compiled
-def less_by_division(c: Covariances, on: Lanes, variance: Lanes) -> None:
-    """Take from the covariances what is known now."""
-    for i in range(STATES):
-        part = lanes_of(c.shown, i)
-        for k in range(i, STATES):
-            put_less(c.p, on, i, k, part * lanes_of(c.shown, k) / variance)
-
-
-@compiled
-def less_by_inverse(c: Covariances, on: Lanes, variance: Lanes) -> None:
-    """Take from the covariances what is known now: the same quotients, sooner."""
-    inverse = 1.0 / variance
-    rest = inverse_rest(variance, inverse)
-    for i in range(STATES):
-        part = lanes_of(c.shown, i)
-        for k in range(i, STATES):
-            put_less(c.p, on, i, k, quotient(part * lanes_of(c.shown, k), variance, inverse, rest))
-
-
-@compiled
-def put_less(p: Floats, on: Lanes, i: int, k: int, less: Lanes) -> None:
-    """Take from a covariance and its mirror image."""
-    before = lanes_of(p, i * COLUMNS + k)
-    after = where(on, before - less, before)
-    put_lanes(p, i * COLUMNS + k, after)
-    put_lanes(p, k * COLUMNS + i, after)
+def take_off(c: Covariances, at: int, less: Lanes) -> None:
+    """Take from a number of the covariances."""
+    put_lanes(c.p, at, lanes_of(c.p, at) - less)
 
 
 @compiled
@@ -282,9 +289,9 @@ def add_up(c: Covariances) -> None:
     """Fill the sum of each lane's covariance, by which it is seen whether all are numbers, and its least variance."""
     total, least = 0.0 * lanes_of(c.p, 0), lanes_of(c.p, 0)
     for i in range(STATES):
-        of_row = variance = lanes_of(c.p, i * COLUMNS + i)
+        of_row = variance = lanes_of(c.p, place(i, i))
         least = where(least > variance, variance, least)
-        for k in range(i + 1, STATES):
+        for k in range(i):
             of_row = of_row + lanes_of(c.p, i * COLUMNS + k)
         total = total + of_row  # row by row: the sums of one do not wait for those of another
     put_lanes(c.total, 0, total)

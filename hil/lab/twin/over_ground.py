@@ -73,9 +73,9 @@ def show_velocity(c: Covariances, axis: int) -> None:
     """Fill how a velocity north (axis 0) or east (1) shows the states, by its `parts`."""
     p, parts = c.p, c.parts
     for k in range(COLUMNS):
-        part = lanes_of(parts, 0) * lanes_of(p, HEADING * COLUMNS + k)
-        for number, place in enumerate(velocity_places(axis)):
-            part = part + lanes_of(parts, number + 1) * lanes_of(p, place * COLUMNS + k)
+        part = lanes_of(parts, 0) * lanes_of(p, kalman.place(HEADING, k))
+        for number, state in enumerate(velocity_places(axis)):
+            part = part + lanes_of(parts, number + 1) * lanes_of(p, kalman.place(state, k))
         put_lanes(c.shown, k, part)
 
 

@@ -124,7 +124,7 @@ def know(crew: Crew, on: Lanes) -> None:
     me, f, p = crew.pilots[0], crew.filters[0], crew.covariances[0].p
     e, own, x = rows(me.known, on), rows(me.own, on), rows(f.x, on)
     e[helm.E_HEADING], e[helm.E_RATE] = own[OWN_HEADING_RAD], own[OWN_RATE_RAD_S]
-    e[helm.E_CORRECTION] = most(2.0 * lanes_of(p, kalman.HEADING * COLUMNS + kalman.RATE), 0.0)
+    e[helm.E_CORRECTION] = most(2.0 * lanes_of(p, kalman.place(kalman.HEADING, kalman.RATE)), 0.0)
     e[helm.E_HEADING_SD] = math.sqrt(lanes_of(p, kalman.HEADING * COLUMNS + kalman.HEADING))
     e[helm.E_BIAS], e[helm.E_SPEED] = x[kalman.BIAS], x[kalman.SPEED]
     e[helm.E_SPEED_SD] = math.sqrt(lanes_of(p, kalman.SPEED * COLUMNS + kalman.SPEED))

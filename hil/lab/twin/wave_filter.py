@@ -162,9 +162,8 @@ def give_turn_back(f: Filters, c: Covariances, on: Lanes, step_s: Lanes) -> None
     x[HEADING], x[FLOAT], x[WAVE] = x[HEADING] + turned_rad, x[FLOAT] + turned_rad, x[WAVE] - turned_rad
     place = RATE * COLUMNS + RATE
     p[place] = p[place] + TURN_RATE_RAD_S * TURN_RATE_RAD_S
-    for i in (BIAS, BIAS_MEAN):
-        for k in (BIAS, BIAS_MEAN):
-            p[i * COLUMNS + k] = p[i * COLUMNS + k] + TURN_BIAS_RAD * TURN_BIAS_RAD
+    for place in (kalman.place(BIAS, BIAS), kalman.place(BIAS_MEAN, BIAS), kalman.place(BIAS_MEAN, BIAS_MEAN)):
+        p[place] = p[place] + TURN_BIAS_RAD * TURN_BIAS_RAD
     w[SLOW_WAVE] = 0.0
 
 
@@ -238,4 +237,4 @@ def predict_heading(f: Filters, boats: Boats, on: Lanes, t_s: Lanes) -> tuple[La
     """Return heading and yaw rate carried to t_s by the K-T equation alone."""
     step_s = within(t_s - rows(f.w, on)[T], 0.0, LONGEST_SILENCE_S)
     turned = kalman.turn(rows(f.x, on), rows(f.w, on)[RUDDER], step_s, boats.model, 0.0)
-    return wrap_two_pi(turned[kalman.TURNED]), turned[kalman.TURNING]
+    return wrap_two_pi(turned[kalman.TURNED]), turned[kalman.TURN_RATE]

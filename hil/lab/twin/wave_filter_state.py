@@ -12,7 +12,7 @@ from hil.lab.compiled import compiled
 from hil.lab.lane_math import within
 from hil.lab.lane_rows import rows
 from hil.lab.lanes import COUNT, any_of
-from hil.lab.twin import learning
+from hil.lab.twin import kalman, learning
 from hil.lab.twin.kalman import (
     BIAS,
     BIAS_MEAN,
@@ -121,8 +121,8 @@ def start(f: Filters, c: Covariances, on: Lanes, t_s: Lanes, heading_rad: Lanes)
         for k in range(COLUMNS):
             p[i * COLUMNS + k] = 0.0
         p[i * COLUMNS + i] = FIRST[i] * FIRST[i]
-    p[HEADING * COLUMNS + FLOAT] = p[FLOAT * COLUMNS + HEADING] = TOGETHER * FIRST[HEADING] * FIRST[FLOAT]
-    p[BIAS * COLUMNS + BIAS_MEAN] = p[BIAS_MEAN * COLUMNS + BIAS] = FIRST[BIAS_MEAN] * FIRST[BIAS_MEAN]
+    p[kalman.place(HEADING, FLOAT)] = TOGETHER * FIRST[HEADING] * FIRST[FLOAT]
+    p[kalman.place(BIAS, BIAS_MEAN)] = FIRST[BIAS_MEAN] * FIRST[BIAS_MEAN]
     w[T], w[SAMPLE_T] = t_s, t_s
     w[RUDDER] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = w[SLOW_WAVE] = 0.0
     w[FIX_T] = w[LEG] = np.nan

@@ -131,13 +131,21 @@ def test_the_sums_have_one_order_on_every_machine():
         kalman.carry(p.copy(), kalman.derivative(transition)),
         kalman.carry(np.eye(N), kalman.derivative(transition)),
     )
-    driving = (0, 1, 2, 3, 4, 7, 8)
-    for row in (0, 1, 3, 4):
-        for column in range(N):
-            total = f[row, 0] * p[0, column]
-            for place in driving[1:]:
-                total += f[row, place] * p[place, column]
-            assert after[row, column] == total
+    turning = kalman.derivative(transition).turning[..., 0]
+    middles = []
+    for column in range(N):
+        for row in range(4):
+            total = turning[row, 0] * p[0, column]
+            for number, place in enumerate((1, 2, 7, 8, 11), 1):
+                total += turning[row, number] * p[place, column]
+            if row < kalman.FLOAT:
+                assert after[row, column] == total
+        middles.append(total)
+    for column, middle in enumerate(middles):
+        behind, rate = p[kalman.FLOAT, column] - middle, p[kalman.FLOAT_RATE, column]
+        by = transition.follow
+        assert after[kalman.FLOAT, column] == by[0] * behind + by[1] * rate + middle
+        assert after[kalman.FLOAT_RATE, column] == by[2] * behind + by[3] * rate
     for row in range(kalman.WAVE, N):
         first = row - (row - kalman.WAVE) % 2
         for column in range(N):
@@ -146,14 +154,17 @@ def test_the_sums_have_one_order_on_every_machine():
 
 def test_a_measurement_is_corrected_for_as_matrices_do_it():
     p, rng = covariance(2), random.Random(4)
+    p, slopes = 0.5 * (p + p.T), np.random.default_rng(3).standard_normal((N, 2))
     for _ in range(20):
         h = np.array([rng.gauss(0.0, 1.0) for _ in range(N)])
-        shown = p @ h
+        shown, slope = p @ h, h @ slopes
         variance = float(h @ shown) + 0.3
-        x, after = kalman.correct(X, p, shown, 0.7, variance)
+        x, after, left = kalman.correct(X, p, slopes, kalman.Measured(shown, slope, variance), 0.7, variance)
         np.testing.assert_allclose(x, np.array(X) + shown / variance * 0.7, rtol=1e-12)
         np.testing.assert_allclose(after, p - np.outer(shown, shown) / variance, rtol=1e-10, atol=1e-14)
-        p = after
+        np.testing.assert_allclose(left, slopes - np.outer(shown, slope) / variance, rtol=1e-10, atol=1e-12)
+        assert np.array_equal(after, after.T)
+        p, slopes = after, left
 
 
 @pytest.mark.parametrize("omega", [0.5, 1.0, 3.0])
