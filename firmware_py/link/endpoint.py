@@ -13,6 +13,7 @@ from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.commands.table import TABLE as COMMANDS
 from firmware_py.link.context import Handler, LinkContext, Suppliers
 from firmware_py.link.files.root import FileRoot
+from firmware_py.link.namesake import Namesake
 from firmware_py.link.peer import Peer
 from firmware_py.link.peers import Peers
 from firmware_py.link.routing import Router
@@ -101,6 +102,7 @@ class Endpoint:
         self._worker = Worker(background=storage.background)
         self._services = Services(self._context, KeySetup(self._context, self._signing, vault), storage, self._worker)
         self._telemetry = TelemetryPublisher(self._context)
+        self._namesake = Namesake(self._context)
         self.start_events = (*start_events, *self._open_links())[:_EVENTS_PER_TICK]
         self._recent = RecentWarnings()
         self._receive_queue = ReceiveQueue(self._peers.has)
@@ -231,7 +233,10 @@ class Endpoint:
         if frame.number == _HEARTBEAT and not self._gate.knows(peer.transport.options, verified=verified):
             return
         message = self._context.codec.decode(frame.data)
-        if message is None or not self._context.is_addressee(message) or self._from_self(message):
+        if message is None or not self._context.is_addressee(message):
+            return
+        if self._from_self(message):
+            self._namesake.look(message, now_s)
             return
         if standing is Standing.COMMANDER or self._reads_only(frame.number, message):
             self._handlers[frame.number](peer, message, now_s)
@@ -239,7 +244,7 @@ class Endpoint:
             deny(self._context, peer, message, now_s)
 
     def _from_self(self, message: Message) -> bool:
-        """Return whether this is our own message, sent back by a loop in somebody's wiring."""
+        """Return whether this bears our own ids: sent back by a loop in somebody's wiring, or another vehicle's."""
         sender = (message.get_srcSystem(), message.get_srcComponent())
         return sender == (self._context.system, self._context.component)
 

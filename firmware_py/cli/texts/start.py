@@ -98,6 +98,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "a station or a companion computer says more than the boat routes",
         "ask it for less, or keep its link out of it with `?route=0`",
     ),
+    "Another vehicle is system <number>, too: give one of them another LNK_SYSID": (
+        "frames of another vehicle with her ids are heard: what a station on that link orders, both may do",
+        "give each vehicle a system id of its own, and start it anew",
+    ),
     "No place for <address> on <link>": ("as many stations as are served are there already", "close one of them"),
     "Place of <address> on <link> given to <address>": (
         "one that was silent or not signed made room for a better one",
