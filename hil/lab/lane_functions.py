@@ -1,8 +1,9 @@
-"""exp, sin, cos and tanh of numbers side by side, with the bits of the C library.
+"""exp, sin, cos, tanh and log1p of numbers side by side, with the bits of the C library.
 
 glibc (2.28 and later) computes exp by a table of powers of two and a polynomial (S. Nagy, Optimized Routines), sine
 and cosine by a table of both and polynomials (IBM Accurate Mathematical Library, without its slow paths), tanh by
-what e to some power is more than 1, a quotient of polynomials (Sun's fdlibm).
+what e to some power is more than 1, a quotient of polynomials, log1p by the powers of two in a number and a polynomial
+(both Sun's fdlibm).
 On a processor that rounds a product and a sum at once it does so, and so is done here, in the same places. The tables
 are computed, to far more digits than they hold.
 
@@ -57,6 +58,19 @@ LN2, LN2_REST = number("0x1.62e42feep-1"), number("0x1.a39ef35793c76p-33")
 MORE: Final = tuple(map(number, (
     "-0x1.11111111110f4p-5", "0x1.a01a019fe5585p-10", "-0x1.4ce199eaadbb7p-14", "0x1.0cfca86e65239p-18",
     "-0x1.afdb76e09c32dp-23")))  # fmt: skip
+
+# Of log1p: of a tiny number it is that number less half its square; of one to UNHALVED the series is of itself, beyond
+# that of the distance to the nearest power of two, of which one is next to it; a number from ROOT on is nearer to two.
+LOG1P_ABOVE, LOG1P_REACH = -0.29, 1e12
+TINY, NEXT_BELOW, NEXT_ABOVE, ROOT = (
+    number("0x1p-29"), number("-0x1.8p-20"), number("0x1p-20"), number("0x1.6a09ep+0"))  # fmt: skip
+UNHALVED: Final = number("0x1.a827ap-2")
+TWO_THIRDS: Final = number("0x1.5555555555555p-1")
+LOGS: Final = tuple(map(number, (
+    "0x1.5555555555593p-1", "0x1.999999997fa04p-2", "0x1.2492494229359p-2", "0x1.c71c51d8e78afp-3",
+    "0x1.7466496cb03dep-3", "0x1.39a09d078c69fp-3", "0x1.2f112df3e5244p-3")))  # fmt: skip
+NUMBER_BITS, EXPONENT_PLACES = (1 << 52) - 1, 52
+ONE_BITS, COUNTED_BITS, COUNTED = 0x3FF << 52, 0x433 << 52, 2.0**52 + 1023.0
 
 
 @cache
@@ -236,3 +250,33 @@ def _quotient_more(rest: Wide, half: Wide, square: Wide) -> Wide:
     found = (twice * twice).fma(square.polynomial(fifth, fourth), found)
     three = (-half).fma(found, 3.0)
     return (found - three) / (-rest).fma(three, 6.0) * square
+
+
+def log1p(builder: Any, given: Any) -> Any:
+    """Return the logarithm of 1 and more, of numbers between LOG1P_ABOVE and LOG1P_REACH."""
+    x = Wide(builder, given)
+    whole = x + 1.0
+    mantissa = whole.words().masked(NUMBER_BITS).with_bits(ONE_BITS).numbers()
+    times = whole.words().shifted_down(EXPONENT_PLACES).with_bits(COUNTED_BITS).numbers() - COUNTED
+    lost = times.below(1.0).where(x - (whole - 1.0), 1.0 - (whole - x)) / whole
+    low, small = mantissa.below(ROOT), x.below(UNHALVED)
+    times = small.where(x * 0.0, low.where(times, times + 1.0))
+    rest = small.where(x, low.where(mantissa, mantissa * 0.5) - 1.0)
+    half = rest * 0.5 * rest
+    part = rest / (rest + 2.0)
+    series, more = part * (_log_more(part * part) + half), times.fma(LN2_REST, lost)
+    found = times.fma(LN2, -((half - (more + series)) - rest))
+    next_to = half * (-rest).fma(TWO_THIRDS, 1.0)
+    nearest = times.fma(LN2, -((next_to - more) - rest))
+    found = rest.below(NEXT_BELOW).where(found, rest.below(NEXT_ABOVE).where(nearest, found))
+    return abs(x).below(TINY).where((x * x).fma(-0.5, x), small.where(x - (half - series), found)).value
+
+
+def _log_more(square: Wide) -> Wide:
+    """Return what of a logarithm is beyond its first terms."""
+    first, second, third, fourth, fifth, sixth, seventh = LOGS
+    twice = square * square
+    four_times = twice * twice
+    found = square.fma(first, twice * square.fma(third, second))
+    found = four_times.fma(square.fma(fifth, fourth), found)
+    return (twice * four_times).fma(square.fma(seventh, sixth), found)

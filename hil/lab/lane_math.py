@@ -27,15 +27,15 @@ def _exactly(name: str) -> Callable[..., Any]:
     return made
 
 
-def _one_by_one(function: Callable[..., float], count: int) -> Callable[..., Any]:
+def _one_by_one(function: Callable[[float], float]) -> Callable[..., Any]:
     """Return what computes each lane as compiled code computes a number, which is to ask the C library."""
-    alone = typing.signature(*[types.float64] * (count + 1))
+    alone = typing.signature(types.float64, types.float64)
 
-    def made(context: Any, builder: Any, *args: Any) -> Any:
+    def made(context: Any, builder: Any, arg: Any) -> Any:
         compute, found = context.get_function(function, alone), ir.Constant(VECTOR, ir.Undefined)
         for lane in range(COUNT):
             place = ir.Constant(ir.IntType(32), lane)
-            result = compute(builder, [builder.extract_element(arg, place) for arg in args])
+            result = compute(builder, [builder.extract_element(arg, place)])
             found = builder.insert_element(found, result, place)
         return found
 
@@ -62,7 +62,7 @@ def _as_the_library(function: Callable[[float], float]) -> Callable[..., Any]:
     name = function.__name__
 
     def made(context: Any, builder: Any, arg: Any) -> Any:
-        seldom = _one_by_one(function, 1)
+        seldom = _one_by_one(function)
         for number, way in reversed([*enumerate(same_bits.ways_of(function))]):
             seldom = _within_reach(way, _apart(f"{name}.{number}", seldom))
         return seldom(context, builder, arg)
@@ -74,9 +74,8 @@ def _within_reach(way: same_bits.Way, seldom: Callable[..., Any]) -> Callable[..
     """Return what computes in a way, or otherwise if a number is out of its reach."""
 
     def made(context: Any, builder: Any, arg: Any) -> Any:
-        far = builder.fcmp_ordered(
-            ">=", _exactly("fabs")(context, builder, arg), ir.Constant(VECTOR, [way.below] * COUNT)
-        )
+        ends = [("<=", way.above), (">=", way.below)]
+        far = builder.or_(*(builder.fcmp_ordered(sign, arg, ir.Constant(VECTOR, [end] * COUNT)) for sign, end in ends))
         bits = builder.bitcast(far, ir.IntType(COUNT))
         found = []
         with builder.if_else(builder.icmp_unsigned("==", bits, ir.Constant(bits.type, 0)), likely=True) as (near, rest):
@@ -105,11 +104,10 @@ let(math.sqrt, _exactly("sqrt"), lanes, lanes)
 let(math.floor, _exactly("floor"), lanes, lanes)
 let(np.rint, _exactly("rint"), lanes, lanes)
 let(math.copysign, _exactly("copysign"), lanes, lanes, lanes)
-for _function in (math.exp, math.sin, math.cos, math.tanh):
+for _function in (math.exp, math.sin, math.cos, math.tanh, math.log1p):
     let(_function, _as_the_library(_function), lanes, lanes)
-for _function in (math.expm1, math.log, math.log1p, math.tan):
-    let(_function, _one_by_one(_function, 1), lanes, lanes)
-let(math.pow, _one_by_one(math.pow, 2), lanes, lanes, lanes)
+for _function in (math.expm1, math.log, math.tan):
+    let(_function, _one_by_one(_function), lanes, lanes)
 let(np.fmod, lambda _context, builder, *args: builder.frem(*args), lanes, lanes, lanes)
 let(math.isnan, _is_nan, mask, lanes)
 let(math.isfinite, _is_finite, mask, lanes)

@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable
 from functools import cache
 from random import Random
-from struct import pack
 from typing import Any, Final, NamedTuple
 
 import llvmlite.binding as llvm
@@ -28,10 +27,16 @@ DRAWN: Final = 1024  # multiples of COUNT
 
 
 class Way(NamedTuple):
-    """A way to compute a function: what makes the code, and which numbers are within its reach."""
+    """A way to compute a function: what makes the code, and between which numbers it does."""
 
     made: lane_functions.Made
+    above: float
     below: float
+
+
+def up_to(made: lane_functions.Made, reach: float) -> Way:
+    """Return a way for numbers within a reach, of either sign."""
+    return Way(made, -reach, reach)
 
 
 class Row(NamedTuple):
@@ -42,56 +47,57 @@ class Row(NamedTuple):
 
 
 TABLE: Final = (
-    Row(math.exp, (Way(lane_functions.exp, lane_functions.EXP_REACH),)),
+    Row(math.exp, (up_to(lane_functions.exp, lane_functions.EXP_REACH),)),
     Row(
         math.sin,
         (
-            Way(lane_functions.small_sin, lane_functions.PLAIN),
-            Way(lane_functions.sin, lane_functions.ANGLE_REACH),
+            up_to(lane_functions.small_sin, lane_functions.PLAIN),
+            up_to(lane_functions.sin, lane_functions.ANGLE_REACH),
         ),
     ),
     Row(
         math.cos,
         (
-            Way(lane_functions.small_cos, lane_functions.PLAIN),
-            Way(lane_functions.cos, lane_functions.ANGLE_REACH),
+            up_to(lane_functions.small_cos, lane_functions.PLAIN),
+            up_to(lane_functions.cos, lane_functions.ANGLE_REACH),
         ),
     ),
-    Row(math.tanh, (Way(lane_functions.tanh, lane_functions.TANH_REACH),)),
+    Row(math.tanh, (up_to(lane_functions.tanh, lane_functions.TANH_REACH),)),
+    Row(math.log1p, (Way(lane_functions.log1p, lane_functions.LOG1P_ABOVE, lane_functions.LOG1P_REACH),)),
 )
 
 
 @cache
-def drawn(below: float) -> Numbers:
-    """Return numbers within a reach: evenly in it, about 1, and of every size."""
+def drawn(above: float, below: float) -> Numbers:
+    """Return numbers between two others, of either sign: evenly, about 1, and of every size."""
     source = Random(1)
-    evenly = [source.uniform(-below, below) for _ in range(DRAWN)]
-    near = [source.uniform(-1.0, 1.0) * min(below, 4.0) for _ in range(DRAWN)]
-    sizes = [math.copysign(below * 10.0 ** source.uniform(-20.0, 0.0), source.random() - 0.5) for _ in range(DRAWN)]
+    evenly = [source.uniform(above, below) for _ in range(DRAWN)]
+    near = [source.uniform(max(above, -4.0), min(below, 4.0)) for _ in range(DRAWN)]
+    sizes = [source.choice((above, below)) * 10.0 ** source.uniform(-20.0, 0.0) for _ in range(DRAWN)]
     return np.array([*evenly, *near, *sizes, *[0.0, -0.0] * (COUNT // 2)])
 
 
 @cache
-def given(function: Callable[[float], float], below: float) -> bytes:
+def given(function: Callable[[float], float], above: float, below: float) -> bytes:
     """Return what the library makes of the drawn numbers."""
-    return pack(f"{drawn(below).size}d", *map(function, drawn(below).tolist()))
+    return np.array(list(map(function, drawn(above, below).tolist()))).tobytes()
 
 
 def library() -> bytes:
     """Return what tells the libraries of two machines apart, as far as it matters here."""
-    return b"".join(given(row.function, way.below) for row in TABLE for way in row.ways)
+    return b"".join(given(row.function, way.above, way.below) for row in TABLE for way in row.ways)
 
 
 @cache
 def ways_of(function: Callable[..., float]) -> tuple[Way, ...]:
     """Return the ways to compute a function that give the library's bits."""
     rows = [row for row in TABLE if row.function is function]
-    return tuple(way for row in rows for way in row.ways if _computed(way) == given(function, way.below))
+    return tuple(way for row in rows for way in row.ways if _computed(way) == given(function, way.above, way.below))
 
 
 def _computed(way: Way) -> bytes:
     """Return what a way makes of the drawn numbers."""
-    numbers = drawn(way.below)
+    numbers = drawn(way.above, way.below)
     found = np.empty_like(numbers)
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()

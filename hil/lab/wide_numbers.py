@@ -113,6 +113,14 @@ class Wide:
         """Return words shifted up."""
         return self._made("shl", places)
 
+    def shifted_down(self, places: int) -> Wide:
+        """Return words shifted down."""
+        return self._made("lshr", places)
+
+    def with_bits(self, bits: int) -> Wide:
+        """Return words with the bits of a mask."""
+        return self._made("or_", bits)
+
     def doubled(self) -> Wide:
         """Return words twice as large."""
         return self.shifted(1)

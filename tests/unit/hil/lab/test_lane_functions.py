@@ -1,4 +1,4 @@
-"""exp, sine, cosine and tanh of numbers side by side have the bits that Python gives them."""
+"""exp, sine, cosine, tanh and log1p of numbers side by side have the bits that Python gives them."""
 
 import math
 import random
@@ -13,11 +13,17 @@ from hil.lab.lane_functions import (
     ANGLES,
     EXP_REACH,
     HALF_TURN,
+    LOG1P_ABOVE,
+    LOG1P_REACH,
+    NEXT_ABOVE,
+    NEXT_BELOW,
     NO_LN2,
     ONE_LN2,
     PLAIN,
     SMALL,
     TANH_REACH,
+    TINY,
+    UNHALVED,
     angles,
     powers,
 )
@@ -39,6 +45,12 @@ def each(given, found):
         put_lanes(found, 4 * row + 1, math.sin(number))
         put_lanes(found, 4 * row + 2, math.cos(number))
         put_lanes(found, 4 * row + 3, math.tanh(number))
+
+
+@compiled_here
+def logarithms(given, found):
+    for row in range(given.shape[0]):
+        put_lanes(found, row, math.log1p(lanes_of(given, row)))
 
 
 def computed(numbers):
@@ -86,6 +98,23 @@ def test_what_is_no_number_leaves_the_others_as_they_are():
     found = computed([math.nan, *[0.3 * lane for lane in range(COUNT - 1)]])
     assert np.isnan(found).sum(1).tolist() == [1, 1, 1, 1]
     assert found[1, 1:].tolist() == [math.sin(0.3 * lane) for lane in range(COUNT - 1)]
+
+
+def test_a_logarithm_has_the_bits_of_python():
+    source = random.Random(7)
+    numbers = [source.uniform(LOG1P_ABOVE, 5.0) for _ in range(BATCHES * COUNT)]
+    numbers += [source.choice((0.2, -0.2)) * 10.0 ** source.uniform(-20.0, 0.0) for _ in range(BATCHES * COUNT)]
+    numbers += [10.0 ** source.uniform(0.0, 12.0) for _ in range(BATCHES * COUNT)]
+    # Next to powers of two, and at every edge.
+    numbers += [2.0 ** source.randrange(40) * (1.0 + source.uniform(-2e-6, 2e-6)) - 1.0 for _ in range(BATCHES * COUNT)]
+    edges = [*EDGES, TINY, -TINY, UNHALVED, NEXT_ABOVE, NEXT_BELOW, 1.0 + 2.0 * NEXT_ABOVE, 1.0 + 2.0 * NEXT_BELOW]
+    for edge in (*edges, LOG1P_ABOVE, LOG1P_REACH, -0.75, 1e300):
+        numbers += [edge, math.nextafter(edge, math.inf), math.nextafter(edge, -math.inf)]
+    numbers += [0.0] * (-len(numbers) % COUNT)
+    given, found = np.array(numbers).reshape(-1, COUNT), np.zeros((len(numbers) // COUNT, COUNT))
+    logarithms(given, found)
+    expected = np.array([math.log1p(number) for number in numbers])
+    assert np.array_equal(found.ravel().view(np.uint64), expected.view(np.uint64))
 
 
 def test_the_tables_hold_what_they_are_of():

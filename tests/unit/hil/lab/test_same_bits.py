@@ -15,7 +15,7 @@ def other_library(monkeypatch):
         right = math.exp(number)
         return math.nextafter(right, math.inf) if 0.5 < number < 0.52 else right
 
-    row = same_bits.Row(exp, (same_bits.Way(lane_functions.exp, lane_functions.EXP_REACH),))
+    row = same_bits.Row(exp, (same_bits.up_to(lane_functions.exp, lane_functions.EXP_REACH),))
     monkeypatch.setattr(same_bits, "TABLE", (row, *same_bits.TABLE[1:]))
     return exp
 
@@ -35,5 +35,5 @@ def test_what_has_no_row_is_left_to_the_library():
 
 
 def test_what_is_compared_is_what_the_code_computes():
-    twice = same_bits.Way(lambda build, numbers: build.fadd(numbers, numbers), 1.0)
-    assert same_bits._computed(twice) == (2.0 * same_bits.drawn(1.0)).tobytes()
+    twice = same_bits.Way(lambda build, numbers: build.fadd(numbers, numbers), -2.0, 1.0)
+    assert same_bits._computed(twice) == (2.0 * same_bits.drawn(-2.0, 1.0)).tobytes()
