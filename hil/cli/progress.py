@@ -21,18 +21,22 @@ class Tell(Protocol):
 
 @contextmanager
 def line(stream: TextIO, now_s: Callable[[], float]) -> Iterator[Tell]:
-    """Yield what is told how far the work has come."""
+    """Yield what is told how far the work has come.
+
+    How fast is counted from the first telling on: before that, what sails may be compiled.
+    """
     terminal = stream.isatty()
-    begun_s = now_s()
-    next_s = begun_s if terminal else begun_s + NOW_AND_THEN_S
+    next_s = now_s() + (0.0 if terminal else NOW_AND_THEN_S)
+    first: tuple[float, int] | None = None
 
     def tell(done: int, total: int, since: int, last: str = "") -> None:
-        nonlocal next_s
+        nonlocal first, next_s
         t_s = now_s()
+        first = first or (t_s, since)
         if t_s < next_s:
             return
         next_s = t_s + (RENEW_S if terminal else NOW_AND_THEN_S)
-        text = _text(done, total, since / max(t_s - begun_s, 1e-9)) + (last and f"; {last}")
+        text = _text(done, total, (since - first[1]) / max(t_s - first[0], 1e-9)) + (last and f"; {last}")
         # A line that goes on to the next could not be renewed.
         stream.write(f"\r\x1b[K{text[: shutil.get_terminal_size().columns - 1]}" if terminal else f"{text}\n")
         stream.flush()
