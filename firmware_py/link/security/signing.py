@@ -34,6 +34,8 @@ UNITS_HZ = 100_000  # units of the timestamp in a second
 EPOCH_S = 1_420_070_400  # 2015-01-01 UTC
 TOLERANCE = 60 * UNITS_HZ  # a new stream may begin this far behind our own timestamp
 LATEST = 80 * 365 * 86_400 * UNITS_HZ  # what shows more (2094) is not a clock; 48 bits end ten years later
+# The boat's own clock counts to 2084: one set to what is heard last, by a false GPS, would shut her soon and for ever.
+OWN_LATEST = LATEST - 10 * 365 * 86_400 * UNITS_HZ
 AHEAD = 15 * UNITS_HZ  # so far ahead of what was used is what is on disk
 _TIMESTAMP_BYTES = 6
 
@@ -51,9 +53,9 @@ def signature(key: bytes, covered: bytes) -> bytes:
 
 
 def timestamp_of(utc_s: float) -> int:
-    """Return a time as a timestamp; 0, as if there were no clock, for one before 2015 or after LATEST, or NaN."""
+    """Return a time as a timestamp; 0, as if there were no clock, for one before 2015 or after OWN_LATEST, or NaN."""
     units = (utc_s - EPOCH_S) * UNITS_HZ
-    return int(units) if 0.0 <= units <= LATEST else 0
+    return int(units) if 0.0 <= units <= OWN_LATEST else 0
 
 
 class LinkSealer:

@@ -11,6 +11,7 @@ from firmware_py.common.records import Stored
 from firmware_py.link.security.key_record import MAX_STREAMS, KeyState
 from firmware_py.link.security.signing import (
     AHEAD,
+    EPOCH_S,
     LATEST,
     SIGNATURE_BYTES,
     TOLERANCE,
@@ -331,3 +332,13 @@ def test_no_stored_timestamp_makes_a_state_that_the_next_start_cannot_read():
     boat = Boat(b"key %s\ntimestamp %s\nstream 255 190 1 %s\n" % (KEY.hex().encode(), digits, digits))
     assert boat.signing.set_key(KEY, 0)
     assert boat.restarted().signing.active
+
+
+def test_a_clock_set_to_the_last_moment_that_is_heard_shuts_nobody_out():
+    """By a false GPS: every frame of hers takes her further, and her stations follow."""
+    boat, station = Boat(), Station()
+    boat.utc_s = EPOCH_S + (LATEST - 10) / UNITS_HZ
+    sealer, ping = LinkSealer(boat.signing, 0), Codec(1, 1).pack(mavlink.MAVLink_ping_message(1, 2, 0, 0))
+    for number in range(30):
+        station.mav.signing.timestamp = int.from_bytes(sealer.seal(ping, number)[-12:-6], "little")
+        assert boat.signing.verify(station.ping())
