@@ -48,7 +48,7 @@ def fault_input(
         rudder_astray=rudder_monitor.deviating,
         rudder_jammed=rudder_monitor.jammed,
         rudder_overloaded=rudder_monitor.overloaded,
-        steering_lost=state.supervisor.steering_monitor.unresponsive,
+        steering_lost=state.supervisor.steering_monitor.answer.missing,
         steering_reversed=state.supervisor.steering_monitor.wrong_way.reversed,
         oscillating=state.supervisor.oscillation.oscillating,
         supply_v=None if servo is None else servo.voltage_v,

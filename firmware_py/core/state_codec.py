@@ -87,6 +87,10 @@ def _bits_by_name(record: Record, name: str) -> None:
         record[name] = [fault for bit, fault in enumerate(FAULTS_OF_VERSION_1) if record[name] >> bit & 1]
 
 
+def _given_up(record: str, *names: str) -> tuple[tuple[str, None], ...]:
+    return tuple((f"{record}.{name}", None) for name in names)
+
+
 CHANGES: tuple[Change, ...] = (
     Change(
         2,
@@ -181,18 +185,9 @@ CHANGES: tuple[Change, ...] = (
             ("StationKeepingState.heading_rad", "StationKeepingState.way_rad"),
             ("State.water.mean", "State.heading_estimator.wave_filter.expected_water"),
             # The steering monitor keeps other sums: it begins anew, with the verdict there was.
-            ("SteeringMonitorState.expected_rad_s", None),
-            ("SteeringMonitorState.expected_square", None),
-            ("SteeringMonitorState.product", None),
-            ("SteeringMonitorState.block", None),
-            ("SteeringMonitorState.turn_square", None),
-            ("SteeringMonitorState.blocks", None),
-            ("WaterState.covariance", None),
-            ("WaterState.noise", None),
-            ("WaterState.outliers", None),
-            ("WaterState.block", None),
-            ("WaterState.average", None),
-            ("WaterState.leg", None),
+            *_given_up("SteeringMonitorState", "block", "turn_square", "blocks", "expected_rad_s"),
+            *_given_up("SteeringMonitorState", "expected_square", "product"),
+            *_given_up("WaterState", "covariance", "noise", "outliers", "block", "average", "leg"),
         ),
         converted={"SteeringMonitorState": _rudder_unknown},
     ),
@@ -200,10 +195,17 @@ CHANGES: tuple[Change, ...] = (
         4,
         # The filter has a state more: it begins anew, with the sea and the float that it had learned.
         moved=(
-            ("WaveFilterState.x", None),
-            ("WaveFilterState.p", None),
-            ("WaveFilterState.slopes", None),
+            *_given_up("WaveFilterState", "x", "p", "slopes"),
             ("OscillationState.softened_at", None),  # the half swing that softened the helm last
+        ),
+    ),
+    Change(
+        5,
+        moved=(  # one judge of a lost rudder for two: it begins anew, with the verdict there was
+            ("SteeringMonitorState.answer", None),
+            ("SteeringMonitorState.unresponsive", "SteeringMonitorState.answer.missing"),
+            *_given_up("SteeringMonitorState", "rate_rad_s", "slow_rate_rad_s", "telling_s", "turned_rad"),
+            ("SteeringMonitorState.expected_rad", None),
         ),
     ),
 )

@@ -57,5 +57,5 @@ def watched(ticks, parameters=None):
 
 def lost_and_reversed(ticks, parameters=None):
     """Return when the watch says that she does not answer, and when that she turns the wrong way: [s], of each tick."""
-    said = np.array([(state.unresponsive, state.wrong_way.reversed) for state in watched(ticks, parameters)], bool)
+    said = np.array([(state.answer.missing, state.wrong_way.reversed) for state in watched(ticks, parameters)], bool)
     return ticks[said[:, 0], loop.TICK_S], ticks[said[:, 1], loop.TICK_S]

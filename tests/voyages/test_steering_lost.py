@@ -200,8 +200,8 @@ def test_a_lost_blade_is_told_after_a_minute_of_rudder_work_or_little_more(name,
     figures.keep(f"steering_lost_told_worst_{name}", max(found), "s")
     figures.keep(f"steering_lost_clock_worst_{name}", max(clock), "s")
     figures.keep(f"steering_lost_within_60_{name}", sum(work_s <= 60.0 for work_s in found), "of 20")
-    # At 0.2 m/s wind and trim turn her as much as a rudder does that has lost most of its way.
-    assert sum(work_s <= 60.0 for work_s in found) >= (17 if name == "weak" else 20)
+    # At 0.2 m/s wind and trim may turn her as a whole boat would turn against them: one took 71 s.
+    assert sum(work_s <= 60.0 for work_s in found) >= (19 if name == "weak" else 20)
     # The firmware itself, with a servo and a compass of the test's own.
     itself = [bladeless(name, seed, turn_deg) for seed, turn_deg in enumerate(turns_deg[:3], 1)]
     assert None not in itself

@@ -79,7 +79,7 @@ def stored(directory, name, content):
 
 def test_a_checkpoint_of_today_has_its_version_and_comes_back():
     text = state_to_text(under_way())
-    assert text.startswith('{"version":4,')
+    assert text.startswith('{"version":5,')
     again, notes = state_from_text(text)
     assert notes == ()
     assert again == under_way()
@@ -326,7 +326,7 @@ def test_what_earlier_versions_left_unknown_and_the_fewer_faults_they_had():
     before = {"$": "AuthorityState", "lost": True, "slow_rudder_rad": None}
     text = json.dumps({"$": "State", "watch": {"$": "WatchState", "authority": before}})
     state, notes = state_from_text(text)
-    assert (state.supervisor.steering_monitor.unresponsive, notes) == (True, ())
+    assert (state.supervisor.steering_monitor.answer.missing, notes) == (True, ())
     oscillation = {"$": "OscillationState", "softness": 4.0, "softened_at": 3}
     supervisor = {"$": "SupervisorState", "oscillation": oscillation}
     state, notes = state_from_text(json.dumps({"version": 3, "$": "State", "supervisor": supervisor}))

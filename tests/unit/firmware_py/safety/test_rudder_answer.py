@@ -1,33 +1,50 @@
 import math
+import random
 
+import numpy as np
 import pytest
 
 from firmware_py.common.angles import radians
 from firmware_py.model.kt import OCEAN_RAMBLER, decay_over
-from firmware_py.safety.rudder_answer import RudderAnswerState, update
+from firmware_py.safety.rudder_answer import (
+    BOATS,
+    GUSTS_SQUARE_S,
+    OTHERS_RAD,
+    OTHERS_S,
+    UNSURE,
+    RudderAnswerState,
+    interrupted,
+    update,
+)
 
 SPEED_M_S, BLOCK_S, SD_RAD = 0.9, 2.0, radians(1.0)
-SHIP = OCEAN_RAMBLER.at_speed(SPEED_M_S)
 
 
 class Boat:
     """A boat that answers late by blocks, with a part of her turning ability and a longer lag, pushed by wind."""
 
-    def __init__(self, answers=1.0, late=0, lags=1.0, wind_rad=-0.09):
+    def __init__(self, answers=1.0, late=0, lags=1.0, wind_rad=-0.09, speed_m_s=SPEED_M_S, sd_rad=SD_RAD):
         self.state, self.rate_rad_s, self.rudders = RudderAnswerState(), 0.0, [0.0] * late
         self.answers, self.lags, self.wind_rad = answers, lags, wind_rad
+        self.ship, self.speed_m_s, self.sd_rad = OCEAN_RAMBLER.at_speed(speed_m_s), speed_m_s, sd_rad
+
+    def block(self, rudder_rad, error_rad, noise_rad=0.0):
+        """Hold the rudder over for a block; return what she turned in it."""
+        self.rudders.append(rudder_rad)
+        steady_rad_s = self.ship.turning_ability_1_s * (self.answers * self.rudders.pop(0) + self.wind_rad)
+        gone = 1.0 - decay_over(BLOCK_S, self.lags * self.ship.turning_lag_s)
+        self.rate_rad_s += gone * (steady_rad_s - self.rate_rad_s)
+        turned_rad = self.rate_rad_s * BLOCK_S + noise_rad
+        block = (rudder_rad, turned_rad, BLOCK_S)
+        self.state = update(OCEAN_RAMBLER, self.state, block, self.sd_rad, self.speed_m_s, error_rad)
+        return turned_rad
 
     def hold(self, seconds, rudder_rad, error_rad):
-        """Hold the rudder over for blocks; return after how long she is told not to answer, None where she is not."""
+        """Hold the rudder over; return after how long another is told of her answer than before, None where none is."""
+        was = self.state.missing
         for block in range(round(seconds / BLOCK_S)):
-            self.rudders.append(rudder_rad)
-            steady_rad_s = SHIP.turning_ability_1_s * (self.answers * self.rudders.pop(0) + self.wind_rad)
-            gone = 1.0 - decay_over(BLOCK_S, self.lags * SHIP.turning_lag_s)
-            self.rate_rad_s += gone * (steady_rad_s - self.rate_rad_s)
-            turned_rad = self.rate_rad_s * BLOCK_S
-            block_of = (rudder_rad, turned_rad, BLOCK_S)
-            self.state = update(OCEAN_RAMBLER, self.state, block_of, SD_RAD, SPEED_M_S, error_rad)
-            if self.state.missing:
+            self.block(rudder_rad, error_rad)
+            if self.state.missing is not was:
                 return (block + 1) * BLOCK_S
         return None
 
@@ -56,3 +73,124 @@ def test_a_helm_that_holds_her_against_gusts_tells_nothing():
         rudder_rad = radians(5.0) + 0.4 * math.sin(block / 5.0)
         boat.wind_rad = -rudder_rad
         assert boat.hold(BLOCK_S, rudder_rad, 0.1) is None
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "sd_deg", "lost_s", "again_s"),
+    [
+        (0.2, 1.0, 72.0, 20.0),
+        (0.2, 3.0, 90.0, 30.0),
+        (0.4, 1.0, 40.0, 12.0),
+        (0.4, 3.0, 52.0, 18.0),
+        (0.9, 1.0, 26.0, 8.0),
+        (0.9, 6.0, 38.0, 14.0),
+    ],
+)
+def test_how_long_it_takes_is_a_matter_of_her_way_and_of_how_well_her_heading_is_known(
+    speed_m_s, sd_deg, lost_s, again_s
+):
+    boat = Boat(speed_m_s=speed_m_s, sd_rad=radians(sd_deg))
+    assert boat.hold(400.0, radians(5.0), 0.0) is None
+    boat.answers = 0.0
+    lost = boat.hold(200.0, radians(-25.0), -1.0)
+    boat.answers = 1.0
+    assert (lost, boat.hold(200.0, radians(30.0), 1.0)) == (lost_s, again_s)
+
+
+def test_the_speed_is_the_mean_of_the_first_200_s_and_is_forgotten_in_as_much():
+    boat = Boat()
+    for block in range(100):
+        boat.speed_m_s = 0.4 if block % 2 else 0.8
+        boat.block(0.0, 0.0)
+    assert boat.state.speed_m_s == pytest.approx(0.6)
+    boat.speed_m_s = 1.6
+    for _ in range(100):
+        boat.block(0.0, 0.0)
+    assert boat.state.speed_m_s == pytest.approx(1.6 - math.exp(-1.0), abs=0.01)
+
+
+@pytest.mark.parametrize(("error_deg", "told"), [(9.0, False), (11.0, True), (-11.0, False)])
+def test_only_a_rudder_that_is_to_bring_her_where_she_is_not_speaks_against_her(error_deg, told):
+    boat = Boat()
+    boat.hold(120.0, radians(5.0), 0.0)
+    boat.answers = 0.0
+    assert (boat.hold(120.0, radians(30.0), radians(error_deg)) is not None) is told
+
+
+def test_how_much_wind_and_trim_wander_is_learned_in_half_an_hour():
+    numbers, wander_rad, boat, keep = random.Random(3), 0.0, Boat(), math.exp(-BLOCK_S / OTHERS_S)
+    for _ in range(1800):
+        wander_rad = keep * wander_rad + math.sqrt(1.0 - keep * keep) * radians(numbers.gauss(0.0, 5.0))
+        boat.wind_rad = wander_rad - 0.09
+        boat.block(-boat.wind_rad, 0.0)
+    assert math.degrees(math.sqrt(boat.state.wander)) == pytest.approx(4.5, rel=0.1)
+    assert boat.state.boats[0].mean_rad == pytest.approx(-0.09, abs=0.02)
+    calm = Boat(wind_rad=0.0)
+    calm.hold(1800.0, 0.0, 0.0)
+    assert math.degrees(math.sqrt(calm.state.wander)) == pytest.approx(1.49, rel=0.02)
+    calm.answers = 0.0
+    calm.hold(16.0, radians(20.0), 1.0)
+    before = calm.state.wander
+    calm.hold(16.0, radians(20.0), 1.0)
+    assert calm.state.wander == before
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_evidence_is_the_ratio_of_the_likelihoods_of_all_that_was_seen(seed):
+    """Computed at once, with the covariance of all headings, for the boat as told at her least and for none."""
+    boat, numbers, turned_rad, count = Boat(answers=0.0, wind_rad=0.0, sd_rad=radians(6.0)), random.Random(seed), [], 12
+    for _ in range(count):
+        turned_rad.append(boat.block(radians(25.0), None, noise_rad=numbers.gauss(0.0, radians(0.1))))
+        assert boat.state.boats[0].evidence > 0.0
+    decay = decay_over(BLOCK_S, boat.ship.turning_lag_s) ** np.arange(count)
+    gone = 1.0 - decay_over(BLOCK_S, boat.ship.turning_lag_s)
+    felt_rad = radians(25.0) * (1.0 - decay * gone * boat.ship.turning_lag_s / BLOCK_S)
+    by_rudder, until_now = boat.ship.turning_ability_1_s * BLOCK_S, np.tril(np.ones((count, count)))
+    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    others = OTHERS_RAD**2 * np.exp(-BLOCK_S * apart / OTHERS_S) + GUSTS_SQUARE_S / BLOCK_S * np.eye(count)
+    unsure = (UNSURE * boat.sd_rad) ** 2 * (np.eye(count) + np.ones((count, count)))
+    inverse = np.linalg.inv(by_rudder**2 * until_now @ others @ until_now.T + unsure)
+    heading_rad = until_now @ turned_rad
+    beyond_rad = heading_rad - BOATS[0][3] * by_rudder * until_now @ felt_rad
+    ratio = 0.5 * (beyond_rad @ inverse @ beyond_rad - heading_rad @ inverse @ heading_rad)
+    assert boat.state.boats[0].evidence == pytest.approx(ratio)
+
+
+def test_a_heading_that_was_not_seen_for_a_while_leaves_what_was_learned_and_the_verdict():
+    boat = Boat(answers=0.0)
+    boat.hold(120.0, radians(5.0), 0.0)
+    boat.hold(20.0, radians(-25.0), -1.0)
+    state = interrupted(boat.state)
+    assert all(before.evidence > 0.0 for before in boat.state.boats[:4])
+    assert {(after.evidence, after.lacks_rad, after.beyond_rad) for after in state.boats} == {(0.0, 0.0, 0.0)}
+    assert [after.mean_rad for after in state.boats] == [before.mean_rad for before in boat.state.boats]
+    assert (state.wander, state.speed_m_s) == (boat.state.wander, boat.state.speed_m_s)
+    assert boat.hold(120.0, radians(-25.0), -1.0) is not None
+    assert interrupted(boat.state).missing
+
+
+def test_a_blade_that_is_lost_stays_so_while_the_wind_turns_her_about():
+    """What else turns her wanders as it does in the weak sea, ten times as long as it takes to tell."""
+    boat = Boat(speed_m_s=0.2)
+    assert boat.hold(400.0, radians(5.0), 0.0) is None
+    boat.answers = 0.0
+    assert boat.hold(100.0, radians(-25.0), -1.0) is not None
+    numbers = random.Random(2)
+    for _ in range(500):
+        boat.wind_rad += 0.02 * (-0.09 - boat.wind_rad) + 0.2 * radians(numbers.gauss(0.0, 2.0))
+        boat.block(radians(-25.0), -1.0)
+        assert boat.state.missing
+
+
+@pytest.mark.parametrize("speed_m_s", [0.2, 0.9])
+def test_wind_that_turns_her_as_half_a_rudder_would_against_it_hides_a_lost_blade_and_half_as_much_does_not(speed_m_s):
+    """The limit of any test: headings that are the same tell nothing."""
+    over_rad = radians(28.0)
+    half, lost = Boat(answers=0.5, speed_m_s=speed_m_s), Boat(answers=0.0, speed_m_s=speed_m_s)
+    half.wind_rad, lost.wind_rad = -0.25 * over_rad, 0.25 * over_rad
+    for _ in range(300):
+        assert half.block(over_rad, 1.0) == pytest.approx(lost.block(over_rad, 1.0))
+        assert not half.state.missing
+        assert not lost.state.missing
+    lost = Boat(answers=0.0, speed_m_s=speed_m_s, wind_rad=0.125 * over_rad)
+    assert lost.hold(120.0, over_rad, 1.0) is not None
