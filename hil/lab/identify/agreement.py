@@ -80,7 +80,8 @@ def _frozen(values: Floats, witnesses: Sequence[Floats]) -> NDArray[np.bool_]:
     if not long.any() or elsewhere < LEAST_WINDOWS:
         return frozen
     # The sensor's own step; noise that is finer has smaller ones.
-    step = float(np.quantile(np.abs(np.diff(values)[np.diff(values) != 0.0]), 0.05))
+    steps = np.abs(np.diff(values)[np.diff(values) != 0.0])
+    step, usual = (float(np.quantile(steps, share)) for share in (0.05, 0.5))
     for number in np.flatnonzero(long).tolist():
         rows = slice(int(bounds[number]), int(bounds[number + 1]))
         width = max(min(int(lengths[number]), elsewhere // 4), 2)
@@ -88,7 +89,9 @@ def _frozen(values: Floats, witnesses: Sequence[Floats]) -> NDArray[np.bool_]:
         if float(np.quantile(np.ptp(parts, axis=1), 0.25)) <= COARSE_STEPS * step:
             continue
         busy = [_size(one[rows]) > AS_BUSY * _size(one[moving]) for one in witnesses]
-        goes_on = rows.stop < values.size and abs(values[rows.stop] - values[rows.start]) <= NEXT_STEPS * step
+        # A coarse sensor goes on by its step, which digits that are cut off make larger for larger headings.
+        own = max(step, float(abs(values[rows.start] - values[max(rows.start - 1, 0)])), usual)
+        goes_on = rows.stop < values.size and abs(values[rows.stop] - values[rows.start]) <= NEXT_STEPS * own
         # The rudder alone is no witness of a coarse compass that stands still while a turn ends and another begins.
         frozen[rows] = any(busy[int(goes_on) :])
     return frozen

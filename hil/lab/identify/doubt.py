@@ -9,20 +9,19 @@ import numpy as np
 
 from hil.lab.identify.estimates import Estimates
 from hil.lab.identify.fit import Fit
-from hil.lab.identify.lateness import Lateness
+from hil.lab.identify.left_out import LeftOut
 from hil.lab.identify.loop import Loop
-from hil.lab.identify.predict import to_natural
 from hil.lab.identify.recording import Floats
 
 ANSWERED_BIAS = 0.25  # of what is unexplained: how far off K and T may be where the rudder answers it
 
 
-def doubted(estimates: Estimates, fit: Fit, loop: Loop, late: Lateness | None) -> Estimates:
-    """Return estimates whose errors allow for a rudder that answers, columns that disagree, and a late answer of hers.
+def doubted(estimates: Estimates, fit: Fit, loop: Loop, left_out: LeftOut | None) -> Estimates:
+    """Return estimates whose errors allow for a rudder that answers, columns that disagree, and a dead time or slack.
 
-    late: None where nothing is late.
+    left_out: None where neither shows.
     """
-    steps = [*_answers(loop), _disagreement(fit), *([] if late is None else [_moved(fit, late)])]
+    steps = [*_answers(loop), _disagreement(fit), *([] if left_out is None else [left_out.moved])]
     by = np.array(steps)[:, list(estimates.free)]
     return replace(estimates, covariance=estimates.covariance + by.T @ by)
 
@@ -37,9 +36,3 @@ def _disagreement(fit: Fit) -> Floats:
     """Return what it does to ln K and alpha r^2 that heading and yaw rate turn by different measures."""
     apart = math.log(fit.problem.data.rate_scale)
     return apart * np.array([1.0, 0.0, -2.0 * float(fit.state.point.values[2]), 0.0])
-
-
-def _moved(fit: Fit, late: Lateness) -> Floats:
-    step = np.zeros(4)
-    step[list(fit.problem.free)] = to_natural(fit.state.point.values, fit.problem.free)[1] @ late.moved
-    return step

@@ -16,7 +16,7 @@ from hil.lab.identify.doubt import doubted
 from hil.lab.identify.estimates import allowing_for_cubic, estimates_of, with_slow_noise
 from hil.lab.identify.fit import CUBIC, Fit, search
 from hil.lab.identify.held_out import HeldOut, errors_of, held_out
-from hil.lab.identify.lateness import Lateness, lateness_of
+from hil.lab.identify.left_out import LeftOut, left_out_of
 from hil.lab.identify.loop import Loop, loop_of
 from hil.lab.identify.noise import Whiteness, whiteness
 from hil.lab.identify.recording import Recording
@@ -110,9 +110,9 @@ def identify(
     found = chosen.fit
     choice = Choice(chosen.model, chosen.why, chosen.scaled, chosen.speed_why, timing)
     data = next(one for one, scaled in kinds if scaled == chosen.scaled)
-    loop, late = _loop_or_late(found)
+    loop, left_out = _loop_or_left_out(found)
     found = with_slow_noise(found)
-    judgement = _warned(_judged(found, model, loop, late), found, late)
+    judgement = _warned(_judged(found, model, loop, left_out), found, left_out)
     _check_size(data, judgement)
     brought = Brought(
         searched.box.guess_misfit,
@@ -139,7 +139,7 @@ def identify(
     )
 
 
-def _judged(found: Fit, model: str, loop: Loop, late: Lateness | None) -> Judgement:
+def _judged(found: Fit, model: str, loop: Loop, left_out: LeftOut | None) -> Judgement:
     """Judge a fit, K, T and delta0 with regard to an alpha that is held at zero but need not be zero."""
     estimates, alpha = estimates_of(found), None
     if found.problem.free != CUBIC:
@@ -151,23 +151,23 @@ def _judged(found: Fit, model: str, loop: Loop, late: Lateness | None) -> Judgem
                 place = CUBIC.index(2)
                 spread = math.sqrt(max(float(allowing.covariance[place, place]), 0.0))
                 estimates, alpha = allowing, (0.0, spread / found.problem.scales.yaw_rate_rad_s**2)
-    return judge(found, doubted(estimates, found, loop, late), alpha, loop)
+    return judge(found, doubted(estimates, found, loop, left_out), alpha, loop)
 
 
-def _loop_or_late(found: Fit) -> tuple[Loop, Lateness | None]:
+def _loop_or_left_out(found: Fit) -> tuple[Loop, LeftOut | None]:
     """Tell a rudder that answers her from a boat that answers late: each looks like the other in a repeated plan."""
-    loop, late = loop_of(found), lateness_of(found)
-    if late is not None and loop.answered:
-        beside = loop_of(found, late)
-        return (loop, None) if beside.answered else (replace(loop, answered=0.0), late)
-    return loop, late
+    loop, left_out = loop_of(found), left_out_of(found)
+    if left_out is not None and loop.answered:
+        beside = loop_of(found, left_out)
+        return (loop, None) if beside.answered else (replace(loop, answered=0.0), left_out)
+    return loop, left_out
 
 
-def _warned(judgement: Judgement, found: Fit, late: Lateness | None) -> Judgement:
+def _warned(judgement: Judgement, found: Fit, left_out: LeftOut | None) -> Judgement:
     """Add what was seen of the data before the fit, and a boat that the equation is not of."""
     warnings, estimates = [*found.problem.data.warnings, *judgement.warnings], dict(judgement.estimates)
-    if late is not None and judgement.usable and late.warning():
-        warnings.append(late.warning())
+    if left_out is not None and judgement.usable and left_out.warning():
+        warnings.append(left_out.warning())
     if estimates["T"].verdict != IDENTIFIABLE:
         unstable = seems_unstable(found)
         if unstable:

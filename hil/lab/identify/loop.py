@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import f as f_distribution
 
 from hil.lab.identify.fit import Fit
-from hil.lab.identify.lateness import Lateness
+from hil.lab.identify.left_out import LeftOut
 from hil.lab.identify.noise import fit_noise
 from hil.lab.identify.recording import Floats
 from hil.lab.identify.stretch import Stretch
@@ -37,15 +37,15 @@ class Loop:
     answered: float
 
 
-def loop_of(fit: Fit, late: Lateness | None = None) -> Loop:
-    """Look at what a fit leaves unexplained, and what she does later than it says where she does."""
-    data, state = fit.problem.data, fit.state if late is None else late.state
+def loop_of(fit: Fit, left_out: LeftOut | None = None) -> Loop:
+    """Look at what a fit leaves unexplained, or one that has what the equation leaves out."""
+    data, state = fit.problem.data, fit.state if left_out is None else left_out.state
     parts = []
     for stretch, start in zip(data.stretches, state.starts, strict=True):
-        heading, rate = fit.problem.motion(stretch, state, start)
-        if late is not None:
-            heading, rate = heading - late.seconds * rate, rate - late.seconds * np.gradient(rate, stretch.time_s)
-        parts.append((stretch, heading, rate))
+        if left_out is None:
+            parts.append((stretch, *fit.problem.motion(stretch, state, start)))
+        else:
+            parts.append((stretch, *left_out.motion(fit.problem, stretch, start)))
     lag_s = min(float(fit.physical[1]), data.duration_s / LEAST_TURNS)
     every = max(1, round(lag_s / data.usual_step_s))
     answers = [_answered([_beside(*part, step) for part in parts]) for step in STEPS]

@@ -12,6 +12,7 @@ from hil.lab.identify.stretch import Stretch
 
 WIDTHS = (5, 10, 20, 50, 100)  # rows, over which the yaw rate's change is set against what makes it
 AT_BOUND = 1e-3  # of ln T
+MOST_BENT = 10.0  # alpha r^2 of a boat that has a linear term to speak of
 CERTAIN, EXPLAINED = 4.0, 0.5  # standard errors; share of the changes
 
 
@@ -24,9 +25,9 @@ def seems_unstable(fit: Fit) -> bool:
 
 
 def runs_away(fit: Fit) -> bool:
-    """Whether T is as long as is looked for, with nothing but the cubic term to end a turn."""
-    longest = float(fit.problem.bounds()[1][1])
-    return 2 in fit.problem.free and float(fit.state.point.values[1]) >= longest - AT_BOUND
+    """Whether hardly anything but the cubic term ends a turn: T as long as is looked for, or alpha r^2 far above 1."""
+    longest, values = float(fit.problem.bounds()[1][1]), fit.state.point.values
+    return 2 in fit.problem.free and (float(values[1]) >= longest - AT_BOUND or float(values[2]) > MOST_BENT)
 
 
 def _changes(stretch: Stretch, width: int) -> tuple[Floats, Floats]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hil.lab.identify.estimates import Estimates
-from hil.lab.identify.fit import Fit
+from hil.lab.identify.fit import PARAMETERS, Fit
 from hil.lab.identify.loop import Loop
 from hil.lab.identify.recording import Floats
 
@@ -70,14 +70,14 @@ def judge(fit: Fit, estimates: Estimates, alpha: tuple[float, float] | None, loo
     explained = _explained(covariance)
     refusal = _refusal(fit, loop, explained=explained)
     # Disturbances that are answered look like an endless T, and the ratio to it is as wrong as K.
-    lost = loop.answered > 0.0 and ln_gain_se > LOOSE
+    lost = loop.answered > 0.0 and ln_gain_se > LOOSE and loop.explained < PLAINLY_EXPLAINED
     ratio = Estimate(
         gain / lag_s,
         _finite(abs(gain) / lag_s * ratio_se),
         IDENTIFIABLE if ratio_se <= LOOSE and not refusal and not lost else NOT_IDENTIFIABLE,
-        f"known to {_percent(ratio_se)}",
+        f"known to {_percent(ratio_se)}" + ", were the rest not answered by the rudder" * lost,
     )
-    short = fit.problem.data.duration_s < LEAST_LAGS * lag_s
+    short = fit.problem.data.duration_s < LEAST_LAGS * lag_s or fit.effective_rows < FEWEST_READINGS
     main = {
         "K": _main("K", gain, ln_gain_se, ratio, refusal, short=short),
         "T": _main("T", lag_s, ln_lag_se, ratio, refusal, short=short),
@@ -112,7 +112,7 @@ def _refusal(fit: Fit, loop: Loop, *, explained: bool) -> str:
     if seconds < SHORTEST_S:
         least = f"{SHORTEST_S:.0f} s are the least"
         return f"{seconds:.0f} s are too short to tell the rudder's work from a few waves; {least}"
-    if readings < FEWEST_READINGS:
+    if readings < FEWEST_READINGS and not _plain(loop, readings):
         return f"worth {readings:.0f} independent readings only, where {FEWEST_READINGS:.0f} are the least"
     if loop.answered and loop.explained < LEAST_EXPLAINED:
         share = _percent(max(loop.explained, 0.0))
@@ -127,6 +127,12 @@ def _refusal(fit: Fit, loop: Loop, *, explained: bool) -> str:
             "(closed loop); steer by a plan, and log more often"
         )
     return ""
+
+
+def _plain(loop: Loop, readings: float) -> bool:
+    """Whether so few readings leave no doubt, their share that so many parameters explain of anything taken off."""
+    left = readings - PARAMETERS - 1.0
+    return left > 0.0 and (1.0 - loop.explained) * (readings - 1.0) / left <= 1.0 - PLAINLY_EXPLAINED
 
 
 def _explained(covariance: Floats) -> bool:

@@ -138,3 +138,16 @@ def test_a_coarse_compass_that_stands_still_between_two_turns_is_not_called_froz
     data = prepare([yard.recorded(time, rudder, heading, rate, noise=0.0, resolution=1.0, channels="h")])
     assert not data.warnings
     assert data.rows == time.size
+
+
+def test_a_heading_of_three_digits_that_goes_on_by_its_own_step_is_not_called_frozen(yard):
+    """As published model tests are written: above 10 deg they stood still for seconds at each turn of a zigzag."""
+    time = np.arange(6000) * 0.1
+    rudder = yard.zigzag(time, np.radians(10.0), 60.0)
+    heading, rate = yard.boat(0.06, 30.0).motion(time, rudder)
+    degrees = np.degrees(heading)
+    cut = 10.0 ** (np.floor(np.log10(np.maximum(np.abs(degrees), 0.01))) - 2.0)
+    coarse = np.radians(np.round(degrees / cut) * cut)
+    assert np.max(np.abs(degrees)) > 15.0
+    data = prepare([yard.recorded(time, rudder, coarse, rate, noise=0.0, channels="h")])
+    assert (data.rows, data.warnings) == (time.size, ())

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import cont2discrete, lfilter
 
 from firmware_py.common.parameters import parse_file
 from hil.__main__ import main
@@ -154,6 +155,20 @@ def test_one_circle_alone_tells_no_model(yard):
     judgement = identify([yard.recorded(time, rudder, heading, rate, rate_noise=0.0)]).judgement
     assert not judgement.usable
     assert {judgement.estimates[name].verdict for name in ("K", "alpha", "delta0")} == {"not identifiable"}
+
+
+@pytest.mark.parametrize(("rows", "leg"), [(800, 40.0), (1600, 40.0)])
+def test_a_clean_manoeuvre_that_the_equation_hardly_fits_tells_the_ratio(yard, rows, leg):
+    """Of a ship of second order what is left is few readings' worth: it was refused, all but explained as it was."""
+    time = np.arange(rows) * 0.1
+    rudder = yard.zigzag(time, 0.35, leg, 0.1)
+    top, bottom, _ = cont2discrete(([0.1], [80.0, 18.0, 1.0]), 0.1, "foh")
+    rate = lfilter(top.ravel(), bottom, rudder)
+    heading = np.concatenate(([0.0], np.cumsum(0.05 * (rate[1:] + rate[:-1]))))
+    found = identify([yard.recorded(time, rudder, heading, rate, noise=0.02, rate_noise=0.002)])
+    assert found.fit.effective_rows < 30.0
+    assert {found.judgement.estimates[name].verdict for name in "KT"} == {"only the ratio K/T is identifiable"}
+    assert abs(found.judgement.ratio.value - 0.1 / 18.0) < 2.5 * found.judgement.ratio.se
 
 
 def test_an_autopilot_that_changes_course_tells_the_boat_and_is_told():

@@ -185,6 +185,16 @@ def test_a_ship_that_does_not_run_straight_by_herself_is_not_given_a_model(yard,
     assert any("is she unstable?" in warning for warning in data["warnings"])
 
 
+def test_the_rudder_offset_of_a_ship_whose_turns_only_a_cube_ends_is_not_believed(yard):
+    """By compass alone she may not be seen to be unstable, and the offset was 10 of its standard errors off."""
+    time = np.arange(4500) * 0.2
+    plan = np.radians([20.0, -20.0, 20.0, 0.0, -10.0, 10.0, -20.0, 30.0, -30.0])
+    rudder = np.interp(time, time + 1.0, plan[(time // 25.0).astype(int) % plan.size])
+    heading, rate = sailed(time, rudder - 0.01, np.full(time.size, 0.4), -0.1, -5.0, -6000.0)
+    found = identify([yard.recorded(time, rudder, heading, rate, noise=0.5, channels="h")])
+    assert {one.verdict for one in found.judgement.estimates.values()}.isdisjoint({"identifiable"})
+
+
 @pytest.mark.parametrize(
     "split", [pytest.param(one, marks=[pytest.mark.proof] if number > 1 else []) for number, one in enumerate(SPLITS)]
 )
