@@ -14,6 +14,7 @@ from firmware_py.link.files.root import FileRoot
 from firmware_py.log.disk import LocalDisk, last_written_s, log_files
 from firmware_py.log.recorder import LogRecorder
 from firmware_py.sensors.receiver_time import DatedPosition
+from firmware_py.system.clock import LockstepClock
 from firmware_py.system.state_directory import LOG_DIRECTORY, UPLOAD_DIRECTORY
 
 
@@ -32,7 +33,10 @@ def storage_of(directory: Path, parameters: ParameterSet) -> FileRoot:
 def recorder_of(
     directory: Path, parameters: ParameterSet, plans: Plans, clock: Clock, commit: str, opened: ExitStack
 ) -> LogRecorder | None:
-    """Return what writes the logs of a state directory, closed with the rest; None where parameters want none."""
+    """Return what writes the logs of a state directory, closed with the rest; None where parameters want none.
+
+    In lockstep the disk takes no time, however slow it is.
+    """
     if not parameters["LOG_ENABLE"]:
         return None
     file_bytes, least_bytes = int(parameters["LOG_FILE_MB"] * 1e6), int(parameters["LOG_FREE_MB"] * 1e6)
@@ -45,6 +49,7 @@ def recorder_of(
         least_bytes=least_bytes,
         utc_s=clock.utc_s(),
         software=version_text("rambler", commit),
+        patient=isinstance(clock, LockstepClock),
         disk=LocalDisk(kept_days=parameters["LOG_KEEP_DAYS"], spare_bytes=least_bytes + file_bytes),
         clock_utc_s=clock.utc_s,
     )

@@ -53,6 +53,7 @@ class LogRecorder:
         queue_batches: int = 2048,
         queue_bytes: int = 4 << 20,
         background: bool = True,
+        patient: bool = False,
         disk: Disk | None = None,
         clock_utc_s: Callable[[], float] | None = None,
     ) -> None:
@@ -62,7 +63,8 @@ class LogRecorder:
         the oldest goes; none is begun with less than least_bytes free. `utc_s` is the time of
         the start. Without `background` the ticks
         are written on the caller's thread whenever the queue is half full: nothing is
-        dropped, but the caller waits for the disk. With the computer's clock a thin log is kept beside,
+        dropped, but the caller waits for the disk. So it does with `patient` until the first tick is there, and
+        whenever the queue is full. With the computer's clock a thin log is kept beside,
         and what is closed is compressed.
         """
         self._file_bytes = min(file_bytes, keep_bytes // 2)
@@ -89,6 +91,7 @@ class LogRecorder:
             queue_bytes=queue_bytes,
             flush_s=FLUSH_S,
             least_bytes=least_bytes,
+            patient=patient,
             turn=self._keep_house,
             finish=self._finish_thin_log,
         )

@@ -49,14 +49,16 @@ class LogWriter:
         queue_bytes: int,
         flush_s: float,
         least_bytes: int = 0,
+        patient: bool = False,
         turn: Callable[[int], None] = lambda _written_bytes: None,
         finish: Callable[[], None] = lambda: None,
     ) -> None:
         """Write into directory, whose older files are removed beyond room_bytes.
 
-        No file is begun while the disk has less than least_bytes free. `turn` is called on the writer's thread every
-        flush_s, or without one whenever the queue is half full, with what has been written since, `finish` at the end;
-        neither may raise.
+        No file is begun while the disk has less than least_bytes free. With `patient` the loop waits for the first that
+        reaches the disk, and for room in the queue: where time stands still meanwhile. `turn` is called on the
+        writer's thread every flush_s, or without one whenever the queue is half full, with what has been written
+        since, `finish` at the end; neither may raise.
         """
         self._directory = directory
         self._disk = disk
@@ -80,7 +82,8 @@ class LogWriter:
         self.short = False  # of room
         self.proven = False  # something has reached the medium
         self._closing = False
-        self._wake = threading.Event()
+        self._patient = patient
+        self._wake, self._turned = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None
 
     # ------------------------------------------------------------- the loop's side
@@ -101,6 +104,12 @@ class LogWriter:
             self.work()
         elif busy and not self._wake.is_set():
             self._wake.set()
+        if self._patient and (thread := self._thread) is not None:
+            while thread.is_alive() and (self.full() or not (self.proven or self.failure)):
+                self._turned.clear()
+                self._wake.set()
+                if not self._turned.wait(CLOSE_WAIT_S):
+                    break
 
     def start(self) -> None:
         """Write on a thread of its own from now on."""
@@ -142,6 +151,7 @@ class LogWriter:
         self.drain()
         self._turn(self._taken_bytes - before)
         self._turns += 1
+        self._turned.set()
 
     def _finish(self) -> None:
         self.drain()

@@ -94,7 +94,8 @@ def test_a_paced_run_is_the_same_run(tmp_path):
     words = ["run", "tank", "--seconds", "20", "--goal", "0:30"]
     assert rambler_hil(*words, "--speed", "max", "--out", str(tmp_path / "a"))[0] == 0
     assert rambler_hil(*words, "--speed", "15", "--out", str(tmp_path / "b"))[0] == 0
-    assert (tmp_path / "a" / "truth.csv").read_bytes() == (tmp_path / "b" / "truth.csv").read_bytes()
+    for file in ("truth.csv", "state/logs/00000001.BIN"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes(), file
     assert json.loads((tmp_path / "b" / "summary.json").read_text())["speed_ratio"] <= 15.01
 
 

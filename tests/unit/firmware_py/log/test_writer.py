@@ -198,6 +198,28 @@ def test_a_queue_half_full_wakes_the_thread(disk):
     assert disk.files == {"1": b"onetwothree"}
 
 
+def test_a_patient_loop_waits_for_the_first_on_the_disk_and_for_room(disk):
+    """As in lockstep, where neither a log nor what is told of it may depend on how fast the disk is."""
+    writer = writer_on(disk, queue_batches=4, patient=True)
+    writer.start()
+    put(writer, b"ONE")
+    assert (writer.proven, disk.files) == (True, {"1": b"one"})
+    for _ in range(40):
+        assert not writer.full()
+        put(writer, b"two")
+    writer.close()
+    assert (disk.files, writer.lost) == ({"1": b"one" + 40 * b"two"}, 0)
+
+
+def test_a_patient_loop_goes_on_where_there_is_no_disk(disk):
+    disk.create_error = OSError(errno.EROFS, "Read-only file system")
+    writer = writer_on(disk, patient=True)
+    writer.start()
+    put(writer, b"ONE", b"two")
+    assert (writer.proven, writer.failure) == (False, "log: Read-only file system")
+    writer.close()
+
+
 def test_without_a_thread_a_queue_half_full_is_written_at_once(disk):
     writer = writer_on(disk, queue_batches=4)
     put(writer, b"ONE", b"two", b"three", b"four", b"five")
