@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from firmware_py.cli.state_owner import check_directory, check_owner
+from firmware_py.cli.state_owner import check_directory, check_owner, check_readable
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, Plans, from_text, to_text
 from firmware_py.files.making import exact_modes
 from firmware_py.files.reading import read_regular
@@ -110,7 +110,8 @@ def _load(arguments: argparse.Namespace) -> None:
 
 
 def _show(arguments: argparse.Namespace) -> None:
-    plans = tuple(_stored_plans(arguments.state).of(kind) for kind in PlanKind)
+    stored = _stored_plans(arguments.state)
+    plans = tuple(stored.of(kind) for kind in PlanKind)
     if arguments.json:
         _print_json(plans)
         return
@@ -140,6 +141,7 @@ def _save(arguments: argparse.Namespace) -> None:
 def _stored_plans(directory: Path) -> Plans:
     """Read the plans as the autopilot would, which may be running meanwhile."""
     check_directory(directory)
+    check_readable(directory)
     plans = Plans()
     for name in PLAN_FILES.values():
         stored = examine(directory, name)

@@ -97,6 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
                 # The harness's GPS shows the time of its own world.
                 may_set_clock=arguments.lockstep is None and arguments.with_parent is None,
             )
+            _check_owner(options)
             assembly = assemble(vehicle, options)
             supervision = _supervise(assembly, arguments)
         except (VehicleError, PortError, StoreError, LinkError, ClockError, WatchdogError) as error:
@@ -112,6 +113,23 @@ def run(arguments: argparse.Namespace) -> int:
             signals.hold()
             realtime.start_anew()
         return SHUT_DOWN
+
+
+def _check_owner(options: Options) -> None:
+    """Raise StoreError for root on the state of another user, who could not use the files that root would leave.
+
+    With --wait, as in a service, she starts whatever she finds.
+    """
+    try:
+        owner_uid = options.state_directory.stat().st_uid
+    except OSError:
+        return  # it is to be made, or what is wrong is told where it is opened
+    if options.wait or os.geteuid() != 0 or owner_uid == 0:
+        return
+    from firmware_py.cli.state_owner import user_text  # noqa: PLC0415 - it stands on this module
+
+    owner = user_text(owner_uid)
+    raise StoreError(f"state directory {options.state_directory} belongs to {owner}; run this as that user (sudo -u)")
 
 
 def _supervise(assembly: Assembly, arguments: argparse.Namespace) -> Supervision:

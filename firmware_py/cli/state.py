@@ -18,7 +18,7 @@ from pathlib import Path
 
 from firmware_py import __version__
 from firmware_py.cli.refusal import refused
-from firmware_py.cli.state_owner import check_directory, check_owner
+from firmware_py.cli.state_owner import check_directory, check_owner, check_readable
 from firmware_py.common.records import Stored
 from firmware_py.core.resume import from_text as record_from_text
 from firmware_py.files.making import FILE_MODE, PRIVATE_MODE, exact_modes, write_whole
@@ -82,6 +82,7 @@ def _tell(text: str) -> None:
 
 def _export(arguments: argparse.Namespace) -> int:
     """Read what the next start would, beside an autopilot that may be running."""
+    check_readable(arguments.state)
     files: dict[str, str | None] = {}
     damaged = False
     for name in KEPT_NAMES:

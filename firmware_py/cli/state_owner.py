@@ -31,6 +31,13 @@ def check_directory(directory: Path) -> None:
         raise StoreError(text)
 
 
+def check_readable(directory: Path) -> None:
+    """StoreError when the directory, which is there, is closed to this user: what is in it has not been lost."""
+    if not os.access(directory, os.R_OK | os.X_OK):
+        owner = user_text(directory.stat().st_uid)
+        raise StoreError(f"state directory {directory} may not be read; run this as {owner}, or as root (sudo)")
+
+
 def check_owner(directory: Path) -> None:
     """StoreError when the directory, which is there, belongs to another user."""
     owner_uid = directory.stat().st_uid

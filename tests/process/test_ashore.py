@@ -143,6 +143,19 @@ def test_a_state_directory_that_cannot_be_written_keeps_no_boat_ashore(place, ve
     assert '"CTL_K1":33.0' in parameters_in_log(state)
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may write what belongs to others")
+def test_root_leaves_the_state_of_another_user_alone(place, vehicle):
+    """What root wrote there, parameters among it, the service's next start could not read."""
+    state = place / "state"
+    filled(state)
+    os.chown(state, NOBODY, NOBODY)
+    before = sorted(state.iterdir())
+    line = refused(vehicle, "--state", state)
+    assert line.startswith(f"rambler run: state directory {state} belongs to user ")
+    assert "run this as that user" in line
+    assert sorted(state.iterdir()) == before
+
+
 def test_what_can_not_even_be_read_is_told_and_the_vehicle_file_counts(place, vehicle, tmp_path):
     state = place / "state"
     filled(state)

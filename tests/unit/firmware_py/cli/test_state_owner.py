@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from firmware_py.__main__ import main
 from firmware_py.cli import preflight
 from firmware_py.cli.state_owner import state_directory_of
 from firmware_py.install.service_files import Service, unit_text
@@ -43,6 +44,28 @@ def test_a_state_that_may_not_be_read_is_not_said_to_have_lost_its_key(tmp_path,
     monkeypatch.setattr(preflight.os, "access", lambda *_: False)
     (finding,) = preflight.look_at_state(tmp_path)
     assert (finding.level, "(sudo)" in finding.text) == (preflight.Level.FAIL, True)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("plan", "show"), ("plan", "save", "OUT.plan"), ("state", "export", "OUT.state")],
+    ids=lambda words: words[1],
+)
+def test_what_may_not_be_read_is_not_said_to_be_gone(tmp_path, monkeypatch, capsys, words):
+    """Nor saved as what is left of it."""
+    monkeypatch.setattr("firmware_py.cli.state_owner.os.access", lambda *_: False)
+    monkeypatch.chdir(tmp_path)
+    assert main([*words, "--state", str(tmp_path)]) == 2
+    said = capsys.readouterr()
+    assert "may not be read; run this as user" in said.err
+    assert (said.err.count("\n"), said.out) == (1, "")
+    assert not list(tmp_path.iterdir())
+
+
+def test_damage_is_told_once(tmp_path, capsys):
+    (tmp_path / "mission.plan.0").write_text("spoilt")
+    assert main(["plan", "show", "--state", str(tmp_path)]) == 0
+    assert capsys.readouterr().err.count("no plan is left of it") == 1
 
 
 def test_files_that_somebody_else_has_left_in_a_state_are_found_before_she_sails(tmp_path, monkeypatch):
