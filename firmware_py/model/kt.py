@@ -55,6 +55,17 @@ OCEAN_RAMBLER = KtModel(
 )
 
 
+def yaw_drive(
+    yaw_rate_rad_s: float, rudder_rad: float, turning_ability_1_s: float, norrbin_s2: float, rudder_offset_rad: float
+) -> float:
+    """Return T dr/dt [rad/s] of the K-T equation."""
+    return (
+        turning_ability_1_s * (rudder_rad - rudder_offset_rad)
+        - yaw_rate_rad_s
+        - norrbin_s2 * yaw_rate_rad_s * yaw_rate_rad_s * yaw_rate_rad_s
+    )
+
+
 def yaw_acceleration(
     yaw_rate_rad_s: float,
     rudder_rad: float,
@@ -64,11 +75,7 @@ def yaw_acceleration(
     rudder_offset_rad: float,
 ) -> float:
     """Return dr/dt [rad/s^2] of the K-T equation."""
-    return (
-        turning_ability_1_s * (rudder_rad - rudder_offset_rad)
-        - yaw_rate_rad_s
-        - norrbin_s2 * yaw_rate_rad_s * yaw_rate_rad_s * yaw_rate_rad_s
-    ) / turning_lag_s
+    return yaw_drive(yaw_rate_rad_s, rudder_rad, turning_ability_1_s, norrbin_s2, rudder_offset_rad) / turning_lag_s
 
 
 def steady_yaw_rate(rudder_rad: float, turning_ability_1_s: float, norrbin_s2: float) -> float:
@@ -127,16 +134,16 @@ def rk4_step(
     The caller keeps step_s well below the turning lag, and smaller still when
     alpha r^2 is large (the equation is then stiff).
     """
-    half_s = 0.5 * step_s
+    share = step_s / turning_lag_s
     r1 = yaw_rate_rad_s
-    a1 = yaw_acceleration(r1, rudder_rad, turning_ability_1_s, turning_lag_s, norrbin_s2, rudder_offset_rad)
-    r2 = yaw_rate_rad_s + half_s * a1
-    a2 = yaw_acceleration(r2, rudder_rad, turning_ability_1_s, turning_lag_s, norrbin_s2, rudder_offset_rad)
-    r3 = yaw_rate_rad_s + half_s * a2
-    a3 = yaw_acceleration(r3, rudder_rad, turning_ability_1_s, turning_lag_s, norrbin_s2, rudder_offset_rad)
-    r4 = yaw_rate_rad_s + step_s * a3
-    a4 = yaw_acceleration(r4, rudder_rad, turning_ability_1_s, turning_lag_s, norrbin_s2, rudder_offset_rad)
+    d1 = yaw_drive(r1, rudder_rad, turning_ability_1_s, norrbin_s2, rudder_offset_rad)
+    r2 = yaw_rate_rad_s + 0.5 * share * d1
+    d2 = yaw_drive(r2, rudder_rad, turning_ability_1_s, norrbin_s2, rudder_offset_rad)
+    r3 = yaw_rate_rad_s + 0.5 * share * d2
+    d3 = yaw_drive(r3, rudder_rad, turning_ability_1_s, norrbin_s2, rudder_offset_rad)
+    r4 = yaw_rate_rad_s + share * d3
+    d4 = yaw_drive(r4, rudder_rad, turning_ability_1_s, norrbin_s2, rudder_offset_rad)
     return (
-        heading_rad + step_s * (r1 + 2.0 * r2 + 2.0 * r3 + r4) / 6.0,
-        yaw_rate_rad_s + step_s * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0,
+        heading_rad + step_s / 6.0 * (r1 + 2.0 * r2 + 2.0 * r3 + r4),
+        yaw_rate_rad_s + share / 6.0 * (d1 + 2.0 * d2 + 2.0 * d3 + d4),
     )

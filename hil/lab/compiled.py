@@ -120,6 +120,7 @@ def inner(function: Function) -> Function:
 
 # In the order in which they call each other.
 for _function in (
+    kt.yaw_drive,
     kt.yaw_acceleration,
     kt.steady_yaw_rate,
     kt.decay_over,
