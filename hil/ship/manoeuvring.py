@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from firmware_py.model.kt import KtModel, steady_yaw_rate, yaw_acceleration
+from firmware_py.model.kt import KtModel, rk4_step, steady_yaw_rate, yaw_acceleration
 from hil.ship.kt_plant import inner_steps
 from hil.ship.regressions import SwayModel
 
@@ -105,7 +105,10 @@ def planar_step(
     sway_drive_m_s: float,
     sway_damping_1_s: float,
 ) -> State:
-    """Advance (north, east, heading, yaw rate, sway) by one fourth-order Runge-Kutta step."""
+    """Advance (north, east, heading, yaw rate, sway) by one fourth-order Runge-Kutta step.
+
+    Heading and yaw rate do not depend on the others: theirs is that of the simulated ship.
+    """
     constants = (
         rudder_rad,
         speed_m_s,
@@ -118,6 +121,9 @@ def planar_step(
         sway_drive_m_s,
         sway_damping_1_s,
     )
+    heading_rad, yaw_rate_rad_s = rk4_step(
+        state[2], state[3], rudder_rad, step_s, turning_ability_1_s, turning_lag_s, norrbin_s2, rudder_offset_rad
+    )
     half_s = 0.5 * step_s
     d1 = planar_rates(state, constants)
     d2 = planar_rates(_along(state, d1, half_s), constants)
@@ -126,8 +132,8 @@ def planar_step(
     return (
         state[0] + step_s * (d1[0] + 2.0 * d2[0] + 2.0 * d3[0] + d4[0]) / 6.0,
         state[1] + step_s * (d1[1] + 2.0 * d2[1] + 2.0 * d3[1] + d4[1]) / 6.0,
-        state[2] + step_s * (d1[2] + 2.0 * d2[2] + 2.0 * d3[2] + d4[2]) / 6.0,
-        state[3] + step_s * (d1[3] + 2.0 * d2[3] + 2.0 * d3[3] + d4[3]) / 6.0,
+        heading_rad,
+        yaw_rate_rad_s,
         state[4] + step_s * (d1[4] + 2.0 * d2[4] + 2.0 * d3[4] + d4[4]) / 6.0,
     )
 
