@@ -9,7 +9,7 @@ from firmware_py.common.records import Event, Inputs, PositionSample, RudderStat
 from firmware_py.common.reports import Home
 from firmware_py.core import device_reports, rudder, tick_timing
 from firmware_py.core.state import Settings, State, heading_timeouts_of
-from firmware_py.estimate import heading_estimator, position, water
+from firmware_py.estimate import heading_estimator, place_and_velocity, position, water
 
 FIRST_PLACE_S: Final = 1800.0  # for so long a receiver's first place may prove wrong
 
@@ -25,14 +25,18 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
     over_ground_m_s = water.over_ground_m_s(state.heading_estimator.wave_filter, heading_rad)
     place = position.predict(state.position, now_s, over_ground_m_s)
     home = state.home
-    credible, leaps = [], []
+    agreement = state.agreement
+    credible: list[PositionSample] = []
+    told: list[Event] = []
     for sample in inputs.positions:
         before, begun = place, place.begun
         place, good = position.update(place, sample, settings.position.jump_s)
         if good:
             credible.append(sample)
             if (leap_m := position.leap_m(before, sample)) is not None:
-                leaps.append(Event(Severity.WARNING, f"Position believed where it jumped to: {leap_m:.0f} m off"))
+                told.append(Event(Severity.WARNING, f"Position believed where it jumped to: {leap_m:.0f} m off"))
+            agreement, odd = place_and_velocity.update(agreement, sample, afloat=state.modes.armed)
+            told += odd
             home = _home(home, begun, place.begun)
     heading_state, events = heading_estimator.update(
         settings.heading_estimator,
@@ -53,10 +57,11 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
         rudder=rudder_state,
         heading_estimator=heading_state,
         position=place,
+        agreement=agreement,
         water=water.update(state.water, heading_state.wave_filter, now_s),
         home=home,
     )
-    return state, rudder_status, (*leaps, *events, *device_events)
+    return state, rudder_status, (*told, *events, *device_events)
 
 
 def _home(home: Home | None, before: PositionSample | None, begun: PositionSample | None) -> Home | None:

@@ -19,6 +19,7 @@ from firmware_py.core.rudder import RudderSettings, RudderState
 from firmware_py.core.tick_timing import TickTiming
 from firmware_py.estimate import water
 from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, HeadingEstimatorState, HeadingTimeouts
+from firmware_py.estimate.place_and_velocity import AgreementState
 from firmware_py.estimate.position import PositionSettings, PositionState
 from firmware_py.estimate.water import WaterState
 from firmware_py.faults.latch import LatchState, arming_obstacle
@@ -99,6 +100,7 @@ class State:
     energy_meter: EnergyMeterState = EnergyMeterState()
     power: PowerMonitorState = PowerMonitorState()
     traffic: TrafficState = TrafficState()
+    agreement: AgreementState = AgreementState()
     aside: AsideState = step_aside.IDLE
 
     @classmethod

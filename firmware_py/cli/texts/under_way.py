@@ -35,6 +35,14 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "fixes that were held back bear each other out, or she can have sailed there by now: she goes on from there",
         "look whether she can be there: a deceived receiver is as sure of it; HOLD and STEERING need no position",
     ),
+    "Position moves <speed> m/s otherwise than its velocity says: is the receiver deceived?": (
+        "for four minutes her places have gone elsewhere than the receiver's velocities; she goes by the places",
+        "look whether she can be there; HOLD and STEERING need no position",
+    ),
+    "Position has not moved for <number> min, to the last digit: does the receiver hold it?": (
+        "armed, she has been given the very same place: the receiver hangs, or holds still what is slow",
+        "switch off what its maker calls static hold or static navigation; STEERING needs no position",
+    ),
     "Mission: item <number>": ("she goes on with this item, numbered as stations do: home is 0", _NOTHING),
     "Fence heeded": ("a command or an item of the mission asks for it", _NOTHING),
     "Fence not heeded": (
