@@ -212,10 +212,11 @@ class Modem:
             self._asked_s = now_s
 
     def _set_up(self) -> Dialogue:
-        # Echo and flow control off, ring alerts on; twice AT, since the first may end what the line has left over.
+        # Echo and flow control off, ring alerts on; twice AT, since the first may end what the line has left over. A
+        # modem that knows no flow control or no alerts of its own refuses the two last: she calls without them.
         for command in (b"AT", b"AT", b"ATE0", b"AT&K0", b"AT+SBDMTA=1"):
             answer = yield Ask(command + b"\r")
-            if answer.ending != b"OK" and command != b"AT":
+            if command != b"AT" and (not answer.ending or (command == b"ATE0" and answer.ending != b"OK")):
                 return False
         answer = yield Ask(b"AT+CGSN\r")
         numbers = [line for line in answer.lines if len(line) == 15 and line.isdigit()]

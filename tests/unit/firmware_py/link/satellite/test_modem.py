@@ -21,6 +21,7 @@ class ScriptedModem:
         self.measure_s, self.session_s, self.signal = measure_s, session_s, signal
         self.calls = []
         self.echo = False
+        self.refuses = ()
         self.later = []
         self.events = []
         self.now_s = 0.0
@@ -50,7 +51,9 @@ class ScriptedModem:
             self.say(out)
         if command == b"ATE0":
             self.echo = False
-        if command.startswith(b"AT+SBDWB"):
+        if command in self.refuses:
+            self.say(b"\r\nERROR\r\n")
+        elif command.startswith(b"AT+SBDWB"):
             self.say(b"\r\nREADY\r\n")
         elif command == b"AT+SBDRB":
             self.say(READ_OUT + b"\r\nOK\r\n")
@@ -81,6 +84,14 @@ def report(modem):
 def test_a_signal_that_takes_long_to_be_measured_is_believed_then(measure_s):
     modem = report(ScriptedModem(measure_s=measure_s)).run(120)
     assert (len(modem.calls), len(modem.driver.queue)) == (1, 0)
+
+
+@pytest.mark.parametrize(("refused", "calls"), [((b"AT+SBDMTA=1", b"AT&K0"), 1), ((b"ATE0",), 0), ((b"AT+CGSN",), 0)])
+def test_a_modem_without_alerts_or_flow_control_is_called_over_all_the_same(refused, calls):
+    modem = report(ScriptedModem())
+    modem.refuses = refused
+    modem.run(120)
+    assert len(modem.calls) == calls
 
 
 def test_a_message_too_long_for_her_is_not_called_for_again_and_again():
