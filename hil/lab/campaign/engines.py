@@ -54,7 +54,8 @@ def sail_batch(spec: Spec, first: int, last: int) -> tuple[dict[str, str], list[
 @cache
 def versions() -> dict[str, str]:
     """Return all versions that a result depends on; of the programs themselves, a digest of their sources."""
-    found = {"python": platform.python_version(), "sources": _sources()}
+    # Of the C library are the bits of exp, sin and their kin.
+    found = {"python": platform.python_version(), "sources": _sources(), "libc": " ".join(platform.libc_ver())}
     for name in PACKAGES:
         try:
             found[name] = metadata.version(name)

@@ -57,6 +57,11 @@ def test_a_worker_of_another_version_is_not_believed():
     assert list(waiting.values())  # what was in hand is still known
 
 
+def test_a_worker_with_another_c_library_has_another_version(monkeypatch):
+    monkeypatch.setattr("platform.libc_ver", lambda: ("glibc", "1.0"))
+    assert {**versions(), "libc": "glibc 1.0"} == versions.__wrapped__() != versions()
+
+
 def test_a_cluster_without_workers_waits_for_them_with_something_to_do():
     assert len(list(crew._sailed(Pool(), work, read(), batches(5), lambda: 0, {}))) == 5
 
