@@ -231,3 +231,26 @@ def test_a_rudder_that_goes_to_the_other_side_tells_nothing_at_first():
             boat.tick(side * 0.5, side, answers=-1.0 if tick < 100 else 0.5)
     assert not boat.state.answer.missing
     assert not boat.state.wrong_way.reversed
+
+
+def test_where_the_rudder_keeps_her_straight_is_learned_in_a_minute_and_not_in_a_turn():
+    boat = Boat()
+    for _ in range(602):
+        boat.tick(0.1, 0.0)
+    assert boat.state.slow_rudder_rad == pytest.approx(0.1 * (1.0 - math.exp(-1.0)), rel=0.03)
+    for _ in range(40):
+        boat.tick(0.5, 1.0)
+    learned_rad = boat.state.slow_rudder_rad
+    for _ in range(300):
+        boat.tick(0.5, 1.0)
+    assert boat.state.slow_rudder_rad == learned_rad
+
+
+def test_a_block_is_two_seconds():
+    boat = Boat()
+    for _ in range(19):
+        boat.tick(0.3, 0.0)
+    assert boat.state.answer.rudders_rad[0] == 0.0
+    for _ in range(3):
+        boat.tick(0.3, 0.0)
+    assert boat.state.answer.rudders_rad[:2] == (pytest.approx(0.3), 0.0)

@@ -1,0 +1,69 @@
+import math
+
+import pytest
+
+from firmware_py.common.angles import radians
+from firmware_py.model.kt import OCEAN_RAMBLER
+from firmware_py.safety.wrong_way import Turn, WrongWay, update
+
+BLOCK_S, RUDDER_RAD = 2.0, 0.5
+FULL_RAD = OCEAN_RAMBLER.turning_ability_1_s * RUDDER_RAD * BLOCK_S  # what she turns in a block at last
+
+
+class Boat:
+    """A boat with the rudder over to where she is to turn, that turns by parts of what she should."""
+
+    def __init__(self, sd_deg=1.0):
+        self.way, self.sd_rad = WrongWay(), radians(sd_deg)
+
+    def turn(self, seconds, estimated, shown, rudder_rad=RUDDER_RAD, error_rad=1.0):
+        """Return after how long another is told of her than before, None where none is."""
+        was = self.way.reversed
+        for block in range(round(seconds / BLOCK_S)):
+            turn = Turn(rudder_rad, estimated * FULL_RAD, shown * FULL_RAD, BLOCK_S)
+            self.way = update(OCEAN_RAMBLER, self.way, turn, 0.0, error_rad, self.sd_rad)
+            if self.way.reversed is not was:
+                return BLOCK_S * (block + 1)
+        return None
+
+
+@pytest.mark.parametrize(("part", "told_s"), [(-0.45, None), (-0.55, 36.0), (-1.0, 36.0), (0.0, None), (1.0, None)])
+def test_half_of_the_turn_the_other_way_is_a_wrong_servo_and_less_is_not(part, told_s):
+    """Told after the 16 s in which she may be late, and 20 more."""
+    assert Boat().turn(400.0, part, part) == told_s
+
+
+def test_a_turn_of_60_deg_is_enough_however_uncertain_her_heading_is():
+    """Of 2.8 deg in 2 s."""
+    assert Boat(sd_deg=90.0).turn(400.0, -1.0, 0.0) == 16.0 + 44.0
+
+
+@pytest.mark.parametrize(("part", "told_s"), [(-0.55, None), (-0.65, 16.0 + 108.0)])
+def test_the_compass_tells_what_the_estimate_takes_for_waves_after_150_deg(part, told_s):
+    assert Boat().turn(400.0, 0.0, part) == told_s
+
+
+def test_a_wrong_servo_that_was_mended_is_told():
+    boat = Boat()
+    assert boat.turn(400.0, -1.0, -1.0) is not None
+    assert boat.turn(400.0, 1.0, 1.0) == 20.0
+    assert not boat.way.reversed
+
+
+def test_what_was_seen_is_forgotten_in_two_minutes_while_nothing_is_ordered():
+    boat = Boat()
+    boat.turn(30.0, -1.0, -1.0)
+    seen = boat.way.by_estimate
+    assert seen.telling_s == 14.0
+    boat.turn(60.0, 0.0, 0.0, rudder_rad=0.0, error_rad=0.0)
+    assert boat.way.by_estimate.telling_s == pytest.approx(14.0 * math.exp(-0.5))
+    assert boat.way.by_compass.turned_rad == pytest.approx(seen.turned_rad * math.exp(-0.5))
+
+
+def test_no_more_than_12_deg_is_taken_for_trim():
+    """A rudder that was over for long is what turned her, and not what held her straight."""
+    way, turn = WrongWay(), Turn(RUDDER_RAD, -FULL_RAD, -FULL_RAD, BLOCK_S)
+    for _ in range(20):
+        way = update(OCEAN_RAMBLER, way, turn, RUDDER_RAD, 1.0, radians(1.0))
+    assert way.reversed
+    assert way.rate_rad_s == pytest.approx(OCEAN_RAMBLER.turning_ability_1_s * (RUDDER_RAD - radians(12.0)), rel=0.01)
