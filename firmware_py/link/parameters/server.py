@@ -5,6 +5,7 @@ With another identity than ArduPilot's all are REAL32 (metadata.declared_kind).
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 
 from firmware_py.common.intents import Request, SetParameter, Verdict
@@ -22,7 +23,8 @@ _AT_ONCE = 8  # values of a list in one call: half a millisecond
 _FRAME_BYTES = 50  # the longest, signed
 _QUEUED = 8  # and at most this many waiting for a slow line
 _QUEUED_FAST = 64  # or for a network that takes nothing now
-_UNSTORED = 64  # changes under way; more are not heard until some are on disk
+_UNSTORED = 32  # changes under way of one station; more of its are not heard until some are on disk
+_MOST_UNSTORED = 128  # and of all together
 _BY_NAME = -1
 _OVERRULED = "FENCE_ENABLE"  # by commands: who sets it has the last word, also to the value that it has
 
@@ -44,7 +46,7 @@ class ParameterServer:
     def __init__(self, context: LinkContext) -> None:
         """Take the context to ask and to answer through."""
         self._context = context
-        self._unstored = 0
+        self._unstored: Counter[Peer | None] = Counter()
 
     def handlers(self) -> Mapping[int, Handler]:
         """Return the messages handled here."""
@@ -95,7 +97,7 @@ class ParameterServer:
         if row is None:
             self._error(peer, message, _BY_NAME, _NO_SUCH)
             return
-        if self._unstored >= _UNSTORED:
+        if self._unstored[peer] >= _UNSTORED or self._unstored.total() >= _MOST_UNSTORED:
             return
         name, before = TABLE[row].name, self._context.request_handler.parameters().values()[row]
         if TABLE[row].read_only:
@@ -108,14 +110,14 @@ class ParameterServer:
                 error = _REFUSED.get(answer.verdict, mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
                 self._refuse(peer, message, row, error, answer.text or f"{name}: refused", now_s)
                 return
-        self._unstored += 1
+        self._unstored[peer] += 1
         # A value that is in force already may still be on its way to the disk.
         self._context.request_handler.when_stored(
             lambda stored: self._stored(peer, (row,), stored=stored, changed=changed)
         )
 
     def _stored(self, asker: Peer | None, rows: tuple[int, ...], *, stored: bool, changed: bool = True) -> None:
-        self._unstored -= 1
+        self._unstored -= Counter((asker,))  # which keeps nobody who has none
         names = ", ".join(TABLE[row].name for row in rows[:3])
         if stored:
             # Who asked comes first, and need not have a place.
@@ -169,7 +171,7 @@ class ParameterServer:
         if answer.verdict is not Verdict.ACCEPTED:
             done(answer.text or "refused")
             return
-        self._unstored += 1
+        self._unstored[None] += 1
 
         def stored(well: bool) -> None:  # noqa: FBT001 - the store's callback
             self._stored(None, tuple(INDEX[name] for name in changed), stored=well)

@@ -122,6 +122,22 @@ def test_changes_under_way_are_bounded(rig):
     assert rig.request_handler.values["CTL_K1"] == 7.0
 
 
+def test_one_station_s_changes_without_end_do_not_shut_out_another_s(make_rig):
+    rig = make_rig(addresses=("mad", "sound"))
+    rig.request_handler.at_once = False
+    for number in range(200):
+        rig.tell(mavlink.MAVLink_param_set_message(1, 1, b"LOIT_RADIUS", 50.0 + number, 9), address="mad")
+    waiting = len(rig.request_handler.waiting)
+    rig.tell(mavlink.MAVLink_param_set_message(1, 1, b"RUD_LIMIT_DEG", 20.0, 9), address="sound")
+    assert len(rig.request_handler.waiting) == waiting + 1
+    assert rig.request_handler.values["RUD_LIMIT_DEG"] == 20.0
+    for call in rig.request_handler.waiting:
+        call(True)
+    rig.request_handler.waiting.clear()
+    rig.tell(mavlink.MAVLink_param_set_message(1, 1, b"LOIT_RADIUS", 20.0, 9), address="mad")
+    assert rig.request_handler.values["LOIT_RADIUS"] == 20.0
+
+
 def test_the_list_is_paced_on_a_slow_line_and_still_whole(make_rig, of):
     rig = make_rig(byte_rate=960.0, radio=True)
     rig.tick()
