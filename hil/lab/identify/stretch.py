@@ -17,6 +17,7 @@ from hil.lab.identify.mend import once, without_rate_bias, without_speed_noise, 
 from hil.lab.identify.recording import LEAST_ROWS, Floats, Recording
 
 GAP_SAMPLES = 10.0  # a hole this many usual intervals long: nobody knows what the rudder did in it
+JUMP_SAMPLES, ROWS_A_JUMP = 2.5, 200  # one this long in a log that is even but for it: a clock that was set
 MOST_STRETCHES = 100
 BLOCKS, LEAST_BLOCK = 8, 200  # of an excerpt: how many of each stretch, and their rows
 SPEED_RATIO_RANGE = (0.2, 5.0)  # similarity is not stretched further
@@ -224,7 +225,9 @@ def _mean_speed(recordings: Sequence[Recording]) -> float | None:
 def _between_gaps(recording: Recording, notes: list[str]) -> list[slice]:
     steps = np.diff(recording.time_s)
     usual_s = float(np.median(steps))
-    cuts = np.flatnonzero(steps > GAP_SAMPLES * usual_s) + 1
+    jumps = steps > JUMP_SAMPLES * usual_s
+    rare = np.count_nonzero(jumps) * ROWS_A_JUMP <= steps.size
+    cuts = np.flatnonzero(jumps if rare else steps > GAP_SAMPLES * usual_s) + 1
     bounds = [0, *cuts.tolist(), recording.time_s.size]
     parts = [slice(low, high) for low, high in pairwise(bounds)]
     kept = [part for part in parts if part.stop - part.start >= LEAST_ROWS]

@@ -136,7 +136,8 @@ def test_a_short_log_is_fitted_as_well_as_can_be(yard):
 def test_an_hour_of_zigzag(yard, figures):
     """200 seeds: K and T within 2 %, stated errors right, scatter at the Cramer-Rao bound; alpha hardly shows.
 
-    Alpha is 1.2 standard errors from 0, below which it cannot be: what is cut off there covers more, of K and T too.
+    Alpha is 1.2 standard errors from 0, below which it cannot be. What is cut off there covers more, of K and T too,
+    which go with it: none is too small by 1.96 standard errors, and 97.5 % are within.
     """
     seeds = int(os.environ.get("PROOF_SEEDS", "200"))
     errors, stated, verdicts, limit = study(yard, zigzag(yard), seeds, wave=False, channels="hr")

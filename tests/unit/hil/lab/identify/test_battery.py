@@ -115,7 +115,19 @@ def test_a_bad_logger_is_seen_through(well_recorded, kind):
     if kind == "biased":
         assert any("taken away" in note for note in data["notes"])
     if kind == "gaps":
-        assert data["stretches"] == 3
+        assert data["stretches"] == 4
+
+
+@pytest.mark.parametrize(("step", "jump"), [(0.2, 1.0), (1.0, 8.0)])
+def test_a_clock_that_is_set_under_way_is_seen_through(yard, step, jump):
+    """By compass alone alpha and the offset were three of their standard errors off, or nothing was explained."""
+    boat, time = yard.boat(0.1, 6.0, 20.0, 0.01), np.arange(round(900 / step)) * step
+    plan = np.radians([20.0, -20.0, 20.0, 0.0, -10.0, 10.0, -20.0, 30.0, -30.0])
+    rudder = np.interp(time, time + 1.0, plan[(time // 25.0).astype(int) % plan.size])
+    recording = yard.recorded(time, rudder, *boat.motion(time, rudder), channels="h")
+    data = check(boat, identify([replace(recording, time_s=time + jump * (time > 450.0))]))
+    assert data["stretches"] == 2
+    assert data["K"]["verdict"] == data["T"]["verdict"] == "identifiable"
 
 
 @pytest.mark.parametrize(("shift", "timing"), [(0, "HELD"), (1, "AHEAD")])
