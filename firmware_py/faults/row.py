@@ -19,7 +19,7 @@ class Action(Enum):
     NOT_BELIEVED = "go on from the place believed before"
     EASE = "stop pulling, try again every 10 s"  # the command follows the measured angle
     SET_UP_AGAIN = "set the servo up again, then steer on"  # the driver does it before it steers
-    POINT_INTO_IT = "point into the current"
+    POINT_INTO_IT = "outside her watch circle point into the current"
     SOFTER_HELM = "a softer helm, which grows stiff again over tens of minutes"
     KEEP_STATION = "keep station where she is"
     SAVE_POWER = "save power: quieter links, a slower loop, a dearer rudder (PWR_...)"

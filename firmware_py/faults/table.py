@@ -82,7 +82,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         stands=lambda tick: tick.current_too_strong,
         severity=Severity.WARNING,
         action=Action.POINT_INTO_IT,
-        text="Current stronger than she is: points into it",
+        text="Current stronger than she is: no place is held",
         recovery="Current is weaker than she is again",
     ),
     Fault.MISSION_UNUSABLE: FaultRow(

@@ -89,18 +89,25 @@ def _approach(
 
     It is within its radius; or when the boat passes abeam of it, or moves away from it again, no
     further off than it could come by turning; a boat that has only begun to turn for it moves away, too, and has
-    not come near yet. Passed further off, the boat sails for it anew
-    from where it is, a few times: then passing is enough, so that no place holds it for ever.
+    not come near yet, and one that points at it and moves away is set back by the current and has not passed it.
+    Passed further off, the boat sails for it anew from where it is, a few times: then passing is enough, so that no
+    place holds it for ever. Where a stronger current sweeps her past there is nothing to be counted.
     """
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.place)
     if distance_m <= task.acceptance_radius_m:
         return state, True
-    closest_m = min(state.closest_m, distance_m) if _closes(motion, bearing_rad) else state.closest_m
+    closest_m = state.closest_m
+    if _closes(motion, bearing_rad):
+        closest_m = min(closest_m, distance_m)
+    elif math.cos(motion.way_rad - bearing_rad) > 0.0:
+        closest_m = math.inf
     reach_m = max(task.acceptance_radius_m, _passable_m(settings, motion))
     passed = on_line is not None and on_line.remaining_m <= 0.0
     receding = distance_m > closest_m + RECEDING_M and closest_m <= reach_m
     if receding or (passed and distance_m <= reach_m):
         return state, True
+    if passed and motion.too_strong:
+        return LineState(motion.place, 0.0, math.inf, state.tries), False  # swept past; its turning brings her back
     if passed:
         if state.tries >= MOST_TRIES and distance_m <= FARTHEST_PASSED_M:
             return state, True

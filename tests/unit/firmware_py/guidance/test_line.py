@@ -95,6 +95,33 @@ def test_a_place_astern_is_turned_for_before_it_counts_as_passed(afloat, origin,
     assert boat.distance_m(-distance_m) <= 20.0
 
 
+@pytest.mark.parametrize("setting", [-0.45, -0.41])
+def test_a_place_that_the_current_sets_her_back_from_is_not_passed_but_reached_when_it_turns(afloat, origin, setting):
+    boat = afloat(40.0, 0.0, 0.0)
+    task = go(origin, 70.0, 0.0)
+    for _ in range(20):
+        boat.step(task)
+    boat.current = (setting, 0.0)
+    while boat.distance_m(70.0) < 90.0:
+        boat.step(task)
+    assert not boat.follower.arrived
+    boat.current = (0.1, 0.0)
+    while not boat.follower.arrived:
+        boat.step(task)
+        assert boat.t_s < 10_000.0
+    assert boat.distance_m(70.0) <= 20.0
+
+
+def test_a_line_that_a_stronger_current_lets_her_reach_is_come_back_to(afloat, origin):
+    """Set off it sideways in the turn, she goes back with the current, and not nowhere against it."""
+    boat = afloat(60.0, 0.0, 0.0, current=(0.31, 0.31))
+    task = go(origin, 0.0, 800.0)
+    while not boat.follower.arrived:
+        boat.step(task)
+        assert boat.t_s < 6000.0
+    assert boat.distance_m(0.0, 800.0) <= 20.0
+
+
 @pytest.mark.parametrize("heading_deg", range(0, 360, 60))
 @pytest.mark.parametrize("bearing_deg", range(7, 360, 30))
 def test_only_a_place_that_she_comes_nearer_to_is_seen_at_its_nearest(origin, tight, heading_deg, bearing_deg):
@@ -114,6 +141,19 @@ def test_passed_far_off_it_is_sailed_for_anew(origin, tight):
     state, status = line.update(tight, LineState(origin), task, motion, 1.0)
     assert not status.arrived
     assert (state.start, state.tries) == (here, 1)
+
+
+@pytest.mark.parametrize(("too_strong", "passes"), [(False, line.MOST_TRIES), (True, 20)])
+def test_passing_far_off_counts_in_the_end_but_not_where_a_stronger_current_sweeps_her_past(
+    origin, tight, too_strong, passes
+):
+    task, state, arrived = go(origin, 500.0, 0.0), LineState(origin), []
+    for number in range(passes + 1):
+        beyond = VesselMotion(origin.at_offset(510.0, 300.0), 0.0, 0.4, 0.5, 0.0, too_strong)
+        state, status = line.update(tight, LineState(origin, tries=state.tries), task, beyond, 1.0)
+        arrived.append(status.arrived)
+        assert state.tries == (0 if too_strong else min(number + 1, line.MOST_TRIES))
+    assert arrived == [False] * passes + [not too_strong]
 
 
 numbers = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e6, max_value=1e6)

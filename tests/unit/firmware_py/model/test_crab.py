@@ -19,11 +19,48 @@ def test_the_heading_makes_the_course_good_in_any_weaker_current(course_rad, nor
     assert math.hypot(v_north, v_east) == pytest.approx(speed_made_good(course_rad, speed_m_s, north_m_s, east_m_s))
 
 
-def test_too_strong_a_current_is_met_mostly_head_on():
-    # Setting east at twice her speed, and she is to go north: she points to the west of north-west.
-    assert math.degrees(heading_for_course(0.0, 0.4, 0.0, 0.8)) == pytest.approx(360.0 - 71.8, abs=0.1)
+def test_a_current_as_fast_as_she_is_is_met_mostly_head_on_and_a_faster_one_gone_with_at_its_edge():
+    assert math.degrees(heading_for_course(0.0, 0.4, 0.0, 0.399)) == pytest.approx(360.0 - 71.8, abs=0.1)
+    # Setting east at twice her speed, and she is to go north: she comes as far north as she can for each metre east.
+    assert math.degrees(heading_for_course(0.0, 0.4, 0.0, 0.8)) == pytest.approx(330.0)
     assert speed_made_good(0.0, 0.4, 0.0, 0.8) <= 0.0
     assert speed_made_good(math.pi / 2, 0.4, 0.0, 0.8) == pytest.approx(1.2)
     assert speed_made_good(-math.pi / 2, 0.4, 0.0, 0.8) == pytest.approx(-0.4)
     assert against_current(0.0, 0.8) == pytest.approx(1.5 * math.pi)
     assert heading_for_course(1.0, 0.0, 0.5, 0.5) == 1.0
+
+
+@given(angles, st.floats(1.4, 3.0), angles)
+def test_in_a_stronger_current_she_goes_as_near_to_the_course_as_she_can_or_loses_least_of_it(
+    course_rad, current_m_s, toward_rad
+):
+    north_m_s, east_m_s = current_m_s * math.cos(toward_rad), current_m_s * math.sin(toward_rad)
+
+    def over_ground(heading_rad):
+        return math.cos(heading_rad) + north_m_s, math.sin(heading_rad) + east_m_s
+
+    def made_good(heading_rad):
+        north, east = over_ground(heading_rad)
+        return north * math.cos(course_rad) + east * math.sin(course_rad)
+
+    def nearness(heading_rad):
+        return made_good(heading_rad) / math.hypot(*over_ground(heading_rad))
+
+    steered_rad = heading_for_course(course_rad, 1.0, north_m_s, east_m_s)
+    headings = [math.radians(degrees) for degrees in range(0, 360, 2)]
+    most_m_s, nearest = max(map(made_good, headings)), max(map(nearness, headings))
+    if most_m_s > 0.0:  # some heading gains on the course
+        assert made_good(steered_rad) > -1e-9
+        assert nearness(steered_rad) > nearest - 0.12
+    else:
+        assert made_good(steered_rad) >= most_m_s - 1e-3
+
+
+@given(angles, angles)
+def test_whether_a_current_is_just_weaker_or_just_stronger_turns_her_little(course_rad, toward_rad):
+    """It is what the estimate scatters by: the crab angle turns her as much where it is largest, 8.3 deg."""
+    weaker_rad, stronger_rad = (
+        heading_for_course(course_rad, 1.0, ratio * math.cos(toward_rad), ratio * math.sin(toward_rad))
+        for ratio in (0.97, 1.03)
+    )
+    assert abs(math.remainder(stronger_rad - weaker_rad, 2.0 * math.pi)) < math.radians(8.4)
