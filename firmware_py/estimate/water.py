@@ -2,12 +2,17 @@
 
 On a steady heading only the sum of the speed and the current along it can be seen; every turn tells the two apart, and
 the leeway from the current across. What is not seen stays as uncertain as the standard deviations say.
+
+The filter's values scatter from fix to fix within that uncertainty, and across a current nearly as fast as the boat a
+course becomes a heading that swings with them, and the rudder after it. So they are steered by and told slowly, never
+further from the filter's than its standard deviation.
 """
 
 from __future__ import annotations
 
 import math
 
+from firmware_py.common.angles import clamp
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.reports import Water
 from firmware_py.estimate import kalman
@@ -16,20 +21,27 @@ from firmware_py.estimate.wave_filter_state import FIRST, FIRST_COURSE_LAG_S, Wa
 # The current counts as stronger when it is by a standard deviation, for so long; and no longer when weaker.
 STRONG_AFTER_S, WEAK_AFTER_S = 120.0, 120.0
 WEAK_PART = 0.97
+SLOW_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
 class WaterState:
-    """How long the current has been stronger (+) or weaker (-) than the boat, until t_s, and the verdict."""
+    """How long the current has been stronger (+) or weaker (-) than the boat, until t_s, and the verdict.
+
+    `slow_m_s`: current north and east and the speed as they are steered by, None for the filter's own.
+    """
 
     t_s: float | None = None
     strong_s: float = 0.0
     too_strong: bool = False
+    slow_m_s: tuple[float, float, float] | None = None
 
 
 def report(state: WaterState, waves: WaveFilterState) -> Water:
     """Return the estimate for those who steer by it; before the first heading it is what was expected."""
     north_m_s, east_m_s, speed_m_s, leeway_rad = known(waves)
+    if state.slow_m_s is not None:
+        north_m_s, east_m_s, speed_m_s = state.slow_m_s
     x, model, course_lag_s = waves.x, waves.noise_model, FIRST_COURSE_LAG_S
     if x:
         nn, ne = waves.covariance(kalman.NORTH, kalman.NORTH), waves.covariance(kalman.NORTH, kalman.EAST)
@@ -90,7 +102,22 @@ def update(state: WaterState, waves: WaveFilterState, now_s: float) -> WaterStat
         too_strong = True
     elif strong_s <= -WEAK_AFTER_S:
         too_strong = False
-    return WaterState(now_s, strong_s, too_strong)
+    return WaterState(now_s, strong_s, too_strong, _slow_m_s(state, waves, step_s))
+
+
+def _slow_m_s(state: WaterState, waves: WaveFilterState, step_s: float) -> tuple[float, float, float]:
+    """Return current north and east and the speed, followed slowly."""
+    part = min(step_s / SLOW_S, 1.0)
+    north, east, speed = (
+        now if before is None else clamp(before + part * (now - before), now - spread, now + spread)
+        for before, now, spread in zip(
+            state.slow_m_s or (None, None, None),
+            known(waves),
+            (waves.spread(kalman.NORTH), waves.spread(kalman.EAST), waves.spread(kalman.SPEED)),
+            strict=False,
+        )
+    )
+    return north, east, speed
 
 
 def _variance(waves: WaveFilterState, a: float, b: float) -> float:

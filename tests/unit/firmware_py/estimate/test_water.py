@@ -12,9 +12,10 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.estimate import kalman, wave_filter
 from firmware_py.estimate.heading_estimator import over_ground
-from firmware_py.estimate.water import WaterState, over_ground_m_s, report, update
+from firmware_py.estimate.water import WaterState, known, over_ground_m_s, report, update
 from firmware_py.estimate.wave_filter import Heading
 from firmware_py.estimate.wave_filter_state import WaveFilterSettings, WaveFilterState
+from firmware_py.model.crab import heading_for_course
 from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
 
 SETTINGS = WaveFilterSettings.of(ParameterSet())
@@ -209,3 +210,35 @@ def test_before_the_first_heading_the_water_is_what_was_expected():
     assert water.speed_sd_m_s == pytest.approx(0.4)
     assert over_ground_m_s(expecting, None) == (0.1, -0.2)
     assert update(WaterState(), expecting, 5.0) == WaterState()
+
+
+def test_the_heading_of_a_course_across_a_strong_current_does_not_swing_with_each_fix():
+    passage = Passage(0.4, 0.0, 0.33)
+    for heading_deg in (300.0, 200.0, 240.0):
+        passage.steer(heading_deg, 200.0)
+    swung_rad, before_rad = [], None
+    for _ in range(300):
+        water = passage.steer(240.0, 1.0)
+        values = (water.speed_m_s, water.current_north_m_s, water.current_east_m_s)
+        north_m_s, east_m_s, speed_m_s, _ = known(passage.filter)
+        for now, own, place in zip(
+            values, (speed_m_s, north_m_s, east_m_s), (kalman.SPEED, kalman.NORTH, kalman.EAST), strict=True
+        ):
+            assert abs(now - own) <= passage.filter.spread(place) + 1e-12
+        slow_rad = heading_for_course(math.pi, *values)
+        own_rad = heading_for_course(math.pi, speed_m_s, north_m_s, east_m_s)
+        if before_rad is not None:
+            swung_rad.append((abs(wrap_pi(slow_rad - before_rad[0])), abs(wrap_pi(own_rad - before_rad[1]))))
+        before_rad = slow_rad, own_rad
+    slow_rad, own_rad = (sum(column) for column in zip(*swung_rad, strict=True))
+    assert slow_rad < 0.4 * own_rad
+
+
+def test_a_calm_is_steered_by_as_soon_as_it_is_known():
+    passage = Passage(0.4, 0.0, 0.1)
+    passage.steer(60.0, 200.0)
+    passage.steer(200.0, 200.0)
+    passage.speed_m_s = 0.02
+    water = passage.steer(200.0, 300.0)
+    assert water.speed_m_s == pytest.approx(known(passage.filter)[2], abs=passage.filter.spread(kalman.SPEED))
+    assert water.speed_m_s < 0.15
