@@ -82,7 +82,7 @@ def installation_of(unit: Path) -> Installation:
 
 def update(installation: Installation, bundle_file: Path, signers: Path | None, may: Permissions, say: Say) -> None:
     """Put what a bundle holds in force, on trial; UpdateError when it cannot be, and then nothing has changed."""
-    with _held(installation.link) as (link, current, lock):
+    with _held(installation.link, installation.state) as (link, current, lock):
         _check_unarmed(installation.state, may)
         work = environments.work_directory(current)
         try:
@@ -117,7 +117,7 @@ def update(installation: Installation, bundle_file: Path, signers: Path | None, 
 
 def go_back(installation: Installation, may: Permissions, say: Say) -> None:
     """Put the program of before in force again, on trial; UpdateError when there is none."""
-    with _held(installation.link, on_trial=True) as (link, current, _lock):
+    with _held(installation.link) as (link, current, _lock):
         before = link.before()
         if before is None or before == current.program:
             raise UpdateError("there is no version before this one")
@@ -153,8 +153,8 @@ def await_trial(installation: Installation, say: Say) -> bool:
 
 
 @contextmanager
-def _held(link: ProgramLink, *, on_trial: bool = False) -> Iterator[tuple[ProgramLink, Environment, int]]:
-    """Keep other updates out, and look whether there may be one at all."""
+def _held(link: ProgramLink, state: Path | None = None) -> Iterator[tuple[ProgramLink, Environment, int]]:
+    """Keep other updates out, and look whether there may be one at all: with a state not while one is on trial."""
     folder = link.path.parent
     before_umask = os.umask(_UMASK)
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -170,7 +170,7 @@ def _held(link: ProgramLink, *, on_trial: bool = False) -> Iterator[tuple[Progra
         for place in (folder, current.path.parent):
             if not os.access(place, os.W_OK):
                 raise UpdateError(f"{place} may not be written: be root (sudo), and mount it for writing")
-        if not on_trial and (trial := link.trial()) is not None:
+        if state is not None and (trial := link.trial()) is not None and not _has_passed(state, trial.program):
             raise UpdateError(
                 f"{trial.name} is on trial ({trial.starts} starts so far): wait until it has "
                 "passed, or rambler update --back"

@@ -261,6 +261,16 @@ def test_how_a_trial_has_ended_is_told(place, ask):
     assert said[2].startswith("taken back: rambler was started 0 times")
 
 
+def test_a_trial_that_was_passed_while_nobody_looked_on_keeps_no_update_out(place, ask, tmp_path):
+    """The next start of the service forgets such a trial, and that may be months away."""
+    ask()
+    store = Store(place / "state")
+    store.save(UPDATE_FILE, passed_text(update.installation_of(place / "rambler.service").link.target()).encode())
+    store.close()
+    code, said = ask(str(small_bundle(tmp_path, version="9.9.10")))
+    assert (code, in_force(place).startswith("rambler-9.9.10-")) == (0, True), said
+
+
 def test_a_version_that_has_passed_before_is_not_said_to_be_on_trial(place, ask):
     old = update.installation_of(place / "rambler.service").link.target()
     store = Store(place / "state")
