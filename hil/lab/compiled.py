@@ -46,7 +46,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 ERROR_MODEL: Final = "numpy"
 PATIENCE_S = 0.4  # what is loaded from the cache takes less, and says nothing
 TICK_S = 0.5
-KEPT_CACHES = 4
+KEPT_CACHES, KEPT_S = 4, 86400.0  # so many, and all of the last day: another program may be using them
 _HOW_OFTEN: Final = {False: "the first time only", True: "as each time"}
 
 PACKAGE = Path(__file__).parents[1]
@@ -218,9 +218,12 @@ def _imported(text: bytes) -> Iterator[Path]:
 
 
 def _drop_old(home: Path) -> None:
-    """Forget the machine code of all but the latest few versions of the sources."""
-    folders = sorted((path for path in home.iterdir() if path.is_dir()), key=lambda path: path.stat().st_mtime)
-    for folder in folders[:-KEPT_CACHES]:
+    """Forget the machine code of all but the latest few versions of the sources, and those of the last day."""
+    used_s = {path: path.stat().st_mtime for path in home.iterdir() if path.is_dir()}
+    oldest_s = time.time() - KEPT_S
+    for folder in sorted(used_s, key=used_s.__getitem__)[:-KEPT_CACHES]:
+        if used_s[folder] > oldest_s:
+            continue
         for path in sorted(folder.rglob("*"), reverse=True):
             path.rmdir() if path.is_dir() else path.unlink(missing_ok=True)
         folder.rmdir()

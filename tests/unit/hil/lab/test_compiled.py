@@ -7,6 +7,7 @@ import struct
 import subprocess
 import sys
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -129,6 +130,19 @@ def test_the_cache_is_named_after_the_sources_and_old_ones_go(monkeypatch, tmp_p
     folder = cache_folder.__wrapped__()
     assert folder == home / sources_digest()
     assert sorted(path.name for path in home.iterdir()) == sorted([folder.name, "old3", "old4", "old5"])
+
+
+def test_old_machine_code_goes_and_what_another_program_may_use_stays(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    now_s = time.time()
+    for fifths in range(8):
+        folder = tmp_path / "rambler-hil" / f"{fifths} fifths of a day old"
+        folder.mkdir(parents=True)
+        (folder / "code").write_bytes(b"")
+        os.utime(folder, (now_s, now_s - 0.2 * fifths * compiled_module.KEPT_S))
+    assert cache_folder.__wrapped__() is not None
+    kept = {path.name for path in (tmp_path / "rambler-hil").iterdir()}
+    assert kept == {sources_digest(), *(f"{fifths} fifths of a day old" for fifths in range(5))}
 
 
 def test_a_changed_equation_gets_a_cache_of_its_own(monkeypatch, tmp_path):
