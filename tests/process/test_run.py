@@ -154,7 +154,9 @@ def test_a_run_whose_autopilot_is_killed_leaves_its_page(tmp_path):
     pid = wait_for(lambda: next(iter(pids_of(tmp_path / "out" / "vehicle.toml")), None))
     wait_for(lambda: (tmp_path / "out" / "truth.csv").stat().st_size > 1 << 16)
     # However fast she sails, her log goes to the disk once in a second of ours.
-    wait_for(lambda: any(path.stat().st_size for path in (tmp_path / "out" / "state" / "logs").glob("*.BIN")))
+    wait_for(
+        lambda: any(b"Armed\0" in path.read_bytes() for path in (tmp_path / "out" / "state" / "logs").glob("*.BIN"))
+    )
     os.kill(pid, signal.SIGKILL)
     _, errors = process.communicate(timeout=60.0)
     assert process.returncode == 1

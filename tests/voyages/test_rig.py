@@ -17,5 +17,6 @@ def test_both_hulls_keep_the_same_station(speed_m_s, current_m_s):
         figures.append(np.array(boat.track)[:, 1:3])
     # Without waves only the grid and the wandering of the rudder's bias differ.
     assert np.abs(figures[0][:200] - figures[1][:200]).max() < 8.0
-    farthest = [np.hypot(*track.T).max() for track in figures]
-    assert farthest[0] == pytest.approx(farthest[1], abs=12.0)
+    # Then each turns when it would leave the circle, by a current not yet known: the farthest is a matter of one turn.
+    distance = [np.hypot(*track.T).mean() for track in figures]
+    assert distance[0] == pytest.approx(distance[1], abs=12.0)

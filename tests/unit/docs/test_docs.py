@@ -76,9 +76,11 @@ def help_of(program, *words):
 
 
 def commands_in(text):
-    """Program and words of each command line in the code of a page."""
+    """Program and words of each command line in the code of a page; `sudo -u rambler` names a user."""
     for span in code_in(text):
-        for program, rest in re.findall(r"(?<![\w/.:-])(rambler(?:-hil)?)((?: [^\n#]*)?)", span.replace("\\\n", " ")):
+        for program, rest in re.findall(
+            r"(?<![\w/.:-])(?<!-u )(rambler(?:-hil)?)((?: [^\n#]*)?)", span.replace("\\\n", " ")
+        ):
             yield program, rest.split()
 
 

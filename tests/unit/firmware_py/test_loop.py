@@ -452,6 +452,7 @@ def test_an_accepted_parameter_is_in_force_at_once_and_stored(boat):
     assert answer.verdict is Verdict.ACCEPTED
     value = boat.autopilot.parameters()["CTL_K1"]
     assert value == pytest.approx(44.4)
+    boat.autopilot.when_stored(lambda _well: None)
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
     assert boat.autopilot.decide(Request(0.0, SetParameter("CTL_K1", math.inf))).verdict is Verdict.DENIED
     assert parse_file(boat.store.saved[PARAMETER_FILE].decode(), "x") == {"CTL_K1": value}
@@ -506,6 +507,7 @@ def test_parameters_set_over_links_are_forgotten_in_the_store_and_stay_in_force(
     assert boat.store.saved[PARAMETER_FILE] == b""
     assert boat.autopilot.parameters()["CTL_K1"] == 44.0
     boat.autopilot.decide(Request(0.0, SetParameter("CTL_K2", 0.5)))
+    boat.autopilot.when_stored(lambda _well: None)
     assert boat.store.saved[PARAMETER_FILE] == b"CTL_K2 0.5\n"
 
 
