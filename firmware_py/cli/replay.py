@@ -53,7 +53,8 @@ def _text(report: ReplayReport) -> str:
     if (first := report.first_difference) is not None:
         lines.append(
             f"{report.differences} commands differ, the first at tick {first.tick} ({first.t_s:.3f} s): "
-            f"logged {first.logged.shaft_rad!r} rad, recomputed {first.recomputed.shaft_rad!r} rad"
+            f"logged {first.logged.shaft_rad!r} rad, recomputed {first.recomputed.shaft_rad!r} rad; "
+            f"by {report.largest_rad:.2g} rad at most"
         )
         lines += _other_version(reading.software)
     lines.append("every rudder command is bit-identical" if report.identical else "NOT identical")

@@ -33,7 +33,8 @@ class ReplayReport:
     """What a replay found.
 
     `ticks` are in the log, `compared` of them could be recomputed: after a `gap` that
-    follows on no checkpoint the state is not known. `reading` tells of damage.
+    follows on no checkpoint the state is not known. `largest_rad` is the largest difference of
+    a shaft angle, infinite where one is no number. `reading` tells of damage.
     """
 
     ticks: int
@@ -41,6 +42,7 @@ class ReplayReport:
     gaps: int
     differences: int
     first_difference: Difference | None
+    largest_rad: float
     reading: Reading
 
     @property
@@ -65,6 +67,7 @@ class ReplayReport:
                 "logged": _command_data(first.logged),
                 "recomputed": _command_data(first.recomputed),
             },
+            "largest_rad": self.largest_rad if math.isfinite(self.largest_rad) else None,
             **{field.name: getattr(self.reading, field.name) for field in dataclasses.fields(Reading)},
         }
 
@@ -81,6 +84,7 @@ def replay(
     """
     count = compared = gaps = differences = 0
     first: Difference | None = None
+    largest_rad = 0.0
     known_state: tuple[State] | None = None
     all_notes: dict[str, None] = {}
     for tick in ticks:
@@ -99,13 +103,16 @@ def replay(
         compared += 1
         if _bits(output.command) != _bits(tick.command):
             differences += 1
+            off_rad = abs(output.command.shaft_rad - tick.command.shaft_rad)
+            largest_rad = max(largest_rad, math.inf if math.isnan(off_rad) else off_rad)
             if first is None:
                 first = Difference(tick.inputs.tick.index, tick.inputs.tick.t_s, tick.command, output.command)
     if count == 0:
         raise LogError("no whole tick in it: give an onboard log (.BIN) that has run for a second or more")
     if compared == 0:
         raise LogError("no checkpoint in it: give the file from its first byte on, replay begins at a stored state")
-    return ReplayReport(count, compared, gaps, differences, first, Reading(ticks=count, notes=tuple(all_notes)))
+    reading = Reading(ticks=count, notes=tuple(all_notes))
+    return ReplayReport(count, compared, gaps, differences, first, largest_rad, reading)
 
 
 def replay_log(

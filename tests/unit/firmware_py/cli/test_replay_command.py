@@ -85,7 +85,9 @@ def test_what_behaves_otherwise_is_shown(tmp_path, capsys):
     assert "CTL_K1: 1e+09 is out of range" in capsys.readouterr().out
     path = with_checkpoint(tmp_path / "other.BIN", edited(lambda data: data["rudder"].update(command_rad=0.2)))
     assert main(["replay", path]) == 1
-    assert "commands differ, the first at tick" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "commands differ, the first at tick" in told
+    assert re.search(r"; by \d\S* rad at most\n", told)
 
 
 @pytest.mark.parametrize(

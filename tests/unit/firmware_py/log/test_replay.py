@@ -47,6 +47,19 @@ def test_one_bit_of_one_sample_is_found(ticks, pretend):
     assert report.first_difference.recomputed != tick.command
     assert report.compared == 12
     assert 1 <= report.differences <= 5
+    first = report.first_difference
+    assert report.largest_rad >= abs(first.recomputed.shaft_rad - first.logged.shaft_rad) > 0.0
+
+
+def test_how_far_commands_differ_is_told(ticks, pretend):
+    for number, off_rad in ((4, 1e-3), (5, -0.25), (6, 0.1)):
+        command = ticks[number].command
+        ticks[number] = replace(ticks[number], command=replace(command, shaft_rad=command.shaft_rad + off_rad))
+    assert replayed(ticks, pretend).largest_rad == pytest.approx(0.25)
+    ticks[7] = replace(ticks[7], command=replace(ticks[7].command, shaft_rad=math.nan))
+    report = replayed(ticks, pretend)
+    assert report.largest_rad == math.inf
+    assert report.as_dict()["largest_rad"] is None
 
 
 @pytest.mark.parametrize(
