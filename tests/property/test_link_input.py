@@ -46,6 +46,7 @@ from firmware_py.link.telemetry.streams import FASTEST_S, SLOWEST_S
 from firmware_py.link.telemetry.table import TABLE
 from firmware_py.link.wire.url_options import PLAIN
 from firmware_py.plans.validation import problem_of
+from support.link import DecidesTogether
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, 0.2)
 SERVO = RudderFeedback(0.0, 0.3)
@@ -57,7 +58,7 @@ SNAPSHOT = Snapshot(
 )  # fmt: skip
 
 
-class Authority:
+class Authority(DecidesTogether):
     """Accepts whatever is well formed; keeps what it was asked."""
 
     def __init__(self):
@@ -75,15 +76,6 @@ class Authority:
             except ValueError as error:
                 return Answer(Verdict.DENIED, str(error))
         return Answer(Verdict.ACCEPTED)
-
-    def decide_together(self, requests):
-        before, answer = self.values, Answer(Verdict.ACCEPTED)
-        for request in requests:
-            answer = self.decide(request)
-            if answer.verdict is not Verdict.ACCEPTED:
-                self.values = before
-                break
-        return answer
 
     def parameters(self):
         return self.values

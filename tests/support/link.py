@@ -42,7 +42,20 @@ SNAPSHOT = Snapshot(
 )
 
 
-class FakeRequestHandler:
+class DecidesTogether:
+    """Parameters that are set all together or not at all, one by one by `decide`."""
+
+    def decide_together(self, requests):
+        before, answer = self.values, Answer(Verdict.ACCEPTED)
+        for request in requests:
+            answer = self.decide(request)
+            if answer.verdict is not Verdict.ACCEPTED:
+                self.values = before
+                break
+        return answer
+
+
+class FakeRequestHandler(DecidesTogether):
     """Gives the scripted answer, keeps parameters, stores when told to."""
 
     def __init__(self):
@@ -69,15 +82,6 @@ class FakeRequestHandler:
             except ValueError as error:
                 return Answer(Verdict.DENIED, str(error))
         return self.answer
-
-    def decide_together(self, requests):
-        before, answer = self.values, Answer(Verdict.ACCEPTED)
-        for request in requests:
-            answer = self.decide(request)
-            if answer.verdict is not Verdict.ACCEPTED:
-                self.values = before
-                break
-        return answer
 
     def parameters(self):
         return self.values

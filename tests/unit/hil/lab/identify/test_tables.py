@@ -2,7 +2,7 @@
 
 import json
 import struct
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 
 import numpy as np
 import pytest
@@ -11,28 +11,9 @@ from hil.__main__ import main
 from hil.errors import UsageError
 from hil.lab.identify.columns import NAMES
 from hil.lab.identify.manoeuvre_file import read
+from support.tables import CLOCK, DEGREE, DEGREES, HEADING, ISO, MIDNIGHT, PLAIN, ROWS, RUDDER, TIME, table
 
-DEGREE, KNOT = np.pi / 180.0, 1852.0 / 3600.0
-ROWS = 200
-TIME = np.arange(ROWS) * 0.5
-RUDDER = np.where((np.arange(ROWS) // 20) % 2, 0.3, -0.3)
-HEADING = 1.0 + 0.2 * np.sin(TIME / 5.0)
-RATE = 0.04 * np.cos(TIME / 5.0)
-SPEED = np.full(ROWS, 0.5)
-
-
-def table(header, columns, separator=",", decimal="."):
-    rows = zip(*columns, strict=True)
-    texts = [[cell if isinstance(cell, str) else f"{cell:.7f}".replace(".", decimal) for cell in row] for row in rows]
-    return "\n".join([header, *(separator.join(row) for row in texts)]) + "\n"
-
-
-DEGREES = (TIME, RUDDER / DEGREE, HEADING / DEGREE, RATE / DEGREE, SPEED / KNOT)
 NMEA = (*DEGREES[:3], 60 * DEGREES[3], DEGREES[4])
-PLAIN = (TIME, RUDDER, HEADING, RATE, SPEED)
-MIDNIGHT = datetime(2024, 5, 1, 23, 59, 50, tzinfo=UTC)
-ISO = [(MIDNIGHT + timedelta(seconds=seconds)).isoformat() for seconds in TIME.tolist()]
-CLOCK = [f"10:0{n // 120}:{n % 120 / 2:04.1f}" for n in range(ROWS)]
 READ = {
     "semicolons": table("time_s;rudder_rad;heading_rad;yaw_rate_rad_s;speed_m_s", PLAIN, ";"),
     "semicolons and decimal commas": table("time_s;rudder_rad;heading_rad;yaw_rate_rad_s;speed_m_s", PLAIN, ";", ","),
