@@ -45,8 +45,8 @@ class HostLookup:
     def __init__(self, url: LinkUrl, every_s: float) -> None:
         """Take the URL, and how long lies between two questions at least."""
         self._url, self._every_s = url, every_s
+        self.found: tuple[str, ...] = ()  # the addresses of the latest answer; none before the first
         self._asked_s: float | None = None
-        self._found: tuple[str, ...] = ()
         self._wanted = threading.Event()
         self._ended = False
         if not is_numeric(url.host) and url.host != _SELF:
@@ -57,11 +57,6 @@ class HostLookup:
         if self._asked_s is None or now_s - self._asked_s >= self._every_s:
             self._asked_s = now_s
             self._wanted.set()
-
-    def take(self) -> tuple[str, ...]:
-        """Return the addresses that the latest question brought, once; none before it is answered."""
-        found, self._found = self._found, ()
-        return found
 
     def close(self) -> None:
         """End the thread, as soon as nobody keeps it waiting."""
@@ -75,6 +70,6 @@ class HostLookup:
             if self._ended:
                 return
             try:
-                self._found = addresses_of(self._url)
+                self.found = addresses_of(self._url)
             except (OSError, UnicodeError):
                 continue  # the address that was known may still be right

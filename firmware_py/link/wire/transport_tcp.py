@@ -259,5 +259,5 @@ class TcpClient:
 
     def _next_address(self) -> str:
         """Return the address to try: of several that a name has the one after that which was tried last."""
-        found = self._lookup.take() or (self._server[0],)
+        found = self._lookup.found or (self._server[0],)
         return found[(found.index(self._server[0]) + 1) % len(found)] if self._server[0] in found else found[0]

@@ -159,7 +159,7 @@ class UdpTransport:
             if not self._heard:
                 self._lookup.ask(now_s)
             self._heard = False
-        found = self._lookup.take()
+        found = self._lookup.found
         if found and self._target[0] not in found:
             self._target = found[0], self._target[1]
 

@@ -46,10 +46,11 @@ def test_fixes_that_come_too_seldom_or_without_a_course_say_nothing():
     assert voyage(3000.0, (1.2, 0.0), mute=range(0, 3000, 100)) == []
 
 
-def test_one_odd_window_alone_is_a_jump_and_not_told():
+@pytest.mark.parametrize("jumps_s", [(300,), (300, 600, 900)])
+def test_odd_windows_that_do_not_follow_each_other_are_jumps_and_not_told(jumps_s):
     state, told = AgreementState(), []
-    for number in range(1000):
-        north_m = 0.4 * number + (100.0 if number > 300 else 0.0)
+    for number in range(1200):
+        north_m = 0.4 * number + 100.0 * sum(number > jump_s for jump_s in jumps_s)
         fix = PositionSample(
             float(number),
             FixType.FIX_3D,
