@@ -10,7 +10,8 @@ from pathlib import Path
 from firmware_py.cli.refusal import refused
 from firmware_py.install.bundle import UpdateError
 from firmware_py.install.service_files import UNIT
-from firmware_py.install.update import SIGNERS, Permissions, await_trial, go_back, installation_of, update
+from firmware_py.install.unit import installation_of
+from firmware_py.install.update import SIGNERS, Permissions, await_trial, go_back, update
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import platform
 import re
 import shutil
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from firmware_py.common.record_class import dataclass
+from firmware_py.files.reading import open_regular
 
 LIST, SIGNATURE, LOCK = "bundle.json", "bundle.json.sig", "requirements.txt"
 FORMAT: Final = 1
@@ -132,7 +134,11 @@ def unpack(path: Path, folder: Path, signers: Path | None) -> Bundle:
     and its signature are looked at before anything else is written.
     """
     try:
-        with tarfile.open(path, "r:") as archive:
+        source = os.fdopen(open_regular(path), "rb")
+    except OSError as error:
+        raise UpdateError(f"{path}: {error.strerror}; name the file that make bundle has made") from None
+    try:
+        with source, tarfile.open(fileobj=source, mode="r:") as archive:
             member = archive.next()
             if member is None or member.name != LIST:
                 raise UpdateError("it is no bundle; make one (make bundle)")

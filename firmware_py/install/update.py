@@ -19,39 +19,22 @@ from pathlib import Path
 
 from firmware_py import ROOT, __version__, commit_of, commit_utc_s_of
 from firmware_py.common.record_class import dataclass
-from firmware_py.files.reading import read_regular, read_text
+from firmware_py.files.reading import read_regular
 from firmware_py.install import environment as environments
 from firmware_py.install.bundle import Bundle, UpdateError, check_computer, is_older, title_text, unpack
 from firmware_py.install.environment import Environment, environment_of
 from firmware_py.install.program_link import STARTS, TRIAL_S, UPDATE_FILE, ProgramLink, passed_text
 from firmware_py.install.self_check import Candidate, printed_unit, self_check
-from firmware_py.install.service_files import TRIAL
+from firmware_py.install.unit import Installation
 from firmware_py.system.clock import machine_s
 from firmware_py.system.state_directory import StateFiles
 from firmware_py.system.status_file import Found, Freshness, find
 
 SIGNERS = Path("/etc/rambler/allowed_signers")
 _LOOK_S, _START_S = 1.0, 90.0
-_MOST_UNIT_BYTES = 1 << 18
+_MOST_SLOT_BYTES = 1 << 18
 _UMASK = 0o022  # the service's user reads and runs what root installs
 Say = Callable[[str], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Installation:
-    """What the unit of the service runs: the link to the program, the vehicle file and the state directory."""
-
-    link: ProgramLink
-    vehicle: Path
-    state: Path
-    watchdog: Path | None = None
-    unit: str = ""
-
-    @property
-    def service_words(self) -> list[str]:
-        """Return what `rambler service print` or `install` is to be told."""
-        watchdog = [] if self.watchdog is None else ["--watchdog", str(self.watchdog)]
-        return [str(self.vehicle), "--state", str(self.state), *watchdog]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,24 +43,6 @@ class Permissions:
 
     armed: bool = False
     older: bool = False
-
-
-def installation_of(unit: Path) -> Installation:
-    """Read what a unit runs; UpdateError when it is not there, or of a version that knows no trials."""
-    try:
-        text = read_text(unit, _MOST_UNIT_BYTES)
-    except OSError as error:
-        raise UpdateError(f"{unit}: {error.strerror}; only a service is updated: rambler service install") from None
-    settings = dict(line.split("=", 1) for line in text.splitlines() if line.startswith("ExecStart"))
-    command, counting = settings.get("ExecStart", ""), settings.get("ExecStartPre", "")
-    words: list[str] = []
-    with suppress(ValueError):  # quotes that do not end, by somebody's hand
-        words = [word.replace("%%", "%").replace("$$", "$") for word in shlex.split(command)]
-    if f"{TRIAL.parent.name}/{TRIAL.name}" not in counting or words[1:2] != ["run"] or "--state" not in words[:-1]:
-        raise UpdateError(f"{unit} is of a version before or not ours: repeat rambler service install VEHICLE.toml")
-    watchdog = Path(words[words.index("--watchdog") + 1]) if "--watchdog" in words[:-1] else None
-    state = Path(words[words.index("--state") + 1])
-    return Installation(ProgramLink(Path(words[0])), Path(words[2]), state, watchdog, text)
 
 
 def update(installation: Installation, bundle_file: Path, signers: Path | None, may: Permissions, say: Say) -> None:
@@ -227,7 +192,7 @@ def _has_passed(state: Path, program: Path) -> bool:
     line = passed_text(program).encode().rstrip(b"\n")
     for slot in state.glob(f"{UPDATE_FILE}.[01]"):
         with suppress(OSError, ValueError):
-            if line in read_regular(slot, _MOST_UNIT_BYTES, follow=False).split(b"\n"):
+            if line in read_regular(slot, _MOST_SLOT_BYTES, follow=False).split(b"\n"):
                 return True
     return False
 

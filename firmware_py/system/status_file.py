@@ -29,6 +29,7 @@ from firmware_py.files.reading import read_regular
 DIRECTORIES = (Path("/run/rambler"), Path("/dev/shm"))  # noqa: S108 - see StatusFile.write
 MOST_BYTES = 1 << 18
 STALE_S = 5.0  # the slowest loop writes every second
+TRIED = ".rambler-update"  # where an update tries a program: it talks of no boat
 _PREFIX = "rambler-status-"
 _MEMORY = ("tmpfs", "ramfs")
 
@@ -106,13 +107,15 @@ def find(state_directory: Path, machine_s: float, directories: Sequence[Path] = 
 
 
 def find_all(machine_s: float, directories: Sequence[Path] = DIRECTORIES) -> dict[str, Found]:
-    """Return what every autopilot on this computer says, by the names of their files."""
+    """Return what every autopilot on this computer says, by the names of their files; not what an update tries."""
     paths = [
         path for directory in directories if directory.is_dir() for path in sorted(directory.glob(f"{_PREFIX}*.json"))
     ]
     found: dict[str, list[Found]] = {}
     for path in paths:
-        found.setdefault(path.name, []).append(_read(path, machine_s))
+        one = _read(path, machine_s)
+        if TRIED not in Path(one.content.get("state_directory", "")).parts:
+            found.setdefault(path.name, []).append(one)
     return {name: _newest(versions) for name, versions in found.items()}
 
 

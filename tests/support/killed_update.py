@@ -20,7 +20,8 @@ from firmware_py.install import environment, program_link, self_check, update
 from firmware_py.install.bundle import UpdateError
 from firmware_py.install.program_link import ProgramLink
 from firmware_py.install.service_files import Service, trial_text, unit_text
-from firmware_py.install.update import Installation, Permissions
+from firmware_py.install.unit import Installation
+from firmware_py.install.update import Permissions
 
 CHANGES = ("os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.symlink", "os.chmod", "subprocess.Popen")
 FILLING = ("open", "os.mkdir", "os.symlink", "os.rename", "subprocess.Popen")  # what needs room

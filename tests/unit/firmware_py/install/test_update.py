@@ -19,6 +19,7 @@ from firmware_py.install.environment import Environment, check_room
 from firmware_py.install.program_link import UPDATE_FILE, passed_text
 from firmware_py.install.self_check import CHECKS, Candidate, dry_text, printed_unit, self_check
 from firmware_py.install.service_files import Service, unit_text
+from firmware_py.install.unit import installation_of
 from firmware_py.system.clock import machine_s
 from firmware_py.system.status_file import DIRECTORIES, file_name
 from firmware_py.system.store import Store
@@ -87,6 +88,19 @@ def test_nothing_is_before_the_first_update(ask):
     assert ask("--back") == (2, "rambler update: there is no version before this one\n")
 
 
+def test_an_armed_boat_on_the_state_that_a_drop_in_names_is_left_alone(place, ask):
+    """The unit alone would name a state on which nothing runs, and so nothing would seem to be armed."""
+    says(place, armed=True)
+    unit = place / "rambler.service"
+    unit.write_text(unit.read_text().replace(str(place / "state"), str(place / "other")))
+    (place / "rambler.service.d").mkdir()
+    command = f"{place / 'bin/rambler'} run {place / 'boat.toml'} --state {place / 'state'} --wait"
+    (place / "rambler.service.d/override.conf").write_text(f"[Service]\nExecStart=\nExecStart={command}\n")
+    code, said = ask()
+    assert (code, in_force(place)) == (2, "rambler")
+    assert f"override.conf runs {place / 'bin/rambler'} on {place / 'state'}" in said
+
+
 def test_an_armed_boat_is_left_alone_unless_told(place, ask):
     says(place, armed=True)
     code, said = ask()
@@ -149,7 +163,7 @@ def test_signers_that_a_link_leads_nowhere_to_are_no_leave_to_take_anything(plac
 
 
 def test_one_update_at_a_time(place, ask):
-    link = update.installation_of(place / "rambler.service").link
+    link = installation_of(place / "rambler.service").link
     with update._held(link):
         assert ask() == (2, "rambler update: another update is under way; wait for its end\n")
 
@@ -195,6 +209,10 @@ def test_a_check_that_fails_leaves_nothing_behind(place, ask, monkeypatch):
 def test_a_file_that_is_no_bundle_or_not_there_is_refused(place, ask):
     (place / "text").write_text("hello")
     assert "no bundle" in ask(str(place / "text"))[1]
+    os.mkfifo(place / "pipe")
+    for path, told in ((place / "pipe", "is a pipe"), (Path("/dev/zero"), "is a device"), (place, "Is a directory")):
+        code, said = ask(str(path))
+        assert (code, said.startswith(f"rambler update: {path}: {told}")) == (2, True), said
     assert ask(str(place / "nothing"))[0] == 2
 
 
@@ -234,15 +252,8 @@ def test_the_disk_must_have_room(tmp_path, monkeypatch):
         check_room(Environment(tmp_path / "rambler"), tmp_path / "wheels")
 
 
-def test_the_unit_says_what_runs(tmp_path):
-    service = Service(("/usr/bin/a b/rambler",), Path("/etc/per%cent/boat.toml"), Path("/srv/state dir"))
-    (tmp_path / "unit").write_text(unit_text(service))
-    found = update.installation_of(tmp_path / "unit")
-    assert (found.link.path, found.vehicle, found.state) == (Path(service.program[0]), service.vehicle, service.state)
-
-
 def test_how_a_trial_has_ended_is_told(place, ask):
-    installation, said = update.installation_of(place / "rambler.service"), []
+    installation, said = installation_of(place / "rambler.service"), []
     ask()
     program = installation.link.target()
     store = Store(place / "state")
@@ -265,14 +276,14 @@ def test_a_trial_that_was_passed_while_nobody_looked_on_keeps_no_update_out(plac
     """The next start of the service forgets such a trial, and that may be months away."""
     ask()
     store = Store(place / "state")
-    store.save(UPDATE_FILE, passed_text(update.installation_of(place / "rambler.service").link.target()).encode())
+    store.save(UPDATE_FILE, passed_text(installation_of(place / "rambler.service").link.target()).encode())
     store.close()
     code, said = ask(str(small_bundle(tmp_path, version="9.9.10")))
     assert (code, in_force(place).startswith("rambler-9.9.10-")) == (0, True), said
 
 
 def test_a_version_that_has_passed_before_is_not_said_to_be_on_trial(place, ask):
-    old = update.installation_of(place / "rambler.service").link.target()
+    old = installation_of(place / "rambler.service").link.target()
     store = Store(place / "state")
     store.save(UPDATE_FILE, passed_text(old).encode())
     store.close()
@@ -356,7 +367,7 @@ def test_a_log_that_is_damaged_or_comes_out_otherwise_keeps_nobody_from_an_updat
 
 
 def test_a_unit_that_the_new_version_wants_otherwise_is_told(place, ask, monkeypatch):
-    installed = update.installation_of(place / "rambler.service").unit
+    installed = installation_of(place / "rambler.service").unit
     monkeypatch.setattr(update, "printed_unit", lambda _program, _words: installed)
     assert "its unit" not in ask()[1]
     (place / "bin/.rambler.trial").unlink()
@@ -382,11 +393,3 @@ def test_the_unit_of_a_version_is_what_it_prints(tmp_path):
     program.write_text("#!/bin/sh\necho no\n")
     assert printed_unit(program, words) is None
     assert printed_unit(tmp_path / "gone", words) is None
-
-
-def test_a_unit_tells_what_its_service_runs(tmp_path):
-    service = Service(("/opt/rambler",), Path("/etc/boat.toml"), Path("/srv/state"), Path("/dev/watchdog"))
-    (tmp_path / "unit").write_text(unit_text(service))
-    found = update.installation_of(tmp_path / "unit")
-    assert (found.link.path, found.vehicle, found.state) == (Path("/opt/rambler"), service.vehicle, service.state)
-    assert (found.watchdog, found.unit) == (service.watchdog, unit_text(service))

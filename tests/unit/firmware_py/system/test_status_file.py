@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from firmware_py.install.environment import Environment, work_directory
 from firmware_py.system.status_file import STALE_S, Freshness, StatusFile, file_name, find, find_all, is_memory
 
 NOW_S = 1000.0
@@ -46,6 +47,16 @@ def test_what_was_written_last_is_found_whole_by_any_path_that_leads_there(memor
     assert [path.name for path in memory.iterdir()] == [file_name(state)]
     assert stat.S_IMODE((memory / file_name(state)).stat().st_mode) & ~0o640 == 0
     assert list(find_all(NOW_S, (memory,))) == [file_name(state)]
+
+
+def test_what_an_update_tries_is_no_boat(memory, state, tmp_path):
+    """`rambler status` would say that there are several, and name the copy, in the midst of each update."""
+    tried = work_directory(Environment(tmp_path / "rambler")) / "state"
+    tried.mkdir()
+    for directory in (state, tried):
+        StatusFile(directory, (memory,)).write(content(directory))
+    assert list(find_all(NOW_S, (memory,))) == [file_name(state)]
+    assert find(tried, NOW_S, (memory,)).freshness is Freshness.RUNNING
 
 
 def test_what_finds_room_for_a_part_only_is_not_put_in_place(memory, state, monkeypatch):
