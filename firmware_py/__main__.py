@@ -11,6 +11,7 @@ import importlib.util
 import io
 import os
 import resource
+import signal
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -55,6 +56,7 @@ _OWN_HASHES = (
     *(("_sha2",) if sys.version_info >= (3, 12) else ("_sha256", "_sha512")),
 )
 
+_ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGQUIT, signal.SIGHUP)
 _M_MMAP_THRESHOLD, _LARGE_BYTES = -3, 1 << 16  # mallopt(3)
 _LIBRARY_BYTES = 80 << 20  # what numpy's library and its buffer take of the addresses
 
@@ -98,12 +100,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a subcommand; 0 success, 1 a finding, 2 bad usage or configuration."""
     keep_standard_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
+    wanted = next((word for word in words if word in COMMANDS), None)
+    if wanted != "run":
+        return _run(words, wanted)
+    # Until `run` takes them: the run before may have left the rudder over, and this one is to make it safe.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+    try:
+        return _run(words, wanted)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _run(words: list[str], wanted: str | None) -> int:
+    """Import the module of the command that is wanted, and run it."""
     for stream in (sys.stdout, sys.stderr):  # a path may hold what the terminal's alphabet has not
         if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
             stream.reconfigure(errors="backslashreplace")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's library would start threads that nobody needs
     gc.disable()  # imports make no garbage, and looking for it takes a tenth of the start
-    wanted = next((word for word in words if word in COMMANDS), None)
     if wanted == "run":
         _be_small()
     parser = _Parser(prog="rambler", description="Autopilot for wave gliders and other very slow boats.")

@@ -21,6 +21,12 @@ CRASH = (
     "def fail(*_): raise RuntimeError('made for a test')\n"
     "loop._tick = fail; sys.exit(main())"
 )
+# A signal while the program is still being loaded, which takes it some tenths of a second.
+EARLY = (
+    "import importlib, os, signal, sys; from firmware_py.__main__ import main; really = importlib.import_module\n"
+    "def told(*words): os.kill(os.getpid(), signal.SIG{name}); return really(*words)\n"
+    "importlib.import_module = told; sys.exit(main())"
+)
 
 
 @pytest.fixture
@@ -210,6 +216,16 @@ def test_told_to_end_before_she_has_begun_she_makes_the_rudder_safe_first(make_b
         accept(board, process)
 
     monkeypatch.setattr(boat.time, "begin", begin)
+    boat.start()
+    assert ended(boat)[0] == 0
+    assert abs(boat.rudder_deg()) < AMIDSHIPS_DEG
+
+
+@pytest.mark.parametrize("name", ["TERM", "INT"])
+def test_told_to_end_while_she_is_still_being_loaded_she_makes_the_rudder_safe_first(make_boat, launch, name):
+    launch(python=["-c", EARLY.format(name=name)])
+    boat = make_boat()
+    turned(boat)
     boat.start()
     assert ended(boat)[0] == 0
     assert abs(boat.rudder_deg()) < AMIDSHIPS_DEG
