@@ -22,6 +22,7 @@ from firmware_py.files.making import DIRECTORY_MODE, FILE_MODE, sync_directory
 from firmware_py.files.packed import SUFFIX, packed_path
 
 NAME = re.compile(r"([0-9]{8,15})\.BIN(\.gz)?")  # a longer number is not ours, and its next one no name of a file
+_BOX_NAME = re.compile(r"([0-9]{8,15})-(end|[0-9]{1,15})\.")  # of black_box.box_path
 THIN: Final = "thin"
 BOXES: Final = "boxes"
 DAY_S: Final = 86_400.0
@@ -108,7 +109,7 @@ class LocalDisk:
         if not directory.is_dir():
             return
         logs = [_Kept.of(path) for _, path in sorted(log_files(directory).items())]
-        boxes = sorted((_Kept.of(path) for path in _box_files(directory)), key=lambda box: box.modified_s)
+        boxes = [_Kept.of(path) for path in sorted(_box_files(directory), key=_moment)]
         total = sum(kept.size for kept in (*logs, *boxes)) + _unfinished_bytes(directory)
         if self._spare_bytes and (left_bytes := total + self.free_bytes(directory) - self._spare_bytes) > 0:
             room_bytes = min(room_bytes, left_bytes)
@@ -185,12 +186,21 @@ def _remove(kept: _Kept) -> int:
 
 
 def _densest(boxes: list[_Kept]) -> int:
-    """Return which of boxes in order of time stands closest behind the one before; never the newest of several.
+    """Return which of boxes, in their order, is closest in time to the one before; never the newest of several.
 
     So a boat that restarts again and again thins out the boxes of that, not those of months.
     """
-    gaps = [(after.modified_s - before.modified_s, place) for place, (before, after) in enumerate(pairwise(boxes), 1)]
+    pairs = enumerate(pairwise(boxes), 1)
+    gaps = [(abs(after.modified_s - before.modified_s), place) for place, (before, after) in pairs]
     return min(gaps[:-1], default=(0.0, 0))[1]
+
+
+def _moment(box: Path) -> tuple[int, float, str]:
+    """Return what boxes are in order of: log and moment, for a computer may have begun at 1970 with each start."""
+    match = _BOX_NAME.match(box.name)
+    if match is None:
+        return 0, 0.0, box.name
+    return int(match[1]), float("inf") if match[2] == "end" else float(match[2]), box.name
 
 
 def _box_files(directory: Path) -> list[Path]:

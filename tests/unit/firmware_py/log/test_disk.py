@@ -133,6 +133,21 @@ def test_boxes_take_a_quarter_at_most_and_go_where_they_are_densest(tmp_path):
     assert "boxes/00000119-end.BIN.gz" in kept  # the newest
 
 
+def test_the_newest_boxes_stay_of_a_computer_whose_clock_begins_at_1970_with_each_start(tmp_path):
+    """Two voyages with the time of a receiver, then starts that ended before it had one."""
+    voyages = [aged(tmp_path, f"boxes/{number:08d}-end.BIN.gz", 10, 60.0 - 20.0 * number) for number in (1, 2)]
+    for number in range(3, 23):
+        aged(tmp_path, f"boxes/{number:08d}-end.BIN.gz", 10, NOW_S / 86_400)
+        severe = aged(tmp_path, f"boxes/{number:08d}-{3 * number}.BIN.gz", 10, (NOW_S - 10.0) / 86_400)
+    LocalDisk().prune(tmp_path, 400)
+    kept = left(tmp_path)
+    assert len(kept) == 10
+    assert {f"boxes/{path.name}" for path in (*voyages, severe)} < set(kept)
+    assert "boxes/00000022-end.BIN.gz" in kept
+    LocalDisk().prune(tmp_path, 40)
+    assert left(tmp_path) == ["boxes/00000022-end.BIN.gz"]
+
+
 @pytest.mark.parametrize(
     ("free", "kept"),
     [
