@@ -139,7 +139,7 @@ def utc_of_short_date(time_index: int, date_index: int) -> Reader:
 
     def read(fields: Fields) -> float | None:
         seconds = read_time(fields)
-        if not fields[date_index]:
+        if fields[date_index] in ("", "000000"):  # a receiver that has a place and no date yet says either
             return None
         match = _DATE.fullmatch(fields[date_index])
         if match is None:
@@ -156,7 +156,7 @@ def utc_of_long_date(time_index: int, day_index: int) -> Reader:
     def read(fields: Fields) -> float | None:
         seconds = read_time(fields)
         parts = fields[day_index : day_index + 3]
-        if not all(parts):
+        if not all(parts) or not any(part.strip("0") for part in parts):
             return None
         day, month, year = (int(within(to_number(part) or 0.0, 1, 9999)) for part in parts)
         return _utc_s(year, month, day, seconds)

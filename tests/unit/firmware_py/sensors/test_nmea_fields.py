@@ -119,6 +119,12 @@ def test_dates_become_utc():
     assert read(("000000", "290224")) is not None  # a leap year
 
 
+@pytest.mark.parametrize("zeros", [("", "", "", ""), ("000000", "00", "00", "0000")])
+def test_no_date_yet_is_no_error(zeros):
+    assert nmea_fields.utc_of_short_date(0, 1)(("115630", zeros[0])) is None
+    assert nmea_fields.utc_of_long_date(0, 1)(("115630", *zeros[1:])) is None
+
+
 @pytest.mark.parametrize("date", ["310216", "000116", "011316", "290223", "1508161", "15O816", "999999", "-10816"])
 def test_dates_that_are_refused(date):
     with pytest.raises(MessageError):
