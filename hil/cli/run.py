@@ -114,7 +114,6 @@ def run(arguments: argparse.Namespace) -> int:
     if options.play:
         print(f"she listens on {' and '.join(options.links)}; Ctrl-C ends the game", flush=True)
     with run_directory.held(options.out), interruptible():
-        run_directory.tell_replaced(options.out)
         try:
             if arguments.remote is None:
                 runner.run(options)

@@ -65,7 +65,6 @@ def run(arguments: argparse.Namespace) -> int:
             f" --home {START_LATITUDE_DEG:g},{START_LONGITUDE_DEG:g},0,0",
             flush=True,
         )
-        run_directory.tell_replaced(options.out)
         try:
             with put_to_sea(options, START_UTC_S) as book:
                 ship = JsonShip(book.world, servo=arguments.steering, travel_rad=radians(arguments.travel))

@@ -66,17 +66,6 @@ def check_free(out: Path, names: tuple[str, ...]) -> None:
             raise UsageError(f"output directory {out} holds {what}, whose results would be lost; give another")
 
 
-def tell_replaced(out: Path) -> None:
-    """Say which run a directory holds that is about to be replaced."""
-    if not (out / VEHICLE_NAME).exists():
-        return
-    try:
-        before = f"the run of {run_file.read(out).begun}"
-    except UsageError:  # of another version
-        before = "an earlier run"
-    print(f"rambler-hil: {out}: {before} is replaced; another --out keeps both", file=sys.stderr)
-
-
 def prepare_directory(out: Path, begin_with: Path | None = None) -> None:
     """Make the output directory, with a copy of a state in it, in place of an earlier run; or raise UsageError.
 
@@ -90,10 +79,11 @@ def prepare_directory(out: Path, begin_with: Path | None = None) -> None:
             copied = Path(directory) / STATE
             if begin_with is not None:
                 copy_state(begin_with, copied)
+            # What the autopilot remembers would change the run. But never remove what no run has made.
+            if state.exists() and not (out / VEHICLE_NAME).exists():
+                raise UsageError(f"{state} exists and is not of an earlier run; give another --out")
+            _tell_replaced(out)
             if state.exists():
-                # What the autopilot remembers would change the run. But never remove what no run has made.
-                if not (out / VEHICLE_NAME).exists():
-                    raise UsageError(f"{state} exists and is not of an earlier run; give another --out")
                 shutil.rmtree(state)
             for name in FILES:
                 (out / name).unlink(missing_ok=True)
@@ -101,6 +91,17 @@ def prepare_directory(out: Path, begin_with: Path | None = None) -> None:
                 copied.rename(state)
     except OSError as error:
         raise UsageError(f"output directory {out}: {error.strerror}; give another --out") from None
+
+
+def _tell_replaced(out: Path) -> None:
+    """Say which run a directory holds that is about to be replaced."""
+    if not (out / VEHICLE_NAME).exists():
+        return
+    try:
+        before = f"the run of {run_file.read(out).begun}"
+    except UsageError:  # of another version
+        before = "an earlier run"
+    print(f"rambler-hil: {out}: {before} is replaced; another --out keeps both", file=sys.stderr)
 
 
 def copy_state(state: Path, target: Path) -> None:

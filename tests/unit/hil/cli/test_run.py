@@ -7,7 +7,7 @@ import pytest
 
 from hil.__main__ import main
 from hil.cli import run as command
-from hil.errors import HilError, UsageError
+from hil.errors import UsageError
 from hil.ship.extras import NONE
 from hil.ship.extras_table import text_of
 from hil.sim import run_directory
@@ -156,21 +156,24 @@ def test_the_signing_key_of_a_state_that_a_run_begins_with_stays_secret(tmp_path
 
 
 def test_a_run_that_replaces_another_says_so(tmp_path, monkeypatch, capsys):
-    def nothing(_options):
-        raise HilError("that was all")
-
-    monkeypatch.setattr(command.runner, "run", nothing)
-    words = ["run", "tank", "--goal", "0:0", "--out", str(tmp_path)]
-    for name, content, told in (
-        ("truth.csv", "", None),
-        ("vehicle.toml", "", "an earlier run"),
-        ("run.json", "{}", "an earlier run"),
-    ):
-        (tmp_path / name).write_text(content)
-        assert main(words) == 1
-        line = f"rambler-hil: {tmp_path}: {told} is replaced; another --out keeps both\n"
-        assert capsys.readouterr().err.startswith(line if told else "rambler-hil: that was all")
+    for names in (["truth.csv"], ["vehicle.toml"], ["vehicle.toml", "run.json"]):
+        for name in names:
+            (tmp_path / name).write_text("{}")
+        prepare_directory(tmp_path)
+        line = f"rambler-hil: {tmp_path}: an earlier run is replaced; another --out keeps both\n"
+        assert capsys.readouterr().err == (line if "vehicle.toml" in names else "")
     monkeypatch.setattr(run_directory.run_file, "read", lambda _out: argparse.Namespace(begun="yesterday"))
-    monkeypatch.setattr(command, "_report_what_there_is", lambda _out, told: None)
-    assert main(words) == 1
+    (tmp_path / "vehicle.toml").touch()
+    prepare_directory(tmp_path)
     assert ": the run of yesterday is replaced;" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("why", ["a state that is not there", "a campaign"])
+def test_a_run_that_is_refused_replaces_none_and_says_nothing_of_it(tmp_path, capsys, why):
+    (tmp_path / "vehicle.toml").touch()
+    if why == "a campaign":
+        (tmp_path / "campaign.json").touch()
+    with pytest.raises(UsageError):
+        prepare_directory(tmp_path, None if why == "a campaign" else tmp_path / "mistyped")
+    assert capsys.readouterr().err == ""
+    assert (tmp_path / "vehicle.toml").exists()
