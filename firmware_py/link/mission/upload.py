@@ -115,6 +115,8 @@ class PlanUploads:
             return
         upload.last_item_s = now_s
         if upload.storing or message.seq != upload.next:
+            if message.seq == upload.next - 1:
+                upload.retry.learn_from_double()
             return
         upload.retry.learn(now_s)
         upload.whole = type(message).id == _ITEM_INT

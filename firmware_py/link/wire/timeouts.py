@@ -44,34 +44,56 @@ def timeouts_of(transport: Transport) -> Timeouts:
 
 
 class RetryTimer:
-    """When a question is to be asked again: learns how long answers take, and asks less often the longer none comes."""
+    """When a question is to be asked again: learns how long answers take, and asks less often the longer none comes.
 
-    __slots__ = ("_asked_s", "_timeouts", "_tries", "_typical_s", "_wait_s")
+    Which asking an answer belongs to cannot be told once there were two; a second answer tells that it was the first,
+    and that to ask again was in vain.
+    """
+
+    __slots__ = ("_asked_s", "_begun_s", "_in_doubt_s", "_timeouts", "_tries", "_typical_s", "_wait_s")
 
     def __init__(self, timeouts: Timeouts) -> None:
         """Start without a question."""
         self._timeouts = timeouts
         self._typical_s: float | None = None
-        self._asked_s = 0.0
+        self._in_doubt_s: float | None = None  # since the first asking of a question that was asked twice
+        self._begun_s = self._asked_s = 0.0
         self._wait_s = timeouts.first_s
         self._tries = 0
 
     def begin(self, now_s: float) -> None:
-        """Note that a new question was asked."""
-        self._asked_s, self._tries = now_s, 0
+        """Note that a new question was asked; the wait is as before where nothing is known."""
+        self._begun_s = self._asked_s = now_s
+        self._tries = 0
         if self._typical_s is not None:
-            self._wait_s = min(max(3.0 * self._typical_s, self._timeouts.shortest_s), self._timeouts.longest_s)
+            self._wait_s = self._usual_wait_s(self._typical_s)
 
     def repeat(self, now_s: float) -> None:
         """Note that the same question was asked again."""
         self._asked_s, self._tries = now_s, self._tries + 1
-        self._wait_s = min(1.5 * self._wait_s, self._timeouts.longest_s)
+        self._wait_s = min(1.5 * self._wait_s, max(self._timeouts.longest_s, self._wait_s))
 
     def learn(self, now_s: float) -> None:
-        """Learn from an answer; that to a question asked twice teaches nothing."""
-        if self._tries == 0:
-            took_s = max(0.0, now_s - self._asked_s)
-            self._typical_s = took_s if self._typical_s is None else 0.7 * self._typical_s + 0.3 * took_s
+        """Learn from an answer; that to a question asked twice teaches nothing yet."""
+        took_s = max(0.0, now_s - self._begun_s)
+        if self._tries:
+            self._in_doubt_s = took_s
+            return
+        self._in_doubt_s = None
+        self._typical_s = took_s if self._typical_s is None else 0.7 * self._typical_s + 0.3 * took_s
+
+    def learn_from_double(self) -> None:
+        """Learn from a second answer to the last question but one, whose first was that to the first asking."""
+        if self._in_doubt_s is None:
+            return
+        self._typical_s = max(self._in_doubt_s, self._typical_s or 0.0)
+        self._in_doubt_s = None
+        self._wait_s = max(self._wait_s, self._usual_wait_s(self._typical_s))
+
+    def _usual_wait_s(self, typical_s: float) -> float:
+        """Return three times what is usual, within the bounds; never so little that the usual answer comes too late."""
+        within_s = min(max(3.0 * typical_s, self._timeouts.shortest_s), self._timeouts.longest_s)
+        return min(max(within_s, 1.5 * typical_s), 0.25 * self._timeouts.give_up_s)
 
     def due(self, now_s: float) -> bool:
         """Return whether it is time to ask again."""

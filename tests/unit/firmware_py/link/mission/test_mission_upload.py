@@ -207,6 +207,36 @@ def test_a_line_by_satellite_is_given_its_time(make_station, line):
     assert [message.get_type() for message in station.answers(station.item(0))] != ["MISSION_ACK"]
 
 
+@pytest.mark.parametrize("trip_s", [1.0, 3.0, 6.0, 12.0])
+def test_over_a_slow_radio_an_item_is_not_asked_for_while_its_answer_is_under_way(make_station, trip_s):
+    """A round trip longer than the first wait: each asking is answered, so that the first item comes several times."""
+    station = make_station(byte_rate=5760.0, radio=True, datagrams=False)
+    items, asked, under_way = station.mission(20), [], []
+    said = station.count(len(items))
+    while not said or said[-1].get_type() != "MISSION_ACK":
+        asked += [request.seq for request in said]
+        under_way += [(station.rig.now_s + trip_s, items[request.seq]) for request in said]
+        if under_way and under_way[0][0] <= station.rig.now_s:
+            said = station.answers(under_way.pop(0)[1])
+        else:
+            said = station.protocol(station.rig.tick())
+    assert set(asked) == set(range(21))
+    assert len(asked) <= 21 + 5
+    assert station.rig.now_s < 1.2 * 21 * trip_s + 5.0
+
+
+def test_what_a_lossy_line_doubles_makes_her_no_slower_for_long(make_station):
+    station = make_station(byte_rate=5760.0, radio=True, datagrams=False)
+    items = station.mission(20)
+    station.count(len(items))
+    station.rig.ticks(40)  # the first was lost
+    for item in items[:15]:
+        station.answers(item)
+        station.answers(item)
+        station.rig.ticks(2)
+    assert len(station.protocol(station.rig.ticks(20))) >= 1
+
+
 @pytest.mark.parametrize("baud", [1200, 9600, 57_600])
 def test_over_a_radio_what_is_lost_is_asked_for_again_before_a_station_gives_up(make_station, baud):
     station = make_station(byte_rate=baud / 10.0, radio=True, datagrams=False)
