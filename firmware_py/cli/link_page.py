@@ -84,7 +84,7 @@ def markdown() -> str:
         "",
         "## Answers",
         "",
-        "Sent besides telemetry when something has been asked or has happened: " + ", ".join(_answers()) + ".",
+        "Sent besides telemetry when something has been asked or has happened: " + ", ".join(answers()) + ".",
     ]
     return "\n".join(lines) + "\n"
 
@@ -106,7 +106,7 @@ def _heard() -> Iterator[tuple[str, str, str]]:
         yield str(number), mavlink.mavlink_map[number].msgname, said.strip().partition("\n")[0]
 
 
-def _answers() -> list[str]:
+def answers() -> list[str]:
     """Return the names of the messages that the link's code makes, those of telemetry left out."""
     numbers: set[int] = set()
     by_class = {kind.__name__: number for number, kind in mavlink.mavlink_map.items()}

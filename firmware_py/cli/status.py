@@ -133,7 +133,8 @@ def _ending_lines(endings: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _link_lines(link: Mapping[str, Any]) -> Iterator[str]:
-    yield f"{link['url']}  {link['rates']}" + ("" if link["peers"] else "  nobody")
+    hindrance = f"  nothing leaves: {link['hindrance']}" if link.get("hindrance") else ""
+    yield f"{link['url']}  {link['rates']}" + ("" if link["peers"] else "  nobody") + hindrance
     if (satellite := link.get("satellite")) is not None:
         yield from _satellite_lines(satellite)
     for peer in link["peers"]:

@@ -83,9 +83,10 @@ class SatelliteStatus:
 
 @dataclass(frozen=True, slots=True)
 class LinkStatus:
-    """A link by its URL, the class of its rates, and who is on it."""
+    """A link by its URL, the class of its rates, and who is on it; `hindrance`: why nothing leaves, else empty."""
 
     url: str
     rates: str
     peers: tuple[PeerStatus, ...]
     satellite: SatelliteStatus | None = None
+    hindrance: str = ""

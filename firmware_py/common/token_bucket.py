@@ -28,6 +28,11 @@ class TokenBucket:
         self._level = min(self._burst, self._level + elapsed_s * self._rate_hz)
         return self._level
 
+    def pace(self, rate_hz: float, now_s: float) -> None:
+        """Fill it faster or slower from now on."""
+        self.level(now_s)
+        self._rate_hz = rate_hz
+
     def spend(self, count: float) -> None:
         """Take tokens out."""
         self._level -= count

@@ -23,6 +23,7 @@ from firmware_py.link.telemetry.statustext import text_messages
 from firmware_py.link.wire.dialect import Codec, Message, mavlink, text_of
 from firmware_py.link.wire.outbox import Priority
 
+_IN_FIRST_VERSION = "You speak MAVLink 1: fence, rally points and signing need MAVLink 2"
 _UNASKED = 0xFFFF  # the index of a value that is none of a list
 
 Handler = Callable[[Peer, Message, float], None]
@@ -139,7 +140,11 @@ class LinkContext:
         """Send what a station must know before the first heartbeat that it sees, if she is armed: ARMING_CHECK.
 
         MAVProxy looks for it then, before it has asked for any, and says that checks are disabled if it has none.
+        Who is answered in MAVLink 1 is told once.
         """
+        if peer.outbox.first_version and not peer.told_version:
+            peer.told_version = True
+            self.send_text(peer, Severity.NOTICE, _IN_FIRST_VERSION)
         if self.snapshot is not None and self.snapshot.armed and peer.may_be_new(self.now_s):
             peer.introduced = True
             self.send(peer, self.parameter_value(INDEX["ARMING_CHECK"], _UNASKED), Priority.URGENT)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from firmware_py.common.link_status import PeerStatus
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.telemetry.statustext import TextLimiter
 from firmware_py.link.telemetry.streams import Streams
 from firmware_py.link.wire.bulk import BulkShare
-from firmware_py.link.wire.framing import Splitter
+from firmware_py.link.wire.first_version import VersionHeard
+from firmware_py.link.wire.framing import Frame, Splitter
 from firmware_py.link.wire.outbox import Outbox, Priority, Sealer
+from firmware_py.link.wire.radio_pace import RadioPace
 from firmware_py.link.wire.transport import Address, Transport, usual_class
 from firmware_py.link.wire.url_options import LinkClass
 
@@ -30,7 +33,9 @@ class Peer:
     """
 
     __slots__ = (
+        "_radio_pace",
         "_unanswered_bytes",
+        "_version",
         "address",
         "bulk",
         "denial_tokens",
@@ -47,6 +52,7 @@ class Peer:
         "rest_follows",
         "splitter",
         "streams",
+        "told_version",
         "transport",
         "verified",
     )
@@ -64,11 +70,14 @@ class Peer:
         self.parameter_list_row: int | None = None  # the next row of the parameter list it gets
         self.parameter_rows_due: dict[int, None] = {}  # rows of the parameter table that it is owed, in order
         self.bulk = BulkShare(transport.byte_rate)
+        self._radio_pace = RadioPace(transport.byte_rate)
+        self._version = VersionHeard()
         self.last_frame_s = now_s  # a valid frame came from it, or it was taken up
         self.heard_s: float | None = None  # its latest valid frame
         self.ground_station_s: float | None = None  # its latest heartbeat of a ground station
         self.heartbeat_s = -math.inf  # it was sent one while it had no place
         self.introduced = False  # it was sent what must come before the heartbeat of an armed boat
+        self.told_version = False  # that it is answered in MAVLink 1
         self.rest_follows = False  # the next bytes are of a datagram of which a part was looked at
         self.verified = False  # it has signed a frame with the boat's key
         self._unanswered_bytes = 0  # sent to it when it was doubted
@@ -114,6 +123,26 @@ class Peer:
     def bulk_frames(self, frame_bytes: int, now_s: float) -> int:
         """Return how many frames of a long transfer may be queued now; none to one who may be elsewhere."""
         return self.bulk.frames(frame_bytes, self.outbox.waiting(Priority.REPLY), now_s) if self.proven else 0
+
+    def note_version(self, frames: Iterable[Frame], now_s: float) -> None:
+        """Answer in MAVLink 1 who goes on in it though she was there to be heard; by satellite nobody can tell."""
+        if self.outbox.sent_bytes and not self.quiet:
+            self._version.hear(frames, now_s)
+            self.outbox.first_version = self._version.only_first
+
+    def keep_pace(self, free_percent: int, now_s: float) -> None:
+        """Take how much of its buffer a modem in the line has free."""
+        self._radio_pace.hear(free_percent, now_s)
+        self._pace(now_s)
+
+    def forget_silent_radio(self, now_s: float) -> None:
+        """Send as fast as the line carries again where there is no modem any more."""
+        if self._radio_pace.forget(now_s):
+            self._pace(now_s)
+
+    def _pace(self, now_s: float) -> None:
+        self.outbox.pace(self._radio_pace.share, now_s)
+        self.bulk.pace(self._radio_pace.share, now_s)
 
     def may_be_new(self, now_s: float) -> bool:
         """Whether the next heartbeat may be the first one that somebody there sees."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Protocol, TypeAlias
 
@@ -17,6 +18,7 @@ from firmware_py.link.wire.transport import Address, Satellite, Transport, usual
 DOUBT_S = 10.0  # a datagram peer silent for this long has to prove anew that it is there, unless it signs
 FORGET_S = 300.0  # and whoever is silent for this long loses his place
 HEARTBEAT_S = 1.0  # between heartbeats to one who waits
+DUMB_S = 10.0  # a link by which nothing has left for this long is told to whom there are others to
 LATE_HEARTBEATS = 4  # signed heartbeats at once to strangers whose timestamps are behind
 LATE_HEARTBEATS_HZ = 1.0  # and in the long run
 
@@ -63,6 +65,7 @@ class Peers:
         self._waiting: dict[Key, Peer] = {}
         self.rejected = 0  # datagrams of strangers without a frame, or without room for them
         self._gone_rejected = 0
+        self._dumb_since_s: dict[int, float] = {}  # transports by which nothing leaves; infinite when that was told
 
     def __iter__(self) -> Iterator[Peer]:
         """Go through those who have a place, as they are now."""
@@ -99,6 +102,7 @@ class Peers:
                 usual_class(transport).value,
                 tuple(peer for index, peer in (*seated, *waiting) if index == number),
                 transport.satellite_status(now_s) if isinstance(transport, Satellite) else None,
+                transport.hindrance,
             )
             for number, transport in enumerate(self._transports)
         )
@@ -114,9 +118,12 @@ class Peers:
                 permanent[index, address] = None
             for address in transport.guests():
                 connected[index, address] = None
+        self._tell_hindrances(now_s)
         for key in permanent:
             if key not in self._peers:
                 self._seat(key, self._new_peer(key, now_s), now_s)
+            else:
+                self._peers[key].forget_silent_radio(now_s)
         for key in connected:
             if key not in self._peers and key not in self._waiting:
                 self._wait(key, self._new_peer(key, now_s), now_s)
@@ -137,6 +144,15 @@ class Peers:
                 self._dismiss(key, now_s)
             else:
                 self._show_presence(peer, now_s)
+
+    def _tell_hindrances(self, now_s: float) -> None:
+        """Tell those who can be reached that a link has been dumb for a while, once for each time."""
+        for index, transport in enumerate(self._transports):
+            if not transport.hindrance:
+                self._dumb_since_s.pop(index, None)
+            elif now_s - self._dumb_since_s.setdefault(index, now_s) >= DUMB_S:
+                self._dumb_since_s[index] = math.inf
+                self._host.tell(f"Nothing leaves by {transport.name}: {transport.hindrance}", now_s)
 
     def _permanent(self, key: Key) -> bool:
         return key[1] in self._transports[key[0]].addresses()
@@ -171,6 +187,7 @@ class Peers:
             else:
                 peer.doubt()
                 self._wait(key, peer, now_s)
+        peer.note_version((each.frame for each in admitted), now_s)
         peer.verified = peer.verified or any(frame.verified for frame in admitted)
         if peer.hear(len(data), now_s):
             if not self.has(*key) and not self._find_place(key, peer, now_s):

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Protocol
 
 from firmware_py.common.reports import Snapshot
+from firmware_py.link import radio_status
 from firmware_py.link.commands.requests import request_data_stream
 from firmware_py.link.commands.server import CommandServer
 from firmware_py.link.commands.table import TABLE as COMMANDS
@@ -74,7 +75,7 @@ class Services:
 
     def handlers(self) -> dict[int, Handler]:
         """Return who handles which message, by its number."""
-        handlers: dict[int, Handler] = {_DATA_STREAM: request_data_stream}
+        handlers: dict[int, Handler] = {_DATA_STREAM: request_data_stream, **radio_status.handlers()}
         for service in self._all:
             handlers.update(service.handlers())
         return handlers

@@ -76,6 +76,7 @@ MESSAGES = {
     "timesync": (111, 4, 2, 0),
     "setpoints": (86, 84, 82, 76, 243),
     "manual": (69, 70, 76, 11, 147),
+    "radio": (109, 66, 0),
 }
 NAMES = tuple(row.name.encode() for row in PARAMETERS)
 PATHS = (

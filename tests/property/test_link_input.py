@@ -103,6 +103,7 @@ class Pipe:
     datagrams = True
     options = PLAIN
     exposed = False
+    hindrance = ""
 
     def __init__(self):
         self.inbox = []

@@ -145,6 +145,7 @@ class MemoryTransport:
         self.inbox = []
         self.sent = []
         self.takes = True
+        self.hindrance = ""
         self.closed = False
 
     def descriptors(self):

@@ -102,6 +102,14 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "frames of another vehicle with her ids are heard: what a station on that link orders, both may do",
         "give each vehicle a system id of its own, and start it anew",
     ),
+    "You speak MAVLink 1: fence, rally points and signing need MAVLink 2": (
+        "the station goes on in MAVLink 1 and is answered in it, without the messages and fields that it does not have",
+        "set the station to MAVLink 2 if it knows it; she follows with its first frame",
+    ),
+    "Nothing leaves by <link>: <why>": (
+        "the system has refused what goes out there for ten seconds; told once each time, to those on other links",
+        "see to that network, its firewall or the adapter; `rambler status` says when it is over",
+    ),
     "No place for <address> on <link>": ("as many stations as are served are there already", "close one of them"),
     "Place of <address> on <link> given to <address>": (
         "one that was silent or not signed made room for a better one",

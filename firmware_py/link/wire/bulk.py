@@ -14,16 +14,22 @@ _WAITING = 64  # messages in the queue of answers; half of what it holds
 class BulkShare:
     """The part of a peer's line that long transfers may use."""
 
-    __slots__ = ("_bytes", "can_continue")
+    __slots__ = ("_byte_rate", "_bytes", "can_continue")
 
     def __init__(self, byte_rate: float | None) -> None:
         """Take the speed of the line in bytes a second; None for a network."""
+        self._byte_rate = byte_rate
         self._bytes: TokenBucket | None = None
         if byte_rate is not None:
             rate = _SHARE * byte_rate
             burst = max(rate * _BURST_S, float(_LONGEST_FRAME))
             self._bytes = TokenBucket(burst, rate, full=False, longest_s=_BURST_S * 4)
         self.can_continue = False  # more could go at once, were the loop to call again
+
+    def pace(self, share: float, now_s: float) -> None:
+        """Use the part of this share of the line's speed from now on."""
+        if self._bytes is not None and self._byte_rate is not None:
+            self._bytes.pace(_SHARE * share * self._byte_rate, now_s)
 
     def mark_unfinished(self) -> None:
         """Say that a transfer has more to send: on a line it waits for a tick, on a network it need not."""

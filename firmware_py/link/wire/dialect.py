@@ -193,10 +193,13 @@ def forget_what_is_not_used() -> None:
         delattr(mavlink.MAVLink, name)
 
 
+_MAVLINK2 = 0xFD
+
+
 class Packed(NamedTuple):
     """A message ready to be stamped with a peer's sequence number."""
 
-    frame: bytes  # MAVLink 2, with sequence number 0 and, until it is stamped, no checksum
+    frame: bytes  # whole, with sequence number 0 and, until it is stamped, no checksum
     seed: bytes  # crc_extra, one byte; empty for a frame that somebody else has numbered and signed
 
 
@@ -208,7 +211,8 @@ def checksum(covered: bytes, seed: bytes) -> int:
 def stamp(packed: Packed, sequence: int) -> bytes:
     """Return the frame with this sequence number: a tenth of the cost of packing it again."""
     frame = packed.frame
-    covered = frame[1:4] + bytes((sequence,)) + frame[5:-2]
+    place = 4 if frame[0] == _MAVLINK2 else 2
+    covered = frame[1:place] + bytes((sequence,)) + frame[place + 1 : -2]
     return frame[:1] + covered + checksum(covered, packed.seed).to_bytes(2, "little")
 
 

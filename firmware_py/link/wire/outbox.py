@@ -10,10 +10,13 @@ from typing import Protocol
 
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.wire.dialect import Packed, stamp
+from firmware_py.link.wire.first_version import MAVLINK1, in_first_version
 
 _BATCH_BYTES = 1200  # several frames share a datagram: one system call for all, and no fragments
 _BURST_S = 0.25  # what an idle line may save up
 _LONGEST_FRAME = 280  # with its signature
+_OFFERED = 10  # of so many heartbeats in MAVLink 1 one goes in MAVLink 2 as well, for who understands it by now
+_HEARTBEAT = bytes(3)  # its number
 _STALE_S = 3.0  # what could not leave for this long is of no use to anybody
 
 
@@ -55,18 +58,21 @@ class Outbox:
     not look like loss on the way. `dropped` counts what found a queue full.
 
     `credit_bytes` is what may be sent to one who may not be where he says he is: what exceeds it is dropped. None is
-    without limit.
+    without limit. `first_version`: all leaves in MAVLink 1, and what that does not have is left out.
     """
 
     __slots__ = (
         "_blocked_since_s",
+        "_byte_rate",
         "_bytes",
+        "_heartbeats",
         "_queues",
         "_sealer",
         "_send",
         "_sequence",
         "credit_bytes",
         "dropped",
+        "first_version",
         "sent_bytes",
     )
 
@@ -74,6 +80,7 @@ class Outbox:
         """Take the way out and, for a line, its speed in bytes a second."""
         self._send = send
         self._sealer = sealer
+        self._byte_rate = byte_rate
         self._bytes: TokenBucket | None = None  # what the line takes; None for a network
         if byte_rate is not None:
             self._bytes = TokenBucket(max(byte_rate * _BURST_S, _LONGEST_FRAME), byte_rate)
@@ -83,9 +90,31 @@ class Outbox:
         self.credit_bytes: int | None = None
         self.dropped = 0
         self.sent_bytes = 0
+        self.first_version = False
+        self._heartbeats = 0  # in MAVLink 1
+
+    def pace(self, share: float, now_s: float) -> None:
+        """Send at this share of the line's speed from now on."""
+        if self._bytes is not None and self._byte_rate is not None:
+            self._bytes.pace(share * self._byte_rate, now_s)
 
     def push(self, packed: Packed, priority: Priority) -> None:
         """Queue a message, or drop and count it."""
+        if self.first_version and packed.seed:
+            self._push_first_version(packed, priority)
+        else:
+            self._push(packed, priority)
+
+    def _push_first_version(self, packed: Packed, priority: Priority) -> None:
+        if packed.frame[7:10] == _HEARTBEAT:
+            self._heartbeats += 1
+            if self._heartbeats % _OFFERED == 0:
+                self._push(packed, priority)
+        converted = in_first_version(packed)
+        if converted is not None:
+            self._push(converted, priority)
+
+    def _push(self, packed: Packed, priority: Priority) -> None:
         queue = self._queues[priority]
         if len(queue) >= _DEPTHS[priority] or not self._spend_credit(packed):
             self.dropped += 1
@@ -142,13 +171,14 @@ class Outbox:
 
     def _stamped(self, batch: Sequence[Packed]) -> tuple[bytes, int]:
         """Return the frames as they leave, and the number of the next; what others have packed stays as it is."""
-        seal = self._sealer.seal if self._sealer.overhead_bytes else stamp
+        signs = self._sealer.overhead_bytes > 0
         frames, sequence = [], self._sequence
         for packed in batch:
             if not packed.seed:
                 frames.append(packed.frame)
                 continue
-            frames.append(seal(packed, sequence))
+            first = packed.frame[0] == MAVLINK1  # it has no signatures
+            frames.append(self._sealer.seal(packed, sequence) if signs and not first else stamp(packed, sequence))
             sequence = (sequence + 1) & 0xFF
         return b"".join(frames), sequence
 

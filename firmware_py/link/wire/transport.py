@@ -70,6 +70,10 @@ class Transport(Protocol):
     def exposed(self) -> bool:
         """Whether somebody on another computer can begin to speak here."""
 
+    @property
+    def hindrance(self) -> str:
+        """Why nothing leaves now; empty for nothing."""
+
     def addresses(self) -> Sequence[Address]:
         """The correspondents that are to be served whether they have spoken or not."""
 

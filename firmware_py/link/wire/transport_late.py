@@ -57,6 +57,11 @@ class LateTransport:
         """Take all of data, or none of it."""
         return self.opened is not None and self.opened.send(address, data)
 
+    @property
+    def hindrance(self) -> str:
+        """Why nothing leaves now."""
+        return self.problem if self.opened is None else self.opened.hindrance
+
     def addresses(self) -> Sequence[Address]:
         """Return who is served in any case."""
         return () if self.opened is None else self.opened.addresses()

@@ -39,6 +39,7 @@ class SbdTransport:
 
     datagrams = False
     radio = True
+    hindrance = ""  # what there is stands in its satellite_status
     exposed = True  # to whoever may send messages to the modem
     byte_rate: float | None = _BYTE_RATE
 

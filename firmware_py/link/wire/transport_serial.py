@@ -40,6 +40,11 @@ class SerialTransport:
         """Hand data to the line, all or nothing."""
         return self._line.write(data)
 
+    @property
+    def hindrance(self) -> str:
+        """Say when the line has vanished."""
+        return "" if self._line.fileno() >= 0 else "the line is not there"
+
     def addresses(self) -> Sequence[Address]:
         """Return the far end: whether anybody is there, a line cannot tell."""
         return (_FAR_END,)

@@ -93,6 +93,7 @@ class TcpServer:
 
     byte_rate: float | None = None
     datagrams = False
+    hindrance = ""
 
     def __init__(self, url: LinkUrl) -> None:
         """Open the port, or raise LinkError."""
@@ -180,6 +181,7 @@ class TcpClient:
 
     byte_rate: float | None = None
     datagrams = False
+    hindrance = ""
     exposed = False
 
     def __init__(self, url: LinkUrl) -> None:

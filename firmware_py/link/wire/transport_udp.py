@@ -87,7 +87,7 @@ class UdpTransport:
         self._heard = True  # the target, since it was looked up last
         self._look_s = -math.inf
         self.exposed = False
-        self.failures = 0  # datagrams that the system refused to send or said were refused
+        self.hindrance = ""  # why the system refused the last datagram to the target
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         if url.kind == "udpin":
             bind(self._socket, url)
@@ -117,7 +117,6 @@ class UdpTransport:
                 break
             except OSError:
                 # An ICMP error of an earlier send, such as ECONNREFUSED: nobody listens there now.
-                self.failures += 1
                 continue
             if self._target is None or address[0] == self._target[0]:
                 datagrams.append((address, data))
@@ -125,14 +124,17 @@ class UdpTransport:
         return datagrams
 
     def send(self, address: Address, data: bytes) -> bool:
-        """Send one datagram; False when the system's buffer is full."""
+        """Send one datagram; False when the system refuses it: its buffer is full, or there is no way there now."""
         try:
             self._socket.sendto(data, address)  # type: ignore[call-overload]
         except BlockingIOError:
             return False
-        except OSError:
-            # Refused or unreachable: gone, as any datagram may be. Kept, it would only block later ones.
-            self.failures += 1
+        except OSError as error:
+            if address == self._target:
+                self.hindrance = os.strerror(error.errno or 0).lower()
+            return False
+        if address == self._target:
+            self.hindrance = ""
         return True
 
     def addresses(self) -> Sequence[Address]:

@@ -1,5 +1,7 @@
 """UDP on real loopback sockets."""
 
+import errno
+import os
 import select
 import socket
 import threading
@@ -71,6 +73,41 @@ def test_udpout_does_not_hear_other_hosts(opened, station):
     transport.send(transport.addresses()[0], b"x")
     station.sendto(b"hello", ("127.0.0.1", port_of(transport)))
     assert receive(transport) == []
+
+
+class NoWay:
+    """A socket of a system that refuses what is to be sent."""
+
+    def __init__(self, socket_, number):
+        self._socket, self.number = socket_, number
+
+    def sendto(self, data, address):
+        if self.number:
+            raise OSError(self.number, os.strerror(self.number))
+        return self._socket.sendto(data, address)
+
+    def __getattr__(self, name):
+        return getattr(self._socket, name)
+
+
+@pytest.mark.parametrize("number", [errno.ENETUNREACH, errno.EPERM, errno.ENOBUFS, errno.EHOSTUNREACH])
+def test_what_the_system_refuses_has_not_left_and_is_told_until_something_does(opened, station, number):
+    transport = opened(f"udpout:127.0.0.1:{station.getsockname()[1]}")
+    (target,) = transport.addresses()
+    transport._socket = NoWay(transport._socket, number)
+    assert not transport.send(target, b"lost")
+    assert transport.hindrance == os.strerror(number).lower()
+    transport._socket.number = 0
+    assert transport.send(target, b"hello")
+    assert station.recvfrom(100)[0] == b"hello"
+    assert transport.hindrance == ""
+
+
+def test_that_a_stranger_cannot_be_reached_says_nothing_of_the_link(opened):
+    transport = opened(f"udpin:127.0.0.1:{free_port()}")
+    transport._socket = NoWay(transport._socket, errno.EACCES)
+    assert not transport.send(("127.0.0.1", 9), b"lost")
+    assert transport.hindrance == ""
 
 
 def test_nobody_listening_harms_nothing(opened):
