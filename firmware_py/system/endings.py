@@ -118,7 +118,7 @@ def ending_of(line: str, now_s: float) -> Ending:
 
 def place_of(traceback: str) -> str:
     """Return where the thread of the loop was, by Python's own words on a signal; empty when they do not say."""
-    _, _, current = traceback.rpartition("Current thread")
+    _, _, current = traceback.rpartition("Current thread 0x")  # Python 3.14 adds "Current thread's C stack trace"
     match = _PLACE.search(current)
     return f"in {match[1]}:{match[2]} {match[3]}" if match else ""
 

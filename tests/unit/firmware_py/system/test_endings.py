@@ -17,6 +17,7 @@ from firmware_py.system.endings import (
     Watcher,
     ending_of,
     from_text,
+    place_of,
     take_endings,
     to_text,
 )
@@ -54,6 +55,23 @@ def test_they_are_taken_once_with_the_last_words(tmp_path):
     )
     assert take_endings(tmp_path, NOW_S) == ()
     assert take_endings(None, NOW_S) == ()
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        "",
+        '\nCurrent thread\'s C stack trace (most recent call first):\n  Binary file "/usr/bin/python3", at main+0x3\n',
+    ],
+    ids=["Python 3.11 to 3.13", "Python 3.14"],
+)
+def test_the_place_is_that_of_the_loop_s_thread_in_the_words_of_each_python(more):
+    traceback = (
+        'Fatal Python error: Aborted\n\nThread 0x00 (most recent call first):\n  File "/a/b/wait.py", line 1 in other\n'
+        "\nCurrent thread 0x00007f5a42db4200 [rambler] (most recent call first):\n"
+        f'  File "/opt/firmware_py/core/step.py", line 88 in step\n  File "/opt/loop.py", line 3 in run\n{more}'
+    )
+    assert place_of(traceback) == "in core/step.py:88 step"
 
 
 def test_a_signal_that_ends_a_run_leaves_the_place_where_it_was(tmp_path):
