@@ -26,11 +26,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "file", metavar="NAME|FILE", type=Path, nargs="?", help="a parameter to explain, or a parameter file to check"
     )
-    parser.add_argument("--markdown", action="store_true", help="print params/REFERENCE.md")
-    parser.add_argument("--faults", action="store_true", help="print params/FAULTS.md")
-    parser.add_argument("--messages", action="store_true", help="print params/MESSAGES.md")
-    parser.add_argument("--texts", action="store_true", help="print params/TEXTS.md")
-    parser.add_argument("--metadata", action="store_true", help="print parameter.json, the component metadata")
+    pages = parser.add_mutually_exclusive_group()
+    pages.add_argument("--markdown", action="store_true", help="print params/REFERENCE.md")
+    pages.add_argument("--faults", action="store_true", help="print params/FAULTS.md")
+    pages.add_argument("--messages", action="store_true", help="print params/MESSAGES.md")
+    pages.add_argument("--texts", action="store_true", help="print params/TEXTS.md")
+    pages.add_argument("--metadata", action="store_true", help="print parameter.json, the component metadata")
     parser.add_argument(
         "--save",
         metavar="OUT",
@@ -69,20 +70,23 @@ def _texts() -> str:
     return page.markdown()
 
 
+_PAGES: Mapping[str, Callable[[], str]] = {
+    "markdown": parameter_page.markdown,
+    "faults": faults.markdown,
+    "messages": _messages,
+    "texts": _texts,
+    "metadata": lambda: f"{parameter_json()}\n",
+}
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Print the table, or check a file and say what it changes, or write one."""
-    for wanted, page in (
-        (arguments.markdown, parameter_page.markdown),
-        (arguments.faults, faults.markdown),
-        (arguments.messages, _messages),
-        (arguments.texts, _texts),
-    ):
-        if wanted:
+    for name, page in _PAGES.items():
+        if getattr(arguments, name):
+            if arguments.file is not None or arguments.save is not None:
+                return refused("params", f"--{name} prints all of it: leave {arguments.file or '--save'} out")
             print(page(), end="")
             return 0
-    if arguments.metadata:
-        print(parameter_json())
-        return 0
     if arguments.file is None and arguments.save is None:
         for row in TABLE:
             print(f"{row.name:<16} {format_value(row.default):>8} {row.unit:<6} {row.text} [{row.allowed_values()}]")

@@ -47,6 +47,20 @@ def test_the_metadata_is_printed(capsys):
     assert [row["name"] for row in json.loads(capsys.readouterr().out)["parameters"]] == [row.name for row in TABLE]
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--markdown", "CTL_K1"], "--markdown prints all of it: leave CTL_K1 out"),
+        (["--texts", "--save", "out"], "--texts prints all of it: leave --save out"),
+        (["--markdown", "--faults"], "not allowed with argument --markdown"),
+    ],
+)
+def test_what_a_page_would_not_heed_is_refused(capsys, words, told):
+    assert main(["params", *words]) == 2
+    said = capsys.readouterr()
+    assert (said.out, told in said.err) == ("", True), said.err
+
+
 @pytest.mark.parametrize("name", ["RUD_LIMIT_DEG", "rud_limit_deg"])
 def test_a_name_is_explained(capsys, name):
     assert main(["params", name]) == 0
