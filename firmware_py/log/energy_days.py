@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime as dt
 import math
+from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,18 +16,20 @@ from typing import Any, Final
 
 from firmware_py.common.calendar import DAY_S, is_possible
 from firmware_py.log.dataflash import LogError, Parser
+from firmware_py.log.dating import dated
 from firmware_py.log.disk import THIN, log_files
 from firmware_py.log.open_file import open_buffer
 from firmware_py.log.thin import SAILING, UPKEEP
 
 JOULES_PER_WATT_HOUR: Final = 3600.0
 LONGEST_S: Final = 600.0  # of a row: one that says more is damaged
+_LABELS: Final = ("Utc", "Sec", "Flt", "BatV", "BatA", "Enr", "VSrv", "Sun", "Load", "SoC")
 WHOLE: Final = 0.995  # of the time logged: with so much of it measured nothing is estimated
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A minute of the thin log: when it ended, how long it was, and the columns of both its messages by label."""
+    """A minute of the thin log: when it ended, how long it was, and columns of both its messages by label."""
 
     utc_s: float
     span_s: float
@@ -136,16 +139,28 @@ def thin_logs(directory: Path) -> list[Path]:
 
 
 def rows(paths: Sequence[Path]) -> Iterator[Row]:
-    """Yield the rows of thin logs; LogError for one that cannot be read."""
+    """Yield the rows of thin logs, dated; LogError for one that cannot be read.
+
+    All are read first: the clock of a row may have been set later. A year of them takes some 60 MB.
+    """
+    values, times_s = array("d"), array("d")
     for path in paths:
         try:
             with open_buffer(path) as buffer:
-                yield from _rows(buffer)
+                for time_s, cells in _rows(buffer):
+                    times_s.append(time_s)
+                    values.extend(cells)
         except OSError as error:
             raise LogError(f"{path}: {error.strerror or error}: give a thin log (.BIN or .BIN.gz)") from error
+    width = len(_LABELS)
+    utc_s = dated(values[0::width], times_s, values[1::width])
+    for place, row_utc_s in enumerate(utc_s):
+        row = dict(zip(_LABELS, values[place * width : (place + 1) * width], strict=True))
+        yield Row(row_utc_s, row["Sec"], row)
 
 
-def _rows(buffer: Any) -> Iterator[Row]:
+def _rows(buffer: Any) -> Iterator[tuple[float, list[float]]]:
+    """Yield the time of its run and the values of each row that is whole."""
     first: Mapping[str, float] | None = None
     for file_format, at in Parser(buffer):
         if file_format.name not in (SAILING.type.name, UPKEEP.type.name):
@@ -157,7 +172,7 @@ def _rows(buffer: Any) -> Iterator[Row]:
             continue
         # The second message of a row follows the first; one without is of a row that was cut off.
         if first is not None and first.get("TimeUS") == values.get("TimeUS"):
-            row = Row(first.get("Utc", math.nan), first.get("Sec", math.nan), {**first, **values})
-            if 0.0 < row.span_s <= LONGEST_S:
-                yield row
+            both = {**first, **values}
+            if 0.0 < both.get("Sec", math.nan) <= LONGEST_S:
+                yield both.get("TimeUS", math.nan) / 1e6, [both.get(label, math.nan) for label in _LABELS]
         first = None

@@ -70,14 +70,26 @@ def write(places: Sequence[Path], target: Path) -> None:
             if not thin:
                 raise
             parts.append(page.paragraph(f"The full logs are not shown: {error}", "note"))
-    if thin and (table := thin_log.read(thin)).rows:
-        parts += [page.heading("Day by day"), *page.voyage(days_voyage(table)), page.table(thin_log.days(table))]
+    if thin:
+        parts += _days_parts(thin_log.read(thin))
     if not parts:
         raise UsageError(f"{title}: nothing in it to be shown")
     try:
         target.write_text(page.page(title, parts, PLOTS), encoding="utf-8")
     except OSError as error:
         raise UsageError(f"--out {target} cannot be written: {error.strerror}; give another") from None
+
+
+def _days_parts(table: thin_log.ThinTable) -> Iterator[str]:
+    if table.rows:
+        yield page.heading("Day by day")
+        yield from page.voyage(days_voyage(table))
+        yield page.table(thin_log.days(table))
+    if table.undated_s > 0.0:
+        hours = table.undated_s / 3600.0
+        yield page.paragraph(
+            f"{hours:.1f} h of the thin log are on no day: no clock of those starts was right.", "note"
+        )
 
 
 def _full_parts(log: FieldLog, paths: Sequence[Path], notes: Sequence[str]) -> Iterator[str]:

@@ -12,7 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_py.common.calendar import is_possible
 from firmware_py.common.geodesy import EARTH_RADIUS_M, Place
+from firmware_py.log.dating import dated
 from firmware_py.log.open_file import open_buffer
 from hil.errors import UsageError
 from hil.report.log_records import records
@@ -20,16 +22,19 @@ from hil.sim.truth import Array
 
 DAY_S: Final = 86_400.0
 _GAP_S: Final = 600.0  # longer than this between two rows, and no line is drawn between them
-_UTC_S: Final = (946_684_800.0, 4_102_444_800.0)  # 2000 to 2100: else it is damage, or a clock that was never set
 _SAILING = ("Utc", "Sec", "Mod", "Arm", "Flt", "Lat", "Lng", "Rms", "Trv", "WT", "WSd")
 _UPKEEP = ("Enr", "TSrv", "BatV", "SoC", "Sun", "Load", "Skip")
 
 
 @dataclass(frozen=True, slots=True)
 class ThinTable:
-    """Rows of the thin log by their labels there, in order of time; NaN for what was not known."""
+    """Rows of the thin log by their labels there, in order of time; NaN for what was not known.
+
+    `undated_s` is how long those were that no clock knew the time of; they are left out.
+    """
 
     columns: dict[str, Array]
+    undated_s: float
 
     def __getitem__(self, label: str) -> Array:
         """Return a column."""
@@ -44,7 +49,8 @@ class ThinTable:
 def read(paths: Sequence[Path]) -> ThinTable:
     """Read thin logs; rows whose time cannot be are left out. UsageError names the one that cannot be read."""
     rows: list[tuple[float, ...]] = []
-    wanted = {"THIN": _SAILING, "THNE": _UPKEEP}
+    times_s: list[float] = []
+    wanted = {"THIN": ("TimeUS", *_SAILING), "THNE": _UPKEEP}
     for path in paths:
         sailing: tuple[float, ...] | None = None
         try:
@@ -53,13 +59,16 @@ def read(paths: Sequence[Path]) -> ThinTable:
                     if name == "THIN":
                         sailing = values
                     elif sailing is not None:
-                        rows.append((*sailing, *values))
+                        times_s.append(sailing[0] / 1e6)
+                        rows.append((*sailing[1:], *values))
                         sailing = None
         except OSError as error:
             raise UsageError(f"{path}: {error.strerror or error}") from None
-    rows = [row for row in rows if _UTC_S[0] <= row[0] <= _UTC_S[1]]
-    table = np.array(sorted(rows), dtype=np.float64).reshape(-1, len(_SAILING) + len(_UPKEEP))
-    return ThinTable(dict(zip((*_SAILING, *_UPKEEP), table.T.copy(), strict=True)))
+    utc_s = dated([row[0] for row in rows], times_s, [row[1] for row in rows])
+    known = [(when_s, *row[1:]) for when_s, row in zip(utc_s, rows, strict=True) if is_possible(when_s)]
+    undated = [row[1] for when_s, row in zip(utc_s, rows, strict=True) if not is_possible(when_s)]
+    table = np.array(sorted(known), dtype=np.float64).reshape(-1, len(_SAILING) + len(_UPKEEP))
+    return ThinTable(dict(zip((*_SAILING, *_UPKEEP), table.T.copy(), strict=True)), float(np.nansum(undated)))
 
 
 def days(table: ThinTable) -> Iterator[tuple[str, ...]]:

@@ -56,6 +56,12 @@ def test_days_begin_at_midnight_and_what_no_clock_knew_stands_apart(told):
     ]
 
 
+def test_a_start_whose_clock_was_set_later_is_of_its_day(told):
+    begun, then = minutes(0.0, 3, **MEASURED), minutes(DAY_UTC_S, 60, **MEASURED)
+    days = json.loads(told(begun + then[len(begun) :], "--json")[1])["days"]
+    assert [(day["day"], day["logged_h"], day["load"]["wh"]) for day in days] == [("2027-01-01", 1.0, 5.0)]
+
+
 def test_what_was_not_measured_is_as_the_rest_of_the_day_and_marked(told):
     data = minutes(DAY_UTC_S, 300, **MEASURED) + minutes(DAY_UTC_S + 18000.0, 300, steering_j=30.0, servo_v=12.0)
     (day,) = json.loads(told(data, "--json")[1])["days"]

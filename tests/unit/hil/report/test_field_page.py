@@ -118,15 +118,27 @@ def test_what_a_day_made_good_does_not_depend_on_where_the_voyage_began(tmp_path
         for n in range(101)
         for lng_rad in (math.pi + 1e-6 * (n - 50),)
     ]
-    (tmp_path / "1.BIN").write_bytes(thin_bytes([begun, *east]))
-    head, *rows = thin_log.days(thin_log.read([tmp_path / "1.BIN"]))
+    (tmp_path / "1.BIN").write_bytes(thin_bytes([begun]))
+    (tmp_path / "2.BIN").write_bytes(thin_bytes(east))
+    head, *rows = thin_log.days(thin_log.read([tmp_path / "1.BIN", tmp_path / "2.BIN"]))
     assert rows[-1][head.index("made good")] == f"{1e-4 * math.cos(north_rad) * 6371.0088:.1f} km"
 
 
 def test_rows_of_a_time_that_cannot_be_are_left_out(tmp_path):
-    times = (1.8e9, math.nan, 0.0, -1.0, 1e300, 1.8e9 + 60.0)
-    (tmp_path / "1.BIN").write_bytes(thin_bytes(replace(MINUTE, utc_s=utc_s) for utc_s in times))
-    assert thin_log.read([tmp_path / "1.BIN"]).rows == 2
+    """Each of a run of its own: 2000 is where some computers begin that have no battery."""
+    paths = []
+    for number, utc_s in enumerate((1.8e9, math.nan, 0.0, -1.0, 1e300, 946_684_860.0, 1.8e9 + 60.0)):
+        paths.append(tmp_path / f"{number}.BIN")
+        paths[-1].write_bytes(thin_bytes([replace(MINUTE, utc_s=utc_s)]))
+    table = thin_log.read(paths)
+    assert (table.rows, table.undated_s) == (2, 300.0)
+
+
+def test_what_no_clock_knew_is_told_on_the_page(tmp_path):
+    (tmp_path / "thin").mkdir()
+    (tmp_path / "thin/00000001.BIN").write_bytes(thin_bytes([replace(MINUTE, utc_s=60.0 * n) for n in range(1, 91)]))
+    field_page.write([tmp_path], tmp_path / "page.html")
+    assert "1.5 h of the thin log are on no day" in (tmp_path / "page.html").read_text()
 
 
 def test_a_run_directory_is_taken_for_what_it_is(state, tmp_path):
