@@ -39,6 +39,7 @@ Noise = tuple[float, float, float]  # what a motion gains in a step: angle, cova
 Response = tuple[float, float, float, float]  # of a second-order system over a step, row by row
 _DRIVING: Final = np.array((HEADING, RATE, BIAS, SPEED, FACTOR, BIAS_MEAN))  # what turns the glider
 _MOTIONS: Final = range(WAVE, STATES, 2)
+_PAIRS: Final = np.array((FLOAT, FLOAT_RATE, *range(WAVE, STATES)))  # angle and rate of what swings
 # Where the noise of a step goes in the lower triangle of a covariance, flat: the diagonal, then rate by angle.
 _NOISY: Final = np.array([(STATES + 1) * i for i in range(STATES)] + [STATES * (i + 1) + i for i in _MOTIONS])
 # Of each number of a covariance, where it stands in the lower triangle, flat.
@@ -141,13 +142,12 @@ class Measured(NamedTuple):
 class Derivative(NamedTuple):
     """The derivative of `advance`.
 
-    `turning`: of heading, yaw rate, bias and the middle of the glider's way by each of _DRIVING; then that of the float
-    beside this middle, and of a motion.
+    `turning`: of heading, yaw rate, bias and the middle of the glider's way by each of _DRIVING; `swinging`: of each of
+    _PAIRS, the float beside this middle.
     """
 
     turning: Floats
-    follow: Floats
-    motion: Floats
+    swinging: Floats
 
 
 def derivative(transition: Transition) -> Derivative:
@@ -161,26 +161,21 @@ def derivative(transition: Transition) -> Derivative:
         0.0, by_rate, bias, speed, factor, 0.0,
         0.0, 0.0, keep, 0.0, 0.0, 1.0 - keep,
         1.0, half, by_push * bias, by_push * speed, by_push * factor, 0.0,
-        *transition.follow,
-        *transition.wave,
+        *transition.follow, *transition.wave, *transition.wave, *transition.wave,
     ))
     # fmt: on
-    return Derivative(shares[:24].reshape(4, 6, 1), shares[24:28].reshape(2, 2, 1), shares[28:].reshape(2, 2, 1))
+    return Derivative(shares[:24].reshape(4, 6, 1), shares[24:].reshape(4, 2, 2, 1))
 
 
 def carry(columns: Floats, by: Derivative) -> Floats:
-    """Return F M: the columns of M (18 x n), which are overwritten, carried on."""
+    """Return F M: the columns of M (18 x n), carried on."""
     turned = np.add.reduce(by.turning * columns.take(_DRIVING, 0), 1)
-    columns[:FLOAT] = turned[:FLOAT]
-    middle, floating, following = turned[FLOAT], columns[FLOAT], columns[FLOAT:NORTH]
-    floating -= middle
-    shares = by.follow * following
-    np.add(shares[:, 0], shares[:, 1], following)
-    floating += middle
-    motions = columns[WAVE:].reshape(len(_MOTIONS), 2, -1)
-    shares = by.motion * motions[:, None]
-    np.add(shares[:, :, 0], shares[:, :, 1], motions)
-    return columns
+    middle, pairs = turned[FLOAT], columns.take(_PAIRS, 0)
+    pairs[0] -= middle
+    shares = by.swinging * pairs.reshape(4, 1, 2, -1)
+    swung = (shares[:, :, 0] + shares[:, :, 1]).reshape(pairs.shape)
+    swung[0] += middle
+    return np.concatenate((turned[:FLOAT], swung[:2], columns[NORTH:WAVE], swung[2:]))
 
 
 def predict(
