@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 __all__ = ["dataclass"]
 
@@ -82,12 +82,13 @@ def _constructor(kind: type, fields: tuple[dataclasses.Field[Any], ...]) -> Call
     return made
 
 
+_FILLED: Final = {"__setattr__": object.__setattr__, "__delattr__": object.__delattr__}
 _put_class = vars(object)["__class__"].__set__  # past the frozen class's own
 
 
 def twin_of(kind: type) -> type:
-    """Return a class with the slots of a record's, and nothing that would keep them from being filled."""
-    return type(f"{kind.__name__}Twin", (), {"__slots__": tuple(field.name for field in dataclasses.fields(kind))})
+    """Return a class of records that can be filled: with the very slots of this one, so that they change it quickly."""
+    return type(f"{kind.__name__}Twin", (kind,), {"__slots__": (), **_FILLED})
 
 
 def _text(record: Any, names: tuple[str, ...], values: Callable[[Any], tuple[Any, ...]]) -> str:
