@@ -44,17 +44,16 @@ class TelemetryPublisher:
 
     def send_due(self, peers: Peers, tick_s: float, now_s: float) -> None:
         """Queue to each peer the rows that are due before the next tick, as far as its line has room."""
-        if not peers:
-            return
-        telemetry = self._context.telemetry_context()
+        due = [(peer, rows) for peer in peers if (rows := peer.streams.due(now_s, tick_s))]
+        telemetry = self._context.telemetry_context() if due else None
         if telemetry is None:
             return
         saves = telemetry.snapshot.saving
         stretch = self._context.request_handler.parameters()["PWR_LNK_FACTOR"] if saves else 1.0
         packed_rows: dict[int, Packed | None] = {}  # every row is built and packed once for all peers
-        for peer in peers:
+        for peer, rows in due:
             room_bytes = peer.outbox.room_bytes(now_s)
-            for row in peer.streams.due(now_s, tick_s):
+            for row in rows:
                 if row not in packed_rows:
                     packed_rows[row] = self._pack(row, telemetry)
                 packed, priority = packed_rows[row], TABLE[row].priority
