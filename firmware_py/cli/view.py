@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
             hub.publish(lambda: (feed.poll(), history.epoch))
             time.sleep(POLL_BESIDE_S if beside else POLL_S)
         hub.publish(lambda: (feed.poll(), history.epoch))
-        hub.close()
+        hub.close(over=beside)  # a service may be started anew, and the boat sails on
         time.sleep(FAREWELL_S)
         server.server_close()
     return 0

@@ -4,6 +4,7 @@
 const DEGREES = (value, digits = 1) => (known(value) ? `${value.toFixed(digits)}°` : "–");
 const BESIDE = ["rudder", "position", "navigation", "estimate", "energy", "power", "traffic", "loop"];
 const SHOWN = 12; // texts
+const AGAIN_MS = 5000; // after an answer that is none, such as that there are too many readers
 
 class Live {
   constructor(place) {
@@ -15,12 +16,20 @@ class Live {
     this.view = null;
     this.heard = 0;
     this.waiting = false;
+    this.connect();
+    setInterval(() => this.tellAge(), 1000);
+  }
+
+  connect() {
     const source = new EventSource("events");
     source.addEventListener("whole", (event) => this.take(JSON.parse(event.data), true));
     source.addEventListener("new", (event) => this.take(JSON.parse(event.data), false));
     source.addEventListener("end", () => { source.close(); this.over = true; this.tellAge(); });
-    source.addEventListener("error", () => { this.lost = this.lost || Date.now(); this.tellAge(); });
-    setInterval(() => this.tellAge(), 1000);
+    source.addEventListener("error", () => {
+      this.lost = this.lost || Date.now();
+      if (source.readyState === EventSource.CLOSED) setTimeout(() => this.connect(), AGAIN_MS); // else it does so itself
+      this.tellAge();
+    });
   }
 
   take(told, whole) {

@@ -34,7 +34,7 @@ class Hub:
         self._condition = threading.Condition()
         self._kept: deque[tuple[int, int, bytes]] = deque(maxlen=KEPT)
         self._number = self._epoch = 0
-        self.closed = False
+        self.closed = self.over = False
 
     def publish(self, work: Callable[[], tuple[bytes | None, int]]) -> None:
         """Do the work, which returns a message and the epoch, while nobody reads, and wake the readers."""
@@ -47,10 +47,10 @@ class Hub:
             self._kept.append((self._number, epoch, message))
             self._condition.notify_all()
 
-    def close(self) -> None:
-        """Send the readers away."""
+    def close(self, *, over: bool) -> None:
+        """Send the readers away; unless all is over they come back when somebody serves here again."""
         with self._condition:
-            self.closed = True
+            self.closed, self.over = True, over
             self._condition.notify_all()
 
     def next(self, after: tuple[int, int] | None) -> tuple[tuple[int, int], list[tuple[str, bytes]]]:
@@ -163,7 +163,8 @@ class _Handler(BaseHTTPRequestHandler):
                 here, news = server.hub.next(here)
                 parts = [b"event: " + kind.encode() + b"\ndata: " + content + b"\n\n" for kind, content in news]
                 self.wfile.write(b"".join(parts) or b": still here\n\n")
-            self.wfile.write(b"event: end\ndata: {}\n\n")
+            if server.hub.over:
+                self.wfile.write(b"event: end\ndata: {}\n\n")
         except OSError:
             pass  # gone, or too slow
         finally:

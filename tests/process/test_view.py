@@ -11,6 +11,9 @@ import pytest
 
 from firmware_py.common.plan import PlanKind
 from firmware_py.log.thin import HEAD, SAILING, UPKEEP, Minute
+from firmware_py.view.guard import Guard
+from firmware_py.view.history import History
+from firmware_py.view.server import Hub, ViewServer
 from hil.sim.truth import read
 from support.browser import Browser
 from support.harness import rambler_hil, start_rambler_hil
@@ -137,6 +140,38 @@ def test_the_page_of_logs_and_days_is_drawn_whatever_is_level_in_it(tmp_path, br
     browser.value("[...document.querySelectorAll('tr[data-time]')].pop().click()")
     assert browser.value("document.querySelectorAll('.said')[0].textContent").endswith(browser.value(LAST_TEXT))
     assert browser.complaints == []
+
+
+def serve(port=0):
+    """Somebody who serves a page as `rambler view` does, and its hub."""
+    history = History()
+    hub = Hub(history.whole)
+    server = ViewServer(("127.0.0.1", port), Guard("", loopback=True), hub)
+    threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
+    hub.publish(lambda: (history.add({"time_s": 1.0, "heading_deg": 10.0}, [], {"title": "she"}), history.epoch))
+    return server, hub
+
+
+def test_browsers_come_back_to_a_service_that_was_started_anew_and_to_one_that_had_no_room(browser):
+    banner = "document.querySelector('.banner')"
+    server, hub = serve()
+    port = server.server_address[1]
+    server.readers = threading.BoundedSemaphore(1)
+    server.readers.acquire()
+    browser.open(f"http://127.0.0.1:{port}/")
+    browser.wait_for(f"{banner}.textContent.startsWith('No connection')")
+    server.readers.release()
+    browser.wait_for(f"{banner}.hidden")
+    hub.close(over=False)
+    server.shutdown()
+    server.server_close()
+    browser.wait_for(f"{banner}.textContent.startsWith('No connection')")
+    server, hub = serve(port)
+    browser.wait_for(f"{banner}.hidden")
+    hub.close(over=True)
+    browser.wait_for(f"{banner}.textContent.startsWith('It has ended')")
+    server.shutdown()
+    server.server_close()
 
 
 def test_readers_change_nothing_of_a_run(tmp_path):

@@ -39,7 +39,7 @@ class Site:
         self.hub.publish(lambda: (self.history.add({"time_s": self.time_s, **row}, [], {}), self.history.epoch))
 
     def close(self):
-        self.hub.close()
+        self.hub.close(over=True)
         self.server.shutdown()
         self.server.server_close()
         self._thread.join(PATIENCE_S)
@@ -120,8 +120,16 @@ def test_a_reader_is_told_all_and_then_what_is_new(site):
     kind, new = reader.next()
     assert kind == "new"
     assert new["rows"][0][whole["names"].index("heading_deg")] == 11.0
-    site.hub.close()
+    site.hub.close(over=True)
     assert reader.next()[0] == "end"
+
+
+def test_a_reader_of_a_server_that_is_stopped_is_not_told_that_all_is_over(site):
+    site.publish(heading_deg=10.0)
+    reader = site.read()
+    assert reader.next()[0] == "whole"
+    site.hub.close(over=False)
+    assert reader.response.read() == b""
 
 
 def test_who_is_far_behind_is_told_all_anew():
