@@ -79,8 +79,14 @@ class Situation:
     rudder_ok: bool
     mission_ok: bool = False  # there is one
     home_ok: bool = False  # there is home or a rally point
+    reckoned_sd_m: float | None = None  # of the place where it is reckoned on for want of fixes
     fence_breached: bool = False
     fault: str = ""  # what of the faults that are set forbids arming
+
+    @property
+    def place_known(self) -> bool:
+        """Whether there is a place to steer by, of a fix or reckoned."""
+        return self.position_ok or self.reckoned_sd_m is not None
 
 
 # How the lack of what a mode needs is told.
@@ -92,7 +98,7 @@ _LACKING: Mapping[Need, str] = {
 }
 _MET: Mapping[Need, Callable[[Situation], bool]] = {
     Need.HEADING: lambda situation: situation.heading_rad is not None,
-    Need.POSITION: lambda situation: situation.position_ok,
+    Need.POSITION: lambda situation: situation.place_known,
     Need.MISSION: lambda situation: situation.mission_ok,
     Need.HOME: lambda situation: situation.home_ok,
 }
@@ -201,7 +207,7 @@ def _steer_position(
     if not MODES[entered.mode].position_goals:
         text = f"Position goal refused in {state.mode.name}: enter {_POSITION_MODES} first"
         return state, Answer(Verdict.TEMPORARILY_REJECTED, text)
-    if not situation.position_ok:
+    if not situation.place_known:
         return state, Answer(Verdict.TEMPORARILY_REJECTED, "Position goal refused: no position")
     return replace(entered, goal=PositionGoal(intent.latitude_rad, intent.longitude_rad)), ACCEPTED
 

@@ -32,12 +32,7 @@ TABLE: tuple[Parameter, ...] = (
     constant("ARMING_CHECK", 1, "all", "What is looked at before arming; for stations that say it when not all is."),
     real("BAT_LOW_VOLT", 0.0, 0.0, 100.0, "V", "Supply voltage below which it is low; 0: never."),
     whole("BOOT_ARM", 0, 0, 1, "", "Arm by itself at start: 1 for a boat that must go on after a power cut."),
-    choice(
-        "BOOT_MODE",
-        4,
-        {mode.value: mode.name.lower() for mode in Mode},
-        "Mode at start.",
-    ),
+    choice("BOOT_MODE", 4, {mode.value: mode.name.lower() for mode in Mode}, "Mode at start."),
     choice(
         "BOOT_RESUME",
         0,
@@ -161,7 +156,7 @@ TABLE: tuple[Parameter, ...] = (
         "What is done when no ground station is heard any more, in MANUAL too; not in HOLD.",
     ),
     real("FS_GCS_S", 600.0, 5.0, 1e7, "s", "A ground station that has said nothing for this long is silent."),
-    choice("FS_POS_ACT", 0, _FAILSAFE, "What is done without a position; with 0 she goes on as last steered."),
+    choice("FS_POS_ACT", 0, _FAILSAFE, "What is done without a fix; with 0 she goes on by reckoning (POS_RECKON_M)."),
     choice("FS_RESUME", 0, _OFF_ON, "When a fault goes whose failsafe changed the mode: go on with what she did."),
     choice("FS_RUD_ACT", 0, _FAILSAFE, "What is done when the rudder or its servo fails, beside what helps it."),
     choice("FS_STEER_ACT", 0, _FAILSAFE, "What is done when she does not answer the rudder."),
@@ -242,6 +237,9 @@ TABLE: tuple[Parameter, ...] = (
         3600.0,
         "s",
         "A position that has jumped further than she can sail is believed once it stays for this long.",
+    ),
+    real(
+        "POS_RECKON_M", 500.0, 0.0, 1e5, "m", "Without fixes she goes on by a reckoned place no less certain; 0: never."
     ),
     real("POS_TIMEOUT_S", 5.0, 0.5, 600.0, "s", f"A position older than this is not steered by; {_SELDOM}"),
     whole(

@@ -192,6 +192,21 @@ class Power:
 
 
 @dataclass(frozen=True, slots=True)
+class Reckoned:
+    """Where she is reckoned to be for want of fixes, her velocity over ground, how uncertain that is, since the last.
+
+    `sd_m`: standard deviation along the axis where it is largest.
+    """
+
+    latitude_rad: float
+    longitude_rad: float
+    north_m_s: float
+    east_m_s: float
+    sd_m: float
+    lasted_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """The state of the boat after a tick, for the log and the link.
 
@@ -235,6 +250,7 @@ class Snapshot:
     power: Power | None = None  # of battery and panels, where somebody measures them
     saving: int = 0  # how far she saves power (safety.power_saving.Saving)
     traffic: Traffic | None = None  # other vessels, once one was heard
+    reckoned: Reckoned | None = None  # in the place of a position, while she is steered by it
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,8 @@ from firmware_py.common.records import Event, Inputs, PositionSample, RudderStat
 from firmware_py.common.reports import Home
 from firmware_py.core import device_reports, rudder, tick_timing
 from firmware_py.core.state import Settings, State, heading_timeouts_of
-from firmware_py.estimate import heading_estimator, place_and_velocity, position, water
+from firmware_py.estimate import heading_estimator, place_and_velocity, position, reckoning, water
+from firmware_py.estimate.position import PositionState
 
 FIRST_PLACE_S: Final = 1800.0  # for so long a receiver's first place may prove wrong
 
@@ -22,8 +23,7 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
     timeouts = heading_timeouts_of(settings, state.devices)
     heading, in_use = state.heading_estimator.heading, state.heading_estimator.sources.in_use
     heading_rad = heading.heading_rad if heading.fresh(now_s, timeouts.of(in_use)) else None
-    over_ground_m_s = water.over_ground_m_s(state.heading_estimator.wave_filter, heading_rad)
-    place = position.predict(state.position, now_s, over_ground_m_s)
+    place = _carried_on(state, now_s, heading_rad, timeouts.position_s)
     home = state.home
     agreement = state.agreement
     credible: list[PositionSample] = []
@@ -35,6 +35,8 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
             credible.append(sample)
             if (leap_m := position.leap_m(before, sample)) is not None:
                 told.append(Event(Severity.WARNING, f"Position believed where it jumped to: {leap_m:.0f} m off"))
+            elif state.modes.armed:
+                told += _found_again(before, sample)
             agreement, odd = place_and_velocity.update(agreement, sample, afloat=state.modes.armed)
             told += odd
             home = _home(home, begun, place.begun)
@@ -62,6 +64,28 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
         home=home,
     )
     return state, rudder_status, (*told, *events, *device_events)
+
+
+def _carried_on(state: State, now_s: float, heading_rad: float | None, silent_s: float) -> PositionState:
+    """Return the place carried on to now, reckoned by the last known water when fixes are missing for silent_s."""
+    place, waves = state.position, state.heading_estimator.wave_filter
+    if place.fix is None:
+        return place
+    if place.reckoning is None and now_s - place.fix.t_s > silent_s:
+        place = replace(place, reckoning=reckoning.begin(waves, state.water.slow_m_s, now_s))
+    if place.reckoning is None:
+        return position.predict(place, now_s, water.over_ground_m_s(waves, heading_rad))
+    step_s = max(0.0, now_s - place.t_s)
+    sailed, over_ground_m_s = reckoning.sail(place.reckoning, heading_rad, step_s, under_way=state.modes.armed)
+    return position.predict(replace(place, reckoning=sailed), now_s, over_ground_m_s)
+
+
+def _found_again(before: PositionState, fix: PositionSample) -> tuple[Event, ...]:
+    """Return what is told when a fix ends a reckoning that was more than a gap."""
+    if before.reckoning is None or before.fix is None or fix.t_s - before.fix.t_s <= position.LONGEST_GAP_S:
+        return ()
+    minutes, off_m = (fix.t_s - before.fix.t_s) / 60.0, position.off_m(before, fix)
+    return (Event(Severity.NOTICE, f"Reckoned for {minutes:.0f} min: she was {off_m:.0f} m off"),)
 
 
 def _home(home: Home | None, before: PositionSample | None, begun: PositionSample | None) -> Home | None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from firmware_py.common.records import Inputs, RudderStatus
-from firmware_py.common.reports import Snapshot
+from firmware_py.common.reports import Reckoned, Snapshot
 from firmware_py.core.state import Settings, State, fence_enabled, first_item
 from firmware_py.core.vessels_step import report as traffic_report
-from firmware_py.estimate import heading_estimator
+from firmware_py.estimate import heading_estimator, reckoning
 from firmware_py.guidance import guidance_reports
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import Situation, arming_obstacle
@@ -60,4 +60,15 @@ def snapshot_of(
         power=power_monitor.report(state.power, inputs.tick.t_s),
         saving=power_saving.saving(state.fault_latch.active),
         traffic=traffic_report(state),
+        reckoned=None if situation.reckoned_sd_m is None else _reckoned(state, situation.reckoned_sd_m),
     )
+
+
+def _reckoned(state: State, sd_m: float) -> Reckoned | None:
+    place = state.position
+    if place.reckoning is None or place.fix is None:
+        return None
+    heading = state.heading_estimator.heading.heading_rad
+    _, (north_m_s, east_m_s) = reckoning.sail(place.reckoning, heading, 0.0, under_way=True)
+    lasted_s = place.t_s - place.fix.t_s
+    return Reckoned(place.latitude_rad, place.longitude_rad, north_m_s, east_m_s, sd_m, lasted_s)

@@ -17,7 +17,7 @@ from firmware_py.core.device_reports import DeviceReports
 from firmware_py.core.freshness import Age, Freshness, FreshnessSettings, age_of
 from firmware_py.core.rudder import RudderSettings, RudderState
 from firmware_py.core.tick_timing import TickTiming
-from firmware_py.estimate import water
+from firmware_py.estimate import reckoning, water
 from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, HeadingEstimatorState, HeadingTimeouts
 from firmware_py.estimate.place_and_velocity import AgreementState
 from firmware_py.estimate.position import PositionSettings, PositionState
@@ -153,6 +153,7 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
         heading_rad=heading.heading_rad if freshness.heading is Age.FRESH else None,
         water=water.report(state.water, state.heading_estimator.wave_filter),
         position_ok=freshness.position is Age.FRESH,
+        reckoned_sd_m=_reckoned_sd_m(settings, state, freshness),
         # A released servo of some makes gives no angle, but it answers.
         rudder_ok=freshness.rudder is Age.FRESH,
         mission_ok=bool(state.plans.mission.items),
@@ -160,6 +161,16 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
         fence_breached=margin_m is not None and margin_m < 0.0,
         fault=arming_obstacle(state.fault_latch.active),
     )
+
+
+def _reckoned_sd_m(settings: Settings, state: State, freshness: Freshness) -> float | None:
+    """Return how uncertain the place is while she is under way and it is reckoned on for want of fixes."""
+    place = state.position
+    if freshness.position is not Age.OLD or place.reckoning is None or place.fix is None or not state.modes.armed:
+        return None
+    if not settings.guidance.tasks.reckon_m > 0.0:
+        return None
+    return reckoning.spread_m(place.reckoning, place.t_s - place.fix.t_s)
 
 
 def situation_at(state: State, now_s: float) -> Situation:

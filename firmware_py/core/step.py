@@ -34,6 +34,7 @@ from firmware_py.core.state import (
 from firmware_py.core.vessels_step import avoid_vessels, watch_vessels
 from firmware_py.estimate import kalman, position
 from firmware_py.faults import latch
+from firmware_py.faults.fault import Fault
 from firmware_py.guidance import guidance, guidance_reports
 from firmware_py.guidance.guidance import GuidanceInput
 from firmware_py.guidance.steering import SteeringTarget, steering_target, update_goal
@@ -79,7 +80,14 @@ def step(state: State, inputs: Inputs) -> tuple[State, Output]:
     supervised = _judge_steering(settings, state, rudder, target, situation)
 
     state, command = _steer(settings, state, supervised, situation, rudder, target, step_s)
-    guidance_events = (*mission_events, *guidance_reports.fence_events(before.guidance, state.guidance, state.plans))
+    lost = (faults.active & ~before.fault_latch.active) >> Fault.POSITION_LOST & 1
+    guidance_events = (
+        *mission_events,
+        *guidance_reports.fence_events(before.guidance, state.guidance, state.plans),
+        *guidance_reports.reckoning_events(
+            before.guidance.follower, state.guidance.follower, begins=bool(lost and situation.reckoned_sd_m is not None)
+        ),
+    )
     vessel_events = (*vessel_events, *aside_events)
     events = (
         *_change_events(before, state),
@@ -115,11 +123,11 @@ def _monitor_rudder(settings: Settings, state: State, rudder: RudderStatus, step
 def _guide(settings: Settings, state: State, situation: Situation, inputs: Inputs) -> State:
     """Carry mode, goal and mission on by a tick."""
     heading_rad, motion = situation.heading_rad, None
-    if situation.position_ok and situation.water is not None:
+    if situation.place_known and situation.water is not None:
         place = Place(state.position.latitude_rad, state.position.longitude_rad)
         # Where a heading is lost the last one, carried on, tells better how the boat moves than none.
         heading_rad = state.heading_estimator.heading.heading_rad
-        motion = guidance.vessel_motion(place, heading_rad, situation.water)
+        motion = guidance.vessel_motion(place, heading_rad, situation.water, situation.reckoned_sd_m or 0.0)
     guidance_input = GuidanceInput(
         inputs.tick.t_s,
         heading_rad,

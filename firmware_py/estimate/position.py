@@ -1,7 +1,8 @@
 """Where the boat is: fixes smoothed by its own motion, and jumps that no boat can make held back.
 
 A fix that lies further off than the boat can have sailed is held back; when others keep bearing
-it out for long enough, the position was wrong before, and it is believed.
+it out for long enough, the position was wrong before, and it is believed. Without fixes the place is reckoned on
+(reckoning.py).
 """
 
 from __future__ import annotations
@@ -13,11 +14,12 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import FixType, PositionSample
+from firmware_py.estimate.reckoning import Reckoning
 
 FASTEST_M_S = 4.0  # over the ground, current and gusts of speed included
 SPREAD_M = 50.0  # what a sound receiver may be off at worst
 SMOOTHING_S = 10.0
-LONGEST_GAP_S = 60.0  # after which the estimate begins anew
+LONGEST_GAP_S = 60.0  # after which the estimate begins anew at a fix
 LEAST_WITNESSES = 3
 
 
@@ -37,7 +39,7 @@ class PositionSettings:
 class PositionState:
     """The estimated place at t_s, the last fix believed, and the first of those that are not.
 
-    `begun` is the first fix of all, or that by which a jump was believed.
+    `begun` is the first fix of all, or that by which a jump was believed; `reckoning` goes on while fixes are missing.
     """
 
     t_s: float = 0.0
@@ -47,6 +49,7 @@ class PositionState:
     suspect: PositionSample | None = None
     witnesses: int = 0
     begun: PositionSample | None = None
+    reckoning: Reckoning | None = None
 
 
 def on_earth(sample: PositionSample) -> bool:
@@ -58,12 +61,10 @@ def on_earth(sample: PositionSample) -> bool:
 
 
 def predict(state: PositionState, now_s: float, velocity_m_s: tuple[float, float]) -> PositionState:
-    """Carry the place on to now_s by the velocity over ground, north and east; not beyond a gap of a minute."""
+    """Carry the place on to now_s by the velocity over ground, north and east."""
     step_s = now_s - state.t_s
     if state.fix is None or step_s <= 0.0:
         return state
-    if now_s - state.fix.t_s > LONGEST_GAP_S:
-        return replace(state, t_s=now_s)
     return _displace(state, velocity_m_s[0] * step_s, velocity_m_s[1] * step_s, now_s)
 
 
@@ -85,7 +86,7 @@ def update(state: PositionState, sample: PositionSample, jump_s: float) -> tuple
         return _at(sample, max(sample.t_s, state.t_s), state.begun), True
     gain = 1.0 - math.exp(-gap_s / SMOOTHING_S)
     north_m, east_m = Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample))
-    state = replace(state, fix=sample, suspect=None, witnesses=0)
+    state = replace(state, fix=sample, suspect=None, witnesses=0, reckoning=None)
     return _displace(state, gain * north_m, gain * east_m, state.t_s), True
 
 
@@ -93,8 +94,13 @@ def leap_m(state: PositionState, sample: PositionSample) -> float | None:
     """Return how far from where she was reckoned to be a fix lies by which a jump is believed; None for another."""
     if state.suspect is None or state.fix is None:
         return None
-    distance_m = math.hypot(*Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample)))
+    distance_m = off_m(state, sample)
     return distance_m if distance_m > SPREAD_M else None
+
+
+def off_m(state: PositionState, sample: PositionSample) -> float:
+    """Return how far a fix lies from where she is taken to be."""
+    return math.hypot(*Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample)))
 
 
 def utc_s(state: PositionState, now_s: float) -> float | None:
@@ -124,5 +130,6 @@ def _distance_m(fix: PositionSample, other: PositionSample) -> float:
 def _displace(state: PositionState, north_m: float, east_m: float, t_s: float) -> PositionState:
     """Return the state with the place moved north and east."""
     place = Place(state.latitude_rad, state.longitude_rad).at_offset(north_m, east_m)
-    suspect, witnesses = state.suspect, state.witnesses
-    return PositionState(t_s, place.latitude_rad, place.longitude_rad, state.fix, suspect, witnesses, state.begun)
+    suspect, witnesses, begun = state.suspect, state.witnesses, state.begun
+    latitude_rad, longitude_rad = place.latitude_rad, place.longitude_rad
+    return PositionState(t_s, latitude_rad, longitude_rad, state.fix, suspect, witnesses, begun, state.reckoning)

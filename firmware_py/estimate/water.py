@@ -85,7 +85,7 @@ def over_ground_m_s(waves: WaveFilterState, heading_rad: float | None) -> tuple[
 def update(state: WaterState, waves: WaveFilterState, now_s: float) -> WaterState:
     """Judge, with patience both ways, whether the current is stronger than the boat, while a receiver tells of it."""
     if not waves.x or waves.fix_t_s is None or now_s - waves.fix_t_s > WEAK_AFTER_S:
-        return WaterState(None, 0.0, state.too_strong)
+        return WaterState(None, 0.0, state.too_strong, state.slow_m_s)  # the last that was known
     step_s = 0.0 if state.t_s is None else max(now_s - state.t_s, 0.0)
     north, east, speed, _ = known(waves)
     current = math.hypot(north, east)

@@ -17,6 +17,7 @@ class Action(Enum):
     HOLD_THEN_AMIDSHIPS = "hold the last rudder for CTL_HOLD_S, then amidships"
     NEXT_SOURCE = "steer by the next heading source, at last by course over ground"
     NOT_BELIEVED = "go on from the place believed before"
+    RECKON = "go on by a reckoned place, keep station when that is uncertain (POS_RECKON_M)"
     EASE = "stop pulling, try again every 10 s"  # the command follows the measured angle
     SET_UP_AGAIN = "set the servo up again, then steer on"  # the driver does it before it steers
     POINT_INTO_IT = "outside her watch circle point into the current"

@@ -37,6 +37,7 @@ TABLE: Mapping[Fault, FaultRow] = {
         stands=lambda tick: tick.position_old,
         debounce_s=2.0,
         severity=Severity.WARNING,
+        action=Action.RECKON,
         parameter="FS_POS_ACT",
         text="Position lost",
         recovery="Position is back",

@@ -88,8 +88,8 @@ class GuidanceOutput:
     home: Home | None = None
 
 
-def vessel_motion(place: Place, heading_rad: float, water: Water) -> VesselMotion:
-    """Return how the boat moves, for guidance."""
+def vessel_motion(place: Place, heading_rad: float, water: Water, spread_m: float = 0.0) -> VesselMotion:
+    """Return how the boat moves, for guidance; spread_m as there."""
     return VesselMotion(
         place=place,
         heading_rad=heading_rad,
@@ -98,6 +98,7 @@ def vessel_motion(place: Place, heading_rad: float, water: Water) -> VesselMotio
         current_east_m_s=water.current_east_m_s,
         leeway_rad=water.leeway_rad,
         too_strong=water.too_strong,
+        spread_m=spread_m,
     )
 
 
@@ -210,6 +211,7 @@ def _update_mission(
         steps=steps_of(given.plans.mission),
         heading_rad=given.heading_rad,
         place=None if motion is None else motion.place,
+        spread_m=0.0 if motion is None else motion.spread_m,
         follower=state.follower,
         step_s=step_s,
         utc_s=given.utc_s,

@@ -9,6 +9,8 @@ from firmware_py.common.reports import Activity, MissionReport, Navigation
 from firmware_py.guidance import mission_progress
 from firmware_py.guidance.guidance import GuidanceState, fence_margin_m
 from firmware_py.guidance.mission_progress import MissionProgress
+from firmware_py.guidance.task_follower import TaskFollowerState
+from firmware_py.guidance.tasks import GoTo
 from firmware_py.modes import ModeState
 
 
@@ -38,6 +40,20 @@ def mission_events(before: MissionProgress, after: MissionProgress, first: int) 
         events.append(Event(Severity.NOTICE, "Mission goes on"))
     if after.begun and not after.waiting and (after.index != before.index or not before.begun):
         events.append(Event(Severity.INFO, f"Mission: item {first + after.index}"))
+    return tuple(events)
+
+
+def reckoning_events(before: TaskFollowerState, after: TaskFollowerState, *, begins: bool) -> tuple[Event, ...]:
+    """Return what is told when a lost position is reckoned on, and where she waits for a fix."""
+    events = [Event(Severity.NOTICE, "Goes on by reckoning from the last fix")] if begins else []
+    if after.halt is not None and after.halt != before.halt:
+        there = isinstance(after.task, GoTo) and after.task.place == after.halt
+        text = (
+            "Reckoned to be there: waits for a fix to say so"
+            if there
+            else "Reckoned too coarsely: waits here for a fix"
+        )
+        events.append(Event(Severity.WARNING, text))
     return tuple(events)
 
 

@@ -91,9 +91,14 @@ def _approach(
     further off than it could come by turning; a boat that has only begun to turn for it moves away, too, and has
     not come near yet, and one that points at it and moves away is set back by the current and has not passed it.
     Passed further off, the boat sails for it anew from where it is, a few times: then passing is enough, so that no
-    place holds it for ever. Where a stronger current sweeps her past there is nothing to be counted.
+    place holds it for ever. Where a stronger current sweeps her past there is nothing to be counted; nor is there
+    while the place is reckoned, and less certain than the radius.
     """
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.place)
+    passed = on_line is not None and on_line.remaining_m <= 0.0
+    if motion.spread_m > task.acceptance_radius_m:
+        start, integral_s = (motion.place, 0.0) if passed else (state.start, state.integral_s)
+        return LineState(start, integral_s, math.inf, state.tries), False
     if distance_m <= task.acceptance_radius_m:
         return state, True
     closest_m = state.closest_m
@@ -102,7 +107,6 @@ def _approach(
     elif math.cos(motion.way_rad - bearing_rad) > 0.0:
         closest_m = math.inf
     reach_m = max(task.acceptance_radius_m, _passable_m(settings, motion))
-    passed = on_line is not None and on_line.remaining_m <= 0.0
     receding = distance_m > closest_m + RECEDING_M and closest_m <= reach_m
     if receding or (passed and distance_m <= reach_m):
         return state, True

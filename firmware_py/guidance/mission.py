@@ -13,7 +13,7 @@ from firmware_py.common.record_copy import replace
 from firmware_py.guidance.mission_commands import TABLE, MissionInput, has_arrived, moment_of, station_task
 from firmware_py.guidance.mission_progress import MissionProgress, after_item
 from firmware_py.guidance.mission_step import MissionStep
-from firmware_py.guidance.tasks import HoldStation
+from firmware_py.guidance.tasks import GoTo, HoldStation
 from firmware_py.plans.items import Command
 
 __all__ = ["MissionInput", "MissionOutput", "update"]
@@ -53,7 +53,7 @@ def update(progress: MissionProgress, given: MissionInput) -> MissionOutput:
         step = given.steps[progress.index]
         row = TABLE.get(step.command)
         if not progress.begun or (row is not None and row.chosen_anew):
-            home_here = step.place or given.place
+            home_here = step.place or (given.place if given.spread_m == 0.0 else None)  # reckoned is not good enough
             begun = _begin(progress, step, given)
             if begun is None or (step.command is Command.SET_HOME and home_here is None):
                 break
@@ -88,14 +88,19 @@ def _begin(progress: MissionProgress, step: MissionStep, given: MissionInput) ->
 
 
 def _run_time(progress: MissionProgress, step: MissionStep, given: MissionInput) -> MissionProgress:
-    """Let the item's time run; that from an arrival stands still while it is not known where the boat is."""
+    """Let the item's time run; that from an arrival stands still while it is not known whether the boat is there."""
     row = TABLE.get(step.command)
-    if row is None or not (row.timed_from_beginning or (given.place is not None and has_arrived(progress, given))):
+    if row is None or not (row.timed_from_beginning or (_is_there(progress, given) and has_arrived(progress, given))):
         return progress
     progress = replace(progress, elapsed_s=progress.elapsed_s + given.step_s)
     if step.time_of_day_s is None or given.utc_s is None:
         return progress
     return replace(progress, until_utc_s=moment_of(step.time_of_day_s, given.utc_s, progress))
+
+
+def _is_there(progress: MissionProgress, given: MissionInput) -> bool:
+    task = progress.task
+    return given.place is not None and (not isinstance(task, GoTo) or given.spread_m <= task.station_radius_m)
 
 
 def _is_done(progress: MissionProgress, step: MissionStep, given: MissionInput) -> bool:

@@ -23,7 +23,7 @@ LONGEST_TURN_S: Final = 600.0
 class MissionInput:
     """What a mission is sailed with in one step.
 
-    Without a heading or a position `heading_rad` or `place` is None. `return_task` takes the way back that was chosen
+    Without a heading or a place `heading_rad` or `place` is None. `return_task` takes the way back that was chosen
     before, and keeps to it while its place is one to return to.
     """
 
@@ -35,6 +35,7 @@ class MissionInput:
     step_s: float
     utc_s: float | None
     return_task: Callable[[Task | None], GoTo | None]
+    spread_m: float = 0.0  # of a place that is reckoned
 
 
 Beginning = tuple[Task, Place | None]
@@ -172,7 +173,9 @@ def _delay_over(progress: MissionProgress, step: MissionStep, given: MissionInpu
 def _near(progress: MissionProgress, step: MissionStep, given: MissionInput) -> bool:
     if step.place is None or has_arrived(progress, given):
         return True
-    return given.place is not None and given.place.distance_and_bearing(step.place)[0] <= step.distance_m
+    if given.place is None or given.spread_m > step.distance_m:
+        return False
+    return given.place.distance_and_bearing(step.place)[0] <= step.distance_m
 
 
 # A command that is not here takes no time and leaves the boat doing what it does.

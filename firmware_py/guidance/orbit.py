@@ -33,7 +33,8 @@ def update(settings: TaskSettings, state: OrbitState, task: Orbit, motion: Vesse
     side = 1.0 if task.clockwise else -1.0
     outside_m = distance_m - circle_m
     turned_rad = state.turned_rad
-    if state.bearing_rad is not None and abs(outside_m) <= NEAR_PART * circle_m:
+    counts = motion.spread_m <= circle_m and abs(outside_m) <= NEAR_PART * circle_m
+    if state.bearing_rad is not None and counts:
         turned_rad += side * wrap_pi(bearing_rad - state.bearing_rad)
     lead_rad = LEAD_S * motion.speed_m_s / circle_m
     inward_rad = math.atan(outside_m / settings.turning_radius_m)

@@ -1,4 +1,9 @@
-"""Carries a task out: line, watch circle or circle, one step after the other."""
+"""Carries a task out: line, watch circle or circle, one step after the other.
+
+By a place that is reckoned nothing counts as arrived once that is less certain than the radius to be arrived within:
+at the place she keeps station, and waits for a fix. Less certain than POS_RECKON_M she does not sail on either, and
+keeps station where she is reckoned to be.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +29,14 @@ from firmware_py.guidance.tasks import (
 
 @dataclass(frozen=True, slots=True)
 class TaskFollowerState:
-    """How far the task has come: `arrived` at its place once, and the turns made round it."""
+    """How far the task has come: `arrived` at its place once, turns made round it, and where she waits for a fix."""
 
     task: Task | None = None
     arrived: bool = False
     line: LineState | None = None
     station: StationKeepingState = StationKeepingState()
     orbit: OrbitState = OrbitState()
+    halt: Place | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +80,15 @@ def _go_to(
     settings: TaskSettings, state: TaskFollowerState, task: GoTo, motion: VesselMotion, step_s: float
 ) -> tuple[TaskFollowerState, TaskStatus]:
     line_state = state.line or LineState(task.start or motion.place)
+    if motion.spread_m > task.acceptance_radius_m:
+        halt = state.halt or (motion.place if motion.spread_m > settings.reckon_m else None)
+        if motion.place.distance_and_bearing(task.place)[0] <= task.station_radius_m:
+            halt = task.place
+        if halt is not None:
+            state, waiting = _hold_station(settings, state, HoldStation(halt, task.station_radius_m), motion)
+            return replace(state, line=line_state, halt=halt, arrived=False), waiting
     line_state, status = line.update(settings, line_state, task, motion, step_s)
-    state = replace(state, line=line_state, arrived=status.arrived)
+    state = replace(state, line=line_state, arrived=status.arrived, halt=None)
     if status.arrived:
         return _hold_station(settings, state, HoldStation(task.place, task.station_radius_m), motion)
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.place)
@@ -95,7 +108,8 @@ def _hold_station(
 ) -> tuple[TaskFollowerState, TaskStatus]:
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.centre)
     station, target = station_keeping.update(settings, state.station, task, motion, distance_m)
-    state = replace(state, station=station, arrived=state.arrived or distance_m <= task.radius_m)
+    arrived = distance_m <= task.radius_m and motion.spread_m <= task.radius_m
+    state = replace(state, station=station, arrived=state.arrived or arrived)
     return state, TaskStatus(target, Activity.STATION, task.centre, task.radius_m, bearing_rad, distance_m)
 
 
@@ -105,7 +119,7 @@ def _orbit(
     orbit_state, course_rad = orbit.update(settings, state.orbit, task, motion)
     distance_m, bearing_rad = motion.place.distance_and_bearing(task.centre)
     radius_m = orbit.radius_m(settings, task)
-    on_circle = abs(distance_m - radius_m) <= orbit.NEAR_PART * radius_m
+    on_circle = abs(distance_m - radius_m) <= orbit.NEAR_PART * radius_m and motion.spread_m <= radius_m
     state = replace(state, orbit=orbit_state, arrived=state.arrived or on_circle)
     return state, TaskStatus(
         HeadingTarget(course_rad, over_ground=True),

@@ -51,7 +51,7 @@ class VesselMotion:
     """Where the boat is and how it moves: `heading_rad` and the water's motion as estimated.
 
     `speed_m_s` is through the water, `leeway_rad` to starboard of the heading; the current sets north and east.
-    `too_strong`: it is stronger than the boat.
+    `too_strong`: it is stronger than the boat. `spread_m`: how uncertain a reckoned place is, 0 for a fix's.
     """
 
     place: Place
@@ -61,6 +61,7 @@ class VesselMotion:
     current_east_m_s: float
     too_strong: bool = False
     leeway_rad: float = 0.0
+    spread_m: float = 0.0
 
     @property
     def way_rad(self) -> float:
@@ -78,12 +79,13 @@ class HeadingTarget:
 
 @dataclass(frozen=True, slots=True)
 class TaskSettings:
-    """Radii, look-ahead, and how tight the boat turns."""
+    """Radii, look-ahead, how tight the boat turns, and up to how uncertain a reckoned place she goes on by it."""
 
     acceptance_radius_m: float
     station_radius_m: float
     look_ahead_s: float
     turning_radius_m: float  # at full rudder; by similarity the same at any speed
+    reckon_m: float = 0.0  # 0: not at all
 
     @classmethod
     def of(cls, parameters: ParameterSet) -> TaskSettings:
@@ -95,4 +97,5 @@ class TaskSettings:
             station_radius_m=parameters["LOIT_RADIUS"],
             look_ahead_s=parameters["NAV_LOOK_S"],
             turning_radius_m=min(max(radius_m, 1.0), 1000.0),
+            reckon_m=parameters["POS_RECKON_M"],
         )

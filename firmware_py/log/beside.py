@@ -122,7 +122,20 @@ SUPPLY: Final = Row(
     ),
     _not_read,
 )
-TYPES: Final = (NAVIGATION.type, ESTIMATE.type, GUIDANCE.type, WATER.type, ENERGY.type, SUPPLY.type)
+RECKONED: Final = Row(
+    192,
+    "RKN",
+    (
+        real("Lat", "r", "latitude_rad"),
+        real("Lng", "r", "longitude_rad"),
+        real("VN", "n", "north_m_s"),
+        real("VE", "n", "east_m_s"),
+        real("Sd", "m", "sd_m"),
+        real("For", "s", "lasted_s"),
+    ),
+    _not_read,
+)
+TYPES: Final = (NAVIGATION.type, ESTIMATE.type, GUIDANCE.type, WATER.type, ENERGY.type, SUPPLY.type, RECKONED.type)
 
 
 def snapshot_bytes(boat: Snapshot) -> bytes:
@@ -136,6 +149,8 @@ def snapshot_bytes(boat: Snapshot) -> bytes:
     told += GUIDANCE.pack(t_s, boat)
     if boat.energy is not None:
         told += ENERGY.pack(t_s, boat.energy)
+    if boat.reckoned is not None:
+        told += RECKONED.pack(t_s, boat.reckoned)
     if boat.power is not None:
         told += SUPPLY.pack(t_s, boat.power)
     return told if boat.water is None else told + WATER.pack(t_s, boat.water)

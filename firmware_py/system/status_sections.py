@@ -25,7 +25,17 @@ def _rudder(snapshot: Snapshot) -> Values:
 
 
 def _position(snapshot: Snapshot) -> Values:
-    return {"ok": snapshot.position_ok, **({} if snapshot.position is None else position_values(snapshot.position))}
+    values: Values = {"ok": snapshot.position_ok}
+    if snapshot.position is not None:
+        values |= position_values(snapshot.position)
+    if (reckoned := snapshot.reckoned) is not None:
+        values |= {
+            "reckoned_lat_deg": rounded(reckoned.latitude_rad, 5, degrees),
+            "reckoned_lon_deg": rounded(reckoned.longitude_rad, 5, degrees),
+            "reckoned_sd_m": rounded(reckoned.sd_m, 0),
+            "reckoned_s": rounded(reckoned.lasted_s, 0),
+        }
+    return values
 
 
 def _navigation(snapshot: Snapshot) -> Values:

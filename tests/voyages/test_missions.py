@@ -1,5 +1,6 @@
 """A mission with every kind of item, sailed through the tick; and everything replays."""
 
+import itertools
 import math
 
 import pytest
@@ -17,7 +18,7 @@ from firmware_py.common.intents import (
 )
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
-from firmware_py.common.plan import Plan, PlanKind
+from firmware_py.common.plan import Plan, PlanKind, Plans
 from firmware_py.common.reports import Activity, MissionState
 from firmware_py.core import resume
 from firmware_py.core.accept import accept
@@ -238,6 +239,50 @@ def test_a_paused_mission_stays_paused_when_a_failsafe_is_over():
     boat.fix_every = every
     boat.run(30.0)
     assert (boat.snapshot.mode, boat.snapshot.mission.state) == (Mode.AUTO, MissionState.PAUSED)
+
+
+def test_without_a_receiver_she_goes_on_by_reckoning_and_waits_where_nothing_is_certain():
+    items = item(16, 100, 0), item(16, 150, 0), item(16, 900, 0)
+    boat = rig.Sailing(rig.scenario(0.6, 0.2), 1, mission(*items), WP_RADIUS=6.0, LOIT_RADIUS=40.0)
+    boat.under_way(Mode.AUTO)
+    boat.run(150.0)
+    assert boat.snapshot.mission.index == 0
+    every, boat.fix_every = boat.fix_every, 10**9
+    boat.run(420.0)
+    assert boat.said("Position lost") == boat.said("Goes on by reckoning from the last fix")
+    assert not boat.snapshot.position_ok
+    assert boat.snapshot.mission.index == 1  # the first was near, and certain enough
+    assert boat.said("Reckoned to be there: waits for a fix to say so")
+    north_m, east_m = boat.where
+    assert math.hypot(north_m - 150.0, east_m) < 40.0 + 2.0 * boat.snapshot.reckoned.sd_m
+    boat.fix_every = every
+    rudders_rad = [boat.tick().snapshot.rudder_command_rad for _ in range(100)]
+    assert max(abs(a - b) for a, b in itertools.pairwise(rudders_rad)) <= math.radians(3.0) + 1e-9
+    assert boat.said("Reckoned for 7 min: she was ")
+    assert boat.snapshot.reckoned is None
+    boat.run(120.0, until=lambda boat: boat.snapshot.mission.index == 2)
+    assert boat.snapshot.mission.index == 2
+
+
+def test_a_fence_is_kept_by_reckoning():
+    fence = Plans(fence=Plan.of(PlanKind.FENCE, (item(5003, 0, 0, 60),)))
+    boat = rig.Sailing(rig.scenario(0.6), 1, fence, FENCE_ENABLE=1, FS_FENCE_ACT=3)
+    boat.under_way(Mode.GUIDED)
+    boat.run(30.0)
+    boat.fix_every = 10**9
+    boat.run(300.0, until=lambda boat: boat.snapshot.mode is Mode.LOITER)
+    assert boat.said("Fence breached")
+    assert boat.where[0] == pytest.approx(60.0, abs=10.0)
+
+
+def test_she_goes_on_as_last_steered_where_reckoning_is_not_wanted():
+    boat = rig.Sailing(rig.scenario(0.6), 1, mission(item(16, 100, 0)), POS_RECKON_M=0.0)
+    boat.under_way(Mode.AUTO)
+    boat.run(60.0)
+    boat.fix_every = 10**9
+    boat.run(300.0)
+    assert boat.snapshot.reckoned is None
+    assert boat.where[0] > 150.0
 
 
 def test_headings_of_a_mission_are_steered_without_a_position():

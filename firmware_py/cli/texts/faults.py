@@ -8,7 +8,7 @@ from firmware_py.faults.fault import Fault
 
 REMEDIES: Mapping[Fault, str] = {
     Fault.COMPASS_LOST: "power and cable of the compass; a second compass, or a receiver with course, keeps her going",
-    Fault.POSITION_LOST: "antenna and its view of the sky; water in the plug; she holds her heading meanwhile",
+    Fault.POSITION_LOST: "antenna and its view of the sky; water in the plug; she goes on by reckoning meanwhile",
     Fault.RUDDER_SILENT: "power and cable of the servo, its id and baud; MANUAL or a safe mode does not help",
     Fault.RUDDER_ERROR: "`rambler status` shows what it says; let it cool, free it, switch it off and on",
     Fault.LOOP_LATE: "something else uses the computer; take it away, or install her as the service (real time)",

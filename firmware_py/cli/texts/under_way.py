@@ -35,6 +35,22 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "fixes that were held back bear each other out, or she can have sailed there by now: she goes on from there",
         "look whether she can be there: a deceived receiver is as sure of it; HOLD and STEERING need no position",
     ),
+    "Goes on by reckoning from the last fix": (
+        "the position is lost; she goes on by heading, speed and the water as last known, less certain with time",
+        "see POSITION_LOST; `rambler status` has the place and its standard deviation",
+    ),
+    "Reckoned to be there: waits for a fix to say so": (
+        "she is at the place by a reckoning less certain than its radius: nothing counts as reached, she keeps station",
+        "see POSITION_LOST; set another item or a heading if you know better",
+    ),
+    "Reckoned too coarsely: waits here for a fix": (
+        "the reckoned place has become less certain than `POS_RECKON_M`: she keeps station about where she may be",
+        "see POSITION_LOST; set a heading, or a larger `POS_RECKON_M`, if the sea about her is free",
+    ),
+    "Reckoned for <number> min: she was <distance> m off": (
+        "fixes are back after so long: so far from there she had been reckoned to be",
+        _NOTHING,
+    ),
     "Position moves <speed> m/s otherwise than its velocity says: is the receiver deceived?": (
         "for four minutes her places have gone elsewhere than the receiver's velocities; she goes by the places",
         "look whether she can be there; HOLD and STEERING need no position",

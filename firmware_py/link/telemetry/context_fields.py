@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import field
 
-from firmware_py.common.angles import degrees
+from firmware_py.common.angles import TWO_PI, degrees
 from firmware_py.common.record_class import dataclass
-from firmware_py.common.records import PositionSample
+from firmware_py.common.records import FixType, PositionSample
 from firmware_py.common.reports import Snapshot, SwingReport
 
 INT8_MAX = 0x7F
@@ -41,6 +41,22 @@ def fresh_fix(context: TelemetryContext) -> PositionSample | None:
     fix = context.snapshot.position
     usable = context.snapshot.position_ok and fix is not None and None not in (fix.latitude_rad, fix.longitude_rad)
     return fix if usable else None
+
+
+def shown_place(context: TelemetryContext) -> PositionSample | None:
+    """Return the position while it is fresh, else the place that is reckoned on, as a sample that is no fix."""
+    fix, boat = fresh_fix(context), context.snapshot
+    if fix is not None or boat.reckoned is None:
+        return fix
+    return PositionSample(
+        boat.t_s,
+        FixType.NONE,
+        boat.reckoned.latitude_rad,
+        boat.reckoned.longitude_rad,
+        None if boat.position is None else boat.position.altitude_m,
+        math.hypot(boat.reckoned.north_m_s, boat.reckoned.east_m_s),
+        math.atan2(boat.reckoned.east_m_s, boat.reckoned.north_m_s) % TWO_PI,
+    )
 
 
 def whole(value: float | None, low: int, high: int, unknown: int) -> int:

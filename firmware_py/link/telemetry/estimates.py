@@ -14,6 +14,7 @@ from firmware_py.link.telemetry.context_fields import (
     boot_us,
     fresh_fix,
     scaled_degrees,
+    shown_place,
     single,
     whole,
 )
@@ -33,6 +34,8 @@ _PLACE = (
     | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
     | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
 )
+
+_RECKONED = mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
 
 
 def attitude_quaternion(context: TelemetryContext) -> Message | None:
@@ -62,8 +65,8 @@ def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[float
 
 
 def local_position_ned(context: TelemetryContext) -> Message | None:
-    """Return LOCAL_POSITION_NED, counted from home, while the position is fresh."""
-    fix, home = fresh_fix(context), context.snapshot.home
+    """Return LOCAL_POSITION_NED, counted from home, while the position is fresh or reckoned on."""
+    fix, home = shown_place(context), context.snapshot.home
     if fix is None or home is None or fix.latitude_rad is None or fix.longitude_rad is None:
         return None
     if not all(map(math.isfinite, (home.latitude_rad, home.longitude_rad, fix.latitude_rad, fix.longitude_rad))):
@@ -119,11 +122,13 @@ def position_target(context: TelemetryContext) -> Message | None:
 def estimator_status(context: TelemetryContext) -> Message:
     """Return ESTIMATOR_STATUS: which of heading, velocity and place can be relied on; NaN for what is not estimated.
 
+    A reckoned place is a relative one, with its accuracy.
     `mag_ratio` is the last heading's innovation by five of its standard deviations: 1 and more is odd.
     """
     boat, fix = context.snapshot, fresh_fix(context)
     moving = fix is not None and fix.speed_over_ground_m_s is not None and fix.course_over_ground_rad is not None
     flags = (_ATTITUDE if boat.heading_ok else 0) | (0 if fix is None else _PLACE) | (_VELOCITY if moving else 0)
+    flags |= 0 if boat.reckoned is None else _RECKONED
     return mavlink.MAVLink_estimator_status_message(
         boot_us(boat.t_s),
         flags,
@@ -133,7 +138,7 @@ def estimator_status(context: TelemetryContext) -> Message:
         mag_ratio=_heading_ratio(boat.estimate),
         hagl_ratio=_UNKNOWN,
         tas_ratio=_UNKNOWN,
-        pos_horiz_accuracy=_UNKNOWN,
+        pos_horiz_accuracy=_UNKNOWN if boat.reckoned is None else single(boat.reckoned.sd_m, _UNKNOWN),
         pos_vert_accuracy=_UNKNOWN,
     )
 

@@ -16,6 +16,7 @@ from firmware_py.link.telemetry.context_fields import (
     boot_ms,
     fresh_fix,
     scaled_degrees,
+    shown_place,
     whole,
 )
 from firmware_py.link.wire.dialect import Message, mavlink
@@ -43,11 +44,13 @@ _ARMED, _HEADING_OK = 1, 2  # in custom2
 def high_latency2(context: TelemetryContext) -> Message:
     """Return HIGH_LATENCY2; what is not known is 0, as the message has no number for it.
 
+    With the failure flag of GPS the place is reckoned.
+
     custom0 is the measured rudder angle in degrees, -128 without one; custom1 the voltage of
     the battery in fifths of a volt, at the servo where nobody measures it, -1 without one; custom2
     says by bits whether the boat is armed (1) and has a valid heading (2).
     """
-    boat, fix = context.snapshot, fresh_fix(context)
+    boat, fix, place = context.snapshot, fresh_fix(context), shown_place(context)
     failures = 0
     for fault, flags in _FAILURES:
         failures |= flags if boat.faults >> fault & 1 else 0
@@ -60,8 +63,8 @@ def high_latency2(context: TelemetryContext) -> Message:
         type=mavlink.MAV_TYPE_SURFACE_BOAT,
         autopilot=context.autopilot,
         custom_mode=whole(float(boat.mode), 0, UINT16_MAX, 0),
-        latitude=scaled_degrees(fix.latitude_rad if fix else None),
-        longitude=scaled_degrees(fix.longitude_rad if fix else None),
+        latitude=scaled_degrees(place.latitude_rad if place else None),
+        longitude=scaled_degrees(place.longitude_rad if place else None),
         altitude=whole(fix.altitude_m if fix else None, -INT16_MAX, INT16_MAX, 0),
         target_altitude=0,
         heading=_half_degrees(boat.heading_rad if boat.heading_ok else None),

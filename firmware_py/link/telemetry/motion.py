@@ -17,6 +17,7 @@ from firmware_py.link.telemetry.context_fields import (
     boot_us,
     fresh_fix,
     scaled_degrees,
+    shown_place,
     single,
     whole,
 )
@@ -90,8 +91,8 @@ def gps_raw_int(context: TelemetryContext) -> Message:
 
 
 def global_position_int(context: TelemetryContext) -> Message | None:
-    """Return GLOBAL_POSITION_INT while the position is fresh."""
-    fix = fresh_fix(context)
+    """Return GLOBAL_POSITION_INT while the position is fresh or reckoned on; GPS_RAW_INT says which."""
+    fix = shown_place(context)
     if fix is None:
         return None
     speed_m_s = fix.speed_over_ground_m_s or 0.0

@@ -28,6 +28,7 @@ from firmware_py.modes import (
     heading_to_steer,
     live_bench,
     live_stick,
+    obstacle_to,
 )
 
 SETTING_EAST = Water(1.0, 0.1, 0.0, 0.3, 0.1)
@@ -123,6 +124,14 @@ NEEDED = {
     Mode.AUTO: ["no valid heading", "no position", "no mission"],
     Mode.RTL: ["no valid heading", "no position", "no home"],
 }
+
+
+def test_a_reckoned_place_is_one():
+    reckoned = replace(WELL, position_ok=False, reckoned_sd_m=300.0)
+    for mode in (Mode.LOITER, Mode.AUTO, Mode.RTL):
+        assert obstacle_to(mode, reckoned) == ""
+    state, answer = decide(GUIDED, SteerPosition(0.5, -0.5), reckoned, 0.0)
+    assert (state.goal, answer.verdict) == (PositionGoal(0.5, -0.5), Verdict.ACCEPTED)
 
 
 @pytest.mark.parametrize("mode", [Mode.MANUAL, Mode.STEERING, Mode.LOITER, Mode.AUTO, Mode.RTL, Mode.GUIDED])

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -6,7 +7,10 @@ from hypothesis import strategies as st
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.estimate.position import PositionState, leap_m, predict, update
+from firmware_py.estimate.position import PositionState, leap_m, off_m, predict, update
+from firmware_py.estimate.reckoning import Reckoning
+
+RECKONING = Reckoning(0.0, 0.0, 0.5, 0.0, (0.0,) * 10, 0.0)
 
 
 def fix(t_s, north_m=0.0, kind=FixType.FIX_3D):
@@ -32,10 +36,22 @@ def test_the_first_fix_is_taken_whole_and_others_pull_gently():
     assert north_m(state) == pytest.approx(10.0 * (1.0 - math.exp(-0.1)), abs=1e-6)
 
 
-def test_between_fixes_it_goes_with_her_and_stops_after_a_minute_without():
+def test_between_fixes_it_goes_with_her_and_begins_anew_at_a_fix_after_a_minute_without():
     state, _ = told(fix(0.0))
     assert north_m(predict(state, 10.0, (0.5, 0.0))) == pytest.approx(5.0, abs=1e-6)
-    assert predict(state, 61.0, (0.5, 0.0)).latitude_rad == state.latitude_rad
+    far = predict(state, 7200.0, (0.5, 0.0))
+    assert north_m(far) == pytest.approx(3600.0, abs=1e-3)
+    assert off_m(far, fix(7200.0, 3000.0)) == pytest.approx(600.0, abs=1e-3)
+    again, _ = update(far, fix(7200.0, 3000.0), 60.0)
+    assert north_m(again) == pytest.approx(3000.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("silent_s", [30.0, 7200.0])
+def test_a_fix_ends_the_reckoning(silent_s):
+    state, _ = told(fix(0.0))
+    state = predict(replace(state, reckoning=RECKONING), silent_s, (0.0, 0.0))
+    assert state.reckoning is RECKONING
+    assert update(state, fix(silent_s), 60.0)[0].reckoning is None
 
 
 def test_a_jump_is_held_back_and_forgotten_when_it_goes():

@@ -44,7 +44,7 @@ class Crew:
         self.home = None
         self.fence = None
 
-    def go_on(self, *, arrived=False, turned_rad=0.0, step_s=1.0, position=True):
+    def go_on(self, *, arrived=False, turned_rad=0.0, step_s=1.0, position=True, spread_m=0.0):
         follower = TaskFollowerState(self.progress.task, arrived, orbit=OrbitState(0.0, turned_rad))
         mission_input = MissionInput(
             SETTINGS,
@@ -55,6 +55,7 @@ class Crew:
             step_s,
             self.utc_s,
             lambda _chosen: self.back,
+            spread_m,
         )
         output = mission.update(self.progress, mission_input)
         self.progress = output.progress
@@ -100,6 +101,33 @@ def test_what_waits_for_a_distance_is_done_on_the_way_there():
     crew.motion = replace(crew.motion, place=A.at_offset(0.0, 119.0))
     assert crew.go_on() == GoTo(A, C, 20.0, 100.0)
     assert (crew.progress.index, crew.fence) == (3, True)
+
+
+def test_a_place_that_is_reckoned_counts_as_far_as_it_is_certain():
+    near = MissionStep(Command.CONDITION_DISTANCE, A, distance_m=120.0)
+    crew = Crew(near, waypoint(A), place=A.at_offset(0.0, 100.0))
+    crew.go_on(spread_m=121.0)
+    assert crew.progress.index == 0
+    crew.go_on(spread_m=119.0)
+    assert crew.progress.index == 1
+
+
+def test_time_on_station_counts_while_it_is_certain_that_she_is_there():
+    crew = Crew(waypoint(A, seconds=10.0), waypoint(B))
+    crew.go_on()
+    for _ in range(50):
+        crew.go_on(arrived=True, spread_m=101.0)
+    assert crew.progress.elapsed_s == 0.0
+    crew.go_on(arrived=True, spread_m=99.0)
+    assert crew.progress.elapsed_s == 1.0
+
+
+def test_home_is_not_set_to_a_reckoned_place():
+    crew = Crew(MissionStep(Command.SET_HOME), waypoint(A))
+    crew.go_on(spread_m=1.0)
+    assert (crew.home, crew.progress.index) == (None, 0)
+    crew.go_on()
+    assert (crew.home, crew.progress.index) == (HERE, 1)
 
 
 def test_an_arrival_is_near_enough_and_a_delay_waits_where_she_is():

@@ -10,7 +10,7 @@ from firmware_py.common.link_status import LinkStatus, PeerStatus
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import DeviceHealth, DeviceRole, DeviceState, Event, Inputs, Severity, Tick
-from firmware_py.common.reports import Energy, Flow, Home, MissionReport, Navigation, Power, SwingReport
+from firmware_py.common.reports import Energy, Flow, Home, MissionReport, Navigation, Power, Reckoned, SwingReport
 from firmware_py.core.state import State
 from firmware_py.core.step import step
 from firmware_py.faults.latch import LatchState
@@ -113,6 +113,13 @@ def test_where_she_is_going_and_what_home_is_stand_beside_it(boat):
     assert (status["navigation"]["target_lat_deg"], status["navigation"]["radius_m"]) == (5.7295780, 40.0)
     assert status["home"] == {"lat_deg": 17.1887339, "lon_deg": 22.9183118}
     assert status["plan_identities"] == [1, 2, 3]
+
+
+def test_a_reckoned_place_is_no_fix_and_stands_with_its_uncertainty(boat):
+    assert "reckoned_sd_m" not in boat.status()["position"]
+    told = boat.status(12.0, position_ok=False, reckoned=Reckoned(0.1, 0.2, 0.3, 0.0, 250.4, 3600.2))["position"]
+    assert (told["ok"], told["reckoned_lat_deg"], told["reckoned_lon_deg"]) == (False, 5.72958, 11.45916)
+    assert (told["reckoned_sd_m"], told["reckoned_s"]) == (250.0, 3600.0)
 
 
 def test_energy_is_there_when_the_snapshot_has_it(boat):

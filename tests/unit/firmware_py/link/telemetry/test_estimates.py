@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.common.reports import Activity, Estimate, Home, Navigation
+from firmware_py.common.reports import Activity, Estimate, Home, Navigation, Reckoned
 from firmware_py.link.telemetry.estimates import quaternion
 
 FIX = PositionSample(0.0, FixType.FIX_3D, 0.7, -0.2, 3.0, 0.5, math.pi / 2, 8, 1.25)
@@ -68,6 +68,13 @@ def test_the_estimator_says_what_can_be_relied_on(asked):
     assert good.flags == 1 | 2 | 8 | 16 | 256 | 512
     assert all(math.isnan(value) for value in (good.vel_ratio, good.mag_ratio, good.pos_horiz_accuracy))
     assert asked(230, "ESTIMATOR_STATUS", heading_ok=False).flags == 0
+
+
+def test_a_reckoned_place_is_a_relative_one_with_its_accuracy(asked):
+    reckoned = {"position": FIX, "position_ok": False, "reckoned": Reckoned(0.7, -0.2, 0.3, 0.0, 250.0, 3600.0)}
+    status = asked(230, "ESTIMATOR_STATUS", **reckoned)
+    assert (status.flags, status.pos_horiz_accuracy) == (1 | 8 | 256, 250.0)
+    assert asked(32, "LOCAL_POSITION_NED", home=HOME, **reckoned).vx == pytest.approx(0.3)
 
 
 def test_the_estimator_says_how_far_off_the_last_heading_was(asked):
