@@ -31,12 +31,15 @@ _FASTEST_S: Mapping[LinkClass, float] = {
 class Streams:
     """The intervals one peer has asked for, or those of the class of its link."""
 
-    __slots__ = ("_defaults", "_due_s", "_fastest_s", "_interval_s")
+    __slots__ = ("_defaults", "_due_s", "_fastest_s", "_interval_s", "_stream_s")
 
     def __init__(self, link_class: LinkClass, now_s: float) -> None:
         """Start with the rates of the class, everything due at once; a satellite link starts with nothing at all."""
         self._fastest_s = _FASTEST_S.get(link_class, FASTEST_S)
         rates = [_RATES[link_class](row) for row in TABLE]
+        # A stream that is asked for by habit must not fill a radio with what changes once in a while.
+        slow = link_class is LinkClass.RADIO
+        self._stream_s = [1.0 / row.fast_hz if slow and row.fast_hz else FASTEST_S for row in TABLE]
         self._defaults = [1.0 / rate if rate else _OFF for rate in rates]
         self._interval_s = list(self._defaults)
         self._due_s = [now_s if rate else _OFF for rate in rates]
@@ -94,13 +97,16 @@ class Streams:
         return True
 
     def set_stream(self, stream: int, rate_hz: float, now_s: float) -> None:
-        """Set the rate of a MAV_DATA_STREAM, 0 for off; stream 0 is all of them. Nobody means it for a satellite."""
+        """Set the rate of a MAV_DATA_STREAM, 0 for off; stream 0 is all of them. Nobody means it for a satellite.
+
+        Over a radio no message comes oftener than it does unasked on a fast link.
+        """
         if self._fastest_s > FASTEST_S:
             return
-        interval_s = _OFF if rate_hz <= 0.0 else max(1.0 / rate_hz, FASTEST_S)
+        interval_s = _OFF if rate_hz <= 0.0 else 1.0 / rate_hz
         for index, row in enumerate(TABLE):
             if row.stream is not None and stream in (0, row.stream):
-                self._set(index, interval_s, now_s)
+                self._set(index, max(interval_s, self._stream_s[index]), now_s)
 
     def set_high_latency(self, interval_s: float | None, now_s: float) -> None:
         """Send HIGH_LATENCY2 from now on at an interval, or (None) no more."""

@@ -94,3 +94,17 @@ def test_time_that_jumps_does_not_bring_a_burst():
     streams.mark_sent(row, 0.0)
     streams.mark_sent(row, 1000.0)
     assert row not in streams.due(1000.01, 0.1)
+
+
+@pytest.mark.parametrize(("link_class", "seconds"), [(LinkClass.RADIO, 5.0), (LinkClass.FAST, 0.25)])
+def test_what_a_station_asks_for_by_habit_leaves_room_on_a_radio(link_class, seconds):
+    """MAVProxy asks for all streams at 4 Hz as it comes: over a radio that is no reason for slow values at 4 Hz."""
+    streams = Streams(link_class, 0.0)
+    streams.set_stream(0, 4.0, 0.0)
+    assert streams.interval_us(ATTITUDE) == 250_000
+    trim = next(index for index, row in enumerate(TABLE) if row.name == "NAMED_VALUE_FLOAT TRIM")
+    streams.mark_sent(trim, 0.0)
+    times = [0.05 * step for step in range(200) if trim in streams.due(0.05 * step, 0.0)]
+    assert times[0] == pytest.approx(seconds, abs=0.06)
+    streams.set_stream(0, 0.0, 0.0)
+    assert streams.interval_us(ATTITUDE) == -1

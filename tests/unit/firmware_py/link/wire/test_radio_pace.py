@@ -3,6 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from firmware_py.link.telemetry.table import TABLE
 from support.link import of_type
 
 LINE_BYTES_S = 5760.0
@@ -38,7 +39,8 @@ def radio(make_rig):
     def make(air_bytes_s, **more):
         rig = make_rig(**{"byte_rate": LINE_BYTES_S, "radio": True, "datagrams": False, **more})
         rig.endpoint.service(0.0, [])
-        rig.tell(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 50, 1))
+        for number in {row.number for row in TABLE}:
+            rig.command(511, number, 20_000)  # at each tick
         return Modem(rig, air_bytes_s)
 
     return make
