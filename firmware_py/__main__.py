@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import ctypes
 import gc
 import importlib
 import importlib.util
@@ -78,6 +77,8 @@ def _be_small() -> None:
     hashlib takes Python's own hashes: OpenSSL is 4 MiB, and 30 ms of the start, for one SHA-256. And the C library
     gives large pieces of memory back: it would keep more of them the larger those are that imports have used.
     """
+    import ctypes  # noqa: PLC0415 - libffi keeps a file open from then on, which must not become a standard stream
+
     if "_hashlib" not in sys.modules and all(map(importlib.util.find_spec, _OWN_HASHES)):
         sys.modules["_hashlib"] = None  # type: ignore[assignment] # what is None there counts as missing
     with contextlib.suppress(AttributeError):  # another C library than glibc

@@ -235,3 +235,9 @@ def test_a_user_without_a_home_is_asked_for_a_state_directory(words, vehicle, mo
     monkeypatch.delenv("XDG_STATE_HOME", raising=False)
     monkeypatch.setattr(Path, "home", nowhere)
     assert "no home to keep the state in; name a directory by --state" in one_line_error(capsys, [*words, vehicle()])
+
+
+def test_nothing_that_keeps_a_file_open_is_imported_before_the_standard_streams_are_looked_at():
+    """A newer libffi opens itself with ctypes: started with a closed standard input, it would become that."""
+    code = "import sys, firmware_py.__main__; sys.exit('ctypes' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
