@@ -19,6 +19,7 @@ BRAKING_SHARE: Final = 0.8  # of the full rudder that braking counts on
 RATE_GAIN: Final = 0.55  # of the rudder that holds a yaw rate: damps the last of the way
 LEAST_FEEDFORWARD_RAD: Final = radians(5.0)  # so that no trim, however wrong, leaves the boat without a turn
 LEAD_RAD: Final = radians(6.0)  # the reference waits for the boat beyond this
+SLOWER_TURN_S: Final = 1.2  # for each 1 that the softness is above 1: in it, the reference turns by LEAD_RAD at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +50,26 @@ def stopping_angle_rad(ship: Ship, yaw_rate_rad_s: float, brake_rad: float) -> f
     return math.copysign(angle_rad, yaw_rate_rad_s)
 
 
-def update(ship: Ship, reference: Reference, error_rad: float, heading_rad: float, step_s: float) -> Reference:
-    """Carry the reference over a step toward a goal that lies error_rad from it; it keeps near heading_rad."""
+def update(
+    ship: Ship, reference: Reference, error_rad: float, heading_rad: float, step_s: float, softness: float = 1.0
+) -> Reference:
+    """Carry the reference over a step toward a goal that lies error_rad from it; it keeps near heading_rad.
+
+    Where it waits for the boat it closes the loop, so that of a softer helm runs as many times farther ahead, and
+    turns more slowly: a boat that is later than her model must not fall far behind.
+    """
     high_rad = max(ship.limit_rad - ship.bias_rad, LEAST_FEEDFORWARD_RAD)
     low_rad = min(-ship.limit_rad - ship.bias_rad, -LEAST_FEEDFORWARD_RAD)
     r = reference.yaw_rate_rad_s
+    share = 1.0 / max((softness - 1.0) * SLOWER_TURN_S * ship.turning_ability_1_s * ship.limit_rad / LEAD_RAD, 1.0)
+    high_rad, low_rad = high_rad * share, low_rad * share
     brake_rad = BRAKING_SHARE * (high_rad if r < 0.0 else -low_rad)
     left_rad = error_rad - stopping_angle_rad(ship, r, brake_rad)
-    feedforward_rad = ship.limit_rad * left_rad / EASING_RAD - RATE_GAIN * r / ship.turning_ability_1_s
+    feedforward_rad = ship.limit_rad * share * left_rad / EASING_RAD - RATE_GAIN * r / ship.turning_ability_1_s
     feedforward_rad = clamp(feedforward_rad, low_rad, high_rad)
     steady = ship.turning_ability_1_s * feedforward_rad - ship.norrbin_s2 * r * r * r
     decay = decay_over(step_s, ship.turning_lag_s)
     turned_rad, rate_rad_s = exact_step(r, steady, decay, step_s, ship.turning_lag_s)
-    lead_rad = clamp(wrap_pi(reference.heading_rad - heading_rad) + turned_rad, -LEAD_RAD, LEAD_RAD)
+    most_rad = LEAD_RAD * softness
+    lead_rad = clamp(wrap_pi(reference.heading_rad - heading_rad) + turned_rad, -most_rad, most_rad)
     return Reference(wrap_two_pi(heading_rad + lead_rad), rate_rad_s, feedforward_rad)

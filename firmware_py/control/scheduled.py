@@ -7,9 +7,11 @@ moves the command only when it leaves a band around it, and then no farther than
 where every degree of rudder travel has the same price, that is the best rule for a rudder that
 follows a wandering demand.
 
-A helm that is to be softer has less of all that closes the loop: stiffness, the rudder that is fed forward, and a
-bias that follows the estimated one more slowly, which swings with a boat that swings. Its band is that of its
-stiffness: a wider one makes a boat swing that is later than her model.
+A helm that is to be softer has less of all that closes the loop: stiffness, and a bias that follows the estimated one
+more slowly, which swings with a boat that swings. The rudder that is fed forward does not close it: a boat that is late
+makes the same turn later. But the reference does where it waits for her, so it runs farther ahead, and turns more
+slowly, for what she lags behind drives her on while it brakes. Its band is that of its stiffness: a wider one makes a
+boat swing that is later than her model.
 """
 
 from __future__ import annotations
@@ -137,12 +139,12 @@ def scheduled_demand(
     left_rad = error_rad - wrap_pi(reference.heading_rad - estimate.heading_rad)
     if abs(error_rad) < math.pi:
         left_rad = wrap_pi(left_rad)
-    reference = reference_model.update(ship, reference, left_rad, estimate.heading_rad, step_s)
+    reference = reference_model.update(ship, reference, left_rad, estimate.heading_rad, step_s, softness)
     correction_rad2_s = estimate.correction_rad2_s
     stiffness = stiffness_of(ship, correction_rad2_s, settings.price) / softness
     off_rad = wrap_pi(reference.heading_rad - estimate.heading_rad)
     feedback_rad = rudder_demand(gains_of(ship, stiffness), off_rad, estimate.yaw_rate_rad_s - reference.yaw_rate_rad_s)
-    demand_rad = ship.bias_rad + reference.feedforward_rad / softness + feedback_rad
+    demand_rad = ship.bias_rad + reference.feedforward_rad + feedback_rad
     band_rad = band_of(correction_rad2_s, stiffness, settings.price)
     if abs(left_rad) > TURNING_RAD:
         band_rad *= TURNING_SHARE

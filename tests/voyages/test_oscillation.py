@@ -11,6 +11,7 @@ from firmware_py.common.mode_table import Mode
 from firmware_py.faults.table import TABLE, Fault
 from firmware_py.safety.oscillation import SOFTEST
 from hil.lab.twin import loop
+from hil.report.figure_file import key_of
 from support import rig, voyage
 from support.ill_ship import ill
 
@@ -127,6 +128,23 @@ def test_a_sluggish_ship_that_swings_is_told_within_a_minute_and_steady_after_th
     assert np.isfinite(both[:, 0]).sum() >= 12
     assert np.nanmax(both[:, 0]) <= 60.0
     assert np.nanmax(both[:, 1]) <= 180.0
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("ship", ["delay=12", "kt=1:3,delay=8", "float=0.1:0.4,delay=2"])
+def test_a_softened_helm_makes_a_turn_of_150_deg_in_time_and_without_a_swing(ship, figures):
+    """By 150 deg; with the rudder fed forward divided by the softness it took 360 to 530 s."""
+    turn_s, goals = 850.0, [(0.0, 0.0), (200.0, math.radians(60.0)), (850.0, math.radians(-90.0))]
+    ticks, _ = voyage.sail(f"calm+{ship}", 1, goals, 1500.0)
+    assert ticks[ticks[:, loop.TICK_S] < turn_s, loop.SOFTNESS][-1] > 7.0
+    after = ticks[ticks[:, loop.TICK_S] > turn_s + 1.0]
+    error_deg = np.degrees(after[:, loop.ERROR_RAD])
+    there_s = float(after[np.argmax(error_deg > -5.0), loop.TICK_S] - turn_s)
+    print(ship, f"turned after {there_s:.0f} s, beyond by {error_deg.max():.1f} deg")
+    figures.keep(key_of("oscillation", ship, "turned_softened"), there_s, "s")
+    assert there_s < 220.0
+    assert error_deg.max() < 8.0
+    assert not after[:, loop.OSCILLATING].any()
 
 
 @pytest.mark.proof

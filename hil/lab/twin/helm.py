@@ -20,10 +20,11 @@ from hil.lab.lanes import any_of, where
 LAW_NAMES = (
     "STIFFNESS", "CROSSOVER_RAD_S", "REST_RAD", "BAND_SQRT_S", "TURNING_RAD", "TURNING_SHARE", "SLOWER_BIAS_S",
     "EASING_RAD", "BRAKING_SHARE", "RATE_GAIN", "LEAST_FEEDFORWARD_RAD", "LEAD_RAD",
-    "CTL_PRICE", "CTL_WAY_MIN",
+    "SLOWER_TURN_S", "CTL_PRICE", "CTL_WAY_MIN",
 )  # fmt: skip
 (STIFFNESS, CROSSOVER_RAD_S, REST_RAD, BAND_SQRT_S, TURNING_RAD, TURNING_SHARE, SLOWER_BIAS_S,
- EASING_RAD, BRAKING_SHARE, RATE_GAIN, LEAST_FEEDFORWARD_RAD, LEAD_RAD, PRICE, WAY_MIN) = range(14)  # fmt: skip
+ EASING_RAD, BRAKING_SHARE, RATE_GAIN, LEAST_FEEDFORWARD_RAD, LEAD_RAD, SLOWER_TURN_S, PRICE,
+ WAY_MIN) = range(15)  # fmt: skip
 # As delivered, the parameters apart, which come last.
 DELIVERED = (
     136.0,
@@ -38,6 +39,7 @@ DELIVERED = (
     0.55,
     radians(5.0),
     radians(6.0),
+    1.2,
 )
 CORRECTIONS_RAD2_S = (radians(0.01) ** 2, radians(1.5) ** 2)
 SOFTEST_RAD2_S = radians(0.08) ** 2
@@ -113,19 +115,20 @@ def limited_command(
 @compiled
 def advance_reference(
     law: Rows, state: Rows, ability: Lanes, lag_s: Lanes, norrbin: Lanes, limit_rad: Lanes, bias_rad: Lanes,
-    error_rad: Lanes, heading_rad: Lanes, step_s: Lanes,
+    error_rad: Lanes, heading_rad: Lanes, step_s: Lanes, softness: Lanes,
 ) -> tuple[Lanes, Lanes, Lanes]:  # fmt: skip
     """Return the reference carried over a step toward a goal that lies error_rad from it (reference_model.update)."""
-    least_rad, lead_most_rad = law[LEAST_FEEDFORWARD_RAD], law[LEAD_RAD]
-    high_rad = most(limit_rad - bias_rad, least_rad)
-    low_rad = least(-limit_rad - bias_rad, -least_rad)
+    least_rad, lead_most_rad = law[LEAST_FEEDFORWARD_RAD], law[LEAD_RAD] * softness
+    share = 1.0 / most((softness - 1.0) * law[SLOWER_TURN_S] * ability * limit_rad / law[LEAD_RAD], 1.0)
+    high_rad = most(limit_rad - bias_rad, least_rad) * share
+    low_rad = least(-limit_rad - bias_rad, -least_rad) * share
     r = state[REF_RATE]
     brake_rad = law[BRAKING_SHARE] * where(r < 0.0, high_rad, -low_rad)
     against_rad_s = ability * brake_rad
     rate_rad_s = abs(r)
     stopping_rad = math.copysign(lag_s * (rate_rad_s - against_rad_s * math.log1p(rate_rad_s / against_rad_s)), r)
     left_rad = error_rad - stopping_rad
-    feedforward_rad = limit_rad * left_rad / law[EASING_RAD] - law[RATE_GAIN] * r / ability
+    feedforward_rad = limit_rad * share * left_rad / law[EASING_RAD] - law[RATE_GAIN] * r / ability
     feedforward_rad = within(feedforward_rad, low_rad, high_rad)
     steady = ability * feedforward_rad - norrbin * r * r * r
     decay = decay_over(step_s, lag_s)
@@ -165,7 +168,7 @@ def steer(
     left_rad = error_rad - wrap_pi(state[REF_HEADING] - e[E_HEADING])
     left_rad = where(abs(error_rad) < math.pi, wrap_pi(left_rad), left_rad)
     reference = advance_reference(
-        law, state, ability, lag_s, norrbin, limit_rad, bias_rad, left_rad, e[E_HEADING], step_s
+        law, state, ability, lag_s, norrbin, limit_rad, bias_rad, left_rad, e[E_HEADING], step_s, softness
     )
     state[REF_HEADING] = where(stopped, state[REF_HEADING], reference[0])
     state[REF_RATE] = where(stopped, state[REF_RATE], reference[1])
@@ -176,7 +179,7 @@ def steer(
     rate_max_rad_s = steady_yaw_rate(limit_rad, ability, norrbin)
     k1, k2 = 2.0 * math.pi * stiffness / limit_rad, 2.0 * rate_gain_s * rate_max_rad_s / limit_rad
     feedback_rad = rudder_demand(off_rad, e[E_RATE] - state[REF_RATE], k1, k2, limit_rad, rate_max_rad_s)
-    demand_rad = bias_rad + state[FEEDFORWARD] / softness + feedback_rad
+    demand_rad = bias_rad + state[FEEDFORWARD] + feedback_rad
     band_rad = band_of(law, e[E_CORRECTION], stiffness)
     band_rad = where(abs(left_rad) > law[TURNING_RAD], band_rad * law[TURNING_SHARE], band_rad)
     demand_rad = within(demand_rad, -limit_rad, limit_rad)

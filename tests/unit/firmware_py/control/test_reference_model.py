@@ -67,3 +67,6 @@ def test_it_waits_for_a_boat_that_does_not_follow():
     for _ in range(600):
         reference = update(ship, reference, 1.0 - reference.heading_rad, 0.0, 0.1)
     assert reference.heading_rad == pytest.approx(LEAD_RAD)
+    for _ in range(600):
+        reference = update(ship, reference, 1.0 - reference.heading_rad, 0.0, 0.1, 4.0)
+    assert reference.heading_rad == pytest.approx(4.0 * LEAD_RAD)

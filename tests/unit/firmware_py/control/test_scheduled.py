@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import HeadingEstimate
 from firmware_py.control.controller import HeadingControllerInput, HeadingControllerState
+from firmware_py.control.reference_model import Reference
 from firmware_py.control.s_surface import rudder_demand
 from firmware_py.control.scheduled import (
     RudderDemand,
@@ -48,11 +49,44 @@ def test_small_errors_meet_the_optimal_regulator():
 
 
 def test_a_softer_helm_asks_for_less_rudder_in_a_narrower_band_about_the_same_trim():
-    _, stiff = scheduled_demand(SETTINGS, None, ESTIMATE, 0.02, 0.1)
-    _, soft = scheduled_demand(SETTINGS, None, ESTIMATE, 0.02, 0.1, 4.0)
+    on_goal = Reference(ESTIMATE.heading_rad + 0.02, 0.0)
+    _, stiff = scheduled_demand(SETTINGS, on_goal, ESTIMATE, 0.02, 0.1)
+    _, soft = scheduled_demand(SETTINGS, on_goal, ESTIMATE, 0.02, 0.1, 4.0)
     bias_rad = ESTIMATE.bias_rad
     assert 0.0 < soft.demand_rad - bias_rad < 0.4 * (stiff.demand_rad - bias_rad)
     assert soft.band_rad <= stiff.band_rad
+
+
+def turned(softness, late_s=0.0, slower=1.0, seconds=300.0):
+    """Turn a boat as the model says by 100 deg, late by late_s and with a lag so many times longer: headings [deg]."""
+    heading_rad = rate_rad_s = command_rad = 0.0
+    late, headings, state = [0.0] * round(10.0 * late_s), [], HeadingControllerState()
+    k, lag_s, _ = SETTINGS.model.scaled(0.4 / SETTINGS.model.speed_m_s)
+    for _ in range(round(10.0 * seconds)):
+        known = replace(ESTIMATE, heading_rad=heading_rad, yaw_rate_rad_s=rate_rad_s, bias_rad=0.0)
+        error_rad = math.radians(100.0) - heading_rad
+        given_ = HeadingControllerInput(error_rad, rate_rad_s, known, command_rad, 0.1, softness)
+        state, command_rad = update(SETTINGS, state, given_)
+        late.append(command_rad)
+        rate_rad_s += 0.1 * (k * late.pop(0) - rate_rad_s) / (slower * lag_s)
+        heading_rad += 0.1 * rate_rad_s
+        headings.append(math.degrees(heading_rad))
+    return headings
+
+
+def test_a_softened_helm_makes_a_turn_in_twice_the_time_of_a_stiff_one():
+    """With the rudder fed forward divided by the softness, it took five times as long."""
+    soft, stiff = turned(8.0), turned(1.0)
+    assert sum(heading < 95.0 for heading in soft) <= 2.2 * sum(heading < 95.0 for heading in stiff)
+    assert max(soft) < 102.0
+
+
+@pytest.mark.parametrize(("late_s", "slower"), [(12.0, 1.0), (8.0, 3.0)])
+def test_a_softened_helm_turns_a_late_boat_without_a_swing(late_s, slower):
+    assert max(turned(1.0, late_s, slower)) > 112.0
+    headings = turned(8.0, late_s, slower)
+    assert max(headings) < 108.0
+    assert headings[-1] == pytest.approx(100.0, abs=1.5)
 
 
 def test_a_softer_helm_follows_the_bias_slowly_and_a_stiff_one_at_once():
