@@ -28,6 +28,7 @@ from firmware_py.model.kt import KtModel, decay_over, settled_yaw_rate
 HEADING, RATE, BIAS, FLOAT, FLOAT_RATE, NORTH, EAST, SPEED, FACTOR, LEEWAY, COURSE_LAG, BIAS_MEAN = range(12)
 WAVE, WAVE_RATE, ORBIT_NORTH, ORBIT_NORTH_RATE, ORBIT_EAST, ORBIT_EAST_RATE = range(12, 18)
 STATES: Final = 18
+COLUMNS: Final = 20  # of a covariance with the slopes beside it: by another ln omega of the waves, by another ln follow
 DAMPING: Final = 0.1  # of the waves' motions; docs/explanation/physics.md, "The sea that acts on the boat"
 FLOAT_DAMPING: Final = 0.6  # of the float; 0.4 to 0.9 are known, which the frequency that is learned makes up for
 
@@ -44,8 +45,10 @@ _PAIRS: Final = np.array((FLOAT, FLOAT_RATE, *range(WAVE, STATES)))  # angle and
 _NOISY: Final = np.array([(STATES + 1) * i for i in range(STATES)] + [STATES * (i + 1) + i for i in _MOTIONS])
 # Of each number of a covariance, where it stands in the lower triangle, flat.
 _LOWER: Final = np.array([[STATES * max(i, k) + min(i, k) for k in range(STATES)] for i in range(STATES)])
-# Where what pulls the motions and the float back goes in the slopes, flat.
-_PULLED: Final = np.array([2 * i for i in range(WAVE, STATES)] + [2 * FLOAT + 1, 2 * FLOAT_RATE + 1])
+# Where what pulls the motions and the float back goes in the slopes beside a covariance, flat.
+_PULLED: Final = np.array(
+    [COLUMNS * i + STATES for i in range(WAVE, STATES)] + [COLUMNS * i + STATES + 1 for i in (FLOAT, FLOAT_RATE)]
+)
 
 
 def response(omega_rad_s: float, damping: float, step_s: float) -> Response:
@@ -132,10 +135,9 @@ def advance(x: Numbers, transition: Transition) -> Numbers:
 
 
 class Measured(NamedTuple):
-    """How a scalar measurement shows the states: P H' (18), H times the slopes (2), and the innovation's variance."""
+    """How a scalar measurement shows states and slopes, P H' (18) and H S (2), and the innovation's variance."""
 
     shown: Floats
-    slope: Floats
     variance: float
 
 
@@ -178,21 +180,20 @@ def carry(columns: Floats, by: Derivative) -> Floats:
     return np.concatenate((turned[:FLOAT], swung[:2], columns[NORTH:WAVE], swung[2:]))
 
 
-def predict(
-    covariance: Floats, slopes: Floats, transition: Transition, noise: Sequence[float], motions: Sequence[Noise]
-) -> tuple[Floats, Floats]:
-    """Return F P F' + Q and F S; `noise` is what each state but the motions gains, `motions` what each of them does."""
+def predict(columns: Floats, transition: Transition, noise: Sequence[float], motions: Sequence[Noise]) -> Floats:
+    """Return F P F' + Q beside F S; `noise`: what each state but the motions gains; `motions`: what those do."""
     by = derivative(transition)
-    once = carry(np.concatenate((covariance, slopes), axis=1), by)
+    once = carry(columns, by)
     numbers = carry(once[:, :STATES].T.copy(), by).reshape(-1)
     own = [gain for angle, _, rate in motions for gain in (angle, rate)]
     gains = np.array((*noise, *own, *[both for _, both, _ in motions]))
     numbers.put(_NOISY, numbers.take(_NOISY) + gains)
-    return numbers.take(_LOWER), once[:, STATES:]
+    once[:, :STATES] = numbers.take(_LOWER)
+    return once
 
 
-def pull(slopes: Floats, swinging: Sequence[tuple[float, float, float, float]], step_s: float) -> Floats:
-    """Return the slopes with what another ln omega, or ln follow, would change: the forces that bring back, and damp.
+def pull(columns: Floats, swinging: Sequence[tuple[float, float, float, float]], step_s: float) -> None:
+    """Add to the slopes what another ln omega, or ln follow, would change: the forces that bring back, and damp.
 
     `swinging` are frequency, damping, angle and rate of each motion of the waves, then of the float.
     """
@@ -200,9 +201,7 @@ def pull(slopes: Floats, swinging: Sequence[tuple[float, float, float, float]], 
     for rad_s, damping, angle, rate in swinging:
         force = -2.0 * rad_s * (rad_s * angle + damping * rate)
         more += (0.5 * step_s * step_s * force, step_s * force)
-    numbers = slopes.ravel()
-    numbers.put(_PULLED, numbers.take(_PULLED) + more)
-    return numbers.reshape(STATES, 2)
+    columns.put(_PULLED, columns.take(_PULLED) + more)
 
 
 def wave_noise(wave: Response, omega_rad_s: float, power: float) -> Noise:
@@ -218,14 +217,14 @@ def wave_noise(wave: Response, omega_rad_s: float, power: float) -> Noise:
 
 
 def correct(
-    x: Numbers, covariance: Floats, slopes: Floats, measured: Measured, innovation: float, variance: float
-) -> tuple[Numbers, Floats, Floats]:
+    x: Numbers, columns: Floats, measured: Measured, innovation: float, variance: float
+) -> tuple[Numbers, Floats]:
     """Take a scalar measurement in, its innovation and that one's variance, which may be larger than measured.
 
     By the innovation's standard deviation, and not its variance: so the covariance stays symmetric to the last bit.
     """
     share = 1.0 / math.sqrt(variance)
     shown = share * measured.shown
-    moved = shown * (share * innovation)
-    after = covariance - np.multiply.outer(shown, shown)
-    return tuple(map(add, x, moved.tolist())), after, slopes - np.multiply.outer(shown, share * measured.slope)
+    of_states = shown[:STATES]
+    moved = of_states * (share * innovation)
+    return tuple(map(add, x, moved.tolist())), columns - np.multiply.outer(of_states, shown)

@@ -40,21 +40,21 @@ FIX_LIMIT: Final = 9.0
 SWING_PERIODS: Final = 4.0  # over so many the waves' own yaw has a mean of less than half its spread
 LEAST_TURN_RAD, TURN_SPREADS = radians(15.0), 0.6
 TURN_RATE_RAD_S, TURN_BIAS_RAD = radians(2.0), radians(20.0)  # uncertain beside a turn that was not expected
-_NO_STATES, _NO_SLOPE = np.zeros(kalman.STATES), np.zeros(2)
+_NOTHING: Final = np.zeros(kalman.COLUMNS)
 _BIASES: Final = np.ix_((kalman.BIAS, kalman.BIAS_MEAN), (kalman.BIAS, kalman.BIAS_MEAN))
 
 
 class _Workspace:
-    """The numbers of a filter while a measurement is taken in; `slopes`: by ln omega and by ln follow, in columns."""
+    """The numbers of a filter while a measurement is taken in; `columns`: the covariance with the slopes beside it."""
 
-    __slots__ = ("noise_model", "p", "rudder_rad", "settings", "slopes", "t_s", "x")
+    __slots__ = ("columns", "noise_model", "rudder_rad", "settings", "t_s", "x")
 
     def __init__(self, settings: WaveFilterSettings, state: WaveFilterState) -> None:
         self.settings = settings
         self.t_s = state.t_s
         self.x = state.x
-        self.p = np.frombuffer(state.p).reshape(kalman.STATES, kalman.STATES)
-        self.slopes = np.frombuffer(state.slopes).reshape(kalman.STATES, 2)
+        p, slopes = np.frombuffer(state.p), np.frombuffer(state.slopes)
+        self.columns = np.concatenate((p.reshape(kalman.STATES, -1), slopes.reshape(kalman.STATES, -1)), 1)
         self.noise_model = state.noise_model
         self.rudder_rad = state.rudder_rad
 
@@ -69,7 +69,7 @@ class _Workspace:
         model, x = self.noise_model, self.x
         omega_rad_s, follow_rad_s = model.omega_rad_s, model.follow_rad_s
         wave = kalman.response(omega_rad_s, kalman.DAMPING, step_s)
-        bias_variance = self.p.item(kalman.BIAS, kalman.BIAS)
+        bias_variance = self.columns.item(kalman.BIAS, kalman.BIAS)
         turn = kalman.turn(x, self.rudder_rad, step_s, self.settings.model, bias_variance)
         follow = kalman.response(follow_rad_s, kalman.FLOAT_DAMPING, step_s)
         transition = kalman.Transition(turn, follow, wave, math.exp(-step_s / kalman.BIAS_MEMORY_S))
@@ -78,40 +78,38 @@ class _Workspace:
         noise[kalman.FLOAT_RATE] *= min(follow_rad_s * follow_rad_s, FLOAT_WANDERS)
         yaw = kalman.wave_noise(wave, omega_rad_s, math.exp(model.log_power))
         orbit = kalman.wave_noise(wave, omega_rad_s, model.orbit_power)
-        self.p, slopes = kalman.predict(self.p, self.slopes, transition, noise, (yaw, orbit, orbit))
+        self.columns = kalman.predict(self.columns, transition, noise, (yaw, orbit, orbit))
         self.x = _bound(kalman.advance(x, transition))
         behind = x[kalman.FLOAT] - 0.5 * (x[kalman.HEADING] + turn.heading_rad)
         motions = range(kalman.WAVE, kalman.STATES, 2)
         swung = [(omega_rad_s, kalman.DAMPING, x[place], x[place + 1]) for place in motions]
         followed = (follow_rad_s, kalman.FLOAT_DAMPING, behind, x[kalman.FLOAT_RATE])
-        self.slopes = kalman.pull(slopes, (*swung, followed), step_s)
+        kalman.pull(self.columns, (*swung, followed), step_s)
 
     def correct(self, measured: kalman.Measured, innovation: float, variance: float) -> None:
         """Take a measurement in, that of `measure` and with its variance or a larger one."""
-        x, self.p, self.slopes = kalman.correct(self.x, self.p, self.slopes, measured, innovation, variance)
+        x, self.columns = kalman.correct(self.x, self.columns, measured, innovation, variance)
         self.x = _bound(x)
 
     def measure(self, parts: Sequence[tuple[int, float]], noise: float) -> kalman.Measured:
         """Return how a measurement shows the states; `parts` are the places of H that are not 0, and what is there."""
-        p, slopes, variance = self.p, self.slopes, 0.0
-        shown, slope = _NO_STATES, _NO_SLOPE
+        columns, shown, variance = self.columns, _NOTHING, 0.0
         for place, part in parts:
-            shown = shown + (p[place] if part == 1.0 else part * p[place])
-            slope = slope + (slopes[place] if part == 1.0 else part * slopes[place])
+            shown = shown + (columns[place] if part == 1.0 else part * columns[place])
         for place, part in parts:
             variance += part * shown.item(place)
-        return kalman.Measured(shown, slope, variance + noise)
+        return kalman.Measured(shown, variance + noise)
 
     def learn_frequencies(self, measured: kalman.Measured, innovation: float, step_s: float) -> None:
         """Learn the frequencies of waves and float from an innovation."""
-        by_omega, by_follow = measured.slope.tolist()
+        by_omega, by_follow = measured.shown[kalman.STATES :].tolist()
         self.noise_model = learning.learn_frequencies(
             self.noise_model, innovation, measured.variance, by_omega, by_follow, step_s
         )
 
     def learn_from_heading(self, innovation_rad: float, variance: float, step_s: float) -> None:
         """Learn strengths from the innovation of a heading that has been taken in."""
-        angle, rate, p = self.x[kalman.WAVE], self.x[kalman.WAVE_RATE], self.p
+        angle, rate, p = self.x[kalman.WAVE], self.x[kalman.WAVE_RATE], self.columns
         omega_rad_s = self.noise_model.omega_rad_s
         rate_square = (rate * rate + p.item(kalman.WAVE_RATE, kalman.WAVE_RATE)) / (omega_rad_s * omega_rad_s)
         swing_square = 0.5 * (angle * angle + p.item(kalman.WAVE, kalman.WAVE) + rate_square)
@@ -132,8 +130,8 @@ class _Workspace:
         for place, by_rad in ((kalman.HEADING, turned_rad), (kalman.FLOAT, turned_rad), (kalman.WAVE, -turned_rad)):
             moved[place] += by_rad
         self.x = tuple(moved)
-        self.p[kalman.RATE, kalman.RATE] += TURN_RATE_RAD_S * TURN_RATE_RAD_S
-        self.p[_BIASES] += TURN_BIAS_RAD * TURN_BIAS_RAD
+        self.columns[kalman.RATE, kalman.RATE] += TURN_RATE_RAD_S * TURN_RATE_RAD_S
+        self.columns[_BIASES] += TURN_BIAS_RAD * TURN_BIAS_RAD
         return 0.0
 
 
@@ -232,7 +230,7 @@ def correct_velocity(
 
 def _finish(work: _Workspace, state: WaveFilterState, **told: Any) -> WaveFilterState:
     """Return the state that the work has come to, with what it tells; numbers that are none start the filter anew."""
-    x, p = work.x, work.p
+    x, p = work.x, work.columns[:, : kalman.STATES]
     sound = math.isfinite(sum(x)) and math.isfinite(np.add.reduce(p, None)) and min(p.diagonal().tolist()) > 0.0
     if not sound:
         fresh = WaveFilterState(rudder_rad=state.rudder_rad, expected_water=state.expected_water)
@@ -245,7 +243,7 @@ def _finish(work: _Workspace, state: WaveFilterState, **told: Any) -> WaveFilter
         t_s=work.t_s,
         x=x,
         p=p.tobytes(),
-        slopes=work.slopes.tobytes(),
+        slopes=work.columns[:, kalman.STATES :].tobytes(),
         noise_model=work.noise_model,
         **told,
     )
