@@ -14,10 +14,10 @@ from typing import Final
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.estimate import kalman
+from firmware_py.estimate.water import CHANGES_M_S
 from firmware_py.estimate.wave_filter_state import WaveFilterState
 
 FIX_SD_M: Final = 5.0
-LEAST_SD_M_S: Final = 0.03  # of the velocity over ground: eddies turn it while the filter averages
 WANDER_M2_S3: Final = 1.5e-6  # of the velocity: 10 cm/s in two hours
 TIDE_RAD_S: Final = 2.0 * math.pi / 44_712.0
 _KNOWN: Final = (kalman.NORTH, kalman.EAST, kalman.SPEED, kalman.LEEWAY)
@@ -92,4 +92,4 @@ def _unseen(state: Reckoning, lasted_s: float) -> float:
     current_m_s = math.hypot(state.current_north_m_s, state.current_east_m_s)
     by_tide_m = current_m_s / TIDE_RAD_S * math.hypot(phase - math.sin(phase), 1.0 - math.cos(phase))
     fixed = FIX_SD_M * FIX_SD_M + state.blind_m * state.blind_m + 0.5 * by_tide_m * by_tide_m
-    return fixed + lasted_s * lasted_s * (LEAST_SD_M_S * LEAST_SD_M_S + WANDER_M2_S3 * lasted_s / 3.0)
+    return fixed + lasted_s * lasted_s * (CHANGES_M_S * CHANGES_M_S + WANDER_M2_S3 * lasted_s / 3.0)

@@ -22,6 +22,8 @@ from firmware_py.estimate.wave_filter_state import FIRST, FIRST_COURSE_LAG_S, Wa
 STRONG_AFTER_S, WEAK_AFTER_S = 120.0, 120.0
 WEAK_PART = 0.97
 SLOW_S = 30.0
+# The filter takes the water for steadier than eddies and tides leave it: so much it may have changed while it averaged.
+CHANGES_M_S = 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +50,7 @@ def report(state: WaterState, waves: WaveFilterState) -> Water:
         ee = waves.covariance(kalman.EAST, kalman.EAST)
         half, differ = 0.5 * (nn + ee), 0.5 * (nn - ee)
         worst = half + math.sqrt(differ * differ + ne * ne)
-        speed_sd_m_s, leeway_sd_rad = waves.spread(kalman.SPEED), waves.spread(kalman.LEEWAY)
+        speed_sd_m_s, leeway_sd_rad = math.hypot(waves.spread(kalman.SPEED), CHANGES_M_S), waves.spread(kalman.LEEWAY)
         course_lag_s = x[kalman.COURSE_LAG]
     else:
         worst, speed_sd_m_s = FIRST[kalman.NORTH] ** 2, FIRST[kalman.SPEED]
@@ -58,7 +60,7 @@ def report(state: WaterState, waves: WaveFilterState) -> Water:
         speed_sd_m_s,
         north_m_s,
         east_m_s,
-        math.sqrt(max(worst, 0.0)),
+        math.sqrt(max(worst, 0.0) + CHANGES_M_S * CHANGES_M_S),
         leeway_rad,
         leeway_sd_rad,
         model.follow_rad_s,

@@ -253,6 +253,7 @@ def test_without_a_receiver_she_goes_on_by_reckoning_and_waits_where_nothing_is_
     assert not boat.snapshot.position_ok
     assert boat.snapshot.mission.index == 1  # the first was near, and certain enough
     assert boat.said("Reckoned to be there: waits for a fix to say so")
+    assert state_from_text(state_to_text(boat.state)) == (boat.state, ())
     north_m, east_m = boat.where
     assert math.hypot(north_m - 150.0, east_m) < 40.0 + 2.0 * boat.snapshot.reckoned.sd_m
     boat.fix_every = every

@@ -5,8 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode
 from support import rig
+from support.plans import placed
 
 CASES = [
     (0.4, 0.0, {}),
@@ -44,6 +46,25 @@ def test_for_a_day(figures, speed_m_s, current_m_s, more):
     figures.keep("station_day_farthest", distance_m.max(), "m", case)
     assert inside >= 0.95
     assert distance_m.max() < 150.0
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("more", [{}, {"tide_s": 44712.0, "tide_rotary": 0.6}])
+def test_for_two_hours_without_a_receiver(figures, more, seed):
+    boat = rig.Sailing(rig.scenario(0.5, 0.2, 60.0, **more), seed, LOIT_RADIUS=100.0).under_way(Mode.LOITER)
+    boat.run(1800.0)
+    boat.fix_every = 10**9
+    farthest_m = kept(boat, 7200.0).max()
+    reckoned = boat.snapshot.reckoned
+    north_m, east_m = Place(*placed(0.0, 0.0)).offset_m(Place(reckoned.latitude_rad, reckoned.longitude_rad))
+    off_m = math.hypot(north_m - boat.where[0], east_m - boat.where[1])
+    case = f"seed {seed} {more}"
+    figures.keep("station_silent_farthest", farthest_m, "m", case)
+    figures.keep("station_silent_off", off_m, "m", case)
+    figures.keep("station_silent_sd", reckoned.sd_m, "m", case)
+    assert off_m < 3.0 * reckoned.sd_m
+    assert farthest_m < 200.0 + 3.0 * reckoned.sd_m < 3000.0
 
 
 def stronger(speed_m_s, seed, **more):

@@ -12,7 +12,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.estimate import kalman, wave_filter
 from firmware_py.estimate.heading_estimator import over_ground
-from firmware_py.estimate.water import WaterState, known, over_ground_m_s, report, update
+from firmware_py.estimate.water import CHANGES_M_S, WaterState, known, over_ground_m_s, report, update
 from firmware_py.estimate.wave_filter import Heading
 from firmware_py.estimate.wave_filter_state import WaveFilterSettings, WaveFilterState
 from firmware_py.model.crab import heading_for_course
@@ -104,6 +104,26 @@ def test_the_standard_deviations_are_honest():
         squares.append(((water.speed_m_s - passage.speed_m_s) / water.speed_sd_m_s) ** 2)
     assert sum(squares) / len(squares) < 1.5
     assert sum(square > 9.0 for square in squares) <= 1
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_standard_deviations_are_honest_where_eddies_change_the_current(seed):
+    rng = random.Random(100 + seed)
+    keep, eddy_m_s, squares, by_filter = math.exp(-60.0 / 1800.0), 0.08, [], []
+    passage = Passage(0.6, 0.0, 0.2, seed)
+    for minute in range(50):
+        passage.current = tuple(
+            mean_m_s + keep * (now_m_s - mean_m_s) + math.sqrt(1.0 - keep * keep) * rng.gauss(0.0, eddy_m_s)
+            for mean_m_s, now_m_s in zip((0.0, 0.2), passage.current, strict=True)
+        )
+        water = passage.steer(90.0 * (minute // 2), 60.0)
+        if minute >= 15:
+            off_m_s = errors(water, passage)[:2]
+            own_sd_m_s = math.sqrt(water.current_sd_m_s**2 - CHANGES_M_S**2)
+            squares += [(one / water.current_sd_m_s) ** 2 for one in off_m_s]
+            by_filter += [(one / own_sd_m_s) ** 2 for one in off_m_s]
+    assert 0.2 < sum(squares) / len(squares) < 2.0
+    assert sum(by_filter) / len(by_filter) > 3.0  # what it would be without
 
 
 def test_on_one_heading_the_sum_is_known_and_the_doubt_remains():
@@ -199,7 +219,7 @@ def test_the_doubt_about_the_current_is_that_of_its_worst_direction():
     nn, ee = (waves.covariance(axis, axis) for axis in (kalman.NORTH, kalman.EAST))
     ne = waves.covariance(kalman.NORTH, kalman.EAST)
     worst = max(np.linalg.eigvalsh([[nn, ne], [ne, ee]]))
-    assert water.current_sd_m_s == pytest.approx(math.sqrt(worst))
+    assert water.current_sd_m_s == pytest.approx(math.sqrt(worst + CHANGES_M_S**2))
     assert water.current_sd_m_s > 1.02 * math.sqrt(max(nn, ee))
 
 
