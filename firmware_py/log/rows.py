@@ -110,12 +110,10 @@ class Row:
         self.defaulted = {name for name, field in fields.items() if field.default is not dataclasses.MISSING}
         self._values = attrgetter(*(column.field for column in columns))
         self._absent = tuple(column.absent for column in columns)
-        self._complete = all(absent is None for absent in self._absent)
 
     def pack(self, t_s: float, record: object) -> bytes:
         """Return the message of a record; struct.error for a value that does not fit."""
-        values = self._values(record) if self._complete else self._columns(record)
-        return self.type.pack(microseconds(t_s), *values)
+        return self.type.pack(microseconds(t_s), *self._columns(record))
 
     def pack_text(self, t_s: float, record: object, text: str) -> bytes:
         """Return the messages of a record and a text; struct.error for one above 4 MB."""
@@ -126,7 +124,7 @@ class Row:
 
     def _columns(self, record: object) -> Sequence[Any]:
         values: tuple[Any, ...] = self._values(record)
-        if self._complete:
+        if None not in values:
             return values
         return [absent if value is None else value for value, absent in zip(values, self._absent, strict=True)]
 
