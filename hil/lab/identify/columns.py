@@ -40,6 +40,9 @@ SPELLINGS = {
 SPELLINGS |= {"kmh": "km_h", "kph": "km_h", "rads": "rad_s", "degs": "deg_s", "ms_1": "m_s", "rad_s_1": "rad_s"}
 SPELLINGS |= {"deg_s_1": "deg_s", "seconds": "s", "knot": "kn", "m_s_1": "m_s"}
 
+# Words beside one of these names that leave it the same quantity.
+BESIDE = {"hat", "est", "estimated", "meas", "measured", "raw", "filtered", "filt", "act", "actual", "mid", "angle"}
+BESIDE |= {"vel", "velo", "velocity", "angvel", "angvelo", "value"}
 
 LONGEST_SHOWN = 60
 
@@ -77,6 +80,7 @@ def found_columns(header: list[str]) -> dict[str, list[int]]:
                 [place for place, name in enumerate(names) if _unit(quantity, name) is not None]
                 for names in (whole, ends)
             ),
+            [place for place, name in enumerate(whole) if _beside(quantity, name) is not None],
         )
         found[quantity] = next(filter(None, ways), [])
     return {quantity: places for quantity, places in found.items() if places}
@@ -92,7 +96,8 @@ def columns_of(where: str, header: list[str]) -> dict[str, Column]:
             what = f"column {names} stands there twice" if " and " not in names else f"columns {names} are the same"
             raise UsageError(f"{where}: {what}; remove one")
         name = header[places[0]]
-        unit = next(filter(None, (_unit(quantity, _plain(text)) for text in (name, _end(name)))))
+        units = (*(_unit(quantity, _plain(text)) for text in (name, _end(name))), _beside(quantity, _plain(name)))
+        unit = next(filter(None, units))
         found[quantity] = Column(places[0], shown[places[0]], math.nan if unit is None else unit)
     missing = [name for name in ("time_s", "rudder_rad") if name not in found]
     if not missing and "heading_rad" not in found and "yaw_rate_rad_s" not in found:
@@ -125,8 +130,7 @@ def _end(text: str) -> str:
 
 def _unit(quantity: str, name: str) -> float | None:
     """Return the size of the unit, NaN where the name is without one, None if it is another quantity's."""
-    bare = quantity.removesuffix("_rad").removesuffix("_rad_s").removesuffix("_m_s").removesuffix("_s")
-    for alias in sorted({bare, *ALIASES[quantity]}, key=len, reverse=True):
+    for alias in _aliases(quantity):
         if name == alias:
             return UNITS[quantity].get(SPELLINGS.get(name, name), math.nan)
         if name.startswith(alias + "_"):
@@ -135,3 +139,23 @@ def _unit(quantity: str, name: str) -> float | None:
             if size is not None:
                 return size
     return None
+
+
+def _beside(quantity: str, name: str) -> float | None:
+    """Return what _unit does, of a name that has other words beside: `delta_rudder_rad`, `psi_hat`."""
+    words = name.split("_")
+    for count in range(len(words), 0, -1):
+        unit = "_".join(words[count:])
+        size = UNITS[quantity].get(SPELLINGS.get(unit, unit)) if unit else math.nan
+        text = f"_{'_'.join(words[:count])}_"
+        for alias in _aliases(quantity) if size is not None else ():
+            rest = text.replace(f"_{alias}_", "_", 1)
+            if rest != text and {*rest.split("_")} <= {"", *BESIDE, *_aliases(quantity)}:
+                return size
+    return None
+
+
+def _aliases(quantity: str) -> list[str]:
+    """Return all names of a quantity without its unit, the longest first."""
+    bare = quantity.removesuffix("_rad").removesuffix("_rad_s").removesuffix("_m_s").removesuffix("_s")
+    return sorted({bare, *ALIASES[quantity]}, key=len, reverse=True)

@@ -22,6 +22,10 @@ READ = {
     "spaces": table("time_s rudder_rad heading_rad yaw_rate_rad_s speed_m_s", PLAIN, "  "),
     "other names": table("Time [s],Rudder [deg],Heading (°),Rate of Turn [°/s],SOG (kn)", DEGREES),
     "short names": table("t,delta_rad,psi_rad,r_rad_s,u_m_s", PLAIN),
+    "names with more words": table("t [s],delta_rudder [rad],psi_hat [rad],r_angvelo [rad/s],u_velo [m/s]", PLAIN),
+    "words between name and unit": table(
+        "time_s,rudder_actual_deg,Heading measured (°),yaw_rate_raw_deg_s,sog_kn", DEGREES
+    ),
     "degrees by name": table("time_s,rudder_deg,heading_deg,yaw_rate_deg_s,speed_kn", DEGREES),
     "degrees a minute": table(
         "time,rudder_deg,hdg_deg,rot_deg_min,stw_kn", (*DEGREES[:3], 60 * DEGREES[3], DEGREES[4])
