@@ -116,7 +116,7 @@ def _best_of(rivals: Sequence[Rival], model: str) -> _Best:
     """Choose between linear and cubic of one scaling."""
     linear, cubic = rivals[0], rivals[-1]
     noise = information(cubic.problem, cubic.state).noise
-    by_alpha, by_gain = _inflation(replace(linear.problem, free=CUBIC), linear.state, noise)
+    by_alpha, by_gain = inflation(replace(linear.problem, free=CUBIC), linear.state, noise)
     if linear is cubic:
         return _Best(linear, 0.0, "", by_gain)
     gain = max(linear.cost - cubic.cost, 0.0) / by_alpha
@@ -132,7 +132,7 @@ def _best_of(rivals: Sequence[Rival], model: str) -> _Best:
     return _Best(cubic, gain, "", by_gain)
 
 
-def _inflation(problem: Problem, state: State, noise: NoiseModel) -> tuple[float, float]:
+def inflation(problem: Problem, state: State, noise: NoiseModel) -> tuple[float, float]:
     """Return what one unit of -2 ln likelihood is in the cost: for alpha, and for K and T."""
     known = information(problem, state, noise)
     weights = problem.channel_weights()

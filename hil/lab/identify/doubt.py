@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hil.lab.identify.damping import Damping
 from hil.lab.identify.estimates import Estimates
 from hil.lab.identify.fit import Fit
 from hil.lab.identify.left_out import LeftOut
@@ -16,12 +17,14 @@ from hil.lab.identify.recording import Floats
 ANSWERED_BIAS = 0.25  # of what is unexplained: how far off K and T may be where the rudder answers it
 
 
-def doubted(estimates: Estimates, fit: Fit, loop: Loop, left_out: LeftOut | None) -> Estimates:
-    """Return estimates whose errors allow for a rudder that answers, columns that disagree, and a dead time or slack.
+def doubted(estimates: Estimates, fit: Fit, loop: Loop, left_out: LeftOut | None, damping: Damping | None) -> Estimates:
+    """Return estimates whose errors allow for all that is no noise and may have led the fit astray.
 
-    left_out: None where neither shows.
+    left_out, damping: a dead time or slack, and another damping; None where they do not show, or are not asked for.
     """
     steps = [*_answers(loop), _disagreement(fit), *([] if left_out is None else [left_out.moved])]
+    if damping is not None:
+        steps.append(damping.counted(np.sqrt(np.maximum(np.diag(estimates.covariance)[:2], 0.0))))
     by = np.array(steps)[:, list(estimates.free)]
     return replace(estimates, covariance=estimates.covariance + by.T @ by)
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hil.lab.identify.accuracy import information, slow_noise
 from hil.lab.identify.fit import CUBIC, Fit
-from hil.lab.identify.predict import Scales, to_natural
+from hil.lab.identify.predict import Point, Scales, to_natural
 from hil.lab.identify.recording import Floats
 
 LONGEST_ALLOWED = 0.5  # step of ln K, ln T, c and delta0 in scales
@@ -37,7 +38,7 @@ class Estimates:
 
 def estimates_of(fit: Fit) -> Estimates:
     """Return what a fit itself says."""
-    return _natural(fit.state.point.values, fit.problem.free, fit.covariance)
+    return _natural(fit.state.point, fit.problem.free, fit.covariance)
 
 
 def with_slow_noise(fit: Fit) -> Fit:
@@ -46,28 +47,39 @@ def with_slow_noise(fit: Fit) -> Fit:
     return replace(fit, covariance=accuracy.covariance(fit.problem.channel_weights()))
 
 
-def _natural(values: Floats, free: tuple[int, ...], covariance: Floats) -> Estimates:
-    natural, turn = to_natural(values, free)
+def _natural(point: Point, free: tuple[int, ...], covariance: Floats) -> Estimates:
+    natural, turn = to_natural(point, free)
     return Estimates(natural, free, turn @ covariance @ turn.T)
 
 
-def allowing_for_cubic(linear: Fit) -> Estimates | None:
-    """Return a linear fit's values with the errors that an alpha adds which is not zero but too small to show.
+def allowing_for_bend(linear: Fit, powers: Sequence[int]) -> Estimates | None:
+    """Return a linear fit's values with the errors that a bend adds which is not zero but too small to show.
 
     The fit to such a boat is off by more than its own standard errors say, for the term acts like a smaller K. So
-    alpha is put back, with what is believed beforehand of its size; the values stay those of the fit, which is the
-    model that predicts. None where one Gauss-Newton step leads too far to be right: then so little is known that
-    it makes no difference.
+    it is put back, with what is believed beforehand of its size; the values stay those of the fit, which is the
+    model that predicts. powers: of the yaw rate, 3 and 2; what does not show cannot tell them apart, and the mean of
+    both is taken. None where one Gauss-Newton step leads too far to be right: then so little is known that it makes
+    no difference.
     """
+    found = [_allowing(linear, power) for power in powers]
+    known = [one for one in found if one is not None]
+    if not known:
+        return None
+    return replace(known[0], covariance=np.mean([one.covariance for one in known], axis=0))
+
+
+def _allowing(linear: Fit, power: int) -> Estimates | None:
     problem = replace(linear.problem, free=CUBIC)
-    accuracy = information(problem, linear.state, slow_noise(problem, linear.state, linear.accuracy.noise))
+    point = replace(linear.state.point, power=power)
+    state = replace(linear.state, point=point)
+    accuracy = information(problem, state, slow_noise(problem, state, linear.accuracy.noise))
     weights = problem.channel_weights()
-    normal = problem.normal(linear.state)
-    unit = (problem.scales.yaw_rate_rad_s / linear.typical_rate_rad_s()) ** 2
+    normal = problem.normal(state)
+    unit = (problem.scales.yaw_rate_rad_s / linear.typical_rate_rad_s()) ** (power - 1)
     step, covariance = accuracy.step(normal, weights, CUBIC.index(2), POSSIBLE_CUBIC * unit)
     if not (np.all(np.isfinite(step)) and np.max(np.abs(step)) < LONGEST_ALLOWED):
         return None
     if step[CUBIC.index(2)] > 0.0:
-        # An alpha above zero is likely: what the values would move by with it is part of their error.
+        # A bend above zero is likely: what the values would move by with it is part of their error.
         covariance = covariance + np.outer(step, step)
-    return _natural(linear.state.point.values, CUBIC, covariance)
+    return _natural(point, CUBIC, covariance)

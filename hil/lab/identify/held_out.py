@@ -101,7 +101,7 @@ def predictions(fit: Fit, problem: Problem, state: State) -> tuple[Prediction, .
 def _unsure(fit: Fit, stretch: Stretch, start: Start) -> Floats:
     """Return the standard error of the heading that comes of those of the model."""
     problem, point = fit.problem, fit.state.point
-    steps = inner_steps(stretch, fit.physical, problem.largest_rate_rad_s)
+    steps = inner_steps(stretch, point.candidate(problem.scales), problem.largest_rate_rad_s)
     slopes = sensitivities(stretch, point, problem.scales, start, problem.free, steps)[2][:, : len(problem.free)]
     return np.asarray(np.sqrt(np.maximum(np.einsum("ri,ij,rj->r", slopes, fit.covariance, slopes, optimize=True), 0.0)))
 

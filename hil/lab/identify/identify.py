@@ -12,8 +12,9 @@ from firmware_py.model.kt import KtModel
 from hil.errors import UsageError
 from hil.lab.compiled import compiling
 from hil.lab.identify.choice import choose
+from hil.lab.identify.damping import Damping, damping_of
 from hil.lab.identify.doubt import doubted
-from hil.lab.identify.estimates import allowing_for_cubic, estimates_of, with_slow_noise
+from hil.lab.identify.estimates import allowing_for_bend, estimates_of, with_slow_noise
 from hil.lab.identify.fit import CUBIC, Fit, search
 from hil.lab.identify.held_out import HeldOut, errors_of, held_out
 from hil.lab.identify.left_out import LeftOut, left_out_of
@@ -110,9 +111,10 @@ def identify(
     found = chosen.fit
     choice = Choice(chosen.model, chosen.why, chosen.scaled, chosen.speed_why, timing)
     data = next(one for one, scaled in kinds if scaled == chosen.scaled)
-    loop, left_out = _loop_or_left_out(found)
+    damping = damping_of(found, asked=model == "cubic")
+    loop, left_out = _loop_or_left_out(damping.fit if damping is not None and damping.told else found)
     found = with_slow_noise(found)
-    judgement = _warned(_judged(found, model, loop, left_out), found, left_out)
+    judgement = _warned(_judged(found, model, loop, left_out, damping), found, left_out, damping)
     _check_size(data, judgement)
     brought = Brought(
         searched.box.guess_misfit,
@@ -139,19 +141,19 @@ def identify(
     )
 
 
-def _judged(found: Fit, model: str, loop: Loop, left_out: LeftOut | None) -> Judgement:
+def _judged(found: Fit, model: str, loop: Loop, left_out: LeftOut | None, damping: Damping | None) -> Judgement:
     """Judge a fit, K, T and delta0 with regard to an alpha that is held at zero but need not be zero."""
     estimates, alpha = estimates_of(found), None
     if found.problem.free != CUBIC:
         alpha = (0.0, 0.0)
         if model != "linear":
-            allowing = allowing_for_cubic(found)
+            allowing = allowing_for_bend(found, (3,) if model == "cubic" else (3, 2))
             alpha = (0.0, LARGEST_ERROR)
             if allowing is not None:
                 place = CUBIC.index(2)
                 spread = math.sqrt(max(float(allowing.covariance[place, place]), 0.0))
                 estimates, alpha = allowing, (0.0, spread / found.problem.scales.yaw_rate_rad_s**2)
-    return judge(found, doubted(estimates, found, loop, left_out), alpha, loop)
+    return judge(found, doubted(estimates, found, loop, left_out, damping), alpha, loop)
 
 
 def _loop_or_left_out(found: Fit) -> tuple[Loop, LeftOut | None]:
@@ -163,11 +165,13 @@ def _loop_or_left_out(found: Fit) -> tuple[Loop, LeftOut | None]:
     return loop, left_out
 
 
-def _warned(judgement: Judgement, found: Fit, left_out: LeftOut | None) -> Judgement:
+def _warned(judgement: Judgement, found: Fit, left_out: LeftOut | None, damping: Damping | None) -> Judgement:
     """Add what was seen of the data before the fit, and a boat that the equation is not of."""
     warnings, estimates = [*found.problem.data.warnings, *judgement.warnings], dict(judgement.estimates)
     if left_out is not None and judgement.usable and left_out.warning():
         warnings.append(left_out.warning())
+    if damping is not None and judgement.usable and damping.warning():
+        warnings.append(damping.warning())
     if estimates["T"].verdict != IDENTIFIABLE:
         unstable = seems_unstable(found)
         if unstable:

@@ -44,14 +44,19 @@ def exponential_step(
     turning_lag_s: float,
     norrbin_s2: float,
     rudder_offset_rad: float,
+    quadratic_s: float,
 ) -> tuple[float, float]:
-    """Advance (heading, yaw rate) by one step in which the rudder goes evenly to its next angle."""
+    """Advance (heading, yaw rate) by one step in which the rudder goes evenly to its next angle.
+
+    quadratic_s: of a damping by r |r| beside Norrbin's by r^3.
+    """
     r = yaw_rate_rad_s
     start = yaw_acceleration(r, rudder_rad, turning_ability_1_s, turning_lag_s, norrbin_s2, rudder_offset_rad)
     end = yaw_acceleration(r, next_rudder_rad, turning_ability_1_s, turning_lag_s, norrbin_s2, rudder_offset_rad)
     ramp = end - start
+    start -= quadratic_s * r * abs(r) / turning_lag_s
     # The derivative of the acceleration by the yaw rate, times the step, with its sign turned.
-    x = step_s / turning_lag_s * max(1.0 + 3.0 * norrbin_s2 * r * r, LEAST_DAMPING)
+    x = step_s / turning_lag_s * max(1.0 + 3.0 * norrbin_s2 * r * r + 2.0 * quadratic_s * abs(r), LEAST_DAMPING)
     growth = 1.0 + x * (1.0 + x * (P2 + x * (P3 + x * (P4 + x * (P5 + x * (P6 + x * (P7 + x * P8)))))))
     phi3 = (S0 + x * (S1 + x * (S2 + x * (S3 + x * (S4 + x * (S5 + x * (S6 + x * S7))))))) / growth
     phi2 = 0.5 - x * phi3
@@ -91,6 +96,7 @@ def _through(
                 candidates[1, f] * lag_scale,
                 candidates[2, f] * cubic_scale,
                 candidates[3, f],
+                candidates[4, f] * lag_scale,
             )
 
 
@@ -108,8 +114,9 @@ def simulate(
     """Fill heading and yaw rate, (samples, candidates), from their first rows on.
 
     step_s[n] leads from sample n to n + 1, in which the rudder goes evenly from rudder_rad[n] to
-    rudder_end_rad[n]; candidates has rows K, T, alpha, delta0 and a column
-    for each candidate; speed_ratio scales them by similarity (paper eq. 7), 1 for not at all.
+    rudder_end_rad[n]; candidates has rows K, T, alpha, delta0 and
+    the coefficient of r |r|, and a column for each candidate; speed_ratio scales them by similarity
+    (paper eq. 7), 1 for not at all.
     """
     psi, r = heading_rad[0].copy(), yaw_rate_rad_s[0].copy()
     for n in range(step_s.size):
@@ -146,7 +153,7 @@ def normal_equations(
 ) -> float:
     """Fill J'WJ and J'We of one stretch in one pass and return e'We, with the derivatives by one-sided differences.
 
-    step_s to inner_steps are as simulate takes them. candidates (4, columns): the base, then each
+    step_s to inner_steps are as simulate takes them. candidates (5, columns): the base, then each
     parameter up, by `difference`, then the initial yaw rate up; further columns are passed over.
     first (2, columns) and measured (2, samples): heading and yaw rate, at the start and at each
     sample. weights: of heading and of yaw rate; 0 leaves a channel out. taps (past + 1, past + 1):

@@ -88,7 +88,7 @@ def _settled(fit: Fit, slack: LeftOut, noise: NoiseModel) -> LeftOut:
     """Fit slack and all coordinates in turn: one step does not lead far enough, and alpha looks much like it."""
     size, state = slack.size, slack.state
     fit = replace(fit, problem=replace(fit.problem, free=CUBIC))
-    begin = fit.state.point.values
+    begin = fit.state.point
     for _ in range(ROUNDS):
         here = replace(fit, problem=_slackened(fit.problem, size), state=state)
         here = replace(here, state=refine(here.problem, state).state)
@@ -97,7 +97,7 @@ def _settled(fit: Fit, slack: LeftOut, noise: NoiseModel) -> LeftOut:
             here, _slower(_motions(here), _motions(replace(fit, state=state), size + more), more), noise
         ).size
         size = min(max(size + step, size / NEAR), size * NEAR)
-    apart = to_natural(state.point.values, CUBIC)[0] - to_natural(begin, CUBIC)[0]
+    apart = to_natural(state.point, CUBIC)[0] - to_natural(begin, CUBIC)[0]
     # A plan that repeats one angle loses the same of each: that is K's, and hardly to be told from it.
     apart[0] = math.copysign(max(abs(float(apart[0])), size / slack.swing), float(apart[0]))
     return replace(slack, size=size, state=state, moved=apart)
@@ -154,7 +154,7 @@ def _judged(fit: Fit, more: Sequence[Motion], noise: NoiseModel) -> LeftOut:
     size = float(step[free])
     state = moved(problem, fit.state, np.delete(step, free))
     apart = np.zeros(4)
-    apart[list(problem.free)] = to_natural(fit.state.point.values, problem.free)[1] @ step[:free]
+    apart[list(problem.free)] = to_natural(fit.state.point, problem.free)[1] @ step[:free]
     return LeftOut(size, False, apart, state, abs(size) / spread, 2.0 * problem.scales.rudder_rad)
 
 

@@ -34,7 +34,7 @@ def _advance(state: Columns, model: Columns, rudder_rad: float, next_rad: float,
     for f in range(psi.size):
         lag_s = lag[f] * lag_scale
         psi[f], r[f] = exponential_step(
-            psi[f], r[f], rudder_rad, next_rad, step_s, gain[f] * u, lag_s, cubic[f] * cubic_scale, offset[f]
+            psi[f], r[f], rudder_rad, next_rad, step_s, gain[f] * u, lag_s, cubic[f] * cubic_scale, offset[f], 0.0
         )
         # The free decay needs no more than a direction, so a short form serves.
         x = step_s / lag_s

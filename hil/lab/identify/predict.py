@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,36 +40,43 @@ class Point:
     c = alpha r^2 with r the typical yaw rate; ln(|K| / (1 + c)) and ln(T / (1 + c)), which are what
     a linear model would see at that rate; c; and delta0 in scales times (1 + c) / (1 + 3 c), which
     with the others sets the mean yaw rate. In K, T, alpha and delta0 themselves the good
-    candidates lie along a bent valley; here it is nearly straight.
+    candidates lie along a bent valley; here it is nearly straight. With a power of 2 it is the rival whose damping
+    goes with r |r|: c is that of it, and alpha is zero.
     """
 
     values: Floats  # (4,)
     sign: float
+    power: int = 3
 
     def physical(self, scales: Scales) -> Floats:
         """Return K [1/s], T [s], alpha [s^2], delta0 [rad]."""
-        ln_gain, ln_lag, cubic, offset = (float(value) for value in self.values)
+        return self.candidate(scales)[:4]
+
+    def candidate(self, scales: Scales) -> Floats:
+        """Return K [1/s], T [s], alpha [s^2], delta0 [rad] and the coefficient of r |r| [s]."""
+        ln_gain, ln_lag, bend, offset = (float(value) for value in self.values)
         return np.array(
             [
-                self.sign * math.exp(ln_gain) * (1.0 + cubic),
-                math.exp(ln_lag) * (1.0 + cubic),
-                cubic / scales.yaw_rate_rad_s**2,
-                scales.rudder_middle_rad + offset * scales.rudder_rad * (1.0 + 3.0 * cubic) / (1.0 + cubic),
+                self.sign * math.exp(ln_gain) * (1.0 + bend),
+                math.exp(ln_lag) * (1.0 + bend),
+                bend / scales.yaw_rate_rad_s**2 if self.power == 3 else 0.0,
+                scales.rudder_middle_rad + offset * scales.rudder_rad * (1.0 + self.power * bend) / (1.0 + bend),
+                bend / scales.yaw_rate_rad_s if self.power == 2 else 0.0,
             ]
         )
 
 
-def to_natural(values: Floats, free: Sequence[int]) -> tuple[Floats, Floats]:
-    """Return ln |K|, ln T, c and delta0 of the coordinates of Point, and their derivatives by the free ones."""
-    natural = values.copy()
-    cubic, offset = float(values[2]), float(values[3])
-    stretch = (1.0 + 3.0 * cubic) / (1.0 + cubic)
-    natural[:2] += math.log1p(cubic)
+def to_natural(point: Point, free: Sequence[int]) -> tuple[Floats, Floats]:
+    """Return ln |K|, ln T, c and delta0 of a point's coordinates, and their derivatives by the free ones."""
+    natural = point.values.copy()
+    bend, offset = float(natural[2]), float(natural[3])
+    stretch = (1.0 + point.power * bend) / (1.0 + bend)
+    natural[:2] += math.log1p(bend)
     natural[3] = offset * stretch
     turn = np.eye(len(free))
     if 2 in free:
-        turn[:2, free.index(2)] = 1.0 / (1.0 + cubic)
-        turn[free.index(3), free.index(2)] = 2.0 * offset / (1.0 + cubic) ** 2
+        turn[:2, free.index(2)] = 1.0 / (1.0 + bend)
+        turn[free.index(3), free.index(2)] = (point.power - 1.0) * offset / (1.0 + bend) ** 2
     turn[-1, -1] = stretch
     return natural, turn
 
@@ -82,22 +89,22 @@ class Start:
     yaw_rate_rad_s: float
 
 
-def inner_steps(stretch: Stretch, physical: Floats, largest_rate_rad_s: float) -> int:
+def inner_steps(stretch: Stretch, candidate: Floats, largest_rate_rad_s: float) -> int:
     """Return into how many steps to cut an interval so that the integration does not show."""
-    gain, lag_s, cubic, offset = (float(value) for value in physical)
+    gain, lag_s, cubic, offset, quadratic = (float(value) for value in candidate)
     u = stretch.speed_ratio
     fastest = float(np.max(u))
     # A rate is no larger than the steady one at the largest rudder, linear or cubic.
     drive = abs(gain) * float(np.max(np.abs(stretch.rudder_rad - offset)))
     rate = min(largest_rate_rad_s, drive)
-    bend = max(cubic, 0.0) * rate * rate
+    bend = max(cubic, 0.0) * rate * rate + max(quadratic, 0.0) * rate
     x = stretch.long_step_s * fastest / lag_s
     count = max(x * (1.0 + 3.0 * bend), x * math.sqrt(bend / (2.0 * CUBIC_TOLERANCE)), 1.0)
     return math.ceil(min(count, MOST_INNER_STEPS))
 
 
 def trajectories(stretch: Stretch, candidates: Floats, starts: Sequence[Start], steps: int) -> tuple[Floats, Floats]:
-    """Return heading and yaw rate, (rows, candidates), of candidates (4, n)."""
+    """Return heading and yaw rate, (rows, candidates), of candidates (5, n)."""
     shape = (stretch.time_s.size, len(starts))
     heading, rate = np.empty(shape), np.empty(shape)
     heading[0] = [start.heading_rad for start in starts]
@@ -116,18 +123,18 @@ def trajectories(stretch: Stretch, candidates: Floats, starts: Sequence[Start], 
 
 
 def perturbed(point: Point, scales: Scales, start: Start, free: Sequence[int]) -> tuple[Floats, Floats]:
-    """Return candidates (4, columns) and starts (2, columns) for one-sided differences.
+    """Return candidates (5, columns) and starts (2, columns) for one-sided differences.
 
     First the point itself, then each free parameter up, then the initial yaw rate [in scales] up;
     repeated to a multiple of the SIMD width.
     """
-    base = point.physical(scales)
+    base = point.candidate(scales)
     columns = [base]
     rates = [start.yaw_rate_rad_s] * (len(free) + 1)
     for index in free:
         values = point.values.copy()
         values[index] += DIFFERENCE
-        columns.append(Point(values, point.sign).physical(scales))
+        columns.append(replace(point, values=values).candidate(scales))
     columns.append(base)
     rates.append(start.yaw_rate_rad_s + DIFFERENCE * scales.yaw_rate_rad_s)
     fill = -len(columns) % SIMD_WIDTH

@@ -117,8 +117,8 @@ class Problem:
 
     def linear(self, stretch: Stretch, state: State, start: Start) -> Linear:
         """Linearise one stretch."""
-        physical = state.point.physical(self.scales)
-        steps = inner_steps(stretch, physical, self.largest_rate_rad_s)
+        candidate = state.point.candidate(self.scales)
+        steps = inner_steps(stretch, candidate, self.largest_rate_rad_s)
         heading, rate, by_heading, by_rate = sensitivities(stretch, state.point, self.scales, start, self.free, steps)
         errors, slopes = [], []
         if stretch.heading_rad is not None:
@@ -131,9 +131,9 @@ class Problem:
 
     def motion(self, stretch: Stretch, state: State, start: Start) -> tuple[Floats, Floats]:
         """Return the heading and the yaw rate of the model."""
-        physical = state.point.physical(self.scales)
-        steps = inner_steps(stretch, physical, self.largest_rate_rad_s)
-        heading, rate = trajectories(stretch, physical[:, None], (start,), steps)
+        candidate = state.point.candidate(self.scales)
+        steps = inner_steps(stretch, candidate, self.largest_rate_rad_s)
+        heading, rate = trajectories(stretch, candidate[:, None], (start,), steps)
         return heading[:, 0], rate[:, 0]
 
     def errors(self, stretch: Stretch, state: State, start: Start) -> tuple[Floats, ...]:
@@ -176,7 +176,7 @@ class Problem:
                 stretch.rudder_rad,
                 stretch.rudder_end_rad,
                 stretch.speed_ratio,
-                inner_steps(stretch, state.point.physical(self.scales), self.largest_rate_rad_s),
+                inner_steps(stretch, state.point.candidate(self.scales), self.largest_rate_rad_s),
                 candidates,
                 first,
                 stretch.measured(),

@@ -87,7 +87,7 @@ def with_scale_of(record: Digest, box: Box) -> Digest:
             record.rudder_rad[part][1:],
             record.speed_ratio[part],
             1,
-            box.guess.physical(record.scales)[:, None],
+            box.guess.candidate(record.scales)[:, None],
             heading[part],
             rate[part],
         )
@@ -130,7 +130,7 @@ def _solved(record: Digest, lags: Floats) -> tuple[Floats, Floats]:
     count, rows = lags.size, record.flags.size
     middle = record.scales.rudder_middle_rad
     # Three answers at each lag: to the rudder, to a constant rudder, and the free decay.
-    candidates = np.zeros((4, 3 * count))
+    candidates = np.zeros((5, 3 * count))
     candidates[0, : 2 * count], candidates[1] = 1.0, np.tile(lags, 3)
     candidates[3, :count], candidates[3, count : 2 * count] = middle, middle - 1.0
     heading, rate = np.zeros((rows, 3 * count)), np.zeros((rows, 3 * count))

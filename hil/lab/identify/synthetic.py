@@ -50,7 +50,7 @@ def legs(time_s: Floats, angles_rad: Sequence[float], leg_s: float) -> Floats:
 def record(model: KtModel, time_s: Floats, rudder_rad: Floats, noise: Noise, seed: int) -> Recording:
     """Return what would be recorded of a boat that follows the model."""
     heading, rate = np.zeros((time_s.size, 1)), np.zeros((time_s.size, 1))
-    physical = [model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, model.rudder_offset_rad]
+    physical = [model.turning_ability_1_s, model.turning_lag_s, model.norrbin_s2, model.rudder_offset_rad, 0.0]
     ones, candidates = np.ones(time_s.size), np.array([physical]).T
     simulate(np.diff(time_s), rudder_rad, rudder_rad[1:], ones, INNER_STEPS, candidates, heading, rate)
     source = generator(seed, Stream.COMPASS)

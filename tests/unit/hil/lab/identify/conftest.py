@@ -12,12 +12,13 @@ from hil.lab.identify.recording import Recording
 
 @dataclass(frozen=True)
 class Boat:
-    """K, T, alpha, delta0."""
+    """K, T, alpha, delta0, and a damping by r |r|."""
 
     gain: float
     lag: float
     cubic: float = 0.0
     offset: float = 0.0
+    quadratic: float = 0.0
 
     def values(self):
         return {"K": self.gain, "T": self.lag, "alpha": self.cubic, "delta0": self.offset}
@@ -31,7 +32,8 @@ class Boat:
             return np.interp(t, time, rudder)
 
         def slope(t, y):
-            return [y[1], (self.gain * (angle(t) - self.offset) - y[1] - self.cubic * y[1] ** 3) / self.lag]
+            damping = y[1] + self.cubic * y[1] ** 3 + self.quadratic * y[1] * abs(y[1])
+            return [y[1], (self.gain * (angle(t) - self.offset) - damping) / self.lag]
 
         longest = max(2.0 * (time[1] - time[0]), (time[-1] - time[0]) / 5000.0)
         found = solve_ivp(
