@@ -138,9 +138,10 @@ def information_of(linears: Sequence[Linear], free: int, noise: NoiseModel, rows
     return Information(own, mixed, free, noise, rows)
 
 
-def slow_noise(problem: Problem, state: State, noise: NoiseModel) -> NoiseModel:
+def slow_noise(problem: Problem, state: State, noise: NoiseModel, *, cautious: bool = False) -> NoiseModel:
     """Complete the model of the noise that a fit leaves by what its averages say of slow disturbances."""
-    return slower(noise, _coloured(problem, linearised(problem, state)), problem.data.usual_step_s)
+    pieces = _coloured(problem, linearised(problem, state))
+    return slower(noise, pieces, problem.data.usual_step_s, cautious=cautious)
 
 
 def _coloured(problem: Problem, linears: Sequence[Linear]) -> list[Floats]:

@@ -43,7 +43,8 @@ def estimates_of(fit: Fit) -> Estimates:
 
 def with_slow_noise(fit: Fit) -> Fit:
     """Return a fit with a covariance that knows of noise slower than the model of it that weighed the channels."""
-    accuracy = information(fit.problem, fit.state, slow_noise(fit.problem, fit.state, fit.accuracy.noise))
+    noise = slow_noise(fit.problem, fit.state, fit.accuracy.noise, cautious=True)
+    accuracy = information(fit.problem, fit.state, noise)
     return replace(fit, covariance=accuracy.covariance(fit.problem.channel_weights()))
 
 
@@ -72,7 +73,7 @@ def _allowing(linear: Fit, power: int) -> Estimates | None:
     problem = replace(linear.problem, free=CUBIC)
     point = replace(linear.state.point, power=power)
     state = replace(linear.state, point=point)
-    accuracy = information(problem, state, slow_noise(problem, state, linear.accuracy.noise))
+    accuracy = information(problem, state, slow_noise(problem, state, linear.accuracy.noise, cautious=True))
     weights = problem.channel_weights()
     normal = problem.normal(state)
     unit = (problem.scales.yaw_rate_rad_s / linear.typical_rate_rad_s()) ** (power - 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -106,28 +107,32 @@ def fit_noise(pieces: Sequence[Floats], most_orders: int = MOST_ORDERS) -> Noise
     return NoiseModel(lags * turn, covariance * np.outer(scale, scale), scale)
 
 
-def slower(model: NoiseModel, pieces: Sequence[Floats], step_s: float) -> NoiseModel:
+def slower(model: NoiseModel, pieces: Sequence[Floats], step_s: float, *, cautious: bool = False) -> NoiseModel:
     """Add to a model of pieces (rows, channels) those of the last channel's averages, which see further back.
 
     They are looked at alone: beside a heading that a fit has kept from drifting off, they seem to have no slow part.
+    cautious: as an interval is stated by, with one standard error more of how long it lasts. The density at no
+    frequency grows without bounds with that, so that too little makes an interval too short by far more than too much
+    makes it too long.
     """
     rows, slow, every = sum(piece.shape[0] for piece in pieces), [], COARSER
     while rows // every >= LEAST_MEANS:
         means = [piece[: len(piece) // every * every, -1].reshape(-1, every).mean(axis=1) for piece in pieces]
         means = [mean[:, None] for mean in means if len(mean) * len(pieces) >= LEAST_MEANS]
         if means:
-            slow.append((every, _less_biased(fit_noise(means), sum(map(len, means)))))
+            slow.append((every, _less_biased(fit_noise(means), sum(map(len, means)), cautious=cautious)))
         every *= COARSER
     return replace(model, slow=tuple(slow), step_s=step_s, rows=max(len(piece) for piece in pieces))
 
 
-def _less_biased(model: NoiseModel, rows: int) -> NoiseModel:
+def _less_biased(model: NoiseModel, rows: int, *, cautious: bool) -> NoiseModel:
     """Allow for what taking a mean away takes from the persistence of a few rows (Kendall, Biometrika 41, 1954)."""
     kept = -float(np.sum(model.lags))
     if kept <= 0.0:
         return model
-    more = min(kept + (1.0 + 4.0 * kept) / rows, max(kept, 1.0 - LEAST_TIMES / rows))
-    return replace(model, lags=model.lags * (more / kept))
+    more = kept + (1.0 + 4.0 * kept) / rows
+    more += math.sqrt(max(1.0 - more * more, 0.0) / rows) if cautious else 0.0
+    return replace(model, lags=model.lags * (min(more, max(kept, 1.0 - LEAST_TIMES / rows)) / kept))
 
 
 def _covariances(pieces: Sequence[Floats], most: int, rows: int) -> NDArray[np.float64]:

@@ -69,9 +69,9 @@ def test_a_rudder_offset_in_a_drift_is_as_unsure_as_the_drift_s_mean(yard, chann
 
 
 @pytest.mark.proof
-@pytest.mark.parametrize(("channels", "least"), [("h", 0.75), ("hr", 0.85)])
+@pytest.mark.parametrize(("channels", "least"), [("h", 0.88), ("hr", 0.9)])
 def test_the_interval_of_a_rudder_offset_holds_in_a_drift(yard, channels, least, figures):
-    """Ten times the drift's own duration tell little of it, and a compass alone falls short of 95 % the most."""
+    """Ten times the drift's own duration tell little of how long it lasts, which the intervals allow for."""
     errors, stated = drifting(yard, int(os.environ.get("PROOF_SEEDS", "80")), channels)
     share = float(np.mean(np.abs(errors) <= 1.96 * stated))
     figures.keep(f"identify_drift_{channels}_covered_delta0", 100.0 * share, "%")
