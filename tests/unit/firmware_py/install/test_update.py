@@ -119,6 +119,23 @@ def test_one_that_does_not_say_whether_she_is_armed_is_left_alone(place, ask, st
     assert "--armed" in said
 
 
+@pytest.mark.parametrize("words", [(), ("--back",)])
+def test_a_boat_that_is_armed_while_the_new_version_is_tried_is_left_alone(place, ask, monkeypatch, words):
+    if words:
+        ask()
+    before = in_force(place)
+
+    def armed(*_):
+        says(place, armed=True)
+        return iter(["tried"])
+
+    monkeypatch.setattr(update, "self_check", armed)
+    monkeypatch.setattr(update.os, "access", lambda *_: bool(armed()))
+    code, said = ask(*words)
+    assert (code, in_force(place)) == (2, before)
+    assert "she is armed: disarm her" in said
+
+
 def test_a_disarmed_boat_is_updated(place, ask):
     says(place, armed=False)
     assert ask()[0] == 0
