@@ -70,19 +70,31 @@ def test_the_last_drop_in_by_name_counts_and_one_of_the_administrator_hides_one_
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("command", "told"),
     [
-        (f"ExecStart=\nExecStart={COMMAND.replace('/srv/state', '/srv/other')}", "on /srv/other, and the starts of a"),
-        (f"ExecStart=\nExecStart={COMMAND.replace('/opt/', '/usr/')}", "runs /usr/rambler on /srv/state, and"),
-        (f"ExecStart=\nExecStart={COMMAND.replace('/srv/state', '%S/rambler')}", "not ours"),
-        (f"ExecStart=\nExecStart={COMMAND.replace('/srv/state', '${STATE}')}", "not ours"),
-        ("ExecStartPre=", "not ours"),
-        ("ExecStart=", "not ours"),
+        (COMMAND.replace("/srv/state", "/srv/other"), "runs /opt/rambler on /srv/other, and the starts of a trial"),
+        (COMMAND.replace("/opt/", "/usr/"), "runs /usr/rambler on /srv/state, and the starts of a trial"),
+        (COMMAND, ""),
     ],
 )
-def test_a_drop_in_that_no_trial_would_fit_is_refused(place, text, told):
+def test_a_drop_in_that_no_trial_would_fit_is_told_and_what_it_runs(place, command, told):
+    (place / "a.service.d/override.conf").write_text(f"[Service]\nExecStart=\nExecStart={command}\n")
+    found = installation_of(place / "a.service")
+    assert (str(found.state) in command, told in found.hindrance, bool(found.hindrance)) == (True, True, bool(told))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"ExecStart=\nExecStart={COMMAND.replace('/srv/state', '%S/rambler')}",
+        f"ExecStart=\nExecStart={COMMAND.replace('/srv/state', '${STATE}')}",
+        "ExecStartPre=",
+        "ExecStart=",
+    ],
+)
+def test_a_drop_in_that_makes_it_no_service_of_ours_is_refused(place, text):
     (place / "a.service.d/override.conf").write_text(f"[Service]\n{text}\n")
-    with pytest.raises(UpdateError, match=told):
+    with pytest.raises(UpdateError, match="not ours"):
         installation_of(place / "a.service")
 
 
