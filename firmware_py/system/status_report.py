@@ -152,7 +152,7 @@ def _faults(snapshot: Snapshot, latch: LatchState) -> list[Values]:
 def _link(link: LinkStatus) -> Values:
     told_peers = [{name: getattr(peer, name) for name in _PEER} for peer in link.peers]
     peers = [peer | {"heard_age_s": rounded(peer["heard_age_s"], 1)} for peer in told_peers]
-    told: Values = {"url": link.url, "rates": link.rates, "peers": peers}
+    told: Values = {"url": link.url, "rates": link.rates, "hindrance": link.hindrance, "peers": peers}
     if (satellite := link.satellite) is not None:
         told["satellite"] = asdict(satellite) | {"session_age_s": rounded(satellite.session_age_s, 0)}
     return told

@@ -113,8 +113,9 @@ class Live {
       momentText(time, Math.min(to - from, 599), this.voyage.begin_utc_s), text, severity <= SEVERE]));
     table("Devices", (status.devices || []).map((one) => [one.device, `${one.state}${known(one.rate_hz) ? `, ${one.rate_hz} Hz` : ""}`
       + `, ${one.rejected} bad${one.error ? `; ${one.error}` : ""}`, one.state !== "running"]));
-    table("Links", (status.links || []).map((one) => [one.url, one.peers.length ? one.peers.map((peer) => `${peer.address}, heard `
-      + `${known(peer.heard_age_s) ? `${peer.heard_age_s} s ago` : "never"}`).join("; ") : "nobody", false]));
+    table("Links", (status.links || []).map((one) => [one.url, (one.peers.length ? one.peers.map((peer) => `${peer.address}, heard `
+      + `${known(peer.heard_age_s) ? `${peer.heard_age_s} s ago` : "never"}`).join("; ") : "nobody")
+      + (one.hindrance ? `; nothing leaves: ${one.hindrance}` : ""), Boolean(one.hindrance)]));
     table("Vessels", ((status.traffic || {}).nearest || []).map((one) => [one.title || String(one.mmsi),
       `${shown(one.distance_m, 1)} m, ${shown(one.bearing_deg, 1)}°, heard ${since(one.age_s)} ago`
       + (known(one.cpa_m) ? `; ${shown(one.cpa_m, 1)} m in ${since(one.cpa_in_s)}` : ""), one.near]));

@@ -46,7 +46,10 @@ class Boat:
                 about={"vehicle": "Rambler"},
                 ports={DeviceRole.COMPASS: ("nmea", "/dev/compass")},
                 devices=self.devices,
-                links=lambda _now_s: (LinkStatus("udpin:0.0.0.0:14550", "fast", (peer,)), LinkStatus("x", "radio", ())),
+                links=lambda _now_s: (
+                    LinkStatus("udpin:0.0.0.0:14550", "fast", (peer,)),
+                    LinkStatus("x", "radio", (), hindrance="the line is not there"),
+                ),
                 faults=lambda: self.latch,
                 starts=lambda: 7,
                 swing=lambda: self.swing,
@@ -93,6 +96,7 @@ def test_it_has_what_the_operator_asks_for(boat):
     assert status["state_written"] == {"versions": 3, "bytes": 12288}
     assert status["links"][0]["peers"][0]["heard_age_s"] == pytest.approx(0.45, abs=0.051)
     assert status["links"][1]["peers"] == []
+    assert [link["hindrance"] for link in status["links"]] == ["", "the line is not there"]
     assert status["faults"] == []
 
 
