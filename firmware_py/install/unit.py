@@ -45,8 +45,8 @@ class Installation:
 def installation_of(unit: Path) -> Installation:
     """Read what a unit runs; UpdateError when it is not there, or of a version that knows no trials.
 
-    The starts of a trial are counted for one link and one state. With others in a drop-in, which is its hindrance, every
-    update would be taken back.
+    The starts of a trial are counted for one link and one state: with others in a drop-in, which is its hindrance,
+    every update would be taken back.
     """
     try:
         text = read_text(unit, _MOST_BYTES)
