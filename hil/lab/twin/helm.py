@@ -113,13 +113,21 @@ def limited_command(
 
 
 @compiled
+def turning_share(law: Rows, ability: Lanes, limit_rad: Lanes, softness: Lanes) -> Lanes:
+    """Return to what part a softened helm slows its turns down; 1, which is its softness, for one that is not."""
+    if not any_of(softness > 1.0):
+        return softness
+    return 1.0 / most((softness - 1.0) * law[SLOWER_TURN_S] * ability * limit_rad / law[LEAD_RAD], 1.0)
+
+
+@compiled
 def advance_reference(
     law: Rows, state: Rows, ability: Lanes, lag_s: Lanes, norrbin: Lanes, limit_rad: Lanes, bias_rad: Lanes,
     error_rad: Lanes, heading_rad: Lanes, step_s: Lanes, softness: Lanes,
 ) -> tuple[Lanes, Lanes, Lanes]:  # fmt: skip
     """Return the reference carried over a step toward a goal that lies error_rad from it (reference_model.update)."""
     least_rad, lead_most_rad = law[LEAST_FEEDFORWARD_RAD], law[LEAD_RAD] * softness
-    share = 1.0 / most((softness - 1.0) * law[SLOWER_TURN_S] * ability * limit_rad / law[LEAD_RAD], 1.0)
+    share = turning_share(law, ability, limit_rad, softness)
     high_rad = most(limit_rad - bias_rad, least_rad) * share
     low_rad = least(-limit_rad - bias_rad, -least_rad) * share
     r = state[REF_RATE]
