@@ -1,4 +1,4 @@
-"""A zigzag or circles by rudder alone, over MAVLink: python sea_trial.py zigzag|circle [URL]; she is armed."""
+"""A zigzag or circles by rudder alone, over MAVLink: python sea_trial.py zigzag|circle [URL]; arm her before."""
 
 import math
 import sys
@@ -32,13 +32,22 @@ def circle(headings: Iterator[float]) -> Iterator[int]:
             before_rad = now_rad
 
 
+def heard(boat: mavutil.mavfile) -> Iterator[float]:
+    """Yield her headings as they come, as long as she is armed and heard; else end with what is the matter."""
+    while boat.motors_armed():
+        attitude = boat.recv_match(type="ATTITUDE", blocking=True, timeout=10)
+        if attitude is None:
+            sys.exit("no heading has come for 10 s")
+        yield attitude.yaw
+    sys.exit("she is not armed: arm her and begin anew")
+
+
 def main(what: str, url: str = "udpin:0.0.0.0:14550") -> None:
     """Steer by stick in MANUAL, then let her keep the heading that she has."""
     boat = mavutil.mavlink_connection(url)
     boat.wait_heartbeat()
     boat.set_mode("MANUAL")
-    headings = iter(lambda: boat.recv_match(type="ATTITUDE", blocking=True, timeout=10).yaw, None)
-    for side in {"zigzag": zigzag, "circle": circle}[what](headings):
+    for side in {"zigzag": zigzag, "circle": circle}[what](heard(boat)):
         boat.mav.manual_control_send(boat.target_system, 0, side * STICK, 0, 0, 0)
     boat.set_mode("STEERING")
 
