@@ -79,7 +79,13 @@ class LocalDisk:
             with contextlib.suppress(FileExistsError):
                 descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, FILE_MODE)
                 break
-        sync_directory(directory)  # else the file itself may be missing after a power cut
+        try:
+            sync_directory(directory)  # else the file itself may be missing after a power cut
+        except OSError:  # each try would leave one, and no descriptor for anything else in the end
+            os.close(descriptor)
+            with contextlib.suppress(OSError):
+                path.unlink()
+            raise
         return descriptor, path
 
     def write(self, descriptor: int, data: memoryview) -> int:

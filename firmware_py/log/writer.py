@@ -218,6 +218,7 @@ class LogWriter:
             self._disk.sync(self._file[0])
         except OSError as error:
             self.lost += self._unsynced
+            self._file_batches -= self._unsynced
             self._fail(error)
             return
         self._unsynced = 0
@@ -232,7 +233,7 @@ class LogWriter:
             self._file = None
 
     def _fail(self, error: OSError) -> None:
-        """Leave the file as it is, and ask for a new one; one that holds no tick is removed again."""
+        """Leave the file as it is, and ask for a new one; one that holds no tick, or surely none, is removed again."""
         self.failure = f"log: {error.strerror or error}"
         self._unsynced = 0
         if self._file is not None:

@@ -1,3 +1,4 @@
+import errno
 import os
 
 import pytest
@@ -180,3 +181,17 @@ def test_a_file_that_was_removed_is_noticed(tmp_path):
     with pytest.raises(FileNotFoundError):
         disk.sync(descriptor)
     disk.close(descriptor)
+
+
+def test_a_file_whose_name_does_not_reach_the_disk_leaves_nothing(tmp_path, monkeypatch):
+    """The writer wants one each second: none may be left open, for then no device could be opened any more."""
+
+    def ill(_directory):
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr("firmware_py.log.disk.sync_directory", ill)
+    open_before = len(os.listdir("/proc/self/fd"))
+    with pytest.raises(OSError, match="Input/output"):
+        LocalDisk().create(tmp_path)
+    assert len(os.listdir("/proc/self/fd")) == open_before
+    assert list(tmp_path.iterdir()) == []

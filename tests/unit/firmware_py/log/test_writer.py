@@ -163,6 +163,16 @@ def test_a_failed_sync_loses_all_since_the_last_good_one(disk):
     put(writer, b"two", b"three")
     writer.drain()
     assert (writer.lost, writer.wanted_files, writer.failure) == (2, 2, "log: Input/output error")
+    assert disk.files == {"1": b"onetwothree"}  # the first is surely there
+
+
+def test_files_of_which_nothing_reaches_the_disk_do_not_push_out_those_that_are_there(disk):
+    writer = writer_on(disk)
+    disk.sync_error = OSError(errno.EIO, "Input/output error")
+    for name in (b"ONE", b"TWO", b"THREE"):
+        put(writer, name, b"more")
+        writer.drain()
+    assert (writer.lost, writer.wanted_files, disk.files) == (6, 4, {})
 
 
 def test_the_thread_writes_all_before_it_ends(disk):
