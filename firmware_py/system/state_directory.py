@@ -94,7 +94,9 @@ class StateDirectory:
         self._store, self._say = store, say
         self._usable, unusable = load_parameters(store, say)
         self._kept = unusable | self._usable
-        store.on_arrival((PARAMETER_FILE,), self._take_up)
+        self._plans = Plans()  # in force, as far as they were stored
+        self._set: set[PlanKind] = set()  # those of them that were set since the start
+        store.on_arrival((PARAMETER_FILE, *PLAN_FILES.values()), self._take_up)
 
     def count_start(self) -> None:
         """Count one start more."""
@@ -115,7 +117,8 @@ class StateDirectory:
 
     def plans(self) -> Plans:
         """Return the plans of earlier runs."""
-        return load_plans(self._store, self._say)
+        self._plans = load_plans(self._store, self._say)
+        return self._plans
 
     def resume_record(self) -> bytes | None:
         """Return the resume record of the last run, None when there is none."""
@@ -140,7 +143,14 @@ class StateDirectory:
 
     def keep_plan(self, plan: Plan, done: Callable[[bool], None]) -> None:
         """Keep a plan in place of the one of its kind, which stays when this cannot be stored; `done` says which."""
-        self._store.try_save(PLAN_FILES[plan.kind], plan_to_text(plan).encode(), done)
+
+        def note(stored: bool) -> None:  # noqa: FBT001 - the store's callback
+            if stored:
+                self._plans = self._plans.replaced(plan)
+                self._set.add(plan.kind)
+            done(stored)
+
+        self._store.try_save(PLAN_FILES[plan.kind], plan_to_text(plan).encode(), note)
 
     def keep_resume(self, text: str) -> None:
         """Keep a resume record in place of the last one."""
@@ -155,7 +165,10 @@ class StateDirectory:
         self._store.when_stored((RESUME_FILE,), call)
 
     def _take_up(self, found: Mapping[str, Stored]) -> None:
-        """Keep what is in a directory that has come late, under what has been set since the start."""
+        """Keep what is in a directory that has come late, under what has been set since the start.
+
+        Where it holds no plan of a kind, as a disk that was formatted anew, it gets the one in force.
+        """
         stored = found[PARAMETER_FILE]
         values, unusable = read_parameters(stored.content, self._say)
         self._kept = unusable | values | self._kept
@@ -165,6 +178,10 @@ class StateDirectory:
         if stored.damage:
             self._say(stored.damage)
         self._save_parameters()
+        for kind, name in PLAN_FILES.items():
+            plan = self._plans.of(kind)
+            if kind in self._set or (plan.items and found[name].content is None):
+                self._store.fill(name, plan_to_text(plan).encode())
 
     def _save_parameters(self) -> None:
         self._store.save(PARAMETER_FILE, format_file(self._kept).encode())

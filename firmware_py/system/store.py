@@ -112,6 +112,12 @@ class Store:
             waiting = self._jobs.get(name)
             self._queue(name, Job(content, both=both or (waiting is not None and waiting.both)))
 
+    def fill(self, name: str, content: bytes) -> None:
+        """Queue a version as `save` does, unless one is queued: whoever waits for that would be told of this."""
+        with self._lock:
+            if name not in self._jobs:
+                self._queue(name, Job(content))
+
     def try_save(self, name: str, content: bytes, done: Callable[[bool], None]) -> None:
         """Queue a new version, tried once; run done(True) from `service` when it is on disk.
 

@@ -1,5 +1,6 @@
 import errno
 import os
+from pathlib import Path
 
 import pytest
 
@@ -190,8 +191,8 @@ def test_a_file_whose_name_does_not_reach_the_disk_leaves_nothing(tmp_path, monk
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     monkeypatch.setattr("firmware_py.log.disk.sync_directory", ill)
-    open_before = len(os.listdir("/proc/self/fd"))
+    open_before = len(list(Path("/proc/self/fd").iterdir()))
     with pytest.raises(OSError, match="Input/output"):
         LocalDisk().create(tmp_path)
-    assert len(os.listdir("/proc/self/fd")) == open_before
+    assert len(list(Path("/proc/self/fd").iterdir())) == open_before
     assert list(tmp_path.iterdir()) == []

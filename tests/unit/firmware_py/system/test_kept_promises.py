@@ -8,6 +8,7 @@ import shutil
 import threading
 from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
 
 import pytest
 
@@ -400,3 +401,54 @@ def test_what_is_stored_after_a_loss_wins(lost, lose, tmp_path):
     store.save("a", b"new")
     store.close()
     assert stored_content(tmp_path, "a") == b"new"
+
+
+def mission_in(directory):
+    return stored_content(directory, PLAN_FILES[PlanKind.MISSION])
+
+
+@pytest.mark.parametrize("since_the_start", [True, False])
+@pytest.mark.parametrize("holds", [True, False])
+def test_another_disk_gets_the_plan_in_force_unless_it_holds_one_and_none_was_set(
+    since_the_start, holds, tmp_path, monkeypatch
+):
+    """As a partition that comes back empty under way: the next start would have neither fence nor mission."""
+    monkeypatch.setattr("firmware_py.system.store.RETRY_S", 0.01)
+    contents = []
+    for number in (2, 1):
+        boat = Boat.start(tmp_path / f"{number}")
+        assert replace_plan(boat, number)
+        boat.end()
+        contents.append(mission_in(tmp_path / f"{number}"))
+    other, in_force = contents
+    boat = Boat.start(tmp_path / "1")
+    if since_the_start:
+        assert replace_plan(boat, 1)
+    (tmp_path / "1").rename(tmp_path / "gone")
+    boat.store.save("a", b"")  # whatever is stored next finds out
+    if holds:
+        (tmp_path / "2").rename(tmp_path / "1")
+    else:
+        (tmp_path / "1").mkdir()
+    said = []
+    boat.store.when_stored(("a",), said.append)
+    while boat.store.failure or not said:
+        assert select.select([boat.store.fileno()], [], [], 10.0)[0]
+        boat.store.service()
+    boat.end()
+    assert mission_in(tmp_path / "1") == (other if holds and not since_the_start else in_force)
+
+
+def test_a_plan_that_is_being_stored_is_not_replaced_by_the_one_before(tmp_path):
+    """Else its acknowledgement would be that of the other."""
+    store, answers = Store(tmp_path), []
+    wake, store._wake = store._wake, SimpleQueue()  # the writer does not begin yet
+    store.try_save("a", b"new", answers.append)
+    store.fill("a", b"old")
+    store._wake = wake
+    wake.put(False)
+    while not answers:
+        assert select.select([store.fileno()], [], [], 10.0)[0]
+        store.service()
+    store.close()
+    assert (answers, stored_content(tmp_path, "a")) == ([True], b"new")
