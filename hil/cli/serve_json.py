@@ -17,7 +17,7 @@ from hil.report import run_page
 from hil.report.text import figures_text
 from hil.sim import run_directory
 from hil.sim.goals import GoalError, parse_goals
-from hil.sim.json_ship import JsonShip, PacketError, read_packet
+from hil.sim.json_ship import JsonShip, OneAutopilot, PacketError, read_packet
 from hil.sim.logbook import Logbook, RunOptions, put_to_sea
 from hil.sim.signals import interruptible
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S
@@ -112,6 +112,7 @@ def _listener(port: int) -> socket.socket:
 def _serve(listener: socket.socket, ship: JsonShip, book: Logbook, end_s: float) -> None:
     """Answer packets until the ship's time is over or none comes any more; what is none is told, once of a kind."""
     told: set[str] = set()
+    autopilot = OneAutopilot()
     heard_s: float | None = None
     begun_s = time.monotonic()
     while book.world.now_s < end_s:
@@ -123,15 +124,18 @@ def _serve(listener: socket.socket, ship: JsonShip, book: Logbook, end_s: float)
                 break
             continue
         try:
-            answer = ship.answer(read_packet(data))
+            packet = read_packet(data)
+            steered_by, now_s = autopilot.address, time.monotonic()
+            if not autopilot.admits(address, now_s):
+                raise PacketError("another autopilot, at {}:{}, is not answered while one steers".format(*address))
         except PacketError as error:
             if str(error) not in told and len(told) < 10:
                 told.add(str(error))
                 print(f"rambler-hil: {error}", file=sys.stderr)
             continue
-        if heard_s is None:
+        if autopilot.address != steered_by:
             print(f"steered from {address[0]}:{address[1]}", flush=True)
-            begun_s = time.monotonic()
-        heard_s = time.monotonic()
-        listener.sendto(answer, address)
+        begun_s = now_s if heard_s is None else begun_s
+        heard_s = now_s
+        listener.sendto(ship.answer(packet), address)
     book.wall_s = time.monotonic() - begun_s

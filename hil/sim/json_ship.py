@@ -20,6 +20,8 @@ from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, World
 PACKET, MAGIC = struct.Struct("<HHI16H"), 18458
 PACKET_32, MAGIC_32 = struct.Struct("<HHI32H"), 29569
 MOST_FRAMES = 100  # that one packet makes up for; more, and the autopilot has been away
+FIRST_FRAMES = (0, 1)  # of an autopilot that has started anew
+AWAY_S = 2.0  # after which another autopilot may steer
 RATES_HZ = (10, 10_000)
 CENTRE_US, HALF_US = 1500.0, 400.0  # ArduPilot's defaults for a servo: 1100 to 1900
 LEAST_US, MOST_US = 800, 2200  # beyond is no pulse: a servo that gets none stays where it is
@@ -53,6 +55,22 @@ def read_packet(data: bytes) -> Pulses:
     return Pulses(rate_hz, frame, tuple(pulses_us))
 
 
+class OneAutopilot:
+    """Who steers: one autopilot at a time, another only once nothing has come from the first for AWAY_S."""
+
+    def __init__(self) -> None:
+        """Wait for the first."""
+        self.address: tuple[str, int] | None = None
+        self._heard_s = -math.inf
+
+    def admits(self, address: tuple[str, int], now_s: float) -> bool:
+        """Whether a packet that came now is answered."""
+        if address != self.address and now_s - self._heard_s < AWAY_S:
+            return False
+        self.address, self._heard_s = address, now_s
+        return True
+
+
 class JsonShip:
     """Moves a world on with the frames of an autopilot and says what its sensors see.
 
@@ -69,9 +87,10 @@ class JsonShip:
         self._answer = b""
 
     def answer(self, packet: Pulses) -> bytes:
-        """Return the line for a packet; the same one again for a packet that comes again."""
+        """Return the line for a packet; the same one again for a packet that comes again, or too late."""
         passed = 1 if self._frame is None else packet.frame - self._frame
-        if passed == 0 and self._answer:
+        overtaken = -MOST_FRAMES <= passed < 0 and packet.frame not in FIRST_FRAMES
+        if self._answer and (passed == 0 or overtaken):
             return self._answer
         if not 1 <= passed <= MOST_FRAMES:  # it has started anew, or has been away
             passed = 1

@@ -19,6 +19,7 @@ def test_another_s_autopilot_sails_and_is_scored_as_ours_is(tmp_path):
     with (
         closing(Program("ship", [sys.executable, "-m", "hil", *words], tmp_path)) as ship,
         closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as autopilot,
+        closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as second,
     ):
         ship.expect("waiting on udp")
         port = int(re.search(r"udp 127\.0\.0\.1:(\d+);", ship.text())[1])
@@ -28,14 +29,18 @@ def test_another_s_autopilot_sails_and_is_scored_as_ours_is(tmp_path):
         frame = 0
         while state["timestamp"] < 60.0 - 0.5 / RATE_HZ:
             frame += 1
+            if frame == 100:  # somebody has started one more
+                second.sendto(struct.pack("<HHI16H", 18458, RATE_HZ, 1, *[1900] * 16), ("127.0.0.1", port))
             pulses = [steering_us] + [1500] * 15
             autopilot.sendto(struct.pack("<HHI16H", 18458, RATE_HZ, frame, *pulses), ("127.0.0.1", port))
             state = json.loads(autopilot.recv(4096))
+            assert abs(state["timestamp"] * RATE_HZ - frame) < 1e-6
             error_rad = math.radians(20.0) - state["attitude"][2]
             command = 1.0 * error_rad - 3.0 * state["imu"]["gyro"][2]
             steering_us = round(1500 + 400 * max(-1.0, min(command / math.radians(30.0), 1.0)))
         assert ship.exit_code() == 0
     assert "a packet of 12 bytes" in ship.text()
+    assert ship.text().count("is not answered while one steers") == 1
     (goal,) = json.loads((out / "summary.json").read_text())["goals"]
     assert goal["rms_error_deg"] < 5.0
     assert (out / "report.html").exists()

@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from hil.ship.scenarios import named
-from hil.sim.json_ship import MAGIC, JsonShip, PacketError, read_packet
+from hil.sim.json_ship import AWAY_S, MAGIC, JsonShip, OneAutopilot, PacketError, read_packet
 from hil.sim.world import World
 
 TRAVEL_RAD = math.radians(30.0)
@@ -37,6 +37,25 @@ def test_the_ship_s_time_is_the_frames(ship):
     assert told(ship, 5)["timestamp"] == pytest.approx(0.10)  # two were lost
     assert told(ship, 1)["timestamp"] == pytest.approx(0.12)  # the autopilot has started anew
     assert told(ship, 2, rate_hz=400)["timestamp"] == pytest.approx(0.1225)
+
+
+def test_a_packet_that_was_overtaken_moves_neither_her_time_nor_her_rudder(ship):
+    for frame in range(1, 100):
+        state = told(ship, frame)
+    assert told(ship, 98, 1900) == state
+    assert told(ship, 2, 1900) == state
+    assert told(ship, 100)["timestamp"] == pytest.approx(2.0)
+    assert ship._world.rudder_rad() == pytest.approx(0.0, abs=1e-6)
+
+
+def test_one_autopilot_steers_at_a_time_and_another_once_it_has_gone():
+    who, first, second = OneAutopilot(), ("127.0.0.1", 1), ("127.0.0.1", 2)
+    assert who.admits(first, 100.0)
+    assert not who.admits(second, 100.1)
+    assert who.admits(first, 101.0)
+    assert not who.admits(second, 101.0 + 0.9 * AWAY_S)
+    assert who.admits(second, 101.0 + AWAY_S)
+    assert (who.address, who.admits(first, 101.1 + AWAY_S)) == (second, False)
 
 
 def test_a_pulse_to_starboard_turns_her_to_starboard(ship):
