@@ -124,16 +124,14 @@ def _serve(listener: socket.socket, ship: JsonShip, book: Logbook, end_s: float)
                 break
             continue
         try:
-            packet = read_packet(data)
-            steered_by, now_s = autopilot.address, time.monotonic()
-            if not autopilot.admits(address, now_s):
-                raise PacketError("another autopilot, at {}:{}, is not answered while one steers".format(*address))
+            packet, now_s = read_packet(data), time.monotonic()
+            is_new = autopilot.hear(address, now_s)
         except PacketError as error:
             if str(error) not in told and len(told) < 10:
                 told.add(str(error))
                 print(f"rambler-hil: {error}", file=sys.stderr)
             continue
-        if autopilot.address != steered_by:
+        if is_new:
             print(f"steered from {address[0]}:{address[1]}", flush=True)
         begun_s = now_s if heard_s is None else begun_s
         heard_s = now_s

@@ -63,12 +63,14 @@ class OneAutopilot:
         self.address: tuple[str, int] | None = None
         self._heard_s = -math.inf
 
-    def admits(self, address: tuple[str, int], now_s: float) -> bool:
-        """Whether a packet that came now is answered."""
-        if address != self.address and now_s - self._heard_s < AWAY_S:
-            return False
+    def hear(self, address: tuple[str, int], now_s: float) -> bool:
+        """Take a packet that came now, and return whether it is another's than before; PacketError for one too many."""
+        is_new = address != self.address
+        if is_new and now_s - self._heard_s < AWAY_S:
+            host, port = address
+            raise PacketError(f"another autopilot, at {host}:{port}, is not answered while one steers")
         self.address, self._heard_s = address, now_s
-        return True
+        return is_new
 
 
 class JsonShip:

@@ -50,12 +50,16 @@ def test_a_packet_that_was_overtaken_moves_neither_her_time_nor_her_rudder(ship)
 
 def test_one_autopilot_steers_at_a_time_and_another_once_it_has_gone():
     who, first, second = OneAutopilot(), ("127.0.0.1", 1), ("127.0.0.1", 2)
-    assert who.admits(first, 100.0)
-    assert not who.admits(second, 100.1)
-    assert who.admits(first, 101.0)
-    assert not who.admits(second, 101.0 + 0.9 * AWAY_S)
-    assert who.admits(second, 101.0 + AWAY_S)
-    assert (who.address, who.admits(first, 101.1 + AWAY_S)) == (second, False)
+    assert who.hear(first, 100.0)
+    with pytest.raises(PacketError, match=r"127\.0\.0\.1:2, is not answered"):
+        who.hear(second, 100.1)
+    assert not who.hear(first, 101.0)
+    with pytest.raises(PacketError):
+        who.hear(second, 101.0 + 0.9 * AWAY_S)
+    assert who.hear(second, 101.0 + AWAY_S)
+    assert who.address == second
+    with pytest.raises(PacketError):
+        who.hear(first, 101.1 + AWAY_S)
 
 
 def test_a_pulse_to_starboard_turns_her_to_starboard(ship):
