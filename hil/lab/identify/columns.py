@@ -14,17 +14,19 @@ NAMES = ("time_s", "rudder_rad", "heading_rad", "yaw_rate_rad_s", "speed_m_s")
 ALIASES = {
     "time_s": (
         *("time", "t", "timestamp", "time_stamp", "seconds", "datetime", "date_time", "utc", "time_utc", "utc_time"),
+        *("elapsed", "elapsed_time", "time_elapsed", "original_timestamp"),
     ),
-    "rudder_rad": ("rudder", "rudder_angle", "delta", "rsa", "rudder_position"),
+    "rudder_rad": ("rudder", "rudder_angle", "delta", "rsa", "rudder_position", "rudder_pos", "rud", "delta_r"),
     "heading_rad": ("heading", "hdg", "hdt", "hdm", "psi", "yaw", "compass", "true_heading", "heading_true"),
     "yaw_rate_rad_s": ("yaw_rate", "yawrate", "rot", "rate_of_turn", "turn_rate", "r", "gyro_z", "gyr_z"),
     "speed_m_s": ("speed", "sog", "stw", "u", "speed_over_ground", "speed_through_water", "water_speed", "boat_speed"),
 }
 DEGREE, MINUTE_S, KNOT_M_S = radians(1.0), 60.0, 1852.0 / 3600.0
+NO_ANGLE = 0.0  # size of a rudder's unit that is a share of full or a servo's pulse
 # quantity -> unit as it is written after a name, or is the name -> its size
 UNITS: dict[str, dict[str, float]] = {
     "time_s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "rudder_rad": {"rad": 1.0, "deg": DEGREE},
+    "rudder_rad": {"rad": 1.0, "deg": DEGREE, **dict.fromkeys(("percent", "pct", "pwm", "us"), NO_ANGLE)},
     "heading_rad": {"rad": 1.0, "deg": DEGREE},
     "yaw_rate_rad_s": {"rad_s": 1.0, "deg_s": DEGREE, "deg_min": DEGREE / MINUTE_S, "rad_min": 1.0 / MINUTE_S},
     "speed_m_s": {"m_s": 1.0, "kn": KNOT_M_S, "kt": KNOT_M_S, "kts": KNOT_M_S, "knots": KNOT_M_S, "km_h": 1 / 3.6},
@@ -43,17 +45,24 @@ SPELLINGS |= {"deg_s_1": "deg_s", "seconds": "s", "knot": "kn", "m_s_1": "m_s"}
 # Words beside one of these names that leave it the same quantity.
 BESIDE = {"hat", "est", "estimated", "meas", "measured", "raw", "filtered", "filt", "act", "actual", "mid", "angle"}
 BESIDE |= {"vel", "velo", "velocity", "angvel", "angvelo", "value"}
+# Words beside the rudder's name that make it what was asked for; taken where nothing says what it did.
+ASKED = {"cmd", "command", "commanded", "order", "ordered", "set", "setpoint", "desired", "demand", "target"}
 
-LONGEST_SHOWN = 60
+LONGEST_SHOWN, MOST_NAMED = 60, 12
+COURSE = {"cog", "cmg", "course"}
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Where a quantity stands, what the file calls it, and the size of its unit; NaN where the name says none."""
+    """Where a quantity stands, what the file calls it, and the size of its unit; NaN where the name says none.
+
+    asked: it is what the rudder was told to do, and not what it did.
+    """
 
     place: int
     shown: str
     unit: float
+    asked: bool = False
 
     @property
     def known(self) -> bool:
@@ -81,6 +90,7 @@ def found_columns(header: list[str]) -> dict[str, list[int]]:
                 for names in (whole, ends)
             ),
             [place for place, name in enumerate(whole) if _beside(quantity, name) is not None],
+            [place for place, name in enumerate(whole) if quantity == "rudder_rad" and _asked(name) is not None],
         )
         found[quantity] = next(filter(None, ways), [])
     return {quantity: places for quantity, places in found.items() if places}
@@ -97,8 +107,9 @@ def columns_of(where: str, header: list[str]) -> dict[str, Column]:
             raise UsageError(f"{where}: {what}; remove one")
         name = header[places[0]]
         units = (*(_unit(quantity, _plain(text)) for text in (name, _end(name))), _beside(quantity, _plain(name)))
-        unit = next(filter(None, units))
-        found[quantity] = Column(places[0], shown[places[0]], math.nan if unit is None else unit)
+        unit = next((unit for unit in units if unit is not None), None)
+        said = _asked(_plain(name)) if unit is None else unit
+        found[quantity] = Column(places[0], shown[places[0]], math.nan if said is None else said, unit is None)
     missing = [name for name in ("time_s", "rudder_rad") if name not in found]
     if not missing and "heading_rad" not in found and "yaw_rate_rad_s" not in found:
         missing = ["heading_rad or yaw_rate_rad_s"]
@@ -106,9 +117,17 @@ def columns_of(where: str, header: list[str]) -> dict[str, Column]:
         raise UsageError(
             f"{where}: missing column{'s' if len(missing) > 1 else ''} {', '.join(missing)}; name the columns "
             f"{','.join(NAMES)} (an unmeasured heading, yaw rate or speed may be empty or left out; degrees and knots "
-            "are rudder_deg, heading_deg, yaw_rate_deg_s, speed_kn)"
+            f"are rudder_deg, heading_deg, yaw_rate_deg_s, speed_kn); {_there(shown)}"
         )
     return found
+
+
+def _there(shown: list[str]) -> str:
+    """Say what columns there are, and what of them is easily taken for a heading."""
+    named = ", ".join(shown[:MOST_NAMED]) + (f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else "")
+    course = next((name for name in shown if COURSE & {*_plain(name).split("_")}), None)
+    of_course = f"; {course} is where she goes, not where she heads: no heading" if course is not None else ""
+    return f"there are {named}{of_course}"
 
 
 def _shown(text: str) -> str:
@@ -120,7 +139,8 @@ def _shown(text: str) -> str:
 
 def _plain(text: str) -> str:
     """Write a name as words joined by underscores: `Rate of Turn [°/s]` is rate_of_turn_deg_s."""
-    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text.strip()).lower().replace("°", "deg").replace("µ", "u")
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", re.sub(r"(?<!^)%", " percent", text.strip())).lower()
+    text = text.replace("°", "deg").replace("µ", "u")
     return re.sub(r"[^a-z0-9]+", "_", text).strip("_")
 
 
@@ -153,6 +173,17 @@ def _beside(quantity: str, name: str) -> float | None:
             if rest != text and {*rest.split("_")} <= {"", *BESIDE, *_aliases(quantity)}:
                 return size
     return None
+
+
+def _asked(name: str) -> float | None:
+    """Return what _unit does, of what a rudder was told to do: `rudder_cmd_deg`."""
+    words = name.split("_")
+    kept = [word for word in words if word not in ASKED]
+    if len(kept) == len(words):
+        return None
+    plain = "_".join(kept)
+    unit = _unit("rudder_rad", plain)
+    return _beside("rudder_rad", plain) if unit is None else unit
 
 
 def _aliases(quantity: str) -> list[str]:

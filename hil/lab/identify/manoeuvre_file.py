@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from firmware_py.common.angles import degrees, radians
 from hil.errors import UsageError
-from hil.lab.identify import holes, units
+from hil.lab.identify import holes, repeats, units
 from hil.lab.identify.clock import spread_evenly
-from hil.lab.identify.columns import NAMES
+from hil.lab.identify.columns import NAMES, NO_ANGLE
 from hil.lab.identify.recording import Floats, Recording
 from hil.lab.identify.table import Raw, Table
 from hil.lab.identify.table_text import read_text
@@ -27,6 +27,7 @@ from hil.lab.identify.table_text import read_text
 RUDDER_UNITS = ("rad", "deg", "any")
 LARGEST_COMMAND = 1e6
 LARGEST_RUDDER_DEG = 60.0  # of a rudder whose unit is guessed
+MOST_LATE = 10  # rows that one comes after where it belongs
 ANGLES = {1.0: "radians", radians(1.0): "degrees"}
 RATES = {1.0: "radians a second", radians(1.0): "degrees a second", radians(1.0) / 60.0: "degrees a minute"}
 
@@ -42,8 +43,21 @@ def read(path: Path, rudder_unit: str = "rad") -> Recording:
         rows = "one row" if text.cells else "no rows"
         raise UsageError(f"{path}: {rows} below the column names; record at least a zigzag")
     table = Table(path, text.numbers, text.places, text.notes)
+    _check_rudder(table, rudder_unit)
     raw = {name: table.column(name, [row[column.place] for row in text.cells]) for name, column in text.places.items()}
-    return _recording(*_in_order(*_once(*_timed(table, raw))), rudder_unit)
+    return _recording(*_in_order(*_sorted(*_once(*_timed(table, raw)))), rudder_unit)
+
+
+def _check_rudder(table: Table, unit: str) -> None:
+    """Refuse a rudder that its name says is no angle, unless it is taken as it is; note one that was only asked for."""
+    column = table.places["rudder_rad"]
+    if column.unit == NO_ANGLE and unit != "any":
+        raise UsageError(
+            f"{table.path}: {column.shown} is no angle; say --rudder-unit any to take it as it is (K is per its unit "
+            "then, and there is no parameter file), or convert it to rudder_deg by what full rudder is"
+        )
+    if column.asked:
+        table.notes.append(f"column {column.shown} is what was asked of the rudder, so the servo's lag is part of T")
 
 
 def _timed(table: Table, raw: Raw) -> tuple[Table, Raw]:
@@ -67,11 +81,25 @@ def _once(table: Table, raw: Raw) -> tuple[Table, Raw]:
     return _kept(table, raw, kept)
 
 
-def _kept(table: Table, raw: Raw, rows: NDArray[np.bool_]) -> tuple[Table, Raw]:
-    numbers = [table.numbers[row] for row in np.flatnonzero(rows).tolist()]
+def _kept(table: Table, raw: Raw, rows: NDArray[np.bool_ | np.intp]) -> tuple[Table, Raw]:
+    numbers = np.asarray(table.numbers)[rows].tolist()
     return replace(table, numbers=numbers), {
         name: None if values is None else values[rows] for name, values in raw.items()
     }
+
+
+def _sorted(table: Table, raw: Raw) -> tuple[Table, Raw]:
+    """Sort rows that come a little late, as of several senders; a clock that was set back is left to be refused."""
+    time_s = raw["time_s"]
+    if time_s is None or np.all(np.diff(time_s) > 0.0):
+        return table, raw
+    order = np.argsort(time_s, kind="stable")
+    moved = np.abs(order - np.arange(order.size))
+    if np.max(moved) > MOST_LATE or np.any(np.diff(time_s[order]) <= 0.0):
+        return table, raw
+    late = np.count_nonzero(np.diff(time_s) < 0.0)
+    table.notes.append(f"{late} row{'s' if late > 1 else ''} came after a later one, and the rows are sorted by time")
+    return _kept(table, raw, order)
 
 
 def _in_order(table: Table, raw: Raw) -> tuple[Table, dict[str, Floats]]:
@@ -90,7 +118,8 @@ def _in_order(table: Table, raw: Raw) -> tuple[Table, dict[str, Floats]]:
         )
         time_s = spread
     _check_order(table, time_s)
-    filled, rows = holes.filled(table.path, time_s, raw | {"time_s": time_s}, table.notes)
+    fresh = repeats.emptied(raw, {name: column.shown for name, column in table.places.items()}, table.notes)
+    filled, rows = holes.filled(table.path, time_s, fresh | {"time_s": time_s}, table.notes)
     table, columns = _kept(table, filled, rows)
     return table, {name: values for name, values in columns.items() if values is not None}
 

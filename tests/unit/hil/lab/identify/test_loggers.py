@@ -7,6 +7,7 @@ import pytest
 
 from hil.errors import UsageError
 from hil.lab.identify.columns import NAMES
+from hil.lab.identify.identify import identify
 from hil.lab.identify.manoeuvre_file import read
 from support.tables import CLOCK, DEGREES, HEADING, ISO, PLAIN, RATE, ROWS, RUDDER, SPEED, TIME, table
 
@@ -87,6 +88,63 @@ def test_a_compass_that_is_slower_than_the_table_is_read(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(with_holes("heading_rad", [row for row in range(ROWS) if row % 4], ""))
     np.testing.assert_allclose(read(path).heading_rad, HEADING[::4], atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def slow_sensor(yard):
+    """Return rows of 0.05 s, and a boat's rudder, heading and yaw rate in them, with a sensor's noise."""
+    time = np.arange(12000) * 0.05
+    rudder = yard.steps(time, 0.35, 15.0, 0.2)
+    heading, rate = yard.boat(0.1, 5.0, 50.0, 0.02).motion(time, rudder)
+    recording = yard.recorded(time, rudder, heading, rate)
+    return time, rudder, np.degrees(recording.heading_rad) % 360.0, np.degrees(recording.yaw_rate_rad_s)
+
+
+def repeated(values, rows):
+    return np.repeat(values[::rows], rows)[: values.size]
+
+
+@pytest.mark.parametrize(("rows", "channels"), [(20, "h"), (20, "hr"), (2, "hr")])
+def test_a_sensor_whose_last_value_stands_there_until_the_next_is_not_taken_for_a_late_one(
+    tmp_path, slow_sensor, rows, channels
+):
+    """T was 6.9 +- 0.6 s of 5, and alpha six of its standard errors off."""
+    time, rudder, heading, rate = slow_sensor
+    path, columns = tmp_path / "table.csv", [time, np.degrees(rudder), np.round(repeated(heading, rows), 1)]
+    name = "time_s,rudder_deg,heading_deg"
+    if "r" in channels:
+        name, columns = f"{name},yaw_rate_deg_s", [*columns, repeated(rate, rows)]
+    path.write_text(table(name, columns))
+    got = read(path)
+    assert any(f"heading_deg is new in every {rows}th row only" in note for note in got.notes)
+    assert np.median(np.diff(got.time_s)) == pytest.approx(0.05 * rows)
+    found = identify([got]).judgement.estimates
+    for one, true in ((found["K"], 0.1), (found["T"], 5.0)):
+        assert one.verdict == "identifiable"
+        assert abs(one.value - true) < 3.0 * one.se
+
+
+def test_a_coarse_compass_is_not_taken_for_a_slow_one(tmp_path):
+    """It stands still as long as she hardly turns, and goes on by its least step; so does one that is noisy."""
+    path, time, source = tmp_path / "table.csv", np.arange(4000) * 0.1, np.random.default_rng(1)
+    noise = 0.4 * source.standard_normal(time.size)
+    for heading in (np.floor(0.5 * time), np.round(30.0 + 20.0 * np.sin(time / 20.0)), np.round(0.5 * time + noise)):
+        path.write_text(table("time_s,rudder_deg,heading_deg", (time, 20.0 * np.sin(time / 7.0), heading)))
+        got = read(path)
+        assert got.time_s.size == time.size
+        assert not any("is new in" in note for note in got.notes)
+
+
+def test_rows_that_come_a_little_late_are_sorted_and_a_clock_that_was_set_back_is_not(tmp_path):
+    path, lines = tmp_path / "table.csv", PLAINLY.splitlines()
+    path.write_text("\n".join([*lines[:50], lines[52], lines[50], lines[51], *lines[53:]]) + "\n")
+    got = read(path)
+    np.testing.assert_allclose(got.time_s, TIME)
+    np.testing.assert_allclose(got.heading_rad, HEADING, atol=1e-6)
+    assert "1 row came after a later one, and the rows are sorted by time" in got.notes
+    path.write_text(with_times([f"{seconds - 30.0 * (seconds > 60.0):.2f}" for seconds in TIME + 0.01 * (TIME > 60.0)]))
+    with pytest.raises(UsageError, match=r":123: time_s 30\.51 does not come after 60"):
+        read(path)
 
 
 @pytest.mark.parametrize(("column", "values"), [("rudder_rad", RUDDER), ("yaw_rate_rad_s", RATE)])

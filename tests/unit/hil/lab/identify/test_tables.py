@@ -124,6 +124,36 @@ def test_a_command_that_is_no_angle_is_not_said_to_be_one(tmp_path):
     assert not any("taken for" in note for note in read(path, "any").notes)
 
 
+def test_a_course_over_ground_is_said_to_be_no_heading(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(table("time_s,rudder_rad,cog_deg", (TIME, RUDDER, TIME)))
+    with pytest.raises(UsageError, match="; there are time_s, rudder_rad, cog_deg; cog_deg is where she goes"):
+        read(path)
+
+
+@pytest.mark.parametrize("name", ["rudder_percent", "Rudder [%]", "rudder_pwm", "Rudder (µs)"])
+def test_a_rudder_that_says_it_is_no_angle_is_taken_as_it_is_or_refused(tmp_path, name):
+    """A share of up to 60 was taken for degrees where a sign said per cent, and else there was said to be no rudder."""
+    path = tmp_path / "table.csv"
+    path.write_text(table(f"time_s,{name},heading_deg", (TIME, 100.0 * RUDDER, HEADING / DEGREE)))
+    with pytest.raises(UsageError, match="is no angle; say --rudder-unit any to take it as it is"):
+        read(path)
+    np.testing.assert_allclose(read(path, "any").rudder_rad, 100.0 * RUDDER, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["rudder_cmd_deg", "Commanded rudder angle (deg)", "rudder_order_deg"])
+def test_what_was_asked_of_the_rudder_is_taken_where_nothing_says_what_it_did(tmp_path, name):
+    path = tmp_path / "table.csv"
+    path.write_text(table(f"time_s,{name},heading_rad", (TIME, RUDDER / DEGREE, HEADING)))
+    got = read(path)
+    np.testing.assert_allclose(got.rudder_rad, RUDDER, atol=1e-6)
+    assert any("is what was asked of the rudder, so the servo's lag is part of T" in note for note in got.notes)
+    path.write_text(table(f"time_s,{name},rudder_rad,heading_rad", (TIME, TIME, RUDDER, HEADING)))
+    got = read(path)
+    np.testing.assert_allclose(got.rudder_rad, RUDDER, atol=1e-6)
+    assert not any("asked" in note for note in got.notes)
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [
