@@ -53,12 +53,15 @@ def report_key(directory: Path, stored: Stored, say: Callable[[str], None], *, l
         say(f"{name} can be read by others; set another key if somebody may have")
 
 
-def resume(state: State, record: bytes | None, utc_s: float, say: Callable[[str], None]) -> State:
-    """Return the state at start, going on with the stored record; an unusable one is said and left out."""
+def resume(state: State, record: bytes | None, utc_s: float, say: Callable[[str], None], boot: str = "") -> State:
+    """Return the state at start, going on with the stored record; an unusable one is said and left out.
+
+    `boot` names the computer's run.
+    """
     if record is None:
         return state
     try:
-        state, notes = restore(state, record.decode("ascii", "replace"), utc_s)
+        state, notes = restore(state, record.decode("ascii", "replace"), utc_s, boot)
     except (ValueError, RecursionError) as error:
         say(f"stored {RESUME_FILE} left out: {error}")
         return replace(state, greeting="Not resumed: the record is no good")

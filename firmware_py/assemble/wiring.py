@@ -27,7 +27,7 @@ from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import NMEA, Ashore, open_transport
 from firmware_py.link.wire.transport import Transport
 from firmware_py.loop import LoopParts
-from firmware_py.system.clock import LockstepClock, RealClock, set_utc_s
+from firmware_py.system.clock import LOCKSTEP_BOOT, LockstepClock, RealClock, boot_id, set_utc_s
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.console import Console
 from firmware_py.system.fault_barrier import FaultBarrier
@@ -99,10 +99,10 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     ashore = Ashore(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
     transports, talkers = _open_links(vehicle, options, lines, ashore, say if options.wait else None, opened)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
-    if options.lockstep is not None:
-        clock = _lockstep_clock(options.lockstep, lines, store)
-    state = resume(State.at_start(parameters, plans), kept.resume_record(), clock.utc_s(), console.line)
-    autopilot, vault, version = Autopilot(state, kept), KeyVault(store), _version(commit())
+    clock = clock if options.lockstep is None else _lockstep_clock(options.lockstep, lines, store)
+    boot = boot_id() if options.lockstep is None else LOCKSTEP_BOOT
+    state = resume(State.at_start(parameters, plans), kept.resume_record(), clock.utc_s(), console.line, boot)
+    autopilot, vault, version = Autopilot(state, kept, boot), KeyVault(store), _version(commit())
     recorder = recorder_of(options.state_directory, parameters, plans, clock, version.commit, opened)
     endpoint = Endpoint(
         transports,

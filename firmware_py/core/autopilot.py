@@ -32,14 +32,14 @@ class Autopilot:
     that an answer need not wait for the tick and still cannot differ from what is done.
     """
 
-    def __init__(self, state: State, keeper: StateKeeper) -> None:
-        """Start from a state; `keeper` takes what must outlive a restart."""
+    def __init__(self, state: State, keeper: StateKeeper, boot: str = "") -> None:
+        """Start from a state; `keeper` takes what must outlive a restart, `boot` names the computer's run."""
         self._state = state
         self._ahead = state
         self._pending: list[Request] = []
         self._keeper = keeper
         self._parameters = ParameterKeeper(keeper)
-        self._resume = ResumeKeeper()
+        self._resume = ResumeKeeper(boot)
         self._unkept: list[Callable[[bool], None]] = []  # who waits for a record that has not been handed over
         self._awaited = 0  # calls that wait for a record, handed over or not
         self._now_s = 0.0

@@ -7,7 +7,7 @@ from typing import Final
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Inputs, PositionSample, RudderStatus, Severity
 from firmware_py.common.reports import Home
-from firmware_py.core import device_reports, rudder, tick_timing
+from firmware_py.core import device_reports, last_place, rudder, tick_timing
 from firmware_py.core.state import Settings, State, heading_timeouts_of
 from firmware_py.estimate import heading_estimator, place_and_velocity, position, reckoning, water
 from firmware_py.estimate.position import PositionState
@@ -69,9 +69,11 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
 def _carried_on(state: State, now_s: float, heading_rad: float | None, silent_s: float) -> PositionState:
     """Return the place carried on to now, reckoned by the last known water when fixes are missing for silent_s."""
     place, waves = state.position, state.heading_estimator.wave_filter
-    if place.fix is None:
+    if place.fix is None and place.reckoning is None:
         return place
-    if place.reckoning is None and now_s - place.fix.t_s > silent_s:
+    if state.timing.started_s is None and place.reckoning is not None:
+        place = last_place.counted_from(place, now_s)
+    if place.fix is not None and place.reckoning is None and now_s - place.fix.t_s > silent_s:
         place = replace(place, reckoning=reckoning.begin(waves, state.water.slow_m_s, now_s))
     if place.reckoning is None:
         return position.predict(place, now_s, water.over_ground_m_s(waves, heading_rad))
@@ -82,9 +84,10 @@ def _carried_on(state: State, now_s: float, heading_rad: float | None, silent_s:
 
 def _found_again(before: PositionState, fix: PositionSample) -> tuple[Event, ...]:
     """Return what is told when a fix ends a reckoning that was more than a gap."""
-    if before.reckoning is None or before.fix is None or fix.t_s - before.fix.t_s <= position.LONGEST_GAP_S:
+    unfixed_s = position.unfixed_s(before) + fix.t_s - before.t_s
+    if before.reckoning is None or unfixed_s <= position.LONGEST_GAP_S:
         return ()
-    minutes, off_m = (fix.t_s - before.fix.t_s) / 60.0, position.off_m(before, fix)
+    minutes, off_m = unfixed_s / 60.0, position.off_m(before, fix)
     return (Event(Severity.NOTICE, f"Reckoned for {minutes:.0f} min: she was {off_m:.0f} m off"),)
 
 

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from firmware_py.common.mode_table import Mode
+from typing import Final
+
+from firmware_py.common.mode_table import MODES, Mode, Need
 from firmware_py.common.records import DeviceState
 from firmware_py.core.freshness import Age, Freshness
 from firmware_py.core.state import Settings, State, fence_enabled
+from firmware_py.core.tick_timing import TickTiming
 from firmware_py.estimate.heading_estimator import HeadingTimeouts
 from firmware_py.estimate.sources import SourceSettings, SourceState
 from firmware_py.faults.row import FaultInput
 from firmware_py.guidance import guidance
+from firmware_py.modes import ModeState
 from firmware_py.safety import power_monitor
+
+FIRST_FIX_S: Final = 180.0  # one that was switched on with the boat may have to hear all satellites anew
 
 
 def fault_input(
@@ -35,7 +41,8 @@ def fault_input(
         compass_frozen=frozen,
         compass_jumping=jumping,
         compasses_disagree=sources.disagree(),
-        position_old=position.fix is not None and freshness.position is Age.OLD,
+        position_old=freshness.position is Age.OLD
+        and (position.fix is not None or _misses_fixes(state.modes, state.timing, now_s)),
         position_held_back=(
             position.suspect is not None and position.fix is not None and position.suspect.t_s > position.fix.t_s
         ),
@@ -71,6 +78,14 @@ def fault_input(
         station_timeout_s=settings.supervisor.station_s,
         vessel_near=state.traffic.near,
     )
+
+
+def _misses_fixes(modes: ModeState, timing: TickTiming, now_s: float) -> bool:
+    """Whether she is to go by places and no fix has come since the start, for longer than a receiver looks for one."""
+    started_s = timing.started_s
+    if not modes.armed or started_s is None or Need.POSITION not in MODES[modes.mode].needs:
+        return False
+    return now_s - started_s > FIRST_FIX_S
 
 
 def frozen_or_jumping(

@@ -14,6 +14,8 @@ from firmware_py.common.json_codec import Codec
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.reports import Home
+from firmware_py.core import last_place
+from firmware_py.core.last_place import LastPlace
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import CHANGES
 from firmware_py.estimate import heading_estimator, water
@@ -46,13 +48,14 @@ class Resume:
     fence_enabled: bool | None = None
     home: Home | None = None
     water: tuple[float, float, float] | None = None  # current north and east, speed; None: as at start
+    place: LastPlace | None = None
 
 
 _CODEC = Codec([Resume], changes=CHANGES)
 
 
-def resume_of(state: State, utc_s: float) -> Resume:
-    """Return what is to be kept of a state."""
+def resume_of(state: State, utc_s: float, boot: str = "") -> Resume:
+    """Return what is to be kept of a state, `boot` naming the computer's run, empty where that is not known."""
     # As the next tick will take it up: an order is on disk before that.
     nav = take_changes(state.guidance, state.modes, state.plans)
     return Resume(
@@ -66,6 +69,7 @@ def resume_of(state: State, utc_s: float) -> Resume:
         nav.fence_enabled,
         state.home,
         _expected_water(state),
+        last_place.of_state(state.position, state.heading_estimator.wave_filter, state.water, utc_s, boot),
     )
 
 
@@ -125,7 +129,7 @@ def age_s(resume: Resume, utc_s: float) -> float | None:
     return age if 0.0 <= age < 3.2e8 else None
 
 
-def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ...]]:
+def restore(state: State, text: str, utc_s: float, boot: str = "") -> tuple[State, tuple[str, ...]]:
     """Return the state at start that goes on with what was kept, and notes on the text.
 
     The greeting of the state says when something of the text was lost. ValueError for a text that is no record.
@@ -138,6 +142,7 @@ def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ..
     if age is not None and age > 3600.0 * state.parameters["BOOT_RESUME_H"]:
         return replace(state, greeting=f"Not resumed: {_age_text(age)} old"), notes
     armed = resume.modes.armed if level == ALL else state.modes.armed
+    expected = resume.water if resume.place is None else last_place.water_of(resume.place)
     follower = TaskFollowerState(resume.task, resume.arrived, _line_at_start(resume.line), orbit=resume.orbit)
     nav = GuidanceState(
         resume.modes.mode,
@@ -154,9 +159,10 @@ def restore(state: State, text: str, utc_s: float) -> tuple[State, tuple[str, ..
         modes=replace(resume.modes, armed=armed),
         guidance=nav,
         home=resume.home,
+        position=state.position if resume.place is None else last_place.restored(resume.place, utc_s, boot),
         heading_estimator=state.heading_estimator
-        if resume.water is None
-        else heading_estimator.expecting(state.heading_estimator, resume.water),
+        if expected is None
+        else heading_estimator.expecting(state.heading_estimator, expected),
         greeting=greeting + (", not whole" if notes else ""),
     )
     return state, notes

@@ -13,6 +13,7 @@ from enum import IntEnum
 from typing import Final
 
 from firmware_py.common.token_bucket import TokenBucket
+from firmware_py.core.last_place import is_near
 from firmware_py.core.resume import NOTHING, Resume, resume_of, to_text
 from firmware_py.core.state import State
 
@@ -36,6 +37,8 @@ _LEAST_FOR_ACKNOWLEDGED_GOAL: Final = 100.0
 
 def difference_between(record: Resume, kept: Resume | None) -> Difference:
     """Return how a record differs from the one that is kept, None when there is none."""
+    if kept is not None and is_near(record.place, kept.place):
+        record = replace(record, place=kept.place)
     if record == kept:
         return Difference.NONE
     if kept is None or _orders(record) != _orders(kept):
@@ -55,6 +58,7 @@ def _without_fine(record: Resume) -> Resume:
         mission=replace(record.mission, elapsed_s=0.0),
         orbit=replace(record.orbit, turned_rad=0.0),
         water=None,
+        place=None,
     )
 
 
@@ -65,8 +69,9 @@ def _same(parts: tuple[object, ...], others: tuple[object, ...]) -> bool:
 class ResumeKeeper:
     """Decides when the record is written anew, by what was written last and how much was of late."""
 
-    def __init__(self) -> None:
-        """Start with nothing written."""
+    def __init__(self, boot: str = "") -> None:
+        """Start with nothing written; `boot` names the computer's run."""
+        self._boot = boot
         self._kept: Resume | None = None
         self._seen: tuple[object, ...] = ()  # what the state looked at last was made of, but for what is fine
         self._fine_due_s = -math.inf
@@ -87,8 +92,10 @@ class ResumeKeeper:
         before, self._seen = self._seen, (state.modes, state.guidance, state.plans, state.home)
         if self.is_current and not last and now_s < self._fine_due_s and _same(self._seen, before):
             return None  # most ticks
-        record = resume_of(state, utc_s)
+        record = resume_of(state, utc_s, self._boot)
         difference = difference_between(record, self._kept)
+        if last and record != self._kept:
+            difference = max(difference, Difference.FINE)  # the place to the last metre, and when
         may_write = last or self._may_write(difference, now_s, awaited=awaited)
         if now_s >= self._fine_due_s:
             self._fine_due_s = now_s + FINE_INTERVAL_S

@@ -6,7 +6,7 @@ from firmware_py.common.records import Inputs, RudderStatus
 from firmware_py.common.reports import Reckoned, Snapshot
 from firmware_py.core.state import Settings, State, fence_enabled, first_item
 from firmware_py.core.vessels_step import report as traffic_report
-from firmware_py.estimate import heading_estimator, reckoning
+from firmware_py.estimate import heading_estimator, position, reckoning
 from firmware_py.guidance import guidance_reports
 from firmware_py.guidance.steering import SteeringTarget
 from firmware_py.modes import Situation, arming_obstacle
@@ -66,9 +66,8 @@ def snapshot_of(
 
 def _reckoned(state: State, sd_m: float) -> Reckoned | None:
     place = state.position
-    if place.reckoning is None or place.fix is None:
+    if place.reckoning is None:
         return None
     heading = state.heading_estimator.heading.heading_rad
     _, (north_m_s, east_m_s) = reckoning.sail(place.reckoning, heading, 0.0, under_way=True)
-    lasted_s = place.t_s - place.fix.t_s
-    return Reckoned(place.latitude_rad, place.longitude_rad, north_m_s, east_m_s, sd_m, lasted_s)
+    return Reckoned(place.latitude_rad, place.longitude_rad, north_m_s, east_m_s, sd_m, position.unfixed_s(place))

@@ -17,7 +17,7 @@ from firmware_py.core.device_reports import DeviceReports
 from firmware_py.core.freshness import Age, Freshness, FreshnessSettings, age_of
 from firmware_py.core.rudder import RudderSettings, RudderState
 from firmware_py.core.tick_timing import TickTiming
-from firmware_py.estimate import reckoning, water
+from firmware_py.estimate import position, reckoning, water
 from firmware_py.estimate.heading_estimator import HeadingEstimatorSettings, HeadingEstimatorState, HeadingTimeouts
 from firmware_py.estimate.place_and_velocity import AgreementState
 from firmware_py.estimate.position import PositionSettings, PositionState
@@ -166,11 +166,11 @@ def situation_of(settings: Settings, state: State, freshness: Freshness) -> Situ
 def _reckoned_sd_m(settings: Settings, state: State, freshness: Freshness) -> float | None:
     """Return how uncertain the place is while she is under way and it is reckoned on for want of fixes."""
     place = state.position
-    if freshness.position is not Age.OLD or place.reckoning is None or place.fix is None or not state.modes.armed:
+    if freshness.position is not Age.OLD or place.reckoning is None or not state.modes.armed:
         return None
     if not settings.guidance.tasks.reckon_m > 0.0:
         return None
-    return reckoning.spread_m(place.reckoning, place.t_s - place.fix.t_s)
+    return reckoning.spread_m(place.reckoning, position.unfixed_s(place))
 
 
 def situation_at(state: State, now_s: float) -> Situation:

@@ -39,7 +39,8 @@ class PositionSettings:
 class PositionState:
     """The estimated place at t_s, the last fix believed, and the first of those that are not.
 
-    `begun` is the first fix of all, or that by which a jump was believed; `reckoning` goes on while fixes are missing.
+    `begun` is the first fix of all, or that by which a jump was believed; `reckoning` goes on while fixes are missing,
+    also from the place that outlived a restart, with no fix at all.
     """
 
     t_s: float = 0.0
@@ -63,7 +64,7 @@ def on_earth(sample: PositionSample) -> bool:
 def predict(state: PositionState, now_s: float, velocity_m_s: tuple[float, float]) -> PositionState:
     """Carry the place on to now_s by the velocity over ground, north and east."""
     step_s = now_s - state.t_s
-    if state.fix is None or step_s <= 0.0:
+    if (state.fix is None and state.reckoning is None) or step_s <= 0.0:
         return state
     return _displace(state, velocity_m_s[0] * step_s, velocity_m_s[1] * step_s, now_s)
 
@@ -101,6 +102,13 @@ def leap_m(state: PositionState, sample: PositionSample) -> float | None:
 def off_m(state: PositionState, sample: PositionSample) -> float:
     """Return how far a fix lies from where she is taken to be."""
     return math.hypot(*Place(state.latitude_rad, state.longitude_rad).nearby_offset_m(_place(sample)))
+
+
+def unfixed_s(state: PositionState) -> float:
+    """Return how long there had been no fix when the place was carried on last, or the reckoning had lasted without."""
+    if state.fix is not None:
+        return state.t_s - state.fix.t_s
+    return 0.0 if state.reckoning is None else state.t_s - state.reckoning.begun_s
 
 
 def utc_s(state: PositionState, now_s: float) -> float | None:

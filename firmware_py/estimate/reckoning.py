@@ -19,16 +19,18 @@ from firmware_py.estimate.wave_filter_state import WaveFilterState
 
 FIX_SD_M: Final = 5.0
 WANDER_M2_S3: Final = 1.5e-6  # of the velocity: 10 cm/s in two hours
+ANYWHERE_M: Final = 1e5  # she goes on to no place by what is as uncertain
 TIDE_RAD_S: Final = 2.0 * math.pi / 44_712.0
 _KNOWN: Final = (kalman.NORTH, kalman.EAST, kalman.SPEED, kalman.LEEWAY)
 _PAIRS: Final = tuple((row, column) for i, row in enumerate(_KNOWN) for column in _KNOWN[i:])
+COVARIANCES: Final = len(_PAIRS)
 
 Velocity = tuple[float, float]  # north and east, m/s
 
 
 @dataclass(frozen=True, slots=True)
 class Reckoning:
-    """The water when fixes ceased, and what was sailed since.
+    """The water when fixes ceased at begun_s, and what was sailed since.
 
     `covariance`: the upper triangle, row by row, of that of the four numbers before it. The way through the water leads
     north_s and east_s seconds at the boat's speed; `blind_m` is what she may have gone while nobody knew where to.
@@ -54,6 +56,18 @@ def begin(
     north_m_s, east_m_s, speed_m_s = steered_by_m_s or tuple(waves.x[index] for index in _KNOWN[:3])
     covariance = tuple(waves.covariance(row, column) for row, column in _PAIRS)
     return Reckoning(north_m_s, east_m_s, speed_m_s, waves.x[kalman.LEEWAY], covariance, begun_s)
+
+
+def gone_on(state: Reckoning, away_s: float | None) -> tuple[Reckoning, Velocity]:
+    """Return the reckoning after a time in which nobody reckoned, and how far the water carried her in it, in metres.
+
+    Where she headed is not known. Nor is how long it was when `away_s` is None, and then she may be anywhere.
+    """
+    if away_s is None:
+        return replace(state, blind_m=state.blind_m + ANYWHERE_M), (0.0, 0.0)
+    blind_m = state.blind_m + away_s * state.speed_m_s
+    gone = replace(state, blind_m=blind_m, begun_s=state.begun_s - away_s)
+    return gone, (away_s * state.current_north_m_s, away_s * state.current_east_m_s)
 
 
 def sail(state: Reckoning, heading_rad: float | None, step_s: float, *, under_way: bool) -> tuple[Reckoning, Velocity]:

@@ -32,7 +32,7 @@ class FaultInput:
     """What the conditions of a tick look at; whoever adds a fault adds here what nobody looked at before.
 
     `faults` are those that were set in the last tick, as bits. What is old is past its timeout:
-    heading and servo count from the start while none has come, a position only once one has.
+    heading and servo count from the start while none has come, a position only where it is needed.
     An age is None for what has never happened.
     """
 

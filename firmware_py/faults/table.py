@@ -33,7 +33,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         arming="no valid heading",
     ),
     Fault.POSITION_LOST: FaultRow(
-        condition="a fix was there and no believed one has come for POS_TIMEOUT_S (longer if they come seldom)",
+        condition="a fix was there and no believed one has come for POS_TIMEOUT_S (longer if they come seldom); or "
+        "armed in a mode that goes by places, and none in the 3 min since the start",
         stands=lambda tick: tick.position_old,
         debounce_s=2.0,
         severity=Severity.WARNING,

@@ -10,6 +10,7 @@ import socket
 import struct
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from firmware_py.common.angles import clamp
 
@@ -24,6 +25,7 @@ LOCKSTEP_PROTOCOL = 2
 ANSWER = struct.Struct("<ddd")  # the new time, by how much UTC is stepped, how long to look for the next answer
 SAID = struct.Struct("<dQ")  # when, and on which line
 LONGEST_ANSWER = 4096
+LOCKSTEP_BOOT = "lockstep"  # in the place of a machine's boot: the HIL's clock goes on from run to run, or starts anew
 
 
 class ClockError(RuntimeError):
@@ -54,6 +56,14 @@ class RealClock:
 def machine_s() -> float:
     """Seconds on the machine's monotonic clock, which all its processes share."""
     return time.monotonic()
+
+
+def boot_id(path: Path = Path("/proc/sys/kernel/random/boot_id")) -> str:
+    """Return what names the run of the machine, empty where nothing does."""
+    try:
+        return path.read_text("ascii", "replace").strip()
+    except OSError:
+        return ""
 
 
 def set_utc_s(utc_s: float) -> bool:

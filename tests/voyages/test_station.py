@@ -7,6 +7,9 @@ import pytest
 
 from firmware_py.common.geodesy import Place
 from firmware_py.common.mode_table import Mode
+from firmware_py.core import resume
+from firmware_py.core.state import State
+from firmware_py.faults.table import Fault
 from support import rig
 from support.plans import placed
 
@@ -65,6 +68,26 @@ def test_for_two_hours_without_a_receiver(figures, more, seed):
     figures.keep("station_silent_sd", reckoned.sd_m, "m", case)
     assert off_m < 3.0 * reckoned.sd_m
     assert farthest_m < 200.0 + 3.0 * reckoned.sd_m < 3000.0
+
+
+@pytest.mark.parametrize("boot", ["same", "other"])
+def test_a_restart_without_a_receiver_leaves_her_on_her_station(boot):
+    boat = rig.Sailing(rig.scenario(0.6, 0.1), 1, BOOT_RESUME=2)
+    boat.under_way(Mode.LOITER)
+    boat.run(100.0)
+    boat.fix_every = 10**9
+    text = resume.to_text(resume.resume_of(boat.state, rig.UTC_S + boat.t_s, "same"))
+    fresh = State.at_start(boat.state.parameters, boat.state.plans)
+    boat.state, _ = resume.restore(fresh, text, rig.UTC_S + boat.t_s, boot)
+    first = len(boat.track)
+    boat.run(15.0)
+    assert boat.snapshot.reckoned.lasted_s == pytest.approx(15.0, abs=1.5)
+    assert boat.snapshot.goal_heading_rad is not None
+    assert not boat.snapshot.faults >> Fault.POSITION_LOST & 1  # one that was switched on with her still looks for it
+    boat.run(180.0)
+    assert np.hypot(*np.array(boat.track[first:])[:, 1:3].T).max() < 110.0
+    assert boat.snapshot.faults >> Fault.POSITION_LOST & 1
+    assert (boat.snapshot.reckoned.sd_m > 1e5) is (boot == "other")
 
 
 def stronger(speed_m_s, seed, **more):

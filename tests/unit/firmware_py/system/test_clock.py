@@ -7,12 +7,18 @@ import threading
 
 import pytest
 
-from firmware_py.system.clock import LOCK_MARGIN_S, LOCK_SLEW, ClockError, LockstepClock, Metronome, RealClock
+from firmware_py.system.clock import LOCK_MARGIN_S, LOCK_SLEW, ClockError, LockstepClock, Metronome, RealClock, boot_id
 
 
 def answer(now_s, *said, step_s=0.0, look_s=0.0):
     """What the HIL answers: the new time, and who has said something when before it."""
     return struct.pack("<ddd", now_s, step_s, look_s) + b"".join(struct.pack("<dQ", *one) for one in said)
+
+
+def test_a_run_of_the_machine_has_a_name_where_the_machine_gives_it_one(tmp_path):
+    (tmp_path / "boot_id").write_text("0f3c-11\n", "ascii")
+    assert boot_id(tmp_path / "boot_id") == "0f3c-11"
+    assert boot_id(tmp_path / "none") == ""
 
 
 def test_deadlines_are_absolute():
