@@ -11,6 +11,10 @@ _BROKEN = "the file is cut off, or not of this kind"
 TEXTS: Mapping[str, tuple[str, str]] = {
     "New <plan>: <number> items": ("a plan is in force and on disk", "nothing"),
     "New <plan>: items <number> to <number>": ("a mission is in force and on disk; home is item 0", "nothing"),
+    "Item 0 is home: the waypoint that was sent as such is not sailed": (
+        "the program does not know that an ArduPilot's mission begins with home, as MAVSDK's `Mission` does not",
+        "send home, or anything with an absolute altitude, as item 0; with MAVSDK use `MissionRaw`",
+    ),
     "<plan> cleared": ("it is gone, from the disk too", "nothing"),
     "<plan> not cleared: <why>": ("it stands as it was", "see what is named; clear it again"),
     "<plan> not taken: <why>": ("the plan was refused as a whole; why is a row of this page", _MEND),

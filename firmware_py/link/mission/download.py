@@ -77,7 +77,8 @@ class PlanDownloads:
 
     def _send(self, peer: Peer, message: Message, kind: PlanKind, plan: Plan, sequence: int, *, whole: bool) -> bool:
         home_count = homes(self._context.autopilot, kind)
-        if not 0 <= sequence < _wire_count(plan, home_count):
+        # Home is there without a mission, too: DroneKit asks for it whatever the count, and waits for it.
+        if not 0 <= sequence < max(_wire_count(plan, home_count), home_count):
             return False
         index = sequence - home_count
         item: PlanItem = home_item(self._context.home) if index < 0 else plan.items[index]

@@ -22,6 +22,8 @@ _ITEM_INT = mavlink.MAVLink_mission_item_int_message
 _ITEM = mavlink.MAVLink_mission_item_message
 _ACK = mavlink.mavlink_map[47]
 _INT32 = 1 << 31
+_FRAMES_OF_HOME = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
+_AT_HOME = 1000  # 1e-7 deg: some 11 m
 
 Sender = tuple[int, int]  # MAVLink system and component
 
@@ -79,6 +81,20 @@ def home_item(home: Home | None) -> PlanItem:
         return PlanItem(int(Command.WAYPOINT))
     x, y = scaled_degrees(home.latitude_rad), scaled_degrees(home.longitude_rad)
     return PlanItem(int(Command.WAYPOINT), x=x, y=y, z=home.altitude_m)
+
+
+def is_waypoint_for_home(message: Message, home: Home | None) -> bool:
+    """Whether what came as item 0 of a mission is a waypoint that its station wants sailed.
+
+    Who knows that it is home sends one with an absolute altitude, or home itself, or nothing.
+    """
+    item = item_of(message, 0)
+    if isinstance(item, PlanProblem) or not (item.x or item.y):
+        return False
+    if item.command == Command.WAYPOINT and item.frame in _FRAMES_OF_HOME:
+        return False
+    there = home_item(home)
+    return max(abs(item.x - there.x), abs(item.y - there.y)) > _AT_HOME
 
 
 def item_message(

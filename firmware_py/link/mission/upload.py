@@ -16,7 +16,15 @@ from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
 from firmware_py.link.latest import keep_latest
 from firmware_py.link.mission.doubles import Marks
-from firmware_py.link.mission.items import NAMES, Correspondent, acknowledge, item_of, news_of, sender_of
+from firmware_py.link.mission.items import (
+    NAMES,
+    Correspondent,
+    acknowledge,
+    is_waypoint_for_home,
+    item_of,
+    news_of,
+    sender_of,
+)
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.timeouts import RetryTimer, Timeouts, timeouts_of
@@ -26,6 +34,7 @@ from firmware_py.plans.validation import item_problem, problem_of
 _REMEMBERED = 8
 _ITEM_INT = mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT
 _HOME = PlanItem(0)  # keeps the place of home
+_NOT_SAILED = "Item 0 is home: the waypoint that was sent as such is not sailed"
 _BY_TURNS = 2  # after so many requests in vain the old kind of request is tried, and so on by turns
 
 
@@ -45,6 +54,7 @@ class PlanUpload:
     items: list[PlanItem] = field(default_factory=list)
     whole: bool = True  # asked for as MISSION_REQUEST_INT
     storing: bool = False
+    waypoint_for_home: bool = False  # the station does not know that item 0 is home
 
     @property
     def next(self) -> int:
@@ -204,6 +214,7 @@ class PlanUploads:
         index = message.seq - upload.home_count
         if index < 0:
             # What an ArduPilot is sent as item 0 is the station's idea of home: no item of the plan, and not judged.
+            upload.waypoint_for_home = is_waypoint_for_home(message, self._context.home)
             return _HOME
         item = item_of(message, upload.home_count)
         if isinstance(item, PlanProblem):
@@ -234,6 +245,8 @@ class PlanUploads:
         keep_latest(self._ended, (upload.owner, upload.kind), ended, _REMEMBERED)
         if fault is None:
             acknowledge(self._context, *upload.owner, int(upload.kind), ended.result, ended.identity)
+            if upload.waypoint_for_home:
+                self._context.send_text(upload.owner.peer, Severity.WARNING, _NOT_SAILED)
             return
         self._refuse(upload.owner, fault, upload.kind, now_s)
 

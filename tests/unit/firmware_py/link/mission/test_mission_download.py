@@ -22,7 +22,19 @@ GOING = MissionReport(MissionState.ACTIVE, 1, 3, (), (11, 22, 33))
 def test_every_list_is_empty_at_first(station, kind):
     count = station.listed(kind)
     assert (count.count, count.opaque_id) == (0, 0)
-    assert station.read(0, kind).type == PlanResult.INVALID_SEQUENCE
+    assert station.read(1, kind).type == PlanResult.INVALID_SEQUENCE
+
+
+@pytest.mark.parametrize(("identity", "kind"), [(3, 1), (3, 2), (0, 0)])
+def test_an_empty_list_without_a_home_has_no_item_0(make_station, identity, kind):
+    assert make_station(identity=identity).read(0, kind).type == PlanResult.INVALID_SEQUENCE
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_home_can_be_read_without_a_mission_as_dronekit_does(station, home, whole):
+    assert station.listed().count == 0
+    item = station.read(0, whole=whole)
+    assert (item.seq, item.command, item.z) == (0, 16, home.altitude_m)
 
 
 @pytest.mark.parametrize("identity", [0, 3])

@@ -83,6 +83,34 @@ def test_home_alone_is_an_empty_mission_as_mavsdk_clears_one(station):
     assert station.upload([station.item(0, 0, x=2**31 - 1, z=math.nan, params=(math.nan,) * 4)]).type == 0
 
 
+@pytest.mark.parametrize("count", [0, 2])
+@pytest.mark.parametrize(("frame", "command"), [(6, 16), (3, 16), (0, 19)])
+def test_a_waypoint_sent_for_home_is_told_to_be_none(station, texts, frame, command, count):
+    first = station.item(0, command, frame=frame)
+    station.count(1 + count)
+    said = [message for item in (first, *station.mission(count)[1:]) for message in station.rig.tell(item)]
+    assert [ack.type for ack in station.protocol(said) if ack.get_type() == "MISSION_ACK"] == [0]
+    assert texts(said)[-1] == "Item 0 is home: the waypoint that was sent as such is not sailed"
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        {"frame": 0},
+        {"frame": 5, "x": 7},
+        {"frame": 6, "x": 0, "y": 0},
+        {"frame": 6, "x": 343_774_677 + 900, "y": 1_203_211_370 - 900},
+        {"frame": 2, "x": 0, "y": 0, "command": 178},
+    ],
+)
+def test_what_a_station_holds_for_home_is_told_nothing_of(station, texts, first):
+    station.count(3)
+    said = [
+        message for item in (station.item(0, **first), *station.mission(2)[1:]) for message in station.rig.tell(item)
+    ]
+    assert texts(said) == ["New mission: items 1 to 2"]
+
+
 @pytest.mark.parametrize("identity", [0, 3])
 def test_as_many_items_as_are_kept_and_not_one_more(make_station, identity):
     station = make_station(identity=identity)
