@@ -31,6 +31,7 @@ class RealTimeServer:
         """
         board = self._board
         busy = self._catch_up(limit_s)
+        self._miss_lines()
         wait_s = min(board.next_output_s(), limit_s) - self.now_s()
         for fd in select.select(self._ports, [], [], max(0.0, wait_s))[0]:
             busy = True
@@ -38,11 +39,16 @@ class RealTimeServer:
             port = self._ports[fd]
             if data := port.line.read():
                 board.receive(port, data)
-            if not port.line.plugged:
-                del self._ports[fd]  # the others go on, should somebody have a last word for them
-                raise HilError(f"the line of {port.path.name} has gone: is its adapter, or its link, still there?")
+            self._miss_lines()
         busy = self._catch_up(limit_s) or busy
         return 0.0 if busy else board.next_output_s() - self.now_s()
+
+    def _miss_lines(self) -> None:
+        """Tell of a line that has gone, whether it was read or written then: HilError; the others go on after it."""
+        for fd, port in self._ports.items():
+            if not port.line.plugged:
+                del self._ports[fd]
+                raise HilError(f"the line of {port.path.name} has gone: is its adapter, or its link, still there?")
 
     def _catch_up(self, limit_s: float) -> bool:
         now_s = min(self.now_s(), limit_s)

@@ -6,6 +6,8 @@ import os
 import pytest
 
 from hil.devices.pty_line import PtyLine
+from hil.devices.serial_line import SerialLine
+from hil.errors import HilError
 from hil.ship import scenarios
 from hil.sim import realtime
 from hil.sim.board import Board
@@ -78,3 +80,17 @@ def test_bytes_reach_the_device(tmp_path):
             os.close(port)
         assert ticker.heard[1] == b"hello"
         assert 0.0 < ticker.heard[0] <= board.world.now_s
+
+
+def test_an_adapter_pulled_while_it_is_written_to_is_named_and_the_others_go_on(tmp_path):
+    float_end, bench_end = os.openpty()
+    line = SerialLine(os.ttyname(bench_end), 9600)
+    os.close(bench_end)
+    with Board(World(scenarios.named("calm"), 1), {"a": Ticker(), "b": Ticker()}, tmp_path, wired={"a": line}) as board:
+        server = RealTimeServer(board)
+        os.close(float_end)
+        line.write(b"tick;")
+        assert not line.plugged
+        with pytest.raises(HilError, match="the line of a has gone"):
+            server.serve(0.01)
+        server.serve(0.02)
