@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.records import Inputs, RudderFeedback, RudderStatus
 from firmware_py.control.rudder_limit import Linkage, RudderLimits
+
+MOST_SHAFT_RAD: Final = 2.0 * math.pi  # either way; no rudder's shaft turns farther, whatever a driver says
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +67,7 @@ def _status(linkage: Linkage, state: RudderState, now_s: float, *, is_new: bool)
     if feedback is None:
         return RudderStatus(now_s, state.command_rad, state.command_rad)
     shaft_rad, power_w = feedback.shaft_rad, None
-    measured = shaft_rad is not None and math.isfinite(shaft_rad)
+    measured = shaft_rad is not None and abs(shaft_rad) <= MOST_SHAFT_RAD
     if feedback.voltage_v is not None and feedback.current_a is not None:
         power_w = feedback.voltage_v * abs(feedback.current_a)
     return RudderStatus(

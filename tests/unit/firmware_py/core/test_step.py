@@ -5,7 +5,7 @@ import random
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from firmware_py.common.intents import (
@@ -495,6 +495,21 @@ def test_home_stays_when_the_receiver_goes_wrong_under_way():
     assert set(found) == {Home(*RIGHT, 3.0)}
 
 
+@pytest.mark.parametrize(("armed", "least_m", "most_m"), [(True, 35.0, 45.0), (False, 0.0, 3.0)])
+def test_without_fixes_she_reckons_on_under_way_and_stays_on_the_hook(armed, least_m, most_m):
+    boat = Boat(noise_rad=0.01)
+    boat.position = PositionSample(0.0, FixType.FIX_3D, 0.5, 0.5)
+    boat.under_way().tick(SteerHeading(0.5))
+    boat.run(120.0)
+    boat.tick(Arm(armed=armed))
+    fix, boat.position = boat.state.position.fix, None
+    boat.run(100.0)
+    place = boat.state.position
+    north_m = 6371008.8 * (place.latitude_rad - fix.latitude_rad)
+    east_m = 6371008.8 * math.cos(0.5) * (place.longitude_rad - fix.longitude_rad)
+    assert least_m <= math.hypot(north_m, east_m) <= most_m
+
+
 def test_home_that_was_set_stays_when_the_first_place_proves_wrong():
     told = ((10.0, SetHome(0.4, 0.1, 0.0)),)
     fixes = (*((float(t), *WRONG) for t in range(20)), *((float(t), *RIGHT) for t in range(20, 100)))
@@ -572,6 +587,7 @@ def test_a_position_that_is_none_does_not_put_the_rudder_over():
 
 
 @settings(max_examples=60)
+@example([(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 4.7e13), (0.0, 0.0, 0.0)], True)
 @given(st.lists(st.tuples(ODD, ODD, ODD), min_size=1, max_size=30), st.booleans())
 def test_whatever_the_devices_say_the_command_stays_within_limit_and_slew(rows, absolute):
     parameters = ParameterSet().replaced("BOOT_ARM", 1).replaced("BOOT_MODE", 15)

@@ -150,6 +150,18 @@ def test_the_newest_boxes_stay_of_a_computer_whose_clock_begins_at_1970_with_eac
     assert left(tmp_path) == ["boxes/00000022-end.BIN.gz"]
 
 
+def test_boxes_of_a_log_are_in_order_of_their_moments_whatever_their_names(tmp_path):
+    """Without a clock only the names say which of them is newest, and those of moments are not of equal length."""
+    for moment in ("9", "80", "700", "end"):
+        aged(tmp_path, f"boxes/00000001-{moment}.BIN.gz", 10, NOW_S / 86_400)
+    for moment in ("1000", "20"):
+        aged(tmp_path, f"boxes/00000002-{moment}.BIN.gz", 10, NOW_S / 86_400)
+    LocalDisk().prune(tmp_path, 80)
+    assert {"boxes/00000002-1000.BIN.gz"} == {name for name in left(tmp_path) if "00000002" in name}
+    LocalDisk().prune(tmp_path, 40)
+    assert left(tmp_path) == ["boxes/00000002-1000.BIN.gz"]
+
+
 @pytest.mark.parametrize(
     ("free", "kept"),
     [

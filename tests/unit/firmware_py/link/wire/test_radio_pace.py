@@ -58,6 +58,18 @@ def test_telemetry_that_was_asked_for_leaves_as_fast_as_the_radio_takes_it(radio
     assert modem.sent > 0.6 * 60 * air_bytes_s
 
 
+@pytest.mark.parametrize(("free_percent", "share"), [(19, 0.1), (20, 0.4), (49, 0.4), (50, 1.0), (91, 1.0)])
+def test_the_fuller_the_modem_says_it_is_the_less_is_sent(radio, free_percent, share):
+    modem = radio(1e9)
+    for _ in range(5):
+        modem.tell(free_percent)
+    modem.second(tells=False)
+    modem.sent = 0
+    for _ in range(4):
+        modem.second(tells=False)
+    assert share - 0.1 < modem.sent / (4 * LINE_BYTES_S) < share + 0.1
+
+
 def test_without_a_word_of_a_modem_the_line_is_filled(radio):
     modem = radio(1e9)
     for _ in range(20):
