@@ -92,13 +92,17 @@ class _Workspace:
         self.x = _bound(x)
 
     def measure(self, parts: Sequence[tuple[int, float]], noise: float) -> kalman.Measured:
-        """Return how a measurement shows the states; `parts` are the places of H that are not 0, and what is there."""
+        """Return how a measurement shows the states; `parts` are the places of H that are not 0, and what is there.
+
+        Of a model far too lively, rounding can make a square negative: no variance is NaN, and starts the filter anew.
+        """
         columns, shown, variance = self.columns, _NOTHING, 0.0
         for place, part in parts:
             shown = shown + (columns[place] if part == 1.0 else part * columns[place])
         for place, part in parts:
             variance += part * shown.item(place)
-        return kalman.Measured(shown, variance + noise)
+        variance += noise
+        return kalman.Measured(shown, variance if variance > 0.0 else math.nan)
 
     def learn_frequencies(self, measured: kalman.Measured, innovation: float, step_s: float) -> None:
         """Learn the frequencies of waves and float from an innovation."""
@@ -259,8 +263,9 @@ def predict_heading(settings: WaveFilterSettings, state: WaveFilterState, t_s: f
 def carry_on(settings: WaveFilterSettings, state: WaveFilterState, t_s: float) -> WaveFilterState:
     """Carry a filter that has started to t_s, with nothing measured."""
     work = _Workspace(settings, state)
-    work.predict_to(t_s)
-    return _finish(work, state)
+    with np.errstate(all="ignore"):
+        work.predict_to(t_s)
+        return _finish(work, state)
 
 
 def update(

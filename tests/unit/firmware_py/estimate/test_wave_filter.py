@@ -14,13 +14,14 @@ from firmware_py.estimate.wave_filter import (
     HEADING_LIMIT,
     Heading,
     Velocity,
+    carry_on,
     correct_heading,
     correct_velocity,
     predict_heading,
     update,
 )
 from firmware_py.estimate.wave_filter_state import WaveFilterSettings, WaveFilterState, start
-from firmware_py.model.kt import OCEAN_RAMBLER, rk4_step
+from firmware_py.model.kt import OCEAN_RAMBLER, KtModel, rk4_step
 from hil.ship.drift import RudderDrift
 from hil.ship.noise import NormalNumbers
 from hil.ship.waves import WaveYaw
@@ -270,6 +271,23 @@ def test_what_is_no_number_changes_nothing(odd):
     assert correct_velocity(SETTINGS, state, 0.1, odd, 0.5) is state
     assert correct_velocity(SETTINGS, state, odd, 0.5, 0.5) is state
     assert correct_velocity(SETTINGS, WaveFilterState(), 0.1, 0.5, 0.5) == WaveFilterState()
+
+
+@pytest.mark.parametrize(("ability", "lag", "norrbin"), [(4.0, 19.0, 1e3), (1.0, 0.05, 1e3), (20.0, 0.05, 1e6)])
+def test_a_model_far_too_lively_for_the_boat_starts_it_anew_and_ends_nothing(ability, lag, norrbin):
+    chances = np.random.default_rng(1)
+    settings = replace(SETTINGS, model=KtModel(ability, lag, norrbin, 0.0, 0.1))
+    state, heading_rad, t_s = WaveFilterState(), 1.0, 0.0
+    for _ in range(100):
+        t_s += chances.choice([0.1, 0.03, 1.0, 10.0])
+        heading_rad += chances.normal(0.0, 0.3)
+        fixes = [Velocity(t_s, chances.uniform(0.0, 2.0), chances.uniform(0.0, 6.0))]
+        shown = [Heading(t_s, heading_rad % 6.28)]
+        state = update(settings, state, shown, fixes, chances.uniform(-0.6, 0.6))
+        if state.x:
+            assert math.isfinite(sum(state.x))
+            carry_on(settings, state, t_s + 10.0)
+            predict_heading(settings, state, t_s + 10.0)
 
 
 def test_a_long_calm_leaves_the_covariance_sound():
