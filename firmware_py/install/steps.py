@@ -22,6 +22,9 @@ from firmware_py.install.service_files import (
 )
 
 _MODE = 0o644
+_RUNNING = Path("/run/systemd/system")  # is there where systemd runs: sd_booted(3)
+_FIRST_ROOT = Path("/proc/1/root")
+_SYSTEMD = (Path("/usr/lib/systemd/systemd"), Path("/lib/systemd/systemd"))
 _PATIENCE_S = 120.0
 Say = Callable[[str], None]
 
@@ -31,7 +34,8 @@ class InstallError(RuntimeError):
 
 
 def check(service: Service, root: Path) -> None:
-    """Raise InstallError for what would keep the service from starting on this computer."""
+    """Raise InstallError for what would keep the service from being installed or from starting on this computer."""
+    _check_systemd(root)
     for what, path in (("vehicle file", service.vehicle), ("program", Path(service.program[0]))):
         if hidden(path):
             raise InstallError(f"{what} {path}: a service does not see that place; put it under /etc or /opt")
@@ -41,6 +45,26 @@ def check(service: Service, root: Path) -> None:
         raise InstallError(f"token file {service.page.token}: is not there; make one: openssl rand -hex 16")
     if not service.state.is_absolute() or hidden(service.state):
         raise InstallError(f"state directory {service.state}: a service does not see that place; leave --state out")
+
+
+def _check_systemd(root: Path) -> None:
+    """Raise InstallError where there is no systemd, before anything is written there."""
+    if root == Path("/"):
+        if not (_RUNNING.is_dir() or _in_chroot()):
+            raise InstallError("systemd does not run here, and the service needs it; for an image give --root")
+    elif not any(_below(root, path).exists() for path in _SYSTEMD):
+        raise InstallError(f"--root {root}: there is no systemd in it, which the service needs")
+    for name in ("systemctl", "systemd-sysusers", *(["systemd-tmpfiles"] if root == Path("/") else [])):
+        if shutil.which(name) is None:
+            raise InstallError(f"{name} is not on this computer: the service needs systemd")
+
+
+def _in_chroot() -> bool:
+    """Whether an image is being made from inside, where nothing is to be started."""
+    try:
+        return not _FIRST_ROOT.samefile("/")
+    except OSError:
+        return True
 
 
 def install(service: Service, root: Path, say: Say) -> None:
@@ -111,7 +135,8 @@ def _write(file: ServiceFile, root: Path) -> str:
         new.chmod(_MODE)
         new.replace(path)
     except OSError as error:
-        remedy = "run it as root (sudo)" if isinstance(error, PermissionError) else "give another --root"
+        elsewhere = "make it writable" if root == Path("/") else "give another --root"
+        remedy = "run it as root (sudo)" if isinstance(error, PermissionError) else elsewhere
         raise InstallError(f"{path}: {error.strerror}; {remedy}") from None
     return f"wrote {file.path}"
 

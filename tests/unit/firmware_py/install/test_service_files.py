@@ -25,6 +25,7 @@ from firmware_py.install.service_files import (
     service_files,
     unit_text,
 )
+from firmware_py.install.steps import InstallError, check
 from firmware_py.loop import LIFE_INTERVAL_S
 from firmware_py.system.hardware_watchdog import TIMEOUT_S
 from firmware_py.vehicle import load
@@ -166,6 +167,8 @@ def image(tmp_path, monkeypatch):
     root = tmp_path / "image"
     (root / "etc/rambler").mkdir(parents=True)
     assert main(["example", str(root / "etc/rambler/boat.toml")]) == 0
+    (root / "usr/lib/systemd").mkdir(parents=True)
+    (root / "usr/lib/systemd/systemd").touch()
     called = tmp_path / "called"
     (programs := tmp_path / "bin").mkdir()
     for name in ("systemctl", "systemd-sysusers"):
@@ -257,6 +260,38 @@ def test_what_could_not_work_is_refused_and_changes_nothing(image, capsys, more,
     assert remedy in said
     assert called() == []
     assert not (root / "etc/systemd").exists()
+
+
+@pytest.mark.parametrize("missing", ["systemctl", "systemd-sysusers"])
+def test_without_a_program_of_systemd_nothing_is_written(image, capsys, monkeypatch, missing):
+    """As on Alpine: files that no `remove` could take away again."""
+    root, called = image
+    (root.parent / "bin" / missing).unlink()
+    monkeypatch.setenv("PATH", str(root.parent / "bin"))
+    assert install(root) == 2
+    assert capsys.readouterr().err == (
+        f"rambler service install: {missing} is not on this computer: the service needs systemd\n"
+    )
+    assert not (root / "etc/systemd").exists()
+    assert called() == []
+
+
+def test_an_image_without_systemd_is_refused(image, capsys):
+    root, _ = image
+    (root / "usr/lib/systemd/systemd").unlink()
+    assert install(root) == 2
+    assert "no systemd in it" in capsys.readouterr().err
+    assert not (root / "etc/systemd").exists()
+
+
+def test_a_computer_that_does_not_run_systemd_is_refused_but_no_image_from_inside(image, tmp_path, monkeypatch):
+    monkeypatch.setattr("firmware_py.install.steps._RUNNING", tmp_path / "none")
+    monkeypatch.setattr("firmware_py.install.steps._FIRST_ROOT", Path("/"))
+    with pytest.raises(InstallError, match="systemd does not run"):
+        check(SERVICE, Path("/"))
+    monkeypatch.setattr("firmware_py.install.steps._FIRST_ROOT", tmp_path)
+    with pytest.raises(InstallError, match=r"vehicle file .* may not read"):
+        check(SERVICE, Path("/"))
 
 
 def test_a_wrong_vehicle_file_is_refused(image, capsys):
