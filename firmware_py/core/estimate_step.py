@@ -29,6 +29,10 @@ def estimate(settings: Settings, state: State, inputs: Inputs) -> tuple[State, R
     credible: list[PositionSample] = []
     told: list[Event] = []
     for sample in inputs.positions:
+        if state.modes.armed and place_and_velocity.hangs(agreement, sample):
+            agreement, odd = place_and_velocity.update(agreement, sample, afloat=True)
+            told += odd
+            continue
         before, begun = place, place.begun
         place, good = position.update(place, sample, settings.position.jump_s)
         if good:

@@ -1,7 +1,8 @@
 """Whether a receiver's places move, and as its velocities say: a jammed or deceived one may be sure of what cannot be.
 
 Over a window the velocities are added up and held against the way between the first place and the last. A place that is
-the same to the last digit for minutes was not measured at sea: receivers made for cars hold it when they are slow.
+the same to the last digit for minutes was not measured at sea: receivers made for cars hold it when they are slow. One
+whose velocity has taken her further meanwhile than the coarsest digit is long hangs, and its place is none.
 """
 
 from __future__ import annotations
@@ -20,13 +21,15 @@ ODD_M_S: Final = 0.5
 ODD_WINDOWS: Final = 2  # in a row
 TELL_AGAIN_S: Final = 600.0
 STILL_S: Final = 300.0
+HANGS_M: Final = 30.0  # a hundredth of a minute of latitude is 18.5 m
 
 
 @dataclass(frozen=True, slots=True)
 class AgreementState:
     """The window under way: its first and its latest fix, the way by velocities; and the windows that were odd.
 
-    `still` is the first of the fixes at the place of the latest, `still_told` whether that was told of them.
+    `still` is the first of the fixes at the place of the latest, `still_told` whether that was told of them, and their
+    velocities have led to still_north_m, still_east_m.
     """
 
     begun: PositionSample | None = None
@@ -37,18 +40,38 @@ class AgreementState:
     told_s: float | None = None
     still: PositionSample | None = None
     still_told: bool = False
+    still_north_m: float = 0.0
+    still_east_m: float = 0.0
 
 
 def update(state: AgreementState, fix: PositionSample, *, afloat: bool) -> tuple[AgreementState, tuple[Event, ...]]:
-    """Take a fix that is believed; return what is to be told, of a place that stands still only if she is `afloat`."""
+    """Take a fix that is believed or hangs; return what is to be told, of one that stands still only if `afloat`."""
     agreement, odd = _agree(state, fix)
-    still, told = state.still, state.still_told
-    if still is None or (still.latitude_rad, still.longitude_rad) != (fix.latitude_rad, fix.longitude_rad):
-        return replace(agreement, still=fix, still_told=False), odd
-    if told or not afloat or fix.t_s - still.t_s < STILL_S:
-        return replace(agreement, still=still, still_told=told), odd
-    text = f"Position has not moved for {STILL_S / 60.0:.0f} min, to the last digit: does the receiver hold it?"
-    return replace(agreement, still=still, still_told=True), (*odd, Event(Severity.WARNING, text))
+    still = state.still
+    if still is None or not _at_the_same_place(still, fix):
+        return replace(agreement, still=fix, still_told=False, still_north_m=0.0, still_east_m=0.0), odd
+    north_m, east_m = state.still_north_m, state.still_east_m
+    velocity_m_s = _velocity_m_s(fix)
+    if velocity_m_s is not None and state.latest is not None:
+        step_s = min(max(fix.t_s - state.latest.t_s, 0.0), LONGEST_STEP_S)
+        north_m, east_m = north_m + step_s * velocity_m_s[0], east_m + step_s * velocity_m_s[1]
+    told, lasted_s = state.still_told, fix.t_s - still.t_s
+    agreement = replace(agreement, still=still, still_told=told, still_north_m=north_m, still_east_m=east_m)
+    if told or not afloat or (lasted_s < STILL_S and not hangs(agreement, fix)):
+        return agreement, odd
+    text = f"Position has not moved for {lasted_s / 60.0:.0f} min, to the last digit: does the receiver hold it?"
+    return replace(agreement, still_told=True), (*odd, Event(Severity.WARNING, text))
+
+
+def hangs(state: AgreementState, fix: PositionSample) -> bool:
+    """Whether a fix is once more at a place from which those before it, there, have moved away by their velocities."""
+    if state.still is None or not _at_the_same_place(state.still, fix):
+        return False
+    return math.hypot(state.still_north_m, state.still_east_m) > HANGS_M
+
+
+def _at_the_same_place(one: PositionSample, other: PositionSample) -> bool:
+    return (one.latitude_rad, one.longitude_rad) == (other.latitude_rad, other.longitude_rad)
 
 
 def _agree(state: AgreementState, fix: PositionSample) -> tuple[AgreementState, tuple[Event, ...]]:

@@ -56,7 +56,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "look whether she can be there; HOLD and STEERING need no position",
     ),
     "Position has not moved for <number> min, to the last digit: does the receiver hold it?": (
-        "armed, she has been given the very same place: the receiver hangs, or holds still what is slow",
+        "armed, she is given the very same place: if it holds still what is slow it is believed, if it hangs not",
         "switch off what its maker calls static hold or static navigation; STEERING needs no position",
     ),
     "Mission: item <number>": ("she goes on with this item, numbered as stations do: home is 0", _NOTHING),

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.records import FixType, PositionSample
-from firmware_py.estimate.place_and_velocity import AgreementState, update
+from firmware_py.estimate.place_and_velocity import HANGS_M, AgreementState, hangs, update
 
 TOLD = "Position moves 0.8 m/s otherwise than its velocity says: is the receiver deceived?"
 
@@ -85,3 +85,29 @@ def test_a_place_that_is_held_to_the_last_digit_is_told_once_until_it_moves():
 
 def test_a_boat_that_is_not_armed_may_stand_still():
     assert held([5.0] * 2000, afloat=False) == []
+
+
+def standing(seconds, speed_m_s, course_rad=1.0, turns=False):
+    """Whether the last of fixes each second at one place hangs, and what was told."""
+    state, told = AgreementState(), []
+    for number in range(seconds):
+        way_rad = course_rad + math.pi * (number // 10 % 2) if turns else course_rad
+        fix = PositionSample(
+            float(number), FixType.FIX_3D, 0.6, 2.0, speed_over_ground_m_s=speed_m_s, course_over_ground_rad=way_rad
+        )
+        state, events = update(state, fix, afloat=True)
+        told += [event.text for event in events if "not moved" in event.text]
+    return hangs(state, fix), told, state
+
+
+def test_a_place_that_stands_while_its_velocity_leads_on_hangs_and_is_told_at_once():
+    seconds = math.ceil(HANGS_M / 0.4)
+    assert standing(seconds, 0.4)[:2] == (False, [])
+    assert standing(seconds + 2, 0.4)[:2] == (True, [STILL.replace("5", "1")])
+    state = standing(seconds + 2, 0.4)[2]
+    assert not hangs(state, PositionSample(100.0, FixType.FIX_3D, 0.6 + 1e-9, 2.0))
+
+
+@pytest.mark.parametrize(("speed_m_s", "turns"), [(0.0, False), (0.4, True)], ids=["slow", "to and fro in waves"])
+def test_a_place_that_is_held_of_one_who_stays_does_not_hang(speed_m_s, turns):
+    assert standing(299, speed_m_s, turns=turns)[:2] == (False, [])
