@@ -150,7 +150,7 @@ class PlanUploads:
         for upload in tuple(self._active.values()):
             if upload.storing:
                 continue
-            if now_s - upload.last_item_s >= upload.timeouts.give_up_s:
+            if now_s - upload.last_item_s >= upload.retry.give_up_s:
                 text = f"the station fell silent at item {upload.next}"
                 self._end(upload, upload.next, PlanProblem(None, PlanResult.OPERATION_CANCELLED, text), now_s)
             elif upload.retry.due(now_s):

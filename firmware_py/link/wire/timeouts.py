@@ -9,13 +9,16 @@ from firmware_py.link.wire.transport import Transport, usual_class
 from firmware_py.link.wire.url_options import LinkClass
 
 _RADIO_BYTES_S = 100.0  # a slower line is a satellite's: 1200 baud is a radio's
+_NEW = 0.3  # part of the latest answer in what is usual
+_DEVIATIONS, _LATER = 4.0, 1.25  # an answer is waited for so long beyond the usual; as TCP does, RFC 6298
+_PATIENCE = 10.0  # usual round trips of silence are no end yet
 
 
 @dataclass(frozen=True, slots=True)
 class Timeouts:
     """A question is asked again after `shortest_s` to `longest_s`, as the answers come; `give_up_s` of silence end it.
 
-    After `yield_s` of silence another may have its turn.
+    A line on which answers take longer is given longer. After `yield_s` of silence another may have its turn.
     """
 
     shortest_s: float
@@ -46,16 +49,20 @@ def timeouts_of(transport: Transport) -> Timeouts:
 class RetryTimer:
     """When a question is to be asked again: learns how long answers take, and asks less often the longer none comes.
 
+    The wait is the usual time and four times its mean deviation: what is lost on an even line costs little more than a
+    round trip, and what is late on an uneven one is not asked for in vain.
+
     Which asking an answer belongs to cannot be told once there were two; a second answer tells that it was the first,
     and that to ask again was in vain.
     """
 
-    __slots__ = ("_asked_s", "_begun_s", "_in_doubt_s", "_timeouts", "_tries", "_typical_s", "_wait_s")
+    __slots__ = ("_asked_s", "_begun_s", "_deviation_s", "_in_doubt_s", "_timeouts", "_tries", "_typical_s", "_wait_s")
 
     def __init__(self, timeouts: Timeouts) -> None:
         """Start without a question."""
         self._timeouts = timeouts
         self._typical_s: float | None = None
+        self._deviation_s = 0.0
         self._in_doubt_s: float | None = None  # since the first asking of a question that was asked twice
         self._begun_s = self._asked_s = 0.0
         self._wait_s = timeouts.first_s
@@ -80,7 +87,12 @@ class RetryTimer:
             self._in_doubt_s = took_s
             return
         self._in_doubt_s = None
-        self._typical_s = took_s if self._typical_s is None else 0.7 * self._typical_s + 0.3 * took_s
+        if self._typical_s is None:
+            self._typical_s, self._deviation_s = took_s, 0.5 * took_s
+            return
+        beside_s = took_s - self._typical_s
+        self._deviation_s += _NEW * (abs(beside_s) - self._deviation_s)
+        self._typical_s += _NEW * beside_s
 
     def learn_from_double(self) -> None:
         """Learn from a second answer to the last question but one, whose first was that to the first asking."""
@@ -91,9 +103,15 @@ class RetryTimer:
         self._wait_s = max(self._wait_s, self._usual_wait_s(self._typical_s))
 
     def _usual_wait_s(self, typical_s: float) -> float:
-        """Return three times what is usual, within the bounds; never so little that the usual answer comes too late."""
-        within_s = min(max(3.0 * typical_s, self._timeouts.shortest_s), self._timeouts.longest_s)
-        return min(max(within_s, 1.5 * typical_s), 0.25 * self._timeouts.give_up_s)
+        """Return how long to wait for an answer, within the bounds; never so little that a usual one is too late."""
+        wait_s = typical_s + _DEVIATIONS * self._deviation_s
+        within_s = min(max(wait_s, self._timeouts.shortest_s), self._timeouts.longest_s)
+        return max(within_s, _LATER * typical_s)
+
+    @property
+    def give_up_s(self) -> float:
+        """How much silence ends it all: more where round trips are long."""
+        return max(self._timeouts.give_up_s, _PATIENCE * (self._typical_s or 0.0))
 
     def due(self, now_s: float) -> bool:
         """Return whether it is time to ask again."""

@@ -235,10 +235,15 @@ def test_a_line_by_satellite_is_given_its_time(make_station, line):
     assert [message.get_type() for message in station.answers(station.item(0))] != ["MISSION_ACK"]
 
 
-@pytest.mark.parametrize("trip_s", [1.0, 3.0, 6.0, 12.0])
-def test_over_a_slow_radio_an_item_is_not_asked_for_while_its_answer_is_under_way(make_station, trip_s):
+RADIO = {"byte_rate": 5760.0, "radio": True, "datagrams": False}
+
+
+@pytest.mark.parametrize(
+    ("line", "trip_s", "in_vain"), [(RADIO, 1.0, 5), (RADIO, 3.0, 5), (RADIO, 6.0, 5), (RADIO, 12.0, 5), ({}, 6.0, 6)]
+)
+def test_on_a_slow_way_an_item_is_not_asked_for_while_its_answer_is_under_way(make_station, line, trip_s, in_vain):
     """A round trip longer than the first wait: each asking is answered, so that the first item comes several times."""
-    station = make_station(byte_rate=5760.0, radio=True, datagrams=False)
+    station = make_station(**line)
     items, asked, under_way = station.mission(20), [], []
     said = station.count(len(items))
     while not said or said[-1].get_type() != "MISSION_ACK":
@@ -249,8 +254,30 @@ def test_over_a_slow_radio_an_item_is_not_asked_for_while_its_answer_is_under_wa
         else:
             said = station.protocol(station.rig.tick())
     assert set(asked) == set(range(21))
-    assert len(asked) <= 21 + 5
+    assert len(asked) <= 21 + in_vain
     assert station.rig.now_s < 1.2 * 21 * trip_s + 5.0
+
+
+@pytest.mark.parametrize(("line", "trip_s"), [(RADIO, 1.0), (RADIO, 4.0), ({}, 6.0)])
+def test_what_is_lost_on_an_even_line_costs_half_a_round_trip_more(make_station, line, trip_s):
+    station = make_station(**line)
+    station.count(21)
+    for item in station.mission(9):
+        station.rig.ticks(round(trip_s / 0.1))
+        station.answers(item, item)  # what was asked for in vain comes, too
+    waited = [station.protocol(station.rig.tick()) for _ in range(round(1.5 * trip_s / 0.1))]
+    assert [request.seq for said in waited for request in said] == [10]
+
+
+def test_where_round_trips_are_long_silence_is_no_end(station):
+    items = station.mission(9)
+    station.count(len(items))
+    for item in items[:3]:
+        station.rig.ticks(60)
+        station.answers(item, item)
+    said = station.protocol(station.rig.ticks(500))
+    assert {message.get_type() for message in said} == {"MISSION_REQUEST_INT", "MISSION_REQUEST"}
+    assert "MISSION_ACK" in [message.get_type() for message in station.protocol(station.rig.ticks(200))]
 
 
 def test_what_a_lossy_line_doubles_makes_her_no_slower_for_long(make_station):
