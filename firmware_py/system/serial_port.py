@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
+import select
 import termios
 
 import serial
@@ -13,6 +15,7 @@ READ_LIMIT = 4096
 UNSENT_LIMIT = 4096
 # So many reads without a byte, and the port is looked at: is it still there, and ours?
 EMPTY_READS_LIMIT = 16
+_NOTHING = bytes(4)  # a count of bytes, as the kernel gives it
 
 
 class PortError(RuntimeError):
@@ -20,7 +23,13 @@ class PortError(RuntimeError):
 
 
 class SerialPort:
-    """A serial port as a ByteLine."""
+    """A serial port as a ByteLine.
+
+    Who reads a terminal that has nothing, or waits for it by its own descriptor, is held inside the kernel until an
+    ordinary thread there has moved what is under way, and on a busy computer that one waits its turn: a tick would
+    wait with it, whatever its priority. So the port is awaited by an epoll, which looks at the terminal only when it
+    has called, and is read only when it says that there are bytes.
+    """
 
     def __init__(self, path: str, baud: int) -> None:
         """Remember path and baud rate; `open` or `reopen` opens the port."""
@@ -28,6 +37,7 @@ class SerialPort:
         self._baud = baud
         self._port: serial.Serial | None = None
         self._fd = -1
+        self._arrivals: select.epoll | None = None
         self._openings = 0
         self._written = 0
         self._unsent = b""
@@ -60,16 +70,19 @@ class SerialPort:
         return self._written
 
     def fileno(self) -> int:
-        """The descriptor, or -1 while the port is away."""
-        return self._fd
+        """The descriptor that is readable when bytes are there, or -1 while the port is away."""
+        return -1 if self._arrivals is None else self._arrivals.fileno()
 
     def open(self) -> None:
         """Open the port, or raise PortError."""
         try:
             self._port = serial.Serial(self._path, self._baud, timeout=0, write_timeout=0, exclusive=True)
+            self._fd = self._port.fileno()
+            self._arrivals = select.epoll()
+            self._arrivals.register(self._fd, select.EPOLLIN)
         except (serial.SerialException, OSError, ValueError) as error:
+            self.close()
             raise PortError(f"port {self._path}: {_reason(self._path, error)}") from None
-        self._fd = self._port.fileno()
         self._openings += 1
         self._written = 0
         self._unsent = b""
@@ -94,7 +107,8 @@ class SerialPort:
         if self._fd < 0:
             return b""
         try:
-            data = os.read(self._fd, READ_LIMIT)
+            there = fcntl.ioctl(self._fd, termios.FIONREAD, _NOTHING) != _NOTHING
+            data = os.read(self._fd, READ_LIMIT) if there else b""
         except BlockingIOError:
             return b""
         except OSError:
@@ -146,7 +160,9 @@ class SerialPort:
                 self._port.close()
             except (serial.SerialException, OSError):
                 pass  # a port that has vanished cannot be closed in good order
-        self._port = None
+        if self._arrivals is not None:
+            self._arrivals.close()
+        self._port = self._arrivals = None
         self._fd = -1
 
 

@@ -2,6 +2,7 @@
 
 import os
 import pty
+import select
 import socket
 
 import pytest
@@ -39,6 +40,9 @@ def opened(tmp_path, compass, position, ais):
 
 
 def read(devices, seconds=0.2):
+    for line in devices.lines:
+        if line.connected:
+            select.select([line], [], [], 60.0)
     for device in (devices.compass, devices.position, devices.vessels):
         if device is not None:
             device.receive(seconds)

@@ -1,5 +1,7 @@
+import errno
 import os
 import pty
+import select
 
 import pytest
 
@@ -59,6 +61,48 @@ def test_bytes_go_both_ways_untouched(line, cable):
     assert line.written == 256
     os.set_blocking(cable.master, True)
     assert os.read(cable.master, 256) == every
+
+
+def test_bytes_that_are_there_wake_until_they_are_read(line, cable):
+    assert select.select([line.fileno()], [], [], 0.0)[0] == []
+    os.write(cable.master, b"wake")
+    assert select.select([line.fileno()], [], [], 60.0)[0] == [line.fileno()]
+    assert select.select([line.fileno()], [], [], 60.0)[0] == [line.fileno()]
+    assert line.read() == b"wake"
+    assert select.select([line.fileno()], [], [], 0.0)[0] == []
+
+
+def test_a_cable_that_is_pulled_wakes_and_is_known_at_the_first_look(line, cable):
+    cable.pull()
+    assert select.select([line.fileno()], [], [], 60.0)[0] == [line.fileno()]
+    assert line.read() == b""
+    assert not line.connected
+
+
+def test_a_terminal_is_neither_awaited_by_itself_nor_read_while_it_is_empty(line, cable, monkeypatch):
+    """Either would wait inside the kernel, whatever the priority, for what a busy computer does when it likes."""
+    assert not os.isatty(line.fileno())
+    reads = []
+    monkeypatch.setattr(os, "read", lambda *args, read=os.read: reads.append(args) or read(*args))
+    assert line.read() == b""
+    assert not reads
+    os.write(cable.master, b"now")
+    assert read_all(line, 3) == b"now"
+    assert len(reads) == 1
+
+
+def test_a_port_that_cannot_be_awaited_is_told_and_not_kept(cable, monkeypatch):
+    def refused():
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(select, "epoll", refused)
+        made = SerialPort(str(cable.path), 38400)
+        with pytest.raises(PortError, match="Too many open files"):
+            made.open()
+        assert not made.connected
+    made.open()
+    made.close()
 
 
 def test_a_missing_port_is_told_with_its_remedy(tmp_path):
