@@ -48,7 +48,24 @@ MUTATIONS = (
     ("safety/rudder_monitor.py", "if state.relieved_s is None or", "if state is not None or", "rudder jammed"),
     ("safety/rudder_monitor.py", "if state.relieved_s is None or", "if state is not None or", "servo overloaded"),
     ("faults/table.py", 'text="Fence breached"', 'text="Fence"', "outside the fence"),
-)
+    ("safety/failsafe.py", "given.resume or TABLE", "TABLE", "station silent"),
+    ("faults/conditions.py", "FULLER: Final = 1.03", "FULLER: Final = 1.0", "supply low"),
+    ("faults/conditions.py", "COOLER_C: Final = 5.0", "COOLER_C: Final = 0.0", "servo hot"),
+    (
+        "guidance/task_follower.py",
+        "HeadingTarget(status.course_rad, over",
+        "HeadingTarget(-status.course_rad, over",
+        "outside the fence",
+    ),
+    ("loop.py", "    amidships = 0\n", "    amidships = SAFE_READINGS\n", "told to end"),
+    ("estimate/sources.py", "if since_s is None:", "if since_s is None or source == 1:", "first of two compasses"),
+    ("faults/latch.py", ">= row.debounce_s)", ">= 0.0)", "troubles of a second"),
+    ("faults/latch.py", "now_s - last_s < row.clear_s)", "now_s - last_s < 0.0)", "supply low"),
+    ("safety/failsafe.py", "    if overruled:", "    if not given.armed:", "operator steers on"),
+    ("safety/failsafe.py", "fault = min((fault", "fault = max((fault", "servo hot and supply low"),
+    ("core/estimate_step.py", "return position.predict(replace(place, reckoning=sailed), now_s, over_ground_m_s)",
+     "return replace(place, reckoning=sailed)", "position lost on a mission"),
+)  # fmt: skip
 
 
 @pytest.mark.proof

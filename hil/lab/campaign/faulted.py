@@ -11,7 +11,8 @@ from pathlib import Path
 from hil.lab.campaign.row import Fault, Row
 from hil.lab.campaign.spec import NO_FAULT
 from hil.lab.drill.boat import DrillBoat
-from hil.lab.drill.book import BOOK, Drill, nothing
+from hil.lab.drill.book import BOOK, Drill
+from hil.lab.drill.provoke import nothing
 from hil.sim.ground_station import GUIDED
 from hil.sim.logbook import put_to_sea
 from hil.sim.run_directory import FIRMWARE_LOG, STATE, VEHICLE_NAME

@@ -174,7 +174,7 @@ class _Reader:
         value = self.content.get(name, default)
         kinds = (int,) if whole else (int, float)
         if isinstance(value, bool) or not isinstance(value, kinds) or not low <= value <= high:
-            what = "is lacking" if value is None else f"{str(value)[:40]} cannot be"
+            what = "is lacking" if value is None else f"{value!r:.40} cannot be"
             self._problem(name, f"{what}; give a {'whole ' if whole else ''}number from {low:g} to {high:g}")
             return high
         return value

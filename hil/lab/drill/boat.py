@@ -31,7 +31,7 @@ from hil.sim.ground_station import CHANGE_HEADING, GUIDED, HEADING_TYPE, GroundS
 from hil.sim.lockstep import LockstepServer
 from hil.sim.own_cores import own_cores
 from hil.sim.pace import Pacer
-from hil.sim.process import AutopilotProcess
+from hil.sim.process import GRACE_S, AutopilotProcess
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S, World
 
 SET_MODE = 176
@@ -109,6 +109,8 @@ class DrillBoat:
         self.pacer = Pacer(math.inf)
         self._starts = 0
         self.goal_deg = self.goal_s = 0.0
+        self.mode_before = ""  # when something broke
+        self.rested_deg = self.farthest_deg = 0.0  # where the rudder was left at the end; how far over it has been
         self.errors_deg: list[tuple[float, float]] = []  # time and heading less goal, ten times a second
 
     def __enter__(self) -> Self:
@@ -133,6 +135,17 @@ class DrillBoat:
         self._process = AutopilotProcess(arguments, self.directory / f"firmware{self._starts}.log")
         self.server.accept(self._process.running, START_UTC_S + self.world.now_s)
 
+    def end(self) -> None:
+        """End the autopilot in good order, as who shuts the computer down; HilError when it does not end."""
+        self._process.terminate()
+        end_s = self.now_s + GRACE_S
+        while self.server.serve(end_s):
+            if self.now_s >= end_s:
+                raise HilError(f"told to end, the autopilot has not done so within {GRACE_S:g} s")
+        self._process.wait(GRACE_S)
+        self.rested_deg = self.rudder_deg()
+        self.server.close()
+
     def kill(self) -> None:
         """End the autopilot as a power cut does."""
         self._process.kill()
@@ -146,6 +159,7 @@ class DrillBoat:
                 raise HilError(f"the autopilot has ended: {self._process.last_words()}")
             if not self.errors_deg or self.now_s - self.errors_deg[-1][0] > 0.099:
                 self.errors_deg.append((self.now_s, self.error_deg()))
+                self.farthest_deg = max(self.farthest_deg, abs(self.rudder_deg()))
 
     def unplug(self, name: str) -> None:
         """Pull a cable."""
@@ -196,6 +210,10 @@ class DrillBoat:
         while (at_s := self.said(text, since_s)) is None and self.now_s < since_s + within_s:
             self.run(0.1)
         return at_s
+
+    def note_mode(self) -> None:
+        """Keep the mode as her last heartbeat told it."""
+        self.mode_before = self.station.mode().split(",")[0]
 
     def mode(self) -> str:
         """The mode, once a heartbeat of now has told it."""

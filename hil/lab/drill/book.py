@@ -5,28 +5,47 @@ The texts are written out here on purpose: the harness does not read the firmwar
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
-
-from pymavlink.dialects.v20 import common as dialect
 
 from firmware_py.common.angles import radians
-from hil.lab.drill.boat import DrillBoat
-from hil.lab.drill.checks import Check, amidships, in_mode, on_course, relieved
+from hil.lab.drill.checks import (
+    Check,
+    amidships,
+    as_before,
+    both,
+    in_mode,
+    not_over,
+    obeyed,
+    on_course,
+    relieved,
+    rested,
+    said_besides,
+    turns_to,
+)
+from hil.lab.drill.provoke import (
+    Change,
+    compass_and_receiver,
+    ended,
+    fenced,
+    killed,
+    legs,
+    logs_gone,
+    mission_clear_all,
+    nothing,
+    put,
+    spoil,
+    together,
+    waiting,
+)
 from hil.ship.scenarios import Scenario, with_extras
 from hil.sim.ground_station import GUIDED
 
 LOITER, AUTO = 5, 10
 YEAR_S = 365.0 * 86400.0
-FENCE_M = 50.0
-LOG_SPEED = 20.0  # times real time
 SAILED = {"FS_RESUME": 1.0}
 BATTERY = {"PWR_SAVE_PCT": 30.0, "PWR_KEEP_PCT": 10.0}
-
-Change = Callable[[DrillBoat], object]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +54,8 @@ class Drill:
 
     `stands_s` is how long it stands; `holds` looks at her then. `also` are other texts that belong to it. Drills that
     can be sailed together with others have `pair`; one that needs a state of its own names its only `moment`.
-    `over_s` 0: it is not to end by itself within the drill.
+    `over_s` 0: it is not to end by itself within the drill. `after` looks at her once it is over: as a rule she does
+    again what she did before.
     """
 
     name: str
@@ -55,71 +75,7 @@ class Drill:
     fitted: tuple[str, ...] = ()
     plan: Callable[[Path], Path] | None = None
     sea: Callable[[Scenario], Scenario] = lambda scenario: scenario
-
-
-def nothing(_boat: DrillBoat) -> None:
-    """Neither break nor mend: it comes, or goes, by itself."""
-
-
-def put(path: str, value: object) -> Change:
-    """Set an attribute of the boat, or of something aboard."""
-    *owners, name = path.split(".")
-
-    def change(boat: DrillBoat) -> None:
-        owner: object = boat
-        for one in owners:
-            owner = getattr(owner, one)
-        setattr(owner, name, value)
-
-    return change
-
-
-def compass_and_receiver(silent: bool) -> Change:  # noqa: FBT001 - one switch
-    """Take away every heading that there is."""
-
-    def change(boat: DrillBoat) -> None:
-        boat.compass.silent = silent
-        boat.receiver.fix = not silent
-
-    return change
-
-
-def logs_gone(boat: DrillBoat) -> None:
-    """Put a file where the logs belong; what writes them looks at the disk once in a second that is a real one."""
-    boat.pacer.keep(LOG_SPEED)
-    shutil.rmtree(boat.state / "logs", ignore_errors=True)
-    (boat.state / "logs").write_text("in the way")
-
-
-def killed(boat: DrillBoat) -> None:
-    """End the autopilot as a power cut does, and start it again."""
-    boat.kill()
-    boat.start()
-
-
-def waiting(directory: Path) -> Path:
-    """Write a mission that waits at the start for ever."""
-    path = directory / "wait.waypoints"
-    path.write_text("QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t36\t121\t0\t1\n1\t0\t3\t17\t0\t0\t0\t0\t36\t121\t0\t1\n")
-    return path
-
-
-def mission_clear_all() -> Any:
-    """Return the message that clears a mission."""
-    return dialect.MAVLink_mission_clear_all_message(1, 1, 0)
-
-
-def fenced(directory: Path) -> Path:
-    """Write a plan with a round fence about the start."""
-    path = directory / "fence.plan"
-    path.write_text(
-        '{"fileType": "Plan", "version": 1, "groundStation": "QGroundControl", "mission": {"version": 2, "items": [],'
-        ' "firmwareType": 3, "vehicleType": 10, "cruiseSpeed": 1, "hoverSpeed": 1,'
-        ' "plannedHomePosition": [36, 121, 0]},'
-        f' "geoFence": {{"version": 2, "polygons": [], "circles": [{{"version": 1, "inclusion": true, "circle":'
-        f' {{"center": [36.0, 121.0], "radius": {FENCE_M}}}}}]}}, "rallyPoints": {{"version": 2, "points": []}}}}'
-    )
-    return path
+    after: Check = as_before
 
 
 BOOK: tuple[Drill, ...] = (
@@ -148,7 +104,7 @@ BOOK: tuple[Drill, ...] = (
         fitted=("compass_b",), pair=True,
     ),
     Drill(
-        "compass loses and flips bytes", "", "", lambda boat: _spoil(boat, 0.02), lambda boat: _spoil(boat, 0.0),
+        "compass loses and flips bytes", "", "", lambda boat: spoil(boat, 0.02), lambda boat: spoil(boat, 0.0),
         0.0, 0.0, 60.0, on_course, ("Compass", "Heading from"), pair=True,
     ),
     Drill(
@@ -180,7 +136,9 @@ BOOK: tuple[Drill, ...] = (
     ),
     Drill(
         "servo hot", "Rudder servo is hot", "Rudder servo has cooled down", put("servo.motor.temperature_c", 75.0),
-        put("servo.motor.temperature_c", 60.0), 4.0, 4.0, 2.0, in_mode("HOLD"), ("Failsafe", "Mode"),
+        put("servo.motor.temperature_c", 60.0), 4.0, 4.0, 2.0,
+        both(in_mode("HOLD"), not_over("Rudder servo has cooled", put("servo.motor.temperature_c", 67.0), 5.0)),
+        ("Failsafe", "Mode"),
         settings=SAILED | {"FS_RUD_ACT": 1.0},
     ),
     Drill(
@@ -196,13 +154,17 @@ BOOK: tuple[Drill, ...] = (
     ),
     Drill(
         "supply low", "Supply voltage is low", "Supply voltage is right again", put("servo.motor.voltage_v", 10.5),
-        put("servo.motor.voltage_v", 12.0), 7.0, 12.0, 1.0, in_mode("RTL"), ("Failsafe", "Mode", "Return"),
+        put("servo.motor.voltage_v", 12.0), 7.0, 12.0, 1.0,
+        both(in_mode("RTL"), not_over("Supply voltage is right", put("servo.motor.voltage_v", 11.2), 13.0),
+            not_over("Supply voltage is right", put("servo.motor.voltage_v", 12.0), 6.0)),
+        ("Failsafe", "Mode", "Return"),
         settings=SAILED | {"BAT_LOW_VOLT": 11.0, "FS_VOLT_ACT": 4.0},
     ),
     Drill(
         "battery low", "Battery is low", "Battery is charged again", put("plant.charge", 0.25),
         put("plant.charge", 0.5), 36.0, 66.0,
-        5.0, on_course, (), fitted=("supply",), settings=BATTERY, pair=True,
+        5.0, both(on_course, not_over("Battery is charged", put("plant.charge", 0.33), 70.0)), (),
+        fitted=("supply",), settings=BATTERY, pair=True,
     ),
     Drill(
         "battery nearly empty", "Battery is nearly empty", "Battery is no longer nearly empty",
@@ -233,9 +195,10 @@ BOOK: tuple[Drill, ...] = (
         "killed", "", "", killed, nothing, 0.0, 0.0, 10.0, on_course, ("",), settings={"BOOT_RESUME": 2.0},
     ),
     Drill(
-        "outside the fence", "Fence breached", "", nothing, nothing, 60.0, 0.0, 3.0, in_mode("RTL"),
+        "outside the fence", "Fence breached", "Inside the fence again", nothing, nothing, 60.0, 240.0, 3.0,
+        in_mode("RTL"),
         ("Failsafe", "Mode", "Return"), "straight", settings={"FENCE_ENABLE": 1.0}, plan=fenced,
-        sea=lambda scenario: replace(scenario, speed_m_s=0.8),
+        sea=lambda scenario: replace(scenario, speed_m_s=0.8), after=in_mode("RTL"),
     ),
     Drill(
         "rudder blade lost", "Rudder moves and she does not turn", "", put("world.rudder_grip", 0.0),
@@ -255,7 +218,7 @@ BOOK: tuple[Drill, ...] = (
     Drill(
         "mission cleared while it is sailed", "Mission cannot be sailed", "Mission can be sailed, or need not be",
         lambda boat: boat.station.tell(mission_clear_all()), lambda boat: boat.set_mode(GUIDED), 4.0, 4.0, 2.0,
-        in_mode("AUTO"), ("Mission",), "straight", mode=AUTO, plan=waiting,
+        in_mode("AUTO"), ("Mission",), "straight", mode=AUTO, plan=waiting, after=in_mode("GUIDED"),
     ),
     Drill(
         "current stronger than she is", "Current stronger than she is", "", lambda boat: boat.set_mode(LOITER),
@@ -266,8 +229,41 @@ BOOK: tuple[Drill, ...] = (
         "logs gone", "Storage fails", "Storage works again", logs_gone, lambda boat: (boat.state / "logs").unlink(),
         60.0, 60.0, 2.0, on_course, ("Log",), "straight",
     ),
+    Drill(
+        "first of two compasses silent", "Compass is silent", "Compass speaks again", put("compass.silent", True),
+        put("compass.silent", False), 2.0, 4.0, 30.0, both(on_course, said_besides("Heading from compass B")),
+        ("Heading from",), "turning", fitted=("compass_b",),
+    ),
+    Drill(
+        "position lost on a mission", "Position lost", "Position is back", put("receiver.fix", False),
+        put("receiver.fix", True), 9.0, 6.0, 3.0, turns_to(90.0, 180.0), (), "straight", mode=AUTO, plan=legs,
+    ),
+    Drill(
+        "servo hot and supply low", "Supply voltage is low", "Supply voltage is right again",
+        together(put("servo.motor.temperature_c", 75.0), put("servo.motor.voltage_v", 10.5)),
+        together(put("servo.motor.temperature_c", 60.0), put("servo.motor.voltage_v", 12.0)),
+        7.0, 12.0, 1.0, in_mode("RTL"), ("Rudder servo", "Failsafe", "Mode", "Return"), "straight",
+        settings=SAILED | {"BAT_LOW_VOLT": 11.0, "FS_VOLT_ACT": 4.0, "FS_RUD_ACT": 2.0},
+    ),
+    Drill(
+        "operator steers on with a hot servo", "Rudder servo is hot", "Rudder servo has cooled down",
+        put("servo.motor.temperature_c", 75.0), put("servo.motor.temperature_c", 60.0), 4.0, 4.0, 2.0, obeyed,
+        ("Failsafe", "Mode"), "straight", settings=SAILED | {"FS_RUD_ACT": 1.0},
+    ),
+    Drill(
+        "troubles of a second", "", "",
+        together(
+            put("servo.motor.voltage_v", 10.5), put("servo.motor.temperature_c", 75.0),
+            put("other_attitude.error_rad", radians(18.0)),
+        ),
+        together(
+            put("servo.motor.voltage_v", 12.0), put("servo.motor.temperature_c", 60.0),
+            put("other_attitude.error_rad", 0.0),
+        ),
+        0.0, 0.0, 1.0, moment="straight", fitted=("compass_b",), settings={"BAT_LOW_VOLT": 11.0},
+    ),
+    Drill(
+        "told to end, and started again", "", "", ended, nothing, 0.0, 0.0, 10.0, both(rested, on_course), ("",),
+        "turning", settings={"BOOT_RESUME": 2.0},
+    ),
 )  # fmt: skip
-
-
-def _spoil(boat: DrillBoat, share: float) -> None:
-    boat.compass.drop = boat.compass.flip = share

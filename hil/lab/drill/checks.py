@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from hil.lab.drill.boat import DrillBoat
+from hil.sim.ground_station import GUIDED
 
 ON_COURSE_DEG = 15.0
 ARRIVED_S = 130.0  # after an order to turn as far as the moments do
 LET_GO_S, AT_REST_S, TRIED_S = 1.0, 4.0, 9.5  # after the telling: pulls no more; so long at least; before it is tried
 MOVED_DEG, TURN_DEG = 1.0, 90.0
+
+LIMIT_DEG = 31.5  # of the rudder, as it comes: 30, and what a shaft swings beyond
+KEPT_S = 5.0
 
 Check = Callable[[DrillBoat, float], str]  # what is wrong a while after it broke, or ""
 
@@ -24,6 +28,85 @@ def on_course(boat: DrillBoat, _at_s: float) -> str:
     boat.run(max(0.0, boat.goal_s + ARRIVED_S - boat.now_s))
     error_deg = boat.error_deg()
     return "" if abs(error_deg) < ON_COURSE_DEG else f"{error_deg:+.0f} deg off her goal"
+
+
+def both(*checks: Check) -> Check:
+    """Look at several things, one after the other."""
+
+    def check(boat: DrillBoat, at_s: float) -> str:
+        return "; ".join(wrong for one in checks if (wrong := one(boat, at_s)))
+
+    return check
+
+
+def as_before(boat: DrillBoat, at_s: float) -> str:
+    """She is in the mode that she was in before, and comes back to her goal when it was one."""
+    if wrong := in_mode(boat.mode_before)(boat, at_s):
+        return f"{wrong}, after it was over"
+    if boat.mode_before != "GUIDED":
+        return ""
+    end_s = max(boat.goal_s, boat.now_s) + ARRIVED_S
+    there_s: float | None = None
+    while boat.now_s < end_s:
+        if abs(boat.error_deg()) >= ON_COURSE_DEG:
+            there_s = None
+        elif there_s is None:
+            there_s = boat.now_s
+        elif boat.now_s - there_s > KEPT_S:
+            return ""
+        boat.run(0.5)
+    return f"{boat.error_deg():+.0f} deg off her goal, long after it was over"
+
+
+def said_besides(text: str) -> Check:
+    """Something more has been told since it broke."""
+    return lambda boat, at_s: "" if boat.said(text, at_s) is not None else f"{text!r} not told"
+
+
+def not_over(recovery: str, nearly: Callable[[DrillBoat], object], seconds: float) -> Check:
+    """It does not pass for over while it is nearly so."""
+
+    def check(boat: DrillBoat, _at_s: float) -> str:
+        nearly(boat)
+        since_s = boat.now_s
+        early_s = boat.until(recovery, seconds, since_s)
+        return "" if early_s is None else f"{recovery!r} told {early_s - since_s:.0f} s after it was nearly over"
+
+    return check
+
+
+def turns_to(heading_deg: float, within_s: float) -> Check:
+    """She comes to a heading, as the next leg of her way asks."""
+
+    def check(boat: DrillBoat, _at_s: float) -> str:
+        boat.goal_deg, end_s = heading_deg, boat.now_s + within_s
+        while abs(boat.error_deg()) >= ON_COURSE_DEG:
+            if boat.now_s >= end_s:
+                return f"{boat.error_deg():+.0f} deg off the next leg"
+            boat.run(1.0)
+        return ""
+
+    return check
+
+
+def obeyed(boat: DrillBoat, at_s: float) -> str:
+    """A failsafe has acted; the operator orders otherwise, and that stands."""
+    acted = in_mode("HOLD")(boat, at_s)
+    boat.set_mode(GUIDED)
+    boat.steer(boat.goal_deg)
+    boat.run(KEPT_S)
+    return acted or in_mode("GUIDED")(boat, at_s)
+
+
+def rested(boat: DrillBoat, _at_s: float) -> str:
+    """When the autopilot ended the rudder lay amidships."""
+    return "" if abs(boat.rested_deg) < 1.0 else f"rudder left at {boat.rested_deg:+.1f} deg"
+
+
+def within_limit(boat: DrillBoat) -> str:
+    """The rudder was never put beyond its limit."""
+    worst_deg = boat.farthest_deg
+    return "" if worst_deg <= LIMIT_DEG else f"rudder at {worst_deg:.1f} deg, beyond its limit"
 
 
 def amidships(boat: DrillBoat, _at_s: float) -> str:

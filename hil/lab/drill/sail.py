@@ -11,6 +11,7 @@ from pathlib import Path
 from hil.errors import HilError
 from hil.lab.drill.boat import DrillBoat
 from hil.lab.drill.book import Drill
+from hil.lab.drill.checks import within_limit
 from hil.lab.drill.together import explained, is_blind, is_hidden, stops_her
 from hil.ship.scenarios import named
 from hil.sim.ground_station import GUIDED
@@ -147,6 +148,7 @@ def _sailed(boat: DrillBoat, case: Case, watches: list[_Watch]) -> tuple[list[st
         return ["she did not get under way"], 0.0
     MOMENTS[case.moment](boat)
     begun_s = boat.now_s
+    boat.note_mode()
     for watch in watches:
         watch.broken_s = boat.now_s
         watch.drill.broken(boat)
@@ -169,7 +171,14 @@ def _sailed(boat: DrillBoat, case: Case, watches: list[_Watch]) -> tuple[list[st
     for watch in watches:
         _await_end(boat, watch)
     boat.run(QUIET_S)
-    return _unexplained(boat, case, begun_s), worst_deg
+    misses = _unexplained(boat, case, begun_s)
+    if not is_blind(case.drills):
+        misses += [f"{watch.drill.name}: {wrong}" for watch in watches if (wrong := _afterwards(boat, watch))]
+    return misses + [wrong for wrong in (within_limit(boat),) if wrong], worst_deg
+
+
+def _afterwards(boat: DrillBoat, watch: _Watch) -> str:
+    return watch.drill.after(boat, watch.broken_s) if watch.over_s is not None else ""
 
 
 def _mend(boat: DrillBoat, watch: _Watch) -> None:

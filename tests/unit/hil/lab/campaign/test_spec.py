@@ -20,6 +20,7 @@ def test_a_specification_says_what_differs_from_run_to_run():
     [
         ({"engine": "fish"}, "engine: 'fish'; give 'firmware' or 'twin'"),
         ({"runs": 0}, "runs: 0 cannot be"),
+        ({"runs": "400"}, "runs: '400' cannot be"),
         ({"runs": True}, "runs: True cannot be"),
         ({"runs": 2.5}, "runs: 2.5 cannot be"),
         ({"runs": None}, "runs: is lacking"),
