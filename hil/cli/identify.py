@@ -103,6 +103,9 @@ def run(arguments: argparse.Namespace) -> int:
         return 1
     if arguments.out_params is not None:
         outputs.write("--out-params", arguments.out_params, report.as_parameters(result, arguments.rudder_unit))
+        about = report.about_alpha(result)
+        if about and not to_stdout:
+            print(f"note: {arguments.out_params}: {about}")
     return 0
 
 

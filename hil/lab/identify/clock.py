@@ -95,8 +95,13 @@ def _past_midnight(times: Floats) -> Floats:
 
 
 def _time_of_day(text: str) -> float:
+    """Return seconds of the day; a date before it may begin with the day or the month, for what counts is midnight."""
+    plain = re.sub(r"^\d\d?([/-])\d\d?\1\d{4}[ T]+", "", text.strip())
+    half = re.search(r"\s*([ap])\.?m\.?$", plain, re.IGNORECASE)
     try:
-        moment = time.fromisoformat(text.strip())
+        moment = time.fromisoformat(re.sub(r"^(?=\d:)", "0", plain[: half.start()] if half is not None else plain))
     except ValueError:
         return math.nan
+    if half is not None:
+        moment = moment.replace(hour=moment.hour % 12 + 12 * (half[1].lower() == "p"))
     return moment.hour * 3600.0 + moment.minute * 60.0 + moment.second + moment.microsecond * 1e-6

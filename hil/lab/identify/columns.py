@@ -49,7 +49,7 @@ BESIDE |= {"vel", "velo", "velocity", "angvel", "angvelo", "value"}
 ASKED = {"cmd", "command", "commanded", "order", "ordered", "set", "setpoint", "desired", "demand", "target"}
 
 LONGEST_SHOWN, MOST_NAMED = 60, 12
-COURSE = {"cog", "cmg", "course"}
+COURSE, WATER = {"cog", "cmg", "course"}, {"stw", "water"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,8 @@ def columns_of(where: str, header: list[str]) -> dict[str, Column]:
     """Find the columns; UsageError names what is missing."""
     shown = [_shown(text) for text in header]
     found: dict[str, Column] = {}
-    for quantity, places in found_columns(header).items():
+    for quantity, all_places in found_columns(header).items():
+        places = all_places if quantity != "speed_m_s" else _through_water(all_places, header)
         if len(places) > 1:
             names = " and ".join(dict.fromkeys(shown[place] for place in places))
             what = f"column {names} stands there twice" if " and " not in names else f"columns {names} are the same"
@@ -113,6 +114,8 @@ def columns_of(where: str, header: list[str]) -> dict[str, Column]:
     missing = [name for name in ("time_s", "rudder_rad") if name not in found]
     if not missing and "heading_rad" not in found and "yaw_rate_rad_s" not in found:
         missing = ["heading_rad or yaw_rate_rad_s"]
+    if missing and all(re.fullmatch(r"[-+.\deE]*|nan", text.strip()) for text in header):
+        raise UsageError(f"{where}: numbers where the columns' names should be; put a line above, as {','.join(NAMES)}")
     if missing:
         raise UsageError(
             f"{where}: missing column{'s' if len(missing) > 1 else ''} {', '.join(missing)}; name the columns "
@@ -122,8 +125,15 @@ def columns_of(where: str, header: list[str]) -> dict[str, Column]:
     return found
 
 
+def _through_water(places: list[int], header: list[str]) -> list[int]:
+    """Return where the speed through the water stands, if it does beside that over the ground: it is what turns her."""
+    water = [place for place in places if WATER & {*_plain(header[place]).split("_")}]
+    return water if len(places) > 1 and water else places
+
+
 def _there(shown: list[str]) -> str:
     """Say what columns there are, and what of them is easily taken for a heading."""
+    shown = [name for name in shown if name]
     named = ", ".join(shown[:MOST_NAMED]) + (f" and {len(shown) - MOST_NAMED} more" if len(shown) > MOST_NAMED else "")
     course = next((name for name in shown if COURSE & {*_plain(name).split("_")}), None)
     of_course = f"; {course} is where she goes, not where she heads: no heading" if course is not None else ""

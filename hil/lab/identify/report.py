@@ -171,6 +171,18 @@ def _search(result: Identification) -> str:
     return "search: share of the averaged motion left unexplained: " + ", ".join(steps)
 
 
+def about_alpha(result: Identification) -> str:
+    """Say what a parameter file does to alpha where none is in the model; nothing where one is."""
+    if result.model().norrbin_s2 > 0.0:
+        return ""
+    delivered, alpha = TABLE[index_of("MDL_ALPHA_S2")].default, result.judgement.estimates["alpha"]
+    most = "" if not 0.0 < alpha.se < 1e9 else f"; this log allows up to {alpha.value + 1.96 * alpha.se:.3g} s^2"
+    return (
+        f"MDL_ALPHA_S2 is written as 0, over what the boat has (delivered: {delivered:g}, of another boat): K and T "
+        f"were fitted without alpha, and go with 0 alone{most}"
+    )
+
+
 def as_parameters(result: Identification, unit: str) -> str:
     """Return a parameter file of the model, or raise UsageError when there is none for the autopilot."""
     if unit == "any":
@@ -194,6 +206,7 @@ def as_parameters(result: Identification, unit: str) -> str:
         values["CTL_TRIM_DEG"] = trim_deg
     lines = [f"# Identified by rambler-hil identify, {result.choice.model} model."]
     lines += [f"# {name}: {estimate.verdict}; {estimate.why}" for name, estimate in estimates.items()]
+    lines += [f"# {text}." for text in (about_alpha(result),) if text]
     if result.data.speed_m_s is None:
         lines.append("# The logs have no speed: set MDL_SPEED to what it was.")
     try:

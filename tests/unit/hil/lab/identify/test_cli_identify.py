@@ -154,10 +154,26 @@ def test_the_whole_contract(tank, tmp_path, capsys):
     assert data["seconds"] > 0.0
     assert names["png"].read_bytes().startswith(b"\x89PNG")
     values = dict(parse_file(names["param"].read_text(), "x"))
+    assert "ALPHA_S2 is written as 0" not in names["param"].read_text()
     assert values["MDL_K"] == pytest.approx(0.049, rel=0.01)
     assert values["MDL_T_S"] == pytest.approx(4.0, rel=0.01)
     assert values["MDL_SPEED"] == pytest.approx(0.4)
     assert values["CTL_TRIM_DEG"] == pytest.approx(np.degrees(0.02), abs=0.1)
+
+
+def test_an_alpha_that_is_not_in_the_model_is_written_as_zero_and_told(yard, tmp_path, capsys):
+    """A delivered 17 was replaced by 0 without a word."""
+    boat, time = yard.boat(0.049, 4.0, 0.0, 0.02), np.arange(4000) * 0.1
+    rudder = yard.steps(time, 0.3, 20.0, 0.5)
+    write(tmp_path / "zigzag.csv", yard.recorded(time, rudder, *boat.motion(time, rudder)))
+    out = tmp_path / "boat.param"
+    assert main(["identify", str(tmp_path / "zigzag.csv"), "--out-params", str(out)]) == 0
+    (note,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ") and "ALPHA" in line)
+    told = "MDL_ALPHA_S2 is written as 0, over what the boat has (delivered: 17, of another boat): K and T were fitted"
+    assert told in note
+    assert re.search(r"and go with 0 alone; this log allows up to [\d.]+ s\^2$", note)
+    assert told in out.read_text()
+    assert dict(parse_file(out.read_text(), "x"))["MDL_ALPHA_S2"] == 0.0
 
 
 def test_a_page_stands_alone_and_a_seed_gives_the_same_result(tank, tmp_path, capsys):

@@ -41,6 +41,15 @@ LOGGERS = {
     "day.month.year": with_times(
         [f"{text[8:10]}.{text[5:7]}.{text[:4]} {text[11:].partition('+')[0]}" for text in ISO]
     ).encode(),
+    "month/day/year and half days": with_times(
+        [
+            f"{text[5:7]}/{text[8:10]}/{text[:4]} {int(text[11:13]) % 12 or 12}{text[13:22]} {'ap'[text[11] > '1']}m"
+            for text in ISO
+        ]
+    ).encode(),
+    "day-month-year": with_times(
+        [f"{text[8:10]}-{text[5:7]}-{text[:4]} {text[11:].partition('+')[0]}" for text in ISO], "Date Time"
+    ).encode(),
     "UTC": with_times([text.replace("+00:00", " UTC") for text in ISO]).encode(),
 }
 

@@ -124,6 +124,20 @@ def test_a_command_that_is_no_angle_is_not_said_to_be_one(tmp_path):
     assert not any("taken for" in note for note in read(path, "any").notes)
 
 
+def test_of_two_speeds_the_one_through_the_water_is_taken(tmp_path):
+    """As a yacht's logger writes both; the table was refused."""
+    path, ground = tmp_path / "table.csv", np.full(ROWS, 9.0)
+    path.write_text(table("Time,Rudder,Heading,SOG,Speed Through Water", (*DEGREES[:3], ground, PLAIN[4])))
+    np.testing.assert_allclose(read(path).speed_m_s, PLAIN[4])
+
+
+def test_a_table_without_names_is_told_so(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(table("0.0,1e-3,-2", (TIME, RUDDER, HEADING)))
+    with pytest.raises(UsageError, match=r"table\.csv:1: numbers where the columns' names should be; put a line above"):
+        read(path)
+
+
 def test_a_course_over_ground_is_said_to_be_no_heading(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(table("time_s,rudder_rad,cog_deg", (TIME, RUDDER, TIME)))
