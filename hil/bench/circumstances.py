@@ -38,6 +38,12 @@ def same_machine(text: str, found: dict[str, Any]) -> bool:
     return {found["processor"], f"{found['cores']} cores", f"Python {found['python']}"} <= set(text.split(", "))
 
 
+def same_python(text: str, found: dict[str, Any]) -> bool:
+    """Return whether circumstances in one line are of the Python found here, but for its last number."""
+    series = found["python"].rpartition(".")[0]
+    return any(part.startswith(f"Python {series}.") for part in text.split(", "))
+
+
 def _processor() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()

@@ -19,6 +19,7 @@ from hil.bench import (
     transfers,
     trips,
     twin,
+    work,
 )
 from hil.bench.figure import Finding
 from hil.bench.setting import Setting
@@ -35,6 +36,7 @@ TABLE: Mapping[str, Measurement] = {
     "lateness": Measurement("how late the ticks begin, at 10 and 50 Hz", lateness.measure),
     "sense": Measurement("from a compass sentence to the servo frame", sense.measure),
     "replay": Measurement("an onboard log recomputed", replay.measure),
+    "work": Measurement("how much Python a tick executes", work.measure),
     "load": Measurement("processor time and memory at 10 Hz", load.measure),
     "start": Measurement("from exec to the first rudder frame", start.measure),
     "lockstep": Measurement("how many times real time she sails in lockstep", lockstep.measure),

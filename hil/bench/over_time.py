@@ -15,13 +15,14 @@ from typing import Any, Final
 
 from scipy import stats
 
-from hil.bench.figure import Figure, Finding
+from hil.bench.figure import COUNTED, Figure, Finding
 from hil.bench.report import number
 from hil.errors import UsageError
 from hil.report.figure_file import key_of
 
 LEAST_REPEATS: Final = 5
 FALSE_ALARM: Final = 0.01
+LEAST_REACH: Final = 0.02  # what is counted does not scatter, and may still grow a little from change to change
 WORSE_IN_A_ROW: Final = 3  # a load that comes while one is measured is not there each time
 Kept = Mapping[str, Sequence[float]]
 
@@ -36,6 +37,7 @@ class Verdict:
     allowed: float
     now: float
     more_is_better: bool
+    counted: bool = False
 
     @property
     def worse(self) -> bool:
@@ -91,7 +93,7 @@ def compare(baseline: Kept, findings: Mapping[str, Finding]) -> list[Verdict]:
     """Return a verdict on each figure that is in both."""
     return [
         Verdict(name, figure.name, *_allowed(repeats, len(baseline), figure.more_is_better), quantity,
-                figure.more_is_better)
+                figure.more_is_better, figure.unit == COUNTED)
         for name, finding in findings.items()
         for figure in finding.figures
         if (repeats := baseline.get(key_of(name, figure.name))) is not None
@@ -103,7 +105,7 @@ def _allowed(repeats: Sequence[float], compared: int, more_is_better: bool) -> t
     """Return the middle of the repeats and the worst that one more may be."""
     logarithms, count = [math.log(one) for one in repeats], len(repeats)
     quantile = float(stats.t.ppf(1.0 - FALSE_ALARM / compared, count - 1))
-    reach = quantile * statistics.stdev(logarithms) * math.sqrt(1.0 + 1.0 / count)
+    reach = max(quantile * statistics.stdev(logarithms) * math.sqrt(1.0 + 1.0 / count), math.log1p(LEAST_REACH))
     mean = statistics.fmean(logarithms)
     return statistics.median(repeats), math.exp(mean - reach if more_is_better else mean + reach)
 

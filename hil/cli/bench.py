@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hil.bench import over_time
-from hil.bench.circumstances import circumstances, same_machine, text_of
+from hil.bench.circumstances import circumstances, same_machine, same_python, text_of
 from hil.bench.figure import Finding
 from hil.bench.measurements import TABLE
 from hil.bench.over_time import Kept
@@ -79,7 +79,8 @@ def run(arguments: argparse.Namespace) -> int:
             findings = _measured(names, setting, arguments.repeat)
             print(table(tuple(findings.values())), flush=True)
             strange = {where for key in baseline if not same_machine(where := str(entries[key].get("machine")), found)}
-            worse = _compared(baseline, findings, setting, sorted(strange))
+            counts = all(same_python(str(entries[key].get("machine")), found) for key in baseline)
+            worse = _compared(baseline, findings, setting, sorted(strange), counts=counts)
     finally:
         signal.signal(signal.SIGTERM, before)
     if arguments.json is not None:
@@ -114,10 +115,13 @@ def _measured(names: Sequence[str], setting: Setting, repeats: int) -> dict[str,
     return {name: over_time.middle(each) for name, each in found.items()}
 
 
-def _compared(baseline: Kept, findings: Mapping[str, Finding], setting: Setting, strange: Sequence[str]) -> bool:
+def _compared(
+    baseline: Kept, findings: Mapping[str, Finding], setting: Setting, strange: Sequence[str], *, counts: bool
+) -> bool:
     """Print how the figures stand against the baseline; return whether any has worsened, each time it was measured.
 
-    Against a strange machine they are shown and not judged: what is kept says nothing of how machines differ.
+    Against a strange machine they are shown and not judged: what is kept says nothing of how machines differ. What is
+    counted is judged on any, as long as the Python `counts` alike.
     """
     if not baseline:
         return False
@@ -126,8 +130,9 @@ def _compared(baseline: Kept, findings: Mapping[str, Finding], setting: Setting,
     for verdict in verdicts:
         print(verdict.text, flush=True)
     if strange:
-        print(f"  shown only, not judged: kept on another machine ({'; '.join(strange)})", flush=True)
-        return False
+        besides = " but what is counted" if counts else ""
+        print(f"  shown only, not judged{besides}: kept on another machine ({'; '.join(strange)})", flush=True)
+        verdicts = [each for each in verdicts if each.counted and counts]
     worse = {(each.measurement, each.name) for each in verdicts if each.worse}
     for _ in range(over_time.WORSE_IN_A_ROW - 1):
         if not worse:

@@ -61,7 +61,7 @@ MUTATIONS = (
     ("estimate/sources.py", "if since_s is None:", "if since_s is None or source == 1:", "first of two compasses"),
     ("faults/latch.py", ">= row.debounce_s)", ">= 0.0)", "troubles of a second"),
     ("faults/latch.py", "now_s - last_s < row.clear_s)", "now_s - last_s < 0.0)", "supply low"),
-    ("safety/failsafe.py", "    if overruled:", "    if not given.armed:", "operator steers on"),
+    ("safety/failsafe.py", "(active=state.active)\n    # A", "()\n    # A", "operator steers on"),
     ("safety/failsafe.py", "fault = min((fault", "fault = max((fault", "servo hot and supply low"),
     ("core/estimate_step.py", "return position.predict(replace(place, reckoning=sailed), now_s, over_ground_m_s)",
      "return replace(place, reckoning=sailed)", "position lost on a mission"),

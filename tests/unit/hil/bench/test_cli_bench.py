@@ -7,7 +7,7 @@ import pytest
 from hil.__main__ import main
 from hil.bench import measurements
 from hil.bench.circumstances import circumstances, text_of
-from hil.bench.figure import Figure, Finding
+from hil.bench.figure import COUNTED, Figure, Finding
 
 
 @pytest.fixture
@@ -28,7 +28,10 @@ def asked(monkeypatch, tmp_path, values):
             assert not list(setting.directory.iterdir())
             (setting.directory / "left").touch()
             found.append((name, setting))
-            return Finding(name, (Figure(f"{name} figure", "ms", values.pop(0) if values else 1.0, 0.5),))
+            return Finding(
+                name,
+                (Figure(f"{name} figure", COUNTED if name == "work" else "ms", values.pop(0) if values else 1.0, 0.5),),
+            )
 
         return measurements.Measurement(name, measure)
 
@@ -106,6 +109,20 @@ def test_what_was_kept_on_another_machine_is_shown_and_not_judged(asked, values,
     assert "WORSE" in said
     assert "not judged: kept on another machine (a board, 4 cores" in said
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize(
+    ("series", "code", "said"), [("", 1, "not judged but what is counted"), ("9", 0, "shown only, not judged: kept")]
+)
+def test_what_is_counted_is_judged_on_any_machine_with_that_python(asked, values, tmp_path, series, code, said, capsys):
+    python = f"{circumstances()['python'].rpartition('.')[0]}{series}.99"
+    machine = f"a board, 4 cores, Linux 6.1, Python {python}, load 0.10 before the start"
+    path = tmp_path / "before.json"
+    path.write_text(json.dumps({"work_work_figure": {"value": 1.0, "machine": machine, "repeats": [2.0] * 7}}))
+    values += [1.15] * 3
+    assert main(["bench", "--against", str(path)]) == code
+    assert said in capsys.readouterr().out
+    assert len(asked) == (3 if code else 1)
 
 
 def test_json_is_written(asked, tmp_path):

@@ -7,7 +7,7 @@ import random
 import pytest
 
 from hil.bench import over_time
-from hil.bench.figure import TIMES, Figure, Finding
+from hil.bench.figure import COUNTED, TIMES, Figure, Finding
 from hil.bench.report import as_entries
 from hil.errors import UsageError
 from hil.report.figure_file import merge, origin, read
@@ -47,6 +47,17 @@ def test_a_ratio_within_its_scatter_is_as_before_and_one_beyond_it_is_worse():
 def test_what_scatters_more_may_be_more():
     steady, restless = verdict(2.0), verdict(2.0, (1.0, 3.0, 2.0, 1.5, 2.5, 2.0, 2.2))
     assert steady.allowed < 2.5 < restless.allowed
+
+
+def test_what_is_counted_does_not_scatter_and_may_hardly_grow():
+    baseline = over_time.kept({"work_a_tick": {"value": 2.0, "repeats": [2.1] * 7}})
+
+    def now(value, unit=COUNTED):
+        (only,) = over_time.compare(baseline, {"work": Finding("Work", (Figure("a tick", unit, value, 1.0),))})
+        return only
+
+    assert [now(value).worse for value in (2.0, 2.1, 2.13, 2.2, 1.15 * 2.1)] == [False, False, False, True, True]
+    assert (now(2.1).counted, now(2.1, "ms").counted) == (True, False)
 
 
 def test_what_is_to_be_large_worsens_by_falling():
