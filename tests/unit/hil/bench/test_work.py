@@ -2,7 +2,7 @@
 
 import sys
 
-from hil.bench.work import instructions
+from hil.bench.work import EACH, WARM, counting, instructions
 
 
 def helper(count):
@@ -32,3 +32,12 @@ def test_who_traces_besides_goes_on():
     finally:
         sys.settrace(before)
     assert found is other
+
+
+def test_one_in_some_of_the_ticks_is_counted_and_all_are_computed():
+    counts, seen = [], []
+    step = counting(lambda state, inputs: seen.append(inputs) or helper(state), counts)
+    assert [step(one, one) for one in range(WARM + 3 * EACH)] == [helper(one) for one in range(WARM + 3 * EACH)]
+    assert seen == list(range(WARM + 3 * EACH))
+    assert len(counts) == 3
+    assert counts == sorted(set(counts))
