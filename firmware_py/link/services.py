@@ -23,6 +23,7 @@ from firmware_py.link.peer import Peer
 from firmware_py.link.satellite.reports import SatelliteReports
 from firmware_py.link.security.key_setup import KeySetup
 from firmware_py.link.setpoints import Setpoints
+from firmware_py.link.shell import Shell
 from firmware_py.link.timesync import Timesync
 from firmware_py.link.wire.outbox import Priority
 from firmware_py.link.wire.worker import Worker
@@ -66,7 +67,14 @@ class Services:
         self._mission = MissionServer(context)
         self._all: tuple[Service, ...] = (
             *(commands, parameters, self._mission, files, logs),
-            *(Setpoints(context), ManualControl(context), Timesync(context), Companion(context), key_setup),
+            *(
+                Setpoints(context),
+                ManualControl(context),
+                Timesync(context),
+                Companion(context),
+                Shell(context),
+                key_setup,
+            ),
         )
         self._ticked: tuple[TickedService, ...] = (self._mission, commands, logs, SatelliteReports(context))
         self._pumped: tuple[PumpedService, ...] = (parameters, files, logs)

@@ -77,6 +77,7 @@ MESSAGES = {
     "setpoints": (86, 84, 82, 76, 243),
     "manual": (69, 70, 76, 11, 147),
     "radio": (109, 66, 0),
+    "shell": (126, 0),
 }
 NAMES = tuple(row.name.encode() for row in PARAMETERS)
 PATHS = (
