@@ -216,7 +216,7 @@ def _rudder_held(settings: Settings, state: State, now_s: float) -> bool:
 
 
 def _change_events(before: State, after: State) -> tuple[Event, ...]:
-    """Return the events of mode, arming and start."""
+    """Return the events of mode, arming and start, and of a boat that does not come round."""
     first = before.timing.started_s is None
     events: list[Event] = []
     if first or before.modes.mode is not after.modes.mode:
@@ -225,4 +225,7 @@ def _change_events(before: State, after: State) -> tuple[Event, ...]:
         events.append(Event(Severity.NOTICE, after.greeting))
     if before.modes.armed is not after.modes.armed:
         events.append(Event(Severity.NOTICE, "Armed" if after.modes.armed else "Disarmed"))
+    held, held_before = after.supervisor.coming_round, before.supervisor.coming_round
+    if held is not held_before and held is not None and held.told:
+        events.append(Event(Severity.WARNING, "Rudder hard over for 5 min: she does not come round"))
     return tuple(events)

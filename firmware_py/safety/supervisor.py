@@ -14,7 +14,8 @@ from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, RudderStatus, Severity
 from firmware_py.faults.table import TABLE, Fault
 from firmware_py.modes import ModeState, Situation, enter, obstacle_to
-from firmware_py.safety import oscillation, rudder_monitor, steering_monitor
+from firmware_py.safety import coming_round, oscillation, rudder_monitor, steering_monitor
+from firmware_py.safety.coming_round import ComingRoundState
 from firmware_py.safety.failsafe import FailsafeInput, FailsafeState, decide
 from firmware_py.safety.oscillation import OscillationInput, OscillationSettings, OscillationState
 from firmware_py.safety.rudder_monitor import RudderMonitorSettings, RudderMonitorState
@@ -43,6 +44,7 @@ class SupervisorSettings:
     rudder_monitor: RudderMonitorSettings
     steering_monitor: SteeringMonitorSettings
     oscillation: OscillationSettings
+    rudder_limit_rad: float
     failsafe_modes: Mapping[Fault, Mode | None]
     resume: bool
     hot_c: float
@@ -56,6 +58,7 @@ class SupervisorSettings:
             rudder_monitor=RudderMonitorSettings.of(parameters),
             steering_monitor=SteeringMonitorSettings.of(parameters),
             oscillation=OscillationSettings.of(parameters),
+            rudder_limit_rad=radians(parameters["RUD_LIMIT_DEG"]),
             failsafe_modes={
                 fault: FAILSAFE_MODES.get(int(parameters[row.parameter]))
                 for fault, row in TABLE.items()
@@ -79,6 +82,7 @@ class SupervisorState:
     rudder_monitor: RudderMonitorState = RudderMonitorState()
     steering_monitor: SteeringMonitorState = SteeringMonitorState()
     oscillation: OscillationState = OscillationState()
+    coming_round: ComingRoundState | None = None
     failsafe: FailsafeState = FailsafeState()
     interrupted: ModeState | None = None
     hard_over_s: float | None = None
@@ -100,11 +104,14 @@ def judge_steering(
     swinging: OscillationInput,
     now_s: float,
 ) -> SupervisorState:
-    """Judge whether the boat answers the rudder, whether she swings by herself, and how soft the helm is to be."""
+    """Judge whether the boat answers the rudder and comes round, whether she swings, and how soft the helm is to be."""
     return replace(
         state,
         steering_monitor=steering_monitor.update(settings.steering_monitor, state.steering_monitor, shown, now_s),
         oscillation=oscillation.update(settings.oscillation, state.oscillation, swinging, now_s),
+        coming_round=coming_round.update(
+            state.coming_round, swinging.error_rad, swinging.rudder_rad, settings.rudder_limit_rad, now_s
+        ),
     )
 
 

@@ -47,6 +47,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "the reckoned place has become less certain than `POS_RECKON_M`: she keeps station about where she may be",
         "see POSITION_LOST; set a heading, or a larger `POS_RECKON_M`, if the sea about her is free",
     ),
+    "Rudder hard over for 5 min: she does not come round": (
+        "more than 15 deg off her heading and no nearer for so long: a calm, weed on the blade, too strong a wind",
+        "wait for the calm to end; another heading, on which she needs less rudder; look for weed and lines",
+    ),
     "Reckoned for <number> min: she was <distance> m off": (
         "fixes are back after so long: so far from there she had been reckoned to be",
         _NOTHING,

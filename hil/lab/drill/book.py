@@ -203,12 +203,12 @@ BOOK: tuple[Drill, ...] = (
     Drill(
         "rudder blade lost", "Rudder moves and she does not turn", "", put("world.rudder_grip", 0.0),
         put("world.rudder_grip", 1.0),
-        150.0, 0.0, 1.0, also=("She turns the wrong way",), moment="turning",
+        150.0, 0.0, 1.0, also=("She turns the wrong way", "Rudder hard over"), moment="turning",
     ),
     Drill(
         "servo the wrong way round", "She turns the wrong way", "", put("world.rudder_grip", -1.0),
         put("world.rudder_grip", 1.0),
-        180.0, 0.0, 1.0, also=("Rudder moves",), moment="turning",
+        180.0, 0.0, 1.0, also=("Rudder moves", "Rudder hard over"), moment="turning",
     ),
     Drill(
         "ship far more sluggish than told", "Helm oscillates", "", nothing, nothing, 300.0, 0.0, 1.0,

@@ -610,6 +610,20 @@ def test_whatever_the_devices_say_the_command_stays_within_limit_and_slew(rows, 
         before_rad = command_rad
 
 
+def test_a_boat_that_does_not_come_round_is_told_once():
+    boat = Boat().under_way()
+    boat.tick(SteerHeading(2.0))
+    for second in range(40):
+        if second == 20:  # five minutes later
+            held = boat.state.supervisor.coming_round
+            held = replace(held, since_s=held.since_s - 295.0)
+            boat.state = replace(boat.state, supervisor=replace(boat.state.supervisor, coming_round=held))
+        for _ in range(10):
+            boat.heading_rad, boat.rate_rad_s = 0.5, 0.0
+            boat.tick()
+    assert boat.events.count("Rudder hard over for 5 min: she does not come round") == 1
+
+
 def test_a_read_only_parameter_is_refused():
     state, answer = accept(State.at_start(ParameterSet()), Request(0.0, SetParameter("STAT_BOOTCNT", 5.0)))
     assert (answer.verdict, answer.text) == (Verdict.DENIED, "STAT_BOOTCNT is read-only")
