@@ -61,7 +61,7 @@ def machine_s() -> float:
 def boot_id(path: Path = Path("/proc/sys/kernel/random/boot_id")) -> str:
     """Return what names the run of the machine, empty where nothing does."""
     try:
-        return path.read_text("ascii", "replace").strip()
+        return path.read_text("utf-8", "replace").strip()
     except OSError:
         return ""
 
