@@ -234,11 +234,11 @@ def test_no_thread_is_one_line(place, vehicle):
     assert "no new thread" in line
 
 
-def test_twenty_descriptors_are_enough_and_too_few_for_many_links(place, vehicle, tmp_path):
+def test_twenty_two_descriptors_are_enough_and_too_few_for_many_links(place, vehicle, tmp_path):
     links = [word for port in range(20) for word in ("--link", f"udpout:127.0.0.1:{40000 + port}")]
-    limit = limits(resource.RLIMIT_NOFILE, 20)
-    assert "too many open files" in refused(vehicle, "--state", place / "state", *links, limit=limit)
-    how = ["-c", "import resource\nresource.setrlimit(resource.RLIMIT_NOFILE, (20, 20))\n" + AS_NOBODY]
+    limit = limits(resource.RLIMIT_NOFILE, 22)
+    assert "oo many open files" in refused(vehicle, "--state", place / "state", *links, limit=limit)
+    how = ["-c", "import resource\nresource.setrlimit(resource.RLIMIT_NOFILE, (22, 22))\n" + AS_NOBODY]
     place.chmod(0o777)
     with started(vehicle, tmp_path, "--state", place / "state" / "another", "--wait", how=how) as program:
         program.expect("Mode HOLD")
