@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from hil.lab.identify.accuracy import information
-from hil.lab.identify.fit import CUBIC, LINEAR, Fit, Searched, best_start, first_guess, fit
+from hil.lab.identify.fit import CUBIC, LINEAR, Fit, Searched, best_start, first_guess, fit, likeliest
 from hil.lab.identify.noise import NoiseModel
 from hil.lab.identify.recording import LEAST_ROWS, Floats
 from hil.lab.identify.refine import Problem, Refined, State, refine
@@ -97,8 +97,11 @@ class _Best:
 
 
 def _in_one_metric(fits: Sequence[tuple[Fit, bool]]) -> tuple[list[Rival], int]:
-    """Refine all fits with the weights of that which leaves the least of the last channel."""
-    weights = min(fits, key=lambda one: float(one[0].accuracy.noise.spread[-1]))[0].problem.weights
+    """Refine all fits with the weights of the likeliest.
+
+    A linear fit whose missing alpha shows in the heading alone trusts it less, and would judge alpha without it.
+    """
+    weights = likeliest([one for one, _ in fits]).problem.weights
     rivals: list[Rival] = []
     spent = 0
     for one, scaled in fits:

@@ -14,6 +14,7 @@ from hil.lab.identify.predict import Point, Scales, to_natural
 from hil.lab.identify.recording import Floats
 
 LONGEST_ALLOWED = 0.5  # step of ln K, ln T, c and delta0 in scales
+NORMAL = 1.96
 POSSIBLE_CUBIC = 0.1  # alpha r^2 at the yaw rates of a log in which it does not show, one sigma
 
 
@@ -77,10 +78,21 @@ def _allowing(linear: Fit, power: int) -> Estimates | None:
     weights = problem.channel_weights()
     normal = problem.normal(state)
     unit = (problem.scales.yaw_rate_rad_s / linear.typical_rate_rad_s()) ** (power - 1)
-    step, covariance = accuracy.step(normal, weights, CUBIC.index(2), POSSIBLE_CUBIC * unit)
+    place = CUBIC.index(2)
+    step, covariance = accuracy.step(normal, weights, place, POSSIBLE_CUBIC * unit)
     if not (np.all(np.isfinite(step)) and np.max(np.abs(step)) < LONGEST_ALLOWED):
         return None
-    if step[CUBIC.index(2)] > 0.0:
-        # A bend above zero is likely: what the values would move by with it is part of their error.
-        covariance = covariance + np.outer(step, step)
-    return _natural(point, CUBIC, covariance)
+    # The others go with the bend as they would in its fit; of the bend, all that is not below zero counts.
+    variance = max(float(covariance[place, place]), 1e-300)
+    with_bend = covariance[place] / variance
+    counted = (_most(float(step[place]), math.sqrt(variance)) / NORMAL) ** 2
+    return _natural(point, CUBIC, covariance + (counted - variance) * np.outer(with_bend, with_bend))
+
+
+def _most(value: float, spread: float) -> float:
+    """Return up to where the 95 % interval reaches of a quantity that cannot be below zero, given an estimate of it.
+
+    An estimate far below zero tells more of what the model lacks than of the quantity: it counts as one standard error
+    below at most (Cowan, Cranmer, Gross, Vitells, Power-constrained limits, arXiv:1105.3166).
+    """
+    return max(value, -spread) + NORMAL * spread

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -114,7 +114,7 @@ def fit(
     roughs = [
         _settled(Problem(few, scales, fastest, free, weights), state, tell, ROUNDS) for weights in _first_weights(data)
     ]
-    rough = min(_no_worse_in_rate(roughs), key=lambda one: _surprise(one.problem, one.state))
+    rough = likeliest(roughs)
     if few is data:
         if simpler is None or rough.cost <= rough.problem.cost(simpler.state):
             return rough
@@ -170,7 +170,12 @@ def _surprise(problem: Problem, state: State) -> float:
     return rows * float(np.linalg.slogdet(noise.covariance)[1]) + 2.0 * noise.order
 
 
-def _no_worse_in_rate(fits: list[Fit]) -> list[Fit]:
+def likeliest(fits: Sequence[Fit]) -> Fit:
+    """Return the fit whose errors are likeliest, of those that are no worse in the yaw rate."""
+    return min(_no_worse_in_rate(fits), key=lambda one: _surprise(one.problem, one.state))
+
+
+def _no_worse_in_rate(fits: Sequence[Fit]) -> list[Fit]:
     """Leave out fits that pay for the heading with more error of the yaw rate than chance explains.
 
     At sea a heading drifts off for reasons that are not the rudder, and what follows it turns worse.
