@@ -9,7 +9,7 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from firmware_py.common.angles import clamp
@@ -25,6 +25,7 @@ LOCKSTEP_PROTOCOL = 2
 ANSWER = struct.Struct("<ddd")  # the new time, by how much UTC is stepped, how long to look for the next answer
 SAID = struct.Struct("<dQ")  # when, and on which line
 LONGEST_ANSWER = 4096
+BOOT_ID = "RAMBLER_BOOT_ID"  # of the environment, by the unit of the service
 LOCKSTEP_BOOT = "lockstep"  # in the place of a machine's boot: the HIL's clock goes on from run to run, or starts anew
 
 
@@ -58,11 +59,12 @@ def machine_s() -> float:
     return time.monotonic()
 
 
-def boot_id(path: Path = Path("/proc/sys/kernel/random/boot_id")) -> str:
-    """Return what names the run of the machine, empty where nothing does."""
+def boot_id(path: Path = Path("/proc/sys/kernel/random/boot_id"), environment: Mapping[str, str] = os.environ) -> str:
+    """Return what names the run of the machine, empty where nothing does; a service sees no /proc/sys and is told."""
     try:
-        return path.read_text("utf-8", "replace").strip()
-    except OSError:
+        # Without a codec by name: its module would be sought on the disk.
+        return (environment.get(BOOT_ID) or path.read_bytes().decode()).strip().replace("-", "")
+    except (OSError, UnicodeDecodeError):
         return ""
 
 

@@ -4,10 +4,21 @@ import random
 import socket
 import struct
 import threading
+from pathlib import Path
 
 import pytest
 
-from firmware_py.system.clock import LOCK_MARGIN_S, LOCK_SLEW, ClockError, LockstepClock, Metronome, RealClock, boot_id
+from firmware_py.install.service_files import Service, unit_text
+from firmware_py.system.clock import (
+    BOOT_ID,
+    LOCK_MARGIN_S,
+    LOCK_SLEW,
+    ClockError,
+    LockstepClock,
+    Metronome,
+    RealClock,
+    boot_id,
+)
 
 
 def answer(now_s, *said, step_s=0.0, look_s=0.0):
@@ -16,9 +27,19 @@ def answer(now_s, *said, step_s=0.0, look_s=0.0):
 
 
 def test_a_run_of_the_machine_has_a_name_where_the_machine_gives_it_one(tmp_path):
-    (tmp_path / "boot_id").write_text("0f3c-11\n", "ascii")
-    assert boot_id(tmp_path / "boot_id") == "0f3c-11"
-    assert boot_id(tmp_path / "none") == ""
+    (tmp_path / "boot_id").write_bytes(b"0f3c-11\n")
+    assert boot_id(tmp_path / "boot_id", {}) == "0f3c11"
+    assert boot_id(tmp_path / "none", {}) == ""
+    (tmp_path / "strange").write_bytes(b"\xff\n")
+    assert boot_id(tmp_path / "strange", {}) == ""
+
+
+def test_a_service_is_told_the_run_of_the_machine_by_its_unit(tmp_path):
+    """ProcSubset=pid hides the file from it."""
+    text = unit_text(Service(("/x",), Path("/y")))
+    assert "\nProcSubset=pid\n" in text
+    assert f"\nEnvironment={BOOT_ID}=%b\n" in text
+    assert boot_id(tmp_path / "none", {BOOT_ID: "0f3c11"}) == "0f3c11"
 
 
 def test_deadlines_are_absolute():
