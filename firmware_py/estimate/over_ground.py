@@ -11,14 +11,39 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from firmware_py.common.angles import radians, wrap_pi
+import numpy as np
+
+from firmware_py.common.angles import clamp, radians, wrap_pi
 from firmware_py.estimate import kalman
 from firmware_py.estimate.kalman import Numbers
 from firmware_py.estimate.learning import NoiseModel
 
 LEG_RAD: Final = radians(12.0)
+# While she keeps a heading, what the water changes by is shared out between current and speed, and current and leeway,
+# by what each gains (wave_filter_state.WHITE), and not as it was: so much of it, along the way, is open.
+CHANGE_M_S2: Final = 3e-5  # by axis; docs/explanation/estimation.md
+LONGEST_CHANGE_S: Final = 3600.0  # after it the water wanders
+ACROSS: Final = 0.03  # that part of the variance is open across the way, where the current has most of a change
+LONGEST_SEEN_S: Final = 60.0  # between two fixes: what nobody sees is not taken for anything else
+SLOWEST_M_S: Final = 0.2  # of a slower boat a leeway becomes no more uncertain
+_GROWTH_M2_S4: Final = 2.0 * CHANGE_M_S2 * CHANGE_M_S2
 LATE_S: Final = 0.5  # a receiver tells how the waves move it so much later, or less; what they do meanwhile is noise
 _CURRENT, _ORBIT = (kalman.NORTH, kalman.EAST), (kalman.ORBIT_NORTH, kalman.ORBIT_EAST)
+
+
+_PAIRS: Final = (
+    (kalman.NORTH, kalman.EAST),
+    (kalman.NORTH, kalman.SPEED),
+    (kalman.EAST, kalman.SPEED),
+    (kalman.NORTH, kalman.LEEWAY),
+    (kalman.EAST, kalman.LEEWAY),
+)
+# Where `open_shares` go in a covariance with the slopes beside it, flat.
+OPEN: Final = np.array(
+    [(kalman.COLUMNS + 1) * place for place in (kalman.NORTH, kalman.EAST, kalman.SPEED, kalman.LEEWAY)]
+    + [kalman.COLUMNS * row + column for row, column in _PAIRS]
+    + [kalman.COLUMNS * column + row for row, column in _PAIRS]
+)
 
 
 class Expected(NamedTuple):
@@ -34,6 +59,32 @@ def leg_rad(before_rad: float | None, x: Numbers) -> float:
     """Return the way of the leg that the boat is on: it stays the same until the boat has turned from it."""
     way_rad = x[kalman.HEADING] + x[kalman.LEEWAY]
     return way_rad if before_rad is None or abs(wrap_pi(way_rad - before_rad)) > LEG_RAD else before_rad
+
+
+def open_shares(x: Numbers, on_leg_rad: float, leg_s: float, step_s: float) -> list[float]:
+    """Return what the covariance gains, where OPEN says, in a step of a leg that has lasted leg_s.
+
+    It is that of a change of the current that speed, or leeway, takes back: on this way nothing of it is seen, and the
+    heading is as well known as without.
+    """
+    along = _GROWTH_M2_S4 * clamp(leg_s, 0.0, LONGEST_CHANGE_S) * clamp(step_s, 0.0, LONGEST_SEEN_S)
+    across, speed_m_s = ACROSS * along, max(x[kalman.SPEED], SLOWEST_M_S)
+    cosine, sine = math.cos(on_leg_rad), math.sin(on_leg_rad)
+    pairs = [
+        (along - across) * sine * cosine,
+        -along * cosine,
+        -along * sine,
+        across * sine / speed_m_s,
+        -across * cosine / speed_m_s,
+    ]
+    return [
+        along * cosine * cosine + across * sine * sine,
+        along * sine * sine + across * cosine * cosine,
+        along,
+        across / (speed_m_s * speed_m_s),
+        *pairs,
+        *pairs,
+    ]
 
 
 def expect(

@@ -22,7 +22,7 @@ from firmware_py.estimate.wave_filter_state import FIRST, FIRST_COURSE_LAG_S, Wa
 STRONG_AFTER_S, WEAK_AFTER_S = 120.0, 120.0
 WEAK_PART = 0.97
 SLOW_S = 30.0
-# The filter takes the water for steadier than eddies and tides leave it: so much it may have changed while it averaged.
+# The filter takes the water for smoother than small eddies leave it: so much it may have changed while it averaged.
 CHANGES_M_S = 0.03
 
 

@@ -104,6 +104,11 @@ class _Workspace:
         variance += noise
         return kalman.Measured(shown, variance if variance > 0.0 else math.nan)
 
+    def open_shares(self, leg_rad: float, leg_s: float, step_s: float) -> None:
+        """Leave open how a change of the water is shared out, of a step of the leg."""
+        gains = over_ground.open_shares(self.x, leg_rad, leg_s, step_s)
+        self.columns.put(over_ground.OPEN, self.columns.take(over_ground.OPEN) + gains)
+
     def learn_frequencies(self, measured: kalman.Measured, innovation: float, step_s: float) -> None:
         """Learn the frequencies of waves and float from an innovation."""
         by_omega, by_follow = measured.shown[kalman.STATES :].tolist()
@@ -209,6 +214,9 @@ def correct_velocity(
     work = _Workspace(settings, state)
     work.predict_to(t_s)
     leg_rad = over_ground.leg_rad(state.leg_rad, work.x)
+    leg_t_s = state.leg_t_s if leg_rad == state.leg_rad else t_s
+    if state.fix_t_s is not None:
+        work.open_shares(leg_rad, t_s - leg_t_s, t_s - state.fix_t_s)
     normalised, moved_m_s = [], []
     swing_rad = (work.x[kalman.WAVE], work.x[kalman.WAVE_RATE] / work.noise_model.omega_rad_s)
     velocity_m_s = (speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad))
@@ -229,7 +237,7 @@ def correct_velocity(
         if mean is None:
             model = replace(model, coupling=learning.learn_coupling(model.coupling, swing_rad, moved_m_s, step_s))
         work.noise_model = model
-    return _finish(work, state, fix_t_s=t_s, leg_rad=leg_rad)
+    return _finish(work, state, fix_t_s=t_s, leg_rad=leg_rad, leg_t_s=leg_t_s)
 
 
 def _finish(work: _Workspace, state: WaveFilterState, **told: Any) -> WaveFilterState:

@@ -74,8 +74,8 @@ class WaveFilterState:
     much the state would differ for another ln omega of the waves, or ln of the frequency at which the float follows.
     `sample_t_s` and `fix_t_s` are the times of the last heading and velocity taken, `refusals` how many headings in a
     row the gate has refused. `expected_water` is what the filter begins with: current north and east, speed through
-    the water [m/s]; `leg_rad` the way through the water of the leg that the boat is on. `slow_wave_rad` is the mean of
-    the yaw that has been taken for waves.
+    the water [m/s]; `leg_rad` the way through the water of the leg that the boat is on, since `leg_t_s`.
+    `slow_wave_rad` is the mean of the yaw that has been taken for waves.
     """
 
     t_s: float = 0.0
@@ -92,6 +92,7 @@ class WaveFilterState:
     expected_water: tuple[float, float, float] = (0.0, 0.0, 0.5)
     leg_rad: float | None = None
     slow_wave_rad: float = 0.0
+    leg_t_s: float = 0.0
 
     def spread(self, index: int) -> float:
         """Return the standard deviation of a state."""

@@ -6,7 +6,7 @@ import math
 
 from firmware_py.common.angles import radians
 from hil.lab.compiled import compiled
-from hil.lab.lane_math import most, wrap_pi
+from hil.lab.lane_math import fails, most, within, wrap_pi
 from hil.lab.lane_rows import lanes_of, put_lanes, rows
 from hil.lab.lanes import any_of, where
 from hil.lab.twin import kalman, learning
@@ -14,6 +14,7 @@ from hil.lab.twin.devices import COURSE_RAD, SPEED_M_S, THERE_S
 from hil.lab.twin.kalman import (
     COLUMNS,
     COURSE_LAG,
+    EAST,
     HEADING,
     LEEWAY,
     NORTH,
@@ -25,14 +26,17 @@ from hil.lab.twin.kalman import (
     WAVE_RATE,
     Covariances,
     Lanes,
+    Rows,
 )  # fmt: skip
 from hil.lab.twin.learning import LOG_OMEGA, LOG_POWER, LOG_SHARE, LOG_VELOCITY, SHARES
 from hil.lab.twin.wave_filter import LATEST_S, LONGEST_SILENCE_S, finish, predict_to, take
-from hil.lab.twin.wave_filter_state import FIX_T, LEG, OMEGA, STARTED, Boats, Filters, T, exp_of
+from hil.lab.twin.wave_filter_state import FIX_T, LEG, LEG_T, OMEGA, STARTED, Boats, Filters, T, exp_of
 
 FASTEST_M_S = 10.0
 FIX_LIMIT = 9.0
 LEG_RAD = radians(12.0)
+CHANGE_M_S2, LONGEST_CHANGE_S, ACROSS, LONGEST_SEEN_S, SLOWEST_M_S = 3e-5, 3600.0, 0.03, 60.0, 0.2
+GROWTH_M2_S4 = 2.0 * CHANGE_M_S2 * CHANGE_M_S2
 LATE_S = 0.5
 
 # Rows of what is noted of velocities while they are taken in: the leg, the swing before it, and by axis the innovation
@@ -52,6 +56,7 @@ def correct_velocities(f: Filters, c: Covariances, boats: Boats, on: Lanes) -> N
     rows(c.to_s, on)[0] = t_s
     predict_to(f, c, boats, on)
     note_way(f, c, on)
+    open_shares(f, c, on)
     for axis in range(2):
         set_parts(f, c, on, axis)
         show_velocity(c, axis)
@@ -86,7 +91,35 @@ def note_way(f: Filters, c: Covariances, on: Lanes) -> None:
     way_rad = x[HEADING] + x[LEEWAY]
     other = math.isnan(leg_rad) | (abs(wrap_pi(way_rad - leg_rad)) > LEG_RAD)
     noted[LEG_NOW] = where(other, way_rad, leg_rad)
+    t_s, w = lanes_of(c.to_s, 0), rows(f.w, on)
+    w[LEG_T] = where(other, t_s, w[LEG_T])
     noted[ANGLE], noted[ANGLE_RATE] = x[WAVE], x[WAVE_RATE] / exp_of(f, OMEGA, rows(f.n, on)[LOG_OMEGA])
+
+
+@compiled
+def open_shares(f: Filters, c: Covariances, on: Lanes) -> None:
+    """Leave open how a change of the water is shared out, of the time since the last fix."""
+    x, w, t_s = rows(f.x, on), rows(f.w, on), lanes_of(c.to_s, 0)
+    leg_rad, on = rows(c.noted, on)[LEG_NOW], on & fails(math.isnan(w[FIX_T]))
+    along = GROWTH_M2_S4 * within(t_s - w[LEG_T], 0.0, LONGEST_CHANGE_S) * within(t_s - w[FIX_T], 0.0, LONGEST_SEEN_S)
+    across, speed_m_s = ACROSS * along, most(x[SPEED], SLOWEST_M_S)
+    cosine, sine, p = math.cos(leg_rad), math.sin(leg_rad), rows(c.p, on)
+    gain(p, NORTH, NORTH, along * cosine * cosine + across * sine * sine)
+    gain(p, EAST, EAST, along * sine * sine + across * cosine * cosine)
+    gain(p, SPEED, SPEED, along)
+    gain(p, LEEWAY, LEEWAY, across / (speed_m_s * speed_m_s))
+    gain(p, EAST, NORTH, (along - across) * sine * cosine)
+    gain(p, SPEED, NORTH, -along * cosine)
+    gain(p, SPEED, EAST, -along * sine)
+    gain(p, LEEWAY, NORTH, across * sine / speed_m_s)
+    gain(p, LEEWAY, EAST, -across * cosine / speed_m_s)
+
+
+@compiled
+def gain(p: Rows, row: int, column: int, more: Lanes) -> None:
+    """Add to the covariance of two states."""
+    place = kalman.place(row, column)
+    p[place] = p[place] + more
 
 
 @compiled

@@ -44,8 +44,8 @@ FIRST = np.array(
 
 # Columns of what else the filter keeps; NaN stands for None.
 (T, RUDDER, SAMPLE_T, FIX_T, REFUSALS, INNOVATION, INNOVATION_SD, WATER_NORTH, WATER_EAST, WATER_SPEED, LEG,
- STARTED, SLOW_WAVE) = range(13)  # fmt: skip
-REST = 13
+ STARTED, SLOW_WAVE, LEG_T) = range(14)  # fmt: skip
+REST = 14
 
 
 Boats = Any  # fields of what the autopilots are told, of which `model` is rows of K, T, alpha and their speed
@@ -75,7 +75,7 @@ def exp_of(f: Filters, number: int, exponent: Lanes) -> Lanes:
 def forget(f: Filters, on: Lanes) -> None:
     """Be filters before their first headings again; what the water is expected to be, and the rudder, stay."""
     w, n = rows(f.w, on), rows(f.n, on)
-    w[STARTED] = w[T] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = w[SLOW_WAVE] = 0.0
+    w[STARTED] = w[T] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = w[SLOW_WAVE] = w[LEG_T] = 0.0
     w[SAMPLE_T] = w[FIX_T] = w[LEG] = np.nan
     for i in range(NOISES):
         n[i] = FIRST_NOISES[i]
@@ -124,7 +124,7 @@ def start(f: Filters, c: Covariances, on: Lanes, t_s: Lanes, heading_rad: Lanes)
     p[kalman.place(HEADING, FLOAT)] = TOGETHER * FIRST[HEADING] * FIRST[FLOAT]
     p[kalman.place(BIAS, BIAS_MEAN)] = FIRST[BIAS_MEAN] * FIRST[BIAS_MEAN]
     w[T], w[SAMPLE_T] = t_s, t_s
-    w[RUDDER] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = w[SLOW_WAVE] = 0.0
+    w[RUDDER] = w[REFUSALS] = w[INNOVATION] = w[INNOVATION_SD] = w[SLOW_WAVE] = w[LEG_T] = 0.0
     w[FIX_T] = w[LEG] = np.nan
     w[STARTED] = 1.0
 

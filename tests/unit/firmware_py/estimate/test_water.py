@@ -11,7 +11,9 @@ from firmware_py.common.geodesy import EARTH_RADIUS_M
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.estimate import kalman, wave_filter
+from firmware_py.estimate import over_ground as over_ground_of
 from firmware_py.estimate.heading_estimator import over_ground
+from firmware_py.estimate.learning import NoiseModel
 from firmware_py.estimate.water import CHANGES_M_S, WaterState, known, over_ground_m_s, report, update
 from firmware_py.estimate.wave_filter import Heading
 from firmware_py.estimate.wave_filter_state import WaveFilterSettings, WaveFilterState
@@ -124,6 +126,45 @@ def test_the_standard_deviations_are_honest_where_eddies_change_the_current(seed
             by_filter += [(one / own_sd_m_s) ** 2 for one in off_m_s]
     assert 0.2 < sum(squares) / len(squares) < 2.0
     assert sum(by_filter) / len(by_filter) > 3.0  # what it would be without
+
+
+def test_the_filter_is_honest_where_a_tide_turns_while_she_keeps_a_heading():
+    passage, squares = Passage(0.6, 0.0, 0.0), []
+    for minute in range(150):
+        phase = 2.0 * math.pi * 60.0 * minute / 44_712.0
+        passage.current = (0.4 * math.cos(phase), 0.4 * math.sin(phase))
+        water = passage.steer(137.0 * (minute // 30), 60.0)
+        if minute >= 60:
+            waves, off_m_s = passage.filter, errors(water, passage)[:2]
+            spreads_m_s = (waves.spread(kalman.NORTH), waves.spread(kalman.EAST))
+            squares += [(one / spread) ** 2 for one, spread in zip(off_m_s, spreads_m_s, strict=True)]
+    assert 0.1 < sum(squares) / len(squares) < 2.0
+
+
+@pytest.mark.parametrize("leg_deg", [0.0, 37.0, 200.0])
+def test_how_a_change_of_the_water_is_shared_out_is_not_seen_on_the_way(leg_deg):
+    x, way_rad = [0.0] * kalman.STATES, math.radians(leg_deg)
+    x[kalman.HEADING], x[kalman.SPEED] = way_rad, 0.6
+    gains = np.zeros((kalman.STATES, kalman.COLUMNS))
+    gains.put(over_ground_of.OPEN, over_ground_of.open_shares(tuple(x), way_rad, 1800.0, 1.0))
+    gained, parts = gains[:, : kalman.STATES], (kalman.NORTH, kalman.EAST, kalman.SPEED, kalman.LEEWAY)
+    assert np.array_equal(gained, gained.T)
+    assert min(np.linalg.eigvalsh(gained[np.ix_(parts, parts)])) > -1e-18
+    # Along the way by 3e-5 m/s^2: what a second adds to its square.
+    assert gained[kalman.SPEED, kalman.SPEED] == pytest.approx(2.0 * 3e-5**2 * 1800.0)
+    for axis in range(2):
+        shown = np.zeros(kalman.STATES)
+        for place, part in over_ground_of.expect(tuple(x), axis, way_rad, NoiseModel(), None).parts:
+            shown[place] += part
+        assert np.abs(gained @ shown).max() < 1e-18
+
+
+def test_of_what_nobody_saw_nothing_is_taken_for_something_else():
+    x = (0.0,) * kalman.SPEED + (0.6,) + (0.0,) * (kalman.STATES - kalman.SPEED - 1)
+    longest = over_ground_of.open_shares(x, 1.0, 9000.0, 60.0)
+    assert over_ground_of.open_shares(x, 1.0, 3600.0, 7200.0) == longest
+    assert not any(over_ground_of.open_shares(x, 1.0, -1.0, 1.0))
+    assert not any(over_ground_of.open_shares(x, 1.0, 100.0, -1.0))
 
 
 def test_on_one_heading_the_sum_is_known_and_the_doubt_remains():
