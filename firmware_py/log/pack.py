@@ -130,15 +130,15 @@ def _is_same(descriptor: int, source: Spans) -> Generator[None, None, bool]:
     with contextlib.closing(double):
         if double.size != source.size:
             return False
-        step = COMPARED_BLOCKS * BLOCK_BYTES
-        for offset in range(0, source.size, step):
-            expected = source.read(offset, step)
+        for number, offset in enumerate(range(0, source.size, BLOCK_BYTES)):
+            expected = source.read(offset, BLOCK_BYTES)
             try:
-                if double.read(offset, step) != expected:
+                if double.read(offset, BLOCK_BYTES) != expected:
                     return False
             except OSError:
                 return False
-            yield
+            if number % COMPARED_BLOCKS == 0:
+                yield
     return True
 
 

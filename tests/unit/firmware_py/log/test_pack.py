@@ -5,6 +5,7 @@ import errno
 import gzip
 import os
 import shutil
+import tracemalloc
 
 import pytest
 
@@ -57,6 +58,17 @@ def test_a_log_is_replaced_by_one_that_gzip_reads(log):
     assert gzip.decompress(packed_path(log).read_bytes()) == CONTENT
     assert packed_path(log).stat().st_mtime == MODIFIED_S
     assert packed_path(log).stat().st_size < len(CONTENT) / 2
+
+
+def test_it_takes_the_memory_of_a_few_blocks_however_long_the_log(log):
+    log.write_bytes(bytes(40 * BLOCK_BYTES))
+    tracemalloc.start()
+    try:
+        finish(log)
+        _, most_bytes = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most_bytes < 8 * BLOCK_BYTES  # the packer's own state is four
 
 
 def test_an_empty_log_is_no_exception(log):
