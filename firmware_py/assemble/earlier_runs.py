@@ -8,7 +8,7 @@ from pathlib import Path
 
 from firmware_py.common.plan import Plans
 from firmware_py.common.records import Stored
-from firmware_py.core.resume import restore
+from firmware_py.core.resume import Moment, restore
 from firmware_py.core.state import State
 from firmware_py.link.security.key_record import KeyState, find_key
 from firmware_py.system.state_directory import (
@@ -53,15 +53,12 @@ def report_key(directory: Path, stored: Stored, say: Callable[[str], None], *, l
         say(f"{name} can be read by others; set another key if somebody may have")
 
 
-def resume(state: State, record: bytes | None, utc_s: float, say: Callable[[str], None], boot: str = "") -> State:
-    """Return the state at start, going on with the stored record; an unusable one is said and left out.
-
-    `boot` names the computer's run.
-    """
+def resume(state: State, record: bytes | None, now: Moment, say: Callable[[str], None]) -> State:
+    """Return the state at start, going on with the stored record; an unusable one is said and left out."""
     if record is None:
         return state
     try:
-        state, notes = restore(state, record.decode("ascii", "replace"), utc_s, boot)
+        state, notes = restore(state, record.decode("ascii", "replace"), now)
     except (ValueError, RecursionError) as error:
         say(f"stored {RESUME_FILE} left out: {error}")
         return replace(state, greeting="Not resumed: the record is no good")

@@ -20,6 +20,7 @@ from firmware_py.common.parameter_table import INDEX, TABLE
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import Event, Severity, Stored
 from firmware_py.core.autopilot import Autopilot
+from firmware_py.core.resume import Moment
 from firmware_py.core.state import State
 from firmware_py.files.reading import read_regular
 from firmware_py.link.endpoint import Endpoint
@@ -27,7 +28,7 @@ from firmware_py.link.telemetry.identity import Version
 from firmware_py.link.wire.open_transport import NMEA, Ashore, open_transport
 from firmware_py.link.wire.transport import Transport
 from firmware_py.loop import LoopParts
-from firmware_py.system.clock import LOCKSTEP_BOOT, LockstepClock, RealClock, boot_id, set_utc_s
+from firmware_py.system.clock import LOCKSTEP_BOOT, LockstepClock, RealClock, boot_id, machine_s, set_utc_s
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.console import Console
 from firmware_py.system.fault_barrier import FaultBarrier
@@ -99,10 +100,10 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     ashore = Ashore(KeyVault(store, SATELLITE_FILE), lambda: clock.utc_s(), notices.append)  # noqa: PLW0108
     transports, talkers = _open_links(vehicle, options, lines, ashore, say if options.wait else None, opened)
     clock_setter = ClockSetter(clock.utc_s, set_utc_s, clock_is_kept) if options.may_set_clock else None
-    clock = clock if options.lockstep is None else _lockstep_clock(options.lockstep, lines, store)
-    boot = boot_id() if options.lockstep is None else LOCKSTEP_BOOT
-    state = resume(State.at_start(parameters, plans), kept.resume_record(), clock.utc_s(), console.line, boot)
-    autopilot, vault, version = Autopilot(state, kept, boot), KeyVault(store), _version(commit())
+    clock, begun = _clock(clock, options, lines, store)
+    now = begun.at(clock.now_s(), clock.utc_s())
+    state = resume(State.at_start(parameters, plans), kept.resume_record(), now, say)
+    autopilot, vault, version = Autopilot(state, kept, begun), KeyVault(store), _version(commit())
     recorder = recorder_of(options.state_directory, parameters, plans, clock, version.commit, opened)
     endpoint = Endpoint(
         transports,
@@ -143,6 +144,13 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         show_status(vehicle, options.state_directory, parts, links, version.commit, console, opened)
     feed_talkers(talkers, parts)
     return parts, endpoint, console
+
+
+def _clock(real: Clock, options: Options, lines: Sequence[Line], store: Store) -> tuple[Clock, Moment]:
+    """Return the clock, in lockstep the HIL's, and when its time was 0 by the machine's monotonic one."""
+    if options.lockstep is None:
+        return real, Moment(0.0, boot_id(), machine_s() - real.now_s())
+    return _lockstep_clock(options.lockstep, lines, store), Moment(0.0, LOCKSTEP_BOOT)
 
 
 def _teller(console: Console, notices: list[Event]) -> Callable[[str], None]:

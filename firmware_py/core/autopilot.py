@@ -14,6 +14,7 @@ from firmware_py.common.reports import Output
 from firmware_py.core.accept import accept
 from firmware_py.core.compass_swing import CompassSwing
 from firmware_py.core.parameter_keeper import ParameterKeeper
+from firmware_py.core.resume import Moment
 from firmware_py.core.resume_keeper import ResumeKeeper
 from firmware_py.core.state import State
 from firmware_py.core.step import step
@@ -32,14 +33,14 @@ class Autopilot:
     that an answer need not wait for the tick and still cannot differ from what is done.
     """
 
-    def __init__(self, state: State, keeper: StateKeeper, boot: str = "") -> None:
-        """Start from a state; `keeper` takes what must outlive a restart, `boot` names the computer's run."""
+    def __init__(self, state: State, keeper: StateKeeper, begun: Moment | None = None) -> None:
+        """Start from a state; `keeper` takes what must outlive a restart, `begun` is when the time was 0."""
         self._state = state
         self._ahead = state
         self._pending: list[Request] = []
         self._keeper = keeper
         self._parameters = ParameterKeeper(keeper)
-        self._resume = ResumeKeeper(boot)
+        self._resume = ResumeKeeper(begun or Moment(0.0))
         self._unkept: list[Callable[[bool], None]] = []  # who waits for a record that has not been handed over
         self._awaited = 0  # calls that wait for a record, handed over or not
         self._now_s = 0.0

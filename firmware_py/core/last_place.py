@@ -1,7 +1,7 @@
 """The place that outlives a restart: without a receiver she is reckoned on from where she was last known to be.
 
-How long the autopilot was away is known only while the computer ran on meanwhile: the calendar clock of one that had no
-power may say anything. Else she may be anywhere, and stays about where she is until a fix comes.
+How long that is ago is known while the computer runs on, by its monotonic clock. Else she may be anywhere, and stays
+about where she is until a fix comes.
 """
 
 from __future__ import annotations
@@ -18,26 +18,22 @@ from firmware_py.estimate.reckoning import COVARIANCES, Reckoning
 from firmware_py.estimate.water import WaterState
 from firmware_py.estimate.wave_filter_state import WaveFilterState
 
-STEP_M: Final = 25.0  # a place no further off is worth no writing
+STEP_M: Final = 25.0  # a restart is to count her no further on than this from the place kept
 
 
 @dataclass(frozen=True, slots=True)
 class LastPlace:
-    """Where she was at utc_s, by the computer's clock in its run `boot`, and the water with which she is reckoned on.
+    """Where she was when the record was written, and the water with which she is reckoned on.
 
     The reckoning's begun_s counts from then: before 0 lies how long there had been no fix.
     """
 
     latitude_rad: float
     longitude_rad: float
-    utc_s: float
-    boot: str
     reckoning: Reckoning
 
 
-def of_state(
-    place: PositionState, waves: WaveFilterState, water: WaterState, utc_s: float, boot: str
-) -> LastPlace | None:
+def of_state(place: PositionState, waves: WaveFilterState, water: WaterState) -> LastPlace | None:
     """Return what is to be kept of the place; None while there is none to be reckoned on from."""
     if place.fix is None and place.reckoning is None:
         return None
@@ -45,14 +41,14 @@ def of_state(
     if reckoned is None:
         return None
     reckoned = replace(reckoned, begun_s=-position.unfixed_s(place))
-    return LastPlace(place.latitude_rad, place.longitude_rad, utc_s, boot, reckoned)
+    return LastPlace(place.latitude_rad, place.longitude_rad, reckoned)
 
 
-def is_near(one: LastPlace | None, other: LastPlace | None) -> bool:
-    """Whether two are as good as each other; neither is none."""
-    if one is None or other is None or one.boot != other.boot:
-        return one is other
-    return math.hypot(*_place(one).nearby_offset_m(_place(other))) <= STEP_M
+def good_for_s(last: LastPlace, at_most_s: float) -> float:
+    """Return how long it is as good as a newer one: she does not come far in it, nor is counted on far."""
+    water = last.reckoning
+    fastest_m_s = math.hypot(water.current_north_m_s, water.current_east_m_s) + abs(water.speed_m_s)
+    return STEP_M / max(fastest_m_s, STEP_M / at_most_s)
 
 
 def water_of(last: LastPlace) -> tuple[float, float, float]:
@@ -61,16 +57,15 @@ def water_of(last: LastPlace) -> tuple[float, float, float]:
     return water.current_north_m_s, water.current_east_m_s, water.speed_m_s
 
 
-def restored(last: LastPlace, utc_s: float, boot: str) -> PositionState:
-    """Return the state that goes on from there; its time counts from the first tick, which tells when that is.
+def restored(last: LastPlace, away_s: float | None) -> PositionState:
+    """Return the state that goes on from there, after away_s, None when that is not known.
 
-    It is one without a place when the record is of no use.
+    Its time counts from the first tick, which tells when that is. ValueError for a place that cannot be.
     """
     if not _usable(last):
-        return PositionState()
-    away_s = utc_s - last.utc_s if boot and last.boot == boot and utc_s >= last.utc_s else None
+        raise ValueError("no place that can be, or no water")
     reckoned, (north_m, east_m) = reckoning.gone_on(last.reckoning, away_s)
-    place = _place(last).at_offset(north_m, east_m)
+    place = Place(last.latitude_rad, last.longitude_rad).at_offset(north_m, east_m)
     return PositionState(0.0, place.latitude_rad, place.longitude_rad, reckoning=reckoned)
 
 
@@ -80,10 +75,6 @@ def counted_from(state: PositionState, now_s: float) -> PositionState:
         return state
     reckoned = replace(state.reckoning, begun_s=now_s + state.reckoning.begun_s)
     return replace(state, t_s=now_s, reckoning=reckoned)
-
-
-def _place(last: LastPlace) -> Place:
-    return Place(last.latitude_rad, last.longitude_rad)
 
 
 def _usable(last: LastPlace) -> bool:

@@ -1,7 +1,7 @@
 """What of the state outlives a restart: mode, goal, mission and where the boat was about to go.
 
-The moment when it was written, in steps of ten minutes, tells how long the autopilot was away. Everything
-else in it is a duration: the clock of a process begins anew.
+The moment when it was written tells how old it is. Everything else in it is a duration: the clock of a process begins
+anew.
 """
 
 from __future__ import annotations
@@ -28,15 +28,30 @@ from firmware_py.guidance.task_follower import TaskFollowerState
 from firmware_py.guidance.tasks import Task
 from firmware_py.modes import ModeState
 
-REFRESH_S = 600.0
 # Finer changes are not seen.
 ELAPSED_STEP_S, TURNED_STEP_RAD, CURRENT_STEP_M_S = 30.0, 0.2, 0.1
 NOTHING, ALL_BUT_ARMING, ALL = 0, 1, 2  # BOOT_RESUME
 
 
 @dataclass(frozen=True, slots=True)
+class Moment:
+    """A moment by the computer's clocks: the calendar, which may be wrong, and the monotonic one of its run `boot`.
+
+    An empty `boot` is one that nobody knows.
+    """
+
+    utc_s: float
+    boot: str = ""
+    machine_s: float = 0.0
+
+    def at(self, t_s: float, utc_s: float) -> Moment:
+        """Return the moment t_s after this one, when the calendar says utc_s."""
+        return Moment(utc_s, self.boot, self.machine_s + t_s)
+
+
+@dataclass(frozen=True, slots=True)
 class Resume:
-    """What is kept; `utc_s` is when, as far as the machine knew."""
+    """What is kept; the first three say when, as a `Moment` does."""
 
     utc_s: float
     modes: ModeState
@@ -49,17 +64,19 @@ class Resume:
     home: Home | None = None
     water: tuple[float, float, float] | None = None  # current north and east, speed; None: as at start
     place: LastPlace | None = None
+    boot: str = ""
+    machine_s: float = 0.0
 
 
 _CODEC = Codec([Resume], changes=CHANGES)
 
 
-def resume_of(state: State, utc_s: float, boot: str = "") -> Resume:
-    """Return what is to be kept of a state, `boot` naming the computer's run, empty where that is not known."""
+def resume_of(state: State, now: Moment) -> Resume:
+    """Return what is to be kept of a state."""
     # As the next tick will take it up: an order is on disk before that.
     nav = take_changes(state.guidance, state.modes, state.plans)
     return Resume(
-        math.floor(utc_s / REFRESH_S) * REFRESH_S,
+        now.utc_s,
         replace(_lasting_modes(state), stick=None, stick_t_s=0.0, bench=None, bench_until_s=0.0),
         replace(nav.mission, elapsed_s=_rounded(nav.mission.elapsed_s, ELAPSED_STEP_S), idle_items=0),
         nav.task,
@@ -69,7 +86,9 @@ def resume_of(state: State, utc_s: float, boot: str = "") -> Resume:
         nav.fence_enabled,
         state.home,
         _expected_water(state),
-        last_place.of_state(state.position, state.heading_estimator.wave_filter, state.water, utc_s, boot),
+        last_place.of_state(state.position, state.heading_estimator.wave_filter, state.water),
+        now.boot,
+        now.machine_s,
     )
 
 
@@ -123,13 +142,19 @@ def _finite(value: Any) -> bool:
     return not isinstance(value, float) or math.isfinite(value)
 
 
-def age_s(resume: Resume, utc_s: float) -> float | None:
-    """Return how long ago the record was written, at most, None when the clock cannot have been right."""
-    age = utc_s - resume.utc_s
-    return age if 0.0 <= age < 3.2e8 else None
+def _within_boot_s(resume: Resume, now: Moment) -> float | None:
+    """Return how long ago the record was written, None when the computer has not run on since."""
+    is_same = now.boot and resume.boot == now.boot and resume.machine_s <= now.machine_s
+    return now.machine_s - resume.machine_s if is_same else None
 
 
-def restore(state: State, text: str, utc_s: float, boot: str = "") -> tuple[State, tuple[str, ...]]:
+def _by_calendar_s(resume: Resume, now: Moment) -> float | None:
+    """Return how long ago the record was written, None when the calendar clock cannot have been right."""
+    age_s = now.utc_s - resume.utc_s
+    return age_s if 0.0 <= age_s < 3.2e8 else None
+
+
+def restore(state: State, text: str, now: Moment) -> tuple[State, tuple[str, ...]]:
     """Return the state at start that goes on with what was kept, and notes on the text.
 
     The greeting of the state says when something of the text was lost. ValueError for a text that is no record.
@@ -138,9 +163,16 @@ def restore(state: State, text: str, utc_s: float, boot: str = "") -> tuple[Stat
     if level == NOTHING:
         return state, ()
     resume, notes = from_text(text)
-    age = age_s(resume, utc_s)
-    if age is not None and age > 3600.0 * state.parameters["BOOT_RESUME_H"]:
-        return replace(state, greeting=f"Not resumed: {_age_text(age)} old"), notes
+    away_s = _within_boot_s(resume, now)
+    age_s = _by_calendar_s(resume, now) if away_s is None else away_s
+    if age_s is not None and age_s > 3600.0 * state.parameters["BOOT_RESUME_H"]:
+        return replace(state, greeting=f"Not resumed: {_age_text(age_s)} old"), notes
+    if resume.place is not None:
+        try:
+            state = replace(state, position=last_place.restored(resume.place, away_s))
+        except ValueError as error:
+            notes += (f"Resume.place left out: {error}",)
+            resume = replace(resume, place=None)
     armed = resume.modes.armed if level == ALL else state.modes.armed
     expected = resume.water if resume.place is None else last_place.water_of(resume.place)
     follower = TaskFollowerState(resume.task, resume.arrived, _line_at_start(resume.line), orbit=resume.orbit)
@@ -153,13 +185,14 @@ def restore(state: State, text: str, utc_s: float, boot: str = "") -> tuple[Stat
         fence_enabled=resume.fence_enabled,
     )
     halted = ", paused" if resume.modes.mode is Mode.AUTO and is_halted(resume.mission) else ""
-    greeting = f"Resumed {resume.modes.mode.name}{halted}, {'age unknown' if age is None else _age_text(age) + ' old'}"
+    greeting = (
+        f"Resumed {resume.modes.mode.name}{halted}, {'age unknown' if age_s is None else _age_text(age_s) + ' old'}"
+    )
     state = replace(
         state,
         modes=replace(resume.modes, armed=armed),
         guidance=nav,
         home=resume.home,
-        position=state.position if resume.place is None else last_place.restored(resume.place, utc_s, boot),
         heading_estimator=state.heading_estimator
         if expected is None
         else heading_estimator.expecting(state.heading_estimator, expected),
@@ -169,4 +202,6 @@ def restore(state: State, text: str, utc_s: float, boot: str = "") -> tuple[Stat
 
 
 def _age_text(seconds: float) -> str:
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.0f} h"

@@ -13,11 +13,12 @@ from enum import IntEnum
 from typing import Final
 
 from firmware_py.common.token_bucket import TokenBucket
-from firmware_py.core.last_place import is_near
-from firmware_py.core.resume import NOTHING, Resume, resume_of, to_text
+from firmware_py.core import last_place
+from firmware_py.core.resume import NOTHING, Moment, Resume, resume_of, to_text
 from firmware_py.core.state import State
 
 FINE_INTERVAL_S: Final = 30.0
+REFRESH_S: Final = 600.0  # the record is not to be older
 BURST, RATE_HZ = 1000.0, 0.1  # writes: so many at once, and in a second in the long run
 
 
@@ -37,13 +38,22 @@ _LEAST_FOR_ACKNOWLEDGED_GOAL: Final = 100.0
 
 def difference_between(record: Resume, kept: Resume | None) -> Difference:
     """Return how a record differs from the one that is kept, None when there is none."""
-    if kept is not None and is_near(record.place, kept.place):
-        record = replace(record, place=kept.place)
+    if kept is not None and _is_fresh(kept, record):
+        record = replace(record, utc_s=kept.utc_s, machine_s=kept.machine_s, place=kept.place)
     if record == kept:
         return Difference.NONE
     if kept is None or _orders(record) != _orders(kept):
         return Difference.ORDER
     return Difference.FINE if _without_fine(record) == _without_fine(kept) else Difference.GOAL
+
+
+def _is_fresh(kept: Resume, record: Resume) -> bool:
+    """Whether moment and place of the record that is kept need not be those of now; a clock that was set makes old."""
+    if kept.place is None or record.place is None:
+        good_for_s = REFRESH_S if kept.place is record.place else 0.0
+    else:
+        good_for_s = last_place.good_for_s(kept.place, REFRESH_S)
+    return max(abs(record.utc_s - kept.utc_s), record.machine_s - kept.machine_s) < good_for_s
 
 
 def _orders(record: Resume) -> tuple[object, ...]:
@@ -55,6 +65,7 @@ def _without_fine(record: Resume) -> Resume:
     return replace(
         record,
         utc_s=0.0,
+        machine_s=0.0,
         mission=replace(record.mission, elapsed_s=0.0),
         orbit=replace(record.orbit, turned_rad=0.0),
         water=None,
@@ -69,9 +80,9 @@ def _same(parts: tuple[object, ...], others: tuple[object, ...]) -> bool:
 class ResumeKeeper:
     """Decides when the record is written anew, by what was written last and how much was of late."""
 
-    def __init__(self, boot: str = "") -> None:
-        """Start with nothing written; `boot` names the computer's run."""
-        self._boot = boot
+    def __init__(self, begun: Moment) -> None:
+        """Start with nothing written; `begun` is when the time was 0, of which the calendar is of no matter."""
+        self._begun = begun
         self._kept: Resume | None = None
         self._seen: tuple[object, ...] = ()  # what the state looked at last was made of, but for what is fine
         self._fine_due_s = -math.inf
@@ -92,7 +103,7 @@ class ResumeKeeper:
         before, self._seen = self._seen, (state.modes, state.guidance, state.plans, state.home)
         if self.is_current and not last and now_s < self._fine_due_s and _same(self._seen, before):
             return None  # most ticks
-        record = resume_of(state, utc_s, self._boot)
+        record = resume_of(state, self._begun.at(now_s, utc_s))
         difference = difference_between(record, self._kept)
         if last and record != self._kept:
             difference = max(difference, Difference.FINE)  # the place to the last metre, and when

@@ -208,6 +208,7 @@ CHANGES: tuple[Change, ...] = (
             ("SteeringMonitorState.expected_rad", None),
         ),
     ),
+    Change(6, moved=_given_up("LastPlace", "utc_s", "boot")),  # how long ago it was is not known then
 )
 
 

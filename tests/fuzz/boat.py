@@ -21,7 +21,7 @@ from firmware_py.common.records import (
     Tick,
 )
 from firmware_py.core.autopilot import Autopilot
-from firmware_py.core.resume import restore, resume_of
+from firmware_py.core.resume import Moment, restore, resume_of
 from firmware_py.core.resume import to_text as resume_to_text
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
@@ -50,6 +50,7 @@ LINK_OPTIONS = (
 )  # fmt: skip
 SECRET = bytes(range(1, 33))
 UTC_S = 1.7e9
+WRITTEN, AFTERWARDS = Moment(UTC_S, "a", 500.0), Moment(UTC_S + 1.0, "a", 700.0)
 NOW_UNITS = int((UTC_S - 1_420_070_400) * 100_000)
 STATIONS = {"one": (255, 190), "two": (254, 190)}
 MOST_ROUNDS = 5000
@@ -304,7 +305,7 @@ class Boat:
         for kind, stored in self.keeper.plans.items():
             assert plan_from_text(stored) == (state.plans.of(kind), ())
         start = State.at_start(state.parameters.replaced("BOOT_RESUME", 2), state.plans or Plans())
-        resumed, notes = restore(start, resume_to_text(resume_of(state, UTC_S)), UTC_S + 1.0)
+        resumed, notes = restore(start, resume_to_text(resume_of(state, WRITTEN)), AFTERWARDS)
         assert notes == ()
         _, output = step(resumed, inputs_at(0, 0.0))
         check_finite(output.command)

@@ -32,7 +32,7 @@ from firmware_py.plans.validation import problem_of
 from firmware_py.system.slots import SlotWriter, examine
 from firmware_py.system.state_directory import PARAMETER_FILE, PLAN_FILES, load_parameters, load_plans
 from firmware_py.vehicle import VehicleError, load
-from fuzz.boat import UTC_S, inputs_at
+from fuzz.boat import AFTERWARDS, UTC_S, inputs_at
 from fuzz.target import Target, bits, check_finite, check_line, records
 from support.plans import item, mission
 
@@ -160,7 +160,7 @@ def waking_state():
 def resume_file(data):
     """Wake with a resume record that holds anything."""
     said = []
-    state = resume(waking_state(), data, UTC_S, said.append)
+    state = resume(waking_state(), data, AFTERWARDS, said.append)
     for line in said:
         check_line(line)
     check_line(state.greeting)

@@ -59,7 +59,7 @@ def test_killed_under_an_earlier_version_she_steers_at_once_and_sails_on(make_bo
     boat.run(118.0)
     boat.finish()
     said = [line.split(maxsplit=2)[2] for line in boat.words().splitlines() if line.startswith("  ")]
-    assert said[:2] == ["Mode AUTO", "Resumed AUTO, 0 min old"]
+    assert said[:2] == ["Mode AUTO", "Resumed AUTO, 0 s old"]
     assert not [text for text in said if text.startswith("Mission")], said  # the item before is not begun anew
     way = boat.track(0.0)
     distance_m = np.hypot(way[:, 1], way[:, 2] - 40.0)

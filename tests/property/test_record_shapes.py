@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.reading_notes import MOST_NOTES
-from firmware_py.core.resume import restore
+from firmware_py.core.resume import Moment, restore
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
@@ -24,7 +24,7 @@ START = State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))
 
 
 def resume_from_text(text):
-    return restore(START, text, 1767225660.0)
+    return restore(START, text, Moment(1767225660.0))
 
 
 @functools.cache

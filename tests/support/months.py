@@ -37,6 +37,7 @@ from firmware_py.common.records import (
     RudderFeedback,
 )
 from firmware_py.core.autopilot import Autopilot
+from firmware_py.core.resume import Moment
 from firmware_py.core.state import State
 from firmware_py.link.endpoint import Endpoint
 from firmware_py.link.telemetry.identity import Version
@@ -432,7 +433,7 @@ class Months:
         for name, value in SETTINGS.items():
             values = values.replaced(name, value)
         parameters = kept.parameters_over(values)
-        state = resume(State.at_start(parameters, plans), kept.resume_record(), clock.utc_s(), say)
+        state = resume(State.at_start(parameters, plans), kept.resume_record(), Moment(clock.utc_s()), say)
         autopilot = Autopilot(state, kept)
         recorder = LogRecorder(
             self.directory / LOG_DIRECTORY,

@@ -29,7 +29,10 @@ TEXTS: Mapping[str, tuple[str, str]] = {
     ),
     "Used of what is stored: <list>": ("beside what could not be had, this was", "see the text before"),
     "stored <file> left out: <why>": (_LEFT_OUT, _LOOK),
-    "stored <file>: <note>": ("it was written by another version; what is named was left out or added", _LOOK),
+    "stored <file>: <note>": (
+        "it was written by another version or cannot be; what is named was left out or added",
+        _LOOK,
+    ),
     "stored parameter left out: <why>": ("a parameter cannot be read; its default is in force", _LOOK),
     "stored parameter left out, and kept for another version: <why>": (
         "this version does not know it, or not that value; going back to the other one brings it back",

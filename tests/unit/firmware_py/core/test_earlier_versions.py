@@ -57,7 +57,7 @@ def test_a_state_loses_no_number_and_no_task_its_kind(text, kinds):
 def test_a_resume_record_loses_no_number_and_no_task_its_kind(text, task):
     record, notes = resume.from_text(text)
     assert notes == ()
-    assert numbers(json.loads(resume.to_text(record))) == numbers(json.loads(text))
+    assert not numbers(json.loads(text)) - numbers(json.loads(resume.to_text(record)))
     assert type(record.task) is task
 
 

@@ -1,5 +1,6 @@
 """The place that outlives a restart: where she is reckoned on from without a receiver."""
 
+import json
 import math
 from dataclasses import replace
 
@@ -11,8 +12,8 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.records import FixType, PositionSample
 from firmware_py.core import last_place
 from firmware_py.core.last_place import STEP_M, LastPlace
-from firmware_py.core.resume import from_text, restore, resume_of, to_text
-from firmware_py.core.resume_keeper import FINE_INTERVAL_S, ResumeKeeper
+from firmware_py.core.resume import Moment, from_text, restore, resume_of, to_text
+from firmware_py.core.resume_keeper import FINE_INTERVAL_S, REFRESH_S, ResumeKeeper
 from firmware_py.core.state import State
 from firmware_py.estimate import reckoning
 from firmware_py.estimate.position import PositionState, unfixed_s
@@ -21,7 +22,8 @@ from firmware_py.modes import ModeState
 
 UTC_S = 1.8e9
 WATER = Reckoning(0.1, -0.05, 0.5, 0.06, (1e-4,) * 10, -40.0, north_s=30.0, east_s=20.0, blind_m=5.0)
-LAST = LastPlace(0.6, 2.0, UTC_S, "a", WATER)
+LAST = LastPlace(0.6, 2.0, WATER)
+THEN = Moment(UTC_S, "a", 500.0)
 HERE = Place(0.6, 2.0)
 
 
@@ -35,8 +37,8 @@ def reckoned(t_s=100.0, begun_s=60.0):
 
 
 def test_the_reckoning_goes_on_with_the_water_and_all_that_was_uncertain():
-    text = to_text(resume_of(at_sea(reckoned()), UTC_S, "a"))
-    state, notes = restore(at_sea(PositionState()), text, UTC_S, "a")
+    text = to_text(resume_of(at_sea(reckoned()), THEN))
+    state, notes = restore(at_sea(PositionState()), text, THEN)
     assert notes == ()
     assert last_place.counted_from(state.position, 7.0) == reckoned(7.0, -33.0)
     assert unfixed_s(state.position) == 40.0
@@ -44,7 +46,7 @@ def test_the_reckoning_goes_on_with_the_water_and_all_that_was_uncertain():
 
 
 def test_while_she_was_away_the_water_carried_her_and_nobody_knows_where_she_headed():
-    state = last_place.restored(LAST, UTC_S + 20.0, "a")
+    state = last_place.restored(LAST, 20.0)
     assert HERE.offset_m(Place(state.latitude_rad, state.longitude_rad)) == pytest.approx((2.0, -1.0), abs=1e-6)
     assert (state.reckoning.blind_m, unfixed_s(state)) == (5.0 + 20.0 * 0.5, 60.0)
     sure_m, unsure_m = reckoning.spread_m(WATER, 60.0), reckoning.spread_m(state.reckoning, 60.0)
@@ -52,14 +54,29 @@ def test_while_she_was_away_the_water_carried_her_and_nobody_knows_where_she_hea
 
 
 @pytest.mark.parametrize(
-    ("utc_s", "kept", "boot"),
-    [(UTC_S + 20.0, "a", "b"), (UTC_S + 20.0, "", ""), (UTC_S - 20.0, "a", "a")],
-    ids=["no power", "unknown", "clock put back"],
+    "utc_s", [UTC_S + 20.0, UTC_S - 86_400.0, UTC_S + 1e6, 0.0], ids=["right", "back", "on", "1970"]
 )
-def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(utc_s, kept, boot):
-    state = last_place.restored(replace(LAST, boot=kept), utc_s, boot)
-    assert (state.latitude_rad, state.longitude_rad) == (0.6, 2.0)
-    assert reckoning.spread_m(state.reckoning, 40.0) >= ANYWHERE_M
+def test_while_the_computer_runs_its_calendar_is_of_no_matter(utc_s):
+    text = to_text(resume_of(at_sea(reckoned()), THEN))
+    state, _ = restore(at_sea(PositionState()), text, Moment(utc_s, "a", 520.0))
+    assert (unfixed_s(state.position), state.position.reckoning.blind_m) == (60.0, 5.0 + 20.0 * 0.5)
+    assert state.greeting == "Resumed LOITER, 20 s old"
+
+
+@pytest.mark.parametrize(
+    ("kept", "now"),
+    [
+        (THEN, Moment(UTC_S + 20.0, "b", 520.0)),
+        (replace(THEN, boot=""), Moment(UTC_S + 20.0, "", 520.0)),
+        (THEN, Moment(UTC_S + 20.0, "a", 480.0)),
+    ],
+    ids=["no power", "unknown", "impossible"],
+)
+def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(kept, now):
+    state, _ = restore(at_sea(PositionState()), to_text(resume_of(at_sea(reckoned()), kept)), now)
+    assert (state.position.latitude_rad, state.position.longitude_rad) == (0.6, 2.0)
+    assert reckoning.spread_m(state.position.reckoning, 40.0) >= ANYWHERE_M
+    assert state.greeting == "Resumed LOITER, 20 s old"  # as far as the calendar knows
 
 
 @pytest.mark.parametrize(
@@ -71,27 +88,58 @@ def test_she_may_be_anywhere_where_nobody_knows_how_long_it_was(utc_s, kept, boo
         replace(LAST, reckoning=replace(WATER, begun_s=1.0)),
     ],
 )
-def test_a_place_that_cannot_be_is_none(broken):
-    assert last_place.restored(broken, UTC_S, "a") == PositionState()
+def test_a_place_that_cannot_be_is_left_out_and_said(broken):
+    text = to_text(replace(resume_of(at_sea(reckoned()), THEN), place=broken))
+    state, notes = restore(at_sea(PositionState()), text, THEN)
+    assert state.position == PositionState()
+    assert notes == ("Resume.place left out: no place that can be, or no water",)
+    assert state.greeting.endswith(", not whole")
+
+
+def test_a_record_of_the_version_before_is_read_without_how_long_it_was():
+    data = json.loads(to_text(resume_of(at_sea(reckoned()), THEN)))
+    data["place"] |= {"utc_s": data["utc_s"], "boot": data.pop("boot")}
+    del data["machine_s"]
+    state, notes = restore(at_sea(PositionState()), json.dumps(data | {"version": 5}), THEN)
+    assert notes == ()
+    assert reckoning.spread_m(state.position.reckoning, 40.0) >= ANYWHERE_M
 
 
 def test_there_is_none_to_be_kept_before_a_fix_or_before_a_heading():
-    assert resume_of(at_sea(PositionState()), UTC_S, "a").place is None
+    assert resume_of(at_sea(PositionState()), THEN).place is None
     fix = PositionSample(0.0, FixType.FIX_3D, 0.6, 2.0)
-    assert resume_of(at_sea(PositionState(0.0, 0.6, 2.0, fix)), UTC_S, "a").place is None
+    assert resume_of(at_sea(PositionState(0.0, 0.6, 2.0, fix)), THEN).place is None
 
 
-def moved(metres):
-    return replace(reckoned(), latitude_rad=HERE.at_offset(metres, 0.0).latitude_rad)
+def with_water(current_m_s, speed_m_s):
+    water = replace(WATER, current_north_m_s=-current_m_s, current_east_m_s=0.0, speed_m_s=speed_m_s)
+    return at_sea(replace(reckoned(), reckoning=water))
 
 
-@pytest.mark.parametrize(("metres", "written"), [(0.9 * STEP_M, False), (1.1 * STEP_M, True)])
-def test_it_is_written_anew_when_she_has_come_further_and_as_she_ends(metres, written):
-    keeper = ResumeKeeper("a")
-    assert keeper.update(at_sea(reckoned()), 0.0, UTC_S)
-    state = at_sea(moved(metres))
-    assert keeper.update(state, 0.1, UTC_S + 0.1) is None
-    text = keeper.update(state, FINE_INTERVAL_S + 0.2, UTC_S + 30.2)
-    assert (text is not None) is written
-    last = from_text(keeper.update(at_sea(moved(metres + 1.0)), 31.0, UTC_S + 31.0, last=True))[0].place
-    assert (last.latitude_rad, last.utc_s, last.boot) == (moved(metres + 1.0).latitude_rad, UTC_S + 31.0, "a")
+@pytest.mark.parametrize(("current_m_s", "speed_m_s"), [(0.0, 0.0), (0.1, 0.4), (0.5, 0.5), (1.5, 1.0)])
+def test_a_restart_on_her_station_counts_her_no_further_on_than_the_step(current_m_s, speed_m_s):
+    """Nothing of her changes but the time: what is kept must not become so old that she is counted far away."""
+    keeper, state = ResumeKeeper(Moment(0.0, "a", 500.0)), with_water(current_m_s, speed_m_s)
+    kept_s, kept = 0.0, keeper.update(state, 0.0, UTC_S)
+    oldest_s = 0.0
+    for t_s in range(1, 2000):
+        oldest_s = max(oldest_s, t_s - kept_s)
+        text = keeper.update(state, float(t_s), UTC_S + t_s)
+        kept_s, kept = (t_s, text) if text else (kept_s, kept)
+        assert from_text(kept)[0].machine_s == 500.0 + kept_s
+    fastest_m_s = current_m_s + speed_m_s
+    assert oldest_s * fastest_m_s <= STEP_M + FINE_INTERVAL_S * fastest_m_s
+    assert oldest_s == pytest.approx(
+        FINE_INTERVAL_S * math.ceil(STEP_M / fastest_m_s / FINE_INTERVAL_S) if fastest_m_s else REFRESH_S
+    )
+
+
+def test_it_is_written_as_she_ends_and_when_it_has_come_or_gone_or_the_calendar_was_set():
+    keeper, state = ResumeKeeper(Moment(0.0, "a", 500.0)), with_water(0.0, 0.0)
+    assert keeper.update(state, 0.0, UTC_S)
+    assert keeper.update(state, FINE_INTERVAL_S + 1.0, UTC_S + 31.0) is None
+    assert keeper.update(state, 62.0, UTC_S + 86_400.0)
+    assert keeper.update(at_sea(PositionState()), 93.0, UTC_S + 86_431.0)
+    assert keeper.update(state, 124.0, UTC_S + 86_462.0)
+    last = from_text(keeper.update(state, 125.0, UTC_S + 86_463.0, last=True))[0]
+    assert (last.utc_s, last.boot, last.machine_s) == (UTC_S + 86_463.0, "a", 625.0)

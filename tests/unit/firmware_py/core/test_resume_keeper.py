@@ -8,8 +8,8 @@ import pytest
 from firmware_py.common.mode_table import Mode
 from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.reports import Home
-from firmware_py.core.resume import REFRESH_S, from_text
-from firmware_py.core.resume_keeper import BURST, FINE_INTERVAL_S, RATE_HZ, ResumeKeeper
+from firmware_py.core.resume import Moment, from_text
+from firmware_py.core.resume_keeper import BURST, FINE_INTERVAL_S, RATE_HZ, REFRESH_S, ResumeKeeper
 from firmware_py.core.state import State
 from firmware_py.estimate.heading_estimator import expecting
 from firmware_py.guidance.guidance import GuidanceState
@@ -45,7 +45,7 @@ class Keeping:
     """A keeper, and how often it has written."""
 
     def __init__(self):
-        self.keeper = ResumeKeeper()
+        self.keeper = ResumeKeeper(Moment(0.0))
         self.writes = 0
 
     def __call__(self, t_s, state, **how):
@@ -96,8 +96,10 @@ def test_what_changes_all_the_time_is_written_now_and_then(change):
     assert keep.keeper.is_current
     assert keep(FINE_INTERVAL_S, change(state))
     assert not keep(2 * FINE_INTERVAL_S, state := change(state))
-    assert keep(REFRESH_S, state)  # its age
-    assert not keep(REFRESH_S + 1.0, replace(state, modes=replace(state.modes, stick=0.5, stick_t_s=9.0)))
+    assert keep(FINE_INTERVAL_S + REFRESH_S, state)  # its age
+    assert not keep(
+        FINE_INTERVAL_S + REFRESH_S + 1.0, replace(state, modes=replace(state.modes, stick=0.5, stick_t_s=9.0))
+    )
 
 
 def test_with_nothing_to_resume_nothing_is_written_and_afterwards_all_of_it():

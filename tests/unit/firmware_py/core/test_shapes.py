@@ -15,7 +15,7 @@ from firmware_py.common.plan import HOOK as PLAN_HOOK
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.plan import from_text as plan_from_text
 from firmware_py.common.plan import to_text as plan_to_text
-from firmware_py.core.resume import restore
+from firmware_py.core.resume import Moment, restore
 from firmware_py.core.state import State
 from firmware_py.core.state_codec import (
     BYTES_HOOK,
@@ -63,7 +63,7 @@ def edited(text, change):
 
 
 def woken(text):
-    return restore(State.at_start(ParameterSet().replaced("BOOT_RESUME", 2)), text, UTC_S + 60.0)
+    return restore(State.at_start(ParameterSet().replaced("BOOT_RESUME", 2)), text, Moment(UTC_S + 60.0))
 
 
 def stored(directory, name, content):
@@ -79,7 +79,7 @@ def stored(directory, name, content):
 
 def test_a_checkpoint_of_today_has_its_version_and_comes_back():
     text = state_to_text(under_way())
-    assert text.startswith('{"version":5,')
+    assert text.startswith('{"version":6,')
     again, notes = state_from_text(text)
     assert notes == ()
     assert again == under_way()
@@ -237,7 +237,7 @@ def test_a_boat_wakes_as_she_was_after_an_update(change):
     assert state.guidance.task == whole.guidance.task is not None
     lost = change is add_fields
     assert bool(notes) == lost
-    assert state.greeting == "Resumed AUTO, 1 min old" + (", not whole" if lost else "")
+    assert state.greeting == "Resumed AUTO, 60 s old" + (", not whole" if lost else "")
 
 
 @pytest.mark.parametrize("name", ["utc_s", "modes", "mission"])
@@ -249,9 +249,11 @@ def test_a_resume_record_without_what_it_needs_names_it(name):
 def test_what_cannot_be_resumed_is_said():
     said, start = [], State.at_start(ParameterSet().replaced("BOOT_RESUME", 2))
     record = edited(first_resume(), add_fields).encode()
-    assert resume(start, record, UTC_S, said.append).modes.mode is Mode.AUTO
+    assert resume(start, record, Moment(UTC_S), said.append).modes.mode is Mode.AUTO
     assert said[0] == "stored resume.state: Resume: field 'tide_m' is not known here, ignored"
-    assert resume(start, b"{}", UTC_S, said.append) == replace(start, greeting="Not resumed: the record is no good")
+    assert resume(start, b"{}", Moment(UTC_S), said.append) == replace(
+        start, greeting="Not resumed: the record is no good"
+    )
     assert said[-1].startswith("stored resume.state left out: expected one of Resume")
 
 

@@ -39,7 +39,7 @@ from firmware_py.common.records import (
 )
 from firmware_py.common.reports import Activity, Home
 from firmware_py.core.accept import accept
-from firmware_py.core.resume import resume_of
+from firmware_py.core.resume import Moment, resume_of
 from firmware_py.core.state import State, parameters_in_force
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
@@ -674,7 +674,7 @@ def test_a_restart_with_an_empty_battery_does_not_forget_what_she_was_doing():
     boat.tick(SteerHeading(1.0))
     boat.charge = 0.05
     assert boat.run(40.0).snapshot.mode is Mode.STEERING
-    kept = resume_of(boat.state, 1.8e9)
+    kept = resume_of(boat.state, Moment(1.8e9))
     assert (kept.modes.mode, kept.modes.goal, kept.modes.armed) == (
         Mode.GUIDED,
         boat.state.supervisor.interrupted.goal,

@@ -28,6 +28,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.plan import Plan, PlanItem, PlanKind
 from firmware_py.common.reports import Home
 from firmware_py.core.autopilot import Autopilot
+from firmware_py.core.resume import Moment
 from firmware_py.core.state import State
 from firmware_py.system.slots import SlotWriter, stored_content
 from firmware_py.system.state_directory import (
@@ -65,7 +66,7 @@ class Boat:
         kept = StateDirectory(store, lambda _text: None)
         base = ParameterSet().replaced("BOOT_RESUME", 2 if resumes else 0)
         state = State.at_start(kept.parameters_over(base), kept.plans())
-        autopilot = Autopilot(resume(state, kept.resume_record(), UTC_S, pytest.fail), kept)
+        autopilot = Autopilot(resume(state, kept.resume_record(), Moment(UTC_S), pytest.fail), kept)
         return cls(store, autopilot, KeyVault(store))
 
     def wait(self, answers):
