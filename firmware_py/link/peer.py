@@ -39,6 +39,7 @@ class Peer:
         "address",
         "bulk",
         "denial_tokens",
+        "extended_rows_due",
         "ground_station_s",
         "heard_s",
         "heartbeat_s",
@@ -69,6 +70,7 @@ class Peer:
         self.denial_tokens = TokenBucket(DENIALS, DENIALS_HZ)
         self.parameter_list_row: int | None = None  # the next row of the parameter list it gets
         self.parameter_rows_due: dict[int, None] = {}  # rows of the parameter table that it is owed, in order
+        self.extended_rows_due: dict[int, None] = {}  # and those by PARAM_EXT
         self.bulk = BulkShare(transport.byte_rate)
         self._radio_pace = RadioPace(transport.byte_rate)
         self._version = VersionHeard()

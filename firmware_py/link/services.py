@@ -18,6 +18,7 @@ from firmware_py.link.logs import LogServer
 from firmware_py.link.manual_control import ManualControl
 from firmware_py.link.mission.plan_file import PlanFiles
 from firmware_py.link.mission.server import MissionServer
+from firmware_py.link.parameters.extended import ExtendedParameters
 from firmware_py.link.parameters.server import ParameterServer
 from firmware_py.link.peer import Peer
 from firmware_py.link.satellite.reports import SatelliteReports
@@ -59,6 +60,7 @@ class Services:
         """Take what they answer through, what sets the key, what they show of the disk, and who waits for the disk."""
         commands = CommandServer(context, COMMANDS)
         parameters = ParameterServer(context)
+        extended = ExtendedParameters(context, parameters)
         plan_files = PlanFiles(context, worker)
         sinks = {PACKED_PARAMETERS: parameters.apply_file, **plan_files.sinks()}
         self.tree = tree_of(root, context.metadata, context.request_handler, plan_files.generated(), sinks)
@@ -66,7 +68,7 @@ class Services:
         logs = LogServer(context, root.catalogue, worker, logging=root.logging)
         self._mission = MissionServer(context)
         self._all: tuple[Service, ...] = (
-            *(commands, parameters, self._mission, files, logs),
+            *(commands, parameters, extended, self._mission, files, logs),
             *(
                 Setpoints(context),
                 ManualControl(context),
@@ -77,7 +79,7 @@ class Services:
             ),
         )
         self._ticked: tuple[TickedService, ...] = (self._mission, commands, logs, SatelliteReports(context))
-        self._pumped: tuple[PumpedService, ...] = (parameters, files, logs)
+        self._pumped: tuple[PumpedService, ...] = (parameters, extended, files, logs)
         self._next_peer = 0  # whose long answer goes on next
         self.pumping = False  # whether one did in the last call
 

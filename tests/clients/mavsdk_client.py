@@ -21,6 +21,7 @@ from mavsdk.plugins.action import Action
 from mavsdk.plugins.info import Info
 from mavsdk.plugins.offboard import Attitude, Offboard
 from mavsdk.plugins.param import Param
+from mavsdk.plugins.param.param import ProtocolVersion
 from mavsdk.plugins.telemetry import Telemetry
 
 FAR_M = 20_000.0
@@ -98,6 +99,21 @@ class Session:
         self.seen["unknown"] = refusal(param.get_param_float, "NO_SUCH")
         self.seen["read_back"] = [param.get_param_float("CTL_K1"), param.get_param_int("LOOP_RATE_HZ")]
         param.set_param_int("LOOP_RATE_HZ", 10)
+        self.seen["custom"] = [
+            refusal(param.get_param_custom, "CTL_K1"),
+            refusal(param.set_param_custom, "CTL_K1", "stiff"),
+        ]
+
+    def set_extended_parameters(self):
+        """In PARAM_EXT: after a list that nobody answers MAVSDK waits for ever for any other answer in it."""
+        param = Param(self.system)
+        refusal(param.select_component, 1, ProtocolVersion.EXT)  # it says UNKNOWN though it is done
+        everything = param.get_all_params()
+        self.seen["extended"] = {row.name: row.value for row in (*everything.int_params, *everything.float_params)}
+        param.set_param_float("CTL_K1", 34.5)
+        self.seen["extended_too_large"] = refusal(param.set_param_float, "CTL_K1", 1e30)
+        self.seen["extended_back"] = [param.get_param_float("CTL_K1"), param.get_param_int("LOOP_RATE_HZ")]
+        param.set_param_float("CTL_K1", 33.25)
 
     def arm(self):
         self.action.disarm()
@@ -155,6 +171,7 @@ def main():
             session.identify,
             session.look,
             session.set_parameters,
+            session.set_extended_parameters,
             session.arm,
             session.hold,
             session.steer_by_attitude,

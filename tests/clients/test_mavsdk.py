@@ -92,6 +92,9 @@ def check_parameters(seen):
     assert seen["read_back"] == [33.25, 12]
     assert (seen["too_large"], seen["not_a_number"]) == ("VALUE_OUT_OF_RANGE", "VALUE_OUT_OF_RANGE")
     assert seen["unknown"] == "DOES_NOT_EXIST"
+    assert seen["custom"] == ["WRONG_TYPE", "UNKNOWN"]  # its name for a value that is not supported
+    assert seen["extended"] == pytest.approx({**expected, "CTL_K1": 33.25})
+    assert (seen["extended_too_large"], seen["extended_back"]) == ("UNKNOWN", [34.5, 10])
 
 
 def check_commands(seen):

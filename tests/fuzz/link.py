@@ -68,7 +68,7 @@ def run_bytes(data):
 # What each service hears; at the end of a row new ones may be added, the corpus counts them from the front.
 MESSAGES = {
     "commands": (76, 75, 80, 11, 66),
-    "parameters": (20, 21, 23),
+    "parameters": (20, 21, 23, 320, 321, 323),
     "mission": (44, 73, 39, 45, 43, 51, 40, 37, 38, 41, 47, 76),
     "files": (110,),
     "logs": (117, 119, 121, 122),

@@ -25,7 +25,7 @@ _QUEUED = 8  # and at most this many waiting for a slow line
 _QUEUED_FAST = 64  # or for a network that takes nothing now
 _UNSTORED = 32  # changes under way of one station; more of its are not heard until some are on disk
 _MOST_UNSTORED = 128  # and of all together
-_BY_NAME = -1
+BY_NAME = -1
 _OVERRULED = "FENCE_ENABLE"  # by commands: who sets it has the last word, also to the value that it has
 
 _NO_SUCH = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
@@ -85,9 +85,9 @@ class ParameterServer:
 
     def _read(self, peer: Peer, message: Message, now_s: float) -> None:  # noqa: ARG002
         index = message.param_index
-        row = INDEX.get(message.param_id) if index == _BY_NAME else index
+        row = INDEX.get(message.param_id) if index == BY_NAME else index
         if row is None or not 0 <= row < len(TABLE):
-            self._error(peer, message, index, _NO_SUCH)
+            self.no_such(peer, message, index)
         else:
             self._owe(peer, row)
 
@@ -95,26 +95,52 @@ class ParameterServer:
         """Change a value; it is confirmed, to everybody, when it is on disk."""
         row = INDEX.get(message.param_id)
         if row is None:
-            self._error(peer, message, _BY_NAME, _NO_SUCH)
+            self.no_such(peer, message, BY_NAME)
             return
+        self.change(
+            *(peer, message, row, message.param_value, now_s),
+            refused=lambda error: self._refuse(peer, message, row, error),
+            stored=lambda _well: None,
+        )
+
+    def change(
+        self,
+        peer: Peer,
+        message: Message,
+        row: int,
+        value: float,
+        now_s: float,
+        *,
+        refused: Callable[[int], None],
+        stored: Callable[[bool], None],
+    ) -> None:
+        """Set a row for the sender of a message and say in its protocol what has become of it.
+
+        `refused` is called with the MAV_PARAM_ERROR, `stored` once it is on disk, or cannot be put there.
+        """
         if self._unstored[peer] >= _UNSTORED or self._unstored.total() >= _MOST_UNSTORED:
             return
         name, before = TABLE[row].name, self._context.request_handler.parameters().values()[row]
         if TABLE[row].read_only:
-            self._refuse(peer, message, row, _READ_ONLY, f"{name} is read-only", now_s)
+            refused(_READ_ONLY)
+            self._context.send_text_limited(peer, Severity.WARNING, f"{name} is read-only", now_s)
             return
-        changed = message.param_value != before
+        changed = value != before
         if changed or name == _OVERRULED:
-            answer = self._context.request(message, SetParameter(name, message.param_value), now_s)
+            answer = self._context.request(message, SetParameter(name, value), now_s)
             if answer.verdict is not Verdict.ACCEPTED:
-                error = _REFUSED.get(answer.verdict, mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
-                self._refuse(peer, message, row, error, answer.text or f"{name}: refused", now_s)
+                refused(_REFUSED.get(answer.verdict, mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED))
+                text = answer.text or f"{name}: refused"
+                self._context.send_text_limited(peer, Severity.WARNING, text, now_s)
                 return
         self._unstored[peer] += 1
+
+        def done(well: bool) -> None:  # noqa: FBT001 - the store's callback
+            stored(well)
+            self._stored(peer, (row,), stored=well, changed=changed)
+
         # A value that is in force already may still be on its way to the disk.
-        self._context.request_handler.when_stored(
-            lambda stored: self._stored(peer, (row,), stored=stored, changed=changed)
-        )
+        self._context.request_handler.when_stored(done)
 
     def _stored(self, asker: Peer | None, rows: tuple[int, ...], *, stored: bool, changed: bool = True) -> None:
         self._unstored -= Counter((asker,))  # which keeps nobody who has none
@@ -134,12 +160,15 @@ class ParameterServer:
             self._context.send_text_all(Severity.ERROR, f"{names} is in force but could not be stored")
         self._context.flush_all()
 
-    def _refuse(self, peer: Peer, message: Message, row: int, error: int, text: str, now_s: float) -> None:
+    def _refuse(self, peer: Peer, message: Message, row: int, error: int) -> None:
         self._error(peer, message, row, error)
         # Twice: pymavlink takes the first answer for what it has asked for, and only the next one for what is.
         self._context.send(peer, self._value(row))
         self._owe(peer, row)
-        self._context.send_text_limited(peer, Severity.WARNING, text, now_s)
+
+    def no_such(self, peer: Peer, message: Message, index: int) -> None:
+        """Say that the parameter a message names does not exist."""
+        self._error(peer, message, index, _NO_SUCH)
 
     def _error(self, peer: Peer, message: Message, index: int, error: int) -> None:
         sender, component = message.get_srcSystem(), message.get_srcComponent()

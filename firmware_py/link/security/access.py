@@ -153,6 +153,8 @@ READING = frozenset(
         117,  # LOG_REQUEST_LIST
         119,  # LOG_REQUEST_DATA
         122,  # LOG_REQUEST_END
+        320,  # PARAM_EXT_REQUEST_READ
+        321,  # PARAM_EXT_REQUEST_LIST
     }
 )
 # Of MAVLink FTP: none, terminate and reset sessions, list, open and read, checksum, burst, list with times.

@@ -45,6 +45,11 @@ def _parameter(message: Message, system: int, component: int) -> Message:
     return mavlink.MAVLink_param_error_message(system, component, name, -1, error)
 
 
+def _extended(message: Message, system: int, component: int) -> Message:  # noqa: ARG001 - one of a table
+    name, kind = text_of(message.param_id, 16), message.param_type
+    return mavlink.MAVLink_param_ext_ack_message(name, b"", kind, mavlink.PARAM_ACK_FAILED)
+
+
 def _mission(message: Message, system: int, component: int) -> Message:
     return mavlink.MAVLink_mission_ack_message(system, component, mavlink.MAV_MISSION_DENIED, message.mission_type)
 
@@ -68,4 +73,5 @@ _ANSWERS: Mapping[int, Callable[[Message, int, int], Message]] = {
     75: _command,
     76: _command,
     110: _file,
+    323: _extended,
 }

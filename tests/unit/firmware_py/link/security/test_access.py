@@ -164,13 +164,16 @@ def test_a_radio_modem_is_heard_without_a_signature(linked):
 # --------------------------------------------------------------------------- refusals
 
 
-def test_who_may_not_command_is_told_in_the_words_of_the_protocol(linked, texts):
+def test_who_may_not_command_is_told_in_the_words_of_the_protocol(linked, of, texts):
     rig = linked("policy=signed-commands")
     said = rig.tell(ARM, SET)
     ack, error = (message for message in said if message.get_type() in ("COMMAND_ACK", "PARAM_ERROR"))
     assert (ack.command, ack.result) == (400, mavlink.MAV_RESULT_DENIED)
     assert (error.param_id, error.error) == ("CTL_K1", mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
     assert texts(said) == ["COMMAND_LONG refused: it is not signed", "PARAM_SET refused: it is not signed"]
+    (extended,) = of(rig.tell(mavlink.MAVLink_param_ext_set_message(1, 1, b"CTL_K1", b"4", 9)), "PARAM_EXT_ACK")
+    assert (extended.param_id, extended.param_result) == ("CTL_K1", mavlink.PARAM_ACK_FAILED)
+    assert of(rig.tell(mavlink.MAVLink_param_ext_request_read_message(1, 1, b"CTL_K1", -1)), "PARAM_EXT_VALUE")
     others = [
         mavlink.MAVLink_command_int_message(1, 1, 3, 192, 0, 0, 0, 0, 0, 0, 0, 0, 0),
         mavlink.MAVLink_set_mode_message(1, 1, 4),
