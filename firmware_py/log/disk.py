@@ -28,6 +28,7 @@ BOXES: Final = "boxes"
 DAY_S: Final = 86_400.0
 BOX_SHARE: Final = 0.25  # of the room of all logs: what the boxes may take of it while there are others
 MOST_BOXES: Final = 200
+SPARE_FILES: Final = 8  # that the disk can still make, where it counts them: a log, what is made of one, the state
 _PART: Final = ".part"
 
 
@@ -60,7 +61,7 @@ class LocalDisk:
     """A Disk of the operating system's."""
 
     def __init__(self, kept_days: float = 0.0, utc_s: Callable[[], float] = time.time, *, spare_bytes: int = 0) -> None:
-        """Keep full logs for so many days, 0 for as long as there is room; and `spare_bytes` of the disk free.
+        """Keep full logs for so many days, 0 for as long as there is room; with `spare_bytes` so many free, and files.
 
         Days are by the clock that times of files are of, or by the newest log, whichever says an earlier day.
         """
@@ -109,8 +110,8 @@ class LocalDisk:
     def prune(self, directory: Path, room_bytes: int) -> None:
         """Remove boxes beyond their share, then the oldest logs by age and by room, and boxes if need be.
 
-        The room is less on a disk that would be fuller than it may be; where removing every log would not free enough,
-        it is somebody else who fills it, and none is removed for that.
+        The room is less on a disk that would be fuller than it may be, of bytes or of files; where removing every log
+        would not free enough, it is somebody else who fills it, and none is removed for that.
         """
         if not directory.is_dir():
             return
@@ -129,10 +130,18 @@ class LocalDisk:
             for kept in [kept for kept in dated if kept.modified_s < oldest_s]:
                 total -= _remove(kept)
                 logs.remove(kept)
-        for kept in (*logs, *boxes):
-            if total <= room_bytes:
+        rest = [*logs, *boxes]
+        missing = SPARE_FILES - self.free_files(directory) if self._spare_bytes else 0
+        least_removed = missing if missing <= len(rest) else 0
+        for removed, kept in enumerate(rest):
+            if total <= room_bytes and removed >= least_removed:
                 return
             total -= _remove(kept)
+
+    def free_files(self, directory: Path) -> int:
+        """Return how many files can be made; as many as are to be spare on a file system that does not count them."""
+        found = os.statvfs(directory)
+        return found.f_favail if found.f_files else SPARE_FILES
 
     def free_bytes(self, directory: Path) -> int:
         """Ask the file system; one that is not there yet is its parent's."""

@@ -12,7 +12,7 @@ REMEDIES: Mapping[Fault, str] = {
     Fault.RUDDER_SILENT: "power and cable of the servo, its id and baud; MANUAL or a safe mode does not help",
     Fault.RUDDER_ERROR: "`rambler status` shows what it says; let it cool, free it, switch it off and on",
     Fault.LOOP_LATE: "something else uses the computer; take it away, or install her as the service (real time)",
-    Fault.STORAGE_FAILING: "the disk is failing or read-only; she sails on without log: fetch the logs, replace it",
+    Fault.STORAGE_FAILING: "the disk fails, is read-only or out of inodes (`df -i`); no log meanwhile: fetch the logs",
     Fault.STORAGE_FULL: "her own old logs make room by themselves: something else fills the disk; fetch and erase",
     Fault.CURRENT_STRONG: "wait for the tide, or send her where the current is weaker",
     Fault.MISSION_UNUSABLE: "send a mission, or mend its DO_JUMP items",

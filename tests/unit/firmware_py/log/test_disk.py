@@ -1,10 +1,12 @@
 import errno
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from firmware_py.log.disk import LocalDisk, log_files
+from firmware_py.log.disk import SPARE_FILES, LocalDisk, log_files
 
 NOW_S = 1_900_000_000.0
 
@@ -178,6 +180,64 @@ def test_the_oldest_logs_make_room_on_a_disk_that_gets_full(tmp_path, monkeypatc
     monkeypatch.setattr(disk, "free_bytes", lambda _directory: free)
     disk.prune(tmp_path, 10_000)
     assert sorted(log_files(tmp_path)) == kept
+
+
+@pytest.mark.parametrize(
+    ("free", "kept"),
+    [
+        (SPARE_FILES, range(1, 11)),  # enough
+        (SPARE_FILES - 3, range(4, 11)),
+        (0, range(SPARE_FILES + 1, 11)),
+        (-3, range(1, 11)),  # without them there would not be enough either: another fills the disk
+    ],
+)
+def test_the_oldest_logs_make_room_on_a_disk_that_can_make_no_more_files(tmp_path, monkeypatch, free, kept):
+    for number in range(1, 11):
+        write(tmp_path, f"{number:08d}.BIN", 100)
+    disk = LocalDisk(spare_bytes=1)
+    monkeypatch.setattr(disk, "free_files", lambda _directory: free)
+    disk.prune(tmp_path, 10_000)
+    assert sorted(log_files(tmp_path)) == [*kept]
+
+
+def test_no_log_goes_for_files_that_the_file_system_does_not_count(tmp_path, monkeypatch):
+    """As btrfs, which says 0 of 0."""
+    write(tmp_path, "00000001.BIN", 100)
+    found = [*os.statvfs(tmp_path)]
+    found[5:8] = 0, 0, 0
+    monkeypatch.setattr("os.statvfs", lambda _directory: os.statvfs_result(found))
+    assert LocalDisk().free_files(tmp_path) == SPARE_FILES
+
+
+OUT_OF_FILES = """
+import errno, os, sys
+from pathlib import Path
+from firmware_py.log.disk import LocalDisk, log_files
+place = Path(sys.argv[1])
+logs = place / "logs"
+disk = LocalDisk(spare_bytes=1000)
+for _ in range(20):
+    os.close(disk.create(logs)[0])
+(place / "else").mkdir()
+try:
+    for number in range(100):
+        (place / "else" / str(number)).touch()
+except OSError as error:
+    assert error.errno == errno.ENOSPC
+assert disk.free_bytes(logs) > 500_000
+disk.prune(logs, 10_000)
+os.close(disk.create(logs)[0])
+print(*sorted(log_files(logs)))
+"""
+
+
+def test_logging_goes_on_on_a_file_system_that_is_out_of_inodes(tmp_path):
+    command = 'mount -t tmpfs -o nr_inodes=60,size=1m none "$2" && exec "$0" -c "$1" "$2"'
+    words = ["unshare", "-rm", "sh", "-c", command, sys.executable, OUT_OF_FILES, str(tmp_path)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if "unshare" in done.stderr or "mount" in done.stderr:
+        pytest.skip(f"no file system of one's own here: {done.stderr.strip()}")
+    assert done.stdout.split() == [str(number) for number in range(SPARE_FILES + 1, 22)], done.stderr
 
 
 def test_pruning_a_directory_that_is_not_there_is_nothing(tmp_path):
