@@ -18,6 +18,7 @@ from firmware_py.common.parameters import ParameterSet
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Severity
+from firmware_py.estimate.stay import SPIN_NOISE_RAD, SPIN_RAD_S, STAYED_S, Stay, stays
 from firmware_py.estimate.wave_filter_state import Heading
 
 JUMP_RAD: Final = radians(20.0)  # the gate of the filter: what it refuses is not sound
@@ -77,7 +78,8 @@ class CompassState:
     from the estimate, `offset_rad` what is still added to it after a change of source. `longest_s` is for how long it
     shows one number at most, of late; `contradicted`: it shows the same although she must have turned.
     `steady_rad` is its difference smoothed also beyond the gate, None while it does not measure; `agreed`: that was
-    small when it last lay within the gate, so that it has jumped when it does no more.
+    small when it last lay within the gate, so that it has jumped when it does no more. `heading_rad` is what it
+    showed last, `stay` where it stays beyond the gate, None within.
     """
 
     t_s: float | None = None
@@ -91,6 +93,8 @@ class CompassState:
     contradicted: bool = False
     steady_rad: float | None = None
     agreed: bool = False
+    heading_rad: float = 0.0
+    stay: Stay | None = None
 
     def speaks(self, now_s: float, timeout_s: float) -> bool:
         """Whether it is not silent."""
@@ -136,19 +140,32 @@ class SourceState:
 
 
 def needs_restart(state: SourceState, now_s: float, timeouts_s: tuple[float, float]) -> bool:
-    """Whether there is no source but a compass that speaks, varies, and has contradicted the estimate for a minute.
+    """Whether no compass is in use, and one that speaks and varies contradicts the estimate and is worth more than it.
 
-    An estimate that nothing has corrected for so long is worth less than it.
+    One that was seen to turn there is as soon as it stays: a sea has knocked her round. One that is there of a
+    sudden is where there is no other source: after its probation if it stays, after a minute in any case, for
+    nothing has corrected the estimate for so long.
     """
-    if state.in_use is not Source.NONE:
+    if state.in_use in (Source.COMPASS_A, Source.COMPASS_B):
         return False
-    return any(
-        compass.t_s is not None
-        and compass.speaks(now_s, timeout_s)
-        and compass.t_s == compass.changed_s
-        and compass.t_s - compass.near_s > CONTRADICTED_S
-        for compass, timeout_s in zip(state.compasses, timeouts_s, strict=True)
-    )
+    alone = state.in_use is Source.NONE
+    for compass, timeout_s in zip(state.compasses, timeouts_s, strict=True):
+        t_s, stay = compass.t_s, compass.stay
+        if t_s is None or not compass.speaks(now_s, timeout_s) or t_s != compass.changed_s:
+            continue
+        if stay is not None and t_s - stay.since_s > (STAYED_S if stay.turned else PROBATION_S if alone else math.inf):
+            return True
+        if alone and t_s - compass.near_s > CONTRADICTED_S:
+            return True
+    return False
+
+
+def _stay(state: CompassState, sample: TrueHeadingSample) -> Stay:
+    """Return where it stays that shows a sample beyond the gate."""
+    since_s = 0.0 if state.t_s is None else sample.t_s - state.t_s
+    reach_rad = min(SPIN_RAD_S * since_s + SPIN_NOISE_RAD, JUMP_RAD)
+    last_rad = None if state.raw_rad is None else state.heading_rad
+    return stays(state.stay, sample.t_s, sample.heading_rad, reach_rad, last_rad, left=state.near_s == state.t_s)
 
 
 def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad: float | None) -> CompassState:
@@ -160,6 +177,7 @@ def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad:
         near_s = sample.t_s
     else:
         near_s = max(state.near_s, sample.t_s - FIRST_JUMP_S) if state.near_s == state.t_s else state.near_s
+    stay = None if near else _stay(state, sample)
     # What it was off by before it was sound, as while it was frozen, is nothing that it starts with.
     sound_s = 0.0 if state.sound_since_s is None else sample.t_s - state.sound_since_s
     step_s = clamp(sample.t_s - state.t_s, 0.0, SMOOTHING_S) if state.t_s is not None else SMOOTHING_S
@@ -186,6 +204,8 @@ def update_compass(state: CompassState, sample: TrueHeadingSample, expected_rad:
         contradicted=state.contradicted and not changed,
         steady_rad=None if expected_rad is None else steady_rad,
         agreed=agreed,
+        heading_rad=sample.heading_rad,
+        stay=stay,
     )
 
 

@@ -129,6 +129,10 @@ class Hull:
         if self._compass is not None:
             self._compass.step(self.heading_rad(0.0))
 
+    def knock(self, turned_rad: float) -> None:
+        """Be turned at once, by what hits her."""
+        self._plant.heading_rad += turned_rad
+
     def _take_speed(self, speed: SpeedInWaves) -> None:
         speed.step(self._steps * GRID_S)
         self._waves_share = speed.waves

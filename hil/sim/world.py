@@ -133,6 +133,10 @@ class World:
         self._now_s = t_s
         self._offset_s = min(max(t_s - self._step / STEPS_PER_SECOND, 0.0), GRID_S)
 
+    def knock(self, turned_rad: float) -> None:
+        """Turn the hull at once, as a part of what a breaking sea does."""
+        self._hull.knock(turned_rad)
+
     def rudder_rad(self) -> float:
         """The true angle of the rudder now."""
         return self._mounting.rudder_rad(self._mechanics.angle_rad())

@@ -63,6 +63,7 @@ MUTATIONS = (
     ("faults/latch.py", "now_s - last_s < row.clear_s)", "now_s - last_s < 0.0)", "supply low"),
     ("safety/failsafe.py", "(active=state.active)\n    # A", "()\n    # A", "operator steers on"),
     ("safety/failsafe.py", "fault = min((fault", "fault = max((fault", "servo hot and supply low"),
+    ("estimate/stay.py", "STAYED_S: Final = 2.0", "STAYED_S: Final = 2e3", "knocked round by a sea"),
     ("core/estimate_step.py", "return position.predict(replace(place, reckoning=sailed), now_s, over_ground_m_s)",
      "return replace(place, reckoning=sailed)", "position lost on a mission"),
 )  # fmt: skip

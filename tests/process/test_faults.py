@@ -419,8 +419,8 @@ def test_the_rudder_never_stays_far_over_without_a_heading(fault_bench, compass)
     bench.run(31.0)
     assert abs(bench.rudder_deg()) < 0.5
     bench.compass.frozen = False
-    # It contradicts an estimate that nothing has corrected meanwhile; after a minute the compass is believed.
-    bench.until("Heading is back", 70.0)
+    # It contradicts an estimate that nothing has corrected meanwhile, and stays: the compass is believed.
+    bench.until("Heading is back", 15.0)
     assert "Heading estimate is begun anew" in bench.texts_since(0.0)
     bench.run(5.0)
     assert abs(bench.rudder_deg()) > 1.0

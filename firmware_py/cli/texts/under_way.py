@@ -93,7 +93,7 @@ TEXTS: Mapping[str, tuple[str, str]] = {
         "power and cable of the compass; `rambler listen`, once ashore",
     ),
     "Heading estimate is begun anew": (
-        "headings differed from what was expected for so long that the filter believes them now",
+        "a sea has knocked her round, or headings differed from what was expected so long that they are believed",
         "once: nothing; again and again: the compass jumps, or something magnetic moves near it",
     ),
     "Clock set from <source>: it was <seconds> s off": ("the computer's clock has been set", _NOTHING),

@@ -30,6 +30,7 @@ from hil.lab.drill.provoke import (
     ended,
     fenced,
     killed,
+    knocked,
     legs,
     logs_gone,
     mission_clear_all,
@@ -96,6 +97,15 @@ BOOK: tuple[Drill, ...] = (
         "compass turned by 180 deg", "Compass jumps", "Compass agrees again", put("attitude.error_rad",
         radians(180.0)),
         put("attitude.error_rad", 0.0), 4.0, 70.0, 20.0, on_course, ("Heading from", "Heading estimate", "No heading"),
+    ),
+    Drill(
+        "knocked round by a sea", "Compass jumps", "Compass agrees again", knocked(radians(90.0), 1.5), nothing,
+        4.0, 12.0, 4.0, on_course, ("Heading from", "Heading estimate", "No heading"),
+    ),
+    Drill(
+        "knocked round by a sea without a receiver", "Compass jumps", "Compass agrees again",
+        together(put("receiver.fix", False), knocked(radians(-90.0), 1.5)), put("receiver.fix", True),
+        4.0, 12.0, 4.0, on_course, ("Heading", "No heading", "Position lost"),
     ),
     Drill(
         "compasses disagree", "Compasses disagree", "Compasses agree again",

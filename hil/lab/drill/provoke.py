@@ -34,6 +34,18 @@ def put(path: str, value: object) -> Change:
     return change
 
 
+def knocked(turned_rad: float, seconds: float) -> Change:
+    """Turn her as a breaking sea does."""
+
+    def change(boat: DrillBoat) -> None:
+        steps = round(50.0 * seconds)
+        for _ in range(steps):
+            boat.world.knock(turned_rad / steps)
+            boat.run(seconds / steps)
+
+    return change
+
+
 def compass_and_receiver(silent: bool) -> Change:  # noqa: FBT001 - one switch
     """Take away every heading that there is."""
 

@@ -1,4 +1,4 @@
-"""Twins of firmware_py/estimate/sources.py, for one compass, and of common/silence.py.
+"""Twins of firmware_py/estimate/sources.py and stay.py, for one compass, and of common/silence.py.
 
 The compass of the twin never stops measuring: that one stands still while she turns is not looked for.
 """
@@ -18,6 +18,8 @@ from hil.lab.lanes import any_of, where
 JUMP_RAD = radians(20.0)
 JUMP_S, FIRST_JUMP_S = 1.5, 1.0
 PROBATION_S, CONTRADICTED_S = 10.0, 60.0
+STAYED_S, STAYED_RAD = 2.0, radians(15.0)
+SPIN_RAD_S, SPIN_NOISE_RAD = radians(90.0), radians(3.0)
 SLEW_RAD_S = radians(0.5)
 SMOOTHING_S = 10.0
 MISSED, SLOWEST, FORGOTTEN = 2.5, 2.0, 0.125
@@ -29,14 +31,16 @@ COMPASS, COURSE, NOTHING = 0.0, 2.0, 3.0
 # What is known of the compass, NaN for None, and the source in use.
 # `SAID` is when the compass last spoke; `TOLD` and the rest are of how often what comes, which a new beginning keeps.
 SAID, RAW, CHANGED, NEAR, SOUND_SINCE, DIFFERENCE, OFFSET, IN_USE, TOLD, INTERVAL, FIX_TOLD, FIX_INTERVAL = range(12)
-SOURCE_STATES = 12
+STAYS_AROUND, STAYS_SINCE, TURNED = 12, 13, 14
+SOURCE_STATES = 15
 
 
 @compiled
 def begin_anew(s: Rows) -> None:
     """Forget the compass, but not how often it speaks."""
     s[CHANGED] = s[NEAR] = s[DIFFERENCE] = s[OFFSET] = 0.0
-    s[SAID] = s[RAW] = s[SOUND_SINCE] = np.nan
+    s[SAID] = s[RAW] = s[SOUND_SINCE] = s[STAYS_SINCE] = np.nan
+    s[STAYS_AROUND] = s[TURNED] = 0.0
     s[IN_USE] = NOTHING
 
 
@@ -76,12 +80,29 @@ def decay_offset(s: Rows, step_s: Lanes) -> None:
 
 
 @compiled
+def stays(s: Rows, t_s: Lanes, heading_rad: Lanes) -> None:
+    """Note around what a compass stays beyond the gate; RAW is still what it showed before."""
+    left, stayed = s[NEAR] == s[SAID], fails(math.isnan(s[STAYS_SINCE]))
+    reach_rad = least(SPIN_RAD_S * (t_s - s[SAID]) + SPIN_NOISE_RAD, JUMP_RAD)
+    follows = abs(wrap_pi(heading_rad - s[RAW])) <= reach_rad
+    on = stayed & fails(left) & follows & (abs(wrap_pi(heading_rad - s[STAYS_AROUND])) <= STAYED_RAD)
+    turned = follows & (left | (stayed & (s[TURNED] > 0.0)))
+    s[TURNED] = where(on, s[TURNED], where(turned, 1.0, 0.0))
+    s[STAYS_AROUND] = where(on, s[STAYS_AROUND], heading_rad)
+    s[STAYS_SINCE] = where(on, s[STAYS_SINCE], t_s)
+
+
+@compiled
 def add_sample(s: Rows, t_s: Lanes, heading_rad: Lanes, raw_rad: Lanes, expected_rad: Lanes) -> None:
     """Judge a sample; an expected heading of NaN: there is none yet."""
     last_s = s[SAID]
     difference_rad = where(math.isnan(expected_rad), 0.0, wrap_pi(heading_rad - expected_rad))
     first = math.isnan(last_s)
-    near = (abs(wrap_pi(difference_rad + s[OFFSET])) <= JUMP_RAD) | first
+    agrees = abs(wrap_pi(difference_rad + s[OFFSET])) <= JUMP_RAD
+    if any_of(fails(agrees)):
+        stays(s, t_s, heading_rad)
+    s[STAYS_SINCE] = where(agrees, np.nan, s[STAYS_SINCE])
+    near = agrees | first
     far_s = where(s[NEAR] == last_s, most(s[NEAR], t_s - FIRST_JUMP_S), s[NEAR])
     s[NEAR] = where(near, t_s, far_s)
     step_s = where(first, SMOOTHING_S, within(t_s - last_s, 0.0, SMOOTHING_S))
@@ -94,10 +115,13 @@ def add_sample(s: Rows, t_s: Lanes, heading_rad: Lanes, raw_rad: Lanes, expected
 
 @compiled
 def contradicts(s: Rows, now_s: Lanes, lost_after_s: Lanes) -> Lanes:
-    """Whether nothing is in use and the compass has contradicted the estimate for a minute (needs_restart)."""
+    """Whether the compass contradicts the estimate and is worth more than it (needs_restart)."""
     said_s = s[SAID]
     varies, far = said_s == s[CHANGED], said_s - s[NEAR] > CONTRADICTED_S
-    return (s[IN_USE] == NOTHING) & (now_s - said_s <= lost_after_s) & varies & far
+    alone, stayed_s = s[IN_USE] == NOTHING, said_s - s[STAYS_SINCE]
+    stayed = (stayed_s > STAYED_S) & ((s[TURNED] > 0.0) | (alone & (stayed_s > PROBATION_S)))
+    believed = stayed | (alone & far)
+    return (s[IN_USE] != COMPASS) & (now_s - said_s <= lost_after_s) & varies & believed
 
 
 @compiled

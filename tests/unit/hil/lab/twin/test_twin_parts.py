@@ -235,13 +235,17 @@ def test_the_source_is_chosen_as_the_firmware_chooses():
     theirs, ours = choosing.SourceState(), np.zeros(sources.SOURCE_STATES)
     sources.begin(ours)
     known, numbers = choosing.SourceSettings.of(PARAMETERS), np.random.default_rng(3)
-    seen = set()
-    for tick in range(4000):
+    seen, believed = set(), []
+    for tick in range(4600):
         now_s, heading = 0.1 * tick, 1.0 + 0.01 * numbers.standard_normal()
-        if 100.0 < now_s < 104.0:
+        if 100.0 < now_s < 104.0 or 340.0 < now_s < 352.0:
             heading += 1.0  # a jump; then silence, and a compass that stands still
         elif 200.0 < now_s < 300.0 or abs(now_s - 170.0) < 20.05:  # around its silence, the same
             heading = 1.0
+        elif 320.0 < now_s < 326.0 or 420.0 < now_s < 426.0:
+            heading += min(now_s % 20.0, 2.0)  # knocked round, within two seconds
+        elif 440.0 < now_s < 445.0:
+            heading += 8.0 * now_s  # turns without end
         theirs, step_s = choosing.decay_offsets(theirs, 0.1), 0.1
         sources.decay_offset(ours, step_s)
         if not 150.0 < now_s < 190.0:
@@ -254,8 +258,16 @@ def test_the_source_is_chosen_as_the_firmware_chooses():
         assert ours[sources.IN_USE] == int(theirs.in_use)
         assert (ours[sources.OFFSET], ours[sources.DIFFERENCE]) == (compass.offset_rad, compass.difference_rad)
         assert sources.contradicts(ours, now_s, 1.0) == choosing.needs_restart(theirs, now_s, (1.0, 1.0))
+        stay = compass.stay
+        assert math.isnan(ours[sources.STAYS_SINCE]) == (stay is None)
+        if stay is not None:
+            shown = (ours[sources.STAYS_AROUND], ours[sources.STAYS_SINCE], ours[sources.TURNED] > 0.0)
+            assert shown == (stay.around_rad, stay.since_s, stay.turned)
+        if choosing.needs_restart(theirs, now_s, (1.0, 1.0)):
+            believed.append((int(now_s), stay.turned))
         seen.add(theirs.in_use)
     assert seen == {choosing.Source.COMPASS_A, choosing.Source.COURSE, choosing.Source.NONE}
+    assert {(324, True), (351, False), (424, True)} <= set(believed)
 
 
 KINDER = "float=0.4:1.2,leeway=6:3:80,sway=0.5,orbital=0.3,speed=0.5:30:8:6,compass=2:3:1:1:1:4:0,kt=0.7:1.3,delay=0.33"

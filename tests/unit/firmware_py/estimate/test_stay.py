@@ -1,0 +1,80 @@
+"""A compass that shows what the estimate does not: when it is believed in its place."""
+
+import math
+import random
+
+import pytest
+
+from firmware_py.common.angles import radians
+from firmware_py.estimate.sources import (
+    CONTRADICTED_S,
+    PROBATION_S,
+    SourceSettings,
+    SourceState,
+    TrueHeadingSample,
+    add_sample,
+    needs_restart,
+    select,
+)
+from firmware_py.estimate.stay import STAYED_S
+
+EXPECTED, SETTINGS, TIMEOUTS_S = 1.0, SourceSettings(30.0), (1.0, 1.0)
+
+
+def believed_s(off_deg, *, course=False, other=False, interval_s=0.1, lasts_s=70.0):
+    """Return when a compass is believed that is off by off_deg(t), None for never; `other`: a second one is not."""
+    state, rng = SourceState(), random.Random(5)
+    for tick in range(round((20.0 + lasts_s) / interval_s)):
+        since_s = tick * interval_s - 20.0  # well before that
+        off_rad = radians(off_deg(since_s)) if since_s > 0.0 else 0.0
+        for source, off in ((0, off_rad), *(((1, 0.0),) if other else ())):
+            heading = (EXPECTED + off + rng.gauss(0.0, 0.005)) % (2.0 * math.pi)
+            state = add_sample(state, TrueHeadingSample(since_s, heading, heading, source), EXPECTED)
+        state, _ = select(state, since_s, SETTINGS, TIMEOUTS_S, course_ok=course)
+        if needs_restart(state, since_s, TIMEOUTS_S):
+            return since_s
+    return None
+
+
+def knocked(degrees, seconds):
+    return lambda t_s: degrees * min(t_s / seconds, 1.0)
+
+
+@pytest.mark.parametrize("course", [False, True])
+@pytest.mark.parametrize("degrees", [-170.0, -90.0, 45.0, 90.0, 180.0])
+def test_one_that_is_seen_to_turn_there_is_believed_soon_after_it_has_come_to_rest(degrees, course):
+    seconds = abs(degrees) / 60.0
+    assert seconds < believed_s(knocked(degrees, seconds), course=course) < seconds + STAYED_S + 0.3
+
+
+def test_one_that_is_there_of_a_sudden_is_believed_after_its_probation_and_only_where_there_is_nothing_else():
+    sudden = knocked(90.0, 1e-9)
+    assert believed_s(sudden) == pytest.approx(PROBATION_S, abs=0.3)
+    assert believed_s(sudden, course=True) is None
+    assert believed_s(knocked(90.0, 2.0), other=True) is None
+
+
+@pytest.mark.parametrize("course", [False, True])
+@pytest.mark.parametrize(
+    "off_deg",
+    [
+        lambda t_s: 90.0 if t_s % 5.0 < 0.1 else 0.0,  # a spike now and then
+        lambda t_s: 90.0 if t_s % 12.0 < 9.0 else 0.0,  # there and back again
+        lambda t_s: knocked(90.0, 1.0)(t_s) - knocked(90.0, 1.0)(max(t_s - 1.5, 0.0)),  # swung there and back
+        lambda t_s: 60.0 * t_s,  # it turns without end
+    ],
+)
+def test_spikes_and_what_does_not_stay_are_not_believed(off_deg, course):
+    assert believed_s(off_deg, course=course) is None
+
+
+def test_what_leaps_about_is_believed_after_a_minute_as_nothing_else_is_there():
+    leaps = lambda t_s: 120.0 if round(10.0 * t_s) % 2 else -100.0  # noqa: E731
+    assert believed_s(leaps) == pytest.approx(CONTRADICTED_S, abs=0.3)
+    assert believed_s(leaps, course=True) is None
+
+
+def test_a_slow_compass_cannot_be_seen_to_turn_fast():
+    """Between two headings of 1 Hz anything may have happened; 15 deg in a second is a boat's own way."""
+    assert believed_s(knocked(90.0, 2.0), course=True, interval_s=1.0) is None
+    assert believed_s(knocked(90.0, 6.0), course=True, interval_s=1.0) == pytest.approx(6.0 + STAYED_S, abs=1.1)
