@@ -53,7 +53,10 @@ class PositionGoal:
 
 @dataclass(frozen=True, slots=True)
 class ModeState:
-    """Mode, arming, goal, stick, and where the rudder is held on the bench until when."""
+    """Mode, arming, goal, stick, and where the rudder is held on the bench until when.
+
+    `by_failsafe`: a failsafe has chosen the mode, and nobody has ordered anything since.
+    """
 
     mode: Mode = Mode.HOLD
     armed: bool = False
@@ -62,6 +65,7 @@ class ModeState:
     stick_t_s: float = 0.0
     bench: float | None = None
     bench_until_s: float = 0.0
+    by_failsafe: bool = False
 
     @classmethod
     def at_start(cls, parameters: ParameterSet) -> ModeState:

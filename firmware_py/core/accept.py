@@ -32,10 +32,18 @@ from firmware_py.guidance.mission_step import steps_of
 from firmware_py.modes import ACCEPTED, decide
 from firmware_py.plans.validation import problem_of
 from firmware_py.safety import power_monitor
+from firmware_py.safety.supervisor import OVERRULING
 
 
 def accept(state: State, request: Request) -> tuple[State, Answer]:
-    """Judge one request; a refusal leaves the state as it was."""
+    """Judge one request; a refusal leaves the state as it was. After an order the mode is the operator's."""
+    accepted, answer = _judge(state, request)
+    if accepted.modes.by_failsafe and answer.verdict is Verdict.ACCEPTED and isinstance(request.intent, OVERRULING):
+        accepted = replace(accepted, modes=replace(accepted.modes, by_failsafe=False))
+    return accepted, answer
+
+
+def _judge(state: State, request: Request) -> tuple[State, Answer]:
     intent = request.intent
     judge = _JUDGES.get(type(intent))
     if judge is not None:

@@ -18,7 +18,7 @@ from firmware_py.faults.row import Action, FaultRow, exceeds, within
 LATE_MEMORY_S: Final = 2.0
 RESTART_MEMORY_S: Final = 5.0
 
-__all__ = ["TABLE", "Fault"]
+__all__ = ["PRECEDENCE", "TABLE", "Fault"]
 
 
 # In the order of the numbers.
@@ -282,3 +282,8 @@ TABLE: Mapping[Fault, FaultRow] = {
         recovery="No vessel comes near any more",
     ),
 }
+
+# Of the faults that choose a mode, who comes first where several stand: the graver, then the lower number.
+PRECEDENCE: Final = tuple(
+    sorted((fault for fault, row in TABLE.items() if row.parameter), key=lambda fault: (TABLE[fault].severity, fault))
+)

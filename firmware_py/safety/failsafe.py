@@ -1,9 +1,10 @@
 """Which fault decides the mode, and which mode: pure, and the only judge of failsafes.
 
-A fault for which a mode is chosen acts once, when it is set, and only while the boat is armed in a
-mode that steers. In MANUAL the operator does, so only the loss of the operator acts there; in HOLD the
-boat was told to do nothing. The gravest of those that act decides. It takes the best mode
-of its ladder that is possible, and a better one once it becomes possible. Any intent of the operator
+A fault for which a mode is chosen calls for it from when it is set until it goes, only while the boat is armed. It acts
+in a mode that steers. In MANUAL the operator does, so only the loss of the operator acts there; in a HOLD that was
+ordered the boat was told to do nothing. In a mode that a failsafe chose every fault acts: nobody has been asked.
+Of those that act the first of the table's order of precedence decides, the others wait until it has gone. It takes the
+best mode of its ladder that is possible, and a better one once it becomes possible. Any intent of the operator
 after that wins: none of the faults that stand acts again before it has gone and come back.
 """
 
@@ -15,7 +16,7 @@ from firmware_py.common.mode_table import MODES, Mode, RudderBy, failsafe_ladder
 from firmware_py.common.record_class import dataclass
 from firmware_py.common.record_copy import replace
 from firmware_py.common.records import Event, Severity
-from firmware_py.faults.table import TABLE, Fault
+from firmware_py.faults.table import PRECEDENCE, TABLE, Fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +35,7 @@ class FailsafeInput:
 
     active: int
     mode: Mode
+    by_failsafe: bool
     armed: bool
     overruled: bool
     modes: Mapping[Fault, Mode | None]  # of the faults whose parameters choose; None: alert only
@@ -72,11 +74,12 @@ def decide(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, D
     choosable = given.active & sum(1 << fault for fault in modes)
     calling = state.calling & choosable
     if given.armed:
-        calling |= choosable & ~state.active & _ACTING[MODES[given.mode].rudder_by]
+        calling |= choosable & ~state.active
     state = replace(state, active=given.active, calling=calling)
-    if not calling:
+    acting = calling & _ACTING[RudderBy.HEADING if given.by_failsafe else MODES[given.mode].rudder_by]
+    fault = next((fault for fault in PRECEDENCE if acting >> fault & 1), None)
+    if fault is None:
         return _end(state, given)
-    fault = min((fault for fault in modes if calling >> fault & 1), key=lambda fault: (TABLE[fault].severity, fault))
     ladder = failsafe_ladder(modes[fault])
     mode = next((mode for mode in ladder if mode is Mode.HOLD or given.possible(mode)), Mode.HOLD)
     if state.fault is fault and state.mode in ladder and ladder.index(mode) >= ladder.index(state.mode):
@@ -94,7 +97,7 @@ def _end(state: FailsafeState, given: FailsafeInput) -> tuple[FailsafeState, Dec
     if state.fault is None:
         return state, NOTHING
     resumes = given.resume or TABLE[state.fault].resumes
-    state = FailsafeState(active=state.active)
+    state = FailsafeState(active=state.active, calling=state.calling)
     if resumes:
         return state, Decision(resume=True)
     return state, Decision(events=(Event(Severity.NOTICE, f"Failsafe over: {given.mode.name} stays"),))

@@ -75,8 +75,8 @@ class SupervisorSettings:
 class SupervisorState:
     """What the supervisor remembers.
 
-    `interrupted`: what a failsafe broke off. `hard_over_s`: since when the rudder is far over
-    without a heading; `kept_amidships`: that has been ended.
+    `interrupted`: what a failsafe broke off; `left`: where one has left her that ends without FS_RESUME.
+    `hard_over_s`: since when the rudder is far over without a heading; `kept_amidships`: that has been ended.
     """
 
     rudder_monitor: RudderMonitorState = RudderMonitorState()
@@ -85,8 +85,13 @@ class SupervisorState:
     coming_round: ComingRoundState | None = None
     failsafe: FailsafeState = FailsafeState()
     interrupted: ModeState | None = None
+    left: ModeState | None = None
     hard_over_s: float | None = None
     kept_amidships: bool = False
+
+    def goes_on_with(self, *, resume: bool) -> ModeState | None:
+        """Return what she goes on with after the failsafe that acts, None while none does; `resume`: FS_RESUME."""
+        return self.interrupted if resume or self.left is None else self.left
 
 
 def update(
@@ -128,37 +133,45 @@ def apply_failsafe(
     failsafe_input = FailsafeInput(
         active,
         modes.mode,
+        modes.by_failsafe,
         modes.armed,
         overruled,
         settings.failsafe_modes,
         lambda mode: not obstacle_to(mode, situation),
         settings.resume,
     )
-    acting = state.failsafe.fault is not None
-    failsafe, decision = decide(state.failsafe, failsafe_input)
-    if failsafe is state.failsafe and decision.enter is None and not decision.resume:
+    before = state.failsafe
+    failsafe, decision = decide(before, failsafe_input)
+    if failsafe is before and decision.enter is None and not decision.resume:
         return state, modes, ()
-    interrupted = state.interrupted if failsafe.fault is not None else None
-    if decision.resume and state.interrupted is not None:
-        before, events = _resumed(modes, state.interrupted, situation)
-        return replace(state, failsafe=failsafe, interrupted=None), before, events
-    if failsafe.fault is not None and not acting:
-        interrupted = modes
+    if failsafe.fault is None:
+        ended = replace(state, failsafe=failsafe, interrupted=None, left=None)
+        goes_on = state.goes_on_with(resume=settings.resume)
+        if decision.resume and goes_on is not None:
+            return ended, *_resumed(modes, goes_on, situation)
+        return ended, modes, decision.events
+    interrupted, left = state.interrupted, state.left
+    if before.fault is None or overruled:
+        interrupted, left = modes, None
     if decision.enter is not None:
         entered, _ = enter(modes, decision.enter, situation)
         modes = entered if entered.mode is decision.enter else replace(modes, mode=decision.enter, goal=None)
-    return replace(state, failsafe=failsafe, interrupted=interrupted), modes, decision.events
+        modes = replace(modes, by_failsafe=True)
+    if not TABLE[failsafe.fault].resumes and (failsafe.fault, failsafe.mode) != (before.fault, before.mode):
+        left = modes
+    return replace(state, failsafe=failsafe, interrupted=interrupted, left=left), modes, decision.events
 
 
 def _resumed(modes: ModeState, before: ModeState, situation: Situation) -> tuple[ModeState, tuple[Event, ...]]:
     if before.mode is modes.mode:
-        return modes, ()
+        stays = Event(Severity.NOTICE, f"Failsafe over: {modes.mode.name} stays")
+        return replace(modes, by_failsafe=before.by_failsafe), (stays,) if before.by_failsafe else ()
     # A mode that a stick steers is the operator's to choose: whether there is a hand on it is not known.
     by_stick = MODES[before.mode].rudder_by is RudderBy.STICK
     if obstacle := "nobody at the stick" if by_stick else obstacle_to(before.mode, situation):
         text = f"Failsafe over: {modes.mode.name} stays, {obstacle}"
         return modes, (Event(Severity.NOTICE, text[:50]),)
-    resumed = replace(modes, mode=before.mode, goal=before.goal)
+    resumed = replace(modes, mode=before.mode, goal=before.goal, by_failsafe=before.by_failsafe)
     return resumed, (Event(Severity.NOTICE, f"Failsafe over: {before.mode.name} goes on"),)
 
 

@@ -35,6 +35,7 @@ from hil.lab.drill.provoke import (
     logs_gone,
     mission_clear_all,
     nothing,
+    one_after_the_other,
     put,
     spoil,
     together,
@@ -253,7 +254,17 @@ BOOK: tuple[Drill, ...] = (
         together(put("servo.motor.temperature_c", 75.0), put("servo.motor.voltage_v", 10.5)),
         together(put("servo.motor.temperature_c", 60.0), put("servo.motor.voltage_v", 12.0)),
         7.0, 12.0, 1.0, in_mode("RTL"), ("Rudder servo", "Failsafe", "Mode", "Return"), "straight",
-        settings=SAILED | {"BAT_LOW_VOLT": 11.0, "FS_VOLT_ACT": 4.0, "FS_RUD_ACT": 2.0},
+        settings=SAILED | {"BAT_LOW_VOLT": 11.0, "FS_VOLT_ACT": 4.0, "FS_RUD_ACT": 1.0},
+    ),
+    Drill(
+        "supply low where a failsafe has left her", "Supply voltage is low", "Supply voltage is right again",
+        one_after_the_other(
+            4.0, put("servo.motor.temperature_c", 75.0), put("servo.motor.temperature_c", 60.0),
+            put("servo.motor.voltage_v", 10.5),
+        ),
+        put("servo.motor.voltage_v", 12.0), 16.0, 12.0, 1.0, both(said_besides("Failsafe over: HOLD"), in_mode("RTL")),
+        ("Rudder servo", "Failsafe", "Mode", "Return"), "straight",
+        settings={"BAT_LOW_VOLT": 11.0, "FS_VOLT_ACT": 4.0, "FS_RUD_ACT": 1.0}, after=in_mode("RTL"),
     ),
     Drill(
         "operator steers on with a hot servo", "Rudder servo is hot", "Rudder servo has cooled down",

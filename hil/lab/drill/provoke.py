@@ -85,6 +85,17 @@ def together(*changes: Change) -> Change:
     return change
 
 
+def one_after_the_other(seconds: float, *changes: Change) -> Change:
+    """Do several things, so many seconds apart."""
+
+    def change(boat: DrillBoat) -> None:
+        for place, one in enumerate(changes):
+            boat.run(seconds if place else 0.0)
+            one(boat)
+
+    return change
+
+
 def waiting(directory: Path) -> Path:
     """Write a mission that waits at the start for ever."""
     path = directory / "wait.waypoints"

@@ -39,7 +39,7 @@ from firmware_py.common.records import (
 )
 from firmware_py.common.reports import Activity, Home
 from firmware_py.core.accept import accept
-from firmware_py.core.resume import Moment, resume_of
+from firmware_py.core.resume import Moment, restore, resume_of, to_text
 from firmware_py.core.state import State, parameters_in_force
 from firmware_py.core.state_codec import state_from_text, state_to_text
 from firmware_py.core.step import step
@@ -680,6 +680,32 @@ def test_a_restart_with_an_empty_battery_does_not_forget_what_she_was_doing():
         boat.state.supervisor.interrupted.goal,
         True,
     )
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+@pytest.mark.parametrize("ordered", [False, True])
+def test_a_hold_that_no_one_ordered_is_not_the_operator_s_before_and_after_a_restart(ordered, restarted):
+    boat = Boat(SAVING.replaced("BOOT_RESUME", 2).replaced("FS_RUD_ACT", 1), noise_rad=0.002).under_way()
+    boat.hardware_error = 1
+    assert boat.run(2.0).snapshot.mode is Mode.HOLD
+    boat.hardware_error = 0
+    assert boat.run(3.0).snapshot.mode is Mode.HOLD
+    assert "Failsafe over: HOLD stays" in boat.events
+    if ordered:
+        state, _ = accept(boat.state, Request(boat.t_s, SetMode(Mode.HOLD)))
+        assert not resume_of(
+            state, Moment(1.8e9)
+        ).modes.by_failsafe  # what is acknowledged is on disk before the next tick
+        boat.tick(SetMode(Mode.HOLD))
+    if restarted:
+        kept = to_text(resume_of(boat.state, Moment(1.8e9)))
+        boat.state, notes = restore(State.at_start(boat.state.parameters), kept, Moment(1.8e9))
+        assert notes == ()
+    boat.charge = 0.05
+    assert boat.run(40.0).snapshot.mode is (Mode.HOLD if ordered else Mode.STEERING)
+    boat.charge = 0.5
+    assert boat.run(65.0).snapshot.mode is Mode.HOLD
+    assert boat.state.modes.by_failsafe is not ordered
 
 
 def test_a_power_monitor_that_falls_silent_is_told_and_she_saves_on():

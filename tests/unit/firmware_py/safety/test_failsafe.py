@@ -20,24 +20,27 @@ class Helm:
         chosen = {GCS: Mode.LOITER, FENCE: Mode.RTL, VOLT: None}
         self.modes = chosen
         self.before = mode
+        self.by_failsafe = False
         self.state = FailsafeState()
         self.said = []
 
     def tick(self, *faults, order=None):
         if order is not None:
-            self.mode = order
+            self.mode, self.by_failsafe = order, False
         active = sum(1 << fault for fault in faults)
         possible = lambda mode: mode not in self.impossible  # noqa: E731
-        given = FailsafeInput(active, self.mode, self.armed, order is not None, self.modes, possible, self.resume)
+        given = FailsafeInput(
+            active, self.mode, self.by_failsafe, self.armed, order is not None, self.modes, possible, self.resume
+        )
         acting = self.state.fault is not None
         self.state, decision = decide(self.state, given)
         if not acting:
             self.before = self.mode
         self.said += [event.text for event in decision.events]
         if decision.enter is not None:
-            self.mode = decision.enter
+            self.mode, self.by_failsafe = decision.enter, True
         if decision.resume:
-            self.mode = self.before
+            self.mode, self.by_failsafe = self.before, False
         return self.mode
 
 
