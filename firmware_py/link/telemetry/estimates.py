@@ -35,6 +35,7 @@ _PLACE = (
     | mavlink.ESTIMATOR_PRED_POS_HORIZ_ABS
 )
 
+_VERTICAL = mavlink.ESTIMATOR_VELOCITY_VERT | mavlink.ESTIMATOR_POS_VERT_ABS
 _RECKONED = mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
 
 
@@ -125,13 +126,10 @@ def estimator_status(context: TelemetryContext) -> Message:
     A reckoned place is a relative one, with its accuracy.
     `mag_ratio` is the last heading's innovation by five of its standard deviations: 1 and more is odd.
     """
-    boat, fix = context.snapshot, fresh_fix(context)
-    moving = fix is not None and fix.speed_over_ground_m_s is not None and fix.course_over_ground_rad is not None
-    flags = (_ATTITUDE if boat.heading_ok else 0) | (0 if fix is None else _PLACE) | (_VELOCITY if moving else 0)
-    flags |= 0 if boat.reckoned is None else _RECKONED
+    boat = context.snapshot
     return mavlink.MAVLink_estimator_status_message(
         boot_us(boat.t_s),
-        flags,
+        _flags(context),
         vel_ratio=_UNKNOWN,
         pos_horiz_ratio=_UNKNOWN,
         pos_vert_ratio=_UNKNOWN,
@@ -141,6 +139,26 @@ def estimator_status(context: TelemetryContext) -> Message:
         pos_horiz_accuracy=_UNKNOWN if boat.reckoned is None else single(boat.reckoned.sd_m, _UNKNOWN),
         pos_vert_accuracy=_UNKNOWN,
     )
+
+
+def _flags(context: TelemetryContext) -> int:
+    boat, fix = context.snapshot, fresh_fix(context)
+    moving = fix is not None and fix.speed_over_ground_m_s is not None and fix.course_over_ground_rad is not None
+    flags = (_ATTITUDE if boat.heading_ok else 0) | (0 if fix is None else _PLACE) | (_VELOCITY if moving else 0)
+    return flags | (0 if boat.reckoned is None else _RECKONED)
+
+
+def ekf_status_report(context: TelemetryContext) -> Message:
+    """Return EKF_STATUS_REPORT, which ArduPilot's stations look for: DroneKit waits for it before it arms.
+
+    Its flags are those of ESTIMATOR_STATUS. She floats: what is vertical is as sure as the fix. A ratio that nobody
+    estimates is 0, since stations compare the highest with 1.
+    """
+    flags, ratio = _flags(context), _heading_ratio(context.snapshot.estimate)
+    if fresh_fix(context) is not None:
+        flags |= _VERTICAL
+    compass = ratio if math.isfinite(ratio) else 0.0
+    return mavlink.mavlink_map[193](flags, 0.0, 0.0, 0.0, compass, 0.0, 0.0)
 
 
 def _heading_ratio(learned: Estimate | None) -> float:

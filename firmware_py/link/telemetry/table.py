@@ -81,6 +81,7 @@ TABLE: tuple[TelemetryRow, ...] = (
     TelemetryRow(162, "FENCE_STATUS", status.fence_status, 0.5, 0.1, _STATUS),
     TelemetryRow(191, "MAG_CAL_PROGRESS", compass_swing.mag_cal_progress, 0.2, 0.05, None),
     TelemetryRow(192, "MAG_CAL_REPORT", compass_swing.mag_cal_report, 0.2, 0.05, None),
+    TelemetryRow(193, "EKF_STATUS_REPORT", estimates.ekf_status_report, 1.0, 0.2, _EXTRA3),
     TelemetryRow(230, "ESTIMATOR_STATUS", estimates.estimator_status, 1.0, 0.2, _EXTRA3),
     TelemetryRow(235, "HIGH_LATENCY2", high_latency.high_latency2, 0.0, 0.0, None),
     TelemetryRow(242, "HOME_POSITION", motion.home_position, 0.2, 0.02, None),

@@ -31,6 +31,7 @@ class Addition(NamedTuple):
     fields: tuple[str, ...]  # names of the fields, in the order of the definition
 
 
+_RATIOS = tuple(f"{name}_variance" for name in ("velocity", "pos_horiz", "pos_vert", "compass", "terrain_alt"))
 ADDITIONS = (
     Addition(
         "MISSION_CURRENT",
@@ -85,6 +86,14 @@ ADDITIONS = (
             *("compass_id", "cal_mask", "cal_status", "attempt", "completion_pct", "completion_mask"),
             *("direction_x", "direction_y", "direction_z"),
         ),
+    ),
+    Addition(  # of ardupilotmega's definitions
+        "EKF_STATUS_REPORT",
+        193,
+        71,
+        "<fffffHf",
+        (*_RATIOS, "flags", "airspeed_variance"),
+        ("flags", *_RATIOS, "airspeed_variance"),
     ),
     Addition(
         "PROTOCOL_VERSION",

@@ -84,3 +84,15 @@ def test_the_estimator_says_how_far_off_the_last_heading_was(asked):
 
     assert ratio(-math.radians(5.0), math.radians(2.0)) == pytest.approx(0.5)
     assert math.isnan(ratio(1.0, 0.0))
+
+
+def test_stations_that_look_for_ardupilot_s_report_find_the_same_in_it(asked):
+    assert asked(193, "EKF_STATUS_REPORT", heading_ok=False).flags == 0
+    good = asked(193, "EKF_STATUS_REPORT", position=FIX, position_ok=True)
+    assert good.flags == 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
+    ratios = {name: getattr(good, name) for name in good.fieldnames if name.endswith("_variance")}
+    assert (len(ratios), set(ratios.values())) == (6, {0.0})
+    reckoned = {"position": FIX, "position_ok": False, "reckoned": Reckoned(0.7, -0.2, 0.3, 0.0, 250.0, 3600.0)}
+    assert asked(193, "EKF_STATUS_REPORT", **reckoned).flags == 1 | 8 | 256
+    odd = dataclasses.replace(ESTIMATE, innovation_rad=0.1, innovation_sd_rad=0.02)
+    assert asked(193, "EKF_STATUS_REPORT", estimate=odd).compass_variance == pytest.approx(1.0)
