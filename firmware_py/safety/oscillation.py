@@ -12,7 +12,8 @@ What her turns have told of how late she answers (late_answer.py) counts with th
 half swing is enough.
 
 Each time, the helm is softened by a step. Once it swings no more it stays so for a while, and then grows as stiff as
-it was over tens of minutes.
+it was over tens of minutes. If she swings again by that, or before long, it stays soft for twice as long as it was: a
+boat that is not as she was told will not be so in half an hour either.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ MOST_COUNT, ENOUGH = 4.0, 7.0
 SOFTER: Final = 8.0
 SOFTEST: Final = 8.0
 QUIET_HALVES: Final = ALIKE_LENGTH  # so many half swings without one that counts: one that is alike would be over
-HOLD_S: Final = 600.0
+HOLD_S, MOST_HOLD_S = 600.0, 86_400.0
+AGAIN_HOLDS: Final = 8.0  # at the first hold that is half an hour as stiff as delivered
 RELAX_S: Final = 1200.0  # by a factor of e
 
 
@@ -95,8 +97,8 @@ class HalfSwing:
 class OscillationState:
     """The half swing under way, the last that counted with what those in a row count, and what came of them.
 
-    `softness`: by what factor the helm is softer than as delivered. `swung_s`: when the last one of an oscillation
-    ended. `goal_rad` and `updated_s`: of the last tick.
+    `softness`: by what factor the helm is softer than as delivered, `hold_s`: how long it stays so after `swung_s`,
+    when the last one of an oscillation ended. `goal_rad` and `updated_s`: of the last tick.
     """
 
     half: HalfSwing | None = None
@@ -106,6 +108,7 @@ class OscillationState:
     halves: float = 0.0
     oscillating: bool = False
     softness: float = 1.0
+    hold_s: float = 0.0
     swung_s: float = 0.0
     updated_s: float | None = None
     late: LateAnswerState = LateAnswerState()
@@ -174,10 +177,13 @@ def _counted(
     halves = state.halves + count if alike else count
     if halves + state.late.evidence >= ENOUGH:
         once = state.swung_s < half.begun_s
-        softness = min(state.softness * SOFTER, SOFTEST) if once else state.softness
+        softness, hold_s = state.softness, state.hold_s
+        if once and softness < SOFTEST:
+            again = now_s - state.swung_s < AGAIN_HOLDS * hold_s
+            softness, hold_s = min(softness * SOFTER, SOFTEST), min(2.0 * hold_s, MOST_HOLD_S) if again else HOLD_S
         # What her turns had told has been heeded.
         late = replace(state.late, evidence=0.0)
-        state = replace(state, oscillating=True, swung_s=now_s, softness=softness, late=late)
+        state = replace(state, oscillating=True, swung_s=now_s, softness=softness, hold_s=hold_s, late=late)
     return state if lasts else replace(state, length_s=length_s, peak_rad=half.peak_rad, halves=halves)
 
 
@@ -205,6 +211,6 @@ def _relaxed(state: OscillationState, now_s: float) -> OscillationState:
     quiet_s = now_s - state.swung_s
     oscillating = state.oscillating and quiet_s < QUIET_HALVES * state.length_s
     softness = state.softness
-    if quiet_s > HOLD_S:
+    if quiet_s > state.hold_s:
         softness = max(softness * math.exp(-step_s / RELAX_S), 1.0)
     return replace(state, oscillating=oscillating, softness=softness)

@@ -166,3 +166,15 @@ def test_a_ship_that_answers_late_is_found_out_in_waves(sea):
 def test_no_sea_is_taken_for_an_oscillation(name):
     goals = [(900.0 * leg, math.radians(100.0 * leg)) for leg in range(96)]
     assert not oscillating(name, 1, goals, 86400.0)[0].any()
+
+
+@pytest.mark.proof
+def test_a_ship_that_swings_whenever_the_helm_is_stiff_has_a_soft_one_for_longer_each_time():
+    """In a calm, where only her turns make her swing: one each 20 min."""
+    boat = rig.Sailing(rig.sea("calm"), 1, hull=ill(**CAUSES["ten times as late in turning"])).under_way(Mode.GUIDED)
+    for turn in range(15):
+        boat.tick(SteerHeading(math.radians(100.0 * turn % 360.0)))
+        boat.run(1200.0)
+    pauses_s = np.diff(boat.said(ROW.text))
+    assert pauses_s[-1] > pauses_s[0] + 900.0
+    assert boat.snapshot.helm_softness == SOFTEST

@@ -28,12 +28,13 @@ PLAIN_PUSH_RAD = radians(3.0)
 MOST_COUNT, ENOUGH = 4.0, 7.0
 SOFTER, SOFTEST = 8.0, 8.0
 QUIET_HALVES = ALIKE_LENGTH
-HOLD_S, RELAX_S = 600.0, 1200.0
+HOLD_S, MOST_HOLD_S, AGAIN_HOLDS = 600.0, 86_400.0, 8.0
+RELAX_S = 1200.0
 
 # What the watch over oscillation remembers; a half swing that has not begun has the side 0.
-(SIDE, BEGUN, GOAL, PEAK, BESIDE, PUSH, TURNED, LAST_GOAL, LENGTH, LAST_PEAK, HALVES, OSCILLATING, SOFTNESS, SWUNG,
- UPDATED) = range(15)  # fmt: skip
-WATCH_STATES = 15
+(SIDE, BEGUN, GOAL, PEAK, BESIDE, PUSH, TURNED, LAST_GOAL, LENGTH, LAST_PEAK, HALVES, OSCILLATING, SOFTNESS, HOLD,
+ SWUNG, UPDATED) = range(16)  # fmt: skip
+WATCH_STATES = 16
 Lanes = Any  # or a number
 Rows = Any  # side by side, or the numbers of one
 
@@ -64,7 +65,7 @@ def relax(s: Rows, now_s: Lanes) -> None:
         ends = stirred & (s[OSCILLATING] > 0.0) & fails(quiet_s < QUIET_HALVES * s[LENGTH])
         s[OSCILLATING] = where(ends, 0.0, s[OSCILLATING])
         stiffer = most(s[SOFTNESS] * math.exp(-step_s / RELAX_S), 1.0)
-        s[SOFTNESS] = where(stirred & (quiet_s > HOLD_S), stiffer, s[SOFTNESS])
+        s[SOFTNESS] = where(stirred & (quiet_s > s[HOLD]), stiffer, s[SOFTNESS])
 
 
 @compiled
@@ -100,7 +101,9 @@ def count_half(s: Rows, late: Rows, over: Lanes, lasts: Lanes, now_s: Lanes, cou
     counts = (over | (lasts & alike)) & (count != 0.0)
     halves = where(alike, s[HALVES] + count, count)
     swings = counts & (halves + late[late_answer.EVIDENCE] >= ENOUGH)
-    softer = swings & (s[SWUNG] < s[BEGUN])
+    softer = swings & (s[SWUNG] < s[BEGUN]) & (s[SOFTNESS] < SOFTEST)
+    again = now_s - s[SWUNG] < AGAIN_HOLDS * s[HOLD]
+    s[HOLD] = where(softer, where(again, least(2.0 * s[HOLD], MOST_HOLD_S), HOLD_S), s[HOLD])
     s[SOFTNESS] = where(softer, least(s[SOFTNESS] * SOFTER, SOFTEST), s[SOFTNESS])
     s[OSCILLATING], s[SWUNG] = where(swings, 1.0, s[OSCILLATING]), where(swings, now_s, s[SWUNG])
     late[late_answer.EVIDENCE] = where(swings, 0.0, late[late_answer.EVIDENCE])

@@ -4,9 +4,11 @@ import random
 import pytest
 
 from firmware_py.common.parameters import ParameterSet
+from firmware_py.common.record_copy import replace
 from firmware_py.safety.late_answer import LEAST, MOST
 from firmware_py.safety.oscillation import (
     HOLD_S,
+    MOST_HOLD_S,
     SOFTER,
     SOFTEST,
     OscillationInput,
@@ -88,6 +90,26 @@ def test_it_is_over_when_she_swings_no_more_and_the_helm_grows_stiff_over_tens_o
     assert watch.see(HOLD_S - 120.0, lambda _t_s: 0.1).state.softness == softness
     assert 2.0 < watch.see(1320.0, lambda _t_s: 0.1).state.softness < 3.0
     assert watch.see(1320.0, lambda _t_s: 0.1).state.softness == 1.0
+
+
+def test_a_boat_that_swings_whenever_the_helm_is_stiff_gets_a_soft_one_for_ever_longer():
+    watch, holds_s = Watch(), []
+    for _ in range(12):
+        watch.see(50.0, swings(5.0, 30.0))
+        holds_s.append(watch.state.hold_s)
+        watch.see(100.0, lambda _t_s: 0.1)
+        # Hours are not gone through tick by tick: what counts is that it has begun to grow stiff.
+        watch.state = replace(watch.state, softness=2.0, half=None, halves=0.0)
+        watch.t_s += watch.state.hold_s
+    assert holds_s[:3] == [HOLD_S, 2.0 * HOLD_S, 4.0 * HOLD_S]
+    assert holds_s[-1] == MOST_HOLD_S
+    watch.t_s += 9.0 * MOST_HOLD_S
+    assert watch.see(50.0, swings(5.0, 30.0)).state.hold_s == HOLD_S
+
+
+def test_swinging_on_in_the_softest_helm_holds_it_no_longer_than_the_first_time():
+    watch = Watch().see(300.0, swings(5.0, 30.0))
+    assert (watch.state.softness, watch.state.hold_s) == (SOFTEST, HOLD_S)
 
 
 @pytest.mark.parametrize(
