@@ -7,22 +7,22 @@ import math
 import sys
 from pathlib import Path
 
+from hil.cli.run_end import reported
 from hil.cli.sea_arguments import (
     RUNS,
     SCENARIO_NAMES,
     adapters_of,
     add_adapter_arguments,
     add_sea_arguments,
+    goals_of,
     hide_from_git,
     sea_of,
     seconds_of,
     vehicle_of,
 )
-from hil.errors import HilError, UsageError
-from hil.report import run_page
-from hil.report.text import figures_text
-from hil.sim import adapters, run_directory, run_file, runner
-from hil.sim.goals import Goal, GoalError, parse_goals
+from hil.errors import UsageError
+from hil.sim import adapters, run_directory, runner
+from hil.sim.goals import Goal
 from hil.sim.ground_station import GUIDED, MODE_NAMES
 from hil.sim.logbook import RunOptions
 from hil.sim.signals import interruptible
@@ -113,43 +113,19 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("adapters and --remote belong together, in real time: the autopilot is at their other ends")
     if options.play:
         print(f"she listens on {' and '.join(options.links)}; Ctrl-C ends the game", flush=True)
-    with run_directory.held(options.out), interruptible():
-        try:
-            if arguments.remote is None:
-                runner.run(options)
-            else:
-                adapters.run(options, adapters_of(arguments), arguments.remote)
-        except BaseException as error:
-            _report_what_there_is(options.out, told=isinstance(error, KeyboardInterrupt))
-            raise
-        figures, report = run_page.make(options.out)
-    print(figures_text(figures))
-    print(f"report: {report}")
+    with run_directory.held(options.out), interruptible(), reported(options.out):
+        if arguments.remote is None:
+            runner.run(options)
+        else:
+            adapters.run(options, adapters_of(arguments), arguments.remote)
     return 0
-
-
-def _report_what_there_is(out: Path, *, told: bool) -> None:
-    """Make the page of a run that was cut short, if it had begun."""
-    if not (out / run_file.NAME).exists():
-        return
-    try:
-        figures, report = run_page.make(out)
-    except HilError as error:  # what has ended the run is told, too
-        print(f"rambler-hil: no report: {error}", file=sys.stderr)
-        return
-    if told:
-        print(f"{figures['ending']}\nreport: {report}")
 
 
 def read_options(arguments: argparse.Namespace) -> RunOptions:
     """Check the command line, or raise UsageError."""
     mode = GUIDED if arguments.mode is None else MODES[arguments.mode]
     scenario = sea_of(arguments)
-    try:
-        given = arguments.goal or (DEFAULT_GOALS if mode == GUIDED and not arguments.play else "")
-        goals = parse_goals(given) if given else ()
-    except GoalError as error:
-        raise UsageError(str(error)) from None
+    goals = goals_of(arguments.goal or (DEFAULT_GOALS if mode == GUIDED and not arguments.play else ""))
     if not goals and arguments.seconds is None and not arguments.play:
         raise UsageError(f"--mode {arguments.mode} has no end of its own; give --seconds")
     seconds = _seconds(arguments, goals)

@@ -14,6 +14,7 @@ from hil.ship.extras_table import ExtrasError
 from hil.ship.scenarios import Scenario
 from hil.sim.adapters import ADAPTERS
 from hil.sim.device_factory import COMPASSES, SERVOS
+from hil.sim.goals import Goal, GoalError, parse_goals
 from hil.sim.vehicle_file import load, standard_vehicle, with_devices
 
 RUNS = Path("runs")
@@ -69,6 +70,14 @@ def sea_of(arguments: argparse.Namespace) -> Scenario:
         return scenarios.with_extras(scenario, ",".join(arguments.extras)) if arguments.extras else scenario
     except ExtrasError as error:
         raise UsageError(f"--with: {error}") from None
+
+
+def goals_of(text: str) -> tuple[Goal, ...]:
+    """Return the goals that a command line asks for, none for no text, or raise UsageError."""
+    try:
+        return parse_goals(text) if text else ()
+    except GoalError as error:
+        raise UsageError(f"--goal: {error}") from None
 
 
 def vehicle_of(arguments: argparse.Namespace) -> Vehicle:

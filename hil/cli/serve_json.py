@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import socket
 import sys
@@ -11,14 +12,21 @@ from contextlib import closing
 from pathlib import Path
 
 from firmware_py.common.angles import radians
-from hil.cli.sea_arguments import RUNS, SCENARIO_NAMES, add_sea_arguments, hide_from_git, sea_of, seconds_of, vehicle_of
+from hil.cli.run_end import reported
+from hil.cli.sea_arguments import (
+    RUNS,
+    SCENARIO_NAMES,
+    add_sea_arguments,
+    goals_of,
+    hide_from_git,
+    sea_of,
+    seconds_of,
+    vehicle_of,
+)
 from hil.errors import UsageError
-from hil.report import run_page
-from hil.report.text import figures_text
 from hil.sim import run_directory
-from hil.sim.goals import GoalError, parse_goals
 from hil.sim.json_ship import JsonShip, OneAutopilot, PacketError, read_packet
-from hil.sim.logbook import Logbook, RunOptions, put_to_sea
+from hil.sim.logbook import RunOptions, put_to_sea
 from hil.sim.signals import interruptible
 from hil.sim.world import START_LATITUDE_DEG, START_LONGITUDE_DEG, START_UTC_S
 
@@ -28,6 +36,7 @@ SERVOS = range(1, 17)
 TRAVEL_DEG = (1.0, 45.0)
 QUIET_S = 60.0
 LOOK_S = 0.5
+ROUNDING_S = 1e-6  # her time is a sum of frames
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,30 +68,26 @@ def run(arguments: argparse.Namespace) -> int:
     options = _options(arguments)
     if arguments.steering not in SERVOS or not TRAVEL_DEG[0] <= arguments.travel <= TRAVEL_DEG[1]:
         raise UsageError("--steering is 1 to 16, --travel 1 to 45 degrees")
-    with closing(_listener(arguments.port)) as listener, run_directory.held(options.out), interruptible():
+    with (
+        contextlib.suppress(KeyboardInterrupt),
+        closing(_listener(arguments.port)) as listener,
+        run_directory.held(options.out),
+        interruptible(),
+        reported(options.out),
+        put_to_sea(options, START_UTC_S) as book,
+    ):
         print(
             f"waiting on udp {ADDRESS}:{listener.getsockname()[1]}; start the autopilot with --model json:{ADDRESS} and"
             f" --home {START_LATITUDE_DEG:g},{START_LONGITUDE_DEG:g},0,0",
             flush=True,
         )
-        try:
-            with put_to_sea(options, START_UTC_S) as book:
-                ship = JsonShip(book.world, servo=arguments.steering, travel_rad=radians(arguments.travel))
-                _serve(listener, ship, book, options.seconds)
-        except KeyboardInterrupt:
-            print("ended by hand", file=sys.stderr)
-        figures, report = run_page.make(options.out)
-    print(figures_text(figures))
-    print(f"report: {report}")
+        ship = JsonShip(book.world, servo=arguments.steering, travel_rad=radians(arguments.travel))
+        book.wall_s = _serve(listener, ship, options.seconds)
     return 0
 
 
 def _options(arguments: argparse.Namespace) -> RunOptions:
     scenario = sea_of(arguments)
-    try:
-        goals = parse_goals(arguments.goal)
-    except GoalError as error:
-        raise UsageError(str(error)) from None
     out = arguments.out
     if out is None:
         out = RUNS / f"json-{scenario.name}-{arguments.seed}"
@@ -93,7 +98,7 @@ def _options(arguments: argparse.Namespace) -> RunOptions:
         out=out,
         speed=math.inf,
         seed=arguments.seed,
-        goals=goals,
+        goals=goals_of(arguments.goal),
         vehicle=vehicle_of(arguments),
     )
 
@@ -109,13 +114,15 @@ def _listener(port: int) -> socket.socket:
     return listener
 
 
-def _serve(listener: socket.socket, ship: JsonShip, book: Logbook, end_s: float) -> None:
-    """Answer packets until the ship's time is over or none comes any more; what is none is told, once of a kind."""
+def _serve(listener: socket.socket, ship: JsonShip, end_s: float) -> float | None:
+    """Answer packets until the ship's time is over or none comes any more; what is none is told, once of a kind.
+
+    Return how long she was steered, None for not at all.
+    """
     told: set[str] = set()
     autopilot = OneAutopilot()
-    heard_s: float | None = None
-    begun_s = time.monotonic()
-    while book.world.now_s < end_s:
+    begun_s = heard_s = None
+    while ship.now_s < end_s - ROUNDING_S:
         try:
             data, address = listener.recvfrom(2048)
         except TimeoutError:
@@ -133,7 +140,6 @@ def _serve(listener: socket.socket, ship: JsonShip, book: Logbook, end_s: float)
             continue
         if is_new:
             print(f"steered from {address[0]}:{address[1]}", flush=True)
-        begun_s = now_s if heard_s is None else begun_s
-        heard_s = now_s
+        begun_s, heard_s = now_s if begun_s is None else begun_s, now_s
         listener.sendto(ship.answer(packet), address)
-    book.wall_s = time.monotonic() - begun_s
+    return None if begun_s is None or heard_s is None else heard_s - begun_s

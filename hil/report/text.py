@@ -11,8 +11,8 @@ COLUMNS = ("goal", "overshoot", "settled after", "mean error", "rms error", "95 
 
 def figures_text(summary: Summary) -> str:
     """Return the table and the loop's health."""
-    rows = [COLUMNS, *(goal_cells(goal) for goal in summary["goals"])]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
+    rows = [COLUMNS, *map(goal_cells, summary["goals"])] if summary["goals"] else []
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
     return "\n".join([*lines, loop_line(summary)])
 

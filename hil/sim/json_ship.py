@@ -88,6 +88,11 @@ class JsonShip:
         self._velocity_m_s = self._velocity()
         self._answer = b""
 
+    @property
+    def now_s(self) -> float:
+        """The time aboard."""
+        return self._world.now_s
+
     def answer(self, packet: Pulses) -> bytes:
         """Return the line for a packet; the same one again for a packet that comes again, or too late."""
         passed = 1 if self._frame is None else packet.frame - self._frame

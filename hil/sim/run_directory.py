@@ -79,8 +79,8 @@ def prepare_directory(out: Path, begin_with: Path | None = None) -> None:
             copied = Path(directory) / STATE
             if begin_with is not None:
                 copy_state(begin_with, copied)
-            # What the autopilot remembers would change the run. But never remove what no run has made.
-            if state.exists() and not (out / VEHICLE_NAME).exists():
+            # What the autopilot remembers would change the run. But never remove what no run's autopilot has made.
+            if state.exists() and not (out / FIRMWARE_LOG).exists():
                 raise UsageError(f"{state} exists and is not of an earlier run; give another --out")
             _tell_replaced(out)
             if state.exists():
@@ -88,6 +88,7 @@ def prepare_directory(out: Path, begin_with: Path | None = None) -> None:
             for name in FILES:
                 (out / name).unlink(missing_ok=True)
             if begin_with is not None:
+                (out / FIRMWARE_LOG).touch()
                 copied.rename(state)
     except OSError as error:
         raise UsageError(f"output directory {out}: {error.strerror}; give another --out") from None
@@ -95,7 +96,7 @@ def prepare_directory(out: Path, begin_with: Path | None = None) -> None:
 
 def _tell_replaced(out: Path) -> None:
     """Say which run a directory holds that is about to be replaced."""
-    if not (out / VEHICLE_NAME).exists():
+    if not any((out / name).exists() for name in (run_file.NAME, VEHICLE_NAME)):
         return
     try:
         before = f"the run of {run_file.read(out).begun}"

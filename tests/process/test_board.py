@@ -58,7 +58,7 @@ def heard(program, file, seconds=3):
 
 
 def test_a_board_is_read_and_steered_by_whoever_comes(program, tmp_path):
-    board = program("board", *BENCH, "board", str(tmp_path / "board"), "gusts")
+    board = program("board", *BENCH, "board", str(tmp_path / "board"), "gusts", "--goal", "0:30")
     board.expect("Ctrl-C ends it")
     devices = heard(program, str(tmp_path / "board" / "vehicle.toml"))
     assert {name for name, line in devices.items() if line["accepted"] > 0} == {"compass", "position", "rudder"}
@@ -69,8 +69,12 @@ def test_a_board_is_read_and_steered_by_whoever_comes(program, tmp_path):
     board.expect(r"rudder +[+-](?!0\.0 )")
     board.send_signal(signal.SIGINT)
     assert board.exit_code() == 0
-    assert "what she did" in board.text()
+    assert f"report: {tmp_path / 'board' / 'report.html'}" in board.text()
     assert read(tmp_path / "board" / "truth.csv").rudder_rad.any()
+    summary = json.loads((tmp_path / "board" / "summary.json").read_text())
+    assert [goal["goal_deg"] for goal in summary["goals"]] == [30.0]
+    assert summary["ending"] == "finished"
+    assert 0.0 < summary["seconds"] < 1e4
 
 
 @pytest.mark.parametrize("servo_baud", [57600, 9600])

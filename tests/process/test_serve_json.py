@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import signal
 import socket
 import struct
 import sys
@@ -10,7 +11,7 @@ from contextlib import closing
 
 from support.program import Program
 
-RATE_HZ = 50
+RATE_HZ = 100  # 6000 such frames add up to a little less than a minute
 
 
 def test_another_s_autopilot_sails_and_is_scored_as_ours_is(tmp_path):
@@ -44,3 +45,17 @@ def test_another_s_autopilot_sails_and_is_scored_as_ours_is(tmp_path):
     (goal,) = json.loads((out / "summary.json").read_text())["goals"]
     assert goal["rms_error_deg"] < 5.0
     assert (out / "report.html").exists()
+
+
+def test_a_ship_that_nobody_steered_has_a_page_and_is_replaced_with_a_word(tmp_path):
+    out = tmp_path / "out"
+    words = [sys.executable, "-m", "hil", "serve-json", "tank", "--port", "0", "--out", str(out)]
+    for replaced in (False, True):
+        (out / "report.html").unlink(missing_ok=True)
+        with closing(Program("ship", words, tmp_path)) as ship:
+            ship.expect("waiting on udp")
+            ship.send_signal(signal.SIGTERM)
+            assert ship.exit_code() == 0
+        assert "interrupted after 0 s" in ship.text()
+        assert ("is replaced; another --out keeps both" in ship.text()) is replaced
+        assert (out / "report.html").exists()

@@ -1,16 +1,26 @@
-import pytest
-
 from hil.__main__ import main
 from hil.sim.run_directory import held
 
 
-@pytest.mark.parametrize("name", ["run.json", "campaign.json"])
-def test_a_board_overwrites_the_truth_of_no_run(name, tmp_path, capsys):
-    (tmp_path / name).write_text("{}")
+def test_a_board_overwrites_the_results_of_no_campaign(tmp_path, capsys):
+    (tmp_path / "campaign.json").write_text("{}")
     (tmp_path / "truth.csv").write_text("kept")
     assert main(["board", str(tmp_path), "--seconds", "10"]) == 2
     assert "whose results would be lost; give another" in capsys.readouterr().err
     assert (tmp_path / "truth.csv").read_text() == "kept"
+
+
+def test_a_board_that_replaces_a_run_says_so_and_leaves_the_states_of_others_alone(tmp_path, capsys):
+    (tmp_path / "run.json").write_text("{}")
+    (tmp_path / "boat").mkdir()
+    assert main(["board", str(tmp_path), "--seconds", "0.2"]) == 0
+    assert "an earlier run is replaced" in capsys.readouterr().err
+    assert (tmp_path / "boat").is_dir()
+    assert (tmp_path / "report.html").exists()
+    (tmp_path / "state").mkdir()
+    assert main(["board", str(tmp_path), "--seconds", "0.2"]) == 2
+    assert "state exists and is not of an earlier run" in capsys.readouterr().err
+    assert (tmp_path / "state").is_dir()
 
 
 def test_two_boards_never_share_their_ports(tmp_path, capsys):

@@ -109,7 +109,10 @@ def test_runs_are_hidden_from_git_and_only_an_earlier_runs_state_is_cleared(tmp_
     with pytest.raises(UsageError, match="not of an earlier run"):
         prepare_directory(tmp_path / "mine")
     assert kept.exists()
-    (tmp_path / "mine" / "vehicle.toml").write_text("")
+    (tmp_path / "mine" / "vehicle.toml").write_text("")  # as of a board, whose autopilot is somebody else's
+    with pytest.raises(UsageError, match="not of an earlier run"):
+        prepare_directory(tmp_path / "mine")
+    (tmp_path / "mine" / "firmware.log").write_text("")
     prepare_directory(tmp_path / "mine")
     assert not kept.exists()
 
@@ -126,15 +129,16 @@ def test_a_run_begins_with_the_state_of_the_one_that_it_replaces_and_keeps_what_
     state = tmp_path / "state"
     state.mkdir()
     (state / "mission").write_text("x")
-    (tmp_path / "vehicle.toml").write_text("")
+    for name in ("vehicle.toml", "firmware.log"):
+        (tmp_path / name).write_text("")
     for _ in range(2):
         prepare_directory(tmp_path, state)
-        assert [path.name for path in tmp_path.iterdir()] == ["state"]
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["firmware.log", "state"]
         assert (state / "mission").read_text() == "x"
         (tmp_path / "vehicle.toml").write_text("")
     with pytest.raises(UsageError, match="cannot be copied"):
         prepare_directory(tmp_path, tmp_path / "mistyped")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["state", "vehicle.toml"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["firmware.log", "state", "vehicle.toml"]
     assert (state / "mission").read_text() == "x"
 
 
@@ -156,12 +160,12 @@ def test_the_signing_key_of_a_state_that_a_run_begins_with_stays_secret(tmp_path
 
 
 def test_a_run_that_replaces_another_says_so(tmp_path, monkeypatch, capsys):
-    for names in (["truth.csv"], ["vehicle.toml"], ["vehicle.toml", "run.json"]):
+    for names in (["truth.csv"], ["vehicle.toml"], ["run.json"], ["vehicle.toml", "run.json"]):
         for name in names:
             (tmp_path / name).write_text("{}")
         prepare_directory(tmp_path)
         line = f"rambler-hil: {tmp_path}: an earlier run is replaced; another --out keeps both\n"
-        assert capsys.readouterr().err == (line if "vehicle.toml" in names else "")
+        assert capsys.readouterr().err == ("" if names == ["truth.csv"] else line)
     monkeypatch.setattr(run_directory.run_file, "read", lambda _out: argparse.Namespace(begun="yesterday"))
     (tmp_path / "vehicle.toml").touch()
     prepare_directory(tmp_path)

@@ -1,0 +1,43 @@
+"""How a command that puts a boat to sea ends: with the figures and the page of what there is, whatever ends it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from hil.errors import HilError
+from hil.report import run_page
+from hil.report.summary import Summary
+from hil.report.text import figures_text
+from hil.sim import run_file
+
+
+@contextmanager
+def reported(out: Path) -> Iterator[None]:
+    """Write figures and page of the run in a directory and print them; of one cut short, if it had begun."""
+    try:
+        yield
+    except BaseException as error:
+        _report_what_there_is(out, told=isinstance(error, KeyboardInterrupt))
+        raise
+    _tell(*run_page.make(out))
+
+
+def _report_what_there_is(out: Path, *, told: bool) -> None:
+    if not (out / run_file.NAME).exists():
+        return
+    try:
+        figures, report = run_page.make(out)
+    except HilError as error:  # what has ended the run is told, too
+        print(f"rambler-hil: no report: {error}", file=sys.stderr)
+        return
+    if told:
+        print(figures["ending"])
+        _tell(figures, report)
+
+
+def _tell(figures: Summary, report: Path) -> None:
+    print(figures_text(figures))
+    print(f"report: {report}")
