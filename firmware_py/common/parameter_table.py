@@ -137,7 +137,7 @@ TABLE: tuple[Parameter, ...] = (
         0.0,
         1.0,
         "m/s",
-        "Slower than this through the water she has no steerage way: the rudder stays as it is (CTL_MODE 1).",
+        "Slower than this through the water she has no steerage way: on her goal the rudder is let be (CTL_MODE 1).",
     ),
     choice(
         "EST_MODE",

@@ -128,11 +128,14 @@ def scheduled_demand(
 ) -> tuple[Reference, RudderDemand | None]:
     """Advance the reference and return it with the demand; error_rad is the goal less the estimated heading.
 
-    Without steerage way there is no demand: a rudder that turns nothing is left where it is.
+    Without steerage way there is no demand at the goal: a rudder that turns nothing is left where it is. Off it there
+    is one: the little way that she may have turns her, too, and a rudder that is let go and taken up again as the
+    estimate of her speed swings about the least one travels more, and turns her later, than one kept hard over.
     """
     if reference is None:
         reference = Reference(estimate.heading_rad, estimate.yaw_rate_rad_s)
-    if estimate.speed_m_s + estimate.speed_sd_m_s < settings.least_speed_m_s:
+    without_way = estimate.speed_m_s + estimate.speed_sd_m_s < settings.least_speed_m_s
+    if without_way and abs(error_rad) <= TURNING_RAD:
         return Reference(estimate.heading_rad, estimate.yaw_rate_rad_s), None
     ship = ship_at_speed(settings, estimate)
     # An error of half a turn either way is a turn ordered the long way: it must not wrap.

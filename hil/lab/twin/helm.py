@@ -164,7 +164,7 @@ def steer(
 ) -> Lanes:
     """Return the rudder asked for (scheduled.update)."""
     e[E_BIAS] = follow_bias(law, state, e[E_BIAS], step_s, softness)
-    stopped = e[E_SPEED] + e[E_SPEED_SD] < law[WAY_MIN]
+    stopped = (e[E_SPEED] + e[E_SPEED_SD] < law[WAY_MIN]) & (abs(error_rad) <= law[TURNING_RAD])
     anew = stopped | math.isnan(state[REF_HEADING])
     state[REF_HEADING] = where(anew, e[E_HEADING], state[REF_HEADING])
     state[REF_RATE] = where(anew, e[E_RATE], state[REF_RATE])

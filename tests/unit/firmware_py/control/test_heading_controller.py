@@ -61,4 +61,4 @@ def test_the_scheduled_controller_leaves_the_rudder_near_its_demand_and_without_
     near_rad = 0.4 * low_rad + 0.6 * high_rad
     assert steered(1, 0.001, command_rad=near_rad)[1] == near_rad
     drifting = HeadingEstimate(1.0, 1e-5, 0.01, 0.05, 0.01, 0.0, 1.0)
-    assert steered(1, 0.5, estimate=drifting, command_rad=-0.2)[1] == -0.2
+    assert steered(1, 0.04, estimate=drifting, command_rad=-0.2)[1] == -0.2

@@ -101,11 +101,22 @@ def test_a_softer_helm_follows_the_bias_slowly_and_a_stiff_one_at_once():
     assert update(SETTINGS, state, replace(other, softness=1.0))[0].bias_rad is None
 
 
-def test_without_steerage_way_nothing_is_ordered():
-    drifting = replace(ESTIMATE, speed_m_s=0.05, speed_sd_m_s=0.02)
-    assert scheduled_demand(SETTINGS, None, drifting, 1.0, 0.1)[1] is None
+DRIFTING = replace(ESTIMATE, speed_m_s=0.05, speed_sd_m_s=0.02)
+
+
+def test_without_steerage_way_nothing_is_ordered_on_the_goal():
+    assert scheduled_demand(SETTINGS, None, DRIFTING, 0.04, 0.1)[1] is None
     # Unless that is only not known.
-    assert scheduled_demand(SETTINGS, None, replace(drifting, speed_sd_m_s=0.3), 1.0, 0.1)[1] is not None
+    assert scheduled_demand(SETTINGS, None, replace(DRIFTING, speed_sd_m_s=0.3), 0.04, 0.1)[1] is not None
+
+
+@pytest.mark.parametrize("error_rad", [0.5, -0.5, math.pi, -math.pi])
+def test_a_turn_is_ordered_without_steerage_way_too(error_rad):
+    """The rudder stayed as it was, be it against the turn, until her speed was estimated to be enough again."""
+    reference, order = scheduled_demand(SETTINGS, None, DRIFTING, error_rad, 0.1)
+    for _ in range(50):
+        reference, order = scheduled_demand(SETTINGS, reference, DRIFTING, error_rad, 0.1)
+    assert order.demand_rad == pytest.approx(math.copysign(LIMIT_RAD, error_rad), abs=0.05)
 
 
 def test_a_turn_ordered_the_long_way_goes_that_way():
