@@ -14,7 +14,7 @@ from firmware_py.link.wire.transport_udp import bind, exposed
 MAX_CLIENTS = 25
 RECONNECT_S = 1.0
 _LOOK_S = 10.0  # between two looks where a server is that does not answer
-_HELD_BYTES = 1 << 15  # what a connection may hold back before messages are dropped whole
+_UNSENT_BYTES = 1 << 12  # what the system may hold that cannot leave yet: what is newer would wait behind it
 _UNREAD_BYTES = 1 << 15  # and what the system may hold unread: a flood is over soon after its end
 _DEAD_MS = 60_000  # a connection whose data nobody acknowledges for this long is closed
 _PROBE_AFTER_S = 20  # and one over which nothing goes is asked for a sign of life after this
@@ -32,6 +32,7 @@ def _new_socket() -> socket.socket:
 def _tune(opened: socket.socket) -> None:
     opened.setblocking(False)
     opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _PROBE_AFTER_S)
     opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, _PROBE_EVERY_S)
@@ -65,9 +66,9 @@ class _Connection:
 
     def write(self, data: bytes) -> bool:
         self.push()
-        if not self.open or len(self._held) + len(data) > _HELD_BYTES:
+        if not self.open or self._held:
             return False
-        self._held += data
+        self._held = data
         self.push()
         return True
 

@@ -102,6 +102,16 @@ def test_a_client_that_does_not_read_costs_bounded_memory_and_gets_whole_message
     assert received == message * accepted
 
 
+def test_what_cannot_leave_is_refused_so_that_what_is_newer_need_not_wait_behind_it(server, opened):
+    """The system would hold megabytes of telemetry for a slow way: minutes, and answers come behind them."""
+    client = opened(socket.socket())
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 11)
+    client.connect(("127.0.0.1", port_of(server)))
+    take(server, until=lambda _: server.guests())
+    (number,) = server.guests()
+    assert 1 <= sum(server.send(number, b"m" * 1000) for _ in range(1000)) <= 24
+
+
 def test_a_port_in_use_is_said(server):
     with pytest.raises(LinkError, match=r"in use.*choose another port"):
         open_transport(f"tcpin:127.0.0.1:{port_of(server)}", None)
