@@ -111,7 +111,7 @@ BOOK: tuple[Drill, ...] = (
     Drill(
         "compasses disagree", "Compasses disagree", "Compasses agree again",
         put("other_attitude.error_rad", radians(18.0)), put("other_attitude.error_rad", 0.0), 30.0, 30.0, 5.0,
-        on_course,
+        on_course, ("Heading estimate",),  # in a turn with the other frozen it is the one that was seen to turn
         fitted=("compass_b",), pair=True,
     ),
     Drill(
