@@ -63,7 +63,7 @@ MUTATIONS = (
     ("faults/latch.py", "now_s - last_s < row.clear_s)", "now_s - last_s < 0.0)", "supply low"),
     ("safety/failsafe.py", "(active=state.active)\n    # A", "()\n    # A", "operator steers on"),
     ("safety/failsafe.py", "in PRECEDENCE if", "in reversed(PRECEDENCE) if", "servo hot and supply low"),
-    ("safety/failsafe.py", "HEADING if given.by_failsafe else", "HEADING if False else", "servo hot and supply low"),
+    ("safety/failsafe.py", "HEADING if given.by_failsafe else", "HEADING if False else", "a failsafe has left"),
     ("safety/failsafe.py", "HEADING if given.by_failsafe else", "HEADING if state.fault else", "a failsafe has left"),
     ("estimate/stay.py", "STAYED_S: Final = 2.0", "STAYED_S: Final = 2e3", "knocked round by a sea"),
     ("core/estimate_step.py", "return position.predict(replace(place, reckoning=sailed), now_s, over_ground_m_s)",
