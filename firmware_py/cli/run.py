@@ -17,7 +17,6 @@ from firmware_py.assemble.wiring import Assembly, Options, assemble
 from firmware_py.cli.refusal import refused
 from firmware_py.core.liveness import StuckError
 from firmware_py.files.making import exact_modes
-from firmware_py.link.wire.dialect import forget_what_is_not_used
 from firmware_py.link.wire.transport import LinkError
 from firmware_py.link.wire.worker import THREAD as FILES_THREAD
 from firmware_py.loop import run as run_loop
@@ -152,7 +151,6 @@ def _hold_off(why: str, signals: Signals) -> None:
 
 def _steer(assembly: Assembly, supervision: Supervision, signals: Signals, *, real_time: bool) -> int:
     assembly.parts.take_signals = signals.take_events
-    forget_what_is_not_used()
     # After all threads are there: theirs is lower than the loop's, and that of the files is for stations to load.
     for refusal in realtime.prepare(ordinary=(FILES_THREAD,), real_time=real_time):
         assembly.console.line(refusal)
