@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
-from hil.lab.campaign.compare import Comparison, Difference
+import numpy as np
+
+from hil.lab.campaign.compare import BY_MEDIAN, SIGNED, Comparison, Difference
 from hil.lab.campaign.page import NAMES
 from hil.lab.campaign.statistics import Estimate
 from hil.lab.campaign.table import Results
@@ -12,12 +15,14 @@ from hil.report import page, svg
 from hil.report.svg import Interval, shown
 
 MORE = "second less first"
-HEAD = ("", "first", "second", MORE, "95 % confidence", "less in", "never")
+HEAD = ("", "first", "second", MORE, "95 % confidence", "less in", "never", "tells", "2 % by")
 NOTE = (
-    "Means over the runs that have the score in both, and by how much the second's is larger, with the 95 % interval "
-    "of the bootstrap, of the share that failed Newcombe's. Each stands by itself: one in twenty misses by chance. "
-    "What never settles is in no mean; it is counted at the right: first, second. Settling jumps by minutes in a run "
-    "of a hundred, so its interval holds over several hundred pairs only, and 'less in' says more."
+    "Means over the runs that have the score, and by how much the second's is larger, with the 95 % interval of the "
+    "bootstrap, of the share that failed Newcombe's. Each stands by itself: one in twenty misses by chance. Of the "
+    "settling time it is the median, of the pairs' differences too, which holds what never settles; its ends are two "
+    "values of the order. How many never did is counted: first, second. 'tells' is the least difference of the means that so many runs tell four "
+    "times of five, '2 % by' how many runs would tell 2 % of the first's mean so: an interval that holds zero does "
+    "not say that there is none."
 )
 
 
@@ -41,11 +46,11 @@ def _parts(first: Results, second: Results, found: Comparison) -> Iterator[str]:
     yield page.paragraph(lead(first, second, found), "lead")
     yield page.table(cells(found))
     yield page.paragraph(NOTE, "note")
-    sizes = svg.card(f"{MORE}, in parts of the first's mean", svg.intervals([_relative(one) for one in _sized(found)]))
+    sizes = svg.card(f"{MORE}, in parts of the first's", svg.intervals([_relative(one) for one in _sized(found)]))
     spreads = [
-        svg.card(f"{MORE}: {', '.join(NAMES[one.name])}", svg.histogram(one.values, (0.0,)))
+        svg.card(f"{MORE}: {', '.join(NAMES[one.name])}", svg.histogram(one.values[np.isfinite(one.values)], (0.0,)))
         for one in found.differences
-        if one.values.size
+        if np.isfinite(one.values).any()
     ]
     yield svg.cards([sizes, *spreads])
     yield page.heading("What differs")
@@ -57,7 +62,13 @@ def _parts(first: Results, second: Results, found: Comparison) -> Iterator[str]:
 
 def _sized(found: Comparison) -> list[Difference]:
     """Return those whose mean is a size; an error to either side is none."""
-    return [one for one in found.differences if one.name != "mean_deg" and one.first > 0.0]
+    return [
+        one
+        for one in found.differences
+        if one.name != SIGNED
+        and one.first > 0.0
+        and all(map(math.isfinite, (one.first, one.more.value, one.more.low, one.more.high)))
+    ]
 
 
 def _relative(one: Difference) -> Interval:
@@ -67,12 +78,14 @@ def _relative(one: Difference) -> Interval:
 def _row(one: Difference) -> Sequence[str]:
     title, unit = NAMES[one.name]
     return (
-        f"{title}, {unit}",
-        shown(one.first),
-        shown(one.second),
+        f"{title}, {unit}{' (median)' if one.name == BY_MEDIAN else ''}",
+        _value(one.first),
+        _value(one.second),
         *_more(one.more),
         "-" if one.less is None else f"{100.0 * one.less:.0f} %",
         f"{one.never[0]}, {one.never[1]}" if any(one.never) else "",
+        "-" if one.tells is None else shown(one.tells),
+        "-" if one.runs_for_small is None else f"{one.runs_for_small} runs",
     )
 
 
@@ -80,14 +93,20 @@ def _failed(found: Comparison) -> Sequence[str]:
     first, second = (f"{100.0 * one.value:.3g}" for one in found.failed)
     more = found.failed_more
     parts = Estimate(100.0 * more.value, 100.0 * more.low, 100.0 * more.high)
-    return ("failed, %", first, second, *_more(parts), "", "")
+    return ("failed, %", first, second, *_more(parts), "", "", "", "")
 
 
 def _more(more: Estimate) -> tuple[str, str]:
     return _signed(more.value), f"{_signed(more.low)} to {_signed(more.high)}"
 
 
+def _value(value: float) -> str:
+    return shown(value) if math.isfinite(value) else "never"
+
+
 def _signed(value: float) -> str:
+    if math.isinf(value):
+        return "+any" if value > 0.0 else "-any"
     return f"+{shown(value)}" if value > 0.0 else shown(value)
 
 

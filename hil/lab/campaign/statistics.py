@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.stats import binom, norm
 from scipy.stats import t as student
 
 from hil.sim.truth import Array
@@ -18,6 +18,7 @@ RANK_SPREAD = 1.03  # of a rank correlation's transform by that of a product-mom
 RESAMPLES = 2000
 GROUPS = 5000  # in which more numbers than that are drawn
 LEAST = 8  # runs that a statement is made of
+TOLD = 0.8  # how often a difference is to be told that a number of runs is said to tell
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +90,47 @@ def difference(before: Array, after: Array, seed: int) -> Estimate:
     random = np.random.default_rng(seed)
     resampled = _resampled(after, random) - _resampled(before, random)
     return _between(float(np.mean(after) - np.mean(before)), resampled, min(before.size, after.size))
+
+
+def told_from(spread: float, runs: int) -> float:
+    """Return the least difference of a mean that so many runs tell four times of five, at 95 % confidence.
+
+    `spread` is the standard deviation of what a run adds: of the differences of pairs, or of both kinds together.
+    """
+    return float(student.ppf(0.975, runs - 1) + student.ppf(TOLD, runs - 1)) * spread / math.sqrt(runs)
+
+
+def runs_to_tell(spread: float, least: float) -> int:
+    """Return how many runs tell a difference as told_from does (Guenther, American Statistician 35, 1981)."""
+    of_spread = (NINETY_FIVE + float(norm.ppf(TOLD))) * spread / least
+    return max(LEAST, math.ceil(of_spread**2 + 0.5 * NINETY_FIVE**2))
+
+
+def median(values: Array) -> Estimate:
+    """Return the median, which may be infinite, between two values of the order that hold it in 95 % at least.
+
+    Whatever the values are distributed like: each lies below the median as often as a coin shows heads.
+    """
+    ordered, runs = np.sort(values), values.size
+    out = int(binom.ppf(0.025, runs, 0.5))  # so many or fewer lie to one side in more than 2.5 %
+    low, high = ordered[max(out - 1, 0)], ordered[min(runs - out, runs - 1)]
+    middle = ordered[(runs - 1) // 2], ordered[runs // 2]
+    value = np.mean(middle) if np.isfinite(middle).all() else min(middle, key=abs)
+    return Estimate(float(value), float(low), float(high))
+
+
+def median_difference(before: Array, after: Array) -> Estimate:
+    """Return by how much the median of independent runs differs; the ends by those of either (Newcombe's way)."""
+    one, other = median(before), median(after)
+    if not (math.isfinite(one.value) and math.isfinite(other.value)):
+        value = 0.0 if one.value == other.value else other.value - one.value
+        return Estimate(value, -math.inf, math.inf)
+    value = other.value - one.value
+    return Estimate(
+        value,
+        value - math.hypot(other.value - other.low, one.high - one.value),
+        value + math.hypot(other.high - other.value, one.value - one.low),
+    )
 
 
 def share_difference(before: NDArray[np.bool_], after: NDArray[np.bool_], *, paired: bool) -> Estimate:

@@ -78,10 +78,43 @@ def test_a_longer_campaign_is_compared_as_far_as_the_shorter_goes():
     assert compare.compare(short, long).pairs == 40
 
 
-def test_what_never_settles_is_counted_and_in_no_mean():
+def test_what_never_settles_is_counted_and_later_than_all_that_does():
     found = compare.compare(campaign("a", price=1.0, never=(1, 2)), campaign("b", price=1.0, never=(2, 3, 4)))
     settled = next(one for one in found.differences if one.name == "settling_s")
-    assert (settled.never, settled.more.value, settled.values.size) == ((2, 3), 0.0, 56)
+    assert (settled.never, settled.more.value, settled.values.size) == ((2, 3), 0.0, 60)
+    assert np.count_nonzero(settled.values > 0.0) == 2
+    assert settled.less == pytest.approx(1 / 60)
+
+
+@pytest.mark.parametrize("seeds", [None, np.arange(100, 160)])
+def test_where_most_never_settle_the_median_is_never_and_json_stays_json(seeds):
+    first = campaign("a", price=1.0)
+    second = campaign("b", price=1.0, never=range(40), seeds=seeds)
+    found = compare.compare(first, second)
+    text = compare_page.text(first, second, found)
+    assert "never" in next(row for row in compare_page.cells(found) if row[0].startswith("settled"))[2]
+    assert "nan" not in text
+    assert ">inf" not in text
+    settled = json.loads(json.dumps(compare.as_json(found), allow_nan=False))["scores"]["settling_s"]
+    assert (settled["of"], settled["first"], settled["second"]) == ("median", 50.0, None)
+
+
+def test_a_comparison_says_what_so_many_runs_tell():
+    by_name = {one.name: one for one in _differences(60)}
+    more = {one.name: one for one in _differences(240)}
+    assert more["rms_deg"].tells == pytest.approx(0.5 * by_name["rms_deg"].tells, rel=0.2)
+    assert more["rms_deg"].runs_for_small == pytest.approx(by_name["rms_deg"].runs_for_small, rel=0.4)
+    assert by_name["mean_deg"].tells > 0.0
+    assert by_name["mean_deg"].runs_for_small is None
+    assert by_name["settling_s"].tells is None
+
+
+def _differences(runs):
+    first = campaign("a", price=1.0, runs=runs)
+    other = campaign("b", price=1.0, runs=runs)
+    noise = np.random.default_rng(3).normal(0.0, 0.3, runs)
+    second = replace(other, scores={**other.scores, "rms_deg": other.scores["rms_deg"] + noise, "mean_deg": noise})
+    return compare.compare(first, second).differences
 
 
 def test_too_few_runs_say_nothing():

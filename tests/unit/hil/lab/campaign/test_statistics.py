@@ -113,3 +113,45 @@ def test_failures_of_the_same_runs_differ_more_surely():
     apart, paired = (statistics.share_difference(before, after, paired=one) for one in (False, True))
     assert paired.high - paired.low < apart.high - apart.low
     assert paired.high < 0.0
+
+
+@pytest.mark.parametrize("runs", [8, 16, 64, 256])
+def test_the_interval_of_a_median_holds_it_however_far_off_a_few_runs_are(runs):
+    random = np.random.default_rng(runs)
+    held = held_of_two = 0
+    for _ in range(400):
+        one, other = (_settling(random, runs, after_s) for after_s in (40.0, 43.0))
+        found = statistics.median(other - 40.0)
+        held += found.low <= 3.0 <= found.high
+        found = statistics.median_difference(one, other)
+        held_of_two += found.low <= 3.0 <= found.high
+    assert held >= 0.93 * 400
+    assert held_of_two >= 0.93 * 400
+
+
+def _settling(random, runs, after_s):
+    """Return what jumps by minutes in a run of a hundred, and never comes in another."""
+    late_s = random.choice((0.0, 300.0, math.inf), runs, p=(0.98, 0.01, 0.01))
+    return after_s + random.normal(0.0, 5.0, runs) + late_s
+
+
+def test_a_median_may_be_infinite_and_its_ends_are_those_of_the_books():
+    assert statistics.median(np.array([1.0] * 3 + [math.inf] * 5)).value == math.inf
+    assert statistics.median(np.array([-math.inf, -math.inf, 1.0, 2.0, 4.0, 8.0, math.inf, math.inf])).value == 3.0
+    never, soon = np.full(9, math.inf), np.arange(9.0)
+    assert statistics.median_difference(soon, never) == statistics.Estimate(math.inf, -math.inf, math.inf)
+    assert statistics.median_difference(never, never).value == 0.0
+    for runs in (8, 9, 20, 101):
+        found = statistics.median(np.arange(runs, dtype=float))
+        expected = stats.quantile_test(np.arange(runs), p=0.5).confidence_interval(0.95)
+        assert (found.low, found.high) == (expected.low, expected.high)
+
+
+@pytest.mark.parametrize("runs", [8, 30, 200])
+def test_four_of_five_tell_what_so_many_runs_are_said_to_tell(runs):
+    random = np.random.default_rng(runs)
+    least = statistics.told_from(1.0, runs)
+    values = random.normal(least, 1.0, (4000, runs))
+    ends = stats.t.ppf(0.975, runs - 1) * values.std(1, ddof=1) / math.sqrt(runs)
+    assert np.mean(values.mean(1) > ends) == pytest.approx(0.8, abs=0.03)
+    assert statistics.runs_to_tell(1.0, least) == pytest.approx(runs, abs=1)
