@@ -20,9 +20,9 @@ NOTE = (
     "Means over the runs that have the score, and by how much the second's is larger, with the 95 % interval of the "
     "bootstrap, of the share that failed Newcombe's. Each stands by itself: one in twenty misses by chance. Of the "
     "settling time it is the median, of the pairs' differences too, which holds what never settles; its ends are two "
-    "values of the order. How many never did is counted: first, second. 'tells' is the least difference of the means that so many runs tell four "
-    "times of five, '2 % by' how many runs would tell 2 % of the first's mean so: an interval that holds zero does "
-    "not say that there is none."
+    "values of the order. How many never did is counted: first, second. 'tells' is the least difference of the means "
+    "that so many runs tell four times of five, '2 % by' how many runs would tell 2 % of the first's mean so: an "
+    "interval that holds zero does not say that there is none."
 )
 
 
