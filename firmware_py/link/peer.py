@@ -9,6 +9,7 @@ from firmware_py.common.link_status import PeerStatus
 from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.telemetry.statustext import TextLimiter
 from firmware_py.link.telemetry.streams import Streams
+from firmware_py.link.ways import Way
 from firmware_py.link.wire.bulk import BulkShare
 from firmware_py.link.wire.first_version import VersionHeard
 from firmware_py.link.wire.framing import Frame, Splitter
@@ -56,12 +57,15 @@ class Peer:
         "told_version",
         "transport",
         "verified",
+        "way",
     )
 
     def __init__(self, transport: Transport, address: Address, sealer: Sealer, now_s: float) -> None:
         """Start with nothing heard and the rates of the transport's class."""
         self.transport = transport
         self.address = address
+        datagrams = transport.datagrams
+        self.way = Way((transport, transport.host(address)) if datagrams else (transport, address), now_s)
         self.splitter = Splitter(transport.byte_rate)
         self.outbox = Outbox(lambda data: transport.send(address, data), transport.byte_rate, sealer)
         self.link_class = usual_class(transport)
@@ -106,6 +110,12 @@ class Peer:
     def proven(self) -> bool:
         """Whether what is sent to its address is known to arrive there."""
         return self.outbox.credit_bytes is None
+
+    def succeed(self, other: Peer) -> None:
+        """Take the place of one that its station has left: what it has asked for is sent here from now on."""
+        self.streams, self.introduced, self.ground_station_s = other.streams, other.introduced, other.ground_station_s
+        self.parameter_list_row = other.parameter_list_row
+        self.parameter_rows_due, self.extended_rows_due = other.parameter_rows_due, other.extended_rows_due
 
     def status(self, now_s: float, *, has_place: bool) -> PeerStatus:
         """Return how the correspondence with it fares."""

@@ -11,7 +11,8 @@ from firmware_py.common.token_bucket import TokenBucket
 from firmware_py.link.peer import Peer
 from firmware_py.link.security.access import Admitted, Gate, Standing
 from firmware_py.link.security.places import QUIET_S, Guest, who_leaves, who_waits_no_more
-from firmware_py.link.wire.framing import Splitter
+from firmware_py.link.ways import Ways
+from firmware_py.link.wire.framing import Frame, Splitter
 from firmware_py.link.wire.outbox import Sealer
 from firmware_py.link.wire.transport import Address, Satellite, Transport, usual_class
 
@@ -63,6 +64,7 @@ class Peers:
         self._late_heartbeats = TokenBucket(LATE_HEARTBEATS, LATE_HEARTBEATS_HZ)
         self._peers: dict[Key, Peer] = {}
         self._waiting: dict[Key, Peer] = {}
+        self._ways = Ways()
         self.rejected = 0  # datagrams of strangers without a frame, or without room for them
         self._gone_rejected = 0
         self._dumb_since_s: dict[int, float] = {}  # transports by which nothing leaves; infinite when that was told
@@ -172,8 +174,10 @@ class Peers:
         splitter = Splitter() if peer is None else peer.splitter
         late_before = self._gate.late_frames
         frames = splitter.feed(data, now_s)
-        admitted = self._gate.admit(frames, transport.options, line=transport.byte_rate is not None)
-        if not admitted:
+        # Before they are judged: the timestamp of a signed one that has come by another way is not new.
+        fresh = frames if peer is None else self._fresh(peer, frames, now_s)
+        admitted = self._gate.admit(fresh, transport.options, line=transport.byte_rate is not None)
+        if not admitted and len(fresh) == len(frames):
             if key not in self._peers and self._gate.late_frames > late_before:
                 self._help_late(peer or self._new_peer(key, now_s), now_s)
             if peer is None:
@@ -187,10 +191,17 @@ class Peers:
             else:
                 peer.doubt()
                 self._wait(key, peer, now_s)
+            first = admitted[0]
+            self._ways.follow(peer.way, first.frame.data, now_s, verified=first.verified)
+            fresh = self._fresh(peer, (each.frame for each in admitted), now_s)
+            admitted = [each for each in admitted if each.frame in fresh]
+        for each in admitted:
+            if each.standing is Standing.COMMANDER:
+                self._ways.note(peer.way, each.frame.data, now_s)
         peer.note_version((each.frame for each in admitted), now_s)
         peer.verified = peer.verified or any(frame.verified for frame in admitted)
         if peer.hear(len(data), now_s):
-            if not self.has(*key) and not self._find_place(key, peer, now_s):
+            if not self.has(*key) and not (self._succeed(key, peer, now_s) or self._find_place(key, peer, now_s)):
                 self.rejected += 1
                 return None
             peer.outbox.credit_bytes = None
@@ -198,12 +209,27 @@ class Peers:
             self._show_presence(peer, now_s)
         return peer, admitted
 
+    def _fresh(self, peer: Peer, frames: Iterable[Frame], now_s: float) -> list[Frame]:
+        return [frame for frame in frames if not self._ways.is_double(peer.way, frame.data, now_s)]
+
     def _help_late(self, peer: Peer, now_s: float) -> None:
         if self._late_heartbeats.spend_one(now_s):
             self._host.send_heartbeat(peer)
             peer.outbox.flush(now_s)
 
     # ------------------------------------------------------------------ places
+
+    def _succeed(self, key: Key, peer: Peer, now_s: float) -> bool:
+        """Give a station that a NAT has moved to another port the place that it has left; False if it has none."""
+        for other_key, other in tuple(self._peers.items()):
+            way = other.way
+            same = way.station is peer.way.station and way.place == peer.way.place
+            if same and way.heard_s < peer.way.since_s and not self._permanent(other_key):
+                peer.succeed(other)
+                self._dismiss(other_key, now_s)
+                self._seat_in(key, peer)
+                return True
+        return False
 
     def _find_place(self, key: Key, peer: Peer, now_s: float) -> bool:
         newcomer = self._guest(key, peer)
@@ -215,14 +241,17 @@ class Peers:
         for guest in leaving:
             self._dismiss(guest.key, now_s)
             self._host.tell(f"Place of {guest.host} on {peer.transport.name} given to {newcomer.host}", now_s)
-        self._waiting.pop(key, None)
         self._seat(key, peer, now_s)
         return True
 
     def _seat(self, key: Key, peer: Peer, now_s: float) -> None:
+        self._seat_in(key, peer)
+        self._host.greet(peer, now_s)
+
+    def _seat_in(self, key: Key, peer: Peer) -> None:
+        self._waiting.pop(key, None)
         self._peers[key] = peer
         peer.outbox.credit_bytes = None
-        self._host.greet(peer, now_s)
 
     def _wait(self, key: Key, peer: Peer, now_s: float) -> None:
         self._waiting[key] = peer

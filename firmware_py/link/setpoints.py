@@ -9,7 +9,8 @@ from firmware_py.common.angles import wrap_two_pi
 from firmware_py.common.intents import SteerHeading, SteerPosition, Verdict
 from firmware_py.common.records import Severity
 from firmware_py.link.context import Handler, LinkContext, within
-from firmware_py.link.mission.items import acknowledge, sender_of
+from firmware_py.link.correspondent import sender_of
+from firmware_py.link.mission.items import acknowledge
 from firmware_py.link.peer import Peer
 from firmware_py.link.positions import GLOBAL_FRAMES, home_of, offset_goal, position_goal
 from firmware_py.link.wire.dialect import Message, mavlink

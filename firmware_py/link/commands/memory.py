@@ -6,8 +6,8 @@ from collections import OrderedDict
 from dataclasses import replace
 
 from firmware_py.common.record_class import dataclass
+from firmware_py.link.correspondent import Correspondent
 from firmware_py.link.latest import keep_latest
-from firmware_py.link.peer import Peer
 
 RETRY_S = 5.0  # a confirmation within this belongs to the earlier command
 SATELLITE_RETRY_S = 600.0  # where an acknowledgement takes two minutes
@@ -20,52 +20,52 @@ _NO_RESULT = 5  # MAV_RESULT_IN_PROGRESS
 
 @dataclass(frozen=True, slots=True)
 class CommandRecord:
-    """A command as it came: when, with which sequence number, what it asked, over which peer; and its result."""
+    """A command as it came: when, with which sequence number, what it asked, and who; and its result."""
 
     t_s: float
     sequence: int
     asked: bytes
     in_whole_numbers: bool  # COMMAND_INT
-    peer: Peer
+    station: Correspondent
     result: int = _NO_RESULT
 
 
 class CommandMemory:
-    """The latest few of each command of each sender, bounded; two of one number that come by two ways are two."""
+    """The latest few of each command of each station, bounded."""
 
     def __init__(self) -> None:
         """Start with nothing done."""
-        self._done: OrderedDict[tuple[Peer, int, int, int], tuple[CommandRecord, ...]] = OrderedDict()
+        self._done: OrderedDict[tuple[Correspondent, int], tuple[CommandRecord, ...]] = OrderedDict()
 
     def __len__(self) -> int:
         """Return how many commands are remembered."""
         return len(self._done)
 
     def find_original(
-        self, sender: tuple[int, int], command: int, now: CommandRecord, *, confirmed: bool, relative: bool
+        self, command: int, now: CommandRecord, *, confirmed: bool, relative: bool
     ) -> CommandRecord | None:
         """Return the one that this is a retry or a double of, None when it is new."""
-        latest, *earlier = self._done.get((now.peer, *sender, command), (None,))
+        latest, *earlier = self._done.get((now.station, command), (None,))
         if latest is None:
             return None
         if not _same(latest, now):
             return _doubled(now, latest, earlier)
         age_s = now.t_s - latest.t_s
         if confirmed:
-            return latest if age_s < (SATELLITE_RETRY_S if now.peer.quiet else RETRY_S) else None
+            return latest if age_s < (SATELLITE_RETRY_S if now.station.peer.quiet else RETRY_S) else None
         behind = (latest.sequence - now.sequence) & 0xFF
         if behind < 128 and age_s < OVERTAKEN_S:
             return latest
         return latest if relative and now.in_whole_numbers and age_s < REPEAT_S else None
 
-    def remember(self, sender: tuple[int, int], command: int, done: CommandRecord) -> None:
+    def remember(self, command: int, done: CommandRecord) -> None:
         """Remember a command, before those of its kind."""
-        key = (done.peer, *sender, command)
+        key = (done.station, command)
         keep_latest(self._done, key, (done, *self._done.get(key, ()))[:_LATEST], REMEMBERED)
 
-    def set_result(self, peer: Peer, sender: tuple[int, int], command: int, sequence: int, result: int) -> None:
+    def set_result(self, station: Correspondent, command: int, sequence: int, result: int) -> None:
         """Note the result of the command that came with a sequence number, if it is remembered."""
-        key = (peer, *sender, command)
+        key = (station, command)
         records = list(self._done.get(key, ()))
         for number, record in enumerate(records):
             if record.sequence == sequence:

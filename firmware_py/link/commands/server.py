@@ -12,6 +12,7 @@ from firmware_py.common.records import Severity
 from firmware_py.link.commands.memory import CommandMemory, CommandRecord
 from firmware_py.link.commands.pending import CANCELLED, IN_PROGRESS, UNKNOWN_PROGRESS, PendingCommand
 from firmware_py.link.context import Handler, LinkContext
+from firmware_py.link.correspondent import Correspondent, correspondent
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.outbox import Priority
@@ -48,6 +49,11 @@ class CommandCall:
         """Latitude and longitude in param5 and param6, whichever message carries them."""
         scale = 1.0 if self.frame is None else 1e-7
         return self.x * scale, self.y * scale
+
+    @property
+    def station(self) -> Correspondent:
+        """Who sent it, by whatever way."""
+        return correspondent(self.peer, self.message)
 
     @property
     def sender(self) -> tuple[int, int]:
@@ -127,10 +133,8 @@ class CommandServer:
         if row is None or row.repeatable:
             self._carry_out(row, call)
             return
-        done = CommandRecord(call.now_s, call.message.get_seq(), asked, call.frame is not None, call.peer)
-        earlier = self._memory.find_original(
-            call.sender, call.command, done, confirmed=confirmed, relative=row.relative
-        )
+        done = CommandRecord(call.now_s, call.message.get_seq(), asked, call.frame is not None, call.station)
+        earlier = self._memory.find_original(call.command, done, confirmed=confirmed, relative=row.relative)
         if earlier is not None and earlier.result == Verdict.ACCEPTED:
             self._acknowledge_when_kept(call)  # what could not be stored then may be now
             return
@@ -138,7 +142,7 @@ class CommandServer:
             self._acknowledge(call, earlier.result)
             return
         # Remembered first: a command under way says its result later.
-        self._memory.remember(call.sender, call.command, done)
+        self._memory.remember(call.command, done)
         self._carry_out(row, call)
 
     def _set_mode(self, peer: Peer, message: Message, now_s: float) -> None:
@@ -217,7 +221,7 @@ class CommandServer:
         self._acknowledge(call, result, second=_UNKEPT if unkept else 0)
 
     def _note_result(self, call: CommandCall, result: int) -> None:
-        self._memory.set_result(call.peer, call.sender, call.command, call.message.get_seq(), result)
+        self._memory.set_result(call.station, call.command, call.message.get_seq(), result)
 
     def _acknowledge(self, call: CommandCall, result: int, percent: int = UNKNOWN_PROGRESS, *, second: int = 0) -> None:
         progress = percent if result == IN_PROGRESS else 0

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 
 from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
+from firmware_py.link.correspondent import Correspondent
 from firmware_py.link.files.payload import FileRequest, Opcode, Refusal, ack_payload, nak_payload, refusal_of
-from firmware_py.link.files.sessions import Client, FileSessions, OpenFile
+from firmware_py.link.files.sessions import FileSessions, OpenFile
 from firmware_py.link.latest import keep_latest
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.outbox import Priority
@@ -31,7 +32,7 @@ class FileCall(NamedTuple):
 
     request: FileRequest
     raw: bytes
-    client: Client
+    client: Correspondent
     now_s: float
 
     @property
@@ -52,7 +53,7 @@ class Answers:
         self._context = context
         self._sessions = sessions
         self._worker = worker
-        self._remembered: OrderedDict[tuple[Client, bytes], tuple[bytes, float]] = OrderedDict()
+        self._remembered: OrderedDict[tuple[Correspondent, bytes], tuple[bytes, float]] = OrderedDict()
 
     def find(self, call: FileCall) -> bytes | None:
         """Return the remembered answer to a request that has come before."""
@@ -95,7 +96,7 @@ class Answers:
 
     def send(self, call: FileCall, payload: bytes) -> None:
         """Queue a payload to whoever has asked."""
-        address = bytes((0, call.client.system, call.client.component))
+        address = bytes((0, *call.client.sender))
         packed = self._context.codec.pack_payload(FILE_TRANSFER, address + payload)
         call.peer.outbox.push(packed, Priority.REPLY)
 

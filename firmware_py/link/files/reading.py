@@ -9,10 +9,11 @@ from functools import partial
 from typing import Any
 
 from firmware_py.files.packed import PackedFile, PlainFile
+from firmware_py.link.correspondent import Correspondent
 from firmware_py.link.files.answers import Answers, FileAction, FileCall
 from firmware_py.link.files.area import mavlink_crc32
 from firmware_py.link.files.payload import DATA_BYTES, Error, Opcode, Refusal
-from firmware_py.link.files.sessions import Burst, Client, FileSessions, OpenFile, listing_data
+from firmware_py.link.files.sessions import Burst, FileSessions, OpenFile, listing_data
 from firmware_py.link.files.tree import Tree, parse_path
 from firmware_py.link.latest import keep_latest
 
@@ -28,7 +29,7 @@ class ReadingRequests:
         self._tree = tree
         self._sessions = sessions
         self._answers = answers
-        self._listings: OrderedDict[tuple[Client, bytes], tuple[Any, float]] = OrderedDict()
+        self._listings: OrderedDict[tuple[Correspondent, bytes], tuple[Any, float]] = OrderedDict()
 
     def actions(self) -> Mapping[int, FileAction]:
         """Return the opcodes carried out here."""
@@ -98,7 +99,8 @@ class ReadingRequests:
             raise Refusal(Error.END_OF_FILE)
         session = self._sessions.use(call.client, call.request.session, call.now_s)
         if session.burst is None or session.burst.request != call.request:
-            session.burst = Burst(call.request)
+            session.burst = Burst(call.request, call.client)
+        session.burst.client = call.client
 
     def _checksum(self, call: FileCall) -> None:
         parts, query = parse_path(call.request.data)

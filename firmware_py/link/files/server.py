@@ -1,6 +1,6 @@
 """MAVLink FTP: reads whatever the tree shows, writes where the tree allows it.
 
-Sessions belong to a client (peer, system, component) and bear the number that the client gives them: MAVSDK uses 0
+Sessions belong to a station, however it comes, and bear the number that the client gives them: MAVSDK uses 0
 whatever it is answered, MAVProxy several at once. What a request changes happens once, however often the request
 comes: the answer is remembered and given again.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from firmware_py.link.context import Handler, LinkContext
+from firmware_py.link.correspondent import correspondent
 from firmware_py.link.files.answers import FILE_TRANSFER, PENDING, Answers, FileAction, FileCall
 from firmware_py.link.files.payload import (
     PAYLOAD,
@@ -23,7 +24,7 @@ from firmware_py.link.files.payload import (
     refusal_of,
 )
 from firmware_py.link.files.reading import ReadingRequests
-from firmware_py.link.files.sessions import Client, FileSession, FileSessions, OpenFile
+from firmware_py.link.files.sessions import FileSession, FileSessions, OpenFile
 from firmware_py.link.files.tree import Tree
 from firmware_py.link.files.writing import WritingRequests
 from firmware_py.link.peer import Peer
@@ -53,7 +54,7 @@ class FileServer:
         raw = bytes(message.payload)
         if raw[3] in (Opcode.ACK, Opcode.NAK):
             return
-        client = Client(peer, message.get_srcSystem(), message.get_srcComponent())
+        client = correspondent(peer, message)
         try:
             request = parse_request(raw)
         except Refusal as refusal:
@@ -88,24 +89,24 @@ class FileServer:
         if not self._sessions:
             return
         waiting = [
-            (client, session)
-            for (client, _), session in self._sessions.items()
-            if session.burst is not None and client.peer is peer
+            session
+            for _, session in self._sessions.items()
+            if session.burst is not None and session.burst.client.peer is peer
         ]
-        for client, session in waiting:
+        for session in waiting:
             count = peer.bulk_frames(_FRAME_BYTES, now_s)
             if count <= 0:
                 break
             session.used_s = now_s
-            self._send_parts(client, session, count, now_s)
-        if any(session.burst is not None for _, session in waiting):
+            self._send_parts(session, count, now_s)
+        if any(session.burst is not None for session in waiting):
             peer.bulk.mark_unfinished()
 
-    def _send_parts(self, client: Client, session: FileSession, count: int, now_s: float) -> None:
+    def _send_parts(self, session: FileSession, count: int, now_s: float) -> None:
         """Go on with one burst."""
         if session.burst is None or not isinstance(session.handle, OpenFile):
             return
-        call = FileCall(session.burst.request, b"", client, now_s)
+        call = FileCall(session.burst.request, b"", session.burst.client, now_s)
         try:
             parts, ended = session.burst.next_parts(session.handle, count)
         except (Refusal, OSError) as failure:
@@ -115,6 +116,6 @@ class FileServer:
         for place, (index, offset, data) in enumerate(parts):
             last = ended and place == len(parts) - 1
             self._answers.send(call, burst_payload(call.request, index, data, offset, last=last))
-        client.peer.bulk.spend(len(parts) * _FRAME_BYTES)
+        call.peer.bulk.spend(len(parts) * _FRAME_BYTES)
         if ended:
             session.burst = None

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import errno
 from collections import OrderedDict
-from typing import NamedTuple
 
 from firmware_py.files.packed import PackedFile, PlainFile
+from firmware_py.link.correspondent import Correspondent
 from firmware_py.link.files.area import FILE_BYTES, Entry, Parts
 from firmware_py.link.files.payload import Error, FileRequest, Refusal
-from firmware_py.link.peer import Peer
 
 MOST_SESSIONS = 16
 MOST_OF_ONE = 6  # sessions of one client; MAVProxy uses five at once
@@ -80,11 +79,12 @@ class FileUpload:
 class Burst:
     """The answer to a burst read, as far as it has been sent."""
 
-    __slots__ = ("_part_bytes", "index", "offset", "request")
+    __slots__ = ("_part_bytes", "client", "index", "offset", "request")
 
-    def __init__(self, request: FileRequest) -> None:
+    def __init__(self, request: FileRequest, client: Correspondent) -> None:
         """Start at the offset asked for; the size asked for is that of each part."""
         self.request = request
+        self.client = client  # and the way by which it has asked
         self.offset = request.offset
         self.index = 0
         self._part_bytes = request.size or 239
@@ -116,30 +116,22 @@ class FileSession:
         self.used_s = now_s
 
 
-class Client(NamedTuple):
-    """Whom sessions belong to."""
-
-    peer: Peer
-    system: int
-    component: int
-
-
 class FileSessions:
     """The open sessions of all clients, bounded; a client chooses the numbers of its own."""
 
     def __init__(self) -> None:
         """Start with none."""
-        self._open: OrderedDict[tuple[Client, int], FileSession] = OrderedDict()  # the least used first
+        self._open: OrderedDict[tuple[Correspondent, int], FileSession] = OrderedDict()  # the least used first
 
     def __len__(self) -> int:
         """Return the number of sessions."""
         return len(self._open)
 
-    def items(self) -> tuple[tuple[tuple[Client, int], FileSession], ...]:
+    def items(self) -> tuple[tuple[tuple[Correspondent, int], FileSession], ...]:
         """Return the sessions as they are now."""
         return tuple(self._open.items())
 
-    def use(self, client: Client, number: int, now_s: float) -> FileSession:
+    def use(self, client: Correspondent, number: int, now_s: float) -> FileSession:
         """Return a session and note its use; Refusal when there is none."""
         session = self._open.get((client, number))
         if session is None:
@@ -148,15 +140,15 @@ class FileSessions:
         self._open.move_to_end((client, number))
         return session
 
-    def get(self, client: Client, number: int) -> FileSession | None:
+    def get(self, client: Correspondent, number: int) -> FileSession | None:
         """Return a session without using it."""
         return self._open.get((client, number))
 
-    def used_s(self, client: Client, number: int) -> float:
+    def used_s(self, client: Correspondent, number: int) -> float:
         """Return when a session was used last."""
         return self._open[(client, number)].used_s
 
-    def check_room(self, client: Client, number: int, now_s: float) -> None:
+    def check_room(self, client: Correspondent, number: int, now_s: float) -> None:
         """Generate sure that a session can be opened: what is idle makes room; Refusal when nothing is."""
         if (client, number) in self._open:
             return
@@ -168,23 +160,23 @@ class FileSessions:
             raise Refusal(Error.NO_SESSIONS_AVAILABLE)
         self.discard(*crowd[0])
 
-    def open(self, client: Client, number: int, handle: OpenFile | FileUpload, now_s: float) -> None:
+    def open(self, client: Correspondent, number: int, handle: OpenFile | FileUpload, now_s: float) -> None:
         """Open a session, in place of one of the same number."""
         self.discard(client, number)
         self._open[(client, number)] = FileSession(handle, now_s)
 
-    def end(self, client: Client, number: int) -> OpenFile | FileUpload | None:
+    def end(self, client: Correspondent, number: int) -> OpenFile | FileUpload | None:
         """End a session and return what it held."""
         session = self._open.pop((client, number), None)
         return None if session is None else session.handle
 
-    def discard(self, client: Client, number: int) -> None:
+    def discard(self, client: Correspondent, number: int) -> None:
         """End a session; an upload is forgotten."""
         handle = self.end(client, number)
         if handle is not None:
             handle.close()
 
-    def numbers(self, client: Client) -> tuple[int, ...]:
+    def numbers(self, client: Correspondent) -> tuple[int, ...]:
         """Return the numbers of a client's sessions."""
         return tuple(number for owner, number in self._open if owner == client)
 

@@ -147,7 +147,7 @@ class WritingRequests:
         sink = self._tree.sinks.get(upload.path)
         if sink is not None:
             self._storing += 1
-            sink(content, Origin(call.client.system, call.client.component, call.now_s), put_in_force)
+            sink(content, Origin(*call.client.sender, call.now_s), put_in_force)
             return
         area, within = self._tree.area(upload.path, write=True)
         self._storing += 1

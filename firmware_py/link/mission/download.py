@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, homes
 from firmware_py.link.context import LinkContext
+from firmware_py.link.correspondent import Correspondent, correspondent, sender_of
 from firmware_py.link.latest import keep_latest
-from firmware_py.link.mission.items import Correspondent, acknowledge, home_item, item_message, sender_of
+from firmware_py.link.mission.items import acknowledge, home_item, item_message
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
 from firmware_py.link.wire.timeouts import timeouts_of
@@ -38,7 +39,7 @@ class PlanDownloads:
 
     def send_count(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_LIST with the count and the opaque id."""
-        reader = Correspondent(peer, sender_of(message))
+        reader = correspondent(peer, message)
         plan = self._context.request_handler.plans().of(kind)
         keep_latest(self._readings, (reader, kind), PlanDownload(plan, now_s), _REMEMBERED)
         count = _wire_count(plan, homes(self._context.autopilot, kind))
@@ -46,13 +47,13 @@ class PlanDownloads:
 
     def send_item(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_INT, or MISSION_REQUEST in kind."""
-        plan = self._plan(Correspondent(peer, sender_of(message)), kind, now_s)
+        plan = self._plan(correspondent(peer, message), kind, now_s)
         if not self._send(peer, message, kind, plan, message.seq, whole=type(message).id == _REQUEST_INT):
             acknowledge(self._context, peer, sender_of(message), int(kind), PlanResult.INVALID_SEQUENCE)
 
     def send_part(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Answer MISSION_REQUEST_PARTIAL_LIST with the items themselves; -1 is the end of the list."""
-        plan = self._plan(Correspondent(peer, sender_of(message)), kind, now_s)
+        plan = self._plan(correspondent(peer, message), kind, now_s)
         count = _wire_count(plan, homes(self._context.autopilot, kind))
         first, last = message.start_index, message.end_index if message.end_index != -1 else count - 1
         if not 0 <= first <= last < count:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from firmware_py.common.plan import Plan, PlanItem, PlanKind, homes
 from firmware_py.common.reports import Home
 from firmware_py.link.context import LinkContext
+from firmware_py.link.correspondent import Sender
 from firmware_py.link.peer import Peer
 from firmware_py.link.telemetry.context_fields import scaled_degrees
 from firmware_py.link.wire.dialect import Message, mavlink
@@ -24,20 +24,6 @@ _ACK = mavlink.mavlink_map[47]
 _INT32 = 1 << 31
 _FRAMES_OF_HOME = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
 _AT_HOME = 1000  # 1e-7 deg: some 11 m
-
-Sender = tuple[int, int]  # MAVLink system and component
-
-
-class Correspondent(NamedTuple):
-    """A station and the way it comes by: its number alone does not tell it, since 255 and 190 are everybody's."""
-
-    peer: Peer
-    sender: Sender
-
-
-def sender_of(message: Message) -> Sender:
-    """Return who sent a message."""
-    return message.get_srcSystem(), message.get_srcComponent()
 
 
 def item_of(message: Message, home_count: int) -> PlanItem | PlanProblem:

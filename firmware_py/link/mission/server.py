@@ -10,9 +10,10 @@ from firmware_py.common.plan import Plan, PlanKind, homes
 from firmware_py.common.records import Severity
 from firmware_py.common.reports import Snapshot
 from firmware_py.link.context import Handler, LinkContext
+from firmware_py.link.correspondent import Correspondent, Sender, correspondent, sender_of
 from firmware_py.link.mission.doubles import Marks
 from firmware_py.link.mission.download import PlanDownloads
-from firmware_py.link.mission.items import KINDS, NAMES, Correspondent, Sender, acknowledge, sender_of
+from firmware_py.link.mission.items import KINDS, NAMES, acknowledge
 from firmware_py.link.mission.upload import PlanUploads
 from firmware_py.link.peer import Peer
 from firmware_py.link.setpoints import GUIDED, go_to_waypoint
@@ -114,7 +115,7 @@ class MissionServer:
         kind = KINDS.get(message.mission_type)
         if kind is None:
             return
-        station = Correspondent(peer, sender_of(message))
+        station = correspondent(peer, message)
         self._downloads.end(station, kind)
         if message.type != PlanResult.ACCEPTED:
             self._uploads.cancel(station, kind)
@@ -127,11 +128,11 @@ class MissionServer:
             return
         kinds = tuple(PlanKind) if kind is None else (kind,)
         # No answer: while the next plan is on its way it would be taken for that one's.
-        if self._cleared.is_double(Correspondent(peer, sender_of(message)), message, now_s):
+        if self._cleared.is_double(correspondent(peer, message), message, now_s):
             return
         if not all(self._uploads.may_change(peer, message, each, now_s) for each in kinds):
             return
-        station = Correspondent(peer, sender_of(message))
+        station = correspondent(peer, message)
         asked = (station, message.mission_type)
         # The same, asked again before the disk has answered: the one answer will do.
         if asked in self._clearing:

@@ -14,16 +14,15 @@ from firmware_py.common.intents import Answer, ReplacePlan, Request, Verdict
 from firmware_py.common.plan import MOST_ITEMS, Plan, PlanItem, PlanKind, homes
 from firmware_py.common.records import Severity
 from firmware_py.link.context import LinkContext
+from firmware_py.link.correspondent import Correspondent, correspondent
 from firmware_py.link.latest import keep_latest
 from firmware_py.link.mission.doubles import Marks
 from firmware_py.link.mission.items import (
     NAMES,
-    Correspondent,
     acknowledge,
     is_waypoint_for_home,
     item_of,
     news_of,
-    sender_of,
 )
 from firmware_py.link.peer import Peer
 from firmware_py.link.wire.dialect import Message, mavlink
@@ -91,7 +90,7 @@ class PlanUploads:
     def begin(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Take a MISSION_COUNT: begin an upload, or begin it again."""
         home_count = homes(self._context.autopilot, kind)
-        owner = Correspondent(peer, sender_of(message))
+        owner = correspondent(peer, message)
         if self._counts.is_double(owner, message, now_s) or not self.may_change(peer, message, kind, now_s):
             return
         self._forget(owner, kind)
@@ -105,7 +104,7 @@ class PlanUploads:
         """Take a MISSION_WRITE_PARTIAL_LIST; an end beyond the plan means its last item."""
         if not self.may_change(peer, message, kind, now_s):
             return
-        owner = Correspondent(peer, sender_of(message))
+        owner = correspondent(peer, message)
         self._forget(owner, kind)
         base = self._context.request_handler.plans().of(kind)
         last = len(base.items) + homes(self._context.autopilot, kind) - 1
@@ -118,12 +117,12 @@ class PlanUploads:
 
     def receive_item(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> None:
         """Take an item."""
-        owner = Correspondent(peer, sender_of(message))
+        owner = correspondent(peer, message)
         upload = self._active.get(kind)
         if upload is None or upload.owner != owner:
             self._answer_stray_item(owner, message, kind)
             return
-        upload.last_item_s = now_s
+        upload.owner, upload.last_item_s = owner, now_s  # answered by the way by which it comes now
         if upload.storing or message.seq != upload.next:
             if message.seq == upload.next - 1:
                 upload.retry.learn_from_double()
@@ -161,11 +160,11 @@ class PlanUploads:
 
     def may_change(self, peer: Peer, message: Message, kind: PlanKind, now_s: float) -> bool:
         """Return whether a station may change a plan now, or refuse: not while another one uploads it."""
-        upload, owner = self._active.get(kind), Correspondent(peer, sender_of(message))
+        upload, owner = self._active.get(kind), correspondent(peer, message)
         if upload is None or upload.owner == owner:
             return True
         # Whose connection is gone does not come back as the same correspondent: it need not wait for itself.
-        present = any(other is upload.owner.peer for other in self._context.everybody())
+        present = any(Correspondent(other, upload.owner.sender) == upload.owner for other in self._context.everybody())
         if present and now_s - upload.last_item_s < upload.timeouts.yield_s:
             text = f"system {upload.owner.sender[0]} is uploading one now"
             self._refuse(owner, PlanProblem(None, PlanResult.DENIED, text), kind, now_s, message.mission_type)
@@ -244,7 +243,9 @@ class PlanUploads:
         ended = UploadEnd(sequence, PlanResult.ACCEPTED if fault is None else fault.result, 0 if fault else identity)
         keep_latest(self._ended, (upload.owner, upload.kind), ended, _REMEMBERED)
         if fault is None:
-            acknowledge(self._context, *upload.owner, int(upload.kind), ended.result, ended.identity)
+            acknowledge(
+                self._context, upload.owner.peer, upload.owner.sender, int(upload.kind), ended.result, ended.identity
+            )
             if upload.waypoint_for_home:
                 self._context.send_text(upload.owner.peer, Severity.WARNING, _NOT_SAILED)
             return
@@ -253,7 +254,7 @@ class PlanUploads:
     def _refuse(
         self, to: Correspondent, fault: PlanProblem, kind: PlanKind, now_s: float, shown: int | None = None
     ) -> None:
-        acknowledge(self._context, *to, int(kind) if shown is None else shown, fault.result)
+        acknowledge(self._context, to.peer, to.sender, int(kind) if shown is None else shown, fault.result)
         why = fault.shown(homes(self._context.autopilot, kind))
         self._context.send_text_limited(
             to.peer, Severity.WARNING, f"{NAMES[kind].capitalize()} not taken: {why}", now_s
@@ -265,6 +266,6 @@ class PlanUploads:
         if ended is None:
             busy = kind in self._active
             result = PlanResult.DENIED if busy else PlanResult.ERROR
-            acknowledge(self._context, *owner, int(kind), result)
+            acknowledge(self._context, owner.peer, owner.sender, int(kind), result)
         elif message.seq == ended.sequence:
-            acknowledge(self._context, *owner, int(kind), ended.result, ended.identity)
+            acknowledge(self._context, owner.peer, owner.sender, int(kind), ended.result, ended.identity)

@@ -13,34 +13,37 @@ from firmware_py.link.commands.memory import (
     CommandMemory,
     CommandRecord,
 )
+from firmware_py.link.correspondent import Correspondent
+from firmware_py.link.ways import Way
 
 ARM = 400
 STATION = (255, 190)
 SHORTLY = 1e-3
 
 
-class Correspondent:
+class Peer:
     """All that a memory asks of a peer."""
 
     def __init__(self, *, quiet=False):
         self.quiet = quiet
+        self.way = Way(None, 0.0)
 
 
-RADIO, SATELLITE = Correspondent(), Correspondent(quiet=True)
-ON = CommandRecord(1000.0, 7, b"on", in_whole_numbers=True, peer=RADIO)
+RADIO, SATELLITE = Correspondent(Peer(), STATION), Correspondent(Peer(quiet=True), STATION)
+ON = CommandRecord(1000.0, 7, b"on", in_whole_numbers=True, station=RADIO)
 OFF = replace(ON, asked=b"off")
 
 
 def original(now, *done, confirmed=False, relative=False):
     memory = CommandMemory()
     for record in done:
-        memory.remember(STATION, ARM, record)
-    return memory.find_original(STATION, ARM, now, confirmed=confirmed, relative=relative)
+        memory.remember(ARM, record)
+    return memory.find_original(ARM, now, confirmed=confirmed, relative=relative)
 
 
 @pytest.mark.parametrize(("peer", "longest_s"), [(RADIO, RETRY_S), (SATELLITE, SATELLITE_RETRY_S)])
 def test_a_confirmation_is_of_the_command_before_it_for_a_while(peer, longest_s):
-    before = replace(ON, peer=peer)
+    before = replace(ON, station=peer)
     soon, late = (replace(before, t_s=1000.0 + longest_s + more_s, sequence=99) for more_s in (-SHORTLY, SHORTLY))
     assert original(soon, before, confirmed=True) is before
     assert original(late, before, confirmed=True) is None
@@ -83,25 +86,26 @@ def test_of_one_command_the_latest_few_are_known():
 
 def test_what_others_asked_is_not_ones_own():
     memory = CommandMemory()
-    memory.remember(STATION, ARM, ON)
+    memory.remember(ARM, ON)
     asked = {"confirmed": True, "relative": False}
-    assert memory.find_original(STATION, ARM, ON, **asked) is ON
-    assert memory.find_original((254, 190), ARM, ON, **asked) is None
-    assert memory.find_original(STATION, ARM + 1, ON, **asked) is None
-    assert memory.find_original(STATION, ARM, replace(ON, peer=SATELLITE), **asked) is None
+    assert memory.find_original(ARM, ON, **asked) is ON
+    other = replace(ON, station=Correspondent(RADIO.peer, (254, 190)))
+    assert memory.find_original(ARM, other, **asked) is None
+    assert memory.find_original(ARM + 1, ON, **asked) is None
+    assert memory.find_original(ARM, replace(ON, station=SATELLITE), **asked) is None
 
 
 def test_a_bounded_number_of_commands_is_known_the_latest_used():
     memory = CommandMemory()
     for command in range(REMEMBERED):
-        memory.remember(STATION, command, ON)
-    memory.remember(STATION, 0, ON)
+        memory.remember(command, ON)
+    memory.remember(0, ON)
     for command in range(REMEMBERED, REMEMBERED + 5):
-        memory.remember(STATION, command, ON)
+        memory.remember(command, ON)
     known = [
         command
         for command in range(REMEMBERED + 5)
-        if memory.find_original(STATION, command, ON, confirmed=True, relative=False)
+        if memory.find_original(command, ON, confirmed=True, relative=False)
     ]
     assert known == [0, *range(6, REMEMBERED + 5)]
     assert len(memory) == REMEMBERED
@@ -110,9 +114,9 @@ def test_a_bounded_number_of_commands_is_known_the_latest_used():
 def test_a_result_is_that_of_the_command_of_its_number():
     memory = CommandMemory()
     later = replace(OFF, sequence=8)
-    memory.remember(STATION, ARM, ON)
-    memory.remember(STATION, ARM, later)
-    memory.set_result(RADIO, STATION, ARM, 7, 0)
-    memory.set_result(RADIO, STATION, ARM, 9, 4)
-    assert memory.find_original(STATION, ARM, later, confirmed=True, relative=False) == later
-    assert memory.find_original(STATION, ARM, ON, confirmed=False, relative=False) == replace(ON, result=0)
+    memory.remember(ARM, ON)
+    memory.remember(ARM, later)
+    memory.set_result(RADIO, ARM, 7, 0)
+    memory.set_result(RADIO, ARM, 9, 4)
+    assert memory.find_original(ARM, later, confirmed=True, relative=False) == later
+    assert memory.find_original(ARM, ON, confirmed=False, relative=False) == replace(ON, result=0)

@@ -1,0 +1,256 @@
+"""One station by two ways, or by a way that changes: all of it is heard, and nothing twice."""
+
+import heapq
+import math
+import random
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from firmware_py.common.intents import Arm, SteerHeading
+from firmware_py.link.security.signing import timestamp_of
+from firmware_py.link.ways import ALIKE, DOUBLED_S, LOST, Way, Ways
+from firmware_py.link.wire.url_options import parse_options
+
+BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+RADIO, OTHER = ("10.0.0.1", 1), ("10.0.0.2", 2)  # a router's two sockets
+ITEMS = 60
+KEY = bytes(range(100, 132))
+
+
+def yaw(angle_deg):
+    return mavlink.MAVLink_command_long_message(1, 1, 115, 0, angle_deg, 0, 1, 1, 0, 0, 0)
+
+
+def arm(wanted):
+    return mavlink.MAVLink_command_long_message(1, 1, 400, 0, wanted, 0, 0, 0, 0, 0, 0)
+
+
+def parameter(value):
+    return mavlink.MAVLink_param_set_message(1, 1, b"CTL_K1", value, 9)
+
+
+class TwoWays:
+    """A rig and a router before it, which sends each frame by two ways; `by` says by which, and how much later."""
+
+    def __init__(self, rig):
+        self.rig = rig
+        self.on_the_way = []
+        for _ in range(2 + ALIKE):
+            self.send(BEAT)
+            self.pass_time(1.0)
+
+    def send(self, message, by=((RADIO, 0.0), (OTHER, 0.0))):
+        data = self.rig.frame(message)
+        for address, delay_s in by:
+            heapq.heappush(self.on_the_way, (self.rig.now_s + delay_s, len(self.on_the_way), address, data))
+
+    def pass_time(self, seconds):
+        """Carry what is due; return what she says meanwhile by either way, with the way."""
+        said = []
+        end_s = self.rig.now_s + seconds
+        while self.rig.now_s < end_s:
+            while self.on_the_way and self.on_the_way[0][0] <= self.rig.now_s:
+                *_, address, data = heapq.heappop(self.on_the_way)
+                self.rig.transport.inbox.append((address, data))
+                self.rig.endpoint.service(self.rig.now_s, [self.rig.transport.descriptor])
+                while self.rig.endpoint.busy:
+                    self.rig.endpoint.service(self.rig.now_s, [])
+            self.rig.tick_silently()
+            said += self.heard()
+        return said
+
+    def heard(self):
+        sent, self.rig.transport.sent = self.rig.transport.sent, []
+        parser = mavlink.MAVLink(None)
+        return [(address, message) for address, data in sent for message in parser.parse_buffer(data) or []]
+
+
+@pytest.fixture(params=["open", "signed"])
+def router(make_rig, request):
+    rig = make_rig(addresses=(), options=parse_options("policy=auto"))
+    if request.param == "signed":
+        now = timestamp_of(rig.utc_s)
+        assert rig.endpoint._signing.set_key(KEY, now)
+        signing = rig.station.signing
+        signing.secret_key, signing.timestamp, signing.sign_outgoing = KEY, now, True
+    return TwoWays(rig)
+
+
+def turns(rig):
+    return [intent for intent in rig.request_handler.intents if isinstance(intent, SteerHeading)]
+
+
+def test_a_turn_that_comes_by_two_ways_is_made_once_and_a_second_one_is_made(router):
+    router.send(yaw(10.0), [(RADIO, 0.0), (OTHER, 2.5)])
+    router.pass_time(1.0)
+    assert len(turns(router.rig)) == 1
+    router.send(yaw(10.0), [(OTHER, 0.0), (RADIO, 2.5)])
+    router.pass_time(5.0)
+    assert [round(math.degrees(turn.heading_rad)) for turn in turns(router.rig)] == [10, 10]
+
+
+def test_an_order_that_comes_late_by_the_other_way_does_not_undo_a_later_one(router):
+    for first, then in ((arm(1.0), arm(0.0)), (parameter(0.5), parameter(0.7))):
+        router.send(first, [(RADIO, 0.0), (OTHER, 3.0)])
+        router.pass_time(1.0)
+        router.send(then, [(RADIO, 0.0), (OTHER, 3.0)])
+        router.pass_time(5.0)
+    assert [intent.armed for intent in router.rig.request_handler.intents if isinstance(intent, Arm)] == [True, False]
+    assert router.rig.request_handler.parameters()["CTL_K1"] == pytest.approx(0.7)
+
+
+def test_both_ways_are_served_and_what_comes_twice_is_told_nobody(router, texts):
+    said = []
+    for number in range(20):
+        router.send(BEAT, [(RADIO, 0.3 * (number % 2)), (OTHER, 0.3 * (1 - number % 2))])
+        said += router.pass_time(1.0)
+    assert {address for address, message in said if message.get_type() == "ATTITUDE"} == {RADIO, OTHER}
+    assert texts([message for _, message in said]) == []
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_mission_goes_up_by_two_bad_ways(router, seed):
+    chances = random.Random(seed)
+
+    def send(message):
+        ways = [(address, chances.uniform(0.0, 2.0)) for address in (RADIO, OTHER) if chances.random() > 0.3]
+        router.send(message, ways)
+
+    items = [
+        mavlink.MAVLink_mission_item_int_message(1, 1, n, 6, 16, 0, 1, 0, 0, 0, 0, 36_000_000 + n, 12_000_000, 0, 0)
+        for n in range(ITEMS)
+    ]
+    last = mavlink.MAVLink_mission_count_message(1, 1, ITEMS, 0)
+    send(last)
+    said_s, acks = router.rig.now_s, []
+    while not acks and router.rig.now_s < 900.0:
+        for _, message in router.pass_time(0.1):
+            if message.get_type() == "MISSION_REQUEST_INT" and chances.random() > 0.3:
+                last, said_s = items[message.seq], router.rig.now_s
+                send(last)
+            elif message.get_type() == "MISSION_ACK":
+                acks.append(message.type)
+        if router.rig.now_s - said_s > 5.0:
+            said_s = router.rig.now_s
+            send(last)
+    assert acks == [0]
+    places = [item.x for item in router.rig.request_handler.plans().mission.items]
+    assert places == [36_000_000 + n for n in range(1, ITEMS)]
+
+
+def test_of_a_file_whose_end_came_by_one_way_only_the_whole_is_kept(stored, tmp_path):
+    rig, _ = stored(addresses=())
+    router = TwoWays(rig)
+    client_of = type(_)
+    client = client_of(rig)
+    content = bytes(range(200)) * 3
+    router.send(client.request(6, "/uploads/up.bin"))
+    for start in range(0, len(content), 200):
+        last = start + 200 >= len(content)
+        router.send(
+            client.request(7, content[start : start + 200], offset=start), [(RADIO, 0.0)] + [(OTHER, 0.3)] * (not last)
+        )
+        router.pass_time(0.5)
+    router.send(client.request(1), [(RADIO, 0.0), (OTHER, 1.0)])
+    router.pass_time(3.0)
+    assert (tmp_path / "uploads" / "up.bin").read_bytes() == content
+
+
+# ---------------------------------------------------------------- another port
+
+
+def test_a_station_that_a_nat_gives_another_port_goes_on_where_it_was(make_rig):
+    rig = make_rig(addresses=())
+    ports = [("198.51.100.7", 40_000 + number) for number in range(8)]
+    rig.prove(ports[0])
+    items = [mavlink.MAVLink_mission_item_int_message(1, 1, n, 6, 16, 0, 1, 0, 0, 0, 0, n, n, 0, 0) for n in range(40)]
+    said = rig.tell(mavlink.MAVLink_mission_count_message(1, 1, 40, 0), address=ports[0])
+    while (asked := said[-1]).get_type() == "MISSION_REQUEST_INT":
+        rig.tick()
+        said = rig.tell(items[asked.seq], address=ports[asked.seq // 5])
+        said = [message for message in said if message.get_type() in ("MISSION_REQUEST_INT", "MISSION_ACK")]
+    assert (said[-1].get_type(), said[-1].type) == ("MISSION_ACK", 0)
+    assert len(rig.request_handler.plans().mission.items) == 39
+    # And telemetry goes to the port that it has now alone.
+    assert {peer.address for peer in rig.endpoint._peers} == {ports[-1]}
+
+
+def test_rates_and_what_is_owed_move_to_the_other_port(make_rig, of):
+    rig = make_rig(addresses=())
+    old, new = ("198.51.100.7", 1), ("198.51.100.7", 2)
+    rig.prove(old)
+    rig.command(511, 30, 1e6)  # ATTITUDE once a second; of whoever is at the first address
+    rig.tell(mavlink.MAVLink_command_long_message(1, 1, 511, 0, 30, -1, 0, 0, 0, 0, 0), address=old)
+    rig.ticks(3)
+    rig.prove(new)
+    rig.said()
+    assert of(rig.ticks(30), "ATTITUDE") == []
+
+
+@pytest.mark.parametrize("other", ["another computer", "another number", "another id"])
+def test_who_is_not_the_same_keeps_a_place_of_his_own(make_rig, other):
+    rig = make_rig(addresses=())
+    rig.prove(("198.51.100.7", 1))
+    if other == "another number":
+        rig.station.seq += LOST + 1
+    elif other == "another id":
+        rig.station.srcSystem = 254
+    rig.prove(("198.51.100.8" if other == "another computer" else "198.51.100.7", 2))
+    assert len(rig.endpoint._peers) == 2
+
+
+# ---------------------------------------------------------------- whose way it is
+
+
+def beat(number, sender=255, base_mode=0):
+    station = mavlink.MAVLink(None, srcSystem=sender, srcComponent=190)
+    station.seq = number
+    return mavlink.MAVLink_heartbeat_message(6, 8, base_mode, 0, 0, 3).pack(station)
+
+
+def heard(ways, way, frame, now_s):
+    double = ways.is_double(way, frame, now_s)
+    if not double:
+        ways.note(way, frame, now_s)
+    return double
+
+
+def joined(ways, one, other, until=ALIKE + 1):
+    for number in range(until):
+        heard(ways, one, beat(number), number)
+        heard(ways, other, beat(number), number + 0.5)
+
+
+def test_ways_are_one_stations_after_several_frames_that_are_alike():
+    ways, one, other = Ways(), Way("a", 0.0), Way("b", 0.0)
+    joined(ways, one, other, ALIKE)
+    assert one.station is not other.station
+    joined(ways, one, other)
+    assert one.station is other.station
+
+
+def test_two_stations_in_step_are_two_as_soon_as_they_say_something_else():
+    ways, one, other = Ways(), Way("a", 0.0), Way("b", 0.0)
+    joined(ways, one, other)
+    assert not heard(ways, one, beat(9), 9.0)
+    assert not heard(ways, other, beat(9, base_mode=1), 9.5)
+    assert one.station is not other.station
+    assert not heard(ways, other, beat(10), 10.0)
+    assert not heard(ways, one, beat(10), 10.5)
+
+
+def test_a_program_that_is_started_again_is_heard_again():
+    ways, one, other = Ways(), Way("a", 0.0), Way("b", 5.0)
+    for number in range(20):
+        assert not heard(ways, one, beat(number), 0.01 * number)
+    for number in range(20):
+        assert not heard(ways, other, beat(number), 5.0 + 0.01 * number)
+
+
+def test_a_number_comes_round():
+    ways, one, other = Ways(), Way("a", 0.0), Way("b", 0.0)
+    joined(ways, one, other)
+    assert heard(ways, one, beat(3), 3.0 + DOUBLED_S - 0.1) is False  # by its own way
+    assert heard(ways, other, beat(3), 3.0 + DOUBLED_S - 0.1) is True
+    assert heard(ways, other, beat(3), 3.0 + 3.0 * DOUBLED_S) is False
