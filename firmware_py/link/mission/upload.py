@@ -70,11 +70,12 @@ class PlanUpload:
 
 @dataclass(frozen=True, slots=True)
 class UploadEnd:
-    """How an upload ended, to be said again when its last item comes again."""
+    """How an upload ended, to be said again when its last item comes again, or late any other."""
 
     sequence: int
     result: PlanResult
     identity: int
+    ended_s: float
 
 
 class PlanUploads:
@@ -120,12 +121,12 @@ class PlanUploads:
         owner = correspondent(peer, message)
         upload = self._active.get(kind)
         if upload is None or upload.owner != owner:
-            self._answer_stray_item(owner, message, kind)
+            self._answer_stray_item(owner, message, kind, now_s)
             return
         upload.owner, upload.last_item_s = owner, now_s  # answered by the way by which it comes now
         if upload.storing or message.seq != upload.next:
             if message.seq == upload.next - 1:
-                upload.retry.learn_from_double()
+                upload.retry.learn_from_double(now_s)
             return
         upload.retry.learn(now_s)
         upload.whole = type(message).id == _ITEM_INT
@@ -154,7 +155,7 @@ class PlanUploads:
                 self._end(upload, upload.next, PlanProblem(None, PlanResult.OPERATION_CANCELLED, text), now_s)
             elif upload.retry.due(now_s):
                 upload.retry.repeat(now_s)
-                if upload.retry.tries % _BY_TURNS == 0:
+                if not upload.items and upload.retry.tries % _BY_TURNS == 0:  # else it has shown which it answers
                     upload.whole = not upload.whole
                 self._request(upload)
 
@@ -240,7 +241,8 @@ class PlanUploads:
     ) -> None:
         """End an upload, well without a fault."""
         del self._active[upload.kind]
-        ended = UploadEnd(sequence, PlanResult.ACCEPTED if fault is None else fault.result, 0 if fault else identity)
+        result = PlanResult.ACCEPTED if fault is None else fault.result
+        ended = UploadEnd(sequence, result, 0 if fault else identity, now_s)
         keep_latest(self._ended, (upload.owner, upload.kind), ended, _REMEMBERED)
         if fault is None:
             acknowledge(
@@ -260,12 +262,15 @@ class PlanUploads:
             to.peer, Severity.WARNING, f"{NAMES[kind].capitalize()} not taken: {why}", now_s
         )
 
-    def _answer_stray_item(self, owner: Correspondent, message: Message, kind: PlanKind) -> None:
-        """Answer an item that is not asked for: the end that its sender may have missed, else that it is not wanted."""
+    def _answer_stray_item(self, owner: Correspondent, message: Message, kind: PlanKind, now_s: float) -> None:
+        """Answer an item that is not asked for: the end that its sender may have missed, else that it is not wanted.
+
+        One before the last is a double at first; later it is the last word of who has heard an overtaken request last.
+        """
         ended = self._ended.get((owner, kind))
         if ended is None:
             busy = kind in self._active
             result = PlanResult.DENIED if busy else PlanResult.ERROR
             acknowledge(self._context, owner.peer, owner.sender, int(kind), result)
-        elif message.seq == ended.sequence:
+        elif message.seq == ended.sequence or now_s - ended.ended_s > timeouts_of(owner.peer.transport).longest_s:
             acknowledge(self._context, owner.peer, owner.sender, int(kind), ended.result, ended.identity)

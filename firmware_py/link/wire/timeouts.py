@@ -11,6 +11,7 @@ from firmware_py.link.wire.url_options import LinkClass
 _RADIO_BYTES_S = 100.0  # a slower line is a satellite's: 1200 baud is a radio's
 _NEW = 0.3  # part of the latest answer in what is usual
 _DEVIATIONS, _LATER = 4.0, 1.25  # an answer is waited for so long beyond the usual; as TCP does, RFC 6298
+_ALIKE = 0.5  # two answers of one line take as long, within this part of it
 _PATIENCE = 10.0  # usual round trips of silence are no end yet
 
 
@@ -52,19 +53,34 @@ class RetryTimer:
     The wait is the usual time and four times its mean deviation: what is lost on an even line costs little more than a
     round trip, and what is late on an uneven one is not asked for in vain.
 
-    Which asking an answer belongs to cannot be told once there were two; a second answer tells that it was the first,
-    and that to ask again was in vain.
+    Which asking an answer belongs to cannot be told once there were two; a second answer that took as long from the
+    second asking tells that it was the first, and that to ask again was in vain. One that comes at another time is
+    what the station says again by itself.
     """
 
-    __slots__ = ("_asked_s", "_begun_s", "_deviation_s", "_in_doubt_s", "_timeouts", "_tries", "_typical_s", "_wait_s")
+    __slots__ = (
+        "_again_s",
+        "_asked_s",
+        "_begun_s",
+        "_deviation_s",
+        "_in_doubt",
+        "_suspected_s",
+        "_timeouts",
+        "_tries",
+        "_typical_s",
+        "_wait_s",
+    )
 
     def __init__(self, timeouts: Timeouts) -> None:
         """Start without a question."""
         self._timeouts = timeouts
         self._typical_s: float | None = None
         self._deviation_s = 0.0
-        self._in_doubt_s: float | None = None  # since the first asking of a question that was asked twice
+        # Of the latest question that was asked twice: since its first asking, and when it was asked for the second time.
+        self._in_doubt: tuple[float, float] | None = None
         self._begun_s = self._asked_s = 0.0
+        self._suspected_s: float | None = None  # how long answers take, by a second answer
+        self._again_s = 0.0  # when the present one was asked for the second time
         self._wait_s = timeouts.first_s
         self._tries = 0
 
@@ -78,15 +94,17 @@ class RetryTimer:
     def repeat(self, now_s: float) -> None:
         """Note that the same question was asked again."""
         self._asked_s, self._tries = now_s, self._tries + 1
+        if self._tries == 1:
+            self._again_s = now_s
         self._wait_s = min(1.5 * self._wait_s, max(self._timeouts.longest_s, self._wait_s))
 
     def learn(self, now_s: float) -> None:
         """Learn from an answer; that to a question asked twice teaches nothing yet."""
         took_s = max(0.0, now_s - self._begun_s)
         if self._tries:
-            self._in_doubt_s = took_s
+            self._in_doubt = took_s, self._again_s
             return
-        self._in_doubt_s = None
+        self._in_doubt = None
         if self._typical_s is None:
             self._typical_s, self._deviation_s = took_s, 0.5 * took_s
             return
@@ -94,12 +112,18 @@ class RetryTimer:
         self._deviation_s += _NEW * (abs(beside_s) - self._deviation_s)
         self._typical_s += _NEW * beside_s
 
-    def learn_from_double(self) -> None:
-        """Learn from a second answer to the last question but one, whose first was that to the first asking."""
-        if self._in_doubt_s is None:
+    def learn_from_double(self, now_s: float) -> None:
+        """Learn from a second answer to the last question but one, if its first was that to the first asking."""
+        if self._in_doubt is None:
             return
-        self._typical_s = max(self._in_doubt_s, self._typical_s or 0.0)
-        self._in_doubt_s = None
+        took_s, again_s = self._in_doubt
+        if abs(now_s - again_s - took_s) > _ALIKE * took_s:
+            return
+        self._in_doubt, before_s = None, self._suspected_s
+        self._suspected_s = took_s
+        if before_s is None or abs(took_s - before_s) > _ALIKE * before_s:
+            return  # once is chance
+        self._typical_s = max(took_s, self._typical_s or 0.0)
         self._wait_s = max(self._wait_s, self._usual_wait_s(self._typical_s))
 
     def _usual_wait_s(self, typical_s: float) -> float:

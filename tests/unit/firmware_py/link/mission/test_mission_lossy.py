@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import common as mavlink
 ITEMS = 40
 TICK_S = 0.1
 LONGEST_S = 900.0
+SILENCE_S = 1.0  # then a station says its last word again
 
 
 class Relay:
@@ -109,3 +110,64 @@ def test_plans_come_and_go_whole_over_a_bad_link(station, seed):
     for _ in range(200):
         far.heard()
     assert station.places() in (list(range(1001, 1021)), list(range(1, 1 + ITEMS)))
+
+
+class Line:
+    """Loses, doubles and delays a quarter, byte for byte."""
+
+    def __init__(self, chances):
+        self.chances = chances
+        self.waiting = []
+        self.order = itertools.count()
+
+    def put(self, data, now_s):
+        if self.chances.random() < 0.25:
+            return
+        for _ in range(2 if self.chances.random() < 0.25 else 1):
+            delay_s = self.chances.uniform(0.0, 0.06) if self.chances.random() < 0.25 else 0.0
+            heapq.heappush(self.waiting, (now_s + delay_s, next(self.order), data))
+
+    def due(self, now_s):
+        while self.waiting and self.waiting[0][0] <= now_s:
+            yield heapq.heappop(self.waiting)[2]
+
+
+def upload_s(station, items, seed):
+    """How long an upload takes from a station that knows MISSION_REQUEST_INT alone and repeats itself in silence."""
+    rig, chances = station.rig, random.Random(seed)
+    up, down, parser = Line(chances), Line(chances), mavlink.MAVLink(None)
+    last = mavlink.MAVLink_mission_count_message(1, 1, len(items), 0)
+    begun_s, said_s, tick_s = rig.now_s, -SILENCE_S, rig.now_s
+
+    def carry():
+        sent, rig.transport.sent = rig.transport.sent, []
+        for _, data in sent:
+            down.put(data, rig.now_s)
+
+    while rig.now_s < LONGEST_S:
+        for data in down.due(rig.now_s):
+            for message in parser.parse_buffer(data) or []:
+                if message.get_type() == "MISSION_ACK":
+                    assert message.type == 0
+                    return rig.now_s - begun_s
+                if message.get_type() == "MISSION_REQUEST_INT":
+                    last, said_s = items[message.seq], -SILENCE_S
+        if rig.now_s - said_s >= SILENCE_S:
+            said_s = rig.now_s
+            up.put(rig.frame(last), rig.now_s)
+        rig.now_s += 0.01
+        for data in up.due(rig.now_s):
+            rig.transport.inbox.append(("station", data))
+            rig.endpoint.service(rig.now_s, [rig.transport.descriptor])
+        if rig.now_s - tick_s >= TICK_S:
+            tick_s = rig.now_s
+            rig.tick_silently(seconds=0.0)
+        carry()
+    raise AssertionError("the upload never ended")
+
+
+def test_a_lost_frame_costs_a_second_or_two(make_station):
+    """Doubles and what a station repeats in silence were taken for answers that take long: minutes at worst."""
+    took_s = sorted(upload_s(station := make_station(), station.mission(24), seed) for seed in range(16))
+    assert took_s[len(took_s) // 2] < 12.0
+    assert took_s[-1] < 30.0

@@ -239,7 +239,7 @@ RADIO = {"byte_rate": 5760.0, "radio": True, "datagrams": False}
 
 
 @pytest.mark.parametrize(
-    ("line", "trip_s", "in_vain"), [(RADIO, 1.0, 5), (RADIO, 3.0, 5), (RADIO, 6.0, 5), (RADIO, 12.0, 5), ({}, 6.0, 6)]
+    ("line", "trip_s", "in_vain"), [(RADIO, 1.0, 5), (RADIO, 3.0, 5), (RADIO, 6.0, 5), (RADIO, 12.0, 6), ({}, 6.0, 9)]
 )
 def test_on_a_slow_way_an_item_is_not_asked_for_while_its_answer_is_under_way(make_station, line, trip_s, in_vain):
     """A round trip longer than the first wait: each asking is answered, so that the first item comes several times."""
@@ -276,7 +276,7 @@ def test_where_round_trips_are_long_silence_is_no_end(station):
         station.rig.ticks(60)
         station.answers(item, item)
     said = station.protocol(station.rig.ticks(500))
-    assert {message.get_type() for message in said} == {"MISSION_REQUEST_INT", "MISSION_REQUEST"}
+    assert {message.get_type() for message in said} == {"MISSION_REQUEST_INT"}  # which it has answered
     assert "MISSION_ACK" in [message.get_type() for message in station.protocol(station.rig.ticks(200))]
 
 
