@@ -76,7 +76,7 @@ class RetryTimer:
         self._timeouts = timeouts
         self._typical_s: float | None = None
         self._deviation_s = 0.0
-        # Of the latest question that was asked twice: since its first asking, and when it was asked for the second time.
+        # Of the latest that was asked twice: since its first asking, and when it was asked for the second time.
         self._in_doubt: tuple[float, float] | None = None
         self._begun_s = self._asked_s = 0.0
         self._suspected_s: float | None = None  # how long answers take, by a second answer
