@@ -15,6 +15,9 @@ from firmware_py.link.wire.transport import Address, LinkError, LinkUrl
 _DATAGRAMS = 48  # at one call: as fast as anybody sends, since most of a flood is dropped unread
 _LONGEST = 2048  # of a datagram: what exceeds it is cut
 _SEND_BUFFER = 1 << 18
+# Of Linux; Python has no names for them. By default each datagram forbids routers to take it apart: where a hop carries
+# less and says so to nobody, every longer one would be lost for good.
+_IP_MTU_DISCOVER, _IP_PMTUDISC_DONT = 10, 0
 OF_MANY_ANYWHERE = ("0.0.0.0", "255.255.255.255")  # noqa: S104 - no station has them, in any network
 _LOOK_S = 60.0  # a target that is silent for so long may have another address by now
 
@@ -89,6 +92,7 @@ class UdpTransport:
         self.exposed = False
         self.hindrance = ""  # why the system refused the last datagram to the target
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        self._socket.setsockopt(socket.IPPROTO_IP, _IP_MTU_DISCOVER, _IP_PMTUDISC_DONT)
         if url.kind == "udpin":
             bind(self._socket, url)
             self.exposed = exposed(self._socket)

@@ -61,6 +61,13 @@ def test_udpout_sends_from_the_start_and_hears_the_answer(opened, station):
     assert receive(transport) == [(target, b"answer")]
 
 
+@pytest.mark.parametrize("kind", ["udpout", "udpin"])
+def test_routers_may_take_a_datagram_apart(opened, kind):
+    ip_mtu_discover, ip_pmtudisc_dont = 10, 0
+    used = opened(f"{kind}:127.0.0.1:{free_port()}")._socket
+    assert used.getsockopt(socket.IPPROTO_IP, ip_mtu_discover) == ip_pmtudisc_dont
+
+
 def test_udpout_hears_another_port_of_the_same_host_as_another_correspondent(opened, station):
     transport = opened("udpout:127.0.0.1:9")
     transport.send(transport.addresses()[0], b"x")
