@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -35,11 +34,14 @@ def without_standstill(recording: Recording, warnings: list[str]) -> Recording:
             warnings.append(f"{recording.name}: {name} never changes, as of a sensor that is dead; left out")
             return _without(recording, name)
         if name == "heading_rad":
-            values, witnesses = np.unwrap(values), [recording.rudder_rad, *([] if other is None else [other])]
+            rows = _frozen(np.unwrap(values), recording.rudder_rad, None if other is None else (other, other))
+        elif other is None:
+            rows = _frozen(values, recording.rudder_rad, None)
         else:
-            turning = [] if other is None else [np.gradient(np.unwrap(other), recording.time_s)]
-            witnesses = [recording.rudder_rad, *turning]
-        rows = _frozen(values, witnesses)
+            # Only another turning is a witness against a yaw rate of few digits: a steady turn leaves it as it is.
+            turning = np.gradient(np.unwrap(other), recording.time_s)
+            apart = turning - values
+            rows = _frozen(values, None, (apart - float(np.median(apart)), turning))
         if rows.any():
             most = other is not None and float(rows.mean()) > MOSTLY
             seconds = float(np.sum(np.diff(recording.time_s)[rows[1:]]))
@@ -67,10 +69,10 @@ def _without(recording: Recording, name: str) -> Recording:
     return replace(recording, yaw_rate_rad_s=None)
 
 
-def _frozen(values: Floats, witnesses: Sequence[Floats]) -> NDArray[np.bool_]:
+def _frozen(values: Floats, rudder: Floats | None, turning: tuple[Floats, Floats] | None) -> NDArray[np.bool_]:
     """Return in which rows values stay the same for long, although a witness is as busy as elsewhere.
 
-    witnesses: the rudder, then what turns with the values.
+    rudder: None where it is no witness. turning: of another sensor, what to look at there and what elsewhere.
     """
     bounds = np.concatenate(([0], np.flatnonzero(np.diff(values)) + 1, [values.size]))
     lengths = np.diff(bounds)
@@ -88,12 +90,13 @@ def _frozen(values: Floats, witnesses: Sequence[Floats]) -> NDArray[np.bool_]:
         parts = values[moving][: elsewhere // width * width].reshape(-1, width)
         if float(np.quantile(np.ptp(parts, axis=1), 0.25)) <= COARSE_STEPS * step:
             continue
-        busy = [_size(one[rows]) > AS_BUSY * _size(one[moving]) for one in witnesses]
         # A coarse sensor goes on by its step, which digits that are cut off make larger for larger headings.
         own = max(step, float(abs(values[rows.start] - values[max(rows.start - 1, 0)])), usual)
         goes_on = rows.stop < values.size and abs(values[rows.stop] - values[rows.start]) <= NEXT_STEPS * own
+        turns = turning is not None and _size(turning[0][rows]) > AS_BUSY * _size(turning[1][moving])
+        steered = rudder is not None and _size(rudder[rows]) > AS_BUSY * _size(rudder[moving])
         # The rudder alone is no witness of a coarse compass that stands still while a turn ends and another begins.
-        frozen[rows] = any(busy[int(goes_on) :])
+        frozen[rows] = turns or (steered and not goes_on)
     return frozen
 
 

@@ -104,8 +104,9 @@ def columns_of(where: str, header: list[str]) -> dict[str, Column]:
         places = all_places if quantity != "speed_m_s" else _through_water(all_places, header)
         if len(places) > 1:
             names = " and ".join(dict.fromkeys(shown[place] for place in places))
-            what = f"column {names} stands there twice" if " and " not in names else f"columns {names} are the same"
-            raise UsageError(f"{where}: {what}; remove one")
+            several = " and " in names
+            what = f"columns {names} all say {quantity}" if several else f"column {names} stands there twice"
+            raise UsageError(f"{where}: {what}; remove all but one")
         name = header[places[0]]
         units = (*(_unit(quantity, _plain(text)) for text in (name, _end(name))), _beside(quantity, _plain(name)))
         unit = next((unit for unit in units if unit is not None), None)

@@ -151,3 +151,15 @@ def test_a_heading_of_three_digits_that_goes_on_by_its_own_step_is_not_called_fr
     assert np.max(np.abs(degrees)) > 15.0
     data = prepare([yard.recorded(time, rudder, coarse, rate, noise=0.0, channels="h")])
     assert (data.rows, data.warnings) == (time.size, ())
+
+
+def test_a_yaw_rate_of_three_digits_in_a_steady_turn_is_not_called_frozen(yard):
+    """As published model tests are written: where a turn was steadiest its rows were left out, the log cut there."""
+    time = np.arange(6000) * 0.1
+    rudder = yard.zigzag(time, np.radians(20.0), 120.0)
+    heading, rate = yard.boat(0.026, 20.0).motion(time, rudder)
+    degrees = np.degrees(rate)
+    cut = 10.0 ** (np.floor(np.log10(np.maximum(np.abs(degrees), 1e-4))) - 2.0)
+    coarse = np.radians(np.round(degrees / cut) * cut)
+    data = prepare([yard.recorded(time, rudder, heading, coarse, noise=0.002, rate_noise=0.0)])
+    assert (data.rows, data.warnings) == (time.size, ())

@@ -16,6 +16,7 @@ from hil.lab.identify.manoeuvre_file import read
 from hil.lab.identify.predict import Start
 from hil.lab.identify.recording import Recording, Source
 from hil.lab.identify.refine import refine
+from hil.lab.identify.stretch import Timing
 from hil.lab.identify.suggest import suggest
 from support.paths import DATA
 
@@ -178,6 +179,15 @@ def test_an_autopilot_that_changes_course_tells_the_boat_and_is_told():
     assert abs(gain.value - 0.049) < 3.0 * gain.se
     assert found.loop.explained > 0.9
     assert any("the rudder answers what it does not explain" in text for text in found.judgement.warnings)
+
+
+def test_an_autopilot_s_rudder_is_not_taken_to_stand_still_between_rows(yard):
+    """What pushed her since the last row has moved the rudder by this one: as if it had waited; T a seventh less."""
+    waves = yard.wave_yaw(12_000, 0.1, 0.026, 6.0, np.random.default_rng(2))
+    recording = kept_on_course(2, 100.0, goal_rad=0.52, slew_rad_s=0.2, waves=waves).rows(slice(None, None, 10))
+    found = identify([replace(recording, yaw_rate_rad_s=None)])
+    assert found.choice.timing.timing is Timing.RAMP
+    assert abs(found.judgement.estimates["T"].value / 4.0 - 1.0) < 0.05
 
 
 def test_a_plan_sailed_in_waves_is_no_closed_loop(yard):
