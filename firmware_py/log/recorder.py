@@ -1,4 +1,4 @@
-"""The onboard log as the loop sees it: packs each tick, queues it, and never waits."""
+"""The onboard log as the loop sees it: packs the ticks, a few at a time, queues them, and never waits."""
 
 from __future__ import annotations
 
@@ -27,6 +27,9 @@ from firmware_py.log.thin_file import ThinFile
 from firmware_py.log.writer import LogWriter
 
 FLUSH_S: Final = 1.0
+# Between two ticks a processor forgets in its caches what packs them, so a few that tell nothing new are packed
+# together: no more than this, and what is held back is younger than this.
+HELD_TICKS, HELD_S = 5, 0.5
 NO_PLANS: Final = Plans()
 # The faults that the minutes before are kept of.
 _SEVERE: Final = sum(1 << fault for fault, row in TABLE.items() if row.severity <= Severity.ERROR)
@@ -76,8 +79,8 @@ class LogRecorder:
         self._sequence = 0  # of the next tick, dropped ones counted too
         self._dropped = 0
         self._complaint = ""  # why the last tick was dropped, empty when it was not
-        self._opened_files = 0  # of those that the writer wanted
-        self._file_size = 0
+        self._opened_files = self._file_size = 0  # of those that the writer wanted; of the last one, in bytes
+        self._held: list[tuple[Inputs, Output, Callable[[], str]]] = []  # ticks to be packed, as they were offered
         self._mode: int | None = None
         self._severe = 0  # faults of the last tick, those that a black box is kept of
         self._archivist = Archivist(directory)
@@ -99,10 +102,21 @@ class LogRecorder:
             self.writer.start()
 
     def offer(self, inputs: Inputs, output: Output, before: Callable[[], str]) -> None:
-        """Queue a tick without blocking, or drop and count it."""
+        """Queue a tick without blocking, or drop and count it; one without event and request may wait for the next."""
+        self._offer_beside(inputs, output)
+        self._held.append((inputs, output, before))
+        if output.events or inputs.requests or len(self._held) >= min(HELD_TICKS, HELD_S * inputs.tick.rate_hz):
+            self._pack_held()
+
+    def _pack_held(self) -> None:
+        held, self._held = self._held, []
+        for inputs, output, before in held:
+            self._pack(inputs, output, before)
+
+    def _pack(self, inputs: Inputs, output: Output, before: Callable[[], str]) -> None:
+        """Queue a tick, or drop and count it."""
         sequence = self._sequence
         self._sequence += 1
-        self._offer_beside(inputs, output)
         changed = self._follow_settings(inputs)
         if self.writer.full():
             self._drop("log: the disk does not keep up")
@@ -142,7 +156,8 @@ class LogRecorder:
         return self.writer.progress()
 
     def close(self) -> None:
-        """Write what is queued and close the file."""
+        """Write what is held and queued, and close the file."""
+        self._pack_held()
         self.writer.close()
 
     def _offer_beside(self, inputs: Inputs, output: Output) -> None:

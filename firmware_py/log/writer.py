@@ -4,7 +4,7 @@ The loop's thread only appends to a deque and compares counters, and each counte
 one thread that changes it, so neither waits for the other: no lock is shared while the
 queue is less than half full. The writer's thread wakes every second, takes all there
 is, and spends its time in write and fdatasync, which release the interpreter. At most
-that second is lost in a power cut.
+that second is lost in a power cut, beside what the recorder holds back.
 """
 
 from __future__ import annotations

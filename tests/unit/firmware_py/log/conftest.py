@@ -83,8 +83,8 @@ def step(state, inputs):
     return PretendState(smoothed_rad, goal_rad, armed), Output(command, snapshot, events)
 
 
-def inputs_of(index):
-    """Inputs of a tick of the pretend run: everything comes by, nothing repeats."""
+def inputs_of(index, rate_hz=2.0):
+    """Inputs of a tick of the pretend run: everything comes by, nothing repeats; so slow, none is held by the log."""
     t_s = 12.3 + index * 0.1
     requests = {
         1: (
@@ -94,7 +94,7 @@ def inputs_of(index):
         3: (Request(t_s, SetParameter("CTL_K1", 12.5), 254, 1),),
     }
     return Inputs(
-        tick=Tick(index, t_s, 1e-5 / 3.0, index % 2, 10.0),
+        tick=Tick(index, t_s, 1e-5 / 3.0, index % 2, rate_hz),
         headings=(
             HeadingSample(t_s - 0.01, 1.0 / (1.0 + index), NorthReference.MAGNETIC, -0.1, roll_rad=0.02),
             HeadingSample(t_s - 0.005, 0.9, NorthReference.TRUE, source=1),
@@ -118,12 +118,12 @@ def inputs_of(index):
     )
 
 
-def sail(recorder, indexes, state=None, *, after=None):
+def sail(recorder, indexes, state=None, *, after=None, rate_hz=2.0):
     """Step through ticks and offer each to the recorder; returns the state at the end and the inputs."""
     state = PretendState() if state is None else state
     sailed = []
     for index in indexes:
-        inputs = inputs_of(index)
+        inputs = inputs_of(index, rate_hz)
         after_state, output = step(state, inputs)
         recorder.offer(inputs, output, lambda state=state: CODEC.to_text(state))
         sailed.append((inputs, output))

@@ -86,6 +86,47 @@ def test_every_input_is_read_back_and_one_checkpoint_stands_at_the_start(tmp_pat
     assert not any(tick.gap for tick in ticks)
 
 
+def test_ticks_are_packed_a_few_at_a_time_to_the_same_bytes_and_none_is_lost_at_the_end(tmp_path, pretend):
+    written = []
+    for name in ("at once", "together"):
+        recorder = pretend.recorder_in(tmp_path / name)
+        counts = []
+
+        def look(recorder=recorder, counts=counts, at_once=name == "at once"):
+            if at_once:
+                recorder._pack_held()
+            recorder.writer.drain()
+            counts.append(recorder.health(0.0).accepted)
+
+        pretend.sail(recorder, range(4, 17), after=look, rate_hz=10.0)
+        recorder.close()
+        written.append((counts, (tmp_path / name / "00000001.BIN").read_bytes()))
+    (each, bytes_at_once), (held, bytes_together) = written
+    assert each == list(range(1, 14))
+    assert held == [*(0,) * 4, *(5,) * 5, *(10,) * 4]
+    assert bytes_together == bytes_at_once
+    assert len(list(LogReader(tmp_path / "together" / "00000001.BIN"))) == 13
+
+
+def test_a_tick_with_a_request_or_an_event_is_not_held_nor_are_those_before(tmp_path, pretend):
+    recorder = pretend.recorder_in(tmp_path)
+    accepted = []
+    # Tick 1 has requests and an event, tick 3 a request.
+    pretend.sail(recorder, range(5), after=lambda: accepted.append(recorder.health(0.0).accepted), rate_hz=50.0)
+    assert accepted == [0, 2, 2, 4, 4]
+    recorder.close()
+    assert len(list(LogReader(tmp_path / "00000001.BIN"))) == 5
+
+
+@pytest.mark.parametrize(("rate_hz", "longest"), [(1.0, 1), (2.0, 1), (4.0, 2), (10.0, 5), (50.0, 5)])
+def test_a_slow_loop_holds_fewer_ticks_never_half_a_second(tmp_path, pretend, rate_hz, longest):
+    recorder = pretend.recorder_in(tmp_path)
+    for count in range(longest):
+        assert recorder.health(0.0).accepted == 0
+        pretend.sail(recorder, [4 + count], rate_hz=rate_hz)
+    assert recorder.health(0.0).accepted == longest
+
+
 def test_files_change_at_a_tick_and_the_oldest_goes(tmp_path, pretend):
     recorder = pretend.recorder_in(tmp_path, file_bytes=12_000, keep_bytes=50_000)
     _, sailed = pretend.sail(recorder, range(100), after=recorder.writer.drain)
