@@ -15,7 +15,7 @@ from firmware_py.core.autopilot import Autopilot
 from firmware_py.core.liveness import Liveness, StuckError, devices_progress
 from firmware_py.core.state import parameters_in_force, settings_of
 from firmware_py.core.state_codec import state_to_text
-from firmware_py.system.clock import Metronome
+from firmware_py.system.clock import LOCK_MARGIN_S, Metronome
 from firmware_py.system.clock_setter import ClockSetter
 from firmware_py.system.fault_barrier import FaultBarrier
 from firmware_py.system.health import HealthMonitor
@@ -37,6 +37,10 @@ BUSY_GUARD_PART = 0.5
 # process for 50 ms in every second that it would use to more than 95 %: a flood must not
 # bring it there.
 LINK_PART = 0.75
+# The compass that the ticks are locked to comes a little before its deadline: the tick begins with it, so that a
+# processor that is awake need not be woken again. Not earlier than this, or than this part of a short period.
+EARLY_S = 2.0 * LOCK_MARGIN_S
+EARLY_PART = 0.2
 COLLECT_INTERVAL_S = 60.0
 LIFE_INTERVAL_S = 1.0  # and with the first tick; whoever watches over her waits for several
 SAFE_TIMEOUT_S = 2.0
@@ -70,6 +74,8 @@ class LoopParts:
     show_status: Callable[[Output, float], None] = lambda _output, _now_s: None  # to who looks on; never raises
     watchdogs: Watchdogs = field(default_factory=Watchdogs)
     liveness: Liveness = field(default_factory=Liveness)
+    prompt_ticks: bool = False  # whether a tick begins with the compass: where time goes by, and waking takes some
+    heard: tuple[HeadingSample, ...] = ()  # what the compass has said that the tick begins with
     samples: int = 0  # taken from all devices since the start
     life_due_s: float = -math.inf
     prompt: tuple[Device, ...] = field(init=False)  # whose bytes are taken as they arrive: the time is that of a sample
@@ -97,8 +103,8 @@ def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
             link_busy = _serve_until_deadline(parts, metronome, link_busy)
             if stopped():
                 break
-            late_s = max(0.0, clock.now_s() - metronome.deadline_s)
-            tick = Tick(index, metronome.deadline_s, late_s, skipped, metronome.rate_hz)
+            now_s, due_s = clock.now_s(), metronome.deadline_s
+            tick = Tick(index, min(now_s, due_s), max(0.0, now_s - due_s), skipped, metronome.rate_hz)
             newest = _tick(parts, tick)
             now_s = clock.now_s()
             _show_life(parts, now_s)
@@ -121,9 +127,10 @@ def run(parts: LoopParts, stopped: Callable[[], bool]) -> None:
 def _tick(parts: LoopParts, tick: Tick) -> HeadingSample | None:
     """Do one tick, the rudder before all that can wait; return the newest heading sample, if any."""
     clock, now_s = parts.clock, tick.t_s + tick.late_s
-    for device in parts.devices:
+    for device in parts.devices[1:] if parts.heard else parts.devices:
         device.receive(now_s)
-    headings = tuple(parts.compass.poll())
+    headings = (*parts.heard, *parts.compass.poll())
+    parts.heard = ()
     before = parts.autopilot.state
     others = tuple(parts.compass_b.poll()) if parts.compass_b is not None else ()
     inputs = Inputs(
@@ -198,13 +205,15 @@ def _progress(parts: LoopParts) -> list[Progress]:
 
 
 def _serve_until_deadline(parts: LoopParts, metronome: Metronome, link_busy: bool) -> bool:  # noqa: FBT001 - its own answer of before
-    """Sleep until the deadline; meanwhile take bytes as they arrive and serve the link in the slack.
+    """Sleep until the deadline, or the compass just before; meanwhile take bytes and serve the link in the slack.
 
     Takes and returns whether the link had much to do, in the period before and in this one.
     """
     clock, link, deadline_s = parts.clock, parts.link, metronome.deadline_s
     period_s = 1.0 / metronome.rate_hz
     guard_s, busy_guard_s = min(GUARD_S, GUARD_PART * period_s), min(BUSY_GUARD_S, BUSY_GUARD_PART * period_s)
+    locked = parts.prompt_ticks and parts.autopilot.state.parameters["LOOP_LOCK"]
+    begin_s = deadline_s - min(EARLY_S, EARLY_PART * period_s) if locked else deadline_s
     link_s = 0.0
     store_fd, device_fds = parts.store.fileno(), _awaited(parts)
     others = [*link.descriptors(), store_fd]
@@ -221,6 +230,9 @@ def _serve_until_deadline(parts: LoopParts, metronome: Metronome, link_busy: boo
         link_ready = [fd for fd in ready if fd not in device_fds and fd != store_fd]
         for device in speaking:
             device.receive(now_s)
+        if now_s >= begin_s and parts.compass in speaking and (heard := tuple(parts.compass.poll())):
+            parts.heard = heard
+            break
         if parts.rudder in speaking or any(device.fileno() < 0 for device in speaking):
             device_fds = _awaited(parts)
         # What wakes the link within the guard time waits for the tick.

@@ -89,8 +89,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
     opened.callback(commit := ask_commit(ROOT))  # git looks while lines and state are opened
     console = opened.enter_context(closing(Console()))
     devices = open_devices(vehicle, wait=options.wait)
-    lines = list(devices.lines)
-    opened.callback(close_all, lines)
+    opened.callback(close_all, lines := list(devices.lines))
     store = opened.enter_context(closing(Store(options.state_directory, private=(SIGNING_FILE,), wait=options.wait)))
     notices: list[Event] = []
     kept, plans = read_state(options.state_directory, store, say := _teller(console, notices))
@@ -138,6 +137,7 @@ def _wire(vehicle: Vehicle, options: Options, opened: ExitStack) -> tuple[LoopPa
         fault_barrier=FaultBarrier(console.line),
         clock_setter=clock_setter,
         notices=notices,
+        prompt_ticks=options.lockstep is None,
     )
     if options.lockstep is None or options.status:  # else nobody looks: time is not what a clock on the wall shows
         links = links_of(endpoint, talkers)

@@ -76,9 +76,9 @@ class Severity(IntEnum):
 class Tick:
     """One turn of the fixed-rate loop.
 
-    `t_s` is the deadline the tick was due at and the time that every computation of
-    the tick uses; `late_s` is how much later it began; `skipped` counts the
-    deadlines that passed unserved just before it; `rate_hz` is the nominal rate.
+    `t_s` is the deadline the tick was due at, or when the compass just before had it begin,
+    and the time that every computation of the tick uses; `late_s` is how much later it began;
+    `skipped` counts the deadlines that passed unserved just before it; `rate_hz` is the nominal rate.
     """
 
     index: int

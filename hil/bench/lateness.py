@@ -18,12 +18,15 @@ PARTS = (("p50", "p50"), ("p99", "p99"), ("p99.9", "p999"), ("max", "max"))
 def measure(setting: Setting) -> Finding:
     """Run the autopilot in the tank at each rate, with half of the bare sleep before it and half after."""
     figures: list[Figure] = []
-    notes = ["ticks from the onboard log, start and arming included; bare: as many absolute-deadline sleeps"]
+    notes = [
+        "ticks from the onboard log, start and arming included; bare: as many absolute-deadline sleeps",
+        "LOOP_LOCK 0: locked to a compass, a tick begins with its sample and waits for no deadline",
+    ]
     for rate_hz, seconds in setting.lateness_s.items():
         half = math.ceil(rate_hz * seconds / 2.0)
         bare_s = _bare(rate_hz, half)
         out = setting.directory / f"lateness-{rate_hz}"
-        with Sea(out, rate_hz) as sea:
+        with Sea(out, rate_hz, locked=False) as sea:
             sea.listen(seconds)
         ticks = [inputs.tick for inputs in logged(out)]
         bare_s += _bare(rate_hz, half)

@@ -27,10 +27,13 @@ LONGEST_RUN_S = 600  # should nobody end it
 class Sea:
     """The tank, an autopilot in it and a UDP ground station; a context that ends all three."""
 
-    def __init__(self, out: Path, rate_hz: int = 10, links: Sequence[str] = (), *, udp: bool = True) -> None:
+    def __init__(
+        self, out: Path, rate_hz: int = 10, links: Sequence[str] = (), *, udp: bool = True, locked: bool = True
+    ) -> None:
         """Start, with more links if wanted, and wait for the autopilot's first words; HilError when none come.
 
-        Without `udp` there is no link to the station, only the run's own, a radio.
+        Without `udp` there is no link to the station, only the run's own, a radio. Ticks that are `locked` begin with
+        the compass where it comes just before their deadline; others wait for that.
         """
         self.station = Station()
         self._udp = udp
@@ -38,7 +41,7 @@ class Sea:
         out.mkdir(parents=True)
         self._words = out / "hil.log"
         arguments = ["run", "tank", "--speed", "real", "--seconds", str(LONGEST_RUN_S), "--goal", "0:0"]
-        arguments += ["--set", f"LOOP_RATE_HZ={rate_hz}", "--out", str(out)]
+        arguments += ["--set", f"LOOP_RATE_HZ={rate_hz}", f"LOOP_LOCK={locked:d}", "--out", str(out)]
         if urls := [*([self.station.url] if udp else []), *links]:
             arguments += ["--link", *urls]
         with self._words.open("wb") as words:

@@ -393,6 +393,30 @@ def test_the_ticks_drift_to_just_after_the_compass(boat):
     assert (ticks(boat)[-1].t_s - phase_s) % 0.1 == pytest.approx(0.002, abs=2e-4)
 
 
+@pytest.mark.parametrize(
+    ("prompt", "locked", "said_s", "whole", "begun_s"),
+    [
+        (True, 1, 0.098, True, 0.098),
+        (True, 1, 0.098, False, 0.1),  # only the beginning of a sentence has come
+        (True, 1, 0.095, True, 0.1),  # too early for this deadline
+        (True, 0, 0.098, True, 0.1),
+        (False, 1, 0.098, True, 0.1),  # where time stands still there is nothing to save
+    ],
+)
+def test_a_tick_begins_with_the_sample_that_it_is_locked_to(boat, prompt, locked, said_s, whole, begun_s):
+    boat.prompt_ticks = prompt
+    boat.autopilot.decide(Request(0.0, SetParameter("LOOP_LOCK", locked)))
+    receive = boat.compass.receive
+    boat.compass.receive = lambda now_s: receive(now_s) if now_s == said_s and whole else None
+    boat.clock.plan = [(said_s, boat.compass.fileno())]
+    turn(boat, 0.25)
+    samples = [sample.t_s for inputs, _, _ in boat.recorder.ticks for sample in inputs.headings]
+    assert samples == ([said_s] if whole else [])
+    second, third = ticks(boat)[1:3]
+    assert (second.t_s, second.late_s, third.t_s) == (pytest.approx(begun_s), 0.0, pytest.approx(0.2, abs=6e-4))
+    assert [when for what, when in boat.link.log if what == "command"][1] == pytest.approx(begun_s)
+
+
 def test_a_request_is_answered_at_once_and_is_an_input_of_the_next_tick(boat):
     answers = []
     boat.clock.plan = [(0.15, 20)]
