@@ -125,6 +125,9 @@ class Pipe:
     def guests(self):
         return ()
 
+    def host(self, address):
+        return address
+
     def poll(self, now_s):
         pass
 
