@@ -104,10 +104,13 @@ class Ways:
         keep_latest(self._senders, sender, known, _SENDERS)
 
     def follow(self, way: Way, frame: bytes, now_s: float, *, verified: bool) -> None:
-        """Take a new way for that of a station whose frames it goes on with: from the same computer, or signed."""
+        """Take a new way for that of a station whose frames it goes on with: from the same computer, or signed.
+
+        Who begins with 0 is a program that was started just now, such as a script beside the station.
+        """
         sender, number = _address(frame)
         known = self._senders.get(sender)
-        if known is None:
+        if known is None or number == 0:
             return
         last = known.by_number[known.last_number]
         goes_on = 1 <= (number - known.last_number) % _NUMBERS <= LOST

@@ -188,12 +188,15 @@ def test_rates_and_what_is_owed_move_to_the_other_port(make_rig, of):
     assert of(rig.ticks(30), "ATTITUDE") == []
 
 
-@pytest.mark.parametrize("other", ["another computer", "another number", "another id"])
+@pytest.mark.parametrize("other", ["another computer", "another number", "another id", "a new program"])
 def test_who_is_not_the_same_keeps_a_place_of_his_own(make_rig, other):
     rig = make_rig(addresses=())
+    rig.station.seq = 250
     rig.prove(("198.51.100.7", 1))
-    if other == "another number":
-        rig.station.seq += LOST + 1
+    if other == "a new program":
+        rig.station.seq = 0
+    elif other == "another number":
+        rig.station.seq = (rig.station.seq + LOST + 1) % 256
     elif other == "another id":
         rig.station.srcSystem = 254
     rig.prove(("198.51.100.8" if other == "another computer" else "198.51.100.7", 2))
