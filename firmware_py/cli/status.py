@@ -37,10 +37,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Exit 0 when it runs and says so now, 1 when what there is is old or nothing is there, 2 when DIR is needed."""
     directory = arguments.state
-    if directory is not None and not directory.is_dir():
-        return refused("status", f"{directory} is no directory; name that of `rambler run --state`")
     if directory is not None:
         found = find(directory, machine_s())
+        # A boat whose disk has gone under way has much to say.
+        if found.freshness is Freshness.ABSENT and not os.path.isdir(directory):  # noqa: PTH112 - never raises
+            return refused("status", f"{directory} is no directory; name that of `rambler run --state`")
     else:
         all_found = find_all(machine_s())
         running = {name: one for name, one in all_found.items() if one.freshness is Freshness.RUNNING} or all_found

@@ -79,6 +79,12 @@ def test_a_boat_under_way_says_how_she_fares_and_is_old_news_when_she_hangs_or_i
     for words in ("faults        none", "compass    nmea", "GUIDED", "station line  heard", "never heard", "free_mb"):
         assert words in text, text
 
+    away = boat.state.rename(boat.state.with_name("away"))  # as a disk that is pulled out
+    code, status = status_of(boat, "--json")
+    assert (code, status["status"], status["mode"]) == (0, "running", "GUIDED")
+    assert "error" in status["disk"]
+    away.rename(boat.state)
+
     os.kill(boat.process._process.pid, signal.SIGSTOP)
     code, status = until(boat, "stale")
     assert (code, status["mode"]) == (1, "GUIDED")
